@@ -1,0 +1,71 @@
+# Two commands do everything for a newcomer: `make demo` and `make test`. Both make .venv and install the package into it.
+# PYTHON=/path/to/python3.11 picks the interpreter, JOBS=n how many tests run at a time.
+
+JOBS ?= 2
+PY := .venv/bin/python
+SOURCES := twin_diagram tests $(wildcard sims)
+
+# What belongs to another environment (ROS, conda, a user's pip habits) must not leak into .venv.
+unexport PYTHONPATH PYTHONHOME PIP_USER PIP_TARGET PIP_PREFIX PIP_REQUIRE_VIRTUALENV
+export PYTHONNOUSERSITE := 1
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+# Two processes with one thread each are faster than one with two, and more repeatable.
+export OMP_NUM_THREADS ?= 1
+export OPENBLAS_NUM_THREADS ?= 1
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.NOTPARALLEL:
+.SILENT:
+
+.PHONY: help
+help:
+	echo "make demo       closed loop in simulation for 10 s; writes out/demo/"
+	echo "make test       ruff, mypy and the fast tests"
+	echo "make slow       the slow tests"
+	echo "make lint       ruff alone"
+	echo "make typecheck  mypy alone"
+	echo "make bench      timings of the systems"
+	echo "make clean      remove .venv, out and caches"
+
+# First of all, and before anything is made or fetched: an interpreter that fits, and the system libraries the wheels need.
+.PHONY: check
+check:
+	python=$$(tools/python.sh "$(PYTHON)") && "$$python" -m twin_diagram.native
+
+# The package and one set of its extras, in .venv.
+.PHONY: install-demo install-test install-bench
+install-demo install-test install-bench: install-%: check
+	python=$$(tools/python.sh "$(PYTHON)") && tools/install.sh "$$python" $*
+
+.PHONY: demo
+demo: install-demo
+	$(PY) sims/closed_loop.py --out out/demo
+
+.PHONY: test
+test: lint typecheck pytest
+
+.PHONY: lint
+lint: install-test
+	$(PY) -m ruff check $(SOURCES)
+
+.PHONY: typecheck
+typecheck: install-test
+	$(PY) -m mypy
+
+.PHONY: pytest
+pytest: install-test
+	$(PY) -m pytest -n $(JOBS) --dist worksteal $(ARGS)
+
+.PHONY: slow
+slow: install-test
+	$(PY) -m pytest -n $(JOBS) --dist worksteal -m slow $(ARGS)
+
+.PHONY: bench
+bench: install-bench
+	$(PY) sims/closed_loop.py --duration 10 --out out/bench
+
+.PHONY: clean
+clean:
+	rm -rf .venv out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
