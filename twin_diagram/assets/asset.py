@@ -1,0 +1,128 @@
+"""One known object as the twin uses it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from pydrake.common.yaml import yaml_load_typed
+from pydrake.math import RigidTransform, RollPitchYaw
+
+from twin_diagram.assets.description import AssetSpec, Solid
+from twin_diagram.assets.mesh import Cloud, read_obj, read_png, sample
+from twin_diagram.errors import AssetError
+
+Array = npt.NDArray[np.float64]
+
+CLOUD_POINTS = 3000
+"""Points of an asset's cloud."""
+
+
+@dataclass(frozen=True)
+class Asset:
+    """A known object: frame O at its geometric centre, z up when it stands.
+
+    Attributes:
+        name: as in `asset.yaml`.
+        folder: where it lies; `folder / "model.sdf"` is its model with one link `object`.
+        points_O: (M, 3) surface points in random order [m].
+        normals_O: (M, 3) unit, outward.
+        colours: (M, 3) RGB in [0, 1], without light or shade.
+        symmetric_axis: `z` where turning about it is not told apart, else None.
+        convex_pieces: vertices (m, 3) of convex pieces that together hold the object [m].
+        mass: [kg]
+        size: (3,) edge lengths of the box about O that holds it [m].
+    """
+
+    name: str
+    folder: Path
+    points_O: Array
+    normals_O: Array
+    colours: Array
+    symmetric_axis: str | None
+    convex_pieces: tuple[Array, ...]
+    mass: float
+    size: Array
+
+    @property
+    def model_file(self) -> Path:
+        """The SDF model."""
+        return self.folder / "model.sdf"
+
+    @staticmethod
+    def load(folder: str | Path) -> Asset:
+        """Reads an asset's folder; its cloud is `cloud.npz` (points, normals, colours) where there is one, else sampled.
+
+        Raises:
+            AssetError: the folder, a file in it or a value is missing or malformed; the message names it.
+        """
+        folder = Path(folder)
+        description = folder / "asset.yaml"
+        if not description.is_file():
+            raise AssetError(f"{folder}: not an asset, it has no asset.yaml")
+        try:
+            spec = yaml_load_typed(schema=AssetSpec, filename=str(description))
+        except Exception as error:
+            raise AssetError(f"{description}: {error}") from None
+        size = np.array(spec.size, dtype=float)
+        if size.shape != (3,) or not (np.isfinite(size) & (size > 0)).all():
+            raise AssetError(f"{description}: size must be three positive lengths, not {spec.size}")
+        if not (np.isfinite(spec.mass) and spec.mass > 0):
+            raise AssetError(f"{description}: mass must be positive, not {spec.mass}")
+        if spec.symmetric_axis not in (None, "z"):
+            raise AssetError(f"{description}: symmetric_axis must be null or z, not {spec.symmetric_axis!r}")
+        if not spec.solids:
+            raise AssetError(f"{description}: solids must name at least one convex piece")
+        cloud = _cloud(folder, spec)
+        for array in (cloud.points, cloud.normals, cloud.colours, size):
+            array.setflags(write=False)
+        pieces = tuple(_vertices(solid, description) for solid in spec.solids)
+        return Asset(
+            spec.name,
+            folder,
+            cloud.points,
+            cloud.normals,
+            cloud.colours,
+            spec.symmetric_axis,
+            pieces,
+            float(spec.mass),
+            size,
+        )
+
+
+def _cloud(folder: Path, spec: AssetSpec) -> Cloud:
+    """The asset's coloured cloud, checked."""
+    cached = folder / "cloud.npz"
+    if cached.is_file():
+        try:
+            with np.load(cached, allow_pickle=False) as data:
+                arrays = [np.array(data[key], dtype=float) for key in ("points", "normals", "colours")]
+        except (OSError, ValueError, KeyError) as error:
+            raise AssetError(f"{cached}: {error}") from None
+        points, normals, colours = arrays
+        good = points.ndim == 2 and points.shape[1] == 3 and points.shape == normals.shape == colours.shape
+        if not good or len(points) < 100 or not all(np.isfinite(a).all() for a in arrays):
+            raise AssetError(f"{cached}: points, normals and colours must be finite and of one shape (M >= 100, 3)")
+        return Cloud(points, normals, colours)
+    mesh = folder / spec.visual
+    return sample(read_obj(mesh), read_png(mesh.with_suffix(".png")), CLOUD_POINTS)
+
+
+def _vertices(solid: Solid, where: Path) -> Array:
+    """Vertices (m, 3) in O of a solid's convex hull; a cylinder becomes the prism of 16 sides around it."""
+    expected = {"box": 3, "cylinder": 2}.get(solid.kind)
+    if expected is None or len(solid.size) != expected or not (np.array(solid.size) > 0).all():
+        raise AssetError(f"{where}: no such solid: {solid.kind} of size {solid.size}")
+    if solid.kind == "box":
+        corners = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).T.reshape(-1, 3) * solid.size
+    else:
+        radius, length = solid.size
+        angle = (np.arange(16) + 0.5) * np.pi / 8
+        ring = np.stack([np.cos(angle), np.sin(angle)], axis=1) * (radius / np.cos(np.pi / 16))
+        corners = np.concatenate([np.insert(ring, 2, z, axis=1) for z in (-length / 2, length / 2)])
+    X_OG = RigidTransform(RollPitchYaw(solid.rpy), solid.translation)
+    vertices = np.asarray(X_OG.multiply(corners.T)).T.copy()
+    vertices.setflags(write=False)
+    return vertices

@@ -1,0 +1,164 @@
+"""Textured triangle meshes: reading and writing OBJ, and sampling a coloured cloud from them."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.errors import AssetError
+
+Array = npt.NDArray[np.float64]
+Image = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Triangles with one normal and one texture coordinate per vertex.
+
+    Attributes:
+        vertices: (V, 3) in O [m].
+        normals: (V, 3) unit, outward.
+        uv: (V, 2) in [0, 1], v upwards as OBJ has it.
+        faces: (F, 3) vertex indices, counter-clockwise from outside.
+    """
+
+    vertices: Array
+    normals: Array
+    uv: Array
+    faces: npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Surface points: `points` (M, 3) [m], `normals` (M, 3) unit outward, `colours` (M, 3) RGB in [0, 1]."""
+
+    points: Array
+    normals: Array
+    colours: Array
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Writes a file under a temporary name and renames it, so that no reader ever sees half of it."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    temporary.write_bytes(content)
+    os.replace(temporary, path)
+
+
+def encode_png(rgb: Image) -> bytes:
+    """PNG of an (h, w, 3) RGB image."""
+    good, data = cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    if not good:
+        raise AssetError(f"an image of shape {rgb.shape} cannot be written as PNG")
+    return cast(bytes, data.tobytes())
+
+
+def read_png(path: Path) -> Image:
+    """(h, w, 3) RGB.
+
+    Raises:
+        AssetError: missing or not an image.
+    """
+    data = np.frombuffer(path.read_bytes(), np.uint8) if path.is_file() else np.empty(0, np.uint8)
+    bgr = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    if bgr is None:
+        raise AssetError(f"{path}: no such texture image")
+    return cast(Image, cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB))
+
+
+def write_obj(mesh: Mesh, path: Path, texture: Image) -> None:
+    """Writes `path` (OBJ), and beside it the material and the texture with the same stem."""
+    stem = path.stem
+    write_bytes(path.with_suffix(".png"), encode_png(texture))
+    material = f"newmtl surface\nKa 1 1 1\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {stem}.png\n"
+    write_bytes(path.with_suffix(".mtl"), material.encode())
+    lines = [f"mtllib {stem}.mtl", "usemtl surface"]
+    lines += ["v {:.6g} {:.6g} {:.6g}".format(*row) for row in mesh.vertices]
+    lines += ["vt {:.6g} {:.6g}".format(*row) for row in mesh.uv]
+    lines += ["vn {:.5g} {:.5g} {:.5g}".format(*row) for row in mesh.normals]
+    lines += ["f {0}/{0}/{0} {1}/{1}/{1} {2}/{2}/{2}".format(*row) for row in mesh.faces + 1]
+    write_bytes(path, ("\n".join(lines) + "\n").encode())
+
+
+def read_obj(path: Path) -> Mesh:
+    """Reads triangles (and fans of polygons) with texture coordinates; normals are computed where the file has none.
+
+    Raises:
+        AssetError: missing file, no triangles, indices out of range, or values that are not finite.
+    """
+    if not path.is_file():
+        raise AssetError(f"{path}: no such mesh")
+    raw: dict[str, list[list[float]]] = {"v": [], "vt": [], "vn": []}
+    corners: list[tuple[int, int, int]] = []
+    try:
+        for line in path.read_text().splitlines():
+            key, *rest = line.split() or [""]
+            if key in raw:
+                raw[key].append([float(x) for x in rest])
+            elif key == "f":
+                fan = [_corner(item, raw) for item in rest]
+                corners += [fan[k] for i in range(1, len(fan) - 1) for k in (0, i, i + 1)]
+    except ValueError as error:
+        raise AssetError(f"{path}: not a readable OBJ file ({error})") from None
+    if not corners:
+        raise AssetError(f"{path}: the mesh has no triangles")
+    unique, inverse = np.unique(np.array(corners), axis=0, return_inverse=True)
+    faces = inverse.reshape(-1, 3)
+    v = np.array([row[:3] for row in raw["v"]], dtype=float)
+    if unique[:, 0].max() >= len(v) or unique[:, 0].min() < 0 or not np.isfinite(v).all():
+        raise AssetError(f"{path}: a face names a vertex that is not there, or a vertex is not finite")
+    vertices = v[unique[:, 0]]
+    uv = np.array([row[:2] for row in raw["vt"]] or [[0.0, 0.0]])[np.maximum(unique[:, 1], 0)]
+    if raw["vn"] and unique[:, 2].min() >= 0:
+        normals = np.array([row[:3] for row in raw["vn"]])[unique[:, 2]]
+    else:
+        flat = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]])
+        normals = np.zeros_like(vertices)
+        for k in range(3):
+            np.add.at(normals, faces[:, k], flat)
+    normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    return Mesh(vertices, normals, uv, faces)
+
+
+def _corner(item: str, raw: dict[str, list[list[float]]]) -> tuple[int, int, int]:
+    """One `v/vt/vn` of a face as indices from zero; -1 where absent; negative ones count from the end."""
+    parts = [*item.split("/"), "", ""][:3]
+    v, vt, vn = (
+        -1 if not p else int(p) - 1 if int(p) > 0 else len(raw[k]) + int(p)
+        for p, k in zip(parts, ("v", "vt", "vn"), strict=True)
+    )
+    return v, vt, vn
+
+
+def bilinear(image: Image, uv: Array) -> Array:
+    """RGB in [0, 1] of a texture at `uv` (M, 2), v upwards, clamped at the border."""
+    height, width = image.shape[:2]
+    x = np.clip(uv[:, 0] * width - 0.5, 0.0, width - 1.0)
+    y = np.clip((1.0 - uv[:, 1]) * height - 0.5, 0.0, height - 1.0)
+    x0, y0 = np.minimum(x.astype(int), width - 2), np.minimum(y.astype(int), height - 2)
+    fx, fy = (x - x0)[:, None], (y - y0)[:, None]
+    top = image[y0, x0] * (1 - fx) + image[y0, x0 + 1] * fx
+    bottom = image[y0 + 1, x0] * (1 - fx) + image[y0 + 1, x0 + 1] * fx
+    return cast(Array, (top * (1 - fy) + bottom * fy) / 255.0)
+
+
+def sample(mesh: Mesh, texture: Image, count: int, seed: int = 0) -> Cloud:
+    """`count` points spread evenly over the surface, in random order, so that any prefix is an even sample too."""
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    rng = np.random.default_rng(seed)
+    # One draw per equal share of area keeps the number of points on each face nearly exact.
+    position = (np.arange(count) + rng.random(count)) / count * area.sum()
+    face = np.minimum(np.searchsorted(np.cumsum(area), position), len(area) - 1)
+    r1, r2 = np.sqrt(rng.random(count)), rng.random(count)
+    share = np.stack([1 - r1, r1 * (1 - r2), r1 * r2], axis=1)[:, :, None]
+    corner = mesh.faces[face]
+    order = rng.permutation(count)
+    points, normals, uv = ((v[corner] * share).sum(axis=1)[order] for v in (mesh.vertices, mesh.normals, mesh.uv))
+    normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    return Cloud(points, normals, bilinear(texture, uv))

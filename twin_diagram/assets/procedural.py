@@ -1,0 +1,97 @@
+"""Writes simple objects as assets: box, can, bottle and mug, with a seeded texture that tells every side apart.
+
+Example:
+    >>> from twin_diagram.assets.procedural import write_box
+    >>> folder = write_box("out/objects/box", "box", (0.08, 0.06, 0.10), texture_seed=3)  # doctest: +SKIP
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from pydrake.common.yaml import yaml_dump_typed
+
+from twin_diagram.assets import shapes
+from twin_diagram.assets.description import AssetSpec, Solid, sdf, shell_inertia, solid_inertia
+from twin_diagram.assets.mesh import write_bytes, write_obj
+from twin_diagram.assets.shapes import Patchwork
+from twin_diagram.assets.texture import patches
+from twin_diagram.errors import AssetError
+
+
+def write_box(
+    folder: str | Path, name: str, size: tuple[float, float, float], texture_seed: int = 0, mass: float = 0.4
+) -> Path:
+    """A full box with edge lengths `size` [m]; O at its centre. Returns the folder.
+
+    Raises:
+        AssetError: a length or the mass is not positive.
+    """
+    _check(name, mass, *size)
+    spec = AssetSpec(name, "box", list(size), mass, None, texture_seed, solids=[Solid("box", list(size))])
+    return _write(Path(folder), spec, shapes.box(size))
+
+
+def write_can(
+    folder: str | Path, name: str, radius: float, height: float, texture_seed: int = 0, mass: float = 0.35
+) -> Path:
+    """A full can, declared symmetric about z; O at its centre. Returns the folder."""
+    _check(name, mass, radius, height)
+    size = [2 * radius, 2 * radius, height]
+    spec = AssetSpec(name, "can", size, mass, "z", texture_seed, solids=[Solid("cylinder", [radius, height])])
+    return _write(Path(folder), spec, shapes.can(radius, height))
+
+
+def write_bottle(
+    folder: str | Path, name: str, radius: float, height: float, texture_seed: int = 0, mass: float = 0.5
+) -> Path:
+    """A bottle whose texture breaks its symmetry about z; O on the axis half-way up. Returns the folder."""
+    _check(name, mass, radius, height)
+    body, top = 0.62 * height, 0.82 * height
+    solids = [
+        Solid("cylinder", [radius, body], [0.0, 0.0, (body - height) / 2]),
+        Solid("cylinder", [0.8 * radius, top - body], [0.0, 0.0, (body + top - height) / 2]),
+        Solid("cylinder", [0.36 * radius, height - top], [0.0, 0.0, top / 2]),
+    ]
+    spec = AssetSpec(name, "bottle", [2 * radius, 2 * radius, height], mass, None, texture_seed, solids=solids)
+    return _write(Path(folder), spec, shapes.bottle(radius, height))
+
+
+def write_mug(
+    folder: str | Path, name: str, radius: float, height: float, texture_seed: int = 0, mass: float = 0.3
+) -> Path:
+    """An open mug with its handle towards +x; O on the axis half-way up. Returns the folder."""
+    _check(name, mass, radius, height)
+    bow_x, bow_z = shapes.handle_reach(radius, height)
+    reach = radius + bow_x + shapes.HANDLE_TUBE
+    thick = 2 * shapes.HANDLE_TUBE
+    depth, tall = reach - 0.9 * radius, 2 * (bow_z + shapes.HANDLE_TUBE)
+    solids = [
+        Solid("cylinder", [radius, height]),
+        Solid("box", [depth, thick, tall], [0.9 * radius + depth / 2, 0.0, 0.0]),
+    ]
+    spec = AssetSpec(name, "mug", [2 * reach, 2 * radius, height], mass, None, texture_seed, solids=solids)
+    return _write(Path(folder), spec, shapes.mug(radius, height))
+
+
+def _check(name: str, mass: float, *lengths: float) -> None:
+    values = np.array([mass, *lengths], dtype=float)
+    if not np.isfinite(values).all() or (values <= 0).any():
+        raise AssetError(f"asset {name!r}: mass and lengths must be positive, not {[float(x) for x in values]}")
+    if not name or not name.replace("_", "").isalnum():
+        raise AssetError(f"asset name {name!r}: use letters, digits and underscores")
+
+
+def _write(folder: Path, spec: AssetSpec, patchwork: Patchwork) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    colour = patches(patchwork.texels.reshape(-1, 3), spec.texture_seed).reshape(patchwork.texels.shape)
+    write_obj(patchwork.mesh, folder / spec.visual, np.round(colour * 255).astype(np.uint8))
+    if spec.shape == "mug":
+        com, inertia = shell_inertia(patchwork.mesh, spec.mass)
+    else:
+        com, inertia = np.zeros(3), solid_inertia(spec)
+    write_bytes(folder / "model.sdf", sdf(spec, com, inertia).encode())
+    # Last, because a folder with an `asset.yaml` counts as an asset.
+    write_bytes(folder / "asset.yaml", yaml_dump_typed(spec).encode())
+    return folder
