@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import difflib
 import os
+import re
 import types
 import typing
 from collections.abc import Iterable, Mapping
@@ -21,6 +23,15 @@ from twin_diagram.scenario import Scenario
 STATIONS = ("sim", "replay", "lcm")
 
 
+class _Loader(yaml.SafeLoader):
+    """Reads 1e-3 as a number, as YAML 1.2 and everybody else does."""
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"^[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+$"), list("-+.0123456789")
+)
+
+
 def load_scenario(path: str | Path, overrides: Iterable[str] = ()) -> Scenario:
     """Reads a scenario.
 
@@ -35,7 +46,7 @@ def load_scenario(path: str | Path, overrides: Iterable[str] = ()) -> Scenario:
     """
     file = find_scenario(path)
     try:
-        data = yaml.safe_load(file.read_text())
+        data = yaml.load(file.read_text(), _Loader)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f"line {mark.line + 1}" if mark else "the file"
@@ -73,7 +84,7 @@ def parse_scenario(data: Mapping[str, Any]) -> Scenario:
     _check(data, Scenario, "")
     try:
         scenario = yaml_load_typed(
-            schema=Scenario, data=yaml.safe_dump(dict(data)), defaults=Scenario(), retain_map_defaults=True
+            schema=Scenario, data=yaml.safe_dump(dict(data), sort_keys=False), defaults=Scenario(), retain_map_defaults=True
         )
     except (RuntimeError, ValueError, TypeError) as error:  # the loader's own words, where the check above saw nothing
         raise ScenarioError("scenario", " ".join(str(error).split())) from error
@@ -106,7 +117,7 @@ def _override(data: dict[str, Any], override: str) -> None:
     if not equals or not name:
         raise ScenarioError(override, "an override reads FIELD=VALUE, e.g. twin.filter.rate=400")
     try:
-        value = yaml.safe_load(text)
+        value = yaml.load(text, _Loader)
     except yaml.YAMLError as error:
         raise ScenarioError(name, f"{text!r} is not YAML") from error
     here: Any = data
@@ -158,7 +169,7 @@ def _check(value: Any, schema: Any, name: str) -> None:
             _check(sub, arguments[1], f"{name}.{key}")
     elif schema is float:
         if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value:
-            raise ScenarioError(shown, f"expected a number, got {value!r}{_exponent_hint(value)}")
+            raise ScenarioError(shown, f"expected a number, got {value!r}")
     elif schema is int:
         if isinstance(value, bool) or not isinstance(value, int):
             raise ScenarioError(shown, f"expected a whole number, got {value!r}")
@@ -167,20 +178,7 @@ def _check(value: Any, schema: Any, name: str) -> None:
             raise ScenarioError(shown, f"expected text, got {value!r}")
 
 
-def _exponent_hint(value: Any) -> str:
-    """YAML 1.1 reads 1e-3 as text; say so, since it looks like a number."""
-    if isinstance(value, str):
-        try:
-            number = float(value)
-        except ValueError:
-            return ""
-        return f" (YAML wants a point: {number!r} as 1.0e-3 is written)"
-    return ""
-
-
 def _nearest(key: str, fields: Mapping[str, Any]) -> str:
-    import difflib
-
     near = difflib.get_close_matches(key, fields, n=1)
     return f"; did you mean {near[0]!r}?" if near else f"; it is one of {', '.join(fields)}"
 

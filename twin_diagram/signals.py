@@ -107,3 +107,7 @@ class AlarmKind(IntEnum):
     """Joint innovations left their band (sensor rate)."""
     ROLLOUT = 2
     """A short rollout of the model left its band."""
+
+
+ALARM_LOG_FIELDS: Final = 3
+"""A row of the alarm ring: time [s] (`NEVER` where empty), `AlarmKind`, statistic over threshold."""
