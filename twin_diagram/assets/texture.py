@@ -37,7 +37,7 @@ PALETTE: Final[Array] = (
 """Colours of patches, RGB: far apart in hue or in brightness, none too dark to tell its hue."""
 
 
-def patches(points_O: Array, seed: int, patch: float = 0.022, colours: int = 6) -> Array:
+def patches(points_O: Array, seed: int, patch: float = 0.025, colours: int = 5) -> Array:
     """Colours of surface points.
 
     Args:
