@@ -1,0 +1,31 @@
+"""The same shape with another texture: an asset written anew from an asset."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydrake.common.yaml import yaml_load_typed
+
+from twin_diagram.assets.description import AssetSpec
+from twin_diagram.assets.procedural import write_bottle, write_box, write_can, write_mug
+from twin_diagram.errors import AssetError
+
+
+def retexture(source: str | Path, folder: str | Path, texture_seed: int) -> Path:
+    """Writes the procedural asset in `source` to `folder` with a texture drawn from `texture_seed`. Returns `folder`.
+
+    Raises:
+        AssetError: `source` is no asset, or not one of the procedural shapes.
+    """
+    description = Path(source) / "asset.yaml"
+    if not description.is_file():
+        raise AssetError(f"{source}: not an asset, it has no asset.yaml")
+    spec: AssetSpec = yaml_load_typed(schema=AssetSpec, filename=str(description))
+    length, width, height = spec.size
+    if spec.shape == "box":
+        return write_box(folder, spec.name, (length, width, height), texture_seed, spec.mass)
+    writers = {"can": write_can, "bottle": write_bottle, "mug": write_mug}
+    if spec.shape not in writers:
+        raise AssetError(f"{source}: shape {spec.shape!r} has no procedural texture; shapes: box, {', '.join(writers)}")
+    # The width: a mug's length includes its handle.
+    return writers[spec.shape](folder, spec.name, width / 2, height, texture_seed, spec.mass)
