@@ -16,12 +16,13 @@ from twin_diagram.errors import ScenarioError
 from twin_diagram.resources import resolve
 from twin_diagram.scenario import Pose, Scenario, WayPoint
 from twin_diagram.scenario_file import copy_scenario
+from twin_diagram.signals import Array
 
-REGION = ((0.34, -0.40), (0.76, 0.40))
+REGION = ((0.30, -0.46), (0.80, 0.46))
 """Lowest and highest corner (x, y) of where objects stand [m]."""
-SPACING = 0.04
+SPACING = 0.03
 """Free table between any two objects [m]."""
-FREE_AROUND_TOOL = 0.13
+FREE_AROUND_TOOL = 0.10
 """Objects stand no nearer than this to where the tool starts and where it goes [m]."""
 PAYLOAD_MASS = (0.2, 1.5)
 FRICTION_ERROR = 0.1
@@ -51,8 +52,9 @@ def vary(base: Scenario, seed: int, folder: str | Path, tool_start: tuple[float,
             twin.library[name] = item.asset
     _draw_dynamics(scenario, rng)
     goal = twin.task.X_WG.translation[:2] if twin.task.X_WG else list(tool_start)
-    for _ in range(200):
-        if _draw_places(scenario, np.array(tool_start), np.array(goal), rng):
+    sizes = {item.asset: Asset.load(item.asset).size for item in world.objects.values()}
+    for _ in range(400):
+        if _draw_places(scenario, sizes, np.array(tool_start), np.array(goal), rng):
             return scenario
     raise ScenarioError("world.objects", f"{len(world.objects)} objects find no room on the table (seed {seed})")
 
@@ -70,14 +72,15 @@ def _draw_dynamics(scenario: Scenario, rng: np.random.Generator) -> None:
 
 
 def _draw_places(
-    scenario: Scenario, start: np.ndarray, goal: np.ndarray, rng: np.random.Generator
+    scenario: Scenario, sizes: dict[str, Array], start: Array, goal: Array, rng: np.random.Generator
 ) -> bool:
     """Puts every object somewhere new; False where one finds no room."""
-    taken: list[tuple[np.ndarray, float]] = []  # centres (m, 2) and radii
+    taken: list[tuple[Array, float]] = []  # centres (m, 2) and radii
     low, high = np.array(REGION)
-    objects = sorted(scenario.world.objects.items(), key=lambda entry: not entry[1].path)
-    for _name, item in objects:
-        size = Asset.load(item.asset).size
+    # Whoever needs the most room is placed first.
+    objects = sorted(scenario.world.objects.values(), key=lambda item: (not item.path, -float(np.hypot(*sizes[item.asset][:2]))))
+    for item in objects:
+        size = sizes[item.asset]
         radius, height = float(np.hypot(size[0], size[1])) / 2, float(size[2])
         for _ in range(100):
             yaw = float(rng.uniform(-np.pi, np.pi))
@@ -107,7 +110,7 @@ def _draw_places(
     return True
 
 
-def _draw_way(start: np.ndarray, goal: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def _draw_way(start: Array, goal: Array, rng: np.random.Generator) -> Array:
     """A straight way (m, 2) from the far side of the table into the middle third between start and goal."""
     end = start + (goal - start) * rng.uniform(0.35, 0.65) + rng.uniform(-0.03, 0.06) * np.array([1.0, 0.0])
     away = np.array([rng.uniform(0.18, 0.28), rng.uniform(-0.2, 0.2)])
