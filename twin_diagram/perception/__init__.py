@@ -1,0 +1,1 @@
+"""From images to poses: clouds, segments, registration, and the two systems that carry them."""
