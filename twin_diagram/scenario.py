@@ -226,6 +226,22 @@ class SceneUpdater:
     """Of an object that moves [m/s²]."""
     angular_acceleration_std: float = 1.0
     """[rad/s²]"""
+    position_floor: float = 0.0005
+    """Error that all measurements of an object share, so that averaging does not remove it [m]."""
+    rotation_floor: float = 0.005
+    """[rad]"""
+    rest_walk: float = 1e-4
+    """Random walk of an object at rest [m/√s]."""
+    rest_turn: float = 1e-3
+    """[rad/√s]"""
+    stale_walk: float = 0.01
+    """Random walk of an object that nobody sees: how fast its covariance grows [m/√s]."""
+    stale_turn: float = 0.05
+    """[rad/√s]"""
+    rest_speed: float = 0.015
+    """An object slower than this for some images is at rest [m/s]."""
+    rest_spin: float = 0.2
+    """[rad/s]"""
 
 
 @dataclass

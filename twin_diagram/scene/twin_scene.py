@@ -1,0 +1,161 @@
+"""The twin's own scene: arm, fixtures and library objects in a plant that nothing but estimates moves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+from pydrake.common.yaml import yaml_load_typed
+from pydrake.geometry import SceneGraph
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import JointIndex
+from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort
+from pydrake.systems.rendering import MultibodyPositionToGeometryPose
+
+from twin_diagram import description, resources, scenario
+from twin_diagram.assets.description import AssetSpec
+from twin_diagram.errors import AssetError, ModelError
+from twin_diagram.signals import Array
+
+PARKED_HEIGHT = -5.0
+"""Where objects wait that nobody has seen yet: z in W [m]; they stand a metre apart along x."""
+
+
+@dataclass(frozen=True)
+class TwinScene:
+    """The twin's plant and where each estimate goes in its positions.
+
+    Attributes:
+        plant: finalized; arm, fixtures and one free body `object` per library object, whose model instance has the
+            library's name. It is no part of the Diagram: it only says which position moves which frame.
+        scene_graph: the twin's own, part of the Diagram.
+        object_names: the library's names, in order; K of them.
+        arm: the arm in `plant`.
+        arm_position_index: (n,) of the arm's joints in the plant's positions.
+        gripper_position_index: (g,) of the finger joints.
+        object_position_index: (K, 7) of the objects' (qw, qx, qy, qz, px, py, pz).
+        symmetry_axes_O: (K, 3) axis of symmetry in O, zeros where there is none.
+        default_positions: (nq,) fingers as described, arm at home, objects parked out of sight.
+        positions_input: (nq) positions of `plant`; connect `SceneGraphUpdater`'s `positions`.
+        query_output: the scene graph's `query` port.
+    """
+
+    plant: MultibodyPlant
+    scene_graph: SceneGraph
+    object_names: tuple[str, ...]
+    arm: description.Arm
+    arm_position_index: np.ndarray
+    gripper_position_index: np.ndarray
+    object_position_index: np.ndarray
+    symmetry_axes_O: Array
+    default_positions: Array
+    positions_input: InputPort
+    query_output: OutputPort
+
+
+def add_twin_scene(
+    builder: DiagramBuilder, twin: scenario.Twin, packages: Mapping[str, str | Path] | None = None
+) -> TwinScene:
+    """Adds the twin's SceneGraph (`twin_scene_graph`) and what poses its frames (`twin_positions_to_poses`).
+
+    Args:
+        builder: of the Diagram that will hold the twin.
+        twin: names the arm, the fixtures and the library.
+        packages: local folders for `package://` names.
+
+    Raises:
+        ModelError, AssetError: a model or an asset that is missing or malformed.
+    """
+    scene_graph = cast(SceneGraph, builder.AddNamedSystem("twin_scene_graph", SceneGraph()))
+    plant = MultibodyPlant(time_step=0.0)
+    plant.set_name("twin_plant")
+    source = plant.RegisterAsSourceForSceneGraph(scene_graph)
+    arm = description.add_arm(plant, twin.arm, packages)
+    for fixture in twin.fixtures:
+        _add_fixture(plant, fixture, packages)
+    specs = [_add_object(plant, name, folder, packages) for name, folder in twin.library.items()]
+    plant.Finalize()
+
+    names = tuple(twin.library)
+    objects = np.array([_free_positions(plant, name) for name in names], dtype=int).reshape(-1, 7)
+    arm_index = np.array([plant.get_joint(index).position_start() for index in arm.joint_indices], dtype=int)
+    gripper = np.array([plant.get_joint(index).position_start() for index in arm.gripper_joint_indices], dtype=int)
+    default = np.array(plant.GetDefaultPositions())
+    if twin.home:
+        if len(twin.home) != len(arm_index):
+            raise ModelError(f"twin.home: {len(twin.home)} angles for the {len(arm_index)} joints {arm.joints}")
+        default[arm_index] = twin.home
+    default[objects] = parked_poses(len(names))
+
+    to_poses = builder.AddNamedSystem("twin_positions_to_poses", MultibodyPositionToGeometryPose(plant))
+    builder.Connect(to_poses.get_output_port(), scene_graph.get_source_pose_port(source))
+    return TwinScene(
+        plant=plant,
+        scene_graph=scene_graph,
+        object_names=names,
+        arm=arm,
+        arm_position_index=arm_index,
+        gripper_position_index=gripper,
+        object_position_index=objects,
+        symmetry_axes_O=np.array([[0.0, 0.0, float(s.symmetric_axis == "z")] for s in specs]).reshape(-1, 3),
+        default_positions=default,
+        positions_input=to_poses.get_input_port(),
+        query_output=scene_graph.get_query_output_port(),
+    )
+
+
+def parked_poses(count: int) -> Array:
+    """(count, 7) poses out of sight, below everything and clear of one another."""
+    poses = np.zeros((count, 7))
+    poses[:, 0] = 1.0
+    poses[:, 4] = np.arange(count)
+    poses[:, 6] = PARKED_HEIGHT
+    return poses
+
+
+def _add_fixture(plant: MultibodyPlant, fixture: scenario.Fixture, packages: Mapping[str, str | Path] | None) -> None:
+    """Parses a fixture and welds its free root links at X_WB."""
+    path = resources.resolve(fixture.model, packages)
+    try:
+        instances = description.parser(plant, packages).AddModels(path)
+    except RuntimeError as error:
+        raise ModelError(f"{fixture.model}: cannot be read: {str(error).strip().splitlines()[0]}") from error
+    children = {int(plant.get_joint(JointIndex(int(index))).child_body().index()) for index in plant.GetJointIndices()}
+    for instance in instances:
+        for body_index in plant.GetBodyIndices(instance):
+            if int(body_index) not in children:
+                body = plant.get_body(body_index)
+                plant.WeldFrames(plant.world_frame(), body.body_frame(), description.pose(fixture.X_WB))
+
+
+def _add_object(plant: MultibodyPlant, name: str, folder: str, packages: Mapping[str, str | Path] | None) -> AssetSpec:
+    """Parses an asset's model as a free body in a model instance of the object's name."""
+    path = resources.resolve(folder, packages)
+    file = path / "asset.yaml"
+    if not file.is_file():
+        raise AssetError(f"{path}: not an asset, it has no asset.yaml")
+    try:
+        spec: AssetSpec = yaml_load_typed(schema=AssetSpec, filename=str(file))
+        instances = description.parser(plant, packages).AddModels(path / "model.sdf")
+    except (RuntimeError, ValueError, TypeError, KeyError) as error:
+        raise AssetError(f"{path}: {str(error).strip().splitlines()[0]}") from error
+    if len(instances) != 1 or not plant.HasBodyNamed("object", instances[0]):
+        raise AssetError(f"{path / 'model.sdf'}: must hold one model with the link `object`")
+    if plant.GetModelInstanceName(instances[0]) != name:
+        if plant.HasModelInstanceNamed(name):
+            raise AssetError(f"twin.library.{name}: something else in the scene has this name; choose another")
+        plant.RenameModelInstance(instances[0], name)
+    return spec
+
+
+def _free_positions(plant: MultibodyPlant, name: str) -> list[int]:
+    """The seven position indices of a free body."""
+    instance = plant.GetModelInstanceByName(name)
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices(instance)]
+    if len(joints) != 1 or joints[0].num_positions() != 7:
+        raise AssetError(f"twin.library.{name}: the model must be one free body; it has {len(joints)} joints")
+    start = joints[0].position_start()
+    return list(range(start, start + 7))
