@@ -1,0 +1,32 @@
+"""Random numbers that depend on seed, sensor and message number alone.
+
+A counter-based generator needs no state that would have to be stored in a Context: two contexts, a reset and a run that
+starts in the middle all draw the same noise for the same message.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+import numpy as np
+
+_MASK = (1 << 64) - 1
+
+
+class Stream(IntEnum):
+    """Which sensor the numbers are for."""
+
+    ARM = 1
+    CAMERA = 2
+    CAMERA_TABLE = 3
+
+
+def generator(seed: int, stream: Stream, tick: int) -> np.random.Generator:
+    """A generator of its own for one message of one sensor (Philox, Salmon et al., SC 2011).
+
+    Args:
+        seed: of the scenario.
+        stream: the sensor.
+        tick: number of the message.
+    """
+    return np.random.Generator(np.random.Philox(key=[seed & _MASK, int(stream)], counter=[0, 0, 0, tick & _MASK]))

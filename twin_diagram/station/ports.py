@@ -1,0 +1,93 @@
+"""The names of a station's ports, and a check that a Diagram has them all.
+
+Every station exports exactly these; only a simulated one adds `truth.*`, to which nothing but plots, scores and tests
+may connect.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from pydrake.systems.framework import Diagram, System
+
+from twin_diagram.errors import StationError
+
+POSITION_COMMANDED: Final = "arm.position_commanded"
+TORQUE_COMMANDED: Final = "arm.torque_commanded"
+GRIPPER_COMMANDED: Final = "gripper.position_commanded"
+
+POSITION_MEASURED: Final = "arm.position_measured"
+VELOCITY_ESTIMATED: Final = "arm.velocity_estimated"
+TORQUE_MEASURED: Final = "arm.torque_measured"
+MEASUREMENT_TIME: Final = "arm.measurement_time"
+GRIPPER_MEASURED: Final = "gripper.state_measured"
+
+ARM_STATE: Final = "truth.arm_state"
+OBJECT_POSES: Final = "truth.object_poses"
+QUERY_OBJECT: Final = "truth.query_object"
+CONTACT_RESULTS: Final = "truth.contact_results"
+TRUTH: Final = "truth."
+"""What every port starts with that only a simulated station has."""
+
+
+def rgb_image(camera: str) -> str:
+    """Name of a camera's colour port."""
+    return f"{camera}.rgb_image"
+
+
+def depth_image(camera: str) -> str:
+    """Name of a camera's depth port."""
+    return f"{camera}.depth_image"
+
+
+def image_time(camera: str) -> str:
+    """Name of the port that gives the capture time of a camera's newest image."""
+    return f"{camera}.image_time"
+
+
+def input_names(system: System) -> list[str]:
+    """Names of a system's input ports, in order."""
+    return [system.get_input_port(i).get_name() for i in range(system.num_input_ports())]
+
+
+def output_names(system: System) -> list[str]:
+    """Names of a system's output ports, in order."""
+    return [system.get_output_port(i).get_name() for i in range(system.num_output_ports())]
+
+
+def expected(arm_size: int, gripper_size: int, camera: str | None) -> tuple[dict[str, int], dict[str, int]]:
+    """The contract: input and output ports by name, with their sizes (0 for an abstract port).
+
+    Args:
+        arm_size: n, number of arm joints.
+        gripper_size: g, number of finger joints; 0 where there is no gripper.
+        camera: the camera's name, or None.
+    """
+    inputs = {POSITION_COMMANDED: arm_size, TORQUE_COMMANDED: arm_size}
+    outputs = {POSITION_MEASURED: arm_size, VELOCITY_ESTIMATED: arm_size, TORQUE_MEASURED: arm_size, MEASUREMENT_TIME: 1}
+    if gripper_size:
+        inputs[GRIPPER_COMMANDED] = gripper_size
+        outputs[GRIPPER_MEASURED] = 2 * gripper_size
+    if camera is not None:
+        outputs |= {rgb_image(camera): 0, depth_image(camera): 0, image_time(camera): 1}
+    return inputs, outputs
+
+
+def check(station: Diagram, arm_size: int, gripper_size: int, camera: str | None) -> None:
+    """Checks a station against the contract; `truth.*` may come on top.
+
+    Raises:
+        StationError: a port is missing, surplus or of the wrong size; the message names it.
+    """
+    for kind, wanted, ports in (
+        ("input", expected(arm_size, gripper_size, camera)[0], [station.get_input_port(i) for i in range(station.num_input_ports())]),
+        ("output", expected(arm_size, gripper_size, camera)[1], [station.get_output_port(i) for i in range(station.num_output_ports())]),
+    ):
+        found = {port.get_name(): int(port.size()) for port in ports if not port.get_name().startswith(TRUTH)}
+        for name in wanted.keys() - found.keys():
+            raise StationError(f"the station has no {kind} port {name}; it has {', '.join(sorted(found))}")
+        for name in found.keys() - wanted.keys():
+            raise StationError(f"the station has an {kind} port {name} that the contract does not know")
+        for name, size in wanted.items():
+            if found[name] != size:
+                raise StationError(f"the station's {kind} port {name} has size {found[name]}, not {size}")

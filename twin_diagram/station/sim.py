@@ -1,0 +1,110 @@
+"""The simulated station: a world that holds the truth, seen through imperfect sensors."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from twin_diagram.scenario import Scenario
+from twin_diagram.station import ports
+from twin_diagram.station.arm_sensors import ArmSensors
+from twin_diagram.station.camera import add_camera
+from twin_diagram.station.driver import ArmDriver, NominalGravity
+from twin_diagram.station.movers import MoverDriver
+from twin_diagram.station.parsing import transform
+from twin_diagram.station.truth import TruePoses, TrueState
+from twin_diagram.station.world_plant import WorldPlant, build_world
+
+
+class SimStation(Diagram):
+    """A world with an arm, fixtures, objects and a camera, behind the ports of every station and `truth.*`.
+
+    .. pydrake_system::
+
+        name: SimStation
+        input_ports:
+        - arm.position_commanded
+        - arm.torque_commanded
+        - gripper.position_commanded
+        output_ports:
+        - arm.position_measured
+        - arm.velocity_estimated
+        - arm.torque_measured
+        - arm.measurement_time
+        - gripper.state_measured
+        - <camera>.rgb_image
+        - <camera>.depth_image
+        - <camera>.image_time
+        - truth.arm_state
+        - truth.object_poses
+        - truth.query_object
+        - truth.contact_results
+
+    Commands may stay unconnected: the arm then holds its pose. The arm's messages come at ``twin.driver.rate``; images are captured
+    at k / rate and delivered ``twin.camera.latency`` later.
+
+    Attributes:
+        world: what the world consists of. For scores, plots and tests alone; no part of a twin may hold it.
+    """
+
+    world: WorldPlant
+
+    def __init__(self, scenario: Scenario) -> None:
+        """Builds the world of a scenario.
+
+        Raises:
+            ScenarioError, ModelError, AssetError: what it is to be built from is missing or malformed.
+            NativeLibraryError: there is a camera and EGL is missing.
+        """
+        super().__init__()
+        builder = DiagramBuilder()
+        # The camera's checks come first: nothing heavy is built where they fail.
+        world = build_world(builder, scenario)
+        self.world = world
+        plant, arm = world.plant, world.arm
+        joints = [*arm.joints, *arm.fingers]
+
+        fingers0 = np.array([finger.default_positions()[0] for finger in arm.fingers])
+        state = builder.AddNamedSystem("true_state", TrueState(plant, joints, arm.joints))
+        builder.Connect(plant.get_state_output_port(), state.get_input_port())
+        driver = builder.AddNamedSystem("arm_driver", ArmDriver(plant, arm, NominalGravity(scenario), fingers0))
+        builder.Connect(state.GetOutputPort("motor_state"), driver.GetInputPort("motor_state"))
+        builder.Connect(driver.GetOutputPort("desired_state"), plant.get_desired_state_input_port(arm.instance))
+        builder.Connect(driver.GetOutputPort("actuation"), plant.get_actuation_input_port(arm.instance))
+        sensors = builder.AddNamedSystem(
+            "arm_sensors",
+            ArmSensors(
+                len(arm.joints), len(arm.fingers), scenario.world.arm_defects, scenario.twin.driver.rate, scenario.seed
+            ),
+        )
+        builder.Connect(state.GetOutputPort("motor_state"), sensors.GetInputPort("motor_state"))
+        builder.Connect(driver.GetOutputPort("motor_torque"), sensors.GetInputPort("motor_torque"))
+        if world.carriages is not None:
+            movers = builder.AddNamedSystem("movers", MoverDriver(world.paths))
+            builder.Connect(movers.get_output_port(), plant.get_desired_state_input_port(world.carriages))
+
+        builder.ExportInput(driver.GetInputPort("position_commanded"), ports.POSITION_COMMANDED)
+        builder.ExportInput(driver.GetInputPort("torque_commanded"), ports.TORQUE_COMMANDED)
+        builder.ExportOutput(sensors.GetOutputPort("position_measured"), ports.POSITION_MEASURED)
+        builder.ExportOutput(sensors.GetOutputPort("velocity_estimated"), ports.VELOCITY_ESTIMATED)
+        builder.ExportOutput(sensors.GetOutputPort("torque_measured"), ports.TORQUE_MEASURED)
+        builder.ExportOutput(sensors.GetOutputPort("measurement_time"), ports.MEASUREMENT_TIME)
+        if arm.fingers:
+            builder.ExportInput(driver.GetInputPort("gripper_commanded"), ports.GRIPPER_COMMANDED)
+            builder.ExportOutput(sensors.GetOutputPort("gripper_measured"), ports.GRIPPER_MEASURED)
+        camera = scenario.twin.camera
+        if camera is not None:
+            X_WC = transform(scenario.world.X_WC or camera.X_WC, "X_WC")
+            images = add_camera(builder, world.scene_graph, camera, X_WC, scenario.world.camera_defects, scenario.seed)
+            builder.ExportOutput(images.GetOutputPort("rgb_image"), ports.rgb_image(camera.name))
+            builder.ExportOutput(images.GetOutputPort("depth_image"), ports.depth_image(camera.name))
+            builder.ExportOutput(images.GetOutputPort("image_time"), ports.image_time(camera.name))
+        poses = builder.AddNamedSystem("true_poses", TruePoses(list(world.objects.values())))
+        builder.Connect(plant.get_body_poses_output_port(), poses.get_input_port())
+        builder.ExportOutput(state.GetOutputPort("arm_state"), ports.ARM_STATE)
+        builder.ExportOutput(poses.GetOutputPort("object_poses"), ports.OBJECT_POSES)
+        builder.ExportOutput(world.scene_graph.get_query_output_port(), ports.QUERY_OBJECT)
+        builder.ExportOutput(plant.get_contact_results_output_port(), ports.CONTACT_RESULTS)
+        builder.BuildInto(self)
+        self.set_name("station")
+        ports.check(self, len(arm.joints), len(arm.fingers), camera.name if camera else None)
