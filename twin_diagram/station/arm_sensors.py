@@ -89,7 +89,7 @@ class ArmSensors(LeafSystem):
         time = context.get_time()
         noise = generator(self._seed, Stream.ARM, round(time * self._rate)).standard_normal(2 * n)
         state = self._motor.Eval(context)
-        position = np.round((state[:n] + self._offset) / self._count) * self._count
+        position = np.round((state[:n] + self._offset) / self._count) * self._count + 0.0  # no negative zero
         velocity = state[m : m + n] + self._velocity_noise * noise[:n]
         torque = self._torque.Eval(context) + self._bias + self._torque_noise * noise[n:]
         gripper = np.concatenate([state[n:m], state[m + n :]])

@@ -13,16 +13,20 @@ from pydrake.geometry import (
     RenderCameraCore,
     RenderEngineVtkParams,
     Rgba,
-    SceneGraph,
 )
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.sensors import CameraInfo, RgbdSensorAsync
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, DiscreteValues, LeafSystem
+from pydrake.systems.primitives import Demultiplexer
+from pydrake.systems.sensors import CameraInfo, RgbdSensor
 
 from twin_diagram.errors import ScenarioError
 from twin_diagram.native import require_egl
-from twin_diagram.scenario import Camera, CameraDefects
+from twin_diagram.scenario import Camera, Scenario
+from twin_diagram.signals import NEVER, Array
 from twin_diagram.station.camera_defects import CameraDefectsSystem
+from twin_diagram.station.parsing import transform
+from twin_diagram.station.world_plant import build_appearance
 
 _RENDERER = "camera"
 
@@ -61,25 +65,67 @@ def lights() -> list[LightParameter]:
     return [sun([-0.3, 0.2, -1.0], 0.75), sun([-1.0, 0.9, -0.5], 0.45), sun([-0.8, -1.0, -0.4], 0.35)]
 
 
-def add_camera(
-    builder: DiagramBuilder,
-    scene_graph: SceneGraph,
-    camera: Camera,
-    X_WC: RigidTransform,
-    defects: CameraDefects,
-    seed: int,
-) -> CameraDefectsSystem:
-    """Adds a camera that looks at `scene_graph`.
+class Shutter(LeafSystem):
+    """Remembers where everything was when the camera last took a picture.
+
+    .. pydrake_system::
+
+        name: Shutter
+        input_ports:
+        - positions
+        output_ports:
+        - positions_shown
+        - capture_time
+
+    Positions are captured at k / rate and stand on `positions_shown` (nq) from k / rate + latency on, with their
+    `capture_time` (1) [s], `NEVER` before the first. State holds positions, not images: an image is rendered only where it is
+    asked for, and is a function of the state.
+    """
+
+    def __init__(self, positions: Array, rate: float, latency: float) -> None:
+        """Builds a shutter.
+
+        Args:
+            positions: (nq,) shown before the first capture.
+            rate: captures per second [1/s].
+            latency: less than the time between captures [s].
+        """
+        super().__init__()
+        nq = len(positions)
+        self._nq = nq
+        self._positions = self.DeclareVectorInputPort("positions", nq)
+        newest = np.concatenate([positions, [NEVER]])
+        state = self.DeclareDiscreteState(np.concatenate([newest, newest]))
+        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._capture)
+        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, latency, self._deliver)
+        ticket = {self.discrete_state_ticket(state)}
+        self.DeclareVectorOutputPort("positions_shown", nq, self._calc_positions, prerequisites_of_calc=ticket)
+        self.DeclareVectorOutputPort("capture_time", 1, self._calc_time, prerequisites_of_calc=ticket)
+
+    def _capture(self, context: Context, discrete: DiscreteValues) -> None:
+        shown = context.get_discrete_state_vector().value()[self._nq + 1 :]
+        discrete.set_value(np.concatenate([self._positions.Eval(context), [context.get_time()], shown]))
+
+    def _deliver(self, context: Context, discrete: DiscreteValues) -> None:
+        captured = context.get_discrete_state_vector().value()[: self._nq + 1]
+        discrete.set_value(np.concatenate([captured, captured]))
+
+    def _calc_positions(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(context.get_discrete_state_vector().value()[self._nq + 1 : -1])
+
+    def _calc_time(self, context: Context, output: BasicVector) -> None:
+        output[0] = context.get_discrete_state_vector().value()[-1]
+
+
+def add_camera(builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlant) -> CameraDefectsSystem:
+    """Adds the scenario's camera, which looks at the world.
 
     It captures at k / rate and delivers `latency` later.
 
     Args:
         builder: of the station.
-        scene_graph: the true scene.
-        camera: its intrinsics and timing.
-        X_WC: its true pose.
-        defects: what it does to its images.
-        seed: of the scenario.
+        scenario: its ``twin.camera`` is not None.
+        plant: the world's, in `builder`.
 
     Returns:
         The system whose output ports are the camera's.
@@ -88,32 +134,40 @@ def add_camera(
         NativeLibraryError: EGL is missing.
         ScenarioError: a camera that cannot be.
     """
+    camera = scenario.twin.camera
+    assert camera is not None
     check_camera(camera)
     require_egl()
-    if not scene_graph.HasRenderer(_RENDERER):
-        params = RenderEngineVtkParams(
-            default_clear_color=np.array([0.72, 0.76, 0.80]), lights=lights(), default_diffuse=np.array([0.7, 0.7, 0.7, 1.0])
-        )
-        scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(params))
+    X_WC = transform(scenario.world.X_WC or camera.X_WC, "world.X_WC")
+    poses, scene_graph = build_appearance(builder, scenario)
+    params = RenderEngineVtkParams(
+        default_clear_color=np.array([0.72, 0.76, 0.80]), lights=lights(), default_diffuse=np.array([0.7, 0.7, 0.7, 1.0])
+    )
+    scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(params))
+    shutter = builder.AddNamedSystem(
+        f"{camera.name}_shutter", Shutter(plant.GetPositions(plant.CreateDefaultContext()), camera.rate, camera.latency)
+    )
+    state = builder.AddNamedSystem(f"{camera.name}_positions", Demultiplexer([plant.num_positions(), plant.num_velocities()]))
+    builder.Connect(plant.get_state_output_port(), state.get_input_port())
+    builder.Connect(state.get_output_port(0), shutter.get_input_port())
+    builder.Connect(shutter.GetOutputPort("positions_shown"), poses.get_input_port())
     near, far = camera.depth_range
-    core = RenderCameraCore(_RENDERER, camera_info(camera), ClippingRange(min(0.05, near / 2), max(20.0, 2 * far)), RigidTransform())
+    clipping = ClippingRange(min(0.05, near / 2), max(20.0, 2 * far))
+    core = RenderCameraCore(_RENDERER, camera_info(camera), clipping, RigidTransform())
     sensor = builder.AddNamedSystem(
         f"{camera.name}_renderer",
-        RgbdSensorAsync(
-            scene_graph=scene_graph,
-            parent_id=scene_graph.world_frame_id(),
-            X_PB=X_WC,
-            fps=camera.rate,
-            capture_offset=0.0,
-            output_delay=camera.latency,
-            color_camera=ColorRenderCamera(core, False),
-            depth_camera=DepthRenderCamera(core, DepthRange(near, far)),
-            render_label_image=False,
+        RgbdSensor(
+            scene_graph.world_frame_id(),
+            X_WC,
+            ColorRenderCamera(core, False),
+            DepthRenderCamera(core, DepthRange(near, far)),
         ),
     )
-    builder.Connect(scene_graph.get_query_output_port(), sensor.get_input_port())
-    spoilt = builder.AddNamedSystem(f"{camera.name}_defects", CameraDefectsSystem(camera, defects, seed))
+    builder.Connect(scene_graph.get_query_output_port(), sensor.query_object_input_port())
+    spoilt = builder.AddNamedSystem(
+        f"{camera.name}_defects", CameraDefectsSystem(camera, scenario.world.camera_defects, scenario.seed)
+    )
     builder.Connect(sensor.color_image_output_port(), spoilt.GetInputPort("rgb_rendered"))
     builder.Connect(sensor.depth_image_32F_output_port(), spoilt.GetInputPort("depth_rendered"))
-    builder.Connect(sensor.image_time_output_port(), spoilt.GetInputPort("time_rendered"))
+    builder.Connect(shutter.GetOutputPort("capture_time"), spoilt.GetInputPort("time_rendered"))
     return spoilt

@@ -13,7 +13,6 @@ from pydrake.systems.sensors import ImageDepth32F, ImageRgba8U
 
 from twin_diagram.errors import ScenarioError
 from twin_diagram.scenario import Camera, CameraDefects
-from twin_diagram.signals import NEVER
 from twin_diagram.station.noise import Stream, generator
 
 Depth = npt.NDArray[np.float32]
@@ -161,7 +160,7 @@ class CameraDefectsSystem(LeafSystem):
     def _frame(self, context: Context) -> tuple[float, int] | None:
         """Capture time and number of the newest frame; None before the first."""
         time = float(self._time.Eval(context)[0])
-        return None if np.isnan(time) else (time, round(time * self._camera.rate))
+        return (time, round(time * self._camera.rate)) if time >= 0 else None
 
     def _covered(self, time: float) -> bool:
         return any(start <= time <= end for start, end in self._defects.covered)
@@ -188,5 +187,4 @@ class CameraDefectsSystem(LeafSystem):
         output.set_value(image)
 
     def _calc_time(self, context: Context, output: BasicVector) -> None:
-        frame = self._frame(context)
-        output[0] = NEVER if frame is None else frame[0]
+        output[0] = self._time.Eval(context)[0]

@@ -11,7 +11,6 @@ from twin_diagram.station.arm_sensors import ArmSensors
 from twin_diagram.station.camera import add_camera
 from twin_diagram.station.driver import ArmDriver, NominalGravity
 from twin_diagram.station.movers import MoverDriver
-from twin_diagram.station.parsing import transform
 from twin_diagram.station.truth import TruePoses, TrueState
 from twin_diagram.station.world_plant import WorldPlant, build_world
 
@@ -94,8 +93,7 @@ class SimStation(Diagram):
             builder.ExportOutput(sensors.GetOutputPort("gripper_measured"), ports.GRIPPER_MEASURED)
         camera = scenario.twin.camera
         if camera is not None:
-            X_WC = transform(scenario.world.X_WC or camera.X_WC, "X_WC")
-            images = add_camera(builder, world.scene_graph, camera, X_WC, scenario.world.camera_defects, scenario.seed)
+            images = add_camera(builder, scenario, plant)
             builder.ExportOutput(images.GetOutputPort("rgb_image"), ports.rgb_image(camera.name))
             builder.ExportOutput(images.GetOutputPort("depth_image"), ports.depth_image(camera.name))
             builder.ExportOutput(images.GetOutputPort("image_time"), ports.image_time(camera.name))

@@ -13,6 +13,7 @@ from pydrake.multibody.plant import (
 )
 from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex, RigidBody
 from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 
 from twin_diagram.errors import AssetError, ModelError, ScenarioError
 from twin_diagram.resources import resolve
@@ -51,10 +52,34 @@ def build_world(builder: DiagramBuilder, scenario: Scenario) -> WorldPlant:
     Raises:
         ScenarioError, ModelError, AssetError: something in it cannot be built; the message names it.
     """
+    if not scenario.world.time_step > 0:
+        raise ScenarioError("world.time_step", f"{scenario.world.time_step} is not positive")
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, scenario.world.time_step)
+    return _populate(plant, scene_graph, scenario)
+
+
+def build_appearance(builder: DiagramBuilder, scenario: Scenario) -> tuple[MultibodyPositionToGeometryPose, SceneGraph]:
+    """Adds a second SceneGraph that shows the world at any positions of its plant, whatever the plant itself does.
+
+    Args:
+        builder: of the station.
+        scenario: the one whose world was built.
+
+    Returns:
+        A system that takes positions (nq, as the world's plant orders them), and the SceneGraph that shows them.
+    """
+    scene_graph = builder.AddNamedSystem("appearance", SceneGraph())
+    plant = MultibodyPlant(scenario.world.time_step)
+    plant.RegisterAsSourceForSceneGraph(scene_graph)
+    _populate(plant, scene_graph, scenario)
+    source = plant.get_source_id()
+    poses = builder.AddNamedSystem("appearance_poses", MultibodyPositionToGeometryPose(plant))
+    builder.Connect(poses.get_output_port(), scene_graph.get_source_pose_port(source))
+    return poses, scene_graph
+
+
+def _populate(plant: MultibodyPlant, scene_graph: SceneGraph, scenario: Scenario) -> WorldPlant:
     world = scenario.world
-    if not world.time_step > 0:
-        raise ScenarioError("world.time_step", f"{world.time_step} is not positive")
-    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, world.time_step)
     plant.set_name("world")
     plant.set_discrete_contact_approximation(DiscreteContactApproximation.kLagged)
     # Without sampling the plant's update is a discrete one, which copies no image that another system keeps.
