@@ -1,0 +1,104 @@
+"""An asset made ready for registration: what of it is seen from where, its colours at two scales, a search tree."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from twin_diagram.assets import Asset
+
+Array = npt.NDArray[np.float64]
+
+DIRECTIONS: Final = 160
+"""Directions from which the visible points are worked out beforehand: one is never farther than about 10° away."""
+BLUR: Final = (0.003, 0.008)
+"""Standard deviation of the colours' blur on the surface [m]: fine, coarse."""
+_NEIGHBOURS: Final = 24
+
+
+@dataclass(frozen=True)
+class ModelCloud:
+    """An asset's cloud with tables for registration.
+
+    Attributes:
+        asset: the object.
+        points: (M, 3) in O.
+        normals: (M, 3).
+        colours: (2, M, 3), fine and coarse.
+        directions: (D, 3) unit vectors in O towards a far camera.
+        views: (D, P) indices of points that such a camera sees, in random order; repeated to fill the row.
+        view_counts: (D,) how many of a row are not repeated.
+        tree: over `points`.
+        spacing: mean distance between neighbouring points [m].
+        radius: of the sphere about O that holds the object [m].
+    """
+
+    asset: Asset
+    points: Array
+    normals: Array
+    colours: Array
+    directions: Array
+    views: npt.NDArray[np.int64]
+    view_counts: npt.NDArray[np.int64]
+    tree: cKDTree
+    spacing: float
+    radius: float
+
+    @staticmethod
+    def of(asset: Asset, view_points: int) -> ModelCloud:
+        """Works the tables out.
+
+        Args:
+            asset: the object.
+            view_points: points kept per direction.
+        """
+        points, normals = asset.points_O, asset.normals_O
+        tree = cKDTree(points)
+        distance, neighbour = tree.query(points, k=min(_NEIGHBOURS, len(points)), workers=1)
+        spacing = float(np.median(distance[:, 1]) * 2)
+        alike = np.einsum("mki,mi->mk", normals[neighbour], normals) > 0.7
+        colours = np.empty((len(BLUR), *points.shape))
+        for level, sigma in enumerate(BLUR):
+            weight = np.exp(-0.5 * (distance / sigma) ** 2) * alike
+            weight /= weight.sum(axis=1, keepdims=True)
+            colours[level] = np.einsum("mk,mki->mi", weight, asset.colours[neighbour])
+        directions = fibonacci_sphere(DIRECTIONS)
+        views = np.zeros((DIRECTIONS, view_points), dtype=np.int64)
+        counts = np.zeros(DIRECTIONS, dtype=np.int64)
+        for k, direction in enumerate(directions):
+            seen = np.flatnonzero(visible(points, normals, direction, 2.0 * spacing))[:view_points]
+            counts[k] = len(seen)
+            if len(seen):
+                views[k] = np.resize(seen, view_points)
+        radius = float(np.linalg.norm(points, axis=1).max())
+        return ModelCloud(asset, points, normals, colours, directions, views, counts, tree, spacing, radius)
+
+
+def fibonacci_sphere(count: int) -> Array:
+    """(count, 3) unit vectors spread evenly."""
+    k = np.arange(count) + 0.5
+    z = 1.0 - 2.0 * k / count
+    angle = np.pi * (1.0 + 5.0**0.5) * k
+    r = np.sqrt(1.0 - z * z)
+    return np.stack([r * np.cos(angle), r * np.sin(angle), z], axis=1)
+
+
+def visible(points: Array, normals: Array, direction: Array, cell: float) -> npt.NDArray[np.bool_]:
+    """Which points a far camera in `direction` (from the object to the camera) sees: they face it and nothing is in front.
+
+    A depth buffer of square cells of size `cell` [m]; points up to 12 mm behind a cell's foremost one count as seen.
+    """
+    helper = np.eye(3)[int(np.argmin(np.abs(direction)))]
+    right = np.cross(direction, helper)
+    right /= np.linalg.norm(right)
+    flat = points @ np.stack([right, np.cross(direction, right)], axis=1)
+    cells = np.floor((flat - flat.min(axis=0)) / cell).astype(np.int64)
+    key = cells[:, 0] * (cells[:, 1].max() + 1) + cells[:, 1]
+    height = points @ direction
+    foremost = np.full(int(key.max()) + 1, -np.inf)
+    np.maximum.at(foremost, key, height)
+    return np.asarray((normals @ direction > 0.1) & (height > foremost[key] - 0.012))
