@@ -1,5 +1,5 @@
 # Two commands do everything for a newcomer: `make demo` and `make test`. Both make .venv and install the package into it.
-# PYTHON=/path/to/python3.11 picks the interpreter, JOBS=n how many tests run at a time.
+# PYTHON=/path/to/python3.11 picks the interpreter, JOBS=n how many tests run at a time, ARGS=… is passed on.
 
 JOBS ?= 2
 PY := .venv/bin/python
@@ -40,7 +40,7 @@ install-demo install-test install-bench: install-%: check
 
 .PHONY: demo
 demo: install-demo
-	$(PY) sims/closed_loop.py --out out/demo
+	$(PY) sims/closed_loop.py --out out/demo $(ARGS)
 
 .PHONY: test
 test: lint typecheck pytest

@@ -30,6 +30,8 @@ if [ "$(.venv/bin/python -c "import pip; $version" 2>/dev/null)" != "$wanted" ];
 fi
 stamp=.venv/installed-$extra
 if [ ! -e "$stamp" ] || [ pyproject.toml -nt "$stamp" ]; then
+    # The resolver of pips before 25 can try releases for many minutes on CPython 3.10.
+    .venv/bin/python -m pip install -q --upgrade 'pip>=25.1' || exit 1
     echo "Installing twin_diagram and its [$extra] dependencies into .venv (some minutes the first time)"
     .venv/bin/python -m pip install -q -e ".[$extra]" || exit 1
     touch "$stamp"
