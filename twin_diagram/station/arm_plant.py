@@ -6,20 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import (
-    Joint,
-    JointActuator,
-    ModelInstanceIndex,
-    PdControllerGains,
-    PrismaticJoint,
-    RevoluteJoint,
-    RigidBody,
-)
+from pydrake.multibody.tree import Joint, PdControllerGains
 
+from twin_diagram import description
+from twin_diagram.effects import Effect, add_to_plant
 from twin_diagram.errors import ModelError, ScenarioError
-from twin_diagram.scenario import ArmModel, Driver, Scenario
+from twin_diagram.scenario import Driver, Scenario
 from twin_diagram.signals import Array
-from twin_diagram.station.parsing import actuator_of, add_model, joints_of, transform, weld_roots
 
 FINGER_STIFFNESS = 2000.0
 """Of a finger's own controller [N/m]."""
@@ -32,55 +25,32 @@ class ArmPlant:
     """The arm's part of the world's plant.
 
     Attributes:
-        instance: its model instance.
+        arm: indices in the plant.
+        effects: that are realised in the plant, those among them that the twin was not told of included.
         joints: the n arm joints.
         fingers: the g finger joints.
-        motors: actuators of the arm's, then the fingers' joints, (n + g).
-        stiffness, damping: of those actuators' controllers (n + g).
-        root_bodies: bodies welded to the world.
-        q0: (n,) joint angles at the start [rad].
+        stiffness, damping: of the motors' controllers: n arm joints, then the fingers that have a motor.
+        effort_limits: of the same motors [N·m, N].
+        driven: places of the fingers with a motor among all g.
+        q0: (n + g,) positions at the start [rad, m].
     """
 
-    instance: ModelInstanceIndex
+    arm: description.Arm
+    effects: tuple[Effect, ...]
     joints: list[Joint]
     fingers: list[Joint]
-    motors: list[JointActuator]
     stiffness: Array
     damping: Array
-    root_bodies: list[RigidBody]
+    effort_limits: Array
+    driven: list[int]
     q0: Array
-
-
-def select_joints(plant: MultibodyPlant, instance: ModelInstanceIndex, spec: ArmModel, field: str) -> tuple[list[Joint], list[Joint]]:
-    """Arm joints and finger joints as the scenario names them; where it names none, what is actuated.
-
-    Raises:
-        ScenarioError: a name that is not in the model.
-    """
-    every = {joint.name(): joint for joint in joints_of(plant, [instance])}
-    actuated = [joint for joint in every.values() if actuator_of(plant, joint) is not None]
-
-    def named(names: list[str], key: str, kind: type[Joint]) -> list[Joint]:
-        if not names:
-            return [joint for joint in actuated if isinstance(joint, kind)]
-        for name in names:
-            if name not in every:
-                raise ScenarioError(f"{field}.{key}", f"no joint {name!r} in the model; it has {', '.join(every)}")
-        return [every[name] for name in names]
-
-    joints = named(spec.joints, "joints", RevoluteJoint)
-    fingers = named(spec.gripper_joints, "gripper_joints", PrismaticJoint)
-    fingers = [finger for finger in fingers if finger.name() not in {joint.name() for joint in joints}]
-    if not joints:
-        raise ScenarioError(f"{field}.joints", "no actuated revolute joint in the model; name the arm's joints")
-    return joints, fingers
 
 
 def driver_gains(driver: Driver, effort_limits: Array) -> tuple[Array, Array]:
     """Stiffness [N·m/rad] and damping [N·m·s/rad] of the arm's own controller.
 
-    Where the scenario gives none: 600 for the first four joints and 250 for the rest, which suit joints of 87 and 12 N·m,
-    scaled to this arm's limits; damping twice the square root of stiffness.
+    Where the scenario gives none: 600 for the first four joints and 250 for the rest, which suit joints of 87 and
+    12 N·m, scaled to this arm's limits; damping twice the square root of stiffness.
 
     Args:
         driver: of the scenario.
@@ -120,27 +90,27 @@ def add_arm(plant: MultibodyPlant, scenario: Scenario) -> ArmPlant:
     """Adds the true arm, its hidden effects and its driver's motors.
 
     Raises:
-        ScenarioError: the model or a joint is missing; it names the field.
+        ScenarioError: the model, a joint or an effect cannot be; it names the field.
     """
-    spec = scenario.world.arm
     try:
-        instances = add_model(plant, spec.model, scenario.packages)
+        arm = description.add_arm(plant, scenario.world.arm, scenario.packages)
+        effects = add_to_plant(plant, arm)
     except ModelError as error:
-        raise ScenarioError("world.arm.model", str(error)) from error
-    if len(instances) != 1:
-        raise ScenarioError("world.arm.model", f"{spec.model} holds {len(instances)} models; an arm and its gripper are one")
-    roots = weld_roots(plant, instances, transform(spec.X_WB, "world.arm.X_WB"))
-    joints, fingers = select_joints(plant, instances[0], spec, "world.arm")
-    motors: list[JointActuator] = []
-    for joint in [*joints, *fingers]:
-        motors.append(actuator_of(plant, joint) or plant.AddJointActuator(f"{joint.name()}_motor", joint))
-    limits = np.array([motor.effort_limit() for motor in motors[: len(joints)]])
-    stiffness, damping = driver_gains(scenario.twin.driver, limits)
-    stiffness = np.concatenate([stiffness, np.full(len(fingers), FINGER_STIFFNESS)])
-    damping = np.concatenate([damping, np.full(len(fingers), FINGER_DAMPING)])
+        raise ScenarioError("world.arm", str(error)) from error
+    joints = [plant.get_joint(index) for index in arm.joint_indices]
+    fingers = [plant.get_joint(index) for index in arm.gripper_joint_indices]
+    motors = [plant.get_joint_actuator(index) for index in (*arm.actuator_indices, *arm.gripper_actuator_indices)]
+    limits = np.array([motor.effort_limit() for motor in motors])
+    stiffness, damping = driver_gains(scenario.twin.driver, limits[: len(joints)])
+    more = len(motors) - len(joints)
+    stiffness = np.concatenate([stiffness, np.full(more, FINGER_STIFFNESS)])
+    damping = np.concatenate([damping, np.full(more, FINGER_DAMPING)])
     for motor, p, d in zip(motors, stiffness, damping, strict=True):
         motor.set_controller_gains(PdControllerGains(p=p, d=d))
-    q0 = initial_angles(scenario, len(joints))
-    for joint, angle in zip(joints, q0, strict=True):
+    angles = initial_angles(scenario, len(joints))
+    for joint, angle in zip(joints, angles, strict=True):
         joint.set_default_positions([angle])
-    return ArmPlant(instances[0], joints, fingers, motors, stiffness, damping, roots, q0)
+    with_motor = {int(motor.joint().index()) for motor in motors}
+    driven = [k for k, finger in enumerate(fingers) if int(finger.index()) in with_motor]
+    q0 = np.concatenate([angles, [finger.default_positions()[0] for finger in fingers]])
+    return ArmPlant(arm, effects, joints, fingers, stiffness, damping, limits, driven, q0)

@@ -7,7 +7,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 
 from twin_diagram.errors import ScenarioError
 from twin_diagram.scenario import ArmDefects
-from twin_diagram.signals import NEVER, Array
+from twin_diagram.signals import NEVER
 from twin_diagram.station.noise import Stream, generator
 
 
@@ -27,14 +27,14 @@ class ArmSensors(LeafSystem):
         - measurement_time
         - gripper_measured
 
-    Message k is taken at k / rate and stands on the ports from then on: an event at the same time still sees the one before.
-    `position_measured` (n) [rad] is a whole number of encoder counts, `velocity_estimated` (n) [rad/s] has white noise,
-    `torque_measured` (n) [N·m] is what the motors give before friction and rotor inertia, with white noise and a constant
-    error; `measurement_time` (1) [s]; `gripper_measured` (2g) positions then speeds. Noise is a function of seed and message
-    alone.
+    Message k is taken at k / rate and stands on the ports from then on: an event at the same time still sees the one
+    before. `position_measured` (n) [rad] is a whole number of encoder counts, `velocity_estimated` (n) [rad/s] has white
+    noise, `torque_measured` (n) [N·m] is what the motors give before friction and rotor inertia, with white noise and a
+    constant error; `measurement_time` (1) [s]; `gripper_measured` (2g) positions then speeds. Noise is a function of seed
+    and message alone.
     """
 
-    def __init__(self, n: int, g: int, defects: ArmDefects, rate: float, seed: int, offset: Array | None = None) -> None:
+    def __init__(self, n: int, g: int, defects: ArmDefects, rate: float, seed: int) -> None:
         """Builds the sensors of an arm.
 
         Args:
@@ -43,7 +43,6 @@ class ArmSensors(LeafSystem):
             defects: of the sensors.
             rate: messages per second [1/s].
             seed: of the scenario.
-            offset: (n,) encoder offsets, measured minus true [rad]; None: none.
 
         Raises:
             ScenarioError: a defect that makes no sense.
@@ -62,7 +61,6 @@ class ArmSensors(LeafSystem):
         self._count = 2.0 * np.pi / 2.0**defects.encoder_bits
         self._velocity_noise, self._torque_noise = defects.velocity_noise, defects.torque_noise
         self._bias = np.array(defects.torque_bias, dtype=float) if defects.torque_bias else np.zeros(n)
-        self._offset = np.zeros(n) if offset is None else np.array(offset, dtype=float)
         self._rate, self._seed = rate, seed
         self._motor = self.DeclareVectorInputPort("motor_state", 2 * self._m)
         self._torque = self.DeclareVectorInputPort("motor_torque", n)
@@ -89,7 +87,7 @@ class ArmSensors(LeafSystem):
         time = context.get_time()
         noise = generator(self._seed, Stream.ARM, round(time * self._rate)).standard_normal(2 * n)
         state = self._motor.Eval(context)
-        position = np.round((state[:n] + self._offset) / self._count) * self._count + 0.0  # no negative zero
+        position = np.round(state[:n] / self._count) * self._count + 0.0  # no negative zero
         velocity = state[m : m + n] + self._velocity_noise * noise[:n]
         torque = self._torque.Eval(context) + self._bias + self._torque_noise * noise[n:]
         gripper = np.concatenate([state[n:m], state[m + n :]])

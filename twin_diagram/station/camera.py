@@ -51,7 +51,10 @@ def check_camera(camera: Camera, field: str = "twin.camera") -> None:
         if not getattr(camera, name) > 0:
             raise ScenarioError(f"{field}.{name}", f"{getattr(camera, name)} is not positive")
     if not 0 < camera.latency < 1.0 / camera.rate:
-        raise ScenarioError(f"{field}.latency", f"{camera.latency} s is not between 0 and the time between frames, {1 / camera.rate:.4g} s")
+        period = f"{1 / camera.rate:.4g} s"
+        raise ScenarioError(
+            f"{field}.latency", f"{camera.latency} s is not between 0 and the time between frames, {period}"
+        )
     if len(camera.depth_range) != 2 or not 0 < camera.depth_range[0] < camera.depth_range[1]:
         raise ScenarioError(f"{field}.depth_range", f"{camera.depth_range} is not [nearest, farthest]")
 
@@ -60,7 +63,9 @@ def lights() -> list[LightParameter]:
     """Daylight from above, softer from two sides: every face that a camera sees is lit and keeps its colour."""
 
     def sun(direction: list[float], intensity: float) -> LightParameter:
-        return LightParameter(type="directional", frame="world", direction=np.array(direction), color=Rgba(1, 1, 1), intensity=intensity)
+        return LightParameter(
+            type="directional", frame="world", direction=np.array(direction), color=Rgba(1, 1, 1), intensity=intensity
+        )
 
     return [sun([-0.3, 0.2, -1.0], 0.75), sun([-1.0, 0.9, -0.5], 0.45), sun([-0.8, -1.0, -0.4], 0.35)]
 
@@ -78,8 +83,8 @@ class Shutter(LeafSystem):
         - capture_time
 
     Positions are captured at k / rate and stand on `positions_shown` (nq) from k / rate + latency on, with their
-    `capture_time` (1) [s], `NEVER` before the first. State holds positions, not images: an image is rendered only where it is
-    asked for, and is a function of the state.
+    `capture_time` (1) [s], `NEVER` before the first. State holds positions, not images: an image is rendered only where
+    it is asked for, and is a function of the state.
     """
 
     def __init__(self, positions: Array, rate: float, latency: float) -> None:
@@ -141,13 +146,15 @@ def add_camera(builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlan
     X_WC = transform(scenario.world.X_WC or camera.X_WC, "world.X_WC")
     poses, scene_graph = build_appearance(builder, scenario)
     params = RenderEngineVtkParams(
-        default_clear_color=np.array([0.72, 0.76, 0.80]), lights=lights(), default_diffuse=np.array([0.7, 0.7, 0.7, 1.0])
+        default_clear_color=np.array([0.72, 0.76, 0.80]),
+        lights=lights(),
+        default_diffuse=np.array([0.7, 0.7, 0.7, 1.0]),
     )
     scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(params))
-    shutter = builder.AddNamedSystem(
-        f"{camera.name}_shutter", Shutter(plant.GetPositions(plant.CreateDefaultContext()), camera.rate, camera.latency)
-    )
-    state = builder.AddNamedSystem(f"{camera.name}_positions", Demultiplexer([plant.num_positions(), plant.num_velocities()]))
+    start = plant.GetPositions(plant.CreateDefaultContext())
+    shutter = builder.AddNamedSystem(f"{camera.name}_shutter", Shutter(start, camera.rate, camera.latency))
+    sizes = [plant.num_positions(), plant.num_velocities()]
+    state = builder.AddNamedSystem(f"{camera.name}_positions", Demultiplexer(sizes))
     builder.Connect(plant.get_state_output_port(), state.get_input_port())
     builder.Connect(state.get_output_port(0), shutter.get_input_port())
     builder.Connect(shutter.GetOutputPort("positions_shown"), poses.get_input_port())

@@ -1,4 +1,4 @@
-"""What a real RGB-D camera does to its images: depth noise, whole depth units, ragged edges, colour noise, a covered lens."""
+"""What a real RGB-D camera does to its images: noise, whole depth units, ragged edges, a covered lens."""
 
 from __future__ import annotations
 
@@ -33,7 +33,9 @@ def edges(depth: Depth) -> npt.NDArray[np.bool_]:
     """
     mask = np.zeros(depth.shape, dtype=bool)
     reach = EDGE * depth
-    for first, second in (((slice(None), slice(1, None)), (slice(None), slice(None, -1))), (slice(1, None), slice(None, -1))):
+    columns = ((slice(None), slice(1, None)), (slice(None), slice(None, -1)))
+    rows = ((slice(1, None),), (slice(None, -1),))
+    for first, second in (columns, rows):
         step = np.abs(depth[first] - depth[second]) > reach[first]
         mask[first] |= step
         mask[second] |= step
@@ -119,9 +121,9 @@ class CameraDefectsSystem(LeafSystem):
         - depth_image
         - image_time
 
-    `depth_image` is in metres, a whole number of depth units, 0 where nothing was measured. `image_time` is the capture time
-    of the images [s], `NEVER` before the first, while images are black and empty. Computed where they are asked for, cached,
-    a function of seed and capture time alone; adds no latency.
+    `depth_image` is in metres, a whole number of depth units, 0 where nothing was measured. `image_time` is the capture
+    time of the images [s], `NEVER` before the first, while images are black and empty. Computed where they are asked for,
+    cached, a function of seed and capture time alone; adds no latency.
     """
 
     def __init__(self, camera: Camera, defects: CameraDefects, seed: int) -> None:
@@ -149,13 +151,10 @@ class CameraDefectsSystem(LeafSystem):
         self._rgb = self.DeclareAbstractInputPort("rgb_rendered", Value(ImageRgba8U()))
         self._depth = self.DeclareAbstractInputPort("depth_rendered", Value(ImageDepth32F()))
         self._time = self.DeclareVectorInputPort("time_rendered", 1)
-        self.DeclareAbstractOutputPort(
-            "rgb_image", rgb.Clone, self._calc_rgb, prerequisites_of_calc={self._rgb.ticket(), self._time.ticket()}
-        )
-        self.DeclareAbstractOutputPort(
-            "depth_image", depth.Clone, self._calc_depth, prerequisites_of_calc={self._depth.ticket(), self._time.ticket()}
-        )
-        self.DeclareVectorOutputPort("image_time", 1, self._calc_time, prerequisites_of_calc={self._time.ticket()})
+        ticket = self._time.ticket()
+        self.DeclareAbstractOutputPort("rgb_image", rgb.Clone, self._calc_rgb, {self._rgb.ticket(), ticket})
+        self.DeclareAbstractOutputPort("depth_image", depth.Clone, self._calc_depth, {self._depth.ticket(), ticket})
+        self.DeclareVectorOutputPort("image_time", 1, self._calc_time, {ticket})
 
     def _frame(self, context: Context) -> tuple[float, int] | None:
         """Capture time and number of the newest frame; None before the first."""

@@ -8,11 +8,11 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
-from twin_diagram.errors import ScenarioError
+from twin_diagram import description
+from twin_diagram.errors import ModelError, ScenarioError
 from twin_diagram.scenario import Scenario
 from twin_diagram.signals import Array
-from twin_diagram.station.arm_plant import ArmPlant, select_joints
-from twin_diagram.station.parsing import add_model, transform, weld_roots
+from twin_diagram.station.arm_plant import ArmPlant
 
 BANDWIDTH: Final = 200.0
 """Of the filter through which commands go [rad/s]: it lags a steady motion by 2 / BANDWIDTH = 10 ms."""
@@ -21,11 +21,12 @@ BANDWIDTH: Final = 200.0
 def follow(q: Array, v: Array, command: Array, speed_limit: Array, dt: float) -> tuple[Array, Array]:
     """One exact step of the critically damped filter that smooths commands.
 
-    With e = q − command, ë + 2 w ė + w² e = 0. A command farther away than 2·speed_limit/w counts as one at that distance,
-    so that a jump is followed at the speed limit.
+    With e = q − command, ë + 2 w ė + w² e = 0. A command farther away than 2·speed_limit/w counts as one at that
+    distance, so that a jump is followed at the speed limit.
 
     Args:
-        q, v: the filter's position and rate.
+        q: the filter's position.
+        v: its rate.
         command: where to go.
         speed_limit: greatest rate of a steady motion.
         dt: step [s].
@@ -49,14 +50,15 @@ class NominalGravity:
         """Loads ``twin.arm``.
 
         Raises:
-            ScenarioError: its joints are not as many as the true arm's.
+            ScenarioError: it cannot be loaded.
         """
-        spec = scenario.twin.arm
         plant = MultibodyPlant(0.0)
-        instances = add_model(plant, spec.model, scenario.packages)
-        weld_roots(plant, instances, transform(spec.X_WB, "twin.arm.X_WB"))
-        joints, _ = select_joints(plant, instances[0], spec, "twin.arm")
+        try:
+            arm = description.add_arm(plant, scenario.twin.arm, scenario.packages)
+        except ModelError as error:
+            raise ScenarioError("twin.arm", str(error)) from error
         plant.Finalize()
+        joints = [plant.get_joint(index) for index in arm.joint_indices]
         self._plant = plant
         self._context = plant.CreateDefaultContext()  # scratch: positions are overwritten before each use
         self._q_index = np.array([joint.position_start() for joint in joints])
@@ -76,7 +78,7 @@ class NominalGravity:
 
 
 class ArmDriver(LeafSystem):
-    """Joint impedance: torque = stiffness (q_d − q) + damping (v_d − v) + gravity of the nominal arm + torque_commanded.
+    """Joint impedance: torque = stiffness (q_d − q) + damping (v_d − v) + nominal gravity + torque_commanded.
 
     .. pydrake_system::
 
@@ -87,29 +89,30 @@ class ArmDriver(LeafSystem):
         - gripper_commanded
         - motor_state
         output_ports:
+        - torque
         - desired_state
-        - actuation
+        - gripper_desired_state
         - motor_torque
 
     The spring and the damper act in the plant, implicitly, so that they are stable at its step. A command goes through a
-    critically damped filter (`follow`), whose position and rate are q_d and v_d: they lag a steady motion by 10 ms. Before the
-    first command the arm holds its pose. An unconnected port and a vector with a NaN in it are no command; a
+    critically damped filter (`follow`), whose position and rate are q_d and v_d: they lag a steady motion by 10 ms.
+    Before the first command the arm holds its pose. An unconnected port and a vector with a NaN in it are no command; a
     torque that is not a number counts as zero.
 
     Ports: `position_commanded` (n) [rad], `torque_commanded` (n) [N·m], `gripper_commanded` (g) [m], `motor_state`
-    (2(n + g)) true positions then speeds of the motors; `desired_state` (2a) and `actuation` (a) of the a actuators of the
-    arm's model instance; `motor_torque` (n) that the arm's motors gave in the step that ends now [N·m], within their limits.
-    State: filter (2(n + g)), then what the plant was told in the last step (3(n + g)). Rate: the plant's.
+    (2(n + g)) the motors' positions, as encoders without noise would read them, then speeds; `torque` (n) feed-forward
+    [N·m], `desired_state` (2n) and `gripper_desired_state` (2 per driven finger) of the plant's controllers;
+    `motor_torque` (n) that the arm's motors gave in the step that ends now [N·m], within their limits. State: filter
+    (2(n + g)), then what the plant was told in the last step (3n). Rate: the plant's.
     """
 
-    def __init__(self, plant: MultibodyPlant, arm: ArmPlant, gravity: NominalGravity, fingers0: Array) -> None:
-        """Builds the driver of a finalized plant.
+    def __init__(self, arm: ArmPlant, gravity: NominalGravity, time_step: float) -> None:
+        """Builds the driver.
 
         Args:
-            plant: the world's.
-            arm: its arm.
+            arm: of a finalized plant.
             gravity: the driver's own model.
-            fingers0: (g,) finger positions at the start [m].
+            time_step: of the plant [s].
 
         Raises:
             ScenarioError: the driver's model has another number of joints than the true arm.
@@ -118,37 +121,29 @@ class ArmDriver(LeafSystem):
         n, g = len(arm.joints), len(arm.fingers)
         if len(gravity) != n:
             raise ScenarioError("twin.arm.model", f"has {len(gravity)} joints where world.arm has {n}")
-        self._n, self._g, self._m = n, g, n + g
+        self._n, self._m = n, n + g
         self._gravity = gravity
-        self._dt = plant.time_step()
-        self._stiffness, self._damping = arm.stiffness, arm.damping
-        self._limit = np.array([motor.effort_limit() for motor in arm.motors])
-        speed = np.array([min(j.velocity_upper_limits()[0], -j.velocity_lower_limits()[0]) for j in (*arm.joints, *arm.fingers)])
+        self._dt = time_step
+        self._stiffness, self._damping, self._limit = arm.stiffness[:n], arm.damping[:n], arm.effort_limits[:n]
+        speed = np.array(
+            [min(j.velocity_upper_limits()[0], -j.velocity_lower_limits()[0]) for j in (*arm.joints, *arm.fingers)]
+        )
         self._speed_limit = np.where(np.isfinite(speed) & (speed > 0), speed, 1e3)
-        self._actuators = int(plant.num_actuators(arm.instance))
-        starts = sorted(plant.get_joint_actuator(i).input_start() for i in plant.GetJointActuatorIndices(arm.instance))
-        self._slots = np.array([starts.index(motor.input_start()) for motor in arm.motors])
-        # Actuators that are no motors (effects) hold the position at which they were born and no speed.
+        self._arm_part = np.concatenate([np.arange(n), self._m + np.arange(n)])
+        driven = n + np.array(arm.driven, dtype=int)
+        self._finger_part = np.concatenate([driven, self._m + driven])
         self._q = self.DeclareVectorInputPort("position_commanded", n)
         self._tau = self.DeclareVectorInputPort("torque_commanded", n)
         self._fingers = self.DeclareVectorInputPort("gripper_commanded", g) if g else None
         self._motor = self.DeclareVectorInputPort("motor_state", 2 * self._m)
-        start = np.concatenate([arm.q0, fingers0])
-        rest = np.zeros(self._m)
-        state = self.DeclareDiscreteState(np.concatenate([start, rest, start, rest, rest]))
-        self.DeclarePeriodicDiscreteUpdateEvent(self._dt, 0.0, self._update)
-        self.DeclareVectorOutputPort(
-            "desired_state", 2 * self._actuators, self._calc_desired, prerequisites_of_calc={self.discrete_state_ticket(state)}
-        )
-        self.DeclareVectorOutputPort(
-            "actuation", self._actuators, self._calc_actuation, prerequisites_of_calc={self._tau.ticket(), self._motor.ticket()}
-        )
-        self.DeclareVectorOutputPort(
-            "motor_torque",
-            n,
-            self._calc_motor_torque,
-            prerequisites_of_calc={self.discrete_state_ticket(state), self._motor.ticket()},
-        )
+        start = np.concatenate([arm.q0, np.zeros(self._m)])
+        state = self.DeclareDiscreteState(np.concatenate([start, start[self._arm_part], np.zeros(n)]))
+        self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
+        stored, moving = self.discrete_state_ticket(state), self._motor.ticket()
+        self.DeclareVectorOutputPort("torque", n, self._calc_torque, {self._tau.ticket(), moving})
+        self.DeclareVectorOutputPort("desired_state", 2 * n, self._calc_desired, {stored})
+        self.DeclareVectorOutputPort("gripper_desired_state", 2 * len(driven), self._calc_gripper, {stored})
+        self.DeclareVectorOutputPort("motor_torque", n, self._calc_motor_torque, {stored, moving})
 
     def _command(self, context: Context, held: Array) -> Array:
         """Where to go (n + g); `held` where there is no command."""
@@ -164,36 +159,32 @@ class ArmDriver(LeafSystem):
         return command
 
     def _feedforward(self, context: Context) -> Array:
-        """Gravity of the nominal arm and commanded torque (n + g)."""
-        u = np.zeros(self._m)
-        u[: self._n] = self._gravity.torque(self._motor.Eval(context)[: self._n])
+        """Gravity of the nominal arm and commanded torque (n)."""
+        torque = self._gravity.torque(self._motor.Eval(context)[: self._n])
         if self._tau.HasValue(context):
-            u[: self._n] += np.nan_to_num(self._tau.Eval(context), nan=0.0, posinf=0.0, neginf=0.0)
-        return u
+            torque = torque + np.nan_to_num(self._tau.Eval(context), nan=0.0, posinf=0.0, neginf=0.0)
+        return torque
 
     def _update(self, context: Context, discrete: DiscreteValues) -> None:
         x = context.get_discrete_state_vector().value()
         m = self._m
         q, v = x[:m], x[m : 2 * m]
         q_next, v_next = follow(q, v, self._command(context, q), self._speed_limit, self._dt)
-        discrete.set_value(np.concatenate([q_next, v_next, q, v, self._feedforward(context)]))
+        told = self._feedforward(context)
+        discrete.set_value(np.concatenate([q_next, v_next, x[self._arm_part], told]))
+
+    def _calc_torque(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._feedforward(context))
 
     def _calc_desired(self, context: Context, output: BasicVector) -> None:
-        x = context.get_discrete_state_vector().value()
-        desired = np.zeros(2 * self._actuators)
-        desired[self._slots] = x[: self._m]
-        desired[self._actuators + self._slots] = x[self._m : 2 * self._m]
-        output.SetFromVector(desired)
+        output.SetFromVector(context.get_discrete_state_vector().value()[self._arm_part])
 
-    def _calc_actuation(self, context: Context, output: BasicVector) -> None:
-        actuation = np.zeros(self._actuators)
-        actuation[self._slots] = self._feedforward(context)
-        output.SetFromVector(actuation)
+    def _calc_gripper(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(context.get_discrete_state_vector().value()[self._finger_part])
 
     def _calc_motor_torque(self, context: Context, output: BasicVector) -> None:
         # The plant's controllers are implicit: they act on the state at the end of the step, which is the state now.
-        m = self._m
-        q_d, v_d, u = context.get_discrete_state_vector().value()[2 * m :].reshape(3, m)
-        now = self._motor.Eval(context)
-        torque = self._stiffness * (q_d - now[:m]) + self._damping * (v_d - now[m:]) + u
-        output.SetFromVector(np.clip(torque, -self._limit, self._limit)[: self._n])
+        q_d, v_d, feedforward = context.get_discrete_state_vector().value()[2 * self._m :].reshape(3, self._n)
+        q, v = self._motor.Eval(context)[self._arm_part].reshape(2, self._n)
+        torque = self._stiffness * (q_d - q) + self._damping * (v_d - v) + feedforward
+        output.SetFromVector(np.clip(torque, -self._limit, self._limit))

@@ -1,7 +1,8 @@
-"""Objects that are pushed along a path: a carriage with joints x, y and yaw under each, and the system that drives it."""
+"""Objects that are pushed along a path: a carriage with joints x, y and yaw under each, and what drives it."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Final
 
@@ -49,7 +50,7 @@ class Path:
             ScenarioError: times do not increase, or the object would leave its plane.
         """
         times = [w.time for w in waypoints]
-        for i, (earlier, later) in enumerate(zip(times[:-1], times[1:], strict=True)):
+        for i, (earlier, later) in enumerate(itertools.pairwise(times)):
             if not later > earlier:
                 raise ScenarioError(f"{field}[{i + 1}].time", f"{later} is not after {earlier}")
         for i, waypoint in enumerate(waypoints):
@@ -57,14 +58,13 @@ class Path:
                 raise ScenarioError(f"{field}[{i}].X_WO", "translation and rpy have three numbers each")
         first = waypoints[0].X_WO
         for i, waypoint in enumerate(waypoints):
-            pose = waypoint.X_WO
-            if abs(pose.translation[2] - first.translation[2]) > 1e-6 or not np.allclose(pose.rpy[:2], first.rpy[:2], atol=1e-6):
-                raise ScenarioError(f"{field}[{i}].X_WO", "an object is pushed in x, y and yaw alone; z, roll and pitch stay")
+            fixed, still = ([p.translation[2], *p.rpy[:2]] for p in (waypoint.X_WO, first))
+            if not np.allclose(fixed, still, rtol=0, atol=1e-6):
+                raise ScenarioError(f"{field}[{i}].X_WO", "it is pushed in x, y and yaw alone; z, roll and pitch stay")
         self.z = float(first.translation[2])
         self.rpy = np.array(first.rpy)
         yaw = np.unwrap([w.X_WO.rpy[2] for w in waypoints])
-        points = np.vstack([[w.X_WO.translation[:2] for w in waypoints], np.zeros((0, 2))]).T
-        self.points = np.vstack([points, yaw])
+        self.points = np.vstack([np.array([w.X_WO.translation[:2] for w in waypoints]).T, yaw])
         self.start = np.array(self.points[:, 0])
         self._times = times
         if len(times) == 2:
@@ -84,7 +84,9 @@ class Path:
         return self._curve.value(time)[:, 0], self._curve.EvalDerivative(time, 1)[:, 0]
 
 
-def add_carriage(plant: MultibodyPlant, instance: ModelInstanceIndex, name: str, path: Path, body: RigidBody) -> list[JointActuator]:
+def add_carriage(
+    plant: MultibodyPlant, instance: ModelInstanceIndex, name: str, path: Path, body: RigidBody
+) -> list[JointActuator]:
     """Puts a free body on a carriage that stands at the start of its path.
 
     Args:

@@ -64,7 +64,8 @@ def expected(arm_size: int, gripper_size: int, camera: str | None) -> tuple[dict
         camera: the camera's name, or None.
     """
     inputs = {POSITION_COMMANDED: arm_size, TORQUE_COMMANDED: arm_size}
-    outputs = {POSITION_MEASURED: arm_size, VELOCITY_ESTIMATED: arm_size, TORQUE_MEASURED: arm_size, MEASUREMENT_TIME: 1}
+    outputs = dict.fromkeys((POSITION_MEASURED, VELOCITY_ESTIMATED, TORQUE_MEASURED), arm_size)
+    outputs[MEASUREMENT_TIME] = 1
     if gripper_size:
         inputs[GRIPPER_COMMANDED] = gripper_size
         outputs[GRIPPER_MEASURED] = 2 * gripper_size
@@ -79,9 +80,10 @@ def check(station: Diagram, arm_size: int, gripper_size: int, camera: str | None
     Raises:
         StationError: a port is missing, surplus or of the wrong size; the message names it.
     """
+    inputs, outputs = expected(arm_size, gripper_size, camera)
     for kind, wanted, ports in (
-        ("input", expected(arm_size, gripper_size, camera)[0], [station.get_input_port(i) for i in range(station.num_input_ports())]),
-        ("output", expected(arm_size, gripper_size, camera)[1], [station.get_output_port(i) for i in range(station.num_output_ports())]),
+        ("input", inputs, [station.get_input_port(i) for i in range(station.num_input_ports())]),
+        ("output", outputs, [station.get_output_port(i) for i in range(station.num_output_ports())]),
     ):
         found = {port.get_name(): int(port.size()) for port in ports if not port.get_name().startswith(TRUTH)}
         for name in wanted.keys() - found.keys():

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
+from twin_diagram.effects import connect
 from twin_diagram.scenario import Scenario
 from twin_diagram.station import ports
 from twin_diagram.station.arm_sensors import ArmSensors
@@ -39,8 +39,8 @@ class SimStation(Diagram):
         - truth.query_object
         - truth.contact_results
 
-    Commands may stay unconnected: the arm then holds its pose. The arm's messages come at ``twin.driver.rate``; images are captured
-    at k / rate and delivered ``twin.camera.latency`` later.
+    Commands may stay unconnected: the arm then holds its pose. The arm's messages come at ``twin.driver.rate``; images
+    are captured at k / rate and delivered ``twin.camera.latency`` later.
 
     Attributes:
         world: what the world consists of. For scores, plots and tests alone; no part of a twin may hold it.
@@ -61,21 +61,20 @@ class SimStation(Diagram):
         world = build_world(builder, scenario)
         self.world = world
         plant, arm = world.plant, world.arm
-        joints = [*arm.joints, *arm.fingers]
+        n, g = len(arm.joints), len(arm.fingers)
 
-        fingers0 = np.array([finger.default_positions()[0] for finger in arm.fingers])
-        state = builder.AddNamedSystem("true_state", TrueState(plant, joints, arm.joints))
+        state = builder.AddNamedSystem("true_state", TrueState(plant, arm))
         builder.Connect(plant.get_state_output_port(), state.get_input_port())
-        driver = builder.AddNamedSystem("arm_driver", ArmDriver(plant, arm, NominalGravity(scenario), fingers0))
+        driver = builder.AddNamedSystem("arm_driver", ArmDriver(arm, NominalGravity(scenario), plant.time_step()))
+        motors = connect(builder, plant, arm.arm, arm.effects)
         builder.Connect(state.GetOutputPort("motor_state"), driver.GetInputPort("motor_state"))
-        builder.Connect(driver.GetOutputPort("desired_state"), plant.get_desired_state_input_port(arm.instance))
-        builder.Connect(driver.GetOutputPort("actuation"), plant.get_actuation_input_port(arm.instance))
-        sensors = builder.AddNamedSystem(
-            "arm_sensors",
-            ArmSensors(
-                len(arm.joints), len(arm.fingers), scenario.world.arm_defects, scenario.twin.driver.rate, scenario.seed
-            ),
-        )
+        builder.Connect(driver.GetOutputPort("torque"), motors.torque)
+        builder.Connect(driver.GetOutputPort("desired_state"), motors.desired_state)
+        builder.Connect(driver.GetOutputPort("gripper_desired_state"), motors.gripper_desired_state)
+        # The log of `connect` reads the plant's net actuation, which adds up all actuators of a joint, so that friction
+        # would count as the motor's torque; the driver knows what its motors gave.
+        defects, rate = scenario.world.arm_defects, scenario.twin.driver.rate
+        sensors = builder.AddNamedSystem("arm_sensors", ArmSensors(n, g, defects, rate, scenario.seed))
         builder.Connect(state.GetOutputPort("motor_state"), sensors.GetInputPort("motor_state"))
         builder.Connect(driver.GetOutputPort("motor_torque"), sensors.GetInputPort("motor_torque"))
         if world.carriages is not None:
@@ -88,7 +87,7 @@ class SimStation(Diagram):
         builder.ExportOutput(sensors.GetOutputPort("velocity_estimated"), ports.VELOCITY_ESTIMATED)
         builder.ExportOutput(sensors.GetOutputPort("torque_measured"), ports.TORQUE_MEASURED)
         builder.ExportOutput(sensors.GetOutputPort("measurement_time"), ports.MEASUREMENT_TIME)
-        if arm.fingers:
+        if g:
             builder.ExportInput(driver.GetInputPort("gripper_commanded"), ports.GRIPPER_COMMANDED)
             builder.ExportOutput(sensors.GetOutputPort("gripper_measured"), ports.GRIPPER_MEASURED)
         camera = scenario.twin.camera
@@ -105,4 +104,4 @@ class SimStation(Diagram):
         builder.ExportOutput(plant.get_contact_results_output_port(), ports.CONTACT_RESULTS)
         builder.BuildInto(self)
         self.set_name("station")
-        ports.check(self, len(arm.joints), len(arm.fingers), camera.name if camera else None)
+        ports.check(self, n, g, camera.name if camera else None)

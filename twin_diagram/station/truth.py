@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 from pydrake.common.value import Value
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, Joint
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from twin_diagram.effects import measured_position
 from twin_diagram.signals import POSE_SIZE
+from twin_diagram.station.arm_plant import ArmPlant
 
 
 class TrueState(LeafSystem):
@@ -26,23 +29,36 @@ class TrueState(LeafSystem):
         - motor_state
         - arm_state
 
-    `motor_state` (2(n + g)) positions then speeds of arm and finger motors; `arm_state` (2n) those of the arm's joints. They
-    differ where a joint is elastic. No latency.
+    `motor_state` (2(n + g)): positions, then speeds of the arm's and the fingers' motors, as encoders without noise would
+    read them; `arm_state` (2n): those of the arm's joints themselves. They differ by encoder offsets. No latency.
     """
 
-    def __init__(self, plant: MultibodyPlant, motors: Sequence[Joint], joints: Sequence[Joint]) -> None:
-        """Builds it for a finalized plant; one joint for each motor, then one for each arm joint."""
+    def __init__(self, plant: MultibodyPlant, arm: ArmPlant) -> None:
+        """Builds it for a finalized plant."""
         super().__init__()
+        self._effects, self._joints = arm.effects, arm.arm.joints
+        n = len(arm.joints)
+        self._n = n
+        self._all = _indices(plant, [*arm.joints, *arm.fingers])
+        self._arm = _indices(plant, arm.joints)
         self._state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
-        for name, selected in (("motor_state", motors), ("arm_state", joints)):
-            index = np.array(
-                [j.position_start() for j in selected] + [plant.num_positions() + j.velocity_start() for j in selected]
-            )
+        ticket = {self._state.ticket()}
+        self.DeclareVectorOutputPort("motor_state", len(self._all), self._calc_motors, ticket)
+        self.DeclareVectorOutputPort("arm_state", len(self._arm), self._calc_arm, ticket)
 
-            def calc(context: Context, output: BasicVector, index: np.ndarray = index) -> None:
-                output.SetFromVector(self._state.Eval(context)[index])
+    def _calc_motors(self, context: Context, output: BasicVector) -> None:
+        state = self._state.Eval(context)[self._all]
+        state[: self._n] = measured_position(self._effects, self._joints, state[: self._n])
+        output.SetFromVector(state)
 
-            self.DeclareVectorOutputPort(name, len(index), calc, prerequisites_of_calc={self._state.ticket()})
+    def _calc_arm(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._state.Eval(context)[self._arm])
+
+
+def _indices(plant: MultibodyPlant, joints: Sequence[Joint]) -> npt.NDArray[np.int64]:
+    """Where joints' positions, then their speeds stand in a plant's state."""
+    nq = plant.num_positions()
+    return np.array([j.position_start() for j in joints] + [nq + j.velocity_start() for j in joints], dtype=np.int64)
 
 
 class TruePoses(LeafSystem):

@@ -101,7 +101,7 @@ def _populate(plant: MultibodyPlant, scene_graph: SceneGraph, scenario: Scenario
         add_carriage(plant, carriages, name, path, bodies[name])
     plant.Finalize()
     # What is moved on a carriage needs no table to stand on, and the arm's base stands in it.
-    standing = [*arm.root_bodies, *(bodies[name] for name in paths)]
+    standing = [plant.get_body(arm.arm.base), *(bodies[name] for name in paths)]
     unmet = GeometrySet([g for body in standing for g in plant.GetCollisionGeometriesForBody(body)])
     still = GeometrySet([g for body in fixtures for g in plant.GetCollisionGeometriesForBody(body)])
     scene_graph.collision_filter_manager().Apply(CollisionFilterDeclaration().ExcludeBetween(unmet, still))
@@ -121,18 +121,18 @@ def _add_fixtures(plant: MultibodyPlant, scenario: Scenario) -> list[RigidBody]:
     for i, fixture in enumerate(scenario.world.fixtures):
         field_name = f"world.fixtures[{i}]"
         try:
-            instances = add_model(plant, fixture.model, scenario.packages, prefix=f"fixture{i}")
-            weld_roots(plant, instances, transform(fixture.X_WB, "X_WB"))
+            instances = add_model(plant, f"fixture{i}", scenario.packages, fixture.model)
         except ModelError as error:
-            raise ScenarioError(field_name, str(error)) from error
+            raise ScenarioError(f"{field_name}.model", str(error)) from error
+        weld_roots(plant, instances, transform(fixture.X_WB, f"{field_name}.X_WB"))
         bodies += [plant.get_body(b) for instance in instances for b in plant.GetBodyIndices(instance)]
     return bodies
 
 
 def _add_object(plant: MultibodyPlant, name: str, spec: WorldObject, scenario: Scenario) -> RigidBody:
     file = object_model(name, spec, scenario)
-    instances = add_model(plant, str(file), scenario.packages, prefix=f"object_{name}")
-    if len(instances) != 1 or plant.num_bodies() == 0 or not plant.HasBodyNamed("object", instances[0]):
+    instances = add_model(plant, name, scenario.packages, str(file))
+    if len(instances) != 1 or not plant.HasBodyNamed("object", instances[0]):
         raise AssetError(f"world.objects.{name}.asset: {file} is not one model with one link called `object`")
     return plant.GetBodyByName("object", instances[0])
 
