@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
-from twin_diagram import scenario
+from twin_diagram import scenario, timing
 from twin_diagram.scene import track
 from twin_diagram.scene.twin_scene import TwinScene, parked_poses
 from twin_diagram.signals import MEASUREMENT_SIZE, NEVER, TRACK_SIZE, Array, ObjectStatus, PoseMeasurement
@@ -55,7 +55,7 @@ class SceneGraphUpdater(LeafSystem):
         self.set_name("scene_graph_updater")
         self._tuning: Final = track.Tuning.of(params)
         self._axes_O: Final = scene.symmetry_axes_O
-        self._symmetric: Final[npt.NDArray[np.bool_]] = scene.symmetry_axes_O.any(axis=1)
+        self._symmetric: Final[npt.NDArray[np.bool_]] = scene.symmetry_axes_O[:, 2] != 0
         self._arm_index: Final = scene.arm_position_index
         self._gripper_index: Final = scene.gripper_position_index
         self._object_index: Final = scene.object_position_index
@@ -76,6 +76,7 @@ class SceneGraphUpdater(LeafSystem):
         self.DeclareStateOutputPort("tracks", self._tracks)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / params.rate, 0.0, self._tick)
 
+    @timing.timed("SceneGraphUpdater")
     def _tick(self, context: Context, discrete: DiscreteValues) -> None:
         now = context.get_time()
         filters = np.array(context.get_discrete_state(int(self._filters)).value()).reshape(self._count, -1)
