@@ -51,7 +51,9 @@ lint: install-test
 
 .PHONY: typecheck
 typecheck: install-test
-	$(PY) -m mypy
+	if $(PY) -c 'import sys; sys.exit(sys.version_info >= (3, 11))'; then \
+		echo "mypy: left out on CPython 3.10, whose last NumPy types arrays' shapes in a way that later ones gave up"; \
+	else $(PY) -m mypy; fi
 
 .PHONY: pytest
 pytest: install-test

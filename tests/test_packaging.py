@@ -124,8 +124,9 @@ LAYERS = (
     {"scenario", "scenario_file", "logs", "effects", "assets", "description", "rigid_tree"},
     {"model"},
     {"prediction"},
-    {"station", "perception", "estimation", "scene", "planning", "gap", "looking"},
-    {"diagram", "score", "run", "session"},
+    {"station", "perception", "estimation", "scene", "planning", "gap"},
+    {"looking"},
+    {"diagram", "score", "run", "trial", "variation"},
     {"cli"},
     {"__main__"},
 )
