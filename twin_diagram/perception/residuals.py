@@ -217,9 +217,9 @@ def unexplained(model: ModelCloud, points_W: Array, poses: Poses, reach: float, 
     K = -skew(r)
     w_point = share * w
     block = np.concatenate([K, np.broadcast_to(np.eye(3), K.shape)], axis=2)
-    weighted = block * w_point[:, None, None]
-    H += np.einsum("nki,nkj->ij", weighted, block)
-    b += np.einsum("nki,nk->i", weighted, tangent)
+    weighted = (block * w_point[:, None, None]).reshape(-1, 6).T
+    H += weighted @ block.reshape(-1, 6)
+    b += weighted @ tangent.ravel()
     return Normal(H[None], b[None])
 
 
@@ -239,11 +239,13 @@ class Fit:
     points: Array
 
 
-def assess(model: ModelCloud, frame: Frame, poses: Poses, count: int, level: int = FINE) -> Fit:
-    """Compares poses with the image."""
+def assess(
+    model: ModelCloud, frame: Frame, poses: Poses, count: int, level: int = FINE, slack: float = 0.003
+) -> Fit:
+    """Compares poses with the image; a surface point is in place within `slack` [m] and three times the noise."""
     looked = look(model, frame, poses, count, level)
     sigma = np.hypot(DEPTH_NOISE * looked.z**2, MODEL_NOISE)
-    tolerance = 0.003 + 3.0 * sigma
+    tolerance = slack + 3.0 * sigma
     in_place = looked.seen & (np.abs(looked.distance) < tolerance) & (np.abs(looked.deeper) < 0.03)
     hidden = looked.seen & ~in_place & (looked.deeper < 0)
     behind = looked.seen & ~in_place & ~hidden
