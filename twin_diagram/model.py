@@ -157,7 +157,7 @@ class Model:
         """
         total = self.joint_load(self.true_position(q), v, a, tau)
         for effect in reversed(self._laws):
-            total = effect.logged(self, total)
+            total = effect.logged(self.joints, total)
         return total
 
     def mass_matrix(self, q: Array) -> Array:
@@ -230,13 +230,13 @@ class Model:
     def applied(self, tau: Array) -> Array:
         """The torque (…, n) that reaches the joints when `tau` is logged."""
         for effect in self._laws:
-            tau = effect.applied(self, tau)
+            tau = effect.applied(self.joints, tau)
         return tau
 
     def true_position(self, q: Array) -> Array:
         """The joint positions (…, n) when `q` is measured."""
         for effect in self._laws:
-            q = effect.true_position(self, q)
+            q = effect.true_position(self.joints, q)
         return q
 
     def _rigid(self, q: Array, v: Array, a: Array) -> Array:

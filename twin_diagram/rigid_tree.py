@@ -285,6 +285,23 @@ def inertia_vector(M_BBo: SpatialInertia, X_MB: RigidTransform) -> Array:
     return np.concatenate([[mass], mass * centre, np.diag(tensor), [tensor[0, 1], tensor[0, 2], tensor[1, 2]]])
 
 
+def transform_inertia(X_ML: RigidTransform) -> Array:
+    """(10, 10): turns inertial parameters in frame L into those in frame M, linearly."""
+    R: Any = X_ML.rotation().matrix()
+    p: Any = X_ML.translation()
+    result = np.zeros((10, 10))
+    for k in range(10):
+        unit = np.eye(10)[k]
+        mass, h = unit[0], R @ unit[1:4]
+        xx, yy, zz, xy, xz, yz = unit[4:]
+        tensor = R @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R.T
+        s = 2.0 * h + mass * p
+        tensor = tensor + p @ s * np.eye(3) - 0.5 * (np.outer(p, s) + np.outer(s, p))
+        diagonal, others = np.diag(tensor), [tensor[0, 1], tensor[0, 2], tensor[1, 2]]
+        result[:, k] = np.concatenate([[mass], h + mass * p, diagonal, others])
+    return result
+
+
 def is_whole(plant: MultibodyPlant) -> bool:
     """Whether gravity, dampers and joint springs are all the forces that a plant holds, as in `RigidTree`."""
     known = (UniformGravityFieldElement, RevoluteSpring, PrismaticSpring)

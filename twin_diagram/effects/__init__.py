@@ -5,6 +5,35 @@ Importing this package registers every effect that comes along; a user's own nee
 
 from __future__ import annotations
 
-from twin_diagram.effects.effect import REGISTRY, Effect, Parameter, ParameterKind, RigidChange, make, register
+from twin_diagram.effects import actuation, environment, friction, inertia, transmission
+from twin_diagram.effects.effect import (
+    REGISTRY,
+    Effect,
+    Fitting,
+    Parameter,
+    ParameterKind,
+    RigidChange,
+    make,
+    register,
+)
+from twin_diagram.effects.realisation import Motors, add_to_plant, connect, measured_position
 
-__all__ = ["REGISTRY", "Effect", "Parameter", "ParameterKind", "RigidChange", "make", "register"]
+__all__ = [
+    "REGISTRY",
+    "Effect",
+    "Fitting",
+    "Motors",
+    "Parameter",
+    "ParameterKind",
+    "RigidChange",
+    "actuation",
+    "add_to_plant",
+    "connect",
+    "environment",
+    "friction",
+    "inertia",
+    "make",
+    "measured_position",
+    "register",
+    "transmission",
+]

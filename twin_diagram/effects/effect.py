@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, ClassVar, TypeVar
 import numpy as np
 import numpy.typing as npt
 from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import PdControllerGains
 
 from twin_diagram.errors import ModelError
 from twin_diagram.scenario import EffectSpec
@@ -92,6 +93,34 @@ class RigidChange:
     damping: dict[str, float] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class Fitting:
+    """An actuator beside the motor, by which a discrete plant realises an effect implicitly.
+
+    It gives −stiffness (q − rest) − damping v + torque + curve(q), held within ±limit; the first two are solved for
+    together with the step, so that they are stable at any step.
+
+    Attributes:
+        name: of the actuator.
+        joint: that it drives.
+        limit: largest torque [N·m].
+        stiffness: [N·m/rad].
+        damping: [N·m·s/rad].
+        rest: [rad].
+        torque: constant [N·m].
+        curve: torque [N·m] for an angle [rad], explicit in time: keep its slope times step² below the joint's inertia.
+    """
+
+    name: str
+    joint: str
+    limit: float = math.inf
+    stiffness: float = 0.0
+    damping: float = 0.0
+    rest: float = 0.0
+    torque: float = 0.0
+    curve: Callable[[float], float] | None = None
+
+
 class Effect:
     """One named physical phenomenon that the given model lacks.
 
@@ -99,9 +128,10 @@ class Effect:
 
     - `torque`: what the motor must give in addition because of a load on the joint (friction, payload, spring);
     - `applied` and `logged`: what becomes of the logged torque before it reaches the joint (bias, gain, saturation);
-    - `true_position`: what the encoder's reading means (offset).
+    - `true_position` and `measured_position`: what the encoder's reading means (offset).
 
-    and how they are realised in a discrete plant by `before_finalize`, `after_finalize` and `motors`.
+    A law that depends on acceleration must also be a `change` of the rigid model (`folds`), for integrators to know.
+    `fittings` tells how they are realised in a discrete plant, and `before_finalize` where that is not enough.
 
     Attributes:
         name: of the catalogue.
@@ -116,7 +146,7 @@ class Effect:
     kinds: ClassVar[Mapping[str, ParameterKind]] = {}
     per_joint: ClassVar[bool] = True
     folds: ClassVar[bool] = False
-    """Whether `change` holds all of it, so that `torque` need not be added to the changed rigid model."""
+    """Whether `change` holds all of its torque, which is then not added a second time."""
     dry: ClassVar[bool] = False
     """Whether its torque is dry friction, of which `friction_level` tells the bound."""
 
@@ -178,14 +208,16 @@ class Effect:
         """A parameter's value."""
         return self.parameters[key].value
 
-    def with_values(self, **values: Sequence[float] | Array | float) -> Effect:
-        """The same effect with other values of some parameters; bounds are checked."""
+    def with_values(self, values: Mapping[str, Sequence[float] | Array], *, check: bool = True) -> Effect:
+        """The same effect with other values of some parameters; bounds are checked unless told otherwise."""
         parameters = dict(self.parameters)
         for key, value in values.items():
-            checked = Parameter.of(self.kinds[key], np.atleast_1d(value), f"effects.{self.name}.{key}")
-            parameters[key] = replace(parameters[key], value=checked.value) if key in parameters else checked
+            where = f"effects.{self.name}.{key}"
+            value = Parameter.of(self.kinds[key], value, where).value if check else np.array(value, dtype=float)
+            parameters[key] = replace(parameters[key], value=value)
         result = type(self)(self.joints, self.links, parameters)
-        result.check()
+        if check:
+            result.check()
         return result
 
     def vector(self) -> Array:
@@ -193,14 +225,14 @@ class Effect:
         free = [parameter.value for parameter in self.parameters.values() if not parameter.frozen]
         return np.concatenate(free) if free else np.zeros(0)
 
-    def with_vector(self, vector: Array) -> Effect:
+    def with_vector(self, vector: Array, *, check: bool = True) -> Effect:
         """The inverse of `vector`."""
         values, start = {}, 0
         for key, parameter in self.parameters.items():
             if not parameter.frozen:
                 values[key] = vector[start : start + len(parameter.value)]
                 start += len(parameter.value)
-        return self.with_values(**values)
+        return self.with_values(values, check=check)
 
     # The smooth laws.
 
@@ -220,19 +252,24 @@ class Effect:
         del model, v, a, tau
         return np.zeros_like(q)
 
-    def applied(self, model: Model, tau: Array) -> Array:
-        """The torque (…, n) that reaches the joints when `tau` is logged."""
-        del model
+    def applied(self, joints: Sequence[str], tau: Array) -> Array:
+        """The torque (…, n) that reaches the joints of an arm when `tau` is logged."""
+        del joints
         return tau
 
-    def logged(self, model: Model, tau: Array) -> Array:
+    def logged(self, joints: Sequence[str], tau: Array) -> Array:
         """The inverse of `applied`."""
-        del model
+        del joints
         return tau
 
-    def true_position(self, model: Model, q: Array) -> Array:
-        """The joint positions (…, n) when `q` is measured."""
-        del model
+    def true_position(self, joints: Sequence[str], q: Array) -> Array:
+        """The positions (…, n) of an arm's joints when `q` is measured."""
+        del joints
+        return q
+
+    def measured_position(self, joints: Sequence[str], q: Array) -> Array:
+        """The inverse of `true_position`."""
+        del joints
         return q
 
     def change(self, model: Model) -> RigidChange:
@@ -245,10 +282,34 @@ class Effect:
         del model, v, tau
         return np.zeros_like(q), np.zeros_like(q)
 
+    def sensitivity(self, model: Model, q: Array, v: Array, a: Array, tau: Array) -> Array:
+        """Derivative (N, n, p) of the logged torque with respect to `vector`, by central differences."""
+        theta = self.vector()
+        result = np.empty((*q.shape, len(theta)))
+        for k, value in enumerate(theta):
+            step = 1e-6 * max(1.0, abs(value))
+            sides = []
+            for sign in (1.0, -1.0):
+                moved = theta.copy()
+                moved[k] += sign * step
+                effect = self.with_vector(moved, check=False)
+                sides.append(effect.logged(model.joints, tau + effect.torque(model, q, v, a, tau)))
+            result[..., k] = (sides[0] - sides[1]) / (2.0 * step)
+        return result
+
     # The realisation in a simulator.
 
+    def fittings(self) -> list[Fitting]:
+        """The actuators that realise it in a discrete plant."""
+        return []
+
     def before_finalize(self, plant: MultibodyPlant, arm: Arm) -> None:
-        """Adds bodies, actuators or dampers to a discrete plant that is not finalized."""
+        """Changes a discrete plant that is not finalized; the default adds the actuators of `fittings`."""
+        for fitting in self.fittings():
+            joint = plant.get_joint(arm.joint_indices[arm.joints.index(fitting.joint)])
+            actuator = plant.AddJointActuator(fitting.name, joint, fitting.limit)
+            if fitting.stiffness > 0.0 or fitting.damping > 0.0:
+                actuator.set_controller_gains(PdControllerGains(p=fitting.stiffness, d=fitting.damping))
 
     def after_finalize(self, plant: MultibodyPlant, arm: Arm) -> None:
         """Sets what can only be set on a finalized plant."""
@@ -257,14 +318,14 @@ class Effect:
         """Says itself."""
         return f"{self.name.replace('_', ' ')} on {', '.join(self.joints or self.links)}"
 
-    def columns(self, model: Model) -> npt.NDArray[np.int64]:
-        """Its joints' columns in the model's arrays."""
-        return np.array([model.joints.index(joint) for joint in self.joints], dtype=np.int64)
+    def columns(self, joints: Sequence[str]) -> npt.NDArray[np.int64]:
+        """Its joints' columns in the arrays of an arm."""
+        return np.array([joints.index(joint) for joint in self.joints], dtype=np.int64)
 
-    def spread(self, model: Model, values: Array) -> Array:
-        """A value per joint of this effect as (n,), zero on the other joints."""
-        result = np.zeros(len(model.joints))
-        result[self.columns(model)] = values
+    def spread(self, joints: Sequence[str], values: Array) -> Array:
+        """A value per joint of this effect as (n,), zero on the arm's other joints."""
+        result = np.zeros(len(joints))
+        result[self.columns(joints)] = values
         return result
 
     def __repr__(self) -> str:
@@ -291,6 +352,3 @@ def make(spec: EffectSpec) -> Effect:
     if spec.name not in REGISTRY:
         raise ModelError(f"effects: no effect is called {spec.name!r}; there are {', '.join(sorted(REGISTRY))}")
     return REGISTRY[spec.name].from_spec(spec)
-
-
-Law = Callable[["Model", Array, Array, Array, Array], Array]

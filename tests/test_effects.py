@@ -1,0 +1,267 @@
+"""Effects: torque law and discrete realisation agree; bad parameters are refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.multibody.tree import PdControllerGains
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import LogVectorOutput
+
+from twin_diagram import effects, scenario
+from twin_diagram.description import add_arm
+from twin_diagram.errors import ModelError
+from twin_diagram.model import Model
+from twin_diagram.scenario import EffectSpec
+
+ARM = "arms/panda.urdf"
+JOINTS = [f"panda_joint{i + 1}" for i in range(7)]
+HOME = np.array([0.1, -0.4, 0.2, -1.9, 0.1, 1.6, 0.3])
+
+EFFECTS = {
+    "viscous_friction": EffectSpec("viscous_friction", ["panda_joint2", "panda_joint6"], [], {"damping": [4.0, 1.5]}),
+    "coulomb_friction": EffectSpec("coulomb_friction", ["panda_joint4", "panda_joint7"], [], {"torque": [6.0, 1.0]}),
+    "coulomb_friction two-sided": EffectSpec(
+        "coulomb_friction", ["panda_joint4"], [], {"torque_positive": [5.0], "torque_negative": [2.0]}
+    ),
+    "payload": EffectSpec("payload", [], [], {"mass": [1.7], "com": [0.05, -0.02, 0.1]}),
+    "payload on link 4": EffectSpec("payload", [], ["panda_link4"], {"mass": [2.0], "com": [0.1, 0.0, 0.0]}),
+    "reflected_inertia": EffectSpec("reflected_inertia", ["panda_joint1", "panda_joint5"], [], {"inertia": [0.7, 0.2]}),
+    "torque_bias": EffectSpec("torque_bias", ["panda_joint3"], [], {"torque": [-2.5]}),
+    "joint_spring": EffectSpec("joint_spring", ["panda_joint2"], [], {"stiffness": [300.0], "rest_angle": [-0.2]}),
+    "joint_spring curve": EffectSpec(
+        "joint_spring", ["panda_joint2"], [], {"curve": [-1.5, -0.5, -0.2, 0.5, -20.0, -5.0, 10.0, 12.0]}
+    ),
+    "gravity_tilt": EffectSpec("gravity_tilt", [], [], {"roll": [0.06], "pitch": [-0.09]}),
+}
+
+
+class Signal(LeafSystem):
+    """Any function of time as a vector."""
+
+    def __init__(self, function: Callable[[float], Any], size: int) -> None:
+        super().__init__()
+
+        def calc(context: Context, output: BasicVector) -> None:
+            output.SetFromVector(function(context.get_time()))
+
+        self.DeclareVectorOutputPort("value", size, calc, {self.time_ticket()})
+
+
+def reference(t: float) -> tuple[np.ndarray, np.ndarray]:
+    k = np.arange(1, 8)
+    amplitude = 0.35 - 0.02 * k
+    w = 2.0 + 0.7 * k
+    return HOME + amplitude * np.sin(w * t), amplitude * w * np.cos(w * t)
+
+
+def simulate(
+    specs: list[EffectSpec], dt: float, duration: float = 1.0, *, follow: bool = True
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A discrete plant with effects that follows the reference; answers steps of q, v and the torque logged in each."""
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, dt)
+    arm = add_arm(plant, scenario.ArmModel(model=ARM, tool_frame="", effects=specs))
+    fitted = effects.add_to_plant(plant, arm)
+    for index in arm.actuator_indices:
+        plant.get_joint_actuator(index).set_controller_gains(PdControllerGains(p=2000.0 * follow, d=80.0 * follow))
+        plant.get_joint_actuator(index).set_effort_limit(1e4)
+    plant.Finalize()
+    motors = effects.connect(builder, plant, arm, fitted)
+    desired = builder.AddSystem(Signal(lambda t: np.concatenate(reference(t)), 14))
+    torque = builder.AddSystem(Signal(lambda t: 3.0 * np.sin(5.0 * t + np.arange(7)), 7))
+    builder.Connect(desired.get_output_port(), motors.desired_state)
+    builder.Connect(torque.get_output_port(), motors.torque)
+    state_log = LogVectorOutput(plant.get_state_output_port(arm.instances[0]), builder, dt)
+    torque_log = LogVectorOutput(motors.torque_logged, builder, dt)
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    context = simulator.get_mutable_context()
+    q, v = reference(0.0)
+    plant.SetPositions(plant.GetMyMutableContextFromRoot(context), arm.instances[0], q)
+    plant.SetVelocities(plant.GetMyMutableContextFromRoot(context), arm.instances[0], v * follow)
+    simulator.AdvanceTo(duration)
+    states = state_log.FindLog(context).data().T
+    torques = torque_log.FindLog(context).data().T
+    # Sampled outputs show the state before the step that ends now, and the actuation that was applied in it.
+    return states[:, :7], states[:, 7:], torques
+
+
+def realised(specs: list[EffectSpec], dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Torque that the effects cost in the discrete plant, what their law says, and the speeds; each (steps, 7).
+
+    A step is M(q_k) (v_{k+1} − v_k)/dt + loads = τ: rigid loads are those of its start, brakes, dampers and springs
+    (all that the plant solves for) those of its end.
+    """
+    q, v, tau = simulate(specs, dt)
+    model = Model.load(scenario.ArmModel(model=ARM, tool_frame="", effects=specs))
+    a = (v[1:] - v[:-1]) / dt
+    cost = tau[1:] - model.with_effects([]).inverse_dynamics(q[:-1], v[:-1], a)
+    at_start = all(e.name in ("payload", "torque_bias", "gravity_tilt") or "curve" in e.parameters for e in specs)
+    moment = slice(None, -1) if at_start else slice(1, None)
+    law = [
+        effect.logged(model.joints, effect.torque(model, q[moment], v[moment], a, tau[1:])) for effect in model.effects
+    ]
+    return cost[1:], np.sum(law, axis=0)[1:], v[2:]
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+@pytest.mark.parametrize("dt", [0.0005, 0.002, 0.004])
+def test_realisation_follows_the_law(name: str, dt: float) -> None:
+    cost, law, v = realised([EFFECTS[name]], dt)
+    size = np.sqrt(np.mean(law**2, axis=0)).max()
+    assert size > 0.5, "the effect must matter in the test"
+    moving = np.abs(v) > 0.02  # below, the smooth law of dry friction is rounded on purpose
+    error = np.abs(cost - law) * moving
+    assert np.max(error) < 1e-3 * size
+
+
+def test_dry_friction_holds_at_rest() -> None:
+    """Below its level the joint creeps by no more than the brake's damping lets it."""
+    spec = EffectSpec("coulomb_friction", JOINTS, [], {"torque": [100.0] * 7})
+    q, v, _ = simulate([spec], 0.002, duration=0.5, follow=False)
+    assert np.max(np.abs(v)) < 1e-4
+    assert np.max(np.abs(q[-1] - q[0])) < 1e-4
+
+
+def test_all_at_once() -> None:
+    specs = [EFFECTS[name] for name in ("payload", "viscous_friction", "reflected_inertia", "torque_bias")]
+    cost, law, _ = realised(specs, 0.0005)
+    assert np.sqrt(np.mean((cost - law) ** 2)) < 5e-3 * np.sqrt(np.mean(law**2))
+
+
+def test_logged_torque_is_the_plants_own_where_nothing_is_added() -> None:
+    """`Drive` works the motor's torque out again; without brakes the plant reports it."""
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, 0.002)
+    arm = add_arm(plant, scenario.ArmModel(model="arms/panda_hand.urdf"))
+    for index in (*arm.actuator_indices, *arm.gripper_actuator_indices):
+        plant.get_joint_actuator(index).set_controller_gains(PdControllerGains(p=900.0, d=30.0))
+    plant.Finalize()
+    motors = effects.connect(builder, plant, arm, ())
+    desired = builder.AddSystem(Signal(lambda t: np.concatenate(reference(10.0 * t)), 14))
+    fingers = builder.AddSystem(Signal(lambda t: [0.02 + 0.1 * t, 0.03, 0.1, 0.0], 4))
+    builder.Connect(desired.get_output_port(), motors.desired_state)
+    builder.Connect(fingers.get_output_port(), motors.gripper_desired_state)
+    logs = [
+        LogVectorOutput(port, builder, 0.002)
+        for port in (
+            motors.torque_logged,
+            motors.gripper_torque_logged,
+            plant.get_net_actuation_output_port(arm.instances[0]),
+        )
+    ]
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    simulator.AdvanceTo(0.1)
+    own, gripper, net = (log.FindLog(simulator.get_context()).data() for log in logs)
+    np.testing.assert_allclose(np.vstack([own, gripper]), net, atol=1e-9)
+    assert np.any(np.abs(own) >= 87.0 - 1e-9), "the test is to saturate a motor"
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_change_and_torque_are_the_same_law(name: str) -> None:
+    """What an effect folds into the rigid model is what its torque law says."""
+    rng = np.random.default_rng(1)
+    q, v, a = rng.normal(size=(3, 40, 7))
+    model = Model.load(scenario.ArmModel(model=ARM, tool_frame="", effects=[EFFECTS[name]]))
+    bare = model.with_effects([])
+    rigid = bare.inverse_dynamics(q, v, a)
+    effect = model.effects[0]
+    law = effect.logged(model.joints, rigid + effect.torque(model, q, v, a, rigid))
+    np.testing.assert_allclose(model.inverse_dynamics(q, v, a), law, atol=1e-10)
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_sensitivity(name: str) -> None:
+    rng = np.random.default_rng(2)
+    q, v, a = rng.normal(size=(3, 30, 7))
+    model = Model.load(scenario.ArmModel(model=ARM, tool_frame="", effects=[EFFECTS[name]]))
+    effect, tau = model.effects[0], np.zeros_like(q)
+    numeric = effects.Effect.sensitivity(effect, model, q, v, a, tau)
+    np.testing.assert_allclose(effect.sensitivity(model, q, v, a, tau), numeric, atol=1e-6)
+    assert numeric.shape == (30, 7, len(effect.vector()))
+    np.testing.assert_array_equal(effect.with_vector(effect.vector()).vector(), effect.vector())
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_spec_round_trip_and_sentence(name: str) -> None:
+    effect = effects.make(EFFECTS[name])
+    again = effects.make(effect.spec())
+    assert again.spec() == effect.spec()
+    assert len(effect.sentence()) > 10
+    assert all(joint in effect.sentence() for joint in effect.joints)
+
+
+@given(
+    st.floats(0.0, 1e4), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.sampled_from([2.0, 0.1])
+)
+def test_payload_is_never_unphysical(mass: float, x: float, y: float, z: float, scale: float) -> None:
+    vector = effects.inertia.point_mass(mass, scale * np.array([x, y, z]))
+    xx, yy, zz, xy, xz, yz = vector[4:]
+    tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    moments = np.linalg.eigvalsh(tensor)
+    assert moments[0] >= -1e-9 * (1.0 + mass)
+    assert moments[0] + moments[1] >= moments[2] - 1e-9 * (1.0 + mass)
+
+
+@given(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
+def test_curve_is_continuous_and_monotone(x: float, y: float) -> None:
+    spring = effects.make(EFFECTS["joint_spring curve"])
+    assert isinstance(spring, effects.transmission.JointSpring)
+    low, high = spring.curve()(np.array(sorted([x, y])))
+    assert low <= high + 1e-12
+    assert abs(high - low) <= 100.0 * abs(x - y) + 1e-12
+
+
+BAD = {
+    "no effect is called 'stiction'": EffectSpec("stiction", ["panda_joint1"], [], {}),
+    "effects.viscous_friction.damping: is missing": EffectSpec("viscous_friction", ["panda_joint1"], [], {}),
+    "within": EffectSpec("viscous_friction", ["panda_joint1"], [], {"damping": [-1.0]}),
+    "not finite": EffectSpec("torque_bias", ["panda_joint1"], [], {"torque": [float("nan")]}),
+    "needs 2 value": EffectSpec("viscous_friction", ["panda_joint1", "panda_joint2"], [], {"damping": [1.0]}),
+    "no such parameter": EffectSpec("viscous_friction", ["panda_joint1"], [], {"damp": [1.0]}),
+    "name the joints": EffectSpec("viscous_friction", [], [], {"damping": []}),
+    "named twice": EffectSpec("viscous_friction", ["panda_joint1"] * 2, [], {"damping": [1.0, 1.0]}),
+    "give `torque`": EffectSpec("coulomb_friction", ["panda_joint1"], [], {"torque_positive": [1.0]}),
+    "rising angles": EffectSpec("joint_spring", ["panda_joint1"], [], {"curve": [1.0, 0.0, 3.0, 4.0]}),
+    "a curve is one joint's": EffectSpec("joint_spring", JOINTS[:2], [], {"curve": [0.0, 1.0, 3.0, 4.0]}),
+    "no joint 'elbow'": EffectSpec("viscous_friction", ["elbow"], [], {"damping": [1.0]}),
+    "no link 'hook'": EffectSpec("payload", [], ["hook"], {"mass": [1.0]}),
+}
+
+
+@pytest.mark.parametrize("message", BAD)
+def test_bad_effects_are_refused(message: str) -> None:
+    with pytest.raises(ModelError, match=message):
+        Model.load(scenario.ArmModel(model=ARM, tool_frame="", effects=[BAD[message]]))
+
+
+def test_a_users_own_effect() -> None:
+    """One class and one registration line."""
+
+    class QuadraticDrag(effects.Effect):
+        name = "quadratic_drag_of_a_test"
+        kinds = {"coefficient": effects.ParameterKind("N·m·s²/rad²", lower=0.0)}  # noqa: RUF012
+
+        def torque(self, model: Model, q: Any, v: Any, a: Any, tau: Any) -> Any:
+            return self.spread(model.joints, self.value("coefficient")) * v * np.abs(v)
+
+    effects.register(QuadraticDrag)
+    try:
+        spec = EffectSpec("quadratic_drag_of_a_test", ["panda_joint1"], [], {"coefficient": [2.0]})
+        model = Model.load(scenario.ArmModel(model=ARM, tool_frame="", effects=[spec]))
+        v = np.full((30, 7), -3.0)
+        zero = np.zeros_like(v)
+        difference = model.inverse_dynamics(zero, v, zero) - model.with_effects([]).inverse_dynamics(zero, v, zero)
+        np.testing.assert_allclose(difference[:, 0], -18.0, rtol=1e-12)
+        assert not np.any(difference[:, 1:])
+    finally:
+        del effects.REGISTRY["quadratic_drag_of_a_test"]

@@ -1,0 +1,75 @@
+"""What the arm's surroundings do to it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import WeldJoint
+
+from twin_diagram.effects.effect import Effect, ParameterKind, register
+from twin_diagram.errors import ModelError
+
+if TYPE_CHECKING:
+    from twin_diagram.description import Arm
+    from twin_diagram.model import Model
+
+Array = npt.NDArray[np.float64]
+
+
+@register
+class GravityTilt(Effect):
+    """The base stands tilted: rolled about world x, then pitched about world y.
+
+    The model keeps the base at X_WB and turns gravity the other way, so that its W is the tilted base's; the simulator
+    tilts the base.
+    """
+
+    name: ClassVar[str] = "gravity_tilt"
+    kinds: ClassVar[Mapping[str, ParameterKind]] = {
+        "roll": ParameterKind("rad", lower=-np.pi, upper=np.pi),
+        "pitch": ParameterKind("rad", lower=-np.pi, upper=np.pi),
+    }
+    per_joint: ClassVar[bool] = False
+
+    def rotation(self) -> RollPitchYaw:
+        """The tilt, as a rotation of the base in W."""
+        return RollPitchYaw(float(self.value("roll")[0]), float(self.value("pitch")[0]), 0.0)
+
+    def torque(self, model: Model, q: Array, v: Array, a: Array, tau: Array) -> Array:
+        """See `Effect.torque`."""
+        del a, tau
+        tilted = self.rotation().ToRotationMatrix().matrix().T @ model.tree.gravity
+        change = replace(model.tree.bare(model.tree.inertia), gravity=tilted - model.tree.gravity)
+        zero = np.zeros_like(q)
+        del v
+        return change.inverse_dynamics(q, zero, zero)
+
+    def before_finalize(self, plant: MultibodyPlant, arm: Arm) -> None:
+        """Welds the base anew, tilted about its own origin."""
+        base = plant.get_body(arm.base)
+        weld = next(
+            joint
+            for joint in map(plant.get_joint, plant.GetJointIndices())
+            if joint.child_body().index() == base.index()
+        )
+        if not isinstance(weld, WeldJoint) or weld.parent_body().index() != plant.world_body().index():
+            raise ModelError(f"effects.gravity_tilt: {base.name()} is not welded to the world")
+        X_WJp = weld.frame_on_parent().GetFixedPoseInBodyFrame()
+        X_BJc = weld.frame_on_child().GetFixedPoseInBodyFrame()
+        X_WB = X_WJp @ weld.X_FM() @ X_BJc.inverse()
+        name = weld.name()
+        plant.RemoveJoint(weld)
+        R = self.rotation().ToRotationMatrix()
+        tilted = RigidTransform(R @ X_WB.rotation(), X_WB.translation())
+        plant.AddJoint(WeldJoint(f"{name}_tilted", plant.world_frame(), base.body_frame(), tilted))
+
+    def sentence(self) -> str:
+        """See `Effect.sentence`."""
+        roll, pitch = np.degrees([self.value("roll")[0], self.value("pitch")[0]])
+        return f"the base is tilted by {roll:.3g}° about x and {pitch:.3g}° about y"
