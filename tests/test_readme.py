@@ -1,0 +1,71 @@
+"""What README and CONTRIBUTING say exists, does."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+CHECKOUT = Path(__file__).resolve().parent.parent
+README = (CHECKOUT / "README.md").read_text()
+CONTRIBUTING = (CHECKOUT / "CONTRIBUTING.md").read_text()
+
+
+def example() -> str:
+    (block,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    return block
+
+
+def test_example_imports_what_there_is() -> None:
+    for node in ast.parse(example()).body:
+        if isinstance(node, ast.ImportFrom) and node.module:
+            module = importlib.import_module(node.module)
+            assert all(hasattr(module, alias.name) for alias in node.names)
+
+
+@pytest.mark.slow
+def test_example_runs(tmp_path: Path, egl: None) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", example()],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(CHECKOUT)},
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "kg of" in done.stdout
+    assert (tmp_path / "out" / "example" / "summary.json").is_file()
+
+
+def test_commands_take_what_is_said_of_them() -> None:
+    from twin_diagram.cli import main
+
+    for command, options in re.findall(r"^\| `twin-diagram (\w+)([^`]*)`", README, re.MULTILINE):
+        with pytest.raises(SystemExit) as caught:
+            main([command, "--help"])
+        assert caught.value.code == 0
+        said = subprocess.run(
+            [sys.executable, "-m", "twin_diagram", command, "--help"],
+            cwd=CHECKOUT,
+            capture_output=True,
+            text=True,
+            timeout=60,
+        ).stdout
+        for option in re.findall(r"--\w+", options):
+            assert option in said, f"{command} {option}"
+
+
+@pytest.mark.parametrize("text", [README, CONTRIBUTING], ids=["README", "CONTRIBUTING"])
+def test_make_targets_and_files_exist(text: str) -> None:
+    makefile = (CHECKOUT / "Makefile").read_text()
+    for target in set(re.findall(r"(?:`|^)make (\w+)", text, re.MULTILINE)):
+        assert re.search(rf"^{target}:", makefile, re.MULTILINE), target
+    for path in set(re.findall(r"`((?:twin_diagram|models|tests|sims|tools)/[\w./]*)`", text)):
+        assert "NAME" in path or (CHECKOUT / path).exists(), path
