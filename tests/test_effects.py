@@ -124,11 +124,14 @@ def test_realisation_follows_the_law(name: str, dt: float) -> None:
 
 
 def test_dry_friction_holds_at_rest() -> None:
-    """Below its level the joint creeps by no more than the brake's damping lets it."""
+    """Below its level a joint creeps by a small share of what one free step would give it (the solver's softness)."""
     spec = EffectSpec("coulomb_friction", JOINTS, [], {"torque": [100.0] * 7})
-    q, v, _ = simulate([spec], 0.002, duration=0.5, follow=False)
-    assert np.max(np.abs(v)) < 1e-4
-    assert np.max(np.abs(q[-1] - q[0])) < 1e-4
+    dt = 0.002
+    q, v, _ = simulate([spec], dt, duration=0.5, follow=False)
+    model = Model.load(scenario.ArmModel(model=ARM, tool_frame=""))
+    load = np.abs(model.bias(q[0], np.zeros(7))) + 3.0
+    free = dt * load.max() * np.diag(np.linalg.inv(model.mass_matrix(q[0])))
+    assert np.all(np.abs(v) < 4e-4 * free)
 
 
 def test_all_at_once() -> None:
