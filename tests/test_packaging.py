@@ -326,6 +326,12 @@ def test_modules_are_plainly_named() -> None:
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)
 def test_script_says_what_it_does(script: Path) -> None:
     assert ast.get_docstring(ast.parse(script.read_text())), "a script begins by saying what it shows"
-    done = subprocess.run([sys.executable, str(script), "--help"], capture_output=True, text=True, timeout=60)
+    done = subprocess.run(
+        [sys.executable, str(script), "--help"],
+        env={**os.environ, "PYTHONPATH": str(CHECKOUT)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
     assert done.returncode == 0, done.stderr
     assert "usage:" in done.stdout
