@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -102,6 +102,9 @@ def refine(
         coarse += 1
         if level == COARSE and (coarse >= COARSE_STEPS or (turn.max() < 0.03 and shift.max() < 0.004)):
             level = FINE
+            # A prediction that was right needs no wide reach.
+            if turn.max() < 0.01 and shift.max() < 0.002:
+                reach = min(reach, NARROW)
         elif level == FINE:
             if turn.max() < 5e-4 and shift.max() < 1e-4 and reach <= NARROW:
                 break
@@ -154,16 +157,15 @@ def covariance(H: Array) -> Array:
     return np.asarray(result + np.diag(np.repeat(np.square(COMMON_NOISE), 3)))
 
 
-def claimed(model: ModelCloud, segments: Segments, R: Array, p: Array, reach: float) -> npt.NDArray[np.int64]:
-    """Indices of the segments' points within `reach` [m] of the object's surface at a pose."""
+def claimed(
+    model: ModelCloud, segments: Segments, R: Array, p: Array, reach: float, most: int | None = None
+) -> npt.NDArray[np.int64]:
+    """Indices of the segments' points within `reach` [m] of the object's surface at a pose; about `most` if that is given."""
     local = segments.points_W - p
     near = np.flatnonzero(np.einsum("ni,ni->n", local, local) < (model.radius + reach) ** 2)
+    if most is not None:
+        near = near[:: max(1, len(near) // most)]
     if not near.size:
         return near
     distance, _ = model.tree.query(local[near] @ R, distance_upper_bound=reach, workers=1)
     return np.asarray(near[np.isfinite(distance)])
-
-
-def without_colour(params: scenario.Registration) -> scenario.Registration:
-    """The same tuning for shapes alone."""
-    return replace(params, colour_weight=0.0)

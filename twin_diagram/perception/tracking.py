@@ -120,8 +120,7 @@ def follow(
     if np.any(slot.velocity) and not np.array_equal(guesses[0][1], slot.p):
         guesses.append((slot.R, slot.p))
     for R, p in guesses:
-        near = claimed(known.model, segments, R, p, params.reach)
-        thin = segments.points_W[near[:: max(1, len(near) // THIN)]]
+        thin = segments.points_W[claimed(known.model, segments, R, p, params.reach, THIN)]
         result = register(known.model, frame, R, p, params, prior=information(0.2, 0.03), points_W=thin)
         if believable(result, params, R, p):
             return result
@@ -142,11 +141,11 @@ def regain(
     return found.registration
 
 
-def seen(slot: Slot, result: Registration, time: float, fresh: bool) -> Slot:
-    """The slot after the object was found; `fresh`: by a search, so that its velocity is not known."""
+def seen(slot: Slot, result: Registration, time: float) -> Slot:
+    """The slot after the object was found; an empty slot before, or a long gap, means that its velocity is not known."""
     velocity = np.zeros(6)
     step = time - slot.seen
-    if slot.known and not fresh and 0.0 < step <= COAST:
+    if slot.known and 0.0 < step <= COAST:
         rate = np.concatenate([log((result.R @ slot.R.T)[None])[0], result.p - slot.p]) / step
         velocity = 0.4 * slot.velocity + 0.6 * rate
         if np.linalg.norm(velocity[:3]) < RESTS[0] and np.linalg.norm(velocity[3:]) < RESTS[1]:
@@ -187,23 +186,25 @@ def step(
     frame = Frame.of(segments)
     results: list[Registration | None] = [None] * len(library)
     after = list(slots)
-    free = np.ones(len(segments.labels), dtype=bool)
-
-    def accept(k: int, result: Registration, fresh: bool) -> None:
-        results[k] = result
-        after[k] = seen(slots[k], result, time, fresh)
-        free[claimed(library[k].model, segments, result.R, result.p, OWNED)] = False
-
     for k, (known, slot) in enumerate(zip(library, slots, strict=True)):
         if slot.known:
-            result = follow(known, slot, segments, frame, params)
-            if result is not None:
-                accept(k, result, False)
+            results[k] = follow(known, slot, segments, frame, params)
+    if all(result is not None for result in results):
+        return _told(after, slots, results, time)
+
+    free = np.ones(len(segments.labels), dtype=bool)
+
+    def take(k: int) -> None:
+        result = results[k]
+        if result is not None:
+            free[claimed(library[k].model, segments, result.R, result.p, OWNED)] = False
+
+    for k in range(len(library)):
+        take(k)
     for k, (known, slot) in enumerate(zip(library, slots, strict=True)):
         if slot.known and results[k] is None and time - slot.seen <= COAST:
-            result = regain(known, slot, segments, frame, free, params)
-            if result is not None:
-                accept(k, result, False)
+            results[k] = regain(known, slot, segments, frame, free, params)
+            take(k)
 
     wanted = [k for k in range(len(library)) if results[k] is None and time >= after[k].next_search]
     if wanted and int(free.sum()) >= smallest:
@@ -219,11 +220,21 @@ def step(
         )
         for k in wanted:
             if k in found:
-                accept(k, found[k].registration, True)
+                results[k] = found[k].registration
+                # How fast it is, a search cannot say.
+                slots = [*slots[:k], Slot(), *slots[k + 1 :]]
             else:
                 attempts = after[k].attempts + 1
                 wait = params.search_period * min(max(1, attempts // 2), LONGEST_WAIT)
                 after[k] = replace(after[k], next_search=time + wait, attempts=attempts)
-    return after, [measurement(after[k], results[k], time) for k in range(len(library))]
+    return _told(after, slots, results, time)
 
 
+def _told(
+    after: list[Slot], before: Sequence[Slot], results: Sequence[Registration | None], time: float
+) -> tuple[list[Slot], list[PoseMeasurement]]:
+    """Remembers what was found."""
+    for k, result in enumerate(results):
+        if result is not None:
+            after[k] = seen(before[k], result, time)
+    return after, [measurement(slot, result, time) for slot, result in zip(after, results, strict=True)]
