@@ -1,0 +1,375 @@
+"""The adaptive extended Kalman filter, usable without any Diagram.
+
+    ekf = Ekf(ArmTerms.from_model(model), scenario.Filter())
+    ekf.observe(q, v, tau, t)                  # a whole message of the arm, or by hand:
+    ekf.predict(tau, dt)
+    ekf.update(ekf.encoder, q, t)
+
+It follows the predict and update cycle of Hybrid Reality Twins (section 3.2, algorithm A-EKF, steps 1, 2 and 4).
+State and parameters are estimated together; where the outline adapts θ by a gradient, here the joint covariance
+adapts it, which weighs every reading by what it tells about θ.
+
+**What the motion does not excite stays as it was.** Besides white torque noise, each joint carries a disturbance
+torque d, the error of its friction model. While a joint rests (its low-passed speed is below `Filter.excitation`),
+stiction hides up to its level F of torque, and d is one unknown constant of standard deviation F: the resting arm
+tells its load to within stiction, once, and however long it rests nothing more is learnt, since nothing averages out.
+While it slides, d is small (a share of F) and forgets over `Filter.torque_drift_time`. When a joint starts, stops or
+turns round, its d is drawn afresh and no longer correlated with anything. A direction of θ that no torque depends on
+is never touched: its gain is zero.
+
+**A surprise is not an outlier.** Where a reading leaves its χ² gate, the filter asks whether an unmodelled torque
+within the joints' effort limits explains it. If so, the sensors are right and the model is not: the state follows
+them, with a covariance that says so, and θ hardly moves. If not, the reading is refused. Where surprises persist, the
+parameters themselves must have changed, and their covariance opens.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from twin_diagram.errors import TwinError
+from twin_diagram.estimation.arm_terms import ArmTerms
+from twin_diagram.estimation.belief import Belief, Entry
+from twin_diagram.estimation.parameters import ParameterSet
+from twin_diagram.estimation.sensors import JointEncoder, JointVelocity, Sensor
+from twin_diagram.estimation.transition import jacobians, step
+from twin_diagram.scenario import Filter
+from twin_diagram.signals import Array
+
+LONGEST_STEP: Final = 0.01
+"""A longer prediction is cut into steps no longer than this [s]."""
+LONGEST_GAP: Final = 0.1
+"""After a longer silence the state is taken anew from the message; parameters are kept [s]."""
+REFUSALS: Final = 10
+"""After as many refused or stale messages in a row the state is taken anew from the message."""
+FRICTION_SHARE: Final = 0.15
+"""Standard deviation of a sliding joint's friction error, as a share of its dry friction."""
+STICTION_TIME: Final = 0.1
+"""In this time the torque on a resting joint may change by the level of its stiction [s]."""
+ABSURD: Final = 1e4
+"""No joint angle, speed or torque share of the effort limit is larger than this."""
+_SPEED_TIME: Final = 0.02
+_NIS_TIME: Final = 0.1
+_QUIET_TIME: Final = 0.5
+_START_STD: Final = 3.0
+"""A fresh state's standard deviation, in those of its sensors."""
+
+
+class FilterError(TwinError):
+    """A measurement or an input that the filter cannot take: wrong size, unknown sensor, a time that goes back."""
+
+
+@dataclass(frozen=True)
+class Update:
+    """What became of a reading.
+
+    Attributes:
+        accepted: False where the gate refused it or it was not finite.
+        surprise: it was accepted, but only an unmodelled torque explains it.
+        nis: squared Mahalanobis distance of the innovation.
+        innovation: (m,) z − h(x).
+        covariance: (m, m) of the innovation.
+    """
+
+    accepted: bool
+    surprise: bool
+    nis: float
+    innovation: Array
+    covariance: Array
+
+
+class Ekf:
+    """An adaptive EKF of n joints and p parameters.
+
+    Attributes:
+        terms: the arm.
+        params: tuning.
+        parameters: what θ means.
+        belief: all that the filter knows; may be exchanged with `load`.
+        encoder, velocity: the arm's own sensors.
+    """
+
+    def __init__(self, terms: ArmTerms, params: Filter) -> None:
+        self.terms, self.params = terms, params
+        self.parameters = ParameterSet(terms, params)
+        n, p = terms.n, self.parameters.size
+        self.belief = Belief(n, p)
+        self.encoder = JointEncoder(n, params.encoder_std)
+        self.velocity = JointVelocity(n, params.velocity_std)
+        self._F = np.eye(self.belief.size)
+        self._I = np.eye(self.belief.size)
+        self._by_torque: Array | None = None
+        self._step_mass = np.eye(n)
+        self._period = 1.0 / params.rate
+
+    # What the filter knows.
+
+    def load(self, vector: Array) -> None:
+        """Takes a belief's vector as its own (copied)."""
+        self.belief.vector[:] = vector
+        self._by_torque = None
+
+    def start(self, q: Array, v: Array, tau: Array, t: float) -> None:
+        """Takes the state from a message; θ, its covariance and the counters are kept, at the first set to the prior.
+
+        Args:
+            q: (n,) [rad].
+            v: (n,) [rad/s].
+            tau: (n,) [N·m].
+            t: [s].
+        """
+        belief, n = self.belief, self.terms.n
+        kept = belief.P[3 * n :, 3 * n :].copy() if belief.valid else self.parameters.covariance
+        if not belief.valid:
+            belief.theta[:] = self.parameters.mean
+        belief.q[:], belief.v[:], belief.disturbance[:] = q, v, 0.0
+        belief.torque[:], belief.drift[:], belief.regime[:] = tau, v, 0.0
+        belief.innovation[:], belief.before[:], belief.acceleration[:] = 0.0, v, 0.0
+        belief.header[Entry.TIME] = t
+        belief.header[Entry.NIS] = 2.0 * n
+        belief.header[Entry.NIS_MEAN] = 1.0
+        belief.header[Entry.STREAK] = 0.0
+        belief.header[Entry.FRESH] = 1.0
+        belief.header[Entry.SPAN] = 0.0
+        belief.P[:] = 0.0
+        belief.P[3 * n :, 3 * n :] = kept
+        diagonal = np.concatenate(
+            [
+                np.full(n, (_START_STD * self.params.encoder_std) ** 2),
+                np.full(n, (_START_STD * self.params.velocity_std) ** 2),
+                self._disturbance_std(np.zeros(n)) ** 2,
+            ]
+        )
+        belief.P[np.arange(3 * n), np.arange(3 * n)] = diagonal
+        self._by_torque = None
+
+    # The cycle.
+
+    def predict(self, u: Array, dt: float, torque_std: Array | float | None = None) -> None:
+        """Moves the belief on by dt under the motors' torque.
+
+        Args:
+            u: (n,) measured motor torque, mean over the step [N·m].
+            dt: > 0 [s].
+            torque_std: unmodelled torque [N·m], as white noise over one filter period; None: `Filter.torque_std`.
+
+        Raises:
+            FilterError: u is not n finite numbers, or dt is not positive and finite.
+        """
+        u = np.asarray(u, dtype=float)
+        if u.shape != (self.terms.n,) or not np.all(np.isfinite(u)):
+            raise FilterError(f"torque {u.tolist()} is not {self.terms.n} finite numbers")
+        if not 0.0 < dt < np.inf:
+            raise FilterError(f"a prediction over {dt} s: the time must be positive and finite")
+        if dt > LONGEST_GAP * 10.0:
+            raise FilterError(f"a prediction over {dt} s is no prediction: start the filter anew from a message")
+        parts = int(np.ceil(dt / LONGEST_STEP - 1e-9))
+        for _ in range(parts):
+            self._predict_once(u, dt / parts, self.params.torque_std if torque_std is None else torque_std)
+        if self.belief.valid:
+            self.belief.header[Entry.TIME] += dt
+
+    def update(self, sensor: Sensor, z: Array, t: float | None = None, *, explain: bool = True) -> Update:
+        """Takes in a reading.
+
+        Args:
+            sensor: its model.
+            z: (m,).
+            t: when it was taken [s]; None: now. A later time is first predicted to, with the last torque.
+            explain: whether an unmodelled torque may explain a reading that leaves its gate.
+
+        Raises:
+            FilterError: z has the wrong size, or t lies before the belief's time.
+        """
+        belief = self.belief
+        z = np.asarray(z, dtype=float)
+        if z.shape != (sensor.size,):
+            raise FilterError(f"{sensor.name}: {z.shape} numbers where {sensor.size} are expected")
+        if t is not None and belief.valid:
+            ahead = t - belief.time
+            if not ahead > -1e-9:
+                raise FilterError(f"{sensor.name}: its time {t} s lies before the filter's, {belief.time} s")
+            if ahead > 1e-9:
+                self.predict(belief.torque, ahead)
+                belief.header[Entry.TIME] = t
+        innovation = z - sensor.reading(belief.x)
+        if not np.all(np.isfinite(z)):
+            belief.header[Entry.INVALID] += 1
+            return Update(False, False, 0.0, np.zeros(sensor.size), sensor.noise(belief.x))
+        H, R = sensor.jacobian(belief.x), sensor.noise(belief.x)
+        HP = H @ belief.P
+        S = HP @ H.T + R
+        solved = np.linalg.solve(S, np.column_stack([HP, innovation]))
+        nis = float(innovation @ solved[:, -1])
+        surprise = nis > sensor.gate
+        if surprise:
+            if explain and self._by_torque is not None:
+                wide = belief.P + self._unmodelled()
+                HP = H @ wide
+                solved = np.linalg.solve(HP @ H.T + R, np.column_stack([HP, innovation]))
+                explained = float(innovation @ solved[:, -1]) <= sensor.gate
+            else:
+                explained = False
+            if not explained:
+                return Update(False, False, nis, innovation, S)
+            belief.P[:] = wide
+        K = solved[:, :-1].T
+        belief.x += K @ innovation
+        A = self._I - K @ H
+        P = A @ belief.P @ A.T + K @ R @ K.T
+        belief.P[:] = 0.5 * (P + P.T)
+        self.parameters.clip(belief.theta)
+        return Update(True, surprise, nis, innovation, S)
+
+    def observe(self, q: Array, v: Array, tau: Array, t: float) -> bool:
+        """Takes in one message of the arm, whatever it holds; the belief is never poisoned.
+
+        Args:
+            q: (n,) measured positions [rad].
+            v: (n,) estimated velocities [rad/s].
+            tau: (n,) measured motor torques [N·m].
+            t: measurement time [s]; `NEVER` or any negative, stale or non-finite time means that there is no message.
+
+        Returns:
+            Whether the message was used.
+        """
+        belief, header = self.belief, self.belief.header
+        if not np.isfinite(t):
+            header[Entry.INVALID] += 1
+            return False
+        if t < 0.0:
+            return False
+        usable = bool(np.all(np.abs(q) < ABSURD) and np.all(np.abs(v) < ABSURD))  # NaN compares false
+        heard = bool(np.all(np.abs(tau) < ABSURD * self.terms.effort_limit))
+        if not usable or not (heard or belief.valid):
+            header[Entry.INVALID] += 1
+            return False
+        if not belief.valid:
+            self.start(q, v, tau, t)
+            return True
+        dt = t - belief.time
+        if dt <= 1e-9:
+            header[Entry.STALE] += 1
+            # The same message seen again is no sign of trouble; a clock that was set back is.
+            header[Entry.STREAK] = header[Entry.STREAK] + 1 if dt < -LONGEST_GAP else header[Entry.STREAK]
+            if header[Entry.STREAK] < REFUSALS:
+                return False
+        if not heard:
+            header[Entry.INVALID] += 1
+            tau = belief.torque
+        if not 0.0 < dt <= LONGEST_GAP or header[Entry.STREAK] >= REFUSALS:
+            header[Entry.RESTARTS] += 1
+            self.start(q, v, tau, t)
+            return True
+        self._observe_next(q, v, tau, t, dt, heard)
+        return True
+
+    # Details.
+
+    def _observe_next(self, q: Array, v: Array, tau: Array, t: float, dt: float, heard: bool) -> None:
+        belief, header, n = self.belief, self.belief.header, self.terms.n
+        # The first torque after a start may be a placeholder, so the first step's torque is as good as unknown.
+        trusted = heard and header[Entry.FRESH] == 0.0
+        header[Entry.FRESH] = 0.0
+        self.predict(0.5 * (belief.torque + tau), dt, None if trusted else self.terms.effort_limit)
+        header[Entry.TIME] = t
+        belief.torque[:] = tau
+        first = self.update(self.encoder, q)
+        second = self.update(self.velocity, v)
+        nis = first.nis + second.nis
+        header[Entry.NIS] = nis
+        blend = min(dt / _NIS_TIME, 1.0)
+        # One wild reading is no trend: its share in the mean is limited.
+        header[Entry.NIS_MEAN] += blend * (min(nis / (2 * n), 50.0) - header[Entry.NIS_MEAN])
+        momentum = self._step_mass @ second.innovation
+        spread = np.linalg.cholesky(self._step_mass @ second.covariance @ self._step_mass.T)
+        belief.innovation[:] = np.linalg.solve(spread, momentum)
+        if first.accepted and second.accepted:
+            header[Entry.ACCEPTED] += 1
+            header[Entry.STREAK] = 0.0
+        else:
+            header[Entry.REFUSED] += 1
+            header[Entry.STREAK] += 1
+        if first.surprise or second.surprise:
+            header[Entry.SURPRISES] += 1
+        if header[Entry.NIS_MEAN] > self.params.opening and t >= header[Entry.QUIET]:
+            self._open(t)
+
+    def _predict_once(self, u: Array, dt: float, torque_std: Array | float) -> None:
+        belief, terms, parameters, n = self.belief, self.terms, self.parameters, self.terms.n
+        keep, fresh = self._regimes(dt)
+        v = belief.v.copy()
+        span = float(belief.header[Entry.SPAN])
+        if span > 0.0:
+            observed = (v - belief.before) / span
+            belief.acceleration += min(span / _SPEED_TIME, 1.0) * (observed - belief.acceleration)
+        belief.before[:], belief.header[Entry.SPAN] = v, dt
+        moved = step(terms, parameters, belief.q, v, belief.theta, u, belief.disturbance, dt)
+        by = jacobians(terms, parameters, moved, v, belief.theta, dt, belief.acceleration)
+        F = self._F
+        F[: 2 * n, : 2 * n] = by.state
+        F[: 2 * n, 2 * n : 3 * n] = by.torque
+        F[: 2 * n, 3 * n :] = by.parameters
+        F.flat[2 * n * (belief.size + 1) : 3 * n * (belief.size + 1) : belief.size + 1] = keep
+        P = F @ belief.P @ F.T
+        white = by.torque * (torque_std * np.sqrt(self._period / dt))
+        P[: 2 * n, : 2 * n] += white @ white.T
+        at = np.arange(2 * n, 3 * n)
+        P[at, at] += fresh
+        if np.any(belief.regime != 0.0):
+            at = np.arange(3 * n, belief.size)
+            P[at, at] += (self.params.parameter_walk * parameters.scale) ** 2 * dt
+        belief.P[:] = 0.5 * (P + P.T)
+        belief.q[:], belief.v[:] = moved.q, moved.v
+        belief.disturbance *= keep
+        self._by_torque = by.torque
+        self._step_mass = moved.mass
+
+    def _regimes(self, dt: float) -> tuple[Array, Array]:
+        """Decides which joints slide; returns how much of d is kept (n,) and the variance that it gains (n,)."""
+        belief, params = self.belief, self.params
+        belief.drift += min(dt / _SPEED_TIME, 1.0) * (belief.v - belief.drift)
+        # Half as fast is still sliding for a joint that slides: noise must not toggle it.
+        threshold = params.excitation * np.where(belief.regime != 0.0, 0.5, 1.0)
+        regime = np.where(np.abs(belief.drift) > threshold, np.sign(belief.drift), 0.0)
+        changed = regime != belief.regime
+        belief.regime[:] = regime
+        sliding = regime != 0.0
+        std = self._disturbance_std(regime)
+        forget = np.exp(-dt / params.torque_drift_time)
+        keep = np.where(changed, 0.0, np.where(sliding, forget, 1.0))
+        # At rest d follows whatever the controller does below stiction, and is never drawn back: see above.
+        walk = std**2 * (dt / STICTION_TIME)
+        fresh = np.where(changed, std**2, np.where(sliding, (1.0 - forget**2) * std**2, walk))
+        if changed.any():
+            at = 2 * belief.n + np.flatnonzero(changed)
+            belief.P[at, :] = 0.0
+            belief.P[:, at] = 0.0
+        return keep, fresh
+
+    def _disturbance_std(self, regime: Array) -> Array:
+        """(n,) standard deviation of d for joints that slide or rest [N·m]."""
+        belief = self.belief
+        forward, backward = self.terms.dry(self.terms.true_position(belief.q), belief.v, belief.torque)
+        level = 0.5 * (forward + backward)
+        share = np.where(regime != 0.0, FRICTION_SHARE, 1.0)
+        return np.hypot(self.params.torque_drift_std, share * level)
+
+    def _unmodelled(self) -> Array:
+        """Covariance (N, N) that an unmodelled torque of the effort limits' size adds in the last step."""
+        assert self._by_torque is not None
+        n = self.terms.n
+        spread = self._by_torque * self.terms.effort_limit
+        added = np.zeros((self.belief.size, self.belief.size))
+        added[: 2 * n, : 2 * n] = spread @ spread.T
+        return added
+
+    def _open(self, t: float) -> None:
+        """An abrupt change: parameters and disturbances may be anything again that the prior allows."""
+        belief, n = self.belief, self.terms.n
+        belief.header[Entry.OPENINGS] += 1
+        belief.header[Entry.QUIET] = t + _QUIET_TIME
+        belief.P[3 * n :, 3 * n :] += self.parameters.covariance

@@ -1,0 +1,256 @@
+"""The parameters θ that the filter learns, as a list of small blocks behind one interface.
+
+Each block adds torque to the arm's equation of motion, linear in its parameters, relative to the model as given:
+τ = rigid body + effects of the model + Σ Y_block(q, v, v̇) θ_block. A block brings its prior, its bounds and its names.
+A new block subclasses `ParameterBlock` and joins `BLOCKS`.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import ClassVar, Final
+
+import numpy as np
+
+from twin_diagram.errors import ScenarioError
+from twin_diagram.estimation.arm_terms import ArmTerms
+from twin_diagram.scenario import Filter
+from twin_diagram.signals import Array
+
+HEAVIEST: Final = 10.0
+"""A payload's mass lies between 0 and this [kg]."""
+SMOOTHING_SPEED: Final = 1e-3
+"""Speed over which learned dry friction changes sign [rad/s]."""
+
+
+class ParameterBlock(ABC):
+    """A group of parameters that belong together.
+
+    Attributes:
+        name: as in the catalogue of effects.
+        mean: (p,) prior.
+        covariance: (p, p) prior.
+        scale: (p,) size of a change that matters; the standard deviation of the prior.
+    """
+
+    name: ClassVar[str]
+    mean: Array
+    covariance: Array
+
+    @abstractmethod
+    def __init__(self, terms: ArmTerms, params: Filter) -> None: ...
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return len(self.mean)
+
+    @property
+    def scale(self) -> Array:
+        """(p,) standard deviation of the prior."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @abstractmethod
+    def labels(self, joints: Sequence[str]) -> list[str]:
+        """(p,) names with units, for tables and plots."""
+
+    @abstractmethod
+    def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array) -> Array:
+        """Y (n, p): what the motors must give per unit of each parameter."""
+
+    @abstractmethod
+    def clip(self, theta: Array) -> None:
+        """Moves the parameters (p,) into their bounds, in place."""
+
+    def push(self, theta: Array) -> Array | float:
+        """Torque (n,) that it adds to the motors' [N·m]."""
+        return 0.0
+
+    def viscous(self, theta: Array) -> Array | float:
+        """What it adds to the joints' viscous friction (n,) [N·m·s/rad]."""
+        return 0.0
+
+    def dry(self, theta: Array) -> Array | float:
+        """What it adds to the level of the joints' dry friction (n,) [N·m]."""
+        return 0.0
+
+
+class Payload(ParameterBlock):
+    """What the last link carries: mass m [kg] and first moment m·c [kg·m] about its origin, in its frame.
+
+    The prior says: mass 0 ± mass_std, centre at the tool frame ± com_std. With m and c apart independent that gives
+    m·c the second moments mass_std² (t tᵀ + com_std² I) and mass_std² t with m, t being the tool frame's origin.
+    """
+
+    name = "payload"
+
+    def __init__(self, terms: ArmTerms, params: Filter) -> None:
+        self._tool = terms.tool.copy()
+        direction = np.concatenate([[1.0], self._tool])
+        self.mean = np.zeros(4)
+        self.covariance = params.mass_std**2 * (
+            np.outer(direction, direction) + np.diag([0.0, 1.0, 1.0, 1.0]) * params.com_std**2
+        )
+        self._reach = 5.0 * params.com_std
+        self._slack = 0.1 * params.mass_std
+
+    def labels(self, joints: Sequence[str]) -> list[str]:  # noqa: D102
+        return ["payload.mass [kg]", *(f"payload.moment_{axis} [kg·m]" for axis in "xyz")]
+
+    def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array) -> Array:  # noqa: D102
+        return terms.payload_regressor(q, v, a)
+
+    def clip(self, theta: Array) -> None:
+        """0 ≤ m ≤ 10 kg, and the centre within 5 com_std of the tool frame (with slack while m is next to nothing)."""
+        mass = min(max(float(theta[0]), 0.0), HEAVIEST)
+        theta[0] = mass
+        offset = theta[1:4] - mass * self._tool
+        distance = float(np.linalg.norm(offset))
+        allowed = self._reach * max(mass, self._slack)
+        if distance > allowed:
+            theta[1:4] = mass * self._tool + offset * (allowed / distance)
+
+
+class JointBlock(ParameterBlock):
+    """One parameter per joint, within ± `bound` of the model's own."""
+
+    bound: Array
+    unit: ClassVar[str]
+
+    def labels(self, joints: Sequence[str]) -> list[str]:  # noqa: D102
+        return [f"{self.name}.{joint} [{self.unit}]" for joint in joints]
+
+    def clip(self, theta: Array) -> None:  # noqa: D102
+        np.clip(theta, -self.bound, self.bound, out=theta)
+
+
+class TorqueBias(JointBlock):
+    """Torque applied beyond what is measured, per joint; positive drives the joint forward."""
+
+    name = "torque_bias"
+    unit = "N·m"
+
+    def __init__(self, terms: ArmTerms, params: Filter) -> None:
+        self.mean = np.zeros(terms.n)
+        self.covariance = np.diag((0.02 * terms.effort_limit) ** 2)
+        self.bound = 0.2 * terms.effort_limit
+
+    def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array) -> Array:  # noqa: D102
+        return -np.eye(terms.n)
+
+    def push(self, theta: Array) -> Array | float:  # noqa: D102
+        return theta
+
+
+class ViscousFriction(JointBlock):
+    """Damping beyond the model's, per joint."""
+
+    name = "viscous_friction"
+    unit = "N·m·s/rad"
+
+    def __init__(self, terms: ArmTerms, params: Filter) -> None:
+        self.mean = np.zeros(terms.n)
+        self.covariance = np.diag((0.005 * terms.effort_limit) ** 2)
+        self.bound = 0.1 * terms.effort_limit
+
+    def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array) -> Array:  # noqa: D102
+        return np.diag(v)
+
+    def viscous(self, theta: Array) -> Array | float:  # noqa: D102
+        return theta
+
+
+class CoulombFriction(JointBlock):
+    """Coulomb friction beyond the model's, per joint."""
+
+    name = "coulomb_friction"
+    unit = "N·m"
+
+    def __init__(self, terms: ArmTerms, params: Filter) -> None:
+        self.mean = np.zeros(terms.n)
+        self.covariance = np.diag((0.005 * terms.effort_limit) ** 2)
+        self.bound = 0.1 * terms.effort_limit
+
+    def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array) -> Array:  # noqa: D102
+        return np.diag(v / np.sqrt(v * v + SMOOTHING_SPEED**2))
+
+    def dry(self, theta: Array) -> Array | float:  # noqa: D102
+        return theta
+
+
+BLOCKS: Final[dict[str, type[ParameterBlock]]] = {
+    block.name: block for block in (Payload, TorqueBias, ViscousFriction, CoulombFriction)
+}
+"""By the name that `Filter.parameters` uses."""
+
+
+class ParameterSet:
+    """All blocks of a filter, stacked.
+
+    Attributes:
+        blocks: in the order of `Filter.parameters`.
+        size: p.
+        mean, covariance, scale: (p,), (p, p), (p,) of the prior.
+        payload: where the payload's (m, m·c) lie in θ; None where it is not learned.
+    """
+
+    def __init__(self, terms: ArmTerms, params: Filter) -> None:
+        """Makes the blocks.
+
+        Raises:
+            ScenarioError: a name that no block has, or one given twice.
+        """
+        self.blocks: list[ParameterBlock] = []
+        for name in params.parameters:
+            if name not in BLOCKS or any(block.name == name for block in self.blocks):
+                why = "given twice" if name in BLOCKS else f"none of {', '.join(BLOCKS)}"
+                raise ScenarioError("twin.filter.parameters", f"{name!r} is {why}")
+            self.blocks.append(BLOCKS[name](terms, params))
+        self.slices: list[slice] = []
+        start = 0
+        for block in self.blocks:
+            self.slices.append(slice(start, start + block.size))
+            start += block.size
+        self.size = start
+        self.mean = np.concatenate([np.zeros(0), *(block.mean for block in self.blocks)])
+        self.covariance = np.zeros((start, start))
+        for block, part in zip(self.blocks, self.slices, strict=True):
+            self.covariance[part, part] = block.covariance
+        self.scale = np.sqrt(np.diag(self.covariance))
+        self.payload = next(
+            (part for block, part in zip(self.blocks, self.slices, strict=True) if block.name == Payload.name), None
+        )
+
+    def labels(self, joints: Sequence[str]) -> list[str]:
+        """(p,) names with units."""
+        return [label for block in self.blocks for label in block.labels(joints)]
+
+    def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array) -> Array:
+        """Y (n, p) of all blocks."""
+        Y = np.empty((terms.n, self.size))
+        for block, part in zip(self.blocks, self.slices, strict=True):
+            Y[:, part] = block.regressor(terms, q, v, a)
+        return Y
+
+    def payload_of(self, theta: Array) -> Array:
+        """(4,) mass [kg] and first moment [kg·m]; zeros where no payload is learned."""
+        return theta[self.payload] if self.payload is not None else np.zeros(4)
+
+    def push(self, theta: Array) -> Array | float:
+        """Torque (n,) that θ adds to the motors' [N·m]."""
+        return sum(block.push(theta[part]) for block, part in zip(self.blocks, self.slices, strict=True))
+
+    def viscous(self, theta: Array, damping: Array) -> Array:
+        """Viscous friction (n,) of the plant, `damping`, and θ together; never negative [N·m·s/rad]."""
+        total = sum((block.viscous(theta[part]) for block, part in zip(self.blocks, self.slices, strict=True)), damping)
+        return np.maximum(total, 0.0)
+
+    def dry(self, theta: Array) -> Array | float:
+        """What θ adds to the level of dry friction (n,) [N·m]."""
+        return sum(block.dry(theta[part]) for block, part in zip(self.blocks, self.slices, strict=True))
+
+    def clip(self, theta: Array) -> None:
+        """Moves θ (p,) into its bounds, in place."""
+        for block, part in zip(self.blocks, self.slices, strict=True):
+            block.clip(theta[part])
