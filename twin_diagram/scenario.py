@@ -196,8 +196,17 @@ class Filter:
     """Prior of a payload's mass [kg]."""
     com_std: float = 0.1
     """Prior of a payload's centre, from the tool frame's side of the last link [m]."""
-    excitation: float = 1e-3
-    """Motion below this excites no parameter: they are frozen (see `estimation`)."""
+    excitation: float = 0.003
+    """A joint slower than this rests: stiction hides its load, and it teaches no parameter (see `estimation`) [rad/s]."""
+    torque_drift_std: float = 0.1
+    """Unmodelled joint torque that stays for a while, such as an error of friction; 15 % of dry friction is added [N·m]."""
+    torque_drift_time: float = 1.0
+    """How long it stays [s]."""
+    parameter_walk: float = 0.002
+    """Random walk of the parameters while the arm moves, in standard deviations of their prior [1/√s]."""
+    opening: float = 4.0
+    """The parameters' covariance opens where innovations squared are this many times their covariance for a tenth of a
+    second."""
 
 
 @dataclass
@@ -317,6 +326,8 @@ class LcmStation:
     """Empty: the public driver's own."""
     command_channel: str = ""
     image_channel: str = "CAMERA_IMAGES"
+    depth_unit: float = 0.00025
+    """Depths that arrive are rounded to a whole number of these [m]."""
 
 
 @dataclass
