@@ -1,7 +1,7 @@
 """Scenarios: one typed YAML file in two parts, the world and what the twin is told about it.
 
-``world:`` holds what a simulated station needs (true poses, hidden effects, sensor defects); ``twin:`` holds all that the
-twin knows. The twin is built from ``twin:`` alone. All units SI, angles in radians, X_AB as in Drake.
+``world:`` holds what a simulated station needs (true poses, hidden effects, sensor defects); ``twin:`` holds all
+that the twin knows. The twin is built from ``twin:`` alone. All units SI, angles in radians, X_AB as in Drake.
 """
 
 # No `from __future__ import annotations` here: Drake's YAML loader reads the fields' types themselves, not strings.
@@ -20,7 +20,7 @@ class Pose:
 
 @dataclass
 class EffectSpec:
-    """One effect of the catalogue. A joint effect's parameters hold one value per joint, any other's the value itself."""
+    """One effect of the catalogue; a joint effect's parameters hold one value per joint, any other's the value."""
 
     name: str = ""
     joints: list[str] = field(default_factory=list)
@@ -139,7 +139,7 @@ class Driver:
     """The arm's own controller, as its data sheet tells: joint impedance about the commanded position."""
 
     stiffness: list[float] = field(default_factory=list)
-    """[N·m/rad] per joint; empty: 600 for the first four joints, 250 for the rest, scaled to the arm's effort limits."""
+    """[N·m/rad] per joint; empty: 600 for the first four joints, 250 for the rest, scaled to the effort limits."""
     damping: list[float] = field(default_factory=list)
     """[N·m·s/rad]; empty: two times the square root of stiffness."""
     rate: float = 400.0

@@ -64,6 +64,14 @@ def load_scenario(path: str | Path, overrides: Iterable[str] = ()) -> Scenario:
     return _anchored(scenario, file.parent)
 
 
+def override_scenario(scenario: Scenario, overrides: Iterable[str]) -> Scenario:
+    """A copy with fields set anew, as in `load_scenario`."""
+    data = yaml.safe_load(dump_scenario(scenario))
+    for override in overrides:
+        _override(data, override)
+    return parse_scenario(data)
+
+
 def find_scenario(path: str | Path) -> Path:
     """The scenario's file: `path` itself, or one that comes along, with or without ``.yaml``."""
     given = Path(path).expanduser()
@@ -84,7 +92,10 @@ def parse_scenario(data: Mapping[str, Any]) -> Scenario:
     _check(data, Scenario, "")
     try:
         scenario = yaml_load_typed(
-            schema=Scenario, data=yaml.safe_dump(dict(data), sort_keys=False), defaults=Scenario(), retain_map_defaults=True
+            schema=Scenario,
+            data=yaml.safe_dump(dict(data), sort_keys=False),
+            defaults=Scenario(),
+            retain_map_defaults=True,
         )
     except (RuntimeError, ValueError, TypeError) as error:  # the loader's own words, where the check above saw nothing
         raise ScenarioError("scenario", " ".join(str(error).split())) from error
@@ -184,7 +195,7 @@ def _nearest(key: str, fields: Mapping[str, Any]) -> str:
 
 
 def _anchored(scenario: Scenario, folder: Path) -> Scenario:
-    """Makes relative paths that exist below the scenario's folder absolute, so that the scenario may be read anywhere."""
+    """Makes relative paths that exist below the scenario's folder absolute: it may then be read anywhere."""
 
     def anchor(name: str) -> str:
         path = folder / name

@@ -136,21 +136,22 @@ def summarize(
         },
         "goal": {
             "reached": bool(
-                has_goal
-                and record.goal_error[-1] <= position_tolerance
-                and record.goal_angle[-1] <= rotation_tolerance
+                has_goal and record.goal_error[-1] <= position_tolerance and record.goal_angle[-1] <= rotation_tolerance
             ),
             "error_mm": round(1e3 * float(record.goal_error[-1]), 3) if has_goal else None,
         },
         "clearance_min_mm": _finite(1e3 * float(np.min(record.clearance))),
         "contacts": int(record.contacts.sum()),
-        "alarms": [
-            {"time": round(float(row[0]), 4), "kind": AlarmKind(int(row[1])).name.lower()}
-            for row in record.alarm_log.reshape(-1, ALARM_LOG_FIELDS)
-            if row[0] >= 0
-        ],
+        "alarms": alarms(record.alarm_log),
         "timing": dict(timing),
     }
+
+
+def alarms(ring: Array) -> list[dict[str, Any]]:
+    """The drift monitor's ring as a list, in order of time."""
+    rows = [row for row in ring.reshape(-1, ALARM_LOG_FIELDS) if row[0] >= 0]
+    rows.sort(key=lambda row: float(row[0]))
+    return [{"time": round(float(row[0]), 4), "kind": AlarmKind(int(row[1])).name.lower()} for row in rows]
 
 
 def _median_p95(values: Array) -> dict[str, float | None]:
@@ -200,7 +201,8 @@ def table(summary: Mapping[str, Any]) -> str:
         axis = f" (about {entry['symmetric_axis']}: free)" if entry["symmetric_axis"] else ""
         lines.append(
             f"{name:<14}{figure(position['median'], '12.2f')}{figure(position['p95'], '10.2f')}"
-            f"{figure(rotation['median'], '12.2f')}{figure(rotation['p95'], '10.2f')}{entry['visible_share']:>10.0%}{axis}"
+            f"{figure(rotation['median'], '12.2f')}{figure(rotation['p95'], '10.2f')}"
+            f"{entry['visible_share']:>10.0%}{axis}"
         )
     arm, payload, goal = summary["arm"]["joint_error_rad"], summary["payload"], summary["goal"]
     lines.append("")

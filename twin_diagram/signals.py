@@ -30,10 +30,10 @@ class PoseMeasurement:
     """One object's pose as registration found it in one image.
 
     Attributes:
-        quality: 0 where the object was not found in this image, else the share of its visible surface that fits, (0, 1].
+        quality: 0 where the object was not found in this image, else the share of its visible surface that fits.
         time: capture time of the image [s].
         pose: X_WO as (qw, qx, qy, qz, px, py, pz).
-        covariance: (6, 6), rotation [rad] then translation [m], a left perturbation expressed in W about the object's origin.
+        covariance: (6, 6), rotation [rad] then translation [m]: a left perturbation in W about the object's origin.
     """
 
     quality: float
@@ -48,7 +48,9 @@ class PoseMeasurement:
     @staticmethod
     def unpack(vector: Array) -> PoseMeasurement:
         """The inverse of `pack`; copies."""
-        return PoseMeasurement(float(vector[0]), float(vector[1]), vector[2:9].copy(), vector[9:45].reshape(6, 6).copy())
+        return PoseMeasurement(
+            float(vector[0]), float(vector[1]), vector[2:9].copy(), vector[9:45].reshape(6, 6).copy()
+        )
 
 
 class ObjectStatus(IntEnum):
@@ -83,9 +85,7 @@ class Track:
 
     def pack(self) -> Array:
         """As a vector of `TRACK_SIZE`."""
-        return np.concatenate(
-            [[float(self.status), self.last_seen], self.pose, self.velocity, self.covariance.ravel()]
-        )
+        return np.concatenate([[float(self.status), self.last_seen], self.pose, self.velocity, self.covariance.ravel()])
 
     @staticmethod
     def unpack(vector: Array) -> Track:

@@ -48,4 +48,6 @@ def snapshot() -> dict[str, float]:
 
 def since(before: dict[str, float]) -> dict[str, float]:
     """Seconds spent since a snapshot, by name; names that spent none are left out."""
-    return {name: seconds - before.get(name, 0.0) for name, seconds in _seconds.items() if seconds > before.get(name, 0.0)}
+    return {
+        name: seconds - before.get(name, 0.0) for name, seconds in _seconds.items() if seconds > before.get(name, 0.0)
+    }

@@ -13,6 +13,7 @@ import numpy as np
 from twin_diagram.assets.asset import Asset
 from twin_diagram.assets.retexture import retexture
 from twin_diagram.errors import ScenarioError
+from twin_diagram.model import Model
 from twin_diagram.resources import resolve
 from twin_diagram.scenario import Pose, Scenario, WayPoint
 from twin_diagram.scenario_file import copy_scenario
@@ -29,14 +30,13 @@ FRICTION_ERROR = 0.1
 """The world's friction differs from what the twin is told by up to this share."""
 
 
-def vary(base: Scenario, seed: int, folder: str | Path, tool_start: tuple[float, float]) -> Scenario:
+def vary(base: Scenario, seed: int, folder: str | Path) -> Scenario:
     """A new scenario from `base`.
 
     Args:
         base: a simulated scenario.
         seed: of everything that is drawn.
         folder: where the newly textured assets are written.
-        tool_start: (x, y) of the tool at the start, in W [m].
 
     Raises:
         ScenarioError: the objects find no room.
@@ -51,10 +51,12 @@ def vary(base: Scenario, seed: int, folder: str | Path, tool_start: tuple[float,
         if name in twin.library:
             twin.library[name] = item.asset
     _draw_dynamics(scenario, rng)
-    goal = twin.task.X_WG.translation[:2] if twin.task.X_WG else list(tool_start)
+    model = Model.load(twin.arm, scenario.packages)
+    start = model.tool_pose(np.array(twin.home or np.zeros(model.n))).translation()[:2]
+    goal = np.array(twin.task.X_WG.translation[:2]) if twin.task.X_WG else start
     sizes = {item.asset: Asset.load(item.asset).size for item in world.objects.values()}
     for _ in range(400):
-        if _draw_places(scenario, sizes, np.array(tool_start), np.array(goal), rng):
+        if _draw_places(scenario, sizes, start, goal, rng):
             return scenario
     raise ScenarioError("world.objects", f"{len(world.objects)} objects find no room on the table (seed {seed})")
 
@@ -78,7 +80,9 @@ def _draw_places(
     taken: list[tuple[Array, float]] = []  # centres (m, 2) and radii
     low, high = np.array(REGION)
     # Whoever needs the most room is placed first.
-    objects = sorted(scenario.world.objects.values(), key=lambda item: (not item.path, -float(np.hypot(*sizes[item.asset][:2]))))
+    objects = sorted(
+        scenario.world.objects.values(), key=lambda item: (not item.path, -float(np.hypot(*sizes[item.asset][:2])))
+    )
     for item in objects:
         size = sizes[item.asset]
         radius, height = float(np.hypot(size[0], size[1])) / 2, float(size[2])
@@ -103,7 +107,9 @@ def _draw_places(
             begin, duration = float(rng.uniform(0.5, 1.5)), float(rng.uniform(2.0, 4.0))
             item.path = [
                 WayPoint(begin, Pose([float(way[0, 0]), float(way[0, 1]), height / 2], [0.0, 0.0, yaw])),
-                WayPoint(begin + duration, Pose([float(way[-1, 0]), float(way[-1, 1]), height / 2], [0, 0, yaw + turn])),
+                WayPoint(
+                    begin + duration, Pose([float(way[-1, 0]), float(way[-1, 1]), height / 2], [0, 0, yaw + turn])
+                ),
             ]
         else:
             item.X_WO = Pose([float(way[0, 0]), float(way[0, 1]), height / 2], [0.0, 0.0, yaw])

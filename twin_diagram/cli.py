@@ -1,0 +1,125 @@
+"""The command ``twin-diagram``.
+
+Bad input ends in one clear line on stderr and exit status 2; nothing half-written is left behind.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from twin_diagram.errors import TwinError
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs the command; returns its exit status."""
+    arguments = _parser().parse_args(argv)
+    command: Callable[[argparse.Namespace], int] = arguments.command
+    try:
+        return command(arguments)
+    except TwinError as error:
+        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("stopped", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        # Whoever read the output has enough of it; keep the interpreter from complaining about it at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    from twin_diagram import __version__
+
+    parser = argparse.ArgumentParser(
+        prog="twin-diagram", description="A digital twin of a robot arm as a Drake Diagram."
+    )
+    parser.add_argument("--version", action="version", version=f"twin-diagram {__version__}")
+    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+
+    run = commands.add_parser("run", help="run a scenario: station and twin in closed loop")
+    run.add_argument("scenario", help="a YAML file, or the name of a scenario that comes along, e.g. tabletop")
+    _add_scenario_options(run)
+    run.add_argument("--out", type=Path, metavar="DIR", help="write replay.html, diagram.svg, plots and summary.json")
+    run.add_argument(
+        "--record", type=Path, metavar="DIR", help="record log and images; `twin-diagram replay DIR` runs them"
+    )
+    run.add_argument("--log", type=Path, metavar="F", help="write the measured log (.csv or .npz)")
+    run.set_defaults(command=_run)
+
+    replay = commands.add_parser("replay", help="run the twin on a recording or a measured log")
+    replay.add_argument("log", type=Path, metavar="DIR_OR_LOG", help="a folder of `run --record`, or a measured log")
+    replay.add_argument("--model", help="the arm's description, for a bare log: URDF, SDF, MJCF or a corrected model")
+    _add_scenario_options(replay)
+    replay.add_argument("--out", type=Path, metavar="DIR", help="write replay.html, diagram.svg and estimates.npz")
+    replay.set_defaults(command=_replay)
+
+    predict = commands.add_parser("predict", help="what a model says of a measured log: torques and motion")
+    predict.add_argument("--model", required=True, help="URDF, SDF, MJCF or the folder of a corrected model")
+    predict.add_argument("--log", required=True, type=Path, help="measured log, .csv or .npz")
+    predict.add_argument("--out", required=True, type=Path, help="where the prediction is written, .csv or .npz")
+    predict.add_argument("--horizon", type=float, default=0.2, help="length of a rollout [s] (default: %(default)s)")
+    predict.set_defaults(command=_predict)
+    return parser
+
+
+def _add_scenario_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="FIELD=VALUE", help="override a field, e.g. twin.filter.rate=400"
+    )
+    parser.add_argument("--seed", type=int, help="of everything random")
+    parser.add_argument("--duration", type=float, help="[s]")
+    parser.add_argument("--meshcat", action="store_true", help="look on in a browser while it runs")
+
+
+def _overrides(arguments: argparse.Namespace) -> list[str]:
+    named = [
+        f"{name}={getattr(arguments, name)}" for name in ("seed", "duration") if getattr(arguments, name) is not None
+    ]
+    return [*arguments.set, *named]
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from twin_diagram.native import require_egl
+    from twin_diagram.scenario_file import load_scenario
+
+    scenario = load_scenario(arguments.scenario, _overrides(arguments))
+    if scenario.station == "sim" and scenario.twin.camera is not None:
+        require_egl()
+    from twin_diagram.run import run_scenario
+
+    run_scenario(
+        scenario, out=arguments.out, record=arguments.record, log=arguments.log, show=arguments.meshcat, say=print
+    )
+    return 0
+
+
+def _replay(arguments: argparse.Namespace) -> int:
+    from twin_diagram.run import replay_log
+
+    replay_log(
+        arguments.log,
+        model=arguments.model,
+        overrides=_overrides(arguments),
+        out=arguments.out,
+        show=arguments.meshcat,
+        say=print,
+    )
+    return 0
+
+
+def _predict(arguments: argparse.Namespace) -> int:
+    from twin_diagram.prediction import predict
+
+    if not arguments.horizon > 0:
+        raise TwinError(f"--horizon {arguments.horizon}: the length of a rollout is positive [s]")
+    predict(arguments.model, arguments.log, arguments.out, arguments.horizon)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

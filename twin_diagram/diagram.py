@@ -1,0 +1,206 @@
+"""The only place where systems meet: wires the twin, and the twin to a station.
+
+The twin is one Diagram whose inputs are a station's outputs and whose outputs are a station's inputs, by the same
+names. It is built from the scenario's ``twin:`` alone, so it cannot know what a simulated world hides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource
+
+from twin_diagram import description, scenario
+from twin_diagram.assets.asset import Asset
+from twin_diagram.errors import ScenarioError, TwinError
+from twin_diagram.estimation.drift_system import DriftMonitor
+from twin_diagram.estimation.ekf_system import AdaptiveEkf
+from twin_diagram.model import Model
+from twin_diagram.perception.pose_system import IcpPoseEstimator
+from twin_diagram.perception.segmentation_system import Perception
+from twin_diagram.planning.mpc_system import Mpc
+from twin_diagram.resources import resolve
+from twin_diagram.scene.twin_scene import TwinScene, add_twin_scene
+from twin_diagram.scene.updater_system import SceneGraphUpdater
+from twin_diagram.signals import MEASUREMENT_SIZE, NEVER, POSE_SIZE
+from twin_diagram.station import ports
+from twin_diagram.station.make import make_station
+
+Packages = Mapping[str, str | Path]
+Made = TypeVar("Made")
+
+
+@dataclass(frozen=True)
+class Twin:
+    """The twin, built.
+
+    Attributes:
+        diagram: in and out as a station's, the other way round; besides, what it believes: `arm_state`, `parameters`,
+            `covariance`, `nis`, `object_poses`, `tracks`, `alarm`, `alarm_log`, `positions`, `plan`, `query_object`.
+        model: the arm's physics.
+        library: the known objects, in order.
+        scene: the twin's own plant and SceneGraph.
+        parameter_names: of `parameters`, in order.
+        mass_index: of the payload's mass in `parameters`; None where none is learned.
+    """
+
+    diagram: Diagram
+    model: Model
+    library: dict[str, Asset]
+    scene: TwinScene
+    parameter_names: tuple[str, ...]
+    mass_index: int | None
+
+
+@dataclass(frozen=True)
+class ClosedLoop:
+    """A station and the twin that watches and drives it."""
+
+    diagram: Diagram
+    scenario: scenario.Scenario
+    station: Diagram
+    twin: Twin
+
+    @property
+    def model(self) -> Model:
+        """The twin's model of the arm."""
+        return self.twin.model
+
+
+def make_twin(twin: scenario.Twin, packages: Packages | None = None) -> Twin:
+    """Builds the twin.
+
+    Raises:
+        ScenarioError: something it is told does not exist or does not fit; the message names the field.
+    """
+    builder = DiagramBuilder()
+    model = _named("twin.arm", lambda: Model.load(twin.arm, packages))
+    if twin.home and len(twin.home) != model.n:
+        raise ScenarioError("twin.home", f"{len(twin.home)} angles for {model.n} joints ({', '.join(model.joints)})")
+    library = {
+        name: _named(f"twin.library.{name}", lambda folder=folder: Asset.load(resolve(folder, packages)))
+        for name, folder in twin.library.items()
+    }
+    scene = _named("twin.fixtures", lambda: add_twin_scene(builder, twin, packages))
+
+    ekf = builder.AddNamedSystem("adaptive_ekf", AdaptiveEkf(model, twin.filter))
+    drift = builder.AddNamedSystem("drift_monitor", DriftMonitor(model, twin.drift, twin.filter))
+    updater = builder.AddNamedSystem("scene_graph_updater", SceneGraphUpdater(scene, twin.scene))
+    mpc = builder.AddNamedSystem("mpc", _named("twin", lambda: Mpc(model, twin, library, packages)))
+    goal = builder.AddNamedSystem("goal", ConstantVectorSource(goal_vector(twin.task)))
+
+    measured = {
+        ports.POSITION_MEASURED: "position_measured",
+        ports.VELOCITY_ESTIMATED: "velocity_estimated",
+        ports.TORQUE_MEASURED: "torque_measured",
+        ports.MEASUREMENT_TIME: "measurement_time",
+    }
+    for name, port in measured.items():
+        builder.ExportInput(ekf.GetInputPort(port), name)
+        if drift.HasInputPort(port):
+            builder.ConnectInput(name, drift.GetInputPort(port))
+    for port in ("arm_state", "parameters", "innovation", "nis"):
+        builder.Connect(ekf.GetOutputPort(port), drift.GetInputPort(port))
+    builder.Connect(ekf.GetOutputPort("arm_state"), updater.GetInputPort("arm_state"))
+    builder.Connect(ekf.GetOutputPort("arm_state"), mpc.GetInputPort("arm_state"))
+    builder.Connect(ekf.GetOutputPort("parameters"), mpc.GetInputPort("parameters"))
+    builder.Connect(updater.GetOutputPort("tracks"), mpc.GetInputPort("tracks"))
+    builder.Connect(goal.get_output_port(), mpc.GetInputPort("goal"))
+    builder.Connect(updater.GetOutputPort("positions"), scene.positions_input)
+
+    if twin.camera is not None:
+        camera = twin.camera
+        perception = builder.AddNamedSystem("perception", Perception(twin.arm, camera, twin.perception, packages))
+        icp = builder.AddNamedSystem("icp_pose_estimator", IcpPoseEstimator(library, camera, twin.registration))
+        builder.ExportInput(perception.GetInputPort("rgb_image"), ports.rgb_image(camera.name))
+        builder.ExportInput(perception.GetInputPort("depth_image"), ports.depth_image(camera.name))
+        builder.ExportInput(perception.GetInputPort("image_time"), ports.image_time(camera.name))
+        builder.ConnectInput(ports.image_time(camera.name), updater.GetInputPort("image_time"))
+        builder.Connect(ekf.GetOutputPort("arm_state"), perception.GetInputPort("arm_state"))
+        builder.Connect(perception.GetOutputPort("segments"), icp.GetInputPort("segments"))
+        builder.Connect(icp.GetOutputPort("object_poses"), updater.GetInputPort("object_poses"))
+        builder.ExportOutput(icp.GetOutputPort("object_poses"), "object_poses")
+    else:
+        blind = builder.AddNamedSystem("no_camera", ConstantVectorSource(np.array([NEVER])))
+        nothing = builder.AddNamedSystem("no_poses", ConstantVectorSource(np.zeros(MEASUREMENT_SIZE * len(library))))
+        builder.Connect(blind.get_output_port(), updater.GetInputPort("image_time"))
+        builder.Connect(nothing.get_output_port(), updater.GetInputPort("object_poses"))
+
+    builder.ExportOutput(mpc.GetOutputPort("position_commanded"), ports.POSITION_COMMANDED)
+    builder.ExportOutput(mpc.GetOutputPort("torque_commanded"), ports.TORQUE_COMMANDED)
+    fingers = scene.default_positions[scene.gripper_position_index]
+    if fingers.size:
+        grip = builder.AddNamedSystem("gripper_command", ConstantVectorSource(fingers))
+        builder.ExportOutput(grip.get_output_port(), ports.GRIPPER_COMMANDED)
+    for system, names in (
+        (ekf, ("arm_state", "parameters", "covariance", "innovation", "nis")),
+        (drift, ("alarm", "alarm_log")),
+        (updater, ("tracks", "positions")),
+        (mpc, ("plan",)),
+    ):
+        for name in names:
+            builder.ExportOutput(system.GetOutputPort(name), name)
+    builder.ExportOutput(scene.query_output, "query_object")
+    diagram = builder.Build()
+    diagram.set_name("twin")
+    names = tuple(ekf.parameter_names)
+    mass_index = names.index("payload.mass") if "payload.mass" in names else None
+    return Twin(diagram, model, library, scene, names, mass_index)
+
+
+def make_closed_loop(
+    plan: scenario.Scenario, add: Callable[[DiagramBuilder, Diagram, Twin], None] | None = None
+) -> ClosedLoop:
+    """Builds the station that a scenario asks for and the twin, and connects each port to its namesake.
+
+    Args:
+        plan: the scenario.
+        add: called with the builder, the station and the twin before the Diagram is built: adds visualisers, loggers.
+
+    Raises:
+        TwinError: something that the scenario names does not exist or does not fit; the message names the field.
+    """
+    builder = DiagramBuilder()
+    twin = make_twin(plan.twin, plan.packages)
+    station = make_station(plan)
+    connect(builder, station, twin)
+    if add is not None:
+        add(builder, station, twin)
+    diagram = builder.Build()
+    diagram.set_name("twin_diagram")
+    return ClosedLoop(diagram, plan, station, twin)
+
+
+def connect(builder: DiagramBuilder, station: Diagram, twin: Twin) -> None:
+    """Adds a station and the twin to `builder` and connects namesakes; nothing of ``truth.*`` is connected."""
+    builder.AddNamedSystem("station", station)
+    builder.AddNamedSystem("twin", twin.diagram)
+    for name in ports.output_names(station):
+        if twin.diagram.HasInputPort(name):
+            builder.Connect(station.GetOutputPort(name), twin.diagram.GetInputPort(name))
+    for name in ports.input_names(station):
+        if twin.diagram.HasOutputPort(name):
+            builder.Connect(twin.diagram.GetOutputPort(name), station.GetInputPort(name))
+
+
+def goal_vector(task: scenario.Task) -> np.ndarray:
+    """X_WG as (qw, qx, qy, qz, px, py, pz); zeros where there is no goal."""
+    if task.X_WG is None:
+        return np.zeros(POSE_SIZE)
+    X_WG = description.pose(task.X_WG)
+    return np.concatenate([X_WG.rotation().ToQuaternion().wxyz(), X_WG.translation()])
+
+
+def _named(field: str, make: Callable[[], Made]) -> Made:
+    """Runs `make`; what is wrong with the user's files is said with the scenario's field."""
+    try:
+        return make()
+    except ScenarioError:
+        raise
+    except TwinError as error:
+        raise ScenarioError(field, str(error)) from error

@@ -1,0 +1,300 @@
+"""Runs scenarios and recordings, and writes what they leave behind."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+
+from twin_diagram import scenario as schema
+from twin_diagram.diagram import ClosedLoop, Twin, make_closed_loop
+from twin_diagram.errors import TwinError
+from twin_diagram.logs import read_log, write_log
+from twin_diagram.looking import atomic_file
+from twin_diagram.looking.diagram_svg import write_diagram_svg
+from twin_diagram.looking.ghost import make_ghost
+from twin_diagram.looking.meshcat_scenes import MeshcatScenes, add_meshcat, open_meshcat
+from twin_diagram.looking.overlay_system import MeshcatOverlay
+from twin_diagram.looking.plots import write_plots
+from twin_diagram.scenario import Scenario
+from twin_diagram.scenario_file import dump_scenario, load_scenario, override_scenario
+from twin_diagram.score import alarms, summarize, table
+from twin_diagram.signals import TRACK_SIZE, Array, ObjectStatus, Track
+from twin_diagram.station import ports
+from twin_diagram.station.recorder import Recorder, manifest_of
+from twin_diagram.station.recording import LOG, Manifest, RecordingWriter
+from twin_diagram.trial import Trial, run_trial
+
+SCENARIO_FILE = "scenario.yaml"
+Say = Callable[[str], None]
+
+
+def run_scenario(
+    scenario: Scenario,
+    *,
+    out: Path | None = None,
+    record: Path | None = None,
+    log: Path | None = None,
+    show: bool = False,
+    pictures: bool = True,
+    say: Say = print,
+) -> dict[str, Any]:
+    """Runs a scenario's station and the twin in closed loop.
+
+    Args:
+        scenario: with any station; only a simulated one can be scored.
+        out: folder for ``summary.json`` and, with `pictures`, ``replay.html``, ``diagram.svg`` and plots.
+        record: folder for a recording that `replay_log` runs again.
+        log: the measured log, .csv or .npz.
+        show: opens meshcat and runs no faster than real time.
+        pictures: whether `out` gets more than the summary.
+        say: takes lines of text.
+
+    Returns:
+        The summary; for a station without truth, what the twin believes at the end.
+
+    Raises:
+        TwinError: something that the scenario names does not exist or does not fit.
+    """
+    look = Looking(open_meshcat()) if show or (out is not None and pictures) else None
+    with ExitStack() as stack:
+        keep = Keeping(scenario, record, log, stack)
+
+        def add(builder: DiagramBuilder, station: Diagram, twin: Twin) -> None:
+            keep.add(builder, station, twin)
+            if look is not None:
+                look.add(builder, station, twin)
+
+        loop = make_closed_loop(scenario, add)
+        simulator = Simulator(loop.diagram)
+        if look is not None:
+            look.start(simulator, show, say)
+        simulator.Initialize()
+        trial = None
+        progress = Progress(scenario.duration)
+        if scenario.station == "sim":
+            trial = run_trial(loop, simulator, scenario.duration, progress)
+            timing = trial.timing()
+            summary = _summary(loop, trial, timing)
+            progress.done()
+            say(table(summary))
+        else:
+            _advance(simulator, scenario.duration, progress)
+            summary = beliefs(loop, simulator.get_context())
+            progress.done()
+            say(json.dumps(summary, indent=2))
+    if out is not None:
+        _write(out, loop, summary, trial, look if pictures else None)
+        say(f"wrote {out}/")
+    return summary
+
+
+def replay_log(
+    log: Path,
+    *,
+    model: str | None = None,
+    overrides: Iterable[str] = (),
+    out: Path | None = None,
+    show: bool = False,
+    say: Say = print,
+) -> dict[str, Any]:
+    """Runs the twin on a recording (a folder of `run_scenario`) or on a bare measured log.
+
+    Args:
+        log: the folder, or a .csv or .npz file.
+        model: the arm's description, needed for a bare log.
+        overrides: ``dotted.field=value`` each.
+        out: as in `run_scenario`.
+        show: as in `run_scenario`.
+        say: takes lines of text.
+
+    Raises:
+        TwinError: no such log, or it cannot be used.
+    """
+    scenario = replay_scenario(log, model, overrides)
+    return run_scenario(scenario, out=out, show=show, say=say)
+
+
+def replay_scenario(log: Path, model: str | None = None, overrides: Iterable[str] = ()) -> Scenario:
+    """The scenario that replays a recording, or a bare log with a model of its arm."""
+    if not log.exists():
+        raise TwinError(f"{log}: no such recording or log")
+    overrides = list(overrides)
+    if log.is_dir():
+        if model is not None:
+            raise TwinError(f"--model goes with a bare log; {log} is a recording and names its own")
+        if not (log / SCENARIO_FILE).is_file():
+            raise TwinError(f"{log}: no recording: it has no {SCENARIO_FILE}")
+        scenario = load_scenario(log / SCENARIO_FILE, overrides)
+    else:
+        if model is None:
+            raise TwinError(f"{log}: a bare log needs --model, the arm's description")
+        arm = schema.ArmModel(model=str(model), tool_frame="")
+        scenario = schema.Scenario(twin=schema.Twin(arm=arm, camera=None), duration=float(read_log(log).time[-1]))
+        scenario = override_scenario(scenario, overrides)
+    scenario.station = "replay"
+    scenario.replay.log = str(log.resolve())
+    return scenario
+
+
+def beliefs(loop: ClosedLoop, context: Context) -> dict[str, Any]:
+    """What the twin believes now: time, payload, objects, alarms."""
+    twin = loop.twin.diagram
+    own = twin.GetMyContextFromRoot(context)
+
+    def value(port: str) -> Array:
+        return np.array(twin.GetOutputPort(port).Eval(own))
+
+    n = loop.model.n
+    parameters, covariance = value("parameters"), value("covariance")
+    std = np.sqrt(np.diag(covariance.reshape(2 * n + parameters.size, -1)))[2 * n :]
+    tracks = [Track.unpack(row) for row in value("tracks").reshape(-1, TRACK_SIZE)]
+    return {
+        "time_s": context.get_time(),
+        "joints": dict(zip(loop.model.joints, value("arm_state")[:n].round(6).tolist(), strict=True)),
+        "parameters": {
+            name: {"value": float(v), "std": float(s)}
+            for name, v, s in zip(loop.twin.parameter_names, parameters, std, strict=True)
+        },
+        "objects": {
+            name: {
+                "status": track.status.name.lower(),
+                "pose": track.pose.round(6).tolist(),
+                "position_std_mm": round(1e3 * float(np.sqrt(np.trace(track.covariance[3:, 3:]))), 3),
+            }
+            for name, track in zip(loop.twin.library, tracks, strict=True)
+            if track.status != ObjectStatus.UNSEEN
+        },
+        "alarms": alarms(value("alarm_log")),
+    }
+
+
+class Looking:
+    """Both scenes in one meshcat, live or recorded."""
+
+    def __init__(self, meshcat: Meshcat) -> None:
+        """`meshcat`: where they are shown."""
+        self._meshcat = meshcat
+        self.scenes: MeshcatScenes | None = None
+
+    def add(self, builder: DiagramBuilder, station: Diagram, twin: Twin) -> None:
+        """Adds visualisers to a loop that is being built."""
+        real = station.GetOutputPort(ports.QUERY_OBJECT) if station.HasOutputPort(ports.QUERY_OBJECT) else None
+        if real is not None:
+            make_ghost(twin.scene)
+        self.scenes = add_meshcat(builder, self._meshcat, twin.diagram.GetOutputPort("query_object"), real)
+        self.scenes.set_view()
+        plan = twin.diagram.GetOutputPort("plan")
+        overlay = MeshcatOverlay(self._meshcat, twin.scene, plan.size() // twin.model.n)
+        builder.AddNamedSystem("overlay", overlay)
+        builder.Connect(plan, overlay.GetInputPort("plan"))
+        builder.Connect(twin.diagram.GetOutputPort("tracks"), overlay.GetInputPort("tracks"))
+
+    def start(self, simulator: Simulator, live: bool, say: Say) -> None:
+        """Begins to record; live, runs no faster than real time and says where to look."""
+        assert self.scenes is not None
+        self.scenes.start_recording()
+        if live:
+            say(f"watch at {self._meshcat.web_url()}")
+            simulator.set_target_realtime_rate(1.0)
+
+
+class Keeping:
+    """What is recorded of the station while it runs; dropped where the run fails."""
+
+    def __init__(self, scenario: Scenario, record: Path | None, log: Path | None, stack: ExitStack) -> None:
+        """Nothing is opened before the loop is known to build; `stack` closes it all."""
+        self._scenario, self._record, self._log, self._stack = scenario, record, log, stack
+
+    def add(self, builder: DiagramBuilder, station: Diagram, twin: Twin) -> None:
+        """Adds a recorder for each thing that is to be kept."""
+        scenario = self._scenario
+        whole = manifest_of(scenario, list(twin.model.joints), list(twin.scene.arm.gripper_joints))
+        if self._record is not None:
+            writer = self._stack.enter_context(RecordingWriter(self._record, whole))
+            writer.attach(SCENARIO_FILE, dump_scenario(scenario))
+            self._watch(builder, station, twin, writer, whole)
+        if self._log is not None:
+            if self._log.suffix not in (".csv", ".npz"):
+                raise TwinError(f"--log {self._log}: a measured log is .csv or .npz")
+            bare = dataclasses.replace(whole, camera=None)
+            folder = Path(self._stack.enter_context(TemporaryDirectory()))
+            self._stack.callback(lambda: self._convert(folder / "log" / LOG))
+            writer = self._stack.enter_context(RecordingWriter(folder / "log", bare))
+            self._watch(builder, station, twin, writer, bare)
+
+    def _watch(
+        self, builder: DiagramBuilder, station: Diagram, twin: Twin, writer: RecordingWriter, manifest: Manifest
+    ) -> None:
+        recorder = Recorder(writer, manifest)
+        builder.AddSystem(recorder)
+        for name in ports.input_names(recorder):
+            source = twin.diagram if name == ports.POSITION_COMMANDED else station
+            builder.Connect(source.GetOutputPort(name), recorder.GetInputPort(name))
+
+    def _convert(self, source: Path) -> None:
+        if self._log is not None and source.is_file():
+            write_log(read_log(source), self._log)
+
+
+class Progress:
+    """A line on the terminal that says how far a run is; silent where nobody watches."""
+
+    def __init__(self, duration: float) -> None:
+        """`duration`: of the run [s]."""
+        self._duration, self._shown = duration, -1
+        self._visible = sys.stderr.isatty()
+
+    def __call__(self, time: float) -> None:
+        """Shows that `time` [s] has been reached."""
+        tenths = int(10 * time)
+        if self._visible and tenths != self._shown:
+            self._shown = tenths
+            filled = int(30 * time / self._duration)
+            bar = "█" * filled + "░" * (30 - filled)
+            print(f"\r{bar} {time:5.1f} / {self._duration:.1f} s", end="", file=sys.stderr, flush=True)
+
+    def done(self) -> None:
+        """Ends the line."""
+        if self._visible:
+            print(file=sys.stderr)
+
+
+def _advance(simulator: Simulator, duration: float, progress: Progress) -> None:
+    for tick in range(1, int(np.ceil(10 * duration)) + 1):
+        simulator.AdvanceTo(min(0.1 * tick, duration))
+        progress(simulator.get_context().get_time())
+
+
+def _summary(loop: ClosedLoop, trial: Trial, timing: dict[str, Any]) -> dict[str, Any]:
+    scenario = loop.scenario
+    payloads = [e.parameters["mass"][0] for e in scenario.world.arm.effects if e.name == "payload"]
+    return summarize(
+        trial.record,
+        seed=scenario.seed,
+        duration=scenario.duration,
+        payload_true=sum(payloads) if payloads else None,
+        position_tolerance=scenario.twin.task.position_tolerance,
+        rotation_tolerance=scenario.twin.task.rotation_tolerance,
+        timing=timing,
+    )
+
+
+def _write(out: Path, loop: ClosedLoop, summary: dict[str, Any], trial: Trial | None, look: Looking | None) -> None:
+    atomic_file.write(out / "summary.json", json.dumps(summary, indent=2, ensure_ascii=False) + "\n")
+    if look is None or look.scenes is None:
+        return
+    look.scenes.write_replay(out / "replay.html")
+    write_diagram_svg(loop.diagram, out / "diagram.svg")
+    if trial is not None:
+        write_plots(trial.record, summary, out)
