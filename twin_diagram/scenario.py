@@ -204,7 +204,7 @@ class Filter:
     """How long it stays [s]."""
     parameter_walk: float = 0.002
     """Random walk of the parameters while the arm moves, in standard deviations of their prior [1/√s]."""
-    opening: float = 4.0
+    opening: float = 2.0
     """The parameters' covariance opens where innovations squared are this many times their covariance for a tenth of a
     second."""
 

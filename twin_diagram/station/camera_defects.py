@@ -152,8 +152,10 @@ class CameraDefectsSystem(LeafSystem):
         self._depth = self.DeclareAbstractInputPort("depth_rendered", Value(ImageDepth32F()))
         self._time = self.DeclareVectorInputPort("time_rendered", 1)
         ticket = self._time.ticket()
-        self.DeclareAbstractOutputPort("rgb_image", rgb.Clone, self._calc_rgb, {self._rgb.ticket(), ticket})
-        self.DeclareAbstractOutputPort("depth_image", depth.Clone, self._calc_depth, {self._depth.ticket(), ticket})
+        # Drake's renderer counts as depending on time, and would render anew at each step. What it shows changes with the
+        # capture time, which comes from the same state.
+        self.DeclareAbstractOutputPort("rgb_image", rgb.Clone, self._calc_rgb, {ticket})
+        self.DeclareAbstractOutputPort("depth_image", depth.Clone, self._calc_depth, {ticket})
         self.DeclareVectorOutputPort("image_time", 1, self._calc_time, {ticket})
 
     def _frame(self, context: Context) -> tuple[float, int] | None:

@@ -8,11 +8,11 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
-from twin_diagram import description
-from twin_diagram.errors import ModelError, ScenarioError
+from twin_diagram.errors import ScenarioError
 from twin_diagram.scenario import Scenario
 from twin_diagram.signals import Array
 from twin_diagram.station.arm_plant import ArmPlant
+from twin_diagram.station.parsing import twin_arm
 
 BANDWIDTH: Final = 200.0
 """Of the filter through which commands go [rad/s]: it lags a steady motion by 2 / BANDWIDTH = 10 ms."""
@@ -53,10 +53,7 @@ class NominalGravity:
             ScenarioError: it cannot be loaded.
         """
         plant = MultibodyPlant(0.0)
-        try:
-            arm = description.add_arm(plant, scenario.twin.arm, scenario.packages)
-        except ModelError as error:
-            raise ScenarioError("twin.arm", str(error)) from error
+        arm = twin_arm(scenario, plant)
         plant.Finalize()
         joints = [plant.get_joint(index) for index in arm.joint_indices]
         self._plant = plant

@@ -12,7 +12,7 @@ from pydrake.multibody.tree import JointIndex, ModelInstanceIndex, RigidBody, We
 from twin_diagram import description
 from twin_diagram.errors import ModelError, ScenarioError
 from twin_diagram.resources import resolve
-from twin_diagram.scenario import Pose
+from twin_diagram.scenario import Pose, Scenario
 
 
 def transform(pose: Pose, field: str) -> RigidTransform:
@@ -24,6 +24,18 @@ def transform(pose: Pose, field: str) -> RigidTransform:
     if len(pose.translation) != 3 or len(pose.rpy) != 3:
         raise ScenarioError(field, f"translation {pose.translation} and rpy {pose.rpy} have three numbers each")
     return description.pose(pose)
+
+
+def twin_arm(scenario: Scenario, plant: MultibodyPlant | None = None) -> description.Arm:
+    """The arm that the twin was told of: its joints' names and, in `plant`, its places.
+
+    Raises:
+        ScenarioError: it cannot be loaded.
+    """
+    try:
+        return description.add_arm(plant or MultibodyPlant(0.0), scenario.twin.arm, scenario.packages)
+    except ModelError as error:
+        raise ScenarioError("twin.arm", str(error)) from error
 
 
 def add_model(plant: MultibodyPlant, name: str, packages: Mapping[str, str], model: str) -> list[ModelInstanceIndex]:
