@@ -1,0 +1,278 @@
+"""The planner whole, as a function from memory and inputs to memory: where to go, by which way, and how to move there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from twin_diagram import scenario
+from twin_diagram.planning import ik
+from twin_diagram.planning.optimiser import Limits, Optimiser, OptimiserTuning
+from twin_diagram.planning.qp import QpSolver
+from twin_diagram.planning.route import Aim, Route, Router, RouteTuning, Situation
+from twin_diagram.planning.scene import Forecast, Scene
+from twin_diagram.planning.trajectory import Trajectory
+from twin_diagram.signals import NEVER, POSE_SIZE, Array
+
+GOALS = 8
+"""Joint goals that are remembered."""
+WAY_POINTS = 12
+"""Way points that are remembered; of a longer route the first ones."""
+LEAST = 0.5
+"""Share of the clearance that is always wanted, however near to a thing the goal is."""
+OWN_CLEARANCE = 0.01
+"""The arm keeps from itself [m]."""
+TRAVEL = 0.9
+"""Routes are travelled at this share of the speed limit, so that the motion can catch up."""
+REANCHOR = 0.25
+"""The command starts anew from the measured position where it is farther from it than this [rad]."""
+OFFSET_TIME = 0.7
+"""The lasting difference of command and position is learnt with this time constant while the arm is slow [s]."""
+OFFSET_SPEED = 0.1
+"""Slow means below this [rad/s]."""
+OFFSET_CAP = 0.05
+"""No more than this is made up for [rad]."""
+
+
+@dataclass(frozen=True)
+class Memory:
+    """All that the planner remembers from tick to tick.
+
+    Attributes:
+        trajectory: the plan, in commanded positions; its start is `NEVER` before the first tick.
+        offset: (n,) how far the command has to lead the position, as learnt at low speed [rad].
+        goal: (7,) the goal that `goals` are for, all zero for none.
+        stay: (n,) where to stay without a goal [rad].
+        goals: (G, n) joint goals, G <= GOALS.
+        route: the way ahead.
+        tick: number of ticks.
+        searched: tick at which the global planner was last asked in vain.
+    """
+
+    trajectory: Trajectory
+    offset: Array
+    goal: Array
+    stay: Array
+    goals: Array
+    route: Route
+    tick: int
+    searched: int
+
+    @staticmethod
+    def size(n: int, knots: int) -> int:
+        """Length of the packed vector."""
+        return 1 + n * (2 + knots) + n + POSE_SIZE + n + 1 + GOALS * n + 2 + WAY_POINTS * n + 2
+
+    @staticmethod
+    def initial(q: Array, knots: int, step: float) -> Memory:
+        """Before the first tick, at rest at `q` (n,)."""
+        n = len(q)
+        trajectory = Trajectory.at_rest(NEVER, step, knots, q)
+        return Memory(
+            trajectory,
+            np.zeros(n),
+            np.zeros(POSE_SIZE),
+            np.array(q, dtype=float),
+            np.zeros((0, n)),
+            Route.none(n),
+            0,
+            -1000,
+        )
+
+    def pack(self) -> Array:
+        """As a vector."""
+        t, n = self.trajectory, len(self.offset)
+        goals, points = np.zeros((GOALS, n)), np.zeros((WAY_POINTS, n))
+        goals[: len(self.goals)] = self.goals
+        count = min(len(self.route.points), WAY_POINTS)
+        points[:count] = self.route.points[:count]
+        return np.concatenate(
+            [
+                [t.start], t.q0, t.v0, t.accelerations.ravel(), self.offset, self.goal, self.stay,
+                [len(self.goals)], goals.ravel(), [int(self.route.aim), count], points.ravel(), [self.tick, self.searched],
+            ]
+        )  # fmt: skip
+
+    @staticmethod
+    def trajectory_of(vector: Array, n: int, knots: int, step: float) -> Trajectory:
+        """The trajectory alone of a packed vector; copies."""
+        part = np.array(vector[: 1 + (2 + knots) * n])
+        return Trajectory(
+            float(part[0]), step, part[1 : 1 + n], part[1 + n : 1 + 2 * n], part[1 + 2 * n :].reshape(knots, n)
+        )
+
+    @staticmethod
+    def unpack(vector: Array, n: int, knots: int, step: float) -> Memory:
+        """The inverse of `pack`; copies."""
+        parts = np.cumsum([1, n, n, knots * n, n, POSE_SIZE, n, 1, GOALS * n, 2, WAY_POINTS * n])
+        _, _, _, _, offset, goal, stay, count, goals, route, points, last = np.split(np.array(vector), parts)
+        return Memory(
+            Memory.trajectory_of(vector, n, knots, step),
+            offset,
+            goal,
+            stay,
+            goals.reshape(GOALS, n)[: int(count[0])],
+            Route(Aim(int(route[0])), points.reshape(WAY_POINTS, n)[: int(route[1])]),
+            int(last[0]),
+            int(last[1]),
+        )
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a tick found, for tests and drawings; nothing of it is needed for the next tick."""
+
+    aim: Aim
+    clearance: float
+    violation: float
+    solved: bool
+    reanchored: bool
+
+
+class Planner:
+    """Plans an arm's motion in a scene. Holds constants alone: what changes is in `Memory`.
+
+    Args:
+        scene: shapes and kinematics.
+        limits: velocity (n,) and acceleration limits come from here and from `params`.
+        params: tuning.
+        solver: for quadratic programs; None for ProxQP.
+    """
+
+    def __init__(
+        self, scene: Scene, velocity_limit: Array, params: scenario.Planner, solver: QpSolver | None = None
+    ) -> None:
+        n = scene.chain.size
+        self.scene, self.params = scene, params
+        velocity = params.velocity_share * np.where(np.isfinite(velocity_limit), velocity_limit, np.pi)
+        self.limits = Limits(scene.lower, scene.upper, velocity, np.full(n, params.acceleration))
+        self.router = Router(scene, TRAVEL * velocity, RouteTuning())
+        self.optimiser = Optimiser(
+            scene.clearance,
+            self.limits,
+            params.knots,
+            params.step,
+            OptimiserTuning(reach=params.influence),
+            solver,
+        )
+
+    def initial(self, q: Array) -> Memory:
+        """Memory before the first tick, at rest at `q` (n,)."""
+        return Memory.initial(q, self.params.knots, self.params.step)
+
+    def hold(self, memory: Memory, now: float, q: Array) -> Memory:
+        """Memory with the arm held at `q` (n,) from `now` on."""
+        trajectory = Trajectory.at_rest(now, self.params.step, self.params.knots, q)
+        return replace(memory, trajectory=trajectory, stay=trajectory.q0.copy())
+
+    def tick(self, memory: Memory, now: float, arm_state: Array, tracks: Array, goal: Array) -> tuple[Memory, Report]:
+        """One replanning.
+
+        Args:
+            memory: from the last tick.
+            now: time [s].
+            arm_state: (2n,) estimated positions [rad] and velocities [rad/s].
+            tracks: (K · TRACK_SIZE,) of the library's objects.
+            goal: (7,) X_WG of the tool frame; an all-zero quaternion: stay.
+        """
+        n = self.scene.chain.size
+        rng = np.random.default_rng([self.params.seed, memory.tick])
+        memory, q0, v0, a0, reanchored = self._anchor(memory, now, arm_state)
+        forecast = Forecast.of_tracks(tracks)
+        memory = self._aim(memory, q0, goal, rng)
+
+        situation = self._situation(q0, forecast, memory.goals)
+        may_search = memory.tick - memory.searched >= self.router.tuning.patience
+        route, failed = self.router.decide(memory.route, situation, rng, may_search=may_search)
+        margins = situation.margins(situation.goal_of(route) if route.aim is Aim.GOAL else None)
+
+        samples = self.optimiser.samples
+        around = self.scene.around(forecast, samples)
+        old_q, old_v, _ = memory.trajectory.at(now + samples)
+        guess = old_q - memory.offset
+        if route.aim is Aim.NOTHING:
+            reference = np.repeat((q0 + 0.15 * v0)[None], len(samples), axis=0)
+        else:
+            reference = self.router.reference(q0, route, samples)
+        fallback = replace(memory.trajectory, q0=memory.trajectory.q0 - memory.offset)
+        outcome = self.optimiser.solve(now, q0, v0, a0, guess, old_v, reference, around, margins, fallback)
+        plan = replace(outcome.trajectory, q0=outcome.trajectory.q0 + memory.offset)
+        memory = replace(
+            memory,
+            trajectory=plan,
+            route=Route(route.aim, route.points[:WAY_POINTS]),
+            tick=memory.tick + 1,
+            searched=memory.tick if failed else memory.searched,
+        )
+        return memory, Report(route.aim, outcome.clearance, outcome.violation, outcome.solved, reanchored)
+
+    def _situation(self, q: Array, forecast: Forecast, goals: Array) -> Situation:
+        """What is near, here and at the goals."""
+        scene, clearance = self.scene, self.params.clearance
+        q_all = np.vstack([q[None], goals])
+        around = scene.around(forecast, np.zeros(len(q_all)))
+        distance = scene.clearance.distances(q_all, around, self.params.influence)
+        still = np.ones(len(scene.clearance.bodies), dtype=bool)
+        still[scene.fixture_count :] = ~forecast.moving
+        return Situation(
+            q, forecast, goals, distance[0], distance[1:], still, clearance, LEAST * clearance, OWN_CLEARANCE
+        )
+
+    def _anchor(self, memory: Memory, now: float, arm_state: Array) -> tuple[Memory, Array, Array, Array, bool]:
+        """Where the new plan starts: where the old one is now, unless the arm is somewhere else altogether."""
+        n = self.scene.chain.size
+        q_measured, v_measured = arm_state[:n], arm_state[n:]
+        known = bool(np.isfinite(arm_state).all())
+        q, v, a = (part[0] for part in memory.trajectory.at(np.array([now])))
+        first = memory.trajectory.start == NEVER
+        lost = known and (first or np.abs(q - memory.offset - q_measured).max() > REANCHOR)
+        if lost:
+            v = np.zeros(n) if first else np.clip(v_measured, -self.limits.velocity, self.limits.velocity)
+            trajectory = self._stop(now, q_measured, v)
+            memory = replace(memory, trajectory=trajectory, offset=np.zeros(n), route=Route.none(n))
+            if first:
+                memory = replace(memory, stay=q_measured.copy())
+            return memory, q_measured.copy(), v, trajectory.accelerations[0], True
+        if first:
+            memory = replace(memory, trajectory=replace(memory.trajectory, start=now))
+        if known and np.abs(v).max() < OFFSET_SPEED and np.abs(v_measured).max() < OFFSET_SPEED:
+            gain = min(1.0, 1.0 / (self.params.rate * OFFSET_TIME))
+            offset = memory.offset + gain * (q - q_measured - memory.offset)
+            memory = replace(memory, offset=np.clip(offset, -OFFSET_CAP, OFFSET_CAP))
+        return memory, q - memory.offset, v, a, False
+
+    def _stop(self, now: float, q: Array, v: Array) -> Trajectory:
+        """Comes to rest from a velocity, evenly within the horizon."""
+        knots, h = self.params.knots, self.params.step
+        accelerations = np.zeros((knots, len(q)))
+        count = max(2, int(np.ceil(np.abs(v / self.limits.acceleration).max() / h)) + 1)
+        count = min(count, knots - 1)
+        # Trapezoid: the area under the accelerations must take the velocity away.
+        accelerations[:count] = -v / (h * (count - 0.5))
+        return Trajectory(now, h, q.copy(), v.copy(), accelerations)
+
+    def _aim(self, memory: Memory, q0: Array, goal: Array, rng: np.random.Generator) -> Memory:
+        """Joint goals for the goal, found anew when it changes."""
+        goal = np.where(np.isfinite(goal).all(), goal, 0.0)
+        wanted = float(np.linalg.norm(goal[:4])) > 0.5
+        had = float(np.linalg.norm(memory.goal[:4])) > 0.5
+        n = len(q0)
+        if not wanted:
+            if had:
+                # The goal was taken away: stay where the plan comes to rest.
+                stay = memory.trajectory.knots[-1] - memory.offset
+                return replace(
+                    memory, goal=np.zeros(POSE_SIZE), stay=stay, goals=stay[None], route=Route(Aim.GOAL, stay[None])
+                )
+            if len(memory.goals) == 0:
+                return replace(memory, goals=memory.stay[None], route=Route(Aim.GOAL, memory.stay[None]))
+            return memory
+        if had and np.array_equal(goal, memory.goal) and (len(memory.goals) or memory.tick % 15):
+            return memory
+        X_WG = np.eye(4)
+        X_WG[:3, :3] = Rotation.from_quat(goal[[1, 2, 3, 0]]).as_matrix()
+        X_WG[:3, 3] = goal[4:]
+        goals = ik.solve(self.scene.chain, X_WG, q0, self.scene.lower, self.scene.upper, rng)
+        return replace(memory, goal=goal.copy(), goals=goals[:GOALS], route=Route.none(n))

@@ -1,0 +1,210 @@
+"""The planner as a system: commands for the arm's own controller, at any time between ticks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Final, cast
+
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, LeafSystem
+
+from twin_diagram import scenario
+from twin_diagram.assets import Asset
+from twin_diagram.errors import ScenarioError
+from twin_diagram.model import Model
+from twin_diagram.planning.mpc import Memory, Planner
+from twin_diagram.planning.payload import gravity_regressor
+from twin_diagram.planning.qp import QpSolver
+from twin_diagram.planning.scene import load_scene
+from twin_diagram.signals import NEVER, POSE_SIZE, TRACK_SIZE, Array
+from twin_diagram.timing import timed
+
+PAYLOAD: Final = ("payload.mass", "payload.moment_x", "payload.moment_y", "payload.moment_z")
+"""Names of the parameters of a payload: mass [kg] and first moment [kg·m] in the last link's frame."""
+MARGIN: Final = 1e-3
+"""A tick comes this long after the tracks that it uses [s]."""
+
+
+class Mpc(LeafSystem):
+    """Moves the tool to a goal around the twin's objects, and out of their way.
+
+    .. pydrake_system::
+
+        name: Mpc
+        input_ports:
+        - arm_state
+        - tracks
+        - parameters
+        - goal
+        - measurement_time (optional)
+        output_ports:
+        - position_commanded
+        - torque_commanded
+        - plan
+
+    Ports:
+        arm_state: (2n) estimated joint angles [rad] and speeds [rad/s].
+        tracks: (K · TRACK_SIZE) a `signals.Track` per library object, in the library's order.
+        parameters: (p) what the filter learned; those named `PAYLOAD` are used.
+        goal: (7) X_WG of the tool frame as (qw, qx, qy, qz, px, py, pz); an all-zero quaternion: stay.
+        measurement_time: (1) time of the arm's newest message [s]; until it is >= 0 nothing is planned. Not connected:
+            `arm_state` is trusted from the start.
+        position_commanded: (n) [rad]; the plan now, twice continuously differentiable in time. Before the first plan:
+            where the arm is, `home` before the first message.
+        torque_commanded: (n) [N·m] to add to the arm's own controller: the weight of the payload as learned.
+        plan: (knots · n) the plan's knots from now on, row by row [rad].
+
+    Rate: plans at `planner.rate`, a periodic discrete update. It comes right after the scene-graph updater's tick that
+    first holds a new image's poses. Latency: commands follow the plan at any time that they are asked for; a plan reacts
+    to an image as old as the camera's latency and one tick of the updater.
+
+    State: one discrete vector, see `mpc.Memory`. The goal counts from `task.start` on.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        twin: scenario.Twin,
+        library: Mapping[str, Asset],
+        packages: Mapping[str, str | Path] | None = None,
+        parameter_names: Sequence[str] = PAYLOAD,
+        solver: QpSolver | None = None,
+    ) -> None:
+        """Reads the shapes of the arm, fixtures and library.
+
+        Args:
+            model: the arm.
+            twin: what the twin is told; `arm`, `home`, `fixtures`, `planner`, `task.start`, `camera` and `scene.rate` count.
+            library: the known objects by name, in the order of the tracks.
+            packages: local folders for `package://` names.
+            parameter_names: of the `parameters` port, in order; a unit in brackets after a name does not count.
+            solver: for quadratic programs; None for ProxQP.
+
+        Raises:
+            ScenarioError: a tuning value that makes no sense.
+            ModelError: a shape that cannot be read.
+        """
+        super().__init__()
+        self.set_name("mpc")
+        params = twin.planner
+        _check(params)
+        n = len(model.joints)
+        scene = load_scene(model.spec, twin.fixtures, library, packages)
+        self.planner: Final = Planner(scene, model.velocity_limit, params, solver)
+        self._n, self._knots, self._step = n, params.knots, params.step
+        self._start = twin.task.start
+        plain = [name.split(" ")[0] for name in parameter_names]
+        self._payload_index = [plain.index(name) for name in PAYLOAD] if set(PAYLOAD) <= set(plain) else None
+
+        self._arm_in = self.DeclareVectorInputPort("arm_state", 2 * n)
+        self._tracks_in = self.DeclareVectorInputPort("tracks", TRACK_SIZE * len(library))
+        self._parameters_in = self.DeclareVectorInputPort("parameters", len(parameter_names))
+        self._goal_in = self.DeclareVectorInputPort("goal", POSE_SIZE)
+        self._time_in = self.DeclareVectorInputPort("measurement_time", 1)
+
+        home = np.array(twin.home, dtype=float) if twin.home else np.zeros(n)
+        self._state = self.DeclareDiscreteState(self.planner.initial(home).pack())
+        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / params.rate, _offset(twin), self._tick)
+        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / twin.filter.rate, 0.0, self._latch)
+        state, arm = self.discrete_state_ticket(self._state), self._arm_in.ticket()
+        self.DeclareVectorOutputPort(
+            "position_commanded",
+            n,
+            self._calc_position,
+            prerequisites_of_calc={self.time_ticket(), state, arm, self._time_in.ticket()},
+        )
+        self.DeclareVectorOutputPort(
+            "torque_commanded", n, self._calc_torque, prerequisites_of_calc={arm, self._parameters_in.ticket()}
+        )
+        self.DeclareVectorOutputPort("plan", params.knots * n, self._calc_plan, prerequisites_of_calc={state})
+
+    def memory(self, context: Context) -> Memory:
+        """A copy of what the planner remembers."""
+        return Memory.unpack(self._vector(context), self._n, self._knots, self._step)
+
+    def _vector(self, context: Context) -> Array:
+        return cast(Array, context.get_discrete_state(int(self._state)).value())
+
+    def _known(self, context: Context) -> bool:
+        """Whether the arm's state means anything yet."""
+        if not self._time_in.HasValue(context):
+            return True
+        return float(cast(Array, self._time_in.Eval(context))[0]) >= 0.0
+
+    @timed("Mpc")
+    def _tick(self, context: Context, discrete: DiscreteValues) -> EventStatus:
+        if not self._known(context):
+            return EventStatus.DidNothing()
+        now = context.get_time()
+        goal = np.array(self._goal_in.Eval(context)) if now >= self._start - 1e-9 else np.zeros(POSE_SIZE)
+        memory, _ = self.planner.tick(
+            self.memory(context),
+            now,
+            np.array(self._arm_in.Eval(context)),
+            np.array(self._tracks_in.Eval(context)),
+            goal,
+        )
+        discrete.set_value(int(self._state), memory.pack())
+        return EventStatus.Succeeded()
+
+    def _latch(self, context: Context, discrete: DiscreteValues) -> EventStatus:
+        """Holds the arm where it is from the first message on, before there is a plan."""
+        if self._vector(context)[0] != NEVER or not self._known(context):
+            return EventStatus.DidNothing()
+        q = np.array(self._arm_in.Eval(context))[: self._n]
+        if not np.isfinite(q).all():
+            return EventStatus.DidNothing()
+        memory = self.planner.hold(self.memory(context), context.get_time(), q)
+        discrete.set_value(int(self._state), memory.pack())
+        return EventStatus.Succeeded()
+
+    def _calc_position(self, context: Context, output: BasicVector) -> None:
+        vector = self._vector(context)
+        if vector[0] == NEVER and self._known(context):
+            q = np.array(self._arm_in.Eval(context))[: self._n]
+            if np.isfinite(q).all():
+                output.SetFromVector(q)
+                return
+        output.SetFromVector(
+            Memory.trajectory_of(vector, self._n, self._knots, self._step).position(context.get_time())
+        )
+
+    def _calc_torque(self, context: Context, output: BasicVector) -> None:
+        q = np.array(self._arm_in.Eval(context))[: self._n]
+        theta = np.array(self._parameters_in.Eval(context))
+        torque = np.zeros(self._n)
+        if self._payload_index is not None:
+            payload = theta[self._payload_index]
+            if np.isfinite(payload).all() and np.isfinite(q).all():
+                torque = gravity_regressor(self.planner.scene.chain, q) @ payload
+        output.SetFromVector(torque)
+
+    def _calc_plan(self, context: Context, output: BasicVector) -> None:
+        trajectory = Memory.trajectory_of(self._vector(context), self._n, self._knots, self._step)
+        output.SetFromVector(trajectory.knots.ravel())
+
+
+def _offset(twin: scenario.Twin) -> float:
+    """When within a period to plan: right after the updater's tick that follows a new image's delivery [s]."""
+    if twin.camera is None:
+        return 0.0
+    delivered = twin.camera.latency + MARGIN
+    updated = np.ceil(delivered * twin.scene.rate - 1e-9) / twin.scene.rate
+    return float((updated + MARGIN) % (1.0 / twin.planner.rate))
+
+
+def _check(params: scenario.Planner) -> None:
+    limits = {"rate": 0.0, "step": 0.0, "clearance": 0.0, "influence": 0.0, "velocity_share": 0.0, "acceleration": 0.0}
+    for name, least in limits.items():
+        value = getattr(params, name)
+        if not (np.isfinite(value) and value > least):
+            raise ScenarioError(f"twin.planner.{name}", f"{value} is not a positive number")
+    if params.knots < 4:
+        raise ScenarioError("twin.planner.knots", f"{params.knots} knots leave nothing to plan; give 4 or more")
+    if params.influence < 1.5 * params.clearance:
+        raise ScenarioError(
+            "twin.planner.influence", f"{params.influence} m must be well above clearance ({params.clearance} m)"
+        )
+    if params.velocity_share > 1.0:
+        raise ScenarioError("twin.planner.velocity_share", f"{params.velocity_share} is above the joints' limits")

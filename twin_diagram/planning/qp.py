@@ -1,0 +1,89 @@
+"""Quadratic programs, behind one small interface so that the solver can be exchanged."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin_diagram.signals import Array
+
+
+@dataclass(frozen=True)
+class QuadraticProgram:
+    """Minimise xᵀ H x / 2 + gᵀ x where A x = b, low <= C x <= high and lower <= x <= upper."""
+
+    H: Array
+    g: Array
+    A: Array
+    b: Array
+    C: Array
+    low: Array
+    high: Array
+    lower: Array
+    upper: Array
+
+
+@dataclass(frozen=True)
+class QpSolution:
+    """A solver's answer.
+
+    Attributes:
+        x: the minimiser, or the best that was found.
+        solved: whether `x` keeps the constraints and is optimal to the solver's tolerance.
+        iterations: of the solver.
+    """
+
+    x: Array
+    solved: bool
+    iterations: int
+
+
+class QpSolver(ABC):
+    """Something that solves quadratic programs; answers depend on the program alone, not on earlier ones."""
+
+    @abstractmethod
+    def solve(self, program: QuadraticProgram) -> QpSolution:
+        """Solves one program."""
+
+
+class ProxQp(QpSolver):
+    """ProxQP's dense solver (Bambade et al., ProxQP: yet another quadratic programming solver, RSS 2022).
+
+    Args:
+        tolerance: of the residuals, in the units of the constraints and of the gradient.
+        iterations: at most.
+    """
+
+    def __init__(self, tolerance: float = 1e-5, iterations: int = 400) -> None:
+        import proxsuite
+
+        self._proxqp = proxsuite.proxqp
+        self._tolerance = tolerance
+        self._iterations = iterations
+
+    def solve(self, program: QuadraticProgram) -> QpSolution:
+        """See `QpSolver`."""
+        size = len(program.g)
+        solver = self._proxqp.dense.QP(size, len(program.b), len(program.low), True)
+        solver.settings.eps_abs = self._tolerance
+        solver.settings.eps_rel = 0.0
+        solver.settings.max_iter = self._iterations
+        solver.settings.initial_guess = self._proxqp.InitialGuess.EQUALITY_CONSTRAINED_INITIAL_GUESS
+        solver.init(
+            program.H,
+            program.g,
+            program.A,
+            program.b,
+            program.C,
+            program.low,
+            program.high,
+            program.lower,
+            program.upper,
+        )
+        solver.solve()
+        info = solver.results.info
+        x = np.array(solver.results.x, dtype=float)
+        solved = info.status == self._proxqp.QPSolverOutput.PROXQP_SOLVED and bool(np.isfinite(x).all())
+        return QpSolution(x, solved, int(info.iter))
