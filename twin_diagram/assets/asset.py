@@ -53,7 +53,9 @@ class Asset:
 
     @staticmethod
     def load(folder: str | Path) -> Asset:
-        """Reads an asset's folder; its cloud is `cloud.npz` (points, normals, colours) where there is one, else sampled.
+        """Reads an asset's folder.
+
+        Its cloud is `cloud.npz` (points, normals, colours) where there is one, else it is sampled from the visual mesh.
 
         Raises:
             AssetError: the folder, a file in it or a value is missing or malformed; the message names it.

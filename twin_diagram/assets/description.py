@@ -97,8 +97,8 @@ def _collision(name: str, pose: str, shape: str, friction: float) -> str:
 def sdf(spec: AssetSpec, com: Array, inertia: Array, friction: float = 0.6) -> str:
     """The model as SDF: one free link `object`, frame O, textured visual, primitive collision shapes.
 
-    A box on a table has one point of contact in Drake's point contact, and rocks on it. Small spheres in the corners of the
-    first solid stand a little proud of it and give the object feet.
+    A box on a table has one point of contact in Drake's point contact, and rocks on it. Small spheres in the corners
+    of the first solid stand a little proud of it and give the object feet.
     """
     i = np.asarray(inertia)
     text = (

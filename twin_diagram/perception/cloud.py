@@ -73,7 +73,9 @@ def back_project(depth: DepthImage, rays: Array, p_WC: Array) -> Array:
     return p_WC + depth[..., None].astype(float) * rays
 
 
-def grid_normals(points: Array, valid: npt.NDArray[np.bool_], at: tuple[npt.NDArray[np.int64], ...], p_WC: Array) -> Array:
+def grid_normals(
+    points: Array, valid: npt.NDArray[np.bool_], at: tuple[npt.NDArray[np.int64], ...], p_WC: Array
+) -> Array:
     """Normals of an organised cloud, towards the camera.
 
     Args:

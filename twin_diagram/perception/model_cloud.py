@@ -88,7 +88,7 @@ def fibonacci_sphere(count: int) -> Array:
 
 
 def visible(points: Array, normals: Array, direction: Array, cell: float) -> npt.NDArray[np.bool_]:
-    """Which points a far camera in `direction` (from the object to the camera) sees: they face it and nothing is in front.
+    """Which points a far camera in `direction` (from object to camera) sees: they face it and nothing is in front.
 
     A depth buffer of square cells of size `cell` [m]; points up to 12 mm behind a cell's foremost one count as seen.
     """

@@ -79,7 +79,7 @@ def recognise(
             found[k] = best
             free[_owned(model, segments, best)] = False
     # The rest in the order of their scores, each only where its segment is still there.
-    for (k, s), result in sorted(tried.items(), key=lambda item: -item[1].score):
+    for (k, _), result in sorted(tried.items(), key=lambda item: -item[1].score):
         if k in found or result.score < ACCEPT:
             continue
         own_points = _owned(wanted[k], segments, result)

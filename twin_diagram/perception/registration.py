@@ -135,9 +135,7 @@ def register(
     """
     start = Poses(R[None], p[None])
     held = information(0.3, 0.05) if prior is None else prior
-    poses, data = refine(
-        model, frame, start, params.model_points, params.iterations, held, params, points_W=points_W
-    )
+    poses, data = refine(model, frame, start, params.model_points, params.iterations, held, params, points_W=points_W)
     fit = assess(model, frame, poses, params.model_points)
     return Registration(
         R=poses.R[0],
@@ -160,7 +158,7 @@ def covariance(H: Array) -> Array:
 def claimed(
     model: ModelCloud, segments: Segments, R: Array, p: Array, reach: float, most: int | None = None
 ) -> npt.NDArray[np.int64]:
-    """Indices of the segments' points within `reach` [m] of the object's surface at a pose; about `most` if that is given."""
+    """Indices of the segments' points within `reach` [m] of the object's surface; about `most` if that is given."""
     local = segments.points_W - p
     near = np.flatnonzero(np.einsum("ni,ni->n", local, local) < (model.radius + reach) ** 2)
     if most is not None:

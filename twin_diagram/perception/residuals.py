@@ -1,14 +1,15 @@
 """Residuals of coloured registration, for one pose or for many at once.
 
-Each step looks up, for the model points that are visible from the present pose, what the image shows at their pixels, and
-minimises by Gauss-Newton over a left perturbation (rotation, translation) in W about the object's origin
+Each step looks up, for the model points that are visible from the present pose, what the image shows at their pixels,
+and minimises by Gauss-Newton over a left perturbation (rotation, translation) in W about the object's origin
 
     sum of  w_g [n · (y - x)]² / σ_g²  +  λ/(1-λ) · w_c |I(u) - g(n) c|² / σ_c²
 
-(the point-to-plane distance of the depth point y seen at the pixel of model point x with normal n; and the difference of
-image and model colour, as in Park, Zhou, Koltun: Colored Point Cloud Registration Revisited, ICCV 2017), with Tukey weights.
-The brightness g(n) = a + b · n is fitted along, because light and shade are the scene's and not the object's. The
-opposite direction is added with `unexplained`: points of the image that no model point explains pull the model towards them.
+(the point-to-plane distance of the depth point y seen at the pixel of model point x with normal n; and the difference
+of image and model colour, as in Park, Zhou, Koltun: Colored Point Cloud Registration Revisited, ICCV 2017), with Tukey
+weights. The brightness g(n) = a + b · n is fitted along, because light and shade are the scene's and not the object's.
+The opposite direction is added with `unexplained`: points of the image that no model point explains pull the model
+towards them.
 """
 
 from __future__ import annotations
@@ -113,7 +114,7 @@ def tukey(residual: Array, cut: float | Array) -> Array:
 
 
 def brightness(found: Array, colour: Array, n: Array, weight: Array) -> Array:
-    """Brightness g(n) = a + b · n of each point (B, P) so that g · colour fits what was found, by weighted least squares."""
+    """Brightness g(n) = a + b · n of each point (B, P), so that g · colour fits what was found in least squares."""
     feature = np.concatenate([np.ones((*n.shape[:2], 1)), n], axis=2)
     energy = np.einsum("bpi,bpi->bp", colour, colour) * weight
     match = np.einsum("bpi,bpi->bp", colour, found) * weight
@@ -133,9 +134,7 @@ class Normal:
     b: Array
 
 
-def linearise(
-    looked: Looked, frame: Frame, level: int, reach: float, colour_share: float
-) -> tuple[Normal, Array]:
+def linearise(looked: Looked, frame: Frame, level: int, reach: float, colour_share: float) -> tuple[Normal, Array]:
     """Normal equations of geometry and colour at the poses that were looked up; and the distances' noise (B, P)."""
     sigma = np.hypot(DEPTH_NOISE * looked.z**2 * np.maximum(looked.facing, 0.2), MODEL_NOISE)
     near = looked.seen & (np.abs(looked.deeper) < 2.0 * reach)
@@ -189,7 +188,8 @@ def toward(poses: Poses, goal: Poses, information: Array) -> Normal:
 def unexplained(model: ModelCloud, points_W: Array, poses: Poses, reach: float, share: float) -> Normal:
     """Normal equations of the opposite direction, for one pose: image points to their nearest model points.
 
-    Point-to-plane, and with weight `share` point-to-point; a point-to-point distance within the model's own spacing is none.
+    Point-to-plane, and with weight `share` point-to-point; a point-to-point distance within the model's own spacing is
+    none.
 
     Args:
         model: the object.
@@ -228,8 +228,8 @@ class Fit:
     """How well poses explain the image, (B,) each.
 
     Attributes:
-        quality: share of the model points that should be seen, and are not hidden by something nearer, that fit in place
-            and colour.
+        quality: share of the model points that should be seen, and are not hidden by something nearer, that fit in
+            place and colour.
         visible_share: share of the points facing the camera that are not hidden.
         points: how many fit.
     """
@@ -239,9 +239,7 @@ class Fit:
     points: Array
 
 
-def assess(
-    model: ModelCloud, frame: Frame, poses: Poses, count: int, level: int = FINE, slack: float = 0.003
-) -> Fit:
+def assess(model: ModelCloud, frame: Frame, poses: Poses, count: int, level: int = FINE, slack: float = 0.003) -> Fit:
     """Compares poses with the image; a surface point is in place within `slack` [m] and three times the noise."""
     looked = look(model, frame, poses, count, level)
     sigma = np.hypot(DEPTH_NOISE * looked.z**2, MODEL_NOISE)

@@ -8,7 +8,18 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, Mesh, Role, SceneGraph, SceneGraphInspector, Sphere
+from pydrake.geometry import (
+    Box,
+    Capsule,
+    Convex,
+    Cylinder,
+    Ellipsoid,
+    Mesh,
+    Role,
+    SceneGraph,
+    SceneGraphInspector,
+    Sphere,
+)
 from pydrake.multibody.plant import MultibodyPlant
 from scipy.spatial import ConvexHull
 

@@ -1,8 +1,8 @@
 """Finds a known object without a prediction: which segment it is, and its pose.
 
-An object rests on a facet of its convex hull. For every such facet and many yaw angles, starts are laid where the object's
-visible points would have the segment's centre; all are refined together on coarse colours, the best few exactly; shape and
-colour decide.
+An object rests on a facet of its convex hull. For every such facet and many yaw angles, starts are laid where the
+object's visible points would have the segment's centre; all are refined together on coarse colours, the best few
+exactly; shape and colour decide.
 """
 
 from __future__ import annotations
@@ -60,7 +60,8 @@ class Found:
 def resting(asset: Asset) -> list[tuple[Array, float]]:
     """Orientations (3, 3) R_WO at rest on a level table, and the height of O above it [m]; upright first, if it is one.
 
-    Facets of the convex hull below which the centroid of the surface lies. About a symmetric axis one of each kind is kept.
+    Facets of the convex hull below which the centroid of the surface lies. About a symmetric axis one of each kind is
+    kept.
     """
     corners = np.concatenate(asset.convex_pieces)
     try:
@@ -101,9 +102,7 @@ def _down(normal: Array) -> Array:
     return exp(axis / sine * angle)
 
 
-def starts(
-    model: ModelCloud, frame: Frame, points_W: Array, orientations: list[tuple[Array, float]]
-) -> Poses:
+def starts(model: ModelCloud, frame: Frame, points_W: Array, orientations: list[tuple[Array, float]]) -> Poses:
     """Poses at rest on the table whose visible points would have the segment's centre.
 
     Where the segment is narrower than the object should appear (something hides a part of it), or wider (two things are
@@ -165,7 +164,8 @@ def search(
         params: tuning.
 
     Returns:
-        The best pose, whatever its score; None where the segment is far too large for the object or nothing fits at all.
+        The best pose, whatever its score; None where the segment is far too large for the object or nothing fits at
+        all.
     """
     spread = np.linalg.norm(points_W - points_W.mean(axis=0), axis=1)
     if not orientations or np.median(spread) > 2.0 * model.radius + params.reach:
@@ -224,8 +224,7 @@ def _apart(poses: Poses, order: npt.NDArray[np.int64]) -> list[int]:
     chosen: list[int] = []
     for k in order:
         if all(
-            np.linalg.norm(poses.p[k] - poses.p[j]) > 0.01 or np.trace(poses.R[k].T @ poses.R[j]) < 2.97
-            for j in chosen
+            np.linalg.norm(poses.p[k] - poses.p[j]) > 0.01 or np.trace(poses.R[k].T @ poses.R[j]) < 2.97 for j in chosen
         ):
             chosen.append(int(k))
         if len(chosen) == CANDIDATES:

@@ -45,7 +45,8 @@ def fit_table(points_W: Array, height: float) -> Array:
         height: known height [m].
 
     Returns:
-        (a, b, c) of z = a x + b y + c; the level plane at `height` where too few points lie near it or the fit tilts too far.
+        (a, b, c) of z = a x + b y + c; the level plane at `height` where too few points lie near it or the fit tilts
+        too far.
     """
     level = np.array([0.0, 0.0, height])
     near = points_W[np.abs(points_W[:, 2] - height) < TABLE_SEARCH]

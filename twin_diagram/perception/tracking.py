@@ -128,7 +128,12 @@ def follow(
 
 
 def regain(
-    known: Known, slot: Slot, segments: Segments, frame: Frame, free: npt.NDArray[np.bool_], params: scenario.Registration
+    known: Known,
+    slot: Slot,
+    segments: Segments,
+    frame: Frame,
+    free: npt.NDArray[np.bool_],
+    params: scenario.Registration,
 ) -> Registration | None:
     """Looks around an object's last pose, among points that nothing else explains."""
     apart = segments.points_W - slot.p
@@ -142,7 +147,7 @@ def regain(
 
 
 def seen(slot: Slot, result: Registration, time: float) -> Slot:
-    """The slot after the object was found; an empty slot before, or a long gap, means that its velocity is not known."""
+    """The slot after the object was found; its velocity is not known after an empty slot or a long gap."""
     velocity = np.zeros(6)
     step = time - slot.seen
     if slot.known and 0.0 < step <= COAST:
@@ -158,9 +163,7 @@ def measurement(slot: Slot, result: Registration | None, time: float) -> PoseMea
     if result is None:
         widest = np.diag(np.repeat(np.square(WIDEST), 3))
         return PoseMeasurement(0.0, time, np.concatenate([to_quaternion(slot.R), slot.p]), widest)
-    return PoseMeasurement(
-        result.quality, time, np.concatenate([to_quaternion(result.R), result.p]), result.covariance
-    )
+    return PoseMeasurement(result.quality, time, np.concatenate([to_quaternion(result.R), result.p]), result.covariance)
 
 
 def step(
