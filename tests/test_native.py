@@ -110,6 +110,11 @@ def test_open3d_imports_in_a_fresh_process(egl: None) -> None:
     assert done.stdout.split()[-1] == "True"
 
 
+def test_importing_the_package_is_enough_for_open3d(egl: None) -> None:
+    done = python("import twin_diagram, open3d")
+    assert done.returncode == 0, done.stderr
+
+
 @pytest.mark.parametrize("module", ["twin_diagram", "twin_diagram.native", "twin_diagram.cli"])
 def test_importing_is_light(module: str) -> None:
     heavy = {"numpy", "pydrake", "open3d", "cv2", "scipy", "matplotlib"}

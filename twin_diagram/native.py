@@ -1,7 +1,7 @@
 """System libraries that the wheels need and do not bring along: found, loaded or named before anything heavy starts.
 
-Only the standard library is imported here, so that the check runs before anything is installed:
-``python -m twin_diagram.native`` prints one line and exits with status 1 where a library is missing.
+Only the standard library is imported here, so that `main`, the check that comes first in the Makefile, runs before
+anything is installed.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 import ctypes
 import importlib
 import importlib.util
-import sys
 from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import Final
@@ -128,7 +127,3 @@ def main() -> int:
         print(f"twin-diagram: {error}", flush=True)
         return 1
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
