@@ -1,0 +1,24 @@
+"""Measured logs: read, check, resample, write."""
+
+from __future__ import annotations
+
+from twin_diagram.logs.checking import LogWarning, check
+from twin_diagram.logs.log import SIGNALS, Log
+from twin_diagram.logs.reading import log_from_columns, read_columns, read_log
+from twin_diagram.logs.resampling import is_regular, resample, uniform
+from twin_diagram.logs.writing import write_columns, write_log
+
+__all__ = [
+    "SIGNALS",
+    "Log",
+    "LogWarning",
+    "check",
+    "is_regular",
+    "log_from_columns",
+    "read_columns",
+    "read_log",
+    "resample",
+    "uniform",
+    "write_columns",
+    "write_log",
+]

@@ -1,0 +1,173 @@
+"""Whether a log makes sense: units, gaps, limits, and whether a model can explain its joints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.errors import LogError
+from twin_diagram.logs.log import Log
+
+if TYPE_CHECKING:
+    from twin_diagram.model import Model
+
+Array = npt.NDArray[np.float64]
+
+SLOWEST = 0.25
+"""Longest time between samples that a joint log can have and be of use [s]."""
+
+GAP = 2.5
+"""A step this many times the median is a gap."""
+
+
+@dataclass(frozen=True)
+class LogWarning:
+    """Something about a log that its user should know.
+
+    Attributes:
+        code: `gap`, `jitter`, `beyond_limits`, `torque_beyond_limits`, `velocity_scale`, `no_motion`, `no_torque`,
+            `unknown_joint`.
+        message: one line.
+        joint: that it is about, or empty.
+    """
+
+    code: str
+    message: str
+    joint: str = ""
+
+
+def check(log: Log, model: Model | None = None) -> list[LogWarning]:
+    """Looks for what makes a log useless (an error) or doubtful (a warning).
+
+    Args:
+        log: as `read_log` gave it.
+        model: that is to explain it; None: only what the log says by itself is checked.
+
+    Raises:
+        LogError: no torque; time, angles or velocities that are in other units; a joint of the model that is missing.
+    """
+    _ = log.motor_torque
+    warnings: list[LogWarning] = []
+    _check_time_unit(log)
+    warnings += _gaps(log)
+    warnings += _velocity_scale(log)
+    warnings += _dead(log)
+    if model is not None:
+        warnings += _against(log, model)
+    return warnings
+
+
+def _check_time_unit(log: Log) -> None:
+    if log.period > SLOWEST:
+        for unit, scale in (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9)):
+            if 1e-4 <= log.period / scale <= SLOWEST:
+                raise LogError(
+                    f"{log.source}: time: samples are {log.period:g} s apart; it looks like {unit}, "
+                    "the log format has seconds"
+                )
+        raise LogError(f"{log.source}: time: samples are {log.period:g} s apart, too far to tell dynamics from")
+
+
+def _gaps(log: Log) -> list[LogWarning]:
+    steps = np.diff(log.time)
+    result = []
+    gaps = np.flatnonzero(steps > GAP * log.period)
+    if len(gaps):
+        k = int(gaps[np.argmax(steps[gaps])])
+        result.append(
+            LogWarning(
+                "gap",
+                f"{log.source}: {len(gaps)} gap(s) in time; the longest is {steps[k]:.4g} s at {log.time[k]:.6g} s "
+                f"(samples are {log.period:.4g} s apart)",
+            )
+        )
+    jitter = float(np.std(steps[steps <= GAP * log.period]) / log.period)
+    if jitter > 0.1:
+        message = f"{log.source}: time: steps vary by {100 * jitter:.0f} % of {log.period:.4g} s"
+        result.append(LogWarning("jitter", message))
+    return result
+
+
+def _velocity_scale(log: Log) -> list[LogWarning]:
+    """Compares the logged velocity with what the positions do over some samples."""
+    if log.velocity is None:
+        return []
+    result = []
+    stride = max(1, len(log) // 400)
+    time, position = log.time[::stride], log.position[::stride]
+    difference = np.diff(position, axis=0) / np.diff(time)[:, None]
+    area = 0.5 * (log.velocity[1:] + log.velocity[:-1]) * np.diff(log.time)[:, None]
+    travelled = np.vstack([np.zeros((1, area.shape[1])), np.cumsum(area, axis=0)])[::stride]
+    logged = np.diff(travelled, axis=0) / np.diff(time)[:, None]
+    for k, joint in enumerate(log.joints):
+        x, y = difference[:, k], logged[:, k]
+        if not (np.std(x) > 0.0 and np.std(y) > 0.0) or abs(np.corrcoef(x, y)[0, 1]) < 0.9:
+            continue
+        scale = float(x @ y / (x @ x))
+        for factor, what in (
+            (1e3, "time in milliseconds"),
+            (1e-3, "velocity in thousandths, or time in milliseconds"),
+            (np.pi / 180.0, "positions in degrees but velocities in rad/s"),
+            (180.0 / np.pi, "velocities in degrees per second but positions in rad"),
+        ):
+            if abs(scale / factor - 1.0) < 0.1:
+                raise LogError(
+                    f"{log.source}: velocity_estimated.{joint} is {scale:.4g} times the change of "
+                    f"position_measured.{joint}; it looks like {what}"
+                )
+        if abs(scale - 1.0) > 0.2:
+            message = f"{log.source}: velocity_estimated.{joint} is {scale:.3g} times what its positions do"
+            result.append(LogWarning("velocity_scale", message, joint))
+    return result
+
+
+def _dead(log: Log) -> list[LogWarning]:
+    result = []
+    if not np.any(np.ptp(log.position, axis=0) > 1e-4):
+        result.append(LogWarning("no_motion", f"{log.source}: no joint moves"))
+    for k, joint in enumerate(log.joints):
+        if not np.any(log.motor_torque[:, k]):
+            result.append(LogWarning("no_torque", f"{log.source}: the torque of {joint} is zero throughout", joint))
+    return result
+
+
+def _against(log: Log, model: Model) -> list[LogWarning]:
+    missing = [joint for joint in model.joints if joint not in log.joints]
+    if missing:
+        raise LogError(
+            f"{log.source}: joint {missing[0]!r} of the model is missing; the log holds {', '.join(log.joints)}"
+        )
+    result = [
+        LogWarning("unknown_joint", f"{log.source}: {joint} is no joint of the arm and is left out", joint)
+        for joint in log.joints
+        if joint not in model.joints
+    ]
+    own = log.select(model.joints)
+    revolute = model.tree.revolute
+    outside = _outside(own.position, model)
+    if np.any(outside > 0.5) and np.all((_outside(np.radians(own.position), model) < 0.1) | ~revolute):
+        k = int(np.argmax(outside))
+        joint, value = own.joints[k], own.position[np.argmax(np.abs(own.position[:, k])), k]
+        raise LogError(
+            f"{log.source}: position_measured.{joint} reaches {value:.4g}, its limits are {model.lower[k]:.4g} to "
+            f"{model.upper[k]:.4g} rad; it looks like degrees, the log format has radians"
+        )
+    for k, joint in enumerate(own.joints):
+        if outside[k] > 0.01:
+            message = f"{log.source}: position_measured.{joint} leaves the joint's limits by {outside[k]:.3g}"
+            result.append(LogWarning("beyond_limits", message, joint))
+        largest, limit = np.abs(own.motor_torque[:, k]).max(), model.effort_limit[k]
+        if 0.0 < 1.5 * limit < largest:
+            message = (
+                f"{log.source}: the torque of {joint} reaches {largest:.4g}, its limit is {limit:.4g} (N·m, joint side)"
+            )
+            result.append(LogWarning("torque_beyond_limits", message, joint))
+    return result
+
+
+def _outside(position: Array, model: Model) -> Array:
+    """By how much each joint leaves its limits (n,)."""
+    return np.maximum(np.max(position - model.upper, axis=0), np.max(model.lower - position, axis=0)).clip(min=0.0)

@@ -1,0 +1,121 @@
+"""What a measured log holds, in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.errors import LogError
+
+Array = npt.NDArray[np.float64]
+
+SIGNALS = {
+    "position_measured": "position",
+    "velocity_estimated": "velocity",
+    "torque_measured": "torque",
+    "torque_commanded": "torque_commanded",
+    "position_commanded": "position_commanded",
+}
+"""The log format's signals, and the attributes of `Log` that hold them."""
+
+
+@dataclass(frozen=True)
+class Log:
+    """Joint signals of one run; arrays are read-only, (N, n) in the order of `joints`, revolute joints in rad.
+
+    Attributes:
+        time: (N,) [s].
+        joints: names.
+        position: measured, motor side over the gear ratio [rad].
+        velocity: as the drive estimates it [rad/s]; None where it is not logged.
+        torque: measured motor torque × gear ratio [N·m]; None where it is not logged.
+        torque_commanded: [N·m]; None where it is not logged.
+        position_commanded: [rad]; None where it is not logged.
+        source: what to call it in messages.
+    """
+
+    time: Array
+    joints: tuple[str, ...]
+    position: Array
+    velocity: Array | None = None
+    torque: Array | None = None
+    torque_commanded: Array | None = None
+    position_commanded: Array | None = None
+    source: str = "log"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "joints", tuple(self.joints))
+        object.__setattr__(self, "time", _frozen(self.time))
+        if self.time.ndim != 1:
+            raise LogError(f"{self.source}: time is {self.time.ndim}-dimensional, it must be a list of numbers")
+        shape = (len(self.time), len(self.joints))
+        for signal, name in SIGNALS.items():
+            values = getattr(self, name)
+            if values is None:
+                continue
+            values = _frozen(values)
+            if values.shape != shape:
+                raise LogError(f"{self.source}: {signal} is {values.shape}, it must be {shape} (samples, joints)")
+            object.__setattr__(self, name, values)
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def motor_torque(self) -> Array:
+        """The motors' torque (N, n): measured, or commanded where it is not measured [N·m].
+
+        Raises:
+            LogError: neither is logged.
+        """
+        torque = self.torque if self.torque is not None else self.torque_commanded
+        if torque is None:
+            raise LogError(f"{self.source}: has neither torque_measured nor torque_commanded; one is required")
+        return torque
+
+    @property
+    def period(self) -> float:
+        """Median time between samples [s]."""
+        return float(np.median(np.diff(self.time)))
+
+    def columns(self) -> dict[str, Array]:
+        """By the names of the log format: `time`, then `<signal>.<joint>`."""
+        result = {"time": self.time}
+        for signal, name in SIGNALS.items():
+            values = getattr(self, name)
+            if values is not None:
+                result |= {f"{signal}.{joint}": values[:, k] for k, joint in enumerate(self.joints)}
+        return result
+
+    def select(self, joints: Sequence[str]) -> Log:
+        """The same log with these joints alone, in this order.
+
+        Raises:
+            LogError: it lacks one.
+        """
+        for joint in joints:
+            if joint not in self.joints:
+                raise LogError(f"{self.source}: joint {joint!r} is missing; it holds {', '.join(self.joints)}")
+        order = [self.joints.index(joint) for joint in joints]
+        return self._map(lambda values: values[:, order], joints=tuple(joints))
+
+    def between(self, start: float, end: float) -> Log:
+        """The samples with start ≤ time ≤ end [s]."""
+        kept = (self.time >= start) & (self.time <= end)
+        return self._map(lambda values: values[kept], time=self.time[kept])
+
+    def _map(self, change: Callable[[Array], Array], **others: Any) -> Log:
+        signals: dict[str, Any] = {
+            name: change(values) for name in SIGNALS.values() if (values := getattr(self, name)) is not None
+        }
+        return replace(self, **signals, **others)
+
+
+def _frozen(values: Any) -> Array:
+    array = np.array(values, dtype=float)
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,180 @@
+"""Reads measured logs, and says in one line which column and line cannot be read."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.errors import LogError
+from twin_diagram.logs.log import SIGNALS, Log
+
+Array = npt.NDArray[np.float64]
+
+FEWEST = 10
+"""Samples that make a log."""
+
+
+def read_log(path: str | Path) -> Log:
+    """Reads a CSV or .npz file in the log format.
+
+    Columns: `time` [s], then `<signal>.<joint>` with the signals of `log.SIGNALS`. Columns of other names are left out.
+    The values are taken as they are, but for what no one could use; `checking.check` looks at their sense.
+
+    Raises:
+        LogError: missing, empty, unreadable or ragged file; text where a number must be; a value that is missing or not
+            finite; a signal that lacks a joint; time that does not rise. The message names column and line.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise LogError(f"{path}: no such log file")
+    suffix = path.suffix.lower()
+    if suffix == ".csv":
+        columns = read_columns(path)
+        return log_from_columns(columns, str(path), lambda sample: f"line {sample + 2}")
+    if suffix == ".npz":
+        return log_from_columns(_read_npz(path), str(path), lambda sample: f"sample {sample}")
+    if suffix in (".bag", ".db3", ".mcap"):
+        raise LogError(f"{path}: ROS bags are not read yet; export sensor_msgs/JointState to a CSV file")
+    if suffix in (".lcm", ".log") or ".lcmlog" in path.name:
+        raise LogError(f"{path}: LCM logs are not read yet; export the status messages to a CSV file")
+    raise LogError(f"{path}: is neither .csv nor .npz")
+
+
+def log_from_columns(columns: Mapping[str, Array], source: str, where: Callable[[int], str]) -> Log:
+    """A log from columns by the names of the log format.
+
+    Args:
+        columns: each (N,).
+        source: what to call the log in messages.
+        where: what to call a sample in messages.
+
+    Raises:
+        LogError: as `read_log`.
+    """
+    if "time" not in columns:
+        raise LogError(f"{source}: has no column `time`; its columns are {_few(list(columns))}")
+    joints = [name.partition(".")[2] for name in columns if name.startswith("position_measured.")]
+    if not joints:
+        raise LogError(f"{source}: has no column `position_measured.<joint>`; its columns are {_few(list(columns))}")
+    time = columns["time"]
+    if len(time) < FEWEST:
+        raise LogError(f"{source}: holds {len(time)} sample(s); at least {FEWEST} are needed")
+    for name, values in columns.items():
+        if name != "time" and name.partition(".")[0] not in SIGNALS:
+            continue
+        bad = np.flatnonzero(~np.isfinite(values))
+        if len(bad):
+            raise LogError(f"{source}: {where(int(bad[0]))}: {name} is {_say(values[bad[0]])}")
+    _check_time(time, source, where)
+    signals = {
+        attribute: signal
+        for name, attribute in SIGNALS.items()
+        if (signal := _signal(columns, name, joints, source)) is not None
+    }
+    return Log(time=time, joints=tuple(joints), source=source, **signals)
+
+
+def _signal(columns: Mapping[str, Array], signal: str, joints: Sequence[str], source: str) -> Array | None:
+    present = [name.partition(".")[2] for name in columns if name.startswith(f"{signal}.")]
+    if not present:
+        return None
+    for joint in present:
+        if joint not in joints:
+            raise LogError(f"{source}: has {signal}.{joint} but no position_measured.{joint}")
+    for joint in joints:
+        if joint not in present:
+            raise LogError(f"{source}: has {signal} of other joints, but no {signal}.{joint}")
+    return np.stack([columns[f"{signal}.{joint}"] for joint in joints], axis=1)
+
+
+def _check_time(time: Array, source: str, where: Callable[[int], str]) -> None:
+    steps = np.diff(time)
+    bad = np.flatnonzero(steps <= 0.0)
+    if len(bad):
+        k = int(bad[0])
+        what = "is the same as" if steps[k] == 0.0 else "is before"
+        raise LogError(f"{source}: {where(k + 1)}: time {time[k + 1]!r} {what} the one above it; time must rise")
+
+
+def read_columns(path: Path) -> dict[str, Array]:
+    """The columns of a CSV file of numbers with one line of names."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise LogError(f"{path}: not a text file; a .csv log is UTF-8 text") from error
+    head, _, body = text.partition("\n")
+    names = [name.strip() for name in next(csv.reader([head]), [])]
+    if not any(names):
+        raise LogError(f"{path}: is empty; its first line must name the columns")
+    if len(names) == 1 and ";" in head:
+        raise LogError(f"{path}: columns are separated by semicolons; a .csv log uses commas")
+    for name in names:
+        if names.count(name) > 1:
+            raise LogError(f"{path}: column {name!r} is there {names.count(name)} times")
+    try:
+        if "\n\n" in body.rstrip() or body.startswith("\n"):
+            raise ValueError  # NumPy skips blank lines
+        table = np.loadtxt(io.StringIO(body), delimiter=",", ndmin=2, comments=None)
+        if table.size and table.shape[1] != len(names):
+            raise ValueError
+    except ValueError:
+        table = _slowly(path, names, body)
+    table = table.reshape(-1, len(names))
+    return {name: np.ascontiguousarray(table[:, k]) for k, name in enumerate(names)}
+
+
+def _slowly(path: Path, names: Sequence[str], body: str) -> Array:
+    """Reads cell by cell: quoted cells and blank lines at the end pass, anything else is named."""
+    rows = list(csv.reader(io.StringIO(body)))
+    while rows and not any(cell.strip() for cell in rows[-1]):
+        rows.pop()
+    table = np.empty((len(rows), len(names)))
+    for k, row in enumerate(rows):
+        if len(row) != len(names):
+            raise LogError(f"{path}: line {k + 2} has {len(row)} cell(s), the first line names {len(names)} columns")
+        for column, cell in enumerate(row):
+            try:
+                table[k, column] = float(cell)
+            except ValueError:
+                shown = "is empty" if not cell.strip() else f"is {cell.strip()[:40]!r}, not a number"
+                raise LogError(f"{path}: line {k + 2}: {names[column]} {shown}") from None
+    return table
+
+
+def _read_npz(path: Path) -> dict[str, Array]:
+    columns: dict[str, Array] = {}
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            for name in archive.files:
+                values = archive[name]
+                if values.dtype.kind not in "fiu":
+                    raise LogError(f"{path}: {name} holds {values.dtype}, not numbers")
+                if values.ndim != 1:
+                    raise LogError(f"{path}: {name} is {values.ndim}-dimensional, it must be a list of numbers")
+                columns[name] = values.astype(float)
+    except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
+        if isinstance(error, LogError):
+            raise
+        reason = "it holds Python objects" if "pickle" in str(error) else "it is damaged or no .npz file"
+        raise LogError(f"{path}: cannot be read: {reason}") from error
+    lengths = {len(values) for values in columns.values()}
+    if len(lengths) > 1:
+        first = next(iter(columns))
+        other = next(name for name in columns if len(columns[name]) != len(columns[first]))
+        raise LogError(f"{path}: {first} has {len(columns[first])} samples, {other} has {len(columns[other])}")
+    return columns
+
+
+def _say(value: float) -> str:
+    return "not a number (NaN)" if math.isnan(value) else f"{value}, not finite"
+
+
+def _few(names: Sequence[str]) -> str:
+    return ", ".join(names[:6]) + (", …" if len(names) > 6 else "") if names else "none"

@@ -1,0 +1,57 @@
+"""Brings logs to other sample times."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import make_interp_spline
+
+from twin_diagram.errors import LogError
+from twin_diagram.logs.log import SIGNALS, Log
+
+Array = npt.NDArray[np.float64]
+
+
+def resample(log: Log, times: Array) -> Log:
+    """The log at other times: positions by cubic splines, torques and velocities linearly between samples.
+
+    Nothing is filtered: low-pass a log before going to a much lower rate.
+
+    Args:
+        log: any.
+        times: (M,) rising [s], within the log's.
+
+    Raises:
+        LogError: `times` does not rise, or leaves the log.
+    """
+    times = np.asarray(times, dtype=float)
+    if np.any(np.diff(times) <= 0.0):
+        raise LogError(f"{log.source}: resample: times must rise")
+    if len(times) and (times[0] < log.time[0] or times[-1] > log.time[-1]):
+        raise LogError(
+            f"{log.source}: resample: {times[0]:g} to {times[-1]:g} s is not within "
+            f"{log.time[0]:g} to {log.time[-1]:g} s"
+        )
+    signals = {}
+    for attribute in SIGNALS.values():
+        values = getattr(log, attribute)
+        if values is None:
+            continue
+        degree = 3 if attribute == "position" and len(log) > 3 else 1
+        signals[attribute] = make_interp_spline(log.time, values, k=degree)(times)
+    return Log(time=times, joints=log.joints, source=log.source, **signals)
+
+
+def uniform(log: Log, rate: float | None = None) -> Log:
+    """The log at a constant rate [1/s]; None: its own, and the log itself where its times are regular already."""
+    period = log.period if rate is None else 1.0 / rate
+    if rate is None and is_regular(log.time):
+        return log
+    count = int(np.floor((log.time[-1] - log.time[0]) / period * (1.0 + 1e-12))) + 1
+    return resample(log, np.minimum(log.time[0] + period * np.arange(count), log.time[-1]))
+
+
+def is_regular(time: Array, tolerance: float = 1e-3) -> bool:
+    """Whether all steps are the same up to a share `tolerance` of themselves."""
+    steps = np.diff(time)
+    return bool(np.all(np.abs(steps - np.median(steps)) <= tolerance * np.median(steps)))

@@ -1,0 +1,55 @@
+"""Writes measured logs and other tables without loss, and never half."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.errors import LogError
+from twin_diagram.logs.log import Log
+
+Array = npt.NDArray[np.float64]
+
+
+def write_log(log: Log, path: str | Path) -> None:
+    """Writes a log as .csv or .npz; what is read back is equal to the bit.
+
+    Raises:
+        LogError: another suffix, or the folder cannot be written.
+    """
+    write_columns(log.columns(), path)
+
+
+def write_columns(columns: Mapping[str, Array], path: str | Path) -> None:
+    """Writes columns of numbers (N,) under their names, to a temporary name first."""
+    path = Path(path)
+    if path.suffix.lower() not in (".csv", ".npz"):
+        raise LogError(f"{path}: is written as .csv or .npz")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
+    except OSError as error:
+        raise LogError(f"{path}: cannot be written: {error.strerror}") from error
+    temporary = Path(name)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            if path.suffix.lower() == ".npz":
+                np.savez(file, **{key: np.asarray(values) for key, values in columns.items()})  # type: ignore[arg-type]
+            else:
+                file.write(_csv(columns).encode())
+        temporary.chmod(0o644)
+        os.replace(temporary, path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def _csv(columns: Mapping[str, Array]) -> str:
+    table = np.stack(list(columns.values()), axis=1).tolist()
+    lines = [",".join(columns), *(",".join(map(repr, row)) for row in table)]  # repr is the shortest text without loss
+    return "\n".join(lines) + "\n"

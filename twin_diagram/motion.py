@@ -1,0 +1,112 @@
+"""Smooth motion out of a measured log: velocities and accelerations without phase or raw double differences."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import make_interp_spline
+from scipy.signal import butter, sosfiltfilt
+
+from twin_diagram.logs import Log, uniform
+
+Array = npt.NDArray[np.float64]
+
+RESIDUAL_CUTOFF = 10.0
+"""Torque residuals are looked at below this [Hz]."""
+
+RESIDUAL_CUT = 0.3
+"""Left out at each end of a log, where filters settle [s]."""
+
+MOTION_CUTOFF = 25.0
+"""Positions are smoothed above this before they are differentiated [Hz]."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A log on regular times, with what its positions do.
+
+    Attributes:
+        log: resampled to its median rate where its own times are irregular.
+        position, velocity, acceleration: (N, n), smoothed [rad], [rad/s], [rad/s²].
+    """
+
+    log: Log
+    position: Array
+    velocity: Array
+    acceleration: Array
+
+
+def lowpass(signal: Array, rate: float, cutoff: float = RESIDUAL_CUTOFF) -> Array:
+    """4th-order Butterworth low-pass, forward and backward, so without phase.
+
+    Args:
+        signal: (N, …) at a constant rate; a signal slower than twice the cutoff is answered as it is.
+        rate: samples per second [1/s].
+        cutoff: [Hz].
+    """
+    if cutoff >= 0.5 * rate:
+        return np.array(signal, dtype=float)
+    filtered: Array = sosfiltfilt(
+        butter(4, cutoff, fs=rate, output="sos"), signal, axis=0, padlen=_padding(len(signal), rate, cutoff)
+    )
+    return filtered
+
+
+def _padding(count: int, rate: float, cutoff: float) -> int:
+    """About one period of the cutoff, as far as the signal goes; the filter has died away by then."""
+    return min(count - 1, int(np.ceil(rate / cutoff)))
+
+
+def differentiate(signal: Array, time: Array, order: int) -> Array:
+    """Derivative (N, …) of a smooth signal, by a quintic spline through its samples."""
+    degree = min(5, len(time) - 1)
+    derivative: Array = make_interp_spline(time, signal, k=degree).derivative(order)(time)
+    return derivative
+
+
+def motion(log: Log, cutoff: float = MOTION_CUTOFF) -> Motion:
+    """Position, velocity and acceleration of a log.
+
+    The drives' velocity, where it is logged, is weighed against the derivative of the positions by their noise: white
+    noise of density σ_q on positions becomes ω²σ_q on accelerations, σ_v on velocities becomes ω σ_v. It is left out
+    where it lags, or is scaled: filters in drives do that, and a velocity that is off by 1 % is worse than noise.
+    """
+    log = uniform(log)
+    time, rate = log.time, 1.0 / log.period
+    position = lowpass(log.position, rate, cutoff)
+    velocity = differentiate(position, time, 1)
+    acceleration = differentiate(position, time, 2)
+    if log.velocity is not None:
+        weight = _velocity_weight(log, rate, velocity, acceleration)
+        drive = lowpass(log.velocity, rate, cutoff)
+        velocity = weight * drive + (1.0 - weight) * velocity
+        acceleration = weight * differentiate(drive, time, 1) + (1.0 - weight) * acceleration
+    return Motion(log, position, velocity, acceleration)
+
+
+def _velocity_weight(log: Log, rate: float, velocity: Array, acceleration: Array) -> Array:
+    """(n,) weight in [0, 1] of the drives' velocity."""
+    assert log.velocity is not None
+    weight = np.zeros(len(log.joints))
+    if rate < 8.0 * RESIDUAL_CUTOFF:
+        return weight
+    v_low, a_low, drive_low = (lowpass(x, rate) for x in (velocity, acceleration, log.velocity))
+    noise_q, noise_v = (np.std(x - lowpass(x, rate, 0.35 * rate), axis=0) for x in (log.position, log.velocity))
+    w = 2.0 * np.pi * RESIDUAL_CUTOFF
+    for k in range(len(log.joints)):
+        basis = np.stack([v_low[:, k], a_low[:, k]], axis=1)
+        if not np.std(v_low[:, k]) > 0.0:
+            continue
+        scale, lag = np.linalg.lstsq(basis, drive_low[:, k], rcond=None)[0]
+        if abs(scale - 1.0) < 0.005 and abs(lag) * rate < 0.25:
+            noise = (w * noise_q[k]) ** 2 + noise_v[k] ** 2
+            weight[k] = (w * noise_q[k]) ** 2 / noise if noise > 0.0 else 0.0
+    return weight
+
+
+def inner(time: Array, cut: float = RESIDUAL_CUT) -> npt.NDArray[np.bool_]:
+    """Which samples lie at least `cut` [s] from both ends."""
+    edge = cut * (1.0 - 1e-9)
+    return (time >= time[0] + edge) & (time <= time[-1] - edge)

@@ -1,0 +1,170 @@
+"""What a model says of a measured log: the torque that its motion takes, and the motion that its torque makes.
+
+The gap between model and measurement is computed from these alone.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from pydrake.multibody.tree import PrismaticJoint, RevoluteJoint
+
+from twin_diagram import description
+from twin_diagram.errors import LogError
+from twin_diagram.logs import Log, LogWarning, check, read_log, write_columns
+from twin_diagram.model import Model
+from twin_diagram.motion import Motion, inner, lowpass, motion
+from twin_diagram.rollout import rollout
+
+__all__ = [
+    "load_model_for",
+    "lowpass",
+    "position_predicted",
+    "predict",
+    "rollout_rms",
+    "torque_predicted",
+    "torque_residual",
+    "torque_residual_rms",
+]
+
+Array = npt.NDArray[np.float64]
+
+STARTS_AT_ONCE = 4096
+"""Rollouts that run side by side."""
+
+
+def torque_predicted(model: Model, log: Log, smooth: Motion | None = None) -> Array:
+    """The torque (N, n) that the motors must have given for the measured motion, at the log's own times [N·m].
+
+    Args:
+        model: with the log's joints, in the log's order.
+        log: checked.
+        smooth: `motion(log)`, where the caller has it.
+    """
+    smooth = motion(log) if smooth is None else smooth
+    tau = model.inverse_dynamics(smooth.position, smooth.velocity, smooth.acceleration)
+    return _at(log.time, smooth.log.time, tau)
+
+
+def position_predicted(model: Model, log: Log, horizon: float = 0.2, smooth: Motion | None = None) -> Array:
+    """Positions (N, n), each rolled out open loop from the measured state `horizon` seconds earlier [rad].
+
+    The rollout starts at the measured position and the smoothed velocity, and applies the measured torques. Samples
+    earlier than `horizon` after the log's begin are rolled out from its first sample.
+
+    Raises:
+        LogError: the horizon is not positive, or longer than the log.
+    """
+    smooth = motion(log) if smooth is None else smooth
+    regular = smooth.log
+    steps = max(1, round(horizon / regular.period))
+    if not horizon > 0.0 or steps >= len(regular):
+        raise LogError(f"{log.source}: horizon {horizon:g} s: must be positive and shorter than the log")
+    tau = regular.motor_torque
+    result = np.empty_like(regular.position)
+    result[0] = regular.position[0]
+    period = (regular.time[-1] - regular.time[0]) / (len(regular) - 1)
+    result[1:steps] = _early(model, regular.position[0], smooth.velocity[0], tau[:steps], period)
+    starts = np.arange(len(regular) - steps)
+    for first in range(0, len(starts), STARTS_AT_ONCE):
+        chosen = starts[first : first + STARTS_AT_ONCE]
+        torques = np.stack([tau[chosen + k] for k in range(steps + 1)])
+        result[chosen + steps] = rollout(model, regular.position[chosen], smooth.velocity[chosen], torques, period)
+    return _at(log.time, regular.time, result)
+
+
+def _early(model: Model, q: Array, v: Array, tau: Array, period: float) -> Array:
+    """Positions (K, n) after 1 to K periods from one start, under torques (K + 1, n)."""
+    ends = [rollout(model, q[None], v[None], tau[: k + 1, None], period)[0] for k in range(1, len(tau))]
+    return np.array(ends).reshape(-1, len(q))
+
+
+def _at(times: Array, regular: Array, values: Array) -> Array:
+    """Values at regular times brought to a log's own."""
+    if len(times) == len(regular) and np.array_equal(times, regular):
+        return values
+    return np.stack([np.interp(times, regular, values[:, k]) for k in range(values.shape[1])], axis=1)
+
+
+def torque_residual(model: Model, log: Log) -> Array:
+    """Measured less predicted torque, low-passed, without the log's ends (M, n) [N·m]."""
+    smooth = motion(log)
+    regular = smooth.log
+    difference = regular.motor_torque - torque_predicted(model, regular, smooth)
+    return lowpass(difference, 1.0 / regular.period)[inner(regular.time)]
+
+
+def torque_residual_rms(model: Model, log: Log) -> Array:
+    """Root mean square of `torque_residual` per joint (n,) [N·m]."""
+    return np.asarray(np.sqrt(np.mean(torque_residual(model, log) ** 2, axis=0)))
+
+
+def rollout_rms(model: Model, log: Log, horizon: float = 0.2) -> Array:
+    """Root mean square per joint (n,) of measured less rolled-out positions, without the log's ends [rad]."""
+    error = (log.position - position_predicted(model, log, horizon))[inner(log.time)]
+    return np.asarray(np.sqrt(np.mean(error**2, axis=0)))
+
+
+def load_model_for(
+    log: Log, model: str | Path, packages: Mapping[str, str | Path] | None = None
+) -> tuple[Model, Log, list[LogWarning]]:
+    """A model and a log that go together: the model with the log's joints, the log in the model's order, checked.
+
+    Joints of the description that are driven by default must be in the log; prismatic joints become the arm's where
+    the log has them.
+
+    Raises:
+        ModelError: see `Model.load`.
+        LogError: see `logs.check`.
+    """
+    spec = description.resolve(model, packages)
+    loaded = Model.load(spec, packages)
+    movable = [
+        joint.name()
+        for joint in map(loaded.plant.get_joint, loaded.plant.GetJointIndices())
+        if isinstance(joint, (RevoluteJoint, PrismaticJoint))
+    ]
+    logged = [joint for joint in movable if joint in loaded.joints or joint in log.joints]
+    if len(logged) > len(loaded.joints):
+        loaded = Model.load(replace(spec, joints=logged), packages)
+    warnings = check(log, loaded)
+    return loaded, log.select(loaded.joints), warnings
+
+
+def predict(
+    model: str | Path,
+    log: str | Path,
+    out: str | Path,
+    horizon: float = 0.2,
+    packages: Mapping[str, str | Path] | None = None,
+) -> list[LogWarning]:
+    """Reads a log, and writes `torque_predicted.<joint>` and `position_predicted.<joint>` for each of its samples.
+
+    Args:
+        model: a description, or the folder of a corrected model.
+        log: .csv or .npz.
+        out: .csv or .npz; appears once it is whole.
+        horizon: length of the rollouts [s].
+        packages: local folders for `package://` names.
+
+    Raises:
+        TwinError: the model or the log cannot be used; nothing is written.
+    """
+    measured = read_log(log)
+    loaded, measured, warnings = load_model_for(measured, model, packages)
+    for warning in warnings:
+        logging.getLogger("twin_diagram").warning("%s (%s)", warning.message, warning.code)
+    smooth = motion(measured)
+    columns = {"time": measured.time}
+    for name, values in (
+        ("torque_predicted", torque_predicted(loaded, measured, smooth)),
+        ("position_predicted", position_predicted(loaded, measured, horizon, smooth)),
+    ):
+        columns |= {f"{name}.{joint}": values[:, k] for k, joint in enumerate(loaded.joints)}
+    write_columns(columns, out)
+    return warnings
