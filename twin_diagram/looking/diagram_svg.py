@@ -40,7 +40,7 @@ CORNER: Final = 5.0
 """Radius of the wires' corners [px]."""
 
 
-def write(diagram: Diagram, path: str | Path, opened: Collection[str] = ("twin",)) -> Path:
+def write_diagram_svg(diagram: Diagram, path: str | Path, opened: Collection[str] = ("twin",)) -> Path:
     """Draws a Diagram into an SVG file.
 
     Args:
