@@ -325,6 +325,8 @@ class LcmStation:
     status_channel: str = ""
     """Empty: the public driver's own."""
     command_channel: str = ""
+    control: str = "position"
+    """What is commanded, as the driver was started: `position` or `position_and_torque`."""
     image_channel: str = "CAMERA_IMAGES"
     depth_unit: float = 0.00025
     """Depths that arrive are rounded to a whole number of these [m]."""

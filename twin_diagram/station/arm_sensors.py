@@ -28,10 +28,10 @@ class ArmSensors(LeafSystem):
         - gripper_measured
 
     Message k is taken at k / rate and stands on the ports from then on: an event at the same time still sees the one
-    before. `position_measured` (n) [rad] is a whole number of encoder counts, `velocity_estimated` (n) [rad/s] has white
-    noise, `torque_measured` (n) [N·m] is what the motors give before friction and rotor inertia, with white noise and a
-    constant error; `measurement_time` (1) [s]; `gripper_measured` (2g) positions then speeds. Noise is a function of seed
-    and message alone.
+    before. `position_measured` (n) [rad] is a whole number of encoder counts, `velocity_estimated` (n) [rad/s] has
+    white noise, `torque_measured` (n) [N·m] is what the motors give before friction and rotor inertia, with white
+    noise and a constant error; `measurement_time` (1) [s]; `gripper_measured` (2g) positions then speeds. Noise is a
+    function of seed and message alone.
     """
 
     def __init__(self, n: int, g: int, defects: ArmDefects, rate: float, seed: int) -> None:

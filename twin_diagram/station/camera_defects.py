@@ -56,18 +56,14 @@ def spoil_depth(depth: Depth, defects: CameraDefects, depth_range: Sequence[floa
         (H, W) a whole number of depth units [m], 0 where nothing was measured.
     """
     noisy = np.where(np.isfinite(depth), depth, np.float32(0.0))
-    if defects.edge_dropout > 0:
-        at = np.flatnonzero(edges(noisy))
-        gone = at[rng.random(len(at), dtype=np.float32) < defects.edge_dropout]
-    else:
-        gone = np.zeros(0, dtype=np.intp)
+    at = np.flatnonzero(edges(noisy)) if defects.edge_dropout > 0 else np.zeros(0, dtype=np.intp)
     if defects.depth_noise > 0:
         noise = rng.standard_normal(noisy.shape, dtype=np.float32)
         noise *= np.float32(defects.depth_noise)
         noise *= noisy
         noise += np.float32(1.0)
         noisy *= noise
-    noisy.ravel()[gone] = 0.0
+    noisy.ravel()[at[rng.random(len(at), dtype=np.float32) < defects.edge_dropout]] = 0.0
     noisy[(noisy < depth_range[0]) | (noisy > depth_range[1])] = 0.0
     return whole_units(noisy, defects.depth_unit)
 
@@ -121,9 +117,9 @@ class CameraDefectsSystem(LeafSystem):
         - depth_image
         - image_time
 
-    `depth_image` is in metres, a whole number of depth units, 0 where nothing was measured. `image_time` is the capture
-    time of the images [s], `NEVER` before the first, while images are black and empty. Computed where they are asked for,
-    cached, a function of seed and capture time alone; adds no latency.
+    `depth_image` is in metres, a whole number of depth units, 0 where nothing was measured. `image_time` is the
+    capture time of the images [s], `NEVER` before the first, while images are black and empty. Computed where they
+    are asked for, cached, a function of seed and capture time alone; adds no latency.
     """
 
     def __init__(self, camera: Camera, defects: CameraDefects, seed: int) -> None:
@@ -152,8 +148,8 @@ class CameraDefectsSystem(LeafSystem):
         self._depth = self.DeclareAbstractInputPort("depth_rendered", Value(ImageDepth32F()))
         self._time = self.DeclareVectorInputPort("time_rendered", 1)
         ticket = self._time.ticket()
-        # Drake's renderer counts as depending on time, and would render anew at each step. What it shows changes with the
-        # capture time, which comes from the same state.
+        # Drake's renderer counts as depending on time, and would render anew at each step. What it shows changes with
+        # the capture time, which comes from the same state.
         self.DeclareAbstractOutputPort("rgb_image", rgb.Clone, self._calc_rgb, {ticket})
         self.DeclareAbstractOutputPort("depth_image", depth.Clone, self._calc_depth, {ticket})
         self.DeclareVectorOutputPort("image_time", 1, self._calc_time, {ticket})

@@ -91,10 +91,10 @@ class ArmDriver(LeafSystem):
         - gripper_desired_state
         - motor_torque
 
-    The spring and the damper act in the plant, implicitly, so that they are stable at its step. A command goes through a
-    critically damped filter (`follow`), whose position and rate are q_d and v_d: they lag a steady motion by 10 ms.
-    Before the first command the arm holds its pose. An unconnected port and a vector with a NaN in it are no command; a
-    torque that is not a number counts as zero.
+    The spring and the damper act in the plant, implicitly, so that they are stable at its step. A command goes
+    through a critically damped filter (`follow`), whose position and rate are q_d and v_d: they lag a steady motion
+    by 10 ms. Before the first command the arm holds its pose. An unconnected port and a vector with a NaN in it are
+    no command; a torque that is not a number counts as zero.
 
     Ports: `position_commanded` (n) [rad], `torque_commanded` (n) [N·m], `gripper_commanded` (g) [m], `motor_state`
     (2(n + g)) the motors' positions, as encoders without noise would read them, then speeds; `torque` (n) feed-forward

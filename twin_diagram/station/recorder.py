@@ -62,10 +62,10 @@ class Recorder(LeafSystem):
         - <camera>.image_time
         - arm.position_commanded
 
-    Looks at the end of each step of the simulator. A message that is new there came to stand on the ports by an update at the
-    start of that step, which is where the step before ended: that is its delivery time, to the bit. Where there is no
-    command yet, the measured position is written as the command: the arm holds its pose. Keeps no state in the
-    Context; what it has written is the writer's. One run, one recorder.
+    Looks at the end of each step of the simulator. A message that is new there came to stand on the ports by an
+    update at the start of that step, which is where the step before ended: that is its delivery time, to the bit.
+    Where there is no command yet, the measured position is written as the command: the arm holds its pose. Keeps no
+    state in the Context; what it has written is the writer's. One run, one recorder.
     """
 
     def __init__(self, writer: RecordingWriter) -> None:

@@ -6,7 +6,8 @@ A recording is a folder:
 - ``log.csv``: the arm's messages, in the project's log format, floats written so that they read back to the bit;
 - ``messages.csv``: when each of them came to stand on the ports;
 - ``gripper.csv``: the fingers' positions and speeds, where the robot has a gripper;
-- ``<camera>/``: ``rgb_<k>.png``, ``depth_<k>.png`` (16 bit, in depth units) and ``frames.csv`` (capture and delivery times).
+- ``<camera>/``: ``rgb_<k>.png``, ``depth_<k>.png`` (16 bit, in depth units) and ``frames.csv`` (capture and delivery
+times).
 
 It is written under a temporary name beside its own and renamed once it is whole.
 """

@@ -25,7 +25,8 @@ from twin_diagram.station.recording import depth_file, read_manifest, rgb_file
 def newest(delivery: Array, time: float) -> int:
     """Index of the newest entry that stands on the ports at `time`; -1 before the first.
 
-    What is delivered at a time is seen by events after it, not by those at the same time, as it was while it was recorded.
+    What is delivered at a time is seen by events after it, not by those at the same time, as it was while it was
+    recorded.
 
     Args:
         delivery: (N,) rising [s].
@@ -47,8 +48,8 @@ class MessagePlayer(LeafSystem):
         - measurement_time
         - gripper_measured
 
-    Units and sizes as on any station; zeros and `NEVER` before the first message. Each message stands from its delivery to the
-    next one's. A function of time alone.
+    Units and sizes as on any station; zeros and `NEVER` before the first message. Each message stands from its
+    delivery to the next one's. A function of time alone.
     """
 
     def __init__(self, messages: Messages) -> None:
@@ -84,8 +85,8 @@ class ImagePlayer(LeafSystem):
         - depth_image
         - image_time
 
-    As on any station; black, empty and `NEVER` before the first. Each image stands from its delivery to the next one's. A
-    function of time alone; the image that was read last is kept.
+    As on any station; black, empty and `NEVER` before the first. Each image stands from its delivery to the next
+    one's. A function of time alone; the image that was read last is kept.
     """
 
     def __init__(self, frames: Frames) -> None:
@@ -163,9 +164,9 @@ class ReplayStation(Diagram):
         - <camera>.depth_image
         - <camera>.image_time
 
-    A recording's folder shows everything at the times at which the live station showed it, bit for bit. A bare log's times are
-    counted from its first sample, and each sample stands from its own time on; it has no images. Reads `twin` and
-    `replay` of the scenario, never `world`.
+    A recording's folder shows everything at the times at which the live station showed it, bit for bit. A bare log's
+    times are counted from its first sample, and each sample stands from its own time on; it has no images. Reads
+    `twin` and `replay` of the scenario, never `world`.
 
     Attributes:
         end: time of the last message [s].

@@ -29,8 +29,9 @@ class TrueState(LeafSystem):
         - motor_state
         - arm_state
 
-    `motor_state` (2(n + g)): positions, then speeds of the arm's and the fingers' motors, as encoders without noise would
-    read them; `arm_state` (2n): those of the arm's joints themselves. They differ by encoder offsets. No latency.
+    `motor_state` (2(n + g)): positions, then speeds of the arm's and the fingers' motors, as encoders without noise
+    would read them; `arm_state` (2n): those of the arm's joints themselves. They differ by encoder offsets. No
+    latency.
     """
 
     def __init__(self, plant: MultibodyPlant, arm: ArmPlant) -> None:
