@@ -121,12 +121,12 @@ def test_changelog_has_the_version_or_work_in_progress() -> None:
 LAYERS = (
     {"errors"},
     {"resources", "signals", "native", "timing", "__init__"},
-    {"scenario", "scenario_file", "logs", "effects", "assets", "description", "rigid_tree"},
+    {"scenario", "scenario_file", "logs", "effects", "assets", "description", "rigid_tree", "motion"},
     {"model"},
-    {"prediction"},
+    {"prediction", "rollout"},
     {"station", "perception", "estimation", "scene", "planning", "gap"},
     {"looking"},
-    {"diagram", "score", "run", "trial", "variation"},
+    {"diagram", "score", "run", "touching", "trial", "variation"},
     {"cli"},
     {"__main__"},
 )
