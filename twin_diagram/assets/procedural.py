@@ -48,10 +48,10 @@ def write_bottle(
 ) -> Path:
     """A bottle whose texture breaks its symmetry about z; O on the axis half-way up. Returns the folder."""
     _check(name, mass, radius, height)
-    body, top = 0.62 * height, 0.82 * height
+    body, top = 0.72 * height, 0.82 * height
     solids = [
         Solid("cylinder", [radius, body], [0.0, 0.0, (body - height) / 2]),
-        Solid("cylinder", [0.8 * radius, top - body], [0.0, 0.0, (body + top - height) / 2]),
+        Solid("cylinder", [0.92 * radius, top - body], [0.0, 0.0, (body + top - height) / 2]),
         Solid("cylinder", [0.36 * radius, height - top], [0.0, 0.0, top / 2]),
     ]
     spec = AssetSpec(name, "bottle", [2 * radius, 2 * radius, height], mass, None, texture_seed, solids=solids)
