@@ -254,6 +254,7 @@ def test_the_wall_test_sees_what_it_should() -> None:
 # What is declared, and what is written into files.
 
 DISTRIBUTIONS = {
+    "PIL": "pillow",
     "cv2": "opencv-python-headless",
     "fast_simplification": "fast-simplification",
     "libusb_package": "libusb-package",
