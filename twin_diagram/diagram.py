@@ -34,6 +34,9 @@ from twin_diagram.station.make import make_station
 Packages = Mapping[str, str | Path]
 Made = TypeVar("Made")
 
+MASS = "payload.mass"
+"""Name of the learned mass among the filter's parameters."""
+
 
 @dataclass(frozen=True)
 class Twin:
@@ -80,18 +83,19 @@ def make_twin(twin: scenario.Twin, packages: Packages | None = None) -> Twin:
     """
     builder = DiagramBuilder()
     model = _named("twin.arm", lambda: Model.load(twin.arm, packages))
-    if twin.home and len(twin.home) != model.n:
-        raise ScenarioError("twin.home", f"{len(twin.home)} angles for {model.n} joints ({', '.join(model.joints)})")
+    if twin.home and len(twin.home) != len(model.joints):
+        raise ScenarioError("twin.home", f"{len(twin.home)} angles for {len(model.joints)} joints ({', '.join(model.joints)})")
     library = {
         name: _named(f"twin.library.{name}", lambda folder=folder: Asset.load(resolve(folder, packages)))
         for name, folder in twin.library.items()
     }
     scene = _named("twin.fixtures", lambda: add_twin_scene(builder, twin, packages))
 
-    ekf = builder.AddNamedSystem("adaptive_ekf", AdaptiveEkf(model, twin.filter))
+    ekf = builder.AddNamedSystem("adaptive_ekf", AdaptiveEkf(model, twin.filter, np.array(twin.home) if twin.home else None))
+    parameter_names = tuple(label.split(" ")[0] for label in ekf.ekf.parameters.labels(model.joints))
     drift = builder.AddNamedSystem("drift_monitor", DriftMonitor(model, twin.drift, twin.filter))
     updater = builder.AddNamedSystem("scene_graph_updater", SceneGraphUpdater(scene, twin.scene))
-    mpc = builder.AddNamedSystem("mpc", _named("twin", lambda: Mpc(model, twin, library, packages)))
+    mpc = builder.AddNamedSystem("mpc", _named("twin", lambda: Mpc(model, twin, library, packages, parameter_names)))
     goal = builder.AddNamedSystem("goal", ConstantVectorSource(goal_vector(twin.task)))
 
     measured = {
@@ -116,7 +120,7 @@ def make_twin(twin: scenario.Twin, packages: Packages | None = None) -> Twin:
     if twin.camera is not None:
         camera = twin.camera
         perception = builder.AddNamedSystem("perception", Perception(twin.arm, camera, twin.perception, packages))
-        icp = builder.AddNamedSystem("icp_pose_estimator", IcpPoseEstimator(library, camera, twin.registration))
+        icp = builder.AddNamedSystem("icp_pose_estimator", IcpPoseEstimator(library, camera, twin.registration, twin.perception))
         builder.ExportInput(perception.GetInputPort("rgb_image"), ports.rgb_image(camera.name))
         builder.ExportInput(perception.GetInputPort("depth_image"), ports.depth_image(camera.name))
         builder.ExportInput(perception.GetInputPort("image_time"), ports.image_time(camera.name))
@@ -148,9 +152,8 @@ def make_twin(twin: scenario.Twin, packages: Packages | None = None) -> Twin:
     builder.ExportOutput(scene.query_output, "query_object")
     diagram = builder.Build()
     diagram.set_name("twin")
-    names = tuple(ekf.parameter_names)
-    mass_index = names.index("payload.mass") if "payload.mass" in names else None
-    return Twin(diagram, model, library, scene, names, mass_index)
+    mass_index = parameter_names.index(MASS) if MASS in parameter_names else None
+    return Twin(diagram, model, library, scene, parameter_names, mass_index)
 
 
 def make_closed_loop(

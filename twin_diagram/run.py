@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import sys
 from collections.abc import Callable, Iterable
@@ -27,12 +26,12 @@ from twin_diagram.looking.meshcat_scenes import MeshcatScenes, add_meshcat, open
 from twin_diagram.looking.overlay_system import MeshcatOverlay
 from twin_diagram.looking.plots import write_plots
 from twin_diagram.scenario import Scenario
-from twin_diagram.scenario_file import dump_scenario, load_scenario, override_scenario
+from twin_diagram.scenario_file import copy_scenario, dump_scenario, load_scenario, override_scenario
 from twin_diagram.score import alarms, summarize, table
 from twin_diagram.signals import TRACK_SIZE, Array, ObjectStatus, Track
 from twin_diagram.station import ports
-from twin_diagram.station.recorder import Recorder, manifest_of
-from twin_diagram.station.recording import LOG, Manifest, RecordingWriter
+from twin_diagram.station.recorder import add_recorder, open_recording
+from twin_diagram.station.recording import LOG, RecordingWriter
 from twin_diagram.trial import Trial, run_trial
 
 SCENARIO_FILE = "scenario.yaml"
@@ -155,7 +154,7 @@ def beliefs(loop: ClosedLoop, context: Context) -> dict[str, Any]:
     def value(port: str) -> Array:
         return np.array(twin.GetOutputPort(port).Eval(own))
 
-    n = loop.model.n
+    n = len(loop.model.joints)
     parameters, covariance = value("parameters"), value("covariance")
     std = np.sqrt(np.diag(covariance.reshape(2 * n + parameters.size, -1)))[2 * n :]
     tracks = [Track.unpack(row) for row in value("tracks").reshape(-1, TRACK_SIZE)]
@@ -195,7 +194,7 @@ class Looking:
         self.scenes = add_meshcat(builder, self._meshcat, twin.diagram.GetOutputPort("query_object"), real)
         self.scenes.set_view()
         plan = twin.diagram.GetOutputPort("plan")
-        overlay = MeshcatOverlay(self._meshcat, twin.scene, plan.size() // twin.model.n)
+        overlay = MeshcatOverlay(self._meshcat, twin.scene, plan.size() // len(twin.model.joints))
         builder.AddNamedSystem("overlay", overlay)
         builder.Connect(plan, overlay.GetInputPort("plan"))
         builder.Connect(twin.diagram.GetOutputPort("tracks"), overlay.GetInputPort("tracks"))
@@ -213,38 +212,36 @@ class Keeping:
     """What is recorded of the station while it runs; dropped where the run fails."""
 
     def __init__(self, scenario: Scenario, record: Path | None, log: Path | None, stack: ExitStack) -> None:
-        """Nothing is opened before the loop is known to build; `stack` closes it all."""
-        self._scenario, self._record, self._log, self._stack = scenario, record, log, stack
+        """`stack` closes what is opened.
+
+        Raises:
+            TwinError: a recording or a log cannot go where it is asked to.
+        """
+        self._writer: RecordingWriter | None = None
+        if record is None and log is None:
+            return
+        if log is not None and log.suffix not in (".csv", ".npz"):
+            raise TwinError(f"--log {log}: a measured log is .csv or .npz")
+        if record is None:
+            # A log alone is a recording without images, made aside.
+            scenario = copy_scenario(scenario)
+            scenario.twin.camera = None
+            record = Path(stack.enter_context(TemporaryDirectory())) / "recording"
+        if log is not None:
+            stack.callback(_convert, record / LOG, log)
+        self._writer = stack.enter_context(open_recording(scenario, record))
+        self._writer.attach(SCENARIO_FILE, dump_scenario(scenario))
 
     def add(self, builder: DiagramBuilder, station: Diagram, twin: Twin) -> None:
-        """Adds a recorder for each thing that is to be kept."""
-        scenario = self._scenario
-        whole = manifest_of(scenario, list(twin.model.joints), list(twin.scene.arm.gripper_joints))
-        if self._record is not None:
-            writer = self._stack.enter_context(RecordingWriter(self._record, whole))
-            writer.attach(SCENARIO_FILE, dump_scenario(scenario))
-            self._watch(builder, station, twin, writer, whole)
-        if self._log is not None:
-            if self._log.suffix not in (".csv", ".npz"):
-                raise TwinError(f"--log {self._log}: a measured log is .csv or .npz")
-            bare = dataclasses.replace(whole, camera=None)
-            folder = Path(self._stack.enter_context(TemporaryDirectory()))
-            self._stack.callback(lambda: self._convert(folder / "log" / LOG))
-            writer = self._stack.enter_context(RecordingWriter(folder / "log", bare))
-            self._watch(builder, station, twin, writer, bare)
+        """Adds a recorder to a loop that is being built."""
+        if self._writer is not None:
+            add_recorder(builder, station, self._writer, twin.diagram.GetOutputPort(ports.POSITION_COMMANDED))
 
-    def _watch(
-        self, builder: DiagramBuilder, station: Diagram, twin: Twin, writer: RecordingWriter, manifest: Manifest
-    ) -> None:
-        recorder = Recorder(writer, manifest)
-        builder.AddSystem(recorder)
-        for name in ports.input_names(recorder):
-            source = twin.diagram if name == ports.POSITION_COMMANDED else station
-            builder.Connect(source.GetOutputPort(name), recorder.GetInputPort(name))
 
-    def _convert(self, source: Path) -> None:
-        if self._log is not None and source.is_file():
-            write_log(read_log(source), self._log)
+def _convert(source: Path, log: Path) -> None:
+    """Writes a recording's log as `log`; nothing where the recording was dropped."""
+    if source.is_file():
+        write_log(read_log(source), log)
 
 
 class Progress:

@@ -23,7 +23,7 @@ from twin_diagram.diagram import ClosedLoop
 from twin_diagram.score import RunRecord
 from twin_diagram.signals import NEVER, TRACK_SIZE, Array
 from twin_diagram.station import ports
-from twin_diagram.station.clearance import TruthClearance
+from twin_diagram.touching import TrueClearance
 
 SAMPLE_PERIOD = 1.0 / 60.0
 """Between two samples of clearance, contacts and arm [s]."""
@@ -91,7 +91,7 @@ class _Sampler:
         scenario = loop.scenario
         self._loop, self._context = loop, context
         self._station_context = loop.station.GetMyContextFromRoot(context)
-        self._twin_context = loop.twin.GetMyContextFromRoot(context)
+        self._twin_context = loop.twin.diagram.GetMyContextFromRoot(context)
         self._truth_names = list(scenario.world.objects)
         self._objects = [name for name in scenario.twin.library if name in scenario.world.objects]
         self._track_index = [list(scenario.twin.library).index(name) for name in self._objects]
@@ -102,7 +102,7 @@ class _Sampler:
         self._camera = scenario.twin.camera
         X_WC = scenario.world.X_WC or (self._camera.X_WC if self._camera else None)
         self._X_CW = pose(X_WC).inverse() if X_WC else None
-        self._clearance = TruthClearance(loop.station)
+        self._clearance = TrueClearance(loop.station)
         self._seen = np.zeros(len(self._objects))
         self._image_time = NEVER
         self._past: list[tuple[float, Array]] = []
@@ -116,7 +116,7 @@ class _Sampler:
         self._look()
         tracks = self._twin("tracks").reshape(-1, TRACK_SIZE)[self._track_index]
         arm_true = self._station(ports.ARM_STATE)
-        n = self._loop.model.n
+        n = len(self._loop.model.joints)
         parameters, covariance = self._twin("parameters"), self._twin("covariance")
         size = round(np.sqrt(covariance.size))
         mass_index = self._loop.twin.mass_index

@@ -52,7 +52,7 @@ def vary(base: Scenario, seed: int, folder: str | Path) -> Scenario:
             twin.library[name] = item.asset
     _draw_dynamics(scenario, rng)
     model = Model.load(twin.arm, scenario.packages)
-    start = model.tool_pose(np.array(twin.home or np.zeros(model.n))).translation()[:2]
+    start = model.tool_pose(np.array(twin.home or np.zeros(len(model.joints)))).translation()[:2]
     goal = np.array(twin.task.X_WG.translation[:2]) if twin.task.X_WG else start
     sizes = {item.asset: Asset.load(item.asset).size for item in world.objects.values()}
     for _ in range(400):
