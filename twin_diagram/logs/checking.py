@@ -63,7 +63,7 @@ def check(log: Log, model: Model | None = None) -> list[LogWarning]:
 def _check_time_unit(log: Log) -> None:
     if log.period > SLOWEST:
         for unit, scale in (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9)):
-            if 1e-4 <= log.period / scale <= SLOWEST:
+            if 4e-4 <= log.period / scale <= 0.1:
                 raise LogError(
                     f"{log.source}: time: samples are {log.period:g} s apart; it looks like {unit}, "
                     "the log format has seconds"

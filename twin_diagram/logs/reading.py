@@ -100,7 +100,7 @@ def _check_time(time: Array, source: str, where: Callable[[int], str]) -> None:
     if len(bad):
         k = int(bad[0])
         what = "is the same as" if steps[k] == 0.0 else "is before"
-        raise LogError(f"{source}: {where(k + 1)}: time {time[k + 1]!r} {what} the one above it; time must rise")
+        raise LogError(f"{source}: {where(k + 1)}: time {float(time[k + 1])!r} {what} the one above it; time must rise")
 
 
 def read_columns(path: Path) -> dict[str, Array]:
@@ -119,8 +119,8 @@ def read_columns(path: Path) -> dict[str, Array]:
         if names.count(name) > 1:
             raise LogError(f"{path}: column {name!r} is there {names.count(name)} times")
     try:
-        if "\n\n" in body.rstrip() or body.startswith("\n"):
-            raise ValueError  # NumPy skips blank lines
+        if "\n\n" in body.rstrip() or body.startswith("\n") or not body.strip():
+            raise ValueError  # NumPy skips blank lines, and warns of what is empty
         table = np.loadtxt(io.StringIO(body), delimiter=",", ndmin=2, comments=None)
         if table.size and table.shape[1] != len(names):
             raise ValueError
@@ -162,7 +162,7 @@ def _read_npz(path: Path) -> dict[str, Array]:
     except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
         if isinstance(error, LogError):
             raise
-        reason = "it holds Python objects" if "pickle" in str(error) else "it is damaged or no .npz file"
+        reason = "it holds Python objects" if "Object arrays" in str(error) else "it is damaged or no .npz file"
         raise LogError(f"{path}: cannot be read: {reason}") from error
     lengths = {len(values) for values in columns.values()}
     if len(lengths) > 1:
