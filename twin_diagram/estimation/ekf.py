@@ -101,6 +101,7 @@ class Ekf:
         self.velocity = JointVelocity(n, params.velocity_std)
         self._F = np.eye(self.belief.size)
         self._I = np.eye(self.belief.size)
+        self._kept = self.belief.vector.copy()
         self._by_torque: Array | None = None
         self._step_mass = np.eye(n)
         self._period = 1.0 / params.rate
@@ -157,8 +158,10 @@ class Ekf:
             torque_std: unmodelled torque [N·m], as white noise over one filter period; None: `Filter.torque_std`.
 
         Raises:
-            FilterError: u is not n finite numbers, or dt is not positive and finite.
+            FilterError: u is not n finite numbers, dt is not positive and finite, or there is no state yet.
         """
+        if not self.belief.valid:
+            raise FilterError("there is no state to predict from: start the filter from a message")
         u = np.asarray(u, dtype=float)
         if u.shape != (self.terms.n,) or not np.all(np.isfinite(u)):
             raise FilterError(f"torque {u.tolist()} is not {self.terms.n} finite numbers")
@@ -169,8 +172,7 @@ class Ekf:
         parts = int(np.ceil(dt / LONGEST_STEP - 1e-9))
         for _ in range(parts):
             self._predict_once(u, dt / parts, self.params.torque_std if torque_std is None else torque_std)
-        if self.belief.valid:
-            self.belief.header[Entry.TIME] += dt
+        self.belief.header[Entry.TIME] += dt
 
     def update(self, sensor: Sensor, z: Array, t: float | None = None, *, explain: bool = True) -> Update:
         """Takes in a reading.
@@ -182,13 +184,15 @@ class Ekf:
             explain: whether an unmodelled torque may explain a reading that leaves its gate.
 
         Raises:
-            FilterError: z has the wrong size, or t lies before the belief's time.
+            FilterError: z has the wrong size, t lies before the belief's time, or there is no state yet.
         """
         belief = self.belief
+        if not belief.valid:
+            raise FilterError(f"{sensor.name}: there is no state to update: start the filter from a message")
         z = np.asarray(z, dtype=float)
         if z.shape != (sensor.size,):
             raise FilterError(f"{sensor.name}: {z.shape} numbers where {sensor.size} are expected")
-        if t is not None and belief.valid:
+        if t is not None:
             ahead = t - belief.time
             if not ahead > -1e-9:
                 raise FilterError(f"{sensor.name}: its time {t} s lies before the filter's, {belief.time} s")
@@ -264,7 +268,18 @@ class Ekf:
             header[Entry.RESTARTS] += 1
             self.start(q, v, tau, t)
             return True
-        self._observe_next(q, v, tau, t, dt, heard)
+        self._kept[:] = belief.vector
+        try:
+            with np.errstate(all="ignore"):
+                self._observe_next(q, v, tau, t, dt, heard)
+            sound = bool(np.all(np.isfinite(belief.vector))) and bool(np.all(np.abs(belief.x) < 2.0 * ABSURD))
+        except (np.linalg.LinAlgError, FilterError):
+            sound = False
+        if not sound:
+            # The model ran away, as it may under absurd torques: parameters as before, state from the sensors.
+            belief.vector[:] = self._kept
+            header[Entry.RESTARTS] += 1
+            self.start(q, v, tau, t)
         return True
 
     # Details.

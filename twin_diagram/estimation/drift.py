@@ -1,0 +1,285 @@
+"""Notices when model and measurement part ways, usable without any Diagram.
+
+Two tests run side by side:
+
+- **innovation**, at the filter's rate: normalised innovation squared (NIS), averaged over a tenth of a second and as a
+  cumulative sum (Page's test), against the band of normal operation;
+- **rollout**, every `Drift.period`: the model runs for `Drift.horizon` from a state and parameters that the filter
+held then,
+  under the torques measured since, and is compared with the encoders now (Hybrid Reality Twins, section 3.4). The error
+  counts as joint torque.
+
+Thresholds are μ + kσ of normal operation (section 3.4, "Threshold Selection"), but never within what the filter itself
+claims: an innovation that its covariance allows is no drift. Normal operation begins when the parameters have settled,
+so a payload that is being learnt is neither an alarm nor a lesson.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import Any, Final
+
+import numpy as np
+
+from twin_diagram.estimation.arm_terms import ArmTerms
+from twin_diagram.estimation.ekf import FRICTION_SHARE
+from twin_diagram.estimation.parameters import ParameterSet
+from twin_diagram.estimation.rollout import rollout, torque_error
+from twin_diagram.scenario import Drift, Filter
+from twin_diagram.signals import ALARM_LOG_FIELDS, ALARM_SIZE, NEVER, AlarmKind, Array
+
+RING: Final = 32
+"""Alarms that are remembered."""
+WINDOW: Final = 0.1
+"""Time over which NIS is averaged [s]."""
+SETTLING: Final = 0.25
+"""Parameters have settled when they change by less than `SETTLED` of their prior's deviation in this time [s]."""
+SETTLED: Final = 0.05
+PATIENCE: Final = 5.0
+"""After this many learning times normal operation is taken for granted: a model may never settle."""
+HOLD: Final = 0.5
+"""An alarm ends when its test has been quiet for this long [s]."""
+LONGEST_GAP: Final = 0.1
+"""A longer silence of the sensors ends a rollout [s]."""
+_RUNAWAY: Final = 1e6
+"""Stands for the error of a rollout that ran away [N·m]."""
+_SPIKE: Final = 10.0
+"""One message counts for no more than this many times the degrees of freedom, so that a spike alone is no drift."""
+_SLACK: Final = 0.5
+"""The cumulative sum forgives this many standard deviations per message."""
+_JUMP: Final = 2.0
+"""It alarms at this many k standard deviations."""
+
+
+class Entry(IntEnum):
+    """Entries of a monitor's header."""
+
+    TIME = 0
+    """Of the newest message [s]; `NEVER` before the first."""
+    SINCE = 1
+    """Of the first."""
+    NORMAL = 2
+    """Time spent in normal operation [s]."""
+    CHECKED = 3
+    """When it was last checked that the parameters have settled [s]."""
+    SETTLED = 4
+    """1 while they have."""
+    NIS = 5
+    """Averaged over `WINDOW`."""
+    SUM = 6
+    """Cumulative sum of NIS, in standard deviations."""
+    COUNT = 7
+    """Messages learnt from."""
+    MEAN = 8
+    """Of the averaged NIS in normal operation."""
+    SQUARES = 9
+    """Sum of its squared deviations."""
+    SPREAD = 10
+    """Sum of squared deviations of NIS itself from its mean."""
+    ROLLOUTS = 11
+    """Rollouts learnt from."""
+    NEXT = 12
+    """When the next rollout starts [s]."""
+    STARTED = 13
+    """When the running rollout started [s]; `NEVER` when none runs."""
+    FILLED = 14
+    """Torques stored for it."""
+    KIND = 15
+    """`AlarmKind` of the newest alarm."""
+    RAISED = 16
+    """When it was raised [s]."""
+    STATISTIC = 17
+    """Its largest statistic over the threshold."""
+    QUIET = 18
+    """Until when it stays active [s]."""
+    ALARMS = 19
+    """Raised so far."""
+    ROLLOUT = 20
+    """Statistic of the newest rollout over its threshold."""
+
+
+class Monitor:
+    """The drift monitor of n joints and p parameters; all that it knows is one flat vector.
+
+    Attributes:
+        vector: all of it.
+        header: by `Entry`.
+    """
+
+    def __init__(self, terms: ArmTerms, drift: Drift, tuning: Filter) -> None:
+        self.terms, self.params = terms, drift
+        self.parameters = ParameterSet(terms, tuning)
+        self._tuning = tuning
+        n, p = terms.n, self.parameters.size
+        self._rows = int(np.ceil(drift.horizon * tuning.rate * 2.0)) + 4
+        sizes = [len(Entry), RING * ALARM_LOG_FIELDS, p, n, n, 2 * n, p, self._rows * (n + 1)]
+        ends = np.cumsum(sizes)
+        self.vector: Any = np.zeros(ends[-1])
+        parts = np.split(self.vector, ends[:-1])  # views
+        self.header, log, self._checked, self._roll_mean, self._roll_squares = parts[:5]
+        self._from_state, self._from_theta, torques = parts[5:]
+        self.log = log.reshape(RING, ALARM_LOG_FIELDS)
+        self._torques = torques.reshape(self._rows, n + 1)
+        self.header[[Entry.TIME, Entry.SINCE, Entry.STARTED, Entry.RAISED, Entry.QUIET]] = NEVER
+        self.log[:, 0] = NEVER
+
+    @property
+    def armed(self) -> bool:
+        """Whether normal operation has been learnt."""
+        return bool(self.header[Entry.NORMAL] >= self.params.learning_time)
+
+    @property
+    def active(self) -> bool:
+        """Whether an alarm stands."""
+        return bool(self.header[Entry.TIME] < self.header[Entry.QUIET])
+
+    def alarm(self) -> Array:
+        """(4,): active, `AlarmKind`, time raised [s], statistic over threshold."""
+        h = self.header
+        result = np.array([float(self.active), h[Entry.KIND], h[Entry.RAISED], h[Entry.STATISTIC]])
+        assert len(result) == ALARM_SIZE
+        return result
+
+    def observe(self, state: Array, theta: Array, nis: float, q: Array, tau: Array, t: float) -> None:
+        """Takes in what the filter made of a message. What is not new or not finite is left out.
+
+        Args:
+            state: (2n,) x̂ at time t.
+            theta: (p,) θ̂.
+            nis: of the message, 2n degrees of freedom.
+            q: (n,) measured positions [rad].
+            tau: (n,) measured torques [N·m].
+            t: measurement time [s].
+        """
+        h = self.header
+        finite = np.isfinite(t) and np.isfinite(nis)
+        for values in (state, theta, q, tau):
+            finite = finite and bool(np.all(np.abs(values) < 1e6))  # NaN compares false
+        if not finite or t < 0.0 or t == h[Entry.TIME]:
+            return
+        if h[Entry.SINCE] < 0.0:
+            h[Entry.SINCE] = h[Entry.CHECKED] = t
+            h[Entry.NEXT] = t + SETTLING
+            h[Entry.NIS] = min(nis, 2.0 * self.terms.n)
+            self._checked[:] = theta
+            h[Entry.TIME] = t
+            return
+        dt = t - h[Entry.TIME]
+        if not 0.0 < dt <= LONGEST_GAP:
+            # A gap, or a clock set back: what came before does not join up with what comes now.
+            self._resume(theta, t)
+            return
+        h[Entry.TIME] = t
+        self._settle(theta, t)
+        learning = bool(h[Entry.SETTLED]) and not self.armed
+        if learning:
+            h[Entry.NORMAL] += dt
+        self._innovation(nis, dt, t, learning)
+        self._rollout(state, theta, q, tau, t, learning)
+
+    # Details.
+
+    def _resume(self, theta: Array, t: float) -> None:
+        h = self.header
+        h[[Entry.TIME, Entry.CHECKED, Entry.NEXT]] = t
+        h[Entry.STARTED] = NEVER
+        h[Entry.SETTLED] = 0.0
+        h[Entry.SINCE] = min(h[Entry.SINCE], t)
+        h[Entry.QUIET] = min(h[Entry.QUIET], t + HOLD)
+        self._checked[:] = theta
+
+    def _settle(self, theta: Array, t: float) -> None:
+        h = self.header
+        if t - h[Entry.CHECKED] < SETTLING:
+            return
+        calm = bool(np.all(np.abs(theta - self._checked) <= SETTLED * self.parameters.scale))
+        late = t - h[Entry.SINCE] > PATIENCE * self.params.learning_time
+        h[Entry.SETTLED] = float(calm or late)
+        h[Entry.CHECKED] = t
+        self._checked[:] = theta
+
+    def _innovation(self, nis: float, dt: float, t: float, learning: bool) -> None:
+        h, k, dof = self.header, self.params.sigma, 2.0 * self.terms.n
+        capped = min(nis, _SPIKE * dof)
+        blend = min(dt / WINDOW, 1.0)
+        h[Entry.NIS] += blend * (capped - h[Entry.NIS])
+        if learning:
+            h[Entry.COUNT] += 1
+            before = h[Entry.NIS] - h[Entry.MEAN]
+            h[Entry.MEAN] += before / h[Entry.COUNT]
+            h[Entry.SQUARES] += before * (h[Entry.NIS] - h[Entry.MEAN])
+            h[Entry.SPREAD] += (capped - h[Entry.MEAN]) ** 2
+            return
+        if not self.armed:
+            return
+        count = max(h[Entry.COUNT], 1.0)
+        # Averaging over a window of W messages leaves 1/(2W) of the variance; white innovations of the claimed
+        # covariance have mean 2n and variance 4n.
+        claimed = dof + k * np.sqrt(2.0 * dof * 0.5 * blend)
+        threshold = max(h[Entry.MEAN] + k * np.sqrt(h[Entry.SQUARES] / count), claimed)
+        mean = max(h[Entry.MEAN], dof)
+        spread = np.sqrt(max(h[Entry.SPREAD] / count, 2.0 * dof))
+        h[Entry.SUM] = max(0.0, h[Entry.SUM] + min((nis - mean) / spread, 0.5 * k) - _SLACK)
+        statistic = max(h[Entry.NIS] / threshold, h[Entry.SUM] / (_JUMP * k))
+        h[Entry.SUM] = min(h[Entry.SUM], 2.0 * _JUMP * k)
+        if statistic > 1.0:
+            self._raise(AlarmKind.INNOVATION, t, statistic)
+
+    def _rollout(self, state: Array, theta: Array, q: Array, tau: Array, t: float, learning: bool) -> None:
+        h, n = self.header, self.terms.n
+        if h[Entry.STARTED] >= 0.0:
+            row = int(h[Entry.FILLED])
+            if row >= self._rows:  # messages come faster than expected: give up this rollout
+                h[Entry.STARTED] = NEVER
+                return
+            self._torques[row, 0], self._torques[row, 1:] = t, tau
+            h[Entry.FILLED] += 1
+            if t - h[Entry.STARTED] >= self.params.horizon - 1e-6:
+                self._compare(q, t, learning)
+                h[Entry.STARTED] = NEVER
+        if h[Entry.STARTED] < 0.0 and t >= h[Entry.NEXT] - 1e-6:
+            # Until enough has been learnt, one rollout follows on the other.
+            wait = self.params.period if self.armed else self.params.horizon
+            h[Entry.NEXT] = t + max(wait, self.params.horizon)
+            h[Entry.STARTED], h[Entry.FILLED] = t, 1.0
+            self._from_state[:], self._from_theta[:] = state, theta
+            self._torques[0, 0], self._torques[0, 1:] = t, tau
+        assert self._torques.shape[1] == n + 1
+
+    def _compare(self, q: Array, t: float, learning: bool) -> None:
+        h, terms = self.header, self.terms
+        filled = int(h[Entry.FILLED])
+        times, torques = self._torques[:filled, 0], self._torques[:filled, 1:]
+        end, speed = rollout(terms, self.parameters, self._from_state, self._from_theta, times, torques)
+        span = float(times[-1] - times[0])
+        error = np.abs(torque_error(terms, self.parameters, q, self._from_theta, q - end, span))
+        error = np.nan_to_num(error, nan=_RUNAWAY, posinf=_RUNAWAY).clip(max=_RUNAWAY)
+        if learning:
+            h[Entry.ROLLOUTS] += 1
+            before = error - self._roll_mean
+            self._roll_mean += before / h[Entry.ROLLOUTS]
+            self._roll_squares += before * (error - self._roll_mean)
+            return
+        if not self.armed:
+            return
+        k = self.params.sigma
+        forward, backward = terms.dry(terms.true_position(q), speed, torques[-1])
+        claimed = k * np.hypot(self._tuning.torque_drift_std, FRICTION_SHARE * 0.5 * (forward + backward))
+        learnt = self._roll_mean + k * np.sqrt(self._roll_squares / max(h[Entry.ROLLOUTS], 1.0))
+        h[Entry.ROLLOUT] = float(np.max(error / np.maximum(learnt, claimed)))
+        if h[Entry.ROLLOUT] > 1.0:
+            self._raise(AlarmKind.ROLLOUT, t, float(h[Entry.ROLLOUT]))
+
+    def _raise(self, kind: AlarmKind, t: float, statistic: float) -> None:
+        h = self.header
+        quiet = t + HOLD + (self.params.period if kind is AlarmKind.ROLLOUT else 0.0)
+        row = int(h[Entry.ALARMS] - 1) % RING
+        if t < h[Entry.QUIET] and h[Entry.ALARMS] > 0:  # the alarm that stands goes on
+            h[Entry.STATISTIC] = max(h[Entry.STATISTIC], statistic)
+            self.log[row, 2] = h[Entry.STATISTIC]
+        else:
+            h[Entry.KIND], h[Entry.RAISED], h[Entry.STATISTIC] = float(kind), t, statistic
+            row = int(h[Entry.ALARMS]) % RING
+            self.log[row] = t, float(kind), statistic
+            h[Entry.ALARMS] += 1
+        h[Entry.QUIET] = max(h[Entry.QUIET], quiet)

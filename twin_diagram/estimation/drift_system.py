@@ -1,0 +1,108 @@
+"""The drift monitor as a LeafSystem: a thin shell around `Monitor`."""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, LeafSystem
+
+from twin_diagram.estimation.arm_terms import ArmTerms
+from twin_diagram.estimation.drift import RING, Entry, Monitor
+from twin_diagram.model import Model
+from twin_diagram.scenario import Drift, Filter
+from twin_diagram.signals import ALARM_LOG_FIELDS, ALARM_SIZE, NEVER, Array
+from twin_diagram.timing import timed
+
+
+class DriftMonitor(LeafSystem):
+    """Raises an alarm when model and measurement part ways.
+
+    .. pydrake_system::
+
+        name: DriftMonitor
+        input_ports:
+        - arm_state
+        - parameters
+        - innovation
+        - nis
+        - position_measured
+        - torque_measured
+        - measurement_time
+        output_ports:
+        - alarm
+        - alarm_log
+
+    Rate: `Filter.rate`, a periodic discrete update at the instants of the filter's; a rollout every `Drift.period`.
+    Latency: one period, since it sees what the filter made of the message before; it keeps that message to go with it.
+
+    Inputs: `arm_state` x̂ (2n) [rad, rad/s], `parameters` θ̂ (p), `innovation` (n) whitened, `nis` (1) of the filter;
+    `position_measured` (n) [rad], `torque_measured` (n) [N·m], `measurement_time` (1) [s] of the station, the same
+    that the filter gets.
+
+    Outputs: `alarm` (4): 1 while an alarm stands, `AlarmKind`, time raised [s] (`NEVER` before the first), largest
+    statistic over threshold; `alarm_log` (32 × 3, row by row), a ring: time raised (`NEVER` where empty), kind,
+    statistic.
+    """
+
+    def __init__(self, model: Model | ArmTerms, params: Drift, tuning: Filter) -> None:
+        """Declares ports and state.
+
+        Args:
+            model: the twin's model, or the terms of any arm.
+            params: tuning of the monitor.
+            tuning: of the filter that it watches.
+        """
+        super().__init__()
+        terms = model if isinstance(model, ArmTerms) else ArmTerms.from_model(model)
+        self.monitor = Monitor(terms, params, tuning)
+        self._view = Monitor(terms, params, tuning)
+        n, p = terms.n, self.monitor.parameters.size
+        self._inputs = [
+            self.DeclareVectorInputPort(name, size)
+            for name, size in (
+                ("arm_state", 2 * n),
+                ("parameters", p),
+                ("innovation", n),
+                ("nis", 1),
+                ("position_measured", n),
+                ("torque_measured", n),
+                ("measurement_time", 1),
+            )
+        ]
+        state = self.DeclareDiscreteState(self._view.vector)
+        # The message of the instant before: position, torque, time.
+        self._message = self.DeclareDiscreteState(cast(Any, np.concatenate([np.zeros(2 * n), [NEVER]])))
+        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / tuning.rate, 0.0, self._update)
+        for name, size, calc in (
+            ("alarm", ALARM_SIZE, self._calc_alarm),
+            ("alarm_log", RING * ALARM_LOG_FIELDS, self._calc_log),
+        ):
+            self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={self.discrete_state_ticket(state)})
+
+    def header(self, context: Context) -> dict[str, float]:
+        """What the monitor knows, by `drift.Entry`: for plots and tests."""
+        values = context.get_discrete_state(0).value()
+        return {entry.name.lower(): float(values[entry]) for entry in Entry}
+
+    @timed("DriftMonitor")
+    def _update(self, context: Context, discrete: DiscreteValues) -> EventStatus:
+        state, theta, innovation, nis, q, tau, t = (cast(Array, port.Eval(context)) for port in self._inputs)
+        del innovation  # NIS holds it; kept on the port for tests that ask which joint
+        monitor = self.monitor
+        monitor.vector[:] = context.get_discrete_state(0).value()
+        before = context.get_discrete_state(self._message).value()
+        monitor.observe(state, theta, float(nis[0]), before[: len(q)], before[len(q) : -1], float(before[-1]))
+        discrete.set_value(0, monitor.vector)
+        discrete.set_value(int(self._message), cast(Any, np.concatenate([q, tau, t])))
+        return EventStatus.Succeeded()
+
+    def _of(self, context: Context) -> Monitor:
+        self._view.vector[:] = context.get_discrete_state(0).value()
+        return self._view
+
+    def _calc_alarm(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(cast(Any, self._of(context).alarm()))
+
+    def _calc_log(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(cast(Any, self._of(context).log.ravel()))
