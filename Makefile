@@ -31,12 +31,12 @@ help:
 # First of all, and before anything is made or fetched: an interpreter that fits, and the system libraries the wheels need.
 .PHONY: check
 check:
-	python=$$(tools/python.sh "$(PYTHON)") && "$$python" -c "import sys; from twin_diagram import native; sys.exit(native.main())"
+	python=$$(.make/python.sh "$(PYTHON)") && "$$python" -c "import sys; from twin_diagram import native; sys.exit(native.main())"
 
 # The package and one set of its extras, in .venv.
 .PHONY: install-demo install-test install-bench
 install-demo install-test install-bench: install-%: check
-	python=$$(tools/python.sh "$(PYTHON)") && tools/install.sh "$$python" $*
+	python=$$(.make/python.sh "$(PYTHON)") && .make/install.sh "$$python" $*
 
 .PHONY: demo
 demo: install-demo

@@ -19,9 +19,7 @@ PACKAGES: Final = MappingProxyType(
     {
         "libEGL.so.1": "libegl1",  # RenderEngineVtk without a display; Open3D links it
         "libGL.so.1": "libgl1",  # Open3D links it; also brings Mesa's software driver
-        "libX11.so.6": "libx11-6",  # Open3D and pygraphviz link it
-        "libXext.so.6": "libxext6",  # pygraphviz links it
-        "libXrender.so.1": "libxrender1",  # likewise
+        "libX11.so.6": "libx11-6",  # Open3D links it
         "libglib-2.0.so.0": "libglib2.0-0",  # Drake's LCM links it
         "libgomp.so.1": "libgomp1",  # proxsuite links it
         "libusb-1.0.so.0": "libusb-1.0-0",  # Open3D links it; see `load_libusb`

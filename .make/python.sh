@@ -21,7 +21,7 @@ for candidate in python3.12 python3.11 python3.10 python3 python; do
     fi
     bare=${bare:-$candidate}
 done
-if [ -n "$bare" ]; then  # tools/venv.sh says what it lacks
+if [ -n "$bare" ]; then  # install.sh says what it lacks
     echo "$bare"
     exit 0
 fi

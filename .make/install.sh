@@ -1,5 +1,5 @@
 #!/bin/sh
-# tools/install.sh PYTHON EXTRA: has .venv hold the package with [EXTRA], made with PYTHON. Does only what is left to do.
+# .make/install.sh PYTHON EXTRA: has .venv hold the package with [EXTRA], made with PYTHON. Does only what is left to do.
 set -u
 python=$1
 extra=$2
