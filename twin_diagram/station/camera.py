@@ -25,6 +25,7 @@ from twin_diagram.native import require_egl
 from twin_diagram.scenario import Camera, Scenario
 from twin_diagram.signals import NEVER, Array
 from twin_diagram.station.camera_defects import CameraDefectsSystem
+from twin_diagram.station.merged_shapes import GREY
 from twin_diagram.station.parsing import transform
 from twin_diagram.station.world_plant import build_appearance
 
@@ -148,7 +149,7 @@ def add_camera(builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlan
     params = RenderEngineVtkParams(
         default_clear_color=np.array([0.72, 0.76, 0.80]),
         lights=lights(),
-        default_diffuse=np.array([0.7, 0.7, 0.7, 1.0]),
+        default_diffuse=np.array(GREY),
     )
     scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(params))
     start = plant.GetPositions(plant.CreateDefaultContext())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -81,8 +82,15 @@ def depth_to_units(depth: Depth, unit: float) -> npt.NDArray[np.uint16]:
 
 def units_to_depth(counts: npt.NDArray[np.uint16], unit: float) -> Depth:
     """The inverse of `depth_to_units`; computed in double precision, so that a recording gives the same bits."""
+    return _depths(unit)[counts]
+
+
+@lru_cache(maxsize=4)
+def _depths(unit: float) -> Depth:
+    """The depth of each count, (65536,)."""
     table = (np.arange(65536) * unit).astype(np.float32)
-    return table[counts]
+    table.setflags(write=False)
+    return table
 
 
 def spoil_colour(colour: Colour, noise: npt.NDArray[np.int16], offset: int) -> Colour:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram import logs
 from twin_diagram.errors import LogError, ScenarioError, StationError
 from twin_diagram.scenario import Camera
 from twin_diagram.signals import Array
@@ -182,8 +183,16 @@ def read_log(path: Path, joints: Sequence[str]) -> Messages:
         joints: of the twin's arm, all of which must be in it.
 
     Raises:
-        LogError: see `twin_diagram.logs.read`.
+        LogError: see `twin_diagram.logs.read_log`; a joint or the torque is missing.
     """
-    from twin_diagram import logs
-
-    raise LogError(str(path))
+    try:
+        log = logs.read_log(path).select(joints)
+        torque = log.motor_torque
+    except LogError as error:
+        raise LogError(f"replay.log: {error}") from error
+    time = log.time - log.time[0]
+    velocity = log.velocity
+    if velocity is None:
+        steps = np.diff(log.position, axis=0) / np.diff(log.time)[:, None]
+        velocity = np.vstack([np.zeros((1, len(joints))), steps])
+    return Messages(time, time, log.position, velocity, torque)

@@ -19,6 +19,7 @@ from twin_diagram.errors import AssetError, ModelError, ScenarioError
 from twin_diagram.resources import resolve
 from twin_diagram.scenario import Scenario, WorldObject
 from twin_diagram.station.arm_plant import ArmPlant, add_arm
+from twin_diagram.station.merged_shapes import merge_shapes
 from twin_diagram.station.movers import Path, add_carriage
 from twin_diagram.station.parsing import add_model, transform, weld_roots
 
@@ -73,6 +74,7 @@ def build_appearance(builder: DiagramBuilder, scenario: Scenario) -> tuple[Multi
     plant.RegisterAsSourceForSceneGraph(scene_graph)
     _populate(plant, scene_graph, scenario)
     source = plant.get_source_id()
+    merge_shapes(scene_graph, source)
     poses = builder.AddNamedSystem("appearance_poses", MultibodyPositionToGeometryPose(plant))
     builder.Connect(poses.get_output_port(), scene_graph.get_source_pose_port(source))
     return poses, scene_graph
