@@ -104,7 +104,7 @@ def _draw_places(
         taken.append((way, radius))
         if item.path:
             turn = float(rng.uniform(-0.8, 0.8))
-            begin, duration = float(rng.uniform(0.5, 1.5)), float(rng.uniform(2.0, 4.0))
+            begin, duration = float(rng.uniform(0.5, 2.0)), float(rng.uniform(1.5, 3.5))
             item.path = [
                 WayPoint(begin, Pose([float(way[0, 0]), float(way[0, 1]), height / 2], [0.0, 0.0, yaw])),
                 WayPoint(

@@ -17,6 +17,7 @@ from twin_diagram.perception.model_cloud import ModelCloud
 from twin_diagram.perception.segments import Segments
 from twin_diagram.perception.tracking import SLOT_SIZE, Known, Slot, measurement, step
 from twin_diagram.signals import MEASUREMENT_SIZE, NEVER
+from twin_diagram.timing import timed
 
 Array = npt.NDArray[np.float64]
 
@@ -82,6 +83,7 @@ class IcpPoseEstimator(LeafSystem):
             prerequisites_of_calc={self.discrete_state_ticket(self._out)},
         )
 
+    @timed("IcpPoseEstimator")
     def _update(self, context: Context, discrete: DiscreteValues) -> None:
         segments = cast(Segments, self._input.Eval(context))
         last = float(context.get_discrete_state(self._last).value()[0])

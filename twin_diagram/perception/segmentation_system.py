@@ -17,6 +17,7 @@ from twin_diagram.perception.cloud import Pinhole
 from twin_diagram.perception.robot_shape import RobotShape
 from twin_diagram.perception.segmentation import Grid, segment
 from twin_diagram.perception.segments import Segments
+from twin_diagram.timing import timed
 
 Array = npt.NDArray[np.float64]
 
@@ -82,6 +83,7 @@ class Perception(LeafSystem):
         )
         self._empty = empty
 
+    @timed("Perception")
     def _calc_segments(self, context: Context, output: AbstractValue) -> None:
         image_time = float(self._time.Eval(context)[0])
         if image_time < 0.0:
