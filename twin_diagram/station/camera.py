@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 from pydrake.geometry import (
     ClippingRange,
@@ -48,6 +50,8 @@ def check_camera(camera: Camera, field: str = "twin.camera") -> None:
     Raises:
         ScenarioError: names the field.
     """
+    if not re.fullmatch(r"\w[\w-]*", camera.name):
+        raise ScenarioError(f"{field}.name", f"{camera.name!r} is not a name of letters, digits, _ and -")
     for name in ("width", "height", "focal", "rate"):
         if not getattr(camera, name) > 0:
             raise ScenarioError(f"{field}.{name}", f"{getattr(camera, name)} is not positive")

@@ -23,6 +23,10 @@ EDGE: Final = 0.015
 """A step in depth between neighbours, as a share of the depth, at which the camera may see nothing."""
 
 
+MOST_UNITS: Final = 65535
+"""What 16 bits hold."""
+
+
 def edges(depth: Depth) -> npt.NDArray[np.bool_]:
     """Pixels next to a step in depth.
 
@@ -77,7 +81,7 @@ def whole_units(depth: Depth, unit: float) -> Depth:
 def depth_to_units(depth: Depth, unit: float) -> npt.NDArray[np.uint16]:
     """Depth [m] as a count of units, at most 65535."""
     counts = np.rint(depth * np.float32(1.0 / unit))
-    return np.minimum(counts, np.float32(65535.0)).astype(np.uint16)
+    return np.minimum(counts, np.float32(MOST_UNITS)).astype(np.uint16)
 
 
 def units_to_depth(counts: npt.NDArray[np.uint16], unit: float) -> Depth:
@@ -88,7 +92,7 @@ def units_to_depth(counts: npt.NDArray[np.uint16], unit: float) -> Depth:
 @lru_cache(maxsize=4)
 def _depths(unit: float) -> Depth:
     """The depth of each count, (65536,)."""
-    table = (np.arange(65536) * unit).astype(np.float32)
+    table = (np.arange(MOST_UNITS + 1) * unit).astype(np.float32)
     table.setflags(write=False)
     return table
 
@@ -142,6 +146,11 @@ class CameraDefectsSystem(LeafSystem):
                 raise ScenarioError(f"world.camera_defects.{name}", f"{getattr(defects, name)} is negative")
         if not defects.depth_unit > 0:
             raise ScenarioError("world.camera_defects.depth_unit", f"{defects.depth_unit} is not positive")
+        if camera.depth_range[1] > MOST_UNITS * defects.depth_unit:
+            raise ScenarioError(
+                "world.camera_defects.depth_unit",
+                f"{defects.depth_unit} m is too fine for 16 bits to reach the depth range",
+            )
         for i, interval in enumerate(defects.covered):
             if len(interval) != 2 or interval[0] > interval[1]:
                 raise ScenarioError(f"world.camera_defects.covered[{i}]", f"{interval} is not [start, end]")

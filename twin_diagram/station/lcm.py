@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from drake import lcmt_image_array
+from drake import lcmt_image_array  # type: ignore[import-untyped]
 from pydrake.common.value import Value
 from pydrake.lcm import DrakeLcm, DrakeLcmInterface
 from pydrake.systems.framework import (
@@ -24,6 +24,7 @@ from twin_diagram.scenario import Camera, Scenario
 from twin_diagram.signals import NEVER
 from twin_diagram.station import ports
 from twin_diagram.station.camera import check_camera
+from twin_diagram.station.ignored import IgnoredCommands
 from twin_diagram.station.lcm_messages import PROTOCOLS, Protocol, read_images
 from twin_diagram.station.parsing import twin_arm
 
@@ -319,7 +320,7 @@ class LcmStation(Diagram):
         builder.ExportOutput(receiver.GetOutputPort("torque_measured"), ports.TORQUE_MEASURED)
         builder.ExportOutput(receiver.GetOutputPort("measurement_time"), ports.MEASUREMENT_TIME)
         if g:
-            gripper = builder.AddNamedSystem("no_gripper", Unheard(g))
+            gripper = builder.AddNamedSystem("no_gripper", IgnoredCommands({ports.GRIPPER_COMMANDED: g}))
             still = builder.AddNamedSystem("gripper_state", ConstantVectorSource(np.zeros(2 * g)))
             builder.ExportInput(gripper.get_input_port(), ports.GRIPPER_COMMANDED)
             builder.ExportOutput(still.get_output_port(), ports.GRIPPER_MEASURED)
@@ -335,22 +336,6 @@ class LcmStation(Diagram):
         builder.BuildInto(self)
         self.set_name("station")
         ports.check(self, n, g, camera.name if camera else None)
-
-
-class Unheard(LeafSystem):
-    """Takes commands that nobody executes.
-
-    .. pydrake_system::
-
-        name: Unheard
-        input_ports:
-        - command
-    """
-
-    def __init__(self, size: int) -> None:
-        """`size` of the command."""
-        super().__init__()
-        self.DeclareVectorInputPort("command", size)
 
 
 def open_bus(url: str) -> DrakeLcm:

@@ -10,7 +10,7 @@ from typing import Any, Final
 import cv2
 import numpy as np
 import numpy.typing as npt
-from drake import (
+from drake import (  # type: ignore[import-untyped]
     lcmt_header,
     lcmt_iiwa_command,
     lcmt_iiwa_status,
@@ -142,8 +142,8 @@ def _pixels(image: lcmt_image, dtype: type, channels: int) -> npt.NDArray[Any]:
     if stride < image.width * width or len(data) < image.height * stride:
         raise StationError(f"an image on the bus has {len(data)} bytes for {image.width}×{image.height} pixels")
     rows = np.frombuffer(data, np.uint8, image.height * stride).reshape(image.height, stride)
-    order = ">" if image.bigendian else "<"
-    wide = np.ascontiguousarray(rows[:, : image.width * width]).view(np.dtype(dtype).newbyteorder(order))
+    swapped = np.dtype(dtype).newbyteorder(">" if image.bigendian else "<")
+    wide = np.ascontiguousarray(rows[:, : image.width * width]).view(swapped)
     return wide.reshape(image.height, image.width, channels)
 
 

@@ -11,7 +11,6 @@ from typing import Any, Final
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import trimesh
 from pydrake.common import MemoryFile
 from pydrake.geometry import (
@@ -57,7 +56,7 @@ def tessellate(shape: Shape) -> trimesh.Trimesh | None:
     return None
 
 
-def wavefront(parts: Sequence[trimesh.Trimesh], colours: Sequence[Sequence[float]]) -> InMemoryMesh:
+def wavefront(parts: Sequence[trimesh.Trimesh], colours: Sequence[Sequence[float] | Array]) -> InMemoryMesh:
     """One textured mesh of several parts.
 
     Args:
@@ -98,7 +97,7 @@ def merge_shapes(scene_graph: SceneGraph, source: SourceId) -> None:
     for frame in [*inspector.FramesForSource(source), inspector.world_frame_id()]:
         chosen: list[GeometryId] = []
         parts: list[trimesh.Trimesh] = []
-        colours: list[npt.NDArray[Any]] = []
+        colours: list[Array] = []
         for geometry in inspector.GetGeometries(frame, Role.kPerception):
             properties = inspector.GetPerceptionProperties(geometry)
             colour = _colour(properties)

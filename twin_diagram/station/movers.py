@@ -24,6 +24,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from twin_diagram.errors import ScenarioError
 from twin_diagram.scenario import WayPoint
 from twin_diagram.signals import Array
+from twin_diagram.station.parsing import transform
 
 STIFFNESS: Final = 2e4
 """Of a carriage [N/m; N·m/rad for yaw]. Implicit, so that it may be stiff."""
@@ -54,8 +55,7 @@ class Path:
             if not later > earlier:
                 raise ScenarioError(f"{field}[{i + 1}].time", f"{later} is not after {earlier}")
         for i, waypoint in enumerate(waypoints):
-            if len(waypoint.X_WO.translation) != 3 or len(waypoint.X_WO.rpy) != 3:
-                raise ScenarioError(f"{field}[{i}].X_WO", "translation and rpy have three numbers each")
+            transform(waypoint.X_WO, f"{field}[{i}].X_WO")
         first = waypoints[0].X_WO
         for i, waypoint in enumerate(waypoints):
             fixed, still = ([p.translation[2], *p.rpy[:2]] for p in (waypoint.X_WO, first))

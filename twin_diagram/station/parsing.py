@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
@@ -19,10 +20,11 @@ def transform(pose: Pose, field: str) -> RigidTransform:
     """A scenario's pose as Drake's.
 
     Raises:
-        ScenarioError: it has not three numbers each; `field` names it.
+        ScenarioError: it has not three finite numbers each; `field` names it.
     """
-    if len(pose.translation) != 3 or len(pose.rpy) != 3:
-        raise ScenarioError(field, f"translation {pose.translation} and rpy {pose.rpy} have three numbers each")
+    for name, values in (("translation", pose.translation), ("rpy", pose.rpy)):
+        if len(values) != 3 or not np.all(np.isfinite(values)):
+            raise ScenarioError(f"{field}.{name}", f"{values} is not three finite numbers")
     return description.pose(pose)
 
 

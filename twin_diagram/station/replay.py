@@ -17,6 +17,7 @@ from twin_diagram.scenario import Scenario
 from twin_diagram.signals import NEVER, Array
 from twin_diagram.station import ports
 from twin_diagram.station.camera_defects import units_to_depth
+from twin_diagram.station.ignored import IgnoredCommands
 from twin_diagram.station.parsing import twin_arm
 from twin_diagram.station.played import Frames, Messages, read_frames, read_log, read_recording
 from twin_diagram.station.recording import depth_file, read_manifest, rgb_file
@@ -202,15 +203,15 @@ class ReplayStation(Diagram):
 
         builder = DiagramBuilder()
         player = builder.AddNamedSystem("messages", MessagePlayer(messages))
-        ignored = builder.AddNamedSystem("ignored_commands", IgnoredCommands(n, g))
-        builder.ExportInput(ignored.GetInputPort("position_commanded"), ports.POSITION_COMMANDED)
-        builder.ExportInput(ignored.GetInputPort("torque_commanded"), ports.TORQUE_COMMANDED)
+        commands = ports.expected(n, g, None)[0]
+        ignored = builder.AddNamedSystem("ignored_commands", IgnoredCommands(commands))
+        for name in commands:
+            builder.ExportInput(ignored.GetInputPort(name), name)
         builder.ExportOutput(player.GetOutputPort("position_measured"), ports.POSITION_MEASURED)
         builder.ExportOutput(player.GetOutputPort("velocity_estimated"), ports.VELOCITY_ESTIMATED)
         builder.ExportOutput(player.GetOutputPort("torque_measured"), ports.TORQUE_MEASURED)
         builder.ExportOutput(player.GetOutputPort("measurement_time"), ports.MEASUREMENT_TIME)
         if g:
-            builder.ExportInput(ignored.GetInputPort("gripper_commanded"), ports.GRIPPER_COMMANDED)
             if messages.gripper is not None:
                 gripper = player.GetOutputPort("gripper_measured")
             else:
@@ -225,24 +226,3 @@ class ReplayStation(Diagram):
         builder.BuildInto(self)
         self.set_name("station")
         ports.check(self, n, g, camera.name if camera else None)
-
-
-class IgnoredCommands(LeafSystem):
-    """Takes commands for an arm that only exists in a recording.
-
-    .. pydrake_system::
-
-        name: IgnoredCommands
-        input_ports:
-        - position_commanded
-        - torque_commanded
-        - gripper_commanded
-    """
-
-    def __init__(self, n: int, g: int) -> None:
-        """`n` arm joints, `g` finger joints."""
-        super().__init__()
-        self.DeclareVectorInputPort("position_commanded", n)
-        self.DeclareVectorInputPort("torque_commanded", n)
-        if g:
-            self.DeclareVectorInputPort("gripper_commanded", g)
