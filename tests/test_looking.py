@@ -18,7 +18,6 @@ from pydrake.geometry import IllustrationProperties, Role
 from pydrake.lcm import DrakeLcm, Subscriber
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
-from pydrake.systems.lcm import LcmInterfaceSystem
 from pydrake.systems.primitives import ConstantVectorSource
 
 from twin_diagram import scenario
@@ -295,7 +294,6 @@ def test_ellipsoids_span_the_covariance(numbers: list[float]) -> None:
 def test_meldis_gets_both_scenes_on_channels_of_their_own() -> None:
     lcm = DrakeLcm("memq://")
     builder = DiagramBuilder()
-    builder.AddSystem(LcmInterfaceSystem(lcm))
     scene = add_twin_scene(builder, TWIN)
     source = builder.AddSystem(ConstantVectorSource(scene.default_positions))
     builder.Connect(source.get_output_port(), scene.positions_input)
