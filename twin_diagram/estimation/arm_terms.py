@@ -44,8 +44,8 @@ class Laws:
     true_position: Callable[[Array], Array] | None = None
 
 
-EFFORT = 100.0
-"""Stands for a joint's effort limit where the model names none [N·m]."""
+BRISK = 10.0
+"""Where the model names no effort limit: enough for twice the largest weight and for this acceleration [rad/s²]."""
 LARGEST_COM = 0.5
 """A payload's centre lies within this distance of the last link's origin [m]; beyond it, its inertia is cut to this."""
 
@@ -57,7 +57,7 @@ class ArmTerms:
 
     Attributes:
         n: number of joints.
-        velocity_limit, effort_limit: (n,) from the plant; 10 rad/s and 100 N·m where it names none.
+        velocity_limit, effort_limit: (n,) from the plant; where it names none, 10 rad/s and what a brisk motion takes.
         damping: (n,) [N·m·s/rad] of the joints in the plant itself; part of b, made implicit in the step.
         tool: (3,) p of the tool frame in the last link [m]: where a payload is expected.
     """
@@ -105,7 +105,6 @@ class ArmTerms:
         for index in plant.GetJointActuatorIndices():
             actuator = plant.get_joint_actuator(index)
             effort[actuator.joint().name()] = actuator.effort_limit()
-        self.effort_limit = _limit([effort[name] for name in joints], EFFORT)
         self.laws = laws or Laws()
 
         self._context: Context = plant.CreateDefaultContext() if context is None else context.Clone()
@@ -131,6 +130,7 @@ class ArmTerms:
         self._moment0 = inertia.CalcComMoment()
         self._inertia0 = inertia.CalcRotationalInertia().CopyToFullMatrix3()
         self._payload = np.zeros(4)
+        self.effort_limit = _limit([effort[name] for name in joints], self._brisk_effort())
 
     @staticmethod
     def from_model(model: Model) -> ArmTerms:
@@ -165,6 +165,13 @@ class ArmTerms:
         self._x[self._at_v] = v
         self.plant.SetPositionsAndVelocities(self._context, self._x)
 
+    def _brisk_effort(self) -> Array:
+        """(n,) torque for twice the largest weight on each joint and a brisk start, over a spread of poses [N·m]."""
+        poses = np.random.default_rng(0).uniform(-np.pi, np.pi, (16, self.n))
+        weight = np.max([np.abs(self.inverse_dynamics(q, np.zeros(self.n), 0.0)) for q in poses], axis=0)
+        inertia = np.max([self.mass_matrix(q).diagonal() for q in poses], axis=0)
+        return 2.0 * weight + BRISK * inertia
+
     def set_payload(self, payload: Array) -> None:
         """Sets what the last link carries, for all calls that follow.
 
@@ -183,7 +190,7 @@ class ArmTerms:
             reach = float(np.linalg.norm(centre))
             if reach > LARGEST_COM:
                 centre = centre * (LARGEST_COM / reach)
-        total = self._mass0 + mass
+        total = max(self._mass0 + mass, np.finfo(float).tiny)
         inertia = self._inertia0 + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
         centre = (self._moment0 + mass * centre) / total
         inertia /= total
@@ -282,7 +289,6 @@ def _cross(w: Array) -> Array:
     return np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
 
 
-def _limit(values: Sequence[float], default: float) -> Array:
+def _limit(values: Sequence[float], default: Array | float) -> Array:
     limits = np.array(values, dtype=float)
-    limits[~np.isfinite(limits) | (limits <= 0.0)] = default
-    return limits
+    return np.where(np.isfinite(limits) & (limits > 0.0), limits, default)

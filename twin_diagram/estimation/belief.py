@@ -8,7 +8,7 @@ Layout: header, memory (per joint), mean x = [q, v, disturbance, θ], covariance
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -48,6 +48,8 @@ class Entry(IntEnum):
 
 
 HEADER = len(Entry)
+LONGEST_LOOK: Final = 0.02
+"""A state is carried on no further than this beyond its message: after it, the sensors have fallen silent [s]."""
 
 
 class Belief:
@@ -90,6 +92,16 @@ class Belief:
     def valid(self) -> bool:
         """Whether a message was ever used."""
         return self.time >= 0.0
+
+    def state_at(self, t: float) -> Array:
+        """x̂ = [q, v] (2n,) carried on from the newest message to time t [rad, rad/s].
+
+        Args:
+            t: [s]; carried on by `LONGEST_LOOK` at most, and never back.
+        """
+        ahead = min(max(t - self.time, 0.0), LONGEST_LOOK) if self.valid else 0.0
+        v = self.v + ahead * self.acceleration
+        return np.concatenate([self.q + (0.5 * ahead) * (self.v + v), v])
 
     def outside_covariance(self) -> Array:
         """(2n + p, 2n + p) covariance of [q, v, θ]: the disturbance is nobody else's concern."""

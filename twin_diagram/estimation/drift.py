@@ -22,7 +22,7 @@ from typing import Any, Final
 import numpy as np
 
 from twin_diagram.estimation.arm_terms import ArmTerms
-from twin_diagram.estimation.ekf import FRICTION_SHARE
+from twin_diagram.estimation.disturbance import disturbance_std
 from twin_diagram.estimation.parameters import ParameterSet
 from twin_diagram.estimation.rollout import rollout, torque_error
 from twin_diagram.scenario import Drift, Filter
@@ -39,7 +39,7 @@ PATIENCE: Final = 5.0
 """After this many learning times normal operation is taken for granted: a model may never settle."""
 HOLD: Final = 0.5
 """An alarm ends when its test has been quiet for this long [s]."""
-LONGEST_GAP: Final = 0.1
+LONGEST_GAP: Final = 0.25
 """A longer silence of the sensors ends a rollout [s]."""
 _RUNAWAY: Final = 1e6
 """Stands for the error of a rollout that ran away [N·m]."""
@@ -140,18 +140,29 @@ class Monitor:
         assert len(result) == ALARM_SIZE
         return result
 
-    def observe(self, state: Array, theta: Array, nis: float, q: Array, tau: Array, t: float) -> None:
+    def observe(
+        self,
+        state: Array,
+        theta: Array,
+        nis: float,
+        q: Array,
+        tau: Array,
+        t: float,
+        state_time: float | None = None,
+    ) -> None:
         """Takes in what the filter made of a message. What is not new or not finite is left out.
 
         Args:
-            state: (2n,) x̂ at time t.
+            state: (2n,) x̂.
             theta: (p,) θ̂.
             nis: of the message, 2n degrees of freedom.
             q: (n,) measured positions [rad].
             tau: (n,) measured torques [N·m].
             t: measurement time [s].
+            state_time: that x̂ belongs to [s]; t where None.
         """
         h = self.header
+        state_time = t if state_time is None else state_time
         finite = np.isfinite(t) and np.isfinite(nis)
         for values in (state, theta, q, tau):
             finite = finite and bool(np.all(np.abs(values) < 1e6))  # NaN compares false
@@ -175,7 +186,7 @@ class Monitor:
         if learning:
             h[Entry.NORMAL] += dt
         self._innovation(nis, dt, t, learning)
-        self._rollout(state, theta, q, tau, t, learning)
+        self._rollout(state, theta, q, tau, t, state_time, learning)
 
     # Details.
 
@@ -225,9 +236,13 @@ class Monitor:
         if statistic > 1.0:
             self._raise(AlarmKind.INNOVATION, t, statistic)
 
-    def _rollout(self, state: Array, theta: Array, q: Array, tau: Array, t: float, learning: bool) -> None:
-        h, n = self.header, self.terms.n
-        if h[Entry.STARTED] >= 0.0:
+    def _rollout(
+        self, state: Array, theta: Array, q: Array, tau: Array, t: float, state_time: float, learning: bool
+    ) -> None:
+        h = self.header
+        if h[Entry.STARTED] >= 0.0 and t <= h[Entry.STARTED]:
+            self._torques[0, 1:] = tau  # the state was carried on beyond its message
+        elif h[Entry.STARTED] >= 0.0:
             row = int(h[Entry.FILLED])
             if row >= self._rows:  # messages come faster than expected: give up this rollout
                 h[Entry.STARTED] = NEVER
@@ -241,10 +256,9 @@ class Monitor:
             # Until enough has been learnt, one rollout follows on the other.
             wait = self.params.period if self.armed else self.params.horizon
             h[Entry.NEXT] = t + max(wait, self.params.horizon)
-            h[Entry.STARTED], h[Entry.FILLED] = t, 1.0
+            h[Entry.STARTED], h[Entry.FILLED] = state_time, 1.0
             self._from_state[:], self._from_theta[:] = state, theta
-            self._torques[0, 0], self._torques[0, 1:] = t, tau
-        assert self._torques.shape[1] == n + 1
+            self._torques[0, 0], self._torques[0, 1:] = state_time, tau
 
     def _compare(self, q: Array, t: float, learning: bool) -> None:
         h, terms = self.header, self.terms
@@ -264,7 +278,8 @@ class Monitor:
             return
         k = self.params.sigma
         forward, backward = terms.dry(terms.true_position(q), speed, torques[-1])
-        claimed = k * np.hypot(self._tuning.torque_drift_std, FRICTION_SHARE * 0.5 * (forward + backward))
+        level = 0.5 * (forward + backward)
+        claimed = k * disturbance_std(self._tuning, np.ones(terms.n, dtype=bool), level)
         learnt = self._roll_mean + k * np.sqrt(self._roll_squares / max(h[Entry.ROLLOUTS], 1.0))
         h[Entry.ROLLOUT] = float(np.max(error / np.maximum(learnt, claimed)))
         if h[Entry.ROLLOUT] > 1.0:

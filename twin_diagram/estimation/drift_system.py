@@ -8,6 +8,7 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, LeafSystem
 
 from twin_diagram.estimation.arm_terms import ArmTerms
+from twin_diagram.estimation.belief import LONGEST_LOOK
 from twin_diagram.estimation.drift import RING, Entry, Monitor
 from twin_diagram.model import Model
 from twin_diagram.scenario import Drift, Filter
@@ -92,7 +93,10 @@ class DriftMonitor(LeafSystem):
         monitor = self.monitor
         monitor.vector[:] = context.get_discrete_state(0).value()
         before = context.get_discrete_state(self._message).value()
-        monitor.observe(state, theta, float(nis[0]), before[: len(q)], before[len(q) : -1], float(before[-1]))
+        n, message_time = len(q), float(before[-1])
+        # The filter carried its state on from that message to the present.
+        ahead = min(max(context.get_time() - message_time, 0.0), LONGEST_LOOK)
+        monitor.observe(state, theta, float(nis[0]), before[:n], before[n : 2 * n], message_time, message_time + ahead)
         discrete.set_value(0, monitor.vector)
         discrete.set_value(int(self._message), cast(Any, np.concatenate([q, tau, t])))
         return EventStatus.Succeeded()

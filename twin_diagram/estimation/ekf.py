@@ -9,13 +9,8 @@ It follows the predict and update cycle of Hybrid Reality Twins (section 3.2, al
 State and parameters are estimated together; where the outline adapts θ by a gradient, here the joint covariance
 adapts it, which weighs every reading by what it tells about θ.
 
-**What the motion does not excite stays as it was.** Besides white torque noise, each joint carries a disturbance
-torque d, the error of its friction model. While a joint rests (its low-passed speed is below `Filter.excitation`),
-stiction hides up to its level F of torque, and d is one unknown constant of standard deviation F: the resting arm
-tells its load to within stiction, once, and however long it rests nothing more is learnt, since nothing averages out.
-While it slides, d is small (a share of F) and forgets over `Filter.torque_drift_time`. When a joint starts, stops or
-turns round, its d is drawn afresh and no longer correlated with anything. A direction of θ that no torque depends on
-is never touched: its gain is zero.
+**What the motion does not excite stays as it was**: see `disturbance`. A direction of θ that no torque depends on is
+never touched either, its gain being zero.
 
 **A surprise is not an outlier.** Where a reading leaves its χ² gate, the filter asks whether an unmodelled torque
 within the joints' effort limits explains it. If so, the sensors are right and the model is not: the state follows
@@ -33,7 +28,9 @@ import numpy as np
 from twin_diagram.errors import TwinError
 from twin_diagram.estimation.arm_terms import ArmTerms
 from twin_diagram.estimation.belief import Belief, Entry
+from twin_diagram.estimation.disturbance import SPEED_TIME, disturbance_std, follow_regimes
 from twin_diagram.estimation.parameters import ParameterSet
+from twin_diagram.estimation.positive import solve_positive, whiten
 from twin_diagram.estimation.sensors import JointEncoder, JointVelocity, Sensor
 from twin_diagram.estimation.transition import jacobians, step
 from twin_diagram.scenario import Filter
@@ -41,17 +38,12 @@ from twin_diagram.signals import Array
 
 LONGEST_STEP: Final = 0.01
 """A longer prediction is cut into steps no longer than this [s]."""
-LONGEST_GAP: Final = 0.1
+LONGEST_GAP: Final = 0.25
 """After a longer silence the state is taken anew from the message; parameters are kept [s]."""
 REFUSALS: Final = 10
 """After as many refused or stale messages in a row the state is taken anew from the message."""
-FRICTION_SHARE: Final = 0.15
-"""Standard deviation of a sliding joint's friction error, as a share of its dry friction."""
-STICTION_TIME: Final = 0.1
-"""In this time the torque on a resting joint may change by the level of its stiction [s]."""
 ABSURD: Final = 1e4
 """No joint angle, speed or torque share of the effort limit is larger than this."""
-_SPEED_TIME: Final = 0.02
 _NIS_TIME: Final = 0.1
 _QUIET_TIME: Final = 0.5
 _START_STD: Final = 3.0
@@ -137,11 +129,12 @@ class Ekf:
         belief.header[Entry.SPAN] = 0.0
         belief.P[:] = 0.0
         belief.P[3 * n :, 3 * n :] = kept
+        dry = self.terms.dry(self.terms.true_position(belief.q), belief.v, belief.torque)
         diagonal = np.concatenate(
             [
                 np.full(n, (_START_STD * self.params.encoder_std) ** 2),
                 np.full(n, (_START_STD * self.params.velocity_std) ** 2),
-                self._disturbance_std(np.zeros(n)) ** 2,
+                disturbance_std(self.params, np.zeros(n, dtype=bool), 0.5 * (dry[0] + dry[1])) ** 2,
             ]
         )
         belief.P[np.arange(3 * n), np.arange(3 * n)] = diagonal
@@ -167,7 +160,7 @@ class Ekf:
             raise FilterError(f"torque {u.tolist()} is not {self.terms.n} finite numbers")
         if not 0.0 < dt < np.inf:
             raise FilterError(f"a prediction over {dt} s: the time must be positive and finite")
-        if dt > LONGEST_GAP * 10.0:
+        if dt > 10.0 * LONGEST_GAP:
             raise FilterError(f"a prediction over {dt} s is no prediction: start the filter anew from a message")
         parts = int(np.ceil(dt / LONGEST_STEP - 1e-9))
         for _ in range(parts):
@@ -206,14 +199,15 @@ class Ekf:
         H, R = sensor.jacobian(belief.x), sensor.noise(belief.x)
         HP = H @ belief.P
         S = HP @ H.T + R
-        solved = np.linalg.solve(S, np.column_stack([HP, innovation]))
+        right = np.concatenate([HP, innovation[:, None]], axis=1)
+        solved = solve_positive(S, right)
         nis = float(innovation @ solved[:, -1])
         surprise = nis > sensor.gate
         if surprise:
             if explain and self._by_torque is not None:
                 wide = belief.P + self._unmodelled()
                 HP = H @ wide
-                solved = np.linalg.solve(HP @ H.T + R, np.column_stack([HP, innovation]))
+                solved = solve_positive(HP @ H.T + R, np.column_stack([HP, innovation]))
                 explained = float(innovation @ solved[:, -1]) <= sensor.gate
             else:
                 explained = False
@@ -300,8 +294,7 @@ class Ekf:
         # One wild reading is no trend: its share in the mean is limited.
         header[Entry.NIS_MEAN] += blend * (min(nis / (2 * n), 50.0) - header[Entry.NIS_MEAN])
         momentum = self._step_mass @ second.innovation
-        spread = np.linalg.cholesky(self._step_mass @ second.covariance @ self._step_mass.T)
-        belief.innovation[:] = np.linalg.solve(spread, momentum)
+        belief.innovation[:] = whiten(self._step_mass @ second.covariance @ self._step_mass.T, momentum)
         if first.accepted and second.accepted:
             header[Entry.ACCEPTED] += 1
             header[Entry.STREAK] = 0.0
@@ -315,14 +308,15 @@ class Ekf:
 
     def _predict_once(self, u: Array, dt: float, torque_std: Array | float) -> None:
         belief, terms, parameters, n = self.belief, self.terms, self.parameters, self.terms.n
-        keep, fresh = self._regimes(dt)
+        dry = terms.dry(terms.true_position(belief.q), belief.v, u)
+        keep, fresh = follow_regimes(belief, self.params, dt, 0.5 * (dry[0] + dry[1]))
         v = belief.v.copy()
         span = float(belief.header[Entry.SPAN])
         if span > 0.0:
             observed = (v - belief.before) / span
-            belief.acceleration += min(span / _SPEED_TIME, 1.0) * (observed - belief.acceleration)
+            belief.acceleration += min(span / SPEED_TIME, 1.0) * (observed - belief.acceleration)
         belief.before[:], belief.header[Entry.SPAN] = v, dt
-        moved = step(terms, parameters, belief.q, v, belief.theta, u, belief.disturbance, dt)
+        moved = step(terms, parameters, belief.q, v, belief.theta, u, belief.disturbance, dt, dry)
         by = jacobians(terms, parameters, moved, v, belief.theta, dt, belief.acceleration)
         F = self._F
         F[: 2 * n, : 2 * n] = by.state
@@ -342,36 +336,6 @@ class Ekf:
         belief.disturbance *= keep
         self._by_torque = by.torque
         self._step_mass = moved.mass
-
-    def _regimes(self, dt: float) -> tuple[Array, Array]:
-        """Decides which joints slide; returns how much of d is kept (n,) and the variance that it gains (n,)."""
-        belief, params = self.belief, self.params
-        belief.drift += min(dt / _SPEED_TIME, 1.0) * (belief.v - belief.drift)
-        # Half as fast is still sliding for a joint that slides: noise must not toggle it.
-        threshold = params.excitation * np.where(belief.regime != 0.0, 0.5, 1.0)
-        regime = np.where(np.abs(belief.drift) > threshold, np.sign(belief.drift), 0.0)
-        changed = regime != belief.regime
-        belief.regime[:] = regime
-        sliding = regime != 0.0
-        std = self._disturbance_std(regime)
-        forget = np.exp(-dt / params.torque_drift_time)
-        keep = np.where(changed, 0.0, np.where(sliding, forget, 1.0))
-        # At rest d follows whatever the controller does below stiction, and is never drawn back: see above.
-        walk = std**2 * (dt / STICTION_TIME)
-        fresh = np.where(changed, std**2, np.where(sliding, (1.0 - forget**2) * std**2, walk))
-        if changed.any():
-            at = 2 * belief.n + np.flatnonzero(changed)
-            belief.P[at, :] = 0.0
-            belief.P[:, at] = 0.0
-        return keep, fresh
-
-    def _disturbance_std(self, regime: Array) -> Array:
-        """(n,) standard deviation of d for joints that slide or rest [N·m]."""
-        belief = self.belief
-        forward, backward = self.terms.dry(self.terms.true_position(belief.q), belief.v, belief.torque)
-        level = 0.5 * (forward + backward)
-        share = np.where(regime != 0.0, FRICTION_SHARE, 1.0)
-        return np.hypot(self.params.torque_drift_std, share * level)
 
     def _unmodelled(self) -> Array:
         """Covariance (N, N) that an unmodelled torque of the effort limits' size adds in the last step."""

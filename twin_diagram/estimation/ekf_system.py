@@ -36,7 +36,8 @@ class AdaptiveEkf(LeafSystem):
         - nis
 
     Rate: `Filter.rate`, a periodic discrete update that reads its inputs as they are before other updates of the same
-    instant. Latency: none of its own; outputs are as of the newest message's measurement time and hold until the next.
+    instant. Latency: `arm_state` none, it is carried on from the newest message to the present (by 20 ms at most,
+    then it is held); the other outputs are as of the newest message's measurement time.
 
     Inputs: joint positions (n) [rad], velocities (n) [rad/s], motor torques (n) [N·m, joint side], time of that message
     (1) [s], negative (`NEVER`) before the first. A message that is not newer than the last is not used again; NaN,
@@ -85,7 +86,8 @@ class AdaptiveEkf(LeafSystem):
             ("innovation", n, self._calc_innovation),
             ("nis", 1, self._calc_nis),
         ):
-            self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={self.discrete_state_ticket(state)})
+            known = {self.discrete_state_ticket(state)} | ({self.time_ticket()} if name == "arm_state" else set())
+            self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc=known)
 
     @staticmethod
     def of_plant(
@@ -119,8 +121,7 @@ class AdaptiveEkf(LeafSystem):
         return self._view
 
     def _calc_state(self, context: Context, output: BasicVector) -> None:
-        view = self._of(context)
-        output.SetFromVector(view.x[: 2 * view.n])
+        output.SetFromVector(cast(Any, self._of(context).state_at(context.get_time())))
 
     def _calc_parameters(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._of(context).theta)

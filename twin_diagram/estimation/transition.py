@@ -21,6 +21,7 @@ import numpy as np
 
 from twin_diagram.estimation.arm_terms import ArmTerms
 from twin_diagram.estimation.parameters import ParameterSet
+from twin_diagram.estimation.positive import solve_positive
 from twin_diagram.signals import Array
 
 STUCK_SPEED: Final = 1e-3
@@ -72,6 +73,7 @@ def step(
     tau: Array,
     disturbance: Array,
     dt: float,
+    dry: tuple[Array, Array] | None = None,
 ) -> Step:
     """Moves the arm on by dt.
 
@@ -84,6 +86,7 @@ def step(
         tau: (n,) motor torque, the mean over the step [N·m].
         disturbance: (n,) further torque on the joints [N·m].
         dt: [s].
+        dry: bounds of dry friction, where they are known already.
     """
     terms.set_payload(parameters.payload_of(theta))
     middle = q + (0.5 * dt) * v
@@ -92,7 +95,7 @@ def step(
     push = terms.applied(tau) + parameters.push(theta) + disturbance - terms.load(there, v, tau)
     mass = terms.mass_matrix(there)
     push = mass @ v + dt * (push + terms.damping * v)
-    forward, backward = terms.dry(there, v, tau)
+    forward, backward = dry or terms.dry(there, v, tau)
     change = parameters.dry(theta)
     forward, backward = np.maximum(forward + change, 0.0), np.maximum(backward + change, 0.0)
     system = mass.copy()
@@ -102,7 +105,7 @@ def step(
         width = at * at + STUCK_SPEED**2
         secant = level / np.sqrt(width)
         system.flat[:: terms.n + 1] = mass.diagonal() + dt * (viscous + secant)
-        at = np.asarray(np.linalg.solve(system, push), dtype=np.float64)
+        at = solve_positive(system, push)
     drag = viscous + secant * (STUCK_SPEED**2 / width)
     return Step(q=q + (0.5 * dt) * (v + at), v=at, middle=there, a=(at - v) / dt, mass=mass, drag=drag)
 
@@ -135,7 +138,7 @@ def jacobians(
     right[:, 2 * n : 3 * n].fill(0.0)
     right[:, 2 * n : 3 * n].flat[:: n + 1] = dt
     right[:, 3 * n :] = -dt * Y
-    velocity = np.linalg.solve(system, right)
+    velocity = solve_positive(system, right)
     position = (0.5 * dt) * velocity
     position[:, :n].flat[:: n + 1] += 1.0
     position[:, n : 2 * n].flat[:: n + 1] += 0.5 * dt

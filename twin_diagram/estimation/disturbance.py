@@ -1,0 +1,75 @@
+"""The torque that the model does not know of: what keeps an adaptive filter from learning what the motion does not
+excite.
+
+Besides white noise, each joint carries a disturbance torque d, above all the error of its friction model.
+
+- A joint that **rests** may hold back any torque up to the level F of its stiction. Its d is one unknown constant of
+standard
+  deviation F that follows whatever the controller does below stiction and is never drawn back: the resting arm tells
+  its load to within stiction, once, and however long it rests nothing more is learnt, since nothing averages out.
+- A joint that **slides** has a small d, a share of F and `Filter.torque_drift_std`, that is forgotten over
+  `Filter.torque_drift_time`.
+- When a joint starts, stops or turns round, d is drawn afresh and no longer correlated with anything.
+
+A joint slides when its low-passed speed exceeds `Filter.excitation`, or the noise of the velocity sensor where that
+is more.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from twin_diagram.estimation.belief import Belief
+from twin_diagram.scenario import Filter
+from twin_diagram.signals import Array
+
+FRICTION_SHARE: Final = 0.15
+"""Standard deviation of a sliding joint's friction error, as a share of its dry friction."""
+STICTION_TIME: Final = 0.1
+"""In this time the torque on a resting joint may change by the level of its stiction [s]."""
+SPEED_TIME: Final = 0.02
+"""Time over which speeds and accelerations are low-passed [s]."""
+
+
+def disturbance_std(params: Filter, sliding: Array, level: Array) -> Array:
+    """Standard deviation of d (n,) [N·m].
+
+    Args:
+        params: tuning.
+        sliding: (n,) whether each joint slides.
+        level: (n,) of its dry friction [N·m].
+    """
+    return np.hypot(params.torque_drift_std, np.where(sliding, FRICTION_SHARE, 1.0) * level)
+
+
+def follow_regimes(belief: Belief, params: Filter, dt: float, level: Array) -> tuple[Array, Array]:
+    """Decides which joints slide, and forgets the d of those that started, stopped or turned round.
+
+    Args:
+        belief: its speeds and regimes are brought up to date, and its covariance of what is forgotten.
+        params: tuning.
+        dt: of the prediction to come [s].
+        level: (n,) of dry friction [N·m].
+
+    Returns:
+        How much of d is kept over the prediction (n,), and the variance that it gains (n,).
+    """
+    belief.drift += min(dt / SPEED_TIME, 1.0) * (belief.v - belief.drift)
+    # Half as fast is still sliding for a joint that slides: noise must not toggle it.
+    threshold = max(params.excitation, params.velocity_std) * np.where(belief.regime != 0.0, 0.5, 1.0)
+    regime = np.where(np.abs(belief.drift) > threshold, np.sign(belief.drift), 0.0)
+    changed = regime != belief.regime
+    belief.regime[:] = regime
+    sliding = regime != 0.0
+    std = disturbance_std(params, sliding, level)
+    forget = np.exp(-dt / params.torque_drift_time)
+    keep = np.where(changed, 0.0, np.where(sliding, forget, 1.0))
+    fresh = np.where(sliding, (1.0 - forget**2) * std**2, std**2 * (dt / STICTION_TIME))
+    if changed.any():
+        fresh[changed] = std[changed] ** 2
+        at = 2 * belief.n + np.flatnonzero(changed)
+        belief.P[at, :] = 0.0
+        belief.P[:, at] = 0.0
+    return keep, fresh
