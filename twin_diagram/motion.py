@@ -48,15 +48,26 @@ def lowpass(signal: Array, rate: float, cutoff: float = RESIDUAL_CUTOFF) -> Arra
     """
     if cutoff >= 0.5 * rate:
         return np.array(signal, dtype=float)
-    filtered: Array = sosfiltfilt(
-        butter(4, cutoff, fs=rate, output="sos"), signal, axis=0, padlen=_padding(len(signal), rate, cutoff)
-    )
+    padding = min(len(signal) - 1, int(np.ceil(rate / cutoff)))  # by then the filter has died away
+    filtered: Array = sosfiltfilt(butter(4, cutoff, fs=rate, output="sos"), signal, axis=0, padlen=padding)
     return filtered
 
 
-def _padding(count: int, rate: float, cutoff: float) -> int:
-    """About one period of the cutoff, as far as the signal goes; the filter has died away by then."""
-    return min(count - 1, int(np.ceil(rate / cutoff)))
+def smooth(signal: Array, rate: float, cutoff: float = MOTION_CUTOFF) -> Array:
+    """As `lowpass`, but faithful to slopes and curvatures at the ends.
+
+    A filter must be told what lies beyond the ends. Turning the signal about its last sample, as is usual, breaks its
+    curvature there; this goes on along a cubic fitted to the last one and a half periods of the cutoff.
+    """
+    window = int(np.ceil(1.5 * rate / cutoff))
+    if cutoff >= 0.5 * rate or len(signal) < window:
+        return lowpass(signal, rate, cutoff)
+    beyond = int(np.ceil(2.0 * rate / cutoff))
+    inside = np.arange(window) / window
+    outside = -np.arange(beyond, 0, -1) / window
+    extend = np.vander(outside, 4) @ np.linalg.pinv(np.vander(inside, 4))
+    ends = [extend @ signal[:window], (extend @ signal[::-1][:window])[::-1]]
+    return lowpass(np.concatenate([ends[0], signal, ends[1]]), rate, cutoff)[beyond:-beyond]
 
 
 def differentiate(signal: Array, time: Array, order: int) -> Array:
@@ -75,12 +86,12 @@ def motion(log: Log, cutoff: float = MOTION_CUTOFF) -> Motion:
     """
     log = uniform(log)
     time, rate = log.time, 1.0 / log.period
-    position = lowpass(log.position, rate, cutoff)
+    position = smooth(log.position, rate, cutoff)
     velocity = differentiate(position, time, 1)
     acceleration = differentiate(position, time, 2)
     if log.velocity is not None:
         weight = _velocity_weight(log, rate, velocity, acceleration)
-        drive = lowpass(log.velocity, rate, cutoff)
+        drive = smooth(log.velocity, rate, cutoff)
         velocity = weight * drive + (1.0 - weight) * velocity
         acceleration = weight * differentiate(drive, time, 1) + (1.0 - weight) * acceleration
     return Motion(log, position, velocity, acceleration)

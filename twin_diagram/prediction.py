@@ -19,7 +19,7 @@ from twin_diagram.errors import LogError
 from twin_diagram.logs import Log, LogWarning, check, read_log, write_columns
 from twin_diagram.model import Model
 from twin_diagram.motion import Motion, inner, lowpass, motion
-from twin_diagram.rollout import rollout
+from twin_diagram.rollout import rollout, trajectory
 
 __all__ = [
     "load_model_for",
@@ -62,9 +62,9 @@ def position_predicted(model: Model, log: Log, horizon: float = 0.2, smooth: Mot
     """
     smooth = motion(log) if smooth is None else smooth
     regular = smooth.log
-    steps = max(1, round(horizon / regular.period))
-    if not horizon > 0.0 or steps >= len(regular):
+    if not 0.0 < horizon < regular.time[-1] - regular.time[0]:
         raise LogError(f"{log.source}: horizon {horizon:g} s: must be positive and shorter than the log")
+    steps = max(1, round(horizon / regular.period))
     tau = regular.motor_torque
     result = np.empty_like(regular.position)
     result[0] = regular.position[0]
@@ -80,8 +80,8 @@ def position_predicted(model: Model, log: Log, horizon: float = 0.2, smooth: Mot
 
 def _early(model: Model, q: Array, v: Array, tau: Array, period: float) -> Array:
     """Positions (K, n) after 1 to K periods from one start, under torques (K + 1, n)."""
-    ends = [rollout(model, q[None], v[None], tau[: k + 1, None], period)[0] for k in range(1, len(tau))]
-    return np.array(ends).reshape(-1, len(q))
+    positions = [position[0] for position in trajectory(model, q[None], v[None], tau[:, None], period)]
+    return np.array(positions).reshape(-1, len(q))
 
 
 def _at(times: Array, regular: Array, values: Array) -> Array:

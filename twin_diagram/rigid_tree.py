@@ -9,6 +9,7 @@ Joints outside the arm (fingers) are rigid at their default positions.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -72,7 +73,7 @@ class RigidTree:
         """Number of joints."""
         return len(self.parent)
 
-    @property
+    @cached_property
     def ancestors(self) -> Array:
         """(n, n): 1 where joint j moves body i."""
         result = np.eye(self.n)
@@ -81,7 +82,7 @@ class RigidTree:
                 result[i] += result[self.parent[i]]
         return result
 
-    @property
+    @cached_property
     def outward(self) -> list[int]:
         """The joints with each after its parent, however the user orders them."""
 
@@ -89,6 +90,15 @@ class RigidTree:
             return 0 if self.parent[i] < 0 else 1 + depth(int(self.parent[i]))
 
         return sorted(range(self.n), key=depth)
+
+    @cached_property
+    def turns(self) -> Array:
+        """(n, 9, 3): R_PF [1, K, K²], transposed, with K the cross product with the axis; for Rodrigues' formula."""
+        result = []
+        for R, axis in zip(self.R_PF, self.axis, strict=True):
+            K = _skew(axis)
+            result.append((R @ np.hstack([np.eye(3), K, K @ K])).T)
+        return np.array(result)
 
     def bare(self, inertia: Array) -> RigidTree:
         """The same joints with other inertias and nothing else: no rotors, dampers or springs."""
@@ -158,10 +168,8 @@ class _Kinematics:
             parent = tree.parent[i]
             R_WP = R[parent] if parent >= 0 else world_R
             p_WP = p[parent] if parent >= 0 else np.zeros((3, 1))
-            K = _skew(tree.axis[i])
-            if tree.revolute[i]:  # Rodrigues: three constant products instead of one with a matrix per sample
-                stacked = tree.R_PF[i] @ np.hstack([np.eye(3), K, K @ K])
-                parts = np.matmul(stacked.T, R_WP)
+            if tree.revolute[i]:  # three constant products instead of one with a matrix per sample
+                parts = np.matmul(tree.turns[i], R_WP)
                 R[i] = parts[:, 0:3] + np.sin(q[i]) * parts[:, 3:6] + (1.0 - np.cos(q[i])) * parts[:, 6:9]
                 p[i] = p_WP + np.matmul(tree.p_PF[i], R_WP)
             else:
@@ -261,7 +269,11 @@ def _chunks(count: int) -> list[slice]:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+    result = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    np.subtract(a[1] * b[2], a[2] * b[1], out=result[0])
+    np.subtract(a[2] * b[0], a[0] * b[2], out=result[1])
+    np.subtract(a[0] * b[1], a[1] * b[0], out=result[2])
+    return result
 
 
 def _apply(tensor: Array, vector: Array) -> Array:

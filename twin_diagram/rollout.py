@@ -11,6 +11,7 @@ rest exactly. λ is found by projected Gauss-Seidel on (M + h/2 D)⁻¹ (Moreau'
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,14 @@ TOLERANCE = 1e-10
 
 
 def rollout(model: Model, q: Array, v: Array, tau: Array, period: float) -> Array:
-    """Positions at the end of open-loop rollouts.
+    """Measured positions (S, n) at the end of open-loop rollouts; arguments as of `trajectory` [rad]."""
+    for position in trajectory(model, q, v, tau, period):
+        end = position
+    return end
+
+
+def trajectory(model: Model, q: Array, v: Array, tau: Array, period: float) -> Iterator[Array]:
+    """Open-loop rollouts, period by period.
 
     Args:
         model: whose measured positions q are.
@@ -37,8 +45,8 @@ def rollout(model: Model, q: Array, v: Array, tau: Array, period: float) -> Arra
         tau: (K + 1, S, n) logged torques at the start and after each of K periods; linear between [N·m].
         period: [s].
 
-    Returns:
-        (S, n) measured positions K periods later [rad].
+    Yields:
+        (S, n) measured positions after 1, 2, … K periods [rad].
     """
     parts = max(1, int(np.ceil(period / LONGEST_STEP - 1e-9)))
     h = period / parts
@@ -52,7 +60,7 @@ def rollout(model: Model, q: Array, v: Array, tau: Array, period: float) -> Arra
             if a is None:
                 a = _accelerations(model, q, v, applied[0])
             q, v, a = step(model, q, v, a, middle, h)
-    return measured(model, q)
+        yield measured(model, q)
 
 
 def measured(model: Model, q: Array) -> Array:
