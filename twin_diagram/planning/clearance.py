@@ -213,10 +213,16 @@ class Clearance:
         R_WO, p_WO = around.X_WO[b, :, :3, :3], around.X_WO[b, :, :3, 3]
         offset = centres[:, counted] - (p_WO + R_WO @ body.centre_O)[:, None]
         limit = reach + body.radius + self._radii[counted] + around.grown[b][:, None]
-        row, ball = np.nonzero(np.einsum("nsi,nsi->ns", offset, offset) < limit**2)
+        row, ball = np.nonzero((offset * offset).sum(axis=2) < limit * limit)
+        if not len(row):
+            return none, none, np.zeros(0), np.zeros((0, 3))
         ball = counted[ball]
         grown = self._radii[ball] + around.grown[b, row]
-        p_O = np.einsum("mi,mij->mj", centres[row, ball] - p_WO[row], R_WO[row])
+        p_W = centres[row, ball]
+        if around.still[b]:
+            p_O = (p_W - p_WO[0]) @ R_WO[0]
+        else:
+            p_O = ((p_W - p_WO[row])[:, None, :] @ R_WO[row])[:, 0]
         distance = np.full(len(row), FAR)
         normal_O = np.zeros((len(row), 3))
         for solid in body.solids:
@@ -228,7 +234,10 @@ class Clearance:
             distance[near[better]], normal_O[near[better]] = d[better], n[better]
         distance = distance - grown
         near = np.flatnonzero(distance < reach)
-        normal = np.einsum("mij,mj->mi", R_WO[row[near]], normal_O[near])
+        if around.still[b]:
+            normal = normal_O[near] @ R_WO[0].T
+        else:
+            normal = (R_WO[row[near]] @ normal_O[near][:, :, None])[..., 0]
         return row[near], ball[near], distance[near], normal
 
     def _near_self(self, placement: Placement, centres: Array, reach: float) -> tuple[Ints, Ints, Ints, Array, Array]:

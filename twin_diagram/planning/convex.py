@@ -101,6 +101,43 @@ class Ball(Solid):
         return self.centre, self.size
 
 
+@dataclass(frozen=True)
+class Drum(Solid):
+    """A cylinder of radius `size` and half length `half` about the axis `axis` (3,), centred at `centre` (3,)."""
+
+    centre: Array
+    axis: Array
+    size: float
+    half: float
+
+    def distance(self, p_G: Array) -> tuple[Array, Array]:
+        """See `Solid`."""
+        offset = p_G - self.centre
+        height = offset @ self.axis
+        across = offset - height[:, None] * self.axis
+        radius = np.sqrt(np.einsum("mi,mi->m", across, across))
+        outward = across / np.maximum(radius, _TINY)[:, None]
+        upward = np.where(height < 0.0, -1.0, 1.0)
+        beside, beyond = radius - self.size, np.abs(height) - self.half
+        out_beside, out_beyond = np.maximum(beside, 0.0), np.maximum(beyond, 0.0)
+        norm = np.hypot(out_beside, out_beyond)
+        out = norm > _TINY
+        safe = np.where(out, norm, 1.0)
+        sideways = np.where(out, out_beside / safe, beside >= beyond)
+        endways = np.where(out, out_beyond / safe, beside < beyond)
+        slope = sideways[:, None] * outward + (endways * upward)[:, None] * self.axis
+        return np.where(out, norm, np.maximum(beside, beyond)), slope
+
+    def lower_bound(self, p_G: Array) -> Array:
+        """See `Solid`."""
+        return np.linalg.norm(p_G - self.centre, axis=1) - self.ball[1]
+
+    @property
+    def ball(self) -> tuple[Array, float]:
+        """See `Solid`."""
+        return self.centre, float(np.hypot(self.size, self.half))
+
+
 class Polytope(Solid):
     """The convex hull of points.
 
@@ -153,6 +190,8 @@ class Polytope(Solid):
         self._starts = hull.points[[i for i, _ in ordered]]
         span = hull.points[[j for _, j in ordered]] - self._starts
         self._spans, self._span_squares = span, np.einsum("ei,ei->e", span, span)
+        self._start_squares = np.einsum("ei,ei->e", self._starts, self._starts)
+        self._span_starts = np.einsum("ei,ei->e", span, self._starts)
         most = max(map(len, sides))
         self._side_normals = np.zeros((len(faces), most, 3))
         self._side_offsets = np.full((len(faces), most), np.inf)
@@ -177,21 +216,22 @@ class Polytope(Solid):
         if not len(rest):
             return distance, slope
         p = p_G[rest]
-        from_start = p[:, None, :] - self._starts
-        along = np.einsum("mei,ei->me", from_start, self._spans) / self._span_squares
-        away = from_start - np.clip(along, 0.0, 1.0)[:, :, None] * self._spans
-        squares = np.einsum("mei,mei->me", away, away)
-        nearest = squares.argmin(axis=1)
         here = np.arange(len(rest))
-        d = np.sqrt(squares[here, nearest])
-        n = away[here, nearest] / np.maximum(d, _TINY)[:, None]
-        inside_side = np.einsum("fki,mi->mfk", self._side_normals, p) <= self._side_offsets
-        facing = inside_side.all(axis=2) & (height[rest] > 0.0)
-        flat = np.where(facing, height[rest], np.inf)
-        best = flat.argmin(axis=1)
-        on_face = flat[here, best] < d
-        distance[rest] = np.where(on_face, flat[here, best], d)
-        slope[rest] = np.where(on_face[:, None], self._normals[best], n)
+        along = p @ self._spans.T - self._span_starts
+        share = np.clip(along / self._span_squares, 0.0, 1.0)
+        from_start = np.einsum("mi,mi->m", p, p)[:, None] - 2 * (p @ self._starts.T) + self._start_squares
+        squares = from_start + share * (share * self._span_squares - 2 * along)
+        nearest = squares.argmin(axis=1)
+        away = p - self._starts[nearest] - share[here, nearest][:, None] * self._spans[nearest]
+        d = np.sqrt(np.einsum("mi,mi->m", away, away))
+        n = away / np.maximum(d, _TINY)[:, None]
+        # A face counts where the point is above it, within its sides and nearer to its plane than to any edge.
+        which, flat = np.nonzero((height[rest] > 0.0) & (height[rest] < d[:, None]))
+        sides = np.einsum("mki,mi->mk", self._side_normals[flat], p[which]) <= self._side_offsets[flat]
+        inside = sides.all(axis=1)
+        which, flat = which[inside], flat[inside]
+        d[which], n[which] = height[rest[which], flat], self._normals[flat]
+        distance[rest], slope[rest] = d, n
         return distance, slope
 
     def lower_bound(self, p_G: Array) -> Array:
@@ -212,21 +252,54 @@ def bounding_box(points: Array) -> Box:
 
 
 def solid_of(points: Array) -> Solid:
-    """The convex hull of points (V, 3): a `Box` where it is one, along whatever axes, else a `Polytope`."""
+    """A solid that holds points (V, 3): their hull as a `Box` or `Polytope`, or the `Drum` around a prism of 12 sides or more.
+
+    Such prisms stand for cylinders; the drum around them is larger by up to 3.5 % of the radius, less with more sides.
+    """
     points = np.asarray(points, dtype=float)
     if len(points) == 8:
-        centre = points.mean(axis=0)
-        corner = points[0]
-        order = np.argsort(np.linalg.norm(points - corner, axis=1))
-        for i, j, k in ((1, 2, 3), (1, 2, 4)):
-            edges = points[order[[i, j, k]]] - corner
-            lengths = np.linalg.norm(edges, axis=1)
-            if lengths.min() < 1e-9:
-                continue
-            axes = edges / lengths[:, None]
-            if np.allclose(axes @ axes.T, np.eye(3), atol=1e-9):
-                box = Box(lengths / 2, axes.T.copy(), centre)
-                near = np.linalg.norm(box.vertices[:, None] - points[None], axis=2).min(axis=1)
-                if near.max() < 1e-9:
-                    return box
+        box = _box_of(points)
+        if box is not None:
+            return box
+    if len(points) >= 24 and len(points) % 2 == 0:
+        drum = _drum_of(points)
+        if drum is not None:
+            return drum
     return Polytope(points)
+
+
+def _box_of(points: Array) -> Box | None:
+    centre, corner = points.mean(axis=0), points[0]
+    order = np.argsort(np.linalg.norm(points - corner, axis=1))
+    # The two nearest corners are along edges; the third edge may be longer than the diagonal of these two.
+    for k in (3, 4):
+        edges = points[order[[1, 2, k]]] - corner
+        lengths = np.linalg.norm(edges, axis=1)
+        if lengths.min() < 1e-9:
+            continue
+        axes = edges / lengths[:, None]
+        if np.allclose(axes @ axes.T, np.eye(3), atol=1e-9):
+            box = Box(lengths / 2, axes.T.copy(), centre)
+            near = np.linalg.norm(box.vertices[:, None] - points[None], axis=2).min(axis=1)
+            if near.max() < 1e-9:
+                return box
+    return None
+
+
+def _drum_of(points: Array) -> Drum | None:
+    centre = points.mean(axis=0)
+    count = len(points) // 2
+    _, axes = np.linalg.eigh(np.cov((points - centre).T))
+    for axis in axes.T:
+        height = (points - centre) @ axis
+        across = points - centre - height[:, None] * axis
+        radius = np.linalg.norm(across, axis=1)
+        half = np.abs(height).max()
+        if np.ptp(radius) > 1e-6 * radius.max() or np.ptp(np.abs(height)) > 1e-9 or (height > 0).sum() != count:
+            continue
+        # Evenly spread around the axis?
+        side = np.cross(axis, across[0])
+        angle = np.sort(np.arctan2(across[height > 0] @ side, across[height > 0] @ across[0]))
+        if np.allclose(np.diff(angle), 2 * np.pi / count, atol=1e-4):
+            return Drum(centre, axis, float(radius.max()), float(half))
+    return None

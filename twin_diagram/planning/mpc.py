@@ -125,7 +125,6 @@ class Report:
     """What a tick found, for tests and drawings; nothing of it is needed for the next tick."""
 
     aim: Aim
-    clearance: float
     violation: float
     solved: bool
     reanchored: bool
@@ -206,14 +205,14 @@ class Planner:
             tick=memory.tick + 1,
             searched=memory.tick if failed else memory.searched,
         )
-        return memory, Report(route.aim, outcome.clearance, outcome.violation, outcome.solved, reanchored)
+        return memory, Report(route.aim, outcome.violation, outcome.solved, reanchored)
 
     def _situation(self, q: Array, forecast: Forecast, goals: Array) -> Situation:
         """What is near, here and at the goals."""
         scene, clearance = self.scene, self.params.clearance
         q_all = np.vstack([q[None], goals])
         around = scene.around(forecast, np.zeros(len(q_all)))
-        distance = scene.clearance.distances(q_all, around, self.params.influence)
+        distance = scene.clearance.distances(q_all, around, clearance + self.router.tuning.spare + 0.01)
         still = np.ones(len(scene.clearance.bodies), dtype=bool)
         still[scene.fixture_count :] = ~forecast.moving
         return Situation(

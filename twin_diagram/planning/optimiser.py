@@ -49,7 +49,7 @@ class OptimiserTuning:
     """Distances above this are left out [m]."""
     own_reach: float = 0.05
     """The same for the arm's distance to itself [m]."""
-    rows: int = 160
+    rows: int = 100
     """Most distances in one program, the smallest first."""
     iterations: int = 2
     settled: float = 0.02
@@ -63,13 +63,11 @@ class Outcome:
     Attributes:
         trajectory: the plan.
         violation: what it lacks of the margins, weighted and summed over the samples [m·s]; 0 where all are kept.
-        clearance: its smallest distance to anything but the arm itself [m], `clearance.FAR` if nothing is near.
         solved: whether every program was solved.
     """
 
     trajectory: Trajectory
     violation: float
-    clearance: float
     solved: bool
 
 
@@ -165,8 +163,11 @@ class Optimiser:
         best = fallback
         present = guess
         solved = True
-        for _ in range(t.iterations):
-            contacts = self._clearance.contacts(present, around, t.reach, t.own_reach)
+        contacts = self._clearance.contacts(present, around, t.reach, t.own_reach)
+        kept = self._lacking(contacts, margins)
+        for iteration in range(t.iterations):
+            if iteration:
+                contacts = self._clearance.contacts(present, around, t.reach, t.own_reach)
             program = self._program(base, base_velocity, a0, present, guess_velocity, reference, contacts, margins)
             solution = self._solver.solve(program)
             if not solution.solved:
@@ -178,25 +179,30 @@ class Optimiser:
             change, present = np.abs(moved - present).max(), moved
             if change < t.settled:
                 break
-        violation, nearest = self.assess(present, around, margins)
-        if best is not fallback:
-            kept_violation, kept_nearest = self.assess(guess, around, margins)
-            if kept_violation + 1e-4 < violation:
-                # The linearisation misled; half of the step is often good.
-                half = (present + guess) / 2
-                half_violation, half_nearest = self.assess(half, around, margins)
-                if half_violation < kept_violation:
-                    trajectory = self._fitted(start, q0, v0, a0, base, half)
-                    if trajectory is not None:
-                        return Outcome(trajectory, half_violation, half_nearest, solved)
-                return Outcome(fallback, kept_violation, kept_nearest, solved)
-        return Outcome(best, violation, nearest, solved)
+        if best is fallback:
+            return Outcome(fallback, kept, solved)
+        found = self.assess(present, around, margins)
+        if found <= kept + 1e-4:
+            return Outcome(best, found, solved)
+        # The linearisation misled; half of the step is often good.
+        half = (present + guess) / 2
+        lacking = self.assess(half, around, margins)
+        if lacking < kept:
+            trajectory = self._fitted(start, q0, v0, a0, base, half)
+            if trajectory is not None:
+                return Outcome(trajectory, lacking, solved)
+        return Outcome(fallback, kept, solved)
 
-    def assess(self, q: Array, around: Surroundings, margins: Array) -> tuple[float, float]:
-        """Violation and smallest distance of positions (M, n) at the samples; see `Outcome`."""
-        distance = self._clearance.distances(q, around, self.tuning.reach)
-        lacking = np.maximum(margins - distance, 0.0).max(axis=1)
-        return float(self.fading @ lacking), float(distance[:, :-1].min(initial=np.inf))
+    def assess(self, q: Array, around: Surroundings, margins: Array) -> float:
+        """What positions (M, n) at the samples lack of the margins; see `Outcome.violation`."""
+        distance = self._clearance.distances(q, around, float(margins.max()) + 1e-6)
+        return float(self.fading @ np.maximum(margins - distance, 0.0).max(axis=1))
+
+    def _lacking(self, contacts: Contacts, margins: Array) -> float:
+        """The same from contacts."""
+        lacking = np.zeros(len(self.samples))
+        np.maximum.at(lacking, contacts.row, margins[contacts.body] - contacts.distance)
+        return float(self.fading @ lacking)
 
     def _fitted(self, start: float, q0: Array, v0: Array, a0: Array, base: Array, q: Array) -> Trajectory | None:
         """The trajectory nearest to positions (M, n) that ends at rest, if it keeps the acceleration limits."""
