@@ -121,7 +121,8 @@ def test_changelog_has_the_version_or_work_in_progress() -> None:
 LAYERS = (
     {"errors"},
     {"resources", "signals", "native", "timing", "__init__"},
-    {"scenario", "scenario_file", "logs", "effects", "assets", "description", "rigid_tree", "motion"},
+    {"scenario", "scenario_file", "scenario_values", "logs"}
+    | {"effects", "assets", "description", "rigid_tree", "motion"},
     {"model"},
     {"prediction", "rollout"},
     {"station", "perception", "estimation", "scene", "planning", "gap"},

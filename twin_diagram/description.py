@@ -31,7 +31,7 @@ from pydrake.multibody.tree import (
 )
 
 from twin_diagram import resources, scenario
-from twin_diagram.errors import ModelError
+from twin_diagram.errors import ModelError, ScenarioError
 
 EFFECTS_FILE = "effects.yaml"
 """Written beside the description in the folder of a corrected model."""
@@ -75,6 +75,19 @@ class Arm:
 def pose(value: scenario.Pose) -> RigidTransform:
     """A scenario's pose as Drake's."""
     return RigidTransform(RollPitchYaw(*value.rpy), cast(Any, value.translation))
+
+
+def scenario_error(field: str, error: ModelError) -> ScenarioError:
+    """What is wrong with an arm, said with the scenario's field.
+
+    Args:
+        field: of the arm, e.g. ``twin.arm``.
+        error: of this module or of the effects; where it names none of the arm's fields it is about the description.
+    """
+    part, _, rest = str(error).partition(": ")
+    if rest and part.split(".")[0] in {each.name for each in fields(scenario.ArmModel)}:
+        return ScenarioError(f"{field}.{part}", rest)
+    return ScenarioError(f"{field}.model", str(error))
 
 
 def resolve(

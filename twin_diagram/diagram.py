@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -17,7 +18,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from twin_diagram import description, scenario
 from twin_diagram.assets.asset import Asset
-from twin_diagram.errors import ScenarioError, TwinError
+from twin_diagram.errors import ModelError, ScenarioError, TwinError
 from twin_diagram.estimation.drift_system import DriftMonitor
 from twin_diagram.estimation.ekf_system import AdaptiveEkf
 from twin_diagram.model import Model
@@ -25,6 +26,7 @@ from twin_diagram.perception.pose_system import IcpPoseEstimator
 from twin_diagram.perception.segmentation_system import Perception
 from twin_diagram.planning.mpc_system import Mpc
 from twin_diagram.resources import resolve
+from twin_diagram.scenario_values import check_twin
 from twin_diagram.scene.twin_scene import TwinScene, add_twin_scene
 from twin_diagram.scene.updater_system import SceneGraphUpdater
 from twin_diagram.signals import MEASUREMENT_SIZE, NEVER, POSE_SIZE
@@ -81,17 +83,26 @@ def make_twin(twin: scenario.Twin, packages: Packages | None = None) -> Twin:
     Raises:
         ScenarioError: something it is told does not exist or does not fit; the message names the field.
     """
+    check_twin(twin)
     builder = DiagramBuilder()
-    model = _named("twin.arm", lambda: Model.load(twin.arm, packages))
+    try:
+        model = Model.load(twin.arm, packages)
+    except ModelError as error:
+        raise description.scenario_error("twin.arm", error) from error
     if twin.home and len(twin.home) != len(model.joints):
-        raise ScenarioError("twin.home", f"{len(twin.home)} angles for {len(model.joints)} joints ({', '.join(model.joints)})")
+        raise ScenarioError(
+            "twin.home", f"{len(twin.home)} angles for {len(model.joints)} joints ({', '.join(model.joints)})"
+        )
     library = {
-        name: _named(f"twin.library.{name}", lambda folder=folder: Asset.load(resolve(folder, packages)))
+        name: _named(f"twin.library.{name}", partial(_asset, folder, packages))
         for name, folder in twin.library.items()
     }
+    for index, fixture in enumerate(twin.fixtures):
+        _named(f"twin.fixtures.{index}.model", partial(resolve, fixture.model, packages))
     scene = _named("twin.fixtures", lambda: add_twin_scene(builder, twin, packages))
 
-    ekf = builder.AddNamedSystem("adaptive_ekf", AdaptiveEkf(model, twin.filter, np.array(twin.home) if twin.home else None))
+    home = np.array(twin.home) if twin.home else None
+    ekf = builder.AddNamedSystem("adaptive_ekf", AdaptiveEkf(model, twin.filter, home))
     parameter_names = tuple(label.split(" ")[0] for label in ekf.ekf.parameters.labels(model.joints))
     drift = builder.AddNamedSystem("drift_monitor", DriftMonitor(model, twin.drift, twin.filter))
     updater = builder.AddNamedSystem("scene_graph_updater", SceneGraphUpdater(scene, twin.scene))
@@ -120,7 +131,8 @@ def make_twin(twin: scenario.Twin, packages: Packages | None = None) -> Twin:
     if twin.camera is not None:
         camera = twin.camera
         perception = builder.AddNamedSystem("perception", Perception(twin.arm, camera, twin.perception, packages))
-        icp = builder.AddNamedSystem("icp_pose_estimator", IcpPoseEstimator(library, camera, twin.registration, twin.perception))
+        registrar = IcpPoseEstimator(library, camera, twin.registration, twin.perception)
+        icp = builder.AddNamedSystem("icp_pose_estimator", registrar)
         builder.ExportInput(perception.GetInputPort("rgb_image"), ports.rgb_image(camera.name))
         builder.ExportInput(perception.GetInputPort("depth_image"), ports.depth_image(camera.name))
         builder.ExportInput(perception.GetInputPort("image_time"), ports.image_time(camera.name))
@@ -197,6 +209,10 @@ def goal_vector(task: scenario.Task) -> np.ndarray:
         return np.zeros(POSE_SIZE)
     X_WG = description.pose(task.X_WG)
     return np.concatenate([X_WG.rotation().ToQuaternion().wxyz(), X_WG.translation()])
+
+
+def _asset(folder: str, packages: Packages | None) -> Asset:
+    return Asset.load(resolve(folder, packages))
 
 
 def _named(field: str, make: Callable[[], Made]) -> Made:

@@ -96,7 +96,7 @@ def add_arm(plant: MultibodyPlant, scenario: Scenario) -> ArmPlant:
         arm = description.add_arm(plant, scenario.world.arm, scenario.packages)
         effects = add_to_plant(plant, arm)
     except ModelError as error:
-        raise ScenarioError("world.arm", str(error)) from error
+        raise description.scenario_error("world.arm", error) from error
     joints = [plant.get_joint(index) for index in arm.joint_indices]
     fingers = [plant.get_joint(index) for index in arm.gripper_joint_indices]
     motors = [plant.get_joint_actuator(index) for index in (*arm.actuator_indices, *arm.gripper_actuator_indices)]

@@ -37,7 +37,7 @@ def twin_arm(scenario: Scenario, plant: MultibodyPlant | None = None) -> descrip
     try:
         return description.add_arm(plant or MultibodyPlant(0.0), scenario.twin.arm, scenario.packages)
     except ModelError as error:
-        raise ScenarioError("twin.arm", str(error)) from error
+        raise description.scenario_error("twin.arm", error) from error
 
 
 def add_model(plant: MultibodyPlant, name: str, packages: Mapping[str, str], model: str) -> list[ModelInstanceIndex]:

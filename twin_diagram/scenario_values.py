@@ -1,0 +1,121 @@
+"""Holds what a twin is told against what its numbers may be, whichever way the scenario was made.
+
+Types are checked where a file is read; a world's values where it is built, for only a simulated station reads them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+from twin_diagram.errors import ScenarioError
+from twin_diagram.scenario import (
+    Camera,
+    Drift,
+    Driver,
+    Filter,
+    Perception,
+    Planner,
+    Pose,
+    Registration,
+    SceneUpdater,
+    Task,
+    Twin,
+)
+
+POSITIVE: dict[type, tuple[str, ...]] = {
+    Camera: ("width", "height", "focal", "rate"),
+    Drift: ("period", "horizon", "learning_time", "sigma"),
+    Driver: ("rate",),
+    Filter: (
+        "rate",
+        "encoder_std",
+        "velocity_std",
+        "torque_std",
+        "mass_std",
+        "com_std",
+        "torque_drift_time",
+        "opening",
+    ),
+    Perception: ("stride", "cluster_gap", "smallest"),
+    Planner: ("rate", "knots", "step", "influence", "velocity_share", "acceleration"),
+    Registration: ("model_points", "iterations", "reach"),
+    SceneUpdater: ("rate", "stale_after", "lost_after"),
+    Task: ("position_tolerance", "rotation_tolerance"),
+}
+NOT_NEGATIVE: dict[type, tuple[str, ...]] = {
+    Camera: ("latency",),
+    Filter: ("excitation", "torque_drift_std", "parameter_walk"),
+    Perception: ("table_clearance", "robot_clearance"),
+    Planner: ("clearance", "seed"),
+    Registration: ("search_period",),
+    SceneUpdater: (
+        "acceleration_std",
+        "angular_acceleration_std",
+        "position_floor",
+        "rotation_floor",
+        "rest_walk",
+        "rest_turn",
+        "stale_walk",
+        "stale_turn",
+        "rest_speed",
+        "rest_spin",
+    ),
+    Task: ("start",),
+}
+SHARE: dict[type, tuple[str, ...]] = {
+    Planner: ("velocity_share",),
+    Registration: ("colour_weight", "minimum_quality"),
+}
+"""From 0 to 1."""
+
+
+def check_twin(twin: Twin) -> None:
+    """Checks all that a twin is told.
+
+    Raises:
+        ScenarioError: a number that cannot be, or a list of another length; it names the field.
+    """
+    _walk(twin, "twin")
+    _corners(twin.perception.workspace, "twin.perception.workspace")
+    if twin.camera is not None:
+        near_far = twin.camera.depth_range
+        if len(near_far) != 2 or not 0 < near_far[0] < near_far[1]:
+            raise ScenarioError("twin.camera.depth_range", f"{near_far} is not [nearest, farthest]")
+
+
+def _walk(value: Any, name: str) -> None:
+    if dataclasses.is_dataclass(value):
+        _check_fields(value, name)
+        for field in dataclasses.fields(value):
+            _walk(getattr(value, field.name), f"{name}.{field.name}")
+    elif isinstance(value, dict):
+        for key, sub in value.items():
+            _walk(sub, f"{name}.{key}")
+    elif isinstance(value, list):
+        for index, sub in enumerate(value):
+            _walk(sub, f"{name}.{index}")
+    elif isinstance(value, float) and not math.isfinite(value):
+        raise ScenarioError(name, f"{value} is not a finite number")
+
+
+def _check_fields(value: Any, name: str) -> None:
+    for field in POSITIVE.get(type(value), ()):
+        if not getattr(value, field) > 0:
+            raise ScenarioError(f"{name}.{field}", f"{getattr(value, field)} is not positive")
+    for field in NOT_NEGATIVE.get(type(value), ()):
+        if not getattr(value, field) >= 0:
+            raise ScenarioError(f"{name}.{field}", f"{getattr(value, field)} is negative")
+    for field in SHARE.get(type(value), ()):
+        if not 0 <= getattr(value, field) <= 1:
+            raise ScenarioError(f"{name}.{field}", f"{getattr(value, field)} is not between 0 and 1")
+    if isinstance(value, Pose):
+        for field in ("translation", "rpy"):
+            if len(getattr(value, field)) != 3:
+                raise ScenarioError(f"{name}.{field}", f"{getattr(value, field)} is not three numbers")
+
+
+def _corners(box: list[list[float]], name: str) -> None:
+    if [len(corner) for corner in box] != [3, 3] or not all(low < high for low, high in zip(*box, strict=True)):
+        raise ScenarioError(name, f"{box} is not the lowest and the highest corner of a box")
