@@ -29,4 +29,6 @@ def generator(seed: int, stream: Stream, tick: int) -> np.random.Generator:
         stream: the sensor.
         tick: number of the message.
     """
-    return np.random.Generator(np.random.Philox(key=[seed & _MASK, int(stream)], counter=[0, 0, 0, tick & _MASK]))
+    key = np.array([seed & _MASK, int(stream)], dtype=np.uint64)
+    counter = np.array([0, 0, 0, tick & _MASK], dtype=np.uint64)
+    return np.random.Generator(np.random.Philox(key=key, counter=counter))

@@ -133,7 +133,10 @@ def _add_fixtures(plant: MultibodyPlant, scenario: Scenario) -> list[RigidBody]:
 
 def _add_object(plant: MultibodyPlant, name: str, spec: WorldObject, scenario: Scenario) -> RigidBody:
     file = object_model(name, spec, scenario)
-    instances = add_model(plant, name, scenario.packages, str(file))
+    try:
+        instances = add_model(plant, name, scenario.packages, str(file))
+    except ModelError as error:
+        raise AssetError(f"world.objects.{name}.asset: {error}") from error
     if len(instances) != 1 or not plant.HasBodyNamed("object", instances[0]):
         raise AssetError(f"world.objects.{name}.asset: {file} is not one model with one link called `object`")
     return plant.GetBodyByName("object", instances[0])
