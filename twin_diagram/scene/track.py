@@ -53,12 +53,14 @@ FASTEST_TURN: Final = 10.0
 """No object turns faster [rad/s]."""
 CORRELATION_TIME: Final = 0.3
 """Of the acceleration of a moving object: makes a spectral density 2 σ² τ of its standard deviation [s]."""
-NOISE_MEMORY: Final = 0.95
-"""Weight of the past in the estimate of the measurements' true variance, per image."""
-NOISE_SCALES: Final = (1.0, 25.0)
-"""Bounds of the true variance over the one claimed: registration is often too sure of itself, never too shy."""
+NOISE_IMAGES: Final = (1.0, 20.0)
+"""The estimate of the measurements' true scatter: how many images its first value counts for, and its memory."""
+NOISE_SCALES: Final = (0.02, 25.0)
+"""Bounds of the true scatter's variance over the variance claimed."""
 FIRST_NOISE_SCALE: Final = 4.0
 """Before anything was learnt."""
+SCATTER_SHARE: Final = 0.3
+"""No measurement scatters by less than this share of the floor, that is of the error which all measurements share."""
 UNKNOWN_VARIANCE: Final = np.array([np.pi**2 / 3] * 3 + [1.0] * 3)
 """Variances of a pose of which nothing is known [rad², m²]: any rotation, a metre."""
 
@@ -86,10 +88,12 @@ class Slot:
     REMEMBERED_TIME = 167
     REMEMBERED_POSE = slice(168, 175)
     NOISE_SCALE = 175
-    """How much larger the measurements' variance is than they claim, as learnt at rest."""
+    """Variance of the measurements' scatter over the variance that they claim, as learnt at rest."""
+    NOISE_COUNT = 176
+    """How many images that was learnt from."""
 
 
-FILTER_SIZE: Final = 176
+FILTER_SIZE: Final = 177
 
 
 @dataclass(frozen=True)
@@ -148,6 +152,7 @@ def initial_filters(count: int) -> Array:
     filters[:, Slot.POSE.start] = 1.0
     filters[:, Slot.REMEMBERED_POSE.start] = 1.0
     filters[:, Slot.NOISE_SCALE] = FIRST_NOISE_SCALE
+    filters[:, Slot.NOISE_COUNT] = NOISE_IMAGES[0]
     filters[:, Slot.COVARIANCE].reshape(count, 12, 12)[:, _POSE_INDEX, _POSE_INDEX] = UNKNOWN_VARIANCE
     return filters
 
@@ -243,8 +248,7 @@ def update(
         return filter_
     time = measurement.time
     pose = np.concatenate([rotations.normalized(measurement.pose[:4]), measurement.pose[4:]])
-    scale = filter_[Slot.NOISE_SCALE]
-    noise = scale * (_symmetric(measurement.covariance) + np.diag(tuning.floor))
+    noise = filter_[Slot.NOISE_SCALE] * _symmetric(measurement.covariance) + np.diag(tuning.floor * SCATTER_SHARE**2)
     mode = filter_[Slot.MODE]
     if mode == Mode.NONE or time - filter_[Slot.LAST_SEEN] > tuning.lost_after:
         return _started(time, pose, noise)
@@ -269,10 +273,11 @@ def update(
     after[Slot.REJECTED] = 0.0
     after[Slot.REMEMBERED_TIME] = NEVER
     if mode == Mode.REST:
-        # The squared length of a whitened innovation is 6 on average where the noise is as large as claimed.
-        after[Slot.NOISE_SCALE] = np.clip(
-            scale * (NOISE_MEMORY + (1 - NOISE_MEMORY) * (whitened @ whitened) / 6), *NOISE_SCALES
-        )
+        # The squared length of a whitened innovation is 6 on average where the scatter is what it is taken for.
+        count = min(filter_[Slot.NOISE_COUNT] + 1, NOISE_IMAGES[1])
+        ratio = 1 + ((whitened @ whitened) / 6 - 1) / count
+        after[Slot.NOISE_SCALE] = np.clip(filter_[Slot.NOISE_SCALE] * ratio, *NOISE_SCALES)
+        after[Slot.NOISE_COUNT] = count
         covariance = _watch_rest(after, covariance, noise, whitened)
     else:
         covariance = _watch_motion(after, covariance, tuning)
@@ -365,7 +370,7 @@ def _surprised(
         return after
 
     after = _started(time, pose, noise)
-    after[Slot.NOISE_SCALE] = filter_[Slot.NOISE_SCALE]
+    after[Slot.NOISE_SCALE : Slot.NOISE_COUNT + 1] = filter_[Slot.NOISE_SCALE : Slot.NOISE_COUNT + 1]
     after[Slot.MODE] = Mode.MOVING
     after[Slot.VELOCITY] = velocity
     after[Slot.MEAN] = velocity

@@ -6,7 +6,7 @@ from typing import Any, Final, cast
 
 import numpy as np
 import numpy.typing as npt
-from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from twin_diagram import scenario, timing
 from twin_diagram.scene import track
@@ -35,13 +35,13 @@ class SceneGraphUpdater(LeafSystem):
         image_time: (1) capture time of the newest image [s], `NEVER` before the first. Measurements are not used before
             the first image.
         gripper_state: (2g) finger positions [m] and speeds; the fingers stay as described where it is not connected.
-        positions: (nq) of `TwinScene.plant`; objects not yet seen wait out of sight.
-        tracks: (K · TRACK_SIZE) a `signals.Track` per library object, predicted to the time of the tick.
+        positions: (nq) of `TwinScene.plant` at the present time; objects not yet seen wait out of sight.
+        tracks: (K · TRACK_SIZE) a `signals.Track` per library object, at the present time.
 
-    Rate: `scene.rate` [1/s]; the outputs hold between ticks, so they are at most one period old. Latency: a measurement
-    is used at the first tick after it arrives and counts for its capture time.
+    Rate: measurements are taken in at `scene.rate` [1/s]. Latency: a measurement waits for the next tick and counts for
+    its capture time; what comes out is predicted to the moment at which it is asked for.
 
-    State: one filter per object (see `scene.track`), the tracks and the positions; all in discrete vectors.
+    State: one filter per object (see `scene.track`), in a discrete vector.
     """
 
     def __init__(self, scene: TwinScene, params: scenario.SceneUpdater) -> None:
@@ -54,57 +54,44 @@ class SceneGraphUpdater(LeafSystem):
         super().__init__()
         self.set_name("scene_graph_updater")
         self._tuning: Final = track.Tuning.of(params)
-        self._axes_O: Final = scene.symmetry_axes_O
+        self._scene: Final = scene
         self._symmetric: Final[npt.NDArray[np.bool_]] = scene.symmetry_axes_O[:, 2] != 0
-        self._arm_index: Final = scene.arm_position_index
-        self._gripper_index: Final = scene.gripper_position_index
-        self._object_index: Final = scene.object_position_index
         self._count: Final = len(scene.object_names)
         self._parked: Final = parked_poses(self._count)
 
-        n = len(self._arm_index)
+        n, g = len(scene.arm_position_index), len(scene.gripper_position_index)
         self._poses_in = self.DeclareVectorInputPort("object_poses", self._count * MEASUREMENT_SIZE)
         self._arm_in = self.DeclareVectorInputPort("arm_state", 2 * n)
         self._image_time_in = self.DeclareVectorInputPort("image_time", 1)
-        self._gripper_in = self.DeclareVectorInputPort("gripper_state", 2 * len(self._gripper_index))
-
-        filters = track.initial_filters(self._count)
-        self._filters = self.DeclareDiscreteState(cast(Any, filters.ravel()))
-        self._tracks = self.DeclareDiscreteState(cast(Any, self._packed(filters, 0.0).ravel()))
-        self._positions = self.DeclareDiscreteState(cast(Any, scene.default_positions))
-        self.DeclareStateOutputPort("positions", self._positions)
-        self.DeclareStateOutputPort("tracks", self._tracks)
+        self._gripper_in = self.DeclareVectorInputPort("gripper_state", 2 * g)
+        self._filters = self.DeclareDiscreteState(cast(Any, track.initial_filters(self._count).ravel()))
+        now = {self.time_ticket(), self.xd_ticket()}
+        joints = {self.input_port_ticket(port.get_index()) for port in (self._arm_in, self._gripper_in)}
+        self.DeclareVectorOutputPort("positions", scene.plant.num_positions(), self._calc_positions, now | joints)
+        self._tracks_out = self.DeclareVectorOutputPort("tracks", self._count * TRACK_SIZE, self._calc_tracks, now)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / params.rate, 0.0, self._tick)
 
     @timing.timed("SceneGraphUpdater")
     def _tick(self, context: Context, discrete: DiscreteValues) -> None:
-        now = context.get_time()
-        filters = np.array(context.get_discrete_state(int(self._filters)).value()).reshape(self._count, -1)
-        if float(cast(Array, self._image_time_in.Eval(context))[0]) != NEVER:
-            measured = cast(Array, self._poses_in.Eval(context)).reshape(self._count, MEASUREMENT_SIZE)
-            used = np.maximum(filters[:, track.Slot.LAST_SEEN], filters[:, track.Slot.REMEMBERED_TIME])
-            for k in np.flatnonzero((measured[:, 0] > 0) & (measured[:, 1] > used)):
-                filters[k] = track.update(
-                    filters[k], PoseMeasurement.unpack(measured[k]), now, self._tuning, bool(self._symmetric[k])
-                )
-            discrete.set_value(int(self._filters), cast(Any, filters.ravel()))
+        if float(cast(Array, self._image_time_in.Eval(context))[0]) == NEVER:
+            return
+        filters = self._filters_of(context)
+        measured = cast(Array, self._poses_in.Eval(context)).reshape(self._count, MEASUREMENT_SIZE)
+        used = np.maximum(filters[:, track.Slot.LAST_SEEN], filters[:, track.Slot.REMEMBERED_TIME])
+        fresh = np.flatnonzero((measured[:, 0] > 0) & (measured[:, 1] > used))
+        if fresh.size == 0:
+            return
+        filters = filters.copy()
+        for k in fresh:
+            measurement = PoseMeasurement.unpack(measured[k])
+            filters[k] = track.update(
+                filters[k], measurement, context.get_time(), self._tuning, bool(self._symmetric[k])
+            )
+        discrete.set_value(int(self._filters), cast(Any, filters.ravel()))
 
-        tracks = self._packed(filters, now)
-        discrete.set_value(int(self._tracks), cast(Any, tracks.ravel()))
-
-        positions = np.array(context.get_discrete_state(int(self._positions)).value())
-        arm_state = cast(Array, self._arm_in.Eval(context))
-        if np.isfinite(arm_state).all():
-            positions[self._arm_index] = arm_state[: len(self._arm_index)]
-        if self._gripper_in.HasValue(context):
-            gripper = cast(Array, self._gripper_in.Eval(context))
-            if np.isfinite(gripper).all():
-                positions[self._gripper_index] = gripper[: len(self._gripper_index)]
-        positions[self._object_index] = tracks[:, 2:9]
-        discrete.set_value(int(self._positions), cast(Any, positions))
-
-    def _packed(self, filters: Array, now: float) -> Array:
-        """(K, TRACK_SIZE) what the filters say now."""
+    @timing.timed("SceneGraphUpdater")
+    def _calc_tracks(self, context: Context, output: BasicVector) -> None:
+        filters, now = self._filters_of(context), context.get_time()
         belief = track.propagate(filters, now, self._tuning)
         tracks = np.empty((self._count, TRACK_SIZE))
         tracks[:, 0] = track.statuses(filters, now, self._tuning)
@@ -112,6 +99,25 @@ class SceneGraphUpdater(LeafSystem):
         unseen = tracks[:, 0] == ObjectStatus.UNSEEN
         tracks[:, 2:9] = np.where(unseen[:, None], self._parked, belief.poses)
         tracks[:, 9:15] = belief.velocities
-        covariances = track.pose_covariances(belief, self._axes_O, self._tuning)
+        covariances = track.pose_covariances(belief, self._scene.symmetry_axes_O, self._tuning)
         tracks[:, 15:] = covariances.reshape(self._count, 36)
-        return tracks
+        output.SetFromVector(cast(Any, tracks.ravel()))
+
+    @timing.timed("SceneGraphUpdater")
+    def _calc_positions(self, context: Context, output: BasicVector) -> None:
+        scene = self._scene
+        positions = scene.default_positions.copy()
+        arm_state = cast(Array, self._arm_in.Eval(context))
+        if np.isfinite(arm_state).all():
+            positions[scene.arm_position_index] = arm_state[: len(scene.arm_position_index)]
+        if self._gripper_in.HasValue(context):
+            gripper = cast(Array, self._gripper_in.Eval(context))
+            if np.isfinite(gripper).all():
+                positions[scene.gripper_position_index] = gripper[: len(scene.gripper_position_index)]
+        tracks = cast(Array, self._tracks_out.Eval(context)).reshape(self._count, TRACK_SIZE)
+        positions[scene.object_position_index] = tracks[:, 2:9]
+        output.SetFromVector(cast(Any, positions))
+
+    def _filters_of(self, context: Context) -> Array:
+        """(K, FILTER_SIZE), not to be written to."""
+        return np.asarray(context.get_discrete_state(int(self._filters)).value()).reshape(self._count, -1)
