@@ -219,7 +219,8 @@ SDF = """<sdf version="1.9"><model name="arm">
   <link name="base"><inertial><mass>1</mass></inertial></link>
   <link name="upper"><pose relative_to="turn"/><inertial><pose>0.1 0 0 0 0 0</pose><mass>2</mass></inertial></link>
   <joint name="turn" type="revolute"><parent>base</parent><child>upper</child>
-    <pose relative_to="base">0 0 1 0 0 0</pose><axis><xyz>0 1 0</xyz><limit><effort>9</effort></limit></axis></joint></model></sdf>"""
+    <pose relative_to="base">0 0 1 0 0 0</pose>
+    <axis><xyz>0 1 0</xyz><limit><effort>9</effort></limit></axis></joint></model></sdf>"""
 
 
 def test_mjcf_and_sdf(tmp_path: Path) -> None:
@@ -235,6 +236,74 @@ def test_mjcf_and_sdf(tmp_path: Path) -> None:
     assert model.joints == ("turn",)
     np.testing.assert_allclose(model.bias(np.zeros(1), np.zeros(1)), [-2 * 9.81 * 0.1], atol=1e-9)
     np.testing.assert_allclose(model.effort_limit, [9.0])
+
+
+def test_friction_that_the_description_states(tmp_path: Path) -> None:
+    """Drake leaves it unread; it is the model's own all the same, in all three formats, and is not written twice."""
+    mjcf = """<mujoco model="arm"><default><joint frictionloss="0.2"/>
+      <default class="stiff"><joint stiffness="3" springref="30"/></default></default><worldbody>
+      <body name="upper"><joint name="shoulder" axis="0 1 0" class="stiff"/>
+        <inertial pos="0.1 0 0" mass="2" diaginertia="0.01 0.02 0.02"/>
+        <body name="lower" pos="0.3 0 0"><joint name="elbow" axis="0 1 0" frictionloss="0.7"/>
+          <inertial pos="0.1 0 0" mass="1" diaginertia="0.01 0.02 0.02"/></body></body></worldbody></mujoco>"""
+    (tmp_path / "arm.xml").write_text(mjcf)
+    model, other = Model.load(tmp_path / "arm.xml"), Mujoco(tmp_path / "arm.xml", ("shoulder", "elbow"))
+    friction = EffectSpec("coulomb_friction", ["shoulder", "elbow"], [], {"torque": [0.2, 0.7]})
+    assert model.effects[0].spec() == friction
+    q, v, a = motion(10, 40, 2)
+    v += np.sign(v)
+    expected = other.inverse_dynamics(q, v, a) + np.sign(v) * [0.2, 0.7]  # the other engine leaves friction out here
+    np.testing.assert_allclose(model.inverse_dynamics(q, v, a), expected, atol=1e-9)
+    assert model.spec.effects == []
+    model.save(tmp_path / "saved")
+    again = Model.load(tmp_path / "saved")
+    assert [effect.spec() for effect in again.effects] == [effect.spec() for effect in model.effects]
+    assert model.with_effects([]).effects[0].spec() == friction
+    assert len(model.with_effects(model.effects).effects) == 2
+
+    text = chain(tmp_path).read_text().replace('damping="0.7"', 'damping="0.7" friction="1.5"')
+    (tmp_path / "chain.urdf").write_text(text)
+    (stated,) = Model.load(tmp_path / "chain.urdf").effects
+    assert stated.spec() == EffectSpec("coulomb_friction", ["shoulder"], [], {"torque": [1.5]})
+    assert stated.given
+    (tmp_path / "arm.sdf").write_text(SDF.replace("</xyz>", "</xyz><dynamics><friction>2.5</friction></dynamics>"))
+    (stated,) = Model.load(tmp_path / "arm.sdf").effects
+    assert stated.spec() == EffectSpec("coulomb_friction", ["turn"], [], {"torque": [2.5]})
+    undeclared = text.replace('effort="50"', 'effort="50" drake:acceleration="15.0"')
+    (tmp_path / "chain.urdf").write_text(
+        undeclared.replace('<link name="empty"/>', '<link name="empty"/><drake:note a="b:c"/>')
+    )
+    assert Model.load(tmp_path / "chain.urdf").effects[0].spec() == EffectSpec(
+        "coulomb_friction", ["shoulder"], [], {"torque": [1.5]}
+    )
+    (tmp_path / "chain.urdf").write_text(text.replace('friction="1.5"', 'friction="much"'))
+    with pytest.raises(ModelError, match=r"chain\.urdf"):
+        Model.load(tmp_path / "chain.urdf")
+
+
+def test_free_bases_are_welded(tmp_path: Path) -> None:
+    free = "<link name='world'/><joint name='free' type='floating'><parent link='world'/><child link='base'/></joint>"
+    pose = Pose([0.0, 0.0, 1.0])
+    model = Model.load(ArmModel(model=str(chain(tmp_path, free)), X_WB=pose, tool_frame=""))
+    assert model.plant.num_velocities() == 3
+    mjcf = MJCF.replace('<joint name="shoulder"', '<freejoint/></body><body name="other"><joint name="shoulder"')
+    assert "freejoint" in mjcf
+    base = '<body name="base"><freejoint/><inertial pos="0 0 0" mass="2" diaginertia="0.01 0.02 0.02"/>'
+    mjcf = MJCF.replace("<worldbody>", f"<worldbody>{base}").replace("</worldbody>", "</body></worldbody>")
+    (tmp_path / "free.xml").write_text(mjcf)
+    model = Model.load(ArmModel(model=str(tmp_path / "free.xml"), X_WB=pose, tool_frame=""))
+    assert model.plant.num_velocities() == 2
+    np.testing.assert_allclose(model.tool_pose(np.zeros(2)).translation(), [0.3, 0.0, 1.3], atol=1e-12)
+
+
+def test_mimicking_joints_have_no_motor(tmp_path: Path) -> None:
+    text = (
+        chain(tmp_path)
+        .read_text()
+        .replace('<axis xyz="0 0.6 0.8"/>', '<axis xyz="0 0.6 0.8"/><mimic joint="shoulder"/>')
+    )
+    (tmp_path / "chain.urdf").write_text(text)
+    assert Model.load(tmp_path / "chain.urdf").joints == ("shoulder",)
 
 
 def test_save_and_load(tmp_path: Path) -> None:

@@ -5,7 +5,6 @@ The model and every station add their arm with `add_arm`, so that both mean the 
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -30,7 +29,7 @@ from pydrake.multibody.tree import (
     WeldJoint,
 )
 
-from twin_diagram import resources, scenario
+from twin_diagram import resources, scenario, unread
 from twin_diagram.errors import ModelError, ScenarioError
 
 EFFECTS_FILE = "effects.yaml"
@@ -53,6 +52,7 @@ class Arm:
         base: the root link.
         last_link: the child link of the last arm joint; payloads hang on it.
         tool_frame: the frame that the planner moves.
+        given: effects that the description itself states and Drake does not read.
     """
 
     spec: scenario.ArmModel
@@ -66,6 +66,7 @@ class Arm:
     base: BodyIndex
     last_link: BodyIndex
     tool_frame: FrameIndex
+    given: tuple[scenario.EffectSpec, ...] = ()
 
     def actuator(self, plant: MultibodyPlant, joint: str) -> JointActuator:
         """The motor of an arm joint."""
@@ -191,7 +192,7 @@ def add_arm(
         int(actuator.joint().index()): actuator for actuator in actuators if actuator.model_instance() in instances
     }
     arm_joints, gripper_joints = _choose(spec, movable, motors)
-    efforts = _effort_limits(Path(spec.model))
+    efforts = unread.effort_limits(Path(spec.model))
     for joint in [*arm_joints, *(gripper_joints if spec.gripper_joints or not motors else [])]:
         if int(joint.index()) not in motors:
             limit = efforts.get(joint.name(), np.inf)
@@ -213,6 +214,7 @@ def add_arm(
         base=base.index(),
         last_link=last_link.index(),
         tool_frame=_tool_frame(plant, instances, spec, last_link),
+        given=tuple(unread.unread_effects(Path(spec.model), [joint.name() for joint in arm_joints])),
     )
 
 
@@ -229,7 +231,8 @@ def _choose(
     spec: scenario.ArmModel, movable: Sequence[Joint], motors: Mapping[int, JointActuator]
 ) -> tuple[list[Joint], list[Joint]]:
     """The arm's joints and the gripper's, named or by rule."""
-    driven = [joint for joint in movable if int(joint.index()) in motors] if motors else list(movable)
+    following = unread.mimicking(Path(spec.model))
+    driven = [joint for joint in movable if (int(joint.index()) in motors if motors else joint.name() not in following)]
     revolute: list[Joint] = [joint for joint in driven if isinstance(joint, RevoluteJoint)]
     arm = _by_name(spec.joints, movable, "joints") if spec.joints else revolute or driven
     if not arm:
@@ -252,18 +255,6 @@ def _by_name(names: Sequence[str], movable: Sequence[Joint], field: str) -> list
     if len(set(names)) != len(names):
         raise ModelError(f"{field}: a joint is named twice in {', '.join(names)}")
     return [by_name[name] for name in names]
-
-
-def _effort_limits(path: Path) -> dict[str, float]:
-    """Effort limits of a URDF's joints; Drake itself keeps those of joints with a transmission alone."""
-    if path.suffix.lower() != ".urdf":
-        return {}
-    result: dict[str, float] = {}
-    for joint in ElementTree.parse(path).getroot().iter("joint"):
-        limit = joint.find("limit")
-        if limit is not None and float(limit.get("effort", "0")) > 0.0:
-            result[joint.get("name", "")] = float(limit.get("effort", "0"))
-    return result
 
 
 def _weld_base(

@@ -24,6 +24,7 @@ from pydrake.common.yaml import yaml_dump_typed
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable, MultibodyForces, SpatialInertia, UnitInertia
+from pydrake.systems.framework import Context
 
 from twin_diagram import rigid_tree, scenario
 from twin_diagram.description import EFFECTS_FILE, Arm, add_arm
@@ -47,7 +48,7 @@ class Model:
             alone; effects live in this class.
         arm: the arm's indices in `plant`.
         joints: the arm's joints; n is their number.
-        effects: in order.
+        effects: in order; first those that the description itself states (`Effect.given`).
         position_index, velocity_index: (n,) of the joints in the plant's q and v.
         lower, upper, velocity_limit, effort_limit: (n,) from the description, infinite where it says nothing.
         last_link: name of the child link of the last arm joint; payloads hang on it.
@@ -59,8 +60,9 @@ class Model:
         self.plant = plant
         self.arm = arm
         self.joints = arm.joints
-        self.effects = tuple(effects)
-        self.spec = replace(arm.spec, joints=list(arm.joints), effects=[effect.spec() for effect in self.effects])
+        added = tuple(effect for effect in effects if not effect.given)
+        self.effects = (*_given(arm), *added)
+        self.spec = replace(arm.spec, joints=list(arm.joints), effects=[effect.spec() for effect in added])
         joints = [plant.get_joint(index) for index in arm.joint_indices]
         actuators = [plant.get_joint_actuator(index) for index in arm.actuator_indices]
         self.position_index = np.array([joint.position_start() for joint in joints])
@@ -113,8 +115,18 @@ class Model:
         return Model(plant, arm, effects)
 
     def with_effects(self, effects: Iterable[Effect]) -> Model:
-        """The same description with other effects; shares the plant, not the scratch."""
+        """The same description with other effects; shares the plant, not the scratch.
+
+        What the description itself states stays, whether it is among `effects` or not.
+        """
         return Model(self.plant, self.arm, effects)
+
+    def make_context(self) -> Context:
+        """A context of `plant` whose parameters hold what effects change in the rigid model (payload, rotors, dampers).
+
+        For those who call the plant themselves; it is theirs.
+        """
+        return self._context.Clone()
 
     def save(self, folder: str | Path) -> None:
         """Writes the description and `effects.yaml`; an existing folder is replaced once all is written.
@@ -317,6 +329,13 @@ class Model:
                 joint = self.plant.get_joint(self.arm.joint_indices[self.joints.index(name)])
                 present_damping: Any = joint.GetDampingVector(self._context)
                 joint.SetDampingVector(self._context, present_damping + damping)
+
+
+def _given(arm: Arm) -> list[Effect]:
+    effects = [make(spec) for spec in arm.given]
+    for effect in effects:
+        effect.given = True
+    return effects
 
 
 def _spatial_inertia(vector: Array) -> SpatialInertia:

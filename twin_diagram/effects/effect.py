@@ -140,6 +140,7 @@ class Effect:
         joints: that it sits on.
         links: that it sits on.
         parameters: values.
+        given: whether the arm's own description states it, so that it is no addition to it.
     """
 
     name: ClassVar[str] = ""
@@ -156,6 +157,7 @@ class Effect:
         self.joints = tuple(joints)
         self.links = tuple(links)
         self.parameters = dict(parameters or {})
+        self.given = False
 
     @classmethod
     def from_spec(cls, spec: EffectSpec) -> Effect:
@@ -216,6 +218,7 @@ class Effect:
             value = Parameter.of(self.kinds[key], value, where).value if check else np.array(value, dtype=float)
             parameters[key] = replace(parameters[key], value=value)
         result = type(self)(self.joints, self.links, parameters)
+        result.given = self.given
         if check:
             result.check()
         return result

@@ -46,12 +46,12 @@ def add_to_plant(
     Args:
         plant: holds the arm.
         arm: as `description.add_arm` gave it.
-        effects: which; None: those of the arm's own spec.
+        effects: which; None: those that the description states and those of the arm's spec.
 
     Returns:
         The effects, for `connect`.
     """
-    chosen = arm.spec.effects if effects is None else effects
+    chosen = [*arm.given, *arm.spec.effects] if effects is None else effects
     made = tuple(make(effect) if isinstance(effect, EffectSpec) else effect for effect in chosen)
     for effect in made:
         effect.before_finalize(plant, arm)

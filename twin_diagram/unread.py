@@ -1,0 +1,139 @@
+"""What descriptions say of their joints that Drake's parsers leave unread: dry friction, and MJCF's joint springs.
+
+A description that states friction is a model with friction; without this, its own friction would be taken for an effect
+that it lacks.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+from twin_diagram.errors import ModelError
+from twin_diagram.scenario import EffectSpec
+
+_PREFIX = re.compile(rb"(?<=[<\s/])(\w+):(?=\w[\w.-]*[\s=>/])")
+"""`drake:` and its like in names of elements and attributes."""
+
+
+def unread_effects(path: Path, joints: Sequence[str]) -> list[EffectSpec]:
+    """Effects of an arm's joints that its description states.
+
+    Args:
+        path: URDF, SDF or MJCF; others state none here.
+        joints: the arm's.
+
+    Raises:
+        ModelError: a number that cannot be read.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in (".urdf", ".sdf", ".xml"):
+        return []
+    root = _root(path)
+    try:
+        if suffix == ".xml":
+            found = dict(_mjcf(root, path.parent))
+        else:
+            found = {name: (friction, 0.0, 0.0) for name, friction in _urdf_or_sdf(root)}
+    except ValueError as error:
+        raise ModelError(f"{path}: joint: {error}") from error
+    frictions = [(joint, found[joint][0]) for joint in joints if joint in found and found[joint][0] > 0.0]
+    springs = [(joint, *found[joint][1:]) for joint in joints if joint in found and found[joint][1] > 0.0]
+    result = []
+    if frictions:
+        names, levels = zip(*frictions, strict=True)
+        result.append(EffectSpec("coulomb_friction", list(names), [], {"torque": list(levels)}))
+    if springs:
+        names, stiffness, rest = zip(*springs, strict=True)
+        values = {"stiffness": list(stiffness), "rest_angle": list(rest)}
+        result.append(EffectSpec("joint_spring", list(names), [], values))
+    return result
+
+
+def mimicking(path: Path) -> set[str]:
+    """Names of a URDF's joints that follow another one, and so have no motor."""
+    if path.suffix.lower() != ".urdf":
+        return set()
+    joints = _root(path).iter("joint")
+    return {joint.get("name", "") for joint in joints if joint.find("mimic") is not None}
+
+
+def effort_limits(path: Path) -> dict[str, float]:
+    """Effort limits of a URDF's joints; Drake itself keeps those of joints with a transmission alone."""
+    if path.suffix.lower() != ".urdf":
+        return {}
+    result: dict[str, float] = {}
+    for joint in _root(path).iter("joint"):
+        limit = joint.find("limit")
+        if limit is not None and float(limit.get("effort", "0")) > 0.0:
+            result[joint.get("name", "")] = float(limit.get("effort", "0"))
+    return result
+
+
+def _root(path: Path) -> Element:
+    """The root of a file that Drake could read: namespaces need not be declared, and what is no XML holds nothing."""
+    text = path.read_bytes()
+    try:
+        return ElementTree.fromstring(text)
+    except ElementTree.ParseError:
+        pass
+    try:
+        return ElementTree.fromstring(_PREFIX.sub(rb"\1_", text))
+    except ElementTree.ParseError:
+        return Element("unreadable")
+
+
+def _urdf_or_sdf(root: Element) -> Iterator[tuple[str, float]]:
+    for joint in root.iter("joint"):
+        dynamics = joint.find("dynamics")
+        inside = joint.find("axis/dynamics/friction")
+        if dynamics is not None and dynamics.get("friction"):
+            yield joint.get("name", ""), float(dynamics.get("friction", "0"))
+        elif inside is not None and inside.text:
+            yield joint.get("name", ""), float(inside.text)
+
+
+def _mjcf(root: Element, folder: Path) -> Iterator[tuple[str, tuple[float, float, float]]]:
+    """Dry friction, stiffness and rest position of each joint that has a name."""
+    _include(root, folder)
+    degrees = all(compiler.get("angle", "degree") == "degree" for compiler in root.iter("compiler"))
+    classes: dict[str, dict[str, str]] = {"main": {}}
+    for default in root.findall("default"):
+        _defaults(default, {}, classes)
+
+    def walk(element: Element, inherited: str) -> Iterator[tuple[str, tuple[float, float, float]]]:
+        inherited = element.get("childclass", inherited)
+        for joint in element.findall("joint"):
+            attributes = {**classes.get(joint.get("class", inherited), {}), **joint.attrib}
+            scale = math.pi / 180.0 if degrees and attributes.get("type", "hinge") == "hinge" else 1.0
+            friction, stiffness = (float(attributes.get(key, "0")) for key in ("frictionloss", "stiffness"))
+            yield joint.get("name", ""), (friction, stiffness, scale * float(attributes.get("springref", "0")))
+        for body in element.findall("body"):
+            yield from walk(body, inherited)
+
+    for world in root.findall("worldbody"):
+        yield from walk(world, "main")
+
+
+def _defaults(element: Element, inherited: Mapping[str, str], classes: dict[str, dict[str, str]]) -> None:
+    own = dict(inherited)
+    for joint in element.findall("joint"):
+        own |= joint.attrib
+    classes[element.get("class", "main")] = own
+    for nested in element.findall("default"):
+        _defaults(nested, own, classes)
+
+
+def _include(element: Element, folder: Path) -> None:
+    """Puts the contents of included files in their place."""
+    for child in list(element):
+        if child.tag == "include" and (folder / child.get("file", "")).is_file():
+            included = _root(folder / child.get("file", ""))
+            _include(included, folder)
+            element.extend(included)
+        else:
+            _include(child, folder)
