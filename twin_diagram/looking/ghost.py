@@ -7,10 +7,15 @@ recorded, however late it loads the meshes.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final, cast
+from typing import Any, Final, cast
 
+import numpy as np
 from pydrake.common import MemoryFile
 from pydrake.geometry import (
+    Box,
+    Capsule,
+    Cylinder,
+    Ellipsoid,
     GeometryId,
     GeometryInstance,
     IllustrationProperties,
@@ -22,11 +27,15 @@ from pydrake.geometry import (
     SceneGraphInspector,
     Shape,
     SourceId,
+    Sphere,
 )
 
 from twin_diagram.scene.twin_scene import TwinScene
+from twin_diagram.signals import Array
 
-OBJECT_COLOUR: Final = Rgba(0.10, 0.45, 1.0, 0.45)
+OBJECT_COLOUR: Final = Rgba(0.10, 0.45, 1.0, 0.40)
+SWELL: Final = 0.0015
+"""How far a ghost stands out [m], so that one that is right does not flicker with what it coincides with."""
 ARM_COLOUR: Final = Rgba(0.10, 0.45, 1.0, 0.25)
 """Fainter: the arm's ghost all but coincides with the arm."""
 
@@ -64,7 +73,7 @@ def _recolour(
 ) -> None:
     properties = IllustrationProperties()
     properties.AddProperty("phong", "diffuse", colour)
-    shape = _without_material(inspector.GetShape(geometry_id))
+    shape = _swollen(inspector.GetShape(geometry_id))
     name = f"{inspector.GetName(geometry_id)}_ghost"
     instance = GeometryInstance(inspector.GetPoseInFrame(geometry_id), shape, name)
     instance.set_illustration_properties(properties)
@@ -72,12 +81,34 @@ def _recolour(
     scene_graph.RemoveRole(source, geometry_id, Role.kIllustration)
 
 
-def _without_material(shape: Shape) -> Shape:
-    """A copy of a mesh in .obj format that names no material; any other shape as it is."""
-    if not isinstance(shape, Mesh) or shape.extension() != ".obj" or not shape.source().is_path():
-        return shape
-    path = Path(shape.source().path())
+def _swollen(shape: Shape) -> Shape:
+    """A shape a little larger, a mesh in .obj format also without its material; what is not known stays as it is."""
+    if isinstance(shape, Box):
+        return Box(*(shape.size() + 2 * SWELL))
+    if isinstance(shape, Cylinder):
+        return Cylinder(shape.radius() + SWELL, shape.length() + 2 * SWELL)
+    if isinstance(shape, Capsule):
+        return Capsule(shape.radius() + SWELL, shape.length())
+    if isinstance(shape, Sphere):
+        return Sphere(shape.radius() + SWELL)
+    if isinstance(shape, Ellipsoid):
+        return Ellipsoid(shape.a() + SWELL, shape.b() + SWELL, shape.c() + SWELL)
+    if isinstance(shape, Mesh) and shape.extension() == ".obj" and shape.source().is_path():
+        return _swollen_mesh(Path(shape.source().path()), np.asarray(shape.scale3()))
+    return shape
+
+
+def _swollen_mesh(path: Path, scale: Array) -> Mesh:
     lines = path.read_text(encoding="utf-8").splitlines()
-    kept = [line for line in lines if not line.lstrip().startswith(("mtllib", "usemtl"))]
+    vertices = np.array([line.split()[1:4] for line in lines if line.startswith("v ")], dtype=float)
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    # About its middle, so that it stays where it is.
+    grown = 1.0 + 2 * SWELL / np.maximum(np.abs(scale) * (high - low), SWELL)
+    moved = iter((vertices - (low + high) / 2) * grown + (low + high) / 2)
+    kept = [
+        "v " + " ".join(f"{x:.6g}" for x in next(moved)) if line.startswith("v ") else line
+        for line in lines
+        if not line.lstrip().startswith(("mtllib", "usemtl"))
+    ]
     file = MemoryFile(contents="\n".join(kept) + "\n", extension=".obj", filename_hint=path.name)
-    return Mesh(InMemoryMesh(mesh_file=file), scale3=shape.scale3())
+    return Mesh(InMemoryMesh(mesh_file=file), scale3=cast(Any, scale))

@@ -45,7 +45,7 @@ class MeshcatScenes:
     real: MeshcatVisualizer | None
     twin: MeshcatVisualizer
 
-    def set_view(self, p_WV: Sequence[float] = (1.5, -0.75, 0.75), p_WT: Sequence[float] = (0.4, 0.0, 0.2)) -> None:
+    def set_view(self, p_WV: Sequence[float] = (1.4, -0.65, 0.75), p_WT: Sequence[float] = (0.4, 0.0, 0.2)) -> None:
         """Looks from p_WV [m] to p_WT [m] in front of a light, empty background."""
         self.meshcat.SetProperty("/Grid", "visible", False)
         self.meshcat.SetProperty("/Axes", "visible", False)

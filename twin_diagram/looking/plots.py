@@ -127,8 +127,8 @@ def objects(run: Run, path: Path) -> Path:
             _shade(axes, run, k)
             shown = np.where(tracked, errors, np.nan)
             axes.plot(run.time, shown, color=LINES[0])
-            high = np.nanpercentile(shown, 99) if np.isfinite(shown).any() else 0.0
-            axes.set_ylim(0, max(1.25 * high, 6.0))
+            high = np.nanmax(shown) if np.isfinite(shown).any() else 0.0
+            axes.set_ylim(0, max(1.15 * high, 0.5))
             axes.set_ylabel(f"[{unit}]")
             axes.axhline(5.0, color="#868e96", linewidth=0.9, linestyle=(0, (4, 3)))
         free = run.symmetric_axis.get(name)
