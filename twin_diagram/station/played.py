@@ -74,13 +74,12 @@ def read_columns(path: Path) -> tuple[list[str], Array]:
     try:
         with path.open(encoding="utf-8") as file:
             names = file.readline().rstrip("\r\n").split(",")
-            values = np.loadtxt(file, delimiter=",", ndmin=2)
+            rows = file.readlines()
+        values = np.loadtxt(rows, delimiter=",", ndmin=2) if rows else np.zeros((0, len(names)))
     except OSError as error:
         raise StationError(f"{path}: {error.strerror}") from error
     except ValueError as error:
         raise StationError(f"{path}: not a table of numbers: {error}") from error
-    if not values.size:
-        return names, np.zeros((0, len(names)))
     if values.shape[1] != len(names):
         raise StationError(f"{path}: {len(names)} names for {values.shape[1]} columns")
     return names, values
