@@ -15,6 +15,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, PdControllerGains, SpatialInertia, UnitInertia
 
 from twin_diagram.estimation.arm_terms import ArmTerms, Laws
+from twin_diagram.estimation.belief import Entry
+from twin_diagram.estimation.ekf import Ekf
 from twin_diagram.resources import models_dir
 
 JOINTS = tuple(f"panda_joint{i}" for i in range(1, 8))
@@ -191,3 +193,40 @@ def _path(world: World, t: float) -> tuple[np.ndarray, np.ndarray]:
         blend = s**3 * (10 - 15 * s + 6 * s * s)
         rate = 30 * s * s * (1 - s) ** 2 / world.stroke
     return HOME + blend * (AWAY - HOME), rate * (AWAY - HOME)
+
+
+@dataclass
+class Figures:
+    """How a filter did on a recording."""
+
+    mass_error: float
+    mass_std: float
+    moment_nees: float
+    joint_rms: float
+    joint_max: float
+    velocity_rms: float
+    state_nees: float
+    counters: dict[str, int]
+
+
+def follow(ekf: Ekf, world: World, run: Recording) -> Figures:
+    """Runs a filter over a recording."""
+    belief, n = ekf.belief, 7
+    errors, nees = [], []
+    for k in range(len(run.time)):
+        ekf.observe(run.q[k], run.v[k], run.tau[k], run.time[k])
+        errors.append(belief.x[: 2 * n] - np.concatenate([run.q_true[k], run.v_true[k]]))
+        nees.append(errors[-1] @ np.linalg.solve(belief.P[: 2 * n, : 2 * n], errors[-1]) / (2 * n))
+    errors = np.array(errors)
+    mass = world.mass + (world.added_mass if world.added_at < run.time[-1] else 0.0)
+    moment_error = belief.theta[1:4] - mass * world.com
+    return Figures(
+        mass_error=float(belief.theta[0] - mass),
+        mass_std=float(np.sqrt(belief.P[3 * n, 3 * n])),
+        moment_nees=float(moment_error @ np.linalg.solve(belief.P[3 * n + 1 :, 3 * n + 1 :], moment_error)),
+        joint_rms=float(np.sqrt(np.mean(errors[:, :n] ** 2))),
+        joint_max=float(np.abs(errors[:, :n]).max()),
+        velocity_rms=float(np.sqrt(np.mean(errors[:, n:] ** 2))),
+        state_nees=float(np.mean(nees[20:])),
+        counters={entry.name.lower(): int(belief.header[entry]) for entry in Entry if entry >= Entry.ACCEPTED},
+    )

@@ -1,18 +1,16 @@
-"""The torque that the model does not know of: what keeps an adaptive filter from learning what the motion does not
-excite.
+"""The torque that the model does not know of, and why a filter must not learn what the motion does not excite.
 
 Besides white noise, each joint carries a disturbance torque d, above all the error of its friction model.
 
 - A joint that **rests** may hold back any torque up to the level F of its stiction. Its d is one unknown constant of
-standard
-  deviation F that follows whatever the controller does below stiction and is never drawn back: the resting arm tells
-  its load to within stiction, once, and however long it rests nothing more is learnt, since nothing averages out.
+  standard deviation F that follows whatever the controller does below stiction and is never drawn back: the resting arm
+  tells its load to within stiction, once, and however long it rests nothing more is learnt, since nothing averages out.
 - A joint that **slides** has a small d, a share of F and `Filter.torque_drift_std`, that is forgotten over
   `Filter.torque_drift_time`.
 - When a joint starts, stops or turns round, d is drawn afresh and no longer correlated with anything.
 
-A joint slides when its low-passed speed exceeds `Filter.excitation`, or the noise of the velocity sensor where that
-is more.
+A joint slides when its low-passed speed exceeds `Filter.excitation`, or the noise of the velocity sensor where that is
+more.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ from twin_diagram.estimation.belief import Belief, Entry
 from twin_diagram.estimation.disturbance import SPEED_TIME, disturbance_std, follow_regimes
 from twin_diagram.estimation.parameters import ParameterSet
 from twin_diagram.estimation.positive import solve_positive, whiten
-from twin_diagram.estimation.sensors import JointEncoder, JointVelocity, Sensor
+from twin_diagram.estimation.sensors import JointEncoder, JointState, JointVelocity, Sensor
 from twin_diagram.estimation.transition import jacobians, step
 from twin_diagram.scenario import Filter
 from twin_diagram.signals import Array
@@ -82,6 +82,7 @@ class Ekf:
         parameters: what θ means.
         belief: all that the filter knows; may be exchanged with `load`.
         encoder, velocity: the arm's own sensors.
+        joints: both together, as a message brings them.
     """
 
     def __init__(self, terms: ArmTerms, params: Filter) -> None:
@@ -91,6 +92,7 @@ class Ekf:
         self.belief = Belief(n, p)
         self.encoder = JointEncoder(n, params.encoder_std)
         self.velocity = JointVelocity(n, params.velocity_std)
+        self.joints = JointState(n, params.encoder_std, params.velocity_std)
         self._F = np.eye(self.belief.size)
         self._I = np.eye(self.belief.size)
         self._kept = self.belief.vector.copy()
@@ -125,6 +127,7 @@ class Ekf:
         belief.header[Entry.NIS] = 2.0 * n
         belief.header[Entry.NIS_MEAN] = 1.0
         belief.header[Entry.STREAK] = 0.0
+        belief.header[Entry.QUIET] = min(belief.header[Entry.QUIET], t)
         belief.header[Entry.FRESH] = 1.0
         belief.header[Entry.SPAN] = 0.0
         belief.P[:] = 0.0
@@ -286,25 +289,37 @@ class Ekf:
         self.predict(0.5 * (belief.torque + tau), dt, None if trusted else self.terms.effort_limit)
         header[Entry.TIME] = t
         belief.torque[:] = tau
-        first = self.update(self.encoder, q)
-        second = self.update(self.velocity, v)
-        nis = first.nis + second.nis
+        whole = self.update(self.joints, np.concatenate([q, v]))
+        if not whole.accepted:
+            self._salvage(whole, q, v)
+        nis = whole.nis
         header[Entry.NIS] = nis
         blend = min(dt / _NIS_TIME, 1.0)
-        # One wild reading is no trend: its share in the mean is limited.
-        header[Entry.NIS_MEAN] += blend * (min(nis / (2 * n), 50.0) - header[Entry.NIS_MEAN])
-        momentum = self._step_mass @ second.innovation
-        belief.innovation[:] = whiten(self._step_mass @ second.covariance @ self._step_mass.T, momentum)
-        if first.accepted and second.accepted:
+        if whole.accepted:  # what was refused says something of a sensor, nothing of the parameters
+            header[Entry.NIS_MEAN] += blend * (min(nis / (2 * n), 50.0) - header[Entry.NIS_MEAN])
+        momentum = self._step_mass @ whole.innovation[n:]
+        spread = self._step_mass @ whole.covariance[n:, n:] @ self._step_mass.T
+        belief.innovation[:] = whiten(spread, momentum)
+        if whole.accepted:
             header[Entry.ACCEPTED] += 1
             header[Entry.STREAK] = 0.0
         else:
             header[Entry.REFUSED] += 1
             header[Entry.STREAK] += 1
-        if first.surprise or second.surprise:
-            header[Entry.SURPRISES] += 1
+        header[Entry.SURPRISES] += float(whole.surprise)
         if header[Entry.NIS_MEAN] > self.params.opening and t >= header[Entry.QUIET]:
             self._open(t)
+
+    def _salvage(self, whole: Update, q: Array, v: Array) -> None:
+        """Of a refused message, takes the one sensor that is within its own gate; if both are, they contradict."""
+        n = self.terms.n
+        good = []
+        for sensor, z, part in ((self.encoder, q, slice(0, n)), (self.velocity, v, slice(n, 2 * n))):
+            innovation = whole.innovation[part]
+            if innovation @ solve_positive(whole.covariance[part, part], innovation) <= sensor.gate:
+                good.append((sensor, z))
+        if len(good) == 1:
+            self.update(*good[0], explain=False)
 
     def _predict_once(self, u: Array, dt: float, torque_std: Array | float) -> None:
         belief, terms, parameters, n = self.belief, self.terms, self.parameters, self.terms.n
@@ -351,4 +366,7 @@ class Ekf:
         belief, n = self.belief, self.terms.n
         belief.header[Entry.OPENINGS] += 1
         belief.header[Entry.QUIET] = t + _QUIET_TIME
-        belief.P[3 * n :, 3 * n :] += self.parameters.covariance
+        now, prior = belief.P[3 * n :, 3 * n :], self.parameters.covariance
+        # Openings do not add up: none makes a parameter less certain than twice its prior.
+        room = np.sqrt(np.clip(2.0 - now.diagonal() / prior.diagonal(), 0.0, 1.0))
+        now += prior * np.outer(room, room)

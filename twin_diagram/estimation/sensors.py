@@ -53,13 +53,12 @@ class Sensor(ABC):
 
 
 class StateSensor(Sensor):
-    """Reads some entries of the state directly, with white noise of one size."""
+    """Reads some entries of the state directly, with white noise."""
 
-    def __init__(self, name: str, entries: slice, size: int, std: float) -> None:
+    def __init__(self, name: str, entries: slice, size: int, std: Array | float) -> None:
         super().__init__(name, size)
         self.entries = entries
-        self.std = std
-        self._noise: Array = np.eye(size) * std**2
+        self._noise: Array = np.eye(size) * np.square(std)
         self._jacobian: Array = np.zeros((size, 0))
 
     def reading(self, x: Array) -> Array:  # noqa: D102
@@ -87,3 +86,10 @@ class JointVelocity(StateSensor):
 
     def __init__(self, n: int, std: float) -> None:
         super().__init__("velocity", slice(n, 2 * n), n, std)
+
+
+class JointState(StateSensor):
+    """Positions and velocities of one message together: what explains one of them must explain the other."""
+
+    def __init__(self, n: int, position_std: float, velocity_std: float) -> None:
+        super().__init__("joints", slice(0, 2 * n), 2 * n, np.repeat([position_std, velocity_std], n))
