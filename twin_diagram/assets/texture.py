@@ -52,7 +52,8 @@ def patches(points_O: Array, seed: int, patch: float = 0.025, colours: int = 5) 
     rng = np.random.default_rng([seed, 20])
     chosen = PALETTE[rng.permutation(len(PALETTE))[:colours]]
     low, high = points_O.min(axis=0) - patch, points_O.max(axis=0) + patch
-    axes = [np.arange(low[k], high[k] + patch, patch) for k in range(3)]
+    # A whole number of cells, whatever the last bit of the extent says.
+    axes = [low[k] + patch * np.arange(int(np.ceil((high[k] - low[k]) / patch - 1e-6)) + 1) for k in range(3)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     index = np.indices(grid.shape[:3])
     # Neighbours on the grid never share a colour: two steps of a random walk through the palette per axis.

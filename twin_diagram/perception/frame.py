@@ -28,6 +28,8 @@ class Frame:
         camera: the calibrated camera.
         depth: (H, W) [m], 0 where there is none and where the robot is.
         robot: (H, W), the robot's pixels.
+        normals: (h, w, 3) at every `stride`-th pixel, of what stands on the table; 0 elsewhere.
+        stride: of `normals`.
         colours: fine and coarse, each (h, w, 3) float in [0, 1]: the part of the image from `corner` on.
         corner: (u, v) of the cut-out's first pixel.
         table: (a, b, c) of the table z = a x + b y + c.
@@ -36,6 +38,8 @@ class Frame:
     camera: Pinhole
     depth: DepthImage
     robot: Mask
+    normals: npt.NDArray[np.float32]
+    stride: int
     colours: tuple[npt.NDArray[np.float32], ...]
     corner: tuple[int, int]
     table: Array
@@ -54,9 +58,14 @@ class Frame:
         else:
             v0, v1, u0, u1 = 0, 2, 0, 2
         part = segments.rgb[v0:v1, u0:u1].astype(np.float32) * np.float32(1.0 / 255.0)
-        colours = tuple(cast("npt.NDArray[np.float32]", cv2.GaussianBlur(part, (0, 0), sigma)) for sigma in BLUR)
-        robot = np.repeat(np.repeat(label == ROBOT, stride, axis=0), stride, axis=1)[:height, :width]
-        return Frame(segments.camera, segments.depth, robot, colours, (u0, v0), segments.table)
+        robot, object_ = (
+            np.repeat(np.repeat(mask, stride, axis=0), stride, axis=1)[:height, :width]
+            for mask in (label == ROBOT, label >= 0)
+        )
+        colours = tuple(blur_within(part, object_[v0:v1, u0:u1].astype(np.float32), sigma) for sigma in BLUR)
+        normals = np.zeros((*label.shape, 3), dtype=np.float32)
+        normals[label >= 0] = segments.normals_W
+        return Frame(segments.camera, segments.depth, robot, normals, stride, colours, (u0, v0), segments.table)
 
     def depth_at(self, u: Array, v: Array) -> tuple[Array, Array, Mask]:
         """Depth at the pixels nearest to (u, v), any shape.
@@ -82,6 +91,13 @@ class Frame:
         row = np.clip(np.rint(v), 0, height - 1).astype(np.int64)
         return cast(Mask, self.robot[row, column])
 
+    def normal_at(self, u: Array, v: Array) -> Array:
+        """Normals (..., 3) in W seen at the pixels nearest to (u, v); 0 where none is known."""
+        height, width = self.normals.shape[:2]
+        column = np.clip(np.rint(u / self.stride), 0, width - 1).astype(np.int64)
+        row = np.clip(np.rint(v / self.stride), 0, height - 1).astype(np.int64)
+        return self.normals[row, column].astype(float)
+
     def colour_at(self, u: Array, v: Array, level: int) -> tuple[Array, Array, Array]:
         """RGB at (u, v), each (B, P), and its derivatives by u and v: three arrays (B, P, 3)."""
         image = self.colours[level]
@@ -93,6 +109,17 @@ class Frame:
         maps_y = np.concatenate([y, y, y, y + one, y - one])
         found = _remap(image, maps_x, maps_y).reshape(5, count, -1, 3).astype(float)
         return found[0], 0.5 * (found[1] - found[2]), 0.5 * (found[3] - found[4])
+
+
+def blur_within(image: npt.NDArray[np.float32], mask: npt.NDArray[np.float32], sigma: float) -> npt.NDArray[np.float32]:
+    """Gaussian blur (h, w, 3) of the masked pixels among themselves (normalised convolution).
+
+    A plain blur lets the table into the rim of every object, and registration then shrinks dark objects on light
+    tables by pushing them away from the camera. Far from the mask the image is left as it is.
+    """
+    total = cv2.GaussianBlur(mask, (0, 0), sigma)[..., None]
+    mixed = cv2.GaussianBlur(image * mask[..., None], (0, 0), sigma)
+    return np.where(total > 0.05, mixed / np.maximum(total, np.float32(0.05)), image)
 
 
 def _remap(image: npt.NDArray[np.float32], x: npt.NDArray[np.float32], y: npt.NDArray[np.float32]) -> Array:

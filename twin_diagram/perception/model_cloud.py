@@ -90,7 +90,9 @@ def fibonacci_sphere(count: int) -> Array:
 def visible(points: Array, normals: Array, direction: Array, cell: float) -> npt.NDArray[np.bool_]:
     """Which points a far camera in `direction` (from object to camera) sees: they face it and nothing is in front.
 
-    A depth buffer of square cells of size `cell` [m]; points up to 12 mm behind a cell's foremost one count as seen.
+    A depth buffer of square cells of size `cell` [m]: a point is hidden where its cell's foremost point lies more than
+    12 mm nearer to the camera, and as far above the point's own tangent plane (so a convex object hides nothing of
+    itself).
     """
     helper = np.eye(3)[int(np.argmin(np.abs(direction)))]
     right = np.cross(direction, helper)
@@ -99,6 +101,10 @@ def visible(points: Array, normals: Array, direction: Array, cell: float) -> npt
     cells = np.floor((flat - flat.min(axis=0)) / cell).astype(np.int64)
     key = cells[:, 0] * (cells[:, 1].max() + 1) + cells[:, 1]
     height = points @ direction
-    foremost = np.full(int(key.max()) + 1, -np.inf)
-    np.maximum.at(foremost, key, height)
-    return np.asarray((normals @ direction > 0.1) & (height > foremost[key] - 0.012))
+    order = np.argsort(height, kind="stable")
+    foremost = np.zeros(int(key.max()) + 1, dtype=np.int64)
+    foremost[key[order]] = order
+    front = foremost[key]
+    above = np.einsum("mi,mi->m", normals, points[front] - points)
+    hidden = (height[front] - height > 0.012) & (above > 0.012)
+    return np.asarray((normals @ direction > 0.1) & ~hidden)

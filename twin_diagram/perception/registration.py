@@ -89,7 +89,7 @@ def refine(
         looked = look(model, frame, poses, count, level)
         data, _ = linearise(looked, frame, level, reach, params.colour_weight)
         if points_W is not None and len(points_W):
-            opposite = unexplained(model, points_W, poses, reach, POINT_TO_POINT)
+            opposite = unexplained(model, points_W, poses, frame.camera.p_WC, reach, POINT_TO_POINT)
             data = Normal(data.H + opposite.H, data.b + opposite.b)
         held = toward(poses, start, prior)
         step = np.linalg.solve(data.H + held.H, (data.b + held.b)[..., None])[..., 0]

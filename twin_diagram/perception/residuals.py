@@ -31,6 +31,12 @@ MODEL_NOISE: Final = 0.0007
 """Standard deviation of the model's surface [m]."""
 COLOUR_NOISE: Final = 0.05
 """Standard deviation of colour (of 1) by sampling and blur."""
+TABLE_THICKNESS: Final = 0.006
+"""A point of the image this near to the table's top is the table's, unless the model point itself is as low [m]."""
+LEAST_COSINE: Final = 0.5
+"""Between the normals of a model point and of what is seen in its place."""
+DEEPEST: Final = 2.0
+"""Along the line of sight, pairs farther apart than this many reaches are cut."""
 COLOUR_CUT: Final = 0.30
 """A colour farther off than this is another thing's."""
 FINE, COARSE = 0, 1
@@ -67,6 +73,8 @@ class Looked:
         distance: n · (y - x), seen point to model surface [m].
         deeper: seen depth minus the model point's [m].
         seen: there is depth, and it is not the robot's.
+        near: seen, and not the table below or behind the model point.
+        matched: near, and what is seen does not face another way: the floor of a mug is not its rim.
         robot: the pixel shows the robot.
         counted: not a repetition.
     """
@@ -81,6 +89,8 @@ class Looked:
     distance: Array
     deeper: Array
     seen: npt.NDArray[np.bool_]
+    near: npt.NDArray[np.bool_]
+    matched: npt.NDArray[np.bool_]
     robot: npt.NDArray[np.bool_]
     counted: npt.NDArray[np.bool_]
 
@@ -102,9 +112,29 @@ def look(model: ModelCloud, frame: Frame, poses: Poses, count: int, level: int) 
     facing = np.einsum("bpi,bpi->bp", n, sight) / np.linalg.norm(sight, axis=2)
     robot = frame.robot_at(u, v)
     distance = np.einsum("bpi,bpi->bp", n, y - x)
+    a, b, c = frame.table
+    on_table = np.abs(y[..., 2] - (a * y[..., 0] + b * y[..., 1] + c)) < TABLE_THICKNESS
+    above = x[..., 2] - (a * x[..., 0] + b * x[..., 1] + c) > 2.0 * TABLE_THICKNESS
     seen = there & ~robot & counted & (facing > 0.1)
+    near = seen & ~(on_table & above)
+    normal = frame.normal_at(u, v)
+    cosine = np.einsum("bpi,bpi->bp", n, normal)
+    matched = near & ((cosine > LEAST_COSINE) | (np.einsum("bpi,bpi->bp", normal, normal) == 0.0))
     return Looked(
-        r, n, facing, model.colours[level][index], u, v, z, distance, depth - z, seen, robot & counted, counted
+        r=r,
+        n=n,
+        facing=facing,
+        colour=model.colours[level][index],
+        u=u,
+        v=v,
+        z=z,
+        distance=distance,
+        deeper=depth - z,
+        seen=seen,
+        near=near,
+        matched=matched,
+        robot=robot & counted,
+        counted=counted,
     )
 
 
@@ -137,7 +167,7 @@ class Normal:
 def linearise(looked: Looked, frame: Frame, level: int, reach: float, colour_share: float) -> tuple[Normal, Array]:
     """Normal equations of geometry and colour at the poses that were looked up; and the distances' noise (B, P)."""
     sigma = np.hypot(DEPTH_NOISE * looked.z**2 * np.maximum(looked.facing, 0.2), MODEL_NOISE)
-    near = looked.seen & (np.abs(looked.deeper) < 2.0 * reach)
+    near = looked.matched & (np.abs(looked.deeper) < DEEPEST * reach)
     w = np.where(near, tukey(looked.distance, reach), 0.0) / sigma**2
     J = -np.concatenate([cross(looked.r, looked.n), looked.n], axis=2)
     weighted = (J * w[..., None]).transpose(0, 2, 1)
@@ -185,16 +215,17 @@ def toward(poses: Poses, goal: Poses, information: Array) -> Normal:
     return Normal(np.broadcast_to(np.diag(information), (len(miss), 6, 6)), miss * information)
 
 
-def unexplained(model: ModelCloud, points_W: Array, poses: Poses, reach: float, share: float) -> Normal:
+def unexplained(model: ModelCloud, points_W: Array, poses: Poses, p_WC: Array, reach: float, share: float) -> Normal:
     """Normal equations of the opposite direction, for one pose: image points to their nearest model points.
 
     Point-to-plane, and with weight `share` point-to-point; a point-to-point distance within the model's own spacing is
-    none.
+    none. A point whose nearest model point faces away from the camera is left out: it is the other side of a thin wall.
 
     Args:
         model: the object.
         points_W: (N, 3) points that should be the object's.
         poses: one pose.
+        p_WC: where the camera is.
         reach: pairs farther apart are cut [m].
         share: weight of the point-to-point part.
     """
@@ -202,6 +233,7 @@ def unexplained(model: ModelCloud, points_W: Array, poses: Poses, reach: float, 
     local = (points_W - p) @ R
     distance, index = model.tree.query(local, distance_upper_bound=reach, workers=1)
     good = np.isfinite(distance)
+    good[good] = np.einsum("ni,ni->n", model.normals[index[good]], (p_WC - p) @ R - model.points[index[good]]) > 0.0
     index = index[good]
     r = model.points[index] @ R.T
     n = model.normals[index] @ R.T
@@ -215,7 +247,8 @@ def unexplained(model: ModelCloud, points_W: Array, poses: Poses, reach: float, 
     H = (J * w[:, None]).T @ J
     b = -(J * w[:, None]).T @ along
     K = -skew(r)
-    w_point = share * w
+    # Where there is nothing to pull, nothing must hold either.
+    w_point = share * w * (slide > model.spacing)
     block = np.concatenate([K, np.broadcast_to(np.eye(3), K.shape)], axis=2)
     weighted = (block * w_point[:, None, None]).reshape(-1, 6).T
     H += weighted @ block.reshape(-1, 6)
@@ -244,7 +277,7 @@ def assess(model: ModelCloud, frame: Frame, poses: Poses, count: int, level: int
     looked = look(model, frame, poses, count, level)
     sigma = np.hypot(DEPTH_NOISE * looked.z**2, MODEL_NOISE)
     tolerance = slack + 3.0 * sigma
-    in_place = looked.seen & (np.abs(looked.distance) < tolerance) & (np.abs(looked.deeper) < 0.03)
+    in_place = looked.near & (np.abs(looked.distance) < tolerance) & (np.abs(looked.deeper) < 0.03)
     hidden = looked.seen & ~in_place & (looked.deeper < 0)
     behind = looked.seen & ~in_place & ~hidden
     found, _, _ = frame.colour_at(looked.u, looked.v, level)

@@ -25,7 +25,7 @@ class Segments:
 
     Attributes:
         time: capture time of the image [s]; `NEVER` before the first.
-        points_W: (N, 3) points of objects [m].
+        points_W: (N, 3) points of objects [m], in the order of their pixels (row by row) in `label_image`.
         normals_W: (N, 3) unit, towards the camera.
         colours: (N, 3) RGB in [0, 1].
         labels: (N,) which segment, from 0.
