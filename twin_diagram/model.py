@@ -174,10 +174,7 @@ class Model:
 
     def mass_matrix(self, q: Array) -> Array:
         """(n, n) mass matrix [kg·m²] at measured positions (n,): arm, rotors, payload; fingers held rigid."""
-        self._q[self.position_index] = self.true_position(q)
-        self.plant.SetPositions(self._context, self._q)
-        mass: Array = self.plant.CalcMassMatrix(self._context)[self._block]
-        return mass
+        return self._mass(self.true_position(q))
 
     def bias(self, q: Array, v: Array) -> Array:
         """(n,) torque [N·m] at velocity (n,) and position (n,) without acceleration: C v − g and effects."""
@@ -188,9 +185,7 @@ class Model:
         q, tau = self.true_position(q), self.applied(tau)
         if q.ndim == 1:
             load = self.joint_load(q, v, np.zeros_like(q), tau)
-            self.plant.SetPositions(self._context, self._q)
-            mass = self.plant.CalcMassMatrix(self._context)[self._block]
-            once: Any = np.linalg.solve(mass, tau - load)
+            once: Any = np.linalg.solve(self._mass(q), tau - load)
             return np.asarray(once)
         flat = (-1, q.shape[-1])
         mass, load = self.mass_and_load(q.reshape(flat), v.reshape(flat), tau.reshape(flat))
@@ -203,7 +198,7 @@ class Model:
         if not self._laws:
             return rigid
         flat = (-1, q.shape[-1])
-        total = rigid.reshape(flat)
+        total: Array = rigid.reshape(flat)
         transmitted = total if tau is None else np.reshape(tau, flat)
         motion = (q.reshape(flat), v.reshape(flat), a.reshape(flat))
         for effect in self._laws:
@@ -222,7 +217,7 @@ class Model:
         if self._vectorises:
             mass, load = self.tree.mass_and_bias(q, v)
         else:
-            mass = np.stack([self.mass_matrix(x) for x in q])
+            mass = np.array([self._mass(x) for x in q])
             load = self._rigid(q, v, np.zeros_like(q))
         a = np.zeros_like(q)
         for effect in self._laws:
@@ -250,6 +245,13 @@ class Model:
         for effect in self._laws:
             q = effect.true_position(self.joints, q)
         return q
+
+    def _mass(self, q: Array) -> Array:
+        """(n, n) at true positions (n,)."""
+        self._q[self.position_index] = q
+        self.plant.SetPositions(self._context, self._q)
+        mass: Array = self.plant.CalcMassMatrix(self._context)[self._block]
+        return mass
 
     def _rigid(self, q: Array, v: Array, a: Array) -> Array:
         """(…, n) without the effects that are laws of their own."""

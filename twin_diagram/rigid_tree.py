@@ -161,8 +161,8 @@ class _Kinematics:
     def of(tree: RigidTree, q: Array) -> _Kinematics:
         n, samples = q.shape
         R = np.empty((n, 3, 3, samples))
-        p = np.empty((n, 3, samples))
-        z = np.empty((n, 3, samples))
+        p: Array = np.empty((n, 3, samples))
+        z: Array = np.empty((n, 3, samples))
         world_R = np.broadcast_to(np.eye(3)[:, :, None], (3, 3, samples))
         for i in tree.outward:
             parent = tree.parent[i]
