@@ -7,6 +7,8 @@ import dataclasses
 import difflib
 import os
 import re
+import reprlib
+import sys
 import types
 import typing
 from collections.abc import Iterable, Mapping
@@ -19,6 +21,9 @@ from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 from twin_diagram.errors import ScenarioError
 from twin_diagram.resources import models_dir
 from twin_diagram.scenario import Scenario
+
+_brief = reprlib.Repr()
+_brief.maxstring = _brief.maxother = _brief.maxlong = 60
 
 STATIONS = ("sim", "replay", "lcm")
 
@@ -46,26 +51,25 @@ def load_scenario(path: str | Path, overrides: Iterable[str] = ()) -> Scenario:
     """
     file = find_scenario(path)
     try:
-        data = yaml.load(file.read_text(), _Loader)
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f"line {mark.line + 1}" if mark else "the file"
-        problem = getattr(error, "problem", None) or "not readable"
-        raise ScenarioError(str(file), f"{where} is not YAML: {problem}") from error
+        text = file.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
         raise ScenarioError(str(file), "not a text file; a scenario is YAML in UTF-8") from error
+    except OSError as error:
+        raise ScenarioError(str(file), f"cannot be read: {error.strerror}") from error
+    data = _read(text, str(file))
     if data is None:
         data = {}
     if not isinstance(data, dict):
         raise ScenarioError(str(file), f"a scenario is a mapping of fields, this is a {type(data).__name__}")
-    for override in overrides:
-        _override(data, override)
-    scenario = parse_scenario(data)
-    return _anchored(scenario, file.parent)
+    return _anchored(override_scenario(parse_scenario(data), overrides), file.parent)
 
 
 def override_scenario(scenario: Scenario, overrides: Iterable[str]) -> Scenario:
     """A copy with fields set anew, as in `load_scenario`."""
+    overrides = list(overrides)
+    if not overrides:
+        return copy_scenario(scenario)
+    # Written out, so that an override may reach into what no file named.
     data = yaml.safe_load(dump_scenario(scenario))
     for override in overrides:
         _override(data, override)
@@ -74,10 +78,10 @@ def override_scenario(scenario: Scenario, overrides: Iterable[str]) -> Scenario:
 
 def find_scenario(path: str | Path) -> Path:
     """The scenario's file: `path` itself, or one that comes along, with or without ``.yaml``."""
-    given = Path(path).expanduser()
-    candidates = [given, models_dir() / "scenarios" / given, models_dir() / "scenarios" / f"{given}.yaml"]
-    for candidate in candidates:
-        if candidate.is_file():
+    given = Path(os.path.expanduser(path))
+    for candidate in (given, models_dir() / "scenarios" / given, models_dir() / "scenarios" / f"{given}.yaml"):
+        # Not Path.is_file, which raises for names that no file can have.
+        if os.path.isfile(candidate):
             return candidate.resolve()
     known = sorted(p.stem for p in (models_dir() / "scenarios").glob("*.yaml"))
     raise ScenarioError(str(path), f"no such scenario file; those that come along: {', '.join(known) or 'none'}")
@@ -101,6 +105,8 @@ def parse_scenario(data: Mapping[str, Any]) -> Scenario:
         raise ScenarioError("scenario", " ".join(str(error).split())) from error
     if scenario.station not in STATIONS:
         raise ScenarioError("station", f"{scenario.station!r} is none of {', '.join(STATIONS)}")
+    if scenario.seed < 0:
+        raise ScenarioError("seed", f"{scenario.seed} is negative")
     if scenario.duration <= 0:
         raise ScenarioError("duration", f"{scenario.duration} s is not a length of time")
     return typing.cast(Scenario, scenario)
@@ -123,31 +129,57 @@ def copy_scenario(scenario: Scenario) -> Scenario:
     return copy.deepcopy(scenario)
 
 
+def _read(text: str, field: str) -> Any:
+    """Plain data from YAML; `field` is named where it is none."""
+    try:
+        return yaml.load(text, _Loader)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f"line {mark.line + 1}" if mark else "it"
+        problem = getattr(error, "problem", None) or getattr(error, "reason", None) or "not readable"
+        raise ScenarioError(field, f"{where} is not YAML: {problem}") from error
+    except RecursionError as error:
+        raise ScenarioError(field, "nested too deep") from error
+    except (ValueError, OverflowError) as error:  # a date or a number that looks like one and is none
+        raise ScenarioError(field, f"holds a value that cannot be read: {error}") from error
+
+
 def _override(data: dict[str, Any], override: str) -> None:
     name, equals, text = override.partition("=")
     if not equals or not name:
-        raise ScenarioError(override, "an override reads FIELD=VALUE, e.g. twin.filter.rate=400")
-    try:
-        value = yaml.load(text, _Loader)
-    except yaml.YAMLError as error:
-        raise ScenarioError(name, f"{text!r} is not YAML") from error
+        raise ScenarioError(_key(override), "an override reads FIELD=VALUE, e.g. twin.filter.rate=400")
+    value = _read(text, name)
     here: Any = data
     *parents, last = name.split(".")
     for depth, parent in enumerate(parents):
-        if not isinstance(here, dict):
-            raise ScenarioError(".".join(parents[:depth]), f"holds {here!r}, so {name} cannot be set")
-        if here.get(parent) is None:
-            here[parent] = {}
-        here = here[parent]
-    if isinstance(here, list):
-        try:
-            here[int(last)] = value
-        except (ValueError, IndexError) as error:
-            raise ScenarioError(name, f"the list has {len(here)} entries, numbered from 0") from error
-    elif isinstance(here, dict):
+        here = _entry(here, parent, parents[:depth])
+    if isinstance(here, dict):
         here[last] = value
     else:
-        raise ScenarioError(name, f"cannot be set: {'.'.join(parents)} holds {here!r}")
+        _entry(here, last, parents)
+        here[int(last)] = value
+
+
+def _entry(holder: Any, key: str, parents: list[str]) -> Any:
+    """What `key` names in a mapping or a list; where a mapping has nothing there, it gets an empty mapping."""
+    if isinstance(holder, dict):
+        if holder.get(key) is None:
+            holder[key] = {}
+        return holder[key]
+    name = ".".join([*parents, key])
+    if not isinstance(holder, list):
+        raise ScenarioError(name, f"cannot be set: {'.'.join(parents)} holds {_shown(holder)}")
+    if not (key.isascii() and key.isdigit() and int(key) < len(holder)):
+        raise ScenarioError(name, f"{'.'.join(parents)} has {len(holder)} entries, numbered from 0")
+    return holder[int(key)]
+
+
+def _shown(value: Any) -> str:
+    """A value in a message, on one line and not longer than it."""
+    try:
+        return _brief.repr(value)
+    except ValueError:
+        return "a number of thousands of digits"
 
 
 def _check(value: Any, schema: Any, name: str) -> None:
@@ -161,32 +193,39 @@ def _check(value: Any, schema: Any, name: str) -> None:
         _check(value, schema, name)
     elif dataclasses.is_dataclass(schema):
         if not isinstance(value, Mapping):
-            raise ScenarioError(shown, f"expected fields, got {value!r}")
+            raise ScenarioError(shown, f"expected fields, got {_shown(value)}")
         fields = {f.name: f.type for f in dataclasses.fields(schema)}
         for key, sub in value.items():
-            dotted = f"{name}.{key}" if name else str(key)
+            dotted = f"{name}.{_key(key)}" if name else _key(key)
             if key not in fields:
                 raise ScenarioError(dotted, f"unknown field{_nearest(str(key), fields)}")
             _check(sub, fields[key], dotted)
     elif origin is list:
         if not isinstance(value, list):
-            raise ScenarioError(shown, f"expected a list, got {value!r}")
+            raise ScenarioError(shown, f"expected a list, got {_shown(value)}")
         for index, sub in enumerate(value):
             _check(sub, arguments[0], f"{name}.{index}")
     elif origin is dict:
         if not isinstance(value, Mapping):
-            raise ScenarioError(shown, f"expected named entries, got {value!r}")
+            raise ScenarioError(shown, f"expected named entries, got {_shown(value)}")
         for key, sub in value.items():
-            _check(sub, arguments[1], f"{name}.{key}")
+            if not isinstance(key, str):
+                raise ScenarioError(f"{name}.{_key(key)}", "the name of an entry is text; put it in quotes")
+            _check(sub, arguments[1], f"{name}.{_key(key)}")
     elif schema is float:
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value:
-            raise ScenarioError(shown, f"expected a number, got {value!r}")
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= sys.float_info.max:
+            raise ScenarioError(shown, f"expected a finite number, got {_shown(value)}")
     elif schema is int:
-        if isinstance(value, bool) or not isinstance(value, int):
-            raise ScenarioError(shown, f"expected a whole number, got {value!r}")
+        if isinstance(value, bool) or not isinstance(value, int) or abs(value) >= 2**63:
+            raise ScenarioError(shown, f"expected a whole number, got {_shown(value)}")
     elif schema is str:
         if not isinstance(value, str):
-            raise ScenarioError(shown, f"expected text, got {value!r}")
+            raise ScenarioError(shown, f"expected text, got {_shown(value)}")
+
+
+def _key(key: Any) -> str:
+    """A key as it stands in a dotted name."""
+    return key if isinstance(key, str) and key and key.isprintable() else _shown(key)
 
 
 def _nearest(key: str, fields: Mapping[str, Any]) -> str:
@@ -199,7 +238,7 @@ def _anchored(scenario: Scenario, folder: Path) -> Scenario:
 
     def anchor(name: str) -> str:
         path = folder / name
-        return str(path.resolve()) if name and not name.startswith("package://") and path.exists() else name
+        return str(path.resolve()) if name and not name.startswith("package://") and os.path.exists(path) else name
 
     arms = [scenario.world.arm, scenario.twin.arm]
     for arm in arms:
