@@ -46,7 +46,8 @@ class Twin:
 
     Attributes:
         diagram: in and out as a station's, the other way round; besides, what it believes: `arm_state`, `parameters`,
-            `covariance`, `nis`, `object_poses`, `tracks`, `alarm`, `alarm_log`, `positions`, `plan`, `query_object`.
+            `covariance`, `nis`, `object_poses`, `tracks`, `alarm`, `alarm_log`, `positions`, `plan`, `goal`,
+            `query_object`.
         model: the arm's physics.
         library: the known objects, in order.
         scene: the twin's own plant and SceneGraph.
@@ -149,6 +150,9 @@ def make_twin(twin: scenario.Twin, packages: Packages | None = None) -> Twin:
 
     builder.ExportOutput(mpc.GetOutputPort("position_commanded"), ports.POSITION_COMMANDED)
     builder.ExportOutput(mpc.GetOutputPort("torque_commanded"), ports.TORQUE_COMMANDED)
+    if scene.gripper_position_index.size:
+        builder.ExportInput(updater.GetInputPort("gripper_state"), ports.GRIPPER_MEASURED)
+    builder.ExportOutput(goal.get_output_port(), "goal")
     fingers = scene.default_positions[scene.gripper_position_index]
     if fingers.size:
         grip = builder.AddNamedSystem("gripper_command", ConstantVectorSource(fingers))

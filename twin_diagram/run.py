@@ -196,8 +196,8 @@ class Looking:
         plan = twin.diagram.GetOutputPort("plan")
         overlay = MeshcatOverlay(self._meshcat, twin.scene, plan.size() // len(twin.model.joints))
         builder.AddNamedSystem("overlay", overlay)
-        builder.Connect(plan, overlay.GetInputPort("plan"))
-        builder.Connect(twin.diagram.GetOutputPort("tracks"), overlay.GetInputPort("tracks"))
+        for name in ("plan", "tracks", "goal"):
+            builder.Connect(twin.diagram.GetOutputPort(name), overlay.GetInputPort(name))
 
     def start(self, simulator: Simulator, live: bool, say: Say) -> None:
         """Begins to record; live, runs no faster than real time and says where to look."""
