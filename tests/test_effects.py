@@ -268,3 +268,37 @@ def test_a_users_own_effect() -> None:
         assert not np.any(difference[:, 1:])
     finally:
         del effects.REGISTRY["quadratic_drag_of_a_test"]
+
+
+def test_two_contexts_do_not_influence_each_other() -> None:
+    """The same diagram, alone and with another run of it in between, gives the same to the bit."""
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, 0.002)
+    specs = [EFFECTS["coulomb_friction"], EFFECTS["joint_spring curve"]]
+    arm = add_arm(plant, scenario.ArmModel(model=ARM, tool_frame="", effects=specs))
+    fitted = effects.add_to_plant(plant, arm)
+    plant.Finalize()
+    motors = effects.connect(builder, plant, arm, fitted)
+    builder.ExportInput(motors.torque, "torque")
+    builder.ExportOutput(motors.torque_logged, "torque_logged")
+    diagram = builder.Build()
+
+    def start(torque: float) -> Simulator:
+        simulator = Simulator(diagram)
+        diagram.get_input_port(0).FixValue(simulator.get_mutable_context(), np.full(7, torque))
+        return simulator
+
+    def result(simulator: Simulator) -> np.ndarray:
+        context = simulator.get_context()
+        logged = diagram.get_output_port(0).Eval(context)
+        return np.concatenate([context.get_discrete_state(0).value(), logged])
+
+    alone = start(1.0)
+    alone.AdvanceTo(0.05)
+    first, second = start(1.0), start(-2.0)
+    for time in (0.013, 0.03, 0.05):
+        first.AdvanceTo(time)
+        second.AdvanceTo(time)
+    np.testing.assert_array_equal(result(first), result(alone))
+    np.testing.assert_array_equal(result(first)[-7:], 1.0)
+    assert np.max(np.abs(result(second) - result(first))) > 0.1
