@@ -40,8 +40,10 @@ HOPELESS: Final = 0.6
 """A start whose coarse score is this share of the best one's is not refined exactly."""
 RESTING: Final = np.array([0.03**-2, 0.03**-2, 0.15**-2, 0.04**-2, 0.04**-2, 0.003**-2])
 """Information of a start: what rests on a table neither tips nor floats."""
-LEAST_VISIBLE: Final = 0.3
+LEAST_VISIBLE: Final = 0.2
 """An object of which less can be seen is not recognised."""
+LEAST_POINTS: Final = 60
+"""Nor one of which fewer model points fit."""
 
 
 @dataclass(frozen=True)
@@ -212,7 +214,7 @@ def best_of(
             break
         result = register(model, frame, poses.R[k], poses.p[k], params, points_W=points_W)
         share = explained(model, points_W, result)
-        visible = min(result.visible_share / LEAST_VISIBLE, 1.0)
+        visible = min(result.visible_share / LEAST_VISIBLE, 1.0) * min(result.points / LEAST_POINTS, 1.0)
         total = result.quality * visible * (0.4 + 0.6 * share)
         if best is None or total > best.score:
             best = Found(result, total)
