@@ -30,7 +30,6 @@ class ArmPlant:
         joints: the n arm joints.
         fingers: the g finger joints.
         stiffness, damping: of the motors' controllers: n arm joints, then the fingers that have a motor.
-        effort_limits: of the same motors [N·m, N].
         driven: places of the fingers with a motor among all g.
         q0: (n + g,) positions at the start [rad, m].
     """
@@ -41,7 +40,6 @@ class ArmPlant:
     fingers: list[Joint]
     stiffness: Array
     damping: Array
-    effort_limits: Array
     driven: list[int]
     q0: Array
 
@@ -100,8 +98,8 @@ def add_arm(plant: MultibodyPlant, scenario: Scenario) -> ArmPlant:
     joints = [plant.get_joint(index) for index in arm.joint_indices]
     fingers = [plant.get_joint(index) for index in arm.gripper_joint_indices]
     motors = [plant.get_joint_actuator(index) for index in (*arm.actuator_indices, *arm.gripper_actuator_indices)]
-    limits = np.array([motor.effort_limit() for motor in motors])
-    stiffness, damping = driver_gains(scenario.twin.driver, limits[: len(joints)])
+    limits = np.array([motor.effort_limit() for motor in motors[: len(joints)]])
+    stiffness, damping = driver_gains(scenario.twin.driver, limits)
     more = len(motors) - len(joints)
     stiffness = np.concatenate([stiffness, np.full(more, FINGER_STIFFNESS)])
     damping = np.concatenate([damping, np.full(more, FINGER_DAMPING)])
@@ -113,4 +111,4 @@ def add_arm(plant: MultibodyPlant, scenario: Scenario) -> ArmPlant:
     with_motor = {int(motor.joint().index()) for motor in motors}
     driven = [k for k, finger in enumerate(fingers) if int(finger.index()) in with_motor]
     q0 = np.concatenate([angles, [finger.default_positions()[0] for finger in fingers]])
-    return ArmPlant(arm, effects, joints, fingers, stiffness, damping, limits, driven, q0)
+    return ArmPlant(arm, effects, joints, fingers, stiffness, damping, driven, q0)

@@ -27,11 +27,11 @@ class ArmSensors(LeafSystem):
         - measurement_time
         - gripper_measured
 
-    Message k is taken at k / rate and stands on the ports from then on: an event at the same time still sees the one
-    before. `position_measured` (n) [rad] is a whole number of encoder counts, `velocity_estimated` (n) [rad/s] has
-    white noise, `torque_measured` (n) [N·m] is what the motors give before friction and rotor inertia, with white
-    noise and a constant error; `measurement_time` (1) [s]; `gripper_measured` (2g) positions then speeds. Noise is a
-    function of seed and message alone.
+    Message k is taken at k / rate, k = 1, 2, …, and stands on the ports from then on: an event at the same time still
+    sees the one before. `position_measured` (n) [rad] is a whole number of encoder counts, `velocity_estimated` (n)
+    [rad/s] has white noise, `torque_measured` (n) [N·m] is what the motors gave in the plant's last step, before
+    friction and rotor inertia, with white noise and a constant error; `measurement_time` (1) [s]; `gripper_measured`
+    (2g) positions then speeds. Noise is a function of seed and message alone.
     """
 
     def __init__(self, n: int, g: int, defects: ArmDefects, rate: float, seed: int) -> None:
@@ -85,7 +85,12 @@ class ArmSensors(LeafSystem):
     def _update(self, context: Context, discrete: DiscreteValues) -> None:
         n, m = self._n, self._m
         time = context.get_time()
-        noise = generator(self._seed, Stream.ARM, round(time * self._rate)).standard_normal(2 * n)
+        tick = round(time * self._rate)
+        if tick == 0:
+            # No step of the plant has ended yet. An event offset by a period would do, but its times would differ from
+            # the plant's by rounding, and so miss or repeat a step.
+            return
+        noise = generator(self._seed, Stream.ARM, tick).standard_normal(2 * n)
         state = self._motor.Eval(context)
         position = np.round(state[:n] / self._count) * self._count + 0.0  # no negative zero
         velocity = state[m : m + n] + self._velocity_noise * noise[:n]

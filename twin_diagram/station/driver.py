@@ -89,7 +89,6 @@ class ArmDriver(LeafSystem):
         - torque
         - desired_state
         - gripper_desired_state
-        - motor_torque
 
     The spring and the damper act in the plant, implicitly, so that they are stable at its step. A command goes
     through a critically damped filter (`follow`), whose position and rate are q_d and v_d: they lag a steady motion
@@ -98,9 +97,8 @@ class ArmDriver(LeafSystem):
 
     Ports: `position_commanded` (n) [rad], `torque_commanded` (n) [N·m], `gripper_commanded` (g) [m], `motor_state`
     (2(n + g)) the motors' positions, as encoders without noise would read them, then speeds; `torque` (n) feed-forward
-    [N·m], `desired_state` (2n) and `gripper_desired_state` (2 per driven finger) of the plant's controllers;
-    `motor_torque` (n) that the arm's motors gave in the step that ends now [N·m], within their limits. State: filter
-    (2(n + g)), then what the plant was told in the last step (3n). Rate: the plant's.
+    [N·m], `desired_state` (2n) and `gripper_desired_state` (2 per driven finger) of the plant's controllers. State: the
+    filter's (2(n + g)). Rate: the plant's.
     """
 
     def __init__(self, arm: ArmPlant, gravity: NominalGravity, time_step: float) -> None:
@@ -121,7 +119,6 @@ class ArmDriver(LeafSystem):
         self._n, self._m = n, n + g
         self._gravity = gravity
         self._dt = time_step
-        self._stiffness, self._damping, self._limit = arm.stiffness[:n], arm.damping[:n], arm.effort_limits[:n]
         speed = np.array(
             [min(j.velocity_upper_limits()[0], -j.velocity_lower_limits()[0]) for j in (*arm.joints, *arm.fingers)]
         )
@@ -133,14 +130,12 @@ class ArmDriver(LeafSystem):
         self._tau = self.DeclareVectorInputPort("torque_commanded", n)
         self._fingers = self.DeclareVectorInputPort("gripper_commanded", g) if g else None
         self._motor = self.DeclareVectorInputPort("motor_state", 2 * self._m)
-        start = np.concatenate([arm.q0, np.zeros(self._m)])
-        state = self.DeclareDiscreteState(np.concatenate([start, start[self._arm_part], np.zeros(n)]))
+        state = self.DeclareDiscreteState(np.concatenate([arm.q0, np.zeros(self._m)]))
         self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
-        stored, moving = self.discrete_state_ticket(state), self._motor.ticket()
-        self.DeclareVectorOutputPort("torque", n, self._calc_torque, {self._tau.ticket(), moving})
+        stored = self.discrete_state_ticket(state)
+        self.DeclareVectorOutputPort("torque", n, self._calc_torque, {self._tau.ticket(), self._motor.ticket()})
         self.DeclareVectorOutputPort("desired_state", 2 * n, self._calc_desired, {stored})
         self.DeclareVectorOutputPort("gripper_desired_state", 2 * len(driven), self._calc_gripper, {stored})
-        self.DeclareVectorOutputPort("motor_torque", n, self._calc_motor_torque, {stored, moving})
 
     def _command(self, context: Context, held: Array) -> Array:
         """Where to go (n + g); `held` where there is no command."""
@@ -167,8 +162,7 @@ class ArmDriver(LeafSystem):
         m = self._m
         q, v = x[:m], x[m : 2 * m]
         q_next, v_next = follow(q, v, self._command(context, q), self._speed_limit, self._dt)
-        told = self._feedforward(context)
-        discrete.set_value(np.concatenate([q_next, v_next, x[self._arm_part], told]))
+        discrete.set_value(np.concatenate([q_next, v_next]))
 
     def _calc_torque(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._feedforward(context))
@@ -178,10 +172,3 @@ class ArmDriver(LeafSystem):
 
     def _calc_gripper(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(context.get_discrete_state_vector().value()[self._finger_part])
-
-    def _calc_motor_torque(self, context: Context, output: BasicVector) -> None:
-        # The plant's controllers are implicit: they act on the state at the end of the step, which is the state now.
-        q_d, v_d, feedforward = context.get_discrete_state_vector().value()[2 * self._m :].reshape(3, self._n)
-        q, v = self._motor.Eval(context)[self._arm_part].reshape(2, self._n)
-        torque = self._stiffness * (q_d - q) + self._damping * (v_d - v) + feedforward
-        output.SetFromVector(np.clip(torque, -self._limit, self._limit))

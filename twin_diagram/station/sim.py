@@ -71,12 +71,10 @@ class SimStation(Diagram):
         builder.Connect(driver.GetOutputPort("torque"), motors.torque)
         builder.Connect(driver.GetOutputPort("desired_state"), motors.desired_state)
         builder.Connect(driver.GetOutputPort("gripper_desired_state"), motors.gripper_desired_state)
-        # The log of `connect` reads the plant's net actuation, which adds up all actuators of a joint, so that friction
-        # would count as the motor's torque; the driver knows what its motors gave.
         defects, rate = scenario.world.arm_defects, scenario.twin.driver.rate
         sensors = builder.AddNamedSystem("arm_sensors", ArmSensors(n, g, defects, rate, scenario.seed))
         builder.Connect(state.GetOutputPort("motor_state"), sensors.GetInputPort("motor_state"))
-        builder.Connect(driver.GetOutputPort("motor_torque"), sensors.GetInputPort("motor_torque"))
+        builder.Connect(motors.torque_logged, sensors.GetInputPort("motor_torque"))
         if world.carriages is not None:
             movers = builder.AddNamedSystem("movers", MoverDriver(world.paths))
             builder.Connect(movers.get_output_port(), plant.get_desired_state_input_port(world.carriages))
