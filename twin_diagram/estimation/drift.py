@@ -163,7 +163,7 @@ class Monitor:
         """
         h = self.header
         state_time = t if state_time is None else state_time
-        finite = np.isfinite(t) and np.isfinite(nis)
+        finite = np.isfinite(t) and 0.0 <= nis < np.inf
         for values in (state, theta, q, tau):
             finite = finite and bool(np.all(np.abs(values) < 1e6))  # NaN compares false
         if not finite or t < 0.0 or t == h[Entry.TIME]:
