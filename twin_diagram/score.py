@@ -125,14 +125,14 @@ def summarize(
         "objects": objects,
         "arm": {
             "joint_error_rad": {
-                "rms": float(np.sqrt(np.mean(joint_error**2))),
-                "max": float(np.max(np.abs(joint_error))),
+                "rms": _number(np.sqrt(np.mean(joint_error**2))),
+                "max": _number(np.max(np.abs(joint_error))),
             }
         },
         "payload": {
             "mass_true": payload_true,
-            "mass_estimated": float(record.mass[-1]),
-            "mass_std": float(record.mass_std[-1]),
+            "mass_estimated": _number(record.mass[-1]),
+            "mass_std": _number(record.mass_std[-1]),
         },
         "goal": {
             "reached": bool(
@@ -161,6 +161,11 @@ def _median_p95(values: Array) -> dict[str, float | None]:
     return {"median": _finite(float(median)), "p95": _finite(float(p95))}
 
 
+def _number(value: Any) -> float | None:
+    """A number as JSON knows it; None where there is none."""
+    return float(value) if math.isfinite(value) else None
+
+
 def _finite(value: float) -> float | None:
     return round(value, 4) if math.isfinite(value) else None
 
@@ -178,13 +183,12 @@ def within(summary: Mapping[str, Any], *, millimetres: float = 5.0, degrees: flo
         position, rotation = entry["position_error_mm"]["median"], entry["rotation_error_deg"]["median"]
         tracked &= position is not None and position <= millimetres
         tracked &= rotation is not None and rotation <= degrees
-    payload = summary["payload"]
-    true = payload["mass_true"]
+    true, estimated = summary["payload"]["mass_true"], summary["payload"]["mass_estimated"]
     return {
         "tracked": tracked,
         "untouched": summary["contacts"] == 0 and (summary["clearance_min_mm"] or 0.0) > 0.0,
         "reached": summary["goal"]["reached"],
-        "weighed": bool(true) and abs(payload["mass_estimated"] - true) <= 0.15 * true,
+        "weighed": bool(true) and estimated is not None and abs(estimated - true) <= 0.15 * true,
     }
 
 
@@ -206,9 +210,11 @@ def table(summary: Mapping[str, Any]) -> str:
         )
     arm, payload, goal = summary["arm"]["joint_error_rad"], summary["payload"], summary["goal"]
     lines.append("")
-    lines.append(f"arm        joint error {arm['rms']:.1e} rad rms, {arm['max']:.1e} max")
+    lines.append(f"arm        joint error {figure(arm['rms'], '.1e')} rad rms, {figure(arm['max'], '.1e')} max")
     truth = f", true {payload['mass_true']:.3f} kg" if payload["mass_true"] is not None else ""
-    lines.append(f"payload    {payload['mass_estimated']:.3f} ± {payload['mass_std']:.3f} kg{truth}")
+    lines.append(
+        f"payload    {figure(payload['mass_estimated'], '.3f')} ± {figure(payload['mass_std'], '.3f')} kg{truth}"
+    )
     if goal["error_mm"] is not None:
         lines.append(f"goal       {'reached' if goal['reached'] else 'missed'}, {goal['error_mm']:.1f} mm off")
     lines.append(
