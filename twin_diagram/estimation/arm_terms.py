@@ -129,7 +129,8 @@ class ArmTerms:
         self._mass0 = inertia.get_mass()
         self._moment0 = inertia.CalcComMoment()
         self._inertia0 = inertia.CalcRotationalInertia().CopyToFullMatrix3()
-        self._payload = np.zeros(4)
+        self._payload = np.full(4, np.nan)
+        self.set_payload(np.zeros(4))  # as it will be set ever after: rounding must not depend on what came before
         self.effort_limit = _limit([effort[name] for name in joints], self._brisk_effort())
 
     @staticmethod
