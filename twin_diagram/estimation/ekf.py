@@ -42,6 +42,8 @@ LONGEST_GAP: Final = 0.25
 """After a longer silence the state is taken anew from the message; parameters are kept [s]."""
 REFUSALS: Final = 10
 """After as many refused or stale messages in a row the state is taken anew from the message."""
+IMPOSSIBLE: Final = 2.0
+"""No joint is predicted to move faster than this many times its speed limit, unless it was measured to."""
 ABSURD: Final = 1e4
 """No joint angle, speed or torque share of the effort limit is larger than this."""
 _NIS_TIME: Final = 0.1
@@ -347,7 +349,10 @@ class Ekf:
             at = np.arange(3 * n, belief.size)
             P[at, at] += (self.params.parameter_walk * parameters.scale) ** 2 * dt
         belief.P[:] = 0.5 * (P + P.T)
-        belief.q[:], belief.v[:] = moved.q, moved.v
+        # Where the model asks for the impossible (a torque in error on a light joint), it is not followed there.
+        limit = np.maximum(IMPOSSIBLE * terms.velocity_limit, np.abs(v))
+        belief.v[:] = np.clip(moved.v, -limit, limit)
+        belief.q[:] = moved.q + (0.5 * dt) * (belief.v - moved.v)
         belief.disturbance *= keep
         self._by_torque = by.torque
         self._step_mass = moved.mass
