@@ -6,10 +6,12 @@ Bad input ends in one clear line on stderr and exit status 2; nothing half-writt
 from __future__ import annotations
 
 import argparse
+import logging
 import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import NoReturn
 
 from twin_diagram.errors import TwinError
 
@@ -18,6 +20,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command; returns its exit status."""
     arguments = _parser().parse_args(argv)
     command: Callable[[argparse.Namespace], int] = arguments.command
+    logging.getLogger("drake").setLevel(logging.WARNING)  # where to look is said by the run itself
     try:
         return command(arguments)
     except TwinError as error:
@@ -32,10 +35,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
 
 
+class _Parser(argparse.ArgumentParser):
+    """Says in one line what is wrong with the command line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Ends the program."""
+        print(f"error: {' '.join(message.split())} (see {self.prog} --help)", file=sys.stderr)
+        raise SystemExit(2)
+
+
 def _parser() -> argparse.ArgumentParser:
     from twin_diagram import __version__
 
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="twin-diagram", description="A digital twin of a robot arm as a Drake Diagram."
     )
     parser.add_argument("--version", action="version", version=f"twin-diagram {__version__}")
@@ -55,7 +67,7 @@ def _parser() -> argparse.ArgumentParser:
     replay.add_argument("log", type=Path, metavar="DIR_OR_LOG", help="a folder of `run --record`, or a measured log")
     replay.add_argument("--model", help="the arm's description, for a bare log: URDF, SDF, MJCF or a corrected model")
     _add_scenario_options(replay)
-    replay.add_argument("--out", type=Path, metavar="DIR", help="write replay.html, diagram.svg and estimates.npz")
+    replay.add_argument("--out", type=Path, metavar="DIR", help="write replay.html, diagram.svg and summary.json")
     replay.set_defaults(command=_replay)
 
     predict = commands.add_parser("predict", help="what a model says of a measured log: torques and motion")

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Callable, Iterable
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -65,6 +66,8 @@ def run_scenario(
     Raises:
         TwinError: something that the scenario names does not exist or does not fit.
     """
+    if out is not None:
+        _check_room("--out", out, folder=True)
     look = Looking(open_meshcat()) if show or (out is not None and pictures) else None
     with ExitStack() as stack:
         keep = Keeping(scenario, record, log, stack)
@@ -139,11 +142,17 @@ def replay_scenario(log: Path, model: str | None = None, overrides: Iterable[str
         if model is None:
             raise TwinError(f"{log}: a bare log needs --model, the arm's description")
         arm = schema.ArmModel(model=str(model), tool_frame="")
-        scenario = schema.Scenario(twin=schema.Twin(arm=arm, camera=None), duration=float(read_log(log).time[-1]))
+        scenario = schema.Scenario(twin=schema.Twin(arm=arm, camera=None), duration=_length(log))
         scenario = override_scenario(scenario, overrides)
     scenario.station = "replay"
     scenario.replay.log = str(log.resolve())
     return scenario
+
+
+def _length(log: Path) -> float:
+    """Of a measured log [s]."""
+    time = read_log(log).time
+    return float(time[-1] - time[0])
 
 
 def beliefs(loop: ClosedLoop, context: Context) -> dict[str, Any]:
@@ -222,13 +231,15 @@ class Keeping:
             return
         if log is not None and log.suffix not in (".csv", ".npz"):
             raise TwinError(f"--log {log}: a measured log is .csv or .npz")
+        if log is not None:
+            _check_room("--log", log, folder=False)
         if record is None:
             # A log alone is a recording without images, made aside.
             scenario = copy_scenario(scenario)
             scenario.twin.camera = None
             record = Path(stack.enter_context(TemporaryDirectory())) / "recording"
         if log is not None:
-            stack.callback(_convert, record / LOG, log)
+            stack.push(_Converter(record / LOG, log))
         self._writer = stack.enter_context(open_recording(scenario, record))
         self._writer.attach(SCENARIO_FILE, dump_scenario(scenario))
 
@@ -238,10 +249,29 @@ class Keeping:
             add_recorder(builder, station, self._writer, twin.diagram.GetOutputPort(ports.POSITION_COMMANDED))
 
 
-def _convert(source: Path, log: Path) -> None:
-    """Writes a recording's log as `log`; nothing where the recording was dropped."""
-    if source.is_file():
-        write_log(read_log(source), log)
+class _Converter(AbstractContextManager[None]):
+    """Writes a recording's log as `log`, unless the run failed."""
+
+    def __init__(self, source: Path, log: Path) -> None:
+        self._source, self._log = source, log
+
+    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
+        if kind is None:
+            write_log(read_log(self._source), self._log)
+
+
+def _check_room(option: str, path: Path, folder: bool) -> None:
+    """Checks that a file or folder can be written before anything is computed for it.
+
+    Raises:
+        TwinError: something else is in its place, or a folder on the way is none.
+    """
+    path = path.absolute()
+    if path.exists() and path.is_dir() != folder:
+        raise TwinError(f"{option} {path}: there is a {'file' if folder else 'folder'} of that name")
+    above = next(parent for parent in path.parents if parent.exists())
+    if not above.is_dir() or not os.access(above, os.W_OK):
+        raise TwinError(f"{option} {path}: {above} is no folder that can be written to")
 
 
 class Progress:

@@ -30,6 +30,8 @@ def write_columns(columns: Mapping[str, Array], path: str | Path) -> None:
     path = Path(path)
     if path.suffix.lower() not in (".csv", ".npz"):
         raise LogError(f"{path}: is written as .csv or .npz")
+    if path.is_dir():
+        raise LogError(f"{path}: there is a folder of that name")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)

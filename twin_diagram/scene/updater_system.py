@@ -120,4 +120,4 @@ class SceneGraphUpdater(LeafSystem):
 
     def _filters_of(self, context: Context) -> Array:
         """(K, FILTER_SIZE), not to be written to."""
-        return np.asarray(context.get_discrete_state(int(self._filters)).value()).reshape(self._count, -1)
+        return np.asarray(context.get_discrete_state(int(self._filters)).value()).reshape(-1, track.FILTER_SIZE)

@@ -20,6 +20,7 @@ import tempfile
 from collections import deque
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -98,6 +99,7 @@ class RecordingWriter:
         if self._folder.exists() and not (self._folder / MANIFEST).is_file():
             if not self._folder.is_dir() or any(self._folder.iterdir()):
                 raise StationError(f"{self._folder}: there is something that is no recording; name another folder")
+        self._made = [parent for parent in self._folder.parents if not parent.exists()]
         try:
             self._folder.parent.mkdir(parents=True, exist_ok=True)
             self._staging = Path(tempfile.mkdtemp(prefix=f".{self._folder.name}.", dir=self._folder.parent))
@@ -189,9 +191,12 @@ class RecordingWriter:
             raise StationError(f"{self._folder}: cannot be written: {error.strerror}") from error
 
     def abort(self) -> None:
-        """Drops the recording."""
+        """Drops the recording, and the folders above it that were made for it."""
         self._shut()
         shutil.rmtree(self._staging, ignore_errors=True)
+        with suppress(OSError):  # somebody else uses them by now
+            for parent in self._made:
+                parent.rmdir()
 
     def _shut(self) -> None:
         self._open_still = False
