@@ -20,10 +20,16 @@ GOALS = 8
 """Joint goals that are remembered."""
 WAY_POINTS = 12
 """Way points that are remembered; of a longer route the first ones."""
-LEAST = 0.5
+RETRY = 30
+"""Ticks after which joint goals are drawn anew while no way to one is known."""
+LEAST = 0.6
 """Share of the clearance that is always wanted, however near to a thing the goal is."""
 OWN_CLEARANCE = 0.01
 """The arm keeps from itself [m]."""
+SURPRISE = 0.02
+"""How much more than the clearance plans keep from what lies ahead [m] …"""
+SURPRISE_TIME = 1.0
+"""… by this many seconds or more, and less up to there."""
 TRAVEL = 0.9
 """Routes are travelled at this share of the speed limit, so that the motion can catch up."""
 REANCHOR = 0.25
@@ -180,14 +186,17 @@ class Planner:
         rng = np.random.default_rng([self.params.seed, memory.tick])
         memory, q0, v0, a0, reanchored = self._anchor(memory, now, arm_state)
         forecast = Forecast.of_tracks(tracks)
-        memory = self._aim(memory, q0, goal, rng)
+        memory = self._aim(memory, q0, goal, forecast, rng)
 
         situation = self._situation(q0, forecast, memory.goals)
         may_search = memory.tick - memory.searched >= self.router.tuning.patience
         route, failed = self.router.decide(memory.route, situation, rng, may_search=may_search)
-        margins = situation.margins(situation.goal_of(route) if route.aim is Aim.GOAL else None)
 
         samples = self.optimiser.samples
+        goal_index = situation.goal_of(route) if route.aim is Aim.GOAL else None
+        # Plans keep more the farther ahead, so that there is room left when something does what was not foreseen.
+        extra = SURPRISE * np.minimum(samples / SURPRISE_TIME, 1.0)
+        margins = np.stack([situation.margins(goal_index, float(e)) for e in extra])
         around = self.scene.around(forecast, samples)
         old_q, old_v, _ = memory.trajectory.at(now + samples)
         guess = old_q - memory.offset
@@ -212,7 +221,7 @@ class Planner:
         scene, clearance = self.scene, self.params.clearance
         q_all = np.vstack([q[None], goals])
         around = scene.around(forecast, np.zeros(len(q_all)))
-        distance = scene.clearance.distances(q_all, around, clearance + self.router.tuning.spare + 0.01)
+        distance = scene.clearance.distances(q_all, around, clearance + max(self.router.tuning.spare, SURPRISE) + 0.01)
         still = np.ones(len(scene.clearance.bodies), dtype=bool)
         still[scene.fixture_count :] = ~forecast.moving
         return Situation(
@@ -252,8 +261,8 @@ class Planner:
         accelerations[:count] = -v / (h * (count - 0.5))
         return Trajectory(now, h, q.copy(), v.copy(), accelerations)
 
-    def _aim(self, memory: Memory, q0: Array, goal: Array, rng: np.random.Generator) -> Memory:
-        """Joint goals for the goal, found anew when it changes."""
+    def _aim(self, memory: Memory, q0: Array, goal: Array, forecast: Forecast, rng: np.random.Generator) -> Memory:
+        """Joint goals for the goal, found anew when it changes, and now and then while no way is known to any."""
         goal = np.where(np.isfinite(goal).all(), goal, 0.0)
         wanted = float(np.linalg.norm(goal[:4])) > 0.5
         had = float(np.linalg.norm(memory.goal[:4])) > 0.5
@@ -268,10 +277,18 @@ class Planner:
             if len(memory.goals) == 0:
                 return replace(memory, goals=memory.stay[None], route=Route(Aim.GOAL, memory.stay[None]))
             return memory
-        if had and np.array_equal(goal, memory.goal) and (len(memory.goals) or memory.tick % 15):
+        same = had and np.array_equal(goal, memory.goal)
+        stuck = memory.route.aim is not Aim.GOAL and memory.tick % RETRY == 0
+        if same and not stuck:
             return memory
         X_WG = np.eye(4)
         X_WG[:3, :3] = Rotation.from_quat(goal[[1, 2, 3, 0]]).as_matrix()
         X_WG[:3, 3] = goal[4:]
-        goals = ik.solve(self.scene.chain, X_WG, q0, self.scene.lower, self.scene.upper, rng)
-        return replace(memory, goal=goal.copy(), goals=goals[:GOALS], route=Route.none(n))
+        found = ik.solve(self.scene.chain, X_WG, q0, self.scene.lower, self.scene.upper, rng)
+        # Those that are clear of everything come first, the nearest first among them.
+        situation = self._situation(q0, forecast, found)
+        clear = (situation.at_goals >= np.append(np.full(len(situation.still), situation.least), situation.own)).all(
+            axis=1
+        )
+        found = found[np.argsort(~clear, kind="stable")]
+        return replace(memory, goal=goal.copy(), goals=found[:GOALS], route=Route.none(n))

@@ -151,7 +151,7 @@ class Optimiser:
             guess_velocity: (M, n) velocities of the guess, whose excess over the limits is allowed.
             reference: (M, n) where to be at the samples [rad].
             around: the bodies at the samples.
-            margins: (B + 1,) distance to keep from each body and of the arm from itself [m].
+            margins: (M, B + 1) distance to keep from each body, and of the arm from itself, at each sample [m].
             fallback: what to keep to where no program is solved; it starts in the same state.
 
         Returns:
@@ -201,7 +201,7 @@ class Optimiser:
     def _lacking(self, contacts: Contacts, margins: Array) -> float:
         """The same from contacts."""
         lacking = np.zeros(len(self.samples))
-        np.maximum.at(lacking, contacts.row, margins[contacts.body] - contacts.distance)
+        np.maximum.at(lacking, contacts.row, margins[contacts.row, contacts.body] - contacts.distance)
         return float(self.fading @ lacking)
 
     def _fitted(self, start: float, q0: Array, v0: Array, a0: Array, base: Array, q: Array) -> Trajectory | None:
@@ -234,12 +234,12 @@ class Optimiser:
         gradient = pull + self._change0[:, None] * a0
         g = np.concatenate([gradient.ravel(), t.slack * self.fading])
 
-        order = np.argsort(contacts.distance - margins[contacts.body], kind="stable")[: t.rows]
+        order = np.argsort(contacts.distance - margins[contacts.row, contacts.body], kind="stable")[: t.rows]
         sample, slope = contacts.row[order], contacts.gradient[order]
         clear = np.zeros((len(order), size + m))
         clear[:, :size] = (self._P[sample][:, :, None] * slope[:, None, :]).reshape(len(order), size)
         clear[np.arange(len(order)), size + sample] = 1.0
-        needed = margins[contacts.body[order]] - contacts.distance[order]
+        needed = margins[sample, contacts.body[order]] - contacts.distance[order]
         needed += np.einsum("mn,mn->m", slope, present[sample] - base[sample])
 
         knots = self._at_knots

@@ -46,7 +46,7 @@ class RouteTuning:
 
     resolution: float = 0.10
     """Between checked configurations on a straight line [rad]."""
-    spare: float = 0.012
+    spare: float = 0.02
     """A new route keeps this much more than the margin [m] …"""
     blocked: float = 0.6
     """… and is given up where this share of the margin is not kept."""

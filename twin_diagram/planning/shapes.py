@@ -1,7 +1,7 @@
 """Turns collision geometry into what the planner computes with: the arm into balls, everything else into convex solids.
 
 Balls cover the arm's shapes from outside, so a planned distance is never above the true one; the cover of a box or cylinder
-reaches at most `OVERHANG` beyond it, that of a capsule `CAPSULE_OVERHANG`.
+reaches at most `OVERHANG` beyond it (a large box's somewhat more), that of a capsule `CAPSULE_OVERHANG`.
 """
 
 from __future__ import annotations
@@ -39,6 +39,9 @@ from twin_diagram.signals import Array
 
 OVERHANG = 0.012
 CAPSULE_OVERHANG = 0.004
+MOST_CELLS = 32
+FEW_SHAPES = 6
+"""Each shape of a link counts as a part of its own, but not where a link has more of them than this."""
 _SIDES = 24
 _HALF_SPACE = 10.0
 
@@ -97,7 +100,8 @@ def arm_balls(plant: MultibodyPlant, scene_graph: SceneGraph, arm: description.A
         if k == 0:
             continue
         X_LBs = link_pose(body)
-        for geometry in plant.GetCollisionGeometriesForBody(body):
+        geometries = plant.GetCollisionGeometriesForBody(body)
+        for geometry in geometries:
             X_BG = inspector.GetPoseInFrame(geometry).GetAsMatrix4()
             for c, r, part in _cover(inspector, geometry, [X_LB @ X_BG for X_LB in X_LBs]):
                 centres.append(c)
@@ -105,7 +109,9 @@ def arm_balls(plant: MultibodyPlant, scene_graph: SceneGraph, arm: description.A
                 links.append(k)
                 groups.append(group + part)
                 ids.append(geometry)
-            group = max(groups, default=0) + 1
+            if len(geometries) <= FEW_SHAPES:
+                group = max(groups, default=0) + 1
+        group = max(groups, default=0) + 1
     if not centres:
         raise ModelError(f"{arm.spec.model}: the arm has no collision geometry, so nothing can be kept clear of")
     keep = _not_swallowed(np.array(centres), np.array(radii), np.array(links))
@@ -231,19 +237,17 @@ def _round_cover(shape: Shape) -> list[tuple[Array, float]]:
 def box_cover(size: Array, overhang: float) -> list[tuple[Array, float, int]]:
     """Balls (centre, radius, part) that hold a box of edge lengths `size` about the origin.
 
-    One ball about each cell of a grid, as coarse as the overhang beyond the faces allows; cells that no face touches but the
-    balls of others hold are kept, for there are few. `part` numbers the pieces along the longest edge.
+    One ball about each cell of a grid, as coarse as the overhang beyond the faces allows, but of `MOST_CELLS` cells at most: the
+    cover of a large box reaches farther beyond it. `part` numbers the pieces along the longest edge.
     """
     size = np.asarray(size, dtype=float)
-    best: tuple[int, tuple[int, ...]] | None = None
-    for counts in product(range(1, 13), repeat=3):
-        total = int(np.prod(counts))
-        if best is not None and total >= best[0]:
-            continue
-        cell = size / counts
-        if np.linalg.norm(cell) / 2 - cell.min() / 2 <= overhang:
-            best = (total, counts)
-    counts = best[1] if best else (12, 12, 12)
+    counts = np.array(list(product(range(1, 13), repeat=3)))
+    cells = size / counts
+    beyond = np.linalg.norm(cells, axis=1) / 2 - cells.min(axis=1) / 2
+    total = counts.prod(axis=1)
+    # Fewest cells where the overhang is kept, else the smallest overhang that the number of cells allows.
+    best = np.lexsort((beyond, total, np.where(beyond <= overhang, 0, beyond), total > MOST_CELLS))[0]
+    counts = counts[best]
     cell = size / counts
     radius = float(np.linalg.norm(cell) / 2)
     longest = int(np.argmax(size))
@@ -312,4 +316,3 @@ def _prism(radius: float, length: float) -> Array:
     angle = (np.arange(_SIDES) + 0.5) * 2 * np.pi / _SIDES
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=1) * radius / np.cos(np.pi / _SIDES)
     return np.concatenate([np.insert(ring, 2, z, axis=1) for z in (-length / 2, length / 2)])
-
