@@ -1,7 +1,7 @@
 """A digital twin of a robot arm as one Drake Diagram, from camera to command.
 
 Importing the package loads nothing heavy; its modules import Drake and Open3D where they need them. It does load libusb
-where only a wheel brings it along, so that ``import open3d`` works afterwards.
+where only a wheel brings it along, so that ``import open3d`` works; an installed package does so when Python starts.
 """
 
 from __future__ import annotations
