@@ -123,7 +123,7 @@ LAYERS = (
     {"errors"},
     {"resources", "signals", "native", "timing", "__init__"},
     {"scenario", "scenario_file", "scenario_values", "logs"}
-    | {"effects", "assets", "description", "rigid_tree", "motion"},
+    | {"effects", "assets", "description", "rigid_tree", "motion", "unread"},
     {"model"},
     {"prediction", "rollout"},
     {"station", "perception", "estimation", "scene", "planning", "gap"},
