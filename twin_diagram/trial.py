@@ -21,7 +21,7 @@ from twin_diagram.assets.asset import Asset
 from twin_diagram.description import pose
 from twin_diagram.diagram import ClosedLoop
 from twin_diagram.score import RunRecord
-from twin_diagram.signals import NEVER, TRACK_SIZE, Array
+from twin_diagram.signals import ALARM_LOG_FIELDS, NEVER, TRACK_SIZE, Array
 from twin_diagram.station import ports
 from twin_diagram.touching import TrueClearance
 
@@ -31,6 +31,13 @@ SEEN_POINTS = 300
 """Surface points per object by which its visible share is counted."""
 DEPTH_TOLERANCE = 0.01
 """A surface point counts as seen where the image's depth agrees this well [m]."""
+
+
+_COLUMNS = (
+    "time", "seen", "poses_true", "poses_estimated", "status", "arm_true", "arm_estimated", "mass", "mass_std",
+    "clearance", "contacts", "goal_error", "goal_angle",
+)  # fmt: skip
+"""What `_Sampler.sample` keeps, in its order, by the names in `RunRecord`."""
 
 
 @dataclass
@@ -135,7 +142,9 @@ class _Sampler:
 
     def record(self) -> RunRecord:
         columns = [np.array(column) for column in zip(*self._rows, strict=True)]
-        return RunRecord(*columns, self._twin("alarm_log").reshape(-1, 3), self._objects, self._symmetric)
+        ring = self._twin("alarm_log").reshape(-1, ALARM_LOG_FIELDS)
+        sampled: dict[str, Any] = dict(zip(_COLUMNS, columns, strict=True))
+        return RunRecord(**sampled, alarm_log=ring, objects=self._objects, symmetric_axis=self._symmetric)
 
     def _station(self, port: str) -> Array:
         return np.array(self._loop.station.GetOutputPort(port).Eval(self._station_context))
