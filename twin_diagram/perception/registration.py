@@ -20,6 +20,8 @@ NARROW: Final = 0.007
 """Reach of the last iterations [m]."""
 COARSE_STEPS: Final = 4
 """At most so many iterations on coarse colours; fewer where the steps become small."""
+SMALL_STEP: Final = (1e-3, 2e-4)
+"""After a step smaller than this the next would be lost in the noise [rad], [m]."""
 COMMON_NOISE: Final = (0.004, 0.0006)
 """Errors that all points of one image share (calibration, blur, shading): rotation [rad], translation [m]."""
 CORRELATION: Final = 4.0
@@ -106,7 +108,7 @@ def refine(
             if turn.max() < 0.01 and shift.max() < 0.002:
                 reach = min(reach, NARROW)
         elif level == FINE:
-            if turn.max() < 5e-4 and shift.max() < 1e-4 and reach <= NARROW:
+            if turn.max() < SMALL_STEP[0] and shift.max() < SMALL_STEP[1] and reach <= NARROW:
                 break
             reach = max(NARROW, 0.6 * reach)
     return poses, data
@@ -140,19 +142,23 @@ def register(
     return Registration(
         R=poses.R[0],
         p=poses.p[0],
-        covariance=covariance(data.H[0]),
+        covariance=covariance(data.H[0], float(fit.visible_share[0])),
         quality=float(min(fit.quality[0], 1.0)),
         visible_share=float(fit.visible_share[0]),
         points=float(fit.points[0]),
     )
 
 
-def covariance(H: Array) -> Array:
-    """(6, 6) from the data's information: correlated points, shared errors, and bounds where the data say nothing."""
+def covariance(H: Array, visible_share: float) -> Array:
+    """(6, 6) from the data's information: correlated points, shared errors, and bounds where the data say nothing.
+
+    The less of an object is seen, the less do errors that its points share cancel.
+    """
     widest = np.diag(information(*WIDEST))
     result = np.linalg.inv(H / CORRELATION + widest)
     result = 0.5 * (result + result.T)
-    return np.asarray(result + np.diag(np.repeat(np.square(COMMON_NOISE), 3)))
+    common = np.repeat(np.square(COMMON_NOISE), 3) / max(visible_share, 0.1) ** 2
+    return np.asarray(result + np.diag(common))
 
 
 def claimed(

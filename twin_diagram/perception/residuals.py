@@ -246,13 +246,13 @@ def unexplained(model: ModelCloud, points_W: Array, poses: Poses, p_WC: Array, r
     J = -np.concatenate([cross(r, n), n], axis=1)
     H = (J * w[:, None]).T @ J
     b = -(J * w[:, None]).T @ along
-    K = -skew(r)
     # Where there is nothing to pull, nothing must hold either.
-    w_point = share * w * (slide > model.spacing)
-    block = np.concatenate([K, np.broadcast_to(np.eye(3), K.shape)], axis=2)
-    weighted = (block * w_point[:, None, None]).reshape(-1, 6).T
-    H += weighted @ block.reshape(-1, 6)
-    b += weighted @ tangent.ravel()
+    far = slide > model.spacing
+    if far.any():
+        block = np.concatenate([-skew(r[far]), np.broadcast_to(np.eye(3), (int(far.sum()), 3, 3))], axis=2)
+        weighted = (block * (share * w[far])[:, None, None]).reshape(-1, 6).T
+        H += weighted @ block.reshape(-1, 6)
+        b += weighted @ tangent[far].ravel()
     return Normal(H[None], b[None])
 
 

@@ -32,7 +32,7 @@ CANDIDATES: Final = 4
 """Starts that are refined exactly."""
 MOST_STARTS: Final = 96
 """Of more starts, those that fit best as they are laid are kept."""
-THIN: Final = 300
+THIN: Final = 200
 """Points of a segment that take part in exact registration."""
 SURE: Final = 0.85
 """A score from which nothing else is tried."""

@@ -15,7 +15,7 @@ from twin_diagram.perception.model_cloud import ModelCloud
 from twin_diagram.perception.recognition import recognise
 from twin_diagram.perception.registration import WIDEST, Registration, claimed, information, register
 from twin_diagram.perception.rotation import exp, from_quaternion, log, to_quaternion
-from twin_diagram.perception.search import THIN, nearby, resting
+from twin_diagram.perception.search import nearby, resting
 from twin_diagram.perception.segments import Segments
 from twin_diagram.signals import NEVER, POSE_SIZE, PoseMeasurement
 
@@ -31,6 +31,12 @@ COAST: Final = 0.3
 """A velocity is believed for this long [s]."""
 RESTS: Final = (0.1, 0.012)
 """Slower than this is standing still [rad/s], [m/s]."""
+MOVING: Final = information(0.2, 0.03)
+"""How well the next pose of an object that moves is known."""
+RESTING: Final = information(0.03, 0.005)
+"""And of one that stands still. Nearly hidden, it is held where it was; in the open, the image has far more to say."""
+THIN: Final = 120
+"""Image points that pull on an object that is followed."""
 OWNED: Final = 0.012
 """Points this near to an object's surface are its own [m]."""
 LONGEST_WAIT: Final = 4
@@ -116,12 +122,13 @@ def follow(
     known: Known, slot: Slot, segments: Segments, frame: Frame, params: scenario.Registration
 ) -> Registration | None:
     """Registers an object near where it is expected; None where it is not to be seen there."""
-    guesses = [predict(slot, segments.time)]
-    if np.any(slot.velocity) and not np.array_equal(guesses[0][1], slot.p):
-        guesses.append((slot.R, slot.p))
-    for R, p in guesses:
+    moves = bool(np.any(slot.velocity))
+    guesses = [(*predict(slot, segments.time), MOVING if moves else RESTING)]
+    if moves:
+        guesses.append((slot.R, slot.p, MOVING))
+    for R, p, prior in guesses:
         thin = segments.points_W[claimed(known.model, segments, R, p, params.reach, THIN)]
-        result = register(known.model, frame, R, p, params, prior=information(0.2, 0.03), points_W=thin)
+        result = register(known.model, frame, R, p, params, prior=prior, points_W=thin)
         if believable(result, params, R, p):
             return result
     return None
