@@ -34,9 +34,10 @@ from twin_diagram.scenario import ArmModel, Camera, Fixture, Pose, Scenario, Wor
 from twin_diagram.scenario_file import load_scenario
 from twin_diagram.signals import TRACK_SIZE
 from twin_diagram.station import make_station, ports
-from twin_diagram.station.lcm import SEND_OFFSET, LcmStation
+from twin_diagram.station.lcm import LcmStation
 from twin_diagram.station.lcm_arm import LcmArm
 from twin_diagram.station.lcm_messages import PROTOCOLS, read_images, write_images
+from twin_diagram.station.lcm_systems import SEND_OFFSET
 
 HOME = [0.3, 0.2, -0.1, -2.0, 0.1, 2.2, 0.9]
 UNIT = 0.00025

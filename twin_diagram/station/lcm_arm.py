@@ -23,8 +23,8 @@ from pydrake.systems.sensors import ImageDepth32F, ImageRgba8U
 from twin_diagram.errors import ScenarioError
 from twin_diagram.scenario import Camera, Scenario
 from twin_diagram.station import ports
-from twin_diagram.station.lcm import SEND_OFFSET
 from twin_diagram.station.lcm_messages import PROTOCOLS, write_images
+from twin_diagram.station.lcm_systems import SEND_OFFSET
 from twin_diagram.station.sim import SimStation
 
 
