@@ -6,6 +6,7 @@ that the twin knows. The twin is built from ``twin:`` alone. All units SI, angle
 
 # No `from __future__ import annotations` here: Drake's YAML loader reads the fields' types themselves, not strings.
 from dataclasses import dataclass, field
+from typing import Optional
 
 
 @dataclass
@@ -26,6 +27,12 @@ class EffectSpec:
     joints: list[str] = field(default_factory=list)
     links: list[str] = field(default_factory=list)
     parameters: dict[str, list[float]] = field(default_factory=dict)
+    onset: Optional[float] = None
+    """When it starts [s]; none: it was there before."""
+    end: Optional[float] = None
+    """When it ends [s]; none: it stays."""
+    log: str = ""
+    """Which log `onset` and `end` are about; empty: any."""
 
 
 @dataclass

@@ -8,7 +8,9 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from twin_diagram.effects.effect import Effect, Fitting, ParameterKind, register
+from twin_diagram.effects.effect import Effect, register
+from twin_diagram.effects.fitting import Fitting
+from twin_diagram.effects.parameter import ParameterKind
 
 Array = npt.NDArray[np.float64]
 

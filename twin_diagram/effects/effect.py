@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar, TypeVar
 
 import numpy as np
@@ -12,6 +13,8 @@ import numpy.typing as npt
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import PdControllerGains
 
+from twin_diagram.effects.fitting import Brake, Fitting, RigidChange
+from twin_diagram.effects.parameter import Parameter, ParameterKind
 from twin_diagram.errors import ModelError
 from twin_diagram.scenario import EffectSpec
 
@@ -23,115 +26,20 @@ Array = npt.NDArray[np.float64]
 E_ = TypeVar("E_", bound="type[Effect]")
 
 
-@dataclass(frozen=True)
-class ParameterKind:
-    """What a parameter of the catalogue is.
-
-    Attributes:
-        unit: SI unit.
-        lower: lowest value that is physical.
-        upper: highest.
-        size: numbers of one value; ignored where there is a value per joint, None for lists of free length.
-        default: value where a specification leaves it out; None: it must be given.
-        help: one line for people.
-    """
-
-    unit: str
-    lower: float = -math.inf
-    upper: float = math.inf
-    size: int | None = 1
-    default: float | None = None
-    help: str = ""
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """A bounded, freezable value.
-
-    Attributes:
-        value: one number per joint for a joint effect, otherwise the value itself.
-        lower: bounds that identification keeps to, same shape.
-        upper: likewise.
-        frozen: identification leaves it alone.
-        unit: SI unit.
-    """
-
-    value: Array
-    lower: Array
-    upper: Array
-    frozen: bool = False
-    unit: str = ""
-
-    @staticmethod
-    def of(kind: ParameterKind, value: Sequence[float] | Array, where: str) -> Parameter:
-        """A value of a kind, checked.
-
-        Raises:
-            ModelError: it is not finite or outside the bounds; `where` names it in the message.
-        """
-        array = np.array(value, dtype=float)
-        if not np.all(np.isfinite(array)):
-            raise ModelError(f"{where}: {list(value)} is not finite")
-        if np.any(array < kind.lower) or np.any(array > kind.upper):
-            raise ModelError(f"{where}: {list(value)} {kind.unit} is not within [{kind.lower:g}, {kind.upper:g}]")
-        array.setflags(write=False)
-        return Parameter(array, np.full_like(array, kind.lower), np.full_like(array, kind.upper), False, kind.unit)
-
-
-@dataclass
-class RigidChange:
-    """What an effect changes in the rigid model itself, so that plain dynamics already hold it.
-
-    Attributes:
-        inertia: (10,) per link name, as in `rigid_tree.RigidTree`, but about the link's own frame.
-        rotor: reflected inertia per joint name [kg·m²].
-        damping: per joint name [N·m·s/rad].
-    """
-
-    inertia: dict[str, Array] = field(default_factory=dict)
-    rotor: dict[str, float] = field(default_factory=dict)
-    damping: dict[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Fitting:
-    """An actuator beside the motor, by which a discrete plant realises an effect implicitly.
-
-    It gives −stiffness (q − rest) − damping v + torque + curve(q), held within ±limit; the first two are solved for
-    together with the step, so that they are stable at any step.
-
-    Attributes:
-        name: of the actuator.
-        joint: that it drives.
-        limit: largest torque [N·m].
-        stiffness: [N·m/rad].
-        damping: [N·m·s/rad].
-        rest: [rad].
-        torque: constant [N·m].
-        curve: torque [N·m] for an angle [rad], explicit in time: keep its slope times step² below the joint's inertia.
-    """
-
-    name: str
-    joint: str
-    limit: float = math.inf
-    stiffness: float = 0.0
-    damping: float = 0.0
-    rest: float = 0.0
-    torque: float = 0.0
-    curve: Callable[[float], float] | None = None
-
-
 class Effect:
     """One named physical phenomenon that the given model lacks.
 
     Subclasses say where they act by overriding one of three laws, all smooth and vectorised over N samples:
 
     - `torque`: what the motor must give in addition because of a load on the joint (friction, payload, spring);
-    - `applied` and `logged`: what becomes of the logged torque before it reaches the joint (bias, gain, saturation);
+    - `applied` and `logged`: what becomes of the logged torque before it reaches the joint (bias, gain, saturation),
+      and `delay`: how much later;
     - `true_position` and `measured_position`: what the encoder's reading means (offset).
 
     A law that depends on acceleration must also be a `change` of the rigid model (`folds`), for integrators to know.
-    `fittings` tells how they are realised in a discrete plant, and `before_finalize` where that is not enough.
+    `fittings` and `brakes` tell how they are realised in a discrete plant, and `before_finalize` where that is not
+    enough. None of the laws knows of time: an effect that starts or ends within a log has an `onset` or an `end`, and
+    `Model` asks it only for the samples between them.
 
     Attributes:
         name: of the catalogue.
@@ -141,6 +49,9 @@ class Effect:
         links: that it sits on.
         parameters: values.
         given: whether the arm's own description states it, so that it is no addition to it.
+        onset: when it starts, on the log's own clock [s]; None: it was there before.
+        end: when it ends; None: it stays.
+        log: which log the two are about (`logs.fingerprint`); later ones come after it. Empty: any log.
     """
 
     name: ClassVar[str] = ""
@@ -150,6 +61,12 @@ class Effect:
     """Whether `change` holds all of its torque, which is then not added a second time."""
     dry: ClassVar[bool] = False
     """Whether its torque is dry friction, of which `friction_level` tells the bound."""
+    motor_side: ClassVar[bool] = False
+    """Whether `torque` acts on the motor's side of an elastic gear."""
+    replaces_joints: ClassVar[bool] = False
+    """Whether `before_finalize` puts other joints in the place of the arm's."""
+    changes_plant: ClassVar[bool] = False
+    """Whether a plant holds it in what cannot change during a run, so that it can have neither onset nor end there."""
 
     def __init__(
         self, joints: Iterable[str] = (), links: Iterable[str] = (), parameters: Mapping[str, Parameter] | None = None
@@ -158,6 +75,26 @@ class Effect:
         self.links = tuple(links)
         self.parameters = dict(parameters or {})
         self.given = False
+        self.onset: float | None = None
+        self.end: float | None = None
+        self.log = ""
+
+    @property
+    def timed(self) -> bool:
+        """Whether it starts or ends within a log."""
+        return self.onset is not None or self.end is not None
+
+    def active(self, time: Array) -> npt.NDArray[np.bool_]:
+        """At which times (…) it acts [s]."""
+        after = -math.inf if self.onset is None else self.onset
+        before = math.inf if self.end is None else self.end
+        return np.asarray((time >= after) & (time < before))
+
+    def always(self) -> Effect:
+        """The same without onset and end."""
+        result = copy.copy(self)
+        result.onset, result.end, result.log = None, None, ""
+        return result
 
     @classmethod
     def from_spec(cls, spec: EffectSpec) -> Effect:
@@ -189,6 +126,12 @@ class Effect:
                 raise ModelError(f"{where}: needs {size} value(s){per}, got {len(value)}")
             parameters[key] = Parameter.of(kind, value, where)
         result = cls(spec.joints, spec.links, parameters)
+        result.onset, result.end, result.log = spec.onset, spec.end, spec.log
+        for key, value in (("onset", spec.onset), ("end", spec.end)):
+            if value is not None and not math.isfinite(value):
+                raise ModelError(f"effects.{cls.name}.{key}: {value} is not finite")
+        if spec.onset is not None and spec.end is not None and not spec.onset < spec.end:
+            raise ModelError(f"effects.{cls.name}.end: {spec.end:g} s is not after the onset at {spec.onset:g} s")
         result.check()
         return result
 
@@ -204,7 +147,15 @@ class Effect:
     def spec(self) -> EffectSpec:
         """As a scenario or an `effects.yaml` holds it."""
         values = {key: [float(x) for x in parameter.value] for key, parameter in self.parameters.items()}
-        return EffectSpec(name=self.name, joints=list(self.joints), links=list(self.links), parameters=values)
+        return EffectSpec(
+            name=self.name,
+            joints=list(self.joints),
+            links=list(self.links),
+            parameters=values,
+            onset=self.onset,
+            end=self.end,
+            log=self.log,
+        )
 
     def value(self, key: str) -> Array:
         """A parameter's value."""
@@ -217,8 +168,8 @@ class Effect:
             where = f"effects.{self.name}.{key}"
             value = Parameter.of(self.kinds[key], value, where).value if check else np.array(value, dtype=float)
             parameters[key] = replace(parameters[key], value=value)
-        result = type(self)(self.joints, self.links, parameters)
-        result.given = self.given
+        result = copy.copy(self)
+        result.parameters = parameters
         if check:
             result.check()
         return result
@@ -265,6 +216,16 @@ class Effect:
         del joints
         return tau
 
+    @property
+    def delay(self) -> float:
+        """How much later the logged torque reaches the joints [s]."""
+        return 0.0
+
+    @property
+    def loses(self) -> bool:
+        """Whether `applied` forgets so much of what is logged that `logged` cannot tell it."""
+        return False
+
     def true_position(self, joints: Sequence[str], q: Array) -> Array:
         """The positions (…, n) of an arm's joints when `q` is measured."""
         del joints
@@ -281,7 +242,10 @@ class Effect:
         return RigidChange()
 
     def friction_level(self, model: Model, q: Array, v: Array, tau: Array) -> tuple[Array, Array]:
-        """Largest friction torque at each sample against positive and against negative motion, each (N, n), ≥ 0."""
+        """Largest friction torque at each sample against positive and against negative motion, each (N, n), ≥ 0.
+
+        Here `tau` is what the motors give, friction included.
+        """
         del model, v, tau
         return np.zeros_like(q), np.zeros_like(q)
 
@@ -306,8 +270,15 @@ class Effect:
         """The actuators that realise it in a discrete plant."""
         return []
 
+    def brakes(self) -> list[Brake]:
+        """Dry friction of changing level that `Drive` works out."""
+        return []
+
     def before_finalize(self, plant: MultibodyPlant, arm: Arm) -> None:
-        """Changes a discrete plant that is not finalized; the default adds the actuators of `fittings`."""
+        """Changes a discrete plant that is not finalized; the default adds actuators for `fittings` and `brakes`."""
+        for brake in self.brakes():
+            for name in brake.joints:
+                plant.AddJointActuator(f"{name}_{brake.name}", plant.get_joint(arm.joint_indices[arm.joints.index(name)]))
         for fitting in self.fittings():
             joint = plant.get_joint(arm.joint_indices[arm.joints.index(fitting.joint)])
             actuator = plant.AddJointActuator(fitting.name, joint, fitting.limit)

@@ -12,7 +12,8 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import WeldJoint
 
-from twin_diagram.effects.effect import Effect, ParameterKind, register
+from twin_diagram.effects.effect import Effect, register
+from twin_diagram.effects.parameter import ParameterKind
 from twin_diagram.errors import ModelError
 
 if TYPE_CHECKING:

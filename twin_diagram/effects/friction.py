@@ -13,7 +13,9 @@ import numpy as np
 import numpy.typing as npt
 from pydrake.multibody.plant import MultibodyPlant
 
-from twin_diagram.effects.effect import Effect, Fitting, ParameterKind, RigidChange, register
+from twin_diagram.effects.effect import Effect, register
+from twin_diagram.effects.fitting import Fitting, RigidChange
+from twin_diagram.effects.parameter import ParameterKind
 from twin_diagram.errors import ModelError
 
 if TYPE_CHECKING:

@@ -12,7 +12,9 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import SpatialInertia, UnitInertia, WeldJoint
 
 from twin_diagram import rigid_tree
-from twin_diagram.effects.effect import Effect, ParameterKind, RigidChange, register
+from twin_diagram.effects.effect import Effect, register
+from twin_diagram.effects.fitting import RigidChange
+from twin_diagram.effects.parameter import ParameterKind
 from twin_diagram.errors import ModelError
 
 if TYPE_CHECKING:

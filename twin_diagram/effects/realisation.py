@@ -32,7 +32,8 @@ from pydrake.systems.framework import (
 )
 
 from twin_diagram.description import Arm
-from twin_diagram.effects.effect import Effect, Fitting, make
+from twin_diagram.effects.effect import Effect, make
+from twin_diagram.effects.fitting import Fitting
 from twin_diagram.scenario import EffectSpec
 
 Array = npt.NDArray[np.float64]

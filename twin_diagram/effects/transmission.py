@@ -9,7 +9,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import PchipInterpolator
 
-from twin_diagram.effects.effect import Effect, Fitting, ParameterKind, register
+from twin_diagram.effects.effect import Effect, register
+from twin_diagram.effects.fitting import Fitting
+from twin_diagram.effects.parameter import ParameterKind
 from twin_diagram.errors import ModelError
 
 if TYPE_CHECKING:
