@@ -1,8 +1,8 @@
-"""Runs the planner against many drawn worlds without physics: `python tests/planning_bench.py --kind cross --seeds 0:50`.
+"""Runs the planner against many drawn worlds without physics: `planning_bench.py --kind cross --seeds 0:50`.
 
-The arm follows its command with a lag and a constant sag; objects are seen at 15 images a second with noise, late, and go
-through the same tracking as in the twin. What is reported is held against the true poses. Seeds from 1000 on are for final
-figures alone: nothing was tuned on them.
+The arm follows its command with a lag and a constant sag; objects are seen at 15 images a second with noise, late,
+and go through the same tracking as in the twin. What is reported is held against the true poses. Seeds from 1000 on
+are for final figures alone: nothing was tuned on them.
 """
 
 from __future__ import annotations

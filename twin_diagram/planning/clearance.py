@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.planning.convex import Solid
+from twin_diagram.planning.cover import Balls
 from twin_diagram.planning.kinematics import Chain, Ints, Placement, point_jacobian
-from twin_diagram.planning.shapes import Balls
 from twin_diagram.signals import Array
 
 FAR = 1.0e3

@@ -1,7 +1,7 @@
 """Signed distances from points to convex solids, exact and for many points at once.
 
-Boxes have a closed form. Any other polytope is a set of faces and edges: outside, the nearest point lies inside a face, or
-else on an edge; inside, the nearest face is the one whose plane is nearest.
+Boxes have a closed form. Any other polytope is a set of faces and edges: outside, the nearest point lies inside a
+face, or else on an edge; inside, the nearest face is the one whose plane is nearest.
 """
 
 from __future__ import annotations
@@ -252,9 +252,9 @@ def bounding_box(points: Array) -> Box:
 
 
 def solid_of(points: Array) -> Solid:
-    """A solid that holds points (V, 3): their hull as a `Box` or `Polytope`, or the `Drum` around a prism of 12 sides or more.
+    """A solid that holds points (V, 3): their hull as a `Box` or `Polytope`, or the `Drum` around a prism.
 
-    Such prisms stand for cylinders; the drum around them is larger by up to 3.5 % of the radius, less with more sides.
+    Prisms of 12 sides or more stand for cylinders; the drum around one is larger by up to 3.5 % of the radius.
     """
     points = np.asarray(points, dtype=float)
     if len(points) == 8:

@@ -1,7 +1,7 @@
 """A global planner in joint space: RRT-Connect with shortcuts, bounded by how many configurations it may check.
 
-(Kuffner and LaValle, RRT-Connect: an efficient approach to single-query path planning, ICRA 2000.) Bounded by checks and
-not by time, so that the same question always has the same answer.
+(Kuffner and LaValle, RRT-Connect: an efficient approach to single-query path planning, ICRA 2000.) Bounded by checks
+and not by time, so that the same question always has the same answer.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class _Budget:
 
 
 def interpolate(start: Array, end: Array, resolution: float) -> Array:
-    """Evenly spaced configurations after `start` up to and with `end`, (M, n), at most `resolution` apart in any joint."""
+    """Evenly spaced configurations (M, n) after `start` up to and with `end`, at most `resolution` apart per joint."""
     count = max(1, int(np.ceil(np.abs(end - start).max() / resolution - 1e-9)))
     return start + (np.arange(1, count + 1) / count)[:, None] * (end - start)
 
@@ -73,7 +73,8 @@ def plan(
         start: (n,), taken to be free.
         goals: (G, n), taken to be free.
         is_free: checks configurations.
-        lower, upper: (n,) finite limits [rad].
+        lower: (n,) finite limits [rad].
+        upper: (n,) likewise.
         rng: draws samples.
         checks: most configurations that may be checked.
         weights: (n,) cost of a joint's motion per radian; None: one.

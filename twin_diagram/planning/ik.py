@@ -31,7 +31,7 @@ class IkTuning:
 
 
 def pose_error(X_WT: Array, X_WG: Array) -> Array:
-    """(N, 6) what turns and moves T into G: rotation vector [rad] and translation [m], in W; X_WT (N, 4, 4), X_WG (4, 4)."""
+    """What turns and moves T (N, 4, 4) into G (4, 4): (N, 6) rotation vector [rad] and translation [m], in W."""
     turn = X_WG[:3, :3] @ X_WT[:, :3, :3].transpose(0, 2, 1)
     return np.concatenate([Rotation.from_matrix(turn).as_rotvec(), X_WG[:3, 3] - X_WT[:, :3, 3]], axis=1)
 
@@ -53,7 +53,8 @@ def solve(
         chain: the arm.
         X_WG: (4, 4) the tool's goal.
         near: (n,) where to look first.
-        lower, upper: (n,) limits, may be infinite.
+        lower: (n,) limits [rad], may be infinite.
+        upper: (n,) likewise.
         rng: draws the starts.
         tuning: None for the defaults.
 

@@ -72,7 +72,8 @@ class Chain:
             tool_frame: a frame that moves with the last joint and no other.
 
         Raises:
-            ModelError: a joint is neither revolute nor prismatic, the joints are no serial chain, or the tool is elsewhere.
+            ModelError: a joint is neither revolute nor prismatic, the joints are no serial chain, or the tool is
+                elsewhere.
         """
         context = plant.CreateDefaultContext()
         plant.SetPositions(context, np.zeros(plant.num_positions()))

@@ -1,4 +1,4 @@
-"""The planner whole, as a function from memory and inputs to memory: where to go, by which way, and how to move there."""
+"""The planner whole: from memory and inputs to memory; where to go, by which way, and how to move there."""
 
 from __future__ import annotations
 
@@ -97,7 +97,8 @@ class Memory:
         return np.concatenate(
             [
                 [t.start], t.q0, t.v0, t.accelerations.ravel(), self.offset, self.goal, self.stay,
-                [len(self.goals)], goals.ravel(), [int(self.route.aim), count], points.ravel(), [self.tick, self.searched],
+                [len(self.goals)], goals.ravel(), [int(self.route.aim), count], points.ravel(),
+                [self.tick, self.searched],
             ]
         )  # fmt: skip
 
@@ -182,7 +183,6 @@ class Planner:
             tracks: (K · TRACK_SIZE,) of the library's objects.
             goal: (7,) X_WG of the tool frame; an all-zero quaternion: stay.
         """
-        n = self.scene.chain.size
         rng = np.random.default_rng([self.params.seed, memory.tick])
         memory, q0, v0, a0, reanchored = self._anchor(memory, now, arm_state)
         forecast = Forecast.of_tracks(tracks)

@@ -56,8 +56,8 @@ class Mpc(LeafSystem):
         plan: (knots · n) the plan's knots from now on, row by row [rad].
 
     Rate: plans at `planner.rate`, a periodic discrete update. It comes right after the scene-graph updater's tick that
-    first holds a new image's poses. Latency: commands follow the plan at any time that they are asked for; a plan reacts
-    to an image as old as the camera's latency and one tick of the updater.
+    first holds a new image's poses. Latency: commands follow the plan at any time that they are asked for; a plan
+    reacts to an image as old as the camera's latency and one tick of the updater.
 
     State: one discrete vector, see `mpc.Memory`. The goal counts from `task.start` on.
     """
@@ -75,7 +75,8 @@ class Mpc(LeafSystem):
 
         Args:
             model: the arm.
-            twin: what the twin is told; `arm`, `home`, `fixtures`, `planner`, `task.start`, `camera` and `scene.rate` count.
+            twin: what the twin is told; `arm`, `home`, `fixtures`, `planner`, `task.start`, `camera` and `scene.rate`
+                count.
             library: the known objects by name, in the order of the tracks.
             packages: local folders for `package://` names.
             parameter_names: of the `parameters` port, in order; a unit in brackets after a name does not count.

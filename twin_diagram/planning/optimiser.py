@@ -1,8 +1,8 @@
 """One receding-horizon problem: the knots' accelerations that follow a reference and keep clear of everything.
 
-Sequential quadratic programming. Position and velocity are linear in the accelerations; distances are linearised about the
-present guess, and a slack at each sample, punished by more than the reference can gain, keeps every program solvable. The
-last knot is at rest, so that any plan can be carried out to its end.
+Sequential quadratic programming. Position and velocity are linear in the accelerations; distances are linearised
+about the present guess, and a slack at each sample, punished by more than the reference can gain, keeps every program
+solvable. The last knot is at rest, so that any plan can be carried out to its end.
 """
 
 from __future__ import annotations
@@ -146,7 +146,9 @@ class Optimiser:
 
         Args:
             start: the plan's first time [s].
-            q0, v0, a0: (n,) state of the motion there, kept.
+            q0: (n,) position there, kept [rad].
+            v0: (n,) velocity there, kept.
+            a0: (n,) acceleration there, kept.
             guess: (M, n) positions at the samples, to linearise about.
             guess_velocity: (M, n) velocities of the guess, whose excess over the limits is allowed.
             reference: (M, n) where to be at the samples [rad].
@@ -243,7 +245,7 @@ class Optimiser:
         needed += np.einsum("mn,mn->m", slope, present[sample] - base[sample])
 
         knots = self._at_knots
-        speed = np.maximum(self.limits.velocity, np.abs(guess_velocity[knots[:-1]]) + 1e-6) - 0.0
+        speed = np.maximum(self.limits.velocity, np.abs(guess_velocity[knots[:-1]]) + 1e-6)
         fast_low = (-speed - base_velocity[knots[:-1]]).ravel()
         fast_high = (speed - base_velocity[knots[:-1]]).ravel()
         lower = np.minimum(self.limits.lower, present[knots])

@@ -1,13 +1,14 @@
 """Finds the way: which joint goal, by which way points, and where to stand aside when there is none.
 
-A route is a list of way points still ahead, the last being where it ends. It is followed from wherever the arm is, so a route
-stays good while the optimiser bends the motion around what comes near.
+A route is a list of way points still ahead, the last being where it ends. It is followed from wherever the arm is, so
+a route stays good while the optimiser bends the motion around what comes near.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -133,7 +134,7 @@ class Router:
     def timed(self, points: Array) -> tuple[Array, Array]:
         """Configurations along straight lines between points (W, n), with the times of arrival from the first [s]."""
         pieces, times, now = [points[:1]], [np.zeros(1)], 0.0
-        for a, b in zip(points[:-1], points[1:], strict=True):
+        for a, b in pairwise(points):
             line = guide.interpolate(a, b, self.tuning.resolution)
             took = float((np.abs(b - a) / self.speed).max())
             pieces.append(line)

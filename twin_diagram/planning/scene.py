@@ -1,4 +1,4 @@
-"""What the planner keeps clear of: fixtures, the library's objects where tracks say they are, and where they will be."""
+"""What the planner keeps clear of: fixtures, and the library's objects where they are and will be."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.planning.clearance import Body, Clearance, Surroundings
 from twin_diagram.planning.convex import solid_of
+from twin_diagram.planning.cover import arm_balls, arm_plant
 from twin_diagram.planning.kinematics import Chain, depths
-from twin_diagram.planning.shapes import arm_balls, arm_plant, fixture_solids
+from twin_diagram.planning.shapes import fixture_solids
 from twin_diagram.signals import TRACK_SIZE, Array, ObjectStatus
 
 SIGMAS = 3.0
@@ -88,14 +89,14 @@ def load_scene(
         packages: local folders for `package://` names.
 
     Raises:
-        ModelError: see `shapes` and `kinematics`.
+        ModelError: see `cover`, `shapes` and `kinematics`.
     """
     plant, scene_graph, arm, keep_alive = arm_plant(spec, packages)
     depth = depths(plant, arm.joint_indices)
     chain = Chain.from_plant(plant, arm.joint_indices, arm.tool_frame)
     balls = arm_balls(plant, scene_graph, arm, depth)
     del keep_alive
-    bodies = [Body.of(name, solids) for name, solids in fixture_solids(list(fixtures), packages) if solids]
+    bodies = [Body.of(name, solids) for name, solids in fixture_solids(fixtures, packages) if solids]
     fixture_count = len(bodies)
     bodies += [Body.of(name, [solid_of(piece) for piece in asset.convex_pieces]) for name, asset in library.items()]
     joints = [plant.get_joint(index) for index in arm.joint_indices]
@@ -174,7 +175,7 @@ class Forecast:
 
 
 def travel(times: Array) -> Array:
-    """By how many seconds' worth of its present velocity an object moves until each time [s]: less and less in the end."""
+    """How many seconds' worth of its present velocity an object moves until each time [s]: ever less in the end."""
     return np.minimum(times, STEADY) + FADE * (1.0 - np.exp(-np.maximum(times - STEADY, 0.0) / FADE))
 
 

@@ -1,7 +1,7 @@
 """Joint motions whose acceleration is linear between evenly spaced knots and which end at rest.
 
-Position is a cubic spline, twice continuously differentiable. Everything is linear in the knots' accelerations A (N, n),
-with the same coefficients for each joint, which is what makes the optimiser's matrices constant.
+Position is a cubic spline, twice continuously differentiable. Everything is linear in the knots' accelerations
+A (N, n), with the same coefficients for each joint, which is what makes the optimiser's matrices constant.
 """
 
 from __future__ import annotations
@@ -90,7 +90,8 @@ def response(times: Array, step: float, knots: int) -> tuple[Array, Array]:
         Position (M, N) [s²] and velocity (M, N) [s] per unit: first and second integrals of the hat about each knot.
     """
     u = np.asarray(times, dtype=float)[:, None] / step - np.arange(knots)[None, :]
-    # A hat is a sum of three ramps, of slopes 1, −2 and 1; at the first knot only its right half lies within the motion.
+    # A hat is a sum of three ramps, of slopes 1, −2 and 1; at the first knot only its right half lies within the
+    # motion.
     back, middle, ahead = np.maximum(u + 1, 0.0), np.maximum(u, 0.0), np.maximum(u - 1, 0.0)
     velocity = step * (back**2 - 2 * middle**2 + ahead**2) / 2
     position = step**2 * (back**3 - 2 * middle**3 + ahead**3) / 6
