@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
+import trimesh
 from pydrake.common.value import AbstractValue, Value
+from pydrake.common.yaml import yaml_dump_typed
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
@@ -18,11 +21,16 @@ from synthetic_scene import Thing, picture, yawed
 
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
+from twin_diagram.assets.description import AssetSpec, Solid, sdf, solid_inertia
+from twin_diagram.assets.mesh import Mesh, sample
 from twin_diagram.perception import IcpPoseEstimator, Perception, Segments
 from twin_diagram.perception.cloud import Pinhole
+from twin_diagram.perception.model_cloud import ModelCloud
+from twin_diagram.perception.robot_shape import RobotShape
 from twin_diagram.perception.rotation import from_quaternion, log
+from twin_diagram.perception.segmentation import Grid, segment
 from twin_diagram.perception.segments import ROBOT
-from twin_diagram.perception.tracking import SLOT_SIZE
+from twin_diagram.perception.tracking import SLOT_SIZE, Known, Slot, step
 from twin_diagram.resources import models_dir
 from twin_diagram.signals import MEASUREMENT_SIZE, NEVER, PoseMeasurement
 
@@ -227,7 +235,7 @@ def test_empty_library() -> None:
 class Studio:
     """Table, Panda and objects before Drake's renderer; poses may be set at will."""
 
-    def __init__(self, objects: dict[str, RigidTransform]) -> None:
+    def __init__(self, objects: dict[str, RigidTransform], files: dict[str, Path] | None = None) -> None:
         from pydrake.geometry import (
             Box,
             ClippingRange,
@@ -259,7 +267,7 @@ class Studio:
         parser.SetAutoRenaming(True)
         self.bodies = {}
         for name in objects:
-            (model,) = parser.AddModels(str(asset(name).model_file))
+            (model,) = parser.AddModels(str(files[name] if files else asset(name).model_file))
             self.bodies[name] = self.plant.GetBodyByName("object", model)
         self.plant.Finalize()
         # Drake's renderer counts the principal point from the corner of the first pixel, not from its centre.
@@ -381,3 +389,69 @@ def test_rendered_scene_is_tracked(seed: int) -> None:
         assert (table[:, 0] > 0.6).all(), (name, table)
         assert np.median(table[:, 1]) < 1.0 and np.median(table[:, 2]) < 1.5, (name, table)
         assert table[:, 1].max() < 5.0 and table[:, 2].max() < 5.0, (name, table)
+
+
+# --- Real, scanned objects -------------------------------------------------------------------------------------------
+
+SCANS = {
+    "003_cracker_box": (0.42, 0.3),
+    "004_sugar_box": (0.42, -0.2),
+    "005_tomato_soup_can": (0.6, 0.05),
+    "006_mustard_bottle": (0.5, -0.35),
+    "009_gelatin_box": (0.62, -0.15),
+    "010_potted_meat_can": (0.62, 0.25),
+}
+
+
+def scan_to_asset(file: Path, folder: Path) -> Path:
+    """An asset from a scanned, textured glTF mesh (Y up), its frame moved to the geometric centre."""
+    scan = trimesh.load(str(file), force="mesh")
+    turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    vertices = np.asarray(scan.vertices) @ turn.T
+    centre = (vertices.max(axis=0) + vertices.min(axis=0)) / 2
+    size = [float(x) for x in np.ptp(vertices, axis=0)]
+    material = scan.visual.material
+    texture = np.asarray(material.baseColorTexture.convert("RGB"))
+    mesh = Mesh(
+        vertices - centre, np.asarray(scan.vertex_normals) @ turn.T, np.asarray(scan.visual.uv), np.asarray(scan.faces)
+    )
+    cloud = sample(mesh, texture, 3000)
+    folder.mkdir()
+    np.savez(folder / "cloud.npz", points=cloud.points, normals=cloud.normals, colours=cloud.colours)
+    spec = AssetSpec(folder.name, "scan", size, 0.4, None, 0, solids=[Solid("box", size)])
+    place = "<pose>{:.6f} {:.6f} {:.6f} 0 0 0</pose>".format(*-centre)
+    model = sdf(spec, np.zeros(3), solid_inertia(spec)).replace(
+        f"<geometry><mesh><uri>{spec.visual}</uri>", f"{place}<geometry><mesh><uri>{file}</uri>"
+    )
+    (folder / "model.sdf").write_text(model)
+    (folder / "asset.yaml").write_text(yaml_dump_typed(spec))
+    return folder
+
+
+@pytest.mark.usefixtures("egl")
+def test_scanned_objects_are_found(data_dir: Path, tmp_path: Path) -> None:
+    """Real textures and shapes, which this project did not make."""
+    files = {name: data_dir / "ycb" / f"{name}_textured.gltf" for name in SCANS}
+    if not all(file.is_file() for file in files.values()):
+        pytest.skip(f"no scanned objects in {data_dir / 'ycb'}")
+    assets = {name: Asset.load(scan_to_asset(file, tmp_path / f"scan_{name}")) for name, file in files.items()}
+    rng = np.random.default_rng(0)
+    poses = {
+        name: RigidTransform(RollPitchYaw(0.0, 0.0, rng.uniform(-np.pi, np.pi)), [x, y, assets[name].size[2] / 2])
+        for name, (x, y) in SCANS.items()
+    }
+    studio = Studio(poses, {name: one.model_file for name, one in assets.items()})
+    studio.pose_arm(Q)
+    known = [Known.of(ModelCloud.of(one, scenario.Registration().model_points)) for one in assets.values()]
+    slots = [Slot() for _ in known]
+    robot = RobotShape(scenario.ArmModel())
+    for k in range(3):
+        rgb, depth = studio.shoot(rng)
+        segments = segment(
+            rgb, depth, k / 15, Grid.of(VIEW, 2), scenario.Perception(), lambda p, margin: robot.near(p, Q, margin)
+        )
+        slots, found = step(known, slots, segments, scenario.Registration(), 60)
+    for (name, X_WO), one in zip(poses.items(), found, strict=True):
+        assert one.quality > 0.8, name
+        assert np.linalg.norm(one.pose[4:] - X_WO.translation()) < 1e-3, name
+        assert np.linalg.norm(log(from_quaternion(one.pose[:4]) @ X_WO.rotation().matrix().T)) < np.radians(1.5), name

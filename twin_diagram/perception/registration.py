@@ -40,6 +40,7 @@ class Registration:
         p: (3,) position p_WO [m].
         covariance: (6, 6): rotation, translation; left perturbation in W about the object's origin.
         quality: share of the visible surface that fits, 0 to 1; see `residuals.Fit`.
+        likeness: the same, each point counted by how near its colour comes.
         visible_share: share of the surface facing the camera that nothing hides.
         points: number of model points that fit.
     """
@@ -48,6 +49,7 @@ class Registration:
     p: Array
     covariance: Array
     quality: float
+    likeness: float
     visible_share: float
     points: float
 
@@ -144,6 +146,7 @@ def register(
         p=poses.p[0],
         covariance=covariance(data.H[0], float(fit.visible_share[0])),
         quality=float(min(fit.quality[0], 1.0)),
+        likeness=float(fit.likeness[0]),
         visible_share=float(fit.visible_share[0]),
         points=float(fit.points[0]),
     )

@@ -263,11 +263,13 @@ class Fit:
     Attributes:
         quality: share of the model points that should be seen, and are not hidden by something nearer, that fit in
             place and colour.
+        likeness: the same with each point counted by how near its colour comes; tells poses apart that differ little.
         visible_share: share of the points facing the camera that are not hidden.
         points: how many fit.
     """
 
     quality: Array
+    likeness: Array
     visible_share: Array
     points: Array
 
@@ -292,6 +294,7 @@ def assess(model: ModelCloud, frame: Frame, poses: Poses, count: int, level: int
     lost = (looked.facing * (hidden | looked.robot) * (looked.facing > 0.1)).sum(axis=1)
     return Fit(
         quality=fits / np.maximum(open_, 1e-9),
+        likeness=(weight * tukey(size, COLOUR_CUT)).sum(axis=1) / np.maximum(open_, 1e-9),
         visible_share=open_ / np.maximum(np.where(open_ + lost > 0.3 * whole, open_ + lost, whole), 1e-9),
         points=(in_place & (size < COLOUR_CUT)).sum(axis=1).astype(float),
     )

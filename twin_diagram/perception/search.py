@@ -53,10 +53,12 @@ class Found:
     Attributes:
         registration: the pose.
         score: quality times the share of the segment that the object explains.
+        likeness: the same from the registration's likeness: which of several poses is the best.
     """
 
     registration: Registration
     score: float
+    likeness: float
 
 
 def resting(asset: Asset) -> list[tuple[Array, float]]:
@@ -176,7 +178,7 @@ def search(
     laid = starts(model, frame, points_W, orientations)
     if len(laid.p) > MOST_STARTS:
         fit = assess(model, frame, laid, COARSE_POINTS, COARSE, slack=0.015)
-        laid = laid[np.argsort(-fit.quality * np.minimum(fit.points, 20.0), kind="stable")[:MOST_STARTS]]
+        laid = laid[np.argsort(-fit.likeness * np.minimum(fit.points, 20.0), kind="stable")[:MOST_STARTS]]
     return best_of(model, frame, laid, thin, RESTING, params)
 
 
@@ -207,7 +209,7 @@ def best_of(
     """Refines all starts on coarse colours and the best few exactly; the pose that explains most."""
     poses, _ = refine(model, frame, laid, COARSE_POINTS, COARSE_ITERATIONS, prior, params, coarse_only=True)
     fit = assess(model, frame, poses, COARSE_POINTS, COARSE, slack=0.005)
-    score = fit.quality * np.minimum(fit.visible_share / LEAST_VISIBLE, 1.0) * np.minimum(fit.points / 20.0, 1.0)
+    score = fit.likeness * np.minimum(fit.visible_share / LEAST_VISIBLE, 1.0) * np.minimum(fit.points / 20.0, 1.0)
     best: Found | None = None
     for k in _apart(poses, np.argsort(-score, kind="stable")):
         if score[k] < HOPELESS * score.max() or (best is not None and best.score >= SURE):
@@ -215,9 +217,9 @@ def best_of(
         result = register(model, frame, poses.R[k], poses.p[k], params, points_W=points_W)
         share = explained(model, points_W, result)
         visible = min(result.visible_share / LEAST_VISIBLE, 1.0) * min(result.points / LEAST_POINTS, 1.0)
-        total = result.quality * visible * (0.4 + 0.6 * share)
-        if best is None or total > best.score:
-            best = Found(result, total)
+        rest = visible * (0.4 + 0.6 * share)
+        if best is None or result.likeness * rest > best.likeness:
+            best = Found(result, result.quality * rest, result.likeness * rest)
     return best
 
 
