@@ -224,7 +224,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory, egl: None) -> tuple[Path,
     original = run.run_trial
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(run, "run_trial", trial)
-        scenario = small_scenario(f"duration={DURATION}", "seed=4", objects=("can", "mover"))
+        scenario = small_scenario(f"duration={DURATION}", "seed=4", objects=("mover", "can"))
         run_scenario(scenario, record=folder, say=lambda text: None)
     assert len(live) == len(LOOKS)
     return folder, live
@@ -306,7 +306,7 @@ def test_a_replay_believes_what_the_twin_believed_live(recorded: tuple[Path, lis
     assert not same(live, replayed(folder))
     # There was something to believe.
     tracks = live[-1]["tracks"].reshape(2, -1)
-    assert list(tracks[:, 0]) == [ObjectStatus.TRACKED, ObjectStatus.MOVING] or (tracks[:, 0] > 0).all()
+    assert list(tracks[:, 0]) == [ObjectStatus.MOVING, ObjectStatus.TRACKED]
     assert not np.array_equal(live[0]["arm_state"], live[-1]["arm_state"])
     assert not np.array_equal(live[0]["parameters"], live[-1]["parameters"])
 
@@ -321,7 +321,7 @@ def test_whatever_the_world_says_the_estimates_stay(
     data = yaml.safe_load(file.read_text())
     original = load_scenario(file)
     data["world"] = change(data["world"])
-    file.write_text(yaml.safe_dump(data))
+    file.write_text(yaml.safe_dump(data, sort_keys=False))
     changed = load_scenario(file)
     assert changed.world != original.world and changed.twin == original.twin
     assert not same(live, replayed(copy))

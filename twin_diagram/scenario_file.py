@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
+from pydrake.common.yaml import yaml_load_typed
 
 from twin_diagram.errors import ScenarioError
 from twin_diagram.resources import models_dir
@@ -113,8 +113,9 @@ def parse_scenario(data: Mapping[str, Any]) -> Scenario:
 
 
 def dump_scenario(scenario: Scenario) -> str:
-    """The scenario as YAML, every field written out."""
-    return typing.cast(str, yaml_dump_typed(scenario, schema=Scenario))
+    """The scenario as YAML, every field written out; entries keep their order, which is that of the twin's ports."""
+    text = yaml.safe_dump(_plain(scenario), sort_keys=False, default_flow_style=None, allow_unicode=True, width=120)
+    return typing.cast(str, text)
 
 
 def save_scenario(scenario: Scenario, path: Path) -> None:
@@ -142,6 +143,17 @@ def _read(text: str, field: str) -> Any:
         raise ScenarioError(field, "nested too deep") from error
     except (ValueError, OverflowError) as error:  # a date or a number that looks like one and is none
         raise ScenarioError(field, f"holds a value that cannot be read: {error}") from error
+
+
+def _plain(value: Any) -> Any:
+    """Plain data of a scenario, also where it was made with NumPy's numbers."""
+    if dataclasses.is_dataclass(value):
+        return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): _plain(sub) for key, sub in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(sub) for sub in value]
+    return _plain(value.tolist()) if hasattr(value, "tolist") else value
 
 
 def _override(data: dict[str, Any], override: str) -> None:
