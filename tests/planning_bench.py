@@ -18,7 +18,8 @@ from scipy.spatial.transform import Rotation
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.planning import ik
-from twin_diagram.planning.mpc import Memory, Planner, Report
+from twin_diagram.planning.memory import Memory
+from twin_diagram.planning.mpc import Planner, Report
 from twin_diagram.planning.scene import Forecast, Scene, load_scene
 from twin_diagram.resources import models_dir
 from twin_diagram.scene import track

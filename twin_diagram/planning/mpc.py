@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from twin_diagram import scenario
 from twin_diagram.planning import ik
+from twin_diagram.planning.memory import GOALS, WAY_POINTS, Memory
 from twin_diagram.planning.optimiser import Limits, Optimiser, OptimiserTuning
 from twin_diagram.planning.qp import QpSolver
 from twin_diagram.planning.route import Aim, Route, Router, RouteTuning, Situation
@@ -16,16 +17,14 @@ from twin_diagram.planning.scene import Forecast, Scene
 from twin_diagram.planning.trajectory import Trajectory
 from twin_diagram.signals import NEVER, POSE_SIZE, Array
 
-GOALS = 8
-"""Joint goals that are remembered."""
-WAY_POINTS = 12
-"""Way points that are remembered; of a longer route the first ones."""
 RETRY = 30
 """Ticks after which joint goals are drawn anew while no way to one is known."""
 LEAST = 0.6
 """Share of the clearance that is always wanted, however near to a thing the goal is."""
 OWN_CLEARANCE = 0.01
 """The arm keeps from itself [m]."""
+STOPPING_TIME = 0.5
+"""Without anywhere to go the arm comes to rest in about this time [s]."""
 SURPRISE = 0.02
 """How much more than the clearance plans keep from what lies ahead [m] …"""
 SURPRISE_TIME = 1.0
@@ -40,91 +39,6 @@ OFFSET_SPEED = 0.1
 """Slow means below this [rad/s]."""
 OFFSET_CAP = 0.05
 """No more than this is made up for [rad]."""
-
-
-@dataclass(frozen=True)
-class Memory:
-    """All that the planner remembers from tick to tick.
-
-    Attributes:
-        trajectory: the plan, in commanded positions; its start is `NEVER` before the first tick.
-        offset: (n,) how far the command has to lead the position, as learnt at low speed [rad].
-        goal: (7,) the goal that `goals` are for, all zero for none.
-        stay: (n,) where to stay without a goal [rad].
-        goals: (G, n) joint goals, G <= GOALS.
-        route: the way ahead.
-        tick: number of ticks.
-        searched: tick at which the global planner was last asked in vain.
-    """
-
-    trajectory: Trajectory
-    offset: Array
-    goal: Array
-    stay: Array
-    goals: Array
-    route: Route
-    tick: int
-    searched: int
-
-    @staticmethod
-    def size(n: int, knots: int) -> int:
-        """Length of the packed vector."""
-        return 1 + n * (2 + knots) + n + POSE_SIZE + n + 1 + GOALS * n + 2 + WAY_POINTS * n + 2
-
-    @staticmethod
-    def initial(q: Array, knots: int, step: float) -> Memory:
-        """Before the first tick, at rest at `q` (n,)."""
-        n = len(q)
-        trajectory = Trajectory.at_rest(NEVER, step, knots, q)
-        return Memory(
-            trajectory,
-            np.zeros(n),
-            np.zeros(POSE_SIZE),
-            np.array(q, dtype=float),
-            np.zeros((0, n)),
-            Route.none(n),
-            0,
-            -1000,
-        )
-
-    def pack(self) -> Array:
-        """As a vector."""
-        t, n = self.trajectory, len(self.offset)
-        goals, points = np.zeros((GOALS, n)), np.zeros((WAY_POINTS, n))
-        goals[: len(self.goals)] = self.goals
-        count = min(len(self.route.points), WAY_POINTS)
-        points[:count] = self.route.points[:count]
-        return np.concatenate(
-            [
-                [t.start], t.q0, t.v0, t.accelerations.ravel(), self.offset, self.goal, self.stay,
-                [len(self.goals)], goals.ravel(), [int(self.route.aim), count], points.ravel(),
-                [self.tick, self.searched],
-            ]
-        )  # fmt: skip
-
-    @staticmethod
-    def trajectory_of(vector: Array, n: int, knots: int, step: float) -> Trajectory:
-        """The trajectory alone of a packed vector; copies."""
-        part = np.array(vector[: 1 + (2 + knots) * n])
-        return Trajectory(
-            float(part[0]), step, part[1 : 1 + n], part[1 + n : 1 + 2 * n], part[1 + 2 * n :].reshape(knots, n)
-        )
-
-    @staticmethod
-    def unpack(vector: Array, n: int, knots: int, step: float) -> Memory:
-        """The inverse of `pack`; copies."""
-        parts = np.cumsum([1, n, n, knots * n, n, POSE_SIZE, n, 1, GOALS * n, 2, WAY_POINTS * n])
-        _, _, _, _, offset, goal, stay, count, goals, route, points, last = np.split(np.array(vector), parts)
-        return Memory(
-            Memory.trajectory_of(vector, n, knots, step),
-            offset,
-            goal,
-            stay,
-            goals.reshape(GOALS, n)[: int(count[0])],
-            Route(Aim(int(route[0])), points.reshape(WAY_POINTS, n)[: int(route[1])]),
-            int(last[0]),
-            int(last[1]),
-        )
 
 
 @dataclass(frozen=True)
@@ -186,7 +100,7 @@ class Planner:
         rng = np.random.default_rng([self.params.seed, memory.tick])
         memory, q0, v0, a0, reanchored = self._anchor(memory, now, arm_state)
         forecast = Forecast.of_tracks(tracks)
-        memory = self._aim(memory, q0, goal, forecast, rng)
+        memory = self._aim(memory, q0, q0 + STOPPING_TIME / 2 * v0, goal, forecast, rng)
 
         situation = self._situation(q0, forecast, memory.goals)
         may_search = memory.tick - memory.searched >= self.router.tuning.patience
@@ -201,7 +115,7 @@ class Planner:
         old_q, old_v, _ = memory.trajectory.at(now + samples)
         guess = old_q - memory.offset
         if route.aim is Aim.NOTHING:
-            reference = np.repeat((q0 + 0.15 * v0)[None], len(samples), axis=0)
+            reference = np.repeat((q0 + STOPPING_TIME / 2 * v0)[None], len(samples), axis=0)
         else:
             reference = self.router.reference(q0, route, samples)
         fallback = replace(memory.trajectory, q0=memory.trajectory.q0 - memory.offset)
@@ -261,18 +175,28 @@ class Planner:
         accelerations[:count] = -v / (h * (count - 0.5))
         return Trajectory(now, h, q.copy(), v.copy(), accelerations)
 
-    def _aim(self, memory: Memory, q0: Array, goal: Array, forecast: Forecast, rng: np.random.Generator) -> Memory:
-        """Joint goals for the goal, found anew when it changes, and now and then while no way is known to any."""
+    def _aim(
+        self, memory: Memory, q0: Array, stop: Array, goal: Array, forecast: Forecast, rng: np.random.Generator
+    ) -> Memory:
+        """Joint goals for the goal, found anew when it changes, and now and then while no way is known to any.
+
+        Args:
+            memory: from the last tick.
+            q0: (n,) where the arm is.
+            stop: (n,) where it can soon be at rest.
+            goal: (7,)
+            forecast: of the objects.
+            rng: of this tick.
+        """
         goal = np.where(np.isfinite(goal).all(), goal, 0.0)
         wanted = float(np.linalg.norm(goal[:4])) > 0.5
         had = float(np.linalg.norm(memory.goal[:4])) > 0.5
         n = len(q0)
         if not wanted:
             if had:
-                # The goal was taken away: stay where the plan comes to rest.
-                stay = memory.trajectory.knots[-1] - memory.offset
+                # The goal was taken away: stay where the arm soon comes to rest.
                 return replace(
-                    memory, goal=np.zeros(POSE_SIZE), stay=stay, goals=stay[None], route=Route(Aim.GOAL, stay[None])
+                    memory, goal=np.zeros(POSE_SIZE), stay=stop, goals=stop[None], route=Route(Aim.GOAL, stop[None])
                 )
             if len(memory.goals) == 0:
                 return replace(memory, goals=memory.stay[None], route=Route(Aim.GOAL, memory.stay[None]))

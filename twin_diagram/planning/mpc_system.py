@@ -13,7 +13,8 @@ from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.errors import ScenarioError
 from twin_diagram.model import Model
-from twin_diagram.planning.mpc import Memory, Planner
+from twin_diagram.planning.memory import Memory
+from twin_diagram.planning.mpc import Planner
 from twin_diagram.planning.payload import gravity_regressor
 from twin_diagram.planning.qp import QpSolver
 from twin_diagram.planning.scene import load_scene
@@ -59,7 +60,7 @@ class Mpc(LeafSystem):
     first holds a new image's poses. Latency: commands follow the plan at any time that they are asked for; a plan
     reacts to an image as old as the camera's latency and one tick of the updater.
 
-    State: one discrete vector, see `mpc.Memory`. The goal counts from `task.start` on.
+    State: one discrete vector, see `memory.Memory`. The goal counts from `task.start` on.
     """
 
     def __init__(

@@ -138,7 +138,7 @@ class Forecast:
         Objects never seen, held or gone are absent; so is one whose track is not finite.
         """
         rows = np.asarray(tracks, dtype=float).reshape(-1, TRACK_SIZE)
-        present = np.isfinite(rows).all(axis=1) & ~np.isin(rows[:, 0].astype(int), [int(s) for s in _ABSENT])
+        present = np.isfinite(rows).all(axis=1) & ~np.isin(rows[:, 0], [float(s) for s in _ABSENT])
         rows = np.where(present[:, None], rows, 0.0)
         quaternion = rows[:, 2:6].copy()
         norm = np.linalg.norm(quaternion, axis=1)
