@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import logging
 import sys
 from multiprocessing import get_context
 from pathlib import Path
@@ -25,6 +26,7 @@ from twin_diagram.score import within
 
 def main() -> int:
     """Parses the command line and runs."""
+    logging.getLogger("drake").setLevel(logging.WARNING)
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenario", default="tabletop", help="file or name (default: %(default)s)")
     parser.add_argument("--out", type=Path, default=Path("out/closed_loop"), help="folder (default: %(default)s)")

@@ -128,7 +128,7 @@ LAYERS = (
     {"prediction", "rollout"},
     {"station", "perception", "estimation", "scene", "planning", "gap"},
     {"looking"},
-    {"diagram", "score", "run", "touching", "trial", "variation"},
+    {"diagram", "score", "run", "touching", "trial", "variation", "attachments", "progress"},
     {"cli"},
     {"__main__"},
 )

@@ -47,9 +47,7 @@ class _Parser(argparse.ArgumentParser):
 def _parser() -> argparse.ArgumentParser:
     from twin_diagram import __version__
 
-    parser = _Parser(
-        prog="twin-diagram", description="A digital twin of a robot arm as a Drake Diagram."
-    )
+    parser = _Parser(prog="twin-diagram", description="A digital twin of a robot arm as a Drake Diagram.")
     parser.add_argument("--version", action="version", version=f"twin-diagram {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
 
@@ -86,6 +84,7 @@ def _add_scenario_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, help="of everything random")
     parser.add_argument("--duration", type=float, help="[s]")
     parser.add_argument("--meshcat", action="store_true", help="look on in a browser while it runs")
+    parser.add_argument("--meldis", action="store_true", help="show both scenes in a Meldis that is running")
 
 
 def _overrides(arguments: argparse.Namespace) -> list[str]:
@@ -105,7 +104,13 @@ def _run(arguments: argparse.Namespace) -> int:
     from twin_diagram.run import run_scenario
 
     run_scenario(
-        scenario, out=arguments.out, record=arguments.record, log=arguments.log, show=arguments.meshcat, say=print
+        scenario,
+        out=arguments.out,
+        record=arguments.record,
+        log=arguments.log,
+        show=arguments.meshcat,
+        meldis=arguments.meldis,
+        say=print,
     )
     return 0
 
@@ -119,6 +124,7 @@ def _replay(arguments: argparse.Namespace) -> int:
         overrides=_overrides(arguments),
         out=arguments.out,
         show=arguments.meshcat,
+        meldis=arguments.meldis,
         say=print,
     )
     return 0

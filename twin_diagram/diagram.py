@@ -95,8 +95,7 @@ def make_twin(twin: scenario.Twin, packages: Packages | None = None) -> Twin:
             "twin.home", f"{len(twin.home)} angles for {len(model.joints)} joints ({', '.join(model.joints)})"
         )
     library = {
-        name: _named(f"twin.library.{name}", partial(_asset, folder, packages))
-        for name, folder in twin.library.items()
+        name: _named(f"twin.library.{name}", partial(_asset, folder, packages)) for name, folder in twin.library.items()
     }
     for index, fixture in enumerate(twin.fixtures):
         _named(f"twin.fixtures.{index}.model", partial(resolve, fixture.model, packages))

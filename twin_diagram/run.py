@@ -3,40 +3,29 @@
 from __future__ import annotations
 
 import json
-import os
-import sys
-from collections.abc import Callable, Iterable
-from contextlib import AbstractContextManager, ExitStack
+from collections.abc import Iterable
+from contextlib import ExitStack
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from twin_diagram import scenario as schema
+from twin_diagram.attachments import SCENARIO_FILE, Keeping, Looking, Say, check_room
 from twin_diagram.diagram import ClosedLoop, Twin, make_closed_loop
 from twin_diagram.errors import TwinError
-from twin_diagram.logs import read_log, write_log
+from twin_diagram.logs import read_log
 from twin_diagram.looking import atomic_file
 from twin_diagram.looking.diagram_svg import write_diagram_svg
-from twin_diagram.looking.ghost import make_ghost
-from twin_diagram.looking.meshcat_scenes import MeshcatScenes, add_meshcat, open_meshcat
-from twin_diagram.looking.overlay_system import MeshcatOverlay
 from twin_diagram.looking.plots import write_plots
+from twin_diagram.progress import Progress
 from twin_diagram.scenario import Scenario
-from twin_diagram.scenario_file import copy_scenario, dump_scenario, load_scenario, override_scenario
+from twin_diagram.scenario_file import load_scenario, override_scenario
 from twin_diagram.score import alarms, summarize, table
 from twin_diagram.signals import TRACK_SIZE, Array, ObjectStatus, Track
-from twin_diagram.station import ports
-from twin_diagram.station.recorder import add_recorder, open_recording
-from twin_diagram.station.recording import LOG, RecordingWriter
 from twin_diagram.trial import Trial, run_trial
-
-SCENARIO_FILE = "scenario.yaml"
-Say = Callable[[str], None]
 
 
 def run_scenario(
@@ -46,6 +35,7 @@ def run_scenario(
     record: Path | None = None,
     log: Path | None = None,
     show: bool = False,
+    meldis: bool = False,
     pictures: bool = True,
     say: Say = print,
 ) -> dict[str, Any]:
@@ -57,6 +47,7 @@ def run_scenario(
         record: folder for a recording that `replay_log` runs again.
         log: the measured log, .csv or .npz.
         show: opens meshcat and runs no faster than real time.
+        meldis: publishes both scenes for Meldis and runs no faster than real time.
         pictures: whether `out` gets more than the summary.
         say: takes lines of text.
 
@@ -67,8 +58,9 @@ def run_scenario(
         TwinError: something that the scenario names does not exist or does not fit.
     """
     if out is not None:
-        _check_room("--out", out, folder=True)
-    look = Looking(open_meshcat()) if show or (out is not None and pictures) else None
+        check_room("--out", out, folder=True)
+    meshcat = show or (out is not None and pictures)
+    look = Looking(meshcat, meldis) if meshcat or meldis else None
     with ExitStack() as stack:
         keep = Keeping(scenario, record, log, stack)
 
@@ -80,7 +72,7 @@ def run_scenario(
         loop = make_closed_loop(scenario, add)
         simulator = Simulator(loop.diagram)
         if look is not None:
-            look.start(simulator, show, say)
+            look.start(simulator, show or meldis, say)
         simulator.Initialize()
         trial = None
         progress = Progress(scenario.duration)
@@ -108,6 +100,7 @@ def replay_log(
     overrides: Iterable[str] = (),
     out: Path | None = None,
     show: bool = False,
+    meldis: bool = False,
     say: Say = print,
 ) -> dict[str, Any]:
     """Runs the twin on a recording (a folder of `run_scenario`) or on a bare measured log.
@@ -118,13 +111,14 @@ def replay_log(
         overrides: ``dotted.field=value`` each.
         out: as in `run_scenario`.
         show: as in `run_scenario`.
+        meldis: as in `run_scenario`.
         say: takes lines of text.
 
     Raises:
         TwinError: no such log, or it cannot be used.
     """
     scenario = replay_scenario(log, model, overrides)
-    return run_scenario(scenario, out=out, show=show, say=say)
+    return run_scenario(scenario, out=out, show=show, meldis=meldis, say=say)
 
 
 def replay_scenario(log: Path, model: str | None = None, overrides: Iterable[str] = ()) -> Scenario:
@@ -185,116 +179,6 @@ def beliefs(loop: ClosedLoop, context: Context) -> dict[str, Any]:
         },
         "alarms": alarms(value("alarm_log")),
     }
-
-
-class Looking:
-    """Both scenes in one meshcat, live or recorded."""
-
-    def __init__(self, meshcat: Meshcat) -> None:
-        """`meshcat`: where they are shown."""
-        self._meshcat = meshcat
-        self.scenes: MeshcatScenes | None = None
-
-    def add(self, builder: DiagramBuilder, station: Diagram, twin: Twin) -> None:
-        """Adds visualisers to a loop that is being built."""
-        real = station.GetOutputPort(ports.QUERY_OBJECT) if station.HasOutputPort(ports.QUERY_OBJECT) else None
-        if real is not None:
-            make_ghost(twin.scene)
-        self.scenes = add_meshcat(builder, self._meshcat, twin.diagram.GetOutputPort("query_object"), real)
-        self.scenes.set_view()
-        plan = twin.diagram.GetOutputPort("plan")
-        overlay = MeshcatOverlay(self._meshcat, twin.scene, plan.size() // len(twin.model.joints))
-        builder.AddNamedSystem("overlay", overlay)
-        for name in ("plan", "tracks", "goal"):
-            builder.Connect(twin.diagram.GetOutputPort(name), overlay.GetInputPort(name))
-
-    def start(self, simulator: Simulator, live: bool, say: Say) -> None:
-        """Begins to record; live, runs no faster than real time and says where to look."""
-        assert self.scenes is not None
-        self.scenes.start_recording()
-        if live:
-            say(f"watch at {self._meshcat.web_url()}")
-            simulator.set_target_realtime_rate(1.0)
-
-
-class Keeping:
-    """What is recorded of the station while it runs; dropped where the run fails."""
-
-    def __init__(self, scenario: Scenario, record: Path | None, log: Path | None, stack: ExitStack) -> None:
-        """`stack` closes what is opened.
-
-        Raises:
-            TwinError: a recording or a log cannot go where it is asked to.
-        """
-        self._writer: RecordingWriter | None = None
-        if record is None and log is None:
-            return
-        if log is not None and log.suffix not in (".csv", ".npz"):
-            raise TwinError(f"--log {log}: a measured log is .csv or .npz")
-        if log is not None:
-            _check_room("--log", log, folder=False)
-        if record is None:
-            # A log alone is a recording without images, made aside.
-            scenario = copy_scenario(scenario)
-            scenario.twin.camera = None
-            record = Path(stack.enter_context(TemporaryDirectory())) / "recording"
-        if log is not None:
-            stack.push(_Converter(record / LOG, log))
-        self._writer = stack.enter_context(open_recording(scenario, record))
-        self._writer.attach(SCENARIO_FILE, dump_scenario(scenario))
-
-    def add(self, builder: DiagramBuilder, station: Diagram, twin: Twin) -> None:
-        """Adds a recorder to a loop that is being built."""
-        if self._writer is not None:
-            add_recorder(builder, station, self._writer, twin.diagram.GetOutputPort(ports.POSITION_COMMANDED))
-
-
-class _Converter(AbstractContextManager[None]):
-    """Writes a recording's log as `log`, unless the run failed."""
-
-    def __init__(self, source: Path, log: Path) -> None:
-        self._source, self._log = source, log
-
-    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
-        if kind is None:
-            write_log(read_log(self._source), self._log)
-
-
-def _check_room(option: str, path: Path, folder: bool) -> None:
-    """Checks that a file or folder can be written before anything is computed for it.
-
-    Raises:
-        TwinError: something else is in its place, or a folder on the way is none.
-    """
-    path = path.absolute()
-    if path.exists() and path.is_dir() != folder:
-        raise TwinError(f"{option} {path}: there is a {'file' if folder else 'folder'} of that name")
-    above = next(parent for parent in path.parents if parent.exists())
-    if not above.is_dir() or not os.access(above, os.W_OK):
-        raise TwinError(f"{option} {path}: {above} is no folder that can be written to")
-
-
-class Progress:
-    """A line on the terminal that says how far a run is; silent where nobody watches."""
-
-    def __init__(self, duration: float) -> None:
-        """`duration`: of the run [s]."""
-        self._duration, self._shown = duration, -1
-        self._visible = sys.stderr.isatty()
-
-    def __call__(self, time: float) -> None:
-        """Shows that `time` [s] has been reached."""
-        tenths = int(10 * time)
-        if self._visible and tenths != self._shown:
-            self._shown = tenths
-            filled = int(30 * time / self._duration)
-            bar = "█" * filled + "░" * (30 - filled)
-            print(f"\r{bar} {time:5.1f} / {self._duration:.1f} s", end="", file=sys.stderr, flush=True)
-
-    def done(self) -> None:
-        """Ends the line."""
-        if self._visible:
-            print(file=sys.stderr)
 
 
 def _advance(simulator: Simulator, duration: float, progress: Progress) -> None:

@@ -1,0 +1,132 @@
+"""What is hung on a closed loop that is being built: eyes (meshcat, Meldis) and memory (recording, log)."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final
+
+from pydrake.geometry import Meshcat
+from pydrake.lcm import DrakeLcm
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+
+from twin_diagram.diagram import Twin
+from twin_diagram.errors import TwinError
+from twin_diagram.logs import read_log, write_log
+from twin_diagram.looking.ghost import make_ghost
+from twin_diagram.looking.meldis import add_meldis
+from twin_diagram.looking.meshcat_scenes import MeshcatScenes, add_meshcat, open_meshcat
+from twin_diagram.looking.overlay_system import MeshcatOverlay
+from twin_diagram.scenario import Scenario
+from twin_diagram.scenario_file import copy_scenario, dump_scenario
+from twin_diagram.station import ports
+from twin_diagram.station.recorder import add_recorder, open_recording
+from twin_diagram.station.recording import LOG, RecordingWriter
+
+SCENARIO_FILE: Final = "scenario.yaml"
+"""In a recording's folder: the scenario that was run."""
+Say = Callable[[str], None]
+
+
+class Looking:
+    """Shows the real scene and the twin's: in one meshcat, live or recorded, and to Meldis."""
+
+    def __init__(self, meshcat: bool = True, meldis: bool = False) -> None:
+        """`meshcat` opens a server that this machine alone reaches; `meldis` publishes on Drake's default LCM URL."""
+        self._meshcat: Meshcat | None = open_meshcat() if meshcat else None
+        self._lcm = DrakeLcm() if meldis else None
+        self.scenes: MeshcatScenes | None = None
+
+    def add(self, builder: DiagramBuilder, station: Diagram, twin: Twin) -> None:
+        """Adds visualisers."""
+        real = station.GetOutputPort(ports.QUERY_OBJECT) if station.HasOutputPort(ports.QUERY_OBJECT) else None
+        if real is not None:
+            make_ghost(twin.scene)
+        query = twin.diagram.GetOutputPort("query_object")
+        if self._lcm is not None:
+            add_meldis(builder, self._lcm, query, real)
+        if self._meshcat is not None:
+            self._add_meshcat(self._meshcat, builder, twin, query, real)
+
+    def _add_meshcat(
+        self, meshcat: Meshcat, builder: DiagramBuilder, twin: Twin, query: OutputPort, real: OutputPort | None
+    ) -> None:
+        self.scenes = add_meshcat(builder, meshcat, query, real)
+        self.scenes.set_view()
+        plan = twin.diagram.GetOutputPort("plan")
+        overlay = MeshcatOverlay(meshcat, twin.scene, plan.size() // len(twin.model.joints))
+        builder.AddNamedSystem("overlay", overlay)
+        for name in ("plan", "tracks", "goal"):
+            builder.Connect(twin.diagram.GetOutputPort(name), overlay.GetInputPort(name))
+
+    def start(self, simulator: Simulator, live: bool, say: Say) -> None:
+        """Begins to record; live, runs no faster than real time and says where to look."""
+        if self.scenes is not None:
+            self.scenes.start_recording()
+        if live:
+            simulator.set_target_realtime_rate(1.0)
+            if self._meshcat is not None:
+                say(f"watch at {self._meshcat.web_url()}")
+            if self._lcm is not None:
+                say("watch in Meldis: python -m pydrake.visualization.meldis -w")
+
+
+class Keeping:
+    """What is recorded of the station while it runs; dropped where the run fails."""
+
+    def __init__(self, scenario: Scenario, record: Path | None, log: Path | None, stack: ExitStack) -> None:
+        """`stack` closes what is opened.
+
+        Raises:
+            TwinError: a recording or a log cannot go where it is asked to.
+        """
+        self._writer: RecordingWriter | None = None
+        if record is None and log is None:
+            return
+        if log is not None and log.suffix not in (".csv", ".npz"):
+            raise TwinError(f"--log {log}: a measured log is .csv or .npz")
+        if log is not None:
+            check_room("--log", log, folder=False)
+        if record is None:
+            # A log alone is a recording without images, made aside.
+            scenario = copy_scenario(scenario)
+            scenario.twin.camera = None
+            record = Path(stack.enter_context(TemporaryDirectory())) / "recording"
+        if log is not None:
+            stack.push(_Converter(record / LOG, log))
+        self._writer = stack.enter_context(open_recording(scenario, record))
+        self._writer.attach(SCENARIO_FILE, dump_scenario(scenario))
+
+    def add(self, builder: DiagramBuilder, station: Diagram, twin: Twin) -> None:
+        """Adds a recorder to a loop that is being built."""
+        if self._writer is not None:
+            add_recorder(builder, station, self._writer, twin.diagram.GetOutputPort(ports.POSITION_COMMANDED))
+
+
+class _Converter(AbstractContextManager[None]):
+    """Writes a recording's log as `log`, unless the run failed."""
+
+    def __init__(self, source: Path, log: Path) -> None:
+        self._source, self._log = source, log
+
+    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
+        if kind is None:
+            write_log(read_log(self._source), self._log)
+
+
+def check_room(option: str, path: Path, folder: bool) -> None:
+    """Checks that a file or folder can be written before anything is computed for it.
+
+    Raises:
+        TwinError: something else is in its place, or a folder on the way is none.
+    """
+    path = path.absolute()
+    if path.exists() and path.is_dir() != folder:
+        raise TwinError(f"{option} {path}: there is a {'file' if folder else 'folder'} of that name")
+    above = next(parent for parent in path.parents if parent.exists())
+    if not above.is_dir() or not os.access(above, os.W_OK):
+        raise TwinError(f"{option} {path}: {above} is no folder that can be written to")

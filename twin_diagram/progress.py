@@ -1,0 +1,36 @@
+"""How far a run is, on the terminal."""
+
+from __future__ import annotations
+
+import sys
+
+QUIET_PERIOD = 2.0
+"""Where output is not a terminal, a line this often [s of simulated time]."""
+
+
+class Progress:
+    """A bar on a terminal that is redrawn; elsewhere a line from time to time. On stderr."""
+
+    def __init__(self, duration: float) -> None:
+        """`duration`: of the run [s]."""
+        self._duration, self._shown = duration, 0
+        self._terminal = sys.stderr.isatty()
+        self._period = 0.1 if self._terminal else QUIET_PERIOD
+
+    def __call__(self, time: float) -> None:
+        """Shows that `time` [s] has been reached."""
+        step = int(time / self._period + 1e-9)
+        if step == self._shown:
+            return
+        self._shown = step
+        if self._terminal:
+            filled = int(30 * time / self._duration)
+            bar = "█" * filled + "░" * (30 - filled)
+            print(f"\r{bar} {time:5.1f} / {self._duration:.1f} s", end="", file=sys.stderr, flush=True)
+        else:
+            print(f"{time:.1f} of {self._duration:.1f} s simulated", file=sys.stderr, flush=True)
+
+    def done(self) -> None:
+        """Ends the bar's line."""
+        if self._terminal:
+            print(file=sys.stderr)
