@@ -205,6 +205,18 @@ def test_a_scenario_made_with_numpy_is_written_too() -> None:
     assert again.twin.arm.effects[0].parameters == {"mass": [1.5]}
 
 
+@pytest.mark.parametrize(
+    "text",
+    ["1e5", "-.5E3", "yes", "null", "~", "1", "0x1f", "2020-01-01", "a: b", "- a", "é\n2", " ", "#", "1:30", "=", "!x"],
+)
+def test_text_stays_text_whatever_it_looks_like(text: str, tmp_path: Path) -> None:
+    scenario = Scenario(packages={text: text})
+    scenario.twin.camera = None
+    scenario.twin.arm.joints = [text]
+    save_scenario(scenario, tmp_path / "s.yaml")
+    assert load_scenario(tmp_path / "s.yaml") == scenario
+
+
 # Overrides.
 
 

@@ -32,6 +32,27 @@ class _Loader(yaml.SafeLoader):
     """Reads 1e-3 as a number, as YAML 1.2 and everybody else does."""
 
 
+class _Dumper(yaml.SafeDumper):
+    """Puts text that reads as such a number in quotes."""
+
+
+for _class in (_Loader, _Dumper):
+    _class.add_implicit_resolver(
+        "tag:yaml.org,2002:float",
+        re.compile(r"^[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+$"),
+        list("-+.0123456789"),
+    )
+
+_brief = reprlib.Repr()
+_brief.maxstring = _brief.maxother = _brief.maxlong = 60
+
+STATIONS = ("sim", "replay", "lcm")
+
+
+class _Loader(yaml.SafeLoader):
+    """Reads 1e-3 as a number, as YAML 1.2 and everybody else does."""
+
+
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float", re.compile(r"^[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+$"), list("-+.0123456789")
 )
@@ -70,7 +91,7 @@ def override_scenario(scenario: Scenario, overrides: Iterable[str]) -> Scenario:
     if not overrides:
         return copy_scenario(scenario)
     # Written out, so that an override may reach into what no file named.
-    data = yaml.safe_load(dump_scenario(scenario))
+    data = _read(dump_scenario(scenario), "scenario")
     for override in overrides:
         _override(data, override)
     return parse_scenario(data)
@@ -114,8 +135,9 @@ def parse_scenario(data: Mapping[str, Any]) -> Scenario:
 
 def dump_scenario(scenario: Scenario) -> str:
     """The scenario as YAML, every field written out; entries keep their order, which is that of the twin's ports."""
-    text = yaml.safe_dump(_plain(scenario), sort_keys=False, default_flow_style=None, allow_unicode=True, width=120)
-    return typing.cast(str, text)
+    return yaml.dump(
+        _plain(scenario), Dumper=_Dumper, sort_keys=False, default_flow_style=None, allow_unicode=True, width=120
+    )
 
 
 def save_scenario(scenario: Scenario, path: Path) -> None:
