@@ -331,7 +331,8 @@ def write_urdf(chain: Chain, path: Path) -> None:
         lines.append(
             f'<transmission name="motor_{k + 1}"><type>transmission_interface/SimpleTransmission</type>'
             f'<joint name="joint_{k + 1}"><hardwareInterface>hardware_interface/EffortJointInterface'
-            f'</hardwareInterface></joint><actuator name="motor_{k + 1}">{rotor if link.rotor > 0.0 else ""}</actuator></transmission>'
+            f'</hardwareInterface></joint><actuator name="motor_{k + 1}">'
+            f"{rotor if link.rotor > 0.0 else ''}</actuator></transmission>"
         )
     text = "\n".join([*lines, "</robot>", ""])
     path.write_text(re.sub(r"np\.float64\(([^)]*)\)", r"\1", text), encoding="utf-8")

@@ -236,7 +236,7 @@ def _bias(j: int, chain: Chain, scale: Scale, rng: np.random.Generator) -> dict[
 
 
 def _saturation(j: int, chain: Chain, scale: Scale, rng: np.random.Generator) -> dict[str, float]:
-    low = max(0.5, 1.25 * float(scale.torque[j] / scale.peak[j]))
+    low = max(0.7, 1.25 * float(scale.torque[j] / scale.peak[j]))
     return {"limit": float(scale.peak[j]) * rng.uniform(min(low, 0.85), 0.95)}
 
 

@@ -1,7 +1,7 @@
 """An arm in MuJoCo with whatever is hidden in it, its controller, and its log.
 
-What is hidden is installed by `gap_truth.phenomena`: a world is a list of hooks, called at every step of the integrator,
-and never a law of `twin_diagram.effects`.
+What is hidden is installed by `gap_truth.phenomena`: a world is a list of hooks, called at every step of the
+integrator, and never a law of `twin_diagram.effects`.
 """
 
 from __future__ import annotations
@@ -118,6 +118,7 @@ class Truth:
         v: (N, n) [rad/s].
         a: (N, n) [rad/s²], of the same instant as q, v and the torque.
         torque: commanded, and held until the next control tick (N, n) [N·m].
+        held: mean of the commanded torque from this sample to the next (N, n) [N·m].
         encoder: quantised positions (N, n) [rad].
         velocity: the drive's estimate (N, n) [rad/s].
         asked: commanded positions (N, n) [rad].
@@ -128,6 +129,7 @@ class Truth:
     v: Array
     a: Array
     torque: Array
+    held: Array
     encoder: Array
     velocity: Array
     asked: Array
@@ -169,7 +171,7 @@ def simulate(
     substeps = round(CONTROL_PERIOD / STEP)
     keep = 1.0 - np.exp(-control.corner * CONTROL_PERIOD)
     lsb, count = control.resolution, len(motion.q)
-    rows: list[tuple[Array, ...]] = []
+    rows: list[list[Array]] = []
     last = np.round((data.qpos[dofs] + world.offset) / lsb) * lsb
     estimate = np.zeros(n)
     dynamic = bool(world.levels)
@@ -186,6 +188,8 @@ def simulate(
             + control.damping * (motion.v[tick] - estimate)
         )
         torque = np.clip(torque, -control.limit, control.limit)
+        if tick % every:
+            rows[-1][4] = rows[-1][4] + torque
         for part in range(substeps):
             t = now + part * STEP
             if part:
@@ -208,12 +212,12 @@ def simulate(
             data.qfrc_applied[dofs] = applied
             mujoco.mj_step(model, data)
             if part == 0 and tick % every == 0:
-                rows.append((q + world.offset, v, data.qacc[dofs], torque, encoder, estimate))
+                rows.append([q + world.offset, v, data.qacc[dofs], torque, torque, encoder, estimate])
         if tick % 500 == 0 and not np.all(np.abs(data.qpos[dofs] - motion.q[tick]) < 1.5):
-            raise DivergedError(
-                f"at {now:g} s the arm is {data.qpos[dofs] - motion.q[tick]} rad from where it should be"
-            )
+            away = np.abs(data.qpos[dofs] - motion.q[tick]).max()
+            raise DivergedError(f"at {now:g} s a joint is {away:g} rad from where it should be")
     columns = [np.array(column) for column in zip(*rows, strict=True)]
+    columns[4] = columns[4] / every
     time = CONTROL_PERIOD * every * np.arange(len(rows))
     return Truth(time, *columns, asked=motion.q[::every])
 
