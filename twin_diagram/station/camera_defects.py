@@ -15,6 +15,7 @@ from pydrake.systems.sensors import ImageDepth32F, ImageRgba8U
 from twin_diagram.errors import ScenarioError
 from twin_diagram.scenario import Camera, CameraDefects
 from twin_diagram.station.noise import Stream, generator
+from twin_diagram.timing import timed
 
 Depth = npt.NDArray[np.float32]
 Colour = npt.NDArray[np.uint8]
@@ -179,6 +180,7 @@ class CameraDefectsSystem(LeafSystem):
     def _covered(self, time: float) -> bool:
         return any(start <= time <= end for start, end in self._defects.covered)
 
+    @timed("Camera")
     def _calc_rgb(self, context: Context, output: Value) -> None:
         image = ImageRgba8U(self._camera.width, self._camera.height)
         frame = self._frame(context)
@@ -189,6 +191,7 @@ class CameraDefectsSystem(LeafSystem):
             image.mutable_data[:] = spoil_colour(self._rgb.Eval(context).data, self._table, offset)
         output.set_value(image)
 
+    @timed("Camera")
     def _calc_depth(self, context: Context, output: Value) -> None:
         image = ImageDepth32F(self._camera.width, self._camera.height)
         frame = self._frame(context)
