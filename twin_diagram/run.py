@@ -8,6 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
@@ -57,6 +58,7 @@ def run_scenario(
     Raises:
         TwinError: something that the scenario names does not exist or does not fit.
     """
+    cv2.setNumThreads(1)  # images are small: a second thread costs more than it gives, and p90 suffers
     if out is not None:
         check_room("--out", out, folder=True)
     meshcat = show or (out is not None and pictures)
@@ -79,7 +81,7 @@ def run_scenario(
         if scenario.station == "sim":
             trial = run_trial(loop, simulator, scenario.duration, progress)
             timing = trial.timing()
-            summary = _summary(loop, trial, timing)
+            summary = summary_of(loop, trial, timing)
             progress.done()
             say(table(summary))
         else:
@@ -187,7 +189,8 @@ def _advance(simulator: Simulator, duration: float, progress: Progress) -> None:
         progress(simulator.get_context().get_time())
 
 
-def _summary(loop: ClosedLoop, trial: Trial, timing: dict[str, Any]) -> dict[str, Any]:
+def summary_of(loop: ClosedLoop, trial: Trial, timing: dict[str, Any]) -> dict[str, Any]:
+    """The figures of ``summary.json``."""
     scenario = loop.scenario
     payloads = [e.parameters["mass"][0] for e in scenario.world.arm.effects if e.name == "payload"]
     return summarize(
