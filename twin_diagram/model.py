@@ -4,7 +4,9 @@ Simulator, filter, rollouts and gap workflow share it. The torque law reads
 
     logged torque = actuation⁻¹( M(q) a + C(q, v) v − g(q) + dampers + Σ effects.torque )
 
-with q the true positions behind the measured ones, and M with rotors and payloads.
+with q the true positions behind the measured ones, and M with rotors and payloads. Effects that start or end, that wait
+(`time_delay`) or that remember (`joint_elasticity`, `backlash`) need to know of time: where samples are given with their
+times they count in full; where they are not, what is there to stay counts, nothing waits, and gears are rigid.
 """
 
 from __future__ import annotations
@@ -23,13 +25,17 @@ import numpy.typing as npt
 from pydrake.common.yaml import yaml_dump_typed
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import JacobianWrtVariable, MultibodyForces, SpatialInertia, UnitInertia
+from pydrake.multibody.tree import JacobianWrtVariable, MultibodyForces
 from pydrake.systems.framework import Context
 
-from twin_diagram import rigid_tree, scenario
+from twin_diagram import rigid_tree, scenario, series
 from twin_diagram.description import EFFECTS_FILE, Arm, add_arm
 from twin_diagram.effects import Effect, make
+from twin_diagram.effects.elasticity import YieldingGear
+from twin_diagram.effects.friction import smooth_sign
+from twin_diagram.effects.link_inertia import spatial_inertia
 from twin_diagram.errors import ModelError
+from twin_diagram.timeline import epochs, shifted
 
 Array = npt.NDArray[np.float64]
 
@@ -49,6 +55,10 @@ class Model:
         arm: the arm's indices in `plant`.
         joints: the arm's joints; n is their number.
         effects: in order; first those that the description itself states (`Effect.given`).
+        present: those that count where no time is given: all but those that end.
+        timed: whether an effect starts or ends.
+        delay: how much later the logged torque acts [s].
+        yielding: joints (s,) whose gears yield, their stiffness [N·m/rad] and half of their play [rad].
         position_index, velocity_index: (n,) of the joints in the plant's q and v.
         lower, upper, velocity_limit, effort_limit: (n,) from the description, infinite where it says nothing.
         last_link: name of the child link of the last arm joint; payloads hang on it.
@@ -73,12 +83,26 @@ class Model:
         self.effort_limit = np.array([actuator.effort_limit() for actuator in actuators])
         self.last_link: str = plant.get_body(arm.last_link).name()
 
+        self.timed = any(effect.timed for effect in self.effects)
+        self.present = tuple(effect.always() if effect.timed else effect for effect in self.effects if effect.end is None)
+        self.delay = float(sum(effect.delay for effect in self.present))
+        self._epochs: dict[tuple[bool, ...], Model] = {}
+
         self._context = plant.CreateDefaultContext()
         self._check_names()
         self._fold()
         self.tree = rigid_tree.from_plant(plant, self._context, arm)
         self._vectorises = rigid_tree.is_whole(plant)
-        self._laws = tuple(effect for effect in self.effects if not effect.folds)
+        self._laws = tuple(effect for effect in self.present if not effect.folds)
+        self._dry = tuple(effect for effect in self._laws if effect.dry)
+        self.yielding = series.merged(
+            [
+                (self.joints.index(joint), gear)
+                for effect in self.present
+                if isinstance(effect, YieldingGear)
+                for joint, gear in effect.gears().items()
+            ]
+        )
         self._forces = MultibodyForces(plant)
         self._world = plant.world_frame()
         self._tool = plant.get_frame(arm.tool_frame)
@@ -155,7 +179,15 @@ class Model:
 
     # Dynamics.
 
-    def inverse_dynamics(self, q: Array, v: Array, a: Array, tau: Array | None = None) -> Array:
+    def inverse_dynamics(
+        self,
+        q: Array,
+        v: Array,
+        a: Array,
+        tau: Array | None = None,
+        time: Array | None = None,
+        seen: Array | None = None,
+    ) -> Array:
         """The torque that the motors must give, as their log would show it.
 
         Args:
@@ -163,14 +195,44 @@ class Model:
             v: (…, n) velocities [rad/s].
             a: (…, n) accelerations [rad/s²].
             tau: (…, n) torque that the joints transmit, for friction that depends on load; None: that of the rigid arm.
+            time: (N,) of samples (N, n) of one run at a constant rate [s]; None: samples have nothing to do with each
+                other.
+            seen: (…, n) logged torque, for what is logged but never reaches a joint (saturation); None: nothing.
 
         Returns:
             (…, n) [N·m]
         """
-        total = self.joint_load(self.true_position(q), v, a, tau)
-        for effect in reversed(self._laws):
-            total = effect.logged(self.joints, total)
-        return total
+        if time is not None and self.timed:
+            result = np.empty_like(q)
+            for mask, static in self.epochs(time):
+                result[mask] = static.inverse_dynamics(q, v, a, tau, time, seen)[mask]
+            return result
+        q = self.true_position(q)
+        total = self.joint_load(q, v, a, tau)
+        if time is not None and len(self.yielding[0]) and len(time) > 1:
+            total = total + series.twist(self, q, v, a, (time[-1] - time[0]) / (len(time) - 1)).torque
+        shown: list[Array] = []
+        if seen is not None and any(effect.loses for effect in self._laws):
+            arrived = seen if time is None else shifted(seen, time, -self.delay)
+            for effect in self._laws:
+                shown.append(arrived)
+                arrived = effect.applied(self.joints, arrived)
+        for k, effect in reversed(list(enumerate(self._laws))):
+            if shown and effect.loses:
+                total = total + shown[k] - effect.applied(self.joints, shown[k])
+            else:
+                total = effect.logged(self.joints, total)
+        return total if time is None else shifted(total, time, self.delay)
+
+    def epochs(self, time: Array) -> list[tuple[npt.NDArray[np.bool_], Model]]:
+        """Which samples (N,) each model without onsets holds for."""
+        result = []
+        for active, mask in epochs(self.effects, time):
+            if active not in self._epochs:
+                kept = [effect.always() for effect, on in zip(self.effects, active, strict=True) if on]
+                self._epochs[active] = self.with_effects(kept)
+            result.append((mask, self._epochs[active]))
+        return result
 
     def mass_matrix(self, q: Array) -> Array:
         """(n, n) mass matrix [kg·m²] at measured positions (n,): arm, rotors, payload; fingers held rigid."""
@@ -183,7 +245,7 @@ class Model:
     def forward_dynamics(self, q: Array, v: Array, tau: Array) -> Array:
         """(…, n) accelerations [rad/s²] under logged torques `tau` (…, n)."""
         q, tau = self.true_position(q), self.applied(tau)
-        if q.ndim == 1:
+        if q.ndim == 1 and not self._dry:
             load = self.joint_load(q, v, np.zeros_like(q), tau)
             once: Any = np.linalg.solve(self._mass(q), tau - load)
             return np.asarray(once)
@@ -199,11 +261,23 @@ class Model:
             return rigid
         flat = (-1, q.shape[-1])
         total: Array = rigid.reshape(flat)
-        transmitted = total if tau is None else np.reshape(tau, flat)
         motion = (q.reshape(flat), v.reshape(flat), a.reshape(flat))
         for effect in self._laws:
+            if not effect.dry:
+                total = total + effect.torque(self, *motion, total)
+        transmitted = total if tau is None else np.reshape(tau, flat)
+        for effect in self._dry:
             total = total + effect.torque(self, *motion, transmitted)
         return total.reshape(q.shape)
+
+    def link_load(self, q: Array, v: Array, a: Array) -> Array:
+        """The part (N, n) of `joint_load` that lies behind an elastic gear: without rotors, dampers and friction."""
+        tree = replace(self.tree, rotor=np.zeros_like(self.tree.rotor), damping=np.zeros_like(self.tree.damping))
+        total = tree.inverse_dynamics(q, v, a)
+        for effect in self._laws:
+            if not effect.motor_side:
+                total = total + effect.torque(self, q, v, a, total)
+        return total
 
     def mass_and_load(self, q: Array, v: Array, tau: Array, *, dry: bool = True) -> tuple[Array, Array]:
         """Mass matrices (N, n, n) and loads without acceleration (N, n), at true positions (N, n), for integrators.
@@ -221,21 +295,39 @@ class Model:
             load = self._rigid(q, v, np.zeros_like(q))
         a = np.zeros_like(q)
         for effect in self._laws:
-            if dry or not effect.dry:
+            if not effect.dry:
                 load = load + effect.torque(self, q, v, a, tau)
+        if dry and self._dry:
+            forward, backward = self.friction_level(q, v, tau)
+            load = load + np.where(v >= 0.0, forward, backward) * smooth_sign(v)
         return mass, load
+
+    def motor_load(self, q: Array, v: Array, tau: Array) -> Array:
+        """The part (N, n) of the loads of `mass_and_load` without dry friction that lies before an elastic gear."""
+        load = self.tree.damping * v
+        a = np.zeros_like(q)
+        for effect in self._laws:
+            if effect.motor_side and not effect.dry:
+                load = load + effect.torque(self, q, v, a, tau)
+        return load
 
     def friction_level(self, q: Array, v: Array, tau: Array) -> tuple[Array, Array]:
         """Bounds (N, n) of all dry friction against positive and against negative motion [N·m]."""
         forward, backward = np.zeros_like(q), np.zeros_like(q)
-        for effect in self._laws:
-            if effect.dry:
-                up, down = effect.friction_level(self, q, v, tau)
-                forward, backward = forward + up, backward + down
+        for effect in self._dry:
+            up, down = effect.friction_level(self, q, v, tau)
+            forward, backward = forward + up, backward + down
         return forward, backward
 
-    def applied(self, tau: Array) -> Array:
-        """The torque (…, n) that reaches the joints when `tau` is logged."""
+    def applied(self, tau: Array, time: Array | None = None) -> Array:
+        """The torque (…, n) that reaches the joints when `tau` is logged; `time` (N,) as in `inverse_dynamics`."""
+        if time is not None and self.timed:
+            result = np.empty_like(tau)
+            for mask, static in self.epochs(time):
+                result[mask] = static.applied(tau, time)[mask]
+            return result
+        if time is not None:
+            tau = shifted(tau, time, -self.delay)
         for effect in self._laws:
             tau = effect.applied(self.joints, tau)
         return tau
@@ -244,6 +336,12 @@ class Model:
         """The joint positions (…, n) when `q` is measured."""
         for effect in self._laws:
             q = effect.true_position(self.joints, q)
+        return q
+
+    def measured_position(self, q: Array) -> Array:
+        """What encoders read (…, n) at joint positions `q`."""
+        for effect in reversed(self._laws):
+            q = effect.measured_position(self.joints, q)
         return q
 
     def _mass(self, q: Array) -> Array:
@@ -316,13 +414,13 @@ class Model:
 
     def _fold(self) -> None:
         """Puts what effects change in the rigid model into the scratch context's parameters."""
-        for effect in self.effects:
+        for effect in self.present:
             change = effect.change(self)
             for link, added in change.inertia.items():
                 body = self.plant.GetBodyByName(link)
                 present = body.CalcSpatialInertiaInBodyFrame(self._context)
                 whole = rigid_tree.inertia_vector(present, RigidTransform()) + added
-                body.SetSpatialInertiaInBodyFrame(self._context, _spatial_inertia(whole))
+                body.SetSpatialInertiaInBodyFrame(self._context, spatial_inertia(whole))
             for name, reflected in change.rotor.items():
                 actuator = self.arm.actuator(self.plant, name)
                 rotor = actuator.rotor_inertia(self._context) + reflected / actuator.gear_ratio(self._context) ** 2
@@ -338,14 +436,6 @@ def _given(arm: Arm) -> list[Effect]:
     for effect in effects:
         effect.given = True
     return effects
-
-
-def _spatial_inertia(vector: Array) -> SpatialInertia:
-    """From ten inertial parameters in the body's frame."""
-    mass = float(vector[0])
-    xx, yy, zz, xy, xz, yz = vector[4:] / mass if mass > 0.0 else np.zeros(6)
-    centre: Any = vector[1:4] / mass if mass > 0.0 else np.zeros(3)
-    return SpatialInertia(mass, centre, UnitInertia(xx, yy, zz, xy, xz, yz), skip_validity_check=True)
 
 
 _RELATIVE_FILE = re.compile(rb"""(<uri>|filename\s*=\s*["']|\bfile\s*=\s*["'])\s*([^"'<>]+?)\s*(?=["'<])""")

@@ -9,12 +9,13 @@ import logging
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from pydrake.multibody.tree import PrismaticJoint, RevoluteJoint
 
-from twin_diagram import description
+from twin_diagram import description, series
 from twin_diagram.errors import LogError
 from twin_diagram.logs import Log, LogWarning, check, read_log, write_columns
 from twin_diagram.model import Model
@@ -47,8 +48,15 @@ def torque_predicted(model: Model, log: Log, smooth: Motion | None = None) -> Ar
         smooth: `motion(log)`, where the caller has it.
     """
     smooth = motion(log) if smooth is None else smooth
-    tau = model.inverse_dynamics(smooth.position, smooth.velocity, smooth.acceleration)
-    return _at(log.time, smooth.log.time, tau)
+    regular = smooth.log
+    tau = model.inverse_dynamics(
+        smooth.position, smooth.velocity, smooth.acceleration, time=regular.time, seen=_torque_or_none(regular)
+    )
+    return _at(log.time, regular.time, tau)
+
+
+def _torque_or_none(log: Log) -> Array | None:
+    return None if log.torque is None and log.torque_commanded is None else log.motor_torque
 
 
 def position_predicted(model: Model, log: Log, horizon: float = 0.2, smooth: Motion | None = None) -> Array:
@@ -65,23 +73,36 @@ def position_predicted(model: Model, log: Log, horizon: float = 0.2, smooth: Mot
     if not 0.0 < horizon < regular.time[-1] - regular.time[0]:
         raise LogError(f"{log.source}: horizon {horizon:g} s: must be positive and shorter than the log")
     steps = max(1, round(horizon / regular.period))
-    tau = regular.motor_torque
+    tau = model.applied(regular.motor_torque, regular.time)
+    angles, rates = twists(model, smooth)
     result = np.empty_like(regular.position)
     result[0] = regular.position[0]
     period = (regular.time[-1] - regular.time[0]) / (len(regular) - 1)
-    result[1:steps] = _early(model, regular.position[0], smooth.velocity[0], tau[:steps], period)
+
+    def arguments(chosen: npt.NDArray[np.int64], count: int) -> tuple[Any, ...]:
+        torques = np.stack([tau[chosen + k] for k in range(count + 1)])
+        begin = (regular.position[chosen], smooth.velocity[chosen])
+        return (model, *begin, torques, period, regular.time[chosen], (angles[chosen], rates[chosen]))
+
+    if steps > 1:
+        early = trajectory(*arguments(np.zeros(1, dtype=np.int64), steps - 1), arrived=True)
+        result[1:steps] = [position[0] for position in early]
     starts = np.arange(len(regular) - steps)
     for first in range(0, len(starts), STARTS_AT_ONCE):
         chosen = starts[first : first + STARTS_AT_ONCE]
-        torques = np.stack([tau[chosen + k] for k in range(steps + 1)])
-        result[chosen + steps] = rollout(model, regular.position[chosen], smooth.velocity[chosen], torques, period)
+        result[chosen + steps] = rollout(*arguments(chosen, steps), arrived=True)
     return _at(log.time, regular.time, result)
 
 
-def _early(model: Model, q: Array, v: Array, tau: Array, period: float) -> Array:
-    """Positions (K, n) after 1 to K periods from one start, under torques (K + 1, n)."""
-    positions = [position[0] for position in trajectory(model, q[None], v[None], tau[:, None], period)]
-    return np.array(positions).reshape(-1, len(q))
+def twists(model: Model, smooth: Motion) -> tuple[Array, Array]:
+    """Angles and rates, each (N, s), of the gears that yield, for a measured motion [rad], [rad/s]."""
+    count = len(model.yielding[0])
+    if count == 0:
+        return np.zeros((len(smooth.log), 0)), np.zeros((len(smooth.log), 0))
+    time = smooth.log.time
+    period = (time[-1] - time[0]) / (len(time) - 1)
+    found = series.twist(model, model.true_position(smooth.position), smooth.velocity, smooth.acceleration, period)
+    return found.angle, found.rate
 
 
 def _at(times: Array, regular: Array, values: Array) -> Array:

@@ -134,6 +134,27 @@ class RigidTree:
         bias += self.damping * v + self.stiffness * (q - self.rest)
         return mass, bias
 
+    def pushed(self, q: Array, body: int, p: Array, force: Array, moment: Array) -> Array:
+        """Joint torques (N, n) that a wrench gives.
+
+        Args:
+            q: (N, n) positions [rad].
+            body: that is pushed; -1 (what stands still) gives none.
+            p: (3,) where, in the body's frame M [m].
+            force: (3,) in W [N].
+            moment: (3,) in W [N·m].
+        """
+        result = np.zeros_like(q)
+        if body < 0:
+            return result
+        for part in _chunks(len(q)):
+            motion = _Kinematics.of(self, q[part].T)
+            point = np.einsum("abn,b->an", motion.R[:, :, body], p) + motion.p[:, body]
+            about_origin = moment[:, None] + _cross(point, np.broadcast_to(force[:, None], point.shape))
+            torque = np.einsum("ajn,an->jn", motion.angular, about_origin) + np.einsum("ajn,a->jn", motion.linear, force)
+            result[part] = (torque * self.ancestors[body][:, None]).T
+        return result
+
     def regressor(self, q: Array, v: Array, a: Array, body: int) -> Array:
         """Joint torques (N, n, 10) per unit of each inertial parameter of one body, in the order of `inertia`.
 

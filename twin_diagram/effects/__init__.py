@@ -5,11 +5,22 @@ Importing this package registers every effect that comes along; a user's own nee
 
 from __future__ import annotations
 
-from twin_diagram.effects import actuation, environment, friction, inertia, transmission
+from twin_diagram.effects import (
+    actuation,
+    elasticity,
+    environment,
+    friction,
+    friction_levels,
+    inertia,
+    link_inertia,
+    ripple,
+    sensing,
+    transmission,
+)
 from twin_diagram.effects.effect import REGISTRY, Effect, make, register
 from twin_diagram.effects.fitting import Brake, Fitting, RigidChange
 from twin_diagram.effects.parameter import Parameter, ParameterKind
-from twin_diagram.effects.realisation import Motors, add_to_plant, connect, measured_position
+from twin_diagram.effects.realisation import Motors, add_to_plant, connect, measured_position, renewed
 
 __all__ = [
     "REGISTRY",
@@ -23,11 +34,17 @@ __all__ = [
     "actuation",
     "add_to_plant",
     "connect",
+    "elasticity",
     "environment",
     "friction",
+    "friction_levels",
     "inertia",
+    "link_inertia",
     "make",
     "measured_position",
     "register",
+    "renewed",
+    "ripple",
+    "sensing",
     "transmission",
 ]

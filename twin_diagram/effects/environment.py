@@ -37,6 +37,7 @@ class GravityTilt(Effect):
         "pitch": ParameterKind("rad", lower=-np.pi, upper=np.pi),
     }
     per_joint: ClassVar[bool] = False
+    changes_plant: ClassVar[bool] = True
 
     def rotation(self) -> RollPitchYaw:
         """The tilt, as a rotation of the base in W."""
@@ -74,3 +75,36 @@ class GravityTilt(Effect):
         """See `Effect.sentence`."""
         roll, pitch = np.degrees([self.value("roll")[0], self.value("pitch")[0]])
         return f"the base is tilted by {roll:.3g}° about x and {pitch:.3g}° about y"
+
+
+@register
+class ExternalForce(Effect):
+    """Something pushes at a link: a wrench at the link's origin, in world axes."""
+
+    name: ClassVar[str] = "external_force"
+    kinds: ClassVar[Mapping[str, ParameterKind]] = {
+        "wrench": ParameterKind("N, N·m", size=6, help="force (3), then moment (3)"),
+    }
+    per_joint: ClassVar[bool] = False
+
+    def check(self) -> None:
+        """See `Effect.check`."""
+        if len(self.links) != 1:
+            raise ModelError(f"effects.external_force.links: name one link, not {', '.join(self.links) or 'none'}")
+
+    def torque(self, model: Model, q: Array, v: Array, a: Array, tau: Array) -> Array:
+        """See `Effect.torque`: what the push gives, the motors need not."""
+        del v, a, tau
+        body, X_ML = model.body_of(self.links[0])
+        force, moment = np.split(self.value("wrench"), 2)
+        return -model.tree.pushed(q, body, np.asarray(X_ML.translation()), force, moment)
+
+    def sentence(self) -> str:
+        """See `Effect.sentence`."""
+        fx, fy, fz, mx, my, mz = self.value("wrench")
+        when = "" if self.onset is None else f" from {self.onset:.4g} s on"
+        when += "" if self.end is None else f" until {self.end:.4g} s"
+        return (
+            f"something pushes {self.links[0]} with ({fx:.4g}, {fy:.4g}, {fz:.4g}) N and turns it with "
+            f"({mx:.4g}, {my:.4g}, {mz:.4g}) N·m, in world axes{when}"
+        )

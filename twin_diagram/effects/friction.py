@@ -6,7 +6,7 @@ integrators, which solve for it (a smooth law stiff enough to be right would nee
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -14,7 +14,7 @@ import numpy.typing as npt
 from pydrake.multibody.plant import MultibodyPlant
 
 from twin_diagram.effects.effect import Effect, register
-from twin_diagram.effects.fitting import Fitting, RigidChange
+from twin_diagram.effects.fitting import Brake, Fitting, RigidChange
 from twin_diagram.effects.parameter import ParameterKind
 from twin_diagram.errors import ModelError
 
@@ -46,6 +46,7 @@ class ViscousFriction(Effect):
     name: ClassVar[str] = "viscous_friction"
     kinds: ClassVar[Mapping[str, ParameterKind]] = {"damping": ParameterKind("N·m·s/rad", lower=0.0)}
     folds: ClassVar[bool] = True
+    motor_side: ClassVar[bool] = True
 
     def torque(self, model: Model, q: Array, v: Array, a: Array, tau: Array) -> Array:
         """See `Effect.torque`."""
@@ -57,15 +58,31 @@ class ViscousFriction(Effect):
         del model
         return RigidChange(damping=dict(zip(self.joints, self.value("damping").tolist(), strict=True)))
 
+    def fittings(self) -> list[Fitting]:
+        """Explicit dampers where it starts or ends during a run."""
+        if not self.timed:
+            return []
+
+        def law(damping: float) -> Callable[[float], float]:
+            return lambda v: -damping * v
+
+        return [
+            Fitting(f"{joint}_viscous_friction", joint, speed_curve=law(float(damping)))
+            for joint, damping in zip(self.joints, self.value("damping"), strict=True)
+        ]
+
     def before_finalize(self, plant: MultibodyPlant, arm: Arm) -> None:
         """Raises the joints' damping, which a discrete plant integrates implicitly."""
+        if self.timed:
+            super().before_finalize(plant, arm)
+            return
         for name, damping in zip(self.joints, self.value("damping"), strict=True):
             joint = plant.get_joint(arm.joint_indices[arm.joints.index(name)])
             joint.set_default_damping_vector(joint.default_damping_vector() + damping)
 
     def sentence(self) -> str:
         """See `Effect.sentence`."""
-        return _each("viscous friction", self.joints, self.value("damping"), "N·m·s/rad")
+        return each("viscous friction", self.joints, self.value("damping"), "N·m·s/rad")
 
 
 @register
@@ -83,6 +100,7 @@ class CoulombFriction(Effect):
         "torque_negative": ParameterKind("N·m", lower=0.0, help="level against negative motion"),
     }
     dry: ClassVar[bool] = True
+    motor_side: ClassVar[bool] = True
 
     @classmethod
     def optional(cls, key: str) -> bool:
@@ -113,9 +131,20 @@ class CoulombFriction(Effect):
         forward, backward = (self.spread(model.joints, level) for level in self.levels())
         return np.broadcast_to(forward, q.shape), np.broadcast_to(backward, q.shape)
 
+    def brakes(self) -> list[Brake]:
+        """Brakes that start or end during a run; a plant's own are there for good."""
+        if not self.timed:
+            return []
+        return [
+            Brake("coulomb_friction", (joint,), lambda _, levels=(float(ahead), float(back)): levels)  # type: ignore[misc]
+            for joint, ahead, back in zip(self.joints, *self.levels(), strict=True)
+        ]
+
     def fittings(self) -> list[Fitting]:
         """A brake per joint; where the directions differ, a constant torque shifts it."""
-        result = []
+        result: list[Fitting] = []
+        if self.timed:
+            return result
         for joint, forward, backward in zip(self.joints, *self.levels(), strict=True):
             level, shift = 0.5 * (forward + backward), 0.5 * (forward - backward)
             if level > 0.0:
@@ -128,10 +157,11 @@ class CoulombFriction(Effect):
         """See `Effect.sentence`."""
         forward, backward = self.levels()
         if np.array_equal(forward, backward):
-            return _each("dry friction", self.joints, forward, "N·m")
-        ahead = _each("dry friction against positive motion", self.joints, forward, "N·m")
-        return f"{ahead}; {_each('against negative motion', self.joints, backward, 'N·m')}"
+            return each("dry friction", self.joints, forward, "N·m")
+        ahead = each("dry friction against positive motion", self.joints, forward, "N·m")
+        return f"{ahead}; {each('against negative motion', self.joints, backward, 'N·m')}"
 
 
-def _each(what: str, joints: tuple[str, ...], values: Array, unit: str) -> str:
+def each(what: str, joints: tuple[str, ...], values: Array, unit: str) -> str:
+    """One sentence over a value per joint."""
     return f"{what} of " + ", ".join(f"{x:.4g} {unit} on {joint}" for joint, x in zip(joints, values, strict=True))

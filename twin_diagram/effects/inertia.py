@@ -54,6 +54,7 @@ class Payload(Effect):
     }
     per_joint: ClassVar[bool] = False
     folds: ClassVar[bool] = True
+    changes_plant: ClassVar[bool] = True
 
     def check(self) -> None:
         """See `Effect.check`."""
@@ -119,6 +120,7 @@ class ReflectedInertia(Effect):
     name: ClassVar[str] = "reflected_inertia"
     kinds: ClassVar[Mapping[str, ParameterKind]] = {"inertia": ParameterKind("kg·m²", lower=0.0)}
     folds: ClassVar[bool] = True
+    changes_plant: ClassVar[bool] = True
 
     def torque(self, model: Model, q: Array, v: Array, a: Array, tau: Array) -> Array:
         """See `Effect.torque`."""

@@ -84,10 +84,19 @@ class JointSpring(Effect):
         return stiffness * (q - rest)
 
     def fittings(self) -> list[Fitting]:
-        """A position-controlled actuator is a spring that the plant integrates implicitly."""
+        """A position-controlled actuator is a spring that the plant integrates implicitly; a curve is explicit."""
         if "curve" in self.parameters:
             law = self.curve()
             return [Fitting(f"{self.joints[0]}_joint_spring", self.joints[0], curve=lambda q: -float(law(np.array(q))))]
+        if self.timed:
+
+            def linear(k: float, rest: float) -> Callable[[float], float]:
+                return lambda q: -k * (q - rest)
+
+            return [
+                Fitting(f"{joint}_joint_spring", joint, curve=linear(float(k), float(rest)))
+                for joint, k, rest in zip(self.joints, self.value("stiffness"), self.value("rest_angle"), strict=True)
+            ]
         return [
             Fitting(f"{joint}_joint_spring", joint, stiffness=float(stiffness), rest=float(rest))
             for joint, stiffness, rest in zip(

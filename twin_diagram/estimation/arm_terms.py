@@ -136,7 +136,7 @@ class ArmTerms:
     @staticmethod
     def from_model(model: Model) -> ArmTerms:
         """The terms of a twin's model with its effects."""
-        laws = [effect for effect in model.effects if not effect.folds]
+        laws = [effect for effect in model.present if not effect.folds]
         smooth = [effect for effect in laws if not effect.dry]
         zero = np.zeros((1, len(model.joints)))
 

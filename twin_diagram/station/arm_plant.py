@@ -9,7 +9,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Joint, PdControllerGains
 
 from twin_diagram import description
-from twin_diagram.effects import Effect, add_to_plant
+from twin_diagram.effects import Effect, add_to_plant, renewed
 from twin_diagram.errors import ModelError, ScenarioError
 from twin_diagram.scenario import Driver, Scenario
 from twin_diagram.signals import Array
@@ -93,6 +93,7 @@ def add_arm(plant: MultibodyPlant, scenario: Scenario) -> ArmPlant:
     try:
         arm = description.add_arm(plant, scenario.world.arm, scenario.packages)
         effects = add_to_plant(plant, arm)
+        arm = renewed(plant, arm)
     except ModelError as error:
         raise description.scenario_error("world.arm", error) from error
     joints = [plant.get_joint(index) for index in arm.joint_indices]

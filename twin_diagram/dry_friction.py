@@ -1,0 +1,85 @@
+"""Impulses that a step of time must find: dry friction that brakes or holds, and play that ends.
+
+Projected Gauss-Seidel on the inverse mass (Moreau's time stepping; Jean and Moreau 1992).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+SWEEPS = 60
+TOLERANCE = 1e-10
+
+
+@dataclass(frozen=True)
+class Brake:
+    """Dry friction on a combination of speeds.
+
+    Attributes:
+        direction: (m,) the combination; a single 1 for a joint.
+        forward: (S,) largest impulse against positive motion.
+        backward: (S,) against negative motion.
+    """
+
+    direction: Array
+    forward: Array
+    backward: Array
+
+
+@dataclass(frozen=True)
+class Stop:
+    """A speed that must stay within bounds.
+
+    Attributes:
+        index: which.
+        low: (S,)
+        high: (S,)
+    """
+
+    index: int
+    low: Array
+    high: Array
+
+
+def solve(inverse: Array, v: Array, brakes: list[Brake], stops: list[Stop]) -> Array:
+    """Speeds (S, m) after the impulses.
+
+    Args:
+        inverse: (S, m, m) of the mass matrices.
+        v: (S, m) speeds without impulses.
+        brakes: dry friction.
+        stops: bounds.
+    """
+    v = v.copy()
+    rows = []
+    for brake in brakes:
+        scale = max(float(np.max(brake.forward + brake.backward)), 1e-300)
+        if scale > 1e-200:
+            pushed = inverse @ brake.direction
+            rows.append((brake, pushed, pushed @ brake.direction, scale, np.zeros(len(v))))
+    ends = [(stop, inverse[:, :, stop.index], np.zeros(len(v))) for stop in stops]
+    for _ in range(SWEEPS):
+        change = 0.0
+        for brake, pushed, compliance, scale, impulse in rows:
+            speed = v @ brake.direction
+            wanted = np.clip(impulse + speed / compliance, -brake.backward, brake.forward)
+            difference = wanted - impulse
+            impulse[:] = wanted
+            v -= pushed * difference[:, None]
+            change = max(change, float(np.max(np.abs(difference))) / scale)
+        for stop, pushed, impulse in ends:
+            compliance = pushed[:, stop.index]
+            alone = v[:, stop.index] - compliance * impulse
+            wanted = (np.clip(alone, stop.low, stop.high) - alone) / compliance
+            moved = (wanted - impulse) * compliance
+            impulse[:] = wanted
+            v += pushed * (moved / compliance)[:, None]
+            change = max(change, float(np.max(np.abs(moved))) * 1e3)
+        if change < TOLERANCE:
+            break
+    return v
