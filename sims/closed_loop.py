@@ -80,7 +80,7 @@ def _one(job: tuple[str, list[str], int, str]) -> dict[str, Any]:
     base = load_scenario(name, overrides)
     scenario = vary(base, seed, Path(folder) / "assets")
     save_scenario(scenario, Path(folder) / "scenario.yaml")
-    return run_scenario(scenario, out=Path(folder), pictures=False, say=lambda text: None)
+    return run_scenario(scenario, out=Path(folder), pictures=False, quiet=True, say=lambda text: None)
 
 
 def _row(summary: dict[str, Any]) -> dict[str, bool]:

@@ -11,16 +11,17 @@ QUIET_PERIOD = 2.0
 class Progress:
     """A bar on a terminal that is redrawn; elsewhere a line from time to time. On stderr."""
 
-    def __init__(self, duration: float) -> None:
-        """`duration`: of the run [s]."""
+    def __init__(self, duration: float, quiet: bool = False) -> None:
+        """`duration`: of the run [s]; `quiet`: shows nothing."""
         self._duration, self._shown = duration, 0
-        self._terminal = sys.stderr.isatty()
+        self._quiet = quiet
+        self._terminal = sys.stderr.isatty() and not quiet
         self._period = 0.1 if self._terminal else QUIET_PERIOD
 
     def __call__(self, time: float) -> None:
         """Shows that `time` [s] has been reached."""
         step = int(time / self._period + 1e-9)
-        if step == self._shown:
+        if step == self._shown or self._quiet:
             return
         self._shown = step
         if self._terminal:

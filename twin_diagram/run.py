@@ -38,6 +38,7 @@ def run_scenario(
     show: bool = False,
     meldis: bool = False,
     pictures: bool = True,
+    quiet: bool = False,
     say: Say = print,
 ) -> dict[str, Any]:
     """Runs a scenario's station and the twin in closed loop.
@@ -50,6 +51,7 @@ def run_scenario(
         show: opens meshcat and runs no faster than real time.
         meldis: publishes both scenes for Meldis and runs no faster than real time.
         pictures: whether `out` gets more than the summary.
+        quiet: shows no progress.
         say: takes lines of text.
 
     Returns:
@@ -77,7 +79,7 @@ def run_scenario(
             look.start(simulator, show or meldis, say)
         simulator.Initialize()
         trial = None
-        progress = Progress(scenario.duration)
+        progress = Progress(scenario.duration, quiet)
         if scenario.station == "sim":
             trial = run_trial(loop, simulator, scenario.duration, progress)
             timing = trial.timing()
