@@ -1,0 +1,109 @@
+"""Hypotheses: a catalogue effect at one place, as torque that is linear in its coefficients once its shape is given."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+Values = dict[str, tuple[Array, Array]]
+"""Parameter key → value and standard error, each (k,)."""
+
+GLOBAL = ("payload", "inertial_parameters", "gravity_tilt", "time_delay", "external_force")
+"""Names whose parameters are not one per joint."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One effect at one place.
+
+    Attributes:
+        name: of the catalogue.
+        joints: indices of the joints that it is named on.
+        links: names of the links that it is named on.
+        rows: indices of the joints whose torque it changes.
+        columns: (ΣD, len(rows), k) reduced torque per unit coefficient [N·m].
+        spread: (k,) prior standard deviation of the coefficients; the prior's mean is 0.
+        lower: (k,) what the coefficients may be.
+        upper: (k,)
+        parameters: from coefficients (k,) and their covariance (k, k) to the catalogue's parameters.
+        shape: values that were searched for.
+        cost: of the search, in nats: the logarithm of how many independent shapes there were.
+        admits: further conditions on the coefficients.
+        onset: (record, time) from which on it acts, else from the begin.
+        end: (record, time) until which it acts.
+        family: shapes of one effect at one place share it.
+    """
+
+    name: str
+    joints: tuple[int, ...]
+    links: tuple[str, ...]
+    rows: tuple[int, ...]
+    columns: Array
+    spread: Array
+    lower: Array
+    upper: Array
+    parameters: Callable[[Array, Array], Values]
+    shape: Mapping[str, float] = field(default_factory=dict)
+    cost: float = 0.0
+    admits: Callable[[Array], bool] | None = None
+    onset: tuple[int, float] | None = None
+    end: tuple[int, float] | None = None
+    variant: str = ""
+
+    @property
+    def size(self) -> int:
+        """Number of coefficients."""
+        return int(self.columns.shape[2])
+
+    @property
+    def place(self) -> tuple[str, tuple[int, ...], tuple[str, ...]]:
+        """Name, joints and links: what a finding claims."""
+        return self.name, self.joints, self.links
+
+    def allows(self, coefficients: Array) -> bool:
+        """Whether coefficients are physical."""
+        inside = bool(np.all(coefficients >= self.lower) and np.all(coefficients <= self.upper))
+        return inside and (self.admits is None or self.admits(coefficients))
+
+    def during(self, active: Array, onset: tuple[int, float] | None, end: tuple[int, float] | None) -> Candidate:
+        """The same, acting only where `active` (ΣD,) is 1."""
+        return replace(self, columns=self.columns * active[:, None, None], onset=onset, end=end)
+
+
+def linear(*keys: str, scale: float = 1.0) -> Callable[[Array, Array], Values]:
+    """Parameters that are the coefficients themselves, times a constant."""
+
+    def values(coefficients: Array, covariance: Array) -> Values:
+        std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        return {key: (scale * coefficients[k : k + 1], abs(scale) * std[k : k + 1]) for k, key in enumerate(keys)}
+
+    return values
+
+
+def transformed(function: Callable[[Array], dict[str, Array]]) -> Callable[[Array, Array], Values]:
+    """Parameters that are smooth functions of the coefficients; errors by the first-order law."""
+
+    def values(coefficients: Array, covariance: Array) -> Values:
+        centre = {key: np.atleast_1d(value) for key, value in function(coefficients).items()}
+        step = 1e-4 * np.maximum(np.sqrt(np.maximum(np.diag(covariance), 0.0)), 1e-9)
+        slopes: dict[str, list[Array]] = {key: [] for key in centre}
+        for k in range(len(coefficients)):
+            sides = []
+            for sign in (1.0, -1.0):
+                moved = coefficients.copy()
+                moved[k] += sign * step[k]
+                sides.append(function(moved))
+            for key in centre:
+                slopes[key].append((np.atleast_1d(sides[0][key]) - np.atleast_1d(sides[1][key])) / (2.0 * step[k]))
+        result: Values = {}
+        for key, value in centre.items():
+            J = np.stack(slopes[key], axis=1)
+            result[key] = (value, np.sqrt(np.maximum(np.einsum("ik,kl,il->i", J, covariance, J), 0.0)))
+        return result
+
+    return values

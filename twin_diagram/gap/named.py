@@ -1,0 +1,70 @@
+"""A finding as the effects that it names: what a model takes, and what says itself in a sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from twin_diagram.effects import REGISTRY, Effect, make
+from twin_diagram.gap.finding import Estimate, Finding
+from twin_diagram.scenario import EffectSpec
+
+
+def specs_of(finding: Finding, fingerprints: Sequence[str] = ()) -> list[EffectSpec]:
+    """One specification, or several where joints hold different parameters (a curve here, a stiffness there).
+
+    Args:
+        finding: named.
+        fingerprints: of the fit logs, for onsets; empty: they are about any log.
+    """
+    shared = {key: value for key, value in finding.parameters.items() if isinstance(value, Estimate)}
+    per_joint = {key: value for key, value in finding.parameters.items() if not isinstance(value, Estimate)}
+    when = finding.onset or finding.end
+
+    def spec(joints: Sequence[str], parameters: dict[str, list[float]]) -> EffectSpec:
+        return EffectSpec(
+            name=finding.name,
+            joints=list(joints),
+            links=list(finding.links),
+            parameters=parameters,
+            onset=None if finding.onset is None else float(finding.onset.time),
+            end=None if finding.end is None else float(finding.end.time),
+            log=fingerprints[when.log] if when is not None and len(fingerprints) else "",
+        )
+
+    if not per_joint:
+        return [spec(finding.joints, {key: _numbers(value) for key, value in shared.items()})]
+    cls = REGISTRY.get(finding.name)
+    if cls is not None and not cls.per_joint:
+        first = {key: _numbers(next(iter(values.values()))) for key, values in per_joint.items()}
+        return [spec(finding.joints, first)]
+    groups: dict[tuple[str, ...], list[str]] = {}
+    for joint in finding.joints:
+        keys = tuple(key for key, values in per_joint.items() if joint in values)
+        lists = any(len(_numbers(per_joint[key][joint])) > 1 for key in keys)
+        groups.setdefault((*keys, joint) if lists else keys, []).append(joint)
+    return [
+        spec(
+            joints,
+            {
+                key: [x for joint in joints for x in _numbers(values[joint])]
+                for key, values in per_joint.items()
+                if joints[0] in values
+            },
+        )
+        for joints in groups.values()
+    ]
+
+
+def effects_of(finding: Finding, fingerprints: Sequence[str] = ()) -> list[Effect]:
+    """The same as effects.
+
+    Raises:
+        ModelError: parameters that do not fit the catalogue.
+    """
+    return [make(spec) for spec in specs_of(finding, fingerprints)]
+
+
+def _numbers(estimate: Estimate) -> list[float]:
+    return [float(x) for x in np.atleast_1d(np.asarray(estimate.value, dtype=float))]

@@ -1,0 +1,149 @@
+"""From logs to a verdict: prepares, searches, refines, and weighs what else could be named."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.gap import arm_candidates, flexible, joint_candidates, saturated, whitening
+from twin_diagram.gap.candidate import Candidate
+from twin_diagram.gap.evidence import Bench, Fit, Members
+from twin_diagram.gap.finding import Finding, Separation, Verdict
+from twin_diagram.gap.posterior import findings_of, separations_of
+from twin_diagram.gap.records import Records, prepare
+from twin_diagram.gap.refine import refine
+from twin_diagram.gap.search import climb, search
+from twin_diagram.gap.terms import Terms, given_load, slow_speed, with_load
+from twin_diagram.logs import Log
+from twin_diagram.model import Model
+
+Array = npt.NDArray[np.float64]
+
+LEAST = 8.0
+"""Evidence that each member must bring beyond all prices [nats]; set on clean training logs."""
+
+REMAINDER = 6.0
+"""Above this, `flexible.left_over` says that structure is left; set on training logs."""
+
+MOSTLY = 0.5
+"""Where a flexible model explains more of the residual than this share of what was named, nothing is named."""
+
+NOT_SMOOTH = ("joint_elasticity", "time_delay", "torque_saturation")
+"""Candidates that the saturated fit can do without."""
+
+MOTOR = ("", "time_delay", "torque_constant", "torque_bias", "torque_saturation", "actuator_fault")
+"""What stands between the logged torque and the joint: no load of the joint."""
+
+Progress = Callable[[str], None]
+
+
+def name(model: Model, logs: Sequence[Log], progress: Progress | None = None) -> Verdict:
+    """Names what a model lacks.
+
+    Args:
+        model: the given one, with the logs' joints in the logs' order.
+        logs: checked.
+        progress: told what is being done.
+
+    Raises:
+        LogError: a log is too short.
+    """
+    return investigate(prepare(model, logs), progress)[0]
+
+
+def investigate(records: Records, progress: Progress | None = None) -> tuple[Verdict, Bench, Fit, Terms]:
+    """The same on prepared logs, with all that was found on the way."""
+    say = progress or (lambda text: None)
+    seconds: dict[str, float] = {}
+    clock = time.perf_counter()
+
+    def lap(what: str) -> None:
+        nonlocal clock
+        now = time.perf_counter()
+        seconds[what] = seconds.get(what, 0.0) + now - clock
+        clock = now
+
+    say("looking at the residual")
+    terms = Terms(records, given_load(records), slow_speed(records))
+    candidates = joint_candidates.joint_candidates(terms) + arm_candidates.arm_candidates(terms)
+    lap("candidates")
+    smooth = [c for c in candidates if c.name not in NOT_SMOOTH]
+    explained, spent = saturated.explain(records, smooth)
+    noise = whitening.estimate(records.residual - explained, records.lengths, float(np.mean(spent)))
+    lap("noise")
+
+    say("searching for a name")
+    bench = Bench(records.residual, noise, candidates, [arm_candidates.timing_nuisance(terms)])
+    fit = refine(bench, terms, search(bench, LEAST))
+    lap("search")
+
+    say("searching again with the noise that is left")
+    terms, bench, fit = again(records, terms, bench, fit)
+    lap("second search")
+    verdict = conclude(records, terms, bench, fit)
+    lap("verdict")
+    return replace(verdict, seconds=seconds), bench, fit, terms
+
+
+def again(records: Records, terms: Terms, bench: Bench, fit: Fit) -> tuple[Terms, Bench, Fit]:
+    """Searches once more, with noise and transmitted torque as the first hypothesis has them."""
+    contribution = contribution_of(records, bench, fit)
+    needed = saturated.at_full_rate(records, contribution_of(records, bench, fit, without=MOTOR))
+    terms = with_load(terms, tuple(g + c for g, c in zip(given_load(records), needed, strict=True)))
+    noise = whitening.estimate(records.residual - contribution, records.lengths, len(fit.coefficients) / records.n)
+    fresh: list[Candidate] = joint_candidates.joint_candidates(terms) + arm_candidates.arm_candidates(terms)
+    second = Bench(records.residual, noise, fresh, [arm_candidates.timing_nuisance(terms)])
+    members: Members = frozenset(second.add(bench.candidates[k]) for k in fit.members)
+    found = climb(second, members, LEAST, 40)
+    other = search(second, LEAST)
+    best = found if found.evidence >= other.evidence else other
+    best = refine(second, terms, best)
+    return terms, second, climb(second, best.members, LEAST, 40)
+
+
+def contribution_of(records: Records, bench: Bench, fit: Fit, without: Sequence[str] = ()) -> Array:
+    """(ΣD, n) torque that a fit adds to the given model's, reduced [N·m].
+
+    Args:
+        records: of the fit.
+        bench: that it was solved on.
+        fit: solved.
+        without: names to leave out; the timing nuisance's is empty.
+    """
+    result = np.zeros_like(records.residual)
+    start = 0
+    for k in fit.order:
+        candidate = bench.candidates[k]
+        if candidate.name not in without:
+            result[:, list(candidate.rows)] += candidate.columns @ fit.coefficients[start : start + candidate.size]
+        start += candidate.size
+    return result
+
+
+def conclude(records: Records, terms: Terms, bench: Bench, fit: Fit) -> Verdict:
+    """The verdict on a final fit."""
+    left = flexible.left_over(records, terms, bench, fit)
+    structure = left.statistic > REMAINDER
+    noise = np.std(records.residual - contribution_of(records, bench, fit), axis=0)
+    findings: tuple[Finding, ...] = ()
+    separation: tuple[Separation, ...] = ()
+    if fit.members:
+        findings = findings_of(records, bench, fit)
+        separation = separations_of(records, bench, fit)
+    unknown = structure and (not fit.members or left.gain > MOSTLY * fit.gain)
+    if unknown:
+        findings, separation = (), ()
+    return Verdict(
+        verdict="unknown" if unknown else "named" if findings else "none",
+        remainder=bool(structure and findings),
+        findings=findings,
+        where=(),
+        separation=separation,
+        noise_floor=noise,
+        statistic=fit.evidence,
+        remainder_statistic=left.statistic,
+    )

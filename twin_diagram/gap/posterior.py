@@ -1,0 +1,182 @@
+"""How sure a name is, what else it could be, and what would tell them apart."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.gap.candidate import GLOBAL, Candidate
+from twin_diagram.gap.evidence import Bench, Fit, Members
+from twin_diagram.gap.experiments import experiment
+from twin_diagram.gap.finding import Alternative, Estimate, Finding, Moment, Separation
+from twin_diagram.gap.records import Records
+from twin_diagram.gap.search import additions
+
+Array = npt.NDArray[np.float64]
+
+TEMPERATURE = 2.0
+"""Evidence is divided by this before it becomes a probability; set on training logs, where it makes them calibrated."""
+
+ALTERNATIVES = 3
+RIVALS = 12
+
+UNITS = {
+    "damping": "N·m·s/rad",
+    "torque": "N·m",
+    "torque_positive": "N·m",
+    "torque_negative": "N·m",
+    "coulomb": "N·m",
+    "static": "N·m",
+    "stribeck_velocity": "rad/s",
+    "coefficient": "1",
+    "mass": "kg",
+    "com": "m",
+    "inertia": "kg·m²",
+    "roll": "rad",
+    "pitch": "rad",
+    "stiffness": "N·m/rad",
+    "rest_angle": "rad",
+    "curve": "rad, N·m",
+    "rotor_inertia": "kg·m²",
+    "gap": "rad",
+    "amplitude": "N·m",
+    "cycles": "1",
+    "phase": "rad",
+    "gain": "1",
+    "limit": "N·m",
+    "delay": "s",
+    "offset": "rad",
+    "wrench": "N, N·m",
+}
+
+Claim = tuple[str, tuple[int, ...], tuple[str, ...]]
+"""A name with all joints and links that it sits on."""
+
+
+def groups(bench: Bench, members: Members) -> dict[str, list[int]]:
+    """Members by name, in the order of their joints."""
+    result: dict[str, list[int]] = {}
+    for k in sorted(members, key=lambda k: bench.candidates[k].joints):
+        result.setdefault(bench.candidates[k].name, []).append(k)
+    return result
+
+
+def claim(candidates: list[Candidate]) -> Claim:
+    """What several candidates of one name say together."""
+    joints = sorted({j for candidate in candidates for j in candidate.joints})
+    links = tuple(dict.fromkeys(link for candidate in candidates for link in candidate.links))
+    return candidates[0].name, tuple(joints), links
+
+
+def claims(bench: Bench, members: Members) -> frozenset[Claim]:
+    """All that a hypothesis says."""
+    return frozenset(claim([bench.candidates[k] for k in group]) for group in groups(bench, members).values())
+
+
+def posterior(bench: Bench, fit: Fit) -> dict[frozenset[Claim], float]:
+    """Probabilities of all sets of claims that were ever solved; of each set, its best shapes count."""
+    best: dict[frozenset[Claim], float] = {}
+    for members, tried in bench.fits.items():
+        if np.isfinite(tried.evidence):
+            key = claims(bench, members)
+            best[key] = max(best.get(key, -np.inf), tried.evidence)
+    top = fit.evidence
+    weights = {key: float(np.exp(min(0.0, (value - top) / TEMPERATURE))) for key, value in best.items()}
+    total = sum(weights.values())
+    return {key: weight / total for key, weight in weights.items()}
+
+
+def findings_of(records: Records, bench: Bench, fit: Fit) -> tuple[Finding, ...]:
+    """One finding per name, strongest first."""
+    for group in groups(bench, fit.members).values():
+        additions(bench, fit.members - frozenset(group), RIVALS)
+        for k in group:
+            additions(bench, fit.members - {k}, RIVALS)
+    probability = posterior(bench, fit)
+    mine = claims(bench, fit.members)
+    result = []
+    for group in groups(bench, fit.members).values():
+        candidates = [bench.candidates[k] for k in group]
+        said = claim(candidates)
+        sure = sum(p for key, p in probability.items() if said in key)
+        rivals: dict[Claim, float] = {}
+        for key, p in probability.items():
+            if said not in key:
+                for other in key - mine:
+                    rivals[other] = rivals.get(other, 0.0) + p
+        ranked = sorted(rivals.items(), key=lambda item: -item[1])[:ALTERNATIVES]
+        without = bench.solve(fit.members - frozenset(group))
+        first = candidates[0]
+        names = records.model.joints
+        result.append(
+            Finding(
+                name=said[0],
+                joints=tuple(names[j] for j in said[1]),
+                links=said[2],
+                parameters=parameters_of(records, bench, fit, group),
+                confidence=float(min(sure, 1.0)),
+                alternatives=tuple(
+                    Alternative(name, tuple(names[j] for j in joints), links, float(p))
+                    for (name, joints, links), p in ranked
+                ),
+                onset=None if first.onset is None else Moment(*first.onset),
+                end=None if first.end is None else Moment(*first.end),
+                significance=float(np.sqrt(max(0.0, fit.gain - without.gain))),
+            )
+        )
+    return tuple(sorted(result, key=lambda finding: -finding.significance))
+
+
+def parameters_of(
+    records: Records, bench: Bench, fit: Fit, group: list[int]
+) -> dict[str, Estimate | dict[str, Estimate]]:
+    """In the layout of gap.json."""
+    result: dict[str, Estimate | dict[str, Estimate]] = {}
+    for k in group:
+        candidate = bench.candidates[k]
+        for key, (value, std) in candidate.parameters(*bench.part(fit, k)).items():
+            estimate = _estimate(value, std, UNITS[key])
+            if candidate.name in GLOBAL:
+                result[key] = estimate
+                continue
+            per_joint = result.setdefault(key, {})
+            assert isinstance(per_joint, dict)
+            for j in candidate.joints:
+                per_joint[records.model.joints[j]] = estimate
+    return result
+
+
+def _estimate(value: Array, std: Array, unit: str) -> Estimate:
+    if len(value) == 1:
+        return Estimate(float(value[0]), float(std[0]), unit)
+    return Estimate([float(x) for x in value], [float(x) for x in std], unit)
+
+
+def separations_of(records: Records, bench: Bench, fit: Fit) -> tuple[Separation, ...]:
+    """Nearest rivals of each name, those farther than 30 left out."""
+    result = []
+    mine = claims(bench, fit.members)
+    for group in groups(bench, fit.members).values():
+        said = claim([bench.candidates[k] for k in group])
+        rest = fit.members - frozenset(group)
+        nearest: dict[Claim, float] = {}
+        for members, tried in bench.fits.items():
+            if not np.isfinite(tried.evidence) or len(members) > len(fit.members):
+                continue
+            others = claims(bench, members)
+            if said in others or not rest <= members:
+                continue
+            for other in others - mine:
+                distance = float(np.sqrt(max(0.0, fit.gain - tried.gain)))
+                nearest[other] = min(nearest.get(other, np.inf), distance)
+        for other, distance in sorted(nearest.items(), key=lambda item: item[1])[:ALTERNATIVES]:
+            if distance < 30.0:
+                result.append(
+                    Separation(_say(records, said), _say(records, other), distance, experiment(said[0], other[0]))
+                )
+    return tuple(sorted(result, key=lambda s: s.distance))
+
+
+def _say(records: Records, said: Claim) -> str:
+    places = [records.model.joints[j] for j in said[1]] + list(said[2])
+    return f"{said[0]} on {', '.join(places)}" if places else said[0]

@@ -1,0 +1,240 @@
+"""Logs made ready for regression: uniform, smooth, filtered alike, without ends, at the rate that the filter leaves.
+
+A regression of torque on motion is unbiased where both sides went through the same filter. Positions are smoothed well
+above the band (`MOTION` times its edge), so that within the band they are as measured; every regressor is computed from
+them at the log's own rate, non-linear ones too, and only then low-passed and thinned, exactly as the torque is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.errors import LogError
+from twin_diagram.logs import Log, is_regular, uniform
+from twin_diagram.model import Model
+from twin_diagram.motion import RESIDUAL_CUT, inner, lowpass, motion
+
+Array = npt.NDArray[np.float64]
+
+BAND = 20.0
+"""Torques are compared below this [Hz]; above it, position noise drowns inertial torques."""
+
+MOTION = 2.5
+"""Positions are smoothed at this many times the band."""
+
+THIN = 2.5
+"""Samples kept per second, times the band."""
+
+LEAST_BAND = 8.0
+"""Motion of arms and the edges of dry friction need at least this [Hz]."""
+
+NOISE_SHARE = 0.3
+"""Inertial torque of position noise, over the torque's own, at the band's edge."""
+
+SHORTEST = 2.0
+"""A log must have this much left after its ends are cut [s]."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """One log. Full-rate arrays are (N, n), thinned ones (D, n).
+
+    Attributes:
+        index: of the log.
+        source: what to call it.
+        time: (N,) regular [s].
+        rate: [1/s].
+        band: edge of the low-pass [Hz].
+        q: positions [rad].
+        v: velocities [rad/s].
+        a: accelerations [rad/s²].
+        torque: logged, unfiltered [N·m].
+        given: the given model's torque for this motion [N·m].
+        kept: (D,) indices of the samples that are left.
+        period: the log's own median time between samples [s].
+    """
+
+    index: int
+    source: str
+    time: Array
+    rate: float
+    band: float
+    q: Array
+    v: Array
+    a: Array
+    torque: Array
+    given: Array
+    kept: npt.NDArray[np.int64]
+    period: float
+
+    def reduce(self, signal: Array) -> Array:
+        """Filters and thins a full-rate signal (N, …) to (D, …)."""
+        shape = signal.shape[1:]
+        filtered = lowpass(signal.reshape(len(signal), -1), self.rate, self.band)
+        return filtered[self.kept].reshape(-1, *shape)
+
+    @cached_property
+    def residual(self) -> Array:
+        """(D, n) logged less given torque [N·m]."""
+        return self.reduce(self.torque - self.given)
+
+    @cached_property
+    def times(self) -> Array:
+        """(D,) [s]."""
+        return self.time[self.kept]
+
+    @cached_property
+    def motion(self) -> tuple[Array, Array, Array]:
+        """Thinned q, v and a, each (D, n)."""
+        return self.q[self.kept], self.v[self.kept], self.a[self.kept]
+
+
+@dataclass(frozen=True)
+class Records:
+    """All fit logs of one arm, of the same band.
+
+    Attributes:
+        model: the given one.
+        records: one per log.
+    """
+
+    model: Model
+    records: tuple[Record, ...]
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.model.joints)
+
+    @cached_property
+    def lengths(self) -> tuple[int, ...]:
+        """Thinned samples per record."""
+        return tuple(len(record.kept) for record in self.records)
+
+    @property
+    def rate(self) -> float:
+        """Thinned samples per second."""
+        record = self.records[0]
+        return record.rate / float(record.kept[1] - record.kept[0])
+
+    def reduce(self, law: Callable[[Record], Array]) -> Array:
+        """A law's full-rate answers (N, …) for every record, thinned and put end to end (ΣD, …)."""
+        return np.concatenate([record.reduce(law(record)) for record in self.records])
+
+    def full(self, law: Callable[[Record], Array]) -> Array:
+        """A law's full-rate answers put end to end."""
+        return np.concatenate([law(record) for record in self.records])
+
+    @cached_property
+    def residual(self) -> Array:
+        """(ΣD, n) logged less given torque [N·m]."""
+        return np.concatenate([record.residual for record in self.records])
+
+    @cached_property
+    def torque(self) -> Array:
+        """(ΣD, n) logged torque [N·m]."""
+        return self.reduce(lambda record: record.torque)
+
+    @cached_property
+    def motion(self) -> tuple[Array, Array, Array]:
+        """Thinned q, v and a end to end, each (ΣD, n)."""
+        parts = [record.motion for record in self.records]
+        q, v, a = (np.concatenate([part[k] for part in parts]) for k in range(3))
+        return q, v, a
+
+    @cached_property
+    def times(self) -> Array:
+        """(ΣD,) each on its own log's clock [s]."""
+        return np.concatenate([record.times for record in self.records])
+
+    @cached_property
+    def owner(self) -> npt.NDArray[np.int64]:
+        """(ΣD,) which record each sample is of."""
+        return np.repeat(np.arange(len(self.records)), self.lengths)
+
+
+def prepare(model: Model, logs: Sequence[Log]) -> Records:
+    """Makes logs ready.
+
+    Args:
+        model: the given one, with the logs' joints in the logs' order.
+        logs: checked (`logs.check`).
+
+    Raises:
+        LogError: no log, one that is too short, or without torque.
+    """
+    if not logs:
+        raise LogError("no log to fit: give at least one")
+    regular = [uniform(straightened(log)) for log in logs]
+    rate = min(1.0 / log.period for log in regular)
+    band = min(BAND, 0.2 * rate, *(trusted_band(model, log) for log in regular))
+    return Records(model, tuple(_record(model, log, index, band) for index, log in enumerate(regular)))
+
+
+def straightened(log: Log) -> Log:
+    """The log with evenly spread times, where its positions are smoother that way.
+
+    Times that jitter are either when the samples were taken, or late stamps on even ones; the wrong reading makes
+    position noise of speed times jitter.
+    """
+    if is_regular(log.time) or len(log) < 50:
+        return log
+    index = np.arange(len(log))
+    even = np.polynomial.Polynomial.fit(index, log.time, 1)(index)
+    if np.max(np.abs(log.time - even)) > 0.5 * log.period:
+        return log
+    changed = replace(log, time=even)
+    roughness = [np.sum(np.diff(uniform(x).position, 4, axis=0) ** 2) for x in (log, changed)]
+    return changed if roughness[1] < roughness[0] else log
+
+
+def trusted_band(model: Model, log: Log) -> float:
+    """Frequency [Hz] up to which position noise, as inertial torque, stays well below the torque's own noise.
+
+    White position noise of density S becomes inertial torque of I² (2π f)⁴ S. Regressors that hold a good part of it
+    would be biased towards zero.
+    """
+    rate = 1.0 / log.period
+    if rate < 8.0 * LEAST_BAND:
+        return np.inf
+    density = []
+    for signal in (log.position, log.motor_torque):
+        rough = np.diff(signal, 4, axis=0) / np.sqrt(70.0)  # of white noise, the same variance
+        density.append(np.median(np.abs(rough), axis=0) / 0.6745)
+    coarse = log.position[:: max(1, len(log) // 50)]
+    inertia = np.mean(np.diagonal(model.tree.mass_matrix(coarse), axis1=1, axis2=2), axis=0)
+    noisy = density[0] > 0.0
+    if not np.any(noisy):
+        return np.inf
+    square = NOISE_SHARE * density[1][noisy] / (inertia[noisy] * density[0][noisy])
+    return float(max(LEAST_BAND, np.min(np.sqrt(square)) / (2.0 * np.pi)))
+
+
+def _record(model: Model, log: Log, index: int, band: float) -> Record:
+    duration = float(log.time[-1] - log.time[0])
+    if duration - 2.0 * RESIDUAL_CUT < SHORTEST:
+        raise LogError(f"{log.source}: lasts {duration:.3g} s; at least {SHORTEST + 2.0 * RESIDUAL_CUT:g} s are needed")
+    rate = (len(log) - 1) / duration
+    smooth = motion(log, MOTION * band)
+    stride = max(1, int(rate / (THIN * band) + 1e-6))
+    kept = np.flatnonzero(inner(log.time, RESIDUAL_CUT))[::stride]
+    q, v, a = smooth.position, smooth.velocity, smooth.acceleration
+    return Record(
+        index=index,
+        source=log.source,
+        time=log.time,
+        rate=rate,
+        band=band,
+        q=q,
+        v=v,
+        a=a,
+        torque=smooth.log.motor_torque,
+        given=model.inverse_dynamics(q, v, a),
+        kept=kept,
+        period=log.period,
+    )

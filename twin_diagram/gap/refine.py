@@ -1,0 +1,116 @@
+"""Shapes and working points of a hypothesis, brought to where the data want them.
+
+A candidate that is not linear in its parameters is linearised about half its estimate: the midpoint rule makes the
+product of Jacobian and estimate right to third order. Searched shapes move off their grid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.gap import arm_candidates, joint_candidates
+from twin_diagram.gap.candidate import Candidate
+from twin_diagram.gap.evidence import Bench, Fit
+from twin_diagram.gap.terms import Terms
+
+Array = npt.NDArray[np.float64]
+
+ROUNDS = 3
+SETTLED = 0.02
+"""Evidence that a round must change for another to be worth it [nats]."""
+
+
+def refine(bench: Bench, terms: Terms, fit: Fit) -> Fit:
+    """Works on one member at a time, all others free; answers the best fit.
+
+    Its members may be new candidates of the bench.
+    """
+    for _ in range(ROUNDS):
+        before = fit.evidence
+        for member in sorted(fit.members):
+            fit = _member(bench, terms, fit, member)
+        if abs(fit.evidence - before) < SETTLED:
+            break
+    return fit
+
+
+def _member(bench: Bench, terms: Terms, fit: Fit, member: int) -> Fit:
+    candidate = bench.candidates[member]
+    own, _ = bench.part(fit, member)
+    if candidate.onset is None:
+        moved = recentred(terms, candidate, own)
+        if moved is not None:
+            return bench.solve(fit.members - {member} | {bench.add(moved)})
+    for key, rebuild, low, high in _shapes(terms, candidate):
+        fit, member = _line_search(bench, fit, member, key, rebuild, low, high)
+    return fit
+
+
+def recentred(terms: Terms, candidate: Candidate, coefficients: Array) -> Candidate | None:
+    """The candidate linearised about half of the coefficients; none where it is linear."""
+    if candidate.name == "payload" and coefficients[0] != 0.0:
+        return arm_candidates.payload(terms, coefficients[1:4] / coefficients[0])
+    if candidate.name == "gravity_tilt":
+        return arm_candidates.tilt(terms, coefficients)
+    if candidate.name == "encoder_offset":
+        return arm_candidates.encoder_offset(terms, candidate.joints[0], float(coefficients[0]))
+    if candidate.name == "time_delay":
+        return arm_candidates.delay(terms, arm_candidates.LONGEST_DELAY, float(coefficients[0]))
+    return None
+
+
+Rebuild = Callable[[float], Candidate | None]
+
+
+def _shapes(terms: Terms, candidate: Candidate) -> list[tuple[str, Rebuild, float, float]]:
+    """Shapes of a candidate: key, what makes it anew, and the ratio bounds of the search about its value."""
+    if candidate.onset is not None:
+        return []
+    j = candidate.joints[0] if candidate.joints else 0
+    if candidate.name == "stribeck_friction":
+        return [("stribeck_velocity", lambda x: joint_candidates.stribeck(terms, j, x), 0.55, 1.8)]
+    if candidate.name == "torque_saturation":
+        return [("limit", lambda x: joint_candidates.saturation(terms, j, x), 0.9, 1.1)]
+    if candidate.name == "torque_ripple":
+        count = candidate.shape["cycles"]
+        width = min(0.3, joint_candidates.count_step(terms, j) / count)
+        return [("cycles", lambda x: joint_candidates.ripple(terms, j, x), 1.0 - width, 1.0 + width)]
+    return []
+
+
+def _line_search(
+    bench: Bench, fit: Fit, member: int, key: str, rebuild: Rebuild, low: float, high: float
+) -> tuple[Fit, int]:
+    """Golden sections on the logarithm of a shape."""
+    start = np.log(bench.candidates[member].shape[key])
+    others = fit.members - {member}
+    a, b = start + np.log(low), start + np.log(high)
+    share = 0.5 * (np.sqrt(5.0) - 1.0)
+    best, at = fit, member
+
+    def value(x: float) -> float:
+        nonlocal best, at
+        made = rebuild(float(np.exp(x)))
+        if made is None:
+            return -np.inf
+        index = bench.add(made)
+        found = bench.solve(others | {index})
+        if found.evidence > best.evidence:
+            best, at = found, index
+        return found.evidence
+
+    x, y = b - share * (b - a), a + share * (b - a)
+    fx, fy = value(x), value(y)
+    for _ in range(7):
+        if fx >= fy:
+            b, y, fy = y, x, fx
+            x = b - share * (b - a)
+            fx = value(x)
+        else:
+            a, x, fx = x, y, fy
+            y = a + share * (b - a)
+            fy = value(y)
+    return best, at

@@ -1,0 +1,125 @@
+"""Search for the hypothesis of most evidence: forward, backward and swap steps from many starts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from twin_diagram.gap.evidence import FURTHER_JOINT, NEW_NAME, Bench, Fit, Members
+
+TRIED = 8
+"""Additions that are solved exactly at each step."""
+
+STARTS = 8
+"""First members that are tried beside the best one."""
+
+Propose = Callable[[Bench, Members], list[int]]
+"""Makes further candidates (ripples, onsets) that suit what a hypothesis leaves; answers their indices."""
+
+
+def search(bench: Bench, least: float = 3.0, most: int = 40, propose: Propose | None = None) -> Fit:
+    """Climbs from the empty hypothesis and from each of its best first members.
+
+    Args:
+        bench: data and candidates.
+        least: rise of the evidence, beyond all prices, that a further member must bring [nats].
+        most: members.
+        propose: see `Propose`.
+    """
+    empty: Members = frozenset()
+    best = climb(bench, empty, least, most, propose)
+    for start in _starts(bench):
+        if start in best.members:
+            continue
+        found = climb(bench, frozenset({start}), least, most, propose)
+        if found.evidence > best.evidence:
+            best = found
+    return best
+
+
+def _starts(bench: Bench) -> list[int]:
+    scores = bench.scores(frozenset())
+    order = np.argsort(scores)[::-1]
+    result: list[int] = []
+    places = set()
+    for k in order:
+        candidate = bench.candidates[k]
+        if not candidate.name or not np.isfinite(scores[k]) or scores[k] < NEW_NAME:
+            continue
+        # One start per name is enough for single joints; effects of the whole arm are rivals to sets of those.
+        key = candidate.place if len(candidate.rows) > 1 else candidate.name
+        if key in places:
+            continue
+        places.add(key)
+        result.append(int(k))
+        if len(result) == STARTS:
+            break
+    return result
+
+
+def climb(bench: Bench, start: Members, least: float, most: int, propose: Propose | None = None) -> Fit:
+    """Adds, drops and swaps members until nothing raises the evidence."""
+    fit = bench.solve(start)
+    for _ in range(2 * most):
+        step = _drop(bench, fit)
+        if step is None and len(fit.members) < most:
+            step = _add(bench, fit, least, propose)
+        if step is None:
+            step = _swap(bench, fit)
+        if step is None:
+            return fit
+        fit = step
+    return fit
+
+
+def additions(bench: Bench, members: Members, count: int = TRIED) -> list[Fit]:
+    """The best exact fits with one member more."""
+    scores = bench.scores(members)
+    names = {bench.candidates[k].name for k in members}
+    for k, candidate in enumerate(bench.candidates):
+        scores[k] -= FURTHER_JOINT if candidate.name in names else NEW_NAME
+        if not candidate.name:
+            scores[k] = -np.inf
+    result = []
+    for k in np.argsort(scores)[::-1]:
+        if len(result) >= count or not np.isfinite(scores[k]):
+            break
+        if int(k) not in members and bench.compatible(members, int(k)):
+            result.append(bench.solve(members | {int(k)}))
+    return sorted(result, key=lambda fit: -fit.evidence)
+
+
+def _add(bench: Bench, fit: Fit, least: float, propose: Propose | None) -> Fit | None:
+    if propose is not None:
+        propose(bench, fit.members)
+    for found in additions(bench, fit.members):
+        if found.evidence > fit.evidence + least or (not np.isfinite(fit.evidence) and np.isfinite(found.evidence)):
+            return found
+        break
+    return None
+
+
+def _drop(bench: Bench, fit: Fit) -> Fit | None:
+    options = [bench.solve(fit.members - {k}) for k in fit.members]
+    best = max(options, key=lambda option: option.evidence, default=None)
+    if best is None:
+        return None
+    if best.evidence >= fit.evidence and (np.isfinite(best.evidence) or not np.isfinite(fit.evidence)):
+        return best
+    return None
+
+
+def _swap(bench: Bench, fit: Fit) -> Fit | None:
+    """Replaces one member, or all members of one name, by another candidate."""
+    names: dict[str, Members] = {}
+    for k in fit.members:
+        name = bench.candidates[k].name
+        names[name] = names.get(name, frozenset()) | {k}
+    groups = [frozenset({k}) for k in fit.members] + [group for group in names.values() if len(group) > 1]
+    best = fit
+    for group in groups:
+        for found in additions(bench, fit.members - group, 5):
+            if found.evidence > best.evidence + 1e-6:
+                best = found
+    return None if best is fit else best

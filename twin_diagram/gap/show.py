@@ -1,0 +1,162 @@
+"""How far a model and its corrected version are from measured runs, joint by joint: the gap before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.logs import Log
+from twin_diagram.model import Model
+from twin_diagram.motion import inner, lowpass, motion
+from twin_diagram.prediction import position_predicted, torque_predicted
+
+Array = npt.NDArray[np.float64]
+
+HORIZON = 0.2
+"""Length of a rollout [s]."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One run, held against the given and the corrected model. Its M samples leave out the run's ends.
+
+    Attributes:
+        source: what to call the run.
+        held_out: whether nothing was fitted to it.
+        joints: names of the n columns.
+        time: (M,) on the run's own clock [s].
+        position: (M, n) [rad].
+        velocity: (M, n) [rad/s].
+        acceleration: (M, n) [rad/s²].
+        torque: (M, n) logged, low-passed [N·m].
+        before: (M, n) logged less predicted torque of the given model, low-passed [N·m].
+        after: (M, n) of the corrected model.
+        rollout_before: (n,) root mean square of measured less rolled-out positions [rad]; None: not worked out.
+        rollout_after: likewise.
+    """
+
+    source: str
+    held_out: bool
+    joints: tuple[str, ...]
+    time: Array
+    position: Array
+    velocity: Array
+    acceleration: Array
+    torque: Array
+    before: Array
+    after: Array
+    rollout_before: Array | None = None
+    rollout_after: Array | None = None
+
+
+@dataclass(frozen=True)
+class Shown:
+    """The gap over all runs.
+
+    Attributes:
+        joints: names of the n columns.
+        fit: the runs that were fitted.
+        holdout: the run that was not.
+        noise_floor: (n,) torque noise below the residual's cutoff, as well as it is known [N·m].
+    """
+
+    joints: tuple[str, ...]
+    fit: tuple[Comparison, ...]
+    holdout: Comparison
+    noise_floor: Array
+
+    def fit_rms(self) -> tuple[Array, Array]:
+        """(n,) residual torque before and after over all fitted runs [N·m]."""
+        return rms([run.before for run in self.fit]), rms([run.after for run in self.fit])
+
+    def holdout_rms(self) -> tuple[Array, Array]:
+        """(n,) residual torque before and after over the held-out run [N·m]."""
+        return rms([self.holdout.before]), rms([self.holdout.after])
+
+    def left_over(self) -> float:
+        """Share of the held-out gap above the noise that is left, all joints together; 1 where there was none.
+
+        Joints count in units of their noise, so that a wrist weighs as much as a shoulder.
+        """
+        before, after = (above_noise(x, self.noise_floor) / self.noise_floor for x in self.holdout_rms())
+        whole = float(np.linalg.norm(before))
+        return float(np.linalg.norm(after)) / whole if whole > 0.0 else 1.0
+
+
+def show(
+    given: Model,
+    corrected: Model,
+    fit: Sequence[Log],
+    holdout: Log,
+    noise_floor: Array,
+    horizon: float = HORIZON,
+    say: Callable[[str], None] | None = None,
+) -> Shown:
+    """Works out the gap of both models on all runs; rollouts on the held-out run alone.
+
+    Args:
+        given: with the logs' joints in the logs' order.
+        corrected: likewise; the same object where nothing was corrected.
+        fit: checked logs.
+        holdout: a checked log.
+        noise_floor: (n,) torque noise [N·m]; what a corrected model leaves on its fit is an upper bound of it.
+        horizon: of the rollouts [s].
+        say: told what is being done.
+    """
+    say = say or (lambda text: None)
+    say("residual torque before and after")
+    runs = tuple(compare(given, corrected, log) for log in fit)
+    say("rollouts of the held-out run before and after")
+    held = compare(given, corrected, holdout, held_out=True, horizon=horizon)
+    floor = np.minimum(noise_floor, rms([run.after for run in runs]))
+    return Shown(given.joints, runs, held, np.maximum(floor, 1e-12))
+
+
+def compare(
+    given: Model, corrected: Model, log: Log, *, held_out: bool = False, horizon: float | None = None
+) -> Comparison:
+    """One run against both models; rollouts where a horizon is given [s]."""
+    smooth = motion(log)
+    regular = smooth.log
+    kept = inner(regular.time)
+    changed = corrected is not given
+
+    def residual(model: Model) -> Array:
+        difference = regular.motor_torque - torque_predicted(model, regular, smooth)
+        return lowpass(difference, 1.0 / regular.period)[kept]
+
+    def rolled(model: Model) -> Array:
+        assert horizon is not None
+        error = (regular.position - position_predicted(model, regular, horizon, smooth))[kept]
+        return rms([error])
+
+    before = residual(given)
+    rollout = None if horizon is None else rolled(given)
+    return Comparison(
+        source=log.source,
+        held_out=held_out,
+        joints=given.joints,
+        time=regular.time[kept],
+        position=smooth.position[kept],
+        velocity=smooth.velocity[kept],
+        acceleration=smooth.acceleration[kept],
+        torque=lowpass(regular.motor_torque, 1.0 / regular.period)[kept],
+        before=before,
+        after=residual(corrected) if changed else before,
+        rollout_before=rollout,
+        rollout_after=rolled(corrected) if changed and horizon is not None else rollout,
+    )
+
+
+def rms(parts: Sequence[Array]) -> Array:
+    """(n,) root mean square over all samples of several (M, n)."""
+    squares = sum(np.sum(part**2, axis=0) for part in parts)
+    return np.asarray(np.sqrt(squares / sum(len(part) for part in parts)))
+
+
+def above_noise(value: Array, noise: Array) -> Array:
+    """What is left of a root mean square (n,) when independent noise (n,) is taken out."""
+    return np.sqrt(np.maximum(value**2 - noise**2, 0.0))

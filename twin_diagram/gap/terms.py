@@ -1,0 +1,154 @@
+"""What candidates are made of: signals and rigid-body torques of the fit logs, computed once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.gap.records import Record, Records
+from twin_diagram.motion import lowpass
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Present:
+    """What the given model already has, which a change may take away again.
+
+    Attributes:
+        damping: (n,) [N·m·s/rad].
+        coulomb: (n,) [N·m].
+        rotor: (n,) [kg·m²].
+        mass: kg of payload.
+        stiffness: (n,) [N·m/rad].
+        load: (n,) coefficient of load-dependent friction.
+        names: effects that it has, per joint.
+    """
+
+    damping: Array
+    coulomb: Array
+    rotor: Array
+    stiffness: Array
+    load: Array
+    mass: float
+    names: frozenset[str]
+
+
+@dataclass(frozen=True)
+class Terms:
+    """Everything that candidates are built from.
+
+    Attributes:
+        records: of the fit.
+        load: per record (N, n), the torque that the joints transmit, free of the log's noise [N·m].
+        slow: (n,) speed below which the sign of a velocity is not known [rad/s].
+    """
+
+    records: Records
+    load: tuple[Array, ...]
+    slow: Array
+
+    @cached_property
+    def signs(self) -> tuple[Array, ...]:
+        """Per record (N, n): the direction of motion, from smooth velocities, before any filter."""
+        return tuple(np.tanh(record.v / self.slow) for record in self.records.records)
+
+    @cached_property
+    def reduced_signs(self) -> Array:
+        """(ΣD, n)"""
+        return self.reduce(self.signs)
+
+    @cached_property
+    def smooth_torque(self) -> tuple[Array, ...]:
+        """Per record (N, n): the logged torque, with little noise [N·m]."""
+        return tuple(lowpass(r.torque, r.rate, 0.6 * r.band) for r in self.records.records)
+
+    @cached_property
+    def torque_noise(self) -> Array:
+        """(n,) what smoothing takes from the logged torque [N·m]."""
+        pairs = zip(self.records.records, self.smooth_torque, strict=True)
+        return np.std(np.concatenate([lowpass(r.torque, r.rate, r.band) - s for r, s in pairs]), axis=0)
+
+    def reduce(self, parts: tuple[Array, ...]) -> Array:
+        """Full-rate arrays, one per record, thinned and put end to end."""
+        return np.concatenate([record.reduce(part) for record, part in zip(self.records.records, parts, strict=True)])
+
+    @cached_property
+    def torque_size(self) -> Array:
+        """(n,) root mean square of the logged torque [N·m]."""
+        return np.sqrt(np.mean(self.records.torque**2, axis=0))
+
+    @cached_property
+    def present(self) -> Present:
+        """See `Present`."""
+        return present(self.records)
+
+    def rigid(self, body: int) -> Array:
+        """(ΣD, n, 10) torque per inertial parameter of a body, in its moving frame."""
+        tree = self.records.model.tree
+        return self.records.reduce(lambda r: tree.regressor(r.q, r.v, r.a, body))
+
+    @cached_property
+    def rigid_all(self) -> tuple[Array, ...]:
+        """`rigid` of every body."""
+        return tuple(self.rigid(body) for body in range(self.records.n))
+
+
+def slow_speed(records: Records) -> Array:
+    """(n,) twice the noise of smoothed velocities, at least 1 mrad/s [rad/s]."""
+    result = np.zeros(records.n)
+    for record in records.records:
+        noise = np.std(record.v - lowpass(record.v, record.rate, 2.0 * record.band), axis=0)
+        result = np.maximum(result, 2.0 * noise)
+    return np.clip(result, 1e-3, 1e-2)
+
+
+def present(records: Records) -> Present:
+    """Reads off the given model what it has."""
+    model = records.model
+    n = records.n
+    coulomb, stiffness, load = np.zeros(n), np.array(model.tree.stiffness, dtype=float), np.zeros(n)
+    mass = 0.0
+    for effect in model.effects:
+        columns = [model.joints.index(joint) for joint in effect.joints]
+        values = {key: parameter.value for key, parameter in effect.parameters.items()}
+        if effect.name == "coulomb_friction":
+            levels = values.get("torque")
+            if levels is None:
+                levels = np.minimum(values["torque_positive"], values["torque_negative"])
+            coulomb[columns] += levels
+        elif effect.name == "stribeck_friction":
+            coulomb[columns] += values["coulomb"]
+        elif effect.name == "load_dependent_friction":
+            load[columns] += values["coefficient"]
+        elif effect.name == "joint_spring" and "stiffness" in values:
+            stiffness[columns] += values["stiffness"]
+        elif effect.name == "payload":
+            mass += float(values["mass"][0])
+    return Present(
+        damping=np.array(model.tree.damping, dtype=float),
+        coulomb=coulomb,
+        rotor=np.array(model.tree.rotor, dtype=float),
+        stiffness=stiffness,
+        load=load,
+        mass=mass,
+        names=frozenset(effect.name for effect in model.effects),
+    )
+
+
+def given_load(records: Records) -> tuple[Array, ...]:
+    """The given model's torques, as a first guess of the transmitted ones."""
+    return tuple(record.given for record in records.records)
+
+
+def rate_of(signal: Array, record: Record) -> Array:
+    """Time derivative of a full-rate signal (N, …)."""
+    return np.gradient(signal, 1.0 / record.rate, axis=0)
+
+
+def with_load(terms: Terms, load: tuple[Array, ...]) -> Terms:
+    """The same with another transmitted torque."""
+    return replace(terms, load=load)
