@@ -74,6 +74,22 @@ def _parser() -> argparse.ArgumentParser:
     predict.add_argument("--out", required=True, type=Path, help="where the prediction is written, .csv or .npz")
     predict.add_argument("--horizon", type=float, default=0.2, help="length of a rollout [s] (default: %(default)s)")
     predict.set_defaults(command=_predict)
+
+    gap = commands.add_parser("gap", help="find what a model lacks to explain measured logs, and add it")
+    gap.add_argument("--model", required=True, help="URDF, SDF, MJCF or the folder of a corrected model")
+    gap.add_argument(
+        "--fit",
+        required=True,
+        type=Path,
+        action="append",
+        metavar="LOG",
+        help="measured log to find it in; may be repeated",
+    )
+    gap.add_argument("--holdout", required=True, type=Path, metavar="LOG", help="measured log that proves it")
+    gap.add_argument(
+        "--out", required=True, type=Path, metavar="DIR", help="write gap.json, model/, experiments/ and report.html"
+    )
+    gap.set_defaults(command=_gap)
     return parser
 
 
@@ -136,6 +152,21 @@ def _predict(arguments: argparse.Namespace) -> int:
     if not arguments.horizon > 0:
         raise TwinError(f"--horizon {arguments.horizon}: the length of a rollout is positive [s]")
     predict(arguments.model, arguments.log, arguments.out, arguments.horizon)
+    return 0
+
+
+def _gap(arguments: argparse.Namespace) -> int:
+    from twin_diagram.gap.command import run_gap
+    from twin_diagram.gap.report_words import headline
+
+    def say(text: str) -> None:
+        print(text, file=sys.stderr, flush=True)
+
+    found = run_gap(arguments.model, arguments.fit, arguments.holdout, arguments.out, say)
+    for note in found.notes:
+        say(f"warning: {note}")
+    print(headline(found.verdict))
+    print(f"see {arguments.out / 'report.html'}")
     return 0
 
 

@@ -48,9 +48,10 @@ def bars(
             if kind == "after" and not changed:
                 continue
             wide = max(1.5, float(value) * scale)
+            text = f"{number(float(value))} {unit}"
             rows.append(
                 f'<rect x="{LABEL}" y="{y}" width="{wide:.1f}" height="{BAR}" rx="2" class="{kind}"/>'
-                f'<text x="{LABEL + wide + 6:.1f}" y="{y + BAR - 2.5}" class="value">{number(float(value))} {unit}</text>'
+                f'<text x="{LABEL + wide + 6:.1f}" y="{y + BAR - 2.5}" class="value">{text}</text>'
             )
         if floor > 0.0:
             x = LABEL + floor * scale

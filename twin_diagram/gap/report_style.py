@@ -16,17 +16,22 @@ header.top .kicker { color:#aab6c8; font-size:14px; letter-spacing:.02em; margin
 header.top h1 { margin:0; font-size:30px; line-height:1.25; font-weight:650; max-width:26em; }
 .badge { display:inline-block; padding:2px 11px; border-radius:99px; font-size:13px; font-weight:650; margin-right:10px;
   color:#fff; vertical-align:1px; }
-.badge.named { background:var(--after); } .badge.none { background:var(--good); } .badge.unknown { background:var(--bad); }
+.badge.named { background:var(--after); } .badge.none { background:var(--good); }
+.badge.unknown { background:var(--bad); }
 .tiles { display:grid; grid-template-columns:repeat(auto-fit,minmax(215px,1fr)); gap:14px; margin:-48px 0 8px; }
 .tile { background:var(--paper); border:1px solid var(--line); border-radius:12px; padding:16px 18px;
   box-shadow:0 2px 10px rgba(20,32,50,.06); }
-.tile b { display:block; font-size:27px; line-height:1.2; font-weight:680; font-variant-numeric:tabular-nums; }
+.tile b { display:block; font-size:25px; line-height:1.25; font-weight:680;
+  white-space:nowrap; font-variant-numeric:tabular-nums; }
+.tile small { font-size:16px; font-weight:600; color:var(--soft); }
 .tile span { color:var(--soft); font-size:14px; line-height:1.4; display:block; margin-top:4px; }
-section { background:var(--paper); border:1px solid var(--line); border-radius:12px; padding:24px 26px; margin-top:18px; }
+section { background:var(--paper); border:1px solid var(--line); border-radius:12px; padding:24px 26px;
+  margin-top:18px; }
 h2 { margin:0 0 4px; font-size:21px; line-height:1.3; }
 h3 { margin:0 0 6px; font-size:17px; line-height:1.35; }
 p { margin:8px 0; } p.lead { color:var(--soft); margin:2px 0 16px; max-width:52em; }
-.effect { display:grid; grid-template-columns:1fr 132px; gap:8px 24px; border-top:1px solid var(--line); padding:18px 0 14px; }
+.effect { display:grid; grid-template-columns:1fr 132px; gap:8px 24px; border-top:1px solid var(--line);
+  padding:18px 0 14px; }
 .effect:first-of-type { border-top:0; padding-top:6px; }
 .effect .sentence { font-size:17px; margin:0 0 6px; }
 .effect .what { color:var(--soft); font-size:15px; margin:0 0 10px; max-width:46em; }
@@ -47,14 +52,16 @@ td.n, th.n { text-align:right; } tr:last-child td { border-bottom:0; }
 .bars .joint { text-anchor:end; } .bars .value { font-size:12.5px; fill:var(--soft); }
 .bars .before { fill:var(--before); } .bars .after { fill:var(--after); }
 .bars .noise { stroke:#4b5668; stroke-width:1.6; stroke-dasharray:3 2; }
-.legend { font-size:14px; color:var(--soft); margin:0 0 14px; } .legend i { display:inline-block; width:13px; height:13px;
+.legend { font-size:14px; color:var(--soft); margin:0 0 14px; }
+.legend i { display:inline-block; width:13px; height:13px;
   border-radius:3px; margin:0 6px 0 16px; vertical-align:-2px; } .legend i:first-child { margin-left:0; }
 .legend i.before { background:var(--before); } .legend i.after { background:var(--after); }
 .legend i.dash { width:0; border-radius:0; border-left:2px dashed #4b5668; margin-right:10px; }
 .legend i.band { background:rgba(138,148,163,.3); }
 figure { margin:22px 0 0; } figure img { width:100%; height:auto; display:block; }
 figcaption { font-weight:600; margin-bottom:6px; } figcaption span { font-weight:400; color:var(--soft); }
-pre { background:#f6f8fa; border:1px solid var(--line); border-radius:8px; padding:12px 14px; overflow-x:auto; margin:10px 0 0;
+pre { background:#f6f8fa; border:1px solid var(--line); border-radius:8px; padding:12px 14px; overflow-x:auto;
+  margin:10px 0 0;
   font:13px/1.5 ui-monospace,"SF Mono",Menlo,Consolas,"DejaVu Sans Mono",monospace; }
 pre .plus { background:#e3f4e9; display:block; } pre .minus { background:#fbe7e6; display:block; }
 pre .same { display:block; color:var(--soft); }
@@ -63,8 +70,10 @@ code { font:13.5px ui-monospace,"SF Mono",Menlo,Consolas,"DejaVu Sans Mono",mono
   padding:16px 0 12px; align-items:center; } .experiment:first-of-type { border-top:0; }
 .experiment p { margin:4px 0; font-size:15px; } .experiment .why { color:var(--soft); font-size:14.5px; }
 .spark { width:100%; height:auto; background:#f8fafc; border-radius:6px; }
-.spark polyline { fill:none; stroke-width:1.1; } .spark .still { stroke:#c3cbd6; } .spark .moved { stroke:var(--after); }
-.note { border-left:4px solid var(--warn); background:#fdf6ea; padding:10px 14px; border-radius:0 8px 8px 0; margin:14px 0 0; }
+.spark polyline { fill:none; stroke-width:1.1; }
+.spark .still { stroke:#c3cbd6; } .spark .moved { stroke:var(--after); }
+.note { border-left:4px solid var(--warn); background:#fdf6ea; padding:10px 14px; border-radius:0 8px 8px 0;
+  margin:14px 0 0; }
 details { margin-top:12px; } summary { cursor:pointer; color:var(--after); font-weight:600; font-size:15px; }
 dl { display:grid; grid-template-columns:max-content 1fr; gap:6px 20px; margin:8px 0 0; font-size:15px; }
 dt { font-weight:600; } dd { margin:0; color:var(--soft); }

@@ -38,7 +38,7 @@ TITLES = {
     "inertial_parameters": ("A link of other mass", "A link is heavier, lighter or balanced elsewhere than described."),
     "reflected_inertia": (
         "Inertia of a motor's rotor",
-        "The rotor turns faster than the joint by the gear's ratio; the joint feels its inertia times the ratio squared.",
+        "The rotor turns faster than the joint by the gear's ratio; the joint feels it times the ratio squared.",
     ),
     "gravity_tilt": ("A tilted base", "The base does not stand level, so gravity pulls from another side."),
     "joint_spring": (

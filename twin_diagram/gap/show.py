@@ -15,6 +15,9 @@ from twin_diagram.prediction import position_predicted, torque_predicted
 
 Array = npt.NDArray[np.float64]
 
+MOVING = 0.01
+"""A joint that is faster than this surely moves [rad/s]."""
+
 HORIZON = 0.2
 """Length of a rollout [s]."""
 
@@ -93,6 +96,7 @@ def show(
     holdout: Log,
     noise_floor: Array,
     horizon: float = HORIZON,
+    explained: bool = False,
     say: Callable[[str], None] | None = None,
 ) -> Shown:
     """Works out the gap of both models on all runs; rollouts on the held-out run alone.
@@ -102,8 +106,9 @@ def show(
         corrected: likewise; the same object where nothing was corrected.
         fit: checked logs.
         holdout: a checked log.
-        noise_floor: (n,) torque noise [N·m]; what a corrected model leaves on its fit is an upper bound of it.
+        noise_floor: (n,) torque noise [N·m], as far as it can be known without a model that explains the runs.
         horizon: of the rollouts [s].
+        explained: whether the corrected model leaves nothing but noise on the fitted runs, which then is the noise.
         say: told what is being done.
     """
     say = say or (lambda text: None)
@@ -111,7 +116,8 @@ def show(
     runs = tuple(compare(given, corrected, log) for log in fit)
     say("rollouts of the held-out run before and after")
     held = compare(given, corrected, holdout, held_out=True, horizon=horizon)
-    floor = np.minimum(noise_floor, rms([run.after for run in runs]))
+    left = np.sqrt(moving_square(runs))
+    floor = left if explained else np.minimum(noise_floor, left)
     return Shown(given.joints, runs, held, np.maximum(floor, 1e-12))
 
 
@@ -149,6 +155,17 @@ def compare(
         rollout_before=rollout,
         rollout_after=rolled(corrected) if changed and horizon is not None else rollout,
     )
+
+
+def moving_square(runs: Sequence[Comparison]) -> Array:
+    """(n,) mean square of what is left of fitted runs while the joints move.
+
+    A joint at rest may be held by friction of any size up to its level, which no model knows and which is no noise.
+    """
+    after = np.concatenate([run.after for run in runs])
+    moving = np.abs(np.concatenate([run.velocity for run in runs])) > MOVING
+    moving[:, np.mean(moving, axis=0) < 0.2] = True
+    return np.asarray(np.sum(after**2 * moving, axis=0) / np.sum(moving, axis=0))
 
 
 def rms(parts: Sequence[Array]) -> Array:

@@ -1,8 +1,8 @@
 """Experiments as motions that an arm can be asked to make, so that the next log tells two names apart.
 
-Nothing is known of what stands around the arm. A motion therefore stays within the box of angles that the measured runs
-visited, moves no faster and accelerates no harder than they did, and holds the joints that are not asked about at a pose
-that was visited. The straight way between two visited poses may still be blocked: look before it runs.
+Nothing is known of what stands around the arm. A motion therefore stays within the box of angles that the measured
+runs visited, moves no faster and accelerates no harder than they did, and holds the joints that are not asked about at
+a pose that was visited. The straight way between two visited poses may still be blocked: look before it runs.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ def design(text: str, seen: Visited, moved: Sequence[str]) -> Experiment | None:
     chosen = [seen.joints.index(joint) for joint in names]
     position = np.clip(make(seen, chosen), seen.lower, seen.upper)
     slug = re.sub(r"[^a-z0-9]+", "_", text.split(":")[0].split(",")[0].lower()).strip("_")[:32]
-    time = PERIOD * np.arange(len(position))
+    time: Array = PERIOD * np.arange(len(position), dtype=float)
     return Experiment(text, slug, seen.joints, names, time, position)
 
 

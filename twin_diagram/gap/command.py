@@ -1,0 +1,253 @@
+"""The whole workflow on files: reads logs, locates, names, adds, shows, and writes what it found.
+
+from twin_diagram.gap.command import run_gap
+gap = run_gap("ur5e.urdf", ["a.csv"], "c.csv", out="out/gap", say=print)
+gap.verdict, gap.corrected, gap.answer      # what was found; a Model; the contents of gap.json
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twin_diagram import __version__
+from twin_diagram.errors import LogError, ModelError, TwinError
+from twin_diagram.gap import experiments as texts
+from twin_diagram.gap import gap_json, report
+from twin_diagram.gap.finding import Verdict
+from twin_diagram.gap.named import effects_of
+from twin_diagram.gap.naming import name
+from twin_diagram.gap.report_subject import Subject
+from twin_diagram.gap.show import Shown, show
+from twin_diagram.gap.trajectories import Experiment, design, visited
+from twin_diagram.logs import Log, check, read_log, write_columns
+from twin_diagram.model import Model
+from twin_diagram.prediction import load_model_for
+
+Say = Callable[[str], None]
+
+MOST_EXPERIMENTS = 4
+"""Files that are written."""
+
+FOR_THE_UNKNOWN = (texts.SPEEDS, texts.SLOW, texts.LONG)
+"""Experiments that show most of an effect that has no name yet."""
+
+FOR_THE_UNKNOWN = (texts.SPEEDS, texts.SLOW, texts.LONG)
+"""Experiments that show most of an effect that has no name yet."""
+
+SHRINKS = 0.98
+"""What is named must bring the held-out gap above the noise below this share of what it was."""
+
+PARTS = ("model", "experiments", "gap.json", "report.html")
+"""What is written, in the order in which it appears; what else is in the folder is left alone."""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """What was found.
+
+    Attributes:
+        verdict: names, places, near pairs.
+        given: the given model.
+        corrected: the corrected one; the same object where nothing is named.
+        shown: the gap before and after.
+        answer: the contents of gap.json.
+        notes: what the reader of the logs should know.
+        experiments: to run next, with the names of their files.
+        seconds: that it took.
+    """
+
+    verdict: Verdict
+    given: Model
+    corrected: Model
+    shown: Shown
+    answer: dict[str, Any]
+    notes: tuple[str, ...]
+    experiments: tuple[tuple[Experiment, str], ...]
+    seconds: float
+
+
+def run_gap(
+    model: str | Path,
+    fit: Sequence[str | Path],
+    holdout: str | Path,
+    out: str | Path | None = None,
+    say: Say | None = None,
+    packages: Mapping[str, str | Path] | None = None,
+) -> Gap:
+    """Finds what a model lacks, adds it, and shows the gap shrink.
+
+    Args:
+        model: a URDF, SDF or MJCF file, or the folder of a corrected model.
+        fit: measured logs to find it in.
+        holdout: a measured log that is used for nothing but the proof.
+        out: folder for gap.json, model/, experiments/ and report.html; None: nothing is written.
+        say: told what is being done.
+        packages: local folders for `package://` names.
+
+    Raises:
+        TwinError: model, logs or folder cannot be used; nothing is written.
+    """
+    say = say or (lambda text: None)
+    begin = time.perf_counter()
+    if out is not None:
+        _writable(Path(out))
+    say("reading the logs")
+    given, logs, held, notes = _read(model, fit, holdout, packages)
+    verdict = name(given, logs, say)
+    if verdict.findings:
+        say("adding what was named")
+    corrected = corrected_model(given, verdict)
+    explained = verdict.verdict != "unknown" and not verdict.remainder
+    shown = show(given, corrected, logs, held, verdict.noise_floor, explained=explained, say=say)
+    if corrected is not given and not accepted(verdict, shown):
+        notes.append("what was named did not shrink the gap on the held-out run, and was dropped")
+        verdict = replace(verdict, verdict="unknown", remainder=False, findings=(), separation=())
+        corrected = given
+        shown = show(given, given, logs, held, verdict.noise_floor)
+    experiments = _experiments(given, verdict, shown, logs)
+    gap = Gap(
+        verdict=verdict,
+        given=given,
+        corrected=corrected,
+        shown=shown,
+        answer=gap_json.contents(verdict, shown),
+        notes=tuple(notes),
+        experiments=experiments,
+        seconds=time.perf_counter() - begin,
+    )
+    if out is not None:
+        say("writing the report")
+        write(gap, Path(out), Path(model).name)
+    return gap
+
+
+def corrected_model(given: Model, verdict: Verdict) -> Model:
+    """The given model with what was named; the given one itself where nothing was."""
+    added = [effect for finding in verdict.findings for effect in effects_of(finding)]
+    return given.with_effects([*given.effects, *added]) if added else given
+
+
+def accepted(verdict: Verdict, shown: Shown) -> bool:
+    """Whether the held-out run agrees; what is over by then cannot show there."""
+    if any(finding.end is not None for finding in verdict.findings):
+        return True
+    return shown.left_over() < SHRINKS
+
+
+def write(gap: Gap, out: Path, title: str) -> None:
+    """Writes everything to a temporary folder beside `out`, and then moves it into place."""
+    out = out.absolute()
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        staging = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
+    except OSError as error:
+        raise TwinError(f"{out}: cannot be written: {error.strerror}") from error
+    try:
+        gap.corrected.save(staging / "model")
+        for experiment, file in gap.experiments:
+            write_columns(experiment.columns(), staging / file)
+        (staging / "gap.json").write_text(gap_json.text(gap.answer), encoding="utf-8")
+        (staging / "report.html").write_text(report.page(_subject(gap, title)), encoding="utf-8")
+        staging.chmod(0o755)
+        _move(staging, out)
+    except OSError as error:
+        raise TwinError(f"{out}: cannot be written: {error.strerror}") from error
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+
+
+def _move(staging: Path, out: Path) -> None:
+    if not out.exists():
+        os.replace(staging, out)
+        return
+    aside = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
+    try:
+        for part in PARTS:
+            if (out / part).exists():
+                os.replace(out / part, aside / part)
+            if (staging / part).exists():
+                os.replace(staging / part, out / part)
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
+
+
+def _subject(gap: Gap, title: str) -> Subject:
+    return Subject(
+        verdict=gap.verdict,
+        shown=gap.shown,
+        given=gap.given,
+        corrected=gap.corrected,
+        name=title,
+        experiments=gap.experiments,
+        notes=gap.notes,
+        seconds=gap.seconds,
+        version=__version__,
+    )
+
+
+def _writable(out: Path) -> None:
+    """Says at once what would otherwise be found out after all the work."""
+    if out.exists() and not out.is_dir():
+        raise TwinError(f"{out}: is a file; --out names a folder")
+    above = out.absolute()
+    while not above.exists():
+        above = above.parent
+    if not above.is_dir() or not os.access(above, os.W_OK):
+        raise TwinError(f"{out}: cannot be written: {above} is not a folder that may be written to")
+
+
+def _read(
+    model: str | Path, fit: Sequence[str | Path], holdout: str | Path, packages: Mapping[str, str | Path] | None
+) -> tuple[Model, list[Log], Log, list[str]]:
+    if not fit:
+        raise LogError("no log to fit: give at least one with --fit")
+    if not Path(model).exists():
+        raise ModelError(f"{model}: no such file or folder")
+    raw = [read_log(path) for path in fit]
+    held = read_log(holdout)
+    given, first, warnings = load_model_for(raw[0], model, packages)
+    logs = [first]
+    for log in raw[1:]:
+        warnings += check(log, given)
+        logs.append(log.select(given.joints))
+    warnings += check(held, given)
+    notes = [warning.message for warning in warnings]
+    if any(_same(log, held) for log in raw):
+        notes.append(f"{held.source}: is also a fitted run, so it proves nothing; hold out another one")
+    return given, logs, held.select(given.joints), notes
+
+
+def _same(a: Log, b: Log) -> bool:
+    return a.joints == b.joints and np.array_equal(a.time, b.time) and np.array_equal(a.position, b.position)
+
+
+def _experiments(
+    given: Model, verdict: Verdict, shown: Shown, logs: Sequence[Log]
+) -> tuple[tuple[Experiment, str], ...]:
+    """Those that the near pairs ask for; where nothing has a name, those that show most of an unknown effect."""
+    wanted = dict.fromkeys((near.experiment, _joints_in(near.a, given)) for near in verdict.separation)
+    if verdict.verdict == "unknown" or verdict.remainder:
+        before, _ = shown.holdout_rms()
+        worst = tuple(given.joints[k] for k in np.argsort(-before / shown.noise_floor)[:2])
+        wanted |= dict.fromkeys((text, worst) for text in FOR_THE_UNKNOWN)
+    seen = visited(given, logs)
+    result: list[tuple[Experiment, str]] = []
+    for text, joints in wanted:
+        experiment = design(text, seen, joints)
+        if experiment is not None and len(result) < MOST_EXPERIMENTS:
+            result.append((experiment, f"experiments/{len(result) + 1}_{experiment.slug}.csv"))
+    return tuple(result)
+
+
+def _joints_in(claim: str, given: Model) -> tuple[str, ...]:
+    places = claim.partition(" on ")[2].split(", ")
+    return tuple(joint for joint in given.joints if joint in places)
