@@ -2,48 +2,266 @@
 
 The truth is made in MuJoCo by `sims/gap_truth`, which shares no code with `twin_diagram`. The workflow under test sees
 a case folder alone: `model.urdf` (or the folder `model/` of a corrected model), `fit.csv` and `holdout.csv`, under
-neutral names. What is true goes to a file outside that folder, which only the scorer opens.
+neutral names. What is true goes to a file outside that folder, which only the scorer opens, and only afterwards.
 
     python sims/gap_benchmark.py generate --kind single --seed 3 --out out/case    # out/case/, out/case.truth.json
     python sims/gap_benchmark.py generate --kind single --effect payload --seed 3 --out out/case
+    python sims/gap_benchmark.py run --suite training --out out/gap_benchmark      # results.jsonl; goes on after a stop
+    python sims/gap_benchmark.py run --suite final --out out/gap_benchmark --only single --limit 20
+    python sims/gap_benchmark.py report --out out/gap_benchmark                    # table.txt, calibration.png
 
 Kinds: clean, single, several (one name on two to four joints), pair, triple, onset, dirty (the model has friction on
 all joints already), outside (families that the catalogue lacks). Of `single`, seed modulo 20 is the effect. Seeds below
 10000 are for training; the final figures come from seeds from 10000 on.
+
+`separation` in a truth file is the distance, in units of the log's noise, from the true torque to the nearest other
+explanation (`gap_truth/separation.py`); of several effects it is the least of theirs.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
+import os
+import resource
+import shutil
+import subprocess
 import sys
+import tempfile
+import time
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
+import numpy as np
 
-from gap_truth import cases
+SIMS = Path(__file__).resolve().parent
+sys.path[:0] = [str(SIMS), str(SIMS.parent)]
+
+from gap_scoring import held_out, table, verdicts  # noqa: E402
+from gap_truth import cases, separation  # noqa: E402
+
+Truth = dict[str, Any]
+
+SUITES: dict[str, dict[str, tuple[int, int]]] = {
+    "fast": {"clean": (0, 2), "single": (5, 3), "outside": (2, 1)},
+    "training": {
+        "single": (0, 100),
+        "clean": (0, 100),
+        "dirty": (0, 20),
+        "several": (0, 22),
+        "pair": (0, 20),
+        "triple": (0, 10),
+        "onset": (0, 21),
+        "outside": (0, 27),
+    },
+    "final": {
+        "single": (10000, 200),
+        "dirty": (10000, 60),
+        "several": (10000, 44),
+        "pair": (10000, 60),
+        "triple": (10000, 20),
+        "onset": (10000, 42),
+        "outside": (10000, 54),
+        "clean": (10000, 600),
+    },
+}
+"""First seed and number of seeds per kind."""
+
+LONGEST = 900.0
+"""A run of the workflow is given up after this [s]."""
 
 
-def generate(kind: str, seed: int, folder: Path, effect: str | None = None) -> dict:
-    """Writes a case folder, and its truth beside it; answers the truth."""
+def generate(kind: str, seed: int, folder: Path, effect: str | None = None) -> tuple[cases.Case, Truth]:
+    """Writes a case folder, without its truth; answers that."""
     case = cases.make_case(kind, seed, effect)
     cases.write_case(case, folder)
     truth = cases.describe(case)
-    folder.with_name(f"{folder.name}.truth.json").write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
-    return truth
+    parts = separation.separations(case)
+    truth["parts"] = [separation.as_dict(part, case) for part in parts]
+    truth["separation"] = min((part.separation for part in parts), default=0.0)
+    return case, truth
+
+
+def plan(suite: str, only: str | None = None) -> Iterator[tuple[str, int]]:
+    """Kinds and seeds of a suite, one kind after the other in turn, so that a part of it is a fair sample."""
+    wanted = {kind: span for kind, span in SUITES[suite].items() if only in (None, kind)}
+    order = [((k + 0.5) / count, kind, first + k) for kind, (first, count) in wanted.items() for k in range(count)]
+    for _, kind, seed in sorted(order):
+        yield kind, seed
+
+
+def run_workflow(folder: Path, out: Path) -> tuple[float, float]:
+    """Runs the command as any user would, on what is in a case folder; answers its wall-clock and processor seconds.
+
+    Raises:
+        RuntimeError: it failed.
+    """
+    command = [sys.executable, "-m", "twin_diagram", "gap", "--model", str(cases.model_path(folder))]
+    command += ["--fit", str(folder / "fit.csv"), "--holdout", str(folder / "holdout.csv"), "--out", str(out)]
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    environment["PYTHONPATH"] = os.pathsep.join(filter(None, [str(SIMS.parent), os.environ.get("PYTHONPATH")]))
+    begin, used = time.perf_counter(), _children()
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=LONGEST)
+    if done.returncode:
+        raise RuntimeError(f"exit {done.returncode}: {done.stderr.strip()[-600:]}")
+    return time.perf_counter() - begin, _children() - used
+
+
+def _children() -> float:
+    """Processor seconds of all child processes that have ended."""
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
+
+
+def score(case: cases.Case, truth: Truth, folder: Path, out: Path) -> dict[str, Any]:
+    """Opens the truth: what the workflow wrote to `out`, against it."""
+    found = json.loads((out / "gap.json").read_text(encoding="utf-8"))
+    result = verdicts.judge(found, truth)
+    setting, missing = separation.signature(case, case.holdout)
+    at_samples = np.stack([np.interp(case.holdout.time, setting.time, column) for column in missing.T], axis=1)
+    with tempfile.TemporaryDirectory() as scratch:
+        result["held_out"] = held_out.measure(
+            cases.model_path(folder),
+            out / "model",
+            folder / "holdout.csv",
+            list(case.chain.joints),
+            at_samples,
+            Path(scratch),
+        )
+    result["held_out"]["claimed"] = _claimed(found, result["held_out"])
+    return result
+
+
+def _claimed(found: dict[str, Any], measured: dict[str, Any]) -> float | None:
+    """Largest relative difference between the gap that a report claims and the one worked out anew."""
+    claimed = found.get("gap", {}).get("torque_rms", {}).get("holdout")
+    if not claimed or not {"before", "after"} <= set(claimed):
+        return None
+    differences = [
+        abs(claimed[when][joint] / value - 1.0)
+        for when in ("before", "after")
+        for joint, value in zip(measured["joints"], measured[when], strict=True)
+    ]
+    return max(differences)
+
+
+def one_case(kind: str, seed: int, keep: Path | None = None) -> dict[str, Any]:
+    """Generates, runs and scores a case; a failure is a result too."""
+    record: dict[str, Any] = {"kind": kind, "seed": seed, "version": _version(), "code": _code()}
+    with tempfile.TemporaryDirectory() as scratch:
+        folder, out = Path(scratch) / "case", Path(scratch) / "out"
+        case, truth = generate(kind, seed, folder)
+        record |= {key: truth[key] for key in ("separation", "parts", "dirty", "period")}
+        record |= {"arm": case.chain.kind, "truth_names": [effect["name"] for effect in truth["effects"]]}
+        try:
+            record["seconds"], record["processor"] = run_workflow(folder, out)
+            record |= score(case, truth, folder, out)
+        except (RuntimeError, OSError, ValueError, KeyError, subprocess.TimeoutExpired) as error:
+            record["error"] = f"{type(error).__name__}: {error}"
+        if keep is not None:
+            target = keep / f"{kind}_{seed}"
+            shutil.rmtree(target, ignore_errors=True)
+            shutil.copytree(scratch, target)
+            (keep / f"{kind}_{seed}.truth.json").write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
+    return record
+
+
+def read_results(path: Path) -> list[dict[str, Any]]:
+    """Of a JSON-lines file; a last line that was cut off is left out."""
+    if not path.is_file():
+        return []
+    result = []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        try:
+            result.append(json.loads(line))
+        except json.JSONDecodeError:
+            continue
+    return result
+
+
+def run(wanted: Iterable[tuple[str, int]], folder: Path, keep: bool = False) -> list[dict[str, Any]]:
+    """All cases that have no result yet; answers all results."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "results.jsonl"
+    results = read_results(path)
+    done = {(r["kind"], r["seed"]) for r in results}
+    wanted = [case for case in wanted if case not in done]
+    for count, (kind, seed) in enumerate(wanted, 1):
+        record = one_case(kind, seed, folder / "cases" if keep else None)
+        with path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(record, default=float) + "\n")
+        results.append(record)
+        print(f"{count}/{len(wanted)} {_said(record)}", flush=True)
+    return results
+
+
+def _said(record: dict[str, Any]) -> str:
+    head = f"{record['kind']} {record['seed']} {record['arm']} {'+'.join(record['truth_names']) or '–'}"
+    head += f" separation {record['separation']:.3g}: "
+    if "error" in record:
+        return head + record["error"].splitlines()[0][:160]
+    claims = ", ".join(
+        f"{c['name']}({' '.join(c['joints'] + c['links'])}) {c['confidence']:.3f}" for c in record["claims"]
+    )
+    left = record["held_out"]["left"]
+    verdict = record["verdict"] + (" with remainder" if record["remainder"] else "")
+    gap = "" if left is None else f", gap left {100 * left:.0f} %"
+    return head + f"{'right' if record['exact'] else 'WRONG'}: {verdict} {claims}{gap}, {record['seconds']:.0f} s"
+
+
+def write_report(folder: Path) -> str:
+    """The table and the pictures of a folder's results."""
+    results = read_results(folder / "results.jsonl")
+    if not results:
+        return f"{folder}: no results yet"
+    text = table.report(results)
+    (folder / "table.txt").write_text(text + "\n", encoding="utf-8")
+    table.plot_calibration(results, str(folder / "calibration.png"))
+    return text
+
+
+def _version() -> str:
+    import twin_diagram
+
+    return str(twin_diagram.__version__)
+
+
+def _code() -> str:
+    """A digest of the workflow's source: results of one version of it can be told from another's."""
+    digest = hashlib.sha256()
+    for path in sorted((SIMS.parent / "twin_diagram").rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:10]
 
 
 def main(arguments: list[str] | None = None) -> int:
     """The command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     commands = parser.add_subparsers(dest="command", required=True)
-    make = commands.add_parser("generate", help="write one case")
+    make = commands.add_parser("generate", help="write one case, and its truth beside it")
     make.add_argument("--kind", choices=cases.KINDS, required=True)
     make.add_argument("--seed", type=int, required=True)
-    make.add_argument("--effect")
+    make.add_argument("--effect", help="a name of the catalogue or of a family beyond it; default: the seed says")
     make.add_argument("--out", type=Path, required=True)
+    go = commands.add_parser("run", help="run and score the cases of a suite that have no result yet")
+    go.add_argument("--suite", choices=SUITES, default="training")
+    go.add_argument("--only", choices=cases.KINDS, help="one kind alone")
+    go.add_argument("--limit", type=int, help="at most so many cases of the suite")
+    go.add_argument("--keep", action="store_true", help="keep the cases, the outputs and the truth in OUT/cases")
+    go.add_argument("--out", type=Path, default=Path("out/gap_benchmark"))
+    say = commands.add_parser("report", help="table and plot of the results that there are")
+    say.add_argument("--out", type=Path, default=Path("out/gap_benchmark"))
     given = parser.parse_args(arguments)
-    generate(given.kind, given.seed, given.out, given.effect)
+    if given.command == "generate":
+        _, truth = generate(given.kind, given.seed, given.out, given.effect)
+        text = json.dumps(truth, indent=1, default=float) + "\n"
+        given.out.with_name(f"{given.out.name}.truth.json").write_text(text, encoding="utf-8")
+        return 0
+    if given.command == "run":
+        run(list(plan(given.suite, given.only))[: given.limit], given.out, given.keep)
+    print(write_report(given.out))
     return 0
 
 

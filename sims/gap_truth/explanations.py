@@ -70,7 +70,7 @@ class Setting:
 
     @property
     def period(self) -> float:
-        """[s]"""
+        """[s]."""
         return float(self.time[1] - self.time[0])
 
     @cached_property
@@ -87,6 +87,11 @@ class Setting:
     def load(self) -> Array:
         """(N, n) torque of the described arm."""
         return self.links_load + self.a * self.chain.column("rotor")
+
+    @cached_property
+    def pushes(self) -> list[Array]:
+        """(N, n, 6) per link, of unit wrenches."""
+        return [tree.pushes(self.chain, self.frames, k) for k in range(self.chain.n)]
 
     def rate(self, signal: Array, width: float = 0.006) -> Array:
         """Derivative of a signal (N,), smoothed over `width` seconds."""
@@ -192,9 +197,7 @@ def coupled(s: Setting, i: int, j: int) -> Explanation:
     """Friction on a sum of two speeds."""
     speed = s.v[:, i] + s.v[:, j]
     columns = np.stack([speed, np.tanh(speed / REST)], axis=-1)
-    return Explanation(
-        "coupled_friction", (i, j), (i, j), np.repeat(columns[:, None], 2, axis=1), 2, (True, True)
-    )
+    return Explanation("coupled_friction", (i, j), (i, j), np.repeat(columns[:, None], 2, axis=1), 2, (True, True))
 
 
 def of_link(s: Setting, k: int) -> Explanation:
@@ -233,10 +236,8 @@ def delays(s: Setting, shape: float | None = None) -> Iterator[Explanation]:
 def push(s: Setting, k: int, first: float, last: float) -> Explanation:
     """A wrench on a link for a while."""
     active = ((s.time >= first) & (s.time < last)).astype(float)
-    columns = tree.pushes(s.chain, s.frames, k)
-    return Explanation(
-        "external_force", (-1 - k,), tuple(range(s.chain.n)), columns, 8, (False,) * 6
-    ).during(active)
+    columns = s.pushes[k] * active[:, None, None]
+    return Explanation("external_force", (-1 - k,), tuple(range(s.chain.n)), columns, 8, (False,) * 6)
 
 
 def windows(s: Setting, things: list[Hidden]) -> list[tuple[float, float]]:
@@ -262,7 +263,8 @@ def everything(s: Setting, things: list[Hidden]) -> list[Explanation]:
     result = list(whole)
     for first, last in sorted({_window(s, thing) for thing in things if thing.onset is not None}):
         active = ((s.time >= first) & (s.time < last)).astype(float)
-        result += [e.during(active) for e in whole if e.name != "actuator_fault"]
+        # A gain that changes within the log is a fault by definition.
+        result += [e.during(active) for e in whole if e.name not in ("actuator_fault", "torque_constant")]
         result += [e for j in range(s.chain.n) for e in on_joint(s, j, "actuator_fault", {"onset": first})]
     result += [push(s, k, *window) for window in windows(s, things) for k in range(s.chain.n)]
     return result

@@ -136,7 +136,8 @@ def places(name: str, chain: Chain, scale: Scale) -> list[int]:
     ):
         return [j for j in everywhere if scale.torque[j] > 0.03 * effort[j]] or [int(np.argmax(scale.torque / effort))]
     if name in ("joint_elasticity", "backlash"):
-        return everywhere[: max(2, chain.n - 2)]
+        loaded = [j for j in everywhere[: chain.n - 2] if scale.torque[j] > 0.03 * effort[j]]
+        return loaded or everywhere[:2]
     return everywhere
 
 
@@ -207,16 +208,16 @@ def _linear_spring(j: int, chain: Chain, scale: Scale, rng: np.random.Generator)
 
 
 def _elasticity(j: int, chain: Chain, scale: Scale, rng: np.random.Generator) -> dict[str, float]:
-    rotor = log_uniform(rng, 0.1, 0.6) * max(float(scale.inertia[j]), 0.05)
+    rotor = log_uniform(rng, 0.03, 0.4) * max(float(scale.inertia[j]), 0.05)
     # The integrator's step bounds how fast a resonance may be.
     fastest = 0.25 / (5e-4) ** 2 / (1.0 / rotor + 1.0 / max(float(scale.inertia[j]) - chain.links[j].rotor, 1e-4))
-    return {"stiffness": min(log_uniform(rng, 40.0, 300.0) * chain.links[j].effort, fastest), "rotor_inertia": rotor}
+    return {"stiffness": min(log_uniform(rng, 8.0, 100.0) * chain.links[j].effort, fastest), "rotor_inertia": rotor}
 
 
 def _backlash(j: int, chain: Chain, scale: Scale, rng: np.random.Generator) -> dict[str, float]:
     return {
         "gap": log_uniform(rng, 0.002, 0.02),
-        "rotor_inertia": log_uniform(rng, 0.1, 0.6) * max(float(scale.inertia[j]), 0.05),
+        "rotor_inertia": log_uniform(rng, 0.03, 0.4) * max(float(scale.inertia[j]), 0.05),
     }
 
 
@@ -379,8 +380,12 @@ def _loose(chain: Chain, scale: Scale, rng: np.random.Generator) -> Hidden:
 def _spring(j: int, chain: Chain, scale: Scale, rng: np.random.Generator) -> dict[str, float]:
     if rng.random() < 0.65:
         return _linear_spring(j, chain, scale, rng)
-    # A counterbalance: a weight on a lever, which is no function of the catalogue but its curve.
-    return {"amplitude": _force(j, chain, rng, 0.02, 0.15), "zero": float(scale.centre[j]) + rng.normal() * 0.8}
+    # A counterbalance: a gas spring on a lever, which is no function of the catalogue but its curve.
+    return {
+        "amplitude": _force(j, chain, rng, 0.02, 0.15),
+        "zero": float(scale.centre[j]) + rng.normal() * 0.6,
+        "ratio": rng.uniform(0.35, 0.75),
+    }
 
 
 _JOINT: dict[str, Callable[[int, Chain, Scale, np.random.Generator], dict[str, float]]] = {

@@ -126,7 +126,10 @@ def spring_torque(hidden: Hidden, k: int, q: Array) -> Array:
     values = hidden.values
     if "stiffness" in values:
         return np.asarray(values["stiffness"][k] * (q - values["rest_angle"][k]))
-    return np.asarray(values["amplitude"][k] * np.sin(q - values["zero"][k]))
+    # A gas spring between the links: its line of action, and with it its length, turns with the joint.
+    angle, ratio = q - values["zero"][k], values["ratio"][k]
+    length = np.sqrt(1.0 + ratio**2 - 2.0 * ratio * np.cos(angle))
+    return np.asarray(values["amplitude"][k] * np.sin(angle) / length)
 
 
 def _spring(world: World, hidden: Hidden) -> None:

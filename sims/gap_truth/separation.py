@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.fft import next_fast_len
 from scipy.signal.windows import tukey
 
 from gap_truth import explanations
@@ -28,6 +29,8 @@ CUT = 0.3
 
 CONTAINED = 0.03
 """A richer explanation that leaves less than this part of the signature contains the truth, and is no rival."""
+
+DRY = ("coulomb_friction", "stribeck_friction", "load_dependent_friction", "coupled_friction")
 
 
 @dataclass(frozen=True)
@@ -54,7 +57,8 @@ class Part:
 def signature(case: Case, run: Truth, things: bool = True) -> tuple[Setting, Array]:
     """A run's motion between samples, and the torque (N − 1, n) that the given model does not account for.
 
-    Held torques and differences of velocities are exact means over a sample, which knocks and stiff springs do not alias.
+    Held torques and differences of velocities are exact means over a sample, which knocks and stiff springs do not
+    alias.
     """
     period = case.period
     q, v = 0.5 * (run.q[1:] + run.q[:-1]), 0.5 * (run.v[1:] + run.v[:-1])
@@ -67,6 +71,11 @@ def signature(case: Case, run: Truth, things: bool = True) -> tuple[Setting, Arr
     return setting, missing
 
 
+def _fast_length(count: int) -> int:
+    """The greatest length up to `count` of which a transform is quick."""
+    return next(m for m in range(count, 0, -1) if next_fast_len(m) == m)
+
+
 class Whitening:
     """Takes signals to independent numbers of variance one where they are noise."""
 
@@ -74,6 +83,7 @@ class Whitening:
         period = setting.period
         kept = (setting.time >= setting.time[0] + CUT) & (setting.time <= setting.time[-1] - CUT)
         self.kept = np.flatnonzero(kept)
+        self.kept = self.kept[: _fast_length(len(self.kept))]
         count = len(self.kept)
         frequency = np.fft.rfftfreq(count, period)
         self.bins = np.flatnonzero(frequency <= min(BAND, 0.2 / period))
@@ -136,8 +146,10 @@ class Comparison:
         own = [_linear(e, self.columns(e)) for _, _, e in true]
         rivals = [(e, self.columns(e)) for e in explanations.everything(self.setting, list(self.case.hidden))]
         empty = np.zeros((len(self.target), 0))
-        # One effect alone is known exactly; of several, what their columns miss is taken off.
-        misfit = _fit(self.target, np.hstack(own), ())[0] if len(true) > 1 else 0.0
+        # One effect alone is known exactly. Of several, what their columns miss is taken off, and of dry friction what
+        # it does while a joint sticks, which is no function of the motion and speaks for no name.
+        sticks = any(thing.name in DRY for thing in self.case.hidden)
+        misfit = _fit(self.target, np.hstack(own), ())[0] if len(true) > 1 or sticks else 0.0
         result = []
         for k, (name, place, explanation) in enumerate(true):
             others = np.hstack([empty, *(c for i, c in enumerate(own) if i != k)])
