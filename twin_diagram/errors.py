@@ -6,8 +6,22 @@ Every one derives from `TwinError`; the command line prints its message as one l
 from __future__ import annotations
 
 
+from typing import Any
+
+
 class TwinError(ValueError):
     """Bad input that the user can mend."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Errors cross process borders, whatever arguments their constructors take.
+        return _rebuilt, (type(self), self.args, self.__dict__)
+
+
+def _rebuilt(kind: type[TwinError], args: tuple[Any, ...], state: dict[str, Any]) -> TwinError:
+    error = kind.__new__(kind, *args)
+    error.args = args
+    error.__dict__.update(state)
+    return error
 
 
 class ScenarioError(TwinError):
