@@ -5,7 +5,6 @@ Every one derives from `TwinError`; the command line prints its message as one l
 
 from __future__ import annotations
 
-
 from typing import Any
 
 
