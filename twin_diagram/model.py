@@ -197,7 +197,8 @@ class Model:
             tau: (…, n) torque that the joints transmit, for friction that depends on load; None: that of the rigid arm.
             time: (N,) of samples (N, n) of one run at a constant rate [s]; None: samples have nothing to do with each
                 other.
-            seen: (…, n) logged torque, for what is logged but never reaches a joint (saturation); None: nothing.
+            seen: (…, n) logged torque, for what the motion alone does not tell: what is logged but never reaches a
+                joint (saturation), and what dry friction holds at rest; None: the latter is then none.
 
         Returns:
             (…, n) [N·m]
@@ -211,6 +212,8 @@ class Model:
         total = self.joint_load(q, v, a, tau)
         if time is not None and len(self.yielding[0]) and len(time) > 1:
             total = total + series.twist(self, q, v, a, (time[-1] - time[0]) / (len(time) - 1)).torque
+        if seen is not None and self._dry and q.ndim == 2:
+            total = self._held(total, q, v, seen if time is None else self.applied(seen, time))
         shown: list[Array] = []
         if seen is not None and any(effect.loses for effect in self._laws):
             arrived = seen if time is None else shifted(seen, time, -self.delay)
@@ -223,6 +226,14 @@ class Model:
             else:
                 total = effect.logged(self.joints, total)
         return total if time is None else shifted(total, time, self.delay)
+
+    def _held(self, total: Array, q: Array, v: Array, arrived: Array) -> Array:
+        """Joint loads (N, n) in which dry friction at rest holds what it can of the torque that arrived."""
+        forward, backward = self.friction_level(q, v, arrived)
+        sliding = smooth_sign(v)
+        friction = np.where(v >= 0.0, forward, backward) * sliding
+        held = np.clip(arrived - (total - friction), -backward, forward)
+        return np.asarray(total + (1.0 - sliding**2) * (held - friction))
 
     def epochs(self, time: Array) -> list[tuple[npt.NDArray[np.bool_], Model]]:
         """Which samples (N,) each model without onsets holds for."""

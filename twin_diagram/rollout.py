@@ -110,7 +110,7 @@ def trajectory(
         group = state.rows(rows)
         group.q = static.true_position(group.q)
         begun = start(static, group, first, at_rest=twist is None)
-        if rows == slice(None):
+        if isinstance(rows, slice):
             state = begun
         else:
             state.q = state.q.copy()

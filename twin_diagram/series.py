@@ -97,13 +97,19 @@ def _springs(mass: Array, load: Array, stiffness: Array, h: float) -> tuple[Arra
     onward[s : 2 * s, s:] = np.hstack([identity, 0.5 * h * identity])
     A = onward - effect @ inverse @ held
     b = -np.einsum("ij,kj->ki", effect, np.einsum("kij,kj->ki", inverse, load))
-    state = np.zeros((samples, 3 * s))
-    state[0, :s] = -load[0] / stiffness
-    if samples > 1:
-        state[0, s : 2 * s] = -(load[1] - load[0]) / (h * stiffness)
+    # Beside the motion from rest, those from a unit twist and a unit rate of each gear. No sensor tells how a gear
+    # started: of all starts, the one that rings least is taken.
+    state = np.zeros((samples, 3 * s, 1 + 2 * s))
+    state[0, : 2 * s, 1:] = np.eye(2 * s)
     for k in range(1, samples):
-        state[k] = A[k] @ state[k - 1] + b[k]
-    return state[:, :s], state[:, s : 2 * s], state[:, 2 * s :]
+        np.matmul(A[k], state[k - 1], out=state[k])
+        state[k, :, 0] += b[k]
+    calm = -load / stiffness
+    freely = state[:, :s, 1:].reshape(samples * s, 2 * s)
+    size = np.linalg.norm(freely, axis=0)
+    start = np.linalg.lstsq(freely / size, (calm - state[:, :s, 0]).ravel(), rcond=None)[0] / size
+    found = state[:, :, 0] + state[:, :, 1:] @ start
+    return found[:, :s], found[:, s : 2 * s], found[:, 2 * s :]
 
 
 def _play(mass: Array, load: Array, stiffness: Array, half: Array, period: float) -> tuple[Array, Array, Array]:

@@ -24,7 +24,6 @@ from pydrake.multibody.tree import (
     RevoluteJoint,
     SpatialInertia,
 )
-from pydrake.geometry import GeometrySet
 
 from twin_diagram.effects.effect import Effect, register
 from twin_diagram.effects.fitting import RigidChange
@@ -137,11 +136,11 @@ def _split(plant: MultibodyPlant, arm: Arm, name: str, gear: Gear, inertia: floa
     gains = motor.get_controller_gains() if motor.has_controller() else None
     on_parent, on_child, child = joint.frame_on_parent(), joint.frame_on_child(), joint.child_body()
     kind = type(joint)
-    axis = joint.revolute_axis() if isinstance(joint, RevoluteJoint) else joint.translation_axis()
-    lower, upper = joint.position_lower_limits(), joint.position_upper_limits()
-    speeds = joint.velocity_lower_limits(), joint.velocity_upper_limits()
-    damping, start = joint.default_damping_vector(), joint.default_positions()
-    parent = joint.parent_body()
+    # Copies: what these answer is a part of the joint, which goes.
+    axis = (joint.revolute_axis() if isinstance(joint, RevoluteJoint) else joint.translation_axis()).copy()
+    lower, upper = joint.position_lower_limits().copy(), joint.position_upper_limits().copy()
+    speeds = joint.velocity_lower_limits().copy(), joint.velocity_upper_limits().copy()
+    damping, start = joint.default_damping_vector().copy(), joint.default_positions().copy()
     plant.RemoveJointActuator(motor)
     plant.RemoveJoint(joint)
     rotor = plant.AddRigidBody(f"{name}_rotor", child.model_instance(), SpatialInertia.Zero())
@@ -161,8 +160,3 @@ def _split(plant: MultibodyPlant, arm: Arm, name: str, gear: Gear, inertia: floa
     else:
         half: list[float] = [0.5 * gear.gap]
         second.set_position_limits([-half[0]], half)
-    if plant.geometry_source_is_registered():  # what touches at the joint is neither filtered by it any more
-        both = [GeometrySet(plant.CollectRegisteredGeometries([body])) for body in (parent, child)]
-        plant.ExcludeCollisionGeometriesWithCollisionFilterGroupPair(
-            (f"{name}_parent", both[0]), (f"{name}_child", both[1])
-        )

@@ -17,6 +17,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
+from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JointActuatorIndex
 from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort
@@ -59,7 +60,21 @@ def add_to_plant(
             )
     for effect in sorted(made, key=lambda each: not each.replaces_joints):
         effect.before_finalize(plant, renewed(plant, arm))
+    _keep_rotors(plant, renewed(plant, arm))
     return made
+
+
+def _keep_rotors(plant: MultibodyPlant, arm: Arm) -> None:
+    """Hands each motor's rotor inertia on to the joint's last actuator: a plant takes that one's for the joint's."""
+    last = {}
+    for actuator in map(plant.get_joint_actuator, plant.GetJointActuatorIndices()):
+        last[int(actuator.joint().index())] = actuator
+    for index in arm.actuator_indices:
+        motor = plant.get_joint_actuator(index)
+        other = last[int(motor.joint().index())]
+        if other.index() != index:
+            other.set_default_rotor_inertia(motor.default_reflected_inertia() / other.default_gear_ratio() ** 2)
+            motor.set_default_rotor_inertia(0.0)
 
 
 def renewed(plant: MultibodyPlant, arm: Arm) -> Arm:
@@ -117,6 +132,7 @@ def connect(builder: DiagramBuilder, plant: MultibodyPlant, arm: Arm, effects: S
     Gains and limits of the motors may be changed by it: a motor that gives another torque than is logged.
     """
     arm = renewed(plant, arm)
+    _keep_from_touching(builder, plant, effects)
     for effect in effects:
         effect.after_finalize(plant, arm)
     model = plant.GetModelInstanceName(plant.get_joint(arm.joint_indices[0]).model_instance())
@@ -139,3 +155,15 @@ def connect(builder: DiagramBuilder, plant: MultibodyPlant, arm: Arm, effects: S
         drive.GetOutputPort("torque_logged"),
         drive.GetOutputPort("gripper_torque_logged"),
     )
+
+
+def _keep_from_touching(builder: DiagramBuilder, plant: MultibodyPlant, effects: Sequence[Effect]) -> None:
+    """Links on both sides of a split joint may overlap there, as those of a whole joint may."""
+    source = plant.get_source_id()
+    names = [name for effect in effects if effect.replaces_joints for name in effect.joints]
+    for system in builder.GetSystems() if names and source is not None else []:
+        if isinstance(system, SceneGraph) and system.model_inspector().SourceIsRegistered(source):
+            for name in names:
+                sides = (plant.GetJointByName(name).parent_body(), plant.GetJointByName(f"{name}_twist").child_body())
+                both = [GeometrySet(plant.GetCollisionGeometriesForBody(body)) for body in sides]
+                system.collision_filter_manager().Apply(CollisionFilterDeclaration().ExcludeBetween(*both))
