@@ -49,6 +49,7 @@ def main() -> int:
 
 
 def _many(arguments: argparse.Namespace, overrides: list[str]) -> int:
+    load_scenario(arguments.scenario, overrides)  # what is wrong with it is said before anything starts
     arguments.out.mkdir(parents=True, exist_ok=True)
     seeds = range(arguments.first, arguments.first + arguments.seeds)
     jobs = [(arguments.scenario, overrides, seed, str(arguments.out / f"seed_{seed:04d}")) for seed in seeds]

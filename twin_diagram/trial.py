@@ -136,7 +136,7 @@ class _Sampler:
         distance, contacts = self._clearance.evaluate(self._station_context)
         goal_error, goal_angle = self._goal_error(arm_true[:n])
         self._rows.append(
-            (time, self._seen.copy(), truth, tracks[:, 2:9], tracks[:, 0].astype(np.int64), arm_true,
+            (time, self._seen.copy(), truth, tracks[:, 2:9].copy(), tracks[:, 0].astype(np.int64), arm_true,
              self._twin("arm_state"), mass, mass_std, distance, contacts, goal_error, goal_angle)
         )  # fmt: skip
 
