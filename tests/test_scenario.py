@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-import pickle
 import types
 import typing
 from collections.abc import Iterator
@@ -20,7 +19,6 @@ from hypothesis import strategies as st
 from twin_diagram import scenario as schema
 from twin_diagram.diagram import make_closed_loop, make_twin
 from twin_diagram.errors import ScenarioError, TwinError
-from twin_diagram.native import NativeLibraryError
 from twin_diagram.resources import models_dir
 from twin_diagram.scenario import Scenario
 from twin_diagram.scenario_file import (
@@ -435,14 +433,6 @@ def test_files_that_hold_anything_else(tmp_path: Path, content: bytes) -> None:
     with pytest.raises(ScenarioError) as caught:
         load_scenario(file)
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    "error", [ScenarioError("twin.home", "2 angles"), TwinError("plain"), NativeLibraryError(("libEGL.so.1",))]
-)
-def test_errors_cross_processes(error: TwinError) -> None:
-    again = pickle.loads(pickle.dumps(error))
-    assert type(again) is type(error) and str(again) == str(error) and vars(again) == vars(error)
 
 
 # Hypothesis: nothing that looks like YAML raises anything but a TwinError.
