@@ -23,7 +23,7 @@ LONGEST_DELAY = 0.05
 
 def arm_candidates(terms: Terms) -> list[Candidate]:
     """All of them."""
-    made: list[Candidate | None] = [payload(terms), tilt(terms), delay(terms, LONGEST_DELAY)]
+    made: list[Candidate | None] = [payload(terms), bulky_payload(terms), tilt(terms), delay(terms, LONGEST_DELAY)]
     made += inertial_parameters(terms)
     made += encoder_offsets(terms)
     made += elasticities(terms)
@@ -88,6 +88,21 @@ def payload(terms: Terms, centre: Array | None = None) -> Candidate:
         upper=np.full(4, np.inf),
         parameters=transformed(values),
         admits=admits,
+    )
+
+
+def bulky_payload(terms: Terms) -> Candidate:
+    """A payload that is no point: its inertia is free, and not reported."""
+    point = payload(terms)
+    columns = in_link_frame(terms, last_body(terms))
+    return replace(
+        point,
+        columns=columns,
+        spread=inertia_spread(terms),
+        lower=np.concatenate([point.lower, np.full(6, -np.inf)]),
+        upper=np.full(10, np.inf),
+        admits=lambda c: bool(np.linalg.norm(c[1:4]) <= 0.35 * reach(terms) * abs(c[0])),
+        variant="bulky",
     )
 
 
@@ -273,9 +288,10 @@ def elasticities(terms: Terms) -> list[Candidate]:
                 rows=tuple(int(i) for i in others),
                 columns=columns,
                 spread=np.array([3e-4, terms.torque_size[j] / size]),
-                lower=np.array([1e-7, -1.05 * terms.present.rotor[j]]),
+                lower=np.array([1e-6, -1.05 * terms.present.rotor[j]]),
                 upper=np.array([1e-1, np.inf]),
                 parameters=transformed(values),
+                cost=3.0,
             )
         )
     return result

@@ -94,14 +94,20 @@ class Bench:
         self.columns: list[Array] = []
         self._gram: dict[tuple[int, int], Array] = {}
         self._right: list[Array] = []
+        self._offered: list[bool] = []
         self.fits: dict[Members, Fit] = {}
         self.nuisances = tuple(self.add(candidate) for candidate in nuisances)
         for candidate in candidates:
             self.add(candidate)
         self._groups: list[tuple[int, int, npt.NDArray[np.int64], Array]] | None = None
 
-    def add(self, candidate: Candidate) -> int:
-        """Takes in one more candidate; answers its index."""
+    def add(self, candidate: Candidate, *, offered: bool = True) -> int:
+        """Takes in one more candidate; answers its index.
+
+        Args:
+            candidate: reduced like the bench's residual.
+            offered: whether `scores` counts it; otherwise it can only be put into a hypothesis by its index.
+        """
         white = np.stack(
             [
                 self.whitener.joint(j, candidate.columns[:, k]) * self.weights[j][:, None]
@@ -111,7 +117,9 @@ class Bench:
         self.candidates.append(candidate)
         self.columns.append(white)
         self._right.append(np.einsum("jrk,jr->k", white, self.y[list(candidate.rows)]))
-        self._groups = None
+        self._offered.append(offered)
+        if offered:
+            self._groups = None
         return len(self.candidates) - 1
 
     def find(self, name: str) -> list[int]:
@@ -253,7 +261,7 @@ class Bench:
                 [self.candidates[k] for k in indices],
             )
         for k, candidate in enumerate(self.candidates):
-            if len(candidate.rows) > 1:
+            if len(candidate.rows) > 1 and self._offered[k]:
                 C = np.einsum("jrk,jrm->km", Q[list(candidate.rows)], self.columns[k], optimize=True)
                 G = self.gram(k, k) - C.T @ C
                 b = self._right[k] - C.T @ projected
@@ -266,7 +274,7 @@ class Bench:
         if self._groups is None:
             keys: dict[tuple[int, int], list[int]] = {}
             for k, candidate in enumerate(self.candidates):
-                if len(candidate.rows) == 1:
+                if len(candidate.rows) == 1 and self._offered[k]:
                     keys.setdefault((candidate.rows[0], candidate.size), []).append(k)
             self._groups = [
                 (j, size, np.array(indices), np.concatenate([self.columns[k][0] for k in indices], axis=1))

@@ -26,6 +26,12 @@ MOST_CYCLES = 320.0
 SATURATION_SHARES = (0.99, 0.97, 0.95, 0.92, 0.88, 0.83, 0.77, 0.7, 0.62, 0.53)
 """Limits that are tried, as quantiles of the absolute torque."""
 
+MOST_SATURATED = 0.4
+"""Share of the time that a torque may be beyond its limit."""
+
+LEAST_LIMIT = 0.3
+"""A limit is at least this share of the largest torque that is logged."""
+
 CLEAR = 5.0
 """Torque must exceed a limit by this many times its noise to show that it is one."""
 
@@ -103,7 +109,10 @@ def saturation(terms: Terms, j: int, limit: float) -> Candidate | None:
     """Torque logged beyond a limit."""
     smooth = [tau[:, j] for tau in terms.smooth_torque]
     beyond = np.concatenate([np.abs(tau) - limit for tau in smooth])
-    if not np.any(beyond > 0.0) or np.sqrt(np.mean(beyond[beyond > 0.0] ** 2)) < CLEAR * terms.torque_noise[j]:
+    share = float(np.mean(beyond > 0.0))
+    if not 0.0 < share < MOST_SATURATED or limit < LEAST_LIMIT * (limit + float(np.max(beyond))):
+        return None
+    if np.sqrt(np.mean(beyond[beyond > 0.0] ** 2)) < CLEAR * terms.torque_noise[j]:
         return None
     over = terms.reduce(tuple(tau - np.clip(tau, -limit, limit) for tau in smooth))
 

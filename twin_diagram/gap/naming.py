@@ -9,14 +9,14 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from twin_diagram.gap import arm_candidates, flexible, joint_candidates, saturated, whitening
+from twin_diagram.gap import arm_candidates, flexible, joint_candidates, rest, saturated, whitening
 from twin_diagram.gap.candidate import Candidate
 from twin_diagram.gap.evidence import Bench, Fit, Members
 from twin_diagram.gap.finding import Finding, Separation, Verdict
 from twin_diagram.gap.posterior import findings_of, separations_of
 from twin_diagram.gap.records import Records, prepare
 from twin_diagram.gap.refine import refine
-from twin_diagram.gap.search import climb, search
+from twin_diagram.gap.search import Polish, climb, search
 from twin_diagram.gap.terms import Terms, given_load, slow_speed, with_load
 from twin_diagram.logs import Log
 from twin_diagram.model import Model
@@ -25,6 +25,9 @@ Array = npt.NDArray[np.float64]
 
 LEAST = 8.0
 """Evidence that each member must bring beyond all prices [nats]; set on clean training logs."""
+
+MOST = 40
+"""Members of a hypothesis."""
 
 REMAINDER = 6.0
 """Above this, `flexible.left_over` says that structure is left; set on training logs."""
@@ -77,8 +80,9 @@ def investigate(records: Records, progress: Progress | None = None) -> tuple[Ver
     lap("noise")
 
     say("searching for a name")
-    bench = Bench(records.residual, noise, candidates, [arm_candidates.timing_nuisance(terms)])
-    fit = refine(bench, terms, search(bench, LEAST))
+    weights = rest.moving(records, terms, noise, range(records.n))
+    bench = Bench(records.residual, noise, candidates, [arm_candidates.timing_nuisance(terms)], weights)
+    fit = refine(bench, terms, search(bench, LEAST, polish=polisher(terms)))
     lap("search")
 
     say("searching again with the noise that is left")
@@ -96,13 +100,23 @@ def again(records: Records, terms: Terms, bench: Bench, fit: Fit) -> tuple[Terms
     terms = with_load(terms, tuple(g + c for g, c in zip(given_load(records), needed, strict=True)))
     noise = whitening.estimate(records.residual - contribution, records.lengths, len(fit.coefficients) / records.n)
     fresh: list[Candidate] = joint_candidates.joint_candidates(terms) + arm_candidates.arm_candidates(terms)
-    second = Bench(records.residual, noise, fresh, [arm_candidates.timing_nuisance(terms)])
+    dry = rest.dry_joints(records) | {
+        j for k in fit.members if bench.candidates[k].name in rest.DRY for j in bench.candidates[k].joints
+    }
+    weights = rest.moving(records, terms, noise, dry)
+    second = Bench(records.residual, noise, fresh, [arm_candidates.timing_nuisance(terms)], weights)
     members: Members = frozenset(second.add(bench.candidates[k]) for k in fit.members)
-    found = climb(second, members, LEAST, 40)
-    other = search(second, LEAST)
+    polish = polisher(terms)
+    found = climb(second, members, LEAST, MOST, polish=polish)
+    other = search(second, LEAST, MOST, polish=polish)
     best = found if found.evidence >= other.evidence else other
     best = refine(second, terms, best)
-    return terms, second, climb(second, best.members, LEAST, 40)
+    return terms, second, best
+
+
+def polisher(terms: Terms) -> Polish:
+    """One round of `refine`."""
+    return lambda bench, fit: refine(bench, terms, fit, rounds=1)
 
 
 def contribution_of(records: Records, bench: Bench, fit: Fit, without: Sequence[str] = ()) -> Array:

@@ -23,12 +23,12 @@ SETTLED = 0.02
 """Evidence that a round must change for another to be worth it [nats]."""
 
 
-def refine(bench: Bench, terms: Terms, fit: Fit) -> Fit:
+def refine(bench: Bench, terms: Terms, fit: Fit, rounds: int = ROUNDS) -> Fit:
     """Works on one member at a time, all others free; answers the best fit.
 
     Its members may be new candidates of the bench.
     """
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         before = fit.evidence
         for member in sorted(fit.members):
             fit = _member(bench, terms, fit, member)
@@ -43,7 +43,8 @@ def _member(bench: Bench, terms: Terms, fit: Fit, member: int) -> Fit:
     if candidate.onset is None:
         moved = recentred(terms, candidate, own)
         if moved is not None:
-            return bench.solve(fit.members - {member} | {bench.add(moved)})
+            again = bench.solve(fit.members - {member} | {bench.add(moved, offered=False)})
+            return again if np.isfinite(again.evidence) else fit
     for key, rebuild, low, high in _shapes(terms, candidate):
         fit, member = _line_search(bench, fit, member, key, rebuild, low, high)
     return fit
@@ -51,7 +52,7 @@ def _member(bench: Bench, terms: Terms, fit: Fit, member: int) -> Fit:
 
 def recentred(terms: Terms, candidate: Candidate, coefficients: Array) -> Candidate | None:
     """The candidate linearised about half of the coefficients; none where it is linear."""
-    if candidate.name == "payload" and coefficients[0] != 0.0:
+    if candidate.name == "payload" and candidate.variant == "" and coefficients[0] != 0.0:
         return arm_candidates.payload(terms, coefficients[1:4] / coefficients[0])
     if candidate.name == "gravity_tilt":
         return arm_candidates.tilt(terms, coefficients)
@@ -96,7 +97,7 @@ def _line_search(
         made = rebuild(float(np.exp(x)))
         if made is None:
             return -np.inf
-        index = bench.add(made)
+        index = bench.add(made, offered=False)
         found = bench.solve(others | {index})
         if found.evidence > best.evidence:
             best, at = found, index

@@ -11,14 +11,23 @@ from twin_diagram.gap.evidence import FURTHER_JOINT, NEW_NAME, Bench, Fit, Membe
 TRIED = 8
 """Additions that are solved exactly at each step."""
 
-STARTS = 8
+STARTS = 5
 """First members that are tried beside the best one."""
+
+PROMISING = 0.3
+"""A first member must bring this share of what the best one does."""
 
 Propose = Callable[[Bench, Members], list[int]]
 """Makes further candidates (ripples, onsets) that suit what a hypothesis leaves; answers their indices."""
 
 
-def search(bench: Bench, least: float = 3.0, most: int = 40, propose: Propose | None = None) -> Fit:
+Polish = Callable[[Bench, Fit], Fit]
+"""Moves a hypothesis's shapes and working points to where the data want them."""
+
+
+def search(
+    bench: Bench, least: float = 3.0, most: int = 40, propose: Propose | None = None, polish: Polish | None = None
+) -> Fit:
     """Climbs from the empty hypothesis and from each of its best first members.
 
     Args:
@@ -26,13 +35,14 @@ def search(bench: Bench, least: float = 3.0, most: int = 40, propose: Propose | 
         least: rise of the evidence, beyond all prices, that a further member must bring [nats].
         most: members.
         propose: see `Propose`.
+        polish: see `Polish`.
     """
     empty: Members = frozenset()
-    best = climb(bench, empty, least, most, propose)
+    best = climb(bench, empty, least, most, propose, polish)
     for start in _starts(bench):
         if start in best.members:
             continue
-        found = climb(bench, frozenset({start}), least, most, propose)
+        found = climb(bench, frozenset({start}), least, most, propose, polish)
         if found.evidence > best.evidence:
             best = found
     return best
@@ -47,6 +57,8 @@ def _starts(bench: Bench) -> list[int]:
         candidate = bench.candidates[k]
         if not candidate.name or not np.isfinite(scores[k]) or scores[k] < NEW_NAME:
             continue
+        if scores[k] < PROMISING * scores[order[0]]:
+            break
         # One start per name is enough for single joints; effects of the whole arm are rivals to sets of those.
         key = candidate.place if len(candidate.rows) > 1 else candidate.name
         if key in places:
@@ -58,9 +70,18 @@ def _starts(bench: Bench) -> list[int]:
     return result
 
 
-def climb(bench: Bench, start: Members, least: float, most: int, propose: Propose | None = None) -> Fit:
+def climb(
+    bench: Bench,
+    start: Members,
+    least: float,
+    most: int,
+    propose: Propose | None = None,
+    polish: Polish | None = None,
+) -> Fit:
     """Adds, drops and swaps members until nothing raises the evidence."""
     fit = bench.solve(start)
+    if polish is not None:
+        fit = polish(bench, fit)
     for _ in range(2 * most):
         step = _drop(bench, fit)
         if step is None and len(fit.members) < most:
@@ -69,7 +90,7 @@ def climb(bench: Bench, start: Members, least: float, most: int, propose: Propos
             step = _swap(bench, fit)
         if step is None:
             return fit
-        fit = step
+        fit = step if polish is None else polish(bench, step)
     return fit
 
 
