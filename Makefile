@@ -26,6 +26,7 @@ help:
 	echo "make lint       ruff alone"
 	echo "make typecheck  mypy alone"
 	echo "make bench      timings of the systems"
+	echo "make gap-benchmark  hidden effects in simulated arms, found and scored; hours; writes out/gap_benchmark/"
 	echo "make clean      remove .venv, out and caches"
 
 # First of all, and before anything is made or fetched: an interpreter that fits, and the system libraries the wheels need.
@@ -66,6 +67,11 @@ slow: install-test
 .PHONY: bench
 bench: install-bench
 	$(PY) sims/closed_loop.py --duration 10 --out out/bench
+
+# Goes on where it stopped. ARGS='--only single --limit 20' does a part, ARGS='--suite training' the other seeds.
+.PHONY: gap-benchmark
+gap-benchmark: install-bench
+	$(PY) sims/gap_benchmark.py run --suite final --out out/gap_benchmark $(ARGS)
 
 .PHONY: clean
 clean:

@@ -73,9 +73,11 @@ LONGEST = 900.0
 """A run of the workflow is given up after this [s]."""
 
 
-def generate(kind: str, seed: int, folder: Path, effect: str | None = None) -> tuple[cases.Case, Truth]:
+def generate(
+    kind: str, seed: int, folder: Path, effect: str | None = None, duration: float | None = None
+) -> tuple[cases.Case, Truth]:
     """Writes a case folder, without its truth; answers that."""
-    case = cases.make_case(kind, seed, effect)
+    case = cases.make_case(kind, seed, effect, duration)
     cases.write_case(case, folder)
     truth = cases.describe(case)
     parts = separation.separations(case)
@@ -147,12 +149,14 @@ def _claimed(found: dict[str, Any], measured: dict[str, Any]) -> float | None:
     return max(differences)
 
 
-def one_case(kind: str, seed: int, keep: Path | None = None) -> dict[str, Any]:
+def one_case(
+    kind: str, seed: int, keep: Path | None = None, effect: str | None = None, duration: float | None = None
+) -> dict[str, Any]:
     """Generates, runs and scores a case; a failure is a result too."""
     record: dict[str, Any] = {"kind": kind, "seed": seed, "version": _version(), "code": _code()}
     with tempfile.TemporaryDirectory() as scratch:
         folder, out = Path(scratch) / "case", Path(scratch) / "out"
-        case, truth = generate(kind, seed, folder)
+        case, truth = generate(kind, seed, folder, effect, duration)
         record |= {key: truth[key] for key in ("separation", "parts", "dirty", "period")}
         record |= {"arm": case.chain.kind, "truth_names": [effect["name"] for effect in truth["effects"]]}
         try:

@@ -130,11 +130,12 @@ def places(name: str, chain: Chain, scale: Scale) -> list[int]:
         "torque_constant",
         "actuator_fault",
         "torque_saturation",
-        "encoder_offset",
         "speed_dependent_constant",
         "motor_lag",
     ):
         return [j for j in everywhere if scale.torque[j] > 0.03 * effort[j]] or [int(np.argmax(scale.torque / effort))]
+    if name == "encoder_offset":  # about the vertical, an offset changes nothing
+        return [j for j in everywhere[1:] if scale.torque[j] > 0.01 * effort[j]] or everywhere[1:]
     if name in ("joint_elasticity", "backlash"):
         loaded = [j for j in everywhere[: chain.n - 2] if scale.torque[j] > 0.03 * effort[j]]
         return loaded or everywhere[:2]
