@@ -105,13 +105,16 @@ def run_gap(
     verdict = name(given, logs, say)
     if verdict.findings:
         say("adding what was named")
-    corrected = corrected_model(given, verdict)
+    try:
+        corrected = corrected_model(given, verdict)
+    except ModelError as error:
+        notes.append(f"what fits the runs best is not physical, so nothing is named: {error}")
+        verdict, corrected = _nameless(verdict), given
     explained = verdict.verdict != "unknown" and not verdict.remainder
     shown = show(given, corrected, logs, held, verdict.noise_floor, explained=explained, say=say)
     if corrected is not given and not accepted(verdict, shown):
         notes.append("what was named did not shrink the gap on the held-out run, and was dropped")
-        verdict = replace(verdict, verdict="unknown", remainder=False, findings=(), separation=())
-        corrected = given
+        verdict, corrected = _nameless(verdict), given
         shown = show(given, given, logs, held, verdict.noise_floor)
     experiments = _experiments(given, verdict, shown, logs)
     gap = Gap(
@@ -134,6 +137,11 @@ def corrected_model(given: Model, verdict: Verdict) -> Model:
     """The given model with what was named; the given one itself where nothing was."""
     added = [effect for finding in verdict.findings for effect in effects_of(finding)]
     return given.with_effects([*given.effects, *added]) if added else given
+
+
+def _nameless(verdict: Verdict) -> Verdict:
+    """The verdict without names."""
+    return replace(verdict, verdict="unknown", remainder=False, findings=(), separation=())
 
 
 def accepted(verdict: Verdict, shown: Shown) -> bool:

@@ -49,9 +49,10 @@ def bars(
                 continue
             wide = max(1.5, float(value) * scale)
             text = f"{number(float(value))} {unit}"
+            beside = max(wide, floor * scale) if abs(wide - floor * scale) < 60.0 else wide
             rows.append(
                 f'<rect x="{LABEL}" y="{y}" width="{wide:.1f}" height="{BAR}" rx="2" class="{kind}"/>'
-                f'<text x="{LABEL + wide + 6:.1f}" y="{y + BAR - 2.5}" class="value">{text}</text>'
+                f'<text x="{LABEL + beside + 6:.1f}" y="{y + BAR - 2.5}" class="value">{text}</text>'
             )
         if floor > 0.0:
             x = LABEL + floor * scale

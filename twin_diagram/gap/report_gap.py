@@ -10,7 +10,7 @@ import numpy.typing as npt
 from twin_diagram.gap import report_charts as charts
 from twin_diagram.gap import report_words as words
 from twin_diagram.gap.finding import Finding
-from twin_diagram.gap.report_pictures import at_rest, residual_pictures
+from twin_diagram.gap.report_pictures import residual_pictures
 from twin_diagram.gap.report_subject import Subject
 from twin_diagram.gap.show import Comparison, Shown, above_noise
 
@@ -62,6 +62,7 @@ def sizes(subject: Subject) -> str:
 
 def _table(shown: Shown, before: Array, after: Array, changed: bool) -> str:
     gone = above_noise(after, shown.noise_floor) / np.maximum(above_noise(before, shown.noise_floor), 1e-300)
+    there = shown.has_gap()
     rows = []
     for k, joint in enumerate(shown.joints):
         cells = [words.number(before[k])]
@@ -70,8 +71,7 @@ def _table(shown: Shown, before: Array, after: Array, changed: bool) -> str:
         cells.append(words.number(shown.noise_floor[k]))
         if changed:
             # A joint whose residual was noise from the begin has no gap of which a share could be left.
-            small = before[k] < 1.15 * shown.noise_floor[k]
-            cells.append("no gap" if small else words.percent(float(gone[k])))
+            cells.append("no gap" if not there[k] else words.percent(float(gone[k])))
         rows.append(f"<tr><td>{escape(joint)}</td>" + "".join(f'<td class="n">{cell}</td>' for cell in cells) + "</tr>")
     heads = ["given [N·m]", "corrected", "noise", "gap left"] if changed else ["given [N·m]", "noise"]
     return (
@@ -122,13 +122,6 @@ def pictures(subject: Subject) -> str:
 
 def _figure(subject: Subject, run: Comparison, j: int, finding: Finding | None) -> str:
     onset, end = (None, None) if finding is None else (finding.onset, finding.end)
-    dry = any(effect.dry and run.joints[j] in effect.joints for effect in subject.corrected.effects)
-    dry = dry and bool(np.any(at_rest(run, j)))
-    picture = residual_pictures(run, j, float(subject.shown.noise_floor[j]), subject.changed, onset, end, dry)
+    picture = residual_pictures(run, j, float(subject.shown.noise_floor[j]), subject.changed, onset, end)
     which = "held-out run" if run.held_out else "fitted run"
-    rest = (
-        " · dotted: at rest, where dry friction holds anything up to its level and no model knows how much"
-        if dry
-        else ""
-    )
-    return f"<figure><figcaption>{escape(run.joints[j])} <span>· {which}{rest}</span></figcaption>{picture}</figure>"
+    return f"<figure><figcaption>{escape(run.joints[j])} <span>· {which}</span></figcaption>{picture}</figure>"

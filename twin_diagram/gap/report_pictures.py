@@ -26,9 +26,6 @@ POINTS = 2500
 """Dots per picture."""
 
 BINS = 40
-AT_REST = 0.004
-"""A joint that is slower than this is taken to stand [rad/s]."""
-
 FEWEST = 6
 """Samples that make a bin worth a line."""
 
@@ -40,7 +37,6 @@ def residual_pictures(
     changed: bool,
     onset: Moment | None = None,
     end: Moment | None = None,
-    rest: bool = False,
 ) -> str:
     """One joint of one run as an `<img>`.
 
@@ -51,7 +47,6 @@ def residual_pictures(
         changed: whether the corrected model differs from the given one.
         onset: marked where it is in this run.
         end: likewise.
-        rest: whether to mark where the joint stands still.
     """
     figure = Figure(figsize=(10.6, 4.9), facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
@@ -79,12 +74,6 @@ def residual_pictures(
         borderpad=0.1,
         handlelength=1.4,
     )
-    if rest:
-        still = at_rest(run, j)
-        along = over_time.get_xaxis_transform()
-        over_time.fill_between(
-            run.time, 0, 1, where=list(still), transform=along, color="none", ec="#c5ccd6", hatch="....", lw=0, zorder=0
-        )
     over_time.set_ylim(-reach, reach)
     for column, (what, values) in enumerate(
         (
@@ -137,11 +126,6 @@ def _cloud(axes: Axes, x: Array, y: Array, colour: str) -> None:
     centres, medians = binned(x, y)
     axes.plot(centres, medians, color="white", lw=3.2, solid_capstyle="round")
     axes.plot(centres, medians, color=colour, lw=1.7, solid_capstyle="round")
-
-
-def at_rest(run: Comparison, j: int) -> npt.NDArray[np.bool_]:
-    """(M,) where a joint stands still."""
-    return np.asarray(np.abs(run.velocity[:, j]) < AT_REST)
 
 
 def binned(x: Array, y: Array, bins: int = BINS) -> tuple[Array, Array]:

@@ -21,7 +21,7 @@ header.top h1 { margin:0; font-size:30px; line-height:1.25; font-weight:650; max
 .tiles { display:grid; grid-template-columns:repeat(auto-fit,minmax(215px,1fr)); gap:14px; margin:-48px 0 8px; }
 .tile { background:var(--paper); border:1px solid var(--line); border-radius:12px; padding:16px 18px;
   box-shadow:0 2px 10px rgba(20,32,50,.06); }
-.tile b { display:block; font-size:25px; line-height:1.25; font-weight:680;
+.tile b { letter-spacing:-.01em; display:block; font-size:25px; line-height:1.25; font-weight:680;
   white-space:nowrap; font-variant-numeric:tabular-nums; }
 .tile small { font-size:16px; font-weight:600; color:var(--soft); }
 .tile span { color:var(--soft); font-size:14px; line-height:1.4; display:block; margin-top:4px; }

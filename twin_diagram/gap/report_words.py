@@ -109,11 +109,18 @@ def headline(verdict: Verdict) -> str:
         return "The model explains these runs. Nothing is missing that they could show."
     if verdict.verdict == "unknown":
         return "Something is missing from the model, and no effect of the catalogue explains it."
-    what = listed([lower_first(title(finding.name)) for finding in verdict.findings])
+    what = listed([_short(finding) for finding in verdict.findings])
     text = f"The model lacks {what}."
     if verdict.remainder:
         text += " Something more is there that no effect of the catalogue explains."
     return text
+
+
+def _short(finding: Finding) -> str:
+    """An effect and, where that is short, its place."""
+    where = finding.joints if len(finding.joints) <= 3 else ()
+    count = f" on {len(finding.joints)} joints" if len(finding.joints) > 3 else ""
+    return lower_first(title(finding.name)) + (f" on {listed(where)}" if where else count)
 
 
 def lower_first(words: str) -> str:

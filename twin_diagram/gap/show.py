@@ -18,6 +18,9 @@ Array = npt.NDArray[np.float64]
 MOVING = 0.01
 """A joint that is faster than this surely moves [rad/s]."""
 
+BEYOND = 1.25
+"""A residual that is less than this many times the noise is no gap: noise itself differs from run to run."""
+
 HORIZON = 0.2
 """Length of a rollout [s]."""
 
@@ -79,12 +82,17 @@ class Shown:
         """(n,) residual torque before and after over the held-out run [N·m]."""
         return rms([self.holdout.before]), rms([self.holdout.after])
 
+    def has_gap(self) -> npt.NDArray[np.bool_]:
+        """(n,) whether the given model's held-out residual is more than what noise does by chance."""
+        return np.asarray(self.holdout_rms()[0] > BEYOND * self.noise_floor)
+
     def left_over(self) -> float:
         """Share of the held-out gap above the noise that is left, all joints together; 1 where there was none.
 
         Joints count in units of their noise, so that a wrist weighs as much as a shoulder.
         """
         before, after = (above_noise(x, self.noise_floor) / self.noise_floor for x in self.holdout_rms())
+        before, after = before[self.has_gap()], after[self.has_gap()]
         whole = float(np.linalg.norm(before))
         return float(np.linalg.norm(after)) / whole if whole > 0.0 else 1.0
 
@@ -160,7 +168,7 @@ def compare(
 def moving_square(runs: Sequence[Comparison]) -> Array:
     """(n,) mean square of what is left of fitted runs while the joints move.
 
-    A joint at rest may be held by friction of any size up to its level, which no model knows and which is no noise.
+    A joint at rest may be held by dry friction, of which a model knows nothing but that it is as large as it must be.
     """
     after = np.concatenate([run.after for run in runs])
     moving = np.abs(np.concatenate([run.velocity for run in runs])) > MOVING
