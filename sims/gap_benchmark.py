@@ -8,6 +8,7 @@ neutral names. What is true goes to a file outside that folder, which only the s
     python sims/gap_benchmark.py generate --kind single --effect payload --seed 3 --out out/case
     python sims/gap_benchmark.py run --suite training --out out/gap_benchmark      # results.jsonl; goes on after a stop
     python sims/gap_benchmark.py run --suite final --out out/gap_benchmark --only single --limit 20
+    python sims/gap_benchmark.py sizes --seeds 0 100                               # sizes and separations alone
     python sims/gap_benchmark.py report --out out/gap_benchmark                    # table.txt, calibration.png
 
 Kinds: clean, single, several (one name on two to four joints), pair, triple, onset, dirty (the model has friction on
@@ -84,6 +85,26 @@ def generate(
     truth["parts"] = [separation.as_dict(part, case) for part in parts]
     truth["separation"] = min((part.separation for part in parts), default=0.0)
     return case, truth
+
+
+def sizes(kinds: Iterable[str], seeds: Iterable[int], folder: Path) -> str:
+    """How far apart cases are, and how well the truth's own columns tell them, without running any workflow."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "sizes.jsonl"
+    records = read_results(path)
+    done = {(r["kind"], r["seed"]) for r in records}
+    for seed in seeds:
+        for kind in kinds:
+            if (kind, seed) in done:
+                continue
+            case = cases.make_case(kind, seed)
+            values = {thing.name: thing.values for thing in case.hidden}
+            for part in separation.separations(case):
+                record = {"kind": kind, "seed": seed, **separation.as_dict(part, case), "values": values[part.name]}
+                records.append(record)
+                with path.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps(record, default=float) + "\n")
+    return table.sizes(records)
 
 
 def plan(suite: str, only: str | None = None) -> Iterator[tuple[str, int]]:
@@ -255,6 +276,10 @@ def main(arguments: list[str] | None = None) -> int:
     go.add_argument("--limit", type=int, help="at most so many cases of the suite")
     go.add_argument("--keep", action="store_true", help="keep the cases, the outputs and the truth in OUT/cases")
     go.add_argument("--out", type=Path, default=Path("out/gap_benchmark"))
+    far = commands.add_parser("sizes", help="table of sizes and separations; runs no workflow")
+    far.add_argument("--kind", choices=cases.KINDS, action="append")
+    far.add_argument("--seeds", type=int, nargs=2, default=(0, 100), metavar=("FIRST", "LAST"))
+    far.add_argument("--out", type=Path, default=Path("out/gap_benchmark"))
     say = commands.add_parser("report", help="table and plot of the results that there are")
     say.add_argument("--out", type=Path, default=Path("out/gap_benchmark"))
     given = parser.parse_args(arguments)
@@ -262,6 +287,9 @@ def main(arguments: list[str] | None = None) -> int:
         _, truth = generate(given.kind, given.seed, given.out, given.effect)
         text = json.dumps(truth, indent=1, default=float) + "\n"
         given.out.with_name(f"{given.out.name}.truth.json").write_text(text, encoding="utf-8")
+        return 0
+    if given.command == "sizes":
+        print(sizes(given.kind or ["single", "outside"], range(*given.seeds), given.out))
         return 0
     if given.command == "run":
         run(list(plan(given.suite, given.only))[: given.limit], given.out, given.keep)

@@ -186,6 +186,21 @@ def by_name(records: list[Record], least: float = 8.0) -> str:
     return "\n".join(lines)
 
 
+def sizes(records: list[Record]) -> str:
+    """Typical separations per name, and what its cases were mostly nearest to."""
+    lines = [f"{'name':<28} cases  strength: median   separation: 10 %   median     90 %   ≥ 8   nearest"]
+    for name in sorted({r["name"] for r in records}):
+        own = [r for r in records if r["name"] == name]
+        low, middle, high = np.quantile([r["separation"] for r in own], [0.1, 0.5, 0.9])
+        strength = np.median([r["strength"] for r in own])
+        far = np.mean([r["separation"] >= 8.0 for r in own])
+        near = [r["nearest"] or "nothing" for r in own]
+        first = ", ".join(f"{near.count(n)} {n}" for n in sorted(set(near), key=near.count, reverse=True)[:3])
+        figures = f"{len(own):5d} {strength:17.1f} {low:18.1f} {middle:8.1f} {high:8.1f}  {100 * far:3.0f} %"
+        lines.append(f"{name:<28} {figures}  {first}")
+    return "\n".join(lines)
+
+
 def report(records: list[Record]) -> str:
     """Everything, as text."""
     versions = sorted({f"{r['version']} ({r['code']})" for r in records})

@@ -168,7 +168,8 @@ def draw(name: str, chain: Chain, scale: Scale, rng: np.random.Generator, count:
     return Hidden(name, joints, None, {key: [float(x[key]) for x in each] for key in ordered})
 
 
-def _force(j: int, chain: Chain, rng: np.random.Generator, low: float = 0.004, high: float = 0.08) -> float:
+def _force(j: int, chain: Chain, rng: np.random.Generator, low: float = 0.001, high: float = 0.08) -> float:
+    """A torque, as a part of what the joint is rated for: from hardly to plainly there."""
     return log_uniform(rng, low, high) * chain.links[j].effort
 
 
@@ -185,7 +186,7 @@ def _coulomb(j: int, chain: Chain, scale: Scale, rng: np.random.Generator) -> di
 
 
 def _stribeck(j: int, chain: Chain, scale: Scale, rng: np.random.Generator) -> dict[str, float]:
-    level = _force(j, chain, rng, 0.008, 0.06)
+    level = _force(j, chain, rng, 0.003, 0.06)
     return {
         "coulomb": level,
         "static": level * rng.uniform(1.4, 2.4),
@@ -194,16 +195,16 @@ def _stribeck(j: int, chain: Chain, scale: Scale, rng: np.random.Generator) -> d
 
 
 def _load_dependent(j: int, chain: Chain, scale: Scale, rng: np.random.Generator) -> dict[str, float]:
-    return {"coefficient": log_uniform(rng, 0.03, 0.25)}
+    return {"coefficient": log_uniform(rng, 0.01, 0.25)}
 
 
 def _reflected(j: int, chain: Chain, scale: Scale, rng: np.random.Generator) -> dict[str, float]:
-    wanted = _force(j, chain, rng, 0.004, 0.06) / max(float(scale.acceleration[j]), 0.3)
+    wanted = _force(j, chain, rng, 0.001, 0.06) / max(float(scale.acceleration[j]), 0.3)
     return {"inertia": min(wanted, 2.0 * float(scale.inertia[j]) + 0.2)}
 
 
 def _linear_spring(j: int, chain: Chain, scale: Scale, rng: np.random.Generator) -> dict[str, float]:
-    stiffness = _force(j, chain, rng, 0.006, 0.08) / max(float(scale.spread[j]), 0.1)
+    stiffness = _force(j, chain, rng, 0.0015, 0.08) / max(float(scale.spread[j]), 0.1)
     rest = float(scale.centre[j] + rng.normal() * max(float(scale.spread[j]), 0.1))
     return {"stiffness": stiffness, "rest_angle": rest}
 
@@ -226,15 +227,15 @@ def _ripple(j: int, chain: Chain, scale: Scale, rng: np.random.Generator) -> dic
     fastest = 70.0 / max(float(scale.speed[j]), 0.1)  # 11 Hz at the usual speed
     slowest = 2.0 / max(float(scale.spread[j]), 0.05)  # more than a cycle on the way
     cycles = round(log_uniform(rng, max(2.0, slowest), max(3.0, min(60.0, fastest), 1.2 * slowest)))
-    return {"amplitude": _force(j, chain, rng, 0.004, 0.05), "cycles": cycles, "phase": rng.uniform(-np.pi, np.pi)}
+    return {"amplitude": _force(j, chain, rng, 0.001, 0.05), "cycles": cycles, "phase": rng.uniform(-np.pi, np.pi)}
 
 
 def _constant(j: int, chain: Chain, scale: Scale, rng: np.random.Generator) -> dict[str, float]:
-    return {"gain": 1.0 + float(rng.choice([-1, 1])) * log_uniform(rng, 0.03, 0.25)}
+    return {"gain": 1.0 + float(rng.choice([-1, 1])) * log_uniform(rng, 0.008, 0.25)}
 
 
 def _bias(j: int, chain: Chain, scale: Scale, rng: np.random.Generator) -> dict[str, float]:
-    return {"torque": float(rng.choice([-1, 1])) * _force(j, chain, rng, 0.003, 0.06)}
+    return {"torque": float(rng.choice([-1, 1])) * _force(j, chain, rng, 0.0007, 0.06)}
 
 
 def _saturation(j: int, chain: Chain, scale: Scale, rng: np.random.Generator) -> dict[str, float]:
@@ -243,11 +244,11 @@ def _saturation(j: int, chain: Chain, scale: Scale, rng: np.random.Generator) ->
 
 
 def _offset(j: int, chain: Chain, scale: Scale, rng: np.random.Generator) -> dict[str, float]:
-    return {"offset": float(rng.choice([-1, 1])) * log_uniform(rng, 0.008, 0.1)}
+    return {"offset": float(rng.choice([-1, 1])) * log_uniform(rng, 0.004, 0.12)}
 
 
 def _fault(j: int, chain: Chain, scale: Scale, rng: np.random.Generator) -> dict[str, float]:
-    return {"gain": rng.uniform(0.35, 0.93)}
+    return {"gain": 1.0 - log_uniform(rng, 0.02, 0.65)}
 
 
 def _thermal(j: int, chain: Chain, scale: Scale, rng: np.random.Generator) -> dict[str, float]:
@@ -295,7 +296,7 @@ def _point(rng: np.random.Generator) -> list[float]:
 
 def _payload(chain: Chain, scale: Scale, rng: np.random.Generator) -> Hidden:
     return Hidden(
-        "payload", (), chain.n - 1, {"mass": [chain.capacity * log_uniform(rng, 0.03, 0.8)], "com": _point(rng)}
+        "payload", (), chain.n - 1, {"mass": [chain.capacity * log_uniform(rng, 0.008, 0.8)], "com": _point(rng)}
     )
 
 
@@ -303,7 +304,7 @@ def _inertial(chain: Chain, scale: Scale, rng: np.random.Generator) -> Hidden:
     """A lump welded to a link between the first and the last."""
     k = int(rng.integers(1, chain.n - 1))
     link = chain.links[k]
-    mass = link.mass * log_uniform(rng, 0.05, 0.5)
+    mass = link.mass * log_uniform(rng, 0.015, 0.5)
     com = link.com + rng.normal(size=3) * np.maximum(0.5 * np.abs(link.com), 0.04)
     radius = rng.uniform(0.02, 0.05, 3)
     lump = np.diag(mass * (np.sum(radius**2) - radius**2) / 5.0)
@@ -325,7 +326,7 @@ def _inertial(chain: Chain, scale: Scale, rng: np.random.Generator) -> Hidden:
 
 
 def _tilt(chain: Chain, scale: Scale, rng: np.random.Generator) -> Hidden:
-    size, way = log_uniform(rng, 0.005, 0.1), rng.uniform(0.0, 2.0 * np.pi)
+    size, way = log_uniform(rng, 0.0015, 0.1), rng.uniform(0.0, 2.0 * np.pi)
     return Hidden("gravity_tilt", (), None, {"roll": [size * float(np.cos(way))], "pitch": [size * float(np.sin(way))]})
 
 
@@ -336,7 +337,7 @@ def _delay(chain: Chain, scale: Scale, rng: np.random.Generator) -> Hidden:
 def _push(chain: Chain, scale: Scale, rng: np.random.Generator) -> Hidden:
     k = int(rng.integers(max(1, chain.n - 4), chain.n))
     way = rng.normal(size=3)
-    force = way / np.linalg.norm(way) * log_uniform(rng, 0.05, 0.8) * chain.capacity * 9.81
+    force = way / np.linalg.norm(way) * log_uniform(rng, 0.015, 0.8) * chain.capacity * 9.81
     moment = rng.normal(size=3) * 0.03 * np.linalg.norm(force) if rng.random() < 0.3 else np.zeros(3)
     return Hidden("external_force", (), k, {"wrench": [*force.tolist(), *moment.tolist()]})
 
@@ -383,7 +384,7 @@ def _spring(j: int, chain: Chain, scale: Scale, rng: np.random.Generator) -> dic
         return _linear_spring(j, chain, scale, rng)
     # A counterbalance: a gas spring on a lever, which is no function of the catalogue but its curve.
     return {
-        "amplitude": _force(j, chain, rng, 0.02, 0.15),
+        "amplitude": _force(j, chain, rng, 0.005, 0.15),
         "zero": float(scale.centre[j]) + rng.normal() * 0.6,
         "ratio": rng.uniform(0.35, 0.75),
     }
