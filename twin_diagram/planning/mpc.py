@@ -19,8 +19,12 @@ from twin_diagram.signals import NEVER, POSE_SIZE, Array
 
 RETRY = 30
 """Ticks after which joint goals are drawn anew while no way to one is known."""
-LEAST = 0.6
+LEAST = 0.25
 """Share of the clearance that is always wanted, however near to a thing the goal is."""
+LEAST_AT_REST = 0.6
+"""The same where there is no goal: nobody asked to be so near."""
+APPROACH = 0.1
+"""How fast the margin grows to its full size away from a goal next to a thing [m/s of travel]."""
 OWN_CLEARANCE = 0.01
 """The arm keeps from itself [m]."""
 STOPPING_TIME = 0.5
@@ -102,7 +106,7 @@ class Planner:
         forecast = Forecast.of_tracks(tracks)
         memory = self._aim(memory, q0, q0 + STOPPING_TIME / 2 * v0, goal, forecast, rng)
 
-        situation = self._situation(q0, forecast, memory.goals)
+        situation = self._situation(q0, forecast, memory.goals, LEAST if np.any(memory.goal) else LEAST_AT_REST)
         may_search = memory.tick - memory.searched >= self.router.tuning.patience
         route, failed = self.router.decide(memory.route, situation, rng, may_search=may_search)
 
@@ -110,7 +114,10 @@ class Planner:
         goal_index = situation.goal_of(route) if route.aim is Aim.GOAL else None
         # Plans keep more the farther ahead, so that there is room left when something does what was not foreseen.
         extra = SURPRISE * np.minimum(samples / SURPRISE_TIME, 1.0)
-        margins = np.stack([situation.margins(goal_index, float(e)) for e in extra])
+        left = np.maximum(self.router.duration(q0, route) - samples, 0.0)
+        margins = np.stack(
+            [situation.margins(goal_index, float(e), APPROACH * float(t)) for e, t in zip(extra, left, strict=True)]
+        )
         around = self.scene.around(forecast, samples)
         old_q, old_v, _ = memory.trajectory.at(now + samples)
         guess = old_q - memory.offset
@@ -130,8 +137,8 @@ class Planner:
         )
         return memory, Report(route.aim, outcome.violation, outcome.solved, reanchored)
 
-    def _situation(self, q: Array, forecast: Forecast, goals: Array) -> Situation:
-        """What is near, here and at the goals."""
+    def _situation(self, q: Array, forecast: Forecast, goals: Array, least: float) -> Situation:
+        """What is near, here and at the goals; `least` share of the clearance is wanted there."""
         scene, clearance = self.scene, self.params.clearance
         q_all = np.vstack([q[None], goals])
         around = scene.around(forecast, np.zeros(len(q_all)))
@@ -139,7 +146,7 @@ class Planner:
         still = np.ones(len(scene.clearance.bodies), dtype=bool)
         still[scene.fixture_count :] = ~forecast.moving
         return Situation(
-            q, forecast, goals, distance[0], distance[1:], still, clearance, LEAST * clearance, OWN_CLEARANCE
+            q, forecast, goals, distance[0], distance[1:], still, clearance, least * clearance, OWN_CLEARANCE
         )
 
     def _anchor(self, memory: Memory, now: float, arm_state: Array) -> tuple[Memory, Array, Array, Array, bool]:
@@ -210,7 +217,7 @@ class Planner:
         X_WG[:3, 3] = goal[4:]
         found = ik.solve(self.scene.chain, X_WG, q0, self.scene.lower, self.scene.upper, rng)
         # Those that are clear of everything come first, the nearest first among them.
-        situation = self._situation(q0, forecast, found)
+        situation = self._situation(q0, forecast, found, LEAST)
         clear = (situation.at_goals >= np.append(np.full(len(situation.still), situation.least), situation.own)).all(
             axis=1
         )

@@ -43,6 +43,9 @@ class QpSolution:
     iterations: int
 
 
+_CURVATURE = 0.1
+
+
 class QpSolver(ABC):
     """Something that solves quadratic programs; answers depend on the program alone, not on earlier ones."""
 
@@ -54,27 +57,38 @@ class QpSolver(ABC):
 class ProxQp(QpSolver):
     """ProxQP's dense solver (Bambade et al., ProxQP: yet another quadratic programming solver, RSS 2022).
 
+    It stops by absolute residuals, and by itself does not look at complementarity: with a weakly curved objective it
+    calls answers solved that are far off. So the objective is scaled to a curvature of at least `_CURVATURE`, and the
+    duality gap has to close.
+
     Args:
-        tolerance: of the residuals, in the units of the constraints and of the gradient.
+        tolerance: of the residuals, in the units of the constraints and of the scaled gradient.
+        gap: of the scaled objective.
         iterations: at most.
     """
 
-    def __init__(self, tolerance: float = 1e-5, iterations: int = 400) -> None:
+    def __init__(self, tolerance: float = 1e-8, gap: float = 1e-7, iterations: int = 400) -> None:
         self._proxqp = _repeatable_proxqp()
-        self._tolerance = tolerance
+        self._tolerance, self._gap = tolerance, gap
         self._iterations = iterations
 
     def solve(self, program: QuadraticProgram) -> QpSolution:
         """See `QpSolver`."""
         size = len(program.g)
         solver = self._proxqp.dense.QP(size, len(program.b), len(program.low), True)
-        solver.settings.eps_abs = self._tolerance
-        solver.settings.eps_rel = 0.0
-        solver.settings.max_iter = self._iterations
-        solver.settings.initial_guess = self._proxqp.InitialGuess.EQUALITY_CONSTRAINED_INITIAL_GUESS
+        settings = solver.settings
+        settings.eps_abs = self._tolerance
+        settings.eps_rel = 0.0
+        settings.check_duality_gap = True
+        settings.eps_duality_gap_abs = self._gap
+        settings.eps_duality_gap_rel = 0.0
+        settings.max_iter = self._iterations
+        settings.initial_guess = self._proxqp.InitialGuess.EQUALITY_CONSTRAINED_INITIAL_GUESS
+        weakest = float(np.diag(program.H).min())
+        scale = _CURVATURE / weakest if weakest > 0.0 else 1.0
         solver.init(
-            program.H,
-            program.g,
+            scale * program.H,
+            scale * program.g,
             program.A,
             program.b,
             program.C,

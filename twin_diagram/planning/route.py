@@ -94,11 +94,11 @@ class Situation:
     least: float
     own: float
 
-    def margins(self, goal: int | None = None, extra: float = 0.0) -> Array:
-        """(B + 1,) distances to keep on the way to a goal: less of what stands still next to it."""
+    def margins(self, goal: int | None = None, extra: float = 0.0, away: float = 0.0) -> Array:
+        """(B + 1,) distances to keep on the way to a goal: less of what stands still near it, but `away` more [m]."""
         result = np.full(len(self.here), self.clearance + extra)
         if goal is not None:
-            near = np.clip(self.at_goals[goal, :-1] - 0.003, self.least, self.clearance + extra)
+            near = np.clip(self.at_goals[goal, :-1] - 0.003 + away, self.least, self.clearance + extra)
             result[:-1] = np.where(self.still, near, result[:-1])
         result[-1] = self.own
         return result
@@ -148,6 +148,11 @@ class Router:
         took = (np.abs(np.diff(points, axis=0)) / self.speed).max(axis=1, initial=0.0)
         at = np.concatenate([[0.0], np.cumsum(took)])
         return np.stack([np.interp(times, at, points[:, j]) for j in range(len(q))], axis=1)
+
+    def duration(self, q: Array, route: Route) -> float:
+        """How long the route takes from where the arm is [s]."""
+        points = np.vstack([q, route.points])
+        return float((np.abs(np.diff(points, axis=0)) / self.speed).max(axis=1, initial=0.0).sum())
 
     def first_blocked(self, now: Situation, points: Array, margins: Array) -> float | None:
         """When the way along `points` (W, n), from where the arm is, comes too near to something; None if never [s]."""
