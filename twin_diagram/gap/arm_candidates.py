@@ -251,6 +251,41 @@ def encoder_offset(terms: Terms, j: int, about: float = 0.0) -> Candidate | None
     )
 
 
+def external_forces(terms: Terms) -> list[Candidate]:
+    """A constant wrench at each link's origin, world axes, force first; they act once they have a span of time."""
+    model = terms.records.model
+    tree = model.tree
+    weight = 9.81 * mass_scale(terms)
+    spread = np.concatenate([np.full(3, weight), np.full(3, 0.2 * weight * reach(terms))])
+    result = []
+    for body in range(terms.records.n):
+
+        def law(record: Record, body: int = body) -> Array:
+            motion = rigid_tree._Kinematics.of(tree, record.q.T)
+            moved = motion.ancestors[body][:, None]
+            columns = np.empty((*record.q.shape, 6))
+            for k, axis in enumerate(np.eye(3)):
+                arm = np.cross(motion.p[:, body].T, axis)
+                columns[..., k] = -(moved * (motion.linear[k] + np.einsum("na,ain->in", arm, motion.angular))).T
+                columns[..., 3 + k] = -(moved * motion.angular[k]).T
+            return columns
+
+        result.append(
+            Candidate(
+                name="external_force",
+                joints=(),
+                links=(tree.link[body],),
+                rows=tuple(range(terms.records.n)),
+                columns=terms.records.reduce(law),
+                spread=spread,
+                lower=np.full(6, -np.inf),
+                upper=np.full(6, np.inf),
+                parameters=transformed(lambda c: {"wrench": c}),
+            )
+        )
+    return result
+
+
 def elasticities(terms: Terms) -> list[Candidate]:
     """Link angle = motor angle − transmitted torque / stiffness; coefficients 1/stiffness and rotor inertia."""
     model = terms.records.model

@@ -108,12 +108,7 @@ class Bench:
             candidate: reduced like the bench's residual.
             offered: whether `scores` counts it; otherwise it can only be put into a hypothesis by its index.
         """
-        white = np.stack(
-            [
-                self.whitener.joint(j, candidate.columns[:, k]) * self.weights[j][:, None]
-                for k, j in enumerate(candidate.rows)
-            ]
-        )
+        white = self.whiten(candidate)
         self.candidates.append(candidate)
         self.columns.append(white)
         self._right.append(np.einsum("jrk,jr->k", white, self.y[list(candidate.rows)]))
@@ -121,6 +116,27 @@ class Bench:
         if offered:
             self._groups = None
         return len(self.candidates) - 1
+
+    def whiten(self, candidate: Candidate) -> Array:
+        """(rows, R, k) whitened, weighted columns."""
+        return np.stack(
+            [
+                self.whitener.joint(j, candidate.columns[:, k]) * self.weights[j][:, None]
+                for k, j in enumerate(candidate.rows)
+            ]
+        )
+
+    def is_offered(self, k: int) -> bool:
+        """Whether `scores` counts a candidate."""
+        return self._offered[k]
+
+    def score_once(self, candidate: Candidate, Q: Array, projected: Array) -> float:
+        """Rise of the evidence by a candidate that is not taken in; Q and Qᵀy as `basis` has them."""
+        rows = list(candidate.rows)
+        X = self.whiten(candidate).reshape(-1, candidate.size)
+        C = Q[rows].reshape(-1, Q.shape[2]).T @ X
+        b = X.T @ self.y[rows].ravel() - C.T @ projected
+        return float(increments((X.T @ X - C.T @ C)[None], b[None], candidate.spread[None])[0])
 
     def find(self, name: str) -> list[int]:
         """Indices of all candidates of a name."""
@@ -288,13 +304,20 @@ class Bench:
         return _increment(G, b.reshape(len(candidates), -1), spread, candidates)
 
 
-def _increment(G: Array, b: Array, spread: Array, candidates: list[Candidate]) -> Array:
-    """(m,) rises of the evidence, for information G (m, k, k) and right sides b (m, k)."""
-    k = G.shape[1]
-    S = G + np.eye(k) * (spread**-2.0)[:, None, :]
-    c = np.linalg.solve(S, b[..., None])[..., 0]
-    scaled = spread[:, :, None] * S * spread[:, None, :]
+def increments(G: Array, b: Array, spread: Array) -> Array:
+    """(m,) rises of the evidence, for information G (m, k, k), right sides b (m, k) and priors (m, k)."""
+    return _solutions(G, b, spread)[0]
+
+
+def _solutions(G: Array, b: Array, spread: Array) -> tuple[Array, Array]:
+    scaled = spread[:, :, None] * G * spread[:, None, :] + np.eye(G.shape[1])
+    c = spread * np.linalg.solve(scaled, (spread * b)[..., None])[..., 0]
     _, logdet = np.linalg.slogdet(scaled)
-    result = 0.5 * np.sum(b * c, axis=1) - 0.5 * logdet
+    return 0.5 * np.sum(b * c, axis=1) - 0.5 * logdet, c
+
+
+def _increment(G: Array, b: Array, spread: Array, candidates: list[Candidate]) -> Array:
+    """The same, −∞ where the coefficients are not physical."""
+    result, c = _solutions(G, b, spread)
     physical = [candidate.allows(own) for candidate, own in zip(candidates, c, strict=True)]
     return np.where(physical, result, -np.inf)

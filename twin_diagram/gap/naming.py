@@ -14,6 +14,7 @@ from twin_diagram.gap.candidate import Candidate
 from twin_diagram.gap.evidence import Bench, Fit, Members
 from twin_diagram.gap.finding import Finding, Separation, Verdict
 from twin_diagram.gap.posterior import findings_of, separations_of
+from twin_diagram.gap.proposals import Proposer
 from twin_diagram.gap.records import Records, prepare
 from twin_diagram.gap.refine import refine
 from twin_diagram.gap.search import Polish, climb, search
@@ -82,7 +83,7 @@ def investigate(records: Records, progress: Progress | None = None) -> tuple[Ver
     say("searching for a name")
     weights = rest.moving(records, terms, noise, range(records.n))
     bench = Bench(records.residual, noise, candidates, [arm_candidates.timing_nuisance(terms)], weights)
-    fit = refine(bench, terms, search(bench, LEAST, polish=polisher(terms)))
+    fit = refine(bench, terms, search(bench, LEAST, MOST, Proposer(terms), polisher(terms)))
     lap("search")
 
     say("searching again with the noise that is left")
@@ -106,9 +107,9 @@ def again(records: Records, terms: Terms, bench: Bench, fit: Fit) -> tuple[Terms
     weights = rest.moving(records, terms, noise, dry)
     second = Bench(records.residual, noise, fresh, [arm_candidates.timing_nuisance(terms)], weights)
     members: Members = frozenset(second.add(bench.candidates[k]) for k in fit.members)
-    polish = polisher(terms)
-    found = climb(second, members, LEAST, MOST, polish=polish)
-    other = search(second, LEAST, MOST, polish=polish)
+    polish, propose = polisher(terms), Proposer(terms)
+    found = climb(second, members, LEAST, MOST, propose, polish)
+    other = search(second, LEAST, MOST, propose, polish)
     best = found if found.evidence >= other.evidence else other
     best = refine(second, terms, best)
     return terms, second, best

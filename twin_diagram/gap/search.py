@@ -14,6 +14,9 @@ TRIED = 8
 STARTS = 5
 """First members that are tried beside the best one."""
 
+CROWDED = 6
+"""With more members, nothing new is proposed for swaps."""
+
 PROMISING = 0.3
 """A first member must bring this share of what the best one does."""
 
@@ -87,7 +90,7 @@ def climb(
         if step is None and len(fit.members) < most:
             step = _add(bench, fit, least, propose)
         if step is None:
-            step = _swap(bench, fit)
+            step = _swap(bench, fit, propose)
         if step is None:
             return fit
         fit = step if polish is None else polish(bench, step)
@@ -131,7 +134,7 @@ def _drop(bench: Bench, fit: Fit) -> Fit | None:
     return None
 
 
-def _swap(bench: Bench, fit: Fit) -> Fit | None:
+def _swap(bench: Bench, fit: Fit, propose: Propose | None) -> Fit | None:
     """Replaces one member, or all members of one name, by another candidate."""
     names: dict[str, Members] = {}
     for k in fit.members:
@@ -140,6 +143,8 @@ def _swap(bench: Bench, fit: Fit) -> Fit | None:
     groups = [frozenset({k}) for k in fit.members] + [group for group in names.values() if len(group) > 1]
     best = fit
     for group in groups:
+        if propose is not None and len(groups) <= CROWDED:
+            propose(bench, fit.members - group)
         for found in additions(bench, fit.members - group, 5):
             if found.evidence > best.evidence + 1e-6:
                 best = found

@@ -1,0 +1,216 @@
+"""Candidates that are made to measure for what a hypothesis leaves: ripples of any count, starts and ends in time.
+
+There are too many of either to keep. Ripples are scored by projection; starts and ends by sums over blocks of time, so
+that every pair of moments costs one small solution.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.gap import arm_candidates, joint_candidates
+from twin_diagram.gap.candidate import Candidate
+from twin_diagram.gap.evidence import NEW_NAME, Bench, Members, increments
+from twin_diagram.gap.terms import Terms
+
+Array = npt.NDArray[np.float64]
+
+BLOCKS = 64
+"""Moments at which an effect is tried to start; refined to single samples afterwards."""
+
+MARGIN = 3
+"""An effect must last, and be preceded by, this many blocks to count as one that starts or ends."""
+
+WORTH = 10.0
+"""Evidence beyond the price of a name that makes a candidate worth proposing [nats]."""
+
+STARTING = frozenset(
+    {
+        "viscous_friction",
+        "coulomb_friction",
+        "load_dependent_friction",
+        "reflected_inertia",
+        "torque_constant",
+        "torque_bias",
+        "joint_spring",
+        "encoder_offset",
+        "payload",
+        "gravity_tilt",
+    }
+)
+"""Names that are looked for as starting within a log; a torque constant that does is an actuator's fault."""
+
+
+class Proposer:
+    """Proposes for one bench; keeps what does not depend on the hypothesis."""
+
+    def __init__(self, terms: Terms) -> None:
+        self.terms = terms
+        self._ripples: dict[int, tuple[Array, Array, Array]] = {}
+        self._forces: list[Candidate] | None = None
+        self._force_columns: list[Array] = []
+        self._asked: set[Members] = set()
+
+    def __call__(self, bench: Bench, members: Members) -> list[int]:
+        """See `search.Propose`; each hypothesis is looked at once."""
+        if members in self._asked:
+            return []
+        self._asked.add(members)
+        Q = bench.basis(members)
+        projected = np.einsum("jrk,jr->k", Q, bench.y)
+        return [
+            *self.ripples(bench, Q, projected),
+            *self.starts(bench, Q, projected),
+            *self.forces(bench, Q, projected),
+        ]
+
+    def ripples(self, bench: Bench, Q: Array, projected: Array) -> list[int]:
+        """The best count of each joint."""
+        made = []
+        for j in range(bench.n):
+            counts, X, spread = self._ripple_columns(bench, j)
+            if not len(counts):
+                continue
+            m = len(counts)
+            C = Q[j].T @ X
+            b = X.T @ bench.y[j] - C.T @ projected
+            sine, cosine = slice(0, m), slice(m, 2 * m)
+            G = np.empty((m, 2, 2))
+            for i, one in enumerate((sine, cosine)):
+                for k, other in enumerate((sine, cosine)):
+                    G[:, i, k] = np.sum(X[:, one] * X[:, other], axis=0) - np.sum(C[:, one] * C[:, other], axis=0)
+            scores = increments(G, np.stack([b[sine], b[cosine]], axis=1), spread)
+            best = int(np.argmax(scores))
+            candidate = joint_candidates.ripple(self.terms, j, float(counts[best]))
+            if candidate is not None and scores[best] - candidate.cost > NEW_NAME + WORTH:
+                made.append(bench.add(candidate))
+        return made
+
+    def _ripple_columns(self, bench: Bench, j: int) -> tuple[Array, Array, Array]:
+        if j not in self._ripples:
+            counts = joint_candidates.ripple_counts(self.terms, j)
+            columns = joint_candidates.ripple_columns(self.terms, j, counts)
+            size = np.sqrt(np.mean(columns**2, axis=0)).reshape(2, -1).T + 1e-9
+            white = bench.whitener.joint(j, columns) * bench.weights[j][:, None]
+            self._ripples[j] = counts, white, self.terms.torque_size[j] / size
+        return self._ripples[j]
+
+    def starts(self, bench: Bench, Q: Array, projected: Array) -> list[int]:
+        """The best start of every candidate that may start within the logs, where it is worth it."""
+        found: list[tuple[float, int, int]] = []
+        edges = block_edges(bench.rows)
+        for k in range(len(bench.candidates)):
+            candidate = bench.candidates[k]
+            plain = candidate.onset is None and candidate.variant == "" and bench.is_offered(k)
+            if not plain or candidate.name not in STARTING:
+                continue
+            rows = list(candidate.rows)
+            G, C, b = block_sums(bench.columns[k], Q[rows], bench.y[rows], edges)
+            # Sums from each block on.
+            G, C, b = (np.cumsum(x[::-1], axis=0)[::-1] for x in (G, C, b))
+            spread = np.broadcast_to(candidate.spread, b.shape)
+            rest = np.einsum("bki,bkj->bij", C, C)
+            scores = increments(G - rest, b - np.einsum("bki,k->bi", C, projected), spread)
+            scores = scores - np.log(BLOCKS) - candidate.cost
+            whole = scores[0] + np.log(BLOCKS)
+            start = MARGIN + int(np.argmax(scores[MARGIN:-MARGIN]))
+            if scores[start] > max(whole, NEW_NAME) + WORTH:
+                found.append((float(scores[start]), k, start))
+        made = []
+        for _, k, start in sorted(found, reverse=True)[:6]:
+            made.append(bench.add(self._started(bench, Q, projected, k, start, edges)))
+        return made
+
+    def _started(
+        self, bench: Bench, Q: Array, projected: Array, k: int, start: int, edges: npt.NDArray[np.int64]
+    ) -> Candidate:
+        """A candidate from its best sample on, near the start of a block."""
+        records = self.terms.records
+        rows = bench.whitener.rows
+        base = bench.candidates[k]
+        first, last = rows[edges[start - 1]], rows[edges[start + 1]]
+        best: tuple[float, Candidate] | None = None
+        for at in range(first, last + 1):
+            active = (np.arange(len(records.residual)) >= at).astype(float)
+            moment = (int(records.owner[at]), float(records.times[at]))
+            made = base.during(active, moment, None)
+            score = bench.score_once(made, Q, projected)
+            if best is None or score > best[0]:
+                best = score, made
+        assert best is not None
+        made = replace(best[1], cost=base.cost + float(np.log(BLOCKS)), variant="starting")
+        if made.name == "torque_constant":
+            made = replace(made, name="actuator_fault")
+        return made
+
+    def forces(self, bench: Bench, Q: Array, projected: Array) -> list[int]:
+        """The best link and span of time of a constant wrench."""
+        if self._forces is None:
+            self._forces = arm_candidates.external_forces(self.terms)
+            self._force_columns = [bench.whiten(candidate) for candidate in self._forces]
+        edges = block_edges(bench.rows)
+        pairs = np.array([(i, k) for i in range(BLOCKS) for k in range(i + 2, BLOCKS + 1) if k - i < BLOCKS - MARGIN])
+        found: list[tuple[float, int, int, int]] = []
+        for index, candidate in enumerate(self._forces):
+            rows = list(candidate.rows)
+            G, C, b = block_sums(self._force_columns[index], Q[rows], bench.y[rows], edges)
+            G, C, b = (np.concatenate([np.zeros_like(x[:1]), np.cumsum(x, axis=0)]) for x in (G, C, b))
+            dG, dC, db = (x[pairs[:, 1]] - x[pairs[:, 0]] for x in (G, C, b))
+            spread = np.broadcast_to(candidate.spread, db.shape)
+            rest = np.einsum("bki,bkj->bij", dC, dC)
+            scores = increments(dG - rest, db - np.einsum("bki,k->bi", dC, projected), spread)
+            best = int(np.argmax(scores))
+            score = float(scores[best]) - 2.0 * np.log(BLOCKS)
+            if score > NEW_NAME + WORTH:
+                found.append((score, index, int(pairs[best, 0]), int(pairs[best, 1])))
+        made = []
+        for _, index, i, k in sorted(found, reverse=True)[:4]:
+            made.append(bench.add(self._spanned(bench, Q, projected, index, edges, i, k)))
+        return made
+
+    def _spanned(
+        self, bench: Bench, Q: Array, projected: Array, index: int, edges: npt.NDArray[np.int64], i: int, k: int
+    ) -> Candidate:
+        """A wrench over its best span of samples near two blocks' starts."""
+        assert self._forces is not None
+        records = self.terms.records
+        base = self._forces[index]
+        rows = np.append(bench.whitener.rows, len(records.residual))
+        total = len(records.residual)
+        count = np.arange(total)
+
+        def made(at: int, to: int) -> Candidate:
+            active = ((count >= at) & (count < to)).astype(float)
+            onset = (int(records.owner[at]), float(records.times[at]))
+            last = min(to, total - 1)
+            end = (int(records.owner[last]), float(records.times[last])) if to < total - 3 else None
+            return base.during(active, onset, end)
+
+        at, to = int(rows[edges[i]]), int(rows[edges[k]])
+        for _ in range(2):
+            step = int(edges[1])
+            tries = range(max(0, at - step), min(to - 2, at + step) + 1)
+            at = max(tries, key=lambda x: bench.score_once(made(x, to), Q, projected))
+            tries = range(max(at + 2, to - step), min(total, to + step) + 1)
+            to = max(tries, key=lambda x: bench.score_once(made(at, x), Q, projected))
+        return replace(made(at, to), cost=base.cost + 2.0 * float(np.log(BLOCKS)), variant="spanned")
+
+
+def block_edges(rows: int) -> npt.NDArray[np.int64]:
+    """(BLOCKS + 1,) bounds of equal blocks of rows."""
+    return np.round(np.linspace(0, rows, BLOCKS + 1)).astype(np.int64)
+
+
+def block_sums(X: Array, Q: Array, y: Array, edges: Sequence[int] | npt.NDArray[np.int64]) -> tuple[Array, Array, Array]:
+    """Per block: information (B, k, k), products with Q (B, K, k), and with y (B, k), of columns X (rows, R, k)."""
+    G, C, b = [], [], []
+    for first, last in zip(edges[:-1], edges[1:], strict=True):
+        part = X[:, first:last].reshape(-1, X.shape[2])
+        G.append(part.T @ part)
+        C.append(Q[:, first:last].reshape(-1, Q.shape[2]).T @ part)
+        b.append(part.T @ y[:, first:last].ravel())
+    return np.array(G), np.array(C), np.array(b)
