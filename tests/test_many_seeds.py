@@ -31,7 +31,7 @@ def test_two_seeds_keep_every_bound_and_are_told_in_a_table(egl: None, tmp_path:
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
     assert lines[0].split()[0] == "seed" and lines[0].split()[-1] == "kept"
-    rows = [line for line in lines if re.match(r"\s+\d+ \w+ \d+\.\d+ mm", line)]
+    rows = [line for line in lines if re.match(r"\s+\d+\s+\w+ \d+\.\d+ mm", line)]
     assert [int(row.split()[0]) for row in rows] == [1, 2]
     totals = {line.strip() for line in lines if " of 2  " in line}
     assert totals == {

@@ -12,7 +12,7 @@ import pytest
 CHECKOUT = Path(__file__).resolve().parent.parent
 
 SCRIPT = """
-import json, os, sys
+import json, os, pathlib, sys
 from twin_diagram import run
 from twin_diagram.scenario_file import load_scenario
 
@@ -20,7 +20,7 @@ def resident():
     with open("/proc/self/statm") as file:
         return int(file.read().split()[1]) * os.sysconf("SC_PAGESIZE")
 
-marks, sizes, original = [float(t) for t in sys.argv[1:]], {}, run.run_trial
+out, marks, sizes, original = sys.argv[1], [float(t) for t in sys.argv[2:]], {}, run.run_trial
 
 def trial(loop, simulator, duration, progress):
     def between(context):
@@ -30,16 +30,18 @@ def trial(loop, simulator, duration, progress):
 
 run.run_trial = trial
 scenario = load_scenario("tabletop", [f"duration={marks[-1]}"])
-summary = run.run_scenario(scenario, say=lambda text: None)
+summary = run.run_scenario(scenario, out=pathlib.Path(out) if out else None, say=lambda text: None)
 print(json.dumps({"sizes": sizes, "contacts": summary["contacts"]}))
 """
 
 
 @pytest.mark.slow
-def test_memory_grows_less_than_5_percent_from_second_10_to_60(egl: None) -> None:
+@pytest.mark.parametrize("page", [False, True], ids=["bare", "with a page"])
+def test_memory_grows_less_than_5_percent_from_second_10_to_60(page: bool, egl: None, tmp_path: Path) -> None:
     marks = [10.0, 20.0, 30.0, 40.0, 50.0, 60.0]
+    argv = [str(tmp_path / "out") if page else "", *map(str, marks)]
     done = subprocess.run(
-        [sys.executable, "-c", SCRIPT, *map(str, marks)], cwd=CHECKOUT, capture_output=True, text=True, timeout=1200
+        [sys.executable, "-c", SCRIPT, *argv], cwd=CHECKOUT, capture_output=True, text=True, timeout=1200
     )
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout.splitlines()[-1])

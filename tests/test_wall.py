@@ -23,9 +23,9 @@ from pydrake.systems.sensors import ImageLabel16I
 from small_loop import BLIND, at, estimates, same, small_scenario
 
 from twin_diagram import run
+from twin_diagram.attachments import Looking
 from twin_diagram.diagram import ClosedLoop, connect, make_closed_loop, make_twin
-from twin_diagram.looking.meshcat_scenes import open_meshcat
-from twin_diagram.run import Looking, replay_scenario, run_scenario
+from twin_diagram.run import replay_scenario, run_scenario
 from twin_diagram.scenario import Scenario, World
 from twin_diagram.scenario_file import load_scenario
 from twin_diagram.signals import Array, ObjectStatus
@@ -37,7 +37,7 @@ from twin_diagram.station import make_station, ports
 @pytest.fixture(scope="module")
 def loop(egl: None) -> ClosedLoop:
     """As the demo builds it, visualisers and all."""
-    return make_closed_loop(small_scenario(), Looking(open_meshcat()).add)
+    return make_closed_loop(small_scenario(), Looking().add)
 
 
 def diagrams(system: System) -> Iterator[Diagram]:

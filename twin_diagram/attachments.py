@@ -19,7 +19,7 @@ from twin_diagram.errors import TwinError
 from twin_diagram.logs import read_log, write_log
 from twin_diagram.looking.ghost import make_ghost
 from twin_diagram.looking.meldis import add_meldis
-from twin_diagram.looking.meshcat_scenes import MeshcatScenes, add_meshcat, open_meshcat
+from twin_diagram.looking.meshcat_scenes import FRAME_RATE, MeshcatScenes, add_meshcat, open_meshcat
 from twin_diagram.looking.overlay_system import MeshcatOverlay
 from twin_diagram.scenario import Scenario
 from twin_diagram.scenario_file import copy_scenario, dump_scenario
@@ -29,14 +29,23 @@ from twin_diagram.station.recording import LOG, RecordingWriter
 
 SCENARIO_FILE: Final = "scenario.yaml"
 """In a recording's folder: the scenario that was run."""
+MOST_FRAMES: Final = 450
+"""Of a page: 27 kB of memory each, and more in the page; a longer run is shown with fewer frames per second."""
 Say = Callable[[str], None]
 
 
 class Looking:
     """Shows the real scene and the twin's: in one meshcat, live or recorded, and to Meldis."""
 
-    def __init__(self, meshcat: bool = True, meldis: bool = False) -> None:
-        """`meshcat` opens a server that this machine alone reaches; `meldis` publishes on Drake's default LCM URL."""
+    def __init__(self, meshcat: bool = True, meldis: bool = False, recorded: float | None = None) -> None:
+        """Opens what is looked through.
+
+        Args:
+            meshcat: opens a server that this machine alone reaches.
+            meldis: publishes on Drake's default LCM URL.
+            recorded: length of a run that is kept as a page [s]; None: no frame is kept.
+        """
+        self._recorded = recorded
         self._meshcat: Meshcat | None = open_meshcat() if meshcat else None
         self._lcm = DrakeLcm() if meldis else None
         self.scenes: MeshcatScenes | None = None
@@ -55,7 +64,8 @@ class Looking:
     def _add_meshcat(
         self, meshcat: Meshcat, builder: DiagramBuilder, twin: Twin, query: OutputPort, real: OutputPort | None
     ) -> None:
-        self.scenes = add_meshcat(builder, meshcat, query, real)
+        rate = FRAME_RATE if self._recorded is None else min(FRAME_RATE, MOST_FRAMES / self._recorded)
+        self.scenes = add_meshcat(builder, meshcat, query, real, rate)
         self.scenes.set_view()
         plan = twin.diagram.GetOutputPort("plan")
         overlay = MeshcatOverlay(meshcat, twin.scene, plan.size() // len(twin.model.joints))
@@ -64,8 +74,8 @@ class Looking:
             builder.Connect(twin.diagram.GetOutputPort(name), overlay.GetInputPort(name))
 
     def start(self, simulator: Simulator, live: bool, say: Say) -> None:
-        """Begins to record; live, runs no faster than real time and says where to look."""
-        if self.scenes is not None:
+        """Begins to record, where a page is kept; live, runs no faster than real time and says where to look."""
+        if self.scenes is not None and self._recorded is not None:
             self.scenes.start_recording()
         if live:
             simulator.set_target_realtime_rate(1.0)

@@ -63,8 +63,8 @@ def run_scenario(
     cv2.setNumThreads(1)  # images are small: a second thread costs more than it gives, and p90 suffers
     if out is not None:
         check_room("--out", out, folder=True)
-    meshcat = show or (out is not None and pictures)
-    look = Looking(meshcat, meldis) if meshcat or meldis else None
+    page = out is not None and pictures
+    look = Looking(show or page, meldis, scenario.duration if page else None) if show or page or meldis else None
     with ExitStack() as stack:
         keep = Keeping(scenario, record, log, stack)
 
