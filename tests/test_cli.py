@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +20,7 @@ from twin_diagram import cli
 from twin_diagram.logs import read_log
 from twin_diagram.model import Model
 from twin_diagram.scenario_file import load_scenario, save_scenario
+from twin_diagram.score import table
 
 JOINTS = [f"panda_joint{k}" for k in range(1, 8)]
 HOME = np.array([0.6, 0.2, 0.0, -2.1, 0.0, 2.3, 1.4])
@@ -283,7 +286,7 @@ def test_replay_of_a_bare_log_whose_clock_starts_anywhere(tmp_path: Path, capfd:
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory, egl: None) -> tuple[Path, dict[str, object]]:
+def recorded(tmp_path_factory: pytest.TempPathFactory, egl: None) -> tuple[Path, dict[str, Any]]:
     """A second of the loop, recorded by the command: scenario.yaml, recording/, log.csv and out/summary.json."""
     folder = tmp_path_factory.mktemp("recorded")
     save_scenario(small_scenario(objects=("can",)), folder / "scenario.yaml")
@@ -301,7 +304,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory, egl: None) -> tuple[Path,
     return folder, json.loads((folder / "out" / "summary.json").read_text())
 
 
-def test_run_leaves_what_it_says(recorded: tuple[Path, dict[str, object]]) -> None:
+def test_run_leaves_what_it_says(recorded: tuple[Path, dict[str, Any]]) -> None:
     folder, summary = recorded
     assert {p.name for p in folder.iterdir()} == {"scenario.yaml", "recording", "log.csv", "out"}
     assert {"summary.json", "replay.html", "diagram.svg"} <= {p.name for p in (folder / "out").iterdir()}
@@ -309,7 +312,7 @@ def test_run_leaves_what_it_says(recorded: tuple[Path, dict[str, object]]) -> No
     assert load_scenario(folder / "recording" / "scenario.yaml").seed == 5
 
 
-def test_the_log_is_one_that_logs_reads(recorded: tuple[Path, dict[str, object]]) -> None:
+def test_the_log_is_one_that_logs_reads(recorded: tuple[Path, dict[str, Any]]) -> None:
     folder, _ = recorded
     log = read_log(folder / "log.csv")
     assert list(log.joints) == JOINTS
@@ -319,19 +322,17 @@ def test_the_log_is_one_that_logs_reads(recorded: tuple[Path, dict[str, object]]
     assert np.array_equal(log.position, read_log(folder / "recording" / "log.csv").position)
 
 
-def test_a_recording_replays(recorded: tuple[Path, dict[str, object]], capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_recording_replays(recorded: tuple[Path, dict[str, Any]], capfd: pytest.CaptureFixture[str]) -> None:
     folder, summary = recorded
     assert cli.main(["replay", str(folder / "recording")]) == 0
     out, err = capfd.readouterr()
     beliefs = json.loads(out)
     assert err == ""
     assert beliefs["objects"]["can"]["status"] == "tracked"
-    payload = summary["payload"]
-    assert isinstance(payload, dict)
-    assert beliefs["parameters"]["payload.mass"]["value"] == payload["mass_estimated"]
+    assert beliefs["parameters"]["payload.mass"]["value"] == summary["payload"]["mass_estimated"]
 
 
-def test_the_log_replays_and_is_predicted(recorded: tuple[Path, dict[str, object]], tmp_path: Path) -> None:
+def test_the_log_replays_and_is_predicted(recorded: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
     folder, _ = recorded
     log = str(folder / "log.csv")
     assert cli.main(["predict", "--model", "arms/panda_hand.urdf", "--log", log, "--out", str(tmp_path / "p.csv")]) == 0
@@ -340,7 +341,7 @@ def test_the_log_replays_and_is_predicted(recorded: tuple[Path, dict[str, object
 
 @pytest.mark.parametrize("damage", ["manifest.yaml", "log.csv", "messages.csv", "gripper.csv", "camera/frames.csv"])
 def test_a_recording_that_lacks_a_file_is_refused(
-    damage: str, recorded: tuple[Path, dict[str, object]], tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    damage: str, recorded: tuple[Path, dict[str, Any]], tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     copy = Path(shutil.copytree(recorded[0] / "recording", tmp_path / "copy"))
     (copy / damage).unlink()
@@ -351,7 +352,7 @@ def test_a_recording_that_lacks_a_file_is_refused(
 
 
 def test_a_failed_run_leaves_an_earlier_recording_and_log_alone(
-    recorded: tuple[Path, dict[str, object]], tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    recorded: tuple[Path, dict[str, Any]], tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """A recording is replaced when its successor is whole, and no log is written from another run's recording."""
     copy = Path(shutil.copytree(recorded[0] / "recording", tmp_path / "copy"))
@@ -374,9 +375,10 @@ def test_a_failed_run_leaves_an_earlier_recording_and_log_alone(
 # As a program.
 
 
-def program(*argv: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+def program(*argv: str, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "twin_diagram", *argv]
     return subprocess.run(
-        [sys.executable, "-m", "twin_diagram", *argv], cwd=cwd, capture_output=True, text=True, timeout=120
+        command, cwd=cwd, env={**os.environ, **environment}, capture_output=True, text=True, timeout=300
     )
 
 
@@ -418,9 +420,18 @@ def test_the_program_ends_with_one_line_and_status_two(tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["s.yaml"]
 
 
-def test_a_reader_that_has_enough_is_no_error(tmp_path: Path) -> None:
-    import os
+def test_another_process_gives_the_same_numbers(recorded: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
+    """Whatever order its sets have, however many threads it has, and whether it records or draws."""
+    folder, summary = recorded
+    argv = ["run", str(folder / "scenario.yaml"), "--duration", "1", "--seed", "5", "--log", "log.csv"]
+    done = program(*argv, cwd=tmp_path, PYTHONHASHSEED="123", OMP_NUM_THREADS="2")
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "log.csv").read_bytes() == (folder / "log.csv").read_bytes()
+    shown = [line.rstrip() for line in done.stdout.splitlines() if not line.startswith("speed")]
+    assert shown == [line.rstrip() for line in table(summary | {"timing": {}}).splitlines()]
 
+
+def test_a_reader_that_has_enough_is_no_error(tmp_path: Path) -> None:
     read, write = os.pipe()
     os.close(read)
     log = write_log(tmp_path / "log.csv")
