@@ -549,7 +549,7 @@ def test_table(tmp_path: Path) -> None:
 def test_runs_go_on_where_they_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[tuple[str, int]] = []
 
-    def fake(kind: str, seed: int, keep: Path | None) -> dict[str, Any]:
+    def fake(kind: str, seed: int, keep: Path | None, duration: float | None) -> dict[str, Any]:
         asked.append((kind, seed))
         return record(kind, seed)
 
@@ -589,3 +589,16 @@ def test_held_out_gap_of_the_true_correction(tmp_path: Path) -> None:
     assert scored["held_out"]["left"] < 0.05
     nothing = held_out.left_over(*(np.array(scored["held_out"][key]) for key in ("before", "before", "floor")))
     assert nothing["left"] == pytest.approx(1.0)
+
+
+def test_fast_subset(tmp_path: Path) -> None:
+    """The workflow itself on short logs: silent where nothing is hidden, right where something plain is."""
+    results = gap_benchmark.run(gap_benchmark.plan("fast"), tmp_path, duration=gap_benchmark.SHORT)
+    for result in results:
+        assert result.get("error") is None, result
+        assert not result["faults"]
+        assert result["exact"], result
+        claimed = result["held_out"]["claimed"]
+        assert claimed is not None and claimed < 0.05
+        if result["kind"] != "clean":
+            assert result["held_out"]["left"] < 0.15
