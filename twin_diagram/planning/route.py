@@ -65,6 +65,8 @@ class RouteTuning:
     """A route that is blocked later than this is followed as far as it goes, for want of a better one [s]."""
     way_point_reached: float = 0.05
     """[rad]"""
+    way_point_near: float = 0.3
+    """[rad]"""
     refuge_tries: int = 48
 
 
@@ -187,7 +189,7 @@ class Router:
         coarse = now.allowed(now.margins(now.goal_of(route)), share)
         blocked_at: float | None = None
         if route.aim is Aim.GOAL and len(route.points):
-            route = self._shortcut(route, now, now.allowed(now.margins(now.goal_of(route), spare)))
+            route = self._shortcut(route, now, now.allowed(now.margins(now.goal_of(route), spare)), coarse)
             blocked_at = self.first_blocked(now, route.points, coarse)
             if blocked_at is None:
                 return route, False
@@ -208,16 +210,22 @@ class Router:
             return route, failed
         return self._aside(route, now, coarse, rng), failed
 
-    def _shortcut(self, route: Route, now: Situation, margins: Array) -> Route:
-        """Drops way points that are reached, or needless from here."""
+    def _shortcut(self, route: Route, now: Situation, margins: Array, coarse: Array) -> Route:
+        """Drops way points that are reached, or needless from here.
+
+        The motion rounds off a sharp corner and may never come up to its way point, so near one it is enough that the
+        way beyond is free by the `coarse` margins, by which the route itself is kept.
+        """
         points = route.points
         while len(points) > 1 and np.abs(points[0] - now.q).max() < self.tuning.way_point_reached:
             points = points[1:]
         if len(points) > 1:
             if self.first_blocked(now, points[-1:], margins) is None:
                 points = points[-1:]
-            elif self.first_blocked(now, points[1:2], margins) is None:
-                points = points[1:]
+            else:
+                near = np.abs(points[0] - now.q).max() < self.tuning.way_point_near
+                if self.first_blocked(now, points[1:2], coarse if near else margins) is None:
+                    points = points[1:]
         return replace(route, points=points)
 
     def _search(self, now: Situation, goals: Array, margins: Array, rng: np.random.Generator) -> Array | None:
