@@ -165,7 +165,6 @@ def _grow(
     line[-1] = target
     free = budget.free(line)
     count = len(line) if free.all() else int(np.argmin(free))
-    # Ends a step short of what is not free, for there the way around starts badly.
     if count == 0:
         return None
     return tree.add(line[count - 1], index)
