@@ -87,6 +87,7 @@ class Model:
         self.present = tuple(effect.always() if effect.timed else effect for effect in self.effects if effect.end is None)
         self.delay = float(sum(effect.delay for effect in self.present))
         self._epochs: dict[tuple[bool, ...], Model] = {}
+        self._runs: dict[str, Model] = {}
 
         self._context = plant.CreateDefaultContext()
         self._check_names()
@@ -137,6 +138,21 @@ class Model:
         except RuntimeError as error:
             raise ModelError(f"{arm.spec.model}: {str(error).splitlines()[0]}") from error
         return Model(plant, arm, effects)
+
+    def for_run(self, mark: str) -> Model:
+        """The model as it holds for one run: onsets and ends that are about another, earlier one are over.
+
+        Args:
+            mark: `logs.fingerprint` of the run.
+        """
+        if all(effect.log in ("", mark) for effect in self.effects):
+            return self
+        if mark not in self._runs:
+            kept = [effect for effect in self.effects if effect.log in ("", mark) or effect.end is None]
+            self._runs[mark] = self.with_effects(
+                [effect if effect.log in ("", mark) else effect.always() for effect in kept]
+            )
+        return self._runs[mark]
 
     def with_effects(self, effects: Iterable[Effect]) -> Model:
         """The same description with other effects; shares the plant, not the scratch.

@@ -17,7 +17,7 @@ from pydrake.multibody.tree import PrismaticJoint, RevoluteJoint
 
 from twin_diagram import description, series
 from twin_diagram.errors import LogError
-from twin_diagram.logs import Log, LogWarning, check, read_log, write_columns
+from twin_diagram.logs import Log, LogWarning, check, fingerprint, read_log, write_columns
 from twin_diagram.model import Model
 from twin_diagram.motion import Motion, inner, lowpass, motion
 from twin_diagram.rollout import rollout, trajectory
@@ -49,6 +49,7 @@ def torque_predicted(model: Model, log: Log, smooth: Motion | None = None) -> Ar
     """
     smooth = motion(log) if smooth is None else smooth
     regular = smooth.log
+    model = model.for_run(fingerprint(log))
     tau = model.inverse_dynamics(
         smooth.position, smooth.velocity, smooth.acceleration, time=regular.time, seen=_torque_or_none(regular)
     )
@@ -73,6 +74,7 @@ def position_predicted(model: Model, log: Log, horizon: float = 0.2, smooth: Mot
     if not 0.0 < horizon < regular.time[-1] - regular.time[0]:
         raise LogError(f"{log.source}: horizon {horizon:g} s: must be positive and shorter than the log")
     steps = max(1, round(horizon / regular.period))
+    model = model.for_run(fingerprint(log))
     tau = model.applied(regular.motor_torque, regular.time)
     angles, rates = twists(model, smooth)
     result = np.empty_like(regular.position)

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.errors import LogError
-from twin_diagram.logs import Log, is_regular, uniform
+from twin_diagram.logs import Log, fingerprint, is_regular, uniform
 from twin_diagram.model import Model
 from twin_diagram.motion import RESIDUAL_CUT, inner, lowpass, motion
 
@@ -188,7 +188,7 @@ def straightened(log: Log) -> Log:
     even = np.polynomial.Polynomial.fit(index, log.time, 1)(index)
     if np.max(np.abs(log.time - even)) > 0.5 * log.period:
         return log
-    changed = replace(log, time=even)
+    changed = replace(log, time=even, identity=fingerprint(log))
     roughness = [np.sum(np.diff(uniform(x).position, 4, axis=0) ** 2) for x in (log, changed)]
     return changed if roughness[1] < roughness[0] else log
 
@@ -223,6 +223,9 @@ def _record(model: Model, log: Log, index: int, band: float) -> Record:
     smooth = motion(log, MOTION * band)
     stride = max(1, int(rate / (THIN * band) + 1e-6))
     kept = np.flatnonzero(inner(log.time, RESIDUAL_CUT))[::stride]
+    model = model.for_run(fingerprint(log))
+    # Torque that is logged and never arrives cannot be told from the motion.
+    seen = smooth.log.motor_torque if any(effect.loses for effect in model.effects) else None
     q, v, a = smooth.position, smooth.velocity, smooth.acceleration
     return Record(
         index=index,
@@ -234,7 +237,7 @@ def _record(model: Model, log: Log, index: int, band: float) -> Record:
         v=v,
         a=a,
         torque=smooth.log.motor_torque,
-        given=model.inverse_dynamics(q, v, a),
+        given=model.inverse_dynamics(q, v, a, time=log.time, seen=seen),
         kept=kept,
         period=log.period,
     )

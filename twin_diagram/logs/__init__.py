@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from twin_diagram.logs.checking import LogWarning, check
+from twin_diagram.logs.identity import fingerprint
 from twin_diagram.logs.log import SIGNALS, Log
 from twin_diagram.logs.reading import log_from_columns, read_columns, read_log
 from twin_diagram.logs.resampling import is_regular, resample, uniform
@@ -13,6 +14,7 @@ __all__ = [
     "Log",
     "LogWarning",
     "check",
+    "fingerprint",
     "is_regular",
     "log_from_columns",
     "read_columns",

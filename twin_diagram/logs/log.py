@@ -36,6 +36,7 @@ class Log:
         torque_commanded: [N·m]; None where it is not logged.
         position_commanded: [rad]; None where it is not logged.
         source: what to call it in messages.
+        identity: `fingerprint` of the log that it was made from; empty: of its own.
     """
 
     time: Array
@@ -46,6 +47,7 @@ class Log:
     torque_commanded: Array | None = None
     position_commanded: Array | None = None
     source: str = "log"
+    identity: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", tuple(self.joints))

@@ -7,6 +7,7 @@ import numpy.typing as npt
 from scipy.interpolate import make_interp_spline
 
 from twin_diagram.errors import LogError
+from twin_diagram.logs.identity import fingerprint
 from twin_diagram.logs.log import SIGNALS, Log
 
 Array = npt.NDArray[np.float64]
@@ -39,7 +40,7 @@ def resample(log: Log, times: Array) -> Log:
             continue
         degree = 3 if attribute == "position" and len(log) > 3 else 1
         signals[attribute] = make_interp_spline(log.time, values, k=degree)(times)
-    return Log(time=times, joints=log.joints, source=log.source, **signals)
+    return Log(time=times, joints=log.joints, source=log.source, identity=fingerprint(log), **signals)
 
 
 def uniform(log: Log, rate: float | None = None) -> Log:

@@ -1,0 +1,156 @@
+"""Adds what was named to a model: refines its parameters and hands back the corrected model.
+
+    from twin_diagram.gap.add import add
+    added = add(given, logs, verdict)
+    added.model, added.findings          # a Model that can be saved; the findings with refined parameters
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.errors import ModelError
+from twin_diagram.gap.finding import Estimate, Finding
+from twin_diagram.gap.gauss_newton import Solution
+from twin_diagram.gap.named import specs_of
+from twin_diagram.gap.posterior import UNITS
+from twin_diagram.gap.refinement import Hypothesis, equation_error, output_error
+from twin_diagram.logs import Log, fingerprint
+from twin_diagram.model import Model
+from twin_diagram.scenario import EffectSpec
+
+Array = npt.NDArray[np.float64]
+Say = Callable[[str], None]
+
+ALIKE = 2.5
+"""Estimates farther apart than this many of their standard errors do not speak of the same thing; torques then decide.
+
+Measured torques drive the rollouts, and their noise with them: a light joint runs away, and what is fitted to it then is
+surer of itself than it should be.
+"""
+
+
+@dataclass(frozen=True)
+class Added:
+    """What came of it.
+
+    Attributes:
+        model: the corrected one; the given one where nothing was named, or nothing of it can be.
+        findings: with refined parameters.
+        notes: what a reader should know.
+    """
+
+    model: Model
+    findings: tuple[Finding, ...]
+    notes: tuple[str, ...] = ()
+
+
+def add(given: Model, logs: Sequence[Log], findings: Sequence[Finding], say: Say | None = None) -> Added:
+    """Refines named effects and adds them.
+
+    Args:
+        given: with the logs' joints in the logs' order.
+        logs: that the effects were found in, checked.
+        findings: relative to the given model, with rough parameters.
+        say: told what is being done.
+    """
+    say = say or (lambda text: None)
+    if not findings:
+        return Added(given, ())
+    marks = [fingerprint(log) for log in logs]
+    owners: list[int] = []
+    specs: list[EffectSpec] = []
+    for k, finding in enumerate(findings):
+        for spec in specs_of(finding, marks):
+            owners.append(k)
+            specs.append(spec)
+    try:
+        hypothesis = Hypothesis.of(given, specs)
+        rough = hypothesis.model(hypothesis.start())
+    except ModelError as error:
+        return Added(given, tuple(findings), (f"what was named cannot be added: {error}",))
+    say("refining by torques")
+    solutions = [equation_error(hypothesis, logs)]
+    say("refining by simulated motion")
+    solutions.append(output_error(replace(hypothesis, parts=_moved(hypothesis, solutions[0])), logs))
+    vector, covariance, notes = chosen(hypothesis, solutions)
+    try:
+        model = hypothesis.model(vector)
+    except ModelError:
+        return Added(rough, tuple(findings), ("refined parameters cannot be; the rough ones are kept",))
+    refined = list(findings)
+    for k in range(len(findings)):
+        mine = [i for i, owner in enumerate(owners) if owner == k]
+        refined[k] = _told(findings[k], hypothesis, mine, vector, covariance)
+    return Added(model, tuple(refined), tuple(notes))
+
+
+def _moved(hypothesis: Hypothesis, solution: Solution) -> tuple:  # type: ignore[type-arg]
+    return tuple(
+        replace(part, spec=spec)
+        for part, spec in zip(hypothesis.parts, hypothesis.specs(solution.vector), strict=True)
+    )
+
+
+def chosen(hypothesis: Hypothesis, solutions: Sequence[Solution]) -> tuple[Array, Array, list[str]]:
+    """Per effect, the estimate that is surer of itself; both speak of the same runs, so they are not averaged."""
+    by_torque, by_motion = solutions
+    vector, covariance = by_torque.vector.copy(), by_torque.covariance.copy()
+    notes = []
+    for part, s in zip(hypothesis.parts, hypothesis.slices(), strict=True):
+        a, b = by_torque.covariance[s, s], by_motion.covariance[s, s]
+        apart = by_motion.vector[s] - by_torque.vector[s]
+        distance = float(np.sqrt(max(0.0, apart @ np.linalg.pinv(a + b, hermitian=True) @ apart)))
+        if distance > ALIKE * np.sqrt(len(apart)):
+            notes.append(f"{part.spec.name}: torques and simulated motion disagree by {distance:.1f} standard errors")
+            continue
+        if np.linalg.slogdet(b)[1] < np.linalg.slogdet(a)[1]:
+            vector[s] = by_motion.vector[s]
+            covariance[s, :], covariance[:, s] = 0.0, 0.0
+            covariance[s, s] = b
+    return vector, covariance, notes
+
+
+def _told(
+    finding: Finding, hypothesis: Hypothesis, mine: Sequence[int], vector: Array, covariance: Array
+) -> Finding:
+    """A finding with the parameters of its effects."""
+    told: dict[str, Estimate | dict[str, Estimate]] = {}
+    slices = hypothesis.slices()
+    for i in mine:
+        part, s = hypothesis.parts[i], slices[i]
+        values = part.effect(vector[s]).parameters
+        sides: dict[str, list[Array]] = {key: [] for key in values}
+        size = np.sqrt(np.maximum(np.diag(covariance[s, s]), 1e-30))
+        for k in range(len(size)):
+            moved = vector[s].copy()
+            moved[k] += 0.01 * size[k]
+            after = part.effect(moved).parameters
+            for key, value in values.items():
+                sides[key].append((np.array(after[key]) - np.array(value)) / (0.01 * size[k]))
+        for key, value in values.items():
+            J = np.stack(sides[key], axis=1)
+            std = np.sqrt(np.maximum(np.einsum("ik,kl,il->i", J, covariance[s, s], J), 0.0))
+            before = finding.parameters.get(key)
+            unit = UNITS.get(key, "")
+            if isinstance(before, dict):
+                mapping = told.setdefault(key, {})
+                assert isinstance(mapping, dict)
+                if len(value) == len(part.spec.joints):
+                    for joint, x, e in zip(part.spec.joints, value, std, strict=True):
+                        mapping[joint] = Estimate(float(x), float(e), unit)
+                else:
+                    mapping[part.spec.joints[0]] = _estimate(value, std, unit)
+            else:
+                told[key] = _estimate(value, std, unit)
+    return replace(finding, parameters=told)
+
+
+def _estimate(value: Sequence[float], std: Array, unit: str) -> Estimate:
+    if len(value) == 1:
+        return Estimate(float(value[0]), float(std[0]), unit)
+    return Estimate([float(x) for x in value], [float(x) for x in std], unit)

@@ -1,0 +1,203 @@
+"""What a model has and what it lacks, made one: coefficients of the same law at the same place add up.
+
+Findings are relative to the given model. Most laws are linear in their coefficients, so that adding the finding beside
+what is there would do; it does not where something became less (a payload put down, a brake that wears), which no
+effect can say alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.effects import Effect, make
+from twin_diagram.errors import ModelError
+from twin_diagram.scenario import EffectSpec
+
+Array = npt.NDArray[np.float64]
+Values = dict[str, float]
+
+NOTHING = 1e-9
+"""What is left below this is nothing."""
+
+
+def merged(present: Iterable[Effect], added: Iterable[EffectSpec]) -> list[Effect]:
+    """The effects of a model that had `present` and lacked `added`.
+
+    Args:
+        present: of the given model; those that its description states stay as they are.
+        added: relative to it; coefficients may be negative where there is something to take away.
+
+    Raises:
+        ModelError: more is taken away than there is.
+    """
+    kept = [effect for effect in present if effect.given]
+    specs = [effect.spec() for effect in present if not effect.given]
+    for addition in added:
+        for piece in _pieces(addition):
+            specs = _add(specs, piece)
+    return [*kept, *(make(spec) for spec in specs)]
+
+
+def _pieces(spec: EffectSpec) -> list[EffectSpec]:
+    """One per joint, where the parameters are."""
+    if spec.name not in PER_JOINT or len(spec.joints) < 2:
+        return [spec]
+    return [_on_joint(spec, k) for k in range(len(spec.joints))]
+
+
+def _on_joint(spec: EffectSpec, k: int, keep: Callable[[int], bool] | None = None) -> EffectSpec:
+    chosen = [i for i in range(len(spec.joints)) if (i == k if keep is None else keep(i))]
+    parameters = {key: [values[i] for i in chosen] for key, values in spec.parameters.items()}
+    return EffectSpec(
+        spec.name, [spec.joints[i] for i in chosen], list(spec.links), parameters, spec.onset, spec.end, spec.log
+    )
+
+
+def _add(specs: list[EffectSpec], piece: EffectSpec) -> list[EffectSpec]:
+    timed = piece.onset is not None or piece.end is not None
+    for place, spec in enumerate(specs):
+        if spec.name != piece.name or set(spec.parameters) != set(piece.parameters):
+            continue
+        if spec.onset is not None or spec.end is not None:
+            continue
+        if piece.name in PER_JOINT:
+            if len(piece.joints) != 1 or piece.joints[0] not in spec.joints or "curve" in piece.parameters:
+                continue
+            k = spec.joints.index(piece.joints[0])
+            here = _on_joint(spec, k)
+        elif (spec.joints, spec.links) == (piece.joints, piece.links):
+            k, here = 0, spec
+        else:
+            continue
+        sums = RULES[piece.name](here.parameters, piece.parameters) if piece.name in RULES else None
+        if sums is None or (timed and not _less(piece)):
+            continue
+        rest = [_on_joint(spec, 0, lambda i, k=k: i != k)] if piece.name in PER_JOINT else []  # type: ignore[misc]
+        rest = [other for other in rest if other.joints]
+        changed = EffectSpec(here.name, list(here.joints), list(here.links), sums)
+        if timed:
+            before = EffectSpec(here.name, list(here.joints), list(here.links), here.parameters, None, piece.onset)
+            before.log = changed.log = piece.log
+            changed.onset, changed.end = piece.onset, piece.end
+            if piece.end is not None:
+                raise ModelError(f"effects.{piece.name}: became less for a while; that cannot be said")
+            rest.append(before)
+        now = [changed] if _something(changed) else []
+        return [*specs[:place], *rest, *now, *specs[place + 1 :]]
+    return [*specs, piece]
+
+
+def _less(piece: EffectSpec) -> bool:
+    """Whether a piece takes away, which no effect can do alone."""
+    return any(value < 0.0 for key in ("damping", "torque", "inertia", "coefficient", "mass", "stiffness") for value in
+               piece.parameters.get(key, [])) and piece.name in POSITIVE
+
+
+def _something(spec: EffectSpec) -> bool:
+    first = next(iter(spec.parameters.values()))
+    return spec.name not in POSITIVE or bool(np.max(np.abs(first)) > NOTHING)
+
+
+def _sum(here: dict[str, list[float]], more: dict[str, list[float]]) -> dict[str, list[float]]:
+    return {key: (np.array(here[key]) + np.array(more[key])).tolist() for key in here}
+
+
+def _product(here: dict[str, list[float]], more: dict[str, list[float]]) -> dict[str, list[float]]:
+    return {key: (np.array(here[key]) * np.array(more[key])).tolist() for key in here}
+
+
+def _least(here: dict[str, list[float]], more: dict[str, list[float]]) -> dict[str, list[float]]:
+    return {key: np.minimum(here[key], more[key]).tolist() for key in here}
+
+
+def _springs(here: dict[str, list[float]], more: dict[str, list[float]]) -> dict[str, list[float]] | None:
+    if "curve" in here:
+        return None
+    k = here["stiffness"][0] + more["stiffness"][0]
+    moment = here["stiffness"][0] * here["rest_angle"][0] + more["stiffness"][0] * more["rest_angle"][0]
+    return {"stiffness": [k], "rest_angle": [moment / k if abs(k) > NOTHING else 0.0]}
+
+
+def _loads(here: dict[str, list[float]], more: dict[str, list[float]]) -> dict[str, list[float]] | None:
+    """Two payloads weigh as one; their inertia is not that of one point, so only a loss is taken off what was there."""
+    lost = more["mass"][0]
+    if lost >= 0.0:
+        return None
+    mass = here["mass"][0] + lost
+    if mass <= NOTHING:
+        return {"mass": [max(mass, 0.0)], "com": [0.0, 0.0, 0.0]} if mass > -0.05 * here["mass"][0] else None
+    moment = here["mass"][0] * np.array(here["com"]) + lost * np.array(more["com"])
+    return {"mass": [mass], "com": (moment / mass).tolist()}
+
+
+def _stribeck(here: dict[str, list[float]], more: dict[str, list[float]]) -> dict[str, list[float]] | None:
+    if abs(here["stribeck_velocity"][0] / more["stribeck_velocity"][0] - 1.0) > 0.2:
+        return None
+    return {**_sum(here, more), "stribeck_velocity": list(here["stribeck_velocity"])}
+
+
+def _in_series(here: dict[str, list[float]], more: dict[str, list[float]]) -> dict[str, list[float]]:
+    stiffness = 1.0 / (1.0 / here["stiffness"][0] + 1.0 / more["stiffness"][0])
+    return {"stiffness": [stiffness], "rotor_inertia": [here["rotor_inertia"][0] + more["rotor_inertia"][0]]}
+
+
+RULES: dict[str, Callable[[dict[str, list[float]], dict[str, list[float]]], dict[str, list[float]] | None]] = {
+    "viscous_friction": _sum,
+    "coulomb_friction": _sum,
+    "load_dependent_friction": _sum,
+    "coupled_friction": _sum,
+    "reflected_inertia": _sum,
+    "inertial_parameters": _sum,
+    "torque_bias": _sum,
+    "encoder_offset": _sum,
+    "time_delay": _sum,
+    "gravity_tilt": _sum,
+    "backlash": _sum,
+    "torque_constant": _product,
+    "torque_saturation": _least,
+    "joint_spring": _springs,
+    "payload": _loads,
+    "stribeck_friction": _stribeck,
+    "joint_elasticity": _in_series,
+}
+"""What two effects of one name at one place are together; what is not here, or answers None, stays beside the other."""
+
+POSITIVE = frozenset(
+    {
+        "viscous_friction",
+        "coulomb_friction",
+        "load_dependent_friction",
+        "coupled_friction",
+        "reflected_inertia",
+        "payload",
+        "joint_spring",
+        "stribeck_friction",
+    }
+)
+"""Names whose coefficients are nothing at zero and cannot be below it."""
+
+PER_JOINT = frozenset(
+    {
+        "viscous_friction",
+        "coulomb_friction",
+        "stribeck_friction",
+        "load_dependent_friction",
+        "reflected_inertia",
+        "joint_spring",
+        "joint_elasticity",
+        "backlash",
+        "torque_constant",
+        "torque_bias",
+        "torque_saturation",
+        "encoder_offset",
+    }
+)
+"""Names whose parameters hold a value per joint, and which add up joint by joint."""
+
+
+def names(specs: Sequence[EffectSpec]) -> str:
+    """For messages."""
+    return ", ".join(spec.name for spec in specs)

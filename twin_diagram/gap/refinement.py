@@ -1,0 +1,215 @@
+"""Parameters of named effects, refined on the runs that they were found in, in two ways.
+
+- **Equation error**: the torque that the corrected model needs for the measured motion is held against the logged one,
+  both low-passed, whitened, and without the samples at which dry friction holds a joint.
+- **Output error**: short rollouts from measured states under measured torques (multiple shooting) are held against the
+  measured positions; each joint's starting position and speed in each window are free. Dry friction, play and springs
+  are integrated as they are, so that it needs no velocities and no smooth laws.
+
+Torque noise is what limits the first, position noise the second; each says how sure it is, and per effect the surer
+one is taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.errors import ModelError
+from twin_diagram.gap import rest, whitening
+from twin_diagram.gap.coordinates import Coordinates
+from twin_diagram.gap.gauss_newton import Solution, minimise
+from twin_diagram.gap.merge import merged
+from twin_diagram.gap.records import Record, Records, prepare
+from twin_diagram.gap.terms import Terms, given_load, slow_speed
+from twin_diagram.logs import Log, fingerprint
+from twin_diagram.model import Model
+from twin_diagram.motion import Motion, motion
+from twin_diagram.prediction import twists
+from twin_diagram.rollout import trajectory
+from twin_diagram.scenario import EffectSpec
+
+Array = npt.NDArray[np.float64]
+
+WINDOW = 0.25
+"""Length of a rollout [s]."""
+
+OBSERVED = 0.0125
+"""Between looks at a rollout [s]."""
+
+CLUSTER = 0.5
+"""Residuals nearer than this may hang together [s]."""
+
+MOST_WINDOWS = 160
+"""Of all runs together; more than these are thinned."""
+
+RIDGE = 0.05
+"""Share of their mean that is added to all variances of a rollout's errors."""
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """What was added to a model, as a function of coordinates.
+
+    Attributes:
+        given: the given model.
+        parts: of the effects that are added.
+    """
+
+    given: Model
+    parts: tuple[Coordinates, ...]
+
+    @staticmethod
+    def of(given: Model, specs: Sequence[EffectSpec]) -> Hypothesis:
+        """For effects relative to a model."""
+        return Hypothesis(given, tuple(Coordinates.of(given, spec) for spec in specs))
+
+    def slices(self) -> list[slice]:
+        """Of each part in the whole vector."""
+        ends = np.cumsum([0, *(len(part.start()) for part in self.parts)])
+        return [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+
+    def start(self) -> Array:
+        """(p,)"""
+        return np.concatenate([part.start() for part in self.parts])
+
+    def prior(self) -> tuple[Array, Array]:
+        """Mean and deviation (p,)."""
+        both = [part.prior() for part in self.parts]
+        return np.concatenate([a for a, _ in both]), np.concatenate([b for _, b in both])
+
+    def steps(self) -> Array:
+        """(p,) of finite differences."""
+        return 1e-3 * np.maximum(np.abs(self.start()), 1e-2)
+
+    def specs(self, vector: Array) -> list[EffectSpec]:
+        """The effects, relative to the given model."""
+        return [part.effect(vector[s]) for part, s in zip(self.parts, self.slices(), strict=True)]
+
+    def model(self, vector: Array) -> Model:
+        """The corrected model.
+
+        Raises:
+            ModelError: these values cannot be.
+        """
+        return self.given.with_effects(merged(self.given.effects, self.specs(vector)))
+
+
+def equation_error(hypothesis: Hypothesis, logs: Sequence[Log]) -> Solution:
+    """See the module; the reference is the log's torque."""
+    records = prepare(hypothesis.given, logs)
+    marks = [fingerprint(log) for log in logs]
+    start = hypothesis.start()
+
+    def left(vector: Array) -> Array:
+        """(ΣD, n)"""
+        model = hypothesis.model(vector)
+
+        def law(record: Record) -> Array:
+            run = model.for_run(marks[record.index])
+            needed = run.inverse_dynamics(record.q, record.v, record.a, time=record.time, seen=record.torque)
+            return np.asarray(record.torque - needed)
+
+        return records.reduce(law)
+
+    first = left(start)
+    noise = whitening.estimate(first, records.lengths, len(start) / records.n)
+    terms = Terms(records, given_load(records), slow_speed(records))
+    dry = rest.dry_joints(_records_of(hypothesis.model(start), records))
+    weights = rest.moving(records, terms, noise, dry)
+
+    def residual(vector: Array) -> Array:
+        try:
+            return np.asarray((noise.all(left(vector)) * weights).ravel())
+        except ModelError:
+            return np.full(weights.size, np.inf)
+
+    rows = noise.rows
+    block = (records.times / CLUSTER).astype(np.int64) + 100_000 * records.owner
+    _, clusters = np.unique(block[rows], return_inverse=True)
+    clusters = np.tile(clusters.reshape(-1), records.n)
+    rate = records.reduce(lambda record: np.gradient(record.given, 1.0 / record.rate, axis=0))
+    period = max(record.period for record in records.records)
+    late = (noise.all(0.6 * period * rate) * weights).ravel()[:, None]
+    return minimise(residual, start, hypothesis.steps(), clusters, hypothesis.prior(), late)
+
+
+def _records_of(model: Model, records: Records) -> Records:
+    return Records(model, records.records)
+
+
+def output_error(hypothesis: Hypothesis, logs: Sequence[Log]) -> Solution:
+    """See the module; the reference is the log's positions."""
+    shots = [_Shots.of(log, len(logs)) for log in logs]
+    start = hypothesis.start()
+
+    def errors(vector: Array) -> list[Array]:
+        model = hypothesis.model(vector)
+        return [shot.errors(model) for shot in shots]
+
+    first = np.concatenate(errors(start))  # (windows, looks, n)
+    windows, looks, n = first.shape
+    whiteners = []
+    for j in range(n):
+        covariance = first[:, :, j].T @ first[:, :, j] / windows
+        values, vectors = np.linalg.eigh(covariance + RIDGE * np.trace(covariance) / looks * np.eye(looks))
+        whiteners.append((vectors / np.sqrt(np.maximum(values, 1e-30))) @ vectors.T)
+    W = np.stack(whiteners)
+
+    def residual(vector: Array) -> Array:
+        try:
+            return np.einsum("jab,wbj->wja", W, np.concatenate(errors(vector))).ravel()
+        except ModelError:
+            return np.full(first.size, np.inf)
+
+    clusters = np.repeat(np.arange(windows), n * looks)
+    return minimise(residual, start, hypothesis.steps(), clusters, hypothesis.prior(), rounds=4)
+
+
+@dataclass(frozen=True)
+class _Shots:
+    """Rollouts of one run."""
+
+    smooth: Motion
+    mark: str
+    starts: npt.NDArray[np.int64]
+    steps: int
+    every: int
+
+    @staticmethod
+    def of(log: Log, count: int) -> _Shots:
+        smooth = motion(log)
+        regular = smooth.log
+        period = regular.period
+        steps = max(4, round(WINDOW / period))
+        first, last = int(np.ceil(0.3 / period)), len(regular) - int(np.ceil(0.3 / period)) - steps - 1
+        starts = np.arange(first, last, steps)
+        most = max(20, MOST_WINDOWS // count)
+        if len(starts) > most:
+            starts = starts[np.linspace(0, len(starts) - 1, most).astype(int)]
+        return _Shots(smooth, fingerprint(log), starts, steps, max(1, round(OBSERVED / period)))
+
+    def errors(self, model: Model) -> Array:
+        """(windows, looks, n) measured less rolled-out positions, without what start and speed could explain [rad]."""
+        smooth, regular = self.smooth, self.smooth.log
+        model = model.for_run(self.mark)
+        period = (regular.time[-1] - regular.time[0]) / (len(regular) - 1)
+        tau = model.applied(regular.motor_torque, regular.time)
+        angles, rates = twists(model, smooth)
+        at = self.starts
+        torques = np.stack([tau[at + k] for k in range(self.steps + 1)])
+        begin = (regular.position[at], smooth.velocity[at], torques, period, regular.time[at], (angles[at], rates[at]))
+        looks, times = [], []
+        for k, position in enumerate(trajectory(model, *begin, arrived=True), start=1):
+            if k % self.every == 0:
+                looks.append(regular.position[at + k] - position)
+                times.append(k * period)
+        error = np.stack(looks, axis=1)
+        basis, _ = np.linalg.qr(np.stack([np.ones(len(times)), np.array(times)], axis=1))
+        return np.asarray(error - np.einsum("ab,wbj->waj", basis @ basis.T, error))
+
+
+__all__ = ["Hypothesis", "equation_error", "output_error"]
