@@ -91,14 +91,18 @@ def _row(summary: dict[str, Any]) -> dict[str, bool]:
         medians = {
             name: entry[kind]["median"] for name, entry in summary["objects"].items() if entry["visible_share"] > 0
         }
+        if not medians:
+            return "–"
         name = max(medians, key=lambda key: float("inf") if medians[key] is None else medians[key])
         return f"{name} {'lost' if medians[name] is None else format(medians[name], '.2f')}"
 
     payload, goal = summary["payload"], summary["goal"]
+    true, estimated = payload["mass_true"], payload["mass_estimated"]
+    weighed = "–" if not true or estimated is None else f"{true:.3f} {100 * (estimated / true - 1):>+7.1f}%"
     print(
         f"{summary['seed']:>5} {worst('position_error_mm') + ' mm':>22} {worst('rotation_error_deg') + ' °':>22} "
         f"{summary['clearance_min_mm'] or 0:>6.0f} {goal['error_mm'] or 0:>7.1f} "
-        f"{payload['mass_true']:>7.3f} {100 * (payload['mass_estimated'] / payload['mass_true'] - 1):>+7.1f}%  "
+        f"{weighed:>16}  "
         + (", ".join(name for name, good in kept.items() if not good) or "all"),
         flush=True,
     )
