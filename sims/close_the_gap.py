@@ -32,7 +32,7 @@ from pydrake.systems.primitives import LogVectorOutput
 
 from twin_diagram.errors import TwinError
 from twin_diagram.gap.command import run_gap
-from twin_diagram.gap.named import effects_of
+from twin_diagram.gap.named import sentence_of
 from twin_diagram.gap.report_words import headline
 from twin_diagram.logs import Log, write_log
 from twin_diagram.model import Model
@@ -260,7 +260,7 @@ def close(secret: str, seed: int, out: Path) -> Outcome:
     gap = run_gap(urdf, [out / "fit.csv"], out / "holdout.csv", out / "gap", lambda text: print(f"  {text}"))
     print(f"{headline(gap.verdict)} See {out / 'gap' / 'report.html'}")
     for finding in gap.verdict.findings:
-        print(f"  {'; '.join(effect.sentence() for effect in effects_of(finding))} ({finding.confidence:.0%} sure)")
+        print(f"  {sentence_of(finding)} ({finding.confidence:.0%} sure)")
 
     print("driving a task with each model")
     corrected = Model.load(out / "gap" / "model")  # as anyone else would load it

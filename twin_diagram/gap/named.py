@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from twin_diagram.effects import REGISTRY, Effect, make
+from twin_diagram.errors import ModelError
 from twin_diagram.gap.finding import Estimate, Finding
 from twin_diagram.scenario import EffectSpec
 
@@ -64,6 +65,15 @@ def effects_of(finding: Finding, fingerprints: Sequence[str] = ()) -> list[Effec
         ModelError: parameters that do not fit the catalogue.
     """
     return [make(spec) for spec in specs_of(finding, fingerprints)]
+
+
+def sentence_of(finding: Finding) -> str:
+    """What a finding says: its effects' own sentences, or what is less of where the given model has too much."""
+    try:
+        return "; ".join(effect.sentence() for effect in effects_of(finding))
+    except ModelError:
+        places = ", ".join([*finding.joints, *finding.links])
+        return f"other {finding.name.replace('_', ' ')} than the model has" + (f", on {places}" if places else "")
 
 
 def _numbers(estimate: Estimate) -> list[float]:

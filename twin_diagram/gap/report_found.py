@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from html import escape
 
-from twin_diagram.errors import ModelError
 from twin_diagram.gap import report_charts as charts
 from twin_diagram.gap import report_words as words
 from twin_diagram.gap.finding import Estimate, Finding
-from twin_diagram.gap.named import effects_of
+from twin_diagram.gap.named import sentence_of
 from twin_diagram.gap.report_subject import Subject
 
 
@@ -50,10 +49,7 @@ def found(subject: Subject) -> str:
 
 
 def _finding(finding: Finding, several: bool) -> str:
-    try:
-        sentence = "; ".join(effect.sentence() for effect in effects_of(finding))
-    except ModelError:
-        sentence = words.claim(finding.name, finding.joints, finding.links)
+    sentence = sentence_of(finding)
     when = words.duration(finding, several)
     rows = []
     for key, value in finding.parameters.items():
