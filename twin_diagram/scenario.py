@@ -6,7 +6,6 @@ that the twin knows. The twin is built from ``twin:`` alone. All units SI, angle
 
 # No `from __future__ import annotations` here: Drake's YAML loader reads the fields' types themselves, not strings.
 from dataclasses import dataclass, field
-from typing import Optional
 
 
 @dataclass
@@ -27,9 +26,9 @@ class EffectSpec:
     joints: list[str] = field(default_factory=list)
     links: list[str] = field(default_factory=list)
     parameters: dict[str, list[float]] = field(default_factory=dict)
-    onset: Optional[float] = None
+    onset: float | None = None
     """When it starts [s]; none: it was there before."""
-    end: Optional[float] = None
+    end: float | None = None
     """When it ends [s]; none: it stays."""
     log: str = ""
     """Which log `onset` and `end` are about; empty: any."""
@@ -204,9 +203,11 @@ class Filter:
     com_std: float = 0.1
     """Prior of a payload's centre, from the tool frame's side of the last link [m]."""
     excitation: float = 0.003
-    """A joint slower than this rests: stiction hides its load, and it teaches no parameter (see `estimation`) [rad/s]."""
+    """A joint slower than this rests: stiction hides its load, and it teaches no parameter (see `estimation`)
+    [rad/s]."""
     torque_drift_std: float = 0.1
-    """Unmodelled joint torque that stays for a while, such as an error of friction; 15 % of dry friction is added [N·m]."""
+    """Unmodelled joint torque that stays for a while, such as an error of friction; 15 % of dry friction is added
+    [N·m]."""
     torque_drift_time: float = 1.0
     """How long it stays [s]."""
     parameter_walk: float = 0.002
