@@ -23,7 +23,8 @@ def bars(
 ) -> str:
     """Two bars per joint, before and after, with the noise floor as a mark.
 
-    Each joint has its own scale: a shoulder's torque would hide a wrist's.
+    Each joint has its own scale: a shoulder's torque would hide a wrist's. Bars that have nothing beside them to be
+    held against share one.
 
     Args:
         joints: names of the n rows.
@@ -34,14 +35,17 @@ def bars(
         changed: whether there is an after that differs; if not, one bar is drawn.
     """
     right = 150
+    row = ROW if changed else ROW - BAR - 4
     length = WIDTH - LABEL - right
     rows = []
     for k, joint in enumerate(joints):
-        top = k * ROW + 8
+        top = k * row + 8
         floor = 0.0 if noise is None else float(noise[k])
-        scale = length / max(float(before[k]), float(after[k]), 1.25 * floor, 1e-300)
+        own = max(float(before[k]), float(after[k]))
+        largest = own if changed or noise is not None else float(np.max(before))
+        scale = length / max(largest, 1.25 * floor, 1e-300)
         rows.append(
-            f'<text x="{LABEL - 12}" y="{top + 19}" class="joint">{escape(_short(joint))}'
+            f'<text x="{LABEL - 12}" y="{top + (19 if changed else 11)}" class="joint">{escape(_short(joint))}'
             f"<title>{escape(joint)}</title></text>"
         )
         for kind, value, y in (("before", before[k], top), ("after", after[k], top + BAR + 2)):
@@ -55,12 +59,12 @@ def bars(
                 f'<text x="{LABEL + beside + 6:.1f}" y="{y + BAR - 2.5}" class="value">{text}</text>'
             )
         if floor > 0.0:
-            x = LABEL + floor * scale
+            x, low = LABEL + floor * scale, top + (2 * BAR if changed else BAR) + 5
             rows.append(
-                f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{top - 3}" y2="{top + 2 * BAR + 5}" class="noise">'
+                f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{top - 3}" y2="{low}" class="noise">'
                 f"<title>noise {number(floor)} {unit}</title></line>"
             )
-    height = ROW * len(joints) + 4
+    height = row * len(joints) + 4
     return (
         f'<svg class="bars" viewBox="0 0 {WIDTH} {height}" role="img" aria-label="before and after, per joint">'
         f"{''.join(rows)}</svg>"
@@ -75,6 +79,7 @@ def share_bar(share: float) -> str:
 
 def ring(share: float, words: str) -> str:
     """A probability as a ring that is filled so far."""
+    small = ' style="font-size:13px"' if len(words) > 4 else ""
     radius, share = 30.0, min(1.0, max(0.0, share))
     whole = 2.0 * np.pi * radius
     return (
@@ -82,7 +87,7 @@ def ring(share: float, words: str) -> str:
         f'<circle cx="38" cy="38" r="{radius}" class="ring-back"/>'
         f'<circle cx="38" cy="38" r="{radius}" class="ring-front" stroke-dasharray="{share * whole:.1f} {whole:.1f}" '
         'transform="rotate(-90 38 38)"/>'
-        f'<text x="38" y="43" class="ring-text">{escape(words)}</text></svg>'
+        f'<text x="38" y="43" class="ring-text"{small}>{escape(words)}</text></svg>'
     )
 
 

@@ -34,7 +34,7 @@ def found(subject: Subject) -> str:
         )
     else:
         count = len(verdict.findings)
-        lead = "One effect" if count == 1 else f"{count} effects"
+        lead = {1: "One effect", 2: "Two effects", 3: "Three effects"}.get(count, f"{count} effects")
         body = (
             f'<p class="lead">{lead}, named relative to the given model: what must be added to it to explain the '
             "measured torque.</p>"
@@ -51,12 +51,14 @@ def found(subject: Subject) -> str:
 def _finding(finding: Finding, several: bool) -> str:
     sentence = sentence_of(finding)
     when = words.duration(finding, several)
+    when = f", {when}" if when and " from " not in sentence else ""
+    per_joint = any(not isinstance(value, Estimate) for value in finding.parameters.values())
     rows = []
     for key, value in finding.parameters.items():
         each = [("", value)] if isinstance(value, Estimate) else list(value.items())
         for joint, estimate in each:
-            said = escape(key.replace("_", " "))
-            rows.append(f"<tr><td>{said}</td><td>{escape(joint)}</td><td>{_estimate(estimate)}</td></tr>")
+            place = f"<td>{escape(joint)}</td>" if per_joint else ""
+            rows.append(f"<tr><td>{escape(words.parameter(key))}</td>{place}<td>{_estimate(estimate)}</td></tr>")
     others = ""
     if finding.alternatives:
         said = ", ".join(
@@ -69,9 +71,10 @@ def _finding(finding: Finding, several: bool) -> str:
     return (
         f'<div class="effect"><div><h3>{escape(words.title(finding.name))}'
         f"{_on(words.places(finding.joints, finding.links))}</h3>"
-        f'<p class="sentence">{escape(words.upper_first(sentence))}{escape(", " + when if when else "")}.</p>'
+        f'<p class="sentence">{escape(words.upper_first(sentence))}{escape(when)}.</p>'
         f'<p class="what">{escape(words.explanation(finding.name))}</p>'
-        f'<div class="scroll"><table><tr><th>parameter</th><th>joint</th><th>value ± standard error</th></tr>'
+        f'<div class="scroll"><table><tr><th>parameter</th>{"<th>joint</th>" if per_joint else ""}'
+        f"<th>value ± standard error</th></tr>"
         f"{''.join(rows)}</table></div>{others}</div>"
         f'<div class="sure">{sure}<br>{escape(words.sureness(finding.confidence))}</div></div>'
     )

@@ -21,14 +21,15 @@ header.top h1 { margin:0; font-size:30px; line-height:1.25; font-weight:650; max
 .tiles { display:grid; grid-template-columns:repeat(auto-fit,minmax(215px,1fr)); gap:14px; margin:-48px 0 8px; }
 .tile { background:var(--paper); border:1px solid var(--line); border-radius:12px; padding:16px 18px;
   box-shadow:0 2px 10px rgba(20,32,50,.06); }
-.tile b { letter-spacing:-.01em; display:block; font-size:25px; line-height:1.25; font-weight:680;
+.tile b { letter-spacing:-.01em; display:block; font-size:22px; line-height:1.35; font-weight:680;
   white-space:nowrap; font-variant-numeric:tabular-nums; }
-.tile small { font-size:16px; font-weight:600; color:var(--soft); }
+.tile small { font-size:14px; font-weight:600; color:var(--soft); }
 .tile span { color:var(--soft); font-size:14px; line-height:1.4; display:block; margin-top:4px; }
 section { background:var(--paper); border:1px solid var(--line); border-radius:12px; padding:24px 26px;
   margin-top:18px; }
 h2 { margin:0 0 4px; font-size:21px; line-height:1.3; }
 h3 { margin:0 0 6px; font-size:17px; line-height:1.35; }
+section h3 + ul { margin:4px 0 0; padding-left:22px; } .scroll + h3 { margin-top:20px; }
 p { margin:8px 0; } p.lead { color:var(--soft); margin:2px 0 16px; max-width:52em; }
 .effect { display:grid; grid-template-columns:1fr 132px; gap:8px 24px; border-top:1px solid var(--line);
   padding:18px 0 14px; }
@@ -65,6 +66,7 @@ pre { background:#f6f8fa; border:1px solid var(--line); border-radius:8px; paddi
   font:13px/1.5 ui-monospace,"SF Mono",Menlo,Consolas,"DejaVu Sans Mono",monospace; }
 pre .plus { background:#e3f4e9; display:block; } pre .minus { background:#fbe7e6; display:block; }
 pre .same { display:block; color:var(--soft); }
+a { color:var(--after); }
 code { font:13.5px ui-monospace,"SF Mono",Menlo,Consolas,"DejaVu Sans Mono",monospace; overflow-wrap:anywhere; }
 .experiment { display:grid; grid-template-columns:1fr 360px; gap:6px 26px; border-top:1px solid var(--line);
   padding:16px 0 12px; align-items:center; } .experiment:first-of-type { border-top:0; }

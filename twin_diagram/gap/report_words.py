@@ -71,6 +71,24 @@ TITLES = {
 """Name in the catalogue → title and explanation."""
 
 
+PARAMETERS = {
+    "com": "centre of mass",
+    "torque_positive": "torque against positive motion",
+    "torque_negative": "torque against negative motion",
+    "coulomb": "friction at speed",
+    "static": "friction at rest",
+    "gap": "total play",
+    "gain": "torque applied over torque logged",
+    "cycles": "cycles per revolution of the joint",
+}
+"""Keys that do not say enough by themselves."""
+
+
+def parameter(key: str) -> str:
+    """A parameter's key for people."""
+    return PARAMETERS.get(key, key.replace("_", " "))
+
+
 def title(name: str) -> str:
     """An effect's name as a headline."""
     return TITLES[name][0] if name in TITLES else name.replace("_", " ").capitalize()
