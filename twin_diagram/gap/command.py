@@ -22,8 +22,8 @@ from twin_diagram import __version__
 from twin_diagram.errors import LogError, ModelError, TwinError
 from twin_diagram.gap import experiments as texts
 from twin_diagram.gap import gap_json, report
+from twin_diagram.gap.add import add
 from twin_diagram.gap.finding import Verdict
-from twin_diagram.gap.named import effects_of
 from twin_diagram.gap.naming import name
 from twin_diagram.gap.report_subject import Subject
 from twin_diagram.gap.show import Shown, show
@@ -105,8 +105,14 @@ def run_gap(
     verdict = name(given, logs, say)
     if verdict.findings:
         say("adding what was named")
+    corrected = given
     try:
-        corrected = corrected_model(given, verdict)
+        if verdict.findings:
+            added = add(given, logs, verdict.findings, say)
+            corrected = added.clocked(np.maximum(verdict.noise_floor, 1e-9), held)
+            # What cannot be added was no explanation.
+            verdict = _nameless(verdict) if added.model is given else replace(verdict, findings=added.findings)
+            notes += added.notes
     except ModelError as error:
         notes.append(f"what fits the runs best is not physical, so nothing is named: {error}")
         verdict, corrected = _nameless(verdict), given
@@ -131,12 +137,6 @@ def run_gap(
         say("writing the report")
         write(gap, Path(out), Path(model).name)
     return gap
-
-
-def corrected_model(given: Model, verdict: Verdict) -> Model:
-    """The given model with what was named; the given one itself where nothing was."""
-    added = [effect for finding in verdict.findings for effect in effects_of(finding)]
-    return given.with_effects([*given.effects, *added]) if added else given
 
 
 def _nameless(verdict: Verdict) -> Verdict:
