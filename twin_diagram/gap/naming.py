@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from twin_diagram.gap import arm_candidates, flexible, joint_candidates, rest, saturated, whitening
+from twin_diagram.gap import arm_candidates, flexible, joint_candidates, own_candidates, rest, saturated, whitening
 from twin_diagram.gap.candidate import Candidate
 from twin_diagram.gap.evidence import Bench, Fit, Members
 from twin_diagram.gap.finding import Finding, Separation, Verdict
@@ -73,7 +73,7 @@ def investigate(records: Records, progress: Progress | None = None) -> tuple[Ver
 
     say("looking at the residual")
     terms = Terms(records, given_load(records), slow_speed(records))
-    candidates = joint_candidates.joint_candidates(terms) + arm_candidates.arm_candidates(terms)
+    candidates = all_candidates(terms)
     lap("candidates")
     smooth = [c for c in candidates if c.name not in NOT_SMOOTH]
     explained, spent = saturated.explain(records, smooth)
@@ -94,13 +94,22 @@ def investigate(records: Records, progress: Progress | None = None) -> tuple[Ver
     return replace(verdict, seconds=seconds), bench, fit, terms
 
 
+def all_candidates(terms: Terms) -> list[Candidate]:
+    """The catalogue's, but for those that are proposed on the way, and those of effects that a user registered."""
+    return [
+        *joint_candidates.joint_candidates(terms),
+        *arm_candidates.arm_candidates(terms),
+        *own_candidates.own_candidates(terms),
+    ]
+
+
 def again(records: Records, terms: Terms, bench: Bench, fit: Fit) -> tuple[Terms, Bench, Fit]:
     """Searches once more, with noise and transmitted torque as the first hypothesis has them."""
     contribution = contribution_of(records, bench, fit)
     needed = saturated.at_full_rate(records, contribution_of(records, bench, fit, without=MOTOR))
     terms = with_load(terms, tuple(g + c for g, c in zip(given_load(records), needed, strict=True)))
     noise = whitening.estimate(records.residual - contribution, records.lengths, len(fit.coefficients) / records.n)
-    fresh: list[Candidate] = joint_candidates.joint_candidates(terms) + arm_candidates.arm_candidates(terms)
+    fresh = all_candidates(terms)
     dry = rest.dry_joints(records) | {
         j for k in fit.members if bench.candidates[k].name in rest.DRY for j in bench.candidates[k].joints
     }

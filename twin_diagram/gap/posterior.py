@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram.effects import REGISTRY
 from twin_diagram.gap.candidate import GLOBAL, Candidate
 from twin_diagram.gap.evidence import Bench, Fit, Members
 from twin_diagram.gap.experiments import experiment
@@ -135,7 +136,7 @@ def parameters_of(
     for k in group:
         candidate = bench.candidates[k]
         for key, (value, std) in candidate.parameters(*bench.part(fit, k)).items():
-            estimate = _estimate(value, std, UNITS[key])
+            estimate = _estimate(value, std, unit_of(candidate.name, key))
             if candidate.name in GLOBAL:
                 result[key] = estimate
                 continue
@@ -144,6 +145,11 @@ def parameters_of(
             for j in candidate.joints:
                 per_joint[records.model.joints[j]] = estimate
     return result
+
+
+def unit_of(name: str, key: str) -> str:
+    """A parameter's unit; of a user's own effect, the one that its class states."""
+    return UNITS[key] if key in UNITS else REGISTRY[name].kinds[key].unit
 
 
 def _estimate(value: Array, std: Array, unit: str) -> Estimate:
