@@ -73,27 +73,38 @@ def position_predicted(model: Model, log: Log, horizon: float = 0.2, smooth: Mot
     regular = smooth.log
     if not 0.0 < horizon < regular.time[-1] - regular.time[0]:
         raise LogError(f"{log.source}: horizon {horizon:g} s: must be positive and shorter than the log")
-    steps = max(1, round(horizon / regular.period))
-    model = model.for_run(fingerprint(log))
-    tau = model.applied(regular.motor_torque, regular.time)
-    angles, rates = twists(model, smooth)
+    rolled = _Rolled(model.for_run(fingerprint(log)), smooth, horizon)
+    steps = rolled.steps
     result = np.empty_like(regular.position)
     result[0] = regular.position[0]
-    period = (regular.time[-1] - regular.time[0]) / (len(regular) - 1)
-
-    def arguments(chosen: npt.NDArray[np.int64], count: int) -> tuple[Any, ...]:
-        torques = np.stack([tau[chosen + k] for k in range(count + 1)])
-        begin = (regular.position[chosen], smooth.velocity[chosen])
-        return (model, *begin, torques, period, regular.time[chosen], (angles[chosen], rates[chosen]))
-
     if steps > 1:
-        early = trajectory(*arguments(np.zeros(1, dtype=np.int64), steps - 1), arrived=True)
+        early = trajectory(*rolled.arguments(np.zeros(1, dtype=np.int64), steps - 1), arrived=True)
         result[1:steps] = [position[0] for position in early]
     starts = np.arange(len(regular) - steps)
     for first in range(0, len(starts), STARTS_AT_ONCE):
         chosen = starts[first : first + STARTS_AT_ONCE]
-        result[chosen + steps] = rollout(*arguments(chosen, steps), arrived=True)
+        result[chosen + steps] = rollout(*rolled.arguments(chosen, steps), arrived=True)
     return _at(log.time, regular.time, result)
+
+
+class _Rolled:
+    """What rollouts of one log start from and are driven by."""
+
+    def __init__(self, model: Model, smooth: Motion, horizon: float) -> None:
+        self.model, self.smooth = model, smooth
+        regular = smooth.log
+        self.steps = max(1, round(horizon / regular.period))
+        self.period = (regular.time[-1] - regular.time[0]) / (len(regular) - 1)
+        self.tau = model.applied(regular.motor_torque, regular.time)
+        self.angles, self.rates = twists(model, smooth)
+
+    def arguments(self, chosen: npt.NDArray[np.int64], count: int) -> tuple[Any, ...]:
+        """Of `rollout`, from the chosen samples over `count` periods."""
+        regular = self.smooth.log
+        torques = np.stack([self.tau[chosen + k] for k in range(count + 1)])
+        begin = (regular.position[chosen], self.smooth.velocity[chosen])
+        twist = (self.angles[chosen], self.rates[chosen])
+        return (self.model, *begin, torques, self.period, regular.time[chosen], twist)
 
 
 def twists(model: Model, smooth: Motion) -> tuple[Array, Array]:
@@ -127,9 +138,27 @@ def torque_residual_rms(model: Model, log: Log) -> Array:
     return np.asarray(np.sqrt(np.mean(torque_residual(model, log) ** 2, axis=0)))
 
 
-def rollout_rms(model: Model, log: Log, horizon: float = 0.2) -> Array:
-    """Root mean square per joint (n,) of measured less rolled-out positions, without the log's ends [rad]."""
-    error = (log.position - position_predicted(model, log, horizon))[inner(log.time)]
+def rollout_rms(
+    model: Model, log: Log, horizon: float = 0.2, smooth: Motion | None = None, most: int | None = None
+) -> Array:
+    """Root mean square per joint (n,) of measured less rolled-out positions, without the log's ends [rad].
+
+    Args:
+        model: as of `position_predicted`.
+        log: likewise.
+        horizon: likewise [s].
+        smooth: likewise.
+        most: evenly spread samples that are enough; None: all.
+    """
+    smooth = motion(log) if smooth is None else smooth
+    regular = smooth.log
+    if most is None or np.sum(inner(log.time)) <= most:
+        error = (log.position - position_predicted(model, log, horizon, smooth))[inner(log.time)]
+        return np.asarray(np.sqrt(np.mean(error**2, axis=0)))
+    rolled = _Rolled(model.for_run(fingerprint(log)), smooth, horizon)
+    ends = np.flatnonzero(inner(regular.time) & (np.arange(len(regular)) >= rolled.steps))
+    ends = ends[np.linspace(0, len(ends) - 1, most).astype(int)]
+    error = regular.position[ends] - rollout(*rolled.arguments(ends - rolled.steps, rolled.steps), arrived=True)
     return np.asarray(np.sqrt(np.mean(error**2, axis=0)))
 
 
