@@ -136,9 +136,8 @@ def static_poses(seen: Visited, chosen: Sequence[int]) -> Array:
 def slow_reversals(seen: Visited, chosen: Sequence[int]) -> Array:
     """To and fro at a crawl about several angles of each joint."""
     half = 0.02
-    quarter = round(half / SLOW / PERIOD)
-    wave = np.concatenate([np.linspace(0, half, quarter), np.linspace(half, -half, 2 * quarter)] * 2)
-    wave = _soften(np.concatenate([wave, np.linspace(-half, 0, quarter)]), 0.06)
+    turns = np.arange(0.0, 10.0, PERIOD * SLOW / half)  # in quarters of the wave
+    wave = _soften(half * 2.0 / np.pi * np.arcsin(np.sin(0.5 * np.pi * turns)), 0.06)
     here = _middle(seen)
     parts = [here[None]]
     for j in chosen:
