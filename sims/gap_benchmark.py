@@ -9,6 +9,7 @@ neutral names. What is true goes to a file outside that folder, which only the s
     python sims/gap_benchmark.py run --suite training --out out/gap_benchmark      # results.jsonl; goes on after a stop
     python sims/gap_benchmark.py run --suite final --out out/gap_benchmark --only single --limit 20
     python sims/gap_benchmark.py sizes --seeds 0 100                               # sizes and separations alone
+    python sims/gap_benchmark.py ablate --suite final                              # simpler methods, a tenth of it
     python sims/gap_benchmark.py report --out out/gap_benchmark                    # table.txt, calibration.png
 
 Kinds: clean, single, several (one name on two to four joints), pair, triple, onset, dirty (the model has friction on
@@ -40,7 +41,7 @@ import numpy as np
 SIMS = Path(__file__).resolve().parent
 sys.path[:0] = [str(SIMS), str(SIMS.parent)]
 
-from gap_scoring import held_out, table, verdicts  # noqa: E402
+from gap_scoring import ablations, held_out, table, verdicts  # noqa: E402
 from gap_truth import cases, separation  # noqa: E402
 
 Truth = dict[str, Any]
@@ -145,19 +146,23 @@ def score(case: cases.Case, truth: Truth, folder: Path, out: Path) -> dict[str, 
     """Opens the truth: what the workflow wrote to `out`, against it."""
     found = json.loads((out / "gap.json").read_text(encoding="utf-8"))
     result = verdicts.judge(found, truth)
-    setting, missing = separation.signature(case, case.holdout)
-    at_samples = np.stack([np.interp(case.holdout.time, setting.time, column) for column in missing.T], axis=1)
     with tempfile.TemporaryDirectory() as scratch:
         result["held_out"] = held_out.measure(
             cases.model_path(folder),
             out / "model",
             folder / "holdout.csv",
             list(case.chain.joints),
-            at_samples,
+            _at_samples(case),
             Path(scratch),
         )
     result["held_out"]["claimed"] = _claimed(found, result["held_out"])
     return result
+
+
+def _at_samples(case: cases.Case) -> np.ndarray:
+    """(N, n) torque that the given model truly lacks, at the held-out log's samples [N·m]."""
+    setting, missing = separation.signature(case, case.holdout)
+    return np.stack([np.interp(case.holdout.time, setting.time, column) for column in missing.T], axis=1)
 
 
 def _claimed(found: dict[str, Any], measured: dict[str, Any]) -> float | None:
@@ -241,6 +246,45 @@ def _said(record: dict[str, Any]) -> str:
     return head + f"{'right' if record['exact'] else 'WRONG'}: {verdict} {claims}{gap}, {record['seconds']:.0f} s"
 
 
+def ablate(suite: str, folder: Path, limit: int | None = None) -> str:
+    """Simpler methods on every tenth case of a suite; goes on where it stopped."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "ablations.jsonl"
+    records = read_results(path)
+    done = {(r["method"], r["kind"], r["seed"]) for r in records}
+    absent = {name: ablations.missing_method(name) for name in ablations.METHODS}
+    methods = [name for name, why in absent.items() if not why]
+    for kind, seed in tenth(suite)[:limit]:
+        if all((name, kind, seed) in done for name in methods):
+            continue
+        with tempfile.TemporaryDirectory() as scratch:
+            case, truth = generate(kind, seed, Path(scratch) / "case")
+            signature = _at_samples(case)
+            before, floor = ablations.floors(Path(scratch) / "case", signature)
+            for name in methods:
+                if (name, kind, seed) in done:
+                    continue
+                found, after, used = ablations.run_method(name, Path(scratch) / "case", case.chain.n)
+                record = {"method": name, "kind": kind, "seed": seed, "separation": truth["separation"]}
+                record |= {key: verdicts.judge(found, truth)[key] for key in ("verdict", "exact", "hits", "claims")}
+                record |= {"processor": used, **held_out.left_over(before, after, floor)}
+                records.append(record)
+                with path.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps(record, default=float) + "\n")
+                print(name, kind, seed, truth["separation"], record["exact"], len(record["claims"]), flush=True)
+    chosen = set(tenth(suite))
+    results = [r for r in read_results(folder / "results.jsonl") if (r["kind"], r["seed"]) in chosen]
+    text = table.ablations(records, results)
+    text += "".join(f"\nleft out: {name}: {why}" for name, why in absent.items() if why)
+    (folder / "ablations.txt").write_text(text + "\n", encoding="utf-8")
+    return text
+
+
+def tenth(suite: str) -> list[tuple[str, int]]:
+    """A fixed tenth of a suite."""
+    return list(plan(suite))[::10]
+
+
 def write_report(folder: Path) -> str:
     """The table and the pictures of a folder's results."""
     results = read_results(folder / "results.jsonl")
@@ -285,6 +329,10 @@ def main(arguments: list[str] | None = None) -> int:
     far.add_argument("--kind", choices=cases.KINDS, action="append")
     far.add_argument("--seeds", type=int, nargs=2, default=(0, 100), metavar=("FIRST", "LAST"))
     far.add_argument("--out", type=Path, default=Path("out/gap_benchmark"))
+    less = commands.add_parser("ablate", help="simpler methods on every tenth case of a suite")
+    less.add_argument("--suite", choices=SUITES, default="final")
+    less.add_argument("--limit", type=int)
+    less.add_argument("--out", type=Path, default=Path("out/gap_benchmark"))
     say = commands.add_parser("report", help="table and plot of the results that there are")
     say.add_argument("--out", type=Path, default=Path("out/gap_benchmark"))
     given = parser.parse_args(arguments)
@@ -295,6 +343,9 @@ def main(arguments: list[str] | None = None) -> int:
         return 0
     if given.command == "sizes":
         print(sizes(given.kind or ["single", "outside"], range(*given.seeds), given.out))
+        return 0
+    if given.command == "ablate":
+        print(ablate(given.suite, given.out, given.limit))
         return 0
     if given.command == "run":
         duration = SHORT if given.suite == "fast" else None

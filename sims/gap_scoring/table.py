@@ -201,6 +201,33 @@ def sizes(records: list[Record]) -> str:
     return "\n".join(lines)
 
 
+def ablations(records: list[Record], results: list[Record]) -> str:
+    """Methods side by side, on the cases that each has run."""
+    lines = [f"{'method':<14} cases   exact (≥ 8)       false names   clean: false   gap left: median   time: median"]
+    ran = [
+        {**r, "method": "twin-diagram", "left": r["held_out"]["left"], "visible": r["held_out"]["visible"]}
+        for r in results
+        if "error" not in r
+    ]
+    for method in ["twin-diagram", *sorted({r["method"] for r in records})]:
+        own = [r for r in [*ran, *records] if r["method"] == method]
+        if not own:
+            continue
+        far = [r for r in own if r["kind"] not in ("clean", "outside") and r["separation"] >= 8.0]
+        clean = [r for r in own if r["kind"] == "clean"]
+        wrong = sum(not c["right"] for r in own for c in r["claims"]) / len(own)
+        false = sum(bool(r["claims"]) for r in clean)
+        left = [r["left"] for r in own if r["visible"] and r["kind"] not in ("clean", "outside")]
+        gap = f"{100 * np.median(left):.0f} %" if left else "–"
+        used = np.median([r["processor"] for r in own])
+        exact = f"{sum(r['exact'] for r in far)}/{len(far)}"
+        lines.append(
+            f"{method:<14} {len(own):5d} {exact:>13} {wrong:12.1f} per case {false:6d}/{len(clean):<7d}"
+            f" {gap:>15} {used:14.1f} s"
+        )
+    return "\n".join(lines)
+
+
 def report(records: list[Record]) -> str:
     """Everything, as text."""
     versions = sorted({f"{r['version']} ({r['code']})" for r in records})
