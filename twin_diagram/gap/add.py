@@ -19,7 +19,7 @@ from twin_diagram.gap.coordinates import Coordinates
 from twin_diagram.gap.finding import Estimate, Finding
 from twin_diagram.gap.gauss_newton import Solution
 from twin_diagram.gap.named import specs_of
-from twin_diagram.gap.posterior import UNITS
+from twin_diagram.gap.posterior import unit_of
 from twin_diagram.gap.refinement import Hypothesis, equation_error, output_error
 from twin_diagram.logs import Log, fingerprint
 from twin_diagram.model import Model
@@ -162,7 +162,7 @@ def _told(
             J = np.stack(sides[key], axis=1)
             std = np.sqrt(np.maximum(np.einsum("ik,kl,il->i", J, covariance[s, s], J), 0.0))
             before = finding.parameters.get(key)
-            unit = UNITS.get(key, "")
+            unit = unit_of(finding.name, key)
             if isinstance(before, dict):
                 mapping = told.setdefault(key, {})
                 assert isinstance(mapping, dict)

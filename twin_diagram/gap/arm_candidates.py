@@ -1,4 +1,5 @@
-"""Candidates that change the torque of several joints at once: rigid bodies, base, encoders, gears, time, surroundings."""
+"""Candidates that change the torque of several joints at once: rigid bodies, base, encoders, gears, time,
+surroundings."""
 
 from __future__ import annotations
 

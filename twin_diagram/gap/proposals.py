@@ -28,6 +28,9 @@ MARGIN = 3
 WORTH = 10.0
 """Evidence beyond the price of a name that makes a candidate worth proposing [nats]."""
 
+CROWDED = 8
+"""A hypothesis with more members is not asked what it leaves."""
+
 STARTING = frozenset(
     {
         "viscous_friction",
@@ -53,13 +56,15 @@ class Proposer:
         self._ripples: dict[int, tuple[Array, Array, Array]] = {}
         self._forces: list[Candidate] | None = None
         self._force_columns: list[Array] = []
-        self._asked: set[Members] = set()
+        self._asked: set[frozenset[tuple[str, tuple[int, ...], tuple[str, ...]]]] = set()
 
     def __call__(self, bench: Bench, members: Members) -> list[int]:
         """See `search.Propose`; each hypothesis is looked at once."""
-        if members in self._asked:
+        # A hypothesis with other shapes says the same, and leaves much the same.
+        said = frozenset(bench.candidates[k].place for k in members)
+        if said in self._asked or len(members) > CROWDED:
             return []
-        self._asked.add(members)
+        self._asked.add(said)
         Q = bench.basis(members)
         projected = np.einsum("jrk,jr->k", Q, bench.y)
         return [
@@ -72,9 +77,9 @@ class Proposer:
         """The best count of each joint."""
         made = []
         for j in range(bench.n):
-            counts, X, spread = self._ripple_columns(bench, j)
-            if not len(counts):
+            if not len(joint_candidates.ripple_counts(self.terms, j)):
                 continue
+            counts, X, spread = self._ripple_columns(bench, j)
             m = len(counts)
             C = Q[j].T @ X
             b = X.T @ bench.y[j] - C.T @ projected
@@ -112,10 +117,7 @@ class Proposer:
             G, C, b = block_sums(bench.columns[k], Q[rows], bench.y[rows], edges)
             # Sums from each block on.
             G, C, b = (np.cumsum(x[::-1], axis=0)[::-1] for x in (G, C, b))
-            spread = np.broadcast_to(candidate.spread, b.shape)
-            rest = np.einsum("bki,bkj->bij", C, C)
-            scores = increments(G - rest, b - np.einsum("bki,k->bi", C, projected), spread)
-            scores = scores - np.log(BLOCKS) - candidate.cost
+            scores = _scores(G, C, b, candidate.spread, projected) - np.log(BLOCKS) - candidate.cost
             whole = scores[0] + np.log(BLOCKS)
             start = MARGIN + int(np.argmax(scores[MARGIN:-MARGIN]))
             if scores[start] > max(whole, NEW_NAME) + WORTH:
@@ -129,23 +131,29 @@ class Proposer:
         self, bench: Bench, Q: Array, projected: Array, k: int, start: int, edges: npt.NDArray[np.int64]
     ) -> Candidate:
         """A candidate from its best sample on, near the start of a block."""
-        records = self.terms.records
-        rows = bench.whitener.rows
         base = bench.candidates[k]
-        first, last = rows[edges[start - 1]], rows[edges[start + 1]]
-        best: tuple[float, Candidate] | None = None
-        for at in range(first, last + 1):
-            active = (np.arange(len(records.residual)) >= at).astype(float)
-            moment = (int(records.owner[at]), float(records.times[at]))
-            made = base.during(active, moment, None)
-            score = bench.score_once(made, Q, projected)
-            if best is None or score > best[0]:
-                best = score, made
-        assert best is not None
-        made = replace(best[1], cost=base.cost + float(np.log(BLOCKS)), variant="starting")
+        rows = list(base.rows)
+        fine = np.append(np.arange(edges[start - 1], edges[start + 1] + 1), bench.rows)
+        G, C, b = block_sums(bench.columns[k], Q[rows], bench.y[rows], fine)
+        G, C, b = (np.cumsum(x[::-1], axis=0)[::-1] for x in (G, C, b))
+        at = int(fine[int(np.argmax(_scores(G, C, b, base.spread, projected)))])
+        made = self._during(bench, base, at, bench.rows)
+        made = replace(made, cost=base.cost + float(np.log(BLOCKS)), variant="starting")
         if made.name == "torque_constant":
             made = replace(made, name="actuator_fault")
         return made
+
+    def _during(self, bench: Bench, base: Candidate, at: int, to: int) -> Candidate:
+        """A candidate that acts from whitened row `at` until row `to`."""
+        records = self.terms.records
+        total = len(records.residual)
+        rows = np.append(bench.whitener.rows, total)
+        first, last = int(rows[at]), int(rows[to])
+        count = np.arange(total)
+        active = ((count >= first) & (count < last)).astype(float)
+        onset = (int(records.owner[first]), float(records.times[first]))
+        end = (int(records.owner[last]), float(records.times[last])) if last < total - 3 else None
+        return base.during(active, onset, end)
 
     def forces(self, bench: Bench, Q: Array, projected: Array) -> list[int]:
         """The best link and span of time of a constant wrench."""
@@ -160,15 +168,13 @@ class Proposer:
             G, C, b = block_sums(self._force_columns[index], Q[rows], bench.y[rows], edges)
             G, C, b = (np.concatenate([np.zeros_like(x[:1]), np.cumsum(x, axis=0)]) for x in (G, C, b))
             dG, dC, db = (x[pairs[:, 1]] - x[pairs[:, 0]] for x in (G, C, b))
-            spread = np.broadcast_to(candidate.spread, db.shape)
-            rest = np.einsum("bki,bkj->bij", dC, dC)
-            scores = increments(dG - rest, db - np.einsum("bki,k->bi", dC, projected), spread)
+            scores = _scores(dG, dC, db, candidate.spread, projected)
             best = int(np.argmax(scores))
             score = float(scores[best]) - 2.0 * np.log(BLOCKS)
             if score > NEW_NAME + WORTH:
                 found.append((score, index, int(pairs[best, 0]), int(pairs[best, 1])))
         made = []
-        for _, index, i, k in sorted(found, reverse=True)[:4]:
+        for _, index, i, k in sorted(found, reverse=True)[:3]:
             made.append(bench.add(self._spanned(bench, Q, projected, index, edges, i, k)))
         return made
 
@@ -177,27 +183,27 @@ class Proposer:
     ) -> Candidate:
         """A wrench over its best span of samples near two blocks' starts."""
         assert self._forces is not None
-        records = self.terms.records
         base = self._forces[index]
-        rows = np.append(bench.whitener.rows, len(records.residual))
-        total = len(records.residual)
-        count = np.arange(total)
-
-        def made(at: int, to: int) -> Candidate:
-            active = ((count >= at) & (count < to)).astype(float)
-            onset = (int(records.owner[at]), float(records.times[at]))
-            last = min(to, total - 1)
-            end = (int(records.owner[last]), float(records.times[last])) if to < total - 3 else None
-            return base.during(active, onset, end)
-
-        at, to = int(rows[edges[i]]), int(rows[edges[k]])
+        rows = list(base.rows)
+        step = int(edges[1])
+        at, to = int(edges[i]), int(edges[k])
         for _ in range(2):
-            step = int(edges[1])
-            tries = range(max(0, at - step), min(to - 2, at + step) + 1)
-            at = max(tries, key=lambda x: bench.score_once(made(x, to), Q, projected))
-            tries = range(max(at + 2, to - step), min(total, to + step) + 1)
-            to = max(tries, key=lambda x: bench.score_once(made(at, x), Q, projected))
-        return replace(made(at, to), cost=base.cost + 2.0 * float(np.log(BLOCKS)), variant="spanned")
+            fine = np.unique(np.clip(np.append(np.arange(at - step, at + step + 1), to), 0, to))
+            G, C, b = block_sums(self._force_columns[index], Q[rows], bench.y[rows], fine)
+            G, C, b = (np.cumsum(x[::-1], axis=0)[::-1] for x in (G, C, b))
+            at = int(fine[int(np.argmax(_scores(G, C, b, base.spread, projected)))])
+            fine = np.unique(np.clip(np.append(at, np.arange(to - step, to + step + 1)), at, bench.rows))
+            G, C, b = block_sums(self._force_columns[index], Q[rows], bench.y[rows], fine)
+            G, C, b = (np.cumsum(x, axis=0) for x in (G, C, b))
+            to = int(fine[1 + int(np.argmax(_scores(G, C, b, base.spread, projected)))])
+        made = self._during(bench, base, at, to)
+        return replace(made, cost=base.cost + 2.0 * float(np.log(BLOCKS)), variant="spanned")
+
+
+def _scores(G: Array, C: Array, b: Array, spread: Array, projected: Array) -> Array:
+    """Rises of the evidence (B,), for sums over spans of time."""
+    rest = np.einsum("bki,bkj->bij", C, C)
+    return increments(G - rest, b - np.einsum("bki,k->bi", C, projected), np.broadcast_to(spread, b.shape))
 
 
 def block_edges(rows: int) -> npt.NDArray[np.int64]:

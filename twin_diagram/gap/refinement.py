@@ -12,7 +12,8 @@ one is taken.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,6 +46,12 @@ CLUSTER = 0.5
 
 MOST_WINDOWS = 160
 """Of all runs together; more than these are thinned."""
+
+SCANNED = {"joint_elasticity": "stiffness", "backlash": "gap", "stribeck_friction": "stribeck_velocity"}
+"""Parameters on which torques depend so steeply that a step from a rough value may lead astray."""
+
+FACTORS = (0.6, 0.7, 0.8, 0.88, 0.94, 1.06, 1.13, 1.25, 1.45, 1.7)
+"""That are tried."""
 
 RIDGE = 0.05
 """Share of their mean that is added to all variances of a rollout's errors."""
@@ -127,6 +134,7 @@ def equation_error(hypothesis: Hypothesis, logs: Sequence[Log]) -> Solution:
         except ModelError:
             return np.full(weights.size, np.inf)
 
+    start = _scanned(hypothesis, start, residual)
     rows = noise.rows
     block = (records.times / CLUSTER).astype(np.int64) + 100_000 * records.owner
     _, clusters = np.unique(block[rows], return_inverse=True)
@@ -135,6 +143,26 @@ def equation_error(hypothesis: Hypothesis, logs: Sequence[Log]) -> Solution:
     period = max(record.period for record in records.records)
     late = (noise.all(0.6 * period * rate) * weights).ravel()[:, None]
     return minimise(residual, start, hypothesis.steps(), clusters, hypothesis.prior(), late)
+
+
+def _scanned(hypothesis: Hypothesis, start: Array, residual: Callable[[Array], Array]) -> Array:
+    """The start, with coordinates in which the residual rings brought near to their best."""
+    best, least = start, float(np.sum(residual(start) ** 2))
+    for part, s in zip(hypothesis.parts, hypothesis.slices(), strict=True):
+        key = SCANNED.get(part.spec.name)
+        if key is None:
+            continue
+        count = len(part.spec.parameters[key])
+        first = s.start + sum(len(v) for k, v in itertools.takewhile(lambda x: x[0] != key, part.spec.parameters.items()))
+        for k in range(first, first + count):
+            centre = best.copy()
+            for factor in FACTORS:
+                trial = centre.copy()
+                trial[k] *= factor
+                cost = float(np.sum(residual(trial) ** 2))
+                if cost < least:
+                    best, least = trial, cost
+    return best
 
 
 def _records_of(model: Model, records: Records) -> Records:

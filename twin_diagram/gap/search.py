@@ -145,7 +145,11 @@ def _swap(bench: Bench, fit: Fit, propose: Propose | None) -> Fit | None:
     for group in groups:
         if propose is not None and len(groups) <= CROWDED:
             propose(bench, fit.members - group)
+        said = {(bench.candidates[k].place, bench.candidates[k].variant) for k in group}
         for found in additions(bench, fit.members - group, 5):
-            if found.evidence > best.evidence + 1e-6:
+            (new,) = found.members - (fit.members - group)
+            # The same effect off its working point is an approximation of what is already there.
+            again = (bench.candidates[new].place, bench.candidates[new].variant) in said
+            if found.evidence > best.evidence + 1e-6 and not again:
                 best = found
     return None if best is fit else best
