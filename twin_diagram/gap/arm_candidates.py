@@ -1,5 +1,6 @@
 """Candidates that change the torque of several joints at once: rigid bodies, base, encoders, gears, time,
-surroundings."""
+surroundings.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +9,6 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
-
 from pydrake.math import RollPitchYaw
 
 from twin_diagram import rigid_tree
@@ -271,19 +271,26 @@ def external_forces(terms: Terms) -> list[Candidate]:
                 columns[..., 3 + k] = -(moved * motion.angular[k]).T
             return columns
 
-        result.append(
-            Candidate(
-                name="external_force",
-                joints=(),
-                links=(tree.link[body],),
-                rows=tuple(range(terms.records.n)),
-                columns=terms.records.reduce(law),
-                spread=spread,
-                lower=np.full(6, -np.inf),
-                upper=np.full(6, np.inf),
-                parameters=transformed(lambda c: {"wrench": c}),
-            )
+        wrench = Candidate(
+            name="external_force",
+            joints=(),
+            links=(tree.link[body],),
+            rows=tuple(range(terms.records.n)),
+            columns=terms.records.reduce(law),
+            spread=spread,
+            lower=np.full(6, -np.inf),
+            upper=np.full(6, np.inf),
+            parameters=transformed(lambda c: {"wrench": c}),
         )
+        force = replace(
+            wrench,
+            columns=wrench.columns[..., :3],
+            spread=spread[:3],
+            lower=wrench.lower[:3],
+            upper=wrench.upper[:3],
+            parameters=transformed(lambda c: {"wrench": np.concatenate([c, np.zeros(3)])}),
+        )
+        result += [force, wrench]
     return result
 
 

@@ -284,8 +284,10 @@ def count_step(terms: Terms, j: int) -> float:
 
 
 def ripple_counts(terms: Terms, j: int) -> Array:
-    """Counts that are tried: from more than one ripple in the joint's range, up to where its speed takes most of a
-    ripple out of the band."""
+    """Counts that are tried.
+
+    They begin above one ripple in the joint's range, and end where its speed takes most of a ripple out of the band.
+    """
     step = count_step(terms, j)
     if step > 10.0:
         return np.zeros(0)

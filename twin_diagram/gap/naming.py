@@ -13,6 +13,7 @@ from twin_diagram.gap import arm_candidates, flexible, joint_candidates, own_can
 from twin_diagram.gap.candidate import Candidate
 from twin_diagram.gap.evidence import Bench, Fit, Members
 from twin_diagram.gap.finding import Finding, Separation, Verdict
+from twin_diagram.gap.locating import locate
 from twin_diagram.gap.posterior import findings_of, separations_of
 from twin_diagram.gap.proposals import Proposer
 from twin_diagram.gap.records import Records, prepare
@@ -78,6 +79,7 @@ def investigate(records: Records, progress: Progress | None = None) -> tuple[Ver
     smooth = [c for c in candidates if c.name not in NOT_SMOOTH]
     explained, spent = saturated.explain(records, smooth)
     noise = whitening.estimate(records.residual - explained, records.lengths, float(np.mean(spent)))
+    places = locate(records, terms, noise)
     lap("noise")
 
     say("searching for a name")
@@ -91,7 +93,7 @@ def investigate(records: Records, progress: Progress | None = None) -> tuple[Ver
     lap("second search")
     verdict = conclude(records, terms, bench, fit)
     lap("verdict")
-    return replace(verdict, seconds=seconds), bench, fit, terms
+    return replace(verdict, seconds=seconds, where=places), bench, fit, terms
 
 
 def all_candidates(terms: Terms) -> list[Candidate]:

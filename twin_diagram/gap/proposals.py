@@ -174,7 +174,7 @@ class Proposer:
             if score > NEW_NAME + WORTH:
                 found.append((score, index, int(pairs[best, 0]), int(pairs[best, 1])))
         made = []
-        for _, index, i, k in sorted(found, reverse=True)[:3]:
+        for _, index, i, k in sorted(found, reverse=True)[:4]:
             made.append(bench.add(self._spanned(bench, Q, projected, index, edges, i, k)))
         return made
 
@@ -211,7 +211,9 @@ def block_edges(rows: int) -> npt.NDArray[np.int64]:
     return np.round(np.linspace(0, rows, BLOCKS + 1)).astype(np.int64)
 
 
-def block_sums(X: Array, Q: Array, y: Array, edges: Sequence[int] | npt.NDArray[np.int64]) -> tuple[Array, Array, Array]:
+def block_sums(
+    X: Array, Q: Array, y: Array, edges: Sequence[int] | npt.NDArray[np.int64]
+) -> tuple[Array, Array, Array]:
     """Per block: information (B, k, k), products with Q (B, K, k), and with y (B, k), of columns X (rows, R, k)."""
     G, C, b = [], [], []
     for first, last in zip(edges[:-1], edges[1:], strict=True):
