@@ -210,16 +210,16 @@ def _linear_spring(j: int, chain: Chain, scale: Scale, rng: np.random.Generator)
 
 
 def _elasticity(j: int, chain: Chain, scale: Scale, rng: np.random.Generator) -> dict[str, float]:
-    rotor = log_uniform(rng, 0.03, 0.4) * max(float(scale.inertia[j]), 0.05)
+    rotor = log_uniform(rng, 0.02, 0.3) * max(float(scale.inertia[j]), 0.05)
     # The integrator's step bounds how fast a resonance may be.
     fastest = 0.25 / (5e-4) ** 2 / (1.0 / rotor + 1.0 / max(float(scale.inertia[j]) - chain.links[j].rotor, 1e-4))
-    return {"stiffness": min(log_uniform(rng, 8.0, 100.0) * chain.links[j].effort, fastest), "rotor_inertia": rotor}
+    return {"stiffness": min(log_uniform(rng, 5.0, 80.0) * chain.links[j].effort, fastest), "rotor_inertia": rotor}
 
 
 def _backlash(j: int, chain: Chain, scale: Scale, rng: np.random.Generator) -> dict[str, float]:
     return {
-        "gap": log_uniform(rng, 0.002, 0.02),
-        "rotor_inertia": log_uniform(rng, 0.03, 0.4) * max(float(scale.inertia[j]), 0.05),
+        "gap": log_uniform(rng, 0.002, 0.03),
+        "rotor_inertia": log_uniform(rng, 0.02, 0.3) * max(float(scale.inertia[j]), 0.05),
     }
 
 
@@ -244,7 +244,7 @@ def _saturation(j: int, chain: Chain, scale: Scale, rng: np.random.Generator) ->
 
 
 def _offset(j: int, chain: Chain, scale: Scale, rng: np.random.Generator) -> dict[str, float]:
-    return {"offset": float(rng.choice([-1, 1])) * log_uniform(rng, 0.004, 0.12)}
+    return {"offset": float(rng.choice([-1, 1])) * log_uniform(rng, 0.006, 0.2)}
 
 
 def _fault(j: int, chain: Chain, scale: Scale, rng: np.random.Generator) -> dict[str, float]:
