@@ -1,6 +1,4 @@
-"""Candidates that change the torque of several joints at once: rigid bodies, base, encoders, gears, time,
-surroundings.
-"""
+"""Candidates that change the torque of several joints at once: bodies, base, encoders, gears, time, forces."""
 
 from __future__ import annotations
 

@@ -6,6 +6,7 @@ that every pair of moments costs one small solution.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -15,12 +16,16 @@ import numpy.typing as npt
 from twin_diagram.gap import arm_candidates, joint_candidates
 from twin_diagram.gap.candidate import Candidate
 from twin_diagram.gap.evidence import NEW_NAME, Bench, Members, increments
+from twin_diagram.gap.records import Record
 from twin_diagram.gap.terms import Terms
 
 Array = npt.NDArray[np.float64]
 
 BLOCKS = 64
 """Moments at which an effect is tried to start; refined to single samples afterwards."""
+
+NEARBY = (-1.5, -1.0, -0.6, -0.3, 0.0, 0.3, 0.6, 1.0, 1.5)
+"""Moments that are tried about the best sample, in thinned periods."""
 
 MARGIN = 3
 """An effect must last, and be preceded by, this many blocks to count as one that starts or ends."""
@@ -137,23 +142,49 @@ class Proposer:
         G, C, b = block_sums(bench.columns[k], Q[rows], bench.y[rows], fine)
         G, C, b = (np.cumsum(x[::-1], axis=0)[::-1] for x in (G, C, b))
         at = int(fine[int(np.argmax(_scores(G, C, b, base.spread, projected)))])
-        made = self._during(bench, base, at, bench.rows)
+        made = self._during(bench, base, at, bench.rows, Q, projected)
         made = replace(made, cost=base.cost + float(np.log(BLOCKS)), variant="starting")
         if made.name == "torque_constant":
             made = replace(made, name="actuator_fault")
         return made
 
-    def _during(self, bench: Bench, base: Candidate, at: int, to: int) -> Candidate:
-        """A candidate that acts from whitened row `at` until row `to`."""
+    def _during(self, bench: Bench, base: Candidate, at: int, to: int, Q: Array, projected: Array) -> Candidate:
+        """A candidate that acts from about whitened row `at` until about row `to`, at the best moments near them."""
         records = self.terms.records
-        total = len(records.residual)
-        rows = np.append(bench.whitener.rows, total)
+        rows = np.append(bench.whitener.rows, len(records.residual))
         first, last = int(rows[at]), int(rows[to])
-        count = np.arange(total)
-        active = ((count >= first) & (count < last)).astype(float)
         onset = (int(records.owner[first]), float(records.times[first]))
-        end = (int(records.owner[last]), float(records.times[last])) if last < total - 3 else None
-        return base.during(active, onset, end)
+        end = (int(records.owner[last]), float(records.times[last])) if last < len(records.residual) - 3 else None
+        period = 1.0 / records.rate
+        if last - first < 2:
+            return base.during(self.active(onset, end), onset, end)
+        for _ in range(2):
+            starts = [(onset[0], onset[1] + share * period) for share in NEARBY]
+            made = [base.during(self.active(moment, end), moment, end) for moment in starts]
+            best = int(np.argmax([bench.score_once(candidate, Q, projected) for candidate in made]))
+            onset = starts[best]
+            if end is None:
+                break
+            ends = [(end[0], end[1] + share * period) for share in NEARBY]
+            made = [base.during(self.active(onset, moment), onset, moment) for moment in ends]
+            best = int(np.argmax([bench.score_once(candidate, Q, projected) for candidate in made]))
+            end = ends[best]
+        return base.during(self.active(onset, end), onset, end)
+
+    def active(self, onset: tuple[int, float], end: tuple[int, float] | None) -> Array:
+        """(ΣD,) 1 from the onset until the end, low-passed like the torque: what is switched on is seen so."""
+
+        def after(record: Record, moment: tuple[int, float]) -> Array:
+            if record.index != moment[0]:
+                return np.full(len(record.time), float(record.index > moment[0]))
+            # A sample's share of the period before it, so that the moment counts below the log's own resolution.
+            return np.clip((record.time - moment[1]) * record.rate + 0.5, 0.0, 1.0)
+
+        def law(record: Record) -> Array:
+            started = after(record, onset)
+            return started if end is None else started - after(record, end)
+
+        return self.terms.records.reduce(law)
 
     def forces(self, bench: Bench, Q: Array, projected: Array) -> list[int]:
         """The best link and span of time of a constant wrench."""
@@ -196,7 +227,7 @@ class Proposer:
             G, C, b = block_sums(self._force_columns[index], Q[rows], bench.y[rows], fine)
             G, C, b = (np.cumsum(x, axis=0) for x in (G, C, b))
             to = int(fine[1 + int(np.argmax(_scores(G, C, b, base.spread, projected)))])
-        made = self._during(bench, base, at, to)
+        made = self._during(bench, base, at, to, Q, projected)
         return replace(made, cost=base.cost + 2.0 * float(np.log(BLOCKS)), variant="spanned")
 
 
@@ -216,7 +247,7 @@ def block_sums(
 ) -> tuple[Array, Array, Array]:
     """Per block: information (B, k, k), products with Q (B, K, k), and with y (B, k), of columns X (rows, R, k)."""
     G, C, b = [], [], []
-    for first, last in zip(edges[:-1], edges[1:], strict=True):
+    for first, last in itertools.pairwise(edges):
         part = X[:, first:last].reshape(-1, X.shape[2])
         G.append(part.T @ part)
         C.append(Q[:, first:last].reshape(-1, Q.shape[2]).T @ part)

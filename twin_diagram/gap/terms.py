@@ -58,7 +58,7 @@ class Terms:
 
     @cached_property
     def reduced_signs(self) -> Array:
-        """(ΣD, n)"""
+        """Direction of motion (ΣD, n), reduced."""
         return self.reduce(self.signs)
 
     @cached_property

@@ -6,6 +6,7 @@ ordinary least squares the generalised one, and gives every sample left the weig
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -72,7 +73,7 @@ def estimate(residual: Array, lengths: Sequence[int], freedom: float = 0.0, orde
     sigma = np.zeros(n)
     for j in range(n):
         covariance = np.zeros(order + 1)
-        for first, last in zip(starts[:-1], starts[1:], strict=True):
+        for first, last in itertools.pairwise(starts):
             part = residual[first:last, j]
             covariance += [part[: len(part) - k] @ part[k:] for k in range(order + 1)]
         covariance /= max(1.0, total - freedom)
