@@ -77,6 +77,11 @@ class TorqueConstant(Gain):
     name: ClassVar[str] = "torque_constant"
     kinds: ClassVar[Mapping[str, ParameterKind]] = {"gain": ParameterKind("1", lower=0.01, upper=10.0)}
 
+    @property
+    def loses(self) -> bool:
+        """A constant is never so small; were it taken for a dead motor, any torque would be explained by it."""
+        return False
+
     def sentence(self) -> str:
         """See `Effect.sentence`."""
         parts = (f"{x:.4g} times on {j}" for j, x in zip(self.joints, self.value("gain"), strict=True))
