@@ -17,7 +17,7 @@ CHECKOUT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(CHECKOUT / "sims"))
 
 import gap_benchmark  # noqa: E402
-from gap_scoring import held_out, table, verdicts  # noqa: E402
+from gap_scoring import held_out, regressions, table, verdicts  # noqa: E402
 from gap_truth import cases, explanations, hidden, separation, tree  # noqa: E402
 from gap_truth.chain import compile_model, mjcf, random_chain, read_urdf, write_urdf  # noqa: E402
 from gap_truth.hidden import Hidden  # noqa: E402
@@ -602,3 +602,14 @@ def test_fast_subset(tmp_path: Path) -> None:
         assert claimed is not None and claimed < 0.05
         if result["kind"] != "clean":
             assert result["held_out"]["left"] < 0.15
+
+
+def test_greedy_selection_sees_a_plain_payload(tmp_path: Path) -> None:
+    """The simpler methods read the same folder, and keep the torque's books alike."""
+    case, _ = gap_benchmark.generate("single", 5, tmp_path / "case", "payload", 5.0)
+    data = regressions.read(tmp_path / "case", "fit.csv")
+    np.testing.assert_allclose(data.setting.q, case.fit.q, atol=2e-3)
+    answer = regressions.greedy_bic(tmp_path / "case")
+    assert "payload" in [effect["name"] for effect in answer.effects]
+    before = regressions.read(tmp_path / "case", "holdout.csv").residual
+    assert np.linalg.norm(answer.residual) < 0.3 * np.linalg.norm(before)
