@@ -128,7 +128,7 @@ def test_make_names_the_package_first_and_starts_nothing(target: str, tmp_path: 
     if shutil.which("make") is None:
         pytest.skip("make is not installed")
     tree = tmp_path / "a folder"
-    shutil.copytree(CHECKOUT / "tools", tree / "tools")
+    shutil.copytree(CHECKOUT / ".make", tree / ".make")
     (tree / "twin_diagram").mkdir()
     for name in ("Makefile", "pyproject.toml", *(f"twin_diagram/{n}.py" for n in ("__init__", "native", "errors"))):
         shutil.copy(CHECKOUT / name, tree / name)
@@ -153,7 +153,7 @@ def test_make_names_the_package_first_and_starts_nothing(target: str, tmp_path: 
 
 def choose(*arguments: str, path: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        ["/bin/sh", str(CHECKOUT / "tools" / "python.sh"), *arguments],
+        ["/bin/sh", str(CHECKOUT / ".make" / "python.sh"), *arguments],
         env={"PATH": str(path)},
         capture_output=True,
         text=True,
@@ -191,7 +191,7 @@ def test_interpreter_with_venv_is_preferred(tmp_path: Path) -> None:
 def test_interpreter_without_venv_names_the_package(tmp_path: Path) -> None:
     fake(tmp_path, "bare", f'case "$2" in *venv*) exit 1;; esac\nexec "{sys.executable}" "$@"')
     done = subprocess.run(
-        ["/bin/sh", str(CHECKOUT / "tools" / "install.sh"), str(tmp_path / "bare"), "test"],
+        ["/bin/sh", str(CHECKOUT / ".make" / "install.sh"), str(tmp_path / "bare"), "test"],
         cwd=tmp_path,
         capture_output=True,
         text=True,

@@ -22,7 +22,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     command: Callable[[argparse.Namespace], int] = arguments.command
     logging.getLogger("drake").setLevel(logging.WARNING)  # where to look is said by the run itself
     try:
-        return command(arguments)
+        status = command(arguments)
+        sys.stdout.flush()  # a reader that has left is noticed here, not at exit
+        return status
     except TwinError as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
