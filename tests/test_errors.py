@@ -9,7 +9,8 @@ from twin_diagram.native import NativeLibraryError
 
 
 @pytest.mark.parametrize(
-    "error", [TwinError("a"), LogError("line 3"), ScenarioError("twin.home", "too short"), NativeLibraryError(("x.so",))]
+    "error",
+    [TwinError("a"), LogError("line 3"), ScenarioError("twin.home", "too short"), NativeLibraryError(("x.so",))],
 )
 def test_errors_cross_process_borders(error: TwinError) -> None:
     again = pickle.loads(pickle.dumps(error))
