@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -284,24 +285,16 @@ def test_nothing_is_left_where_writing_fails(
 
 
 @pytest.fixture
-def drag() -> Iterator[type[Effect]]:
-    """What CONTRIBUTING.md shows."""
-
-    @register
-    class QuadraticDrag(Effect):
-        """Drag that grows with the square of the speed."""
-
-        name: ClassVar[str] = "quadratic_drag"
-        kinds: ClassVar = {"drag": ParameterKind("N·m·s²/rad²", lower=0.0)}
-
-        def torque(self, model, q, v, a, tau):  # type: ignore[no-untyped-def]
-            return self.spread(model.joints, self.value("drag")) * v * abs(v)
-
-    yield QuadraticDrag
+def own_effect() -> Iterator[None]:
+    """What CONTRIBUTING.md shows, to the letter."""
+    text = (Path(__file__).parent.parent / "CONTRIBUTING.md").read_text()
+    (block,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    exec(block, {"__name__": "mine"})
+    yield
     del REGISTRY["quadratic_drag"]
 
 
-def test_an_effect_of_ones_own_is_found(drag: type[Effect], tmp_path: Path) -> None:
+def test_an_effect_of_ones_own_is_found(own_effect: None, tmp_path: Path) -> None:
     secret = EffectSpec("quadratic_drag", ["elbow"], [], {"drag": [2.0]})
     fit, held = bench.write_runs(tmp_path, [secret])
     gap = run_gap(tmp_path / "arm.urdf", [fit], held, tmp_path / "out")
