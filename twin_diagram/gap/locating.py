@@ -146,7 +146,7 @@ def maps(records: Records, terms: Terms, residual: Array) -> tuple[Map, ...]:
     result = []
     for j, joint in enumerate(records.model.joints):
         for axes, x in ((("angle", "speed"), q), (("torque", "speed"), load)):
-            edges = tuple(np.linspace(*np.quantile(s[:, j], [0.0, 1.0]), MAP_CELLS + 1) for s in (x, v))
+            edges = tuple(np.linspace(s[:, j].min(), s[:, j].max(), MAP_CELLS + 1) for s in (x, v))
             if any(e[-1] <= e[0] for e in edges):
                 continue
             total, _, _ = np.histogram2d(x[:, j], v[:, j], bins=list(edges), weights=residual[:, j])

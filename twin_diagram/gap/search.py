@@ -105,7 +105,7 @@ def additions(bench: Bench, members: Members, count: int = TRIED) -> list[Fit]:
         scores[k] -= FURTHER_JOINT if candidate.name in names else NEW_NAME
         if not candidate.name:
             scores[k] = -np.inf
-    result = []
+    result: list[Fit] = []
     for k in np.argsort(scores)[::-1]:
         if len(result) >= count or not np.isfinite(scores[k]):
             break

@@ -8,6 +8,7 @@ import math
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -73,7 +74,7 @@ def log_from_columns(columns: Mapping[str, Array], source: str, where: Callable[
         if len(bad):
             raise LogError(f"{source}: {where(int(bad[0]))}: {name} is {_say(values[bad[0]])}")
     _check_time(time, source, where)
-    signals = {
+    signals: dict[str, Any] = {
         attribute: signal
         for name, attribute in SIGNALS.items()
         if (signal := _signal(columns, name, joints, source)) is not None
