@@ -1,8 +1,8 @@
 """Adds what was named to a model: refines its parameters and hands back the corrected model.
 
-    from twin_diagram.gap.add import add
-    added = add(given, logs, verdict)
-    added.model, added.findings          # a Model that can be saved; the findings with refined parameters
+from twin_diagram.gap.add import add
+added = add(given, logs, verdict)
+added.model, added.findings          # a Model that can be saved; the findings with refined parameters
 """
 
 from __future__ import annotations
@@ -117,8 +117,7 @@ def add(given: Model, logs: Sequence[Log], findings: Sequence[Finding], say: Say
 
 def _moved(hypothesis: Hypothesis, solution: Solution) -> tuple[Coordinates, ...]:
     return tuple(
-        replace(part, spec=spec)
-        for part, spec in zip(hypothesis.parts, hypothesis.specs(solution.vector), strict=True)
+        replace(part, spec=spec) for part, spec in zip(hypothesis.parts, hypothesis.specs(solution.vector), strict=True)
     )
 
 
@@ -141,9 +140,7 @@ def chosen(hypothesis: Hypothesis, solutions: Sequence[Solution]) -> tuple[Array
     return vector, covariance, notes
 
 
-def _told(
-    finding: Finding, hypothesis: Hypothesis, mine: Sequence[int], vector: Array, covariance: Array
-) -> Finding:
+def _told(finding: Finding, hypothesis: Hypothesis, mine: Sequence[int], vector: Array, covariance: Array) -> Finding:
     """A finding with the parameters of its effects."""
     told: dict[str, Estimate | dict[str, Estimate]] = {}
     slices = hypothesis.slices()

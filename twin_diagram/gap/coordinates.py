@@ -111,8 +111,21 @@ class Coordinates:
         return result
 
 
-ADDS = frozenset({"damping", "torque", "inertia", "coefficient", "mass", "stiffness", "torque_positive",
-                  "torque_negative", "coulomb", "static", "rotor_inertia"})
+ADDS = frozenset(
+    {
+        "damping",
+        "torque",
+        "inertia",
+        "coefficient",
+        "mass",
+        "stiffness",
+        "torque_positive",
+        "torque_negative",
+        "coulomb",
+        "static",
+        "rotor_inertia",
+    }
+)
 """Keys that may be negative as differences; `merge` says where they may not."""
 
 

@@ -92,8 +92,14 @@ def _add(specs: list[EffectSpec], piece: EffectSpec) -> list[EffectSpec]:
 
 def _less(piece: EffectSpec) -> bool:
     """Whether a piece takes away, which no effect can do alone."""
-    return any(value < 0.0 for key in ("damping", "torque", "inertia", "coefficient", "mass", "stiffness") for value in
-               piece.parameters.get(key, [])) and piece.name in POSITIVE
+    return (
+        any(
+            value < 0.0
+            for key in ("damping", "torque", "inertia", "coefficient", "mass", "stiffness")
+            for value in piece.parameters.get(key, [])
+        )
+        and piece.name in POSITIVE
+    )
 
 
 def _something(spec: EffectSpec) -> bool:

@@ -47,6 +47,9 @@ CLUSTER = 0.5
 MOST_WINDOWS = 160
 """Of all runs together; more than these are thinned."""
 
+COLOURS = 2
+"""Times that the noise's level and colour are looked at again."""
+
 SCANNED = {"joint_elasticity": "stiffness", "backlash": "gap", "stribeck_friction": "stribeck_velocity"}
 """Parameters on which torques depend so steeply that a step from a rough value may lead astray."""
 
@@ -80,7 +83,7 @@ class Hypothesis:
         return [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
 
     def start(self) -> Array:
-        """(p,)"""
+        """The rough values (p,)."""
         return np.concatenate([part.start() for part in self.parts])
 
     def prior(self) -> tuple[Array, Array]:
@@ -112,7 +115,7 @@ def equation_error(hypothesis: Hypothesis, logs: Sequence[Log]) -> Solution:
     start = hypothesis.start()
 
     def left(vector: Array) -> Array:
-        """(ΣD, n)"""
+        """Logged less needed torque (ΣD, n)."""
         model = hypothesis.model(vector)
 
         def law(record: Record) -> Array:
@@ -122,27 +125,34 @@ def equation_error(hypothesis: Hypothesis, logs: Sequence[Log]) -> Solution:
 
         return records.reduce(law)
 
-    first = left(start)
-    noise = whitening.estimate(first, records.lengths, len(start) / records.n)
+    level = np.maximum(np.std(left(start), axis=0), 1e-12)
+    start = _scanned(hypothesis, start, lambda vector: (left(vector) / level).ravel())
     terms = Terms(records, given_load(records), slow_speed(records))
-    dry = rest.dry_joints(_records_of(hypothesis.model(start), records))
-    weights = rest.moving(records, terms, noise, dry)
-
-    def residual(vector: Array) -> Array:
-        try:
-            return np.asarray((noise.all(left(vector)) * weights).ravel())
-        except ModelError:
-            return np.full(weights.size, np.inf)
-
-    start = _scanned(hypothesis, start, residual)
-    rows = noise.rows
-    block = (records.times / CLUSTER).astype(np.int64) + 100_000 * records.owner
-    _, clusters = np.unique(block[rows], return_inverse=True)
-    clusters = np.tile(clusters.reshape(-1), records.n)
     rate = records.reduce(lambda record: np.gradient(record.given, 1.0 / record.rate, axis=0))
     period = max(record.period for record in records.records)
-    late = (noise.all(0.6 * period * rate) * weights).ravel()[:, None]
-    return minimise(residual, start, hypothesis.steps(), clusters, hypothesis.prior(), late)
+    block = (records.times / CLUSTER).astype(np.int64) + 100_000 * records.owner
+    solution = None
+    for _ in range(COLOURS):  # what a rough model leaves is no noise
+        noise = whitening.estimate(left(start), records.lengths, len(start) / records.n)
+        dry = rest.dry_joints(Records(hypothesis.model(start), records.records))
+        weights = rest.moving(records, terms, noise, dry)
+
+        def residual(vector: Array, noise: whitening.Whitener = noise, weights: Array = weights) -> Array:
+            try:
+                return np.asarray((noise.all(left(vector)) * weights).ravel())
+            except ModelError:
+                return np.full(weights.size, np.inf)
+
+        _, clusters = np.unique(block[noise.rows], return_inverse=True)
+        late = (noise.all(0.6 * period * rate) * weights).ravel()[:, None]
+        whole = np.tile(clusters.reshape(-1), records.n)
+        solution = minimise(residual, start, hypothesis.steps(), whole, hypothesis.prior(), late)
+        moved = np.abs(solution.vector - start) / np.sqrt(np.maximum(np.diag(solution.covariance), 1e-300))
+        start = solution.vector
+        if np.all(moved < 1.0):
+            break
+    assert solution is not None
+    return solution
 
 
 def _scanned(hypothesis: Hypothesis, start: Array, residual: Callable[[Array], Array]) -> Array:
@@ -153,7 +163,9 @@ def _scanned(hypothesis: Hypothesis, start: Array, residual: Callable[[Array], A
         if key is None:
             continue
         count = len(part.spec.parameters[key])
-        first = s.start + sum(len(v) for k, v in itertools.takewhile(lambda x: x[0] != key, part.spec.parameters.items()))
+        first = s.start + sum(
+            len(v) for k, v in itertools.takewhile(lambda x: x[0] != key, part.spec.parameters.items())
+        )
         for k in range(first, first + count):
             centre = best.copy()
             for factor in FACTORS:
@@ -163,10 +175,6 @@ def _scanned(hypothesis: Hypothesis, start: Array, residual: Callable[[Array], A
                 if cost < least:
                     best, least = trial, cost
     return best
-
-
-def _records_of(model: Model, records: Records) -> Records:
-    return Records(model, records.records)
 
 
 def output_error(hypothesis: Hypothesis, logs: Sequence[Log]) -> Solution:
