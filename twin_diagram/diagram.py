@@ -117,8 +117,9 @@ def make_twin(twin: scenario.Twin, packages: Packages | None = None) -> Twin:
     }
     for name, port in measured.items():
         builder.ExportInput(ekf.GetInputPort(port), name)
-        if drift.HasInputPort(port):
-            builder.ConnectInput(name, drift.GetInputPort(port))
+        for system in (drift, mpc):
+            if system.HasInputPort(port):
+                builder.ConnectInput(name, system.GetInputPort(port))
     for port in ("arm_state", "parameters", "innovation", "nis"):
         builder.Connect(ekf.GetOutputPort(port), drift.GetInputPort(port))
     builder.Connect(ekf.GetOutputPort("arm_state"), updater.GetInputPort("arm_state"))
