@@ -1,4 +1,4 @@
-"""Effects that wait, remember, start or end: what a simulated arm logs is what the model with them says of its motion."""
+"""Effects that wait, remember, start or end: what a simulated arm logs is what the model says of its motion."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from pydrake.systems.primitives import LogVectorOutput
 
 from twin_diagram import effects
 from twin_diagram.description import add_arm
-from twin_diagram.errors import ModelError
 from twin_diagram.logs import Log
 from twin_diagram.model import Model
 from twin_diagram.prediction import rollout_rms, torque_residual_rms

@@ -5,8 +5,8 @@ Simulator, filter, rollouts and gap workflow share it. The torque law reads
     logged torque = actuation⁻¹( M(q) a + C(q, v) v − g(q) + dampers + Σ effects.torque )
 
 with q the true positions behind the measured ones, and M with rotors and payloads. Effects that start or end, that wait
-(`time_delay`) or that remember (`joint_elasticity`, `backlash`) need to know of time: where samples are given with their
-times they count in full; where they are not, what is there to stay counts, nothing waits, and gears are rigid.
+(`time_delay`) or that remember (`joint_elasticity`, `backlash`) need to know of time: where samples are given with
+their times they count in full; where they are not, what is there to stay counts, nothing waits, and gears are rigid.
 """
 
 from __future__ import annotations
@@ -84,7 +84,9 @@ class Model:
         self.last_link: str = plant.get_body(arm.last_link).name()
 
         self.timed = any(effect.timed for effect in self.effects)
-        self.present = tuple(effect.always() if effect.timed else effect for effect in self.effects if effect.end is None)
+        self.present = tuple(
+            effect.always() if effect.timed else effect for effect in self.effects if effect.end is None
+        )
         self.delay = float(sum(effect.delay for effect in self.present))
         self._epochs: dict[tuple[bool, ...], Model] = {}
         self._runs: dict[str, Model] = {}

@@ -151,7 +151,9 @@ class RigidTree:
             motion = _Kinematics.of(self, q[part].T)
             point = np.einsum("abn,b->an", motion.R[:, :, body], p) + motion.p[:, body]
             about_origin = moment[:, None] + _cross(point, np.broadcast_to(force[:, None], point.shape))
-            torque = np.einsum("ajn,an->jn", motion.angular, about_origin) + np.einsum("ajn,a->jn", motion.linear, force)
+            torque = np.einsum("ajn,an->jn", motion.angular, about_origin) + np.einsum(
+                "ajn,a->jn", motion.linear, force
+            )
             result[part] = (torque * self.ancestors[body][:, None]).T
         return result
 

@@ -5,8 +5,8 @@ One step from (q, v) under torque τ, all starts together:
     (M + h/2 D) (v₊ − v) + λ = h (τ − loads(q + h/2 v, v + h/2 a) − D v),    q₊ = q + h/2 (v + v₊)
 
 with M and the loads at the middle of the step (second order), dampers D by the trapezoidal rule (stable for any light
-joint), and λ the impulses of dry friction, within ± h × its level and such that they oppose v₊: they can hold a joint at
-rest exactly (`dry_friction`).
+joint), and λ the impulses of dry friction, within ± h × its level and such that they oppose v₊: they can hold a joint
+at rest exactly (`dry_friction`).
 
 Where gears yield, q is the motors' and the state holds the twist e of each gear too: links are at q + e, springs are
 part of the left side like dampers, and play ends by impulses.
@@ -222,7 +222,8 @@ def _yielding_step(model: Model, state: State, tau: Array, h: float) -> State:
     inverse: Any = np.linalg.inv(whole)
     after = velocity + h * _times(inverse, force)
     stops = [
-        Stop(n + k, (-half[k] - state.e[:, k]) / h, (half[k] - state.e[:, k]) / h) for k in np.flatnonzero(hard).tolist()
+        Stop(n + k, (-half[k] - state.e[:, k]) / h, (half[k] - state.e[:, k]) / h)
+        for k in np.flatnonzero(hard).tolist()
     ]
     if brakes or stops:
         after = solve(inverse, after, brakes, stops)

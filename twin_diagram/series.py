@@ -4,7 +4,8 @@ With the link at q = θ + e behind a motor at θ, and τ the torque that the lin
 
     M ë + loss K ė + K e = −τ(θ)    for a spring,        e within ± gap / 2, without rebound, for play,
 
-M being the links' mass matrix at the joints that yield (Spong 1987, with the motors' motion prescribed). What the motors
+M being the links' mass matrix at the joints that yield (Spong 1987, with the motors' motion prescribed). What the
+motors
 must give beyond the rigid arm's torque is M ë, and what gravity changes at θ + e. Springs are integrated by Newmark's
 average acceleration, which neither damps nor blows up; play by implicit steps with impulses at its ends.
 """
@@ -140,7 +141,9 @@ def _play(mass: Array, load: Array, stiffness: Array, half: Array, period: float
                 inverse = free[k]
                 v = v - h * (inverse @ push)
             if np.any(hard):
-                v = _within(inverse, v, np.where(hard, (-half - e) / h, -np.inf), np.where(hard, (half - e) / h, np.inf))
+                v = _within(
+                    inverse, v, np.where(hard, (-half - e) / h, -np.inf), np.where(hard, (half - e) / h, np.inf)
+                )
             e = e + h * v
         angle[k], rate[k], acceleration[k] = e, v, (v - before) / period
     return angle, rate, acceleration

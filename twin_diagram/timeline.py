@@ -15,7 +15,9 @@ Array = npt.NDArray[np.float64]
 
 def epochs(effects: Sequence[Effect], time: Array) -> list[tuple[tuple[bool, ...], npt.NDArray[np.bool_]]]:
     """Sets of effects that act together, and at which of the times (N,) they do."""
-    active = np.stack([effect.active(time) for effect in effects], axis=1) if effects else np.zeros((len(time), 0), bool)
+    active = (
+        np.stack([effect.active(time) for effect in effects], axis=1) if effects else np.zeros((len(time), 0), bool)
+    )
     kinds, which = np.unique(active, axis=0, return_inverse=True)
     return [(tuple(map(bool, kind)), which.reshape(-1) == k) for k, kind in enumerate(kinds)]
 

@@ -31,9 +31,7 @@ class Actuators:
     effect: list[Effect | None]
 
     @staticmethod
-    def of(
-        plant: MultibodyPlant, indices: Sequence[JointActuatorIndex], effects: Sequence[Effect] = ()
-    ) -> Actuators:
+    def of(plant: MultibodyPlant, indices: Sequence[JointActuatorIndex], effects: Sequence[Effect] = ()) -> Actuators:
         """Reads them off a finalized plant; `effects` are those whose fittings may be among them."""
         fittings = {fitting.name: (fitting, effect) for effect in effects for fitting in effect.fittings()}
         actuators = [plant.get_joint_actuator(index) for index in indices]

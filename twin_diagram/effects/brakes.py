@@ -1,10 +1,10 @@
 """Dry friction of changing level in a simulator, worked out from step to step.
 
-A brake on the sum w of some speeds gives f = clip(held + β m w / h, ± level) against the motion: what held the joints in
-the last steps, and what would stop the speed that is left, with m the least inertia that w meets (dampers and the
+A brake on the sum w of some speeds gives f = clip(held + β m w / h, ± level) against the motion: what held the joints
+in the last steps, and what would stop the speed that is left, with m the least inertia that w meets (dampers and the
 motors' controllers, which the plant's step solves for, add to it: D h + K h²). What is held follows
-with a smaller gain γ: at rest w obeys z² − (2 − β r) z + 1 − (β − γ) r = 0, with r = m / (the inertia that w meets) ≤ 1,
-whose roots lie within the unit circle up to r = 3; several brakes may share an inertia.
+with a smaller gain γ: at rest w obeys z² − (2 − β r) z + 1 − (β − γ) r = 0, with r = m / (the inertia that w meets)
+≤ 1, whose roots lie within the unit circle up to r = 3; several brakes may share an inertia.
 """
 
 from __future__ import annotations

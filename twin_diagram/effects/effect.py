@@ -127,9 +127,9 @@ class Effect:
             parameters[key] = Parameter.of(kind, value, where)
         result = cls(spec.joints, spec.links, parameters)
         result.onset, result.end, result.log = spec.onset, spec.end, spec.log
-        for key, value in (("onset", spec.onset), ("end", spec.end)):
-            if value is not None and not math.isfinite(value):
-                raise ModelError(f"effects.{cls.name}.{key}: {value} is not finite")
+        for key, moment in (("onset", spec.onset), ("end", spec.end)):
+            if moment is not None and not math.isfinite(moment):
+                raise ModelError(f"effects.{cls.name}.{key}: {moment} is not finite")
         if spec.onset is not None and spec.end is not None and not spec.onset < spec.end:
             raise ModelError(f"effects.{cls.name}.end: {spec.end:g} s is not after the onset at {spec.onset:g} s")
         result.check()
@@ -278,7 +278,9 @@ class Effect:
         """Changes a discrete plant that is not finalized; the default adds actuators for `fittings` and `brakes`."""
         for brake in self.brakes():
             for name in brake.joints:
-                plant.AddJointActuator(f"{name}_{brake.name}", plant.get_joint(arm.joint_indices[arm.joints.index(name)]))
+                plant.AddJointActuator(
+                    f"{name}_{brake.name}", plant.get_joint(arm.joint_indices[arm.joints.index(name)])
+                )
         for fitting in self.fittings():
             joint = plant.get_joint(arm.joint_indices[arm.joints.index(fitting.joint)])
             actuator = plant.AddJointActuator(fitting.name, joint, fitting.limit)

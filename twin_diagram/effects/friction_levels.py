@@ -121,7 +121,6 @@ class LoadDependentFriction(Effect):
 
     def brakes(self) -> list[Brake]:
         """One per joint, its level after the motor's torque."""
-
         return [_load_brake(joint, float(c)) for joint, c in zip(self.joints, self.value("coefficient"), strict=True)]
 
     def sentence(self) -> str:
@@ -176,8 +175,6 @@ class CoupledFriction(Effect):
             f"friction on the sum of the speeds of {', '.join(self.joints)}: {self.value('damping')[0]:.4g} N·m·s/rad "
             f"and {self.value('torque')[0]:.4g} N·m"
         )
-
-
 
 
 def _load_brake(joint: str, c: float) -> Brake:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+
 import numpy as np
 import numpy.typing as npt
 from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
