@@ -1,4 +1,4 @@
-"""Adding what was named: parameters are refined to the truth with honest errors, and models that change stay one model."""
+"""Adding what was named: parameters are refined to the truth with honest errors; changed models stay one model."""
 
 from __future__ import annotations
 

@@ -129,7 +129,7 @@ def chosen(hypothesis: Hypothesis, solutions: Sequence[Solution]) -> tuple[Array
     for part, s in zip(hypothesis.parts, hypothesis.slices(), strict=True):
         a, b = by_torque.covariance[s, s], by_motion.covariance[s, s]
         apart = by_motion.vector[s] - by_torque.vector[s]
-        distance = float(np.sqrt(max(0.0, apart @ np.linalg.pinv(a + b, hermitian=True) @ apart)))
+        distance = float(np.sqrt(max(0.0, float(apart @ np.linalg.pinv(a + b, hermitian=True) @ apart))))
         if distance > ALIKE * np.sqrt(len(apart)):
             notes.append(f"{part.spec.name}: torques and simulated motion disagree by {distance:.1f} standard errors")
             continue

@@ -80,7 +80,7 @@ class Hypothesis:
     def slices(self) -> list[slice]:
         """Of each part in the whole vector."""
         ends = np.cumsum([0, *(len(part.start()) for part in self.parts)])
-        return [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        return [slice(int(a), int(b)) for a, b in itertools.pairwise(ends)]
 
     def start(self) -> Array:
         """The rough values (p,)."""
@@ -163,9 +163,8 @@ def _scanned(hypothesis: Hypothesis, start: Array, residual: Callable[[Array], A
         if key is None:
             continue
         count = len(part.spec.parameters[key])
-        first = s.start + sum(
-            len(v) for k, v in itertools.takewhile(lambda x: x[0] != key, part.spec.parameters.items())
-        )
+        keys = list(part.spec.parameters)
+        first = s.start + sum(len(part.spec.parameters[other]) for other in keys[: keys.index(key)])
         for k in range(first, first + count):
             centre = best.copy()
             for factor in FACTORS:
