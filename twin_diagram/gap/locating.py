@@ -36,6 +36,9 @@ CHEAP = 0.9
 PRESENT = 4.0
 """Standard deviations above pure noise from which on a joint's residual counts."""
 
+LEAST_SHARE = 0.01
+"""Joints with less of the whole are not worth a word."""
+
 SHARES = (0.02, 0.98)
 """Quantiles of the residual's energy between which it is said to be in time."""
 
@@ -72,6 +75,7 @@ def locate(records: Records, terms: Terms, whitener: Whitener) -> tuple[Place, .
     count = np.sum(weights > 0.0, axis=1)
     excess = np.sum(y**2, axis=1) - count
     seen = excess > PRESENT * np.sqrt(2.0 * count)
+    seen &= excess > LEAST_SHARE * float(np.sum(excess[seen]))
     total = float(np.sum(excess[seen]))
     places = []
     for j in np.argsort(-excess):

@@ -79,7 +79,6 @@ def investigate(records: Records, progress: Progress | None = None) -> tuple[Ver
     smooth = [c for c in candidates if c.name not in NOT_SMOOTH]
     explained, spent = saturated.explain(records, smooth)
     noise = whitening.estimate(records.residual - explained, records.lengths, float(np.mean(spent)))
-    places = locate(records, terms, noise)
     lap("noise")
 
     say("searching for a name")
@@ -92,6 +91,8 @@ def investigate(records: Records, progress: Progress | None = None) -> tuple[Ver
     terms, bench, fit = again(records, terms, bench, fit)
     lap("second search")
     verdict = conclude(records, terms, bench, fit)
+    # Now that it is known what is noise: the first guess of it is too low where a log is short.
+    places = locate(records, terms, bench.whitener)
     lap("verdict")
     return replace(verdict, seconds=seconds, where=places), bench, fit, terms
 
