@@ -29,8 +29,8 @@ from twin_diagram.station.recording import LOG, RecordingWriter
 
 SCENARIO_FILE: Final = "scenario.yaml"
 """In a recording's folder: the scenario that was run."""
-MOST_FRAMES: Final = 450
-"""Of a page: 27 kB of memory each, and more in the page; a longer run is shown with fewer frames per second."""
+MOST_FRAMES: Final = 300
+"""Of a page. Each takes memory, in the run and in the browser; a longer run is shown with fewer per second."""
 Say = Callable[[str], None]
 
 
@@ -68,7 +68,7 @@ class Looking:
         self.scenes = add_meshcat(builder, meshcat, query, real, rate)
         self.scenes.set_view()
         plan = twin.diagram.GetOutputPort("plan")
-        overlay = MeshcatOverlay(meshcat, twin.scene, plan.size() // len(twin.model.joints))
+        overlay = MeshcatOverlay(meshcat, twin.scene, plan.size() // len(twin.model.joints), min(rate, 15.0))
         builder.AddNamedSystem("overlay", overlay)
         for name in ("plan", "tracks", "goal"):
             builder.Connect(twin.diagram.GetOutputPort(name), overlay.GetInputPort(name))
