@@ -202,7 +202,8 @@ class Router:
                 if self.first_blocked(now, now.goals[g][None], wanted[g]) is None:
                     return Route(Aim.GOAL, now.goals[g][None]), False
             if may_search:
-                found = self._search(now, now.goals[free], np.min([wanted[g] for g in free], axis=0), rng)
+                least: Array = np.stack([wanted[g] for g in free]).min(axis=0)
+                found = self._search(now, now.goals[free], least, rng)
                 if found is not None:
                     return Route(Aim.GOAL, found), False
                 failed = True
