@@ -40,9 +40,6 @@ MOST_EXPERIMENTS = 4
 FOR_THE_UNKNOWN = (texts.SPEEDS, texts.SLOW, texts.LONG)
 """Experiments that show most of an effect that has no name yet."""
 
-FOR_THE_UNKNOWN = (texts.SPEEDS, texts.SLOW, texts.LONG)
-"""Experiments that show most of an effect that has no name yet."""
-
 SHRINKS = 0.98
 """What is named must bring the held-out gap above the noise below this share of what it was."""
 
