@@ -61,6 +61,10 @@ class Fit:
     gain: float
 
 
+ONCE = frozenset({"external_force", "payload", "gravity_tilt", "time_delay"})
+"""Names that are said once; several forces in a row follow any curve of time."""
+
+
 class Bench:
     """Whitened data and candidates; solves hypotheses and scores what could be added to one.
 
@@ -237,6 +241,8 @@ class Bench:
                 and (new.joints == old.joints and new.links == old.links)
                 and not (new.name == "torque_ripple" and abs(new.shape["cycles"] - old.shape["cycles"]) > 2.0)
             ):
+                return False
+            if new.name == old.name and new.name in ONCE:
                 return False
             if set(new.joints) & set(old.joints) and frozenset({new.name, old.name}) in EXCLUSIVE:
                 return False

@@ -43,6 +43,13 @@ NOT_SMOOTH = ("joint_elasticity", "time_delay", "torque_saturation")
 MOTOR = ("", "time_delay", "torque_constant", "torque_bias", "torque_saturation", "actuator_fault")
 """What stands between the logged torque and the joint: no load of the joint."""
 
+DOUBTFUL = 0.5
+SMALL = 0.3
+"""Findings of less confidence, and less than this share of the strongest one's significance, are not named."""
+
+USUAL = frozenset({"viscous_friction", "coulomb_friction", "stribeck_friction", "reflected_inertia"})
+"""What every joint may well lack at once."""
+
 Progress = Callable[[str], None]
 
 
@@ -78,7 +85,8 @@ def investigate(records: Records, progress: Progress | None = None) -> tuple[Ver
     lap("candidates")
     smooth = [c for c in candidates if c.name not in NOT_SMOOTH]
     explained, spent = saturated.explain(records, smooth)
-    noise = whitening.estimate(records.residual - explained, records.lengths, float(np.mean(spent)))
+    counted = rest.sliding(records, terms, range(records.n))
+    noise = whitening.estimate(records.residual - explained, records.lengths, float(np.mean(spent)), counted)
     lap("noise")
 
     say("searching for a name")
@@ -88,7 +96,7 @@ def investigate(records: Records, progress: Progress | None = None) -> tuple[Ver
     lap("search")
 
     say("searching again with the noise that is left")
-    terms, bench, fit = again(records, terms, bench, fit)
+    terms, bench, fit = again(records, terms, bench, fit, spent)
     lap("second search")
     verdict = conclude(records, terms, bench, fit)
     # Now that it is known what is noise: the first guess of it is too low where a log is short.
@@ -106,16 +114,19 @@ def all_candidates(terms: Terms) -> list[Candidate]:
     ]
 
 
-def again(records: Records, terms: Terms, bench: Bench, fit: Fit) -> tuple[Terms, Bench, Fit]:
+def again(records: Records, terms: Terms, bench: Bench, fit: Fit, spent: Array) -> tuple[Terms, Bench, Fit]:
     """Searches once more, with noise and transmitted torque as the first hypothesis has them."""
     contribution = contribution_of(records, bench, fit)
     needed = saturated.at_full_rate(records, contribution_of(records, bench, fit, without=MOTOR))
     terms = with_load(terms, tuple(g + c for g, c in zip(given_load(records), needed, strict=True)))
-    noise = whitening.estimate(records.residual - contribution, records.lengths, len(fit.coefficients) / records.n)
-    fresh = all_candidates(terms)
     dry = rest.dry_joints(records) | {
         j for k in fit.members if bench.candidates[k].name in rest.DRY for j in bench.candidates[k].joints
     }
+    left, counted = records.residual - contribution, rest.sliding(records, terms, dry)
+    noise = whitening.estimate(left, records.lengths, len(fit.coefficients) / records.n, counted)
+    # Structure that was not named must not pass for noise: it would swallow what was.
+    noise = whitening.mixed(noise, bench.whitener, structured(bench, fit, spent))
+    fresh = all_candidates(terms)
     weights = rest.moving(records, terms, noise, dry)
     second = Bench(records.residual, noise, fresh, [arm_candidates.timing_nuisance(terms)], weights)
     members: Members = frozenset(second.add(bench.candidates[k]) for k in fit.members)
@@ -123,8 +134,30 @@ def again(records: Records, terms: Terms, bench: Bench, fit: Fit) -> tuple[Terms
     found = climb(second, members, LEAST, MOST, propose, polish)
     other = search(second, LEAST, MOST, propose, polish)
     best = found if found.evidence >= other.evidence else other
-    best = refine(second, terms, best)
-    return terms, second, best
+    return terms, second, pruned(second, refine(second, terms, best))
+
+
+def pruned(bench: Bench, fit: Fit) -> Fit:
+    """The fit without members that do not bring `LEAST` once shapes and noise have settled."""
+    while fit.members:
+        without = max((bench.solve(fit.members - {k}) for k in fit.members), key=lambda other: other.evidence)
+        if not np.isfinite(without.evidence) or fit.evidence - without.evidence >= LEAST:
+            return fit
+        fit = without
+    return fit
+
+
+def structured(bench: Bench, fit: Fit, spent: Array) -> npt.NDArray[np.bool_]:
+    """(n,) joints on which a fit leaves more than the smooth fit's noise, and more than that one may have taken away.
+
+    Args:
+        bench: whitened by the noise that the smooth fit leaves.
+        fit: solved on it.
+        spent: (n,) parameters of the smooth fit.
+    """
+    count = np.maximum(np.sum(bench.weights > 0.0, axis=1), 1.0)
+    level = np.sum(bench.residual(fit) ** 2, axis=1) / count
+    return np.asarray(level > 1.3 + 6.0 * spent / bench.rows)
 
 
 def polisher(terms: Terms) -> Polish:
@@ -151,6 +184,12 @@ def contribution_of(records: Records, bench: Bench, fit: Fit, without: Sequence[
     return result
 
 
+def crowded(findings: Sequence[Finding]) -> bool:
+    """Whether one joint has two unusual names: together they rather follow something that has no name."""
+    unusual = [joint for finding in findings if finding.name not in USUAL for joint in finding.joints]
+    return len(unusual) > len(set(unusual))
+
+
 def conclude(records: Records, terms: Terms, bench: Bench, fit: Fit) -> Verdict:
     """The verdict on a final fit."""
     left = flexible.left_over(records, terms, bench, fit)
@@ -161,7 +200,13 @@ def conclude(records: Records, terms: Terms, bench: Bench, fit: Fit) -> Verdict:
     if fit.members:
         findings = findings_of(records, bench, fit)
         separation = separations_of(records, bench, fit)
-    unknown = structure and (not fit.members or left.gain > MOSTLY * fit.gain)
+        # What is small and doubtful beside the rest is better left as something that is there.
+        kept = tuple(
+            f for f in findings if f.confidence >= DOUBTFUL or f.significance > SMALL * findings[0].significance
+        )
+        structure = structure or len(kept) < len(findings) or crowded(kept)
+        findings = kept
+    unknown = structure and (not findings or left.gain > MOSTLY * fit.gain)
     if unknown:
         findings, separation = (), ()
     return Verdict(

@@ -33,9 +33,9 @@ FEWEST = 0.3
 DRY = frozenset({"coulomb_friction", "stribeck_friction", "load_dependent_friction", "coupled_friction"})
 
 
-def moving(records: Records, terms: Terms, whitener: Whitener, joints: Iterable[int]) -> Array:
-    """(n, R) weights of whitened samples: 0 where one of `joints` may be sticking, else 1."""
-    result = np.ones((records.n, len(whitener.rows)))
+def sliding(records: Records, terms: Terms, joints: Iterable[int]) -> Array:
+    """(ΣD, n) weights of reduced samples: 0 where one of `joints` may be sticking, else 1."""
+    result = np.ones((sum(records.lengths), records.n))
     for j in joints:
         parts = []
         for record in records.records:
@@ -46,10 +46,15 @@ def moving(records: Records, terms: Terms, whitener: Whitener, joints: Iterable[
             for k in range(1, AFTER + 1):
                 after[k:] = np.maximum(after[k:], thinned[:-k])
             parts.append(after)
-        weights = 1.0 - np.concatenate(parts)[whitener.rows]
+        weights = 1.0 - np.concatenate(parts)
         if np.mean(weights) > FEWEST:
-            result[j] = weights
+            result[:, j] = weights
     return result
+
+
+def moving(records: Records, terms: Terms, whitener: Whitener, joints: Iterable[int]) -> Array:
+    """(n, R) the same for whitened samples."""
+    return np.ascontiguousarray(sliding(records, terms, joints)[whitener.rows].T)
 
 
 def dry_joints(records: Records) -> set[int]:

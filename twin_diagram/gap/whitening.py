@@ -58,30 +58,47 @@ class Whitener:
         return np.stack([self.joint(j, signal[:, j]) for j in range(signal.shape[1])])
 
 
-def estimate(residual: Array, lengths: Sequence[int], freedom: float = 0.0, order: int = ORDER) -> Whitener:
+def estimate(
+    residual: Array, lengths: Sequence[int], freedom: float = 0.0, weights: Array | None = None, order: int = ORDER
+) -> Whitener:
     """Level and colour of the noise.
 
     Args:
         residual: (ΣD, n) of a model that explains all structure [N·m].
         lengths: samples per record.
         freedom: parameters per joint that were fitted to it; their share of the noise is added again.
-        order: of the autoregression (Yule and Walker, on biased autocovariances, hence stable).
+        weights: (ΣD, n) 0 for samples that are not to count, else 1; None: all count.
+        order: of the autoregression (Yule and Walker).
     """
     total, n = residual.shape
     starts = np.concatenate([[0], np.cumsum(lengths)]).astype(int)
     filters = np.zeros((n, order + 1))
     sigma = np.zeros(n)
     for j in range(n):
-        covariance = np.zeros(order + 1)
+        covariance, pairs = np.zeros(order + 1), np.zeros(order + 1)
+        counts = np.ones(total) if weights is None else weights[:, j]
         for first, last in itertools.pairwise(starts):
-            part = residual[first:last, j]
+            counted = counts[first:last]
+            part = residual[first:last, j] * counted
             covariance += [part[: len(part) - k] @ part[k:] for k in range(order + 1)]
-        covariance /= max(1.0, total - freedom)
-        covariance[0] = max(covariance[0] * (1.0 + 1e-6), 1e-24)
+            pairs += [counted[: len(part) - k] @ counted[k:] for k in range(order + 1)]
+        # Per pair that counts; a taper keeps gaps from making an autocovariance that no process has.
+        taper = 1.0 - np.arange(order + 1) / len(residual)
+        covariance *= taper / np.maximum(pairs, 1.0) * pairs[0] / max(1.0, pairs[0] - freedom)
+        covariance[0] = max(covariance[0] * (1.0 + 1e-4), 1e-24)
         a = solve_toeplitz(covariance[:-1], covariance[1:])
         filters[j] = np.concatenate([[1.0], -a])
         sigma[j] = np.sqrt(max(covariance[0] - a @ covariance[1:], 1e-24))
     return Whitener(filters, sigma, tuple(int(m) for m in lengths))
+
+
+def mixed(first: Whitener, second: Whitener, use_second: npt.NDArray[np.bool_]) -> Whitener:
+    """The one filter on some joints, the other on the rest (n,)."""
+    return Whitener(
+        np.where(use_second[:, None], second.filters, first.filters),
+        np.where(use_second, second.sigma, first.sigma),
+        first.lengths,
+    )
 
 
 def effective_samples(whitener: Whitener) -> Array:
