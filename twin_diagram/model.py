@@ -59,6 +59,7 @@ class Model:
         timed: whether an effect starts or ends.
         delay: how much later the logged torque acts [s].
         yielding: joints (s,) whose gears yield, their stiffness [N·m/rad] and half of their play [rad].
+        loss: (s,) their damping over stiffness [s].
         position_index, velocity_index: (n,) of the joints in the plant's q and v.
         lower, upper, velocity_limit, effort_limit: (n,) from the description, infinite where it says nothing.
         last_link: name of the child link of the last arm joint; payloads hang on it.
@@ -98,7 +99,7 @@ class Model:
         self._vectorises = rigid_tree.is_whole(plant)
         self._laws = tuple(effect for effect in self.present if not effect.folds)
         self._dry = tuple(effect for effect in self._laws if effect.dry)
-        self.yielding = series.merged(
+        self.yielding, self.loss = series.merged(
             [
                 (self.joints.index(joint), gear)
                 for effect in self.present
@@ -229,7 +230,9 @@ class Model:
         q = self.true_position(q)
         total = self.joint_load(q, v, a, tau)
         if time is not None and len(self.yielding[0]) and len(time) > 1:
-            total = total + series.twist(self, q, v, a, (time[-1] - time[0]) / (len(time) - 1)).torque
+            beyond = None if seen is None else self.applied(seen, time) - total
+            period = (time[-1] - time[0]) / (len(time) - 1)
+            total = total + series.twist(self, q, v, a, period, beyond).torque
         if seen is not None and self._dry and q.ndim == 2:
             total = self._held(total, q, v, seen if time is None else self.applied(seen, time))
         shown: list[Array] = []

@@ -114,7 +114,11 @@ def twists(model: Model, smooth: Motion) -> tuple[Array, Array]:
         return np.zeros((len(smooth.log), 0)), np.zeros((len(smooth.log), 0))
     time = smooth.log.time
     period = (time[-1] - time[0]) / (len(time) - 1)
-    found = series.twist(model, model.true_position(smooth.position), smooth.velocity, smooth.acceleration, period)
+    q, torque = model.true_position(smooth.position), _torque_or_none(smooth.log)
+    beyond = None
+    if torque is not None:
+        beyond = model.applied(torque, time) - model.joint_load(q, smooth.velocity, smooth.acceleration)
+    found = series.twist(model, q, smooth.velocity, smooth.acceleration, period, beyond)
     return found.angle, found.rate
 
 

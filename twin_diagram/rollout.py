@@ -22,7 +22,6 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.dry_friction import Brake, Stop, solve
-from twin_diagram.effects.elasticity import LOSS
 from twin_diagram.effects.friction_levels import CoupledFriction
 from twin_diagram.model import Model
 
@@ -205,7 +204,7 @@ def _yielding_step(model: Model, state: State, tau: Array, h: float) -> State:
 
     spring = np.where(hard | (np.abs(middle[:, n:]) <= half), 0.0, stiffness)
     rest = np.sign(middle[:, n:]) * half
-    loss = LOSS * spring
+    loss = model.loss * spring
     damping = np.concatenate([model.tree.damping, np.zeros(s)])
     whole = np.empty((len(q), n + s, n + s))
     whole[:, :n, :n] = mass

@@ -31,6 +31,16 @@ LONGEST_STEP = 0.001
 PASSES = 2
 """Gravity at the twisted gear is worked out from the pass before."""
 
+SPRING_PASSES = 3
+LINEARISED = 2
+"""Of them, those that work the load's derivatives out anew."""
+
+TINY = 1e-5
+"""Step of the load's derivatives [rad], [rad/s]."""
+
+FARTHEST = 0.7
+"""Twists beyond this are no gear's [rad]."""
+
 
 @dataclass(frozen=True)
 class Twist:
@@ -47,16 +57,21 @@ class Twist:
     torque: Array
 
 
-def merged(gears: list[tuple[int, Gear]]) -> tuple[npt.NDArray[np.int64], Array, Array]:
-    """Joints that yield, with the stiffness and half the play of each: compliances and gaps in series add up."""
+def merged(gears: list[tuple[int, Gear]]) -> tuple[tuple[npt.NDArray[np.int64], Array, Array], Array]:
+    """Joints that yield, with the stiffness and half the play of each: compliances and gaps in series add up.
+
+    Beside them the loss of each, as compliances weigh it.
+    """
     joints = sorted({joint for joint, _ in gears})
     compliance = np.array([sum(1.0 / gear.stiffness for j, gear in gears if j == joint) for joint in joints])
     half = np.array([0.5 * sum(gear.gap for j, gear in gears if j == joint) for joint in joints])
+    lost = np.array([sum(gear.loss / gear.stiffness for j, gear in gears if j == joint) for joint in joints])
+    loss = np.divide(lost, compliance, out=np.full(len(joints), LOSS), where=compliance > 0.0)
     with np.errstate(divide="ignore"):
-        return np.array(joints, dtype=np.int64), 1.0 / compliance, half
+        return (np.array(joints, dtype=np.int64), 1.0 / compliance, half), loss
 
 
-def twist(model: Model, q: Array, v: Array, a: Array, period: float) -> Twist:
+def twist(model: Model, q: Array, v: Array, a: Array, period: float, beyond: Array | None = None) -> Twist:
     """Twists for a motion sampled at a constant rate.
 
     Args:
@@ -65,20 +80,20 @@ def twist(model: Model, q: Array, v: Array, a: Array, period: float) -> Twist:
         v: (N, n) [rad/s].
         a: (N, n) [rad/s²].
         period: between samples [s].
+        beyond: (N, n) what the motors gave beyond the rigid arm's torque, as measured [N·m]: it tells how the gears
+            swung when the motion began, which the motors' motion does not. None: they begin with the least swing.
     """
     joints, stiffness, half = model.yielding
+    if np.all(np.isfinite(stiffness)) and not np.any(half > 0.0):
+        return _springs(model, q, v, a, period, beyond)
     mass = model.tree.mass_matrix(q)
     mass[:, range(model.tree.n), range(model.tree.n)] -= model.tree.rotor
     columns = mass[:, :, joints]
     block = columns[:, joints]
     rigid = model.link_load(q, v, a)
     load = rigid
-    springs = bool(np.all(np.isfinite(stiffness)) and not np.any(half > 0.0))
     for _ in range(PASSES):
-        if springs:
-            angle, rate, acceleration = _springs(block, load[:, joints], stiffness, period)
-        else:
-            angle, rate, acceleration = _play(block, load[:, joints], stiffness, half, period)
+        angle, rate, acceleration = _play(block, load[:, joints], stiffness, half, model.loss, period)
         twisted = q.copy()
         twisted[:, joints] += angle
         load = model.link_load(twisted, v, a)
@@ -86,34 +101,106 @@ def twist(model: Model, q: Array, v: Array, a: Array, period: float) -> Twist:
     return Twist(angle, rate, torque)
 
 
-def _springs(mass: Array, load: Array, stiffness: Array, h: float) -> tuple[Array, Array, Array]:
-    samples, s = load.shape
-    identity, K = np.eye(s), np.diag(stiffness)
-    D = LOSS * K
-    inverse: Any = np.linalg.inv(mass + 0.5 * h * D + 0.25 * h * h * K)
-    effect = np.concatenate([0.25 * h * h * identity, 0.5 * h * identity, identity])  # of the new acceleration
-    held = np.hstack([K, h * K + D, 0.25 * h * h * K + 0.5 * h * D])
-    onward = np.zeros((3 * s, 3 * s))
-    onward[:s] = np.hstack([identity, h * identity, 0.25 * h * h * identity])
-    onward[s : 2 * s, s:] = np.hstack([identity, 0.5 * h * identity])
-    A = onward - effect @ inverse @ held
-    b = -np.einsum("ij,kj->ki", effect, np.einsum("kij,kj->ki", inverse, load))
-    # Beside the motion from rest, those from a unit twist and a unit rate of each gear. No sensor tells how a gear
-    # started: of all starts, the one that rings least is taken.
-    state = np.zeros((samples, 3 * s, 1 + 2 * s))
-    state[0, : 2 * s, 1:] = np.eye(2 * s)
+def _springs(model: Model, q: Array, v: Array, a: Array, h: float, beyond: Array | None) -> Twist:
+    """Newton's method on the whole motion: the links' load is linearised about the twists of the pass before.
+
+    Each pass solves M ë + (loss K + C) ė + (K + G) e = what is left of the load, C and G being the load's derivatives.
+    Gravity that turns with the link shifts the frequency at which it swings, so that substituting twists alone would
+    take as many passes as there are swings.
+    """
+    joints, stiffness, _ = model.yielding
+    s = len(joints)
+    diagonal = np.arange(s)
+    rigid = model.link_load(q, v, a)
+    angle, rate, acceleration = (np.zeros((len(q), s)) for _ in range(3))
+
+    def link(e: Array, de: Array, dde: Array) -> Array:
+        moved = q.copy(), v.copy(), a.copy()
+        for signal, more in zip(moved, (e, de, dde), strict=True):
+            signal[:, joints] += more
+        return model.link_load(*moved)
+
+    load = rigid
+    for number in range(SPRING_PASSES):
+        if number < LINEARISED:
+            twisted = q.copy()
+            twisted[:, joints] += angle
+            M = model.tree.mass_matrix(twisted)
+            M[:, range(model.tree.n), range(model.tree.n)] -= model.tree.rotor
+            M = M[:, :, joints]
+            G, C = np.empty_like(M), np.empty_like(M)
+            for k in range(s):
+                more = np.zeros((len(q), s))
+                more[:, k] = TINY
+                G[:, :, k] = (link(angle + more, rate, acceleration) - load) / TINY
+                C[:, :, k] = (link(angle, rate + more, acceleration) - load) / TINY
+            whole = G[:, joints].copy(), C[:, joints].copy()
+            whole[0][:, diagonal, diagonal] += stiffness
+            whole[1][:, diagonal, diagonal] += model.loss * stiffness
+        rest = load - _times(M, acceleration) - _times(C, rate) - _times(G, angle)
+        states = _linear(M[:, joints], whole[1], whole[0], -rest[:, joints], h)
+        torque = np.einsum("kis,ksm->kim", np.concatenate([G, C, M], axis=2), states)
+        torque[:, :, 0] += rest - rigid
+        states = states[:, :, 0] + states[:, :, 1:] @ _start(states, torque, -load[:, joints] / stiffness, beyond)
+        angle, rate, acceleration = states[:, :s], states[:, s : 2 * s], states[:, 2 * s :]
+        if np.max(np.abs(angle)) > FARTHEST:  # a gear that folds over is beyond any linearisation
+            scale = FARTHEST / np.max(np.abs(angle))
+            angle, rate, acceleration = scale * angle, scale * rate, scale * acceleration
+        load = link(angle, rate, acceleration)
+    return Twist(angle, rate, load - rigid)
+
+
+def _linear(M: Array, D: Array, K: Array, force: Array, h: float) -> Array:
+    """M ë + D ė + K e = force (N, s), from rest and freely from each unit of the start: (N, 3s, 1 + 2s) of e, ė, ë.
+
+    Steps are those of the two-stage Gauss method, with coefficients of the step's middle and a force that is linear in
+    time: of fourth order, neither damped nor unstable however stiff the springs.
+    """
+    samples, s = force.shape
+    inverse: Any = np.linalg.inv(M)
+    A = np.zeros((samples, 2 * s, 2 * s))
+    A[:, :s, s:] = np.eye(s)
+    A[:, s:, :s], A[:, s:, s:] = -inverse @ K, -inverse @ D
+    b = np.zeros((samples, 2 * s))
+    b[:, s:] = _times(inverse, force)
+    m = 2 * s + 2
+    Z = np.zeros((samples - 1, m, m))  # of (e, ė, 1, share of the step)
+    Z[:, : 2 * s, : 2 * s] = 0.5 * h * (A[1:] + A[:-1])
+    Z[:, : 2 * s, 2 * s] = h * b[:-1]
+    Z[:, : 2 * s, 2 * s + 1] = h * (b[1:] - b[:-1])
+    Z[:, 2 * s + 1, 2 * s] = 1.0
+    square = Z @ Z / 12.0
+    onward: Any = np.linalg.solve(np.eye(m) - 0.5 * Z + square, np.eye(m) + 0.5 * Z + square)
+    Phi, driven = onward[:, : 2 * s, : 2 * s], onward[:, : 2 * s, 2 * s]
+    state = np.zeros((samples, 2 * s, 1 + 2 * s))
+    state[0, :, 1:] = np.eye(2 * s)
     for k in range(1, samples):
-        np.matmul(A[k], state[k - 1], out=state[k])
-        state[k, :, 0] += b[k]
-    calm = -load / stiffness
-    freely = state[:, :s, 1:].reshape(samples * s, 2 * s)
-    size = np.linalg.norm(freely, axis=0)
-    start = np.linalg.lstsq(freely / size, (calm - state[:, :s, 0]).ravel(), rcond=None)[0] / size
-    found = state[:, :, 0] + state[:, :, 1:] @ start
-    return found[:, :s], found[:, s : 2 * s], found[:, 2 * s :]
+        np.matmul(Phi[k - 1], state[k - 1], out=state[k])
+        state[k, :, 0] += driven[k - 1]
+    acceleration = np.matmul(A[:, s:], state)
+    acceleration[:, :, 0] += b[:, s:]
+    return np.concatenate([state, acceleration], axis=1)
 
 
-def _play(mass: Array, load: Array, stiffness: Array, half: Array, period: float) -> tuple[Array, Array, Array]:
+def _start(states: Array, torque: Array, calm: Array, beyond: Array | None) -> Array:
+    """(2s,) how the gears' motion begins: that which the measured torque asks for, else that which swings least."""
+    s = calm.shape[1]
+    if beyond is None:
+        A, y = states[:, :s, 1:].reshape(-1, 2 * s), (calm - states[:, :s, 0]).ravel()
+    else:
+        scale = np.median(np.abs(np.diff(beyond, 2, axis=0)), axis=0)
+        scale = 1.0 / np.maximum(scale, 1e-3 * np.max(scale) + 1e-12)
+        A = (torque[:, :, 1:] * scale[:, None]).reshape(-1, 2 * s)
+        y = ((beyond - torque[:, :, 0]) * scale).ravel()
+    size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+    return np.asarray(np.linalg.lstsq(A / size, y, rcond=1e-9)[0] / size)
+
+
+def _times(matrix: Array, vector: Array) -> Array:
+    return np.asarray(np.einsum("kis,ks->ki", matrix, vector))
+
+
+def _play(mass: Array, load: Array, stiffness: Array, half: Array, loss: Array, period: float) -> tuple[Array, Array, Array]:
     samples, s = load.shape
     parts = max(1, int(np.ceil(period / LONGEST_STEP - 1e-9)))
     h = period / parts
@@ -133,7 +220,7 @@ def _play(mass: Array, load: Array, stiffness: Array, half: Array, period: float
             stretched &= np.abs(e + h * v) > half
             if np.any(stretched):
                 k_now = np.where(stretched, K, 0.0)
-                A = mass[k] + np.diag(h * (LOSS + h) * k_now)
+                A = mass[k] + np.diag(h * (loss + h) * k_now)
                 rest = np.sign(e + h * v) * half
                 v = np.linalg.solve(A, mass[k] @ v - h * push - h * k_now * (e - rest))
                 inverse = np.linalg.inv(A)

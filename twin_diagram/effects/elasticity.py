@@ -4,6 +4,8 @@ Measured positions are the motors'. The link turns by q = θ + e with the twist 
 
     torque = −stiffness × d(e) − loss × stiffness × ė,        d(e): what of e is beyond ± gap / 2.
 
+`loss` [s] says how soon a gear's swing dies away. The catalogue has no name for it, so that no report tells it.
+
 `twin_diagram.series` works out the twist for a measured motion, `rollout` integrates it, and a simulator's plant gets a
 rotor body with a joint of its own between motor and link.
 """
@@ -37,7 +39,7 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 
 LOSS = 1e-3
-"""Damping of an elastic gear over its stiffness [s]: 5 % of critical at 100 rad/s, as harmonic drives have."""
+"""Usual damping of an elastic gear over its stiffness [s]: 5 % of critical at 100 rad/s, as harmonic drives have."""
 
 
 @dataclass(frozen=True)
@@ -47,10 +49,12 @@ class Gear:
     Attributes:
         stiffness: [N·m/rad], infinite for play alone.
         gap: total play [rad].
+        loss: damping over stiffness [s].
     """
 
     stiffness: float = math.inf
     gap: float = 0.0
+    loss: float = LOSS
 
 
 class YieldingGear(Effect):
@@ -89,11 +93,13 @@ class JointElasticity(YieldingGear):
     kinds: ClassVar[Mapping[str, ParameterKind]] = {
         "stiffness": ParameterKind("N·m/rad", lower=1e-3, upper=1e9),
         "rotor_inertia": ParameterKind("kg·m²", lower=0.0, default=0.0, help="beyond the description's"),
+        "loss": ParameterKind("s", lower=0.0, upper=0.1, default=LOSS, help="damping over stiffness"),
     }
 
     def gears(self) -> dict[str, Gear]:
         """See `YieldingGear.gears`."""
-        return {j: Gear(stiffness=float(k)) for j, k in zip(self.joints, self.value("stiffness"), strict=True)}
+        both = zip(self.joints, self.value("stiffness"), self.value("loss"), strict=True)
+        return {joint: Gear(stiffness=float(k), loss=float(loss)) for joint, k, loss in both}
 
     def sentence(self) -> str:
         """See `Effect.sentence`."""
@@ -156,7 +162,7 @@ def _split(plant: MultibodyPlant, arm: Arm, name: str, gear: Gear, inertia: floa
         again.set_controller_gains(gains)
     if math.isfinite(gear.stiffness):
         spring = plant.AddJointActuator(f"{name}_gear", second)
-        spring.set_controller_gains(PdControllerGains(p=gear.stiffness, d=LOSS * gear.stiffness))
+        spring.set_controller_gains(PdControllerGains(p=gear.stiffness, d=gear.loss * gear.stiffness))
     else:
         half: list[float] = [0.5 * gear.gap]
         second.set_position_limits([-half[0]], half)

@@ -18,6 +18,7 @@ from twin_diagram.errors import ModelError
 from twin_diagram.gap.coordinates import Coordinates
 from twin_diagram.gap.finding import Estimate, Finding
 from twin_diagram.gap.gauss_newton import Solution
+from twin_diagram.gap.merge import UNTOLD
 from twin_diagram.gap.named import specs_of
 from twin_diagram.gap.posterior import unit_of
 from twin_diagram.gap.refinement import Hypothesis, equation_error, output_error
@@ -156,6 +157,8 @@ def _told(finding: Finding, hypothesis: Hypothesis, mine: Sequence[int], vector:
             for key, value in values.items():
                 sides[key].append((np.array(after[key]) - np.array(value)) / (0.01 * size[k]))
         for key, value in values.items():
+            if key in UNTOLD:
+                continue
             J = np.stack(sides[key], axis=1)
             std = np.sqrt(np.maximum(np.einsum("ik,kl,il->i", J, covariance[s, s], J), 0.0))
             before = finding.parameters.get(key)

@@ -17,6 +17,7 @@ from pydrake.math import RigidTransform
 from twin_diagram import rigid_tree
 from twin_diagram.effects import REGISTRY
 from twin_diagram.effects.link_inertia import about_centre
+from twin_diagram.gap.merge import UNTOLD
 from twin_diagram.model import Model
 from twin_diagram.scenario import EffectSpec
 
@@ -42,6 +43,10 @@ class Coordinates:
     def of(model: Model, spec: EffectSpec) -> Coordinates:
         """For an effect that is added to a model."""
         if spec.name != "inertial_parameters":
+            for key in sorted(UNTOLD & set(REGISTRY[spec.name].kinds) - set(spec.parameters)):
+                default = REGISTRY[spec.name].kinds[key].default
+                assert default is not None
+                spec = replace(spec, parameters={**spec.parameters, key: [default] * len(spec.joints)})
             return Coordinates(spec)
         body = model.plant.GetBodyByName(spec.links[0])
         described = about_centre(rigid_tree.inertia_vector(body.default_spatial_inertia(), RigidTransform()))
@@ -64,7 +69,11 @@ class Coordinates:
                 centre + values.get("com", np.zeros(3)),
                 _physical(inertia + np.array(values.get("inertia", np.zeros(6))), inertia),
             )
-        return np.concatenate([np.array(values)[free] for values, free in self._free()])
+        parts = []
+        for key, (values, free) in zip(self.spec.parameters, self._free(), strict=True):
+            chosen = np.array(values, dtype=float)[free]
+            parts.append(np.log(np.maximum(chosen, SMALLEST)) if self.logarithmic(key) else chosen)
+        return np.concatenate(parts)
 
     def prior(self) -> tuple[Array, Array]:
         """Mean and standard deviation (infinite: none) of the coordinates."""
@@ -72,8 +81,19 @@ class Coordinates:
             mean = log_cholesky(*self.link)
             scale = np.concatenate([np.ones(4), np.full(6, np.exp(np.mean(mean[:4])))])
             return mean, LINK_SPREAD * scale
-        size = len(self.start())
-        return np.zeros(size), np.full(size, np.inf)
+        start = self.start()
+        spread = np.full(len(start), np.inf)
+        begin = 0
+        for key, (_, free) in zip(self.spec.parameters, self._free(), strict=True):
+            end = begin + int(np.sum(free))
+            if key in UNTOLD:
+                spread[begin:end] = UNTOLD_SPREAD
+            begin = end
+        return start, spread
+
+    def logarithmic(self, key: str) -> bool:
+        """Whether a parameter's coordinates are logarithms."""
+        return key in LOGARITHMIC or (self.spec.name, key) in LOGARITHMIC
 
     def effect(self, vector: Array) -> EffectSpec:
         """With other coordinates; bounds of the catalogue are kept where values are absolute."""
@@ -94,6 +114,8 @@ class Coordinates:
             count = int(np.sum(free))
             kind = REGISTRY[self.spec.name].kinds[key]
             chosen = vector[begin : begin + count]
+            if self.logarithmic(key):
+                chosen = np.exp(np.clip(chosen, -25.0, 25.0))
             if key not in ADDS:
                 chosen = np.clip(chosen, kind.lower, kind.upper)
             changed[free] = chosen
@@ -127,6 +149,17 @@ ADDS = frozenset(
     }
 )
 """Keys that may be negative as differences; `merge` says where they may not."""
+
+
+LOGARITHMIC: frozenset[str | tuple[str, str]] = frozenset(
+    {"loss", "stribeck_velocity", ("joint_elasticity", "stiffness")}
+)
+"""Keys, or names with keys, of which the logarithm is the coordinate: their size is what matters."""
+
+SMALLEST = 1e-9
+
+UNTOLD_SPREAD = 1.5
+"""Prior deviation of the logarithm of what no rough value is known of."""
 
 
 def log_cholesky(mass: float, centre: Array, inertia: Array) -> Array:

@@ -19,6 +19,9 @@ from twin_diagram.scenario import EffectSpec
 Array = npt.NDArray[np.float64]
 Values = dict[str, float]
 
+UNTOLD = frozenset({"loss"})
+"""Parameters that an effect may leave to its default."""
+
 NOTHING = 1e-9
 """What is left below this is nothing."""
 
@@ -59,7 +62,7 @@ def _on_joint(spec: EffectSpec, k: int, keep: Callable[[int], bool] | None = Non
 def _add(specs: list[EffectSpec], piece: EffectSpec) -> list[EffectSpec]:
     timed = piece.onset is not None or piece.end is not None
     for place, spec in enumerate(specs):
-        if spec.name != piece.name or set(spec.parameters) != set(piece.parameters):
+        if spec.name != piece.name or set(spec.parameters) - UNTOLD != set(piece.parameters) - UNTOLD:
             continue
         if spec.onset is not None or spec.end is not None:
             continue
@@ -147,7 +150,11 @@ def _stribeck(here: dict[str, list[float]], more: dict[str, list[float]]) -> dic
 
 def _in_series(here: dict[str, list[float]], more: dict[str, list[float]]) -> dict[str, list[float]]:
     stiffness = 1.0 / (1.0 / here["stiffness"][0] + 1.0 / more["stiffness"][0])
-    return {"stiffness": [stiffness], "rotor_inertia": [here["rotor_inertia"][0] + more["rotor_inertia"][0]]}
+    result = {"stiffness": [stiffness], "rotor_inertia": [here["rotor_inertia"][0] + more["rotor_inertia"][0]]}
+    if "loss" in here and "loss" in more:
+        lost = here["loss"][0] / here["stiffness"][0] + more["loss"][0] / more["stiffness"][0]
+        result["loss"] = [lost * stiffness]
+    return result
 
 
 RULES: dict[str, Callable[[dict[str, list[float]], dict[str, list[float]]], dict[str, list[float]] | None]] = {

@@ -169,7 +169,7 @@ def _scanned(hypothesis: Hypothesis, start: Array, residual: Callable[[Array], A
             centre = best.copy()
             for factor in FACTORS:
                 trial = centre.copy()
-                trial[k] *= factor
+                trial[k] = trial[k] + np.log(factor) if part.logarithmic(key) else trial[k] * factor
                 cost = float(np.sum(residual(trial) ** 2))
                 if cost < least:
                     best, least = trial, cost
