@@ -215,6 +215,14 @@ class Filter:
     opening: float = 2.0
     """The parameters' covariance opens where innovations squared are this many times their covariance for a tenth of a
     second."""
+    parameter_rate: float = 50.0
+    """How often the physics takes over the parameters learnt; in between, their change acts to first order [1/s]."""
+    rule: str = "covariance"
+    """`covariance`, or `gradient`: the outline's rule, for comparison."""
+    learning_rate: float = 0.01
+    """η of the gradient rule, in standard deviations of the prior."""
+    history: float = 0.1
+    """How far back a late reading is fused at its own time [s]."""
 
 
 @dataclass

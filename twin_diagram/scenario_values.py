@@ -37,6 +37,7 @@ POSITIVE: dict[type, tuple[str, ...]] = {
         "com_std",
         "torque_drift_time",
         "opening",
+        "parameter_rate",
     ),
     Perception: ("stride", "cluster_gap", "smallest"),
     Planner: ("rate", "knots", "step", "influence", "velocity_share", "acceleration"),
@@ -46,7 +47,7 @@ POSITIVE: dict[type, tuple[str, ...]] = {
 }
 NOT_NEGATIVE: dict[type, tuple[str, ...]] = {
     Camera: ("latency",),
-    Filter: ("excitation", "torque_drift_std", "parameter_walk"),
+    Filter: ("excitation", "torque_drift_std", "parameter_walk", "learning_rate", "history"),
     Perception: ("table_clearance", "robot_clearance"),
     Planner: ("clearance", "seed"),
     Registration: ("search_period",),

@@ -59,6 +59,7 @@ class ArmTerms:
         n: number of joints.
         velocity_limit, effort_limit: (n,) from the plant; where it names none, 10 rad/s and what a brisk motion takes.
         damping: (n,) [N·m·s/rad] of the joints in the plant itself; part of b, made implicit in the step.
+        link_name: of the last link, which carries the payload.
         tool: (3,) p of the tool frame in the last link [m]: where a payload is expected.
     """
 
@@ -122,6 +123,7 @@ class ArmTerms:
 
         self._link = handles[-1].child_body()
         self._link_frame = self._link.body_frame()
+        self.link_name: str = self._link.name()
         tool = plant.GetFrameByName(tool_frame) if tool_frame else self._link_frame
         X_WL = self._link_frame.CalcPoseInWorld(self._context)
         self.tool: Array = (X_WL.inverse() @ tool.CalcPoseInWorld(self._context)).translation().copy()
@@ -165,6 +167,11 @@ class ArmTerms:
         self._x[self._at_q] = q
         self._x[self._at_v] = v
         self.plant.SetPositionsAndVelocities(self._context, self._x)
+
+    def at(self, q: Array, v: Array | float) -> Context:
+        """The scratch Context with the joints at q, v (n,): to be read at once and not kept."""
+        self._set(q, v)
+        return self._context
 
     def _brisk_effort(self) -> Array:
         """(n,) torque for twice the largest weight on each joint and a brisk start, over a spread of poses [N·m]."""

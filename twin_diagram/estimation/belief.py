@@ -2,7 +2,8 @@
 
 A vector copies at once, lives in a Diagram's discrete state, and compares to the bit.
 
-Layout: header, memory (per joint), mean x = [q, v, disturbance, θ], covariance P.
+Layout: header, memory (per joint, then per parameter), mean x = [q, v, disturbance, θ, sensors' own states],
+covariance P, and a track record per further sensor.
 """
 
 from __future__ import annotations
@@ -32,19 +33,53 @@ class Entry(IntEnum):
     """1 until the first message after a start, else 0."""
     SPAN = 6
     """Length of the newest prediction [s]."""
-    ACCEPTED = 7
-    REFUSED = 8
+    RELEASED = 7
+    """When the physics last took over the parameters learnt [s]."""
+    ALARM = 8
+    """Until this time the noise is not adapted: what is wrong is not noise [s]."""
+    HEARD = 9
+    """Time of the newest reading of the arm's own that was used [s]; `NEVER` before the first."""
+    ACCEPTED = 10
+    REFUSED = 11
     """Messages with a reading outside its gate."""
-    SURPRISES = 9
+    SURPRISES = 12
     """Messages that only an unmodelled torque explains."""
-    STALE = 10
-    """Messages not newer than the last, or going back in time."""
-    INVALID = 11
+    STALE = 13
+    """Messages seen before, or too old to be fused at their own time."""
+    INVALID = 14
     """Messages with a NaN, an infinity or an absurd value."""
-    RESTARTS = 12
+    RESTARTS = 15
     """State taken anew from a message after a gap in time or a run of refusals."""
-    OPENINGS = 13
+    OPENINGS = 16
     """Times that an abrupt change opened the parameter covariance."""
+    LATE = 17
+    """Messages that arrived after newer ones and were fused at their own time."""
+
+
+class Track(IntEnum):
+    """Entries of a further sensor's track record."""
+
+    LAST = 0
+    """Time of its newest reading used [s]; `NEVER` before the first."""
+    STREAK = 1
+    """Readings refused in a row."""
+    NIS = 2
+    """Of its newest reading."""
+    NIS_MEAN = 3
+    """NIS over its degrees of freedom, averaged over some tens of readings; refused ones left out."""
+    ACCEPTED = 4
+    REFUSED = 5
+    """Outside the gate."""
+    INVALID = 6
+    """Not finite, or no reading at all."""
+    STALE = 7
+    """Too old to be fused at their own time."""
+    LATE = 8
+    """Fused at their own, past time."""
+    REACQUIRED = 9
+    """Times that a run of refusals was ended by opening what only this sensor tells."""
+    RUN = 10
+    """Sum of squares of the mean whitened innovation over its variance: about `size` while it agrees with the rest."""
 
 
 HEADER = len(Entry)
@@ -64,24 +99,44 @@ class Belief:
         innovation: (n,) newest velocity innovation, whitened in joint torque.
         before: (n,) velocity before the newest prediction [rad/s].
         acceleration: (n,) low-passed, as observed, not as predicted [rad/s²].
-        x: (N,) mean, N = 3n + p; q, v, disturbance, theta are views of it.
+        model: (p,) θ as the physics has it; the difference to θ acts through its derivatives.
+        gradient: (p,) gathered since then, where the gradient rule adapts θ.
+        x: (N,) mean, N = 3n + p + own; q, v, disturbance, theta, own are views of it.
         P: (N, N) covariance.
+        tracks: one record per further sensor, by `Track`, followed by its mean whitened innovation.
     """
 
-    def __init__(self, n: int, p: int) -> None:
+    def __init__(self, n: int, p: int, own: int = 0, sensors: tuple[int, ...] = ()) -> None:
+        """Makes an empty one.
+
+        Args:
+            n: joints.
+            p: parameters.
+            own: states of all further sensors together.
+            sensors: degrees of freedom of each further sensor.
+        """
         self.n, self.p = n, p
-        self.size = 3 * n + p
+        self.size = 3 * n + p + own
         start = HEADER + 6 * n
-        self.vector: Any = np.zeros(start + self.size + self.size**2)
+        mean = start + 2 * p
+        end = mean + self.size + self.size**2
+        self.vector: Any = np.zeros(end + sum(len(Track) + size for size in sensors))
         self.header = self.vector[:HEADER]
         memory = self.vector[HEADER:start].reshape(6, n)
         self.torque, self.drift, self.regime, self.innovation, self.before, self.acceleration = memory
-        self.x = self.vector[start : start + self.size]
-        self.P = self.vector[start + self.size :].reshape(self.size, self.size)
+        self.model, self.gradient = self.vector[start:mean].reshape(2, p)
+        self.x = self.vector[mean : mean + self.size]
+        self.P = self.vector[mean + self.size : end].reshape(self.size, self.size)
         self.q, self.v, self.disturbance = self.x[:n], self.x[n : 2 * n], self.x[2 * n : 3 * n]
-        self.theta = self.x[3 * n :]
+        self.theta, self.own = self.x[3 * n : 3 * n + p], self.x[3 * n + p :]
+        ends = end + np.cumsum([0, *(len(Track) + size for size in sensors)])
+        self.tracks = [self.vector[a:b] for a, b in zip(ends[:-1], ends[1:], strict=True)]
         self.header[Entry.TIME] = NEVER
-        self._outside: np.ndarray = np.r_[0 : 2 * n, 3 * n : self.size]
+        self.header[Entry.HEARD] = NEVER
+        for track in self.tracks:
+            track[Track.LAST] = NEVER
+            track[Track.NIS_MEAN] = 1.0
+        self._outside: np.ndarray = np.r_[0 : 2 * n, 3 * n : 3 * n + p]
 
     @property
     def time(self) -> float:

@@ -42,17 +42,18 @@ def disturbance_std(params: Filter, sliding: Array, level: Array) -> Array:
     return np.hypot(params.torque_drift_std, np.where(sliding, FRICTION_SHARE, 1.0) * level)
 
 
-def follow_regimes(belief: Belief, params: Filter, dt: float, level: Array) -> tuple[Array, Array]:
-    """Decides which joints slide, and forgets the d of those that started, stopped or turned round.
+def follow_regimes(belief: Belief, params: Filter, dt: float, level: Array) -> tuple[Array, Array, Array]:
+    """Decides which joints slide, and which forget their d since they started, stopped or turned round.
 
     Args:
-        belief: its speeds and regimes are brought up to date, and its covariance of what is forgotten.
+        belief: its speeds and regimes are brought up to date.
         params: tuning.
         dt: of the prediction to come [s].
         level: (n,) of dry friction [N·m].
 
     Returns:
-        How much of d is kept over the prediction (n,), and the variance that it gains (n,).
+        How much of d is kept over the prediction (n,), the variance that it gains (n,), and whether it is drawn afresh
+        (n,), no longer correlated with anything.
     """
     belief.drift += min(dt / SPEED_TIME, 1.0) * (belief.v - belief.drift)
     # Half as fast is still sliding for a joint that slides: noise must not toggle it.
@@ -67,7 +68,4 @@ def follow_regimes(belief: Belief, params: Filter, dt: float, level: Array) -> t
     fresh = np.where(sliding, (1.0 - forget**2) * std**2, std**2 * (dt / STICTION_TIME))
     if changed.any():
         fresh[changed] = std[changed] ** 2
-        at = 2 * belief.n + np.flatnonzero(changed)
-        belief.P[at, :] = 0.0
-        belief.P[:, at] = 0.0
-    return keep, fresh
+    return keep, fresh, changed

@@ -3,7 +3,9 @@
     ekf = Ekf(ArmTerms.from_model(model), scenario.Filter())
     ekf.observe(q, v, tau, t)                  # a whole message of the arm, or by hand:
     ekf.predict(tau, dt)
-    ekf.update(ekf.encoder, q, t)
+    ekf.update("encoder", q)
+    ekf.add(BodyPose(ekf.terms, "panda_hand"))
+    ekf.update("camera", z, t)                 # fused at t, though newer readings came first
 
 It follows the predict and update cycle of Hybrid Reality Twins (section 3.2, algorithm A-EKF, steps 1, 2 and 4).
 State and parameters are estimated together; where the outline adapts θ by a gradient, here the joint covariance
@@ -16,22 +18,30 @@ never touched either, its gain being zero.
 within the joints' effort limits explains it. If so, the sensors are right and the model is not: the state follows
 them, with a covariance that says so, and θ hardly moves. If not, the reading is refused. Where surprises persist, the
 parameters themselves must have changed, and their covariance opens.
+
+**Two time scales.** The state moves with every reading. The physics takes over the parameters learnt at
+`Filter.parameter_rate`; in between, what has been learnt acts through the derivatives, so nothing of it is lost.
+
+**Late readings** are fused at their own time: see `history`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from twin_diagram.errors import TwinError
 from twin_diagram.estimation.arm_terms import ArmTerms
-from twin_diagram.estimation.belief import Belief, Entry
+from twin_diagram.errors import ScenarioError
+from twin_diagram.estimation.belief import HEADER, Belief, Entry, Track
+from twin_diagram.estimation.declared import Declared, FilterError, note
 from twin_diagram.estimation.disturbance import SPEED_TIME, disturbance_std, follow_regimes
+from twin_diagram.estimation.history import History
 from twin_diagram.estimation.parameters import ParameterSet
-from twin_diagram.estimation.positive import solve_positive, whiten
-from twin_diagram.estimation.sensors import JointEncoder, JointState, JointVelocity, Sensor
+from twin_diagram.estimation.positive import joseph, solve_positive, whiten
+from twin_diagram.estimation.sensors import Instant, JointEncoder, JointState, JointVelocity, Linear, Sensor
 from twin_diagram.estimation.transition import jacobians, step
 from twin_diagram.scenario import Filter
 from twin_diagram.signals import Array
@@ -52,10 +62,6 @@ _START_STD: Final = 3.0
 """A fresh state's standard deviation, in those of its sensors."""
 
 
-class FilterError(TwinError):
-    """A measurement or an input that the filter cannot take: wrong size, unknown sensor, a time that goes back."""
-
-
 @dataclass(frozen=True)
 class Update:
     """What became of a reading.
@@ -66,6 +72,7 @@ class Update:
         nis: squared Mahalanobis distance of the innovation.
         innovation: (m,) z − h(x).
         covariance: (m, m) of the innovation.
+        late: it was fused at a time before the filter's.
     """
 
     accepted: bool
@@ -73,6 +80,7 @@ class Update:
     nis: float
     innovation: Array
     covariance: Array
+    late: bool = False
 
 
 class Ekf:
@@ -83,31 +91,95 @@ class Ekf:
         params: tuning.
         parameters: what θ means.
         belief: all that the filter knows; may be exchanged with `load`.
+        declared: the further sensors.
+        history: the recent past, for readings that arrive late.
         encoder, velocity: the arm's own sensors.
         joints: both together, as a message brings them.
     """
 
     def __init__(self, terms: ArmTerms, params: Filter) -> None:
+        """Makes a filter that has not heard anything yet.
+
+        Raises:
+            ScenarioError: a parameter or a rule that does not exist.
+        """
+        if params.rule not in ("covariance", "gradient"):
+            raise ScenarioError("twin.filter.rule", f"{params.rule!r} is neither 'covariance' nor 'gradient'")
         self.terms, self.params = terms, params
         self.parameters = ParameterSet(terms, params)
-        n, p = terms.n, self.parameters.size
-        self.belief = Belief(n, p)
-        self.encoder = JointEncoder(n, params.encoder_std)
-        self.velocity = JointVelocity(n, params.velocity_std)
-        self.joints = JointState(n, params.encoder_std, params.velocity_std)
-        self._F = np.eye(self.belief.size)
-        self._I = np.eye(self.belief.size)
+        self.encoder = JointEncoder(terms.n, params.encoder_std)
+        self.velocity = JointVelocity(terms.n, params.velocity_std)
+        self.joints = JointState(terms.n, params.encoder_std, params.velocity_std)
+        self._arm = {sensor.name: sensor for sensor in (self.encoder, self.velocity, self.joints)}
+        self.declared = Declared()
+        self._period = 1.0 / params.rate
+        self._size()
+
+    def _size(self) -> None:
+        n, p = self.terms.n, self.parameters.size
+        self.belief = Belief(n, p, self.declared.own, self.declared.sizes)
+        size = self.belief.size
+        self.history = History(n, p, size, max(2, int(np.ceil(self.params.history * self.params.rate)) + 2))
+        self._F = np.eye(size)
+        self._I = np.eye(size)
         self._kept = self.belief.vector.copy()
         self._by_torque: Array | None = None
         self._step_mass = np.eye(n)
-        self._period = 1.0 / params.rate
+        self._walk = self.declared.walk()
+
+    def add(self, sensor: Sensor) -> None:
+        """Declares a further sensor; readings may then name it. What the filter knows already is kept.
+
+        Raises:
+            FilterError: a sensor of that name is there already.
+        """
+        if sensor.name in self._arm:
+            raise FilterError(f"a sensor {sensor.name!r} is declared already: give each a name of its own")
+        before, start = self.belief, 3 * self.terms.n + self.parameters.size
+        payload = self.parameters.payload
+        at = None if payload is None else slice(3 * self.terms.n + payload.start, 3 * self.terms.n + payload.stop)
+        self.declared.add(sensor, start, at)
+        self._size()
+        after = self.belief
+        same = HEADER + 6 * before.n + 2 * before.p
+        after.vector[:same] = before.vector[:same]
+        after.x[: before.size] = before.x
+        after.P[: before.size, : before.size] = before.P
+        new = np.arange(before.size, after.size)
+        after.P[new, new] = self.declared.prior()[before.size - start :]
+        for old, track in zip(before.tracks, after.tracks, strict=False):
+            track[:] = old
+        if after.valid:
+            self.history.begin(after.time, after.x, after.P)
 
     # What the filter knows.
 
-    def load(self, vector: Array) -> None:
-        """Takes a belief's vector as its own (copied)."""
+    def load(self, vector: Array, history: Array | None = None) -> None:
+        """Takes a belief's vector as its own (copied).
+
+        Args:
+            vector: of a `Belief` of the same sensors and parameters.
+            history: of its `History`; None: late readings cannot be fused across the exchange.
+        """
         self.belief.vector[:] = vector
         self._by_torque = None
+        if history is not None:
+            self.history.vector[:] = history
+        elif self.belief.valid:
+            self.history.begin(self.belief.time, self.belief.x, self.belief.P)
+        else:
+            self.history.clear()
+
+    def labels(self, joints: Sequence[str]) -> list[str]:
+        """Names with units of the parameters (p,) and of the sensors' own states, as they follow in x."""
+        return self.parameters.labels(joints) + self.declared.labels()
+
+    def counters(self) -> dict[str, dict[str, int]]:
+        """Of each further sensor, how many readings were accepted, refused and so on: see `belief.Track`."""
+        return {
+            name: {entry.name.lower(): int(track[entry]) for entry in Track if Track.ACCEPTED <= entry < Track.RUN}
+            for name, track in zip(self.declared.sensors, self.belief.tracks, strict=True)
+        }
 
     def start(self, q: Array, v: Array, tau: Array, t: float) -> None:
         """Takes the state from a message; θ, its covariance and the counters are kept, at the first set to the prior.
@@ -119,9 +191,15 @@ class Ekf:
             t: [s].
         """
         belief, n = self.belief, self.terms.n
-        kept = belief.P[3 * n :, 3 * n :].copy() if belief.valid else self.parameters.covariance
-        if not belief.valid:
+        if belief.valid:
+            kept = belief.P[3 * n :, 3 * n :].copy()
+        else:
+            p = belief.p
+            kept = np.zeros((belief.size - 3 * n, belief.size - 3 * n))
+            kept[:p, :p] = self.parameters.covariance if self.params.rule == "covariance" else 0.0
+            kept[p:, p:] = np.diag(self.declared.prior())
             belief.theta[:] = self.parameters.mean
+        belief.model[:], belief.gradient[:] = belief.theta, 0.0
         belief.q[:], belief.v[:], belief.disturbance[:] = q, v, 0.0
         belief.torque[:], belief.drift[:], belief.regime[:] = tau, v, 0.0
         belief.innovation[:], belief.before[:], belief.acceleration[:] = 0.0, v, 0.0
@@ -132,6 +210,7 @@ class Ekf:
         belief.header[Entry.QUIET] = min(belief.header[Entry.QUIET], t)
         belief.header[Entry.FRESH] = 1.0
         belief.header[Entry.SPAN] = 0.0
+        belief.header[[Entry.RELEASED, Entry.HEARD]] = t
         belief.P[:] = 0.0
         belief.P[3 * n :, 3 * n :] = kept
         dry = self.terms.dry(self.terms.true_position(belief.q), belief.v, belief.torque)
@@ -144,6 +223,8 @@ class Ekf:
         )
         belief.P[np.arange(3 * n), np.arange(3 * n)] = diagonal
         self._by_torque = None
+        self.declared.start(belief, t)
+        self.history.begin(t, belief.x, belief.P)
 
     # The cycle.
 
@@ -170,38 +251,80 @@ class Ekf:
         parts = int(np.ceil(dt / LONGEST_STEP - 1e-9))
         for _ in range(parts):
             self._predict_once(u, dt / parts, self.params.torque_std if torque_std is None else torque_std)
-        self.belief.header[Entry.TIME] += dt
 
-    def update(self, sensor: Sensor, z: Array, t: float | None = None, *, explain: bool = True) -> Update:
+    def update(
+        self,
+        sensor: Sensor | str,
+        z: Array,
+        t: float | None = None,
+        noise: Array | None = None,
+        *,
+        explain: bool = True,
+    ) -> Update:
         """Takes in a reading.
 
         Args:
-            sensor: its model.
-            z: (m,).
-            t: when it was taken [s]; None: now. A later time is first predicted to, with the last torque.
+            sensor: its name, or its model; `encoder`, `velocity` and `joints` are there, others are declared by `add`.
+            z: (sensor.length,).
+            t: when it was taken [s]; None: now. A later time is first predicted to, with the last torque; at an earlier
+                one the reading is fused where it belongs, to the nearest step within `Filter.history`.
+            noise: R (m, m) of this reading, or standard deviations (m,); None: the sensor's own.
             explain: whether an unmodelled torque may explain a reading that leaves its gate.
 
         Raises:
-            FilterError: z has the wrong size, t lies before the belief's time, or there is no state yet.
+            FilterError: a sensor that was not declared, z or noise has the wrong size, t is not finite or lies before
+                all that the filter remembers, or there is no state yet.
         """
+        sensor = self._find(sensor)
         belief = self.belief
         if not belief.valid:
             raise FilterError(f"{sensor.name}: there is no state to update: start the filter from a message")
         z = np.asarray(z, dtype=float)
-        if z.shape != (sensor.size,):
-            raise FilterError(f"{sensor.name}: {z.shape} numbers where {sensor.size} are expected")
+        if z.shape != (sensor.length,):
+            raise FilterError(f"{sensor.name}: {z.shape} numbers where {sensor.length} are expected")
+        if noise is not None:
+            noise = _covariance(sensor, noise)
+        track = self.declared.track(belief, sensor) if sensor.name in self.declared.sensors else None
+        back, ahead = 0, 0.0
         if t is not None:
             ahead = t - belief.time
-            if not ahead > -1e-9:
-                raise FilterError(f"{sensor.name}: its time {t} s lies before the filter's, {belief.time} s")
-            if ahead > 1e-9:
+            if not np.isfinite(t):
+                raise FilterError(f"{sensor.name}: its time {t} is not a finite number of seconds")
+            if ahead < -1e-9:
+                found = self.history.find(t)
+                if found is None:
+                    if track is not None:
+                        track[Track.STALE] += 1
+                    raise FilterError(
+                        f"{sensor.name}: its time {t} s lies before all that the filter remembers, "
+                        f"{min(self.history.oldest, belief.time)} to {belief.time} s"
+                    )
+                back = found
+            elif ahead > 1e-9:
                 self.predict(belief.torque, ahead)
                 belief.header[Entry.TIME] = t
-        innovation = z - sensor.reading(belief.x)
-        if not np.all(np.isfinite(z)):
-            belief.header[Entry.INVALID] += 1
-            return Update(False, False, 0.0, np.zeros(sensor.size), sensor.noise(belief.x))
-        H, R = sensor.jacobian(belief.x), sensor.noise(belief.x)
+                self.history.retime(t)
+        if not sensor.sound(z):
+            if track is None:
+                belief.header[Entry.INVALID] += 1
+            else:
+                track[Track.INVALID] += 1
+            return Update(False, False, 0.0, np.zeros(sensor.size), np.eye(sensor.size))
+        if back or (ahead < -1e-9 and self.history.count):
+            assert t is not None
+            return self._update_late(sensor, z, t, noise, track, back)
+        at = self._linear(sensor, belief.x, 0)
+        R = at.noise if noise is None else noise
+        result = self._fuse(sensor, z, at, R, explain)
+        if track is not None:
+            self._note(sensor, track, result, belief.time, at)
+        elif result.accepted:
+            belief.header[Entry.HEARD] = belief.time
+        return result
+
+    def _fuse(self, sensor: Sensor, z: Array, at: Linear, R: Array, explain: bool) -> Update:
+        belief, H = self.belief, at.jacobian
+        innovation = sensor.innovation(z, at.reading)
         HP = H @ belief.P
         S = HP @ H.T + R
         right = np.concatenate([HP, innovation[:, None]], axis=1)
@@ -210,7 +333,8 @@ class Ekf:
         surprise = nis > sensor.gate
         if surprise:
             if explain and self._by_torque is not None:
-                wide = belief.P + self._unmodelled()
+                added = self._unmodelled()
+                wide = belief.P + added
                 HP = H @ wide
                 solved = solve_positive(HP @ H.T + R, np.column_stack([HP, innovation]))
                 explained = float(innovation @ solved[:, -1]) <= sensor.gate
@@ -219,13 +343,50 @@ class Ekf:
             if not explained:
                 return Update(False, False, nis, innovation, S)
             belief.P[:] = wide
+            self.history.widen(added)
+        self.history.read(H, R, innovation + H @ belief.x)
         K = solved[:, :-1].T
         belief.x += K @ innovation
         A = self._I - K @ H
         P = A @ belief.P @ A.T + K @ R @ K.T
         belief.P[:] = 0.5 * (P + P.T)
+        if self.params.rule == "gradient" and not surprise:
+            self._gather(H, solved[:, -1])
         self.parameters.clip(belief.theta)
+        self.history.settle(belief.x, belief.P)
         return Update(True, surprise, nis, innovation, S)
+
+    def _update_late(
+        self, sensor: Sensor, z: Array, t: float, noise: Array | None, track: Array | None, back: int
+    ) -> Update:
+        """Fuses a reading at an earlier step, and runs the steps after it again."""
+        belief, n = self.belief, self.terms.n
+        time, x, P = self.history.state(back)
+        # From the step's end to the reading's own time the state moves by its speed: half a step at most.
+        lead = t - time
+        moved = x.copy()
+        moved[:n] += lead * x[n : 2 * n]
+        at = self._linear(sensor, moved, back)
+        H = at.jacobian.copy()
+        H[:, n : 2 * n] += lead * H[:, :n]
+        R = at.noise if noise is None else noise
+        innovation = sensor.innovation(z, at.reading)
+        S = H @ P @ H.T + R
+        nis = float(innovation @ solve_positive(S, innovation))
+        accepted = nis <= sensor.gate
+        result = Update(accepted, False, nis, innovation, S, late=True)
+        if accepted:
+            self.history.read(H, R, innovation + H @ x, back)
+            x, P = joseph(x, P, H, R, innovation)
+            belief.x[:], P = self.history.rerun(back, x, P, self.parameters.covariance, self.parameters.clip)
+            belief.P[:] = P
+            self.parameters.clip(belief.theta)
+        if track is not None:
+            self._note(sensor, track, result, t, at)
+            track[Track.LATE] += accepted
+        else:
+            belief.header[Entry.LATE] += accepted
+        return result
 
     def observe(self, q: Array, v: Array, tau: Array, t: float) -> bool:
         """Takes in one message of the arm, whatever it holds; the belief is never poisoned.
@@ -255,10 +416,15 @@ class Ekf:
             return True
         dt = t - belief.time
         if dt <= 1e-9:
-            header[Entry.STALE] += 1
-            # The same message seen again is no sign of trouble; a clock that was set back is.
-            header[Entry.STREAK] = header[Entry.STREAK] + 1 if dt < -LONGEST_GAP else header[Entry.STREAK]
+            if self.history.knows(t):  # the same message seen again is no sign of trouble
+                header[Entry.STALE] += 1
+                return False
+            # A run of messages that go back in time is a clock that was set back.
+            header[Entry.STREAK] += 1
             if header[Entry.STREAK] < REFUSALS:
+                if t >= self.history.oldest:
+                    return self.update(self.joints, np.concatenate([q, v]), t).accepted
+                header[Entry.STALE] += 1
                 return False
         if not heard:
             header[Entry.INVALID] += 1
@@ -283,6 +449,56 @@ class Ekf:
 
     # Details.
 
+    def _find(self, sensor: Sensor | str) -> Sensor:
+        name = sensor if isinstance(sensor, str) else sensor.name
+        found = self._arm.get(name) or self.declared.sensors.get(name)
+        if found is None or not (isinstance(sensor, str) or found is sensor):
+            known = ", ".join([*self._arm, *self.declared.sensors])
+            raise FilterError(f"sensor {name!r} was never declared: add it first; there are {known}")
+        return found
+
+    def _linear(self, sensor: Sensor, x: Array, back: int) -> Linear:
+        if sensor.name in self._arm or not self.history.count:
+            return Linear(sensor.reading(x), sensor.jacobian(x), sensor.noise(x))
+        return sensor.linear(Instant(x, self.terms.n, self.belief.p, *self.history.motion(back)))
+
+    def _note(self, sensor: Sensor, track: Array, result: Update, t: float, at: Linear) -> None:
+        """Keeps a further sensor's record; a run of refusals opens what only this sensor tells."""
+        belief = self.belief
+        note(track, whiten(result.covariance, result.innovation), result.nis, t, result.accepted)
+        if track[Track.STREAK] < REFUSALS:
+            return
+        track[Track.STREAK] = 0.0
+        track[Track.REACQUIRED] += 1
+        prior = sensor.own_std() ** 2
+        if len(prior):
+            belief.P[sensor.own, :] = 0.0
+            belief.P[:, sensor.own] = 0.0
+            belief.P[sensor.own, sensor.own] = np.diag(prior)
+        if not self.declared.vouched(belief, sensor, t):
+            # Nobody else tells of the state: it, and not the sensor, must be wrong.
+            belief.P[: 2 * belief.n, : 2 * belief.n] *= max(2.0 * result.nis / sensor.size, 1.0)
+        self.history.begin(belief.time, belief.x, belief.P)
+
+    def _release(self, t: float) -> None:
+        """Lets the physics take over what has been learnt, at the parameters' own rate."""
+        belief, header = self.belief, self.belief.header
+        if t < header[Entry.RELEASED] + 1.0 / self.params.parameter_rate - 1e-9:
+            return
+        header[Entry.RELEASED] = t
+        if self.params.rule == "gradient":
+            # θ ← θ − η ∇ of the squared innovation, in units of the prior: section 3.2, step 3.
+            belief.theta += self.params.learning_rate * self.parameters.scale**2 * belief.gradient
+            belief.gradient[:] = 0.0
+            self.parameters.clip(belief.theta)
+        belief.model[:] = belief.theta
+
+    def _gather(self, H: Array, weighted: Array) -> None:
+        """Adds a reading's share to the gradient: how the step that led to it depends on θ, times S⁻¹ y."""
+        n = self.terms.n
+        by_theta = H[:, : 2 * n] @ self._F[: 2 * n, 3 * n : 3 * n + self.belief.p]
+        self.belief.gradient += by_theta.T @ weighted
+
     def _observe_next(self, q: Array, v: Array, tau: Array, t: float, dt: float, heard: bool) -> None:
         belief, header, n = self.belief, self.belief.header, self.terms.n
         # The first torque after a start may be a placeholder, so the first step's torque is as good as unknown.
@@ -290,6 +506,7 @@ class Ekf:
         header[Entry.FRESH] = 0.0
         self.predict(0.5 * (belief.torque + tau), dt, None if trusted else self.terms.effort_limit)
         header[Entry.TIME] = t
+        self.history.retime(t)
         belief.torque[:] = tau
         whole = self.update(self.joints, np.concatenate([q, v]))
         if not whole.accepted:
@@ -326,34 +543,47 @@ class Ekf:
     def _predict_once(self, u: Array, dt: float, torque_std: Array | float) -> None:
         belief, terms, parameters, n = self.belief, self.terms, self.parameters, self.terms.n
         dry = terms.dry(terms.true_position(belief.q), belief.v, u)
-        keep, fresh = follow_regimes(belief, self.params, dt, 0.5 * (dry[0] + dry[1]))
+        keep, fresh, changed = follow_regimes(belief, self.params, dt, 0.5 * (dry[0] + dry[1]))
         v = belief.v.copy()
         span = float(belief.header[Entry.SPAN])
         if span > 0.0:
             observed = (v - belief.before) / span
             belief.acceleration += min(span / SPEED_TIME, 1.0) * (observed - belief.acceleration)
         belief.before[:], belief.header[Entry.SPAN] = v, dt
-        moved = step(terms, parameters, belief.q, v, belief.theta, u, belief.disturbance, dt, dry)
-        by = jacobians(terms, parameters, moved, v, belief.theta, dt, belief.acceleration)
-        F = self._F
+        self._release(float(belief.header[Entry.TIME]))
+        theta = belief.model
+        moved = step(terms, parameters, belief.q, v, theta, u, belief.disturbance, dt, dry)
+        by = jacobians(terms, parameters, moved, v, theta, dt, belief.acceleration)
+        F, own = self._F, 3 * n + belief.p
         F[: 2 * n, : 2 * n] = by.state
         F[: 2 * n, 2 * n : 3 * n] = by.torque
-        F[: 2 * n, 3 * n :] = by.parameters
+        F[: 2 * n, 3 * n : own] = by.parameters
         F.flat[2 * n * (belief.size + 1) : 3 * n * (belief.size + 1) : belief.size + 1] = keep
-        P = F @ belief.P @ F.T
+        if changed.any():  # what is drawn afresh has nothing to do with what was
+            F[: 2 * n, 2 * n + np.flatnonzero(changed)] = 0.0
+        Q = np.zeros_like(F)
         white = by.torque * (torque_std * np.sqrt(self._period / dt))
-        P[: 2 * n, : 2 * n] += white @ white.T
+        Q[: 2 * n, : 2 * n] = white @ white.T
         at = np.arange(2 * n, 3 * n)
-        P[at, at] += fresh
-        if np.any(belief.regime != 0.0):
-            at = np.arange(3 * n, belief.size)
-            P[at, at] += (self.params.parameter_walk * parameters.scale) ** 2 * dt
+        Q[at, at] = fresh
+        if self.params.rule == "covariance" and np.any(belief.regime != 0.0):
+            at = np.arange(3 * n, own)
+            Q[at, at] = (self.params.parameter_walk * parameters.scale) ** 2 * dt
+        if belief.size > own:
+            at = np.arange(own, belief.size)
+            Q[at, at] = self._walk * dt
+        P = F @ belief.P @ F.T + Q
         belief.P[:] = 0.5 * (P + P.T)
+        learnt = by.parameters @ (belief.theta - theta)
         # Where the model asks for the impossible (a torque in error on a light joint), it is not followed there.
         limit = np.maximum(IMPOSSIBLE * terms.velocity_limit, np.abs(v))
-        belief.v[:] = np.clip(moved.v, -limit, limit)
-        belief.q[:] = moved.q + (0.5 * dt) * (belief.v - moved.v)
+        speed = moved.v + learnt[n:]
+        belief.v[:] = np.clip(speed, -limit, limit)
+        belief.q[:] = moved.q + learnt[:n] + (0.5 * dt) * (belief.v - speed)
         belief.disturbance *= keep
+        belief.header[Entry.TIME] += dt
+        self.history.push(float(belief.header[Entry.TIME]), dt, belief.x, moved.a, F, Q)
+        self.history.settle(belief.x, belief.P)
         self._by_torque = by.torque
         self._step_mass = moved.mass
 
@@ -371,7 +601,25 @@ class Ekf:
         belief, n = self.belief, self.terms.n
         belief.header[Entry.OPENINGS] += 1
         belief.header[Entry.QUIET] = t + _QUIET_TIME
-        now, prior = belief.P[3 * n :, 3 * n :], self.parameters.covariance
+        at = slice(3 * n, 3 * n + belief.p)
+        now, prior = belief.P[at, at], self.parameters.covariance
         # Openings do not add up: none makes a parameter less certain than twice its prior.
         room = np.sqrt(np.clip(2.0 - now.diagonal() / prior.diagonal(), 0.0, 1.0))
         now += prior * np.outer(room, room)
+        self.history.opened(room)
+        self.history.settle(belief.x, belief.P)
+
+
+def _covariance(sensor: Sensor, noise: Array) -> Array:
+    """R (m, m) from a covariance or from standard deviations."""
+    noise, m = np.asarray(noise, dtype=float), sensor.size
+    if noise.shape == (m,):
+        noise = np.diag(np.square(noise))
+    sound = noise.shape == (m, m) and bool(np.all(np.isfinite(noise)))
+    if sound:
+        noise = 0.5 * (noise + noise.T)
+        scale = np.sqrt(np.abs(noise.diagonal()))
+        sound = bool(np.all(scale > 0.0)) and bool(np.linalg.eigvalsh(noise / np.outer(scale, scale)).min() > 0.0)
+    if not sound:
+        raise FilterError(f"{sensor.name}: its noise is neither a positive covariance ({m}, {m}) nor {m} deviations")
+    return noise

@@ -43,3 +43,27 @@ def whiten(covariance: Array, vector: Array) -> Array:
         raise np.linalg.LinAlgError("the covariance is not positive definite")
     white, _ = lapack.dtrtrs(factor, vector, lower=1)
     return np.asarray(white.reshape(vector.shape))
+
+
+def joseph(x: Array, P: Array, H: Array, R: Array, innovation: Array) -> tuple[Array, Array]:
+    """A Kalman update in Joseph's form, which keeps P positive whatever rounding does to the gain.
+
+    Args:
+        x: (N,) mean.
+        P: (N, N) covariance.
+        H: (m, N).
+        R: (m, m) noise.
+        innovation: (m,).
+
+    Returns:
+        Mean (N,) and covariance (N, N) after it.
+
+    Raises:
+        LinAlgError: the innovation's covariance is not positive definite.
+    """
+    HP = H @ P
+    K = solve_positive(HP @ H.T + R, HP).T
+    A = K @ -H
+    A.flat[:: len(x) + 1] += 1.0
+    P = A @ P @ A.T + K @ R @ K.T
+    return x + K @ innovation, 0.5 * (P + P.T)

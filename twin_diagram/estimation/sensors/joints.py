@@ -1,55 +1,11 @@
-"""Sensor models: what a sensor should read, and when not to believe it.
-
-z = h(x) + noise, as in sections 2.1 and 3.3 of Hybrid Reality Twins.
-
-A sensor sees the filter's mean x = [q (n), v (n), disturbance (n), θ (p)] and gives its reading, its Jacobian, its
-noise and the gate of its innovation. Further sensors subclass `Sensor`; the filter needs nothing else.
-"""
+"""The arm's own sensors: encoders, the drive's speeds, and both as one message brings them."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from typing import Final
-
 import numpy as np
-from scipy.stats import chi2
 
+from twin_diagram.estimation.sensors.sensor import Sensor
 from twin_diagram.signals import Array
-
-GATE_PROBABILITY: Final = 1.0 - 1e-6
-"""A good reading passes the gate with this probability."""
-
-
-class Sensor(ABC):
-    """One kind of measurement.
-
-    Attributes:
-        name: for messages and counters.
-        size: degrees of freedom of a reading.
-        gate: squared Mahalanobis distance above which a reading is refused: the χ² quantile of `size` degrees of
-            freedom (the outline's algorithm A-EKF, step 4, which uses 95 % at 3 degrees for everything).
-    """
-
-    name: str
-    size: int
-    gate: float
-
-    def __init__(self, name: str, size: int) -> None:
-        self.name = name
-        self.size = size
-        self.gate = float(chi2.ppf(GATE_PROBABILITY, size))
-
-    @abstractmethod
-    def reading(self, x: Array) -> Array:
-        """h(x) (m,)."""
-
-    @abstractmethod
-    def jacobian(self, x: Array) -> Array:
-        """∂h/∂x (m, N)."""
-
-    @abstractmethod
-    def noise(self, x: Array) -> Array:
-        """R (m, m)."""
 
 
 class StateSensor(Sensor):

@@ -1,0 +1,74 @@
+"""The pose of a body on the arm, hand or held object, as a camera or another tracker gives it."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydrake.math import RigidTransform, RotationMatrix
+
+from twin_diagram.estimation.arm_terms import ArmTerms
+from twin_diagram.estimation.link_frame import LinkFrame
+from twin_diagram.estimation.sensors.sensor import Instant, Linear, Sensor
+from twin_diagram.scene.rotations import difference, normalized
+from twin_diagram.signals import Array
+
+
+class BodyPose(Sensor):
+    """X_WO of a frame O on the arm: z = [quaternion wxyz, position m] in W.
+
+    The innovation is a rotation vector in W [rad] and a translation [m]: a left perturbation about O's origin, as
+    `signals.PoseMeasurement` has it. A reading may bring its own R (`noise=` of `Ekf.update`), which grows with
+    occlusion and bad light (section 3.3, vision).
+    """
+
+    def __init__(
+        self,
+        terms: ArmTerms,
+        body: str,
+        *,
+        X_BO: RigidTransform | None = None,
+        std_p: float = 0.003,
+        std_r: float = 0.02,
+        name: str = "camera",
+    ) -> None:
+        """Makes the sensor.
+
+        Args:
+            terms: the arm.
+            body: the link or frame B that O is fixed to.
+            X_BO: pose of O on it; B's own frame where None.
+            std_p: of the position, per axis [m].
+            std_r: of the orientation, per axis [rad].
+            name: for messages and counters.
+
+        Raises:
+            ModelError: the plant has no such link or frame.
+        """
+        super().__init__(name, 6, length=7)
+        self.frame = LinkFrame(terms, body, X_BO)
+        self._noise: Array = np.diag(np.repeat([std_r**2, std_p**2], 3))
+
+    def reading(self, x: Array) -> Array:  # noqa: D102
+        R_WO, p_WO = self.frame.pose(x[: self.frame.terms.n])
+        return np.concatenate([RotationMatrix(R_WO).ToQuaternion().wxyz(), p_WO])
+
+    def jacobian(self, x: Array) -> Array:  # noqa: D102
+        H = np.zeros((6, len(x)))
+        H[:, : self.frame.terms.n] = self.frame.jacobian(x[: self.frame.terms.n])[2]
+        return H
+
+    def noise(self, x: Array) -> Array:  # noqa: D102
+        return self._noise
+
+    def linear(self, now: Instant) -> Linear:  # noqa: D102
+        R_WO, p_WO, J = self.frame.jacobian(now.q)
+        H = np.zeros((6, len(now.x)))
+        H[:, : now.n] = J
+        return Linear(np.concatenate([RotationMatrix(R_WO).ToQuaternion().wxyz(), p_WO]), H, self._noise)
+
+    def innovation(self, z: Array, reading: Array) -> Array:  # noqa: D102
+        return np.concatenate([difference(normalized(z[:4]), reading[:4]), z[4:] - reading[4:]])
+
+    def sound(self, z: Array) -> bool:
+        """A quaternion of length 1 to within a tenth, and all finite."""
+        return super().sound(z) and abs(float(np.linalg.norm(z[:4])) - 1.0) < 0.1
+
