@@ -200,19 +200,24 @@ def _times(matrix: Array, vector: Array) -> Array:
     return np.asarray(np.einsum("kis,ks->ki", matrix, vector))
 
 
-def _play(mass: Array, load: Array, stiffness: Array, half: Array, loss: Array, period: float) -> tuple[Array, Array, Array]:
+def _play(
+    mass: Array, load: Array, stiffness: Array, half: Array, loss: Array, period: float
+) -> tuple[Array, Array, Array]:
+    """Steps with impulses; what they change in a sample's speed is shared by the two samples about it."""
     samples, s = load.shape
+    if s == 1 and not np.isfinite(stiffness[0]):
+        angle, rate = _hard_play(mass[:, 0, 0], load[:, 0], float(half[0]), period)
+        return angle[:, None], rate[:, None], _between(np.diff(rate[:, None], axis=0) / period)
     parts = max(1, int(np.ceil(period / LONGEST_STEP - 1e-9)))
     h = period / parts
     hard = ~np.isfinite(stiffness)
     K = np.where(hard, 0.0, stiffness)
-    angle, rate, acceleration = np.empty_like(load), np.zeros_like(load), np.zeros_like(load)
+    angle, rate = np.empty_like(load), np.zeros_like(load)
     side = -np.sign(load[0])
     e = side * half - np.divide(load[0], K, out=np.zeros(s), where=K > 0.0)
     angle[0], v = e, np.zeros(s)
     free: Any = np.linalg.inv(mass)
     for k in range(1, samples):
-        before = v
         for part in range(parts):
             share = (part + 1.0) / parts
             push = (1.0 - share) * load[k - 1] + share * load[k]
@@ -232,8 +237,37 @@ def _play(mass: Array, load: Array, stiffness: Array, half: Array, loss: Array, 
                     inverse, v, np.where(hard, (-half - e) / h, -np.inf), np.where(hard, (half - e) / h, np.inf)
                 )
             e = e + h * v
-        angle[k], rate[k], acceleration[k] = e, v, (v - before) / period
-    return angle, rate, acceleration
+        angle[k], rate[k] = e, v
+    return angle, rate, _between(np.diff(rate, axis=0) / period)
+
+
+def _between(steps: Array) -> Array:
+    """Means of the steps (N − 1, s) before and after each of N samples."""
+    whole = np.concatenate([steps[:1], steps, steps[-1:]])
+    return np.asarray(0.5 * (whole[1:] + whole[:-1]))
+
+
+def _hard_play(mass: Array, load: Array, half: float, period: float) -> tuple[Array, Array]:
+    """Angle and rate (N,) of one gear with play alone; plain numbers, which are twenty times as fast."""
+    parts = max(1, int(np.ceil(period / LONGEST_STEP - 1e-9)))
+    h = period / parts
+    shares = [(part + 0.5) / parts for part in range(parts)]
+    pull = (-h * load / mass).tolist()
+    e, v = (-half if load[0] > 0.0 else half), 0.0
+    angle, rate = [e], [v]
+    for k in range(1, len(pull)):
+        first, more = pull[k - 1], pull[k] - pull[k - 1]
+        for share in shares:
+            v += first + share * more
+            ahead = e + h * v
+            if ahead > half:
+                v, ahead = (half - e) / h, half
+            elif ahead < -half:
+                v, ahead = (-half - e) / h, -half
+            e = ahead
+        angle.append(e)
+        rate.append(v)
+    return np.array(angle), np.array(rate)
 
 
 def _within(inverse: Array, v: Array, low: Array, high: Array) -> Array:
