@@ -9,6 +9,7 @@ covariance P, and a track record per further sensor.
 from __future__ import annotations
 
 from enum import IntEnum
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -130,7 +131,7 @@ class Belief:
         self.q, self.v, self.disturbance = self.x[:n], self.x[n : 2 * n], self.x[2 * n : 3 * n]
         self.theta, self.own = self.x[3 * n : 3 * n + p], self.x[3 * n + p :]
         ends = end + np.cumsum([0, *(len(Track) + size for size in sensors)])
-        self.tracks = [self.vector[a:b] for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        self.tracks = [self.vector[a:b] for a, b in pairwise(ends)]
         self.header[Entry.TIME] = NEVER
         self.header[Entry.HEARD] = NEVER
         for track in self.tracks:

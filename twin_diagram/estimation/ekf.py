@@ -33,8 +33,8 @@ from typing import Final
 
 import numpy as np
 
-from twin_diagram.estimation.arm_terms import ArmTerms
 from twin_diagram.errors import ScenarioError
+from twin_diagram.estimation.arm_terms import ArmTerms
 from twin_diagram.estimation.belief import HEADER, Belief, Entry, Track
 from twin_diagram.estimation.declared import Declared, FilterError, note
 from twin_diagram.estimation.disturbance import SPEED_TIME, disturbance_std, follow_regimes
@@ -113,6 +113,7 @@ class Ekf:
         self._arm = {sensor.name: sensor for sensor in (self.encoder, self.velocity, self.joints)}
         self.declared = Declared()
         self._period = 1.0 / params.rate
+        self._widest = np.concatenate([np.full(terms.n, np.pi**2), (IMPOSSIBLE * terms.velocity_limit) ** 2])
         self._size()
 
     def _size(self) -> None:
@@ -477,8 +478,24 @@ class Ekf:
             belief.P[sensor.own, sensor.own] = np.diag(prior)
         if not self.declared.vouched(belief, sensor, t):
             # Nobody else tells of the state: it, and not the sensor, must be wrong.
-            belief.P[: 2 * belief.n, : 2 * belief.n] *= max(2.0 * result.nis / sensor.size, 1.0)
+            wider = np.sqrt(max(2.0 * result.nis / sensor.size, 1.0))
+            belief.P[: 2 * belief.n, :] *= wider
+            belief.P[:, : 2 * belief.n] *= wider
+            self._bound()
         self.history.begin(belief.time, belief.x, belief.P)
+
+    def _bound(self) -> None:
+        """No angle is less certain than a turn, no speed than twice its limit: blind, the covariance must not run away.
+
+        Scaling rows and columns alike keeps it positive.
+        """
+        belief, n = self.belief, self.terms.n
+        variance = belief.P.diagonal()[: 2 * n]
+        if np.all(variance <= self._widest):
+            return
+        scale = np.sqrt(np.minimum(self._widest / np.maximum(variance, np.finfo(float).tiny), 1.0))
+        belief.P[: 2 * n, :] *= scale[:, None]
+        belief.P[:, : 2 * n] *= scale
 
     def _release(self, t: float) -> None:
         """Lets the physics take over what has been learnt, at the parameters' own rate."""
@@ -574,6 +591,7 @@ class Ekf:
             Q[at, at] = self._walk * dt
         P = F @ belief.P @ F.T + Q
         belief.P[:] = 0.5 * (P + P.T)
+        self._bound()
         learnt = by.parameters @ (belief.theta - theta)
         # Where the model asks for the impossible (a torque in error on a light joint), it is not followed there.
         limit = np.maximum(IMPOSSIBLE * terms.velocity_limit, np.abs(v))

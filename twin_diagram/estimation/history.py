@@ -164,9 +164,7 @@ class History:
         by /= dt
         return self._acceleration[at], by, self._Q[at, n : 2 * n, n : 2 * n] / dt**2
 
-    def rerun(
-        self, back: int, x: Array, P: Array, prior: Array, clip: Callable[[Array], None]
-    ) -> tuple[Array, Array]:
+    def rerun(self, back: int, x: Array, P: Array, prior: Array, clip: Callable[[Array], None]) -> tuple[Array, Array]:
         """Runs the steps after one again, from a better state of that one.
 
         Args:

@@ -71,4 +71,3 @@ class BodyPose(Sensor):
     def sound(self, z: Array) -> bool:
         """A quaternion of length 1 to within a tenth, and all finite."""
         return super().sound(z) and abs(float(np.linalg.norm(z[:4])) - 1.0) < 0.1
-

@@ -112,7 +112,9 @@ class DepthCloud(BodyPose):
             R_WO, p_WO = matrix(exp(change[:3])) @ R_WO, p_WO + change[3:]
             if step > 0 and np.linalg.norm(change[3:]) < 1e-6 and np.linalg.norm(change[:3]) < 1e-6:
                 break
-        return np.concatenate([RotationMatrix(R_WO).ToQuaternion().wxyz(), p_WO]), np.linalg.inv(information) + self._noise
+        return np.concatenate([RotationMatrix(R_WO).ToQuaternion().wxyz(), p_WO]), np.linalg.inv(
+            information
+        ) + self._noise
 
 
 class Lidar(DepthCloud):
@@ -124,5 +126,3 @@ class Lidar(DepthCloud):
         """As `DepthCloud`, whose arguments `tuning` overrides."""
         figures: dict[str, float] = {"std_0": 0.01, "growth": 0.005, "reach": 0.06, **tuning}
         super().__init__(terms, body, surface, normals, name=name, **figures)  # type: ignore[arg-type]
-
-

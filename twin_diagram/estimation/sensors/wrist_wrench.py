@@ -16,7 +16,7 @@ class WristWrench(Sensor):
 
     At rest that is the weight held up: force −m g. What lies beyond is a known tool and the payload that the filter
     learns, so that the sensor tells mass and centre directly, motors' friction left out. Its own states are the biases
-    of all six, which drift. A contact leaves its gate: the reading is refused, and its innovation is the contact wrench.
+    of all six, which drift. A contact leaves its gate: the reading is refused; its innovation is the contact's wrench.
     """
 
     def __init__(
