@@ -9,9 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from pydrake.common.value import Value
 from pydrake.math import RigidTransform
+from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, PdControllerGains, SpatialInertia, UnitInertia
 
 from twin_diagram.estimation.arm_terms import ArmTerms, Laws
@@ -53,6 +55,12 @@ class World:
     dead_joint: int = -1
     dead_at: float = np.inf
     motor_left: float = 0.0
+    push: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Force on the hand, in W [N]."""
+    push_at: float = np.inf
+    friction_at: float = np.inf
+    friction_left: float = 1.0
+    """Share of dry friction that is left from `friction_at` on."""
     period: float = 0.0
     start: float = 0.5
     stroke: float = 4.0
@@ -143,7 +151,7 @@ def simulate(world: World, duration: float = 10.0) -> Recording:
     torque = np.zeros(7)
     state = np.zeros(2 * nu)
     feed = np.zeros(nu)
-    changed = dead = False
+    changed = dead = pushed = False
     lost = 0.0
     for k in range(n_steps + 1):
         t = k * STEP
@@ -158,6 +166,12 @@ def simulate(world: World, duration: float = 10.0) -> Recording:
             loads[1].SetSpatialInertiaInBodyFrame(context, inertia)
         if world.dead_joint >= 0 and t >= world.dead_at and not dead:
             dead = True
+        if t >= world.push_at and not pushed:
+            pushed = True
+            force = ExternallyAppliedSpatialForce()
+            force.body_index = plant.GetBodyByName("panda_hand").index()
+            force.F_Bq_W = SpatialForce(np.zeros(3), np.array(world.push))
+            plant.get_applied_spatial_force_input_port().FixValue(context, Value([force]))
         desired_port.FixValue(context, state)
         feed_port.FixValue(context, feed)
         if k % 2 == 0:
@@ -173,11 +187,18 @@ def simulate(world: World, duration: float = 10.0) -> Recording:
             lost = (1.0 - world.motor_left) * torque[j]
             feed[of_motor[j]] -= lost
             feed_port.FixValue(context, feed)
+        help_ = np.zeros(7)
+        if t >= world.friction_at:
+            # The brakes' limits are the model's; what they brake too much is given back where the joint slides.
+            help_ = (1.0 - world.friction_left) * world.coulomb * np.tanh(v / 0.01)
+            feed[of_motor] += help_
+            feed_port.FixValue(context, feed)
         context.SetDiscreteState(plant.EvalUniquePeriodicDiscreteUpdate(context))
         context.SetTime((k + 1) * STEP)
         # The controller acts on the step's end; the plant's own output would add up the two actuators of a joint.
         after, speed = plant.GetPositions(context)[position_of], plant.GetVelocities(context)[velocity_of]
         torque = feed[of_motor] + stiffness * (goal - after) + 2.0 * np.sqrt(stiffness) * (rate - speed)
+        torque -= help_
         if dead:
             torque[world.dead_joint] += lost
     return out

@@ -42,7 +42,8 @@ def watch(world: World, duration: float, spike_at: float = np.inf) -> Watched:
             q[3] += 0.02
         ekf.observe(q, run.v[k], run.tau[k], run.time[k])
         b = ekf.belief
-        monitor.observe(b.x[:14], b.theta, float(b.header[belief.Entry.NIS]), q, run.tau[k], float(run.time[k]))
+        nis = float(b.header[belief.Entry.NIS])
+        monitor.observe(b.x[:14], b.theta, nis, q, run.tau[k], float(run.time[k]), innovation=b.innovation)
         if monitor.armed and armed_at == np.inf:
             armed_at = float(run.time[k])
     return Watched(monitor, armed_at, monitor.log[monitor.log[:, 0] >= 0.0], ekf)

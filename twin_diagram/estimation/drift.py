@@ -1,9 +1,11 @@
 """Notices when model and measurement part ways, usable without any Diagram.
 
-Two tests run side by side:
+Three tests run side by side:
 
 - **innovation**, at the filter's rate: normalised innovation squared (NIS), averaged over a tenth of a second and as a
   cumulative sum (Page's test), against the band of normal operation;
+- **change**, at the filter's rate: the whitened innovations of the joints' torques, summed with exponential forgetting
+  over some 2 to 20 messages: a generalised likelihood ratio for a torque that began then and stays (see `change`);
 - **rollout**, every `Drift.period`: the model runs for `Drift.horizon` from a state and parameters that the filter
 held then,
   under the torques measured since, and is compared with the encoders now (Hybrid Reality Twins, section 3.4). The error
@@ -21,6 +23,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from twin_diagram.estimation import change
 from twin_diagram.estimation.arm_terms import ArmTerms
 from twin_diagram.estimation.disturbance import disturbance_std
 from twin_diagram.estimation.parameters import ParameterSet
@@ -49,6 +52,28 @@ _SLACK: Final = 0.5
 """The cumulative sum forgives this many standard deviations per message."""
 _JUMP: Final = 2.0
 """It alarms at this many k standard deviations."""
+_TENTHS: Final = 30
+_STANDS_OUT: Final = 4.0
+"""A joint is named where its share of a change is this many standard deviations."""
+
+
+class Evidence(IntEnum):
+    """What an alarm stands on; each joint's share of the change follows, in standard deviations."""
+
+    SHAPE = 0
+    """`Shape`."""
+    JOINT = 1
+    """Whose torque changed, by index; negative where none stands out."""
+    ABOVE = 2
+    """How long the statistic was above its threshold [s]."""
+    NIS = 3
+    """Averaged over a tenth of a second, over its degrees of freedom."""
+    CHANGE = 4
+    """Change test, over its threshold."""
+    ROLLOUT = 5
+    """Newest rollout, over its threshold."""
+    SUM = 6
+    """Page's sum, in standard deviations."""
 
 
 class Entry(IntEnum):
@@ -96,6 +121,20 @@ class Entry(IntEnum):
     """Raised so far."""
     ROLLOUT = 20
     """Statistic of the newest rollout over its threshold."""
+    CHANGE = 21
+    """Statistic of the newest message's change test over its threshold."""
+    ABOVE = 22
+    """For how long the newest alarm's statistic was above its threshold [s]."""
+    SHAPE = 23
+    """`Shape` of the newest alarm."""
+    JOINT = 24
+    """Which joint's torque it is about, by index; negative where none stands out."""
+    TENTH = 25
+    """Largest statistic of this tenth of a second."""
+    TENTHS = 26
+    """Tenths of a second seen."""
+    FROM = 27
+    """When this tenth began [s]."""
 
 
 class Monitor:
@@ -104,6 +143,9 @@ class Monitor:
     Attributes:
         vector: all of it.
         header: by `Entry`.
+        log: (RING, 3) time, kind and statistic of each alarm.
+        evidence: (RING, 7 + n) of each alarm, by `Evidence`, then each joint's share of the change, in standard
+            deviations.
     """
 
     def __init__(self, terms: ArmTerms, drift: Drift, tuning: Filter) -> None:
@@ -112,12 +154,17 @@ class Monitor:
         self._tuning = tuning
         n, p = terms.n, self.parameters.size
         self._rows = int(np.ceil(drift.horizon * tuning.rate * 2.0)) + 4
+        changes = len(change.FORGETTING)
         sizes = [len(Entry), RING * ALARM_LOG_FIELDS, p, n, n, 2 * n, p, self._rows * (n + 1)]
+        sizes += [changes * n, 2 * changes, _TENTHS, RING * (len(Evidence) + n)]
         ends = np.cumsum(sizes)
         self.vector: Any = np.zeros(ends[-1])
         parts = np.split(self.vector, ends[:-1])  # views
         self.header, log, self._checked, self._roll_mean, self._roll_squares = parts[:5]
-        self._from_state, self._from_theta, torques = parts[5:]
+        self._from_state, self._from_theta, torques, sums, self._change, self._tenths, evidence = parts[5:]
+        self._sums = sums.reshape(changes, n)
+        self.evidence = evidence.reshape(RING, len(Evidence) + n)
+        self._claimed_change = change.threshold(n)
         self.log = log.reshape(RING, ALARM_LOG_FIELDS)
         self._torques = torques.reshape(self._rows, n + 1)
         self.header[[Entry.TIME, Entry.SINCE, Entry.STARTED, Entry.RAISED, Entry.QUIET]] = NEVER
@@ -149,6 +196,7 @@ class Monitor:
         tau: Array,
         t: float,
         state_time: float | None = None,
+        innovation: Array | None = None,
     ) -> None:
         """Takes in what the filter made of a message. What is not new or not finite is left out.
 
@@ -160,11 +208,12 @@ class Monitor:
             tau: (n,) measured torques [N·m].
             t: measurement time [s].
             state_time: that x̂ belongs to [s]; t where None.
+            innovation: (n,) whitened; the change test is left out where None.
         """
         h = self.header
         state_time = t if state_time is None else state_time
         finite = np.isfinite(t) and 0.0 <= nis < np.inf
-        for values in (state, theta, q, tau):
+        for values in (state, theta, q, tau, *(() if innovation is None else (innovation,))):
             finite = finite and bool(np.all(np.abs(values) < 1e6))  # NaN compares false
         if not finite or t < 0.0 or t == h[Entry.TIME]:
             return
@@ -185,7 +234,8 @@ class Monitor:
         learning = bool(h[Entry.SETTLED]) and not self.armed
         if learning:
             h[Entry.NORMAL] += dt
-        self._innovation(nis, dt, t, learning)
+        self._tenth(t)
+        self._innovation(nis, innovation, dt, t, learning)
         self._rollout(state, theta, q, tau, t, state_time, learning)
 
     # Details.
@@ -209,17 +259,23 @@ class Monitor:
         h[Entry.CHECKED] = t
         self._checked[:] = theta
 
-    def _innovation(self, nis: float, dt: float, t: float, learning: bool) -> None:
+    def _innovation(self, nis: float, white: Array | None, dt: float, t: float, learning: bool) -> None:
         h, k, dof = self.header, self.params.sigma, 2.0 * self.terms.n
         capped = min(nis, _SPIKE * dof)
         blend = min(dt / WINDOW, 1.0)
         h[Entry.NIS] += blend * (capped - h[Entry.NIS])
+        changes = np.zeros(0) if white is None else change.follow(self._sums, white)
+        mean, squares = self._change.reshape(2, -1)
         if learning:
             h[Entry.COUNT] += 1
             before = h[Entry.NIS] - h[Entry.MEAN]
             h[Entry.MEAN] += before / h[Entry.COUNT]
             h[Entry.SQUARES] += before * (h[Entry.NIS] - h[Entry.MEAN])
             h[Entry.SPREAD] += (capped - h[Entry.MEAN]) ** 2
+            if len(changes):
+                beyond = changes - mean
+                mean += beyond / h[Entry.COUNT]
+                squares += beyond * (changes - mean)
             return
         if not self.armed:
             return
@@ -228,13 +284,41 @@ class Monitor:
         # covariance have mean 2n and variance 4n.
         claimed = dof + k * np.sqrt(2.0 * dof * 0.5 * blend)
         threshold = max(h[Entry.MEAN] + k * np.sqrt(h[Entry.SQUARES] / count), claimed)
-        mean = max(h[Entry.MEAN], dof)
+        level = max(h[Entry.MEAN], dof)
         spread = np.sqrt(max(h[Entry.SPREAD] / count, 2.0 * dof))
-        h[Entry.SUM] = max(0.0, h[Entry.SUM] + min((nis - mean) / spread, 0.5 * k) - _SLACK)
-        statistic = max(h[Entry.NIS] / threshold, h[Entry.SUM] / (_JUMP * k))
+        h[Entry.SUM] = max(0.0, h[Entry.SUM] + min((nis - level) / spread, 0.5 * k) - _SLACK)
+        if len(changes):
+            learnt = mean + k * np.sqrt(squares / count)
+            h[Entry.CHANGE] = float(np.max(changes / np.maximum(learnt, self._claimed_change)))
+        statistic = max(h[Entry.NIS] / threshold, h[Entry.SUM] / (_JUMP * k), h[Entry.CHANGE])
         h[Entry.SUM] = min(h[Entry.SUM], 2.0 * _JUMP * k)
+        h[Entry.TENTH] = max(h[Entry.TENTH], statistic)
         if statistic > 1.0:
-            self._raise(AlarmKind.INNOVATION, t, statistic)
+            self._raise(AlarmKind.INNOVATION, t, statistic, dt)
+        elif h[Entry.ALARMS] > 0 and t < h[Entry.QUIET]:
+            self._reshape(over=True)
+
+    def _tenth(self, t: float) -> None:
+        """Keeps the largest statistic of each tenth of a second, from which an alarm's shape is told."""
+        h = self.header
+        if t - h[Entry.FROM] < WINDOW:
+            return
+        self._tenths[:-1] = self._tenths[1:]
+        self._tenths[-1] = h[Entry.TENTH]
+        h[Entry.TENTHS] = min(h[Entry.TENTHS] + 1, len(self._tenths))
+        h[Entry.TENTH], h[Entry.FROM] = 0.0, t
+
+    def _reshape(self, over: bool) -> None:
+        h = self.header
+        row = int(h[Entry.ALARMS] - 1) % RING
+        if h[Entry.SHAPE] != change.Shape.TREND or over:
+            before = self._tenths[len(self._tenths) - int(h[Entry.TENTHS]) :]
+            trend = h[Entry.SHAPE] == change.Shape.TREND
+            found = change.shape(np.zeros(0) if trend else before, h[Entry.ABOVE], over)
+            if not (trend and found is change.Shape.STEP):
+                h[Entry.SHAPE] = float(found)
+        self.evidence[row, Evidence.SHAPE] = h[Entry.SHAPE]
+        self.evidence[row, Evidence.ABOVE] = h[Entry.ABOVE]
 
     def _rollout(
         self, state: Array, theta: Array, q: Array, tau: Array, t: float, state_time: float, learning: bool
@@ -285,16 +369,32 @@ class Monitor:
         if h[Entry.ROLLOUT] > 1.0:
             self._raise(AlarmKind.ROLLOUT, t, float(h[Entry.ROLLOUT]))
 
-    def _raise(self, kind: AlarmKind, t: float, statistic: float) -> None:
+    def _raise(self, kind: AlarmKind, t: float, statistic: float, dt: float = 0.0) -> None:
         h = self.header
         quiet = t + HOLD + (self.params.period if kind is AlarmKind.ROLLOUT else 0.0)
         row = int(h[Entry.ALARMS] - 1) % RING
+        share = self._sums[1] * np.sqrt(1.0 - change.FORGETTING[1] ** 2)
         if t < h[Entry.QUIET] and h[Entry.ALARMS] > 0:  # the alarm that stands goes on
+            worse = statistic > h[Entry.STATISTIC]
             h[Entry.STATISTIC] = max(h[Entry.STATISTIC], statistic)
             self.log[row, 2] = h[Entry.STATISTIC]
+            h[Entry.ABOVE] += dt
         else:
+            worse = True
             h[Entry.KIND], h[Entry.RAISED], h[Entry.STATISTIC] = float(kind), t, statistic
+            h[Entry.SHAPE], h[Entry.ABOVE] = float(change.Shape.NONE), dt
             row = int(h[Entry.ALARMS]) % RING
             self.log[row] = t, float(kind), statistic
+            self.evidence[row] = 0.0
             h[Entry.ALARMS] += 1
+        if worse:
+            strongest = int(np.argmax(np.abs(share)))
+            h[Entry.JOINT] = float(strongest) if abs(share[strongest]) > _STANDS_OUT else -1.0
+            self.evidence[row, Evidence.JOINT] = h[Entry.JOINT]
+            self.evidence[row, Evidence.NIS] = h[Entry.NIS] / (2.0 * self.terms.n)
+            self.evidence[row, Evidence.CHANGE] = h[Entry.CHANGE]
+            self.evidence[row, Evidence.ROLLOUT] = h[Entry.ROLLOUT]
+            self.evidence[row, Evidence.SUM] = h[Entry.SUM]
+            self.evidence[row, len(Evidence) :] = share
+        self._reshape(over=False)
         h[Entry.QUIET] = max(h[Entry.QUIET], quiet)

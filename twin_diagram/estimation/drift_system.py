@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, cast
 
 import numpy as np
@@ -10,6 +11,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Even
 from twin_diagram.estimation.arm_terms import ArmTerms
 from twin_diagram.estimation.belief import LONGEST_LOOK
 from twin_diagram.estimation.drift import RING, Entry, Monitor
+from twin_diagram.estimation.events import events
 from twin_diagram.model import Model
 from twin_diagram.scenario import Drift, Filter
 from twin_diagram.signals import ALARM_LOG_FIELDS, ALARM_SIZE, NEVER, Array
@@ -33,6 +35,7 @@ class DriftMonitor(LeafSystem):
         output_ports:
         - alarm
         - alarm_log
+        - alarm_evidence
 
     Rate: `Filter.rate`, a periodic discrete update at the instants of the filter's; a rollout every `Drift.period`.
     Latency: one period, since it sees what the filter made of the message before; it keeps that message to go with it.
@@ -43,7 +46,8 @@ class DriftMonitor(LeafSystem):
 
     Outputs: `alarm` (4): 1 while an alarm stands, `AlarmKind`, time raised [s] (`NEVER` before the first), largest
     statistic over threshold; `alarm_log` (32 × 3, row by row), a ring: time raised (`NEVER` where empty), kind,
-    statistic.
+    statistic; `alarm_evidence` (32 × (7 + n)), a row for each of its rows, by `drift.Evidence`, then each joint's share
+    of the change in standard deviations. `events` makes both into records for a JSON Lines file.
     """
 
     def __init__(self, model: Model | ArmTerms, params: Drift, tuning: Filter) -> None:
@@ -78,6 +82,7 @@ class DriftMonitor(LeafSystem):
         for name, size, calc in (
             ("alarm", ALARM_SIZE, self._calc_alarm),
             ("alarm_log", RING * ALARM_LOG_FIELDS, self._calc_log),
+            ("alarm_evidence", self.monitor.evidence.size, self._calc_evidence),
         ):
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={self.discrete_state_ticket(state)})
 
@@ -86,17 +91,23 @@ class DriftMonitor(LeafSystem):
         values = context.get_discrete_state(0).value()
         return {entry.name.lower(): float(values[entry]) for entry in Entry}
 
+    def events(self, context: Context, joints: Sequence[str] = ()) -> list[dict[str, Any]]:
+        """All alarms still in the ring, oldest first, as records: see `events.events`."""
+        return events(self._of(context), joints)
+
     @timed("DriftMonitor")
     def _update(self, context: Context, discrete: DiscreteValues) -> EventStatus:
         state, theta, innovation, nis, q, tau, t = (cast(Array, port.Eval(context)) for port in self._inputs)
-        del innovation  # NIS holds it; kept on the port for tests that ask which joint
         monitor = self.monitor
         monitor.vector[:] = context.get_discrete_state(0).value()
         before = context.get_discrete_state(self._message).value()
         n, message_time = len(q), float(before[-1])
         # The filter carried its state on from that message to the present.
         ahead = min(max(context.get_time() - message_time, 0.0), LONGEST_LOOK)
-        monitor.observe(state, theta, float(nis[0]), before[:n], before[n : 2 * n], message_time, message_time + ahead)
+        q_then, tau_then = before[:n], before[n : 2 * n]
+        monitor.observe(
+            state, theta, float(nis[0]), q_then, tau_then, message_time, message_time + ahead, innovation
+        )
         discrete.set_value(0, monitor.vector)
         discrete.set_value(int(self._message), cast(Any, np.concatenate([q, tau, t])))
         return EventStatus.Succeeded()
@@ -110,3 +121,6 @@ class DriftMonitor(LeafSystem):
 
     def _calc_log(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(cast(Any, self._of(context).log.ravel()))
+
+    def _calc_evidence(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(cast(Any, self._of(context).evidence.ravel()))
