@@ -102,6 +102,7 @@ class Belief:
         acceleration: (n,) low-passed, as observed, not as predicted [rad/s²].
         model: (p,) θ as the physics has it; the difference to θ acts through its derivatives.
         gradient: (p,) gathered since then, where the gradient rule adapts θ.
+        score: (p, p + 1) of recent innovations by θ: their information matrix and their gradient, with forgetting.
         x: (N,) mean, N = 3n + p + own; q, v, disturbance, theta, own are views of it.
         P: (N, N) covariance.
         tracks: one record per further sensor, by `Track`, followed by its mean whitened innovation.
@@ -119,13 +120,14 @@ class Belief:
         self.n, self.p = n, p
         self.size = 3 * n + p + own
         start = HEADER + 6 * n
-        mean = start + 2 * p
+        mean = start + 2 * p + p * (p + 1)
         end = mean + self.size + self.size**2
         self.vector: Any = np.zeros(end + sum(len(Track) + size for size in sensors))
         self.header = self.vector[:HEADER]
         memory = self.vector[HEADER:start].reshape(6, n)
         self.torque, self.drift, self.regime, self.innovation, self.before, self.acceleration = memory
-        self.model, self.gradient = self.vector[start:mean].reshape(2, p)
+        self.model, self.gradient = self.vector[start : start + 2 * p].reshape(2, p)
+        self.score = self.vector[start + 2 * p : mean].reshape(p, p + 1)
         self.x = self.vector[mean : mean + self.size]
         self.P = self.vector[mean + self.size : end].reshape(self.size, self.size)
         self.q, self.v, self.disturbance = self.x[:n], self.x[n : 2 * n], self.x[2 * n : 3 * n]

@@ -36,6 +36,7 @@ import numpy as np
 from twin_diagram.errors import ScenarioError
 from twin_diagram.estimation.arm_terms import ArmTerms
 from twin_diagram.estimation.belief import HEADER, Belief, Entry, Track
+from twin_diagram.estimation.blame import keep_score, suspects
 from twin_diagram.estimation.declared import Declared, FilterError, note
 from twin_diagram.estimation.disturbance import SPEED_TIME, disturbance_std, follow_regimes
 from twin_diagram.estimation.history import History
@@ -142,7 +143,7 @@ class Ekf:
         self.declared.add(sensor, start, at)
         self._size()
         after = self.belief
-        same = HEADER + 6 * before.n + 2 * before.p
+        same = HEADER + 6 * before.n + before.p * (before.p + 3)
         after.vector[:same] = before.vector[:same]
         after.x[: before.size] = before.x
         after.P[: before.size, : before.size] = before.P
@@ -200,7 +201,7 @@ class Ekf:
             kept[:p, :p] = self.parameters.covariance if self.params.rule == "covariance" else 0.0
             kept[p:, p:] = np.diag(self.declared.prior())
             belief.theta[:] = self.parameters.mean
-        belief.model[:], belief.gradient[:] = belief.theta, 0.0
+        belief.model[:], belief.gradient[:], belief.score[:] = belief.theta, 0.0, 0.0
         belief.q[:], belief.v[:], belief.disturbance[:] = q, v, 0.0
         belief.torque[:], belief.drift[:], belief.regime[:] = tau, v, 0.0
         belief.innovation[:], belief.before[:], belief.acceleration[:] = 0.0, v, 0.0
@@ -379,7 +380,7 @@ class Ekf:
         if accepted:
             self.history.read(H, R, innovation + H @ x, back)
             x, P = joseph(x, P, H, R, innovation)
-            belief.x[:], P = self.history.rerun(back, x, P, self.parameters.covariance, self.parameters.clip)
+            belief.x[:], P = self.history.rerun(back, x, P, self.parameters.opening, self.parameters.clip)
             belief.P[:] = P
             self.parameters.clip(belief.theta)
         if track is not None:
@@ -536,6 +537,10 @@ class Ekf:
         momentum = self._step_mass @ whole.innovation[n:]
         spread = self._step_mass @ whole.covariance[n:, n:] @ self._step_mass.T
         belief.innovation[:] = whiten(spread, momentum)
+        if belief.p and trusted:
+            # Momentum's innovations by θ: what the step's velocity owes to it.
+            by_theta = self._step_mass @ self._F[n : 2 * n, 3 * n : 3 * n + belief.p]
+            keep_score(belief.score, whiten(spread, by_theta), belief.innovation)
         if whole.accepted:
             header[Entry.ACCEPTED] += 1
             header[Entry.STREAK] = 0.0
@@ -570,7 +575,7 @@ class Ekf:
         self._release(float(belief.header[Entry.TIME]))
         theta = belief.model
         moved = step(terms, parameters, belief.q, v, theta, u, belief.disturbance, dt, dry)
-        by = jacobians(terms, parameters, moved, v, theta, dt, belief.acceleration)
+        by = jacobians(terms, parameters, moved, v, theta, dt, belief.acceleration, u)
         F, own = self._F, 3 * n + belief.p
         F[: 2 * n, : 2 * n] = by.state
         F[: 2 * n, 2 * n : 3 * n] = by.torque
@@ -615,14 +620,17 @@ class Ekf:
         return added
 
     def _open(self, t: float) -> None:
-        """An abrupt change: parameters and disturbances may be anything again that the prior allows."""
+        """An abrupt change: what recent innovations speak for may be anything again that `opening` allows."""
         belief, n = self.belief, self.terms.n
         belief.header[Entry.OPENINGS] += 1
         belief.header[Entry.QUIET] = t + _QUIET_TIME
+        if self.params.rule == "gradient" or not belief.p:
+            return
         at = slice(3 * n, 3 * n + belief.p)
-        now, prior = belief.P[at, at], self.parameters.covariance
+        now, prior = belief.P[at, at], self.parameters.opening
+        changed = suspects(belief.score, self.parameters.groups)
         # Openings do not add up: none makes a parameter less certain than twice its prior.
-        room = np.sqrt(np.clip(2.0 - now.diagonal() / prior.diagonal(), 0.0, 1.0))
+        room = np.where(changed, np.sqrt(np.clip(2.0 - now.diagonal() / prior.diagonal(), 0.0, 1.0)), 0.0)
         now += prior * np.outer(room, room)
         self.history.opened(room)
         self.history.settle(belief.x, belief.P)

@@ -20,6 +20,10 @@ from twin_diagram.signals import Array
 
 HEAVIEST: Final = 10.0
 """A payload's mass lies between 0 and this [kg]."""
+HEALTH_STD: Final = 0.02
+"""Prior of a torque constant's error: a data sheet's tolerance."""
+HEALTHIEST: Final = 0.3
+"""No torque constant is more than this above its data sheet's."""
 SMOOTHING_SPEED: Final = 1e-3
 """Speed over which learned dry friction changes sign [rad/s]."""
 
@@ -56,15 +60,24 @@ class ParameterBlock(ABC):
         """(p,) names with units, for tables and plots."""
 
     @abstractmethod
-    def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array) -> Array:
-        """Y (n, p): what the motors must give per unit of each parameter."""
+    def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array, tau: Array) -> Array:
+        """Y (n, p): what the motors must give, beyond the τ measured, per unit of each parameter."""
 
     @abstractmethod
     def clip(self, theta: Array) -> None:
         """Moves the parameters (p,) into their bounds, in place."""
 
-    def push(self, theta: Array) -> Array | float:
-        """Torque (n,) that it adds to the motors' [N·m]."""
+    @property
+    def opening(self) -> Array:
+        """(p, p) covariance after an abrupt change, which may leave the prior's usual range."""
+        return self.covariance
+
+    def groups(self) -> list[slice]:
+        """The parameters that change together."""
+        return [slice(0, self.size)]
+
+    def push(self, theta: Array, tau: Array) -> Array | float:
+        """Torque (n,) that it adds to the motors', of which τ is measured [N·m]."""
         return 0.0
 
     def viscous(self, theta: Array) -> Array | float:
@@ -98,7 +111,7 @@ class Payload(ParameterBlock):
     def labels(self, joints: Sequence[str]) -> list[str]:  # noqa: D102
         return ["payload.mass [kg]", *(f"payload.moment_{axis} [kg·m]" for axis in "xyz")]
 
-    def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array) -> Array:  # noqa: D102
+    def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array, tau: Array) -> Array:  # noqa: D102
         return terms.payload_regressor(q, v, a)
 
     def clip(self, theta: Array) -> None:
@@ -121,6 +134,9 @@ class JointBlock(ParameterBlock):
     def labels(self, joints: Sequence[str]) -> list[str]:  # noqa: D102
         return [f"{self.name}.{joint} [{self.unit}]" for joint in joints]
 
+    def groups(self) -> list[slice]:  # noqa: D102
+        return [slice(i, i + 1) for i in range(self.size)]
+
     def clip(self, theta: Array) -> None:  # noqa: D102
         np.clip(theta, -self.bound, self.bound, out=theta)
 
@@ -136,10 +152,10 @@ class TorqueBias(JointBlock):
         self.covariance = np.diag((0.02 * terms.effort_limit) ** 2)
         self.bound = 0.2 * terms.effort_limit
 
-    def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array) -> Array:  # noqa: D102
+    def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array, tau: Array) -> Array:  # noqa: D102
         return -np.eye(terms.n)
 
-    def push(self, theta: Array) -> Array | float:  # noqa: D102
+    def push(self, theta: Array, tau: Array) -> Array | float:  # noqa: D102
         return theta
 
 
@@ -154,7 +170,7 @@ class ViscousFriction(JointBlock):
         self.covariance = np.diag((0.005 * terms.effort_limit) ** 2)
         self.bound = 0.1 * terms.effort_limit
 
-    def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array) -> Array:  # noqa: D102
+    def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array, tau: Array) -> Array:  # noqa: D102
         return np.diag(v)
 
     def viscous(self, theta: Array) -> Array | float:  # noqa: D102
@@ -172,15 +188,41 @@ class CoulombFriction(JointBlock):
         self.covariance = np.diag((0.005 * terms.effort_limit) ** 2)
         self.bound = 0.1 * terms.effort_limit
 
-    def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array) -> Array:  # noqa: D102
+    def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array, tau: Array) -> Array:  # noqa: D102
         return np.diag(v / np.sqrt(v * v + SMOOTHING_SPEED**2))
 
     def dry(self, theta: Array) -> Array | float:  # noqa: D102
         return theta
 
 
+class TorqueConstant(JointBlock):
+    """Health of the motors: torque applied over torque measured, less 1, per joint; −1 is a motor that is dead."""
+
+    name = "torque_constant"
+    unit = "1"
+
+    def __init__(self, terms: ArmTerms, params: Filter) -> None:
+        self.mean = np.zeros(terms.n)
+        self.covariance = np.eye(terms.n) * HEALTH_STD**2
+        self.bound = np.full(terms.n, HEALTHIEST)
+
+    @property
+    def opening(self) -> Array:
+        """A motor may have lost all."""
+        return np.eye(len(self.mean)) * 0.5**2
+
+    def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array, tau: Array) -> Array:  # noqa: D102
+        return np.diag(-tau)
+
+    def clip(self, theta: Array) -> None:  # noqa: D102
+        np.clip(theta, -1.0, self.bound, out=theta)
+
+    def push(self, theta: Array, tau: Array) -> Array | float:  # noqa: D102
+        return np.asarray(theta * tau)
+
+
 BLOCKS: Final[dict[str, type[ParameterBlock]]] = {
-    block.name: block for block in (Payload, TorqueBias, ViscousFriction, CoulombFriction)
+    block.name: block for block in (Payload, TorqueBias, ViscousFriction, CoulombFriction, TorqueConstant)
 }
 """By the name that `Filter.parameters` uses."""
 
@@ -192,6 +234,8 @@ class ParameterSet:
         blocks: in the order of `Filter.parameters`.
         size: p.
         mean, covariance, scale: (p,), (p, p), (p,) of the prior.
+        opening: (p, p) covariance after an abrupt change.
+        groups: the parameters that change together.
         payload: where the payload's (m, m·c) lie in θ; None where it is not learned.
     """
 
@@ -218,6 +262,11 @@ class ParameterSet:
         for block, part in zip(self.blocks, self.slices, strict=True):
             self.covariance[part, part] = block.covariance
         self.scale = np.sqrt(np.diag(self.covariance))
+        self.opening = np.zeros((start, start))
+        self.groups: list[slice] = []
+        for block, part in zip(self.blocks, self.slices, strict=True):
+            self.opening[part, part] = block.opening
+            self.groups += [slice(part.start + group.start, part.start + group.stop) for group in block.groups()]
         self.payload = next(
             (part for block, part in zip(self.blocks, self.slices, strict=True) if block.name == Payload.name), None
         )
@@ -226,20 +275,20 @@ class ParameterSet:
         """(p,) names with units."""
         return [label for block in self.blocks for label in block.labels(joints)]
 
-    def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array) -> Array:
+    def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array, tau: Array) -> Array:
         """Y (n, p) of all blocks."""
         Y = np.empty((terms.n, self.size))
         for block, part in zip(self.blocks, self.slices, strict=True):
-            Y[:, part] = block.regressor(terms, q, v, a)
+            Y[:, part] = block.regressor(terms, q, v, a, tau)
         return Y
 
     def payload_of(self, theta: Array) -> Array:
         """(4,) mass [kg] and first moment [kg·m]; zeros where no payload is learned."""
         return theta[self.payload] if self.payload is not None else np.zeros(4)
 
-    def push(self, theta: Array) -> Array | float:
-        """Torque (n,) that θ adds to the motors' [N·m]."""
-        return sum(block.push(theta[part]) for block, part in zip(self.blocks, self.slices, strict=True))
+    def push(self, theta: Array, tau: Array) -> Array | float:
+        """Torque (n,) that θ adds to the motors', of which τ is measured [N·m]."""
+        return sum(block.push(theta[part], tau) for block, part in zip(self.blocks, self.slices, strict=True))
 
     def viscous(self, theta: Array, damping: Array) -> Array:
         """Viscous friction (n,) of the plant, `damping`, and θ together; never negative [N·m·s/rad]."""

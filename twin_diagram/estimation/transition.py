@@ -92,7 +92,7 @@ def step(
     middle = q + (0.5 * dt) * v
     there = terms.true_position(middle)
     viscous = parameters.viscous(theta, terms.damping)
-    push = terms.applied(tau) + parameters.push(theta) + disturbance - terms.load(there, v, tau)
+    push = terms.applied(tau) + parameters.push(theta, tau) + disturbance - terms.load(there, v, tau)
     mass = terms.mass_matrix(there)
     push = mass @ v + dt * (push + terms.damping * v)
     forward, backward = dry or terms.dry(there, v, tau)
@@ -111,7 +111,14 @@ def step(
 
 
 def jacobians(
-    terms: ArmTerms, parameters: ParameterSet, moved: Step, v: Array, theta: Array, dt: float, acceleration: Array
+    terms: ArmTerms,
+    parameters: ParameterSet,
+    moved: Step,
+    v: Array,
+    theta: Array,
+    dt: float,
+    acceleration: Array,
+    tau: Array | None = None,
 ) -> Jacobians:
     """Derivatives of a step by the implicit function theorem, inverse dynamics by forward differences.
 
@@ -124,11 +131,12 @@ def jacobians(
         dt: [s].
         acceleration: (n,) as observed. A load that θ does not know of yet makes the predicted acceleration wrong, and a
             regressor that held it would teach wrong parameters for good [rad/s²].
+        tau: (n,) motor torque, for parameters that depend on it; zeros where None [N·m].
     """
     n = terms.n
     terms.set_payload(parameters.payload_of(theta))
     by_q, by_v = terms.derivatives(moved.middle, v, moved.a)
-    Y = parameters.regressor(terms, moved.middle, v, acceleration)
+    Y = parameters.regressor(terms, moved.middle, v, acceleration, np.zeros(n) if tau is None else tau)
     system = moved.mass.copy()
     system[np.diag_indices(n)] += dt * moved.drag
     right = np.empty((n, 3 * n + parameters.size))
