@@ -90,8 +90,12 @@ def test_onset_belongs_to_its_run(tmp_path: Path) -> None:
     log = noisy(recorded(spec), 2)
     later = noisy(recorded(replace(spec, onset=None)), 3)
     model = Model.load(ARM)
-    finding = Finding(spec.name, (JOINTS[3],), (), per_joint(JOINTS[3], gain=0.7), 0.9, onset=Moment(0, 1.5))
+    finding = Finding(spec.name, (JOINTS[3],), (), per_joint(JOINTS[3], gain=0.7), 0.9, onset=Moment(0, 1.62))
     result = add(model, [log], [finding])
+    onset = result.findings[0].onset
+    assert onset is not None
+    assert abs(onset.time - 1.5) < 0.02
+    assert onset.std < 0.05
     result.model.save(tmp_path / "corrected")
     corrected = Model.load(tmp_path / "corrected")
     floor = 0.45 * LEVEL
@@ -99,9 +103,6 @@ def test_onset_belongs_to_its_run(tmp_path: Path) -> None:
         assert np.all(torque_residual_rms(corrected, run)[:4] < floor[:4])
     other = replace(log, position=log.position + 1e-5)  # repeats the schedule, and is another run
     assert torque_residual_rms(corrected, other)[3] > 1.0
-    assert torque_residual_rms(result.anywhen(), other)[3] < floor[3]
-    assert result.clocked(floor, later) is result.model
-    assert torque_residual_rms(result.clocked(floor, other), other)[3] < floor[3]
     assert fingerprint(resample(log, log.time[5:-5])) == fingerprint(log) != fingerprint(later)
 
 

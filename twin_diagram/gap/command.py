@@ -106,7 +106,7 @@ def run_gap(
     try:
         if verdict.findings:
             added = add(given, logs, verdict.findings, say)
-            corrected = added.clocked(np.maximum(verdict.noise_floor, 1e-9), held)
+            corrected = added.model
             # What cannot be added was no explanation.
             verdict = _nameless(verdict) if added.model is given else replace(verdict, findings=added.findings)
             notes += added.notes

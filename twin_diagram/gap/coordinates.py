@@ -18,6 +18,7 @@ from twin_diagram import rigid_tree
 from twin_diagram.effects import REGISTRY
 from twin_diagram.effects.link_inertia import about_centre
 from twin_diagram.gap.merge import UNTOLD
+from twin_diagram.gap.moments import ALWAYS, When
 from twin_diagram.model import Model
 from twin_diagram.scenario import EffectSpec
 
@@ -34,10 +35,12 @@ class Coordinates:
     Attributes:
         spec: whose values are replaced.
         link: (10,) inertial parameters of the given link about its centre, for `inertial_parameters`.
+        when: its onset and end, with their standard errors.
     """
 
     spec: EffectSpec
     link: tuple[float, Array, Array] | None = None
+    when: When = ALWAYS
 
     @staticmethod
     def of(model: Model, spec: EffectSpec) -> Coordinates:
@@ -47,7 +50,7 @@ class Coordinates:
                 default = REGISTRY[spec.name].kinds[key].default
                 assert default is not None
                 spec = replace(spec, parameters={**spec.parameters, key: [default] * len(spec.joints)})
-            return Coordinates(spec)
+            return Coordinates(spec, None, When(spec.onset, spec.end))
         body = model.plant.GetBodyByName(spec.links[0])
         described = about_centre(rigid_tree.inertia_vector(body.default_spatial_inertia(), RigidTransform()))
         for effect in model.present:
@@ -57,7 +60,15 @@ class Coordinates:
                     described[1] + effect.value("com"),
                     described[2] + effect.value("inertia"),
                 )
-        return Coordinates(spec, described)
+        return Coordinates(spec, described, When(spec.onset, spec.end))
+
+    def started(self, spec: EffectSpec) -> Coordinates:
+        """From other values."""
+        return replace(self, spec=replace(spec, onset=self.spec.onset, end=self.spec.end, log=self.spec.log))
+
+    def at(self, when: When) -> Coordinates:
+        """At other times."""
+        return replace(self, spec=replace(self.spec, onset=when.onset, end=when.end), when=when)
 
     def start(self) -> Array:
         """Of the specification itself."""
@@ -82,14 +93,15 @@ class Coordinates:
             scale = np.concatenate([np.ones(4), np.full(6, np.exp(np.mean(mean[:4])))])
             return mean, LINK_SPREAD * scale
         start = self.start()
-        spread = np.full(len(start), np.inf)
+        mean, spread = start.copy(), np.full(len(start), np.inf)
         begin = 0
         for key, (_, free) in zip(self.spec.parameters, self._free(), strict=True):
             end = begin + int(np.sum(free))
             if key in UNTOLD:
+                mean[begin:end] = np.log(REGISTRY[self.spec.name].kinds[key].default or 1.0)
                 spread[begin:end] = UNTOLD_SPREAD
             begin = end
-        return start, spread
+        return mean, spread
 
     def logarithmic(self, key: str) -> bool:
         """Whether a parameter's coordinates are logarithms."""

@@ -14,13 +14,13 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.errors import ModelError
-from twin_diagram.gap import rest, whitening
+from twin_diagram.gap import moments, rest, whitening
 from twin_diagram.gap.coordinates import Coordinates
 from twin_diagram.gap.gauss_newton import Solution, minimise
 from twin_diagram.gap.merge import merged
@@ -46,6 +46,9 @@ CLUSTER = 0.5
 
 MOST_WINDOWS = 160
 """Of all runs together; more than these are thinned."""
+
+RETIMED = 2
+"""Times that onsets and parameters take turns."""
 
 COLOURS = 2
 """Times that the noise's level and colour are looked at again."""
@@ -95,6 +98,11 @@ class Hypothesis:
         """(p,) of finite differences."""
         return 1e-3 * np.maximum(np.abs(self.start()), 1e-2)
 
+    def at(self, vector: Array) -> Hypothesis:
+        """The same, started from other coordinates; priors stay where they are."""
+        specs = self.specs(vector)
+        return replace(self, parts=tuple(part.started(spec) for part, spec in zip(self.parts, specs, strict=True)))
+
     def specs(self, vector: Array) -> list[EffectSpec]:
         """The effects, relative to the given model."""
         return [part.effect(vector[s]) for part, s in zip(self.parts, self.slices(), strict=True)]
@@ -108,22 +116,73 @@ class Hypothesis:
         return self.given.with_effects(merged(self.given.effects, self.specs(vector)))
 
 
-def equation_error(hypothesis: Hypothesis, logs: Sequence[Log]) -> Solution:
-    """See the module; the reference is the log's torque."""
+def by_torque(hypothesis: Hypothesis, logs: Sequence[Log]) -> tuple[Hypothesis, Solution]:
+    """Equation error, with the times at which effects start or end; these are in the hypothesis that is answered."""
     records = prepare(hypothesis.given, logs)
     marks = [fingerprint(log) for log in logs]
+    solution = equation_error(hypothesis, records, marks)
+    for _ in range(RETIMED if any(part.spec.log in marks for part in hypothesis.parts) else 0):
+        before = [(part.when.onset, part.when.end) for part in hypothesis.parts]
+        hypothesis = _retimed(hypothesis.at(solution.vector), solution.vector, records, marks)
+        solution = equation_error(hypothesis, records, marks)
+        after = [(part.when.onset, part.when.end) for part in hypothesis.parts]
+        if after == before:
+            break
+    return hypothesis, solution
+
+
+def _left(hypothesis: Hypothesis, vector: Array, records: Records, marks: Sequence[str]) -> Array:
+    """Logged less needed torque (ΣD, n)."""
+    model = hypothesis.model(vector)
+
+    def law(record: Record) -> Array:
+        run = model.for_run(marks[record.index])
+        needed = run.inverse_dynamics(record.q, record.v, record.a, time=record.time, seen=record.torque)
+        return np.asarray(record.torque - needed)
+
+    return records.reduce(law)
+
+
+def _retimed(hypothesis: Hypothesis, vector: Array, records: Records, marks: Sequence[str]) -> Hypothesis:
+    """With the times that fit best; parts that start and end together stay together."""
+    groups: dict[tuple[str, str, float | None, float | None], list[int]] = {}
+    for k, part in enumerate(hypothesis.parts):
+        if part.spec.log in marks:
+            groups.setdefault((part.spec.log, part.spec.name, part.spec.onset, part.spec.end), []).append(k)
+    parts = list(hypothesis.parts)
+    for (mark, *_), members in groups.items():
+        residual = _left(replace(hypothesis, parts=tuple(parts)), vector, records, marks)
+        noise = whitening.estimate(residual, records.lengths, len(vector) / records.n)
+        weights = np.ones((records.n, len(noise.rows)))
+        specs = [part.effect(vector[s]) for part, s in zip(parts, hypothesis.slices(), strict=True)]
+        always = [replace(spec, onset=None, end=None, log="") if k in members else spec for k, spec in enumerate(specs)]
+        never = [spec for k, spec in enumerate(specs) if k not in members]
+        effects = hypothesis.given.effects
+        try:
+            present, absent = (
+                hypothesis.given.with_effects(merged(effects, chosen)).for_run(mark) for chosen in (always, never)
+            )
+        except ModelError:
+            continue
+        record = records.records[list(marks).index(mark)]
+        when = moments.retimed(parts[members[0]].when, present, absent, record, records, noise, weights)
+        for k in members:
+            parts[k] = parts[k].at(when)
+    return replace(hypothesis, parts=tuple(parts))
+
+
+def equation_error(hypothesis: Hypothesis, records: Records, marks: Sequence[str]) -> Solution:
+    """See the module; the reference is the log's torque.
+
+    Args:
+        hypothesis: with its rough values.
+        records: of the fitted logs.
+        marks: their fingerprints.
+    """
     start = hypothesis.start()
 
     def left(vector: Array) -> Array:
-        """Logged less needed torque (ΣD, n)."""
-        model = hypothesis.model(vector)
-
-        def law(record: Record) -> Array:
-            run = model.for_run(marks[record.index])
-            needed = run.inverse_dynamics(record.q, record.v, record.a, time=record.time, seen=record.torque)
-            return np.asarray(record.torque - needed)
-
-        return records.reduce(law)
+        return _left(hypothesis, vector, records, marks)
 
     level = np.maximum(np.std(left(start), axis=0), 1e-12)
     start = _scanned(hypothesis, start, lambda vector: (left(vector) / level).ravel())
@@ -144,7 +203,8 @@ def equation_error(hypothesis: Hypothesis, logs: Sequence[Log]) -> Solution:
                 return np.full(weights.size, np.inf)
 
         _, clusters = np.unique(block[noise.rows], return_inverse=True)
-        late = (noise.all(0.6 * period * rate) * weights).ravel()[:, None]
+        waits = any(part.spec.name == "time_delay" for part in hypothesis.parts)
+        late = None if waits else (noise.all(0.6 * period * rate) * weights).ravel()[:, None]
         whole = np.tile(clusters.reshape(-1), records.n)
         solution = minimise(residual, start, hypothesis.steps(), whole, hypothesis.prior(), late)
         moved = np.abs(solution.vector - start) / np.sqrt(np.maximum(np.diag(solution.covariance), 1e-300))
@@ -247,4 +307,4 @@ class _Shots:
         return np.asarray(error - np.einsum("ab,wbj->waj", basis @ basis.T, error))
 
 
-__all__ = ["Hypothesis", "equation_error", "output_error"]
+__all__ = ["Hypothesis", "by_torque", "output_error"]
