@@ -15,10 +15,12 @@ from twin_diagram.signals import Array
 
 FORGETTING: Final = 0.9
 """10 messages."""
-CAP: Final = 8.0
-"""An innovation counts for no more than this many standard deviations."""
+CAP: Final = 20.0
+"""An innovation is shortened to this many standard deviations, its direction kept: that tells who is to blame."""
 UNDECIDED: Final = 9.0
 """Groups whose 2 log likelihood ratio is within this of the best may have changed as well."""
+WORTH: Final = 16.0
+"""A further group must raise 2 log of the likelihood by this."""
 _RIDGE: Final = 1e-9
 
 
@@ -32,25 +34,44 @@ def keep_score(score: Array, W: Array, white: Array) -> None:
     """
     score *= FORGETTING
     score[:, :-1] += W.T @ W
-    score[:, -1] += W.T @ np.clip(white, -CAP, CAP)
-
-
-def evidence(score: Array, groups: list[slice]) -> Array:
-    """(G,) 2 log likelihood ratio of each group's having changed alone, less what its size gains by chance."""
-    found = np.zeros(len(groups))
-    for i, group in enumerate(groups):
-        information, gradient = score[group, group], score[group, -1]
-        scale = np.sqrt(np.maximum(information.diagonal(), np.finfo(float).tiny))
-        information = information / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
-        gain = gradient / scale @ np.linalg.solve(information, gradient / scale)
-        found[i] = gain * (1.0 + FORGETTING) - 2.0 * len(scale)
-    return found
+    score[:, -1] += W.T @ (white * min(1.0, CAP / max(float(np.linalg.norm(white)), CAP)))
 
 
 def suspects(score: Array, groups: list[slice]) -> np.ndarray:
-    """(p,) whether each parameter may be what changed."""
-    changed = np.zeros(len(score), dtype=bool)
-    told = evidence(score, groups)
-    for group, value in zip(groups, told, strict=True):
-        changed[group] = value >= told.max() - UNDECIDED
+    """Which groups must have changed, chosen one after the other, each by what it explains beyond those before it.
+
+    Args:
+        score: (p, p + 1) information and gradient.
+        groups: parameters that change together.
+
+    Returns:
+        (p,) whether each parameter may be what changed: the chosen, and those that explain all but as much as the first.
+    """
+    p = len(score)
+    scale = np.sqrt(np.maximum(score[:, :-1].diagonal(), np.finfo(float).tiny))
+    information = score[:, :-1] / np.outer(scale, scale) + _RIDGE * np.eye(p)
+    gradient = score[:, -1] / scale
+    changed = np.zeros(p, dtype=bool)
+    explained = 0.0
+    for _ in groups:
+        gains = np.zeros(len(groups))
+        for i, group in enumerate(groups):
+            if changed[group].all():
+                continue
+            at = changed.copy()
+            at[group] = True
+            total = gradient[at] @ np.linalg.solve(information[np.ix_(at, at)], gradient[at])
+            gains[i] = (total - explained) * (1.0 + FORGETTING) - 2.0 * (group.stop - group.start)
+        best = float(gains.max())
+        if changed.any() and best < WORTH:
+            break
+        for group, gain in zip(groups, gains, strict=True):
+            # At the first choice, what does all but as well cannot be told apart.
+            if gain >= best - (0.0 if changed.any() and explained > 0.0 else UNDECIDED) and gain > 0.0:
+                changed[group] = True
+        if not changed.any():
+            changed[groups[int(gains.argmax())]] = True
+        explained = gradient[changed] @ np.linalg.solve(information[np.ix_(changed, changed)], gradient[changed])
+        if changed.all():
+            break
     return changed

@@ -19,7 +19,7 @@ from twin_diagram.signals import Array
 FORGETTING: Final = np.array([0.5, 0.8, 0.95])
 """λ: 2, 5 and 20 messages."""
 CAP: Final = 6.0
-"""One message counts for no more than this many standard deviations per joint: a spike alone is no change."""
+"""A message is shortened to this many standard deviations: a spike alone is no change."""
 FALSE_RATE: Final = 1e-9
 """Probability that the claimed distribution exceeds its threshold in one message; 200 Hz bring 720 000 an hour."""
 
@@ -47,7 +47,7 @@ def follow(sums: Array, white: Array) -> Array:
         (L,) statistics, each χ² of n degrees of freedom while nothing changes.
     """
     sums *= FORGETTING[:, None]
-    sums += np.clip(white, -CAP, CAP)
+    sums += white * min(1.0, CAP / max(float(np.linalg.norm(white)), CAP))
     statistic: Array = (1.0 - FORGETTING**2) * np.einsum("ij,ij->i", sums, sums)
     return statistic
 

@@ -58,7 +58,7 @@ IMPOSSIBLE: Final = 2.0
 ABSURD: Final = 1e4
 """No joint angle, speed or torque share of the effort limit is larger than this."""
 _NIS_TIME: Final = 0.1
-_QUIET_TIME: Final = 0.5
+_QUIET_TIME: Final = 0.2
 _START_STD: Final = 3.0
 """A fresh state's standard deviation, in those of its sensors."""
 
@@ -335,7 +335,8 @@ class Ekf:
         surprise = nis > sensor.gate
         if surprise:
             if explain and self._by_torque is not None:
-                added = self._unmodelled()
+                jumped = innovation[self.terms.n :] if sensor is self.joints else 0.0
+                added = self._unmodelled(jumped)
                 wide = belief.P + added
                 HP = H @ wide
                 solved = solve_positive(HP @ H.T + R, np.column_stack([HP, innovation]))
@@ -610,13 +611,21 @@ class Ekf:
         self._by_torque = by.torque
         self._step_mass = moved.mass
 
-    def _unmodelled(self) -> Array:
-        """Covariance (N, N) that an unmodelled torque of the effort limits' size adds in the last step."""
+    def _unmodelled(self, jump: Array | float) -> Array:
+        """Covariance (N, N) that an unmodelled torque of the effort limits' size adds in the last step.
+
+        When within the step it began is not known: a jump of speed moves a joint by 0 to dt times that.
+
+        Args:
+            jump: (n,) of the speeds, as measured [rad/s].
+        """
         assert self._by_torque is not None
         n = self.terms.n
         spread = self._by_torque * self.terms.effort_limit
         added = np.zeros((self.belief.size, self.belief.size))
         added[: 2 * n, : 2 * n] = spread @ spread.T
+        late = jump * (float(self.belief.header[Entry.SPAN]) / np.sqrt(12.0))
+        added[np.arange(n), np.arange(n)] += late**2
         return added
 
     def _open(self, t: float) -> None:

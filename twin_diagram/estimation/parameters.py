@@ -20,6 +20,8 @@ from twin_diagram.signals import Array
 
 HEAVIEST: Final = 10.0
 """A payload's mass lies between 0 and this [kg]."""
+FRICTION_SHARE: Final = 0.3
+"""Prior of a friction's error, as a share of what the model has, besides a small share of the effort limit."""
 HEALTH_STD: Final = 0.02
 """Prior of a torque constant's error: a data sheet's tolerance."""
 HEALTHIEST: Final = 0.3
@@ -167,8 +169,22 @@ class ViscousFriction(JointBlock):
 
     def __init__(self, terms: ArmTerms, params: Filter) -> None:
         self.mean = np.zeros(terms.n)
-        self.covariance = np.diag((0.005 * terms.effort_limit) ** 2)
-        self.bound = 0.1 * terms.effort_limit
+        self.covariance = np.diag((0.005 * terms.effort_limit) ** 2 + (FRICTION_SHARE * terms.damping) ** 2)
+        self.bound = np.maximum(0.1 * terms.effort_limit, 2.0 * terms.damping)
+        self._level = terms.damping
+
+    def groups(self) -> list[slice]:
+        """Oil or heat change all joints at once."""
+        return [slice(0, self.size)]
+
+    def clip(self, theta: Array) -> None:
+        """Friction in all is never negative."""
+        np.clip(theta, np.maximum(-self.bound, -self._level), self.bound, out=theta)
+
+    @property
+    def opening(self) -> Array:
+        """It may be gone."""
+        return np.maximum(self.covariance, np.diag(self._level**2))
 
     def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array, tau: Array) -> Array:  # noqa: D102
         return np.diag(v)
@@ -184,9 +200,25 @@ class CoulombFriction(JointBlock):
     unit = "N·m"
 
     def __init__(self, terms: ArmTerms, params: Filter) -> None:
-        self.mean = np.zeros(terms.n)
-        self.covariance = np.diag((0.005 * terms.effort_limit) ** 2)
-        self.bound = 0.1 * terms.effort_limit
+        zero = np.zeros(terms.n)
+        forward, backward = terms.dry(zero, zero, zero)
+        self._level = 0.5 * (forward + backward)
+        self.mean = zero
+        self.covariance = np.diag((0.005 * terms.effort_limit) ** 2 + (FRICTION_SHARE * self._level) ** 2)
+        self.bound = np.maximum(0.1 * terms.effort_limit, 2.0 * self._level)
+
+    def groups(self) -> list[slice]:
+        """Oil or heat change all joints at once."""
+        return [slice(0, self.size)]
+
+    def clip(self, theta: Array) -> None:
+        """Friction in all is never negative."""
+        np.clip(theta, np.maximum(-self.bound, -self._level), self.bound, out=theta)
+
+    @property
+    def opening(self) -> Array:
+        """It may be gone."""
+        return np.maximum(self.covariance, np.diag(self._level**2))
 
     def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array, tau: Array) -> Array:  # noqa: D102
         return np.diag(v / np.sqrt(v * v + SMOOTHING_SPEED**2))
