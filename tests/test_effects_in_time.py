@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -78,12 +79,12 @@ class Reference(LeafSystem):
         self.DeclareVectorOutputPort("value", 14, calc, {self.time_ticket()})
 
 
-def recorded(spec: EffectSpec, dt: float = 0.0005, duration: float = 3.0) -> Log:
+def recorded(spec: EffectSpec, dt: float = 0.0005, duration: float = 3.0, more: Sequence[EffectSpec] = ()) -> Log:
     """A run of the arm with an effect, as a station would log it: motors' positions and torques."""
     builder = DiagramBuilder()
     plant, _ = AddMultibodyPlantSceneGraph(builder, dt)
     plant.SetUseSampledOutputPorts(False)
-    arm = add_arm(plant, replace(ARM, effects=[ROTORS, spec]))
+    arm = add_arm(plant, replace(ARM, effects=[ROTORS, spec, *more]))
     fitted = effects.add_to_plant(plant, arm)
     arm = effects.renewed(plant, arm)
     for index in arm.actuator_indices:
@@ -124,3 +125,26 @@ def test_model_explains_what_is_simulated(name: str) -> None:
     print(name, before.max(), after.max(), apart.max(), together.max())
     assert np.max(after) < 0.1 * np.max(before)
     assert np.max(together) < 0.15 * np.max(apart)
+
+
+DRY, RIPPLE = CASES["coulomb_friction"], CASES["torque_ripple"]
+
+
+@pytest.mark.parametrize(
+    ("parts", "whole"),
+    [
+        (
+            [replace(DRY, parameters={"torque": [2.0]}), RIPPLE, replace(DRY, parameters={"torque": [2.0]}), RIPPLE],
+            [DRY, replace(RIPPLE, parameters={**RIPPLE.parameters, "amplitude": [4.0]})],
+        ),
+        ([replace(DRY, parameters={"torque": [6.0]}), replace(DRY, parameters={"torque": [-2.0]})], [DRY]),
+    ],
+    ids=["equals on one joint", "one takes away from the other"],
+)
+def test_effects_of_one_name_add_up(parts: list[EffectSpec], whole: list[EffectSpec]) -> None:
+    """In a simulator and in the model."""
+    log = recorded(parts[0], duration=1.5, more=parts[1:]).between(0.3, 1.5)
+    before = torque_residual_rms(Model.load(ARM), log)
+    for specs in (parts, whole):
+        after = torque_residual_rms(Model.load(replace(ARM, effects=[ROTORS, *specs])), log)
+        assert np.max(after) < 0.1 * np.max(before)

@@ -81,7 +81,7 @@ def test_parameters_come_to_the_truth(name: str) -> None:
         assert np.all(np.abs(value - true) < 4.5 * std), (key, value, std)
         assert np.all(std < 0.15 * size)
     whole = torque_residual_rms(Model.load(replace(ARM, effects=[ROTORS, spec])), log)
-    assert np.all(torque_residual_rms(result.model, log) < 1.3 * whole)
+    assert np.all(torque_residual_rms(result.model, log) < 1.05 * whole)
 
 
 def test_onset_belongs_to_its_run(tmp_path: Path) -> None:
@@ -98,9 +98,9 @@ def test_onset_belongs_to_its_run(tmp_path: Path) -> None:
     assert onset.std < 0.05
     result.model.save(tmp_path / "corrected")
     corrected = Model.load(tmp_path / "corrected")
-    floor = 0.45 * LEVEL
+    floor = 0.25 * LEVEL  # white noise leaves a fifth of itself below 10 Hz
     for run in (log, later):
-        assert np.all(torque_residual_rms(corrected, run)[:4] < floor[:4])
+        assert np.all(torque_residual_rms(corrected, run) < floor)
     other = replace(log, position=log.position + 1e-5)  # repeats the schedule, and is another run
     assert torque_residual_rms(corrected, other)[3] > 1.0
     assert fingerprint(resample(log, log.time[5:-5])) == fingerprint(log) != fingerprint(later)
@@ -143,8 +143,11 @@ def test_coefficients_add_up(there: EffectSpec, more: EffectSpec, together: dict
         (joint, key): value
         for effect in result.effects
         for key, parameter in effect.parameters.items()
-        for joint, value in zip(effect.joints or ("",), [parameter.value.tolist()] if not effect.joints else
-                                parameter.value.tolist(), strict=True)
+        for joint, value in zip(
+            effect.joints or ("",),
+            [parameter.value.tolist()] if not effect.joints else parameter.value.tolist(),
+            strict=True,
+        )
     }
     if together is not None:
         for key, expected in together.items():
@@ -157,9 +160,37 @@ def test_what_is_taken_away_must_be_there() -> None:
     model = Model.load(replace(ARM, effects=[FRICTION]))
     less = EffectSpec("coulomb_friction", [JOINTS[0]], [], {"torque": [-3.5]})
     with pytest.raises(ModelError, match="not within"):
-        merged(model.effects, [less])
+        model.with_effects(merged(model.effects, [less]))
     gone = merged(model.effects, [replace(less, parameters={"torque": [-3.0]})])
     assert sorted(joint for effect in gone for joint in effect.joints) == list(JOINTS[1:3])
+
+
+STATED = """<robot name="r"><link name="base"/><link name="arm"><inertial><mass value="2"/><origin xyz="0.2 0 0"/>
+<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="j" type="continuous"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+<dynamics damping="0.7" friction="1.5"/></joint></robot>"""
+
+
+def test_less_than_the_description_states(tmp_path: Path) -> None:
+    """What a description says too much of is taken away in whatever loads the model, but no more than there is."""
+    (tmp_path / "stated.urdf").write_text(STATED, encoding="utf-8")
+    given = Model.load(tmp_path / "stated.urdf")
+    less = [
+        EffectSpec("coulomb_friction", ["j"], [], {"torque": [-0.5]}),
+        EffectSpec("viscous_friction", ["j"], [], {"damping": [-0.3]}),
+    ]
+    given.with_effects(merged(given.effects, less)).save(tmp_path / "corrected")
+    model = Model.load(tmp_path / "corrected")
+    v, zero = np.array([[2.0], [-2.0]]), np.zeros((2, 1))
+    law = model.inverse_dynamics(zero, v, zero) - model.inverse_dynamics(zero, zero, zero)
+    np.testing.assert_allclose(law[:, 0], [1.8, -1.8], atol=1e-9)
+    back = [replace(spec, parameters={k: [-x for x in y] for k, y in spec.parameters.items()}) for spec in less]
+    again = merged(model.effects, back)
+    assert [effect.name for effect in again] == ["coulomb_friction"]  # the description's own
+    for spec in less:
+        doubled = replace(spec, parameters={key: [4.0 * x[0]] for key, x in spec.parameters.items()})
+        with pytest.raises(ModelError, match="not within"):
+            given.with_effects(merged(given.effects, [doubled]))
 
 
 def test_friction_that_falls_during_a_run() -> None:

@@ -32,7 +32,7 @@ from twin_diagram import rigid_tree, scenario, series
 from twin_diagram.description import EFFECTS_FILE, Arm, add_arm
 from twin_diagram.effects import Effect, make
 from twin_diagram.effects.elasticity import YieldingGear
-from twin_diagram.effects.friction import smooth_sign
+from twin_diagram.effects.friction import CoulombFriction, smooth_sign
 from twin_diagram.effects.link_inertia import spatial_inertia
 from twin_diagram.errors import ModelError
 from twin_diagram.timeline import epochs, shifted
@@ -446,6 +446,8 @@ class Model:
 
     def _fold(self) -> None:
         """Puts what effects change in the rigid model into the scratch context's parameters."""
+        rotors: dict[str, float] = {}
+        dampers: dict[str, float] = {}
         for effect in self.present:
             change = effect.change(self)
             for link, added in change.inertia.items():
@@ -454,13 +456,33 @@ class Model:
                 whole = rigid_tree.inertia_vector(present, RigidTransform()) + added
                 body.SetSpatialInertiaInBodyFrame(self._context, spatial_inertia(whole))
             for name, reflected in change.rotor.items():
-                actuator = self.arm.actuator(self.plant, name)
-                rotor = actuator.rotor_inertia(self._context) + reflected / actuator.gear_ratio(self._context) ** 2
-                actuator.SetRotorInertia(self._context, rotor)
+                rotors[name] = rotors.get(name, 0.0) + reflected
             for name, damping in change.damping.items():
-                joint = self.plant.get_joint(self.arm.joint_indices[self.joints.index(name)])
-                present_damping: Any = joint.GetDampingVector(self._context)
-                joint.SetDampingVector(self._context, present_damping + damping)
+                dampers[name] = dampers.get(name, 0.0) + damping
+        for name, reflected in rotors.items():
+            actuator = self.arm.actuator(self.plant, name)
+            rotor = actuator.rotor_inertia(self._context) + reflected / actuator.gear_ratio(self._context) ** 2
+            _check_whole("reflected_inertia.inertia", name, rotor, "kg·m²")
+            actuator.SetRotorInertia(self._context, max(rotor, 0.0))
+        for name, damping in dampers.items():
+            joint = self.plant.get_joint(self.arm.joint_indices[self.joints.index(name)])
+            total: Any = joint.GetDampingVector(self._context) + damping
+            _check_whole("viscous_friction.damping", name, float(total[0]), "N·m·s/rad")
+            joint.SetDampingVector(self._context, np.maximum(total, 0.0))
+        levels = np.zeros((2, len(self.joints)))
+        for effect in self.present:
+            if isinstance(effect, CoulombFriction):
+                levels += [effect.spread(self.joints, level) for level in effect.levels()]
+        for name, level in zip(self.joints, np.min(levels, axis=0), strict=True):
+            _check_whole("coulomb_friction.torque", name, float(level), "N·m")
+
+
+def _check_whole(key: str, joint: str, value: float, unit: str) -> None:
+    """Effects may take away no more than the description and other effects state."""
+    if value < -1e-9:
+        raise ModelError(
+            f"effects.{key}: {value:g} {unit} in all on {joint} is not within [0, inf]; take away no more than there is"
+        )
 
 
 def _given(arm: Arm) -> list[Effect]:

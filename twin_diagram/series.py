@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.interpolate import CubicSpline
 
 from twin_diagram.effects.elasticity import LOSS, Gear
 
@@ -37,6 +38,12 @@ LINEARISED = 2
 
 TINY = 1e-5
 """Step of the load's derivatives [rad], [rad/s]."""
+
+COARSEST = 0.004
+"""Steps are no longer than this [s],"""
+
+FINE = 0.35
+"""nor than this part of a swing [rad]."""
 
 FARTHEST = 0.7
 """Twists beyond this are no gear's [rad]."""
@@ -85,7 +92,7 @@ def twist(model: Model, q: Array, v: Array, a: Array, period: float, beyond: Arr
     """
     joints, stiffness, half = model.yielding
     if np.all(np.isfinite(stiffness)) and not np.any(half > 0.0):
-        return _springs(model, q, v, a, period, beyond)
+        return _coarsely(model, q, v, a, period, beyond)
     mass = model.tree.mass_matrix(q)
     mass[:, range(model.tree.n), range(model.tree.n)] -= model.tree.rotor
     columns = mass[:, :, joints]
@@ -99,6 +106,23 @@ def twist(model: Model, q: Array, v: Array, a: Array, period: float, beyond: Arr
         load = model.link_load(twisted, v, a)
     torque = np.einsum("kis,ks->ki", columns, acceleration) + load - rigid
     return Twist(angle, rate, torque)
+
+
+def _coarsely(model: Model, q: Array, v: Array, a: Array, period: float, beyond: Array | None) -> Twist:
+    """Springs at no finer steps than their swing needs: a smooth motion at 1 kHz is the same at 250 Hz."""
+    joints, stiffness, _ = model.yielding
+    inertia = model.tree.mass_matrix(q[:: max(1, len(q) // 20)])
+    links = np.diagonal(inertia, axis1=1, axis2=2)[:, joints] - model.tree.rotor[joints]
+    fastest = float(np.max(np.sqrt(stiffness / np.maximum(np.min(links, axis=0), 1e-6))))
+    stride = int(min(COARSEST, FINE / fastest) / period + 1e-6)
+    if stride < 2 or len(q) < 50 * stride:
+        return _springs(model, q, v, a, period, beyond)
+    index = np.arange(0, len(q), stride)
+    thin = None if beyond is None else beyond[index]
+    found = _springs(model, q[index], v[index], a[index], stride * period, thin)
+    rows = np.arange(len(q))
+    whole = (CubicSpline(index, signal)(rows) for signal in (found.angle, found.rate, found.torque))
+    return Twist(*whole)
 
 
 def _springs(model: Model, q: Array, v: Array, a: Array, h: float, beyond: Array | None) -> Twist:

@@ -27,13 +27,14 @@ class Actuators:
     limit: Array
     torque: Array
     rest: Array
+    controlled: npt.NDArray[np.bool_]
     law: list[Callable[[float, float], float] | None]
     effect: list[Effect | None]
 
     @staticmethod
     def of(plant: MultibodyPlant, indices: Sequence[JointActuatorIndex], effects: Sequence[Effect] = ()) -> Actuators:
         """Reads them off a finalized plant; `effects` are those whose fittings may be among them."""
-        fittings = {fitting.name: (fitting, effect) for effect in effects for fitting in effect.fittings()}
+        fittings = {fitting.name: (fitting, effect) for effect in effects for fitting in effect.marked_fittings()}
         actuators = [plant.get_joint_actuator(index) for index in indices]
         found = [fittings.get(actuator.name(), (Fitting("", ""), None)) for actuator in actuators]
         extra = [fitting for fitting, _ in found]
@@ -49,9 +50,22 @@ class Actuators:
             limit=np.array([a.effort_limit() if a.has_controller() else np.inf for a in actuators]),
             torque=np.array([fitting.torque for fitting in extra]),
             rest=np.array([fitting.rest for fitting in extra]),
+            controlled=np.array([actuator.has_controller() for actuator in actuators], dtype=bool),
             law=[_law(fitting) for fitting in extra],
             effect=[effect for _, effect in found],
         )
+
+    def together(self) -> Array:
+        """(k, k) hands what actuators without a controller push on one joint to the last of them.
+
+        Of several such actuators on a joint, a plant heeds the last one alone.
+        """
+        result = np.eye(len(self.velocity))
+        for k in np.flatnonzero(~self.controlled):
+            same = np.flatnonzero(~self.controlled & (self.velocity == self.velocity[k]))
+            result[:, k] = 0.0
+            result[same[-1], k] = 1.0
+        return result
 
     def given(self, state: Array, command: Array) -> Array:
         """The torque of a step with `command` (torque, position, velocity) that ended in `state`."""

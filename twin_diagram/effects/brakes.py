@@ -35,7 +35,7 @@ class Brakes:
 
     def __init__(self, plant: MultibodyPlant, arm: Arm, effects: Sequence[Effect]) -> None:
         """For a finalized plant."""
-        found = [(brake, effect) for effect in effects for brake in effect.brakes()]
+        found = [(brake, effect) for effect in effects for brake in effect.marked_brakes()]
         self._brakes = [brake for brake, _ in found]
         self._effects = [effect for _, effect in found]
         self.count = len(found)

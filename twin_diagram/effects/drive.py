@@ -131,6 +131,7 @@ class Drive(LeafSystem):
         follows = changes or any(law is not None for law in others.law)
         passing = any(effect is not None and effect.timed for effect in others.effect)
         more = {self._state.ticket()} if follows else set()
+        together = others.together()
         more |= {self.xd_ticket(), self.time_ticket()} if changes or passing else set()
 
         def actuation(context: Context, output: BasicVector) -> None:
@@ -141,7 +142,7 @@ class Drive(LeafSystem):
                 friction = self._brakes.torque(state, self._part(context, 2), self._given(context), context.get_time())
                 for k, brake in brakes:
                     values[k] += friction[brake]
-            output.SetFromVector(cast(Any, values))
+            output.SetFromVector(cast(Any, together @ values))
 
         def desired_state(context: Context, output: BasicVector) -> None:
             command = self._command(context)

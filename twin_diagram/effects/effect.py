@@ -52,6 +52,7 @@ class Effect:
         onset: when it starts, on the log's own clock [s]; None: it was there before.
         end: when it ends; None: it stays.
         log: which log the two are about (`logs.fingerprint`); later ones come after it. Empty: any log.
+        mark: tells its actuators in a plant from those of its equals on the same joint.
     """
 
     name: ClassVar[str] = ""
@@ -78,6 +79,7 @@ class Effect:
         self.onset: float | None = None
         self.end: float | None = None
         self.log = ""
+        self.mark = ""
 
     @property
     def timed(self) -> bool:
@@ -274,14 +276,22 @@ class Effect:
         """Dry friction of changing level that `Drive` works out."""
         return []
 
+    def marked_fittings(self) -> list[Fitting]:
+        """`fittings` under names of their own in a plant."""
+        return [replace(fitting, name=fitting.name + self.mark) for fitting in self.fittings()]
+
+    def marked_brakes(self) -> list[Brake]:
+        """`brakes` likewise."""
+        return [replace(brake, name=brake.name + self.mark) for brake in self.brakes()]
+
     def before_finalize(self, plant: MultibodyPlant, arm: Arm) -> None:
         """Changes a discrete plant that is not finalized; the default adds actuators for `fittings` and `brakes`."""
-        for brake in self.brakes():
+        for brake in self.marked_brakes():
             for name in brake.joints:
                 plant.AddJointActuator(
                     f"{name}_{brake.name}", plant.get_joint(arm.joint_indices[arm.joints.index(name)])
                 )
-        for fitting in self.fittings():
+        for fitting in self.marked_fittings():
             joint = plant.get_joint(arm.joint_indices[arm.joints.index(fitting.joint)])
             actuator = plant.AddJointActuator(fitting.name, joint, fitting.limit)
             if fitting.stiffness > 0.0 or fitting.damping > 0.0:

@@ -44,7 +44,7 @@ class ViscousFriction(Effect):
     """Friction in proportion to speed: the motor gives damping × v more."""
 
     name: ClassVar[str] = "viscous_friction"
-    kinds: ClassVar[Mapping[str, ParameterKind]] = {"damping": ParameterKind("N·m·s/rad", lower=0.0)}
+    kinds: ClassVar[Mapping[str, ParameterKind]] = {"damping": ParameterKind("N·m·s/rad", lower=0.0, lessens=True)}
     folds: ClassVar[bool] = True
     motor_side: ClassVar[bool] = True
 
@@ -95,9 +95,9 @@ class CoulombFriction(Effect):
 
     name: ClassVar[str] = "coulomb_friction"
     kinds: ClassVar[Mapping[str, ParameterKind]] = {
-        "torque": ParameterKind("N·m", lower=0.0),
-        "torque_positive": ParameterKind("N·m", lower=0.0, help="level against positive motion"),
-        "torque_negative": ParameterKind("N·m", lower=0.0, help="level against negative motion"),
+        "torque": ParameterKind("N·m", lower=0.0, lessens=True),
+        "torque_positive": ParameterKind("N·m", lower=0.0, help="level against positive motion", lessens=True),
+        "torque_negative": ParameterKind("N·m", lower=0.0, help="level against negative motion", lessens=True),
     }
     dry: ClassVar[bool] = True
     motor_side: ClassVar[bool] = True

@@ -118,7 +118,7 @@ class ReflectedInertia(Effect):
     """Inertia about a joint's own axis alone, such as a rotor's times the gear ratio squared."""
 
     name: ClassVar[str] = "reflected_inertia"
-    kinds: ClassVar[Mapping[str, ParameterKind]] = {"inertia": ParameterKind("kg·m²", lower=0.0)}
+    kinds: ClassVar[Mapping[str, ParameterKind]] = {"inertia": ParameterKind("kg·m²", lower=0.0, lessens=True)}
     folds: ClassVar[bool] = True
     changes_plant: ClassVar[bool] = True
 

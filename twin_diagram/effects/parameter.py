@@ -25,6 +25,8 @@ class ParameterKind:
         size: numbers of one value; ignored where there is a value per joint, None for lists of free length.
         default: value where a specification leaves it out; None: it must be given.
         help: one line for people.
+        lessens: whether it may be below `lower`, to take away from what the arm's description states; `Model` sees to
+            it that no more is taken than there is.
     """
 
     unit: str
@@ -33,6 +35,7 @@ class ParameterKind:
     size: int | None = 1
     default: float | None = None
     help: str = ""
+    lessens: bool = False
 
 
 @dataclass(frozen=True)
@@ -63,7 +66,7 @@ class Parameter:
         array = np.array(value, dtype=float)
         if not np.all(np.isfinite(array)):
             raise ModelError(f"{where}: {list(value)} is not finite")
-        if np.any(array < kind.lower) or np.any(array > kind.upper):
+        if (not kind.lessens and np.any(array < kind.lower)) or np.any(array > kind.upper):
             raise ModelError(f"{where}: {list(value)} {kind.unit} is not within [{kind.lower:g}, {kind.upper:g}]")
         array.setflags(write=False)
-        return Parameter(array, np.full_like(array, kind.lower), np.full_like(array, kind.upper), False, kind.unit)
+        return Parameter(array, np.minimum(array, kind.lower), np.full_like(array, kind.upper), False, kind.unit)

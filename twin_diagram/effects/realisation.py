@@ -13,6 +13,7 @@ motors are set before `connect`.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -27,11 +28,15 @@ from twin_diagram.description import Arm
 from twin_diagram.effects.drive import Drive
 from twin_diagram.effects.effect import Effect, make
 from twin_diagram.effects.environment import ExternalForce
+from twin_diagram.effects.friction import CoulombFriction
 from twin_diagram.effects.push import Push
 from twin_diagram.errors import ModelError
 from twin_diagram.scenario import EffectSpec
 
 Array = npt.NDArray[np.float64]
+
+LEAST = 1e-9
+"""Less than this is nothing [N·m]."""
 
 
 def add_to_plant(
@@ -52,7 +57,7 @@ def add_to_plant(
         ModelError: an effect starts or ends, and a plant cannot change it during a run.
     """
     chosen = [*arm.given, *arm.spec.effects] if effects is None else effects
-    made = tuple(make(effect) if isinstance(effect, EffectSpec) else effect for effect in chosen)
+    made = told_apart(lessened([make(effect) if isinstance(effect, EffectSpec) else effect for effect in chosen]))
     for effect in made:
         if effect.timed and effect.changes_plant:
             raise ModelError(
@@ -63,6 +68,46 @@ def add_to_plant(
         effect.before_finalize(plant, renewed(plant, arm))
     _keep_rotors(plant, renewed(plant, arm))
     return made
+
+
+def lessened(effects: Sequence[Effect]) -> list[Effect]:
+    """Effects of which one takes away from another made one: a brake cannot push.
+
+    Raises:
+        ModelError: it starts or ends, or takes away more than there is.
+    """
+    dry = [effect for effect in effects if isinstance(effect, CoulombFriction)]
+    if not any(np.min(effect.levels()) < 0.0 for effect in dry):
+        return list(effects)
+    if any(effect.timed for effect in dry):
+        raise ModelError("effects.coulomb_friction.onset: a simulator cannot let friction become less during a run")
+    joints = sorted({joint for effect in dry for joint in effect.joints})
+    levels = np.sum([[effect.spread(joints, level) for level in effect.levels()] for effect in dry], axis=0)
+    parameters = {"torque_positive": levels[0].tolist(), "torque_negative": levels[1].tolist()}
+    if np.min(levels) < -LEAST:
+        raise ModelError(f"effects.coulomb_friction.torque: {np.min(levels):g} N·m in all is not within [0, inf]")
+    whole = make(
+        EffectSpec("coulomb_friction", joints, [], {k: np.maximum(x, 0.0).tolist() for k, x in parameters.items()})
+    )
+    return [*(effect for effect in effects if effect not in dry), whole]
+
+
+def told_apart(effects: Sequence[Effect]) -> tuple[Effect, ...]:
+    """The same, with a mark on those whose actuators would bear a name twice."""
+    taken: set[str] = set()
+    result = []
+    for effect in effects:
+        names = {fitting.name for fitting in effect.fittings()}
+        names |= {f"{joint}_{brake.name}" for brake in effect.brakes() for joint in brake.joints}
+        count = 1
+        while any(name + ("" if count == 1 else f"_{count}") in taken for name in names):
+            count += 1
+        if count > 1:
+            effect = copy.copy(effect)
+            effect.mark = f"_{count}"
+        taken |= {name + effect.mark for name in names}
+        result.append(effect)
+    return tuple(result)
 
 
 def _keep_rotors(plant: MultibodyPlant, arm: Arm) -> None:
