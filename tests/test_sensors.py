@@ -11,9 +11,11 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
+from twin_diagram.errors import ScenarioError
 from twin_diagram.estimation.arm_terms import ArmTerms
 from twin_diagram.estimation.belief import Track
 from twin_diagram.estimation.ekf import Ekf, FilterError
+from twin_diagram.estimation.ekf_system import AdaptiveEkf
 from twin_diagram.estimation.history import History
 from twin_diagram.estimation.link_frame import LinkFrame
 from twin_diagram.estimation.positive import joseph
@@ -27,8 +29,9 @@ from twin_diagram.estimation.sensors import (
     Sensor,
     WristWrench,
 )
+from twin_diagram.estimation.sensors.make import make_sensor
 from twin_diagram.resources import models_dir
-from twin_diagram.scenario import Filter
+from twin_diagram.scenario import Filter, SensorSpec
 
 X_BF = RigidTransform(RollPitchYaw(0.3, -0.2, 0.5), [0.02, -0.03, 0.08])
 
@@ -405,3 +408,53 @@ def test_any_arm_takes_them():
         assert ekf.update("wrench", np.zeros(6)).accepted
         assert ekf.update("torque", np.zeros(6)).accepted
     assert np.linalg.eigvalsh(ekf.belief.P).min() > -1e-12
+
+
+# In a Diagram.
+
+
+def test_system_with_further_sensors_equals_the_filter_alone():
+    _, run = recording()
+    spec = SensorSpec(kind="body_pose", name="camera", body="panda_hand", std=[0.003, 0.01])
+    imu = SensorSpec(kind="imu", body="panda_link7")
+    params = Filter(encoder_std=2e-3, velocity_std=0.05, sensors=[spec, imu])
+    system = AdaptiveEkf(terms(), params)
+    names = [system.get_input_port(i).get_name() for i in range(system.num_input_ports())]
+    assert names[4:] == ["camera.reading", "camera.time", "camera.noise", "imu.reading", "imu.time"]
+    alone = Ekf(terms(), params)
+    for one in params.sensors:
+        alone.add(make_sensor(alone.terms, one))
+    context = system.CreateDefaultContext()
+    rng, noise = np.random.default_rng(0), np.diag([1e-4] * 3 + [4e-6] * 3)
+    waiting: list[tuple[int, np.ndarray, float]] = []
+    fixed = {"camera.noise": noise.ravel(), "camera.reading": np.zeros(7), "camera.time": np.array([-1.0])}
+    fixed |= {"imu.reading": np.zeros(6), "imu.time": np.array([-1.0])}
+    for k in range(80):
+        message = (run.q[k], run.v[k], run.tau[k], run.time[k : k + 1])
+        alone.observe(*message[:3], float(run.time[k]))
+        if k % 6 == 0 and k:
+            z = camera_reading(alone.declared.sensors["camera"], run.q_true[k], rng)
+            waiting.append((k + 7, z, float(run.time[k])))
+        for due, z, t in waiting:
+            if due == k:
+                fixed["camera.reading"], fixed["camera.time"] = z, np.array([t])
+                assert alone.update("camera", z, t, noise).late
+        if k == 50:
+            fixed["camera.time"] = np.array([np.nan])
+        for name, value in zip(names[:4], message, strict=True):
+            system.GetInputPort(name).FixValue(context, value)
+        for name, value in fixed.items():
+            system.GetInputPort(name).FixValue(context, value)
+        context.SetDiscreteState(system.EvalUniquePeriodicDiscreteUpdate(context))
+    np.testing.assert_array_equal(system.belief(context).x, alone.belief.x)
+    assert system.belief(context).tracks[0][Track.LATE] == 12
+
+
+def test_sensor_specs_are_checked():
+    for spec, field in (
+        (SensorSpec(kind="sonar"), "kind"),
+        (SensorSpec(kind="imu", std=[1.0]), "std"),
+        (SensorSpec(kind="wrench", std=[1.0, -1.0]), "std"),
+    ):
+        with pytest.raises(ScenarioError, match=f"sensors.{field}"):
+            AdaptiveEkf(terms(), Filter(sensors=[spec]))

@@ -188,6 +188,22 @@ class Registration:
 
 
 @dataclass
+class SensorSpec:
+    """A further sensor for the filter; its readings come in by ports of its name."""
+
+    kind: str = ""
+    """`body_pose`, `imu`, `wrench` or `torque`."""
+    name: str = ""
+    """Empty: as its kind is called."""
+    body: str = ""
+    """Link or frame that it is fixed to; for `body_pose` the one whose pose it gives. Empty: the last link."""
+    X_BS: Pose = field(default_factory=Pose)
+    std: list[float] = field(default_factory=list)
+    """`body_pose`: position [m], rotation [rad]; `imu`: gyroscope [rad/s], accelerometer [m/s²]; `wrench`: force [N],
+    moment [N·m]; `torque`: [N·m]. Empty: the kind's own."""
+
+
+@dataclass
 class Filter:
     """Tuning of the adaptive EKF."""
 
@@ -223,6 +239,8 @@ class Filter:
     """η of the gradient rule, in standard deviations of the prior."""
     history: float = 0.1
     """How far back a late reading is fused at its own time [s]."""
+    sensors: list[SensorSpec] = field(default_factory=list)
+    """Further sensors, besides the arm's own."""
 
 
 @dataclass

@@ -45,7 +45,7 @@ def suspects(score: Array, groups: list[slice]) -> np.ndarray:
         groups: parameters that change together.
 
     Returns:
-        (p,) whether each parameter may be what changed: the chosen, and those that explain all but as much as the first.
+        (p,) whether each parameter may be what changed: the chosen, and those that explain as much as the first.
     """
     p = len(score)
     scale = np.sqrt(np.maximum(score[:, :-1].diagonal(), np.finfo(float).tiny))
@@ -71,7 +71,7 @@ def suspects(score: Array, groups: list[slice]) -> np.ndarray:
                 changed[group] = True
         if not changed.any():
             changed[groups[int(gains.argmax())]] = True
-        explained = gradient[changed] @ np.linalg.solve(information[np.ix_(changed, changed)], gradient[changed])
+        explained = float(gradient[changed] @ np.linalg.solve(information[np.ix_(changed, changed)], gradient[changed]))
         if changed.all():
             break
     return changed

@@ -57,22 +57,16 @@ def threshold(n: int) -> float:
     return float(chi2.ppf(1.0 - FALSE_RATE, n))
 
 
-def shape(before: Array, above: float, over: bool) -> Shape:
-    """Tells spike, step and trend apart.
+def grows(before: Array) -> bool:
+    """Whether a statistic grew towards its threshold, rather than jumped over it.
 
     Args:
-        before: (K,) largest statistic over threshold of each tenth of a second before the alarm, oldest first.
-        above: how long the statistic has been above the threshold [s].
-        over: whether it has come down again.
+        before: (K,) its largest value, over its threshold, in each tenth of a second before the alarm, oldest first.
     """
-    if over and above <= SPIKE_TIME:
-        return Shape.SPIKE
-    if len(before) >= 6:
-        half = before[-1] > 0.5 and before[-3:].mean() > 0.5
-        rise = np.polyfit(np.arange(len(before)), before, 1)[0]
-        if half and rise > 0.0 and before[-6:-3].mean() < before[-3:].mean():
-            return Shape.TREND
-    return Shape.STEP
+    if len(before) < 6:
+        return False
+    near = before[-1] > 0.4 and before[-3:].mean() > 0.4
+    return bool(near and before[-6:-3].mean() < before[-3:].mean())
 
 
 SPIKE_TIME: Final = 0.06

@@ -25,6 +25,8 @@ from twin_diagram.signals import Array
 
 FRICTION_SHARE: Final = 0.15
 """Standard deviation of a sliding joint's friction error, as a share of its dry friction."""
+LEARNT_SHARE: Final = 0.05
+"""The same where its level is learnt: what is left is its dependence on speed, load and angle."""
 STICTION_TIME: Final = 0.1
 """In this time the torque on a resting joint may change by the level of its stiction [s]."""
 SPEED_TIME: Final = 0.02
@@ -39,7 +41,8 @@ def disturbance_std(params: Filter, sliding: Array, level: Array) -> Array:
         sliding: (n,) whether each joint slides.
         level: (n,) of its dry friction [N·m].
     """
-    return np.hypot(params.torque_drift_std, np.where(sliding, FRICTION_SHARE, 1.0) * level)
+    share = LEARNT_SHARE if "coulomb_friction" in params.parameters else FRICTION_SHARE
+    return np.hypot(params.torque_drift_std, np.where(sliding, share, 1.0) * level)
 
 
 def follow_regimes(belief: Belief, params: Filter, dt: float, level: Array) -> tuple[Array, Array, Array]:

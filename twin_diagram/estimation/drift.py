@@ -55,6 +55,8 @@ _JUMP: Final = 2.0
 _TENTHS: Final = 30
 _STANDS_OUT: Final = 4.0
 """A joint is named where its share of a change is this many standard deviations."""
+_OF_LARGEST: Final = 0.4
+"""And this share of the largest."""
 
 
 class Evidence(IntEnum):
@@ -135,6 +137,8 @@ class Entry(IntEnum):
     """Tenths of a second seen."""
     FROM = 27
     """When this tenth began [s]."""
+    MOVED = 28
+    """1 where parameters moved during the newest alarm: what began has stayed, and is being learnt."""
 
 
 class Monitor:
@@ -256,6 +260,8 @@ class Monitor:
         calm = bool(np.all(np.abs(theta - self._checked) <= SETTLED * self.parameters.scale))
         late = t - h[Entry.SINCE] > PATIENCE * self.params.learning_time
         h[Entry.SETTLED] = float(calm or late)
+        if not calm and t < h[Entry.QUIET]:
+            h[Entry.MOVED] = 1.0
         h[Entry.CHECKED] = t
         self._checked[:] = theta
 
@@ -296,7 +302,7 @@ class Monitor:
         if statistic > 1.0:
             self._raise(AlarmKind.INNOVATION, t, statistic, dt)
         elif h[Entry.ALARMS] > 0 and t < h[Entry.QUIET]:
-            self._reshape(over=True)
+            self._reshape()
 
     def _tenth(self, t: float) -> None:
         """Keeps the largest statistic of each tenth of a second, from which an alarm's shape is told."""
@@ -308,15 +314,13 @@ class Monitor:
         h[Entry.TENTHS] = min(h[Entry.TENTHS] + 1, len(self._tenths))
         h[Entry.TENTH], h[Entry.FROM] = 0.0, t
 
-    def _reshape(self, over: bool) -> None:
+    def _reshape(self) -> None:
+        """What had grown before it crossed the threshold stays a trend; of the rest, what is gone was a spike."""
         h = self.header
         row = int(h[Entry.ALARMS] - 1) % RING
-        if h[Entry.SHAPE] != change.Shape.TREND or over:
-            before = self._tenths[len(self._tenths) - int(h[Entry.TENTHS]) :]
-            trend = h[Entry.SHAPE] == change.Shape.TREND
-            found = change.shape(np.zeros(0) if trend else before, h[Entry.ABOVE], over)
-            if not (trend and found is change.Shape.STEP):
-                h[Entry.SHAPE] = float(found)
+        if h[Entry.SHAPE] != change.Shape.TREND:
+            brief = h[Entry.ABOVE] <= change.SPIKE_TIME and h[Entry.TENTH] < 1.0 and h[Entry.MOVED] == 0.0
+            h[Entry.SHAPE] = float(change.Shape.SPIKE if brief else change.Shape.STEP)
         self.evidence[row, Evidence.SHAPE] = h[Entry.SHAPE]
         self.evidence[row, Evidence.ABOVE] = h[Entry.ABOVE]
 
@@ -382,19 +386,25 @@ class Monitor:
         else:
             worse = True
             h[Entry.KIND], h[Entry.RAISED], h[Entry.STATISTIC] = float(kind), t, statistic
-            h[Entry.SHAPE], h[Entry.ABOVE] = float(change.Shape.NONE), dt
+            before = self._tenths[len(self._tenths) - int(h[Entry.TENTHS]) :]
+            grown = change.grows(before)
+            h[Entry.SHAPE] = float(change.Shape.TREND if grown else change.Shape.STEP)
+            h[Entry.ABOVE], h[Entry.MOVED] = dt, 0.0
             row = int(h[Entry.ALARMS]) % RING
             self.log[row] = t, float(kind), statistic
             self.evidence[row] = 0.0
             h[Entry.ALARMS] += 1
         if worse:
-            strongest = int(np.argmax(np.abs(share)))
-            h[Entry.JOINT] = float(strongest) if abs(share[strongest]) > _STANDS_OUT else -1.0
+            # Whitening by Cholesky's factor leaves what a joint's torque does in it and in those after it: the first
+            # that stands out is the one.
+            clear = np.abs(share) > max(_STANDS_OUT, _OF_LARGEST * float(np.abs(share).max()))
+            h[Entry.JOINT] = float(np.argmax(clear)) if clear.any() else -1.0
             self.evidence[row, Evidence.JOINT] = h[Entry.JOINT]
             self.evidence[row, Evidence.NIS] = h[Entry.NIS] / (2.0 * self.terms.n)
             self.evidence[row, Evidence.CHANGE] = h[Entry.CHANGE]
             self.evidence[row, Evidence.ROLLOUT] = h[Entry.ROLLOUT]
             self.evidence[row, Evidence.SUM] = h[Entry.SUM]
             self.evidence[row, len(Evidence) :] = share
-        self._reshape(over=False)
+        self.evidence[row, Evidence.SHAPE] = h[Entry.SHAPE]
+        self.evidence[row, Evidence.ABOVE] = h[Entry.ABOVE]
         h[Entry.QUIET] = max(h[Entry.QUIET], quiet)

@@ -105,9 +105,7 @@ class DriftMonitor(LeafSystem):
         # The filter carried its state on from that message to the present.
         ahead = min(max(context.get_time() - message_time, 0.0), LONGEST_LOOK)
         q_then, tau_then = before[:n], before[n : 2 * n]
-        monitor.observe(
-            state, theta, float(nis[0]), q_then, tau_then, message_time, message_time + ahead, innovation
-        )
+        monitor.observe(state, theta, float(nis[0]), q_then, tau_then, message_time, message_time + ahead, innovation)
         discrete.set_value(0, monitor.vector)
         discrete.set_value(int(self._message), cast(Any, np.concatenate([q, tau, t])))
         return EventStatus.Succeeded()

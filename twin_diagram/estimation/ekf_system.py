@@ -6,14 +6,17 @@ from typing import Any, cast
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, InputPort, LeafSystem
 
 from twin_diagram.estimation.arm_terms import ArmTerms
-from twin_diagram.estimation.belief import HEADER, Belief, Entry
-from twin_diagram.estimation.ekf import Ekf
+from twin_diagram.estimation.belief import HEADER, Belief, Entry, Track
+from twin_diagram.estimation.declared import FilterError
+from twin_diagram.estimation.ekf import LONGEST_GAP, Ekf
+from twin_diagram.estimation.sensors import BodyPose, Sensor
+from twin_diagram.estimation.sensors.make import make_sensor
 from twin_diagram.model import Model
 from twin_diagram.scenario import Filter
-from twin_diagram.signals import Array
+from twin_diagram.signals import NEVER, Array
 from twin_diagram.timing import timed
 
 
@@ -43,6 +46,10 @@ class AdaptiveEkf(LeafSystem):
     (1) [s], negative (`NEVER`) before the first. A message that is not newer than the last is not used again; NaN,
     infinities and absurd values are refused and counted. Nothing that arrives can spoil the state.
 
+    For each of `Filter.sensors` there are further inputs: `<name>.reading` as the sensor has it, `<name>.time` (1) when
+    it was taken [s], negative before the first, and for a pose `<name>.noise` (36), its R row by row, zeros for the
+    sensor's own. A reading is used once, when its time has changed; what arrives late is fused at its own time.
+
     Outputs: `arm_state` x̂ = [q (n) rad, v (n) rad/s], `home` before the first message; `parameters` θ̂ (p), see
     `Ekf.parameters`, for a payload its mass [kg] and first moment [kg·m] in the last link's frame; `covariance` of
     [q, v, θ], (2n + p)² numbers, row by row; `innovation` (n), of the velocities, as joint torque and whitened: about
@@ -59,8 +66,11 @@ class AdaptiveEkf(LeafSystem):
         """
         super().__init__()
         self.ekf = Ekf(model if isinstance(model, ArmTerms) else ArmTerms.from_model(model), params)
+        for spec in params.sensors:
+            self.ekf.add(make_sensor(self.ekf.terms, spec))
         ekf, n, p = self.ekf, self.ekf.terms.n, self.ekf.parameters.size
-        self._view = Belief(n, p)
+        declared = ekf.declared
+        self._view = Belief(n, p, declared.own, declared.sizes)
         self._inputs = [
             self.DeclareVectorInputPort(name, size)
             for name, size in (
@@ -70,14 +80,26 @@ class AdaptiveEkf(LeafSystem):
                 ("measurement_time", 1),
             )
         ]
-        start = Belief(n, p)
+        self._further: list[tuple[Sensor, InputPort, InputPort, InputPort | None]] = []
+        for name, sensor in declared.sensors.items():
+            reading = self.DeclareVectorInputPort(f"{name}.reading", sensor.length)
+            time = self.DeclareVectorInputPort(f"{name}.time", 1)
+            pose = isinstance(sensor, BodyPose)
+            noise = self.DeclareVectorInputPort(f"{name}.noise", sensor.size**2) if pose else None
+            self._further.append((sensor, reading, time, noise))
+        start = Belief(n, p, declared.own, declared.sizes)
         if home is not None:
             start.q[:] = home
         start.theta[:] = ekf.parameters.mean
         # Before the first message all is possible within the joints' speed limits and one turn.
         start.P[: 2 * n, : 2 * n] = np.diag(np.concatenate([np.full(n, np.pi**2), ekf.terms.velocity_limit**2]))
-        start.P[3 * n :, 3 * n :] = ekf.parameters.covariance
+        start.P[3 * n : 3 * n + p, 3 * n : 3 * n + p] = ekf.parameters.covariance
+        own = np.arange(3 * n + p, start.size)
+        start.P[own, own] = declared.prior()
         state = self.DeclareDiscreteState(start.vector)
+        if self._further:  # only then can anything arrive late
+            self.DeclareDiscreteState(ekf.history.vector)
+            self.DeclareDiscreteState(cast(Any, np.full(len(self._further), NEVER)))
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / params.rate, 0.0, self._update)
         for name, size, calc in (
             ("arm_state", 2 * n, self._calc_state),
@@ -98,26 +120,53 @@ class AdaptiveEkf(LeafSystem):
 
     def belief(self, context: Context) -> Belief:
         """A copy of all that the filter knows, its counters included."""
-        belief = Belief(self._view.n, self._view.p)
-        belief.vector[:] = context.get_discrete_state_vector().value()
+        declared = self.ekf.declared
+        belief = Belief(self._view.n, self._view.p, declared.own, declared.sizes)
+        belief.vector[:] = context.get_discrete_state(0).value()
         return belief
 
     def counters(self, context: Context) -> dict[str, int]:
         """How many messages were accepted, refused and so on: see `belief.Entry`."""
-        header = context.get_discrete_state_vector().value()[:HEADER]
+        header = context.get_discrete_state(0).value()[:HEADER]
         return {entry.name.lower(): int(header[entry]) for entry in Entry if entry >= Entry.ACCEPTED}
 
     @timed("AdaptiveEkf")
     def _update(self, context: Context, discrete: DiscreteValues) -> EventStatus:
         q, v, tau, t = (cast(Array, port.Eval(context)) for port in self._inputs)
         ekf = self.ekf
-        ekf.load(cast(Array, context.get_discrete_state_vector().value()))
+        before = cast(Array, context.get_discrete_state(0).value())
+        ekf.load(before, cast(Array, context.get_discrete_state(1).value()) if self._further else None)
         ekf.observe(q, v, tau, float(t[0]))
-        discrete.set_value(ekf.belief.vector)
+        if self._further:
+            discrete.set_value(2, cast(Any, self._read_further(context)))
+            discrete.set_value(1, ekf.history.vector)
+        discrete.set_value(0, ekf.belief.vector)
         return EventStatus.Succeeded()
 
+    def _read_further(self, context: Context) -> Array:
+        """Takes in what is new of the further sensors; (k,) times of the readings seen."""
+        seen = np.array(context.get_discrete_state(2).value())
+        for index, (sensor, reading, time, noise) in enumerate(self._further):
+            t = float(cast(Array, time.Eval(context))[0])
+            if not np.isfinite(t) or t < 0.0 or t == seen[index] or not self.ekf.belief.valid:
+                continue
+            seen[index] = t
+            R = None if noise is None else cast(Array, noise.Eval(context)).reshape(sensor.size, sensor.size)
+            try:
+                ahead = t - self.ekf.belief.time
+                if ahead > LONGEST_GAP:
+                    raise FilterError(f"{sensor.name}: a reading of the future")
+                self.ekf.update(
+                    sensor, cast(Array, reading.Eval(context)), t, None if R is None or not np.any(R) else R
+                )
+            except (FilterError, np.linalg.LinAlgError):
+                track = self.ekf.declared.track(self.ekf.belief, sensor)
+                assert track is not None
+                track[Track.INVALID] += 1
+        return seen
+
     def _of(self, context: Context) -> Belief:
-        self._view.vector[:] = context.get_discrete_state_vector().value()
+        self._view.vector[:] = context.get_discrete_state(0).value()
         return self._view
 
     def _calc_state(self, context: Context, output: BasicVector) -> None:
