@@ -33,6 +33,7 @@ from twin_diagram.description import EFFECTS_FILE, Arm, add_arm
 from twin_diagram.effects import Effect, make
 from twin_diagram.effects.elasticity import YieldingGear
 from twin_diagram.effects.friction import CoulombFriction, smooth_sign
+from twin_diagram.effects.friction_levels import CoupledFriction
 from twin_diagram.effects.link_inertia import spatial_inertia
 from twin_diagram.errors import ModelError
 from twin_diagram.timeline import epochs, shifted
@@ -99,6 +100,7 @@ class Model:
         self._vectorises = rigid_tree.is_whole(plant)
         self._laws = tuple(effect for effect in self.present if not effect.folds)
         self._dry = tuple(effect for effect in self._laws if effect.dry)
+        self._coupled = tuple(effect for effect in self._laws if isinstance(effect, CoupledFriction))
         self.yielding, self.loss = series.merged(
             [
                 (self.joints.index(joint), gear)
@@ -233,7 +235,7 @@ class Model:
             beyond = None if seen is None else self.applied(seen, time) - total
             period = (time[-1] - time[0]) / (len(time) - 1)
             total = total + series.twist(self, q, v, a, period, beyond).torque
-        if seen is not None and self._dry and q.ndim == 2:
+        if seen is not None and (self._dry or self._coupled) and q.ndim == 2:
             total = self._held(total, q, v, seen if time is None else self.applied(seen, time))
         shown: list[Array] = []
         if seen is not None and any(effect.loses for effect in self._laws):
@@ -250,6 +252,14 @@ class Model:
 
     def _held(self, total: Array, q: Array, v: Array, arrived: Array) -> Array:
         """Joint loads (N, n) in which dry friction at rest holds what it can of the torque that arrived."""
+        for effect in self._coupled:
+            along, level = effect.direction(self), float(effect.value("torque")[0])
+            sliding = smooth_sign(v @ along)
+            friction = level * sliding
+            held = np.clip((arrived - total) @ along / np.sum(along) + friction, -level, level)
+            total = total + np.outer((1.0 - sliding**2) * (held - friction), along)
+        if not self._dry:
+            return total
         forward, backward = self.friction_level(q, v, arrived)
         sliding = smooth_sign(v)
         friction = np.where(v >= 0.0, forward, backward) * sliding
