@@ -81,8 +81,8 @@ class Coordinates:
                 _physical(inertia + np.array(values.get("inertia", np.zeros(6))), inertia),
             )
         parts = []
-        for key, (values, free) in zip(self.spec.parameters, self._free(), strict=True):
-            chosen = np.array(values, dtype=float)[free]
+        for key, (numbers, free) in zip(self.spec.parameters, self._free(), strict=True):
+            chosen = np.array(numbers, dtype=float)[free]
             parts.append(np.log(np.maximum(chosen, SMALLEST)) if self.logarithmic(key) else chosen)
         return np.concatenate(parts)
 
@@ -129,7 +129,11 @@ class Coordinates:
             if self.logarithmic(key):
                 chosen = np.exp(np.clip(chosen, -25.0, 25.0))
             if key not in ADDS:
-                chosen = np.clip(chosen, kind.lower, kind.upper)
+                lower = kind.lower
+                if (self.spec.name, key) in LOST:
+                    # A motor that gives next to nothing explains any torque that is logged: what was found must hold.
+                    lower = max(lower, 0.5 * float(np.min(values)))
+                chosen = np.clip(chosen, lower, kind.upper)
             changed[free] = chosen
             parameters[key] = changed.tolist()
             begin += count
@@ -167,6 +171,9 @@ LOGARITHMIC: frozenset[str | tuple[str, str]] = frozenset(
     {"loss", "stribeck_velocity", ("joint_elasticity", "stiffness")}
 )
 """Keys, or names with keys, of which the logarithm is the coordinate: their size is what matters."""
+
+LOST = frozenset({("actuator_fault", "gain"), ("torque_constant", "gain")})
+"""Gains, which stay above half of what they were found to be."""
 
 SMALLEST = 1e-9
 

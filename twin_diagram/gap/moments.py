@@ -90,13 +90,20 @@ def retimed(
 
     onset, end = when.onset, when.end
     stds = [when.onset_std, when.end_std]
+
+    def starting(t: float) -> float:
+        return cost(t, end)
+
+    def ending(t: float) -> float:
+        return cost(onset, t)
+
     for _ in range(2 if onset is not None and end is not None else 1):
         if onset is not None:
             last = record.time[-1] if end is None else end - 2.0 * COARSE
-            onset, stds[0] = _least(lambda t, end=end: cost(t, end), onset, record.time[0], last)
+            onset, stds[0] = _least(starting, onset, record.time[0], last)
         if end is not None:
             first = record.time[0] if onset is None else onset + 2.0 * COARSE
-            end, stds[1] = _least(lambda t, onset=onset: cost(onset, t), end, first, record.time[-1])
+            end, stds[1] = _least(ending, end, first, record.time[-1])
     return replace(when, onset=onset, end=end, onset_std=stds[0], end_std=stds[1])
 
 
