@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given as drawn
 from hypothesis import settings
 from hypothesis import strategies as st
+from scipy.signal import lfilter
 from test_effects_in_time import ARM, JOINTS, ROTORS, recorded
 
 from twin_diagram.errors import ModelError
@@ -19,8 +20,11 @@ from twin_diagram.gap.coordinates import Coordinates, from_log_cholesky, log_cho
 from twin_diagram.gap.finding import Estimate, Finding, Moment
 from twin_diagram.gap.gauss_newton import minimise
 from twin_diagram.gap.merge import merged
+from twin_diagram.gap.show import noise_below
+from twin_diagram.gap.whitening import estimate
 from twin_diagram.logs import Log, fingerprint, resample
 from twin_diagram.model import Model
+from twin_diagram.motion import lowpass
 from twin_diagram.prediction import torque_residual_rms
 from twin_diagram.scenario import EffectSpec
 
@@ -244,3 +248,12 @@ def test_standard_errors_cover() -> None:
         )
         hits += abs(fit.vector[0] - 2.0) < 1.96 * np.sqrt(fit.covariance[0, 0])
     assert 180 <= hits <= 198
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.9])
+def test_floor_of_coloured_noise(memory: float) -> None:
+    """Read off the noise's spectrum, it is what the low-pass leaves of the noise itself."""
+    rng = np.random.default_rng(5)
+    noise = lfilter([1.0], [1.0, -memory], rng.normal(size=(40_000, 2)) * [0.1, 3.0], axis=0)
+    floor = noise_below(estimate(noise, [20_000, 20_000]), 50.0)
+    np.testing.assert_allclose(floor, np.std(lowpass(noise, 50.0), axis=0), rtol=0.02)

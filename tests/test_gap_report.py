@@ -27,6 +27,9 @@ from twin_diagram.prediction import rollout_rms, torque_residual_rms
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 
+NOISE = 0.0275
+"""What 0.1 N·m of white noise at 250 Hz leaves below 10 Hz [N·m]."""
+
 
 @pytest.fixture(scope="module")
 def model(tmp_path_factory: pytest.TempPathFactory) -> Model:
@@ -37,7 +40,7 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Model:
 def shown(model: Model) -> Shown:
     fit, held = (bench.run(model, [bench.dry()], seed=k, duration=4.0) for k in (1, 2))
     corrected = model.with_effects([*model.effects, *effects_of(bench.friction_finding())])
-    return show(model, corrected, [fit], held, np.array([0.02, 0.02]), explained=True)
+    return show(model, corrected, [fit], held, np.full(2, NOISE))
 
 
 def subject(model: Model, shown: Shown, verdict: Verdict, **changes: object) -> Subject:
@@ -117,7 +120,7 @@ def test_remainder_is_said(model: Model, shown: Shown) -> None:
 def test_without_names(model: Model, kind: str, says: str) -> None:
     effects = [] if kind == "none" else [bench.dry()]
     fit, held = (bench.run(model, effects, seed=k, duration=3.0) for k in (1, 2))
-    own = show(model, model, [fit], held, np.array([0.05, 0.05]), explained=kind == "none")
+    own = show(model, model, [fit], held, np.full(2, NOISE))
     text = read(report.page(subject(model, own, bench.verdict(kind))))
     assert says in text
     assert "corrected" not in text.lower()  # there is no such model to speak of

@@ -113,8 +113,7 @@ def run_gap(
     except ModelError as error:
         notes.append(f"what fits the runs best is not physical, so nothing is named: {error}")
         verdict, corrected = _nameless(verdict), given
-    explained = verdict.verdict != "unknown" and not verdict.remainder
-    shown = show(given, corrected, logs, held, verdict.noise_floor, explained=explained, say=say)
+    shown = show(given, corrected, logs, held, verdict.noise_floor, say=say)
     if corrected is not given and not accepted(verdict, shown):
         notes.append("what was named did not shrink the gap on the held-out run, and was dropped")
         verdict, corrected = _nameless(verdict), given

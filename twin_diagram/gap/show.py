@@ -8,15 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram.gap.whitening import Whitener
 from twin_diagram.logs import Log
 from twin_diagram.model import Model
-from twin_diagram.motion import inner, lowpass, motion
+from twin_diagram.motion import RESIDUAL_CUTOFF, inner, lowpass, motion
 from twin_diagram.prediction import rollout_rms, torque_predicted
 
 Array = npt.NDArray[np.float64]
-
-MOVING = 0.01
-"""A joint that is faster than this surely moves [rad/s]."""
 
 BEYOND = 1.25
 """A residual that is less than this many times the noise is no gap: noise itself differs from run to run."""
@@ -107,7 +105,6 @@ def show(
     holdout: Log,
     noise_floor: Array,
     horizon: float = HORIZON,
-    explained: bool = False,
     say: Callable[[str], None] | None = None,
 ) -> Shown:
     """Works out the gap of both models on all runs; rollouts on the held-out run alone.
@@ -117,9 +114,9 @@ def show(
         corrected: likewise; the same object where nothing was corrected.
         fit: checked logs.
         holdout: a checked log.
-        noise_floor: (n,) torque noise [N·m], as far as it can be known without a model that explains the runs.
+        noise_floor: (n,) torque noise after the residual's low-pass [N·m], known without any of the two models
+            (`noise_below`).
         horizon: of the rollouts [s].
-        explained: whether the corrected model leaves nothing but noise on the fitted runs, which then is the noise.
         say: told what is being done.
     """
     say = say or (lambda text: None)
@@ -127,9 +124,27 @@ def show(
     runs = tuple(compare(given, corrected, log) for log in fit)
     say("rollouts of the held-out run before and after")
     held = compare(given, corrected, holdout, held_out=True, horizon=horizon)
-    left = np.sqrt(moving_square(runs))
-    floor = left if explained else np.minimum(noise_floor, left)
-    return Shown(given.joints, runs, held, np.maximum(floor, 1e-12))
+    return Shown(given.joints, runs, held, np.maximum(noise_floor, 1e-12))
+
+
+def noise_below(whitener: Whitener, rate: float, cutoff: float = RESIDUAL_CUTOFF) -> Array:
+    """(n,) root mean square of coloured noise after the residual's low-pass [N·m].
+
+    It is read off the noise's own spectrum, which was told from structure before anything had a name; what a corrected
+    model leaves on the runs that it was fitted to would be a floor that it cannot miss.
+
+    Args:
+        whitener: prediction-error filters of the noise.
+        rate: samples per second that they are for [1/s].
+        cutoff: of the low-pass [Hz].
+    """
+    frequency = np.linspace(0.0, 0.5 * rate, 513)
+    z = np.exp(-2j * np.pi * frequency / rate)
+    answer = np.abs(whitener.filters @ z ** np.arange(whitener.order + 1)[:, None])
+    density = (whitener.sigma[:, None] / answer) ** 2
+    # Forward and backward, so that the amplitude goes with the square of the filter's.
+    passed = 1.0 / (1.0 + (frequency / cutoff) ** 8) ** 2
+    return np.asarray(np.sqrt(np.trapezoid(density * passed, frequency, axis=1) / (0.5 * rate)))
 
 
 def compare(
@@ -165,17 +180,6 @@ def compare(
         rollout_before=rollout,
         rollout_after=rolled(corrected) if changed and horizon is not None else rollout,
     )
-
-
-def moving_square(runs: Sequence[Comparison]) -> Array:
-    """(n,) mean square of what is left of fitted runs while the joints move.
-
-    A joint at rest may be held by dry friction, of which a model knows nothing but that it is as large as it must be.
-    """
-    after = np.concatenate([run.after for run in runs])
-    moving = np.abs(np.concatenate([run.velocity for run in runs])) > MOVING
-    moving[:, np.mean(moving, axis=0) < 0.2] = True
-    return np.asarray(np.sum(after**2 * moving, axis=0) / np.sum(moving, axis=0))
 
 
 def rms(parts: Sequence[Array]) -> Array:
