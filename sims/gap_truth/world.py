@@ -141,6 +141,13 @@ UNSTABLE = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, 
 mujoco.set_mju_user_warning(lambda message: None)
 
 
+CHATTER = 0.25
+"""Share of a motor's torque that a controller at rest with itself does not jump by from one log sample to the next."""
+
+CHATTERING = 10
+"""Jumps of a joint in a run from which on it is said to chatter."""
+
+
 class DivergedError(RuntimeError):
     """The simulated arm left its work space."""
 
@@ -225,6 +232,9 @@ def simulate(
                 raise DivergedError(f"at {now:g} s a joint is {away:g} rad from where it should be, or too fast")
     columns = [np.array(column) for column in zip(*rows, strict=True)]
     columns[4] = columns[4] / every
+    jumps = np.abs(np.diff(columns[3], axis=0)) > CHATTER * control.limit
+    if np.max(np.sum(jumps, axis=0)) > CHATTERING:
+        raise DivergedError("a controller chatters: nobody would take a log of that")
     time = CONTROL_PERIOD * every * np.arange(len(rows))
     return Truth(time, *columns, asked=motion.q[::every])
 

@@ -87,16 +87,19 @@ class Coordinates:
         return np.concatenate(parts)
 
     def prior(self) -> tuple[Array, Array]:
-        """Mean and standard deviation (infinite: none) of the coordinates."""
+        """Mean and standard deviation of the coordinates; wide, but what the data say nothing of stays what it was."""
         if self.link is not None:
             mean = log_cholesky(*self.link)
             scale = np.concatenate([np.ones(4), np.full(6, np.exp(np.mean(mean[:4])))])
             return mean, LINK_SPREAD * scale
         start = self.start()
-        mean, spread = start.copy(), np.full(len(start), np.inf)
+        mean, spread = start.copy(), np.zeros(len(start))
         begin = 0
         for key, (_, free) in zip(self.spec.parameters, self._free(), strict=True):
             end = begin + int(np.sum(free))
+            spread[begin:end] = ABOUT * max(float(np.linalg.norm(start[begin:end])), LEAST_SPREAD)
+            if self.logarithmic(key):
+                spread[begin:end] = LOGARITHM_SPREAD
             if key in UNTOLD:
                 mean[begin:end] = np.log(REGISTRY[self.spec.name].kinds[key].default or 1.0)
                 spread[begin:end] = UNTOLD_SPREAD
@@ -176,6 +179,15 @@ LOST = frozenset({("actuator_fault", "gain"), ("torque_constant", "gain")})
 """Gains, which stay above half of what they were found to be."""
 
 SMALLEST = 1e-9
+
+ABOUT = 10.0
+"""Prior deviation over the size of rough values."""
+
+LEAST_SPREAD = 0.1
+"""Rough values count as at least this large for it."""
+
+LOGARITHM_SPREAD = 1.0
+"""Prior deviation of a logarithm of which a rough value is known."""
 
 UNTOLD_SPREAD = 1.5
 """Prior deviation of the logarithm of what no rough value is known of."""

@@ -1,11 +1,14 @@
 """Evidence of hypotheses on whitened data.
 
-With white noise of variance 1 and independent Gaussian priors on the coefficients, a set of candidates X has
+A set of candidates X, with independent Gaussian priors on its coefficients, leaves a residual on each joint; its colour
+is taken as known, and its variance σ² is the hypothesis's own:
 
-    log p(y | X) − log p(y | ∅) = ½ bᵀ S⁻¹ b − ½ log det(S Λ⁻¹),   S = XᵀX + Λ,  b = Xᵀ y,
+    log p(y | X) − log p(y | ∅) = −½ Σ_j N_j log(σ_j² / σ_j²(∅)) − ½ cᵀ Λ c − ½ log det(S Λ⁻¹),
+    S = Σ_j X_jᵀ X_j / σ_j² + Λ
 
-Λ the priors' precision (MacKay 1992). The second term is the price of each coefficient; searched shapes, new names and
-further joints have theirs in nats.
+with y and X whitened, and Λ the priors' precision (MacKay 1992). What a hypothesis fails to explain makes its own noise
+larger, so that no guess of the noise's level beforehand can be too low. The last term is the price of each
+coefficient; searched shapes, new names and further joints have theirs in nats.
 """
 
 from __future__ import annotations
@@ -16,7 +19,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg import LinAlgError, cho_factor, cho_solve, solve_triangular
 
 from twin_diagram.gap.candidate import Candidate
 from twin_diagram.gap.whitening import Whitener
@@ -29,6 +32,12 @@ NEW_NAME = 6.0
 
 FURTHER_JOINT = 3.0
 """Price of naming it on one more joint."""
+
+PASSES = 3
+"""Times that coefficients and variances of a hypothesis are solved in turn."""
+
+FINEST = 5e-4
+"""Noise is at least this share of a joint's torque: what filters and sampling leave of a noise-free log."""
 
 EXCLUSIVE = (
     frozenset({"coulomb_friction", "stribeck_friction"}),
@@ -50,7 +59,7 @@ class Fit:
         coefficients: of all members' columns, in the order of `order`.
         covariance: likewise.
         order: members as they were stacked.
-        gain: fall of the squared, whitened residual.
+        variance: (n,) of what it leaves, in units of the whitener's.
     """
 
     members: Members
@@ -58,7 +67,7 @@ class Fit:
     coefficients: Array
     covariance: Array
     order: tuple[int, ...]
-    gain: float
+    variance: Array
 
 
 ONCE = frozenset({"external_force", "payload", "gravity_tilt", "time_delay"})
@@ -78,6 +87,7 @@ class Bench:
         candidates: Sequence[Candidate],
         nuisances: Sequence[Candidate],
         weights: Array | None = None,
+        size: Array | None = None,
     ) -> None:
         """Whitens.
 
@@ -87,22 +97,31 @@ class Bench:
             candidates: to choose from.
             nuisances: always there.
             weights: (n, R) of the whitened samples; None: all count.
+            size: (n,) of the joints' torques, for the least noise that is thought possible [N·m]; None: the residual's.
         """
         self.whitener = whitener
         self.n = residual.shape[1]
         white = whitener.all(residual)
+        self._raw = residual
+        size = np.sqrt(np.mean(residual**2, axis=0)) if size is None else size
+        self._finest = (FINEST * size / whitener.sigma) ** 2 + 1e-12
         self.weights = np.ones_like(white) if weights is None else weights
         self.y = white * self.weights
         self.rows = white.shape[1]
         self.candidates: list[Candidate] = []
         self.columns: list[Array] = []
         self._gram: dict[tuple[int, int], Array] = {}
+        self._blocks: dict[tuple[int, int, int], Array] = {}
+        self._zero = 0.0
+        self.spent = 0
+        self.counts = np.maximum(np.sum(self.weights > 0.0, axis=1), 1.0)
         self._right: list[Array] = []
         self._offered: list[bool] = []
         self.fits: dict[Members, Fit] = {}
         self.nuisances = tuple(self.add(candidate) for candidate in nuisances)
         for candidate in candidates:
             self.add(candidate)
+        self._several: tuple[list[int], Array] | None = None
         self._groups: list[tuple[int, int, npt.NDArray[np.int64], Array]] | None = None
 
     def add(self, candidate: Candidate, *, offered: bool = True) -> int:
@@ -118,7 +137,7 @@ class Bench:
         self._right.append(np.einsum("jrk,jr->k", white, self.y[list(candidate.rows)]))
         self._offered.append(offered)
         if offered:
-            self._groups = None
+            self._groups = self._several = None
         return len(self.candidates) - 1
 
     def whiten(self, candidate: Candidate) -> Array:
@@ -163,21 +182,66 @@ class Bench:
     def solve(self, members: Members) -> Fit:
         """The fit of a hypothesis; remembered."""
         known = self.fits.get(members)
-        if known is not None:
-            return known
+        if known is None:
+            known = self.fits[members] = self._solved(members)
+        return known
+
+    def _solved(self, members: Members) -> Fit:
         order = (*self.nuisances, *sorted(members))
-        S, b, spread = self._system(order)
-        factor: Any = cho_factor(S, lower=True)
-        coefficients = cho_solve(factor, b)
-        covariance = cho_solve(factor, np.eye(len(b)))
-        logdet = 2.0 * float(np.sum(np.log(np.diag(factor[0])) + np.log(spread)))
-        gain = float(b @ coefficients)
-        evidence = 0.5 * gain - 0.5 * logdet - self.price(members)
-        if not self._physical(order, coefficients, covariance):
+        self.spent += len(order)
+        spread = np.concatenate([self.candidates[k].spread for k in order]) if order else np.zeros(0)
+        joints = [self._stacked(order, j) for j in range(self.n)]
+        variance = np.ones(self.n)
+        c, covariance, logdet = np.zeros(len(spread)), np.zeros((0, 0)), 0.0
+        for _ in range(PASSES):
+            try:
+                c, covariance, logdet = _coefficients(joints, variance, spread)
+            except LinAlgError:
+                return Fit(members, -np.inf, c, np.eye(len(spread)), order, variance)
+            for j, (index, G) in enumerate(joints):
+                d = np.concatenate([[1.0], -c[index]])
+                variance[j] = max(float(d @ G @ d), 0.0) / self.counts[j] + self._finest[j]
+        likelihood = -0.5 * float(np.sum(self.counts * np.log(variance)))
+        evidence = likelihood - 0.5 * float(np.sum((c / spread) ** 2)) - 0.5 * logdet - self.price(members)
+        if members:
+            self.solve(frozenset())
+            evidence -= self._zero
+        else:
+            self._zero, evidence = evidence, 0.0
+        if not self._physical(order, c):
             evidence = -np.inf
-        fit = Fit(members, evidence, coefficients, covariance, order, gain)
-        self.fits[members] = fit
-        return fit
+        return Fit(members, evidence, c, covariance, order, variance)
+
+    def _stacked(self, order: tuple[int, ...], j: int) -> tuple[npt.NDArray[np.int64], Array]:
+        """Coefficients that matter on a joint, and inner products (1 + m, 1 + m) of the residual and their columns."""
+        index: list[int] = []
+        signals = [-1]
+        start = 0
+        for k in order:
+            size = self.candidates[k].size
+            if j in self.candidates[k].rows:
+                signals.append(k)
+                index += range(start, start + size)
+            start += size
+        starts = np.cumsum([0, 1, *(self.candidates[k].size for k in signals[1:])])
+        G = np.empty((1 + len(index), 1 + len(index)))
+        for x, a in enumerate(signals):
+            for y in range(x, len(signals)):
+                block = self._block(j, a, signals[y])
+                G[starts[x] : starts[x + 1], starts[y] : starts[y + 1]] = block
+                if x != y:
+                    G[starts[y] : starts[y + 1], starts[x] : starts[x + 1]] = block.T
+        return np.array(index, dtype=np.int64), G
+
+    def _block(self, j: int, a: int, b: int) -> Array:
+        key = (j, a, b)
+        if key not in self._blocks:
+            self._blocks[key] = self._signal(j, a).T @ self._signal(j, b)
+        return self._blocks[key]
+
+    def _signal(self, j: int, k: int) -> Array:
+        """(R, m) a candidate's columns on a joint, or the residual (k = −1)."""
+        return self.y[j][:, None] if k < 0 else self.columns[k][self.candidates[k].rows.index(j)]
 
     def _system(self, order: tuple[int, ...]) -> tuple[Array, Array, Array]:
         if not order:
@@ -187,7 +251,7 @@ class Bench:
         S = S + np.diag(spread**-2.0)
         return S, np.concatenate([self._right[k] for k in order]), spread
 
-    def _physical(self, order: tuple[int, ...], coefficients: Array, covariance: Array) -> bool:
+    def _physical(self, order: tuple[int, ...], coefficients: Array) -> bool:
         start = 0
         for k in order:
             candidate = self.candidates[k]
@@ -195,7 +259,6 @@ class Bench:
             if candidate.name and not candidate.allows(own):
                 return False
             start += candidate.size
-        del covariance
         return True
 
     def part(self, fit: Fit, member: int) -> tuple[Array, Array]:
@@ -220,16 +283,27 @@ class Bench:
             total += candidate.cost
         return total + sum(NEW_NAME + FURTHER_JOINT * (count - 1) for count in counts.values())
 
-    def residual(self, fit: Fit) -> Array:
-        """(n, R) whitened, weighted residual of a fit."""
-        result = self.y.copy()
+    def left(self, fit: Fit) -> Array:
+        """(ΣD, n) residual of a fit [N·m]."""
+        result = self._raw.copy()
         start = 0
         for k in fit.order:
             candidate = self.candidates[k]
-            own = fit.coefficients[start : start + candidate.size]
-            result[list(candidate.rows)] -= self.columns[k] @ own
+            result[:, list(candidate.rows)] -= candidate.columns @ fit.coefficients[start : start + candidate.size]
             start += candidate.size
         return result
+
+    def noise_of(self, fit: Fit) -> Whitener:
+        """Of the noise that a fit leaves."""
+        return Whitener(self.whitener.filters, self.whitener.sigma * np.sqrt(fit.variance), self.whitener.lengths)
+
+    def gain(self, fit: Fit) -> float:
+        """Twice the rise of the log likelihood over the empty hypothesis, at most infinite where that fits as well."""
+        return float(np.sum(self.counts * np.log(self.solve(frozenset()).variance / fit.variance)))
+
+    def distance(self, fit: Fit, other: Fit) -> float:
+        """How much worse another hypothesis fits, in standard deviations of the noise that `fit` leaves."""
+        return float(np.sqrt(max(0.0, float(np.sum(self.counts * (other.variance / fit.variance - 1.0))))))
 
     def compatible(self, members: Members, k: int) -> bool:
         """Whether a candidate may join a hypothesis."""
@@ -282,14 +356,31 @@ class Bench:
                 X.T @ self.y[j] - C.T @ projected,
                 [self.candidates[k] for k in indices],
             )
-        for k, candidate in enumerate(self.candidates):
-            if len(candidate.rows) > 1 and self._offered[k]:
-                C = np.einsum("jrk,jrm->km", Q[list(candidate.rows)], self.columns[k], optimize=True)
-                G = self.gram(k, k) - C.T @ C
-                b = self._right[k] - C.T @ projected
-                result[k] = _increment(G[None], b[None], candidate.spread[None], [candidate])[0]
+        flat = Q.reshape(-1, Q.shape[2])
+        several, wide = self._wide()
+        C = flat.T @ wide
+        start = 0
+        for k in several:
+            candidate = self.candidates[k]
+            own = C[:, start : start + candidate.size]
+            start += candidate.size
+            G, b = self.gram(k, k) - own.T @ own, self._right[k] - own.T @ projected
+            result[k] = _increment(G[None], b[None], candidate.spread[None], [candidate])[0]
         costs = np.array([candidate.cost for candidate in self.candidates])
         return result - costs
+
+    def _wide(self) -> tuple[list[int], Array]:
+        """Candidates of several rows, and their columns (n R, M) side by side."""
+        if self._several is None:
+            indices = [k for k, c in enumerate(self.candidates) if len(c.rows) > 1 and self._offered[k]]
+            stacked = np.zeros((self.n, self.rows, sum(self.candidates[k].size for k in indices)))
+            start = 0
+            for k in indices:
+                size = self.candidates[k].size
+                stacked[list(self.candidates[k].rows), :, start : start + size] = self.columns[k]
+                start += size
+            self._several = indices, stacked.reshape(-1, stacked.shape[2])
+        return self._several
 
     def _grouped(self) -> list[tuple[int, int, npt.NDArray[np.int64], Array]]:
         """Candidates of one row, by joint and number of coefficients, side by side."""
@@ -308,6 +399,21 @@ class Bench:
         G = np.einsum("rmi,rmk->mik", X, X, optimize=True) - np.einsum("kmi,kmj->mij", C, C, optimize=True)
         spread = np.stack([candidate.spread for candidate in candidates])
         return _increment(G, b.reshape(len(candidates), -1), spread, candidates)
+
+
+def _coefficients(
+    joints: list[tuple[npt.NDArray[np.int64], Array]], variance: Array, spread: Array
+) -> tuple[Array, Array, float]:
+    """Generalised least squares: coefficients, their covariance, and log det of S Λ⁻¹."""
+    S, b = np.diag(spread**-2.0), np.zeros(len(spread))
+    for (index, G), level in zip(joints, variance, strict=True):
+        S[np.ix_(index, index)] += G[1:, 1:] / level
+        b[index] += G[1:, 0] / level
+    if not len(spread):
+        return b, S, 0.0
+    factor: Any = cho_factor(S, lower=True)
+    logdet = 2.0 * float(np.sum(np.log(np.diag(factor[0])) + np.log(spread)))
+    return cho_solve(factor, b), cho_solve(factor, np.eye(len(b))), logdet
 
 
 def increments(G: Array, b: Array, spread: Array) -> Array:

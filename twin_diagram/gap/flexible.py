@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from twin_diagram.gap.evidence import Bench, Fit
 from twin_diagram.gap.records import Records
-from twin_diagram.gap.saturated import project
 from twin_diagram.gap.terms import Terms
+from twin_diagram.gap.whitening import Whitener
 
 Array = npt.NDArray[np.float64]
 
@@ -19,11 +19,11 @@ PIECES = 8
 
 @dataclass(frozen=True)
 class LeftOver:
-    """What a flexible model finds in whitened residuals.
+    """What a flexible model finds in residuals.
 
     Attributes:
         statistic: the largest of the joints' (explained − expected) / standard deviation under pure noise.
-        gain: explained beyond what noise would give, all joints.
+        gain: twice the log likelihood gained beyond what noise would give, all joints.
         joints: (n,) the statistic per joint.
     """
 
@@ -33,22 +33,46 @@ class LeftOver:
 
 
 def left_over(records: Records, terms: Terms, bench: Bench, fit: Fit) -> LeftOver:
-    """Regresses each joint's whitened residual on curves of its angle, speed, torque and of time."""
-    residual = bench.residual(fit)
+    """Regresses each joint's residual on curves of its angle, speed, torque and of time."""
+    residual = bench.left(fit)
+    noise = bench.noise_of(fit)
     statistic = np.zeros(records.n)
     gain = 0.0
-    own = bench.basis(fit.members)
     for j in range(records.n):
-        X = bench.whitener.joint(j, features(records, terms, j)) * bench.weights[j][:, None]
         # What the named model already has must not count again.
-        stacked = np.concatenate([own[j], X], axis=1)
-        size = np.sqrt(np.mean(stacked**2, axis=0)) + 1e-12
-        projected, k = project(stacked / size, residual[j], 1e-4)
-        scale = max(1.0, float(np.sum(residual[j] ** 2)) / max(1.0, len(X) - k))
-        explained = float(np.sum(projected**2)) / scale
-        statistic[j] = (explained - k) / np.sqrt(2.0 * k)
-        gain += max(0.0, explained - k)
+        own = [
+            bench.candidates[k].columns[:, bench.candidates[k].rows.index(j)]
+            for k in fit.order
+            if j in bench.candidates[k].rows
+        ]
+        known = np.concatenate([np.zeros((len(residual), 0)), *own], axis=1)
+        both = np.concatenate([known, features(records, terms, j)], axis=1)
+        before, spent = profiled(residual[:, j], known, noise, j, bench.weights[j])
+        after, more = profiled(residual[:, j], both, noise, j, bench.weights[j])
+        count, k = bench.counts[j], max(1, more - spent)
+        free = max(2.0, count - spent)
+        ratio = count * float(np.log(before / after))
+        expected = count * float(np.log(free / max(1.0, free - k)))
+        statistic[j] = (ratio - expected) / (np.sqrt(2.0 * k) * count / max(1.0, free - k))
+        gain += max(0.0, ratio - expected)
     return LeftOver(float(np.max(statistic)), gain, statistic)
+
+
+def profiled(y: Array, X: Array, noise: Whitener, j: int, weights: Array) -> tuple[float, int]:
+    """Squares that regressors X (ΣD, m) leave of y (ΣD,) on a joint, whitened, and how many of them count."""
+    white = noise.joint(j, np.column_stack([y, X])) * weights[:, None]
+    size = np.sqrt(np.mean(white[:, 1:] ** 2, axis=0)) + 1e-12
+    c, rank = regression(white[:, 1:] / size, white[:, 0], 1e-4)
+    return float(np.sum((white[:, 0] - (white[:, 1:] / size) @ c) ** 2)), rank
+
+
+def regression(X: Array, y: Array, negligible: float) -> tuple[Array, int]:
+    """Least squares in the directions that are not negligible, and their number."""
+    if not X.shape[1]:
+        return np.zeros(0), 0
+    values, vectors = np.linalg.eigh(X.T @ X)
+    kept = values > max(negligible, 1e-7) ** 2 * values[-1]
+    return vectors[:, kept] @ ((vectors[:, kept].T @ (X.T @ y)) / values[kept]), int(np.sum(kept))
 
 
 def features(records: Records, terms: Terms, j: int) -> Array:

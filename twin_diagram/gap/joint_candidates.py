@@ -23,16 +23,16 @@ CURVE_PIECES = (3, 6, 10)
 MOST_CYCLES = 320.0
 """Ripples per turn of the joint that are looked for."""
 
-SATURATION_SHARES = (0.99, 0.97, 0.95, 0.92, 0.88, 0.83, 0.77, 0.7, 0.62, 0.53)
+SATURATION_SHARES = (0.99, 0.97, 0.95, 0.92, 0.88, 0.83, 0.77, 0.7, 0.62, 0.53, 0.44, 0.35, 0.27, 0.2)
 """Limits that are tried, as quantiles of the absolute torque."""
 
-MOST_SATURATED = 0.4
+MOST_SATURATED = 0.85
 """Share of the time that a torque may be beyond its limit."""
 
-LEAST_LIMIT = 0.3
+LEAST_LIMIT = 0.12
 """A limit is at least this share of the largest torque that is logged."""
 
-CLEAR = 5.0
+CLEAR = 3.0
 """Torque must exceed a limit by this many times its noise to show that it is one."""
 
 SMALL = 0.05
@@ -99,7 +99,7 @@ def stribeck(terms: Terms, j: int, speed: float) -> Candidate | None:
         j,
         [terms.reduced_signs[:, j], bump],
         transformed(values),
-        [low, 0.0 if low == 0.0 else -np.inf],
+        [low, -np.inf if "stribeck_friction" in terms.present.names else 0.0],
         shape={"stribeck_velocity": speed},
         cost=float(np.log(4.0)),
     )

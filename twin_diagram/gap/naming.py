@@ -8,8 +8,19 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import uniform_filter1d
 
-from twin_diagram.gap import arm_candidates, flexible, joint_candidates, own_candidates, rest, saturated, whitening
+from twin_diagram.gap import (
+    arm_candidates,
+    flexible,
+    gears,
+    holding,
+    joint_candidates,
+    own_candidates,
+    rest,
+    saturated,
+    whitening,
+)
 from twin_diagram.gap.candidate import Candidate
 from twin_diagram.gap.evidence import Bench, Fit, Members
 from twin_diagram.gap.finding import Finding, Separation, Verdict
@@ -31,11 +42,22 @@ LEAST = 8.0
 MOST = 40
 """Members of a hypothesis."""
 
-REMAINDER = 6.0
+REMAINDER = 8.0
 """Above this, `flexible.left_over` says that structure is left; set on training logs."""
 
 MOSTLY = 0.5
 """Where a flexible model explains more of the residual than this share of what was named, nothing is named."""
+
+DOUBT = 0.03
+"""Share of what was named that its law may be wrong by."""
+
+DOUBT_TIME = 0.3
+"""[s]"""
+
+SUSPECT = 3.0
+"""Above this, a joint's gear is looked at more closely."""
+
+SUSPECTS = 3
 
 NOT_SMOOTH = ("joint_elasticity", "time_delay", "torque_saturation")
 """Candidates that the saturated fit can do without."""
@@ -87,16 +109,19 @@ def investigate(records: Records, progress: Progress | None = None) -> tuple[Ver
     explained, spent = saturated.explain(records, smooth)
     counted = rest.sliding(records, terms, range(records.n))
     noise = whitening.estimate(records.residual - explained, records.lengths, float(np.mean(spent)), counted)
+    weights = rest.moving(records, terms, noise, range(records.n))
+    white = records.white(noise.order)
+    noise = whitening.restricted(records.residual, saturated.columns(records, smooth), noise, weights, white)
     lap("noise")
 
     say("searching for a name")
-    weights = rest.moving(records, terms, noise, range(records.n))
-    bench = Bench(records.residual, noise, candidates, [arm_candidates.timing_nuisance(terms)], weights)
+    nuisances = [arm_candidates.timing_nuisance(terms)]
+    bench = Bench(records.residual, noise, candidates, nuisances, weights, terms.torque_size)
     fit = refine(bench, terms, search(bench, LEAST, MOST, Proposer(terms), polisher(terms)))
     lap("search")
 
     say("searching again with the noise that is left")
-    terms, bench, fit = again(records, terms, bench, fit, spent)
+    terms, bench, fit = again(records, terms, bench, fit)
     lap("second search")
     verdict = conclude(records, terms, bench, fit)
     # Now that it is known what is noise: the first guess of it is too low where a log is short.
@@ -114,27 +139,42 @@ def all_candidates(terms: Terms) -> list[Candidate]:
     ]
 
 
-def again(records: Records, terms: Terms, bench: Bench, fit: Fit, spent: Array) -> tuple[Terms, Bench, Fit]:
+def again(records: Records, terms: Terms, bench: Bench, fit: Fit) -> tuple[Terms, Bench, Fit]:
     """Searches once more, with noise and transmitted torque as the first hypothesis has them."""
-    contribution = contribution_of(records, bench, fit)
     needed = saturated.at_full_rate(records, contribution_of(records, bench, fit, without=MOTOR))
     terms = with_load(terms, tuple(g + c for g, c in zip(given_load(records), needed, strict=True)))
     dry = rest.dry_joints(records) | {
         j for k in fit.members if bench.candidates[k].name in rest.DRY for j in bench.candidates[k].joints
     }
-    left, counted = records.residual - contribution, rest.sliding(records, terms, dry)
-    noise = whitening.estimate(left, records.lengths, len(fit.coefficients) / records.n, counted)
-    # Structure that was not named must not pass for noise: it would swallow what was.
-    noise = whitening.mixed(noise, bench.whitener, structured(bench, fit, spent))
     fresh = all_candidates(terms)
-    weights = rest.moving(records, terms, noise, dry)
-    second = Bench(records.residual, noise, fresh, [arm_candidates.timing_nuisance(terms)], weights)
+    weights = rest.moving(records, terms, bench.whitener, dry)
+    white = records.white(bench.whitener.order)
+    smooth = [c for c in fresh if c.name not in NOT_SMOOTH] + [bench.candidates[k] for k in fit.members]
+    noise = whitening.restricted(records.residual, saturated.columns(records, smooth), bench.whitener, weights, white)
+    nuisances = [arm_candidates.timing_nuisance(terms)]
+    second = Bench(records.residual, noise, fresh, nuisances, weights, terms.torque_size)
     members: Members = frozenset(second.add(bench.candidates[k]) for k in fit.members)
+    gears.propose(second, terms, members, suspects(records, terms, second, members))
     polish, propose = polisher(terms), Proposer(terms)
     found = climb(second, members, LEAST, MOST, propose, polish)
     other = search(second, LEAST, MOST, propose, polish)
     best = found if found.evidence >= other.evidence else other
+    if holding.propose(second, terms, best):
+        best = climb(second, best.members, LEAST, MOST, propose, polish)
     return terms, second, pruned(second, refine(second, terms, best))
+
+
+def trusted(records: Records, bench: Bench, fit: Fit) -> Array:
+    """(n, R) weights of whitened samples: where much was named, no law is exact to the noise."""
+    white = bench.whitener.all(contribution_of(records, bench, fit))
+    width = max(1, round(DOUBT_TIME * records.rate))
+    return np.asarray(1.0 / np.sqrt(1.0 + DOUBT**2 * uniform_filter1d(white**2, width, axis=1)))
+
+
+def suspects(records: Records, terms: Terms, bench: Bench, members: Members) -> list[int]:
+    """Joints on which curves of motion, load or time find most structure that a hypothesis leaves."""
+    left = flexible.left_over(records, terms, bench, bench.solve(members)).joints
+    return [int(j) for j in np.argsort(-left)[:SUSPECTS] if left[j] > SUSPECT]
 
 
 def pruned(bench: Bench, fit: Fit) -> Fit:
@@ -147,22 +187,9 @@ def pruned(bench: Bench, fit: Fit) -> Fit:
     return fit
 
 
-def structured(bench: Bench, fit: Fit, spent: Array) -> npt.NDArray[np.bool_]:
-    """(n,) joints on which a fit leaves more than the smooth fit's noise, and more than that one may have taken away.
-
-    Args:
-        bench: whitened by the noise that the smooth fit leaves.
-        fit: solved on it.
-        spent: (n,) parameters of the smooth fit.
-    """
-    count = np.maximum(np.sum(bench.weights > 0.0, axis=1), 1.0)
-    level = np.sum(bench.residual(fit) ** 2, axis=1) / count
-    return np.asarray(level > 1.3 + 6.0 * spent / bench.rows)
-
-
 def polisher(terms: Terms) -> Polish:
     """One round of `refine`."""
-    return lambda bench, fit: refine(bench, terms, fit, rounds=1)
+    return lambda bench, fit: refine(bench, terms, fit, rounds=1, slow=False)
 
 
 def contribution_of(records: Records, bench: Bench, fit: Fit, without: Sequence[str] = ()) -> Array:
@@ -206,7 +233,7 @@ def conclude(records: Records, terms: Terms, bench: Bench, fit: Fit) -> Verdict:
         )
         structure = structure or len(kept) < len(findings) or crowded(kept)
         findings = kept
-    unknown = structure and (not findings or left.gain > MOSTLY * fit.gain)
+    unknown = structure and (not findings or left.gain > MOSTLY * bench.gain(fit))
     if unknown:
         findings, separation = (), ()
     return Verdict(

@@ -122,7 +122,7 @@ def findings_of(records: Records, bench: Bench, fit: Fit) -> tuple[Finding, ...]
                 ),
                 onset=None if first.onset is None else Moment(*first.onset),
                 end=None if first.end is None else Moment(*first.end),
-                significance=float(np.sqrt(max(0.0, fit.gain - without.gain))),
+                significance=bench.distance(fit, without),
             )
         )
     return tuple(sorted(result, key=lambda finding: -finding.significance))
@@ -173,7 +173,7 @@ def separations_of(records: Records, bench: Bench, fit: Fit) -> tuple[Separation
             if said in others or not rest <= members:
                 continue
             for other in others - mine:
-                distance = float(np.sqrt(max(0.0, fit.gain - tried.gain)))
+                distance = bench.distance(fit, tried)
                 nearest[other] = min(nearest.get(other, np.inf), distance)
         for other, distance in sorted(nearest.items(), key=lambda item: item[1])[:ALTERNATIVES]:
             if distance < 30.0:

@@ -157,34 +157,19 @@ class Proposer:
         end = (int(records.owner[last]), float(records.times[last])) if last < len(records.residual) - 3 else None
         period = 1.0 / records.rate
         if last - first < 2:
-            return base.during(self.active(onset, end), onset, end)
+            return base.during(active(self.terms, onset, end), onset, end)
         for _ in range(2):
             starts = [(onset[0], onset[1] + share * period) for share in NEARBY]
-            made = [base.during(self.active(moment, end), moment, end) for moment in starts]
+            made = [base.during(active(self.terms, moment, end), moment, end) for moment in starts]
             best = int(np.argmax([bench.score_once(candidate, Q, projected) for candidate in made]))
             onset = starts[best]
             if end is None:
                 break
             ends = [(end[0], end[1] + share * period) for share in NEARBY]
-            made = [base.during(self.active(onset, moment), onset, moment) for moment in ends]
+            made = [base.during(active(self.terms, onset, moment), onset, moment) for moment in ends]
             best = int(np.argmax([bench.score_once(candidate, Q, projected) for candidate in made]))
             end = ends[best]
-        return base.during(self.active(onset, end), onset, end)
-
-    def active(self, onset: tuple[int, float], end: tuple[int, float] | None) -> Array:
-        """(ΣD,) 1 from the onset until the end, low-passed like the torque: what is switched on is seen so."""
-
-        def after(record: Record, moment: tuple[int, float]) -> Array:
-            if record.index != moment[0]:
-                return np.full(len(record.time), float(record.index > moment[0]))
-            # A sample's share of the period before it, so that the moment counts below the log's own resolution.
-            return np.clip((record.time - moment[1]) * record.rate + 0.5, 0.0, 1.0)
-
-        def law(record: Record) -> Array:
-            started = after(record, onset)
-            return started if end is None else started - after(record, end)
-
-        return self.terms.records.reduce(law)
+        return base.during(active(self.terms, onset, end), onset, end)
 
     def forces(self, bench: Bench, Q: Array, projected: Array) -> list[int]:
         """The best link and span of time of a constant wrench."""
@@ -229,6 +214,22 @@ class Proposer:
             to = int(fine[1 + int(np.argmax(_scores(G, C, b, base.spread, projected)))])
         made = self._during(bench, base, at, to, Q, projected)
         return replace(made, cost=base.cost + 2.0 * float(np.log(BLOCKS)), variant="spanned")
+
+
+def active(terms: Terms, onset: tuple[int, float] | None, end: tuple[int, float] | None) -> Array:
+    """(ΣD,) 1 from the onset until the end, low-passed like the torque: what is switched on is seen so."""
+
+    def after(record: Record, moment: tuple[int, float]) -> Array:
+        if record.index != moment[0]:
+            return np.full(len(record.time), float(record.index > moment[0]))
+        # A sample's share of the period before it, so that the moment counts below the log's own resolution.
+        return np.clip((record.time - moment[1]) * record.rate + 0.5, 0.0, 1.0)
+
+    def law(record: Record) -> Array:
+        started = np.ones(len(record.time)) if onset is None else after(record, onset)
+        return started if end is None else started - after(record, end)
+
+    return terms.records.reduce(law)
 
 
 def _scores(G: Array, C: Array, b: Array, spread: Array, projected: Array) -> Array:

@@ -122,6 +122,18 @@ class Records:
         record = self.records[0]
         return record.rate / float(record.kept[1] - record.kept[0])
 
+    def white(self, order: int) -> Array:
+        """(order + 1,) autocorrelation, after filter and thinning, of noise that was white in the log."""
+        record = self.records[0]
+        stride = int(record.kept[1] - record.kept[0])
+        impulse = np.zeros(2 * int(np.ceil(4.0 * record.rate / record.band)) + 1)
+        impulse[len(impulse) // 2] = 1.0
+        response = lowpass(impulse, record.rate, record.band)
+        whole = np.correlate(response, response, "full")[len(response) - 1 :: stride]
+        result = np.zeros(order + 1)
+        result[: min(len(whole), order + 1)] = whole[: order + 1]
+        return result / result[0]
+
     def reduce(self, law: Callable[[Record], Array]) -> Array:
         """A law's full-rate answers (N, …) for every record, thinned and put end to end (ΣD, …)."""
         return np.concatenate([record.reduce(law(record)) for record in self.records])

@@ -7,11 +7,12 @@ product of Jacobian and estimate right to third order. Searched shapes move off 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
-from twin_diagram.gap import arm_candidates, joint_candidates
+from twin_diagram.gap import arm_candidates, gears, joint_candidates, proposals
 from twin_diagram.gap.candidate import Candidate
 from twin_diagram.gap.evidence import Bench, Fit
 from twin_diagram.gap.terms import Terms
@@ -23,36 +24,56 @@ SETTLED = 0.02
 """Evidence that a round must change for another to be worth it [nats]."""
 
 
-def refine(bench: Bench, terms: Terms, fit: Fit, rounds: int = ROUNDS) -> Fit:
+def refine(bench: Bench, terms: Terms, fit: Fit, rounds: int = ROUNDS, *, slow: bool = True) -> Fit:
     """Works on one member at a time, all others free; answers the best fit.
 
     Its members may be new candidates of the bench.
+
+    Args:
+        bench: of the fit.
+        terms: of the logs.
+        fit: to start from.
+        rounds: at most.
+        slow: whether shapes are moved that take long to work out.
     """
     for _ in range(rounds):
         before = fit.evidence
         for member in sorted(fit.members):
-            fit = _member(bench, terms, fit, member)
+            fit = _member(bench, terms, fit, member, slow)
         if abs(fit.evidence - before) < SETTLED:
             break
     return fit
 
 
-def _member(bench: Bench, terms: Terms, fit: Fit, member: int) -> Fit:
+def _member(bench: Bench, terms: Terms, fit: Fit, member: int, slow: bool) -> Fit:
     candidate = bench.candidates[member]
     own, _ = bench.part(fit, member)
-    if candidate.onset is None:
+    if candidate.variant != "held":
         moved = recentred(terms, candidate, own)
         if moved is not None:
+            if candidate.onset is not None:
+                moved = replace(
+                    moved.during(
+                        proposals.active(terms, candidate.onset, candidate.end), candidate.onset, candidate.end
+                    ),
+                    cost=candidate.cost,
+                    variant=candidate.variant,
+                )
             again = bench.solve(fit.members - {member} | {bench.add(moved, offered=False)})
             return again if np.isfinite(again.evidence) else fit
+    if candidate.variant == "swinging" and not slow:
+        return fit
     for key, rebuild, low, high in _shapes(terms, candidate):
+        candidate = bench.candidates[member]
+        if candidate.variant == "swinging":
+            rebuild = _gear_with(terms, candidate, key)
         fit, member = _line_search(bench, fit, member, key, rebuild, low, high)
     return fit
 
 
 def recentred(terms: Terms, candidate: Candidate, coefficients: Array) -> Candidate | None:
     """The candidate linearised about half of the coefficients; none where it is linear."""
-    if candidate.name == "payload" and candidate.variant == "" and coefficients[0] != 0.0:
+    if candidate.name == "payload" and candidate.variant != "bulky" and coefficients[0] != 0.0:
         return arm_candidates.payload(terms, coefficients[1:4] / coefficients[0])
     if candidate.name == "gravity_tilt":
         return arm_candidates.tilt(terms, coefficients)
@@ -63,12 +84,17 @@ def recentred(terms: Terms, candidate: Candidate, coefficients: Array) -> Candid
     return None
 
 
+GEAR_SHAPES = {
+    "joint_elasticity": (("stiffness", 0.75, 1.33), ("loss", 0.25, 4.0), ("stiffness", 0.93, 1.07)),
+    "backlash": (("gap", 0.6, 1.7),),
+}
+
 Rebuild = Callable[[float], Candidate | None]
 
 
 def _shapes(terms: Terms, candidate: Candidate) -> list[tuple[str, Rebuild, float, float]]:
     """Shapes of a candidate: key, what makes it anew, and the ratio bounds of the search about its value."""
-    if candidate.onset is not None:
+    if candidate.onset is not None or candidate.variant == "held":
         return []
     j = candidate.joints[0] if candidate.joints else 0
     if candidate.name == "stribeck_friction":
@@ -79,7 +105,17 @@ def _shapes(terms: Terms, candidate: Candidate) -> list[tuple[str, Rebuild, floa
         count = candidate.shape["cycles"]
         width = min(0.3, joint_candidates.count_step(terms, j) / count)
         return [("cycles", lambda x: joint_candidates.ripple(terms, j, x), 1.0 - width, 1.0 + width)]
+    if candidate.variant == "swinging":
+        return [(key, _gear_with(terms, candidate, key), low, high) for key, low, high in GEAR_SHAPES[candidate.name]]
     return []
+
+
+def _gear_with(terms: Terms, candidate: Candidate, key: str) -> Rebuild:
+    def rebuild(value: float) -> Candidate | None:
+        values = {**candidate.shape, key: value}
+        return gears.gear(terms, gears.Shape(candidate.name, candidate.joints[0], tuple(values.items())))
+
+    return rebuild
 
 
 def _line_search(

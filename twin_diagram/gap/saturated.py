@@ -41,6 +41,16 @@ def explain(records: Records, candidates: list[Candidate]) -> tuple[Array, Array
     return explained, spent
 
 
+def columns(records: Records, candidates: list[Candidate]) -> list[Array]:
+    """(ΣD, m) per joint: what candidates hold for it, times their priors' deviations, and a constant [N·m]."""
+    result = []
+    for j in range(records.n):
+        parts = [c.columns[:, c.rows.index(j)] * c.spread for c in candidates if j in c.rows]
+        level = np.full((len(records.residual), 1), np.sqrt(np.mean(records.torque[:, j] ** 2)))
+        result.append(np.concatenate([*parts, level], axis=1))
+    return result
+
+
 def project(X: Array, y: Array, negligible: float) -> tuple[Array, int]:
     """The part of y (R,) in the span of X (R, m), less directions below a share of the largest; and its dimension."""
     values, vectors = np.linalg.eigh(X.T @ X)

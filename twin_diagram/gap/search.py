@@ -14,6 +14,9 @@ TRIED = 8
 STARTS = 5
 """First members that are tried beside the best one."""
 
+BUDGET = 1500
+"""Members of all hypotheses solved on a bench, after which it is left at the best one: nothing simple explains it."""
+
 CROWDED = 6
 """With more members, nothing new is proposed for swaps."""
 
@@ -86,6 +89,8 @@ def climb(
     if polish is not None:
         fit = polish(bench, fit)
     for _ in range(2 * most):
+        if bench.spent > BUDGET:
+            return fit
         step = _drop(bench, fit)
         if step is None and len(fit.members) < most:
             step = _add(bench, fit, least, propose)

@@ -16,6 +16,12 @@ from scipy.linalg import solve_toeplitz
 
 Array = npt.NDArray[np.float64]
 
+ROUNDS = 25
+SETTLED = 1e-4
+
+SHARE = 0.2
+"""Weight of the noise expected beforehand, in records: no frequency is thought freer of noise than this share."""
+
 ORDER = 8
 """Coefficients of the noise's colour: a band-limited noise sampled at 2.5 times its edge needs about that many."""
 
@@ -92,13 +98,46 @@ def estimate(
     return Whitener(filters, sigma, tuple(int(m) for m in lengths))
 
 
-def mixed(first: Whitener, second: Whitener, use_second: npt.NDArray[np.bool_]) -> Whitener:
-    """The one filter on some joints, the other on the rest (n,)."""
-    return Whitener(
-        np.where(use_second[:, None], second.filters, first.filters),
-        np.where(use_second, second.sigma, first.sigma),
-        first.lengths,
-    )
+def restricted(
+    residual: Array, columns: Sequence[Array], start: Whitener, weights: Array, white: Array, rounds: int = ROUNDS
+) -> Whitener:
+    """Level and colour of noise beside any combination of regressors: maximum restricted likelihood, by EM.
+
+    What regressors could explain of the noise is added again at the frequencies where they would (the covariance of
+    their coefficients), so that the spectrum has no hole where there are many of them.
+
+    Args:
+        residual: (ΣD, n) [N·m].
+        columns: (ΣD, m) per joint, each times the prior standard deviation of its coefficient [N·m].
+        start: a first guess.
+        weights: (n, R) of the whitened samples.
+        white: (p + 1,) autocorrelation of white noise in the same band: what noise is thought to be beforehand.
+        rounds: of EM.
+    """
+    expected = SHARE * white[np.abs(np.subtract.outer(np.arange(start.order + 1), np.arange(start.order + 1)))]
+    filters, sigma = start.filters.copy(), start.sigma.copy()
+    rows, order = start.rows, start.order
+    for j, X in enumerate(columns):
+        kept = weights[j] > 0.0
+        count = max(1.0, float(np.sum(kept)))
+        # Directions that no size which is thought possible lifts out of the noise are left out.
+        values, vectors = np.linalg.eigh(X.T @ X)
+        Q = X @ vectors[:, values > sigma[j] ** 2]
+        lagged = [np.column_stack([residual[rows[kept] - k, j], Q[rows[kept] - k]]) for k in range(order + 1)]
+        for _ in range(rounds):
+            white = sum(f * part for f, part in zip(filters[j], lagged, strict=True)) / sigma[j]
+            y, Z = white[:, 0], white[:, 1:]
+            factor = np.linalg.cholesky(Z.T @ Z + np.eye(Z.shape[1]))
+            c = np.linalg.solve(factor.T, np.linalg.solve(factor, Z.T @ y))
+            spread = np.linalg.inv(factor).T
+            parts = [np.column_stack([part[:, 0] - part[:, 1:] @ c, part[:, 1:] @ spread]) for part in lagged]
+            R = np.array([[np.vdot(a, b) for b in parts] for a in parts])
+            believed = R + (R[0, 0] + 1e-30) * expected
+            f = np.concatenate([[1.0], -np.linalg.solve(believed[1:, 1:], believed[1:, 0])])
+            before, filters[j], sigma[j] = sigma[j], f, np.sqrt(max(float(f @ R @ f) / count, 1e-24))
+            if abs(sigma[j] / before - 1.0) < SETTLED:
+                break
+    return Whitener(filters, sigma, start.lengths)
 
 
 def effective_samples(whitener: Whitener) -> Array:

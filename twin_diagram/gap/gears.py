@@ -1,0 +1,144 @@
+"""Candidates for gears that yield: springs that swing and play that knocks, worked out for the measured motion.
+
+Neither is linear in anything but the rotor's inertia: a spring's stiffness says at which frequency the link swings, a
+gap when it knocks. Their torques are worked out on a grid (`series`) and compared with the residual; the best of each
+joint is offered, and its shape refined like any other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.effects import make
+from twin_diagram.effects.effect import Effect
+from twin_diagram.gap.candidate import Candidate, transformed
+from twin_diagram.gap.evidence import NEW_NAME, Bench, Members
+from twin_diagram.gap.records import Record
+from twin_diagram.gap.terms import Terms
+from twin_diagram.model import Model
+from twin_diagram.scenario import EffectSpec
+from twin_diagram.series import twist
+
+Array = npt.NDArray[np.float64]
+
+GAPS = (0.002, 0.004, 0.008, 0.016, 0.03)
+"""[rad]"""
+
+SWINGS = tuple(np.geomspace(2.5, 16.0, 10))
+"""Frequencies at which a link may swing on its gear [Hz]; stiffer ones follow their load."""
+
+LOSSES = (5e-4, 1e-3, 3e-3)
+"""[s]"""
+
+ABOUT_ONE = (0.6, 1.5)
+"""A shape's torque fits the residual as it stands, or the shape is wrong."""
+
+WORTH = 10.0
+"""Evidence beyond a name's price that makes a gear worth offering [nats]."""
+
+REVERSALS = 4
+"""A load must change its direction this often for play to show."""
+
+GEARS = ("joint_elasticity", "backlash")
+
+COST = {"joint_elasticity": 4.0, "backlash": 3.0}
+"""Of the search for a shape [nats]."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Of a gear: what it is called, and the numbers on which its torque depends otherwise than linearly."""
+
+    name: str
+    joint: int
+    values: tuple[tuple[str, float], ...]
+
+
+def gear(terms: Terms, shape: Shape) -> Candidate | None:
+    """The candidate of one shape: its torque, whose coefficient is about 1, and the rotor's inertia."""
+    records = terms.records
+    j = shape.joint
+    given = records.model
+    model = given.with_effects([*(e for e in given.present if e.name not in GEARS), _effect(given, shape)])
+    rate = records.reduce(lambda r: r.a)[:, j]
+
+    def law(record: Record) -> Array:
+        beyond = record.torque - record.given
+        return twist(model, record.q, record.v, record.a, 1.0 / record.rate, beyond).torque
+
+    with np.errstate(all="ignore"):
+        torque = records.reduce(law)
+    if not np.all(np.isfinite(torque)):
+        return None
+    columns = np.zeros((*torque.shape, 2))
+    columns[..., 0] = torque
+    columns[:, j, 1] = rate
+    size = max(float(np.sqrt(np.mean(rate**2))), 1e-9)
+    values = dict(shape.values)
+
+    def parameters(c: Array) -> dict[str, Array]:
+        told = {key: np.array([value]) for key, value in values.items() if key != "loss"}
+        return {**told, "rotor_inertia": np.maximum(c[1:2], 0.0)}
+
+    return Candidate(
+        name=shape.name,
+        joints=(j,),
+        links=(),
+        rows=tuple(range(records.n)),
+        columns=columns,
+        spread=np.array([1.0, terms.torque_size[j] / size]),
+        lower=np.array([ABOUT_ONE[0], -1.05 * terms.present.rotor[j] - 1e-9]),
+        upper=np.array([ABOUT_ONE[1], np.inf]),
+        parameters=transformed(parameters),
+        shape=values,
+        cost=COST[shape.name],
+        variant="swinging",
+    )
+
+
+def _effect(model: Model, shape: Shape) -> Effect:
+    parameters = {**{key: [value] for key, value in shape.values}, "rotor_inertia": [0.0]}
+    return make(EffectSpec(name=shape.name, joints=[model.joints[shape.joint]], parameters=parameters))
+
+
+def shapes(terms: Terms, j: int) -> list[Shape]:
+    """What is tried on a joint."""
+    load = [tau[:, j] for tau in terms.load]
+    inertia = _link_inertia(terms, j)
+    result = []
+    turns = sum(int(np.sum(np.diff(np.sign(tau)) != 0)) for tau in load)
+    if turns >= REVERSALS:
+        result += [Shape("backlash", j, (("gap", gap),)) for gap in GAPS]
+    for swing in SWINGS:
+        stiffness = inertia * (2.0 * np.pi * float(swing)) ** 2
+        result.append(Shape("joint_elasticity", j, (("stiffness", stiffness), ("loss", 1e-3))))
+    return result
+
+
+def _link_inertia(terms: Terms, j: int) -> float:
+    """Mean inertia of what a joint moves, its rotor aside [kg·m²]."""
+    tree = terms.records.model.tree
+    q = np.concatenate([r.q[:: max(1, len(r.q) // 40)] for r in terms.records.records])
+    return float(np.mean(tree.mass_matrix(q)[:, j, j]) - tree.rotor[j])
+
+
+def propose(bench: Bench, terms: Terms, members: Members, joints: Sequence[int]) -> list[int]:
+    """Offers the best spring and the best play of each joint, where they are worth it; answers their indices."""
+    Q = bench.basis(members)
+    projected = np.einsum("jrk,jr->k", Q, bench.y)
+    made = []
+    for j in joints:
+        best: dict[str, tuple[float, Candidate]] = {}
+        for shape in shapes(terms, j):
+            candidate = gear(terms, shape)
+            if candidate is None:
+                continue
+            score = bench.score_once(candidate, Q, projected) - candidate.cost
+            if score > best.get(shape.name, (-np.inf, candidate))[0]:
+                best[shape.name] = score, candidate
+        made += [bench.add(candidate) for score, candidate in best.values() if score > NEW_NAME + WORTH]
+    return made
