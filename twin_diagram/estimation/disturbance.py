@@ -27,6 +27,10 @@ FRICTION_SHARE: Final = 0.15
 """Standard deviation of a sliding joint's friction error, as a share of its dry friction."""
 LEARNT_SHARE: Final = 0.05
 """The same where its level is learnt: what is left is its dependence on speed, load and angle."""
+CREEP: Final = 0.025
+"""Below this speed dry friction may hold a joint or let it go at any moment [rad/s]."""
+CREEP_SHARE: Final = 1.0
+"""Standard deviation of friction then, from one message to the next, as a share of its level."""
 STICTION_TIME: Final = 0.1
 """In this time the torque on a resting joint may change by the level of its stiction [s]."""
 SPEED_TIME: Final = 0.02
@@ -43,6 +47,16 @@ def disturbance_std(params: Filter, sliding: Array, level: Array) -> Array:
     """
     share = LEARNT_SHARE if "coulomb_friction" in params.parameters else FRICTION_SHARE
     return np.hypot(params.torque_drift_std, np.where(sliding, share, 1.0) * level)
+
+
+def creep_std(v: Array, level: Array) -> Array:
+    """White torque (n,) of joints that creep, on top of what is unmodelled anyway [N·m].
+
+    Args:
+        v: (n,) [rad/s].
+        level: (n,) of dry friction [N·m].
+    """
+    return CREEP_SHARE * level * np.exp(-((v / CREEP) ** 2))
 
 
 def follow_regimes(belief: Belief, params: Filter, dt: float, level: Array) -> tuple[Array, Array, Array]:

@@ -38,7 +38,7 @@ from twin_diagram.estimation.arm_terms import ArmTerms
 from twin_diagram.estimation.belief import HEADER, Belief, Entry, Track
 from twin_diagram.estimation.blame import keep_score, suspects
 from twin_diagram.estimation.declared import Declared, FilterError, note
-from twin_diagram.estimation.disturbance import SPEED_TIME, disturbance_std, follow_regimes
+from twin_diagram.estimation.disturbance import SPEED_TIME, creep_std, disturbance_std, follow_regimes
 from twin_diagram.estimation.history import History
 from twin_diagram.estimation.parameters import ParameterSet
 from twin_diagram.estimation.positive import joseph, solve_positive, whiten
@@ -585,6 +585,7 @@ class Ekf:
         if changed.any():  # what is drawn afresh has nothing to do with what was
             F[: 2 * n, 2 * n + np.flatnonzero(changed)] = 0.0
         Q = np.zeros_like(F)
+        torque_std = np.hypot(torque_std, creep_std(v, 0.5 * (dry[0] + dry[1])))
         white = by.torque * (torque_std * np.sqrt(self._period / dt))
         Q[: 2 * n, : 2 * n] = white @ white.T
         at = np.arange(2 * n, 3 * n)

@@ -34,5 +34,5 @@ def make_sensor(terms: ArmTerms, spec: SensorSpec) -> Sensor:
     if spec.kind == "imu":
         return LinkImu(terms, body, X_BS, name=name, **figures)
     if spec.kind == "wrench":
-        return WristWrench(terms, body, X_BS, name=name, **figures)
+        return WristWrench(terms, body, X_BS, name=name, **figures)  # type: ignore[arg-type]
     return MotorTorque(terms.n, name=name, **figures)
