@@ -26,6 +26,9 @@ MOST_CYCLES = 320.0
 SATURATION_SHARES = (0.99, 0.97, 0.95, 0.92, 0.88, 0.83, 0.77, 0.7, 0.62, 0.53, 0.44, 0.35, 0.27, 0.2)
 """Limits that are tried, as quantiles of the absolute torque."""
 
+OF_THE_PEAK = (0.95, 0.9, 0.84, 0.78, 0.72, 0.66, 0.6, 0.54)
+"""And as shares of the largest: where torque peaks seldom, quantiles leave gaps."""
+
 MOST_SATURATED = 0.85
 """Share of the time that a torque may be beyond its limit."""
 
@@ -34,6 +37,10 @@ LEAST_LIMIT = 0.12
 
 CLEAR = 3.0
 """Torque must exceed a limit by this many times its noise to show that it is one."""
+
+PLAIN = 6.0
+SELECTED = 40.0
+"""Below `PLAIN` times the noise, picking the samples beyond a limit picks their noise too: worth this much [nats]."""
 
 SMALL = 0.05
 """A coefficient may cross zero by this share of what the given model has, where it takes that away."""
@@ -112,7 +119,8 @@ def saturation(terms: Terms, j: int, limit: float) -> Candidate | None:
     share = float(np.mean(beyond > 0.0))
     if not 0.0 < share < MOST_SATURATED or limit < LEAST_LIMIT * (limit + float(np.max(beyond))):
         return None
-    if np.sqrt(np.mean(beyond[beyond > 0.0] ** 2)) < CLEAR * terms.torque_noise[j]:
+    clear = float(np.sqrt(np.mean(beyond[beyond > 0.0] ** 2)) / max(terms.torque_noise[j], 1e-12))
+    if clear < CLEAR:
         return None
     over = terms.reduce(tuple(tau - np.clip(tau, -limit, limit) for tau in smooth))
 
@@ -128,7 +136,7 @@ def saturation(terms: Terms, j: int, limit: float) -> Candidate | None:
         [0.75],
         [1.25],
         shape={"limit": limit},
-        cost=float(np.log(5.0)),
+        cost=float(np.log(5.0)) + (SELECTED if clear < PLAIN else 0.0),
     )
 
 
@@ -245,8 +253,9 @@ class _Builder:
     def saturation(self) -> None:
         for j in range(self.n):
             everything = np.abs(np.concatenate([tau[:, j] for tau in self.terms.smooth_torque]))
-            for share in SATURATION_SHARES:
-                self.take(saturation(self.terms, j, float(np.quantile(everything, share))))
+            limits = [*np.quantile(everything, SATURATION_SHARES), *(float(np.max(everything)) * np.array(OF_THE_PEAK))]
+            for limit in limits:
+                self.take(saturation(self.terms, j, float(limit)))
 
     def coupled(self) -> None:
         t = self.terms
