@@ -1,0 +1,1 @@
+"""Methods that read a run's sensor streams, and what scores them against its truth."""
