@@ -27,7 +27,7 @@ from twin_diagram.scenario import EffectSpec
 Array = npt.NDArray[np.float64]
 Say = Callable[[str], None]
 
-MOST_BY_MOTION = 16
+MOST_BY_MOTION = 8
 """Coordinates up to which rollouts are tried; beyond, they take too long and tell too little of each."""
 
 ALIKE = 2.5

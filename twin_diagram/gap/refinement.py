@@ -28,7 +28,7 @@ from twin_diagram.gap.records import Record, Records, prepare
 from twin_diagram.gap.terms import Terms, given_load, slow_speed
 from twin_diagram.logs import Log, fingerprint
 from twin_diagram.model import Model
-from twin_diagram.motion import Motion, motion
+from twin_diagram.motion import Motion, lowpass, motion
 from twin_diagram.prediction import twists
 from twin_diagram.rollout import trajectory
 from twin_diagram.scenario import EffectSpec
@@ -46,6 +46,9 @@ CLUSTER = 0.5
 
 MOST_WINDOWS = 160
 """Of all runs together; more than these are thinned."""
+
+ENOUGH = 240.0
+"""Samples per second at which laws are worked out [1/s]."""
 
 RETIMED = 2
 """Times that onsets and parameters take turns."""
@@ -119,6 +122,8 @@ class Hypothesis:
 def by_torque(hypothesis: Hypothesis, logs: Sequence[Log]) -> tuple[Hypothesis, Solution]:
     """Equation error, with the times at which effects start or end; these are in the hypothesis that is answered."""
     records = prepare(hypothesis.given, logs)
+    if not any(part.spec.name == "backlash" for part in hypothesis.parts):  # whose knocks are sharp
+        records = coarser(records)
     marks = [fingerprint(log) for log in logs]
     solution = equation_error(hypothesis, records, marks)
     for _ in range(RETIMED if any(part.spec.log in marks for part in hypothesis.parts) else 0):
@@ -129,6 +134,31 @@ def by_torque(hypothesis: Hypothesis, logs: Sequence[Log]) -> tuple[Hypothesis, 
         if after == before:
             break
     return hypothesis, solution
+
+
+def coarser(records: Records) -> Records:
+    """The same at no more samples than smooth motions need; what is reduced from them is at the same times."""
+
+    def thinned(record: Record) -> Record:
+        stride = int(record.kept[1] - record.kept[0])
+        every = max(k for k in range(1, stride + 1) if stride % k == 0 and record.rate / k >= min(ENOUGH, record.rate))
+        if every == 1:
+            return record
+        index = np.arange(int(record.kept[0]) % every, len(record.time), every)
+        torque = lowpass(record.torque, record.rate, 0.4 * record.rate / every)
+        return replace(
+            record,
+            time=record.time[index],
+            rate=record.rate / every,
+            q=record.q[index],
+            v=record.v[index],
+            a=record.a[index],
+            torque=torque[index],
+            given=record.given[index],
+            kept=(record.kept - index[0]) // every,
+        )
+
+    return replace(records, records=tuple(thinned(record) for record in records.records))
 
 
 def _left(hypothesis: Hypothesis, vector: Array, records: Records, marks: Sequence[str]) -> Array:
