@@ -8,7 +8,7 @@ import numpy as np
 from mujoco_station import PERIOD
 from scipy.spatial.transform import Rotation
 
-from hrt_truth.hidden import LIMIT, N, Fault, Hidden
+from hrt_truth.hidden import LIMIT, Fault, Hidden, N
 from hrt_truth.streams import Array, Streams, Truth
 from hrt_truth.world import EVERY, Happened
 

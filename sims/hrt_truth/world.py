@@ -9,7 +9,7 @@ import numpy as np
 from filter_truth import BANDWIDTH, HOME, URDF
 from mujoco_station import PERIOD
 
-from hrt_truth.hidden import LAST, LIMIT, PAYLOAD, N, Fault, Hidden
+from hrt_truth.hidden import LAST, LIMIT, PAYLOAD, Fault, Hidden, N
 from hrt_truth.streams import Array
 
 EVERY = 5

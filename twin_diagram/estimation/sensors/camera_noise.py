@@ -15,8 +15,8 @@ from twin_diagram.signals import Array
 
 COEFFICIENTS: Final = np.array(
     [
-        [-3.65, 0.0, 1.6, 0.0, 4.0],
-        [-5.81, 0.0, 1.6, 0.0, 4.0],
+        [-3.62, 0.951, 0.779, -1.602, 8.431],
+        [-5.789, 0.977, 0.826, -1.555, 8.399],
     ]
 )
 """For rotation [log rad] and position [log m], by `features`."""
