@@ -27,6 +27,7 @@ help:
 	echo "make typecheck  mypy alone"
 	echo "make bench      timings of the systems"
 	echo "make gap-benchmark  hidden effects in simulated arms, found and scored; hours; writes out/gap_benchmark/"
+	echo "make false-alarms   ten simulated hours of a healthy arm; an hour or two; writes out/false_alarms/"
 	echo "make clean      remove .venv, out and caches"
 
 # First of all, and before anything is made or fetched: an interpreter that fits, and the system libraries the wheels need.
@@ -72,6 +73,11 @@ bench: install-bench
 .PHONY: gap-benchmark
 gap-benchmark: install-bench
 	$(PY) sims/gap_benchmark.py run --suite final --out out/gap_benchmark $(ARGS)
+
+# Goes on where it stopped. ARGS='--hours 1' does a part.
+.PHONY: false-alarms
+false-alarms: install-bench
+	$(PY) sims/false_alarms.py --out out/false_alarms $(ARGS)
 
 .PHONY: clean
 clean:

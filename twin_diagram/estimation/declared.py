@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+from scipy.stats import chi2
 
 from twin_diagram.errors import TwinError
 from twin_diagram.estimation.belief import Belief, Entry, Track
@@ -13,6 +14,10 @@ from twin_diagram.signals import NEVER, Array
 
 VOUCHED: Final = 0.1
 """A sensor that was used within this time vouches for the state [s]."""
+DISAGREEMENT: Final = 1e-8
+"""Probability that a sensor that agrees with the rest is said to contradict it, per reading."""
+FARTHEST: Final = 5.0
+"""A bias this many standard deviations of its prior from zero is no bias."""
 MEMORY: Final = 32.0
 """Readings over which a sensor's NIS and its mean innovation are averaged."""
 
@@ -86,6 +91,33 @@ class Declared:
             heard = [last for last, other in zip(heard, self.sensors.values(), strict=True) if other is not sensor]
             heard.append(float(belief.header[Entry.HEARD]))
         return any(last > t - VOUCHED for last in heard if last != NEVER)
+
+    def suspicion(self, belief: Belief) -> dict[str, float]:
+        """How strongly each sensor contradicts the rest, over the threshold: above 1 it does.
+
+        Two signs: the mean of its whitened innovations over some tens of readings, which a slow pull moves long before
+        a single reading leaves its gate, and a bias that has left what its prior allows.
+        """
+        found = {}
+        for (name, sensor), track in zip(self.sensors.items(), belief.tracks, strict=True):
+            level = float(track[Track.RUN]) / float(chi2.ppf(1.0 - DISAGREEMENT, sensor.size))
+            prior = sensor.own_std()
+            if len(prior):
+                level = max(level, float(np.max(np.abs(belief.x[sensor.own]) / (FARTHEST * prior))))
+            found[name] = level
+        return found
+
+    def odd_one_out(self, belief: Belief) -> str | None:
+        """Which sensor is wrong, by majority; `joints` where all others agree against the arm's own.
+
+        With one further sensor alone two stand against each other, and no majority exists: it is the one named, since
+        the state hangs on the encoders.
+        """
+        level = self.suspicion(belief)
+        against = [name for name, value in level.items() if value > 1.0]
+        if len(level) > 1 and len(against) == len(level):
+            return "joints"
+        return max(against, key=lambda name: level[name]) if against else None
 
 
 def note(track: Array, white: Array, nis: float, t: float, accepted: bool) -> None:

@@ -176,6 +176,14 @@ class Ekf:
         """Names with units of the parameters (p,) and of the sensors' own states, as they follow in x."""
         return self.parameters.labels(joints) + self.declared.labels()
 
+    def suspicion(self) -> dict[str, float]:
+        """How strongly each further sensor contradicts the rest: above 1 it does. See `Declared.suspicion`."""
+        return self.declared.suspicion(self.belief)
+
+    def odd_one_out(self) -> str | None:
+        """The sensor that contradicts the others, `joints` for the arm's own; None where all agree."""
+        return self.declared.odd_one_out(self.belief)
+
     def counters(self) -> dict[str, dict[str, int]]:
         """Of each further sensor, how many readings were accepted, refused and so on: see `belief.Track`."""
         return {
@@ -278,6 +286,19 @@ class Ekf:
                 all that the filter remembers, or there is no state yet.
         """
         sensor = self._find(sensor)
+        kept = self.belief.vector.copy()
+        try:
+            with np.errstate(all="ignore"):
+                result = self._update(sensor, z, t, noise, explain)
+            sound = bool(np.all(np.isfinite(self.belief.vector)))
+        except np.linalg.LinAlgError:
+            sound = False
+        if not sound:
+            self.load(kept)
+            raise FilterError(f"{sensor.name}: the reading {np.asarray(z).tolist()} cannot be fused; it is left out")
+        return result
+
+    def _update(self, sensor: Sensor, z: Array, t: float | None, noise: Array | None, explain: bool) -> Update:
         belief = self.belief
         if not belief.valid:
             raise FilterError(f"{sensor.name}: there is no state to update: start the filter from a message")
@@ -655,7 +676,9 @@ def _covariance(sensor: Sensor, noise: Array) -> Array:
     if sound:
         noise = 0.5 * (noise + noise.T)
         scale = np.sqrt(np.abs(noise.diagonal()))
-        sound = bool(np.all(scale > 0.0)) and bool(np.linalg.eigvalsh(noise / np.outer(scale, scale)).min() > 0.0)
+        sound = bool(np.all((scale > 1e-9) & (scale < 1e9))) and bool(
+            np.linalg.eigvalsh(noise / np.outer(scale, scale)).min() > 0.0
+        )
     if not sound:
         raise FilterError(f"{sensor.name}: its noise is neither a positive covariance ({m}, {m}) nor {m} deviations")
     return noise

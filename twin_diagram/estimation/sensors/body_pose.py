@@ -8,7 +8,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from twin_diagram.estimation.arm_terms import ArmTerms
 from twin_diagram.estimation.link_frame import LinkFrame
 from twin_diagram.estimation.sensors.sensor import Instant, Linear, Sensor
-from twin_diagram.scene.rotations import difference, normalized
+from twin_diagram.scene.rotations import difference, exp, multiply, normalized
 from twin_diagram.signals import Array
 
 
@@ -28,6 +28,9 @@ class BodyPose(Sensor):
         X_BO: RigidTransform | None = None,
         std_p: float = 0.003,
         std_r: float = 0.02,
+        bias_p: float = 0.0,
+        bias_r: float = 0.0,
+        bias_walk: float = 0.01,
         name: str = "camera",
     ) -> None:
         """Makes the sensor.
@@ -38,6 +41,9 @@ class BodyPose(Sensor):
             X_BO: pose of O on it; B's own frame where None.
             std_p: of the position, per axis [m].
             std_r: of the orientation, per axis [rad].
+            bias_p: of an error of calibration that stays, per axis [m]; 0: none. With one there are six own states.
+            bias_r: likewise, of the orientation [rad].
+            bias_walk: random walk of both, as a share of them [1/√s].
             name: for messages and counters.
 
         Raises:
@@ -46,6 +52,9 @@ class BodyPose(Sensor):
         super().__init__(name, 6, length=7)
         self.frame = LinkFrame(terms, body, X_BO)
         self._noise: Array = np.diag(np.repeat([std_r**2, std_p**2], 3))
+        biased = bias_p > 0.0 and bias_r > 0.0
+        self._bias_std = np.repeat([bias_r, bias_p], 3) if biased else np.zeros(0)
+        self._bias_walk = bias_walk * self._bias_std
 
     def reading(self, x: Array) -> Array:  # noqa: D102
         R_WO, p_WO = self.frame.pose(x[: self.frame.terms.n])
@@ -63,10 +72,27 @@ class BodyPose(Sensor):
         R_WO, p_WO, J = self.frame.jacobian(now.q)
         H = np.zeros((6, len(now.x)))
         H[:, : now.n] = J
-        return Linear(np.concatenate([RotationMatrix(R_WO).ToQuaternion().wxyz(), p_WO]), H, self._noise)
+        wxyz = RotationMatrix(R_WO).ToQuaternion().wxyz()
+        if self.own.stop > self.own.start:
+            H[:, self.own] = np.eye(6)
+            bias = now.x[self.own]
+            wxyz, p_WO = multiply(exp(bias[:3]), wxyz), p_WO + bias[3:]
+        return Linear(np.concatenate([wxyz, p_WO]), H, self._noise)
 
     def innovation(self, z: Array, reading: Array) -> Array:  # noqa: D102
         return np.concatenate([difference(normalized(z[:4]), reading[:4]), z[4:] - reading[4:]])
+
+    def own_labels(self) -> list[str]:  # noqa: D102
+        if not len(self._bias_std):
+            return []
+        turns = [f"{self.name}.bias_r{a} [rad]" for a in "xyz"]
+        return turns + [f"{self.name}.bias_{a} [m]" for a in "xyz"]
+
+    def own_std(self) -> Array:  # noqa: D102
+        return self._bias_std
+
+    def own_walk(self) -> Array:  # noqa: D102
+        return self._bias_walk
 
     def sound(self, z: Array) -> bool:
         """A quaternion of length 1 to within a tenth, and all finite."""

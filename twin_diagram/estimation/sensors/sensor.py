@@ -17,6 +17,9 @@ from twin_diagram.signals import Array
 GATE_PROBABILITY: Final = 1.0 - 1e-6
 """A good reading passes the gate with this probability."""
 
+ABSURD: Final = 1e6
+"""No reading is larger than this, in whatever SI unit."""
+
 
 @dataclass(frozen=True)
 class Instant:
@@ -111,7 +114,7 @@ class Sensor(ABC):
 
     def sound(self, z: Array) -> bool:
         """Whether z (length,) can be a reading at all."""
-        return bool(np.all(np.isfinite(z)))
+        return bool(np.all(np.abs(z) < ABSURD))  # NaN compares false
 
     def declare(self, own: slice, payload: slice | None) -> None:
         """Is told by a filter where in x its own states lie, and the payload's mass and moment; None: not learnt."""
