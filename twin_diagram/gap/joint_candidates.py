@@ -14,8 +14,11 @@ from twin_diagram.gap.terms import Terms
 
 Array = npt.NDArray[np.float64]
 
-STRIBECK_SPEEDS = np.geomspace(0.008, 0.5, 9)
+STRIBECK_SPEEDS = np.geomspace(0.016, 0.5, 8)
 """[rad/s]"""
+
+SLOWEST = 0.014
+"""Below this, a joint that sticks and one that creeps look the same [rad/s]."""
 
 CURVE_PIECES = (3, 6, 10)
 """Pieces of the cubic splines that stand for a torque as a function of the angle."""
@@ -93,6 +96,8 @@ def single(
 
 def stribeck(terms: Terms, j: int, speed: float) -> Candidate | None:
     """Coulomb's level, and what breaking loose takes beyond it."""
+    if speed < SLOWEST:
+        return None
     parts = zip(terms.signs, terms.records.records, strict=True)
     bump = terms.reduce(tuple(s[:, j] * np.exp(-((r.v[:, j] / speed) ** 2)) for s, r in parts))
 

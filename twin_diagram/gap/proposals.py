@@ -177,7 +177,9 @@ class Proposer:
             self._forces = arm_candidates.external_forces(self.terms)
             self._force_columns = [bench.whiten(candidate) for candidate in self._forces]
         edges = block_edges(bench.rows)
-        pairs = np.array([(i, k) for i in range(BLOCKS) for k in range(i + 2, BLOCKS + 1) if k - i < BLOCKS - MARGIN])
+        pairs = np.array(
+            [(i, k) for i in range(1, BLOCKS) for k in range(i + 2, BLOCKS + 1) if k - i < BLOCKS - MARGIN]
+        )
         found: list[tuple[float, int, int, int]] = []
         for index, candidate in enumerate(self._forces):
             rows = list(candidate.rows)

@@ -21,7 +21,7 @@ Array = npt.NDArray[np.float64]
 REST = 0.016
 """Speed below which a joint may be sticking [rad/s]."""
 
-DWELL = 0.04
+DWELL = 0.004
 """A joint that turns back sooner than this does not stick [s]."""
 
 SPREAD = 0.9

@@ -68,9 +68,12 @@ class Terms:
 
     @cached_property
     def torque_noise(self) -> Array:
-        """(n,) what smoothing takes from the logged torque [N·m]."""
+        """(n,) of the smoothed torque: what smoothing takes away, or the most that usually is left unexplained [N·m]."""
         pairs = zip(self.records.records, self.smooth_torque, strict=True)
-        return np.std(np.concatenate([lowpass(r.torque, r.rate, r.band) - s for r, s in pairs]), axis=0)
+        taken = np.std(np.concatenate([lowpass(r.torque, r.rate, r.band) - s for r, s in pairs]), axis=0)
+        pairs = zip(self.load, self.smooth_torque, strict=True)
+        left = self.reduce(tuple(s - load for load, s in pairs))
+        return np.maximum(taken, 1.4826 * np.median(np.abs(left - np.median(left, axis=0)), axis=0))
 
     def reduce(self, parts: tuple[Array, ...]) -> Array:
         """Full-rate arrays, one per record, thinned and put end to end."""
