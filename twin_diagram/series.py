@@ -36,6 +36,9 @@ SPRING_PASSES = 3
 LINEARISED = 2
 """Of them, those that work the load's derivatives out anew."""
 
+SETTLED = 3e-4
+"""Passes end where the load is what it was foreseen to be, to this part of what the gears change."""
+
 TINY = 1e-5
 """Step of the load's derivatives [rad], [rad/s]."""
 
@@ -170,7 +173,10 @@ def _springs(model: Model, q: Array, v: Array, a: Array, h: float, beyond: Array
         if np.max(np.abs(angle)) > FARTHEST:  # a gear that folds over is beyond any linearisation
             scale = FARTHEST / np.max(np.abs(angle))
             angle, rate, acceleration = scale * angle, scale * rate, scale * acceleration
+        foreseen = rest + _times(M, acceleration) + _times(C, rate) + _times(G, angle)
         load = link(angle, rate, acceleration)
+        if np.linalg.norm(load - foreseen) < SETTLED * np.linalg.norm(load - rigid):
+            break
     return Twist(angle, rate, load - rigid)
 
 
