@@ -121,14 +121,14 @@ class Hypothesis:
 
 def by_torque(hypothesis: Hypothesis, logs: Sequence[Log]) -> tuple[Hypothesis, Solution]:
     """Equation error, with the times at which effects start or end; these are in the hypothesis that is answered."""
-    records = prepare(hypothesis.given, logs)
-    if not any(part.spec.name == "backlash" for part in hypothesis.parts):  # whose knocks are sharp
-        records = coarser(records)
+    whole = prepare(hypothesis.given, logs)
+    sharp = any(part.spec.name == "backlash" for part in hypothesis.parts)  # its knocks are
+    records = whole if sharp else coarser(whole)
     marks = [fingerprint(log) for log in logs]
     solution = equation_error(hypothesis, records, marks)
     for _ in range(RETIMED if any(part.spec.log in marks for part in hypothesis.parts) else 0):
         before = [(part.when.onset, part.when.end) for part in hypothesis.parts]
-        hypothesis = _retimed(hypothesis.at(solution.vector), solution.vector, records, marks)
+        hypothesis = _retimed(hypothesis.at(solution.vector), solution.vector, whole, marks)
         solution = equation_error(hypothesis, records, marks)
         after = [(part.when.onset, part.when.end) for part in hypothesis.parts]
         if after == before:
