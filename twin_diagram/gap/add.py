@@ -19,7 +19,8 @@ from twin_diagram.gap.gauss_newton import Solution
 from twin_diagram.gap.merge import UNTOLD
 from twin_diagram.gap.named import specs_of
 from twin_diagram.gap.posterior import unit_of
-from twin_diagram.gap.refinement import Hypothesis, by_torque, output_error
+from twin_diagram.gap.refinement import Hypothesis, by_torque
+from twin_diagram.gap.shots import output_error
 from twin_diagram.logs import Log, fingerprint
 from twin_diagram.model import Model
 from twin_diagram.scenario import EffectSpec

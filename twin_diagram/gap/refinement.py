@@ -1,13 +1,8 @@
-"""Parameters of named effects, refined on the runs that they were found in, in two ways.
+"""Parameters of named effects, refined on the runs that they were found in, by their equation error.
 
-- **Equation error**: the torque that the corrected model needs for the measured motion is held against the logged one,
-  both low-passed, whitened, and without the samples at which dry friction holds a joint.
-- **Output error**: short rollouts from measured states under measured torques (multiple shooting) are held against the
-  measured positions; each joint's starting position and speed in each window are free. Dry friction, play and springs
-  are integrated as they are, so that it needs no velocities and no smooth laws.
-
-Torque noise is what limits the first, position noise the second; each says how sure it is, and per effect the surer
-one is taken.
+The torque that the corrected model needs for the measured motion is held against the logged one, both low-passed,
+whitened, and without the samples at which dry friction holds a joint. Times at which effects start or end take turns
+with their parameters. `shots` has the other way: rollouts against measured positions.
 """
 
 from __future__ import annotations
@@ -28,24 +23,13 @@ from twin_diagram.gap.records import Record, Records, prepare
 from twin_diagram.gap.terms import Terms, given_load, slow_speed
 from twin_diagram.logs import Log, fingerprint
 from twin_diagram.model import Model
-from twin_diagram.motion import Motion, lowpass, motion
-from twin_diagram.prediction import twists
-from twin_diagram.rollout import trajectory
+from twin_diagram.motion import lowpass
 from twin_diagram.scenario import EffectSpec
 
 Array = npt.NDArray[np.float64]
 
-WINDOW = 0.25
-"""Length of a rollout [s]."""
-
-OBSERVED = 0.0125
-"""Between looks at a rollout [s]."""
-
 CLUSTER = 0.5
 """Residuals nearer than this may hang together [s]."""
-
-MOST_WINDOWS = 160
-"""Of all runs together; more than these are thinned."""
 
 ENOUGH = 240.0
 """Samples per second at which laws are worked out [1/s]."""
@@ -61,9 +45,6 @@ SCANNED = {"joint_elasticity": "stiffness", "backlash": "gap", "stribeck_frictio
 
 FACTORS = (0.6, 0.7, 0.8, 0.88, 0.94, 1.06, 1.13, 1.25, 1.45, 1.7)
 """That are tried."""
-
-RIDGE = 0.05
-"""Share of their mean that is added to all variances of a rollout's errors."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +83,7 @@ class Hypothesis:
         return 1e-3 * np.maximum(np.abs(self.start()), 1e-2)
 
     def at(self, vector: Array) -> Hypothesis:
-        """The same, started from other coordinates; priors stay where they are."""
+        """The same, started from other coordinates; their wide priors go along."""
         specs = self.specs(vector)
         return replace(self, parts=tuple(part.started(spec) for part, spec in zip(self.parts, specs, strict=True)))
 
@@ -266,75 +247,4 @@ def _scanned(hypothesis: Hypothesis, start: Array, residual: Callable[[Array], A
     return best
 
 
-def output_error(hypothesis: Hypothesis, logs: Sequence[Log]) -> Solution:
-    """See the module; the reference is the log's positions."""
-    shots = [_Shots.of(log, len(logs)) for log in logs]
-    start = hypothesis.start()
-
-    def errors(vector: Array) -> list[Array]:
-        model = hypothesis.model(vector)
-        return [shot.errors(model) for shot in shots]
-
-    first = np.concatenate(errors(start))  # (windows, looks, n)
-    windows, looks, n = first.shape
-    whiteners = []
-    for j in range(n):
-        covariance = first[:, :, j].T @ first[:, :, j] / windows
-        values, vectors = np.linalg.eigh(covariance + RIDGE * np.trace(covariance) / looks * np.eye(looks))
-        whiteners.append((vectors / np.sqrt(np.maximum(values, 1e-30))) @ vectors.T)
-    W = np.stack(whiteners)
-
-    def residual(vector: Array) -> Array:
-        try:
-            return np.einsum("jab,wbj->wja", W, np.concatenate(errors(vector))).ravel()
-        except ModelError:
-            return np.full(first.size, np.inf)
-
-    clusters = np.repeat(np.arange(windows), n * looks)
-    return minimise(residual, start, hypothesis.steps(), clusters, hypothesis.prior(), rounds=4)
-
-
-@dataclass(frozen=True)
-class _Shots:
-    """Rollouts of one run."""
-
-    smooth: Motion
-    mark: str
-    starts: npt.NDArray[np.int64]
-    steps: int
-    every: int
-
-    @staticmethod
-    def of(log: Log, count: int) -> _Shots:
-        smooth = motion(log)
-        regular = smooth.log
-        period = regular.period
-        steps = max(4, round(WINDOW / period))
-        first, last = int(np.ceil(0.3 / period)), len(regular) - int(np.ceil(0.3 / period)) - steps - 1
-        starts = np.arange(first, last, steps)
-        most = max(20, MOST_WINDOWS // count)
-        if len(starts) > most:
-            starts = starts[np.linspace(0, len(starts) - 1, most).astype(int)]
-        return _Shots(smooth, fingerprint(log), starts, steps, max(1, round(OBSERVED / period)))
-
-    def errors(self, model: Model) -> Array:
-        """(windows, looks, n) measured less rolled-out positions, without what start and speed could explain [rad]."""
-        smooth, regular = self.smooth, self.smooth.log
-        model = model.for_run(self.mark)
-        period = (regular.time[-1] - regular.time[0]) / (len(regular) - 1)
-        tau = model.applied(regular.motor_torque, regular.time)
-        angles, rates = twists(model, smooth)
-        at = self.starts
-        torques = np.stack([tau[at + k] for k in range(self.steps + 1)])
-        begin = (regular.position[at], smooth.velocity[at], torques, period, regular.time[at], (angles[at], rates[at]))
-        looks, times = [], []
-        for k, position in enumerate(trajectory(model, *begin, arrived=True), start=1):
-            if k % self.every == 0:
-                looks.append(regular.position[at + k] - position)
-                times.append(k * period)
-        error = np.stack(looks, axis=1)
-        basis, _ = np.linalg.qr(np.stack([np.ones(len(times)), np.array(times)], axis=1))
-        return np.asarray(error - np.einsum("ab,wbj->waj", basis @ basis.T, error))
-
-
-__all__ = ["Hypothesis", "by_torque", "output_error"]
+__all__ = ["Hypothesis", "by_torque"]

@@ -68,7 +68,7 @@ class Terms:
 
     @cached_property
     def torque_noise(self) -> Array:
-        """(n,) of the smoothed torque: what smoothing takes away, or the most that usually is left unexplained [N·m]."""
+        """(n,) of smoothed torque: what smoothing takes away, or what usually is left unexplained if more [N·m]."""
         pairs = zip(self.records.records, self.smooth_torque, strict=True)
         taken = np.std(np.concatenate([lowpass(r.torque, r.rate, r.band) - s for r, s in pairs]), axis=0)
         pairs = zip(self.load, self.smooth_torque, strict=True)
