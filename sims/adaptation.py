@@ -2,7 +2,7 @@
 
     python sims/adaptation.py --out out/adaptation
 
-A UR5e in MuJoCo (`filter_truth`) takes up 2 kg while it moves; both rules start from the same filter. Then the outline's
+A UR5e in MuJoCo (`filter_truth`) takes up 2 kg while it moves; both rules start from one filter. Then the outline's
 convergence theorem as an experiment (Hybrid Reality Twins, section 3.2 and appendix A: the error of θ is at most
 C₂ η + C₃ |w|² / λ_min of the excitation): the error late in a run against η, Q, R, excitation and model mismatch,
 beside a bound of that form whose two constants are fitted to the runs. Above some η the rule diverges, which the

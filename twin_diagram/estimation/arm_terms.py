@@ -76,7 +76,7 @@ class ArmTerms:
 
         Args:
             plant: finalized; joints of one degree of freedom each, on a fixed base.
-            joints: the n joints in order from the base.
+            joints: the n joints in order from the base; `model::joint` where several models have one of that name.
             tool_frame: where a payload is expected; the last link's own origin where None.
             laws: what the model's effects add.
             context: of the plant, with its parameters set; copied. The plant's default where None.
@@ -88,9 +88,7 @@ class ArmTerms:
         self.n = len(joints)
         handles = []
         for name in joints:
-            if not plant.HasJointNamed(name):
-                raise ModelError(f"no joint {name!r} in the plant")
-            joint = plant.GetJointByName(name)
+            joint = _joint(plant, name)
             if joint.num_velocities() != 1:
                 raise ModelError(
                     f"joint {name!r} has {joint.num_velocities()} degrees of freedom; the filter takes one each"
@@ -102,10 +100,10 @@ class ArmTerms:
         self.position_index = np.array([joint.position_start() for joint in handles])
         self.velocity_index = np.array([joint.velocity_start() for joint in handles])
         self.velocity_limit = _limit([joint.velocity_upper_limits()[0] for joint in handles], 10.0)
-        effort = dict.fromkeys(joints, np.inf)
+        effort = {joint.index(): np.inf for joint in handles}
         for index in plant.GetJointActuatorIndices():
             actuator = plant.get_joint_actuator(index)
-            effort[actuator.joint().name()] = actuator.effort_limit()
+            effort[actuator.joint().index()] = actuator.effort_limit()
         self.laws = laws or Laws()
 
         self._context: Context = plant.CreateDefaultContext() if context is None else context.Clone()
@@ -133,7 +131,7 @@ class ArmTerms:
         self._inertia0 = inertia.CalcRotationalInertia().CopyToFullMatrix3()
         self._payload = np.full(4, np.nan)
         self.set_payload(np.zeros(4))  # as it will be set ever after: rounding must not depend on what came before
-        self.effort_limit = _limit([effort[name] for name in joints], self._brisk_effort())
+        self.effort_limit = _limit([effort[joint.index()] for joint in handles], self._brisk_effort())
 
     @staticmethod
     def from_model(model: Model) -> ArmTerms:
@@ -291,6 +289,18 @@ class ArmTerms:
         Y[:, 0] = J[3:].T @ lift
         Y[:, 1:] = (J[3:].T @ (_cross(alpha) + spin @ spin) - J[:3].T @ _cross(lift)) @ R_WL
         return Y
+
+
+def _joint(plant: MultibodyPlant, name: str) -> Any:
+    model, _, alone = name.rpartition("::")
+    if not model:
+        if plant.HasJointNamed(name):
+            return plant.GetJointByName(name)
+    elif plant.HasModelInstanceNamed(model):
+        instance = plant.GetModelInstanceByName(model)
+        if plant.HasJointNamed(alone, instance):
+            return plant.GetJointByName(alone, instance)
+    raise ModelError(f"no joint {name!r} in the plant")
 
 
 def _cross(w: Array) -> Array:

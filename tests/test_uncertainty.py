@@ -1,0 +1,77 @@
+"""What is drawn of the filter's covariance, and that the covariance stays one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from estimation_bench import HOME, World, simulate, twin_terms
+from pydrake.geometry import Meshcat, MeshcatParams
+
+from twin_diagram.estimation.ekf import Ekf
+from twin_diagram.estimation.link_frame import LinkFrame
+from twin_diagram.looking.uncertainty import PATH, UncertaintyView, ellipsoid, position_covariance
+from twin_diagram.scenario import Filter
+
+
+def test_ellipsoid_has_the_covariance():
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        A = rng.normal(size=(3, 3))
+        axes, R = ellipsoid(A @ A.T, deviations=2.0)
+        np.testing.assert_allclose(R @ np.diag((axes / 2.0) ** 2) @ R.T, A @ A.T, atol=1e-6)
+        assert np.linalg.det(R) == pytest.approx(1.0)
+    axes, _ = ellipsoid(np.diag([1e-6, -1e-20, 0.0]))
+    assert np.all(axes > 0.0)
+
+
+def test_covariance_of_the_hand_against_samples():
+    frame, rng = LinkFrame(twin_terms(), "panda_hand"), np.random.default_rng(1)
+    P = np.diag(rng.uniform(1e-6, 1e-5, 7))
+    p_WF, covariance = position_covariance(frame, HOME, P)
+    points = np.array([frame.pose(HOME + rng.normal(size=7) * np.sqrt(P.diagonal()))[1] for _ in range(4000)])
+    np.testing.assert_allclose(points.mean(axis=0), p_WF, atol=3e-4)
+    np.testing.assert_allclose(np.cov(points.T), covariance, atol=0.1 * covariance.max())
+
+
+def test_draws_into_meshcat():
+    meshcat = Meshcat(MeshcatParams(port=None))
+    terms = twin_terms()
+    view = UncertaintyView(meshcat, [LinkFrame(terms, f"panda_link{k}") for k in (1, 4, 7)])
+    view.draw(HOME, 1e-4 * np.eye(7), HOME + 0.1)
+    assert all(meshcat.HasPath(f"{PATH}/{name}") for name in ("0", "1", "2", "ghost"))
+    meshcat.Delete()
+
+
+def worst(ekf: Ekf) -> float:
+    """Smallest eigenvalue of the covariance, scaled to ones on the diagonal."""
+    scale = np.sqrt(ekf.belief.P.diagonal())
+    return float(np.linalg.eigvalsh(ekf.belief.P / np.outer(scale, scale)).min())
+
+
+def drive(duration: float) -> float:
+    """The arm to and fro with outliers, gaps and silences; the worst that the covariance ever was."""
+    run = simulate(World.draw(31, period=6.0), 12.0)
+    params = Filter(parameters=["payload", "torque_bias", "viscous_friction", "coulomb_friction", "torque_constant"])
+    ekf, rng, smallest = Ekf(twin_terms(), params), np.random.default_rng(2), 1.0
+    count, period = round(duration * 200), 1200
+    for k in range(count):
+        i = 100 + k % period if k >= 100 else k  # twelve seconds hold two whole periods
+        q = run.q[i].copy()
+        if rng.random() < 0.02:
+            q[rng.integers(7)] += 0.05
+        if k % 9000 < 8960:
+            ekf.observe(q, run.v[i], run.tau[i], 0.005 * k)
+        if k % 500 == 0 and k:
+            assert np.all(np.isfinite(ekf.belief.vector))
+            np.testing.assert_array_equal(ekf.belief.P, ekf.belief.P.T)
+            smallest = min(smallest, worst(ekf))
+    return smallest
+
+
+def test_covariance_stays_positive_for_twenty_seconds():
+    assert drive(20.0) > 0.0
+
+
+@pytest.mark.slow
+def test_covariance_stays_positive_for_an_hour():
+    assert drive(3600.0) > 0.0
