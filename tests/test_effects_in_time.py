@@ -48,6 +48,9 @@ CASES = {
     "joint_elasticity": EffectSpec(
         "joint_elasticity", ["panda_joint2", "panda_joint4"], [], {"stiffness": [4e3, 2e3], "rotor_inertia": [0.0, 0.2]}
     ),
+    "joint_elasticity that swings": EffectSpec(
+        "joint_elasticity", ["panda_joint2"], [], {"stiffness": [600.0], "rotor_inertia": [0.1], "loss": [2e-3]}
+    ),
     "backlash": EffectSpec("backlash", ["panda_joint5"], [], {"gap": [0.02], "rotor_inertia": [0.1]}),
     "torque_ripple": EffectSpec(
         "torque_ripple", ["panda_joint4"], [], {"amplitude": [2.0], "cycles": [20.0], "phase": [0.3]}
