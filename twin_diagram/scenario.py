@@ -98,6 +98,19 @@ class ArmDefects:
 
 
 @dataclass
+class SensorDefects:
+    """What a further sensor of the simulated arm does to its readings."""
+
+    noise: list[float] = field(default_factory=list)
+    """White noise of the reading's first and second half: `imu` [rad/s], [m/s²]; `wrench` [N·m], [N]. Empty: the kind's
+    own."""
+    bias: list[float] = field(default_factory=list)
+    """Constant error of all six; empty: none."""
+    missing: list[list[float]] = field(default_factory=list)
+    """Intervals [start, end] without readings [s]."""
+
+
+@dataclass
 class WayPoint:
     """Where a moving object is at a time; between way points it moves on a smooth curve."""
 
@@ -138,6 +151,8 @@ class World:
     """The camera's true pose, where it differs from the twin's calibration."""
     camera_defects: CameraDefects = field(default_factory=CameraDefects)
     arm_defects: ArmDefects = field(default_factory=ArmDefects)
+    sensor_defects: dict[str, SensorDefects] = field(default_factory=dict)
+    """By the port of a sensor of ``twin.sensors``; those that are not listed have their kind's usual noise alone."""
 
 
 @dataclass
@@ -150,6 +165,21 @@ class Driver:
     """[N·m·s/rad]; empty: two times the square root of stiffness."""
     rate: float = 400.0
     """Status messages per second [1/s]."""
+
+
+@dataclass
+class LinkSensor:
+    """A sensor on the arm besides its own, as its data sheet tells; the simulated station has a port for it."""
+
+    kind: str = "imu"
+    """`imu`: port `<body>.imu`; `wrench`: port `wrist.wrench_measured`."""
+    body: str = ""
+    """Link that it is fixed to; empty: the last one."""
+    X_BS: Pose = field(default_factory=Pose)
+    rate: float = 200.0
+    """Readings per second [1/s]."""
+    latency: float = 0.0
+    """From reading to delivery, rounded up to whole periods [s]."""
 
 
 @dataclass
@@ -328,6 +358,8 @@ class Twin:
     home: list[float] = field(default_factory=list)
     """Joint angles at rest [rad]; empty: zeros."""
     driver: Driver = field(default_factory=Driver)
+    sensors: list[LinkSensor] = field(default_factory=list)
+    """On the arm, besides its own; what the filter makes of them is said in ``filter.sensors``."""
     fixtures: list[Fixture] = field(default_factory=list)
     library: dict[str, str] = field(default_factory=dict)
     """Folders of the known objects' assets, by the name of the object."""

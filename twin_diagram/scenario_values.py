@@ -15,6 +15,7 @@ from twin_diagram.scenario import (
     Drift,
     Driver,
     Filter,
+    LinkSensor,
     Perception,
     Planner,
     Pose,
@@ -39,6 +40,7 @@ POSITIVE: dict[type, tuple[str, ...]] = {
         "opening",
         "parameter_rate",
     ),
+    LinkSensor: ("rate",),
     Perception: ("stride", "cluster_gap", "smallest"),
     Planner: ("rate", "knots", "step", "influence", "velocity_share", "acceleration"),
     Registration: ("model_points", "iterations", "reach"),
@@ -48,6 +50,7 @@ POSITIVE: dict[type, tuple[str, ...]] = {
 NOT_NEGATIVE: dict[type, tuple[str, ...]] = {
     Camera: ("latency",),
     Filter: ("excitation", "torque_drift_std", "parameter_walk", "learning_rate", "history"),
+    LinkSensor: ("latency",),
     Perception: ("table_clearance", "robot_clearance"),
     Planner: ("clearance", "seed"),
     Registration: ("search_period",),

@@ -19,6 +19,7 @@ class Stream(IntEnum):
     ARM = 1
     CAMERA = 2
     CAMERA_TABLE = 3
+    LINK = 4
 
 
 def generator(seed: int, stream: Stream, tick: int) -> np.random.Generator:

@@ -6,6 +6,7 @@ may connect.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final
 
 from pydrake.systems.framework import Diagram, System
@@ -21,6 +22,8 @@ VELOCITY_ESTIMATED: Final = "arm.velocity_estimated"
 TORQUE_MEASURED: Final = "arm.torque_measured"
 MEASUREMENT_TIME: Final = "arm.measurement_time"
 GRIPPER_MEASURED: Final = "gripper.state_measured"
+
+WRENCH_MEASURED: Final = "wrist.wrench_measured"
 
 ARM_STATE: Final = "truth.arm_state"
 OBJECT_POSES: Final = "truth.object_poses"
@@ -43,6 +46,16 @@ def depth_image(camera: str) -> str:
 def image_time(camera: str) -> str:
     """Name of the port that gives the capture time of a camera's newest image."""
     return f"{camera}.image_time"
+
+
+def imu(body: str) -> str:
+    """Name of the port of an IMU on a link."""
+    return f"{body}.imu"
+
+
+def time_of(port: str) -> str:
+    """Name of the port that gives when a further sensor's newest reading was taken."""
+    return f"{port.removesuffix('_measured')}_time"
 
 
 def input_names(system: System) -> list[str]:
@@ -74,13 +87,16 @@ def expected(arm_size: int, gripper_size: int, camera: str | None) -> tuple[dict
     return inputs, outputs
 
 
-def check(station: Diagram, arm_size: int, gripper_size: int, camera: str | None) -> None:
-    """Checks a station against the contract; `truth.*` may come on top.
+def check(
+    station: Diagram, arm_size: int, gripper_size: int, camera: str | None, further: Mapping[str, int] | None = None
+) -> None:
+    """Checks a station against the contract; `truth.*` and the ports of `further` sensors, by size, may come on top.
 
     Raises:
         StationError: a port is missing, surplus or of the wrong size; the message names it.
     """
     inputs, outputs = expected(arm_size, gripper_size, camera)
+    outputs |= further or {}
     for kind, wanted, ports in (
         ("input", inputs, [station.get_input_port(i) for i in range(station.num_input_ports())]),
         ("output", outputs, [station.get_output_port(i) for i in range(station.num_output_ports())]),

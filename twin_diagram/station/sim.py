@@ -10,6 +10,7 @@ from twin_diagram.station import ports
 from twin_diagram.station.arm_sensors import ArmSensors
 from twin_diagram.station.camera import add_camera
 from twin_diagram.station.driver import ArmDriver, NominalGravity
+from twin_diagram.station.link_sensors import add_link_sensors
 from twin_diagram.station.movers import MoverDriver
 from twin_diagram.station.truth import TruePoses, TrueState
 from twin_diagram.station.world_plant import WorldPlant, build_world
@@ -34,13 +35,18 @@ class SimStation(Diagram):
         - <camera>.rgb_image
         - <camera>.depth_image
         - <camera>.image_time
+        - <body>.imu
+        - <body>.imu_time
+        - wrist.wrench_measured
+        - wrist.wrench_time
         - truth.arm_state
         - truth.object_poses
         - truth.query_object
         - truth.contact_results
 
     Commands may stay unconnected: the arm then holds its pose. The arm's messages come at ``twin.driver.rate``; images
-    are captured at k / rate and delivered ``twin.camera.latency`` later.
+    are captured at k / rate and delivered ``twin.camera.latency`` later. IMU and wrench are there where
+    ``twin.sensors`` names them.
 
     Attributes:
         world: what the world consists of. For scores, plots and tests alone; no part of a twin may hold it.
@@ -94,6 +100,7 @@ class SimStation(Diagram):
             builder.ExportOutput(images.GetOutputPort("rgb_image"), ports.rgb_image(camera.name))
             builder.ExportOutput(images.GetOutputPort("depth_image"), ports.depth_image(camera.name))
             builder.ExportOutput(images.GetOutputPort("image_time"), ports.image_time(camera.name))
+        further = add_link_sensors(builder, plant, arm, scenario)
         poses = builder.AddNamedSystem("true_poses", TruePoses(list(world.objects.values())))
         builder.Connect(plant.get_body_poses_output_port(), poses.get_input_port())
         builder.ExportOutput(state.GetOutputPort("arm_state"), ports.ARM_STATE)
@@ -102,4 +109,4 @@ class SimStation(Diagram):
         builder.ExportOutput(plant.get_contact_results_output_port(), ports.CONTACT_RESULTS)
         builder.BuildInto(self)
         self.set_name("station")
-        ports.check(self, n, g, camera.name if camera else None)
+        ports.check(self, n, g, camera.name if camera else None, further)
