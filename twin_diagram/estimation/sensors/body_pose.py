@@ -7,8 +7,8 @@ from pydrake.math import RigidTransform, RotationMatrix
 
 from twin_diagram.estimation.arm_terms import ArmTerms
 from twin_diagram.estimation.link_frame import LinkFrame
+from twin_diagram.estimation.quaternions import difference, exp, multiply, normalized
 from twin_diagram.estimation.sensors.sensor import Instant, Linear, Sensor
-from twin_diagram.scene.rotations import difference, exp, multiply, normalized
 from twin_diagram.signals import Array
 
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RotationMatrix
 from scipy.spatial import cKDTree
 
 from twin_diagram.errors import TwinError
 from twin_diagram.estimation.arm_terms import ArmTerms
+from twin_diagram.estimation.quaternions import exp
 from twin_diagram.estimation.sensors.body_pose import BodyPose
-from twin_diagram.scene.rotations import exp, matrix
 from twin_diagram.signals import Array
 
 FEWEST: Final = 12
@@ -109,7 +110,7 @@ class DepthCloud(BodyPose):
             if np.linalg.cond(information) > 1e12:
                 raise CloudError(f"{self.name}: the points do not determine the pose")
             change = np.linalg.solve(information, J.T @ (weight * gap))
-            R_WO, p_WO = matrix(exp(change[:3])) @ R_WO, p_WO + change[3:]
+            R_WO, p_WO = RotationMatrix(Quaternion(exp(change[:3]))).matrix() @ R_WO, p_WO + change[3:]
             if step > 0 and np.linalg.norm(change[3:]) < 1e-6 and np.linalg.norm(change[:3]) < 1e-6:
                 break
         return np.concatenate([RotationMatrix(R_WO).ToQuaternion().wxyz(), p_WO]), np.linalg.inv(
