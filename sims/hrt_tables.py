@@ -1,6 +1,6 @@
 """The experiments of the Hybrid Reality Twins outline on a UR5e in MuJoCo, ours beside theirs.
 
-    python sims/hrt_tables.py run --quick          # 2 seeds of each experiment, half a minute of false alarms
+    python sims/hrt_tables.py run --quick          # 2 seeds of each experiment, five minutes of false alarms
     python sims/hrt_tables.py run                  # 20 seeds of each, 10 h for false alarms; goes on where it stopped
     python sims/hrt_tables.py report
 
@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import math
 import sys
 import time
 from collections.abc import Iterator
@@ -65,7 +66,17 @@ def work(name: str, seed: int) -> dict[str, Any]:
     _bench = _bench or Bench()
     start = time.process_time()
     records = EXPERIMENTS[name](_bench, seed)
-    return {"experiment": name, "seed": seed, "records": records, "cpu_s": round(time.process_time() - start, 2)}
+    return {
+        "experiment": name,
+        "seed": seed,
+        "records": [finite(r) for r in records],
+        "cpu_s": round(time.process_time() - start, 2),
+    }
+
+
+def finite(record: dict[str, Any]) -> dict[str, Any]:
+    """JSON knows no NaN."""
+    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in record.items()}
 
 
 def read(path: Path, wanted: str | None) -> list[dict[str, Any]]:

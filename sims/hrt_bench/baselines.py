@@ -1,4 +1,4 @@
-"""The outline's baselines: physics alone, vision alone, encoders alone. (Fixed EKF: `ours.FIXED`.)"""
+"""The outline's baselines: physics alone, vision alone, encoders alone; the fixed EKF is `ours.FIXED`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The outline's experiments, one function each: (seed) → records. Runs are simulated, written to two files, read back."""
+"""The outline's experiments, one function each: seed → records. Runs are simulated, written to two files, read."""
 
 from __future__ import annotations
 

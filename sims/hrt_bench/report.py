@@ -101,7 +101,8 @@ def _synchronisation(records: list[Record]) -> list[str]:
     r = _of(records, method="ours")
     lines.append(
         f"  camera's outliers refused {100 * _mean(r, 'outliers_refused'):.1f} %, good poses refused "
-        f"{100 * _mean(r, 'good_refused'):.2f} %; mass off by {_mean(r, 'mass_error'):.3f} [{_worst(r, 'mass_error'):.3f}] kg"
+        f"{100 * _mean(r, 'good_refused'):.2f} %;"
+        f" mass off by {_mean(r, 'mass_error'):.3f} [{_worst(r, 'mass_error'):.3f}] kg"
     )
     return lines
 

@@ -82,7 +82,8 @@ def run(hidden: Hidden, asked: Array, rate: Array, fault: Fault | None = None) -
 
     Args:
         hidden: the arm.
-        asked, rate: (K + 1, n) at `PERIOD`.
+        asked: (K + 1, n) positions that the drive is told, at `PERIOD` [rad].
+        rate: (K + 1, n) its speeds [rad/s].
         fault: what goes wrong; nothing where None.
     """
     fault = fault or Fault()

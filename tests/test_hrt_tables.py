@@ -1,0 +1,185 @@
+"""The filter's tables: the truth against kinematics and weight, scores on made-up errors, and the wall between them."""
+
+from __future__ import annotations
+
+import ast
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+SIMS = Path(__file__).resolve().parents[1] / "sims"
+pytest.importorskip("mujoco")
+if str(SIMS) not in sys.path:
+    sys.path.insert(0, str(SIMS))
+
+import hrt_tables  # noqa: E402
+import train_camera_noise  # noqa: E402
+from hrt_bench import baselines, ours, scores  # noqa: E402
+from hrt_bench.estimate import Estimate, Kinematics  # noqa: E402
+from hrt_bench.report import report  # noqa: E402
+from hrt_truth import world  # noqa: E402
+from hrt_truth.hidden import Fault, Hidden  # noqa: E402
+from hrt_truth.motion import pick_and_place  # noqa: E402
+from hrt_truth.sensors import Case, Defects, look_factor, sense  # noqa: E402
+from hrt_truth.streams import Streams, Truth, load, save  # noqa: E402
+
+from twin_diagram.estimation.sensors.camera_noise import WORST, camera_noise  # noqa: E402
+
+SEED = 1004
+PERFECT = Defects(
+    encoder=0.0, velocity=0.0, camera_p=0.0, camera_r=0.0, outliers=0.0, gyro=0.0, accel=0.0,
+    gyro_bias=0.0, accel_bias=0.0, force=0.0, moment=0.0, force_bias=0.0, moment_bias=0.0, lidar_p=0.0,
+)  # fmt: skip
+
+
+def happen(duration: float, fault: Fault | None = None, mass: float = 2.0) -> world.Happened:
+    return world.run(Hidden.draw(SEED, mass=mass), *pick_and_place(SEED, duration), fault)
+
+
+@pytest.fixture(scope="module")
+def run() -> tuple[Streams, Truth, world.Happened]:
+    case = Case(Hidden.draw(SEED, mass=2.0), 4.0)
+    happened = world.run(case.hidden, *pick_and_place(SEED, case.duration))
+    return (*sense(case, happened), happened)
+
+
+@pytest.fixture(scope="module")
+def kinematics() -> Kinematics:
+    return Kinematics()
+
+
+def test_hand_and_imu_agree_with_the_description(run, kinematics: Kinematics) -> None:
+    _, truth, happened = run
+    np.testing.assert_allclose(kinematics.positions(truth.q[::100]), truth.hand[::100, 4:], atol=1e-6)
+    np.testing.assert_allclose(kinematics.speeds(truth.q[::100], truth.v[::100]), truth.hand_speed[::100], atol=1e-6)
+    slope = np.gradient(truth.hand_speed[:, 0], truth.time)
+    assert np.abs(slope).max() > 0.1  # it moves
+    k = 95  # at rest: gravity alone
+    assert np.linalg.norm(happened.imu[k, 3:]) == pytest.approx(9.81, abs=0.02)
+
+
+def test_wrist_carries_the_payload_about_its_centre(run) -> None:
+    happened = run[2]
+    moment, force = happened.wrench[40, :3], happened.wrench[40, 3:]
+    assert np.linalg.norm(force) == pytest.approx(2.0 * 9.81, rel=0.01)
+    np.testing.assert_allclose(moment, np.cross(Hidden.draw(SEED).com, force), atol=5e-3)
+
+
+def test_the_same_seed_says_the_same(run) -> None:
+    again, _ = sense(Case(Hidden.draw(SEED, mass=2.0), 4.0), happen(4.0))
+    for name in ("q", "tau", "camera", "imu", "wrench", "lidar"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(run[0], name))
+
+
+@pytest.mark.parametrize(
+    ("fault", "changed"),
+    [
+        (Fault("payload_added", 1.0, 2.0), lambda h: h.mass[-1] - h.mass[0]),
+        (Fault("friction_third", 1.0), lambda h: h.friction[0].sum() / h.friction[-1].sum() - 1.0),
+        (Fault("encoder_jump", 1.0, 5e-3, joint=2), lambda h: 400.0 * (h.encoder - h.q)[-1, 2]),
+    ],
+)
+def test_faults_do_what_they_say(fault: Fault, changed) -> None:
+    happened = happen(2.0, fault)
+    assert happened.began == pytest.approx(1.0, abs=2e-3)
+    assert changed(happened) == pytest.approx(2.0, rel=0.02)
+
+
+def test_a_motor_fails_only_when_its_joint_is_loaded() -> None:
+    happened = happen(3.0, Fault("motor_lost", 1.0, 0.0, joint=1, loaded=10.0))
+    k = int(np.searchsorted(happened.time, happened.began))
+    assert abs(happened.tau[k, 1]) >= 9.0
+    assert abs(happened.q[-1, 1] - happened.asked[-1, 1]) > 0.1  # it fell
+
+
+def test_perfect_sensors_are_the_truth() -> None:
+    case = Case(Hidden.draw(SEED, mass=1.0, torque_noise=0.0), 2.0, defects=PERFECT)
+    streams, truth = sense(case, world.run(case.hidden, *pick_and_place(SEED, 2.0)))
+    np.testing.assert_allclose(streams.q, truth.q, atol=1e-5)
+    rows = np.searchsorted(truth.time, streams.camera_time - 1e-6)
+    np.testing.assert_allclose(streams.camera[:, 4:], truth.hand[rows, 4:], atol=1e-9)
+    assert np.all(streams.camera_arrives - streams.camera_time == pytest.approx(0.035))
+
+
+def test_two_files_and_methods_that_cannot_read_the_second(run, tmp_path: Path) -> None:
+    streams, truth, _ = run
+    save(tmp_path / "streams.npz", streams)
+    save(tmp_path / "truth.npz", truth)
+    np.testing.assert_array_equal(load(tmp_path / "streams.npz", Streams).camera, streams.camera)
+    with np.load(tmp_path / "streams.npz") as data:
+        assert not {"hand", "mass", "friction", "torque_error", "fault", "outliers"} & set(data.files)
+    for name in ("ours", "baselines", "watch"):
+        names = {
+            node.id for node in ast.walk(ast.parse((SIMS / "hrt_bench" / f"{name}.py").read_text()))
+            if isinstance(node, ast.Name)
+        }  # fmt: skip
+        assert "Truth" not in names
+    for file in (SIMS.parent / "twin_diagram").rglob("*.py"):
+        assert "hrt_truth" not in file.read_text(encoding="utf-8")
+
+
+def test_ours_is_better_than_its_encoders_and_finds_the_mass(run, kinematics: Kinematics) -> None:
+    streams, truth, _ = run
+    found = ours.run(streams, ours.Setup(sensors=("encoders",), predict=False), kinematics)
+    plain = baselines.encoders_only(streams, kinematics)
+    good = scores.accuracy(found, truth)
+    assert good["now_mm"] < 0.6 * scores.accuracy(plain, truth)["now_mm"]
+    assert abs(found.mass[-1] - 2.0) < 0.06
+
+
+def test_accuracy_and_lag_of_a_signal_that_trails(run) -> None:
+    _, truth, _ = run
+    late = np.roll(truth.hand, 6, axis=0)
+    shifted = truth.hand.copy()
+    shifted[:, 4] += 0.003
+    made = [Estimate(hand, truth.hand_speed, {}, truth.mass) for hand in (late, shifted)]
+    assert scores.accuracy(made[0], truth, 1.0)["lag_ms"] == pytest.approx(30.0, abs=0.5)
+    assert scores.accuracy(made[1], truth, 1.0)["now_mm"] == pytest.approx(3.0)
+
+
+def test_recovery_latency_and_poisson_bound() -> None:
+    time = np.arange(0.0, 15.0, 0.005)
+    error = np.full(len(time), 1e-3)
+    error[(time >= 10.0) & (time < 10.5)] = 5e-3
+    assert scores.recovery(error, time, 10.0)["recovered_s"] == pytest.approx(0.595, abs=0.02)
+    assert scores.recovery(np.full(len(time), 1e-3), time, 10.0)["recovered_s"] == 0.0
+    fault = np.array([5.0, np.nan])
+    assert scores.latency([4.0, 5.02, 6.0], fault, 1.0) == {"latency_ms": pytest.approx(20.0), "false": 1}
+    assert scores.latency([7.0], fault, 1.0)["latency_ms"] is None
+    assert scores.poisson_upper(0, 10.0) == pytest.approx(0.29957, abs=1e-4)
+
+
+def test_camera_noise_grows_with_cover_and_bad_light_and_was_fitted() -> None:
+    good, covered, dark = camera_noise(0.0, 0.5), camera_noise(0.9, 0.5), camera_noise(0.0, 0.05)
+    assert np.all(covered > 2.0 * good) and np.all(dark > 1.5 * good)
+    assert np.all(camera_noise(np.nan, 0.5) == pytest.approx(WORST * np.repeat(np.exp([-3.62, -5.789]), 3)))
+    for look in ((0.1, 0.5), (0.5, 0.4), (0.8, 0.6), (0.2, 0.15)):
+        factor = float(look_factor(np.array(look[0]), np.array(look[1])))
+        np.testing.assert_allclose(camera_noise(*look), np.repeat([0.026, 0.003], 3) * factor, rtol=0.15)
+
+
+def test_training_finds_deviations_and_leaves_outliers_out() -> None:
+    rng = np.random.default_rng(0)
+    looks = np.column_stack([rng.uniform(0.0, 0.9, 3000), np.full(3000, 0.5)])
+    std = 0.004 * np.exp(1.5 * looks[:, 0])
+    errors = rng.normal(size=(3000, 2, 3)) * std[:, None, None]
+    errors[::40, :] += 1.0
+    found = train_camera_noise.fit(looks, errors)
+    for c in (0.1, 0.5, 0.8):
+        np.testing.assert_allclose(camera_noise(c, 0.5, found), 0.004 * np.exp(1.5 * c), rtol=0.08)
+
+
+def test_results_are_resumable_and_reported(tmp_path: Path) -> None:
+    path = tmp_path / "results.jsonl"
+    record = {"fault": "motor lost", "method": "ours", "latency_ms": 10.0, "false": 0}
+    line = json.dumps({"experiment": "faults", "seed": 1, "records": [record], "digest": "abc"})
+    path.write_text(f"{line}\n{line.replace('abc', 'def')}\n{line[:40]}", encoding="utf-8")
+    assert len(hrt_tables.read(path, "abc")) == 1
+    assert len(hrt_tables.read(path, None)) == 2
+    text = report(hrt_tables.read(path, "abc"), "abc")
+    assert "motor lost" in text and "10 (10)" in text
+    assert len(set(hrt_tables.jobs(False, ["false_alarms"]))) * 300.0 / 3600.0 >= 10.0
+    assert {seed for name, seed in hrt_tables.jobs(False, []) if name != "false_alarms"} == set(range(1, 21))
