@@ -20,8 +20,7 @@ from twin_diagram.gap.coordinates import Coordinates, from_log_cholesky, log_cho
 from twin_diagram.gap.finding import Estimate, Finding, Moment
 from twin_diagram.gap.gauss_newton import minimise
 from twin_diagram.gap.merge import merged
-from twin_diagram.gap.show import noise_below
-from twin_diagram.gap.whitening import estimate
+from twin_diagram.gap.whitening import estimate, noise_below
 from twin_diagram.logs import Log, fingerprint, resample
 from twin_diagram.model import Model
 from twin_diagram.motion import lowpass

@@ -16,6 +16,10 @@ from twin_diagram.gap.terms import Terms, rate_of
 
 Array = npt.NDArray[np.float64]
 
+HELD = 2.5e-4
+WITHIN = 0.1
+"""How far apart torque and position are usually stamped: a held command [s], and this share of a log's sample."""
+
 LONGEST_DELAY = 0.05
 """Delay that is thought possible [s]."""
 
@@ -210,7 +214,7 @@ def timing_nuisance(terms: Terms) -> Candidate:
     return replace(
         delay(terms, LONGEST_DELAY),
         name="",
-        spread=np.array([0.6 * period]),
+        spread=np.array([HELD + WITHIN * period]),
         lower=np.array([-np.inf]),
         upper=np.array([np.inf]),
     )

@@ -221,7 +221,7 @@ def conclude(records: Records, terms: Terms, bench: Bench, fit: Fit) -> Verdict:
     """The verdict on a final fit."""
     left = flexible.left_over(records, terms, bench, fit)
     structure = left.statistic > REMAINDER
-    noise = np.std(records.residual - contribution_of(records, bench, fit), axis=0)
+    noise = whitening.noise_below(bench.whitener, records.rate)
     findings: tuple[Finding, ...] = ()
     separation: tuple[Separation, ...] = ()
     if fit.members:

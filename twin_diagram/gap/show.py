@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from twin_diagram.gap.whitening import Whitener
 from twin_diagram.logs import Log
 from twin_diagram.model import Model
-from twin_diagram.motion import RESIDUAL_CUTOFF, inner, lowpass, motion
+from twin_diagram.motion import inner, lowpass, motion
 from twin_diagram.prediction import rollout_rms, torque_predicted
 
 Array = npt.NDArray[np.float64]
@@ -125,26 +124,6 @@ def show(
     say("rollouts of the held-out run before and after")
     held = compare(given, corrected, holdout, held_out=True, horizon=horizon)
     return Shown(given.joints, runs, held, np.maximum(noise_floor, 1e-12))
-
-
-def noise_below(whitener: Whitener, rate: float, cutoff: float = RESIDUAL_CUTOFF) -> Array:
-    """(n,) root mean square of coloured noise after the residual's low-pass [N·m].
-
-    It is read off the noise's own spectrum, which was told from structure before anything had a name; what a corrected
-    model leaves on the runs that it was fitted to would be a floor that it cannot miss.
-
-    Args:
-        whitener: prediction-error filters of the noise.
-        rate: samples per second that they are for [1/s].
-        cutoff: of the low-pass [Hz].
-    """
-    frequency = np.linspace(0.0, 0.5 * rate, 513)
-    z = np.exp(-2j * np.pi * frequency / rate)
-    answer = np.abs(whitener.filters @ z ** np.arange(whitener.order + 1)[:, None])
-    density = (whitener.sigma[:, None] / answer) ** 2
-    # Forward and backward, so that the amplitude goes with the square of the filter's.
-    passed = 1.0 / (1.0 + (frequency / cutoff) ** 8) ** 2
-    return np.asarray(np.sqrt(np.trapezoid(density * passed, frequency, axis=1) / (0.5 * rate)))
 
 
 def compare(

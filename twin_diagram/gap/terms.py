@@ -71,8 +71,7 @@ class Terms:
         """(n,) of smoothed torque: what smoothing takes away, or what usually is left unexplained if more [N·m]."""
         pairs = zip(self.records.records, self.smooth_torque, strict=True)
         taken = np.std(np.concatenate([lowpass(r.torque, r.rate, r.band) - s for r, s in pairs]), axis=0)
-        pairs = zip(self.load, self.smooth_torque, strict=True)
-        left = self.reduce(tuple(s - load for load, s in pairs))
+        left = self.reduce(tuple(s - load for load, s in zip(self.load, self.smooth_torque, strict=True)))
         return np.maximum(taken, 1.4826 * np.median(np.abs(left - np.median(left, axis=0)), axis=0))
 
     def reduce(self, parts: tuple[Array, ...]) -> Array:

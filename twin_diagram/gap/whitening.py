@@ -14,6 +14,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import solve_toeplitz
 
+from twin_diagram.motion import RESIDUAL_CUTOFF
+
 Array = npt.NDArray[np.float64]
 
 ROUNDS = 25
@@ -145,3 +147,23 @@ def effective_samples(whitener: Whitener) -> Array:
     white = np.sum(1.0 / np.sum(whitener.filters**2, axis=1, keepdims=True), axis=1)
     gain = np.sum(whitener.filters, axis=1) ** 2
     return np.asarray(sum(whitener.lengths) * gain * white)
+
+
+def noise_below(whitener: Whitener, rate: float, cutoff: float = RESIDUAL_CUTOFF) -> Array:
+    """(n,) root mean square of coloured noise after the residual's low-pass [N·m].
+
+    It is read off the noise's own spectrum, which was told from structure before anything had a name; what a corrected
+    model leaves on the runs that it was fitted to would be a floor that it cannot miss.
+
+    Args:
+        whitener: prediction-error filters of the noise.
+        rate: samples per second that they are for [1/s].
+        cutoff: of the low-pass [Hz].
+    """
+    frequency = np.linspace(0.0, 0.5 * rate, 513)
+    z = np.exp(-2j * np.pi * frequency / rate)
+    answer = np.abs(whitener.filters @ z ** np.arange(whitener.order + 1)[:, None])
+    density = (whitener.sigma[:, None] / answer) ** 2
+    # Forward and backward, so that the amplitude goes with the square of the filter's.
+    passed = 1.0 / (1.0 + (frequency / cutoff) ** 8) ** 2
+    return np.asarray(np.sqrt(np.trapezoid(density * passed, frequency, axis=1) / (0.5 * rate)))
