@@ -9,6 +9,8 @@ look, as a detector reports them, and is not rendered. Prints the coefficients t
 
 from __future__ import annotations
 
+import argparse
+
 import numpy as np
 from hrt_truth import world
 from hrt_truth.hidden import Hidden
@@ -71,6 +73,7 @@ def calibration(looks: Array, errors: Array, coefficients: Array) -> Array:
 
 def main() -> None:
     """Trains and prints."""
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     coefficients = fit(*frames(range(3000, 3020)))
     print(np.array2string(coefficients, precision=3, separator=", ", suppress_small=True))
     rotation, position = calibration(*frames(range(3020, 3030)), coefficients)
