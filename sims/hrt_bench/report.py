@@ -128,7 +128,7 @@ def _payload(records: list[Record]) -> list[str]:
 def _friction(records: list[Record]) -> list[str]:
     at = _mean(records, "error_1s")
     return [
-        "FRICTION TO A THIRD, error over nominal, mean over joints (target 10 % in 1 s; outline 20 % in 2.3 s)",
+        "FRICTION TO A THIRD, error over the true level, mean over joints (target 10 % in 1 s; outline 20 % in 2.3 s)",
         "  "
         + ", ".join(f"{s} s {100 * _mean(records, f'error_{s}s'):.1f} %" for s in ("0.5", "1", "2.3", "4"))
         + f" {_miss(at, 0.1)}; worst joint and seed at 2.3 s {100 * _worst(records, 'worst_2.3s'):.0f} %",
