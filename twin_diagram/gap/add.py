@@ -23,6 +23,7 @@ from twin_diagram.gap.refinement import Hypothesis, by_torque
 from twin_diagram.gap.shots import output_error
 from twin_diagram.logs import Log, fingerprint
 from twin_diagram.model import Model
+from twin_diagram.prediction import torque_residual_rms
 from twin_diagram.scenario import EffectSpec
 
 Array = npt.NDArray[np.float64]
@@ -30,6 +31,9 @@ Say = Callable[[str], None]
 
 MOST_BY_MOTION = 8
 """Coordinates up to which rollouts are tried; beyond, they take too long and tell too little of each."""
+
+WORSE = 0.05
+"""Rise of the residual's logarithm, all joints together, that other weights of samples may bring."""
 
 ALIKE = 2.5
 """Estimates farther apart than this many of their standard errors do not speak of the same thing; torques then decide.
@@ -102,11 +106,20 @@ def add(given: Model, logs: Sequence[Log], findings: Sequence[Finding], say: Say
         model = hypothesis.model(vector)
     except ModelError:
         return Added(rough, tuple(findings), ("refined parameters cannot be; the rough ones are kept",))
+    if _left(model, logs) > _left(rough, logs) + WORSE:
+        note = "refined parameters fit the runs worse than the rough ones, which are kept"
+        return Added(rough, tuple(findings), (*notes, note))
     refined = list(findings)
     for k in range(len(findings)):
         mine = [i for i, owner in enumerate(owners) if owner == k]
         refined[k] = _told(findings[k], hypothesis, mine, vector, covariance)
     return Added(model, tuple(refined), tuple(notes))
+
+
+def _left(model: Model, logs: Sequence[Log]) -> float:
+    """Sum over joints of the logarithm of the residual torque, all runs together: free of the joints' scales."""
+    squares = np.mean([torque_residual_rms(model, log) ** 2 for log in logs], axis=0)
+    return float(0.5 * np.sum(np.log(np.maximum(squares, 1e-24))))
 
 
 def chosen(hypothesis: Hypothesis, solutions: Sequence[Solution]) -> tuple[Array, Array, list[str]]:

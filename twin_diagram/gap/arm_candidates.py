@@ -136,6 +136,8 @@ def inertial_parameters(terms: Terms) -> list[Candidate]:
                 upper=np.concatenate([[0.0 if last else np.inf], np.full(9, np.inf)]),
                 parameters=_inertia_values(present),
                 admits=admits,
+                # What hangs on the last link changes the torques of most motions as if it hung on the one before.
+                excludes=frozenset({"payload"}) if body == last_body(terms) - 1 else frozenset(),
             )
         )
     return result

@@ -36,7 +36,8 @@ class Candidate:
         admits: further conditions on the coefficients.
         onset: (record, time) from which on it acts, else from the begin.
         end: (record, time) until which it acts.
-        family: shapes of one effect at one place share it.
+        variant: tells candidates of one name and place apart.
+        excludes: names that are not said beside it.
     """
 
     name: str
@@ -54,6 +55,7 @@ class Candidate:
     onset: tuple[int, float] | None = None
     end: tuple[int, float] | None = None
     variant: str = ""
+    excludes: frozenset[str] = frozenset()
 
     @property
     def size(self) -> int:

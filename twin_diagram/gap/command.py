@@ -40,9 +40,6 @@ MOST_EXPERIMENTS = 4
 FOR_THE_UNKNOWN = (texts.SPEEDS, texts.SLOW, texts.LONG)
 """Experiments that show most of an effect that has no name yet."""
 
-SHRINKS = 0.98
-"""What is named must bring the held-out gap above the noise below this share of what it was."""
-
 PARTS = ("model", "experiments", "gap.json", "report.html")
 """What is written, in the order in which it appears; what else is in the folder is left alone."""
 
@@ -144,7 +141,7 @@ def accepted(verdict: Verdict, shown: Shown) -> bool:
     """Whether the held-out run agrees; what is over by then cannot show there."""
     if any(finding.end is not None for finding in verdict.findings):
         return True
-    return shown.left_over() < SHRINKS
+    return shown.shrinks()
 
 
 def write(gap: Gap, out: Path, title: str) -> None:

@@ -318,6 +318,8 @@ class Bench:
                 return False
             if new.name == old.name and new.name in ONCE:
                 return False
+            if new.name in old.excludes or old.name in new.excludes:
+                return False
             if set(new.joints) & set(old.joints) and frozenset({new.name, old.name}) in EXCLUSIVE:
                 return False
             if new.links and new.links == old.links and {new.name, old.name} == {"payload", "inertial_parameters"}:

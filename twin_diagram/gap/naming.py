@@ -229,7 +229,9 @@ def conclude(records: Records, terms: Terms, bench: Bench, fit: Fit) -> Verdict:
         separation = separations_of(records, bench, fit)
         # What is small and doubtful beside the rest is better left as something that is there.
         kept = tuple(
-            f for f in findings if f.confidence >= DOUBTFUL or f.significance > SMALL * findings[0].significance
+            f
+            for f in findings
+            if f.confidence >= DOUBTFUL or len(f.joints) > 1 or f.significance > SMALL * findings[0].significance
         )
         structure = structure or len(kept) < len(findings) or crowded(kept)
         findings = kept

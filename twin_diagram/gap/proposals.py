@@ -27,6 +27,9 @@ BLOCKS = 64
 NEARBY = (-1.5, -1.0, -0.6, -0.3, 0.0, 0.3, 0.6, 1.0, 1.5)
 """Moments that are tried about the best sample, in thinned periods."""
 
+LONGEST = BLOCKS // 2
+"""Blocks that a push may last: what goes on for most of a log is no event."""
+
 MARGIN = 3
 """An effect must last, and be preceded by, this many blocks to count as one that starts or ends."""
 
@@ -177,9 +180,7 @@ class Proposer:
             self._forces = arm_candidates.external_forces(self.terms)
             self._force_columns = [bench.whiten(candidate) for candidate in self._forces]
         edges = block_edges(bench.rows)
-        pairs = np.array(
-            [(i, k) for i in range(1, BLOCKS) for k in range(i + 2, BLOCKS + 1) if k - i < BLOCKS - MARGIN]
-        )
+        pairs = np.array([(i, k) for i in range(1, BLOCKS) for k in range(i + 2, BLOCKS + 1) if k - i <= LONGEST])
         found: list[tuple[float, int, int, int]] = []
         for index, candidate in enumerate(self._forces):
             rows = list(candidate.rows)

@@ -96,6 +96,11 @@ class Shown:
         whole = float(np.linalg.norm(before))
         return float(np.linalg.norm(after)) / whole if whole > 0.0 else 1.0
 
+    def shrinks(self) -> bool:
+        """Whether the held-out residual falls, each joint in units of its noise."""
+        before, after = (x / self.noise_floor for x in self.holdout_rms())
+        return float(np.sum(after**2)) < float(np.sum(before**2))
+
 
 def show(
     given: Model,
