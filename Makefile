@@ -29,7 +29,6 @@ help:
 	echo "make gap-benchmark  hidden effects in simulated arms, found and scored; hours; writes out/gap_benchmark/"
 	echo "make false-alarms   ten simulated hours of a healthy arm; an hour or two; writes out/false_alarms/"
 	echo "make hrt-tables     the filter's experiments beside the outline's; hours; writes out/hrt_tables/"
-	echo "make false-alarms   ten hours of normal operation, its false alarms counted; writes out/hrt_tables/"
 	echo "make clean      remove .venv, out and caches"
 
 # First of all, and before anything is made or fetched: an interpreter that fits, and the system libraries the wheels need.
@@ -81,14 +80,10 @@ gap-benchmark: install-bench
 false-alarms: install-bench
 	$(PY) sims/false_alarms.py --out out/false_alarms $(ARGS)
 
-# Both go on where they stopped. ARGS=--quick takes minutes.
+# Goes on where it stopped. ARGS=--quick takes minutes.
 .PHONY: hrt-tables
 hrt-tables: install-demo
 	$(PY) sims/hrt_tables.py run --jobs $(JOBS) --out out/hrt_tables $(ARGS)
-
-.PHONY: false-alarms
-false-alarms: install-demo
-	$(PY) sims/hrt_tables.py run --only false_alarms --jobs $(JOBS) --out out/hrt_tables $(ARGS)
 
 .PHONY: clean
 clean:

@@ -8,6 +8,7 @@ plant. With viscous friction per joint as parameters the 6 joints make 24 states
 
 from __future__ import annotations
 
+import argparse
 import time
 from collections.abc import Callable
 
@@ -88,6 +89,7 @@ def measure(n: int) -> tuple[int, float, float, float, float]:
 
 def main() -> None:
     """Prints the table."""
+    argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0]).parse_args()
     print("| joints | states | update, median / p99 [ms] | outline | its Drake calls [ms] | rollout of 100 ms [ms] |")
     print("|---|---|---|---|---|---|")
     sizes, medians = [6, 7, 12, 18], []
