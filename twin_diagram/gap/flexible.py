@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from twin_diagram.gap.evidence import Bench, Fit
 from twin_diagram.gap.records import Records
-from twin_diagram.gap.terms import Terms
+from twin_diagram.gap.terms import Terms, rate_of
 from twin_diagram.gap.whitening import Whitener
 
 Array = npt.NDArray[np.float64]
@@ -92,17 +92,17 @@ def features(records: Records, terms: Terms, j: int) -> Array:
         return hat(x, PIECES)
 
     parts = []
-    for record, load, sign in zip(records.records, terms.load, terms.signs, strict=True):
+    for record, load, sign, logged in zip(records.records, terms.load, terms.signs, terms.smooth_torque, strict=True):
         age = (record.time - record.time[0]) / (record.time[-1] - record.time[0])
-        parts.append(
-            law(
-                scaled(record.q[:, j], whole_q),
-                scaled(record.v[:, j], whole_v),
-                scaled(load[:, j], whole_tau),
-                sign[:, j],
-                age,
-            )
+        curves = law(
+            scaled(record.q[:, j], whole_q),
+            scaled(record.v[:, j], whole_v),
+            scaled(load[:, j], whole_tau),
+            sign[:, j],
+            age,
         )
+        # Noise is not correlated with its own derivative, so that the logged torque's may be used as it is.
+        parts.append(np.column_stack([curves, rate_of(load[:, j], record), rate_of(logged[:, j], record)]))
     return terms.reduce(tuple(parts))
 
 

@@ -59,7 +59,7 @@ SUSPECT = 3.0
 
 SUSPECTS = 3
 
-NOT_SMOOTH = ("joint_elasticity", "time_delay", "torque_saturation")
+NOT_SMOOTH = ("joint_elasticity", "torque_saturation")
 """Candidates that the saturated fit can do without."""
 
 MOTOR = ("", "time_delay", "torque_constant", "torque_bias", "torque_saturation", "actuator_fault")
