@@ -20,7 +20,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 
 .PHONY: help
 help:
-	echo "make demo       closed loop in simulation for 10 s; writes out/demo/"
+	echo "make demo       closed loop in simulation for 10 s, then a gap found and closed; writes out/demo/"
 	echo "make test       ruff, mypy and the fast tests"
 	echo "make slow       the slow tests"
 	echo "make lint       ruff alone"
@@ -44,6 +44,8 @@ install-demo install-test install-bench: install-%: check
 .PHONY: demo
 demo: install-demo
 	$(PY) sims/closed_loop.py --out out/demo $(ARGS)
+	echo
+	$(PY) sims/close_the_gap.py --out out/demo/gap
 
 .PHONY: test
 test: lint typecheck pytest
