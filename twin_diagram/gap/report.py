@@ -71,7 +71,7 @@ def _tiles(subject: Subject) -> str:
     rolled = shown.holdout
     if rolled.rollout_before is not None and rolled.rollout_after is not None:
         a, b = (1e3 * float(np.linalg.norm(x)) for x in (rolled.rollout_before, rolled.rollout_after))
-        text = f"{words.number(a)} → {words.number(b)}|mrad" if subject.changed else f"{words.number(a)}|mrad"
+        text = f"{_lost(a)} → {_lost(b)}|mrad" if subject.changed else f"{_lost(a)}|mrad"
         tiles.append((text, "error of motions predicted 0.2 s ahead, all joints together, held out"))
     if verdict.findings:
         least = min(finding.confidence for finding in verdict.findings)
@@ -82,6 +82,11 @@ def _tiles(subject: Subject) -> str:
         + "".join(f'<div class="tile"><b>{_figure(a)}</b><span>{escape(b)}</span></div>' for a, b in tiles)
         + "</div>"
     )
+
+
+def _lost(error: float) -> str:
+    """An angle [mrad]; how far beyond half a turn a model has lost the arm tells nothing."""
+    return words.number(error) if error < 1e3 * np.pi else "> 3140"
 
 
 def _figure(text: str) -> str:
