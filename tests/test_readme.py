@@ -18,8 +18,11 @@ CONTRIBUTING = (CHECKOUT / "CONTRIBUTING.md").read_text()
 
 
 def example() -> str:
-    (block,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
-    return block
+    return blocks()[0]
+
+
+def blocks() -> list[str]:
+    return re.findall(r"```python\n(.*?)```", README, re.DOTALL)
 
 
 def test_example_imports_what_there_is() -> None:
@@ -44,6 +47,21 @@ def test_example_runs(tmp_path: Path, egl: None) -> None:
     assert (tmp_path / "out" / "example" / "summary.json").is_file()
 
 
+def test_example_of_the_filter_runs() -> None:
+    first, second = blocks()
+    assert "Ekf" not in first
+    done = subprocess.run(
+        [sys.executable, "-c", second],
+        cwd=CHECKOUT,
+        env={**os.environ, "PYTHONPATH": str(CHECKOUT)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "nan" not in done.stdout and "payload" in done.stdout
+
+
 def test_commands_take_what_is_said_of_them() -> None:
     from twin_diagram.cli import main
 
@@ -65,7 +83,7 @@ def test_commands_take_what_is_said_of_them() -> None:
 @pytest.mark.parametrize("text", [README, CONTRIBUTING], ids=["README", "CONTRIBUTING"])
 def test_make_targets_and_files_exist(text: str) -> None:
     makefile = (CHECKOUT / "Makefile").read_text()
-    for target in set(re.findall(r"(?:`|^)make (\w+)", text, re.MULTILINE)):
+    for target in set(re.findall(r"(?:`|^)make ([\w-]+)", text, re.MULTILINE)):
         assert re.search(rf"^{target}:", makefile, re.MULTILINE), target
     for path in set(re.findall(r"`((?:twin_diagram|models|tests|sims|tools)/[\w./]*)`", text)):
         assert "NAME" in path or (CHECKOUT / path).exists(), path
