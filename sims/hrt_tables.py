@@ -57,15 +57,10 @@ def jobs(quick: bool, only: list[str]) -> Iterator[tuple[str, int]]:
         yield from ((name, seed) for seed in seeds[:count])
 
 
-_bench: Bench | None = None
-
-
-def work(name: str, seed: int) -> dict[str, Any]:
-    """One experiment with one seed, in a child process."""
-    global _bench  # learners are trained once per process
-    _bench = _bench or Bench()
+def work(name: str, seed: int, trained: Path) -> dict[str, Any]:
+    """One experiment with one seed, in a child process; what was trained once is read from there."""
     start = time.process_time()
-    records = EXPERIMENTS[name](_bench, seed)
+    records = EXPERIMENTS[name](Bench(trained=trained), seed)
     return {
         "experiment": name,
         "seed": seed,
@@ -102,7 +97,7 @@ def run(out: Path, quick: bool, only: list[str], processes: int) -> None:
     with path.open("a", encoding="utf-8") as file, ProcessPoolExecutor(processes) as pool:
         if path.stat().st_size and not path.read_bytes().endswith(b"\n"):
             file.write("\n")
-        for future in as_completed([pool.submit(work, *job) for job in missing]):
+        for future in as_completed([pool.submit(work, *job, out / "trained" / code) for job in missing]):
             result = {**future.result(), "digest": code}
             file.write(json.dumps(result, ensure_ascii=False) + "\n")
             file.flush()

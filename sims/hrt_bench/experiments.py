@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -15,9 +15,8 @@ from hrt_truth.motion import pick_and_place
 from hrt_truth.sensors import Case, Defects, sense
 from hrt_truth.streams import Streams, Truth, load, save
 
-from hrt_bench import baselines, ours, scores
+from hrt_bench import baselines, learned, ours, scores
 from hrt_bench.estimate import AHEAD, STRIDE, Estimate, Kinematics
-from hrt_bench.learned import Lstm, Randomised, Threshold
 from hrt_bench.ours import OUTLINE, Setup
 
 Record = dict[str, Any]
@@ -28,11 +27,23 @@ FINE: Final = Defects(encoder=2e-5, velocity=2e-3)
 FAULT_PARAMS: Final = replace(OUTLINE, encoder_std=3e-5, velocity_std=2.5e-3)
 
 
-class Bench:
-    """What all experiments share; learners are trained when first asked for."""
+LEARNERS: Final[dict[str, Any]] = {
+    "randomised": learned.Randomised,
+    "threshold": learned.Threshold,
+    "lstm": learned.Lstm,
+}
 
-    def __init__(self, folder: Path | None = None) -> None:
-        self.folder = folder
+
+class Bench:
+    """What all experiments share; learners are trained when first asked for.
+
+    Attributes:
+        folder: where runs are kept; nowhere where None.
+        trained: where learners are kept, for the next process; nowhere where None.
+    """
+
+    def __init__(self, folder: Path | None = None, trained: Path | None = None) -> None:
+        self.folder, self.trained = folder, trained
         self.kinematics = Kinematics()
         self._learners: dict[str, Any] = {}
 
@@ -59,19 +70,29 @@ class Bench:
     def learner(self, kind: str, defects: Defects = FINE) -> Any:
         """`randomised`, `threshold` or `lstm`, trained on arms of the training seeds."""
         if kind not in self._learners:
-            runs = []
-            for seed in TRAINING:
-                rng = np.random.default_rng([seed, 49])
-                mass = float(rng.uniform(0.0, 5.0) if kind == "randomised" else rng.uniform(0.0, 2.0))
-                hidden = Hidden.draw(seed, mass=mass, spread=2.0 if kind == "randomised" else 1.0)
-                case = Case(hidden, 10.0, defects=Defects() if kind == "randomised" else defects)
-                happened = world.run(hidden, *pick_and_place(seed, case.duration))
-                runs.append(sense(case, happened))
-            if kind == "randomised":
-                self._learners[kind] = Randomised.train(runs)
+            file = None if self.trained is None else self.trained / f"{kind}.npz"
+            if file is not None and file.exists():
+                self._learners[kind] = learned.load(file, LEARNERS[kind])
             else:
-                self._learners[kind] = (Threshold if kind == "threshold" else Lstm).train([s for s, _ in runs])
+                self._learners[kind] = self._train(kind, defects)
+                if file is not None:
+                    learned.save(file, self._learners[kind])
         return self._learners[kind]
+
+    def _train(self, kind: str, defects: Defects) -> Any:
+        if kind == "randomised":
+            return learned.Randomised.train(list(_training(0.0, 5.0, 2.0, Defects())))
+        if "normal" not in self._learners:
+            self._learners["normal"] = [s for s, _ in _training(0.0, 2.0, 1.0, defects)]
+        return LEARNERS[kind].train(self._learners["normal"])
+
+
+def _training(least: float, most: float, spread: float, defects: Defects) -> Iterator[tuple[Streams, Truth]]:
+    """Runs of the training seeds, with payloads in between [kg]; every other one busy."""
+    for seed in TRAINING:
+        mass = float(np.random.default_rng([seed, 49]).uniform(least, most))
+        case = Case(Hidden.draw(seed, mass=mass, spread=spread), 10.0, defects=defects, busy=seed % 2 == 0)
+        yield sense(case, world.run(case.hidden, *pick_and_place(seed, case.duration, busy=case.busy)))
 
 
 def synchronisation(bench: Bench, seed: int) -> list[Record]:

@@ -1,24 +1,37 @@
 """What is learnt from simulated arms: the domain-randomised estimator and the LSTM detector of the outline's tables.
 
-Both are kept small and in numpy: fixed random features with a read-out by ridge regression. The detector's cell is an
-LSTM whose gates are random and stay so (a reservoir), the read-out alone is trained.
+Both are kept small and in numpy: fixed random features with a read-out by ridge regression for the estimator, a trained
+LSTM (`lstm`) for the detector. Detectors see normal operation alone.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import os
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Final, TypeVar
 
 import numpy as np
 from filter_truth import HOME
 from hrt_truth.streams import Streams, Truth
 
+from hrt_bench import lstm
 from hrt_bench.estimate import AHEAD, STRIDE, Array, Estimate, Kinematics
 
 WINDOW = (0, 1, 2, 4, 8, 16)
 """Messages back that the estimator sees."""
 HIDDEN = 600
-CELLS = 48
 RIDGE = 1e-3
+CELLS: Final = 32
+STEPS: Final = 500
+"""Of the LSTM's optimiser."""
+WARM: Final = 200
+"""Rows at the start of a run that teach no limits and raise no alarms."""
+MARGIN: Final = 1.1
+"""A limit is this many times the largest value of normal operation."""
+WILD: Final = 8.0
+"""Readings count for no more than this many of their standard deviations where a network reads them."""
+Learner = TypeVar("Learner", "Randomised", "Threshold", "Lstm")
 
 
 def _look(streams: Streams) -> Array:
@@ -99,65 +112,76 @@ def signals(streams: Streams) -> Array:
 
 @dataclass
 class Threshold:
-    """The outline's simple detector: a reading that left the range of normal operation."""
+    """The outline's simple detector: a reading that left the range of normal operation.
+
+    Attributes:
+        limit: (S,) of each signal.
+    """
 
     limit: Array
 
     @staticmethod
     def train(runs: list[Streams]) -> Threshold:
         """From runs without faults."""
-        return Threshold(1.1 * np.max([np.abs(signals(s)[200:]).max(axis=0) for s in runs], axis=0))
+        return Threshold(MARGIN * np.max([np.abs(signals(s)[WARM:]).max(axis=0) for s in runs], axis=0))
 
     def alarms(self, streams: Streams) -> Array:
         """Times at which it alarms [s]."""
-        over = np.any(np.abs(signals(streams)) > self.limit, axis=1)
-        return streams.time[over & (streams.time > 1.0)]
+        return _beyond(streams, np.abs(signals(streams)), self.limit)
 
 
 @dataclass
 class Lstm:
-    """Predicts the next signals from the past ones; alarms where the error is beyond what normal operation showed."""
+    """Predicts the next signals from those so far; alarms where one is farther off than in all normal operation.
+
+    Attributes:
+        scale: (S,) spread of the signals.
+        gates, read: of `lstm.Weights`.
+        limit: (S,) of the errors.
+        loss: (2,) mean squared error over the variance on runs that were not trained on: the network's, and that of
+            saying "as before".
+    """
 
     scale: Array
-    weights: Array
+    gates: Array
     read: Array
-    spread: Array
-    limit: float
+    limit: Array
+    loss: Array
 
     @staticmethod
     def train(runs: list[Streams]) -> Lstm:
-        """From runs without faults."""
-        S = [signals(s) for s in runs]
-        scale = np.vstack(S).std(axis=0) + 1e-9
-        size = S[0].shape[1]
-        rng = np.random.default_rng(1)
-        weights = rng.normal(size=(4, size + CELLS + 1, CELLS)) / np.sqrt(size + CELLS)
-        made = Lstm(scale, weights, np.zeros(0), np.ones(size), np.inf)
-        X = [made._states(s) for s in S]
-        F = np.vstack([x[100:-1] for x in X])
-        Y = np.vstack([s[101:] / scale for s in S])
-        made.read = np.linalg.solve(F.T @ F + RIDGE * len(F) * np.eye(F.shape[1]), F.T @ Y)
-        error = Y - F @ made.read
-        made.spread = error.std(axis=0) + 1e-9
-        made.limit = 1.1 * max(float(made._score(s)[200:].max()) for s in S)
-        return made
-
-    def _states(self, S: Array) -> Array:
-        """(N, …) cell outputs beside the signals themselves."""
-        out, cell, rows = np.zeros(CELLS), np.zeros(CELLS), []
-        for s in S / self.scale:
-            z = np.concatenate([np.clip(s, -8.0, 8.0), out, [1.0]])
-            i, f, o, g = z @ self.weights
-            cell = cell / (1.0 + np.exp(-f - 1.0)) + np.tanh(g) / (1.0 + np.exp(-i))
-            out = np.tanh(cell) / (1.0 + np.exp(-o))
-            rows.append(np.concatenate([z[: len(s)], out, [1.0]]))
-        return np.array(rows)
-
-    def _score(self, S: Array) -> Array:
-        error = np.zeros((len(S), S.shape[1]))
-        error[1:] = S[1:] / self.scale - self._states(S)[:-1] @ self.read
-        return np.asarray(np.max(np.abs(error) / self.spread, axis=1))
+        """From runs without faults; every fourth is held back from the training, limits are taken from all."""
+        found = [signals(s) for s in runs]
+        scale = np.vstack(found).std(axis=0) + 1e-9
+        rows = [np.clip(s / scale, -WILD, WILD) for s in found]
+        weights, _ = lstm.train([r for k, r in enumerate(rows) if k % 4], CELLS, STEPS, seed=1)
+        errors = [lstm.errors(weights, r)[WARM:] for r in rows]
+        limit = MARGIN * np.max([np.abs(e).max(axis=0) for e in errors], axis=0)
+        loss = [np.mean([np.mean(e**2) for e in errors[::4]])]
+        loss.append(np.mean([np.mean(np.diff(r[WARM - 1 :], axis=0) ** 2) for r in rows[::4]]))
+        return Lstm(scale, weights.gates, weights.read, limit, np.array(loss))
 
     def alarms(self, streams: Streams) -> Array:
         """Times at which it alarms [s]."""
-        return streams.time[(self._score(signals(streams)) > self.limit) & (streams.time > 1.0)]
+        rows = np.clip(signals(streams) / self.scale, -WILD, WILD)
+        return _beyond(streams, np.abs(lstm.errors(lstm.Weights(self.gates, self.read), rows)), self.limit)
+
+
+def _beyond(streams: Streams, level: Array, limit: Array) -> Array:
+    over = np.any(level > limit, axis=1)
+    over[:WARM] = False
+    return streams.time[over]
+
+
+def save(path: Path, learner: Learner) -> None:
+    """Writes to a temporary name and renames it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_suffix(f".{os.getpid()}.part.npz")
+    np.savez(part, **{f.name: getattr(learner, f.name) for f in fields(learner)})
+    part.replace(path)
+
+
+def load(path: Path, kind: type[Learner]) -> Learner:
+    """Reads what `save` wrote."""
+    with np.load(path, allow_pickle=False) as data:
+        return kind(**{f.name: data[f.name] for f in fields(kind)})
