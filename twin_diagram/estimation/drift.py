@@ -242,6 +242,20 @@ class Monitor:
         self._innovation(nis, innovation, dt, t, learning)
         self._rollout(state, theta, q, tau, t, state_time, learning)
 
+    def begin_anew(self) -> None:
+        """The model was corrected: what was measured against the old one says nothing now.
+
+        What normal operation looks like stays as it was learnt: a model that is right again is held to the same band.
+        An alarm that stands ends; one that the corrected model deserves comes back.
+        """
+        h = self.header
+        self._resume(self.parameters.mean, float(h[Entry.TIME]))
+        h[Entry.QUIET] = min(h[Entry.QUIET], h[Entry.TIME])
+        h[Entry.NEXT] += SETTLING
+        h[Entry.NIS] = min(h[Entry.NIS], h[Entry.MEAN] if h[Entry.COUNT] else 2.0 * self.terms.n)
+        h[[Entry.SUM, Entry.CHANGE, Entry.ROLLOUT, Entry.TENTH, Entry.TENTHS]] = 0.0
+        self._sums[:] = 0.0
+
     # Details.
 
     def _resume(self, theta: Array, t: float) -> None:

@@ -59,8 +59,11 @@ class DriftMonitor(LeafSystem):
             tuning: of the filter that it watches.
         """
         super().__init__()
-        terms = model if isinstance(model, ArmTerms) else ArmTerms.from_model(model)
-        self.monitor = Monitor(terms, params, tuning)
+        self._params, self._tuning = params, tuning
+        self.monitor = self._make(model)
+        self._monitors = [self.monitor]
+        self._model = self.DeclareNumericParameter(BasicVector([0.0]))
+        terms = self.monitor.terms
         self._view = Monitor(terms, params, tuning)
         n, p = terms.n, self.monitor.parameters.size
         self._inputs = [
@@ -95,10 +98,36 @@ class DriftMonitor(LeafSystem):
         """All alarms still in the ring, oldest first, as records: see `events.events`."""
         return events(self._of(context), joints)
 
+    def add_model(self, model: Model | ArmTerms) -> int:
+        """Takes in a corrected model; answers its number, by which `use_model` calls it."""
+        self._monitors.append(self._make(model))
+        return len(self._monitors) - 1
+
+    def use_model(self, context: Context, number: int) -> None:
+        """Goes on with another model in this Context, a numeric parameter of it: see `Monitor.begin_anew`.
+
+        Args:
+            context: this system's own, at rest: between two steps of a simulator.
+            number: as `add_model` gave it; 0 is the model that the monitor was made with.
+        """
+        monitor = self._monitors[number]
+        monitor.vector[:] = context.get_discrete_state(0).value()
+        monitor.begin_anew()
+        context.SetDiscreteState(0, monitor.vector)
+        context.get_mutable_numeric_parameter(self._model).SetAtIndex(0, float(number))
+
+    def model_number(self, context: Context) -> int:
+        """Which model this Context uses."""
+        return int(context.get_numeric_parameter(self._model).GetAtIndex(0))
+
+    def _make(self, model: Model | ArmTerms) -> Monitor:
+        terms = model if isinstance(model, ArmTerms) else ArmTerms.from_model(model)
+        return Monitor(terms, self._params, self._tuning)
+
     @timed("DriftMonitor")
     def _update(self, context: Context, discrete: DiscreteValues) -> EventStatus:
         state, theta, innovation, nis, q, tau, t = (cast(Array, port.Eval(context)) for port in self._inputs)
-        monitor = self.monitor
+        monitor = self._monitors[self.model_number(context)]
         monitor.vector[:] = context.get_discrete_state(0).value()
         before = context.get_discrete_state(self._message).value()
         n, message_time = len(q), float(before[-1])

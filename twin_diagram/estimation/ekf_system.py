@@ -8,11 +8,13 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, InputPort, LeafSystem
 
+from twin_diagram.errors import ModelError
 from twin_diagram.estimation.arm_terms import ArmTerms
 from twin_diagram.estimation.belief import HEADER, Belief, Entry, Track
 from twin_diagram.estimation.declared import FilterError
 from twin_diagram.estimation.ekf import LONGEST_GAP, Ekf
-from twin_diagram.estimation.sensors import BodyPose, Sensor
+from twin_diagram.estimation.handover import hand_over
+from twin_diagram.estimation.sensors import BodyPose
 from twin_diagram.estimation.sensors.make import make_sensor
 from twin_diagram.model import Model
 from twin_diagram.scenario import Filter
@@ -54,6 +56,9 @@ class AdaptiveEkf(LeafSystem):
     `Ekf.parameters`, for a payload its mass [kg] and first moment [kg·m] in the last link's frame; `covariance` of
     [q, v, θ], (2n + p)² numbers, row by row; `innovation` (n), of the velocities, as joint torque and whitened: about
     standard normal per joint; `nis` (1), normalised innovation squared of positions and velocities, 2n on average.
+
+    Which of its models a Context uses is a numeric parameter of that Context (0, the given one, at first): see
+    `add_model` and `use_model`.
     """
 
     def __init__(self, model: Model | ArmTerms, params: Filter, home: Array | None = None) -> None:
@@ -65,9 +70,10 @@ class AdaptiveEkf(LeafSystem):
             home: (n,) joint angles that are reported before the first message [rad]; zeros where None.
         """
         super().__init__()
-        self.ekf = Ekf(model if isinstance(model, ArmTerms) else ArmTerms.from_model(model), params)
-        for spec in params.sensors:
-            self.ekf.add(make_sensor(self.ekf.terms, spec))
+        self._params = params
+        self.ekf = self._make(model)
+        self._ekfs = [self.ekf]
+        self._model = self.DeclareNumericParameter(BasicVector([0.0]))
         ekf, n, p = self.ekf, self.ekf.terms.n, self.ekf.parameters.size
         declared = ekf.declared
         self._view = Belief(n, p, declared.own, declared.sizes)
@@ -80,13 +86,13 @@ class AdaptiveEkf(LeafSystem):
                 ("measurement_time", 1),
             )
         ]
-        self._further: list[tuple[Sensor, InputPort, InputPort, InputPort | None]] = []
+        self._further: list[tuple[str, InputPort, InputPort, InputPort | None]] = []
         for name, sensor in declared.sensors.items():
             reading = self.DeclareVectorInputPort(f"{name}.reading", sensor.length)
             time = self.DeclareVectorInputPort(f"{name}.time", 1)
             pose = isinstance(sensor, BodyPose)
             noise = self.DeclareVectorInputPort(f"{name}.noise", sensor.size**2) if pose else None
-            self._further.append((sensor, reading, time, noise))
+            self._further.append((name, reading, time, noise))
         start = Belief(n, p, declared.own, declared.sizes)
         if home is not None:
             start.q[:] = home
@@ -130,37 +136,72 @@ class AdaptiveEkf(LeafSystem):
         header = context.get_discrete_state(0).value()[:HEADER]
         return {entry.name.lower(): int(header[entry]) for entry in Entry if entry >= Entry.ACCEPTED}
 
+    def add_model(self, model: Model | ArmTerms) -> int:
+        """Takes in a corrected model; answers its number, by which `use_model` calls it. No Context uses it yet.
+
+        Raises:
+            ModelError, ScenarioError: it cannot be filtered with, or it is of another arm.
+        """
+        ekf = self._make(model)
+        if ekf.terms.n != self.ekf.terms.n:
+            raise ModelError(f"the corrected model has {ekf.terms.n} joints where the filter has {self.ekf.terms.n}")
+        self._ekfs.append(ekf)
+        return len(self._ekfs) - 1
+
+    def use_model(self, context: Context, number: int) -> None:
+        """Goes on with another model in this Context: what the filter knows is carried over, see `hand_over`.
+
+        Args:
+            context: this system's own, at rest: between two steps of a simulator.
+            number: as `add_model` gave it; 0 is the model that the filter was made with.
+        """
+        ekf = self._ekfs[number]
+        hand_over(self.belief(context), ekf)
+        context.SetDiscreteState(0, ekf.belief.vector)
+        if self._further:
+            context.SetDiscreteState(1, ekf.history.vector)
+        context.get_mutable_numeric_parameter(self._model).SetAtIndex(0, float(number))
+
+    def model_number(self, context: Context) -> int:
+        """Which model this Context uses."""
+        return int(context.get_numeric_parameter(self._model).GetAtIndex(0))
+
+    def _make(self, model: Model | ArmTerms) -> Ekf:
+        ekf = Ekf(model if isinstance(model, ArmTerms) else ArmTerms.from_model(model), self._params)
+        for spec in self._params.sensors:
+            ekf.add(make_sensor(ekf.terms, spec))
+        return ekf
+
     @timed("AdaptiveEkf")
     def _update(self, context: Context, discrete: DiscreteValues) -> EventStatus:
         q, v, tau, t = (cast(Array, port.Eval(context)) for port in self._inputs)
-        ekf = self.ekf
+        ekf = self._ekfs[self.model_number(context)]
         before = cast(Array, context.get_discrete_state(0).value())
         ekf.load(before, cast(Array, context.get_discrete_state(1).value()) if self._further else None)
         ekf.observe(q, v, tau, float(t[0]))
         if self._further:
-            discrete.set_value(2, cast(Any, self._read_further(context)))
+            discrete.set_value(2, cast(Any, self._read_further(context, ekf)))
             discrete.set_value(1, ekf.history.vector)
         discrete.set_value(0, ekf.belief.vector)
         return EventStatus.Succeeded()
 
-    def _read_further(self, context: Context) -> Array:
+    def _read_further(self, context: Context, ekf: Ekf) -> Array:
         """Takes in what is new of the further sensors; (k,) times of the readings seen."""
         seen = np.array(context.get_discrete_state(2).value())
-        for index, (sensor, reading, time, noise) in enumerate(self._further):
+        for index, (name, reading, time, noise) in enumerate(self._further):
             t = float(cast(Array, time.Eval(context))[0])
-            if not np.isfinite(t) or t < 0.0 or t == seen[index] or not self.ekf.belief.valid:
+            if not np.isfinite(t) or t < 0.0 or t == seen[index] or not ekf.belief.valid:
                 continue
             seen[index] = t
+            sensor = ekf.declared.sensors[name]
             R = None if noise is None else cast(Array, noise.Eval(context)).reshape(sensor.size, sensor.size)
             try:
-                ahead = t - self.ekf.belief.time
+                ahead = t - ekf.belief.time
                 if ahead > LONGEST_GAP:
                     raise FilterError(f"{sensor.name}: a reading of the future")
-                self.ekf.update(
-                    sensor, cast(Array, reading.Eval(context)), t, None if R is None or not np.any(R) else R
-                )
+                ekf.update(sensor, cast(Array, reading.Eval(context)), t, None if R is None or not np.any(R) else R)
             except (FilterError, np.linalg.LinAlgError):
-                track = self.ekf.declared.track(self.ekf.belief, sensor)
+                track = ekf.declared.track(ekf.belief, sensor)
                 assert track is not None
                 track[Track.INVALID] += 1
         return seen

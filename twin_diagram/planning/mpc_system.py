@@ -53,14 +53,16 @@ class Mpc(LeafSystem):
             `arm_state` is trusted from the start.
         position_commanded: (n) [rad]; the plan now, twice continuously differentiable in time. Before the first plan:
             where the arm is, `home` before the first message.
-        torque_commanded: (n) [N·m] to add to the arm's own controller: the weight of the payload as learned.
+        torque_commanded: (n) [N·m] to add to the arm's own controller: the weight of the payload as learned, and what
+            a corrected model needs beyond the given one to hold still.
         plan: (knots · n) the plan's knots from now on, row by row [rad].
 
     Rate: plans at `planner.rate`, a periodic discrete update. It comes right after the scene-graph updater's tick that
     first holds a new image's poses. Latency: commands follow the plan at any time that they are asked for; a plan
     reacts to an image as old as the camera's latency and one tick of the updater.
 
-    State: one discrete vector, see `memory.Memory`. The goal counts from `task.start` on.
+    State: one discrete vector, see `memory.Memory`. The goal counts from `task.start` on. Which of its models a Context
+    uses is a numeric parameter of that Context: see `add_model` and `use_model`.
     """
 
     def __init__(
@@ -95,6 +97,8 @@ class Mpc(LeafSystem):
         scene = load_scene(model.spec, twin.fixtures, library, packages)
         self.planner: Final = Planner(scene, model.velocity_limit, params, solver)
         self._n, self._knots, self._step = n, params.knots, params.step
+        self._models = [model]
+        self._model = self.DeclareNumericParameter(BasicVector([0.0]))
         self._start = twin.task.start
         plain = [name.split(" ")[0] for name in parameter_names]
         self._payload_index = [plain.index(name) for name in PAYLOAD] if set(PAYLOAD) <= set(plain) else None
@@ -117,13 +121,36 @@ class Mpc(LeafSystem):
             prerequisites_of_calc={self.time_ticket(), state, arm, self._time_in.ticket()},
         )
         self.DeclareVectorOutputPort(
-            "torque_commanded", n, self._calc_torque, prerequisites_of_calc={arm, self._parameters_in.ticket()}
+            "torque_commanded",
+            n,
+            self._calc_torque,
+            prerequisites_of_calc={arm, self._parameters_in.ticket(), self.all_parameters_ticket()},
         )
         self.DeclareVectorOutputPort("plan", params.knots * n, self._calc_plan, prerequisites_of_calc={state})
 
     def memory(self, context: Context) -> Memory:
         """A copy of what the planner remembers."""
         return Memory.unpack(self._vector(context), self._n, self._knots, self._step)
+
+    def add_model(self, model: Model) -> int:
+        """Takes in a corrected model of the same arm; answers its number, by which `use_model` calls it."""
+        self._models.append(model)
+        return len(self._models) - 1
+
+    def use_model(self, context: Context, number: int) -> None:
+        """Asks for the torques of another model in this Context; 0 is the model that the planner was made with.
+
+        Args:
+            context: this system's own, at rest: between two steps of a simulator.
+            number: as `add_model` gave it.
+        """
+        if not 0 <= number < len(self._models):
+            raise IndexError(f"model {number}: there are {len(self._models)}")
+        context.get_mutable_numeric_parameter(self._model).SetAtIndex(0, float(number))
+
+    def model_number(self, context: Context) -> int:
+        """Which model this Context uses."""
+        return int(context.get_numeric_parameter(self._model).GetAtIndex(0))
 
     def _vector(self, context: Context) -> Array:
         return cast(Array, context.get_discrete_state(int(self._state)).value())
@@ -180,6 +207,9 @@ class Mpc(LeafSystem):
             payload = theta[self._payload_index]
             if np.isfinite(payload).all() and np.isfinite(q).all():
                 torque = gravity_regressor(self.planner.scene.chain, q) @ payload
+        number, still = self.model_number(context), np.zeros(self._n)
+        if number and np.isfinite(q).all():
+            torque = torque + self._models[number].bias(q, still) - self._models[0].bias(q, still)
         output.SetFromVector(torque)
 
     def _calc_plan(self, context: Context, output: BasicVector) -> None:
