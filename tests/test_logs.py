@@ -141,12 +141,11 @@ def test_bad_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="no such log file"):
         read_log(tmp_path / "none.csv")
     for name, message in (
-        ("x.txt", "neither .csv nor .npz"),
-        ("x.mcap", "ROS bags"),
-        ("x.lcm", "LCM logs"),
+        ("x.txt", r"none of \.csv, \.npz, a ROS bag .* and an LCM log"),
+        ("x.csv#topic", "only ROS bags and LCM logs hold several streams"),
         ("x.npz", "damaged"),
     ):
-        (tmp_path / name).write_bytes(b"hello")
+        (tmp_path / name.partition("#")[0]).write_bytes(b"hello")
         with pytest.raises(LogError, match=message):
             read_log(tmp_path / name)
     (tmp_path / "x.csv").write_bytes(b"\xff\xfe\x00\x01")

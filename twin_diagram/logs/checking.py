@@ -29,7 +29,7 @@ class LogWarning:
 
     Attributes:
         code: `gap`, `jitter`, `beyond_limits`, `torque_beyond_limits`, `velocity_scale`, `no_motion`, `no_torque`,
-            `unknown_joint`.
+            `unknown_joint`, `left_out`.
         message: one line.
         joint: that it is about, or empty.
     """
@@ -50,7 +50,9 @@ def check(log: Log, model: Model | None = None) -> list[LogWarning]:
         LogError: no torque; time, angles or velocities that are in other units; a joint of the model that is missing.
     """
     _ = log.motor_torque
-    warnings: list[LogWarning] = []
+    warnings = [LogWarning("left_out", note) for note in log.notes]
+    if model is not None and log.numbered:
+        log = log.named(model.joints)
     _check_time_unit(log)
     warnings += _gaps(log)
     warnings += _velocity_scale(log)
@@ -137,8 +139,9 @@ def _dead(log: Log) -> list[LogWarning]:
 def _against(log: Log, model: Model) -> list[LogWarning]:
     missing = [joint for joint in model.joints if joint not in log.joints]
     if missing:
+        why = "".join(f" ({note.removeprefix(f'{log.source}: ')})" for note in log.notes)
         raise LogError(
-            f"{log.source}: joint {missing[0]!r} of the model is missing; the log holds {', '.join(log.joints)}"
+            f"{log.source}: joint {missing[0]!r} of the model is missing; the log holds {', '.join(log.joints)}{why}"
         )
     result = [
         LogWarning("unknown_joint", f"{log.source}: {joint} is no joint of the arm and is left out", joint)

@@ -37,6 +37,8 @@ class Log:
         position_commanded: [rad]; None where it is not logged.
         source: what to call it in messages.
         identity: `fingerprint` of the log that it was made from; empty: of its own.
+        notes: what its reader found worth saying.
+        numbered: whether its joints are only numbered, in a model's order: any model's names fit.
     """
 
     time: Array
@@ -48,6 +50,8 @@ class Log:
     position_commanded: Array | None = None
     source: str = "log"
     identity: str = ""
+    notes: tuple[str, ...] = ()
+    numbered: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", tuple(self.joints))
@@ -94,16 +98,31 @@ class Log:
         return result
 
     def select(self, joints: Sequence[str]) -> Log:
-        """The same log with these joints alone, in this order.
+        """The same log with these joints alone, in this order; joints that are only numbered get these names.
 
         Raises:
-            LogError: it lacks one.
+            LogError: it lacks one, or numbers another count of joints.
         """
+        if self.numbered:
+            return self.named(joints)
         for joint in joints:
             if joint not in self.joints:
                 raise LogError(f"{self.source}: joint {joint!r} is missing; it holds {', '.join(self.joints)}")
         order = [self.joints.index(joint) for joint in joints]
         return self._map(lambda values: values[:, order], joints=tuple(joints))
+
+    def named(self, joints: Sequence[str]) -> Log:
+        """The same log with names for joints that are only numbered.
+
+        Raises:
+            LogError: these are more or fewer.
+        """
+        if len(joints) != len(self.joints):
+            raise LogError(
+                f"{self.source}: tells of {len(self.joints)} joints without naming them; "
+                f"the model's arm has {len(joints)}: {', '.join(joints)}"
+            )
+        return replace(self, joints=tuple(joints), numbered=False)
 
     def between(self, start: float, end: float) -> Log:
         """The samples with start ≤ time ≤ end [s]."""

@@ -7,6 +7,7 @@ import io
 import math
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,31 +22,61 @@ Array = npt.NDArray[np.float64]
 FEWEST = 10
 """Samples that make a log."""
 
+BAGS = (".mcap", ".db3", ".bag")
+LCM_LOGS = (".lcm", ".lcmlog", ".log")
+
 
 def read_log(path: str | Path) -> Log:
-    """Reads a CSV or .npz file in the log format.
+    """Reads a measured log: CSV or .npz in the log format, a ROS bag, or an LCM log.
 
-    Columns: `time` [s], then `<signal>.<joint>` with the signals of `log.SIGNALS`. Columns of other names are left out.
-    The values are taken as they are, but for what no one could use; `checking.check` looks at their sense.
+    CSV and .npz have columns `time` [s], then `<signal>.<joint>` with the signals of `log.SIGNALS`; columns of other
+    names are left out. Of a ROS bag (.mcap, .db3, .bag, or a bag's folder) the joint states are read (`ros_bag`), of an
+    LCM log the status messages of an iiwa or a Panda (`lcm_log`); `FILE#NAME` names the topic or channel where there
+    are several. The values are taken as they are, but for what no one could use; `checking.check` looks at their sense.
 
     Raises:
         LogError: missing, empty, unreadable or ragged file; text where a number must be; a value that is missing or not
             finite; a signal that lacks a joint; time that does not rise. The message names column and line.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise LogError(f"{path}: no such log file")
+    path, stream = _parted(Path(path))
     suffix = path.suffix.lower()
+    bag = suffix in BAGS or (path.is_dir() and (path / "metadata.yaml").is_file())
+    if not path.exists() or (path.is_dir() and not bag):
+        raise LogError(f"{path}: no such log file")
+    if bag:
+        from twin_diagram.logs.ros_bag import read_ros_bag
+
+        return _checked(read_ros_bag(path, stream))
+    from twin_diagram.logs.lcm_log import is_lcm_log, read_lcm_log
+
+    if suffix in LCM_LOGS or "lcmlog" in path.name or is_lcm_log(path):
+        return _checked(read_lcm_log(path, stream))
+    if stream:
+        raise LogError(f"{path}#{stream}: only ROS bags and LCM logs hold several streams")
     if suffix == ".csv":
         columns = read_columns(path)
         return log_from_columns(columns, str(path), lambda sample: f"line {sample + 2}")
     if suffix == ".npz":
         return log_from_columns(_read_npz(path), str(path), lambda sample: f"sample {sample}")
-    if suffix in (".bag", ".db3", ".mcap"):
-        raise LogError(f"{path}: ROS bags are not read yet; export sensor_msgs/JointState to a CSV file")
-    if suffix in (".lcm", ".log") or ".lcmlog" in path.name:
-        raise LogError(f"{path}: LCM logs are not read yet; export the status messages to a CSV file")
-    raise LogError(f"{path}: is neither .csv nor .npz")
+    raise LogError(f"{path}: is none of .csv, .npz, a ROS bag (.mcap, .db3, .bag) and an LCM log")
+
+
+def _parted(path: Path) -> tuple[Path, str]:
+    """A file and the stream in it that is meant."""
+    text = str(path)
+    if "#" not in text or path.exists():
+        return path, ""
+    file, _, stream = text.partition("#")
+    return Path(file), stream
+
+
+def _checked(log: Log) -> Log:
+    """What every log must be, whatever it was read from."""
+    return replace(
+        log_from_columns(log.columns(), log.source, lambda sample: f"sample {sample}"),
+        notes=log.notes,
+        numbered=log.numbered,
+    )
 
 
 def log_from_columns(columns: Mapping[str, Array], source: str, where: Callable[[int], str]) -> Log:

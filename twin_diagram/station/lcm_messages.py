@@ -21,25 +21,9 @@ from drake import (  # type: ignore[import-untyped]
 )
 
 from twin_diagram.errors import StationError
+from twin_diagram.logs.arm_status import Status, read_iiwa, read_panda
 from twin_diagram.signals import Array
 from twin_diagram.station.camera_defects import Colour, Depth, whole_units
-
-
-@dataclass(frozen=True)
-class Status:
-    """An arm's status message.
-
-    Attributes:
-        utime: of the sender's clock [µs].
-        position: (n,) measured [rad].
-        velocity: (n,) [rad/s].
-        torque: (n,) what moves the joints, gravity's part included, positive along the joint [N·m].
-    """
-
-    utime: int
-    position: Array
-    velocity: Array
-    torque: Array
 
 
 @dataclass(frozen=True)
@@ -61,16 +45,6 @@ class Protocol:
     write_command: Callable[[int, Array, Array | None], Any]
 
 
-def _read_panda(message: lcmt_panda_status) -> Status:
-    # `joint_torque` is libfranka's tau_J: the joints' sensors behind the gears, positive along the joint.
-    return Status(
-        message.utime,
-        np.array(message.joint_position),
-        np.array(message.joint_velocity),
-        np.array(message.joint_torque),
-    )
-
-
 def _write_panda(utime: int, position: Array, torque: Array | None) -> lcmt_panda_command:
     message = lcmt_panda_command()
     message.utime = utime
@@ -82,16 +56,6 @@ def _write_panda(utime: int, position: Array, torque: Array | None) -> lcmt_pand
         message.joint_torque = torque.tolist()
         message.control_mode_expected |= lcmt_panda_status.CONTROL_MODE_TORQUE
     return message
-
-
-def _read_iiwa(message: lcmt_iiwa_status) -> Status:
-    # The Fast Robot Interface counts measured torques against the joint, and Drake's own simulated driver does alike.
-    return Status(
-        message.utime,
-        np.array(message.joint_position_measured),
-        np.array(message.joint_velocity_estimated),
-        -np.array(message.joint_torque_measured),
-    )
 
 
 def _write_iiwa(utime: int, position: Array, torque: Array | None) -> lcmt_iiwa_command:
@@ -106,10 +70,8 @@ def _write_iiwa(utime: int, position: Array, torque: Array | None) -> lcmt_iiwa_
 
 
 PROTOCOLS: Final = {
-    "panda": Protocol(
-        "PANDA_STATUS", "PANDA_COMMAND", lcmt_panda_status, lcmt_panda_command, _read_panda, _write_panda
-    ),
-    "iiwa": Protocol("IIWA_STATUS", "IIWA_COMMAND", lcmt_iiwa_status, lcmt_iiwa_command, _read_iiwa, _write_iiwa),
+    "panda": Protocol("PANDA_STATUS", "PANDA_COMMAND", lcmt_panda_status, lcmt_panda_command, read_panda, _write_panda),
+    "iiwa": Protocol("IIWA_STATUS", "IIWA_COMMAND", lcmt_iiwa_status, lcmt_iiwa_command, read_iiwa, _write_iiwa),
 }
 """By the scenario's ``lcm.arm``."""
 

@@ -1,0 +1,43 @@
+"""Stamps of messages, as they were received, brought into the order of a log."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.errors import LogError
+
+Array = npt.NDArray[np.float64]
+Index = npt.NDArray[np.int64]
+
+BACK = 1_000_000_000
+"""Messages overtake one another on a bus; a clock that goes back by more than this was set anew [ns]."""
+
+
+def in_order(stamps: Index, source: str, where: Callable[[int], str]) -> Index:
+    """Which messages to keep, in which order, so that their stamps rise: of those with one stamp, the first.
+
+    Args:
+        stamps: (N,) [ns], as received.
+        source: what to call the log in errors.
+        where: what to call a message.
+
+    Raises:
+        LogError: the clock goes back, as where a run started again.
+    """
+    latest = np.maximum.accumulate(stamps)
+    back = np.flatnonzero(latest - stamps > BACK)
+    if len(back):
+        k = int(back[0])
+        raise LogError(
+            f"{source}: {where(k)}: the clock goes back by {(latest[k] - stamps[k]) * 1e-9:.4g} s; "
+            "it looks like several runs, a log holds one"
+        )
+    return np.asarray(np.unique(stamps, return_index=True)[1], dtype=np.int64)
+
+
+def seconds(stamps: Index, begin: int) -> Array:
+    """(N,) since a beginning, exact below what a sum of seconds since 1970 could hold [s]."""
+    return np.asarray((stamps - begin) * 1e-9)
