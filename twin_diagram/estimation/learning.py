@@ -1,0 +1,69 @@
+"""When the parameters are taken over by the physics, and when an abrupt change makes them uncertain again."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from twin_diagram.estimation.belief import Entry
+from twin_diagram.estimation.blame import suspects
+from twin_diagram.estimation.core import Core
+from twin_diagram.signals import Array
+
+QUIET_TIME: Final = 0.2
+"""No second opening within this time [s]."""
+
+
+def release(core: Core, t: float) -> None:
+    """Lets the physics take over what has been learnt, at the parameters' own rate.
+
+    Args:
+        core: its belief is changed.
+        t: now [s].
+    """
+    belief, header, params = core.belief, core.belief.header, core.params
+    if t < header[Entry.RELEASED] + 1.0 / params.parameter_rate - 1e-9:
+        return
+    header[Entry.RELEASED] = t
+    if params.rule == "gradient":
+        # θ ← θ − η ∇ of the squared innovation, in units of the prior: section 3.2, step 3.
+        belief.theta += params.learning_rate * core.parameters.scale**2 * belief.gradient
+        belief.gradient[:] = 0.0
+        core.parameters.clip(belief.theta)
+    belief.model[:] = belief.theta
+
+
+def gather(core: Core, H: Array, weighted: Array) -> None:
+    """Adds a reading's share to the gradient: how the step that led to it depends on θ, times S⁻¹ y.
+
+    Args:
+        core: its belief is changed.
+        H: (m, N) of the reading.
+        weighted: (m,) S⁻¹ y.
+    """
+    n = core.terms.n
+    by_theta = H[:, : 2 * n] @ core.F[: 2 * n, 3 * n : 3 * n + core.belief.p]
+    core.belief.gradient += by_theta.T @ weighted
+
+
+def open_up(core: Core, t: float) -> None:
+    """An abrupt change: what recent innovations speak for may be anything again that `opening` allows.
+
+    Args:
+        core: its belief is changed.
+        t: now [s].
+    """
+    belief, n = core.belief, core.terms.n
+    belief.header[Entry.OPENINGS] += 1
+    belief.header[Entry.QUIET] = t + QUIET_TIME
+    if core.params.rule == "gradient" or not belief.p:
+        return
+    at = slice(3 * n, 3 * n + belief.p)
+    now, prior = belief.P[at, at], core.parameters.opening
+    changed = suspects(belief.score, core.parameters.groups)
+    # Openings do not add up: none makes a parameter less certain than twice its prior.
+    room = np.where(changed, np.sqrt(np.clip(2.0 - now.diagonal() / prior.diagonal(), 0.0, 1.0)), 0.0)
+    now += prior * np.outer(room, room)
+    core.history.opened(room)
+    core.history.settle(belief.x, belief.P)
