@@ -59,7 +59,7 @@ class ArmTerms:
         n: number of joints.
         velocity_limit, effort_limit: (n,) from the plant; where it names none, 10 rad/s and what a brisk motion takes.
         damping: (n,) [N·m·s/rad] of the joints in the plant itself; part of b, made implicit in the step.
-        link_name: of the last link, which carries the payload.
+        link_name, link_frame: of the last link, which carries the payload.
         tool: (3,) p of the tool frame in the last link [m]: where a payload is expected.
     """
 
@@ -120,7 +120,7 @@ class ArmTerms:
         self._gravity = plant.gravity_field().gravity_vector()
 
         self._link = handles[-1].child_body()
-        self._link_frame = self._link.body_frame()
+        self.link_frame = self._link_frame = self._link.body_frame()
         self.link_name: str = self._link.name()
         tool = plant.GetFrameByName(tool_frame) if tool_frame else self._link_frame
         X_WL = self._link_frame.CalcPoseInWorld(self._context)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform
-from pydrake.multibody.tree import JacobianWrtVariable
+from pydrake.multibody.tree import Frame, JacobianWrtVariable
 
 from twin_diagram.errors import ModelError
 from twin_diagram.estimation.arm_terms import ArmTerms
@@ -50,12 +50,12 @@ class LinkFrame:
         X_BF: its pose on the link B.
     """
 
-    def __init__(self, terms: ArmTerms, body: str, X_BF: RigidTransform | None = None) -> None:
+    def __init__(self, terms: ArmTerms, body: str | Frame, X_BF: RigidTransform | None = None) -> None:
         """Finds the link.
 
         Args:
             terms: the arm.
-            body: name of a link or of any frame of the plant.
+            body: name of a link or of any frame of the plant, or a frame itself.
             X_BF: pose of F on it; the link's own frame where None.
 
         Raises:
@@ -63,7 +63,9 @@ class LinkFrame:
         """
         self.terms = terms
         plant = terms.plant
-        if plant.HasFrameNamed(body):
+        if not isinstance(body, str):
+            self._frame = body
+        elif plant.HasFrameNamed(body):
             self._frame = plant.GetFrameByName(body)
         elif plant.HasBodyNamed(body):
             self._frame = plant.GetBodyByName(body).body_frame()
