@@ -107,6 +107,8 @@ class AlarmKind(IntEnum):
     """Joint innovations left their band (sensor rate)."""
     ROLLOUT = 2
     """A short rollout of the model left its band."""
+    SENSOR = 3
+    """A further sensor parts ways with the rest."""
 
 
 ALARM_LOG_FIELDS: Final = 3

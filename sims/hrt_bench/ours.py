@@ -161,7 +161,7 @@ def _further(ekf, streams, name, taken, row, outcome, watch) -> None:  # type: i
         return
     outcome[name].append((row, result.accepted, result.nis))
     if watch is not None:
-        watch.reading(name, result, taken)
+        watch.reading(name, result)
 
 
 def _ahead(ekf: Ekf, x: Array, theta: Array, time: Array, tau: Array, kinematics: Kinematics) -> dict[float, Array]:

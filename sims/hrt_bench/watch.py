@@ -3,57 +3,45 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import chi2
 
 from hrt_bench.estimate import Array
-from twin_diagram.estimation.belief import Entry, Track
-from twin_diagram.estimation.drift import Monitor
+from twin_diagram.estimation.belief import Entry
+from twin_diagram.estimation.drift import Entry as Seen
+from twin_diagram.estimation.drift import Evidence, Monitor
+from twin_diagram.estimation.drift_state import RING
 from twin_diagram.estimation.ekf import Ekf, Update
+from twin_diagram.estimation.positive import whiten
 from twin_diagram.scenario import Drift
-
-REFUSALS = 3
-"""Readings refused in a row that are no outliers any more."""
-FALSE_RATE = 1e-10
-"""Probability that a sensor's mean innovation is this far off while it agrees with the rest."""
-QUIET = 0.5
-"""An alarm that stands is not raised again within this time [s]."""
+from twin_diagram.signals import AlarmKind
 
 
 class Watch:
-    """Collects alarms: of the drift monitor, and of sensors that part ways with the rest."""
+    """Collects the alarms of a drift monitor that is told of all sensors."""
 
     def __init__(self, ekf: Ekf) -> None:
         self.alarms: list[tuple[float, str]] = []
         self._ekf = ekf
-        self._monitor = Monitor(ekf.terms, Drift(), ekf.params)
-        self._active = False
-        self._raised: dict[str, float] = {}
-        self._settled = 2.0
+        sizes = {name: sensor.size for name, sensor in ekf.declared.sensors.items()}
+        self.monitor = Monitor(ekf.terms, Drift(), ekf.params, sizes)
 
-    def _alarm(self, t: float, what: str) -> None:
-        if t - self._raised.get(what, -np.inf) > QUIET:
-            self.alarms.append((t, what))
-        self._raised[what] = t
-
-    def reading(self, name: str, result: Update, t: float) -> None:
+    def reading(self, name: str, result: Update) -> None:
         """After each further sensor's reading."""
-        ekf = self._ekf
-        if ekf.belief.time < self._settled:
-            return
-        track = ekf.declared.track(ekf.belief, ekf.declared.sensors[name])
-        assert track is not None
-        if track[Track.STREAK] >= REFUSALS:
-            self._alarm(ekf.belief.time, f"{name} refused")
-        if track[Track.RUN] > chi2.ppf(1.0 - FALSE_RATE, len(result.innovation)):
-            self._alarm(ekf.belief.time, f"{name} biased")
+        self.monitor.reading(name, whiten(result.covariance, result.innovation), result.accepted)
+        self._collect()
 
     def message(self, q: Array, tau: Array, t: float) -> None:
         """After each message of the arm."""
-        belief = self._ekf.belief
-        monitor = self._monitor
+        belief, monitor = self._ekf.belief, self.monitor
         state = np.concatenate([belief.q, belief.v])
         nis = float(belief.header[Entry.NIS])
         monitor.observe(state, belief.theta, nis, q, tau, t, belief.time, belief.innovation)
-        if monitor.active and not self._active:
-            self._alarm(t, "drift")
-        self._active = monitor.active
+        self._collect()
+
+    def _collect(self) -> None:
+        raised = int(self.monitor.header[Seen.ALARMS])
+        while len(self.alarms) < raised:
+            row = len(self.alarms) % RING
+            time, kind, _ = self.monitor.log[row]
+            sensor = int(self.monitor.evidence[row, Evidence.SENSOR])
+            what = self.monitor.sensors[sensor] if sensor >= 0 else AlarmKind(int(kind)).name.lower()
+            self.alarms.append((float(time), what))

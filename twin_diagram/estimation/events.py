@@ -22,9 +22,10 @@ def events(monitor: Monitor, joints: Sequence[str] = ()) -> list[dict[str, Any]]
         joints: names for the joint that stands out; its index where there are none.
 
     Returns:
-        Per alarm `time` [s], `kind`, `shape` (spike, step or trend), `joint` (or null), `statistic` (largest over its
-        threshold) and `evidence`: `above` [s], `nis` (mean over its degrees of freedom), `change`, `rollout` (each over
-        its threshold), `sum` (Page's, in standard deviations) and `joints`, each one's share in standard deviations.
+        Per alarm `time` [s], `kind`, `shape` (spike, step or trend), `joint` (or null), `sensor` that parts ways with
+        the rest (or null), `statistic` (largest over its threshold) and `evidence`: `above` [s], `nis` (mean over its
+        degrees of freedom), `change`, `rollout` (each over its threshold), `sum` (Page's, in standard deviations),
+        `hand` (by how much the newest rollout missed it [m]) and `joints`, each one's share in standard deviations.
     """
     found = []
     for index in np.argsort(monitor.log[:, 0], kind="stable"):
@@ -32,19 +33,20 @@ def events(monitor: Monitor, joints: Sequence[str] = ()) -> list[dict[str, Any]]
         if time < 0.0:
             continue
         row = monitor.evidence[index]
-        joint = int(row[Evidence.JOINT])
+        joint, sensor = int(row[Evidence.JOINT]), int(row[Evidence.SENSOR])
         found.append(
             {
                 "time": round(float(time), 6),
                 "kind": AlarmKind(int(kind)).name.lower(),
                 "shape": Shape(int(row[Evidence.SHAPE])).name.lower(),
                 "joint": None if joint < 0 else joints[joint] if joints else joint,
+                "sensor": None if sensor < 0 else monitor.sensors[sensor] if monitor.sensors else sensor,
                 "statistic": round(float(statistic), 4),
                 "evidence": {
                     **{
                         entry.name.lower(): round(float(row[entry]), 4)
                         for entry in Evidence
-                        if entry not in (Evidence.SHAPE, Evidence.JOINT)
+                        if entry not in (Evidence.SHAPE, Evidence.JOINT, Evidence.SENSOR)
                     },
                     "joints": [round(float(share), 2) for share in row[len(Evidence) :]],
                 },

@@ -1,0 +1,83 @@
+"""Tests at the filter's rate: NIS as an average and as Page's sum, and a torque that began and stays.
+
+A threshold is μ + kσ of normal operation (Hybrid Reality Twins, section 3.4), but never within what the filter itself
+claims: an innovation that its covariance allows is no drift.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from twin_diagram.estimation import change
+from twin_diagram.estimation.drift_state import DriftState, Entry
+from twin_diagram.signals import Array
+
+WINDOW: Final = 0.1
+"""Time over which NIS is averaged [s]."""
+SPIKE: Final = 10.0
+"""One message counts for no more than this many times the degrees of freedom, so that a spike alone is no drift."""
+SLACK: Final = 0.5
+"""The cumulative sum forgives this many standard deviations per message."""
+JUMP: Final = 2.0
+"""It alarms at this many k standard deviations."""
+
+
+def innovation_test(
+    state: DriftState, nis: float, white: Array | None, dt: float, sigma: float, learning: bool, armed: bool
+) -> float:
+    """Takes in a message; answers the largest statistic over its threshold, 0 before normal operation is known.
+
+    Args:
+        state: of the monitor.
+        nis: of the message, 2n degrees of freedom.
+        white: (n,) whitened innovation of the joints' torques; None: no change test.
+        dt: since the message before [s].
+        sigma: k.
+        learning: whether this is normal operation, to be learnt.
+        armed: whether it is known.
+    """
+    h = state.header
+    n = state.sums.shape[1]
+    dof = 2.0 * n
+    capped = min(nis, SPIKE * dof)
+    blend = min(dt / WINDOW, 1.0)
+    h[Entry.NIS] += blend * (capped - h[Entry.NIS])
+    changes = None if white is None else change.follow(state.sums, white)
+    mean, squares = state.change
+    if learning:
+        h[Entry.COUNT] += 1
+        before = h[Entry.NIS] - h[Entry.MEAN]
+        h[Entry.MEAN] += before / h[Entry.COUNT]
+        h[Entry.SQUARES] += before * (h[Entry.NIS] - h[Entry.MEAN])
+        h[Entry.SPREAD] += (capped - h[Entry.MEAN]) ** 2
+        if changes is not None:
+            beyond = changes - mean
+            mean += beyond / h[Entry.COUNT]
+            squares += beyond * (changes - mean)
+        return 0.0
+    if not armed:
+        return 0.0
+    count = max(h[Entry.COUNT], 1.0)
+    # Averaging over a window of W messages leaves 1/(2W) of the variance; white innovations of the claimed
+    # covariance have mean 2n and variance 4n.
+    claimed = dof + sigma * np.sqrt(2.0 * dof * 0.5 * blend)
+    threshold = max(h[Entry.MEAN] + sigma * np.sqrt(h[Entry.SQUARES] / count), claimed)
+    level = max(h[Entry.MEAN], dof)
+    spread = np.sqrt(max(h[Entry.SPREAD] / count, 2.0 * dof))
+    h[Entry.SUM] = max(0.0, h[Entry.SUM] + min((nis - level) / spread, 0.5 * sigma) - SLACK)
+    if changes is not None:
+        learnt = mean + sigma * np.sqrt(squares / count)
+        h[Entry.CHANGE] = float(np.max(changes / np.maximum(learnt, change.threshold(n))))
+    statistic = max(h[Entry.NIS] / threshold, h[Entry.SUM] / (JUMP * sigma), h[Entry.CHANGE])
+    h[Entry.SUM] = min(h[Entry.SUM], 2.0 * JUMP * sigma)
+    return float(statistic)
+
+
+def forget(state: DriftState) -> None:
+    """What was measured against another model says nothing now; what is normal stays as it was learnt."""
+    h = state.header
+    h[Entry.NIS] = min(h[Entry.NIS], h[Entry.MEAN] if h[Entry.COUNT] else 2.0 * state.sums.shape[1])
+    h[[Entry.SUM, Entry.CHANGE]] = 0.0
+    state.sums[:] = 0.0
