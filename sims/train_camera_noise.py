@@ -1,45 +1,61 @@
-"""Trains the camera's noise model: deviations of a hand pose from how covered and how bright the hand's image is.
+"""Trains the camera's noise model: deviations of a pose from how covered and how bright the object's image is.
 
-    python sims/train_camera_noise.py
+    python sims/train_camera_noise.py                  # some minutes
+    python sims/train_camera_noise.py --frames f.npz   # keeps the frames, and reads them again where they are there
 
-Simulated frames of the arms of seeds 3000 to 3019, their poses held against the truth; a frame is its pose and its
-look, as a detector reports them, and is not rendered. Prints the coefficients that
-`twin_diagram.estimation.sensors.camera_noise` holds, and how well calibrated they are on ten arms held back.
+Frames of the simulated RGB-D camera are rendered and registered (`camera_frames`), poses held against the truth.
+Prints the coefficients that `twin_diagram.estimation.sensors.camera_noise` holds, how well calibrated they are on
+frames held back, and what those frames themselves say by look: the table `hrt_truth.sensors.MEASURED`, which the
+simulated streams of `hrt_tables` follow. Needs EGL.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
+from pathlib import Path
 
 import numpy as np
-from hrt_truth import world
-from hrt_truth.hidden import Hidden
-from hrt_truth.motion import pick_and_place
-from hrt_truth.sensors import Case, sense
 from scipy.optimize import minimize
-from scipy.spatial.transform import Rotation
 
-from twin_diagram.estimation.sensors.camera_noise import camera_noise, features
+from twin_diagram.estimation.sensors.camera_noise import GOOD, camera_noise, features
 from twin_diagram.signals import Array
 
-DURATION = 20.0
+TRAINING, HELD_BACK = 3000, 3001
+"""Seeds."""
+ARRANGEMENTS = {TRAINING: 130, HELD_BACK: 65}
 FAR = 5.0
 """A pose this many times farther off than its look explains is of something else."""
+COVERED = (0.0, 0.12, 0.3, 0.5, 0.7, 1.0)
+BRIGHTNESS = (0.0, 0.1, 0.25, 0.6, 1.0)
+"""Edges of the table's bins."""
 
 
-def frames(seeds: range) -> tuple[Array, Array]:
-    """Looks (K, 2) and errors (K, 2, 3), rotation [rad] and position [m]."""
+def frames(seed: int) -> tuple[Array, Array]:
+    """Looks (K, 2) and errors (K, 2, 3), rotation [rad] and position [m], of rendered frames."""
+    from camera_frames import Studio
+
     looks, errors = [], []
-    for seed in seeds:
-        case = Case(Hidden.draw(seed, mass=1.0), DURATION)
-        streams, truth = sense(case, world.run(case.hidden, *pick_and_place(seed, DURATION)))
-        rows = np.searchsorted(truth.time, streams.camera_time - 1e-6)
-        hand = truth.hand[rows]
-        found = Rotation.from_quat(streams.camera[:, [1, 2, 3, 0]])
-        turn = (found * Rotation.from_quat(hand[:, [1, 2, 3, 0]]).inv()).as_rotvec()
-        looks.append(streams.camera_look)
-        errors.append(np.stack([turn, streams.camera[:, 4:] - hand[:, 4:]], axis=1))
-    return np.concatenate(looks), np.concatenate(errors)
+    for seen in Studio().frames(seed, ARRANGEMENTS[seed]):
+        looks.append([seen.covered, seen.brightness])
+        errors.append([seen.turn, seen.shift])
+        if len(looks) % 100 == 0:
+            print(f"seed {seed}: {len(looks)} frames", flush=True)
+    return np.array(looks), np.array(errors)
+
+
+def kept(seed: int, path: Path | None) -> tuple[Array, Array]:
+    """Frames from a file where there is one; it is written otherwise."""
+    if path is None:
+        return frames(seed)
+    file = path.with_name(f"{path.stem}_{seed}.npz")
+    if not file.exists():
+        looks, errors = frames(seed)
+        part = file.with_suffix(f".{os.getpid()}.part.npz")
+        np.savez(part, looks=looks, errors=errors)
+        part.replace(file)
+    with np.load(file, allow_pickle=False) as data:
+        return data["looks"], data["errors"]
 
 
 def fit(looks: Array, errors: Array) -> Array:
@@ -67,17 +83,50 @@ def calibration(looks: Array, errors: Array, coefficients: Array) -> Array:
     """(2,) RMS of errors over the deviations claimed, of those frames that are no outliers: 1 is honest."""
     std = np.array([camera_noise(*look, coefficients=coefficients) for look in looks]).reshape(-1, 2, 3)
     white = errors / std
-    good = np.sum(white[:, 1] ** 2, axis=1) < 3.0 * FAR**2
-    return np.sqrt(np.mean(white[good] ** 2, axis=(0, 2)))
+    good = np.sum(white**2, axis=2) < 3.0 * FAR**2
+    return np.array([np.sqrt(np.mean(white[good[:, part], part] ** 2)) for part in (0, 1)])
+
+
+def likelihood(looks: Array, errors: Array, coefficients: Array) -> float:
+    """Mean log density of the errors; poses of something else count as `FAR` deviations off."""
+    std = np.exp(np.array([coefficients @ features(*look) for look in looks]))[:, :, None]
+    white = np.minimum((errors / std) ** 2, FAR**2)
+    return float(np.mean(np.sum(-0.5 * white - np.log(std), axis=(1, 2))))
+
+
+def by_look(looks: Array, errors: Array) -> Array:
+    """(C, B, 2) deviation by bins of covered share and brightness, over that of a good look; NaN for few frames."""
+    size = np.sqrt(np.mean(errors**2, axis=2))
+    rows = np.clip(np.searchsorted(COVERED, looks[:, 0], side="right") - 1, 0, len(COVERED) - 2)
+    columns = np.clip(np.searchsorted(BRIGHTNESS, looks[:, 1], side="right") - 1, 0, len(BRIGHTNESS) - 2)
+    table = np.full((len(COVERED) - 1, len(BRIGHTNESS) - 1, 2), np.nan)
+    for i in range(len(table)):
+        for j in range(table.shape[1]):
+            inside = size[(rows == i) & (columns == j)]
+            if len(inside) >= 8:
+                middle = np.median(inside, axis=0)
+                inside = np.where(inside < FAR * middle, inside, np.nan)
+                table[i, j] = np.sqrt(np.nanmean(inside**2, axis=0))
+    at = int(np.searchsorted(BRIGHTNESS, GOOD[1], side="right") - 1)
+    return table / table[0, at]
 
 
 def main() -> None:
     """Trains and prints."""
-    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
-    coefficients = fit(*frames(range(3000, 3020)))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--frames", type=Path, help="keep rendered frames' looks and errors beside this file's name")
+    given = parser.parse_args()
+    coefficients = fit(*kept(TRAINING, given.frames))
     print(np.array2string(coefficients, precision=3, separator=", ", suppress_small=True))
-    rotation, position = calibration(*frames(range(3020, 3030)), coefficients)
-    print(f"RMS error over claimed deviation on arms held back: rotation {rotation:.3f}, position {position:.3f}")
+    looks, errors = kept(HELD_BACK, given.frames)
+    rotation, position = calibration(looks, errors, coefficients)
+    print(f"RMS error over claimed deviation on frames held back: rotation {rotation:.3f}, position {position:.3f}")
+    constant = np.zeros_like(coefficients)
+    constant[:, 0] = np.log(np.sqrt(np.mean(errors**2, axis=(0, 2))))
+    gain = likelihood(looks, errors, coefficients) - likelihood(looks, errors, constant)
+    print(f"log likelihood per frame above that of one deviation for all looks: {gain:.2f}")
+    print("deviation over that of a good look, by covered share (rows) and brightness, rotation then position:")
+    print(np.array2string(by_look(looks, errors).transpose(2, 0, 1), precision=2, separator=", "))
 
 
 if __name__ == "__main__":

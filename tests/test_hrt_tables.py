@@ -20,13 +20,13 @@ import train_camera_noise  # noqa: E402
 from hrt_bench import baselines, ours, scores  # noqa: E402
 from hrt_bench.estimate import Estimate, Kinematics  # noqa: E402
 from hrt_bench.report import report  # noqa: E402
-from hrt_truth import world  # noqa: E402
+from hrt_truth import sensors, world  # noqa: E402
 from hrt_truth.hidden import Fault, Hidden  # noqa: E402
 from hrt_truth.motion import pick_and_place  # noqa: E402
 from hrt_truth.sensors import Case, Defects, look_factor, sense  # noqa: E402
 from hrt_truth.streams import Streams, Truth, load, save  # noqa: E402
 
-from twin_diagram.estimation.sensors.camera_noise import WORST, camera_noise  # noqa: E402
+from twin_diagram.estimation.sensors.camera_noise import GOOD, WORST, camera_noise  # noqa: E402
 
 SEED = 1004
 PERFECT = Defects(
@@ -153,12 +153,20 @@ def test_recovery_latency_and_poisson_bound() -> None:
 
 
 def test_camera_noise_grows_with_cover_and_bad_light_and_was_fitted() -> None:
-    good, covered, dark = camera_noise(0.0, 0.5), camera_noise(0.9, 0.5), camera_noise(0.0, 0.05)
-    assert np.all(covered > 2.0 * good) and np.all(dark > 1.5 * good)
-    assert np.all(camera_noise(np.nan, 0.5) == pytest.approx(WORST * np.repeat(np.exp([-3.62, -5.789]), 3)))
-    for look in ((0.1, 0.5), (0.5, 0.4), (0.8, 0.6), (0.2, 0.15)):
-        factor = float(look_factor(np.array(look[0]), np.array(look[1])))
-        np.testing.assert_allclose(camera_noise(*look), np.repeat([0.026, 0.003], 3) * factor, rtol=0.15)
+    good, covered = camera_noise(*GOOD), camera_noise(0.85, 0.4)
+    assert np.all(covered > 3.0 * good)
+    assert np.all(camera_noise(np.nan, 0.5) == pytest.approx(WORST * good))
+    outline = np.array([0.026, 0.003])
+    np.testing.assert_allclose(camera_noise(*GOOD, good=outline), np.repeat(outline, 3))
+    # The law that was fitted against what frames held back say of each look: never far too sure.
+    for i, c in enumerate(sensors.LOOK_COVERED):
+        for j, b in enumerate(sensors.LOOK_BRIGHTNESS):
+            ratio = camera_noise(c, b)[[0, 3]] / good[[0, 3]] / sensors.MEASURED[i, j]
+            assert np.all((ratio > 0.6) & (ratio < 5.0)), (c, b, ratio)
+    factor = look_factor(np.array([0.06, 0.5, 2.0]), np.array([0.425, 0.425, -1.0]))
+    np.testing.assert_allclose(factor[0], 1.0)
+    np.testing.assert_allclose(factor[2], sensors.MEASURED[-1, 0])
+    assert np.all((factor[1] > sensors.MEASURED[2, 2]) & (factor[1] < sensors.MEASURED[3, 2]))
 
 
 def test_training_finds_deviations_and_leaves_outliers_out() -> None:
@@ -169,7 +177,7 @@ def test_training_finds_deviations_and_leaves_outliers_out() -> None:
     errors[::40, :] += 1.0
     found = train_camera_noise.fit(looks, errors)
     for c in (0.1, 0.5, 0.8):
-        np.testing.assert_allclose(camera_noise(c, 0.5, found), 0.004 * np.exp(1.5 * c), rtol=0.08)
+        np.testing.assert_allclose(camera_noise(c, 0.5, coefficients=found), 0.004 * np.exp(1.5 * c), rtol=0.08)
 
 
 def test_results_are_resumable_and_reported(tmp_path: Path) -> None:

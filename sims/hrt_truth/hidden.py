@@ -42,6 +42,7 @@ class Fault:
             of a slow pull.
         joint: which, by index, of a motor or an encoder.
         loaded: [N·m].
+        moving: the joint turns at least this fast as well when its motor fails [rad/s].
         lasts: of a contact [s].
     """
 
@@ -50,6 +51,7 @@ class Fault:
     size: float = 0.0
     joint: int = 1
     loaded: float = 10.0
+    moving: float = 0.0
     lasts: float = np.inf
 
 

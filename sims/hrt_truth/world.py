@@ -101,7 +101,7 @@ def run(hidden: Hidden, asked: Array, rate: Array, fault: Fault | None = None) -
     mujoco.mj_forward(model, data)
     for k in range(len(asked)):
         t = k * PERIOD
-        if np.isnan(began) and t >= fault.at - 1e-9 and _ready(fault, data.qfrc_applied):
+        if np.isnan(began) and t >= fault.at - 1e-9 and _ready(fault, data):
             began = t
             _begin(fault, model, data, payload, away, gain, shown)
         if began <= t and fault.kind == "contact":
@@ -151,8 +151,11 @@ def run(hidden: Hidden, asked: Array, rate: Array, fault: Fault | None = None) -
     )
 
 
-def _ready(fault: Fault, applied: Array) -> bool:
-    return fault.kind not in ("motor_lost", "motor_weak") or abs(applied[fault.joint]) >= fault.loaded
+def _ready(fault: Fault, data: mujoco.MjData) -> bool:
+    if fault.kind not in ("motor_lost", "motor_weak"):
+        return True
+    loaded, fast = abs(data.qfrc_applied[fault.joint]), abs(data.qvel[fault.joint])
+    return bool(loaded >= fault.loaded and fast >= fault.moving)
 
 
 def _begin(

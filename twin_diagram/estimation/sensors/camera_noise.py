@@ -2,7 +2,8 @@
 
 Hybrid Reality Twins, section 3.3, has R_vision = σ²_base + σ²_occlusion + σ²_lighting, learned. Here the logarithm of
 the deviation is linear in a few features of the covered share and of the brightness, which keeps R positive; the
-coefficients were fitted by maximum likelihood to simulated frames by `sims/train_camera_noise.py`.
+coefficients were fitted by maximum likelihood to rendered frames of the simulated RGB-D camera, registered as the twin
+registers them, by `sims/train_camera_noise.py`.
 """
 
 from __future__ import annotations
@@ -13,10 +14,12 @@ import numpy as np
 
 from twin_diagram.signals import Array
 
+GOOD: Final = (0.0, 0.4)
+"""A good look: nothing is covered, and neither dusk nor glare."""
 COEFFICIENTS: Final = np.array(
     [
-        [-3.62, 0.951, 0.779, -1.602, 8.431],
-        [-5.789, 0.977, 0.826, -1.555, 8.399],
+        [-6.815, -0.045, 3.880, 0.631, 2.743],
+        [-9.174, 0.447, 2.936, 1.323, 5.896],
     ]
 )
 """For rotation [log rad] and position [log m], by `features`."""
@@ -25,24 +28,31 @@ WORST: Final = 20.0
 
 
 def features(covered: float, brightness: float) -> Array:
-    """What the deviations' logarithm is linear in (5,).
+    """What the deviations' logarithm is linear in (5,); the first alone is not zero for a good look.
 
     Args:
-        covered: share of the body that is not seen, 0 to 1.
+        covered: share of the body's near side that is not seen, 0 to 1.
         brightness: mean of its image, 0 to 1.
     """
-    c = float(np.clip(covered, 0.0, 1.0))
-    off = abs(float(np.clip(brightness, 0.0, 1.0)) - 0.5)
-    return np.array([1.0, c, c * c, off, off * off])
+    c = float(np.clip(covered, 0.0, 1.0)) - GOOD[0]
+    b = float(np.clip(brightness, 0.0, 1.0)) - GOOD[1]
+    return np.array([1.0, c, c * c, b, b * b])
 
 
-def camera_noise(covered: float, brightness: float, coefficients: Array = COEFFICIENTS) -> Array:
+def camera_noise(
+    covered: float, brightness: float, good: Array | None = None, coefficients: Array = COEFFICIENTS
+) -> Array:
     """Standard deviations (6,) of a pose, rotation [rad] then position [m], for `Ekf.update`'s `noise`.
 
-    A look that is not finite counts as the worst.
+    Args:
+        covered: as in `features`. A look that is not finite counts as the worst.
+        brightness: as in `features`.
+        good: (2,) deviations of a good look, rotation [rad] and position [m], of another camera; the look makes them
+            worse as many times. None: those of the camera that was learnt from.
+        coefficients: (2, 5).
     """
-    base = np.exp(coefficients[:, 0])
+    base = np.exp(coefficients[:, 0]) if good is None else np.asarray(good)
     if not (np.isfinite(covered) and np.isfinite(brightness)):
         return np.repeat(base * WORST, 3)
-    std = np.exp(coefficients @ features(covered, brightness))
-    return np.repeat(np.clip(std, 0.5 * base, WORST * base), 3)
+    worse = np.exp(coefficients[:, 1:] @ features(covered, brightness)[1:])
+    return np.repeat(base * np.clip(worse, 0.5, WORST), 3)
