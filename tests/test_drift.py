@@ -107,6 +107,17 @@ def test_a_spike_is_no_drift():
     assert len(watched.log) == 0
 
 
+def test_an_encoder_that_jumps_is_found_with_its_second_message():
+    monitor = Monitor(TERMS, Drift(), Filter())
+    t = feed(monitor, 800)
+    t = feed(monitor, 1, 5e4, start=t)
+    assert not monitor.active
+    t = feed(monitor, 50, start=t)
+    feed(monitor, 2, 5e4, start=t)
+    assert monitor.active
+    assert monitor.alarm()[2] == pytest.approx(t + 0.005)
+
+
 # Rollouts.
 
 

@@ -103,6 +103,8 @@ class Entry(IntEnum):
     """By how much the newest rollout missed the hand [m]."""
     SENSOR = 30
     """Which further sensor the newest alarm is about, by index; negative where it is not about one."""
+    LOUD = 31
+    """Messages in a row that are far off."""
 
 
 class DriftState:

@@ -1,4 +1,4 @@
-"""Tests at the filter's rate: NIS as an average and as Page's sum, and a torque that began and stays.
+"""Tests at the filter's rate: NIS as an average, as Page's sum and in a row, and a torque that began and stays.
 
 A threshold is μ + kσ of normal operation (Hybrid Reality Twins, section 3.4), but never within what the filter itself
 claims: an innovation that its covariance allows is no drift.
@@ -16,8 +16,12 @@ from twin_diagram.signals import Array
 
 WINDOW: Final = 0.1
 """Time over which NIS is averaged [s]."""
-SPIKE: Final = 10.0
-"""One message counts for no more than this many times the degrees of freedom, so that a spike alone is no drift."""
+SPIKE: Final = 0.5
+"""One message moves the average by no more than this share of the way to its threshold: a spike alone is no drift."""
+FAR: Final = 10.0
+"""A message whose NIS is this many times what is normal is far off."""
+IN_A_ROW: Final = 1.5
+"""More messages in a row that are far off are no spike: an encoder jumped, say."""
 SLACK: Final = 0.5
 """The cumulative sum forgives this many standard deviations per message."""
 JUMP: Final = 2.0
@@ -41,8 +45,10 @@ def innovation_test(
     h = state.header
     n = state.sums.shape[1]
     dof = 2.0 * n
-    capped = min(nis, SPIKE * dof)
     blend = min(dt / WINDOW, 1.0)
+    usual = max(dof, h[Entry.MEAN])
+    capped = min(nis, usual + SPIKE * sigma * np.sqrt(dof / blend))
+    h[Entry.LOUD] = h[Entry.LOUD] + 1.0 if nis > FAR * usual else 0.0
     h[Entry.NIS] += blend * (capped - h[Entry.NIS])
     changes = None if white is None else change.follow(state.sums, white)
     mean, squares = state.change
@@ -70,7 +76,8 @@ def innovation_test(
     if changes is not None:
         learnt = mean + sigma * np.sqrt(squares / count)
         h[Entry.CHANGE] = float(np.max(changes / np.maximum(learnt, change.threshold(n))))
-    statistic = max(h[Entry.NIS] / threshold, h[Entry.SUM] / (JUMP * sigma), h[Entry.CHANGE])
+    loud = min(h[Entry.LOUD] / IN_A_ROW, 2.0)
+    statistic = max(h[Entry.NIS] / threshold, h[Entry.SUM] / (JUMP * sigma), h[Entry.CHANGE], loud)
     h[Entry.SUM] = min(h[Entry.SUM], 2.0 * JUMP * sigma)
     return float(statistic)
 
@@ -79,5 +86,5 @@ def forget(state: DriftState) -> None:
     """What was measured against another model says nothing now; what is normal stays as it was learnt."""
     h = state.header
     h[Entry.NIS] = min(h[Entry.NIS], h[Entry.MEAN] if h[Entry.COUNT] else 2.0 * state.sums.shape[1])
-    h[[Entry.SUM, Entry.CHANGE]] = 0.0
+    h[[Entry.SUM, Entry.CHANGE, Entry.LOUD]] = 0.0
     state.sums[:] = 0.0
