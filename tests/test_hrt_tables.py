@@ -17,11 +17,12 @@ if str(SIMS) not in sys.path:
 
 import hrt_tables  # noqa: E402
 import train_camera_noise  # noqa: E402
-from hrt_bench import baselines, ours, scores  # noqa: E402
+from filter_truth import COULOMB  # noqa: E402
+from hrt_bench import baselines, convergence, ours, scores, timings  # noqa: E402
 from hrt_bench.estimate import Estimate, Kinematics  # noqa: E402
 from hrt_bench.report import report  # noqa: E402
 from hrt_truth import sensors, world  # noqa: E402
-from hrt_truth.hidden import Fault, Hidden  # noqa: E402
+from hrt_truth.hidden import LIMIT, Fault, Hidden  # noqa: E402
 from hrt_truth.motion import pick_and_place  # noqa: E402
 from hrt_truth.sensors import Case, Defects, look_factor, sense  # noqa: E402
 from hrt_truth.streams import Streams, Truth, load, save  # noqa: E402
@@ -191,3 +192,55 @@ def test_results_are_resumable_and_reported(tmp_path: Path) -> None:
     assert "motor lost" in text and "10 (10)" in text
     assert len(set(hrt_tables.jobs(False, ["false_alarms"]))) * 300.0 / 3600.0 >= 10.0
     assert {seed for name, seed in hrt_tables.jobs(False, []) if name != "false_alarms"} == set(range(1, 21))
+
+
+def test_convergence_is_held_against_the_smallest_bound_that_holds() -> None:
+    def made(name: str, eta: float | None, squared: float, excitation: float) -> dict[str, object]:
+        return {"method": name, "eta": eta, "squared": squared, "excitation": excitation, "mismatch": 0.1}
+
+    records = [
+        made("a", 0.01, 0.03, 1.0),  # 1 · η + 2 · mismatch² / excitation
+        made("b", 0.02, 0.04, 1.0),
+        made("c", 0.01, 0.02, 2.0),
+        made("wild", 0.1, 7.0, 1.0),
+        made("covariance", None, 0.001, 1.0),
+    ]
+    lines = convergence.table(records)
+    assert "C₂ = 1 kg², C₃ = 2" in lines[-1]
+    assert "diverged" in lines[4] and lines[5].endswith("–")
+    assert lines[1].split()[-1] == "0.0300"
+
+
+def test_mass_bound_is_what_least_squares_reaches(run, kinematics: Kinematics) -> None:
+    """Noise and constant friction errors drawn many times, the mass found by weighted least squares."""
+    truth = run[1]
+    rows = (truth.time > 1.0) & (truth.time <= 2.0)
+    a = np.gradient(truth.v, truth.time, axis=0)[rows]
+    Y = np.array(
+        [
+            kinematics.terms.payload_regressor(*x)[:, 0]
+            for x in zip(truth.q[rows], truth.v[rows], a, strict=True)
+        ]
+    )  # fmt: skip
+    rng = np.random.default_rng(0)
+    noise, offset = 0.003 * LIMIT, 0.1 * COULOMB / np.sqrt(3.0)
+    information, weighted = 0.0, np.zeros(400)
+    for j in range(6):
+        S = noise[j] ** 2 * np.eye(len(Y)) + offset[j] ** 2
+        errors = noise[j] * rng.normal(size=(len(Y), 400)) + offset[j] * rng.normal(size=400)
+        weights = np.linalg.solve(S, Y[:, j])
+        information, weighted = information + float(weights @ Y[:, j]), weighted + weights @ errors
+    bound = scores.mass_bound(kinematics.terms, truth, 1.0, 2.0)
+    assert bound == pytest.approx(information**-0.5, rel=1e-6)
+    assert np.std(weighted / information) == pytest.approx(bound, rel=0.15)
+
+
+def test_timings_are_told_with_their_growth() -> None:
+    record = {
+        "joints": 6, "states": 24, "update_ms": 0.3, "update_p99_ms": 0.9, "drake_ms": 0.1, "drake_p99_ms": 0.2,
+        "rollout_ms": 1.0, "rollout_p99_ms": 2.0, "rollout_error_rad": 1e-3,
+    }  # fmt: skip
+    lines = timings.table([record, {**record, "joints": 12, "update_ms": 0.6}])
+    assert "joints^1.00" in lines[-1]
+    text = report([{"experiment": "timings", "seed": 0, "records": [{**record, "update_ms": 0.7}]}], None)
+    assert "median! p99  rollout " in text

@@ -5,10 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from filter_truth import COULOMB
+from hrt_truth.hidden import LIMIT
 from hrt_truth.streams import Streams, Truth
 from scipy.stats import chi2
 
 from hrt_bench.estimate import AHEAD, STRIDE, Array, Estimate
+from twin_diagram.estimation.arm_terms import ArmTerms
 
 START = 2.0
 """Left out at the beginning of a run [s]."""
@@ -100,6 +103,21 @@ def recovery(error: Array, time: Array, at: float, window: float = 0.1, horizon:
         "before_mm": float(1e3 * np.sqrt(np.mean(before**2))),
         "worst_mm": float(1e3 * smooth[after].max()),
     }
+
+
+def mass_bound(terms: ArmTerms, truth: Truth, start: float, end: float) -> float:
+    """Standard deviation of a payload's mass [kg] below which no unbiased estimate from the arm's torques comes.
+
+    The Cramér-Rao bound of the mass alone, motion known exactly, from torques with white noise between two times, where
+    each joint's friction is off by a constant: the tenth either way within which it was drawn. All else that is not
+    known, the payload's centre above all, only raises it.
+    """
+    rows = (truth.time > start) & (truth.time <= end)
+    a = np.gradient(truth.v, truth.time, axis=0)[rows]
+    Y = np.array([terms.payload_regressor(*x)[:, 0] for x in zip(truth.q[rows], truth.v[rows], a, strict=True)])
+    noise, offset = (0.003 * LIMIT) ** 2, (0.1 * COULOMB) ** 2 / 3.0
+    information = (np.sum(Y**2, axis=0) - offset * Y.sum(axis=0) ** 2 / (noise + len(Y) * offset)) / noise
+    return float(1.0 / np.sqrt(information.sum()))
 
 
 def latency(alarms: list[float], fault: Array, patience: float) -> dict[str, Any]:
