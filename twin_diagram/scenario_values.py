@@ -15,6 +15,7 @@ from twin_diagram.scenario import (
     Drift,
     Driver,
     Filter,
+    Healing,
     LinkSensor,
     Perception,
     Planner,
@@ -40,6 +41,7 @@ POSITIVE: dict[type, tuple[str, ...]] = {
         "opening",
         "parameter_rate",
     ),
+    Healing: ("seconds", "patience"),
     LinkSensor: ("rate",),
     Perception: ("stride", "cluster_gap", "smallest"),
     Planner: ("rate", "knots", "step", "influence", "velocity_share", "acceleration"),
@@ -50,6 +52,7 @@ POSITIVE: dict[type, tuple[str, ...]] = {
 NOT_NEGATIVE: dict[type, tuple[str, ...]] = {
     Camera: ("latency",),
     Filter: ("excitation", "torque_drift_std", "parameter_walk", "learning_rate", "history"),
+    Healing: ("attempts", "nice"),
     LinkSensor: ("latency",),
     Perception: ("table_clearance", "robot_clearance"),
     Planner: ("clearance", "seed"),
@@ -69,6 +72,7 @@ NOT_NEGATIVE: dict[type, tuple[str, ...]] = {
     Task: ("start",),
 }
 SHARE: dict[type, tuple[str, ...]] = {
+    Healing: ("held_out",),
     Planner: ("velocity_share",),
     Registration: ("colour_weight", "minimum_quality"),
 }
@@ -83,6 +87,8 @@ def check_twin(twin: Twin) -> None:
     """
     _walk(twin, "twin")
     _corners(twin.perception.workspace, "twin.perception.workspace")
+    if twin.healing is not None:
+        _healing(twin.healing, "twin.healing")
     if twin.camera is not None:
         near_far = twin.camera.depth_range
         if len(near_far) != 2 or not 0 < near_far[0] < near_far[1]:
@@ -118,6 +124,13 @@ def _check_fields(value: Any, name: str) -> None:
         for field in ("translation", "rpy"):
             if len(getattr(value, field)) != 3:
                 raise ScenarioError(f"{name}.{field}", f"{getattr(value, field)} is not three numbers")
+
+
+def _healing(healing: Healing, name: str) -> None:
+    if not 0.05 <= healing.held_out <= 0.95:
+        raise ScenarioError(f"{name}.held_out", f"{healing.held_out} leaves nothing to fit or nothing to prove")
+    if healing.answer_after is not None and not healing.answer_after >= 0.0:
+        raise ScenarioError(f"{name}.answer_after", f"{healing.answer_after} s is before the search")
 
 
 def _corners(box: list[list[float]], name: str) -> None:

@@ -1,0 +1,47 @@
+"""Scenarios: one typed YAML file in two parts, the world and what the twin is told about it.
+
+``world:`` holds what a simulated station needs (true poses, hidden effects, sensor defects); ``twin:`` holds all
+that the twin knows. The twin is built from ``twin:`` alone. All units SI, angles in radians, X_AB as in Drake.
+"""
+
+from __future__ import annotations
+
+from twin_diagram.scenario.acting import Planner, Task
+from twin_diagram.scenario.defects import ArmDefects, CameraDefects, SensorDefects
+from twin_diagram.scenario.estimating import Drift, Filter, Healing, SensorSpec
+from twin_diagram.scenario.models import ArmModel, EffectSpec, Fixture, Pose
+from twin_diagram.scenario.perceiving import Perception, Registration, SceneUpdater
+from twin_diagram.scenario.sensors import Camera, Driver, LinkSensor
+from twin_diagram.scenario.stations import LcmStation, ReplayStation
+from twin_diagram.scenario.twin import Twin
+from twin_diagram.scenario.whole import Scenario
+from twin_diagram.scenario.world import WayPoint, World, WorldObject
+
+__all__ = [
+    "ArmDefects",
+    "ArmModel",
+    "Camera",
+    "CameraDefects",
+    "Drift",
+    "Driver",
+    "EffectSpec",
+    "Filter",
+    "Fixture",
+    "Healing",
+    "LcmStation",
+    "LinkSensor",
+    "Perception",
+    "Planner",
+    "Pose",
+    "Registration",
+    "ReplayStation",
+    "Scenario",
+    "SceneUpdater",
+    "SensorDefects",
+    "SensorSpec",
+    "Task",
+    "Twin",
+    "WayPoint",
+    "World",
+    "WorldObject",
+]

@@ -1,0 +1,53 @@
+"""What models describe: arms, what a model adds to a description, what stands still, and where."""
+
+# No `from __future__ import annotations`: Drake's YAML loader reads the fields' types themselves, not strings.
+from dataclasses import dataclass, field
+
+
+@dataclass
+class Pose:
+    """X_PB: frame B's pose in its parent P."""
+
+    translation: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    """p_PB [m]."""
+    rpy: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    """Roll, pitch, yaw [rad], as in Drake's RollPitchYaw."""
+
+
+@dataclass
+class EffectSpec:
+    """One effect of the catalogue; a joint effect's parameters hold one value per joint, any other's the value."""
+
+    name: str = ""
+    joints: list[str] = field(default_factory=list)
+    links: list[str] = field(default_factory=list)
+    parameters: dict[str, list[float]] = field(default_factory=dict)
+    onset: float | None = None
+    """When it starts [s]; none: it was there before."""
+    end: float | None = None
+    """When it ends [s]; none: it stays."""
+    log: str = ""
+    """Which log `onset` and `end` are about; empty: any."""
+
+
+@dataclass
+class ArmModel:
+    """A robot arm, with or without a gripper, and what the model adds to its description."""
+
+    model: str = "arms/panda_hand.urdf"
+    """A path, `package://…`, or a path below the models that come along."""
+    X_WB: Pose = field(default_factory=Pose)
+    joints: list[str] = field(default_factory=list)
+    """The arm's joints in order; empty: every actuated revolute joint of the model, in the model's order."""
+    gripper_joints: list[str] = field(default_factory=list)
+    """Finger joints; empty: every actuated prismatic joint."""
+    tool_frame: str = "panda_tcp"
+    effects: list[EffectSpec] = field(default_factory=list)
+
+
+@dataclass
+class Fixture:
+    """A model that stands still: table, bin, pedestal."""
+
+    model: str = "scenes/table.sdf"
+    X_WB: Pose = field(default_factory=Pose)

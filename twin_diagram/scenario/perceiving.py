@@ -1,0 +1,69 @@
+"""Tuning of what turns images into objects with a life."""
+
+# No `from __future__ import annotations`: Drake's YAML loader reads the fields' types themselves, not strings.
+from dataclasses import dataclass, field
+
+
+@dataclass
+class Perception:
+    """Tuning of segmentation."""
+
+    stride: int = 2
+    """Every n-th pixel in x and y is used."""
+    workspace: list[list[float]] = field(default_factory=lambda: [[0.1, -0.6, -0.02], [1.0, 0.6, 0.6]])
+    """Lowest and highest corner of the box in W in which objects are looked for [m]."""
+    table_height: float = 0.0
+    """Height of the table's top in W [m], refined from each image."""
+    table_clearance: float = 0.006
+    """Points this near to the table belong to it [m]."""
+    robot_clearance: float = 0.025
+    """Points this near to the robot's model belong to it [m]."""
+    cluster_gap: float = 0.02
+    """Points farther apart than this are two objects [m]."""
+    smallest: int = 60
+    """Points that make an object."""
+
+
+@dataclass
+class Registration:
+    """Tuning of the ICP pose estimator."""
+
+    model_points: int = 600
+    iterations: int = 12
+    reach: float = 0.02
+    """Correspondences farther apart than this are cut [m]."""
+    colour_weight: float = 0.3
+    """Share of the colour term."""
+    minimum_quality: float = 0.5
+    search_period: float = 0.2
+    """An object not found is searched for again after this long [s]."""
+
+
+@dataclass
+class SceneUpdater:
+    """Tuning of the scene-graph updater."""
+
+    rate: float = 60.0
+    stale_after: float = 0.5
+    """Unseen for this long while it should be visible [s]."""
+    lost_after: float = 5.0
+    acceleration_std: float = 0.3
+    """Of an object that moves [m/s²]."""
+    angular_acceleration_std: float = 1.0
+    """[rad/s²]"""
+    position_floor: float = 0.0005
+    """Error that all measurements of an object share, so that averaging does not remove it [m]."""
+    rotation_floor: float = 0.005
+    """[rad]"""
+    rest_walk: float = 1e-4
+    """Random walk of an object at rest [m/√s]."""
+    rest_turn: float = 1e-3
+    """[rad/√s]"""
+    stale_walk: float = 0.01
+    """Random walk of an object that nobody sees: how fast its covariance grows [m/√s]."""
+    stale_turn: float = 0.05
+    """[rad/√s]"""
+    rest_speed: float = 0.015
+    """An object slower than this for some images is at rest [m/s]."""
+    rest_spin: float = 0.2
+    """[rad/s]"""

@@ -1,0 +1,51 @@
+"""The arm's driver and all sensors, as their data sheets tell."""
+
+# No `from __future__ import annotations`: Drake's YAML loader reads the fields' types themselves, not strings.
+from dataclasses import dataclass, field
+
+from twin_diagram.scenario.models import Pose
+
+
+@dataclass
+class Camera:
+    """A pinhole RGB-D camera; optical frame C: X right, Y down, Z forward."""
+
+    name: str = "camera"
+    X_WC: Pose = field(default_factory=Pose)
+    width: int = 640
+    height: int = 480
+    focal: float = 600.0
+    """Focal length [pixel], the same in x and y; the principal point is the image's centre."""
+    rate: float = 15.0
+    """Frames per second."""
+    latency: float = 0.035
+    """From capture to delivery [s]."""
+    depth_range: list[float] = field(default_factory=lambda: [0.2, 3.0])
+    """Nearest and farthest depth that is measured [m]."""
+
+
+@dataclass
+class Driver:
+    """The arm's own controller, as its data sheet tells: joint impedance about the commanded position."""
+
+    stiffness: list[float] = field(default_factory=list)
+    """[N·m/rad] per joint; empty: 600 for the first four joints, 250 for the rest, scaled to the effort limits."""
+    damping: list[float] = field(default_factory=list)
+    """[N·m·s/rad]; empty: two times the square root of stiffness."""
+    rate: float = 400.0
+    """Status messages per second [1/s]."""
+
+
+@dataclass
+class LinkSensor:
+    """A sensor on the arm besides its own, as its data sheet tells; the simulated station has a port for it."""
+
+    kind: str = "imu"
+    """`imu`: port `<body>.imu`; `wrench`: port `wrist.wrench_measured`."""
+    body: str = ""
+    """Link that it is fixed to; empty: the last one."""
+    X_BS: Pose = field(default_factory=Pose)
+    rate: float = 200.0
+    """Readings per second [1/s]."""
+    latency: float = 0.0
+    """From reading to delivery, rounded up to whole periods [s]."""

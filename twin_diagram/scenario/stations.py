@@ -1,0 +1,29 @@
+"""Stations that are no simulation."""
+
+# No `from __future__ import annotations`: Drake's YAML loader reads the fields' types themselves, not strings.
+from dataclasses import dataclass
+
+
+@dataclass
+class ReplayStation:
+    """A recorded log (CSV or .npz), or a recording's folder with images."""
+
+    log: str = ""
+
+
+@dataclass
+class LcmStation:
+    """A real arm's driver, speaking Drake's own messages."""
+
+    url: str = ""
+    """Empty: LCM's default; `memq://` stays within the process."""
+    arm: str = "panda"
+    """`panda` or `iiwa`: which messages."""
+    status_channel: str = ""
+    """Empty: the public driver's own."""
+    command_channel: str = ""
+    control: str = "position"
+    """What is commanded, as the driver was started: `position` or `position_and_torque`."""
+    image_channel: str = "CAMERA_IMAGES"
+    depth_unit: float = 0.00025
+    """Depths that arrive are rounded to a whole number of these [m]."""
