@@ -109,17 +109,29 @@ class MujocoArm(LeafSystem):
 
     Runs at 1 kHz; messages have no latency. Positions are encoder counts [rad], velocities the drive's estimate
     [rad/s], torques what the motors gave, with white noise of 0.3 % of the rated torque [N·m]. All state is one
-    discrete vector; MuJoCo's own data are scratch. Joints are in the description's order.
+    discrete vector; MuJoCo's own data are scratch. Joints are in the description's order. From a given time on another
+    secret may hold instead: something was picked up, a bearing went dry.
 
     Attributes:
         joints: names.
         stiffness, damping: (n,) of the drive [N·m/rad], [N·m·s/rad].
     """
 
-    def __init__(self, urdf: Path, secret: Secret, home: Sequence[float], seed: int = 0) -> None:
+    def __init__(
+        self,
+        urdf: Path,
+        secret: Secret,
+        home: Sequence[float],
+        seed: int = 0,
+        later: Secret | None = None,
+        change: float = np.inf,
+    ) -> None:
         super().__init__()
         self._model = compile_robot(urdf, secret)
         self._data = mujoco.MjData(self._model)
+        self._later = self._model if later is None else compile_robot(urdf, later)
+        self._later_data = self._data if later is None else mujoco.MjData(self._later)
+        self._change = change
         self.joints = tuple(self._model.joint(k).name for k in range(self._model.njnt))
         n = len(self.joints)
         self._n = n
@@ -159,10 +171,11 @@ class MujocoArm(LeafSystem):
         return read
 
     def _update(self, context: Context, discrete: DiscreteValues) -> None:
-        model, data, n = self._model, self._data, self._n
+        n, now = self._n, context.get_time()
+        changed = now >= self._change - 1e-9
+        model, data = (self._later, self._later_data) if changed else (self._model, self._data)
         state = context.get_discrete_state_vector().value().copy()
         q, v, warm, encoder, velocity, _, asked, rate = state[:-1].reshape(8, n)
-        now = context.get_time()
         measured = np.round(q / ENCODER) * ENCODER
         command = self._command.Eval(context) if self._command.HasValue(context) else self._home
         # Both rates go through the same filter, so that it delays neither against the other.
@@ -201,10 +214,18 @@ class MujocoStation(Diagram):
         joints: names, in the ports' order.
     """
 
-    def __init__(self, urdf: Path, secret: Secret, home: Sequence[float], seed: int = 0) -> None:
+    def __init__(
+        self,
+        urdf: Path,
+        secret: Secret,
+        home: Sequence[float],
+        seed: int = 0,
+        later: Secret | None = None,
+        change: float = np.inf,
+    ) -> None:
         super().__init__()
         builder = DiagramBuilder()
-        arm = builder.AddNamedSystem("arm", MujocoArm(urdf, secret, home, seed))
+        arm = builder.AddNamedSystem("arm", MujocoArm(urdf, secret, home, seed, later, change))
         self.joints = arm.joints
         for name in ports.input_names(arm):
             builder.ExportInput(arm.GetInputPort(name), name)

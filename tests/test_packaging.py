@@ -130,7 +130,8 @@ LAYERS = (
     {"prediction", "rollout"},
     {"station", "perception", "estimation", "scene", "planning", "gap"},
     {"looking"},
-    {"diagram", "score", "run", "touching", "trial", "variation", "attachments", "progress"},
+    {"diagram", "score", "run", "touching", "trial", "variation", "attachments", "progress", "healing"}
+    | {"fused_sensors"},
     {"cli"},
     {"__main__"},
 )

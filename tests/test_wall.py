@@ -210,11 +210,12 @@ def recorded(tmp_path_factory: pytest.TempPathFactory, egl: None) -> tuple[Path,
     live: list[dict[str, Array]] = []
     loops: list[ClosedLoop] = []
 
-    def trial(loop: ClosedLoop, simulator: Simulator, duration: float, progress: Any) -> Any:
+    def trial(loop: ClosedLoop, simulator: Simulator, duration: float, progress: Any, between: Any) -> Any:
         loops.append(loop)
         wanted = list(LOOKS)
 
         def look(context: Any) -> None:
+            between(context)
             if wanted and context.get_time() >= wanted[0] - 1e-9:
                 assert context.get_time() == pytest.approx(wanted.pop(0), abs=1e-9)
                 live.append(estimates(loop, context))

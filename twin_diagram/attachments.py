@@ -1,4 +1,4 @@
-"""What is hung on a closed loop that is being built: eyes (meshcat, Meldis) and memory (recording, log)."""
+"""What is hung on a closed loop that is being built: eyes (meshcat, Meldis), memory (recording, log) and mending."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Final
+from typing import Any, Final
 
 from pydrake.geometry import Meshcat
 from pydrake.lcm import DrakeLcm
@@ -16,6 +16,8 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from twin_diagram.diagram import Twin
 from twin_diagram.errors import TwinError
+from twin_diagram.estimation.events import append_lines
+from twin_diagram.healing import Healer, Tape
 from twin_diagram.logs import read_log, write_log
 from twin_diagram.looking.ghost import make_ghost
 from twin_diagram.looking.meldis import add_meldis
@@ -31,6 +33,10 @@ SCENARIO_FILE: Final = "scenario.yaml"
 """In a recording's folder: the scenario that was run."""
 MOST_FRAMES: Final = 300
 """Of a page. Each takes memory, in the run and in the browser; a longer run is shown with fewer per second."""
+EVENTS: Final = "events.jsonl"
+"""In a run's folder: alarms and what they led to, one JSON object to a line."""
+SPARE: Final = 5.0
+"""The tape holds this much more than a search takes [s]."""
 Say = Callable[[str], None]
 
 
@@ -115,6 +121,35 @@ class Keeping:
         """Adds a recorder to a loop that is being built."""
         if self._writer is not None:
             add_recorder(builder, station, self._writer, twin.diagram.GetOutputPort(ports.POSITION_COMMANDED))
+
+
+class Mending:
+    """What an alarm leads to: events in a file, and where the scenario asks for it, a model that is mended."""
+
+    def __init__(self, scenario: Scenario, out: Path | None) -> None:
+        """`out` gets ``events.jsonl`` and ``healing/``; None: nothing is written."""
+        self._scenario, self._out = scenario, out
+        self._tape: Tape | None = None
+        if out is not None:
+            (out / EVENTS).unlink(missing_ok=True)
+
+    def add(self, builder: DiagramBuilder, station: Diagram, twin: Twin) -> None:
+        """Adds a tape to a loop that is being built, where the twin is to mend its model."""
+        healing = self._scenario.twin.healing
+        if healing is None:
+            return
+        commanded = twin.diagram.GetOutputPort(ports.POSITION_COMMANDED)
+        rate, seconds = self._scenario.twin.driver.rate, healing.seconds + SPARE
+        self._tape = Tape(builder, station, commanded, twin.model.joints, rate=rate, seconds=seconds)
+
+    def healer(self, twin: Twin) -> Healer:
+        """For the loop, once it is built; to be polled between its steps, and closed."""
+        folder = None if self._out is None else self._out / "healing"
+        return Healer(twin, self._scenario.twin.healing, self._journal, self._tape, folder, self._scenario.packages)
+
+    def _journal(self, event: dict[str, Any]) -> None:
+        if self._out is not None:
+            append_lines(self._out / EVENTS, [event])
 
 
 class _Converter(AbstractContextManager[None]):

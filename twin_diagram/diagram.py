@@ -10,10 +10,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from twin_diagram import description, scenario
@@ -46,13 +46,14 @@ class Twin:
 
     Attributes:
         diagram: in and out as a station's, the other way round; besides, what it believes: `arm_state`, `parameters`,
-            `covariance`, `nis`, `object_poses`, `tracks`, `alarm`, `alarm_log`, `positions`, `plan`, `goal`,
-            `query_object`.
+            `covariance`, `nis`, `object_poses`, `tracks`, `alarm`, `alarm_log`, `alarm_evidence`, `positions`, `plan`,
+            `goal`, `query_object`.
         model: the arm's physics.
         library: the known objects, in order.
         scene: the twin's own plant and SceneGraph.
         parameter_names: of `parameters`, in order.
         mass_index: of the payload's mass in `parameters`; None where none is learned.
+        ekf, drift, mpc: the systems that use the model; a corrected one reaches them by `add_model` and `use_model`.
     """
 
     diagram: Diagram
@@ -61,6 +62,38 @@ class Twin:
     scene: TwinScene
     parameter_names: tuple[str, ...]
     mass_index: int | None
+    ekf: AdaptiveEkf
+    drift: DriftMonitor
+    mpc: Mpc
+
+    def add_model(self, model: Model) -> int:
+        """Takes in a corrected model of the same arm; answers its number. No Context uses it yet.
+
+        Raises:
+            TwinError: the twin cannot use it.
+        """
+        numbers = {system.add_model(model) for system in (self.ekf, self.drift, self.mpc)}
+        assert len(numbers) == 1
+        return numbers.pop()
+
+    def use_model(self, context: Context, number: int) -> None:
+        """Filter, monitor and planner go on with another model; 0 is the one that the twin was built with.
+
+        Args:
+            context: of `diagram`, between two steps of a simulator; other Contexts stay as they are.
+            number: as `add_model` gave it.
+        """
+        for system in (self.ekf, self.drift, self.mpc):
+            system.use_model(self.diagram.GetMutableSubsystemContext(system, context), number)
+
+    def alarms(self, context: Context) -> list[dict[str, Any]]:
+        """What the drift monitor raised, oldest first, with evidence: see `estimation.events`."""
+        return self.drift.events(self.diagram.GetSubsystemContext(self.drift, context), self.model.joints)
+
+    def parameters(self, context: Context) -> dict[str, float]:
+        """What the filter has learnt, by name."""
+        values = self.diagram.GetOutputPort("parameters").Eval(context)
+        return {name: round(float(value), 6) for name, value in zip(self.parameter_names, values, strict=True)}
 
 
 @dataclass(frozen=True)
@@ -159,7 +192,7 @@ def make_twin(twin: scenario.Twin, packages: Packages | None = None) -> Twin:
         builder.ExportOutput(grip.get_output_port(), ports.GRIPPER_COMMANDED)
     for system, names in (
         (ekf, ("arm_state", "parameters", "covariance", "innovation", "nis")),
-        (drift, ("alarm", "alarm_log")),
+        (drift, ("alarm", "alarm_log", "alarm_evidence")),
         (updater, ("tracks", "positions")),
         (mpc, ("plan",)),
     ):
@@ -169,7 +202,7 @@ def make_twin(twin: scenario.Twin, packages: Packages | None = None) -> Twin:
     diagram = builder.Build()
     diagram.set_name("twin")
     mass_index = parameter_names.index(MASS) if MASS in parameter_names else None
-    return Twin(diagram, model, library, scene, parameter_names, mass_index)
+    return Twin(diagram, model, library, scene, parameter_names, mass_index, ekf, drift, mpc)
 
 
 def make_closed_loop(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from twin_diagram import scenario as schema
-from twin_diagram.attachments import SCENARIO_FILE, Keeping, Looking, Say, check_room
+from twin_diagram.attachments import SCENARIO_FILE, Keeping, Looking, Mending, Say, check_room
 from twin_diagram.diagram import ClosedLoop, Twin, make_closed_loop
 from twin_diagram.errors import TwinError
 from twin_diagram.logs import read_log
@@ -45,7 +45,8 @@ def run_scenario(
 
     Args:
         scenario: with any station; only a simulated one can be scored.
-        out: folder for ``summary.json`` and, with `pictures`, ``replay.html``, ``diagram.svg`` and plots.
+        out: folder for ``summary.json``, ``events.jsonl`` and, with `pictures`, ``replay.html``, ``diagram.svg`` and
+            plots; with ``twin.healing`` also ``healing/``, a folder for each search.
         record: folder for a recording that `replay_log` runs again.
         log: the measured log, .csv or .npz.
         show: opens meshcat and runs no faster than real time.
@@ -68,8 +69,11 @@ def run_scenario(
     with ExitStack() as stack:
         keep = Keeping(scenario, record, log, stack)
 
+        mend = Mending(scenario, out)
+
         def add(builder: DiagramBuilder, station: Diagram, twin: Twin) -> None:
             keep.add(builder, station, twin)
+            mend.add(builder, station, twin)
             if look is not None:
                 look.add(builder, station, twin)
 
@@ -78,16 +82,17 @@ def run_scenario(
         if look is not None:
             look.start(simulator, show or meldis, say)
         simulator.Initialize()
+        healer = stack.enter_context(mend.healer(loop.twin))
         trial = None
         progress = Progress(scenario.duration, quiet)
         if scenario.station == "sim":
-            trial = run_trial(loop, simulator, scenario.duration, progress)
+            trial = run_trial(loop, simulator, scenario.duration, progress, healer.poll)
             timing = trial.timing()
             summary = summary_of(loop, trial, timing)
             progress.done()
             say(table(summary))
         else:
-            _advance(simulator, scenario.duration, progress)
+            _advance(simulator, scenario.duration, progress, healer.poll)
             summary = beliefs(loop, simulator.get_context())
             progress.done()
             say(json.dumps(summary, indent=2))
@@ -185,9 +190,10 @@ def beliefs(loop: ClosedLoop, context: Context) -> dict[str, Any]:
     }
 
 
-def _advance(simulator: Simulator, duration: float, progress: Progress) -> None:
+def _advance(simulator: Simulator, duration: float, progress: Progress, between: Callable[[Context], None]) -> None:
     for tick in range(1, int(np.ceil(10 * duration)) + 1):
         simulator.AdvanceTo(min(0.1 * tick, duration))
+        between(simulator.get_mutable_context())
         progress(simulator.get_context().get_time())
 
 

@@ -73,7 +73,7 @@ def run_trial(
         simulator: of ``loop.diagram``, at time 0.
         duration: [s].
         progress: called with the time reached [s].
-        between: called with the root context after each sample.
+        between: called with the root context after each sample, which it may change.
     """
     sampler = _Sampler(loop, simulator.get_mutable_context())
     before, started = timing.snapshot(), clock.perf_counter()
@@ -82,7 +82,7 @@ def run_trial(
         simulator.AdvanceTo(min(tick * SAMPLE_PERIOD, duration))
         paused = clock.perf_counter()
         sampler.sample()
-        between(simulator.get_context())
+        between(simulator.get_mutable_context())
         progress(simulator.get_context().get_time())
         sampling += clock.perf_counter() - paused
     elapsed = clock.perf_counter() - started - sampling
