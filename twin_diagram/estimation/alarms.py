@@ -51,6 +51,7 @@ def raise_alarm(
     dt: float = 0.0,
     longer: float = 0.0,
     sensor: int = -1,
+    gained: tuple[int, float] | None = None,
 ) -> None:
     """Raises an alarm, or lets the one that stands go on.
 
@@ -62,6 +63,7 @@ def raise_alarm(
         dt: how long the message stands for [s].
         longer: by how much the alarm outlasts `HOLD` [s].
         sensor: which further sensor it is about.
+        gained: which joint, by index, gained which torque [N·m], where that is known.
     """
     h = state.header
     row = int(h[Entry.ALARMS] - 1) % RING
@@ -89,6 +91,8 @@ def raise_alarm(
         # that stands out is the one.
         clear = np.abs(share) > max(STANDS_OUT, OF_LARGEST * float(np.abs(share).max()))
         h[Entry.JOINT] = float(np.argmax(clear)) if clear.any() else -1.0
+        if gained is not None:
+            h[Entry.JOINT], evidence[Evidence.TORQUE] = gained
         evidence[Evidence.JOINT] = h[Entry.JOINT]
         evidence[Evidence.NIS] = h[Entry.NIS] / (2.0 * len(share))
         evidence[Evidence.CHANGE] = h[Entry.CHANGE]

@@ -2,7 +2,8 @@
 
 Tests run side by side:
 
-- **innovation**, at the filter's rate: NIS and a torque that begins and stays (`innovation_test`);
+- **innovation**, at the filter's rate: NIS and a torque that begins and stays (`innovation_test`), and torques on
+  sliding joints that were not there before (`torque_test`);
 - **rollout**, every `Drift.period`: the model runs ahead for `Drift.horizon` (`rollout_test`);
 - **sensor**, at each further sensor's rate: whether it parts ways with the rest (`cross_check`).
 
@@ -24,6 +25,7 @@ from twin_diagram.estimation.cross_check import CrossCheck
 from twin_diagram.estimation.drift_state import RING, DriftState, Entry, Evidence
 from twin_diagram.estimation.parameters import ParameterSet
 from twin_diagram.estimation.rollout_test import RolloutTest
+from twin_diagram.estimation.torque_test import TorqueTest
 from twin_diagram.scenario import Drift, Filter
 from twin_diagram.signals import ALARM_SIZE, NEVER, AlarmKind, Array
 
@@ -65,8 +67,9 @@ class Monitor:
         self.sensors = tuple(sensors or ())
         self._cross = CrossCheck(tuple((sensors or {}).values()), drift.sigma, drift.learning_time)
         self._rollouts = RolloutTest(terms, self.parameters, drift, tuning)
-        rows = RolloutTest.rows(drift, tuning)
-        self.state = DriftState(terms.n, self.parameters.size, len(change.FORGETTING), rows, self._cross.size)
+        self._motors = TorqueTest(terms, self.parameters, tuning, drift.sigma)
+        rows, changes = RolloutTest.rows(drift, tuning), len(change.FORGETTING)
+        self.state = DriftState(terms.n, self.parameters.size, changes, rows, self._cross.size, self._motors.size)
         self.vector: Any = self.state.vector
         self.header, self.log, self.evidence = self.state.header, self.state.log, self.state.evidence
 
@@ -137,9 +140,13 @@ class Monitor:
         alarms.turn_over(self.state, t)
         k, armed = self.params.sigma, self.armed
         found = innovation_test.innovation_test(self.state, nis, innovation, dt, k, learning, armed)
+        calm = bool(h[Entry.SETTLED]) and found < 1.0 and not self.active
+        gained, joint, torque = self._motors.follow(self.state.motors, state, theta, tau, state_time, calm, armed)
+        named = (joint, torque) if gained > 1.0 else None
+        found = max(found, gained)
         alarms.note(self.state, found)
         if found > 1.0:
-            alarms.raise_alarm(self.state, AlarmKind.INNOVATION, t, found, dt=dt)
+            alarms.raise_alarm(self.state, AlarmKind.INNOVATION, t, found, dt=dt, gained=named)
         elif armed and not learning and h[Entry.ALARMS] > 0 and t < h[Entry.QUIET]:
             alarms.reshape(self.state)
         found = self._rollouts.follow(self.state, state, theta, q, tau, t, state_time, learning, armed)
@@ -176,6 +183,7 @@ class Monitor:
         h[[Entry.ROLLOUT, Entry.TENTH, Entry.TENTHS]] = 0.0
         innovation_test.forget(self.state)
         self._cross.begin(self.state.sensors)
+        self._motors.begin(self.state.motors)
 
     # Details.
 

@@ -36,6 +36,8 @@ class Evidence(IntEnum):
     """By how much the newest rollout missed the hand [m]."""
     SENSOR = 8
     """Which further sensor parts ways with the rest, by index; negative where it is not about one."""
+    TORQUE = 9
+    """Torque that a sliding joint has gained and the model lacks [N·m]; 0 where that is not what the alarm is about."""
 
 
 class Entry(IntEnum):
@@ -123,9 +125,10 @@ class DriftState:
         change: (2, L) mean and sum of squared deviations of their statistics in normal operation.
         tenths: (TENTHS,) largest statistic of each tenth of a second, newest last.
         sensors: what the cross-check keeps of the further sensors.
+        motors: what the torque test keeps of the joints.
     """
 
-    def __init__(self, n: int, p: int, changes: int, rows: int, sensors: int) -> None:
+    def __init__(self, n: int, p: int, changes: int, rows: int, sensors: int, motors: int) -> None:
         """Makes an empty one.
 
         Args:
@@ -134,14 +137,16 @@ class DriftState:
             changes: L.
             rows: torques that a rollout holds.
             sensors: numbers that the cross-check keeps.
+            motors: numbers that the torque test keeps.
         """
         sizes = [len(Entry), RING * ALARM_LOG_FIELDS, RING * (len(Evidence) + n), p, n + 1, n + 1, 2 * n, p]
-        sizes += [rows * (n + 1), changes * n, 2 * changes, TENTHS, sensors]
+        sizes += [rows * (n + 1), changes * n, 2 * changes, TENTHS, sensors, motors]
         ends = np.cumsum(sizes)
         self.vector: Any = np.zeros(ends[-1])
         parts = np.split(self.vector, ends[:-1])  # views
         self.header, log, evidence, self.checked, self.roll_mean, self.roll_squares = parts[:6]
-        self.from_state, self.from_theta, torques, sums, learnt, self.tenths, self.sensors = parts[6:]
+        self.from_state, self.from_theta, torques, sums, learnt, self.tenths = parts[6:12]
+        self.sensors, self.motors = parts[12:]
         self.log: Array = log.reshape(RING, ALARM_LOG_FIELDS)
         self.evidence: Array = evidence.reshape(RING, len(Evidence) + n)
         self.torques: Array = torques.reshape(rows, n + 1)

@@ -46,8 +46,8 @@ class DriftMonitor(LeafSystem):
 
     Outputs: `alarm` (4): 1 while an alarm stands, `AlarmKind`, time raised [s] (`NEVER` before the first), largest
     statistic over threshold; `alarm_log` (32 × 3, row by row), a ring: time raised (`NEVER` where empty), kind,
-    statistic; `alarm_evidence` (32 × (9 + n)), a row for each of its rows, by `drift.Evidence`, then each joint's share
-    of the change in standard deviations. `events` makes both into records for a JSON Lines file.
+    statistic; `alarm_evidence` (32 × (10 + n)), a row for each of its rows, by `drift.Evidence`, then each joint's
+    share of the change in standard deviations. `events` makes both into records for a JSON Lines file.
     """
 
     def __init__(self, model: Model | ArmTerms, params: Drift, tuning: Filter) -> None:

@@ -25,7 +25,8 @@ def events(monitor: Monitor, joints: Sequence[str] = ()) -> list[dict[str, Any]]
         Per alarm `time` [s], `kind`, `shape` (spike, step or trend), `joint` (or null), `sensor` that parts ways with
         the rest (or null), `statistic` (largest over its threshold) and `evidence`: `above` [s], `nis` (mean over its
         degrees of freedom), `change`, `rollout` (each over its threshold), `sum` (Page's, in standard deviations),
-        `hand` (by how much the newest rollout missed it [m]) and `joints`, each one's share in standard deviations.
+        `hand` (by how much the newest rollout missed it [m]), `torque` (that the joint gained [N·m]) and `joints`,
+        each one's share in standard deviations.
     """
     found = []
     for index in np.argsort(monitor.log[:, 0], kind="stable"):
