@@ -114,13 +114,14 @@ class Run:
         colours = {"twin": "#2463a6", "left alone": "#d9772b"}
         names = {"twin": "the twin, which mends its model", "left alone": "the same filter, its model as it was"}
         width = max(1, round(RECENT / LOOK))
+        top = 0.0
         for who in reversed(self.hand):
             squares = np.concatenate([np.zeros(width - 1), self.hand[who] ** 2])
             recent = np.sqrt(np.convolve(squares, np.ones(width) / width, mode="valid"))
+            top = max(top, 1.1e3 * float(recent.max()))  # single peaks may leave the picture
             thick = 1.8 if who == "twin" else 3.4
             axes.plot(self.time, 1e3 * self.hand[who], color=colours[who], lw=0.5, alpha=0.4)
             axes.plot(self.time, 1e3 * recent, color=colours[who], lw=thick, label=names[who])
-        top = 1e3 * max(float(values.max()) for values in self.hand.values())
         for at, text in self.marks():
             axes.axvline(at, color="#5b6675", lw=0.9, ls="--")
             axes.text(at + 0.1, 1.29 * top, text, fontsize=8.5, color="#384250", va="top")

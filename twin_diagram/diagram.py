@@ -7,7 +7,7 @@ names. It is built from the scenario's ``twin:`` alone, so it cannot know what a
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -21,6 +21,7 @@ from twin_diagram.assets.asset import Asset
 from twin_diagram.errors import ModelError, ScenarioError, TwinError
 from twin_diagram.estimation.drift_system import DriftMonitor
 from twin_diagram.estimation.ekf_system import AdaptiveEkf
+from twin_diagram.fused_sensors import Fused, export, fused_sensors, silence
 from twin_diagram.model import Model
 from twin_diagram.perception.pose_system import IcpPoseEstimator
 from twin_diagram.perception.segmentation_system import Perception
@@ -53,6 +54,7 @@ class Twin:
         scene: the twin's own plant and SceneGraph.
         parameter_names: of `parameters`, in order.
         mass_index: of the payload's mass in `parameters`; None where none is learned.
+        fused: sensors that the filter fuses besides the arm's own.
         ekf, drift, mpc: the systems that use the model; a corrected one reaches them by `add_model` and `use_model`.
     """
 
@@ -62,6 +64,7 @@ class Twin:
     scene: TwinScene
     parameter_names: tuple[str, ...]
     mass_index: int | None
+    fused: tuple[Fused, ...]
     ekf: AdaptiveEkf
     drift: DriftMonitor
     mpc: Mpc
@@ -135,9 +138,11 @@ def make_twin(twin: scenario.Twin, packages: Packages | None = None) -> Twin:
     scene = _named("twin.fixtures", lambda: add_twin_scene(builder, twin, packages))
 
     home = np.array(twin.home) if twin.home else None
-    ekf = builder.AddNamedSystem("adaptive_ekf", AdaptiveEkf(model, twin.filter, home))
+    fused = fused_sensors(twin, model.last_link)
+    tuning = replace(twin.filter, sensors=[sensor.spec for sensor in fused])
+    ekf = builder.AddNamedSystem("adaptive_ekf", _named("twin.filter", lambda: AdaptiveEkf(model, tuning, home)))
     parameter_names = tuple(label.split(" ")[0] for label in ekf.ekf.parameters.labels(model.joints))
-    drift = builder.AddNamedSystem("drift_monitor", DriftMonitor(model, twin.drift, twin.filter))
+    drift = builder.AddNamedSystem("drift_monitor", DriftMonitor(model, twin.drift, tuning))
     updater = builder.AddNamedSystem("scene_graph_updater", SceneGraphUpdater(scene, twin.scene))
     mpc = builder.AddNamedSystem("mpc", _named("twin", lambda: Mpc(model, twin, library, packages, parameter_names)))
     goal = builder.AddNamedSystem("goal", ConstantVectorSource(goal_vector(twin.task)))
@@ -153,6 +158,7 @@ def make_twin(twin: scenario.Twin, packages: Packages | None = None) -> Twin:
         for system in (drift, mpc):
             if system.HasInputPort(port):
                 builder.ConnectInput(name, system.GetInputPort(port))
+    export(builder, ekf, fused)
     for port in ("arm_state", "parameters", "innovation", "nis"):
         builder.Connect(ekf.GetOutputPort(port), drift.GetInputPort(port))
     builder.Connect(ekf.GetOutputPort("arm_state"), updater.GetInputPort("arm_state"))
@@ -202,7 +208,7 @@ def make_twin(twin: scenario.Twin, packages: Packages | None = None) -> Twin:
     diagram = builder.Build()
     diagram.set_name("twin")
     mass_index = parameter_names.index(MASS) if MASS in parameter_names else None
-    return Twin(diagram, model, library, scene, parameter_names, mass_index, ekf, drift, mpc)
+    return Twin(diagram, model, library, scene, parameter_names, mass_index, tuple(fused), ekf, drift, mpc)
 
 
 def make_closed_loop(
@@ -229,7 +235,10 @@ def make_closed_loop(
 
 
 def connect(builder: DiagramBuilder, station: Diagram, twin: Twin) -> None:
-    """Adds a station and the twin to `builder` and connects namesakes; nothing of ``truth.*`` is connected."""
+    """Adds a station and the twin to `builder` and connects namesakes; nothing of ``truth.*`` is connected.
+
+    Sensors that the filter fuses and that the station does not have are silent.
+    """
     builder.AddNamedSystem("station", station)
     builder.AddNamedSystem("twin", twin.diagram)
     for name in ports.output_names(station):
@@ -238,6 +247,7 @@ def connect(builder: DiagramBuilder, station: Diagram, twin: Twin) -> None:
     for name in ports.input_names(station):
         if twin.diagram.HasOutputPort(name):
             builder.Connect(twin.diagram.GetOutputPort(name), station.GetInputPort(name))
+    silence(builder, twin.diagram, station, twin.fused)
 
 
 def goal_vector(task: scenario.Task) -> np.ndarray:

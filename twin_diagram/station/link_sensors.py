@@ -24,7 +24,7 @@ from twin_diagram.station import ports
 from twin_diagram.station.arm_plant import ArmPlant
 from twin_diagram.station.noise import Stream, generator
 
-SIZE = 6
+SIZE = ports.SENSOR_SIZE
 NOISE = {"imu": (1e-3, 1e-2), "wrench": (0.01, 0.1)}
 """Where the scenario says nothing: angular velocity [rad/s], specific force [m/s²]; moment [N·m], force [N]."""
 
@@ -129,10 +129,11 @@ class LinkSensorSystem(LeafSystem):
             raise ScenarioError(f"{field}.kind", f"{sensor.kind!r} is none of {', '.join(NOISE)}")
         if not 0.0 < sensor.rate < np.inf or not 0.0 <= sensor.latency < np.inf:
             raise ScenarioError(field, f"rate {sensor.rate} must be positive, latency {sensor.latency} not negative")
-        self._noise, self._bias = _checked(defects, sensor.kind, port_name(sensor, plan, arm, plant))
+        last_link = plant.get_body(arm.arm.last_link).name()
+        self._noise, self._bias = _checked(defects, sensor.kind, ports.of_sensor(sensor, last_link))
         self._missing = [tuple(span) for span in defects.missing]
         self._kind, self._rate, self._seed, self._place = sensor.kind, sensor.rate, plan.seed, place
-        body = sensor.body or plant.get_body(arm.arm.last_link).name()
+        body = sensor.body or last_link
         if not plant.HasBodyNamed(body):
             raise ScenarioError(f"{field}.body", f"the world's arm has no link {body!r}")
         self._body = int(plant.GetBodyByName(body).index())
@@ -209,12 +210,6 @@ class LinkSensorSystem(LeafSystem):
         return np.concatenate([R_WS.T @ moment, R_WS.T @ force])
 
 
-def port_name(sensor: LinkSensor, plan: Scenario, arm: ArmPlant, plant: MultibodyPlant) -> str:
-    """The station's port of a sensor."""
-    body = sensor.body or plant.get_body(arm.arm.last_link).name()
-    return ports.imu(body) if sensor.kind == "imu" else ports.WRENCH_MEASURED
-
-
 def add_link_sensors(builder: DiagramBuilder, plant: MultibodyPlant, arm: ArmPlant, plan: Scenario) -> dict[str, int]:
     """Adds the sensors of ``twin.sensors`` to a station and exports their ports.
 
@@ -226,7 +221,7 @@ def add_link_sensors(builder: DiagramBuilder, plant: MultibodyPlant, arm: ArmPla
     """
     found: dict[str, int] = {}
     for place, sensor in enumerate(plan.twin.sensors):
-        name = port_name(sensor, plan, arm, plant)
+        name = ports.of_sensor(sensor, plant.get_body(arm.arm.last_link).name())
         if name in found:
             raise ScenarioError(f"twin.sensors[{place}]", f"there is a port {name} already")
         defects = plan.world.sensor_defects.get(name, SensorDefects())

@@ -13,6 +13,7 @@ from twin_diagram import logs
 from twin_diagram.errors import LogError, ScenarioError, StationError
 from twin_diagram.scenario import Camera
 from twin_diagram.signals import Array
+from twin_diagram.station.ports import SENSOR_SIZE
 from twin_diagram.station.recording import (
     FRAMES,
     GRIPPER,
@@ -21,6 +22,7 @@ from twin_diagram.station.recording import (
     Manifest,
     depth_file,
     rgb_file,
+    sensor_file,
 )
 
 
@@ -170,6 +172,38 @@ def read_frames(folder: Path, manifest: Manifest | None, camera: Camera | None) 
             if not (images / name).is_file():
                 raise StationError(f"{images / name}: missing from the recording")
     return Frames(images, index, table[:, 1], table[:, 2], recorded.width, recorded.height, recorded.depth_unit)
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Of one further sensor, one per row.
+
+    Attributes:
+        time: (N,) when they were taken [s].
+        delivery: (N,) when each came to stand on the ports [s], rising.
+        values: (N, 6).
+    """
+
+    time: Array
+    delivery: Array
+    values: Array
+
+
+def read_sensors(folder: Path, manifest: Manifest) -> dict[str, Readings]:
+    """The readings of a recording's further sensors, by their ports.
+
+    Raises:
+        StationError: a table is missing or damaged.
+    """
+    found = {}
+    for k, name in enumerate(manifest.sensors):
+        file = folder / sensor_file(k)
+        _, table = read_columns(file)
+        if table.shape[1] != 2 + SENSOR_SIZE:
+            raise StationError(f"{file}: {table.shape[1]} columns; a sensor's table has {2 + SENSOR_SIZE}")
+        _rising(file, table[:, 1])
+        found[name] = Readings(table[:, 0], table[:, 1], table[:, 2:])
+    return found
 
 
 def read_log(path: Path, joints: Sequence[str]) -> Messages:

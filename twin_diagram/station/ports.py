@@ -12,6 +12,7 @@ from typing import Final
 from pydrake.systems.framework import Diagram, System
 
 from twin_diagram.errors import StationError
+from twin_diagram.scenario import LinkSensor
 
 POSITION_COMMANDED: Final = "arm.position_commanded"
 TORQUE_COMMANDED: Final = "arm.torque_commanded"
@@ -29,6 +30,8 @@ ARM_STATE: Final = "truth.arm_state"
 OBJECT_POSES: Final = "truth.object_poses"
 QUERY_OBJECT: Final = "truth.query_object"
 CONTACT_RESULTS: Final = "truth.contact_results"
+SENSOR_SIZE: Final = 6
+"""Numbers in a further sensor's reading."""
 TRUTH: Final = "truth."
 """What every port starts with that only a simulated station has."""
 
@@ -51,6 +54,11 @@ def image_time(camera: str) -> str:
 def imu(body: str) -> str:
     """Name of the port of an IMU on a link."""
     return f"{body}.imu"
+
+
+def of_sensor(sensor: LinkSensor, last_link: str) -> str:
+    """Name of the port of a further sensor; `last_link` of the arm is where one is that names no link."""
+    return imu(sensor.body or last_link) if sensor.kind == "imu" else WRENCH_MEASURED
 
 
 def time_of(port: str) -> str:

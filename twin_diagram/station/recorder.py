@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from pydrake.common.value import Value
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem, OutputPort, System
 from pydrake.systems.sensors import ImageDepth32F, ImageRgba8U
 
@@ -29,13 +30,16 @@ def open_recording(scenario: Scenario, folder: str | Path) -> RecordingWriter:
         ScenarioError: the twin's arm cannot be loaded.
         StationError: the folder cannot be used.
     """
-    arm = twin_arm(scenario)
+    plant = MultibodyPlant(0.0)
+    arm = twin_arm(scenario, plant)
+    last_link = plant.get_body(arm.last_link).name()
+    sensors = [ports.of_sensor(sensor, last_link) for sensor in scenario.twin.sensors]
     camera = scenario.twin.camera
     recorded = None
     if camera is not None:
         unit = depth_unit(scenario)
         recorded = RecordedCamera(camera.name, camera.width, camera.height, camera.rate, camera.latency, unit)
-    return RecordingWriter(folder, Manifest(list(arm.joints), list(arm.gripper_joints), recorded))
+    return RecordingWriter(folder, Manifest(list(arm.joints), list(arm.gripper_joints), recorded, sensors))
 
 
 def depth_unit(scenario: Scenario) -> float:
@@ -60,12 +64,19 @@ class Recorder(LeafSystem):
         - <camera>.rgb_image
         - <camera>.depth_image
         - <camera>.image_time
+        - <body>.imu
+        - <body>.imu_time
+        - wrist.wrench_measured
+        - wrist.wrench_time
         - arm.position_commanded
 
     Looks at the end of each step of the simulator. A message that is new there came to stand on the ports by an
     update at the start of that step, which is where the step before ended: that is its delivery time, to the bit.
     Where there is no command yet, the measured position is written as the command: the arm holds its pose. Keeps no
     state in the Context; what it has written is the writer's. One run, one recorder.
+
+    Attributes:
+        sensors: further sensors that it looks at, by their ports.
     """
 
     def __init__(self, writer: RecordingWriter) -> None:
@@ -75,6 +86,7 @@ class Recorder(LeafSystem):
         n, g = len(manifest.joints), len(manifest.gripper_joints)
         camera = None if manifest.camera is None else manifest.camera.name
         self._writer = writer
+        self.sensors = tuple(manifest.sensors)
         self._vectors = {
             name: self.DeclareVectorInputPort(port, n)
             for name, port in (
@@ -87,6 +99,15 @@ class Recorder(LeafSystem):
         self._command = self.DeclareVectorInputPort(ports.POSITION_COMMANDED, n)
         if g:
             self._vectors["gripper"] = self.DeclareVectorInputPort(ports.GRIPPER_MEASURED, 2 * g)
+        self._sensors = [
+            (
+                name,
+                self.DeclareVectorInputPort(name, ports.SENSOR_SIZE),
+                self.DeclareVectorInputPort(ports.time_of(name), 1),
+            )
+            for name in manifest.sensors
+        ]
+        self._read = dict.fromkeys(manifest.sensors, -1.0)  # times of the newest readings that were written
         self._image_time = None
         if camera is not None:
             self._rgb = self.DeclareAbstractInputPort(ports.rgb_image(camera), Value(ImageRgba8U()))
@@ -108,6 +129,11 @@ class Recorder(LeafSystem):
             held = command is None or not all(abs(x) < float("inf") for x in command)
             signals["position_commanded"] = signals["position_measured"] if held else command
             self._writer.message(time, self._before, signals)
+        for name, reading, taken in self._sensors:
+            time = float(taken.Eval(context)[0]) if taken.HasValue(context) else -1.0
+            if time > self._read[name]:
+                self._read[name] = time
+                self._writer.reading(name, time, self._before, reading.Eval(context))
         if self._image_time is not None:
             time = float(self._image_time.Eval(context)[0])
             if time > self._image:
@@ -135,8 +161,13 @@ def add_recorder(
     recorder = Recorder(writer)
     builder.AddNamedSystem("recorder", recorder)
     for name in ports.input_names(recorder):
-        if name != ports.POSITION_COMMANDED:
+        if name != ports.POSITION_COMMANDED and (station.HasOutputPort(name) or not _further(recorder, name)):
             builder.Connect(station.GetOutputPort(name), recorder.GetInputPort(name))
     if position_commanded is not None:
         builder.Connect(position_commanded, recorder.GetInputPort(ports.POSITION_COMMANDED))
     return recorder
+
+
+def _further(recorder: Recorder, name: str) -> bool:
+    """Whether an input is a further sensor's: not every station has those."""
+    return any(name in (sensor, ports.time_of(sensor)) for sensor in recorder.sensors)

@@ -6,6 +6,7 @@ A recording is a folder:
 - ``log.csv``: the arm's messages, in the project's log format, floats written so that they read back to the bit;
 - ``messages.csv``: when each of them came to stand on the ports;
 - ``gripper.csv``: the fingers' positions and speeds, where the robot has a gripper;
+- ``sensor_<k>.csv``: readings of the k-th further sensor of the manifest, with measurement and delivery times;
 - ``<camera>/``: ``rgb_<k>.png``, ``depth_<k>.png`` (16 bit, in depth units) and ``frames.csv`` (capture and delivery
 times).
 
@@ -33,6 +34,7 @@ import yaml
 
 from twin_diagram.errors import StationError
 from twin_diagram.station.camera_defects import depth_to_units
+from twin_diagram.station.ports import SENSOR_SIZE
 
 VERSION: Final = 1
 MANIFEST: Final = "manifest.yaml"
@@ -64,6 +66,8 @@ class Manifest:
     joints: list[str]
     gripper_joints: list[str] = field(default_factory=list)
     camera: RecordedCamera | None = None
+    sensors: list[str] = field(default_factory=list)
+    """Ports of further sensors."""
     version: int = VERSION
 
 
@@ -75,6 +79,11 @@ def rgb_file(k: int) -> str:
 def depth_file(k: int) -> str:
     """Name of the k-th depth image."""
     return f"depth_{k:06d}.png"
+
+
+def sensor_file(k: int) -> str:
+    """Name of the table of the k-th further sensor."""
+    return f"sensor_{k}.csv"
 
 
 def _row(values: Sequence[float] | npt.NDArray[np.float64]) -> str:
@@ -117,6 +126,8 @@ class RecordingWriter:
         if manifest.gripper_joints:
             columns = [f"{s}.{j}" for s in ("position_measured", "velocity_estimated") for j in manifest.gripper_joints]
             self._gripper = self._open(GRIPPER, ["time", *columns])
+        columns = ["time", "delivery", *(str(i) for i in range(SENSOR_SIZE))]
+        self._sensors = {name: self._open(sensor_file(k), columns) for k, name in enumerate(manifest.sensors)}
         self._frames = None
         self._count = 0
         if manifest.camera is not None:
@@ -150,6 +161,10 @@ class RecordingWriter:
         self._messages.write(_row([time, delivery]))
         if self._gripper is not None:
             self._gripper.write(_row(np.concatenate([[time], signals["gripper"]])))
+
+    def reading(self, sensor: str, time: float, delivery: float, values: npt.NDArray[np.float64]) -> None:
+        """Writes one reading (6,) of a further sensor, by its port's name; times as of `message`."""
+        self._sensors[sensor].write(_row([time, delivery, *values]))
 
     def image(
         self, capture: float, delivery: float, rgb: npt.NDArray[np.uint8], depth: npt.NDArray[np.float32]

@@ -19,7 +19,15 @@ from twin_diagram.station import ports
 from twin_diagram.station.camera_defects import units_to_depth
 from twin_diagram.station.ignored import IgnoredCommands
 from twin_diagram.station.parsing import twin_arm
-from twin_diagram.station.played import Frames, Messages, read_frames, read_log, read_recording
+from twin_diagram.station.played import (
+    Frames,
+    Messages,
+    Readings,
+    read_frames,
+    read_log,
+    read_recording,
+    read_sensors,
+)
 from twin_diagram.station.recording import depth_file, read_manifest, rgb_file
 
 
@@ -73,6 +81,37 @@ class MessagePlayer(LeafSystem):
                 output.SetFromVector(values[k] if k >= 0 else before)
 
             self.DeclareVectorOutputPort(name, values.shape[1], calc, {self.time_ticket()})
+
+
+class ReadingPlayer(LeafSystem):
+    """Shows recorded readings of a further sensor.
+
+    .. pydrake_system::
+
+        name: ReadingPlayer
+        output_ports:
+        - reading
+        - time
+
+    As on any station; zeros and `NEVER` before the first. Each stands from its delivery to the next one's. A function
+    of time alone.
+    """
+
+    def __init__(self, readings: Readings) -> None:
+        """`readings`: may be empty."""
+        super().__init__()
+        self._readings = readings
+        ticket = {self.time_ticket()}
+        self.DeclareVectorOutputPort("reading", ports.SENSOR_SIZE, self._calc_reading, ticket)
+        self.DeclareVectorOutputPort("time", 1, self._calc_time, ticket)
+
+    def _calc_reading(self, context: Context, output: BasicVector) -> None:
+        k = newest(self._readings.delivery, context.get_time())
+        output.SetFromVector(self._readings.values[k] if k >= 0 else np.zeros(ports.SENSOR_SIZE))
+
+    def _calc_time(self, context: Context, output: BasicVector) -> None:
+        k = newest(self._readings.delivery, context.get_time())
+        output[0] = self._readings.time[k] if k >= 0 else NEVER
 
 
 class ImagePlayer(LeafSystem):
@@ -164,6 +203,10 @@ class ReplayStation(Diagram):
         - <camera>.rgb_image
         - <camera>.depth_image
         - <camera>.image_time
+        - <body>.imu
+        - <body>.imu_time
+        - wrist.wrench_measured
+        - wrist.wrench_time
 
     A recording's folder shows everything at the times at which the live station showed it, bit for bit. A bare log's
     times are counted from its first sample, and each sample stands from its own time on; it has no images. Reads
@@ -191,10 +234,12 @@ class ReplayStation(Diagram):
         arm = twin_arm(scenario)
         camera = scenario.twin.camera
         folder = path if path.is_dir() else None
+        sensors: dict[str, Readings] = {}
         if folder is not None:
             manifest = read_manifest(folder)
             messages = read_recording(folder, manifest, arm.joints, arm.gripper_joints)
             frames = read_frames(folder, manifest, camera)
+            sensors = read_sensors(folder, manifest)
         else:
             messages = read_log(path, arm.joints)
             frames = read_frames(path.parent, None, camera)
@@ -223,6 +268,12 @@ class ReplayStation(Diagram):
             builder.ExportOutput(images.GetOutputPort("rgb_image"), ports.rgb_image(camera.name))
             builder.ExportOutput(images.GetOutputPort("depth_image"), ports.depth_image(camera.name))
             builder.ExportOutput(images.GetOutputPort("image_time"), ports.image_time(camera.name))
+        further: dict[str, int] = {}
+        for name, readings in sensors.items():
+            sensor = builder.AddNamedSystem(name, ReadingPlayer(readings))
+            builder.ExportOutput(sensor.GetOutputPort("reading"), name)
+            builder.ExportOutput(sensor.GetOutputPort("time"), ports.time_of(name))
+            further |= {name: ports.SENSOR_SIZE, ports.time_of(name): 1}
         builder.BuildInto(self)
         self.set_name("station")
-        ports.check(self, n, g, camera.name if camera else None)
+        ports.check(self, n, g, camera.name if camera else None, further)
