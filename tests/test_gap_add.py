@@ -20,6 +20,7 @@ from twin_diagram.gap.coordinates import Coordinates, from_log_cholesky, log_cho
 from twin_diagram.gap.finding import Estimate, Finding, Moment
 from twin_diagram.gap.gauss_newton import minimise
 from twin_diagram.gap.merge import merged
+from twin_diagram.gap.refinement import Hypothesis, by_torque
 from twin_diagram.gap.whitening import estimate, noise_below
 from twin_diagram.logs import Log, fingerprint, resample
 from twin_diagram.model import Model
@@ -256,3 +257,44 @@ def test_floor_of_coloured_noise(memory: float) -> None:
     noise = lfilter([1.0], [1.0, -memory], rng.normal(size=(40_000, 2)) * [0.1, 3.0], axis=0)
     floor = noise_below(estimate(noise, [20_000, 20_000]), 50.0)
     np.testing.assert_allclose(floor, np.std(lowpass(noise, 50.0), axis=0), rtol=0.02)
+
+
+def swung(path: Path, nameless: float) -> tuple[Model, Log, float]:
+    """An arm of one joint with dry friction that is not in its description, and something that has no name."""
+    text = STATED.replace('<dynamics damping="0.7" friction="1.5"/>', "")
+    path.write_text(text, encoding="utf-8")
+    model, true = Model.load(path), 2.0
+    time = np.arange(0.0, 8.0, 0.005)
+    w, size = np.array([1.1, 2.3, 3.7]), np.array([0.5, 0.3, 0.1])
+    phase = np.outer(time, w)
+    q, v, a = np.sin(phase) @ size, np.cos(phase) @ (size * w), -np.sin(phase) @ (size * w**2)
+    torque = model.inverse_dynamics(q[:, None], v[:, None], a[:, None])[:, 0] + true * np.tanh(v / 1e-3)
+    torque = torque + nameless * np.sign(v) * np.sqrt(np.abs(v)) + np.random.default_rng(3).normal(size=len(q)) * 0.05
+    return model, Log(time, ("j",), position=q[:, None], torque=torque[:, None], source="swung"), true
+
+
+@pytest.mark.parametrize("nameless", [0.0, 1.5])
+def test_laws_that_are_not_exact_end_no_worse_than_they_began(
+    nameless: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where weights by the colour of what is left lead astray, all samples count alike; rough values are the last."""
+    model, log, true = swung(tmp_path / "one.urdf", nameless)
+    hypothesis = Hypothesis.of(model, [EffectSpec("coulomb_friction", ["j"], [], {"torque": [1.5]})])
+    plain, solution = by_torque(hypothesis, [log], coloured=False)
+    if nameless == 0.0:
+        assert abs(solution.vector[0] - true) < 0.01
+    least = torque_residual_rms(plain.model(solution.vector), log)
+
+    def astray(start: Hypothesis, logs: list[Log], *, coloured: bool = True) -> tuple[Hypothesis, Any]:
+        found, answer = by_torque(start, logs, coloured=coloured)
+        return found, replace(answer, vector=2.0 * answer.vector) if coloured else answer
+
+    monkeypatch.setattr("twin_diagram.gap.add.MOST_BY_MOTION", 0)
+    monkeypatch.setattr("twin_diagram.gap.add.by_torque", astray)
+    finding = Finding("coulomb_friction", ("j",), (), per_joint("j", torque=1.1 * float(solution.vector[0])), 0.9)
+    result = add(model, [log], [finding])
+    assert len(result.notes) == 1
+    assert np.all(torque_residual_rms(result.model, log) < 1.01 * least)
+    told = result.findings[0].parameters["torque"]
+    assert isinstance(told, dict)
+    assert abs(float(np.sum(told["j"].value)) - solution.vector[0]) < 0.01

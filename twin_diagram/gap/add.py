@@ -106,14 +106,31 @@ def add(given: Model, logs: Sequence[Log], findings: Sequence[Finding], say: Say
         model = hypothesis.model(vector)
     except ModelError:
         return Added(rough, tuple(findings), ("refined parameters cannot be; the rough ones are kept",))
-    if _left(model, logs) > _left(rough, logs) + WORSE:
-        note = "refined parameters fit the runs worse than the rough ones, which are kept"
-        return Added(rough, tuple(findings), (*notes, note))
+    least = _left(rough, logs)
+    if _left(model, logs) > least + WORSE:
+        say("refining by torques, all that is left counted alike")
+        plain = _plain(Hypothesis.of(given, specs), logs)
+        if plain is None or _left(plain[0].model(plain[1].vector), logs) > least + WORSE:
+            note = "refined parameters fit the runs worse than the rough ones, which are kept"
+            return Added(rough, tuple(findings), (*notes, note))
+        hypothesis, vector, covariance = plain[0], plain[1].vector, plain[1].covariance
+        model = hypothesis.model(vector)
+        notes = ["laws are not exact to the noise: parameters are those that fit best below 10 Hz"]
     refined = list(findings)
     for k in range(len(findings)):
         mine = [i for i, owner in enumerate(owners) if owner == k]
         refined[k] = _told(findings[k], hypothesis, mine, vector, covariance)
     return Added(model, tuple(refined), tuple(notes))
+
+
+def _plain(rough: Hypothesis, logs: Sequence[Log]) -> tuple[Hypothesis, Solution] | None:
+    """Least squares of what is left, whatever its colour; none where no such parameters can be."""
+    try:
+        hypothesis, solution = by_torque(rough, logs, coloured=False)
+        hypothesis.model(solution.vector)
+    except ModelError:
+        return None
+    return hypothesis, solution
 
 
 def _left(model: Model, logs: Sequence[Log]) -> float:

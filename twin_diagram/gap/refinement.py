@@ -100,17 +100,24 @@ class Hypothesis:
         return self.given.with_effects(merged(self.given.effects, self.specs(vector)))
 
 
-def by_torque(hypothesis: Hypothesis, logs: Sequence[Log]) -> tuple[Hypothesis, Solution]:
-    """Equation error, with the times at which effects start or end; these are in the hypothesis that is answered."""
+def by_torque(hypothesis: Hypothesis, logs: Sequence[Log], *, coloured: bool = True) -> tuple[Hypothesis, Solution]:
+    """Equation error, with the times at which effects start or end; these are in the hypothesis that is answered.
+
+    Args:
+        hypothesis: with its rough values.
+        logs: that it was named in.
+        coloured: whether what is left counts as noise of a colour; where laws are not exact, what they leave is slow
+            like themselves, and the colour takes their own frequencies' weight away.
+    """
     whole = prepare(hypothesis.given, logs)
     sharp = any(part.spec.name == "backlash" for part in hypothesis.parts)  # its knocks are
     records = whole if sharp else coarser(whole)
     marks = [fingerprint(log) for log in logs]
-    solution = equation_error(hypothesis, records, marks)
+    solution = equation_error(hypothesis, records, marks, coloured=coloured)
     for _ in range(RETIMED if any(part.spec.log in marks for part in hypothesis.parts) else 0):
         before = [(part.when.onset, part.when.end) for part in hypothesis.parts]
         hypothesis = _retimed(hypothesis.at(solution.vector), solution.vector, whole, marks)
-        solution = equation_error(hypothesis, records, marks)
+        solution = equation_error(hypothesis, records, marks, coloured=coloured)
         after = [(part.when.onset, part.when.end) for part in hypothesis.parts]
         if after == before:
             break
@@ -182,14 +189,18 @@ def _retimed(hypothesis: Hypothesis, vector: Array, records: Records, marks: Seq
     return replace(hypothesis, parts=tuple(parts))
 
 
-def equation_error(hypothesis: Hypothesis, records: Records, marks: Sequence[str]) -> Solution:
+def equation_error(
+    hypothesis: Hypothesis, records: Records, marks: Sequence[str], *, coloured: bool = True
+) -> Solution:
     """See the module; the reference is the log's torque.
 
     Args:
         hypothesis: with its rough values.
         records: of the fitted logs.
         marks: their fingerprints.
+        coloured: see `by_torque`.
     """
+    order = whitening.ORDER if coloured else 0
     start = hypothesis.start()
 
     def left(vector: Array) -> Array:
@@ -203,7 +214,7 @@ def equation_error(hypothesis: Hypothesis, records: Records, marks: Sequence[str
     block = (records.times / CLUSTER).astype(np.int64) + 100_000 * records.owner
     solution = None
     for _ in range(COLOURS):  # what a rough model leaves is no noise
-        noise = whitening.estimate(left(start), records.lengths, len(start) / records.n)
+        noise = whitening.estimate(left(start), records.lengths, len(start) / records.n, order=order)
         dry = rest.dry_joints(Records(hypothesis.model(start), records.records))
         weights = rest.moving(records, terms, noise, dry)
 
