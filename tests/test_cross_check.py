@@ -7,7 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twin_diagram.estimation.cross_check import SETTLING, CrossCheck
+from twin_diagram.estimation.belief import Track
+from twin_diagram.estimation.cross_check import SETTLING, CrossCheck, newest
+from twin_diagram.estimation.declared import note
 from twin_diagram.signals import Array
 
 LEARNING = 2.0
@@ -129,3 +131,18 @@ def test_whatever_comes_the_state_stays_finite(normal, readings: list[tuple[floa
         for k, (number, accepted) in enumerate(readings):
             found = cross.follow(state, 0, np.array([number, 0, 0, 0, 0, 0.0]), accepted, 20.0 + DT * k, True)
             assert np.isfinite(found) and np.all(np.isfinite(state))
+
+
+def test_a_reading_is_read_off_the_record_that_the_filter_keeps() -> None:
+    before = np.zeros(len(Track) + 3)
+    before[len(Track) :] = [0.1, -0.2, 0.3]
+    white = np.array([1.0, -2.0, 0.5])
+    for accepted in (True, False):
+        after = before.copy()
+        note(after, white, 5.0, 1.0, accepted)
+        found = newest(before, after)
+        assert found is not None and found[1] is accepted
+        np.testing.assert_allclose(found[0], white)
+    twice = after.copy()
+    note(twice, white, 5.0, 1.005, True)
+    assert newest(before, before) is None and newest(before, twice) is None

@@ -12,8 +12,10 @@ from hypothesis import strategies as st
 
 from twin_diagram.estimation import belief, drift
 from twin_diagram.estimation.arm_terms import ArmTerms
+from twin_diagram.estimation.change import Shape
 from twin_diagram.estimation.drift import RING, Monitor
 from twin_diagram.estimation.ekf import Ekf
+from twin_diagram.estimation.events import events
 from twin_diagram.estimation.parameters import ParameterSet
 from twin_diagram.estimation.rollout import rollout, torque_error
 from twin_diagram.scenario import Drift, Filter
@@ -116,6 +118,25 @@ def test_an_encoder_that_jumps_is_found_with_its_second_message():
     feed(monitor, 2, 5e4, start=t)
     assert monitor.active
     assert monitor.alarm()[2] == pytest.approx(t + 0.005)
+
+
+@pytest.mark.parametrize(
+    ("nis", "shape"),
+    [
+        ([5e4] * 3, Shape.SPIKE),
+        ([200.0] * 100, Shape.STEP),
+        (list(np.linspace(14.0, 30.0, 400)), Shape.TREND),
+    ],
+)
+def test_spike_step_and_trend_are_told_apart(nis, shape):
+    monitor = Monitor(TERMS, Drift(), Filter())
+    t = feed(monitor, 700)
+    for value in nis:
+        t = feed(monitor, 1, value, start=t)
+    assert monitor.header[drift.Entry.ALARMS] == 1
+    t = feed(monitor, 200, start=t)
+    (record,) = events(monitor)
+    assert record["shape"] == shape.name.lower()
 
 
 # Rollouts.

@@ -159,7 +159,7 @@ def make_twin(twin: scenario.Twin, packages: Packages | None = None) -> Twin:
             if system.HasInputPort(port):
                 builder.ConnectInput(name, system.GetInputPort(port))
     export(builder, ekf, fused)
-    for port in ("arm_state", "parameters", "innovation", "nis"):
+    for port in ("arm_state", "parameters", "innovation", "nis", *(["sensor_tracks"] if fused else [])):
         builder.Connect(ekf.GetOutputPort(port), drift.GetInputPort(port))
     builder.Connect(ekf.GetOutputPort("arm_state"), updater.GetInputPort("arm_state"))
     builder.Connect(ekf.GetOutputPort("arm_state"), mpc.GetInputPort("arm_state"))

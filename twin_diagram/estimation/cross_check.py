@@ -19,7 +19,9 @@ from typing import Final
 import numpy as np
 from scipy.stats import chi2
 
+from twin_diagram.estimation.belief import Track
 from twin_diagram.estimation.change import CAP, FALSE_RATE
+from twin_diagram.estimation.declared import MEMORY as MEAN_OF
 from twin_diagram.signals import Array
 
 FORGETTING: Final = np.array([0.5, 0.8, 0.95, 0.99])
@@ -34,6 +36,23 @@ NEAR: Final = 0.5
 """What is beyond this share of its threshold is no lesson."""
 OUTLIERS: Final = (2.0, 40.0)
 """Refused readings, of so many, that are taken for granted before any has come."""
+
+
+def newest(before: Array, after: Array) -> tuple[Array, bool] | None:
+    """The reading that came between two looks at a sensor's track record, None where there was not exactly one.
+
+    Args:
+        before: (len(Track) + m,) `belief.Track`, then the mean whitened innovation.
+        after: the same, later.
+
+    Returns:
+        Its whitened innovation (m,), within six deviations, and whether the filter used it.
+    """
+    accepted, refused = (after - before)[[Track.ACCEPTED, Track.REFUSED]]
+    if {accepted, refused} != {0.0, 1.0}:
+        return None
+    old, new = before[len(Track) :], after[len(Track) :]
+    return old + MEAN_OF * (new - old), bool(accepted)
 
 
 class CrossCheck:

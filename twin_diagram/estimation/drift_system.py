@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any, cast
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, LeafSystem
 
 from twin_diagram.estimation.arm_terms import ArmTerms
-from twin_diagram.estimation.belief import LONGEST_LOOK
+from twin_diagram.estimation.belief import LONGEST_LOOK, Track
+from twin_diagram.estimation.cross_check import newest
 from twin_diagram.estimation.drift import RING, Entry, Monitor
 from twin_diagram.estimation.events import events
+from twin_diagram.estimation.sensors.make import make_sensor
 from twin_diagram.model import Model
 from twin_diagram.scenario import Drift, Filter
 from twin_diagram.signals import ALARM_LOG_FIELDS, ALARM_SIZE, NEVER, Array
@@ -32,6 +35,7 @@ class DriftMonitor(LeafSystem):
         - position_measured
         - torque_measured
         - measurement_time
+        - sensor_tracks
         output_ports:
         - alarm
         - alarm_log
@@ -42,7 +46,8 @@ class DriftMonitor(LeafSystem):
 
     Inputs: `arm_state` x̂ (2n) [rad, rad/s], `parameters` θ̂ (p), `innovation` (n) whitened, `nis` (1) of the filter;
     `position_measured` (n) [rad], `torque_measured` (n) [N·m], `measurement_time` (1) [s] of the station, the same
-    that the filter gets.
+    that the filter gets. Where the filter fuses further sensors, `Filter.sensors`, there is `sensor_tracks` of the
+    filter as well, and they are cross-checked.
 
     Outputs: `alarm` (4): 1 while an alarm stands, `AlarmKind`, time raised [s] (`NEVER` before the first), largest
     statistic over threshold; `alarm_log` (32 × 3, row by row), a ring: time raised (`NEVER` where empty), kind,
@@ -64,7 +69,7 @@ class DriftMonitor(LeafSystem):
         self._monitors = [self.monitor]
         self._model = self.DeclareNumericParameter(BasicVector([0.0]))
         terms = self.monitor.terms
-        self._view = Monitor(terms, params, tuning)
+        self._view = self._make(terms)
         n, p = terms.n, self.monitor.parameters.size
         self._inputs = [
             self.DeclareVectorInputPort(name, size)
@@ -78,9 +83,14 @@ class DriftMonitor(LeafSystem):
                 ("measurement_time", 1),
             )
         ]
+        sizes = self._sizes(terms)
+        ends = np.cumsum([0, *(len(Track) + size for size in sizes.values())])
+        self._tracks = [slice(int(a), int(b)) for a, b in pairwise(ends)]
+        self._further = self.DeclareVectorInputPort("sensor_tracks", int(ends[-1])) if sizes else None
         state = self.DeclareDiscreteState(self._view.vector)
         # The message of the instant before: position, torque, time.
         self._message = self.DeclareDiscreteState(cast(Any, np.concatenate([np.zeros(2 * n), [NEVER]])))
+        self._seen = self.DeclareDiscreteState(int(ends[-1]))
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / tuning.rate, 0.0, self._update)
         for name, size, calc in (
             ("alarm", ALARM_SIZE, self._calc_alarm),
@@ -122,7 +132,11 @@ class DriftMonitor(LeafSystem):
 
     def _make(self, model: Model | ArmTerms) -> Monitor:
         terms = model if isinstance(model, ArmTerms) else ArmTerms.from_model(model)
-        return Monitor(terms, self._params, self._tuning)
+        return Monitor(terms, self._params, self._tuning, self._sizes(terms))
+
+    def _sizes(self, terms: ArmTerms) -> dict[str, int]:
+        sensors = [make_sensor(terms, spec) for spec in self._tuning.sensors]
+        return {sensor.name: sensor.size for sensor in sensors}
 
     @timed("DriftMonitor")
     def _update(self, context: Context, discrete: DiscreteValues) -> EventStatus:
@@ -135,6 +149,14 @@ class DriftMonitor(LeafSystem):
         ahead = min(max(context.get_time() - message_time, 0.0), LONGEST_LOOK)
         q_then, tau_then = before[:n], before[n : 2 * n]
         monitor.observe(state, theta, float(nis[0]), q_then, tau_then, message_time, message_time + ahead, innovation)
+        if self._further is not None:
+            tracks = cast(Array, self._further.Eval(context))
+            seen = context.get_discrete_state(self._seen).value()
+            for name, part in zip(monitor.sensors, self._tracks, strict=True):
+                reading = newest(seen[part], tracks[part])
+                if reading is not None:
+                    monitor.reading(name, *reading)
+            discrete.set_value(int(self._seen), tracks)
         discrete.set_value(0, monitor.vector)
         discrete.set_value(int(self._message), cast(Any, np.concatenate([q, tau, t])))
         return EventStatus.Succeeded()

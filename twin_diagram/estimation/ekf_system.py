@@ -39,6 +39,7 @@ class AdaptiveEkf(LeafSystem):
         - covariance
         - innovation
         - nis
+        - sensor_tracks
 
     Rate: `Filter.rate`, a periodic discrete update that reads its inputs as they are before other updates of the same
     instant. Latency: `arm_state` none, it is carried on from the newest message to the present (by 20 ms at most,
@@ -51,6 +52,9 @@ class AdaptiveEkf(LeafSystem):
     For each of `Filter.sensors` there are further inputs: `<name>.reading` as the sensor has it, `<name>.time` (1) when
     it was taken [s], negative before the first, and for a pose `<name>.noise` (36), its R row by row, zeros for the
     sensor's own. A reading is used once, when its time has changed; what arrives late is fused at its own time.
+
+    With them comes the output `sensor_tracks`: of each in turn its record by `belief.Track`, then its mean whitened
+    innovation.
 
     Outputs: `arm_state` x̂ = [q (n) rad, v (n) rad/s], `home` before the first message; `parameters` θ̂ (p), see
     `Ekf.parameters`, for a payload its mass [kg] and first moment [kg·m] in the last link's frame; `covariance` of
@@ -116,6 +120,9 @@ class AdaptiveEkf(LeafSystem):
         ):
             known = {self.discrete_state_ticket(state)} | ({self.time_ticket()} if name == "arm_state" else set())
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc=known)
+        if self._further:
+            size, known = sum(len(track) for track in start.tracks), {self.discrete_state_ticket(state)}
+            self.DeclareVectorOutputPort("sensor_tracks", size, self._calc_tracks, prerequisites_of_calc=known)
 
     @staticmethod
     def of_plant(
@@ -224,3 +231,6 @@ class AdaptiveEkf(LeafSystem):
 
     def _calc_nis(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._of(context).header[Entry.NIS : Entry.NIS + 1])
+
+    def _calc_tracks(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(np.concatenate(self._of(context).tracks))
