@@ -9,6 +9,7 @@ The sum is taken over innovations of momentum, which makes it a momentum observe
 from __future__ import annotations
 
 from enum import IntEnum
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -52,6 +53,7 @@ def follow(sums: Array, white: Array) -> Array:
     return statistic
 
 
+@cache
 def threshold(n: int) -> float:
     """Of `follow`'s statistics for innovations that are as white as the filter claims."""
     return float(chi2.ppf(1.0 - FALSE_RATE, n))

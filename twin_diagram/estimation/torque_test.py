@@ -44,6 +44,10 @@ WHITE: Final = 0.3
 """Nor for less than this share of the filter's white unmodelled torque: what is left of it after low-pass."""
 
 
+LARGEST: Final = 1e6
+"""No ρ counts for more [N·m]."""
+
+
 class TorqueTest:
     """The test of one arm; what it remembers is a flat vector that its caller keeps.
 
@@ -127,9 +131,11 @@ class TorqueTest:
         terms, parameters, n = self._terms, self._parameters, self._terms.n
         terms.set_payload(parameters.payload_of(theta))
         q, v = terms.true_position(0.5 * (past[:n] + x[:n])), 0.5 * (past[n:] + x[n:])
-        forward, backward = (np.maximum(side + parameters.dry(theta), 0.0) for side in terms.dry(q, v, tau))
+        forward, backward = terms.dry(q, v, tau)
+        change = parameters.dry(theta)
+        forward, backward = np.maximum(forward + change, 0.0), np.maximum(backward + change, 0.0)
         friction = np.where(v > 0.0, forward, -backward)
         viscous = (parameters.viscous(theta, terms.damping) - terms.damping) * v
         needed = terms.mass_matrix(q) @ ((x[n:] - past[n:]) / dt) + terms.load(q, v, tau) + friction + viscous
         rho = needed - terms.applied(tau) - parameters.push(theta, tau)
-        return np.clip(np.nan_to_num(rho), -1e6, 1e6), 0.5 * (forward + backward)
+        return np.maximum(np.minimum(rho, LARGEST), -LARGEST), 0.5 * (forward + backward)
