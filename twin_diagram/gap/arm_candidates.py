@@ -49,6 +49,15 @@ def inertia_spread(terms: Terms) -> Array:
     return np.concatenate([[m], np.full(3, 0.1 * m * length), np.full(6, m * (0.12 * length) ** 2)])
 
 
+def link_spread(terms: Terms, body: int) -> Array:
+    """(10,) prior of what is wrong with one link's inertia: of the order of that inertia."""
+    own = np.array(terms.records.model.tree.inertia[body], dtype=float)
+    mass = 0.5 * own[0] + 0.02 * mass_scale(terms)
+    size = float(np.sqrt(max(float(np.sum(own[4:7])), 0.0) / max(own[0], 1e-9)))
+    length = max(size, 0.05 * reach(terms))
+    return np.concatenate([[mass], np.full(3, mass * length), np.full(6, mass * length**2)])
+
+
 def in_link_frame(terms: Terms, body: int) -> Array:
     """(ΣD, n, 10) torque per inertial parameter in the frame of the body's own link."""
     model = terms.records.model
@@ -112,16 +121,17 @@ def bulky_payload(terms: Terms) -> Candidate:
 def inertial_parameters(terms: Terms) -> list[Candidate]:
     """Ten differences per link; at the last one only what is no payload."""
     model = terms.records.model
-    spread = inertia_spread(terms)
+    far = 0.35 * reach(terms)
     result = []
     for body in range(terms.records.n):
         full = in_link_frame(terms, body)
         present = np.array(model.tree.inertia[body], dtype=float)
 
         def admits(c: Array, present: Array = present) -> bool:
-            return bool(present[0] + c[0] > 0.0)
+            now = present + c
+            return bool(now[0] > 0.0 and np.linalg.norm(now[1:4]) <= far * now[0])
 
-        if np.sqrt(np.mean(full**2)) < 1e-9:
+        if np.sqrt(np.mean(full**2)) < 1e-9 or turns_only(full):
             continue
         last = body == last_body(terms)
         result.append(
@@ -131,7 +141,7 @@ def inertial_parameters(terms: Terms) -> list[Candidate]:
                 links=(model.tree.link[body],),
                 rows=tuple(range(terms.records.n)),
                 columns=full,
-                spread=spread,
+                spread=link_spread(terms, body),
                 lower=np.full(10, -np.inf),
                 upper=np.concatenate([[0.0 if last else np.inf], np.full(9, np.inf)]),
                 parameters=_inertia_values(present),
@@ -141,6 +151,12 @@ def inertial_parameters(terms: Terms) -> list[Candidate]:
             )
         )
     return result
+
+
+def turns_only(full: Array) -> bool:
+    """Whether a body shows one number only: then it turns about one axis, like a rotor, which is the better name."""
+    columns = full.reshape(-1, full.shape[2])
+    return int(np.linalg.matrix_rank(columns.T @ columns, tol=1e-9 * float(np.sum(columns**2)), hermitian=True)) < 2
 
 
 def _inertia_values(present: Array) -> Callable[[Array, Array], Values]:

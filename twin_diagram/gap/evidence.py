@@ -33,6 +33,9 @@ NEW_NAME = 6.0
 FURTHER_JOINT = 3.0
 """Price of naming it on one more joint."""
 
+MIXED = 4.0
+"""Price of saying that dry friction is of one kind on some joints and of another on others."""
+
 PASSES = 3
 """Times that coefficients and variances of a hypothesis are solved in turn."""
 
@@ -70,8 +73,8 @@ class Fit:
     variance: Array
 
 
-ONCE = frozenset({"external_force", "payload", "gravity_tilt", "time_delay"})
-"""Names that are said once; several forces in a row follow any curve of time."""
+ONCE = frozenset({"external_force", "payload", "inertial_parameters", "gravity_tilt", "time_delay"})
+"""Names that are said once; several forces in a row follow any curve of time, several links' inertias any arm's."""
 
 
 class Bench:
@@ -281,7 +284,8 @@ class Bench:
             candidate = self.candidates[k]
             counts[candidate.name] = counts.get(candidate.name, 0) + 1
             total += candidate.cost
-        return total + sum(NEW_NAME + FURTHER_JOINT * (count - 1) for count in counts.values())
+        mixed = MIXED if {"coulomb_friction", "stribeck_friction"} <= counts.keys() else 0.0
+        return total + mixed + sum(NEW_NAME + FURTHER_JOINT * (count - 1) for count in counts.values())
 
     def left(self, fit: Fit) -> Array:
         """(ΣD, n) residual of a fit [N·m]."""

@@ -39,11 +39,11 @@ def left_over(records: Records, terms: Terms, bench: Bench, fit: Fit) -> LeftOve
     statistic = np.zeros(records.n)
     gain = 0.0
     for j in range(records.n):
-        # What the named model already has must not count again.
+        # What the named model already has must not count again; a time shift is of all joints or none.
         own = [
             bench.candidates[k].columns[:, bench.candidates[k].rows.index(j)]
             for k in fit.order
-            if j in bench.candidates[k].rows
+            if j in bench.candidates[k].rows and bench.candidates[k].name
         ]
         known = np.concatenate([np.zeros((len(residual), 0)), *own], axis=1)
         both = np.concatenate([known, features(records, terms, j)], axis=1)

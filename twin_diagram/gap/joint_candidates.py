@@ -35,6 +35,9 @@ OF_THE_PEAK = (0.95, 0.9, 0.84, 0.78, 0.72, 0.66, 0.6, 0.54)
 MOST_SATURATED = 0.85
 """Share of the time that a torque may be beyond its limit."""
 
+FREE = 0.5
+"""Share of a sample's own choice of torque that the size of what is beyond a limit costs."""
+
 LEAST_LIMIT = 0.12
 """A limit is at least this share of the largest torque that is logged."""
 
@@ -128,6 +131,8 @@ def saturation(terms: Terms, j: int, limit: float) -> Candidate | None:
     if clear < CLEAR:
         return None
     over = terms.reduce(tuple(tau - np.clip(tau, -limit, limit) for tau in smooth))
+    # What a bounded torque was logged as tells little: each sample beyond might be about anywhere.
+    free = FREE * float(np.sum(np.log(np.maximum(np.abs(over) / max(terms.torque_noise[j], 1e-12), 1.0))))
 
     def values(c: Array) -> dict[str, Array]:
         return {"limit": np.array([limit])}
@@ -141,7 +146,7 @@ def saturation(terms: Terms, j: int, limit: float) -> Candidate | None:
         [0.75],
         [1.25],
         shape={"limit": limit},
-        cost=float(np.log(5.0)) + (SELECTED if clear < PLAIN else 0.0),
+        cost=free + float(np.log(5.0)) + (SELECTED if clear < PLAIN else 0.0),
     )
 
 
@@ -166,7 +171,7 @@ class _Builder:
         sign = t.reduced_signs
         ahead = t.reduce(tuple(np.maximum(s, 0.0) for s in t.signs))
         back = t.reduce(tuple(np.minimum(s, 0.0) for s in t.signs))
-        loaded = t.reduce(tuple(np.abs(load) * s for load, s in zip(t.load, t.signs, strict=True)))
+        loaded = t.reduce(tuple(np.abs(load) * s for load, s in zip(t.moved or t.load, t.signs, strict=True)))
         for j in range(self.n):
             self.add("viscous_friction", j, [speed[:, j]], linear("damping"), [-(1 + SMALL) * had.damping[j]])
             lowest = -(1 + SMALL) * had.coulomb[j]
@@ -179,7 +184,9 @@ class _Builder:
                 [lowest] * 2,
                 variant="two-sided",
             )
-            self.add("load_dependent_friction", j, [loaded[:, j]], linear("coefficient"), [-(1 + SMALL) * had.load[j]])
+            self.add(
+                "load_dependent_friction", j, [loaded[:, j]], linear("coefficient"), [-(1 + SMALL) * had.load[j]], [0.9]
+            )
 
     def stribeck(self) -> None:
         for j in range(self.n):

@@ -25,7 +25,7 @@ from twin_diagram.gap.candidate import Candidate
 from twin_diagram.gap.evidence import Bench, Fit, Members
 from twin_diagram.gap.finding import Finding, Separation, Verdict
 from twin_diagram.gap.locating import locate
-from twin_diagram.gap.posterior import findings_of, separations_of
+from twin_diagram.gap.posterior import findings_of, groups, separations_of
 from twin_diagram.gap.proposals import Proposer
 from twin_diagram.gap.records import Records, prepare
 from twin_diagram.gap.refine import refine
@@ -36,14 +36,17 @@ from twin_diagram.model import Model
 
 Array = npt.NDArray[np.float64]
 
-LEAST = 8.0
+LEAST = 6.0
 """Evidence that each member must bring beyond all prices [nats]; set on clean training logs."""
 
 MOST = 40
 """Members of a hypothesis."""
 
 REMAINDER = 8.0
-"""Above this, `flexible.left_over` says that structure is left; set on training logs."""
+"""Above this, `flexible.left_over` says that structure is left; set on clean training logs."""
+
+BESIDE = 6.5
+"""The same where something was named."""
 
 MOSTLY = 0.5
 """Where a flexible model explains more of the residual than this share of what was named, nothing is named."""
@@ -57,17 +60,42 @@ DOUBT_TIME = 0.3
 SUSPECT = 3.0
 """Above this, a joint's gear is looked at more closely."""
 
-SUSPECTS = 3
+SUSPECTS = 4
+
+SWUNG = ("reflected_inertia", "joint_elasticity", "backlash", "torque_constant")
+"""What a gear that swings looks like at first."""
 
 NOT_SMOOTH = ("joint_elasticity", "torque_saturation")
 """Candidates that the saturated fit can do without."""
 
 MOTOR = ("", "time_delay", "torque_constant", "torque_bias", "torque_saturation", "actuator_fault")
-"""What stands between the logged torque and the joint: no load of the joint."""
+"""What stands between the logged torque and the motor's: no load of the motor."""
+
+GEAR = (*rest.DRY, "viscous_friction", "reflected_inertia")
+"""What stands between the motor's torque and the link's: no load of the gear."""
+
+BESIDE_MORE = 0.75
+"""Where structure is left, names are this much less sure: more often than not they follow something without a name."""
 
 DOUBTFUL = 0.5
 SMALL = 0.3
-"""Findings of less confidence, and less than this share of the strongest one's significance, are not named."""
+"""Findings of less confidence, and of less than this share of the strongest one's significance, are not named."""
+
+PIECE = 0.1
+"""Where structure is left, findings that explain less than this share of what was explained are not named."""
+
+LEVEL = 1.4
+"""Noise of a joint that is this much more than was thought possible beside any smooth law is structure where something
+was named [variance]; what was thought possible is too little by half in some short clean logs."""
+
+FAR_ABOVE = 4.0
+"""The same where nothing was named."""
+
+SLOW = np.linspace(0.1, 1.0, 10)
+FAST = np.linspace(2.5, 4.0, 10)
+RED = 6.0
+"""Noise this much denser at the slow than at the fast ones of these frequencies [Hz] is no noise where something was
+found."""
 
 USUAL = frozenset({"viscous_friction", "coulomb_friction", "stribeck_friction", "reflected_inertia"})
 """What every joint may well lack at once."""
@@ -107,11 +135,13 @@ def investigate(records: Records, progress: Progress | None = None) -> tuple[Ver
     lap("candidates")
     smooth = [c for c in candidates if c.name not in NOT_SMOOTH]
     explained, spent = saturated.explain(records, smooth)
-    counted = rest.sliding(records, terms, range(records.n))
+    ordinary = whitening.ordinary(records.residual - explained, records.lengths, records.rate)
+    counted = rest.sliding(records, terms, range(records.n)) * ordinary
     noise = whitening.estimate(records.residual - explained, records.lengths, float(np.mean(spent)), counted)
     weights = rest.moving(records, terms, noise, range(records.n))
     white = records.white(noise.order)
-    noise = whitening.restricted(records.residual, saturated.columns(records, smooth), noise, weights, white)
+    quiet = weights * ordinary[noise.rows].T
+    noise = whitening.restricted(records.residual, saturated.columns(records, smooth), noise, quiet, white)
     lap("noise")
 
     say("searching for a name")
@@ -121,7 +151,7 @@ def investigate(records: Records, progress: Progress | None = None) -> tuple[Ver
     lap("search")
 
     say("searching again with the noise that is left")
-    terms, bench, fit = again(records, terms, bench, fit)
+    terms, bench, fit = again(records, terms, bench, fit, ordinary)
     lap("second search")
     verdict = conclude(records, terms, bench, fit)
     # Now that it is known what is noise: the first guess of it is too low where a log is short.
@@ -139,10 +169,24 @@ def all_candidates(terms: Terms) -> list[Candidate]:
     ]
 
 
-def again(records: Records, terms: Terms, bench: Bench, fit: Fit) -> tuple[Terms, Bench, Fit]:
-    """Searches once more, with noise and transmitted torque as the first hypothesis has them."""
+def again(records: Records, terms: Terms, bench: Bench, fit: Fit, ordinary: Array) -> tuple[Terms, Bench, Fit]:
+    """Searches once more, with noise and transmitted torque as the first hypothesis has them.
+
+    Args:
+        records: prepared.
+        terms: of the first search.
+        bench: of the first search.
+        fit: what it found.
+        ordinary: see `whitening.ordinary`.
+    """
     needed = saturated.at_full_rate(records, contribution_of(records, bench, fit, without=MOTOR))
-    terms = with_load(terms, tuple(g + c for g, c in zip(given_load(records), needed, strict=True)))
+    moved = saturated.at_full_rate(records, contribution_of(records, bench, fit, without=(*MOTOR, *GEAR)))
+    given = given_load(records)
+    terms = with_load(
+        terms,
+        tuple(g + c for g, c in zip(given, needed, strict=True)),
+        tuple(g + c for g, c in zip(given, moved, strict=True)),
+    )
     dry = rest.dry_joints(records) | {
         j for k in fit.members if bench.candidates[k].name in rest.DRY for j in bench.candidates[k].joints
     }
@@ -150,16 +194,20 @@ def again(records: Records, terms: Terms, bench: Bench, fit: Fit) -> tuple[Terms
     weights = rest.moving(records, terms, bench.whitener, dry)
     white = records.white(bench.whitener.order)
     smooth = [c for c in fresh if c.name not in NOT_SMOOTH] + [bench.candidates[k] for k in fit.members]
-    noise = whitening.restricted(records.residual, saturated.columns(records, smooth), bench.whitener, weights, white)
+    quiet = weights * ordinary[bench.whitener.rows].T
+    noise = whitening.restricted(records.residual, saturated.columns(records, smooth), bench.whitener, quiet, white)
     nuisances = [arm_candidates.timing_nuisance(terms)]
-    second = Bench(records.residual, noise, fresh, nuisances, weights, terms.torque_size)
+    second = Bench(records.residual, noise, fresh, nuisances, weights * trusted(records, bench, fit), terms.torque_size)
     members: Members = frozenset(second.add(bench.candidates[k]) for k in fit.members)
-    gears.propose(second, terms, members, suspects(records, terms, second, members))
+    asked = suspects(records, terms, second, members)
+    gears.propose(second, terms, members, asked)
     polish, propose = polisher(terms), Proposer(terms)
     found = climb(second, members, LEAST, MOST, propose, polish)
     other = search(second, LEAST, MOST, propose, polish)
     best = found if found.evidence >= other.evidence else other
-    if holding.propose(second, terms, best):
+    late = [j for j in suspects(records, terms, second, best.members) if j not in asked]
+    offered = [*gears.propose(second, terms, best.members, late), *holding.propose(second, terms, best)]
+    if offered:
         best = climb(second, best.members, LEAST, MOST, propose, polish)
     return terms, second, pruned(second, refine(second, terms, best))
 
@@ -172,9 +220,15 @@ def trusted(records: Records, bench: Bench, fit: Fit) -> Array:
 
 
 def suspects(records: Records, terms: Terms, bench: Bench, members: Members) -> list[int]:
-    """Joints on which curves of motion, load or time find most structure that a hypothesis leaves."""
+    """Joints on which curves of motion, load or time find most structure that a hypothesis leaves.
+
+    A gear that swings or knocks shakes the joints beside it, where it may show more.
+    """
     left = flexible.left_over(records, terms, bench, bench.solve(members)).joints
-    return [int(j) for j in np.argsort(-left)[:SUSPECTS] if left[j] > SUSPECT]
+    found = [int(j) for j in np.argsort(-left)[:SUSPECTS] if left[j] > SUSPECT]
+    swung = [j for k in sorted(members) if bench.candidates[k].name in SWUNG for j in bench.candidates[k].joints]
+    beside = [i for j in found[:1] for i in (j + 1, j - 1) if 0 <= i < records.n]
+    return list(dict.fromkeys([*found, *swung, *beside]))[:SUSPECTS]
 
 
 def pruned(bench: Bench, fit: Fit) -> Fit:
@@ -212,30 +266,63 @@ def contribution_of(records: Records, bench: Bench, fit: Fit, without: Sequence[
 
 
 def crowded(findings: Sequence[Finding]) -> bool:
-    """Whether one joint has two unusual names: together they rather follow something that has no name."""
+    """Whether one joint has two unusual names: together they rather follow something that has no name.
+
+    Beside another name, one that starts within the log is unusual whatever it is: two steps follow any drift.
+    """
     unusual = [joint for finding in findings if finding.name not in USUAL for joint in finding.joints]
-    return len(unusual) > len(set(unusual))
+    several = [joint for finding in findings for joint in finding.joints]
+    started = {joint for finding in findings if finding.onset is not None for joint in finding.joints}
+    return len(unusual) > len(set(unusual)) or any(several.count(joint) > 1 for joint in started)
+
+
+def share_of(bench: Bench, fit: Fit, name: str) -> float:
+    """Share of what was explained on a name's own joints that is lost without it, as log likelihoods."""
+    group = frozenset(groups(bench, fit.members)[name])
+    rows = sorted({j for k in group for j in bench.candidates[k].rows})
+    empty, without = bench.solve(frozenset()).variance, bench.solve(fit.members - group).variance
+    explained = float(np.sum((bench.counts * np.log(empty / fit.variance))[rows]))
+    lost = float(np.sum((bench.counts * np.log(without / fit.variance))[rows]))
+    return lost / max(explained, 1e-9)
+
+
+def negligible(finding: Finding, findings: Sequence[Finding], share: float, structure: bool) -> bool:
+    """Whether a name is better left as something that is there.
+
+    That is what is small beside the rest and doubtful. Where even the rest does not explain everything, what explains
+    little of its joints may be a piece of what a stronger one's law follows not quite.
+    """
+    if structure and finding is not findings[0] and share < PIECE:
+        return True
+    small = finding.significance < SMALL * findings[0].significance
+    return small and finding.confidence < DOUBTFUL and len(finding.joints) < 2 and finding.name not in USUAL
+
+
+def redness(noise: whitening.Whitener, rate: float) -> float:
+    """How much denser noise is at slow motion's frequencies than above them, on the worst joint."""
+    z = np.exp(-2j * np.pi / rate * np.outer(np.arange(noise.order + 1), np.concatenate([SLOW, FAST])))
+    density = np.abs(noise.filters @ z) ** -2.0
+    return float(np.max(np.mean(density[:, : len(SLOW)], axis=1) / np.mean(density[:, len(SLOW) :], axis=1)))
 
 
 def conclude(records: Records, terms: Terms, bench: Bench, fit: Fit) -> Verdict:
     """The verdict on a final fit."""
     left = flexible.left_over(records, terms, bench, fit)
-    structure = left.statistic > REMAINDER
+    raised = fit.variance > (LEVEL if fit.members else FAR_ABOVE)
+    structure = left.statistic > REMAINDER or bool(np.any(raised))
     noise = whitening.noise_below(bench.whitener, records.rate)
     findings: tuple[Finding, ...] = ()
     separation: tuple[Separation, ...] = ()
     if fit.members:
         findings = findings_of(records, bench, fit)
         separation = separations_of(records, bench, fit)
-        # What is small and doubtful beside the rest is better left as something that is there.
-        kept = tuple(
-            f
-            for f in findings
-            if f.confidence >= DOUBTFUL or len(f.joints) > 1 or f.significance > SMALL * findings[0].significance
-        )
-        structure = structure or len(kept) < len(findings) or crowded(kept)
-        findings = kept
-    unknown = structure and (not findings or left.gain > MOSTLY * bench.gain(fit))
+        red = redness(bench.whitener, records.rate) > RED
+        structure = structure or left.statistic > BESIDE or red or crowded(findings)
+        kept = tuple(f for f in findings if not negligible(f, findings, share_of(bench, fit, f.name), structure))
+        structure = structure or len(kept) < len(findings)
+        findings = tuple(replace(f, confidence=f.confidence * BESIDE_MORE) for f in kept) if structure else kept
+    gain = max(left.gain, float(np.sum(bench.counts[raised] * np.log(fit.variance[raised]))))
+    unknown = structure and (not findings or gain > MOSTLY * bench.gain(fit))
     if unknown:
         findings, separation = (), ()
     return Verdict(

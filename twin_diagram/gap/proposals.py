@@ -36,6 +36,12 @@ MARGIN = 3
 WORTH = 10.0
 """Evidence beyond the price of a name that makes a candidate worth proposing [nats]."""
 
+START_WORTH = 3.0
+"""Evidence beyond that of acting all the time [nats]."""
+
+SEEN = 0.05
+"""Share of a candidate's information that must lie before its start: where an arm stood still, nothing could show."""
+
 CROWDED = 8
 """A hypothesis with more members is not asked what it leaves."""
 
@@ -123,12 +129,14 @@ class Proposer:
                 continue
             rows = list(candidate.rows)
             G, C, b = block_sums(bench.columns[k], Q[rows], bench.y[rows], edges)
+            size = np.einsum("bkk,k->b", G, candidate.spread**2)
+            seen = np.cumsum(size) - size >= SEEN * np.sum(size)
             # Sums from each block on.
             G, C, b = (np.cumsum(x[::-1], axis=0)[::-1] for x in (G, C, b))
             scores = _scores(G, C, b, candidate.spread, projected) - np.log(BLOCKS) - candidate.cost
             whole = scores[0] + np.log(BLOCKS)
-            start = MARGIN + int(np.argmax(scores[MARGIN:-MARGIN]))
-            if scores[start] > max(whole, NEW_NAME) + WORTH:
+            start = MARGIN + int(np.argmax(np.where(seen, scores, -np.inf)[MARGIN:-MARGIN]))
+            if scores[start] > max(whole + START_WORTH, NEW_NAME + WORTH):
                 found.append((float(scores[start]), k, start))
         made = []
         for _, k, start in sorted(found, reverse=True)[:6]:

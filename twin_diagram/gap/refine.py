@@ -63,10 +63,8 @@ def _member(bench: Bench, terms: Terms, fit: Fit, member: int, slow: bool) -> Fi
             return again if np.isfinite(again.evidence) else fit
     if candidate.variant == "swinging" and not slow:
         return fit
-    for key, rebuild, low, high in _shapes(terms, candidate):
-        candidate = bench.candidates[member]
-        if candidate.variant == "swinging":
-            rebuild = _gear_with(terms, candidate, key)
+    for key, low, high in _shapes(terms, candidate):
+        rebuild = _rebuild(terms, bench.candidates[member], key)
         fit, member = _line_search(bench, fit, member, key, rebuild, low, high)
     return fit
 
@@ -92,28 +90,35 @@ GEAR_SHAPES = {
 Rebuild = Callable[[float], Candidate | None]
 
 
-def _shapes(terms: Terms, candidate: Candidate) -> list[tuple[str, Rebuild, float, float]]:
-    """Shapes of a candidate: key, what makes it anew, and the ratio bounds of the search about its value."""
+def _shapes(terms: Terms, candidate: Candidate) -> list[tuple[str, float, float]]:
+    """Shapes of a candidate: key, and the ratio bounds of the search about its value."""
     if candidate.onset is not None or candidate.variant == "held":
         return []
-    j = candidate.joints[0] if candidate.joints else 0
     if candidate.name == "stribeck_friction":
-        return [("stribeck_velocity", lambda x: joint_candidates.stribeck(terms, j, x), 0.55, 1.8)]
+        return [("stribeck_velocity", 0.55, 1.8)]
     if candidate.name == "torque_saturation":
-        return [("limit", lambda x: joint_candidates.saturation(terms, j, x), 0.9, 1.1)]
+        return [("limit", 0.9, 1.1)]
     if candidate.name == "torque_ripple":
-        count = candidate.shape["cycles"]
-        width = min(0.3, joint_candidates.count_step(terms, j) / count)
-        return [("cycles", lambda x: joint_candidates.ripple(terms, j, x), 1.0 - width, 1.0 + width)]
+        width = min(0.3, joint_candidates.count_step(terms, candidate.joints[0]) / candidate.shape["cycles"])
+        return [("cycles", 1.0 - width, 1.0 + width)]
     if candidate.variant == "swinging":
-        return [(key, _gear_with(terms, candidate, key), low, high) for key, low, high in GEAR_SHAPES[candidate.name]]
+        return list(GEAR_SHAPES[candidate.name])
     return []
 
 
-def _gear_with(terms: Terms, candidate: Candidate, key: str) -> Rebuild:
+def _rebuild(terms: Terms, candidate: Candidate, key: str) -> Rebuild:
+    """What makes a candidate anew for another value of one of its shapes."""
+    j = candidate.joints[0]
+
     def rebuild(value: float) -> Candidate | None:
-        values = {**candidate.shape, key: value}
-        return gears.gear(terms, gears.Shape(candidate.name, candidate.joints[0], tuple(values.items())))
+        shape = {**candidate.shape, key: value}
+        if candidate.name == "stribeck_friction":
+            return joint_candidates.stribeck(terms, j, value)
+        if candidate.name == "torque_saturation":
+            return joint_candidates.saturation(terms, j, value)
+        if candidate.name == "torque_ripple":
+            return joint_candidates.ripple(terms, j, value)
+        return gears.gear(terms, gears.Shape(candidate.name, j, tuple(shape.items())))
 
     return rebuild
 

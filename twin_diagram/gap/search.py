@@ -159,6 +159,26 @@ def everywhere(bench: Bench, fit: Fit) -> Fit | None:
     return best
 
 
+def one_kind(bench: Bench, fit: Fit) -> Fit | None:
+    """The fit with Stribeck's law wherever it has Coulomb's beside Stribeck's, if that is better: no single swap is."""
+    names = {bench.candidates[k].name for k in fit.members}
+    dry = [k for k in fit.members if bench.candidates[k].name == "coulomb_friction"]
+    if "stribeck_friction" not in names or any(bench.candidates[k].onset is not None for k in dry):
+        return None
+    members = fit.members
+    for k in dry:
+        others = members - {k}
+        joints = bench.candidates[k].joints
+        swaps = [
+            bench.solve(others | {i})
+            for i in bench.find("stribeck_friction")
+            if bench.candidates[i].joints == joints and bench.is_offered(i)
+        ]
+        members = max(swaps, key=lambda option: option.evidence, default=fit).members
+    found = bench.solve(members)
+    return found if found.evidence > fit.evidence + 1e-6 else None
+
+
 def _drop(bench: Bench, fit: Fit) -> Fit | None:
     options = [bench.solve(fit.members - {k}) for k in fit.members]
     best = max(options, key=lambda option: option.evidence, default=None)
@@ -176,7 +196,7 @@ def _swap(bench: Bench, fit: Fit, propose: Propose | None) -> Fit | None:
         name = bench.candidates[k].name
         names[name] = names.get(name, frozenset()) | {k}
     groups = [frozenset({k}) for k in fit.members] + [group for group in names.values() if len(group) > 1]
-    best = fit
+    best = one_kind(bench, fit) or fit
     for group in groups:
         if propose is not None and len(groups) <= CROWDED:
             propose(bench, fit.members - group)

@@ -45,11 +45,13 @@ class Terms:
         records: of the fit.
         load: per record (N, n), the torque that the joints transmit, free of the log's noise [N·m].
         slow: (n,) speed below which the sign of a velocity is not known [rad/s].
+        moved: per record (N, n), `load` on the link's side of friction and rotors; None: the same [N·m].
     """
 
     records: Records
     load: tuple[Array, ...]
     slow: Array
+    moved: tuple[Array, ...] | None = None
 
     @cached_property
     def signs(self) -> tuple[Array, ...]:
@@ -151,6 +153,6 @@ def rate_of(signal: Array, record: Record) -> Array:
     return np.gradient(signal, 1.0 / record.rate, axis=0)
 
 
-def with_load(terms: Terms, load: tuple[Array, ...]) -> Terms:
+def with_load(terms: Terms, load: tuple[Array, ...], moved: tuple[Array, ...]) -> Terms:
     """The same with another transmitted torque."""
-    return replace(terms, load=load)
+    return replace(terms, load=load, moved=moved)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import solve_toeplitz
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from twin_diagram.motion import RESIDUAL_CUTOFF
 
@@ -23,6 +24,12 @@ SETTLED = 1e-4
 
 SHARE = 0.2
 """Weight of the noise expected beforehand, in records: no frequency is thought freer of noise than this share."""
+
+SPELL = 1.0
+"""Time over which a push or a change shows in the mean [s]."""
+
+EXTRAORDINARY = 5.0
+"""Robust standard deviations that such a mean must be off by to be no noise."""
 
 ORDER = 8
 """Coefficients of the noise's colour: a band-limited noise sampled at 2.5 times its edge needs about that many."""
@@ -64,6 +71,26 @@ class Whitener:
     def all(self, signal: Array) -> Array:
         """Whitens (ΣD, n, …) to (n, R, …)."""
         return np.stack([self.joint(j, signal[:, j]) for j in range(signal.shape[1])])
+
+
+def ordinary(residual: Array, lengths: Sequence[int], rate: float) -> Array:
+    """Where what is left of a torque may be noise: a push of a few seconds must not make its colour redder.
+
+    Args:
+        residual: (ΣD, n) of a model that explains most structure [N·m].
+        lengths: samples per record.
+        rate: samples per second [1/s].
+
+    Returns:
+        (ΣD, n) 0 where the mean over a spell is far out among all such means, else 1.
+    """
+    width = max(3, round(SPELL * rate))
+    bounds = np.cumsum(lengths)[:-1]
+    slow = np.concatenate([uniform_filter1d(part, width, axis=0) for part in np.split(residual, bounds)])
+    off = np.abs(slow - np.median(slow, axis=0))
+    far = off > EXTRAORDINARY * 1.4826 * np.median(off, axis=0) + 1e-12
+    wide = np.concatenate([maximum_filter1d(part.astype(float), width, axis=0) for part in np.split(far, bounds)])
+    return np.asarray(1.0 - wide)
 
 
 def estimate(
