@@ -241,7 +241,7 @@ def test_history_is_exact_for_a_linear_system():
     now = x.copy(), P.copy()
     for k in range(steps):
         now = F[k] @ now[0], F[k] @ now[1] @ F[k].T + Q[k]
-        history.push(k + 1.0, 1.0, now[0], np.zeros(2), F[k], Q[k])
+        history.push(k + 1.0, 1.0, now[0], np.zeros(2), np.zeros(2), np.zeros((2, len(now[0]))), F[k], Q[k])
         history.settle(*now)
     readings = []
     for _ in range(60):  # 60 readings of 3 on 13 steps: more rows than states on some

@@ -101,11 +101,13 @@ class Core:
             raise FilterError(f"sensor {name!r} was never declared: add it first; there are {known}")
         return found
 
-    def linear(self, sensor: Sensor, x: Array, back: int) -> Linear:
-        """A sensor's model at x (N,), `back` steps ago."""
+    def linear(self, sensor: Sensor, x: Array, P: Array, back: int) -> Linear:
+        """A sensor's model at x (N,) of covariance P (N, N), `back` steps ago."""
         if sensor.name in self.own or not self.history.count:
             return Linear(sensor.reading(x), sensor.jacobian(x), sensor.noise(x))
-        return sensor.linear(Instant(x, self.terms.n, self.belief.p, *self.history.motion(back)))
+        still, by_state, noise = self.history.motion(back)
+        steady, acceleration = self.history.steady(back), still + by_state @ x
+        return sensor.linear(Instant(x, self.terms.n, self.belief.p, acceleration, by_state, noise, P, steady))
 
     def bound(self) -> None:
         """No angle is less certain than a turn, no speed than twice its limit: blind, the covariance must not run away.

@@ -9,8 +9,8 @@ Besides white noise, each joint carries a disturbance torque d, above all the er
   `Filter.torque_drift_time`.
 - When a joint starts, stops or turns round, d is drawn afresh and no longer correlated with anything.
 
-A joint slides when its low-passed speed exceeds `Filter.excitation`, or the noise of the velocity sensor where that is
-more.
+A joint slides when its low-passed speed exceeds `Filter.excitation`, or what the velocity sensor's noise can make of
+rest where that is more.
 """
 
 from __future__ import annotations
@@ -35,6 +35,10 @@ STICTION_TIME: Final = 0.1
 """In this time the torque on a resting joint may change by the level of its stiction [s]."""
 SPEED_TIME: Final = 0.02
 """Time over which speeds and accelerations are low-passed [s]."""
+
+SURE: Final = 2.0
+"""A joint slides when its low-passed speed is this many standard deviations of the velocity sensor. A resting joint
+that seemed to slide for a moment would tell its load as if friction were known, and falsely."""
 
 
 def disturbance_std(params: Filter, sliding: Array, level: Array) -> Array:
@@ -74,7 +78,7 @@ def follow_regimes(belief: Belief, params: Filter, dt: float, level: Array) -> t
     """
     belief.drift += min(dt / SPEED_TIME, 1.0) * (belief.v - belief.drift)
     # Half as fast is still sliding for a joint that slides: noise must not toggle it.
-    threshold = max(params.excitation, params.velocity_std) * np.where(belief.regime != 0.0, 0.5, 1.0)
+    threshold = max(params.excitation, SURE * params.velocity_std) * np.where(belief.regime != 0.0, 0.5, 1.0)
     regime = np.where(np.abs(belief.drift) > threshold, np.sign(belief.drift), 0.0)
     changed = regime != belief.regime
     belief.regime[:] = regime

@@ -37,7 +37,7 @@ from twin_diagram.estimation.core import Core
 from twin_diagram.estimation.declared import FilterError
 from twin_diagram.estimation.fusion import REFUSALS, Update, fuse
 from twin_diagram.estimation.messages import LONGEST_GAP
-from twin_diagram.estimation.propagation import propagate
+from twin_diagram.estimation.propagation import LONGEST_PREDICTION, propagate
 from twin_diagram.estimation.sensors import Sensor
 from twin_diagram.signals import Array
 
@@ -124,7 +124,7 @@ class Ekf(Core):
             raise FilterError(f"torque {u.tolist()} is not {self.terms.n} finite numbers")
         if not 0.0 < dt < np.inf:
             raise FilterError(f"a prediction over {dt} s: the time must be positive and finite")
-        if dt > 10.0 * LONGEST_GAP:
+        if dt > LONGEST_PREDICTION:
             raise FilterError(f"a prediction over {dt} s is no prediction: start the filter anew from a message")
         propagate(self, u, dt, self.params.torque_std if torque_std is None else torque_std)
 
@@ -148,8 +148,8 @@ class Ekf(Core):
             explain: whether an unmodelled torque may explain a reading that leaves its gate.
 
         Raises:
-            FilterError: a sensor that was not declared, z or noise has the wrong size, t is not finite or lies before
-                all that the filter remembers, or there is no state yet.
+            FilterError: a sensor that was not declared, z or noise has the wrong size, t is not finite, lies before all
+                that the filter remembers or too far ahead, or there is no state yet.
         """
         return fuse(self, self.find(sensor), z, t, noise, explain)
 

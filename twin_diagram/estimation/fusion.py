@@ -12,7 +12,7 @@ from twin_diagram.estimation.core import Core
 from twin_diagram.estimation.declared import FilterError, note
 from twin_diagram.estimation.learning import gather
 from twin_diagram.estimation.positive import joseph, solve_positive, whiten
-from twin_diagram.estimation.propagation import propagate, unmodelled
+from twin_diagram.estimation.propagation import LONGEST_PREDICTION, propagate, unmodelled
 from twin_diagram.estimation.sensors import Linear, Sensor
 from twin_diagram.signals import Array
 
@@ -92,6 +92,10 @@ def take(core: Core, sensor: Sensor, z: Array, t: float | None, noise: Array | N
                     f"{min(core.history.oldest, belief.time)} to {belief.time} s"
                 )
             back = found
+        elif ahead > LONGEST_PREDICTION:
+            raise FilterError(
+                f"{sensor.name}: its time {t} s lies {ahead} s ahead: start the filter anew from a message"
+            )
         elif ahead > 1e-9:
             propagate(core, belief.torque, ahead, core.params.torque_std)
             belief.header[Entry.TIME] = t
@@ -105,7 +109,7 @@ def take(core: Core, sensor: Sensor, z: Array, t: float | None, noise: Array | N
     if back or (ahead < -1e-9 and core.history.count):
         assert t is not None
         return _late(core, sensor, z, t, noise, track, back)
-    at = core.linear(sensor, belief.x, 0)
+    at = core.linear(sensor, belief.x, belief.P, 0)
     R = at.noise if noise is None else noise
     result = _fuse(core, sensor, z, at, R, explain)
     if track is not None:
@@ -162,7 +166,7 @@ def _late(
     lead = t - time
     moved = x.copy()
     moved[:n] += lead * x[n : 2 * n]
-    at = core.linear(sensor, moved, back)
+    at = core.linear(sensor, moved, P, back)
     H = at.jacobian.copy()
     H[:, n : 2 * n] += lead * H[:, :n]
     R = at.noise if noise is None else noise

@@ -21,6 +21,8 @@ from twin_diagram.estimation.positive import joseph
 from twin_diagram.signals import Array
 
 _HEADER: Final = 2
+UNKNOWN: Final = 10.0
+"""Standard deviation of a joint's acceleration at a start, before any step was made [rad/s²]."""
 
 
 class History:
@@ -42,7 +44,8 @@ class History:
         """
         self.n, self.p, self.size, self.capacity = n, p, size, capacity
         N, L = size, capacity
-        shapes = [(L,), (L,), (L,), (L, n), (L, p), (L, N), (L, N), (L, N, N), (L, N, N), (L, N, N), (L, N, N + 1)]
+        shapes = [(L,), (L,), (L,), (L, n), (L, n), (L, n, N), (L, p), (L, N), (L, N), (L, N, N), (L, N, N), (L, N, N)]
+        shapes.append((L, N, N + 1))
         ends = _HEADER + np.cumsum([int(np.prod(shape)) for shape in shapes])
         self.vector: Any = np.zeros(ends[-1])
         self._at = self.vector[:_HEADER]  # newest, count
@@ -51,7 +54,8 @@ class History:
             for part, shape in zip(np.split(self.vector[_HEADER:], ends[:-1] - _HEADER), shapes, strict=True)
         ]
         self._time, self._dt, self._rows = parts[:3]
-        self._acceleration, self._room, self._predicted, self._x, self._P, self._F, self._Q, self._z = parts[3:]
+        self._acceleration, self._steady, self._by, self._room, self._predicted = parts[3:8]
+        self._x, self._P, self._F, self._Q, self._z = parts[8:]
 
     def clear(self) -> None:
         """Forgets all steps."""
@@ -78,26 +82,38 @@ class History:
     def begin(self, t: float, x: Array, P: Array) -> None:
         """Starts anew from a state."""
         self.clear()
-        self.push(t, 0.0, x, x[: self.n] * 0.0, None, None)
+        self.push(t, 0.0, x, np.zeros(self.n), np.zeros(self.n), None, None, None)
         self.settle(x, P)
 
-    def push(self, t: float, dt: float, x: Array, acceleration: Array, F: Array | None, Q: Array | None) -> None:
+    def push(
+        self,
+        t: float,
+        dt: float,
+        x: Array,
+        acceleration: Array,
+        steady: Array,
+        by: Array | None,
+        F: Array | None,
+        Q: Array | None,
+    ) -> None:
         """Adds a step.
 
         Args:
             t: its end [s].
             dt: its length [s]; 0 for a start.
             x: (N,) predicted mean.
-            acceleration: (n,) of the joints in it [rad/s²].
+            acceleration: (n,) of the joints in it, carried back along its derivative `by` to x = 0 [rad/s²].
+            steady: (n,) the same as observed, low-passed, and zero where a joint rests [rad/s²].
+            by: (n, N) that derivative; None for a start.
             F: (N, N) derivative of the prediction; None for a start.
             Q: (N, N) noise that it adds; None for a start.
         """
         at = self._index(-1)
         self._at[0], self._at[1] = at, min(self._at[1] + 1, self.capacity)
         self._time[at], self._dt[at], self._rows[at] = t, dt, 0.0
-        self._predicted[at], self._acceleration[at], self._room[at] = x, acceleration, 0.0
-        if F is not None and Q is not None:
-            self._F[at], self._Q[at] = F, Q
+        self._predicted[at], self._acceleration[at], self._steady[at], self._room[at] = x, acceleration, steady, 0.0
+        if by is not None and F is not None and Q is not None:
+            self._by[at], self._F[at], self._Q[at] = by, F, Q
 
     def retime(self, t: float) -> None:
         """Sets the newest step's end [s], where rounding moved it."""
@@ -153,16 +169,20 @@ class History:
         at = self._index(back)
         return float(self._time[at]), self._x[at], self._P[at]
 
-    def motion(self, back: int) -> tuple[Array, Array | None, Array | None]:
-        """Of a step: acceleration (n,), its derivative by x (n, N), its noise (n, n); None where it was a start."""
+    def motion(self, back: int) -> tuple[Array, Array, Array]:
+        """Of a step: acceleration (n,) at x = 0, its derivative by x (n, N), its noise (n, n); unknown at a start.
+
+        Linear like the step, so that what readings have said of θ and the disturbance since counts at once.
+        """
         at, n = self._index(back), self.n
         dt = float(self._dt[at])
         if dt <= 0.0:
-            return self._acceleration[at], None, None
-        by = self._F[at, n : 2 * n].copy()
-        by[:, n : 2 * n].flat[:: n + 1] -= 1.0
-        by /= dt
-        return self._acceleration[at], by, self._Q[at, n : 2 * n, n : 2 * n] / dt**2
+            return self._acceleration[at], np.zeros((n, self.size)), np.eye(n) * UNKNOWN**2
+        return self._acceleration[at], self._by[at], self._Q[at, n : 2 * n, n : 2 * n] / dt**2
+
+    def steady(self, back: int) -> Array:
+        """(n,) acceleration of a step as observed, low-passed, zero where a joint rests [rad/s²]; a view."""
+        return self._steady[self._index(back)]
 
     def rerun(self, back: int, x: Array, P: Array, prior: Array, clip: Callable[[Array], None]) -> tuple[Array, Array]:
         """Runs the steps after one again, from a better state of that one.

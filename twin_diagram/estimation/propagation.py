@@ -15,6 +15,8 @@ from twin_diagram.signals import Array
 
 LONGEST_STEP: Final = 0.01
 """A longer prediction is cut into steps no longer than this [s]."""
+LONGEST_PREDICTION: Final = 2.5
+"""What is further ahead is not predicted to [s]."""
 
 
 def propagate(core: Core, u: Array, dt: float, torque_std: Array | float) -> None:
@@ -43,19 +45,29 @@ def _once(core: Core, u: Array, dt: float, torque_std: Array | float) -> None:
     belief.before[:], belief.header[Entry.SPAN] = v, dt
     release(core, float(belief.header[Entry.TIME]))
     theta = belief.model
+    # A resting joint's acceleration is noise alone. In a regressor it would seem to excite what it does not.
+    steady = np.where(belief.regime != 0.0, belief.acceleration, 0.0)
+    start = belief.x.copy()
+    start[3 * n : 3 * n + belief.p] = theta
     moved = step(terms, parameters, belief.q, v, theta, u, belief.disturbance, dt, dry)
-    by = jacobians(terms, parameters, moved, v, theta, dt, belief.acceleration, u)
+    by = jacobians(terms, parameters, moved, v, theta, dt, steady, u)
     F, own = core.F, 3 * n + belief.p
     F[: 2 * n, : 2 * n] = by.state
     F[: 2 * n, 2 * n : 3 * n] = by.torque
     F[: 2 * n, 3 * n : own] = by.parameters
     F.flat[2 * n * (belief.size + 1) : 3 * n * (belief.size + 1) : belief.size + 1] = keep
+    # What the readings at the step's end see of it: a disturbance drawn afresh, too.
+    by_state = F[n : 2 * n].copy()
+    by_state[:, n : 2 * n].flat[:: n + 1] -= 1.0
+    by_state /= dt
     if changed.any():  # what is drawn afresh has nothing to do with what was
         F[: 2 * n, 2 * n + np.flatnonzero(changed)] = 0.0
     Q = np.zeros_like(F)
     torque_std = np.hypot(torque_std, creep_std(v, 0.5 * (dry[0] + dry[1])))
     white = by.torque * (torque_std * np.sqrt(core.period / dt))
     Q[: 2 * n, : 2 * n] = white @ white.T
+    # When within the step it acts is not known: it moves a joint by more or less than the speeds at both ends say.
+    Q[:n, :n] += (dt * dt / 12.0) * Q[n : 2 * n, n : 2 * n]
     at = np.arange(2 * n, 3 * n)
     Q[at, at] = fresh
     if params.rule == "covariance" and np.any(belief.regime != 0.0):
@@ -75,7 +87,8 @@ def _once(core: Core, u: Array, dt: float, torque_std: Array | float) -> None:
     belief.q[:] = moved.q + learnt[:n] + (0.5 * dt) * (belief.v - speed)
     belief.disturbance *= keep
     belief.header[Entry.TIME] += dt
-    core.history.push(float(belief.header[Entry.TIME]), dt, belief.x, moved.a, F, Q)
+    still = moved.a - by_state @ start
+    core.history.push(float(belief.header[Entry.TIME]), dt, belief.x, still, steady, by_state, F, Q)
     core.history.settle(belief.x, belief.P)
     core.by_torque = by.torque
     core.step_mass = moved.mass

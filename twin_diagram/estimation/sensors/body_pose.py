@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.tree import Frame
 
 from twin_diagram.estimation.arm_terms import ArmTerms
 from twin_diagram.estimation.link_frame import LinkFrame
@@ -23,7 +24,7 @@ class BodyPose(Sensor):
     def __init__(
         self,
         terms: ArmTerms,
-        body: str,
+        body: str | Frame,
         *,
         X_BO: RigidTransform | None = None,
         std_p: float = 0.003,
@@ -37,7 +38,7 @@ class BodyPose(Sensor):
 
         Args:
             terms: the arm.
-            body: the link or frame B that O is fixed to.
+            body: the link or frame B that O is fixed to; by name, or the frame itself.
             X_BO: pose of O on it; B's own frame where None.
             std_p: of the position, per axis [m].
             std_r: of the orientation, per axis [rad].

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from pydrake.math import RigidTransform
+from pydrake.multibody.tree import Frame
 
 from twin_diagram.estimation.arm_terms import ArmTerms
 from twin_diagram.estimation.link_frame import LinkFrame, skew, turned_rate
@@ -23,7 +24,7 @@ class LinkImu(Sensor):
     def __init__(
         self,
         terms: ArmTerms,
-        body: str,
+        body: str | Frame,
         X_BI: RigidTransform | None = None,
         *,
         gyro_std: float = 1e-3,
@@ -38,7 +39,7 @@ class LinkImu(Sensor):
 
         Args:
             terms: the arm.
-            body: the link or frame B that it is fixed to.
+            body: the link or frame B that it is fixed to; by name, or the frame itself.
             X_BI: its pose there; B's own frame where None.
             gyro_std: white noise of a reading [rad/s].
             accel_std: white noise of a reading [m/s²].

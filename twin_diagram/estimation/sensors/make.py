@@ -27,7 +27,7 @@ def make_sensor(terms: ArmTerms, spec: SensorSpec) -> Sensor:
         raise ScenarioError("twin.filter.sensors.kind", f"{spec.kind!r} is none of {', '.join(FIGURES)}, torque")
     if spec.std and (len(spec.std) != wanted or not all(std > 0.0 for std in spec.std)):
         raise ScenarioError("twin.filter.sensors.std", f"{spec.std} is not {wanted} positive numbers")
-    name, body, X_BS = spec.name or spec.kind, spec.body or terms.link_name, pose(spec.X_BS)
+    name, body, X_BS = spec.name or spec.kind, spec.body or terms.link_frame, pose(spec.X_BS)
     figures = dict(zip(FIGURES.get(spec.kind, ("std",)), spec.std, strict=False))
     if spec.kind == "body_pose":
         return BodyPose(terms, body, X_BO=X_BS, name=name, **figures)

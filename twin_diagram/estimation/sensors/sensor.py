@@ -32,6 +32,9 @@ class Instant:
         acceleration: (n,) of the joints over the step that led here, as the model has it [rad/s²].
         by_state: (n, N) its derivative with respect to x; None where no step led here.
         acceleration_noise: (n, n) covariance of its error besides x's: the unmodelled white torque [rad²/s⁴].
+        covariance: (N, N) of x; None where x counts as known.
+        steady: (n,) acceleration as observed, low-passed, for regressors: the noise of `acceleration` would seem to
+            excite what it does not; None: `acceleration` [rad/s²].
     """
 
     x: Array
@@ -40,6 +43,8 @@ class Instant:
     acceleration: Array
     by_state: Array | None = None
     acceleration_noise: Array | None = None
+    covariance: Array | None = None
+    steady: Array | None = None
 
     @property
     def q(self) -> Array:

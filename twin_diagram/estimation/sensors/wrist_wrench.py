@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from pydrake.math import RigidTransform
+from pydrake.multibody.tree import Frame
 
 from twin_diagram.estimation.arm_terms import ArmTerms
 from twin_diagram.estimation.link_frame import LinkFrame, Motion, skew
 from twin_diagram.estimation.sensors.sensor import Instant, Linear, Sensor
 from twin_diagram.signals import Array
+
+LIGHTEST: Final = 0.05
+"""What weighs less has no centre to speak of [kg]."""
 
 
 class WristWrench(Sensor):
@@ -22,7 +28,7 @@ class WristWrench(Sensor):
     def __init__(
         self,
         terms: ArmTerms,
-        body: str,
+        body: str | Frame,
         X_BS: RigidTransform | None = None,
         *,
         tool_mass: float = 0.0,
@@ -39,7 +45,7 @@ class WristWrench(Sensor):
 
         Args:
             terms: the arm.
-            body: the arm's last link, which the payload hangs on, or a frame fixed to it.
+            body: the arm's last link, which the payload hangs on, or a frame fixed to it; by name, or the frame itself.
             X_BS: pose of S there; B's own frame where None.
             tool_mass: beyond the sensor and part of the model [kg].
             tool_com: (3,) its centre in S [m].
@@ -56,13 +62,13 @@ class WristWrench(Sensor):
         """
         super().__init__(name, 6)
         self.frame = LinkFrame(terms, body, X_BS)
-        link = LinkFrame(terms, terms.link_name)
+        link = LinkFrame(terms, terms.link_frame)
         R_WL, p_WL = link.pose(np.zeros(terms.n))
         R_WS, p_WS = self.frame.pose(np.zeros(terms.n))
         self._R_SL: Array = R_WS.T @ R_WL
         self._p_SL: Array = R_WS.T @ (p_WL - p_WS)
         self.payload: slice | None = None
-        self._tool = np.concatenate([[tool_mass], tool_mass * (np.zeros(3) if tool_com is None else tool_com)])
+        self._tool: Array = np.concatenate([[tool_mass], tool_mass * (np.zeros(3) if tool_com is None else tool_com)])
         self._noise: Array = np.diag(np.repeat([moment_std**2, force_std**2], 3))
         self._bias_std = np.repeat([moment_bias_std, force_bias_std], 3)
         self._bias_walk = np.repeat([moment_bias_walk, force_bias_walk], 3)
@@ -91,13 +97,21 @@ class WristWrench(Sensor):
         n = now.n
         motion = self.frame.motion(now.q, now.v)
         R_SW = motion.R_WF.T
-        lift = R_SW @ (motion.J_v @ now.acceleration + motion.bias_a - self._gravity)
-        alpha = R_SW @ (motion.J_w @ now.acceleration + motion.bias_alpha)
+        lift, alpha = self._accelerations(motion, now.acceleration)
         omega = R_SW @ motion.omega
         Y = wrench_regressor(lift, alpha, omega)
         at = self.payload
-        carried = self._tool if at is None else self._tool + self._to_S @ now.x[at]
+        turning = skew(alpha) + skew(omega) @ skew(omega)
+        whole, by_load = point_moment(self._tool, turning)
+        swing = _swing(self._tool)
+        carried = self._tool
+        if at is not None:
+            load = self._to_S @ now.x[at]
+            moment, by_load = point_moment(load, turning)
+            whole, swing, carried = whole + moment, swing + _swing(load), carried + load
         bias = now.x[self.own] if self.own.stop > self.own.start else np.zeros(6)
+        reading = Y @ carried + bias
+        reading[:3] += whole
         H = np.zeros((6, len(now.x)))
         D = np.empty((6, 3))  # of the wrench by lift
         D[3:] = carried[0] * np.eye(3)
@@ -105,16 +119,59 @@ class WristWrench(Sensor):
         H[:, :n] = D @ _turn(motion, R_SW, lift)
         by_a = D @ (R_SW @ motion.J_v)
         by_a[3:] -= skew(carried[1:]) @ (R_SW @ motion.J_w)
+        by_a[:3] += swing @ (R_SW @ motion.J_w)
         if now.by_state is not None:
             H += by_a @ now.by_state
         if at is not None:
+            if now.steady is not None:
+                lift, alpha = self._accelerations(motion, now.steady)
+                turning = skew(alpha) + skew(omega) @ skew(omega)
+                Y, by_load = wrench_regressor(lift, alpha, omega), point_moment(load, turning)[1]
+            Y[:3] += by_load
             H[:, at] += Y @ self._to_S
         if self.own.stop > self.own.start:
             H[:, self.own] = np.eye(6)
         R = self._noise
         if now.acceleration_noise is not None:
             R = R + by_a @ now.acceleration_noise @ by_a.T
-        return Linear(Y @ carried + bias, H, R)
+        if at is not None and now.covariance is not None and now.by_state is not None:
+            by_a = np.concatenate([R_SW @ motion.J_v, R_SW @ motion.J_w])
+            shift, wide = self._second_order(by_a, now, at)
+            reading, R = reading + shift, R + wide
+        return Linear(reading, H, R)
+
+    def _accelerations(self, motion: Motion, a: Array) -> tuple[Array, Array]:
+        """(3,) acceleration less gravity of S's origin and (3,) angular acceleration, in S."""
+        R_SW = motion.R_WF.T
+        lift = R_SW @ (motion.J_v @ a + motion.bias_a - self._gravity)
+        return lift, R_SW @ (motion.J_w @ a + motion.bias_alpha)
+
+    def _second_order(self, J: Array, now: Instant, at: slice) -> tuple[Array, Array]:
+        """What the first order leaves out: the wrench is a load times an acceleration, and either may be unknown.
+
+        Mean and covariance of a product of two Gaussians about their means; without them the first readings of an
+        unknown load would be believed to the digit, whatever the acceleration then was.
+
+        Args:
+            J: (6, n) of lift and angular acceleration by the joints' accelerations, in S.
+            now: with its covariance.
+            at: the payload in x.
+
+        Returns:
+            (6,) mean and (6, 6) covariance.
+        """
+        P, by = now.covariance, now.by_state
+        assert P is not None and by is not None
+        load = self._to_S @ P[at, at] @ self._to_S.T
+        by = J @ by
+        moved = by @ P
+        motion = moved @ by.T
+        if now.acceleration_noise is not None:
+            motion = motion + J @ now.acceleration_noise @ J.T
+        both = self._to_S @ moved[:, at].T
+        # E[δu_j δw_k δu_l δw_m] of two Gaussians, less the product of their means.
+        fourth = load[:, None, :, None] * motion[None, :, None, :] + both[:, None, None, :] * both.T[None, :, :, None]
+        return PRODUCT @ both.ravel(), PRODUCT @ fourth.reshape(24, 24) @ PRODUCT.T
 
     def _still(self, x: Array) -> Instant:
         n = self.frame.terms.n
@@ -135,8 +192,7 @@ class WristWrench(Sensor):
 def wrench_regressor(lift: Array, alpha: Array, omega: Array) -> Array:
     """(6, 4): moment and force about S's origin per mass and first moment of a point-like load, all in S.
 
-    force = m (a − g) + α × mc + ω × (ω × mc), moment = mc × (a − g); the load's own inertia, quadratic in c, is left
-    out as in `ArmTerms.payload_regressor`.
+    force = m (a − g) + α × mc + ω × (ω × mc), moment = mc × (a − g); `point_moment` has the rest of it.
     """
     Y = np.zeros((6, 4))
     spin = skew(omega)
@@ -144,6 +200,48 @@ def wrench_regressor(lift: Array, alpha: Array, omega: Array) -> Array:
     Y[3:, 1:] = skew(alpha) + spin @ spin
     Y[:3, 1:] = -skew(lift)
     return Y
+
+
+def _product() -> Array:
+    """(6, 24): how load and acceleration make a wrench; `wrench_regressor` without spin, taken apart."""
+    parts = np.zeros((6, 4, 6))
+    for k in range(6):
+        motion = np.eye(6)[k]
+        parts[:, :, k] = wrench_regressor(motion[:3], motion[3:], np.zeros(3))
+    return parts.reshape(6, 24)
+
+
+PRODUCT: Final = _product()
+
+
+def point_moment(load: Array, turning: Array) -> tuple[Array, Array]:
+    """Moment (3,) about S's origin that turns a point-like load, m c × (α × c + ω × (ω × c)), and its derivative.
+
+    Args:
+        load: (4,) mass and first moment about S's origin.
+        turning: (3, 3) matrix of α × and ω × (ω ×).
+
+    Returns:
+        (3,) [N·m] and (3, 4) by mass and first moment.
+    """
+    mass, centre = _point(load)
+    lever = turning @ centre
+    per_mass = skew(centre) @ lever
+    by = np.empty((3, 4))
+    by[:, 0] = -per_mass if mass > LIGHTEST else 0.0
+    by[:, 1:] = skew(centre) @ turning - skew(lever)
+    return mass * per_mass, by
+
+
+def _swing(load: Array) -> Array:
+    """(3, 3) inertia of a point-like load about S's origin [kg·m²]."""
+    mass, centre = _point(load)
+    return np.asarray(-mass * skew(centre) @ skew(centre))
+
+
+def _point(load: Array) -> tuple[float, Array]:
+    mass = max(float(load[0]), LIGHTEST)
+    return mass, load[1:] / mass
 
 
 def _turn(motion: Motion, R_SW: Array, lift: Array) -> Array:
