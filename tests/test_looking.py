@@ -28,7 +28,7 @@ from twin_diagram.looking.block_routes import layout
 from twin_diagram.looking.channel_tracks import crossings, order_tracks
 from twin_diagram.looking.diagram_svg import draw, write_diagram_svg
 from twin_diagram.looking.ghost import OBJECT_COLOUR, make_ghost
-from twin_diagram.looking.overlay_system import SIGMAS, ellipsoid
+from twin_diagram.looking.uncertainty import DEVIATIONS, ellipsoid
 from twin_diagram.scene.twin_scene import add_twin_scene
 from twin_diagram.signals import ObjectStatus
 
@@ -286,8 +286,9 @@ def test_ghosts_are_blue_and_fixtures_hidden() -> None:
 def test_ellipsoids_span_the_covariance(numbers: list[float]) -> None:
     root = np.array(numbers).reshape(3, 3)
     R_WE, half_axes = ellipsoid(root @ root.T + 1e-4 * np.eye(3))
-    np.testing.assert_allclose(np.linalg.det(R_WE), 1, atol=1e-9)
-    rebuilt = R_WE @ np.diag((half_axes / SIGMAS) ** 2) @ R_WE.T
+    R = R_WE.matrix()
+    np.testing.assert_allclose(np.linalg.det(R), 1, atol=1e-9)
+    rebuilt = R @ np.diag((half_axes / DEVIATIONS) ** 2) @ R.T
     np.testing.assert_allclose(rebuilt, root @ root.T + 1e-4 * np.eye(3), atol=1e-9)
 
 

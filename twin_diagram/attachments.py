@@ -19,6 +19,7 @@ from twin_diagram.errors import TwinError
 from twin_diagram.estimation.events import append_lines
 from twin_diagram.healing import Healer, Tape
 from twin_diagram.logs import read_log, write_log
+from twin_diagram.looking.arm_overlay import ArmOverlay
 from twin_diagram.looking.ghost import make_ghost
 from twin_diagram.looking.meldis import add_meldis
 from twin_diagram.looking.meshcat_scenes import FRAME_RATE, MeshcatScenes, add_meshcat, open_meshcat
@@ -78,6 +79,10 @@ class Looking:
         builder.AddNamedSystem("overlay", overlay)
         for name in ("plan", "tracks", "goal"):
             builder.Connect(twin.diagram.GetOutputPort(name), overlay.GetInputPort(name))
+        size = twin.diagram.GetOutputPort("covariance").size()
+        arm = builder.AddNamedSystem("arm_overlay", ArmOverlay(meshcat, twin.scene, size, min(rate, 15.0)))
+        for name in ("arm_state", "covariance"):
+            builder.Connect(twin.diagram.GetOutputPort(name), arm.GetInputPort(name))
 
     def start(self, simulator: Simulator, live: bool, say: Say) -> None:
         """Begins to record, where a page is kept; live, runs no faster than real time and says where to look."""

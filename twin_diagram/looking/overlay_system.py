@@ -9,15 +9,12 @@ from pydrake.geometry import Cylinder, Meshcat, Rgba, Sphere
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
+from twin_diagram.looking.uncertainty import ellipsoid
 from twin_diagram.scene.rotations import matrix
 from twin_diagram.scene.twin_scene import TwinScene
 from twin_diagram.signals import POSE_SIZE, TRACK_SIZE, Array, ObjectStatus
 
 PATH: Final = "overlay"
-SIGMAS: Final = 3.0
-"""Size of the ellipsoids, in standard deviations of the position."""
-SMALLEST: Final = 0.002
-"""No ellipsoid is drawn thinner: half axis [m]."""
 COLOURS: Final = {
     ObjectStatus.TRACKED: Rgba(0.10, 0.65, 0.30, 0.5),
     ObjectStatus.MOVING: Rgba(0.95, 0.60, 0.05, 0.5),
@@ -42,7 +39,7 @@ class MeshcatOverlay(LeafSystem):
         plan: (knots · n) joint angles, knot by knot.
         goal: (7) X_WT of the tool frame; all-zero quaternion: none.
 
-    Rate: that of the drawing [1/s]. Everything is recorded while meshcat records. An ellipsoid spans `SIGMAS` standard
+    Rate: that of the drawing [1/s]. Everything is recorded while meshcat records. An ellipsoid spans three standard
     deviations about the object's origin, green while the object is tracked, orange while it moves, red when it is
     stale, grey when it is lost.
     """
@@ -111,7 +108,7 @@ class MeshcatOverlay(LeafSystem):
         if status not in COLOURS:
             return
         R_WE, half_axes = ellipsoid(row[15:].reshape(6, 6)[3:, 3:])
-        self._meshcat.SetTransform(path, RigidTransform(RotationMatrix(R_WE), cast(Any, row[6:9])), time)
+        self._meshcat.SetTransform(path, RigidTransform(R_WE, cast(Any, row[6:9])), time)
         self._meshcat.SetProperty(f"{path}/{status.name.lower()}", "scale", half_axes.tolist(), time)
 
     def _tool_path(self, plan: Array) -> list[RigidTransform]:
@@ -125,21 +122,6 @@ class MeshcatOverlay(LeafSystem):
             plant.SetPositions(context, cast(Any, positions))
             path.append(tool.CalcPoseInWorld(context))
         return path
-
-
-def ellipsoid(covariance: Array) -> tuple[Array, Array]:
-    """Axes of an ellipsoid of `SIGMAS` standard deviations.
-
-    Args:
-        covariance: (3, 3) [m²].
-
-    Returns:
-        R_WE (3, 3), a rotation onto the principal axes, and the half axes (3,) [m].
-    """
-    variances, axes = np.linalg.eigh((covariance + covariance.T) / 2)
-    if np.linalg.det(axes) < 0:
-        axes = axes * np.array([1.0, 1.0, -1.0])
-    return axes, np.maximum(SIGMAS * np.sqrt(np.maximum(variances, 0.0)), SMALLEST)
 
 
 _TRIAD: Final = (
