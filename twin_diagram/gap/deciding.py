@@ -1,0 +1,122 @@
+"""From a final fit to a verdict: what is named, what is better left unnamed, and whether something is left over."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from twin_diagram.gap import flexible, whitening
+from twin_diagram.gap.evidence import Bench, Fit
+from twin_diagram.gap.finding import Finding, Separation, Verdict
+from twin_diagram.gap.posterior import findings_of, groups, separations_of
+from twin_diagram.gap.records import Records
+from twin_diagram.gap.terms import Terms
+
+REMAINDER = 8.0
+"""Above this, `flexible.left_over` says that structure is left; set on clean training logs."""
+
+BESIDE = 6.5
+"""The same where something was named."""
+
+MOSTLY = 0.5
+"""Where a flexible model explains more of the residual than this share of what was named, nothing is named."""
+
+LESS_SURE = 0.75
+"""Where structure is left, names are this much less sure: more often than not they follow something without a name."""
+
+DOUBTFUL = 0.5
+SMALL = 0.3
+"""Findings of less confidence, and of less than this share of the strongest one's significance, are not named."""
+
+PIECE = 0.1
+"""Where structure is left, findings that explain less than this share of what was explained are not named."""
+
+LEVEL = 1.4
+"""Noise of a joint that is this much more than was thought possible beside any smooth law is structure where something
+was named [variance]; what was thought possible is too little by half in some short clean logs."""
+
+FAR_ABOVE = 4.0
+"""The same where nothing was named."""
+
+SLOW = np.linspace(0.1, 1.0, 10)
+FAST = np.linspace(2.5, 4.0, 10)
+RED = 6.0
+"""Noise this much denser at the slow than at the fast ones of these frequencies [Hz] is no noise where something was
+found."""
+
+USUAL = frozenset({"viscous_friction", "coulomb_friction", "stribeck_friction", "reflected_inertia"})
+"""What every joint may well lack at once."""
+
+
+def crowded(findings: Sequence[Finding]) -> bool:
+    """Whether one joint has two unusual names: together they rather follow something that has no name.
+
+    Beside another name, one that starts within the log is unusual whatever it is: two steps follow any drift.
+    """
+    unusual = [joint for finding in findings if finding.name not in USUAL for joint in finding.joints]
+    several = [joint for finding in findings for joint in finding.joints]
+    started = {joint for finding in findings if finding.onset is not None for joint in finding.joints}
+    return len(unusual) > len(set(unusual)) or any(several.count(joint) > 1 for joint in started)
+
+
+def share_of(bench: Bench, fit: Fit, name: str) -> float:
+    """Share of what was explained on a name's own joints that is lost without it, as log likelihoods."""
+    group = frozenset(groups(bench, fit.members)[name])
+    rows = sorted({j for k in group for j in bench.candidates[k].rows})
+    empty, without = bench.solve(frozenset()).variance, bench.solve(fit.members - group).variance
+    explained = float(np.sum((bench.counts * np.log(empty / fit.variance))[rows]))
+    lost = float(np.sum((bench.counts * np.log(without / fit.variance))[rows]))
+    return lost / max(explained, 1e-9)
+
+
+def negligible(finding: Finding, findings: Sequence[Finding], share: float, structure: bool) -> bool:
+    """Whether a name is better left as something that is there.
+
+    That is what is small beside the rest and doubtful. Where even the rest does not explain everything, what explains
+    little of its joints may be a piece of what a stronger one's law follows not quite.
+    """
+    if structure and finding is not findings[0] and share < PIECE:
+        return True
+    small = finding.significance < SMALL * findings[0].significance
+    return small and finding.confidence < DOUBTFUL and len(finding.joints) < 2 and finding.name not in USUAL
+
+
+def redness(noise: whitening.Whitener, rate: float) -> float:
+    """How much denser noise is at slow motion's frequencies than above them, on the worst joint."""
+    z = np.exp(-2j * np.pi / rate * np.outer(np.arange(noise.order + 1), np.concatenate([SLOW, FAST])))
+    density = np.abs(noise.filters @ z) ** -2.0
+    return float(np.max(np.mean(density[:, : len(SLOW)], axis=1) / np.mean(density[:, len(SLOW) :], axis=1)))
+
+
+def conclude(records: Records, terms: Terms, bench: Bench, fit: Fit) -> Verdict:
+    """The verdict on a final fit."""
+    left = flexible.left_over(records, terms, bench, fit)
+    raised = fit.variance > (LEVEL if fit.members else FAR_ABOVE)
+    structure = left.statistic > REMAINDER or bool(np.any(raised))
+    noise = whitening.noise_below(bench.whitener, records.rate)
+    findings: tuple[Finding, ...] = ()
+    separation: tuple[Separation, ...] = ()
+    if fit.members:
+        findings = findings_of(records, bench, fit)
+        separation = separations_of(records, bench, fit)
+        red = redness(bench.whitener, records.rate) > RED
+        structure = structure or left.statistic > BESIDE or red or crowded(findings)
+        kept = tuple(f for f in findings if not negligible(f, findings, share_of(bench, fit, f.name), structure))
+        structure = structure or len(kept) < len(findings)
+        findings = tuple(replace(f, confidence=f.confidence * LESS_SURE) for f in kept) if structure else kept
+    gain = max(left.gain, float(np.sum(bench.counts[raised] * np.log(fit.variance[raised]))))
+    unknown = structure and (not findings or gain > MOSTLY * bench.gain(fit))
+    if unknown:
+        findings, separation = (), ()
+    return Verdict(
+        verdict="unknown" if unknown else "named" if findings else "none",
+        remainder=bool(structure and findings),
+        findings=findings,
+        where=(),
+        separation=separation,
+        noise_floor=noise,
+        statistic=fit.evidence,
+        remainder_statistic=left.statistic,
+    )
