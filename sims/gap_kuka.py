@@ -73,7 +73,7 @@ def curve_in_words(model: Model, gap: Gap) -> list[str]:
                 ends = ", ".join(
                     f"{a:.0f}° {float(law(np.radians(a))):.0f} N·m" for a in (low, -90.0, -75.0, -61.0, high)
                 )
-                lines.append(f"the spring's curve goes on in a straight line beyond its ends: {ends}")
+                lines.append(f"beyond its ends the spring's curve soon goes on with its mean slope: {ends}")
             else:
                 lines.append(f"{effect.sentence()}; it goes on as a straight line beyond")
     return lines

@@ -17,6 +17,7 @@ from pydrake.systems.primitives import LogVectorOutput
 
 from twin_diagram import effects, scenario
 from twin_diagram.description import add_arm
+from twin_diagram.effects.transmission import JointSpring
 from twin_diagram.errors import ModelError
 from twin_diagram.model import Model
 from twin_diagram.scenario import EffectSpec
@@ -56,7 +57,9 @@ EFFECTS = {
         {"mass": [-0.8], "com": [0.02, 0.03, -0.04], "inertia": [0.01, 0.02, 0.015, 0.001, -0.002, 0.003]},
     ),
     "torque_ripple": EffectSpec(
-        "torque_ripple", ["panda_joint2", "panda_joint4"], [],
+        "torque_ripple",
+        ["panda_joint2", "panda_joint4"],
+        [],
         {"amplitude": [2.0, 1.0], "cycles": [24.0, 40.0], "phase": [0.3, -1.0]},
     ),
     "torque_constant": EffectSpec("torque_constant", ["panda_joint2", "panda_joint4"], [], {"gain": [0.8, 1.3]}),
@@ -354,3 +357,17 @@ def test_two_contexts_do_not_influence_each_other() -> None:
     np.testing.assert_array_equal(result(first), result(alone))
     np.testing.assert_array_equal(result(first)[-7:], 1.0)
     assert np.max(np.abs(result(second) - result(first))) > 0.1
+
+
+def test_curve_goes_on_with_its_mean_slope() -> None:
+    """Beyond its ends: no jump, no kink, and far away the mean slope rather than that of a piece which bends."""
+    spec = EffectSpec("joint_spring", ["a"], [], {"curve": [0.0, 0.2, 0.4, 0.6, 0.8, 0.0, 2.0, 4.0, 6.0, 1.0]})
+    spring = effects.make(spec)
+    assert isinstance(spring, JointSpring)
+    law, h = spring.curve(), 1e-6
+    for end in (0.0, 0.8):
+        before, at, after = law(np.array([end - h, end, end + h]))
+        assert abs(after - 2.0 * at + before) / h < 1e-3
+    mean = np.polyfit(np.linspace(0.0, 0.8, 5), [0.0, 2.0, 4.0, 6.0, 1.0], 1)[0]
+    for far in (np.array([-2.0, -1.9]), np.array([2.8, 2.9])):
+        np.testing.assert_allclose(np.diff(law(far))[0] / 0.1, mean, rtol=1e-3)

@@ -57,19 +57,26 @@ class JointSpring(Effect):
                 )
 
     def curve(self) -> Callable[[Array], Array]:
-        """The curve as a function of angles of any shape."""
+        """The curve as a function of angles of any shape.
+
+        Beyond its ends, the slope there gives way to the curve's mean slope within half a piece: an end's slope is the
+        least sure of all, and what it says of angles far away is nothing.
+        """
         angles, torques = np.split(self.value("curve"), 2)
         inside = PchipInterpolator(angles, torques)
-        slope = inside.derivative()
         ends = np.array([angles[0], angles[-1]])
-        values, slopes = inside(ends), slope(ends)
+        mean = float(np.polyfit(angles, torques, 1)[0])
+        bends = inside.derivative()(ends) - mean
+        reach = 0.5 * float(np.mean(np.diff(angles)))
+
+        def beyond(distance: Array, bend: float) -> Array:
+            return np.asarray(mean * distance + bend * reach * -np.expm1(-np.abs(distance) / reach) * np.sign(distance))
 
         def law(q: Array) -> Array:
-            result = inside(np.clip(q, *ends))
-            result = result + slopes[0] * np.minimum(q - ends[0], 0.0) + slopes[1] * np.maximum(q - ends[1], 0.0)
+            below, above = np.minimum(q - ends[0], 0.0), np.maximum(q - ends[1], 0.0)
+            result = inside(np.clip(q, *ends)) + beyond(below, bends[0]) + beyond(above, bends[1])
             return np.asarray(result)
 
-        assert np.all(np.isfinite(values))
         return law
 
     def torque(self, model: Model, q: Array, v: Array, a: Array, tau: Array) -> Array:
