@@ -15,41 +15,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import LinAlgError, cho_factor, cho_solve, solve_triangular
+from scipy.linalg import LinAlgError, solve_triangular
 
 from twin_diagram.gap.candidate import Candidate
+from twin_diagram.gap.normal_equations import coefficients, increment, increments
+from twin_diagram.gap.pricing import compatible, price
 from twin_diagram.gap.whitening import Whitener
 
 Array = npt.NDArray[np.float64]
 Members = frozenset[int]
-
-NEW_NAME = 6.0
-"""Price of naming one more effect [nats]: some twenty names, some seven places."""
-
-FURTHER_JOINT = 3.0
-"""Price of naming it on one more joint."""
-
-MIXED = 4.0
-"""Price of saying that dry friction is of one kind on some joints and of another on others."""
 
 PASSES = 3
 """Times that coefficients and variances of a hypothesis are solved in turn."""
 
 FINEST = 5e-4
 """Noise is at least this share of a joint's torque: what filters and sampling leave of a noise-free log."""
-
-EXCLUSIVE = (
-    frozenset({"coulomb_friction", "stribeck_friction"}),
-    frozenset({"torque_bias", "joint_spring"}),
-    frozenset({"reflected_inertia", "joint_elasticity"}),
-    frozenset({"reflected_inertia", "backlash"}),
-    frozenset({"joint_elasticity", "backlash"}),
-)
-"""Names of which only one is said of a joint."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,10 +54,6 @@ class Fit:
     covariance: Array
     order: tuple[int, ...]
     variance: Array
-
-
-ONCE = frozenset({"external_force", "payload", "inertial_parameters", "gravity_tilt", "time_delay"})
-"""Names that are said once; several forces in a row follow any curve of time, several links' inertias any arm's."""
 
 
 class Bench:
@@ -198,7 +177,7 @@ class Bench:
         c, covariance, logdet = np.zeros(len(spread)), np.zeros((0, 0)), 0.0
         for _ in range(PASSES):
             try:
-                c, covariance, logdet = _coefficients(joints, variance, spread)
+                c, covariance, logdet = coefficients(joints, variance, spread)
             except LinAlgError:
                 return Fit(members, -np.inf, c, np.eye(len(spread)), order, variance)
             for j, (index, G) in enumerate(joints):
@@ -278,14 +257,7 @@ class Bench:
 
     def price(self, members: Members) -> float:
         """Of names, joints and searched shapes [nats]."""
-        counts: dict[str, int] = {}
-        total = 0.0
-        for k in members:
-            candidate = self.candidates[k]
-            counts[candidate.name] = counts.get(candidate.name, 0) + 1
-            total += candidate.cost
-        mixed = MIXED if {"coulomb_friction", "stribeck_friction"} <= counts.keys() else 0.0
-        return total + mixed + sum(NEW_NAME + FURTHER_JOINT * (count - 1) for count in counts.values())
+        return price([self.candidates[k] for k in members])
 
     def left(self, fit: Fit) -> Array:
         """(ΣD, n) residual of a fit [N·m]."""
@@ -311,24 +283,7 @@ class Bench:
 
     def compatible(self, members: Members, k: int) -> bool:
         """Whether a candidate may join a hypothesis."""
-        new = self.candidates[k]
-        for m in members:
-            old = self.candidates[m]
-            if (
-                new.name == old.name
-                and (new.joints == old.joints and new.links == old.links)
-                and not (new.name == "torque_ripple" and abs(new.shape["cycles"] - old.shape["cycles"]) > 2.0)
-            ):
-                return False
-            if new.name == old.name and new.name in ONCE:
-                return False
-            if new.name in old.excludes or old.name in new.excludes:
-                return False
-            if set(new.joints) & set(old.joints) and frozenset({new.name, old.name}) in EXCLUSIVE:
-                return False
-            if new.links and new.links == old.links and {new.name, old.name} == {"payload", "inertial_parameters"}:
-                return False
-        return True
+        return compatible([self.candidates[m] for m in members], self.candidates[k])
 
     # What could be added.
 
@@ -371,7 +326,7 @@ class Bench:
             own = C[:, start : start + candidate.size]
             start += candidate.size
             G, b = self.gram(k, k) - own.T @ own, self._right[k] - own.T @ projected
-            result[k] = _increment(G[None], b[None], candidate.spread[None], [candidate])[0]
+            result[k] = increment(G[None], b[None], candidate.spread[None], [candidate])[0]
         costs = np.array([candidate.cost for candidate in self.candidates])
         return result - costs
 
@@ -404,38 +359,4 @@ class Bench:
     def _increments(self, X: Array, C: Array, b: Array, candidates: list[Candidate]) -> Array:
         G = np.einsum("rmi,rmk->mik", X, X, optimize=True) - np.einsum("kmi,kmj->mij", C, C, optimize=True)
         spread = np.stack([candidate.spread for candidate in candidates])
-        return _increment(G, b.reshape(len(candidates), -1), spread, candidates)
-
-
-def _coefficients(
-    joints: list[tuple[npt.NDArray[np.int64], Array]], variance: Array, spread: Array
-) -> tuple[Array, Array, float]:
-    """Generalised least squares: coefficients, their covariance, and log det of S Λ⁻¹."""
-    S, b = np.diag(spread**-2.0), np.zeros(len(spread))
-    for (index, G), level in zip(joints, variance, strict=True):
-        S[np.ix_(index, index)] += G[1:, 1:] / level
-        b[index] += G[1:, 0] / level
-    if not len(spread):
-        return b, S, 0.0
-    factor: Any = cho_factor(S, lower=True)
-    logdet = 2.0 * float(np.sum(np.log(np.diag(factor[0])) + np.log(spread)))
-    return cho_solve(factor, b), cho_solve(factor, np.eye(len(b))), logdet
-
-
-def increments(G: Array, b: Array, spread: Array) -> Array:
-    """(m,) rises of the evidence, for information G (m, k, k), right sides b (m, k) and priors (m, k)."""
-    return _solutions(G, b, spread)[0]
-
-
-def _solutions(G: Array, b: Array, spread: Array) -> tuple[Array, Array]:
-    scaled = spread[:, :, None] * G * spread[:, None, :] + np.eye(G.shape[1])
-    c = spread * np.linalg.solve(scaled, (spread * b)[..., None])[..., 0]
-    _, logdet = np.linalg.slogdet(scaled)
-    return 0.5 * np.sum(b * c, axis=1) - 0.5 * logdet, c
-
-
-def _increment(G: Array, b: Array, spread: Array, candidates: list[Candidate]) -> Array:
-    """The same, −∞ where the coefficients are not physical."""
-    result, c = _solutions(G, b, spread)
-    physical = [candidate.allows(own) for candidate, own in zip(candidates, c, strict=True)]
-    return np.where(physical, result, -np.inf)
+        return increment(G, b.reshape(len(candidates), -1), spread, candidates)

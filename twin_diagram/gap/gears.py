@@ -16,7 +16,8 @@ import numpy.typing as npt
 from twin_diagram.effects import make
 from twin_diagram.effects.effect import Effect
 from twin_diagram.gap.candidate import Candidate, transformed
-from twin_diagram.gap.evidence import NEW_NAME, Bench, Members
+from twin_diagram.gap.evidence import Bench, Members
+from twin_diagram.gap.pricing import NEW_NAME
 from twin_diagram.gap.records import Record
 from twin_diagram.gap.terms import Terms
 from twin_diagram.model import Model

@@ -15,7 +15,9 @@ import numpy.typing as npt
 
 from twin_diagram.gap import arm_candidates, joint_candidates
 from twin_diagram.gap.candidate import Candidate
-from twin_diagram.gap.evidence import NEW_NAME, Bench, Members, increments
+from twin_diagram.gap.evidence import Bench, Members
+from twin_diagram.gap.normal_equations import increments
+from twin_diagram.gap.pricing import NEW_NAME
 from twin_diagram.gap.records import Record
 from twin_diagram.gap.terms import Terms
 

@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from twin_diagram.gap.evidence import FURTHER_JOINT, NEW_NAME, Bench, Fit, Members
+from twin_diagram.gap.evidence import Bench, Fit, Members
+from twin_diagram.gap.pricing import FURTHER_JOINT, NEW_NAME
 
 TRIED = 8
 """Additions that are solved exactly at each step."""
