@@ -174,6 +174,7 @@ class Monitor:
         """The model was corrected: what was measured against the old one says nothing now.
 
         What normal operation looks like stays as it was learnt: a model that is right again is held to the same band.
+        Only the torque that each joint lacks is learnt anew: it is the model's own.
         An alarm that stands ends; one that the corrected model deserves comes back.
         """
         h = self.header
