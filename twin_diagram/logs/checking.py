@@ -22,6 +22,9 @@ SLOWEST = 0.25
 GAP = 2.5
 """A step this many times the median is a gap."""
 
+DEGREES = 1.5
+"""Beyond its limits by more than this, a joint's position is no longer a robot that is described too tightly [rad]."""
+
 
 @dataclass(frozen=True)
 class LogWarning:
@@ -151,7 +154,7 @@ def _against(log: Log, model: Model) -> list[LogWarning]:
     own = log.select(model.joints)
     revolute = model.tree.revolute
     outside = _outside(own.position, model)
-    if np.any(outside > 0.5) and np.all((_outside(np.radians(own.position), model) < 0.1) | ~revolute):
+    if np.any(outside > DEGREES) and np.all((_outside(np.radians(own.position), model) < 0.1) | ~revolute):
         k = int(np.argmax(outside))
         joint, value = own.joints[k], own.position[np.argmax(np.abs(own.position[:, k])), k]
         raise LogError(
