@@ -184,6 +184,10 @@ ABLATIONS: Final[dict[str, tuple[Setup, Defects]]] = {
     "no force sensor": (Setup(sensors=("encoders", "camera", "imu"), predict=False), Defects()),
     "with lidar": (Setup(sensors=(*ours.ALL, "lidar"), predict=False), Defects()),
     "camera covered 10 s": (Setup(predict=False), Defects(covered=((3.0, 13.0),))),
+    "all vision lost at 5 s": (
+        Setup(sensors=(*ours.ALL, "lidar"), missing=(("camera", 5.0, np.inf), ("lidar", 5.0, np.inf)), predict=False),
+        Defects(),
+    ),
     "encoders noisy 5 s (×10)": (Setup(predict=False), Defects(encoder_worse=(5.0, 10.0, 10.0))),
     "IMU lost at 5 s": (Setup(missing=(("imu", 5.0, np.inf),), predict=False), Defects()),
     "force sensor lost at 5 s": (Setup(missing=(("wrench", 5.0, np.inf),), predict=False), Defects()),
