@@ -10,7 +10,7 @@ neutral names. What is true goes to a file outside that folder, which only the s
     python sims/gap_benchmark.py run --suite final --out out/gap_benchmark --only single --limit 20
     python sims/gap_benchmark.py sizes --seeds 0 100                               # sizes and separations alone
     python sims/gap_benchmark.py ablate --suite final                              # simpler methods, a tenth of it
-    python sims/gap_benchmark.py report --out out/gap_benchmark                    # table.txt, calibration.png
+    python sims/gap_benchmark.py report --out out/gap_benchmark                    # table.txt, report.html
 
 Kinds: clean, single, several (one name on two to four joints), pair, triple, onset, dirty (the model has friction on
 all joints already), outside (families that the catalogue lacks). Of `single`, seed modulo 20 is the effect. Seeds below
@@ -52,7 +52,7 @@ import numpy as np
 SIMS = Path(__file__).resolve().parent
 sys.path[:0] = [str(SIMS), str(SIMS.parent)]
 
-from gap_scoring import ablations, held_out, table, verdicts  # noqa: E402
+from gap_scoring import ablations, held_out, page, table, verdicts  # noqa: E402
 from gap_truth import cases, separation  # noqa: E402
 
 Truth = dict[str, Any]
@@ -297,13 +297,17 @@ def tenth(suite: str) -> list[tuple[str, int]]:
 
 
 def write_report(folder: Path) -> str:
-    """The table and the pictures of a folder's results."""
+    """The table and the page of a folder's results."""
     results = read_results(folder / "results.jsonl")
     if not results:
         return f"{folder}: no results yet"
+    ablated = read_results(folder / "ablations.jsonl")
     text = table.report(results)
+    if ablated:
+        chosen = {(r["kind"], r["seed"]) for r in ablated}
+        text += "\n\n" + table.ablations(ablated, [r for r in results if (r["kind"], r["seed"]) in chosen])
     (folder / "table.txt").write_text(text + "\n", encoding="utf-8")
-    table.plot_calibration(results, str(folder / "calibration.png"))
+    (folder / "report.html").write_text(page.page(results, ablated), encoding="utf-8")
     return text
 
 

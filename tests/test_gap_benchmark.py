@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import json
 import sys
+import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ CHECKOUT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(CHECKOUT / "sims"))
 
 import gap_benchmark  # noqa: E402
-from gap_scoring import held_out, regressions, table, verdicts  # noqa: E402
+from gap_scoring import held_out, page, regressions, table, verdicts  # noqa: E402
 from gap_truth import cases, explanations, hidden, separation, tree  # noqa: E402
 from gap_truth.chain import compile_model, mjcf, random_chain, read_urdf, write_urdf  # noqa: E402
 from gap_truth.hidden import Hidden  # noqa: E402
@@ -532,7 +533,7 @@ def record(kind: str, seed: int, exact: bool = True, distance: float = 10.0) -> 
     }
 
 
-def test_table(tmp_path: Path) -> None:
+def test_table() -> None:
     records = [record("single", k) for k in range(99)] + [record("single", 99, exact=False)]
     records += [record("clean", k, distance=0.0) for k in range(600)]
     found = {row.figure: row for row in table.rows(records)}
@@ -542,8 +543,29 @@ def test_table(tmp_path: Path) -> None:
     assert found["pairs exactly right, both ≥ 8"].met is None
     text = table.report([*records, {"kind": "single", "seed": 5, "version": "1", "code": "x", "error": "late"}])
     assert "runs that failed" in text and "separation" in text
-    table.plot_calibration(records, str(tmp_path / "plot.png"))
-    assert (tmp_path / "plot.png").stat().st_size > 1000
+
+
+KINDS = ("right", "wrong")
+
+
+def test_page() -> None:
+    """One well-formed file with every figure, both pictures, and the simpler methods where they ran."""
+    records = [record("single", k, exact=k > 1, distance=3.0 * k) for k in range(8)]
+    records += [{"kind": "single", "seed": 50, "version": "1", "code": "<b>", "error": "late"}]
+    plain = {"method": "stlsq", "kind": "single", "seed": 3, "separation": 9.0, "exact": False, "claims": []}
+    text = page.page(records, [plain | {"left": 0.4, "visible": True, "processor": 0.3}])
+    body = text[text.index("<main>") : text.index("</body>")]
+    root = ElementTree.fromstring(body.replace("<br>", "<br/>"))
+    assert len(root.findall(".//svg")) == 2
+    assert root.find(".//svg") is not None and "&lt;b&gt;" in text and "http" not in text
+    rows = {cells[0].text: [cell.text for cell in cells] for cells in root.iter("tr") if cells[0].tag == "td"}
+    assert rows["stlsq"] == ["stlsq", "1", "0/1", "0.0", "0/0", "40 %", "0.3 s"]
+    assert rows["twin-diagram"][1:4] == ["1", "1/1", "0.0"]
+    assert all(row.figure.replace("`", "") in rows for row in table.rows(records))
+    heights = {
+        kind: sum(float(r.get("height", "")) for r in root.iter("rect") if r.get("class") == kind) for kind in KINDS
+    }
+    assert heights["right"] == pytest.approx(3.0 * heights["wrong"], rel=1e-2)  # six of eight
 
 
 def test_runs_go_on_where_they_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -163,9 +163,9 @@ def histogram(records: list[Record]) -> str:
     return "\n".join(lines)
 
 
-def by_name(records: list[Record], least: float = 8.0) -> str:
+def name_rows(records: list[Record], least: float = 8.0) -> list[tuple[str, int, int, int, str]]:
     """Per true name: cases, those far enough, how many of these were right, and what else was said."""
-    lines = [f"{'name':<28} cases  ≥ {least:g}  right  instead"]
+    result = []
     names = sorted(
         {"+".join(r["truth_names"]) if len(r["truth_names"]) == 1 else r["kind"] for r in records if "error" not in r}
     )
@@ -182,7 +182,15 @@ def by_name(records: list[Record], least: float = 8.0) -> str:
                 said = "+".join(sorted(c["name"] for c in r["claims"])) or r["verdict"]
                 wrong[said] = wrong.get(said, 0) + 1
         instead = ", ".join(f"{count} {said}" for said, count in sorted(wrong.items(), key=lambda x: -x[1])[:4])
-        lines.append(f"{name:<28} {len(own):5d} {len(far):5d} {sum(r['exact'] for r in far):6d}  {instead}")
+        result.append((name, len(own), len(far), sum(r["exact"] for r in far), instead))
+    return result
+
+
+def by_name(records: list[Record], least: float = 8.0) -> str:
+    """The same as text."""
+    lines = [f"{'name':<28} cases  ≥ {least:g}  right  instead"]
+    for name, count, far, right, instead in name_rows(records, least):
+        lines.append(f"{name:<28} {count:5d} {far:5d} {right:6d}  {instead}")
     return "\n".join(lines)
 
 
@@ -201,14 +209,16 @@ def sizes(records: list[Record]) -> str:
     return "\n".join(lines)
 
 
-def ablations(records: list[Record], results: list[Record]) -> str:
-    """Methods side by side, on the cases that each has run."""
-    lines = [f"{'method':<14} cases   exact (≥ 8)       false names   clean: false   gap left: median   time: median"]
+def ablation_rows(records: list[Record], results: list[Record]) -> tuple[list[str], list[list[str]]]:
+    """Methods side by side, on the cases that each has run: the table's head and its lines."""
+    head = ["method", "cases", "exact, separation ≥ 8", "false names per case", "false on clean", "gap left, median"]
+    head.append("processor time, median")
     ran = [
         {**r, "method": "twin-diagram", "left": r["held_out"]["left"], "visible": r["held_out"]["visible"]}
         for r in results
         if "error" not in r
     ]
+    lines = []
     for method in ["twin-diagram", *sorted({r["method"] for r in records})]:
         own = [r for r in [*ran, *records] if r["method"] == method]
         if not own:
@@ -216,16 +226,33 @@ def ablations(records: list[Record], results: list[Record]) -> str:
         far = [r for r in own if r["kind"] not in ("clean", "outside") and r["separation"] >= 8.0]
         clean = [r for r in own if r["kind"] == "clean"]
         wrong = sum(not c["right"] for r in own for c in r["claims"]) / len(own)
-        false = sum(bool(r["claims"]) for r in clean)
         left = [r["left"] for r in own if r["visible"] and r["kind"] not in ("clean", "outside")]
         gap = f"{100 * np.median(left):.0f} %" if left else "–"
-        used = np.median([r["processor"] for r in own])
-        exact = f"{sum(r['exact'] for r in far)}/{len(far)}"
         lines.append(
-            f"{method:<14} {len(own):5d} {exact:>13} {wrong:12.1f} per case {false:6d}/{len(clean):<7d}"
-            f" {gap:>15} {used:14.1f} s"
+            [
+                method,
+                str(len(own)),
+                f"{sum(r['exact'] for r in far)}/{len(far)}",
+                f"{wrong:.1f}",
+                f"{sum(bool(r['claims']) for r in clean)}/{len(clean)}",
+                gap,
+                f"{np.median([r['processor'] for r in own]):.1f} s",
+            ]
         )
-    return "\n".join(lines)
+    return head, lines
+
+
+def ablations(records: list[Record], results: list[Record]) -> str:
+    """The same as text."""
+    head, lines = ablation_rows(records, results)
+    widths = [max(len(line[k]) for line in [head, *lines]) for k in range(len(head))]
+    return "\n".join(
+        "  ".join(
+            word.ljust(wide) if k == 0 else word.rjust(wide)
+            for k, (word, wide) in enumerate(zip(line, widths, strict=True))
+        )
+        for line in [head, *lines]
+    )
 
 
 def report(records: list[Record]) -> str:
@@ -247,25 +274,3 @@ def calibration(records: list[Record]) -> list[tuple[float, float, int]]:
             mean = float(np.mean([c["confidence"] for c in inside]))
             result.append((mean, float(np.mean([c["right"] for c in inside])), len(inside)))
     return result
-
-
-def plot_calibration(records: list[Record], path: str) -> None:
-    """Confidence against share right, and the histogram of separations."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(10, 4.5), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    bins = calibration(records)
-    left.plot([0, 1], [0, 1], color="0.7", linewidth=1)
-    for mean, good, count in bins:
-        low, high = proportion(round(good * count), count)
-        left.plot([mean, mean], [low, high], color="C0", linewidth=1)
-    left.scatter([b[0] for b in bins], [b[1] for b in bins], s=[15 + 3 * np.sqrt(b[2]) for b in bins], zorder=3)
-    left.set(xlabel="confidence", ylabel="share right", title="Calibration", xlim=(0, 1.02), ylim=(0, 1.02))
-    scored = [r for r in records if "error" not in r and r["kind"] not in ("clean", "outside")]
-    good, bad = ([max(r["separation"], 0.3) for r in scored if r["exact"] is e] for e in (True, False))
-    bins_x = np.geomspace(0.3, 3000.0, 30)
-    right.hist([good, bad], bins=bins_x, stacked=True, label=["right", "not right"], color=["C0", "C3"])
-    right.set(xscale="log", xlabel="separation [noise units]", ylabel="cases", title="Cases")
-    right.legend()
-    figure.savefig(path, dpi=130)
