@@ -131,7 +131,7 @@ LAYERS = (
     {"station", "perception", "estimation", "scene", "planning", "gap"},
     {"looking"},
     {"diagram", "score", "run", "touching", "trial", "variation", "attachments", "progress", "healing"}
-    | {"fused_sensors"},
+    | {"fused_sensors", "arm_cloud", "arm_surface"},
     {"cli"},
     {"__main__"},
 )

@@ -158,7 +158,6 @@ def make_twin(twin: scenario.Twin, packages: Packages | None = None) -> Twin:
         for system in (drift, mpc):
             if system.HasInputPort(port):
                 builder.ConnectInput(name, system.GetInputPort(port))
-    export(builder, ekf, fused)
     for port in ("arm_state", "parameters", "innovation", "nis", *(["sensor_tracks"] if fused else [])):
         builder.Connect(ekf.GetOutputPort(port), drift.GetInputPort(port))
     builder.Connect(ekf.GetOutputPort("arm_state"), updater.GetInputPort("arm_state"))
@@ -187,6 +186,7 @@ def make_twin(twin: scenario.Twin, packages: Packages | None = None) -> Twin:
         builder.Connect(blind.get_output_port(), updater.GetInputPort("image_time"))
         builder.Connect(nothing.get_output_port(), updater.GetInputPort("object_poses"))
 
+    _named("twin.filter.sensors", lambda: export(builder, ekf, fused, twin, model, packages))
     builder.ExportOutput(mpc.GetOutputPort("position_commanded"), ports.POSITION_COMMANDED)
     builder.ExportOutput(mpc.GetOutputPort("torque_commanded"), ports.TORQUE_COMMANDED)
     if scene.gripper_position_index.size:

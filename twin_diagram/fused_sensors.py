@@ -1,25 +1,34 @@
 """Which of the arm's further sensors the filter fuses, and by which of a station's ports their readings come.
 
 ``twin.sensors`` says what is on the arm, ``twin.filter.sensors`` what the filter makes of it; an entry of the second
-belongs to the one of the first that is of its kind and on its link.
+belongs to the one of the first that is of its kind and on its link. `depth` is none of these: it is what the twin's
+camera sees of a link.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource
+from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer
 
+from twin_diagram.arm_cloud import FLOOR, SIZE, ArmCloud
+from twin_diagram.arm_surface import link_surface
 from twin_diagram.errors import ScenarioError
 from twin_diagram.estimation.ekf_system import AdaptiveEkf
-from twin_diagram.scenario import LinkSensor, Pose, SensorSpec, Twin
-from twin_diagram.signals import NEVER
+from twin_diagram.model import Model
+from twin_diagram.scenario import Camera, LinkSensor, Pose, SensorSpec, Twin
+from twin_diagram.signals import NEVER, POSE_SIZE
 from twin_diagram.station import ports
+
+Packages = Mapping[str, str | Path]
 
 USED = "torque"
 """The kind whose reading the twin's filter has used already."""
+DEPTH = "depth"
+"""The kind that is the twin's camera."""
 
 
 @dataclass(frozen=True)
@@ -27,13 +36,15 @@ class Fused:
     """One sensor of the filter.
 
     Attributes:
-        spec: with name, link and pose filled in.
-        reading, time: the station's ports.
+        spec: with name, link and pose filled in, as the filter is told.
+        reading, time: the station's ports; of a camera that of its depth image.
+        camera: whether the reading is made of images.
     """
 
     spec: SensorSpec
     reading: str
     time: str
+    camera: bool = False
 
 
 def fused_sensors(twin: Twin, last_link: str) -> list[Fused]:
@@ -51,8 +62,12 @@ def fused_sensors(twin: Twin, last_link: str) -> list[Fused]:
         field = f"twin.filter.sensors.{index}"
         if spec.kind == USED:
             raise ScenarioError(field, "the twin's filter predicts with the torque measured; a reading counts once")
-        fused = _on_arm(spec, twin.sensors, last_link, field)
-        if any(other.reading == fused.reading for other in found):
+        if spec.kind == DEPTH:
+            fused = _seen(spec, twin.camera, last_link, field)
+        else:
+            fused = _on_arm(spec, twin.sensors, last_link, field)
+        place = (fused.reading, fused.spec.body)
+        if any((other.reading, other.spec.body) == place for other in found):
             raise ScenarioError(field, f"{fused.reading} is fused already; a reading counts once")
         if any(other.spec.name == fused.spec.name for other in found):
             raise ScenarioError(f"{field}.name", f"there is a sensor {fused.spec.name!r} already; name this one")
@@ -60,11 +75,45 @@ def fused_sensors(twin: Twin, last_link: str) -> list[Fused]:
     return found
 
 
-def export(builder: DiagramBuilder, ekf: AdaptiveEkf, fused: Sequence[Fused]) -> None:
-    """Makes the filter's inputs those of the twin, by the station's names."""
+def export(
+    builder: DiagramBuilder,
+    ekf: AdaptiveEkf,
+    fused: Sequence[Fused],
+    twin: Twin,
+    model: Model,
+    packages: Packages | None,
+) -> None:
+    """Makes the filter's further inputs those of the twin, by the station's names; call it when those of images exist.
+
+    Args:
+        builder: of the twin.
+        ekf: in it.
+        fused: its further sensors.
+        twin: what it is told.
+        model: of the arm.
+        packages: local folders for `package://` names.
+
+    Raises:
+        ModelError: a link of which nothing is to be seen.
+    """
     for sensor in fused:
-        builder.ExportInput(ekf.GetInputPort(f"{sensor.spec.name}.reading"), sensor.reading)
-        builder.ExportInput(ekf.GetInputPort(f"{sensor.spec.name}.time"), sensor.time)
+        name = sensor.spec.name
+        reading, time = ekf.GetInputPort(f"{name}.reading"), ekf.GetInputPort(f"{name}.time")
+        if not sensor.camera:
+            builder.ExportInput(reading, sensor.reading)
+            builder.ExportInput(time, sensor.time)
+            continue
+        assert twin.camera is not None
+        surface = link_surface(twin.arm, sensor.spec.body, packages)
+        cloud = builder.AddNamedSystem(f"{name}_cloud", ArmCloud(model, sensor.spec, twin.camera, surface))
+        parts = builder.AddNamedSystem(f"{name}_parts", Demultiplexer([POSE_SIZE, SIZE - POSE_SIZE]))
+        builder.ConnectInput(sensor.reading, cloud.GetInputPort("depth_image"))
+        builder.ConnectInput(sensor.time, cloud.GetInputPort("image_time"))
+        builder.ConnectInput(sensor.time, time)
+        builder.Connect(ekf.GetOutputPort("arm_state"), cloud.GetInputPort("arm_state"))
+        builder.Connect(cloud.get_output_port(), parts.get_input_port())
+        builder.Connect(parts.get_output_port(0), reading)
+        builder.Connect(parts.get_output_port(1), ekf.GetInputPort(f"{name}.noise"))
 
 
 def silence(builder: DiagramBuilder, twin: Diagram, station: Diagram, fused: Sequence[Fused]) -> list[str]:
@@ -79,13 +128,22 @@ def silence(builder: DiagramBuilder, twin: Diagram, station: Diagram, fused: Seq
     Returns:
         The sensors' ports that the station lacks.
     """
-    missing = [sensor for sensor in fused if not station.HasOutputPort(sensor.reading)]
+    missing = [sensor for sensor in fused if not sensor.camera and not station.HasOutputPort(sensor.reading)]
     for sensor in missing:
         size = twin.GetInputPort(sensor.reading).size()
         for port, value in ((sensor.reading, [0.0] * size), (sensor.time, [NEVER])):
             source = builder.AddNamedSystem(f"no {port}", ConstantVectorSource(value))
             builder.Connect(source.get_output_port(), twin.GetInputPort(port))
     return [sensor.reading for sensor in missing]
+
+
+def _seen(spec: SensorSpec, camera: Camera | None, last_link: str, field: str) -> Fused:
+    if camera is None:
+        raise ScenarioError(field, "twin.camera is null: there is nothing to see the arm with")
+    if spec.std and (len(spec.std) != len(FLOOR) or not min(spec.std) > 0.0):
+        raise ScenarioError(f"{field}.std", f"{spec.std} is not two positive numbers")
+    filled = replace(spec, kind="body_pose", name=spec.name or spec.kind, body=spec.body or last_link)
+    return Fused(filled, ports.depth_image(camera.name), ports.image_time(camera.name), camera=True)
 
 
 def _on_arm(spec: SensorSpec, sensors: Sequence[LinkSensor], last_link: str, field: str) -> Fused:
