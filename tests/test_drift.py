@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from estimation_bench import HOME, World, simulate, twin_terms
+from estimation_bench import HOME, JOINTS, World, simulate, twin_terms
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -224,15 +224,31 @@ def test_rollout_alarm():
     monitor = Monitor(TERMS, Drift(), Filter())
     t = feed(monitor, 800)
     q, tau = HOME, TERMS.inverse_dynamics(HOME, np.zeros(7), 0.0)
-    start = t
+    start, first = t, {}
     while t < start + 1.0:
         s = t - start
         moved = q + np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0]) * 2.0 * s * s
         state = np.concatenate([moved, [0.0, 4.0 * s, 0.0, 0.0, 0.0, 0.0, 0.0]])
         monitor.observe(state, np.zeros(4), 14.0, moved, tau, t)
         t += 0.005
+        if monitor.active and not first:
+            first = events(monitor)[0]
     assert monitor.header[drift.Entry.KIND] == AlarmKind.ROLLOUT
     assert monitor.active
+    # The hand, from the same rollout and the plant's own kinematics.
+    ends = [first["time"] - Drift().horizon, first["time"]]
+    moved = [q + np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0]) * 2.0 * (at - start) ** 2 for at in ends]
+    state = np.concatenate([moved[0], [0.0, 4.0 * (ends[0] - start), 0.0, 0.0, 0.0, 0.0, 0.0]])
+    times = np.linspace(*ends, 21)
+    reached, _ = rollout(TERMS, ParameterSet(TERMS, Filter()), state, np.zeros(4), times, np.tile(tau, (21, 1)))
+    context, frame = TERMS.plant.CreateDefaultContext(), TERMS.plant.GetFrameByName("panda_tcp")
+    hands = []
+    for angles in (reached, moved[1]):
+        for joint, angle in zip(JOINTS, angles, strict=True):
+            TERMS.plant.GetJointByName(joint).set_angle(context, angle)
+        hands.append(frame.CalcPoseInWorld(context).translation())
+    assert first["evidence"]["hand"] == pytest.approx(np.linalg.norm(hands[0] - hands[1]), abs=2e-4)
+    assert first["evidence"]["hand"] > 0.01
 
 
 def test_gap_ends_a_rollout():
