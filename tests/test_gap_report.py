@@ -7,6 +7,7 @@ import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -16,8 +17,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin_diagram.gap import experiments, gap_json, report, report_words, trajectories
-from twin_diagram.gap.finding import Estimate, Finding, Verdict
+from twin_diagram.gap import experiments, gap_json, report, report_charts, report_words, trajectories
+from twin_diagram.gap.finding import Alternative, Estimate, Finding, Verdict
 from twin_diagram.gap.named import effects_of, sentence_of, specs_of
 from twin_diagram.gap.report_pictures import binned
 from twin_diagram.gap.report_subject import Subject
@@ -102,6 +103,27 @@ def test_named(model: Model, shown: Shown) -> None:
     before, after = shown.holdout_rms()
     assert report_words.number(before[1]) in text and report_words.number(after[1]) in text
     assert "very likely" in text and "practically certain" in text
+
+
+def test_several_joints_are_lines_of_one_table(model: Model, shown: Shown) -> None:
+    """A column per parameter, and what is sure although the kind of dry friction is not."""
+    first, second = (Estimate(value, 0.1, "N·m") for value in (3.0, 4.0))
+    rival = Alternative("stribeck_friction", ("elbow",), (), 0.6)
+    finding = Finding(
+        "coulomb_friction", ("shoulder", "elbow"), (), {"torque": {"shoulder": first, "elbow": second}}, 0.4, (rival,)
+    )
+    html = report.page(subject(model, shown, bench.verdict("named", [finding])))
+    text = read(html)
+    assert "joint torque shoulder 3.00 ± 0.10 N·m elbow 4.00 ± 0.10 N·m".replace(" ", "") in text.replace(" ", "")
+    assert "In all of these there is dry friction" in text
+    other = replace(finding, alternatives=(replace(rival, name="torque_constant"),))
+    text = read(report.page(subject(model, shown, bench.verdict("named", [other]))))
+    assert "In all of these there is dry friction" not in text
+
+
+def test_a_lost_arm_says_no_more_than_that() -> None:
+    svg = report_charts.bars(["a", "b"], np.array([4e5, 2.0]), np.array([3.0, 1.0]), None, "mrad", most=3141.6)
+    assert "&gt; 3142 mrad" in svg and "e+05" not in svg and "2.00 mrad" in svg
 
 
 def test_remainder_is_said(model: Model, shown: Shown) -> None:

@@ -13,6 +13,9 @@ from twin_diagram.gap.report_next import difference, onward
 from twin_diagram.gap.report_style import STYLE
 from twin_diagram.gap.report_subject import Subject
 
+LONG = 150
+"""Letters from which on a headline is set smaller."""
+
 
 def page(subject: Subject) -> str:
     """The whole file."""
@@ -33,11 +36,16 @@ def page(subject: Subject) -> str:
         f"<title>{escape(subject.title)}: {escape(subject.name)}</title><style>{STYLE}</style></head><body>"
         f'<header class="top"><div><p class="kicker"><span class="badge {verdict.verdict}">{badge}</span>'
         f"{escape(subject.title)} · model <b>{escape(subject.name)}</b> against {_runs_in_words(subject)}</p>"
-        f"<h1>{escape(words.headline(verdict))}</h1></div></header><main>{_tiles(subject)}"
+        f"<h1{_size(words.headline(verdict))}</h1></div></header><main>{_tiles(subject)}"
         f"{''.join(parts)}<footer>Made by twin-diagram {escape(subject.version)} in {subject.seconds:.0f} s. "
         "This file needs no network. The same figures for programs are in gap.json beside it.</footer>"
         "</main></body></html>\n"
     )
+
+
+def _size(headline: str) -> str:
+    """A headline, smaller where it is long."""
+    return f"{' class=long' if len(headline) > LONG else ''}>{escape(headline)}"
 
 
 def _runs_in_words(subject: Subject) -> str:

@@ -19,7 +19,13 @@ BAR = 13
 
 
 def bars(
-    joints: Sequence[str], before: Array, after: Array, noise: Array | None, unit: str, changed: bool = True
+    joints: Sequence[str],
+    before: Array,
+    after: Array,
+    noise: Array | None,
+    unit: str,
+    changed: bool = True,
+    most: float = np.inf,
 ) -> str:
     """Two bars per joint, before and after, with the noise floor as a mark.
 
@@ -33,7 +39,10 @@ def bars(
         noise: (n,) or None.
         unit: of all.
         changed: whether there is an after that differs; if not, one bar is drawn.
+        most: values beyond it are said to be, and no more.
     """
+    said = {most: f"&gt; {number(most)}"}
+    before, after = np.minimum(before, most), np.minimum(after, most)
     right = 150
     row = ROW if changed else ROW - BAR - 4
     length = WIDTH - LABEL - right
@@ -52,7 +61,7 @@ def bars(
             if kind == "after" and not changed:
                 continue
             wide = max(1.5, float(value) * scale)
-            text = f"{number(float(value))} {unit}"
+            text = f"{said.get(float(value), number(float(value)))} {unit}"
             beside = max(wide, floor * scale) if abs(wide - floor * scale) < 60.0 else wide
             rows.append(
                 f'<rect x="{LABEL}" y="{y}" width="{wide:.1f}" height="{BAR}" rx="2" class="{kind}"/>'
@@ -79,7 +88,7 @@ def share_bar(share: float) -> str:
 
 def ring(share: float, words: str) -> str:
     """A probability as a ring that is filled so far."""
-    small = ' style="font-size:13px"' if len(words) > 4 else ""
+    small = ' style="font-size:12px"' if len(words) > 4 else ""
     radius, share = 30.0, min(1.0, max(0.0, share))
     whole = 2.0 * np.pi * radius
     return (

@@ -10,6 +10,9 @@ from twin_diagram.gap.finding import Estimate, Finding
 from twin_diagram.gap.named import sentence_of
 from twin_diagram.gap.report_subject import Subject
 
+DRY = ("coulomb_friction", "stribeck_friction")
+"""Kinds of dry friction, which a run without slow reversals hardly tells apart."""
+
 
 def found(subject: Subject) -> str:
     """The effects, each with its sentence, parameters and probability."""
@@ -52,13 +55,6 @@ def _finding(finding: Finding, several: bool) -> str:
     sentence = sentence_of(finding)
     when = words.duration(finding, several)
     when = f", {when}" if when and " from " not in sentence else ""
-    per_joint = any(not isinstance(value, Estimate) for value in finding.parameters.values())
-    rows = []
-    for key, value in finding.parameters.items():
-        each = [("", value)] if isinstance(value, Estimate) else list(value.items())
-        for joint, estimate in each:
-            place = f"<td>{escape(joint)}</td>" if per_joint else ""
-            rows.append(f"<tr><td>{escape(words.parameter(key))}</td>{place}<td>{_estimate(estimate)}</td></tr>")
     others = ""
     if finding.alternatives:
         said = ", ".join(
@@ -66,18 +62,47 @@ def _finding(finding: Finding, several: bool) -> str:
             + f" ({words.percent(other.probability)})"
             for other in finding.alternatives
         )
-        others = f'<p class="alternatives">It could also be: {escape(said)}.</p>'
+        others = f'<p class="alternatives">It could also be: {escape(said)}.{_whichever(finding)}</p>'
     sure = charts.ring(finding.confidence, words.percent(finding.confidence))
     return (
         f'<div class="effect"><div><h3>{escape(words.title(finding.name))}'
         f"{_on(words.places(finding.joints, finding.links))}</h3>"
         f'<p class="sentence">{escape(words.upper_first(sentence))}{escape(when)}.</p>'
         f'<p class="what">{escape(words.explanation(finding.name))}</p>'
-        f'<div class="scroll"><table><tr><th>parameter</th>{"<th>joint</th>" if per_joint else ""}'
-        f"<th>value ± standard error</th></tr>"
-        f"{''.join(rows)}</table></div>{others}</div>"
+        f'<div class="scroll">{_parameters(finding)}</div>{others}</div>'
         f'<div class="sure">{sure}<br>{escape(words.sureness(finding.confidence))}</div></div>'
     )
+
+
+def _whichever(finding: Finding) -> str:
+    """What is sure where only kinds and joints of dry friction compete."""
+    if finding.name not in DRY or not all(other.name in DRY for other in finding.alternatives):
+        return ""
+    return " In all of these there is dry friction; the doubt is of which kind it is, and on which joint."
+
+
+def _parameters(finding: Finding) -> str:
+    """A line per joint where there are several, else one per parameter."""
+    values = finding.parameters.items()
+    per_joint = {key: value for key, value in values if not isinstance(value, Estimate)}
+    if len(finding.joints) > 1 and len(per_joint) == len(finding.parameters):
+        head = "".join(f"<th>{escape(words.parameter(key))}</th>" for key in per_joint)
+        rows = "".join(
+            f"<tr><td>{escape(joint)}</td>"
+            + "".join(f"<td>{_estimate(value[joint]) if joint in value else ''}</td>" for value in per_joint.values())
+            + "</tr>"
+            for joint in finding.joints
+            if any(joint in value for value in per_joint.values())
+        )
+        return f"<table><tr><th>joint</th>{head}</tr>{rows}</table>"
+    rows = ""
+    for key, value in values:
+        each = [("", value)] if isinstance(value, Estimate) else list(value.items())
+        for joint, estimate in each:
+            place = f"<td>{escape(joint)}</td>" if per_joint else ""
+            rows += f"<tr><td>{escape(words.parameter(key))}</td>{place}<td>{_estimate(estimate)}</td></tr>"
+    joint = "<th>joint</th>" if per_joint else ""
+    return f"<table><tr><th>parameter</th>{joint}<th>value ± standard error</th></tr>{rows}</table>"
 
 
 def _on(place: str) -> str:

@@ -16,6 +16,9 @@ from twin_diagram.gap.show import Comparison, Shown, above_noise
 
 Array = npt.NDArray[np.float64]
 
+LOST = 1e3 * np.pi
+"""How far beyond half a turn a model has lost a joint tells nothing [mrad]."""
+
 MOST_PICTURES = 4
 """Joints that get pictures."""
 
@@ -41,7 +44,13 @@ def sizes(subject: Subject) -> str:
             (
                 "Error of motions predicted 0.2 s ahead, held out",
                 charts.bars(
-                    shown.joints, 1e3 * rolled.rollout_before, 1e3 * rolled.rollout_after, None, "mrad", changed
+                    shown.joints,
+                    1e3 * rolled.rollout_before,
+                    1e3 * rolled.rollout_after,
+                    None,
+                    "mrad",
+                    changed,
+                    LOST,
                 ),
             )
         )

@@ -25,7 +25,8 @@ GRID = "#e4e8ee"
 POINTS = 2500
 """Dots per picture."""
 
-BINS = 40
+BINS = 32
+QUARTILES = (0.25, 0.75)
 FEWEST = 6
 """Samples that make a bin worth a line."""
 
@@ -120,25 +121,28 @@ def _noise(axes: Axes, noise: float) -> None:
 
 
 def _cloud(axes: Axes, x: Array, y: Array, colour: str) -> None:
-    """Dots, and the line of their medians."""
+    """Dots, and the line through their middle."""
     every = max(1, len(x) // POINTS)
     axes.plot(x[::every], y[::every], ".", ms=2.0, mew=0, alpha=0.28, color=colour, rasterized=True)
-    centres, medians = binned(x, y)
-    axes.plot(centres, medians, color="white", lw=3.2, solid_capstyle="round")
-    axes.plot(centres, medians, color=colour, lw=1.7, solid_capstyle="round")
+    centres, middles = binned(x, y)
+    axes.plot(centres, middles, color="white", lw=3.2, solid_capstyle="round")
+    axes.plot(centres, middles, color=colour, lw=1.7, solid_capstyle="round")
 
 
 def binned(x: Array, y: Array, bins: int = BINS) -> tuple[Array, Array]:
-    """Medians of y (M,) over equal steps of x (M,), where there are samples enough."""
+    """Middles of y (M,) over equal steps of x (M,), where there are samples enough.
+
+    The middle is that of the quartiles: where a cloud has two branches, a median jumps from one to the other.
+    """
     low, high = np.quantile(x, [0.002, 0.998])
     if not high > low:
-        return np.array([low]), np.array([np.median(y)])
+        return np.array([low]), np.array([np.mean(np.quantile(y, QUARTILES))])
     edges = np.linspace(low, high, bins + 1)
     owner = np.digitize(x, edges) - 1
-    centres, medians = [], []
+    centres, middles = [], []
     for k in range(bins):
         inside = y[owner == k]
         if len(inside) >= FEWEST:
             centres.append(0.5 * (edges[k] + edges[k + 1]))
-            medians.append(float(np.median(inside)))
-    return np.array(centres), np.array(medians)
+            middles.append(float(np.mean(np.quantile(inside, QUARTILES))))
+    return np.array(centres), np.array(middles)

@@ -14,6 +14,7 @@ header.top { background:var(--ink); color:#fff; padding:34px 20px 76px; }
 header.top > div { max-width:1040px; margin:0 auto; }
 header.top .kicker { color:#aab6c8; font-size:14px; letter-spacing:.02em; margin:0 0 10px; overflow-wrap:anywhere; }
 header.top h1 { margin:0; font-size:30px; line-height:1.25; font-weight:650; max-width:26em; }
+header.top h1.long { font-size:22px; max-width:38em; }
 .badge { display:inline-block; padding:2px 11px; border-radius:99px; font-size:13px; font-weight:650; margin-right:10px;
   color:#fff; vertical-align:1px; }
 .badge.named { background:var(--after); } .badge.none { background:var(--good); }
