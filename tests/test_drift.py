@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from twin_diagram.estimation import belief, drift
 from twin_diagram.estimation.arm_terms import ArmTerms
 from twin_diagram.estimation.change import Shape
+from twin_diagram.estimation.declared import FilterError
 from twin_diagram.estimation.drift import RING, Monitor
 from twin_diagram.estimation.ekf import Ekf
 from twin_diagram.estimation.events import events
@@ -137,6 +138,20 @@ def test_spike_step_and_trend_are_told_apart(nis, shape):
     t = feed(monitor, 200, start=t)
     (record,) = events(monitor)
     assert record["shape"] == shape.name.lower()
+
+
+def test_readings_of_unknown_sensors_are_refused():
+    monitor = Monitor(TERMS, Drift(), Filter(), {"imu": 6})
+    feed(monitor, 10)
+    monitor.reading("imu", np.zeros(6), True)
+    before = monitor.vector.copy()
+    with pytest.raises(FilterError, match="it knows imu"):
+        monitor.reading("lidar", np.zeros(6), True)
+    with pytest.raises(FilterError, match="6 are expected"):
+        monitor.reading("imu", np.zeros(3), True)
+    np.testing.assert_array_equal(monitor.vector, before)
+    monitor.reading("imu", np.full(6, np.nan), True)
+    assert np.all(np.isfinite(monitor.vector)) and not monitor.active
 
 
 # Rollouts.

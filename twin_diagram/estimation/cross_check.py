@@ -60,6 +60,7 @@ class CrossCheck:
 
     Attributes:
         size: of that vector.
+        sizes: degrees of freedom of each sensor.
     """
 
     def __init__(self, sizes: Sequence[int], sigma: float, learning_time: float) -> None:
@@ -70,7 +71,7 @@ class CrossCheck:
             sigma: k.
             learning_time: normal operation before the first alarm [s].
         """
-        self._sizes, self._sigma, self._learning_time = tuple(sizes), sigma, learning_time
+        self.sizes, self._sigma, self._learning_time = tuple(sizes), sigma, learning_time
         blocks = [-(-size // BLOCK) for size in sizes]
         counts = [4 + len(FORGETTING) * (size + 2 * block) for size, block in zip(sizes, blocks, strict=True)]
         self._starts = np.concatenate([[0], np.cumsum(counts)]).astype(int)
@@ -84,7 +85,7 @@ class CrossCheck:
 
     def begin(self, vector: Array) -> None:
         """What was measured against another model says nothing now; what is normal stays as it was learnt."""
-        for index in range(len(self._sizes)):
+        for index in range(len(self.sizes)):
             head, sums, _, _ = self._views(vector, index)
             head[3] = 0.0
             sums[:] = 0.0
@@ -134,6 +135,6 @@ class CrossCheck:
     def _views(self, vector: Array, index: int) -> tuple[Array, Array, Array, Array]:
         """Head (first time, readings learnt from, refused, refused in a row), sums, mean and variance of their size."""
         part = vector[self._starts[index] : self._starts[index + 1]]
-        L, size, blocks = len(FORGETTING), self._sizes[index], len(self._blocks[index])
+        L, size, blocks = len(FORGETTING), self.sizes[index], len(self._blocks[index])
         sums, mean, squares = np.split(part[4:], [L * size, L * (size + blocks)])
         return part[:4], sums.reshape(L, size), mean.reshape(L, blocks), squares.reshape(L, blocks)

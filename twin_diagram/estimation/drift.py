@@ -22,6 +22,7 @@ import numpy as np
 from twin_diagram.estimation import alarms, change, innovation_test
 from twin_diagram.estimation.arm_terms import ArmTerms
 from twin_diagram.estimation.cross_check import CrossCheck
+from twin_diagram.estimation.declared import FilterError
 from twin_diagram.estimation.drift_state import RING, DriftState, Entry, Evidence
 from twin_diagram.estimation.parameters import ParameterSet
 from twin_diagram.estimation.rollout_test import RolloutTest
@@ -160,11 +161,19 @@ class Monitor:
             sensor: its name.
             white: whitened innovation, one number for each degree of freedom.
             accepted: whether the filter used it.
+
+        Raises:
+            FilterError: a sensor that the monitor was not made for, or another number of degrees of freedom.
         """
+        if sensor not in self.sensors:
+            known = ", ".join(self.sensors) or "none"
+            raise FilterError(f"a sensor {sensor!r} that the monitor was not told of; it knows {known}")
+        index, white = self.sensors.index(sensor), np.asarray(white, dtype=float)
+        if white.shape != (self._cross.sizes[index],):
+            raise FilterError(f"{sensor}: {white.shape} innovations where {self._cross.sizes[index]} are expected")
         t = float(self.header[Entry.TIME])
         if t <= 0.0:
             return
-        index = self.sensors.index(sensor)
         found = self._cross.follow(self.state.sensors, index, white, accepted, t, not self.active)
         alarms.note(self.state, found)
         if found > 1.0:
