@@ -257,7 +257,7 @@ def test_positive_solver():
 
 def test_update_equals_bayes_rule():
     """Against the information form: P⁻¹ + Hᵀ R⁻¹ H, of which the filter computes nothing."""
-    ekf = Ekf(terms(), Filter())
+    ekf = Ekf(terms(), Filter(noise_time=0.0))
     world, run = recording(0)
     for k in range(30):
         ekf.observe(run.q[k], run.v[k], run.tau[k], run.time[k])

@@ -78,7 +78,7 @@ def tick(system: LeafSystem, context: Context, q, v, tau, t) -> None:
 
 
 def test_ports():
-    assert [SYSTEM.get_input_port(i).get_name() for i in range(SYSTEM.num_input_ports())] == list(MESSAGE)
+    assert [SYSTEM.get_input_port(i).get_name() for i in range(SYSTEM.num_input_ports())] == [*MESSAGE, "alarm"]
     sizes = {SYSTEM.get_output_port(i).get_name(): SYSTEM.get_output_port(i).size() for i in range(5)}
     assert sizes == {"arm_state": 14, "parameters": 4, "covariance": 18**2, "innovation": 7, "nis": 1}
     assert SYSTEM.HasAnyDirectFeedthrough() is False
@@ -326,3 +326,17 @@ def test_speed():
     print(f"monitor {1e3 * np.median(watched):.3f} ms median, {1e3 * np.mean(watched):.3f} ms mean")
     assert np.median(spent) < 0.6e-3
     assert np.mean(watched) < 0.2e-3
+
+
+def test_alarm_at_the_port_holds_the_noise() -> None:
+    """The same messages, with an alarm that stands and without."""
+    system = AdaptiveEkf(twin_terms(), Filter(encoder_std=1e-3), HOME)
+    run, levels = recording(2.0), []
+    for stands in (0.0, 1.0):
+        context = system.CreateDefaultContext()
+        system.GetInputPort("alarm").FixValue(context, [stands, 0.0, NEVER, 0.0])
+        for k in range(len(run.time)):
+            tick(system, context, run.q[k], run.v[k], run.tau[k], run.time[k])
+        levels.append(np.abs(system.belief(context).noise).max())
+    assert levels[0] > 0.1
+    assert levels[1] == 0.0

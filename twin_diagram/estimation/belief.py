@@ -84,6 +84,8 @@ class Track(IntEnum):
 
 
 HEADER = len(Entry)
+MEMORY: Final = 9
+"""Numbers kept per joint besides the state."""
 LONGEST_LOOK: Final = 0.02
 """A state is carried on no further than this beyond its message: after it, the sensors have fallen silent [s]."""
 
@@ -99,6 +101,7 @@ class Belief:
         regime: (n,) −1, 0, +1: which way each joint slides, 0 at rest.
         innovation: (n,) newest velocity innovation, whitened in joint torque.
         before: (n,) velocity before the newest prediction [rad/s].
+        noise: (3, n) ln of the factors by which the variances of encoders, speeds and white torque were adapted.
         acceleration: (n,) low-passed, as observed, not as predicted [rad/s²].
         model: (p,) θ as the physics has it; the difference to θ acts through its derivatives.
         gradient: (p,) gathered since then, where the gradient rule adapts θ.
@@ -106,6 +109,7 @@ class Belief:
         x: (N,) mean, N = 3n + p + own; q, v, disturbance, theta, own are views of it.
         P: (N, N) covariance.
         tracks: one record per further sensor, by `Track`, followed by its mean whitened innovation.
+        levels: per further sensor, (m,) ln of the factors by which its variances were adapted.
     """
 
     def __init__(self, n: int, p: int, own: int = 0, sensors: tuple[int, ...] = ()) -> None:
@@ -119,21 +123,23 @@ class Belief:
         """
         self.n, self.p = n, p
         self.size = 3 * n + p + own
-        start = HEADER + 6 * n
+        start = HEADER + MEMORY * n
         mean = start + 2 * p + p * (p + 1)
         end = mean + self.size + self.size**2
-        self.vector: Any = np.zeros(end + sum(len(Track) + size for size in sensors))
+        self.vector: Any = np.zeros(end + sum(len(Track) + 2 * size for size in sensors))
         self.header = self.vector[:HEADER]
-        memory = self.vector[HEADER:start].reshape(6, n)
-        self.torque, self.drift, self.regime, self.innovation, self.before, self.acceleration = memory
+        memory = self.vector[HEADER:start].reshape(MEMORY, n)
+        self.torque, self.drift, self.regime, self.innovation, self.before, self.acceleration = memory[:6]
+        self.noise = memory[6:]
         self.model, self.gradient = self.vector[start : start + 2 * p].reshape(2, p)
         self.score = self.vector[start + 2 * p : mean].reshape(p, p + 1)
         self.x = self.vector[mean : mean + self.size]
         self.P = self.vector[mean + self.size : end].reshape(self.size, self.size)
         self.q, self.v, self.disturbance = self.x[:n], self.x[n : 2 * n], self.x[2 * n : 3 * n]
         self.theta, self.own = self.x[3 * n : 3 * n + p], self.x[3 * n + p :]
-        ends = end + np.cumsum([0, *(len(Track) + size for size in sensors)])
-        self.tracks = [self.vector[a:b] for a, b in pairwise(ends)]
+        ends = end + np.cumsum([0, *(len(Track) + size for size in sensors), *sensors])
+        parts = [self.vector[a:b] for a, b in pairwise(ends)]
+        self.tracks, self.levels = parts[: len(sensors)], parts[len(sensors) :]
         self.header[Entry.TIME] = NEVER
         self.header[Entry.HEARD] = NEVER
         for track in self.tracks:

@@ -32,7 +32,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from twin_diagram.estimation import messages
-from twin_diagram.estimation.belief import HEADER, Track
+from twin_diagram.estimation.belief import HEADER, MEMORY, Entry, Track
 from twin_diagram.estimation.core import Core
 from twin_diagram.estimation.declared import FilterError
 from twin_diagram.estimation.fusion import REFUSALS, Update, fuse
@@ -61,13 +61,13 @@ class Ekf(Core):
         self.declared.add(sensor, start, at)
         self.resize()
         after = self.belief
-        same = HEADER + 6 * before.n + before.p * (before.p + 3)
+        same = HEADER + MEMORY * before.n + before.p * (before.p + 3)
         after.vector[:same] = before.vector[:same]
         after.x[: before.size] = before.x
         after.P[: before.size, : before.size] = before.P
         new = np.arange(before.size, after.size)
         after.P[new, new] = self.declared.prior()[before.size - start :]
-        for old, track in zip(before.tracks, after.tracks, strict=False):
+        for old, track in zip([*before.tracks, *before.levels], [*after.tracks[:-1], *after.levels[:-1]], strict=True):
             track[:] = old
         if after.valid:
             self.history.begin(after.time, after.x, after.P)
@@ -77,6 +77,19 @@ class Ekf(Core):
     def labels(self, joints: Sequence[str]) -> list[str]:
         """Names with units of the parameters (p,) and of the sensors' own states, as they follow in x."""
         return self.parameters.labels(joints) + self.declared.labels()
+
+    def noise(self) -> dict[str, Array]:
+        """Standard deviations as adapted, over those that were given, of each sensor and of `torque` (n,)."""
+        encoder, velocity, torque = np.exp(0.5 * self.belief.noise)
+        found = {"encoder": encoder, "velocity": velocity, "torque": torque}
+        for name, level in zip(self.declared.sensors, self.belief.levels, strict=True):
+            found[name] = np.exp(0.5 * level)
+        return found
+
+    def hold_noise(self, until: float) -> None:
+        """An alarm stands: the noise is not adapted before this time [s]."""
+        header = self.belief.header
+        header[Entry.ALARM] = max(header[Entry.ALARM], until)
 
     def suspicion(self) -> dict[str, float]:
         """How strongly each further sensor contradicts the rest: above 1 it does. See `Declared.suspicion`."""

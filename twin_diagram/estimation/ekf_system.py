@@ -18,7 +18,7 @@ from twin_diagram.estimation.sensors import BodyPose
 from twin_diagram.estimation.sensors.make import make_sensor
 from twin_diagram.model import Model
 from twin_diagram.scenario import Filter
-from twin_diagram.signals import NEVER, Array
+from twin_diagram.signals import ALARM_SIZE, NEVER, Array
 from twin_diagram.timing import timed
 
 
@@ -33,6 +33,7 @@ class AdaptiveEkf(LeafSystem):
         - velocity_estimated
         - torque_measured
         - measurement_time
+        - alarm
         output_ports:
         - arm_state
         - parameters
@@ -55,6 +56,9 @@ class AdaptiveEkf(LeafSystem):
 
     With them comes the output `sensor_tracks`: of each in turn its record by `belief.Track`, then its mean whitened
     innovation.
+
+    `alarm` as a `DriftMonitor` gives it may be left open; while its first entry is 1 the noise is not adapted, lest a
+    fault be taken for noise.
 
     Outputs: `arm_state` x̂ = [q (n) rad, v (n) rad/s], `home` before the first message; `parameters` θ̂ (p), see
     `Ekf.parameters`, for a payload its mass [kg] and first moment [kg·m] in the last link's frame; `covariance` of
@@ -97,6 +101,7 @@ class AdaptiveEkf(LeafSystem):
             pose = isinstance(sensor, BodyPose)
             noise = self.DeclareVectorInputPort(f"{name}.noise", sensor.size**2) if pose else None
             self._further.append((name, reading, time, noise))
+        self._alarm = self.DeclareVectorInputPort("alarm", ALARM_SIZE)
         start = Belief(n, p, declared.own, declared.sizes)
         if home is not None:
             start.q[:] = home
@@ -185,6 +190,8 @@ class AdaptiveEkf(LeafSystem):
         ekf = self._ekfs[self.model_number(context)]
         before = cast(Array, context.get_discrete_state(0).value())
         ekf.load(before, cast(Array, context.get_discrete_state(1).value()) if self._further else None)
+        if self._alarm.HasValue(context) and cast(Array, self._alarm.Eval(context))[0] > 0.5:
+            ekf.hold_noise(ekf.belief.time + 2.0 * ekf.period)
         ekf.observe(q, v, tau, float(t[0]))
         if self._further:
             discrete.set_value(2, cast(Any, self._read_further(context, ekf)))

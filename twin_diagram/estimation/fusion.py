@@ -10,12 +10,16 @@ import numpy as np
 from twin_diagram.estimation.belief import Entry, Track
 from twin_diagram.estimation.core import Core
 from twin_diagram.estimation.declared import FilterError, note
+from twin_diagram.estimation.disturbance import CREEP
 from twin_diagram.estimation.learning import gather
+from twin_diagram.estimation.noise import LARGEST_STEP, follow_sensor, follow_torque, held, scaled
 from twin_diagram.estimation.positive import joseph, solve_positive, whiten
 from twin_diagram.estimation.propagation import LONGEST_PREDICTION, propagate, unmodelled
 from twin_diagram.estimation.sensors import Linear, Sensor
 from twin_diagram.signals import Array
 
+RUN: Final = 3
+"""Readings refused in a row that are no outliers any more."""
 REFUSALS: Final = 10
 """After as many refused or stale messages in a row the state is taken anew from the message."""
 
@@ -110,8 +114,8 @@ def take(core: Core, sensor: Sensor, z: Array, t: float | None, noise: Array | N
         assert t is not None
         return _late(core, sensor, z, t, noise, track, back)
     at = core.linear(sensor, belief.x, belief.P, 0)
-    R = at.noise if noise is None else noise
-    result = _fuse(core, sensor, z, at, R, explain)
+    result = _fuse(core, sensor, z, at, noise_now(core, sensor, track, at, noise), explain)
+    _adapt(core, sensor, track, noise, result, belief.time)
     if track is not None:
         _record(core, sensor, track, result, belief.time)
     elif result.accepted:
@@ -169,7 +173,7 @@ def _late(
     at = core.linear(sensor, moved, P, back)
     H = at.jacobian.copy()
     H[:, n : 2 * n] += lead * H[:, :n]
-    R = at.noise if noise is None else noise
+    R = noise_now(core, sensor, track, at, noise)
     innovation = sensor.innovation(z, at.reading)
     S = H @ P @ H.T + R
     nis = float(innovation @ solve_positive(S, innovation))
@@ -181,12 +185,60 @@ def _late(
         belief.x[:], P = core.history.rerun(back, x, P, core.parameters.opening, core.parameters.clip)
         belief.P[:] = P
         core.parameters.clip(belief.theta)
+    _adapt(core, sensor, track, noise, result, t)
     if track is not None:
         _record(core, sensor, track, result, t)
         track[Track.LATE] += accepted
     else:
         belief.header[Entry.LATE] += accepted
     return result
+
+
+def _levels(core: Core, sensor: Sensor, track: Array | None) -> Array | None:
+    """Logarithms of the factors of a sensor's variances (m,), a view; None for one it does not know."""
+    if track is not None:
+        return next(
+            level for level, other in zip(core.belief.levels, core.belief.tracks, strict=True) if other is track
+        )
+    own = {core.joints.name: slice(0, 2), core.encoder.name: slice(0, 1), core.velocity.name: slice(1, 2)}
+    return core.belief.noise[own[sensor.name]].reshape(-1) if sensor.name in own else None
+
+
+def noise_now(core: Core, sensor: Sensor, track: Array | None, at: Linear, noise: Array | None) -> Array:
+    """R (m, m) as adapted: the sensor's own or that of this reading, and what its model adds."""
+    base = sensor.noise(core.belief.x) if noise is None else noise
+    levels = _levels(core, sensor, track)
+    adapted = base if levels is None else scaled(base, levels)
+    return adapted if noise is not None else at.noise + (adapted - base)
+
+
+def _adapt(core: Core, sensor: Sensor, track: Array | None, noise: Array | None, result: Update, t: float) -> None:
+    """Lets a reading speak for its sensor's noise, and the arm's own for the torque that the model lacks."""
+    belief, span = core.belief, core.params.noise_time
+    levels = _levels(core, sensor, track)
+    if span <= 0.0 or levels is None:
+        return
+    now = max(t, belief.time)
+    trouble = track is None and (result.surprise or not result.accepted)
+    streak = float(belief.header[Entry.STREAK] if track is None else track[Track.STREAK])
+    # A reading refused alone is an outlier; a run of them may well be noise that was thought too small.
+    if held(belief, now, trouble) or not (result.accepted or streak >= RUN):
+        return
+    elapsed = float(belief.header[Entry.SPAN]) if track is None else t - float(track[Track.LAST])
+    if not 0.0 < elapsed < np.inf:
+        return
+    step = min(elapsed / span, LARGEST_STEP)
+    base = (sensor.noise(belief.x) if noise is None else noise).diagonal() * np.exp(levels)
+    inverse = solve_positive(result.covariance, np.eye(sensor.size))
+    weighted = inverse @ result.innovation
+    if sensor is core.joints and core.by_torque is not None and not result.late:
+        by, n = core.by_torque, belief.n
+        variance = core.params.torque_std**2 * np.exp(belief.noise[2]) * (core.period / elapsed)
+        follow_torque(belief, by, variance, inverse @ by, weighted, step)
+        # What rests or creeps is known through its friction, and says little of a sensor.
+        moving = np.tile((belief.regime != 0.0) & (np.abs(belief.v) > 2.0 * CREEP), 2)[: 2 * n]
+        step = np.where(moving, step, 0.0)
+    follow_sensor(levels, base, inverse.diagonal(), weighted, step)
 
 
 def _record(core: Core, sensor: Sensor, track: Array, result: Update, t: float) -> None:

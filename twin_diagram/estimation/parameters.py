@@ -1,262 +1,22 @@
 """The parameters θ that the filter learns, as a list of small blocks behind one interface.
 
 Each block adds torque to the arm's equation of motion, linear in its parameters, relative to the model as given:
-τ = rigid body + effects of the model + Σ Y_block(q, v, v̇) θ_block. A block brings its prior, its bounds and its names.
-A new block subclasses `ParameterBlock` and joins `BLOCKS`.
+τ = rigid body + effects of the model + Σ Y_block(q, v, v̇) θ_block. A block brings its prior, its bounds and its names:
+see `parameter_blocks`.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import ClassVar, Final
+from itertools import pairwise
 
 import numpy as np
 
 from twin_diagram.errors import ScenarioError
 from twin_diagram.estimation.arm_terms import ArmTerms
+from twin_diagram.estimation.parameter_blocks import BLOCKS, ParameterBlock, Payload
 from twin_diagram.scenario import Filter
 from twin_diagram.signals import Array
-
-HEAVIEST: Final = 10.0
-"""A payload's mass lies between 0 and this [kg]."""
-FRICTION_SHARE: Final = 0.3
-"""Prior of a friction's error, as a share of what the model has, besides a small share of the effort limit."""
-HEALTH_STD: Final = 0.02
-"""Prior of a torque constant's error: a data sheet's tolerance."""
-HEALTHIEST: Final = 0.3
-"""No torque constant is more than this above its data sheet's."""
-SMOOTHING_SPEED: Final = 1e-3
-"""Speed over which learned dry friction changes sign [rad/s]."""
-
-
-class ParameterBlock(ABC):
-    """A group of parameters that belong together.
-
-    Attributes:
-        name: as in the catalogue of effects.
-        mean: (p,) prior.
-        covariance: (p, p) prior.
-        scale: (p,) size of a change that matters; the standard deviation of the prior.
-    """
-
-    name: ClassVar[str]
-    mean: Array
-    covariance: Array
-
-    @abstractmethod
-    def __init__(self, terms: ArmTerms, params: Filter) -> None: ...
-
-    @property
-    def size(self) -> int:
-        """Number of parameters."""
-        return len(self.mean)
-
-    @property
-    def scale(self) -> Array:
-        """(p,) standard deviation of the prior."""
-        return np.sqrt(np.diag(self.covariance))
-
-    @abstractmethod
-    def labels(self, joints: Sequence[str]) -> list[str]:
-        """(p,) names with units, for tables and plots."""
-
-    @abstractmethod
-    def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array, tau: Array) -> Array:
-        """Y (n, p): what the motors must give, beyond the τ measured, per unit of each parameter."""
-
-    @abstractmethod
-    def clip(self, theta: Array) -> None:
-        """Moves the parameters (p,) into their bounds, in place."""
-
-    @property
-    def opening(self) -> Array:
-        """(p, p) covariance after an abrupt change, which may leave the prior's usual range."""
-        return self.covariance
-
-    def groups(self) -> list[slice]:
-        """The parameters that change together."""
-        return [slice(0, self.size)]
-
-    def push(self, theta: Array, tau: Array) -> Array | float:
-        """Torque (n,) that it adds to the motors', of which τ is measured [N·m]."""
-        return 0.0
-
-    def viscous(self, theta: Array) -> Array | float:
-        """What it adds to the joints' viscous friction (n,) [N·m·s/rad]."""
-        return 0.0
-
-    def dry(self, theta: Array) -> Array | float:
-        """What it adds to the level of the joints' dry friction (n,) [N·m]."""
-        return 0.0
-
-
-class Payload(ParameterBlock):
-    """What the last link carries: mass m [kg] and first moment m·c [kg·m] about its origin, in its frame.
-
-    The prior says: mass 0 ± mass_std, centre at the tool frame ± com_std. With m and c apart independent that gives
-    m·c the second moments mass_std² (t tᵀ + com_std² I) and mass_std² t with m, t being the tool frame's origin.
-    """
-
-    name = "payload"
-
-    def __init__(self, terms: ArmTerms, params: Filter) -> None:
-        self._tool = terms.tool.copy()
-        direction = np.concatenate([[1.0], self._tool])
-        self.mean = np.zeros(4)
-        self.covariance = params.mass_std**2 * (
-            np.outer(direction, direction) + np.diag([0.0, 1.0, 1.0, 1.0]) * params.com_std**2
-        )
-        self._reach = 5.0 * params.com_std
-        self._slack = 0.1 * params.mass_std
-
-    def labels(self, joints: Sequence[str]) -> list[str]:  # noqa: D102
-        return ["payload.mass [kg]", *(f"payload.moment_{axis} [kg·m]" for axis in "xyz")]
-
-    def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array, tau: Array) -> Array:  # noqa: D102
-        return terms.payload_regressor(q, v, a)
-
-    def clip(self, theta: Array) -> None:
-        """0 ≤ m ≤ 10 kg, and the centre within 5 com_std of the tool frame (with slack while m is next to nothing)."""
-        mass = min(max(float(theta[0]), 0.0), HEAVIEST)
-        theta[0] = mass
-        offset = theta[1:4] - mass * self._tool
-        distance = float(np.linalg.norm(offset))
-        allowed = self._reach * max(mass, self._slack)
-        if distance > allowed:
-            theta[1:4] = mass * self._tool + offset * (allowed / distance)
-
-
-class JointBlock(ParameterBlock):
-    """One parameter per joint, within ± `bound` of the model's own."""
-
-    bound: Array
-    unit: ClassVar[str]
-
-    def labels(self, joints: Sequence[str]) -> list[str]:  # noqa: D102
-        return [f"{self.name}.{joint} [{self.unit}]" for joint in joints]
-
-    def groups(self) -> list[slice]:  # noqa: D102
-        return [slice(i, i + 1) for i in range(self.size)]
-
-    def clip(self, theta: Array) -> None:  # noqa: D102
-        np.clip(theta, -self.bound, self.bound, out=theta)
-
-
-class TorqueBias(JointBlock):
-    """Torque applied beyond what is measured, per joint; positive drives the joint forward."""
-
-    name = "torque_bias"
-    unit = "N·m"
-
-    def __init__(self, terms: ArmTerms, params: Filter) -> None:
-        self.mean = np.zeros(terms.n)
-        self.covariance = np.diag((0.02 * terms.effort_limit) ** 2)
-        self.bound = 0.2 * terms.effort_limit
-
-    def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array, tau: Array) -> Array:  # noqa: D102
-        return -np.eye(terms.n)
-
-    def push(self, theta: Array, tau: Array) -> Array | float:  # noqa: D102
-        return theta
-
-
-class ViscousFriction(JointBlock):
-    """Damping beyond the model's, per joint."""
-
-    name = "viscous_friction"
-    unit = "N·m·s/rad"
-
-    def __init__(self, terms: ArmTerms, params: Filter) -> None:
-        self.mean = np.zeros(terms.n)
-        self.covariance = np.diag((0.005 * terms.effort_limit) ** 2 + (FRICTION_SHARE * terms.damping) ** 2)
-        self.bound = np.maximum(0.1 * terms.effort_limit, 2.0 * terms.damping)
-        self._level = terms.damping
-
-    def groups(self) -> list[slice]:
-        """Oil or heat change all joints at once."""
-        return [slice(0, self.size)]
-
-    def clip(self, theta: Array) -> None:
-        """Friction in all is never negative."""
-        np.clip(theta, np.maximum(-self.bound, -self._level), self.bound, out=theta)
-
-    @property
-    def opening(self) -> Array:
-        """It may be gone."""
-        return np.maximum(self.covariance, np.diag(self._level**2))
-
-    def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array, tau: Array) -> Array:  # noqa: D102
-        return np.diag(v)
-
-    def viscous(self, theta: Array) -> Array | float:  # noqa: D102
-        return theta
-
-
-class CoulombFriction(JointBlock):
-    """Coulomb friction beyond the model's, per joint."""
-
-    name = "coulomb_friction"
-    unit = "N·m"
-
-    def __init__(self, terms: ArmTerms, params: Filter) -> None:
-        zero = np.zeros(terms.n)
-        forward, backward = terms.dry(zero, zero, zero)
-        self._level = 0.5 * (forward + backward)
-        self.mean = zero
-        self.covariance = np.diag((0.005 * terms.effort_limit) ** 2 + (FRICTION_SHARE * self._level) ** 2)
-        self.bound = np.maximum(0.1 * terms.effort_limit, 2.0 * self._level)
-
-    def groups(self) -> list[slice]:
-        """Oil or heat change all joints at once."""
-        return [slice(0, self.size)]
-
-    def clip(self, theta: Array) -> None:
-        """Friction in all is never negative."""
-        np.clip(theta, np.maximum(-self.bound, -self._level), self.bound, out=theta)
-
-    @property
-    def opening(self) -> Array:
-        """It may be gone."""
-        return np.maximum(self.covariance, np.diag(self._level**2))
-
-    def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array, tau: Array) -> Array:  # noqa: D102
-        return np.diag(v / np.sqrt(v * v + SMOOTHING_SPEED**2))
-
-    def dry(self, theta: Array) -> Array | float:  # noqa: D102
-        return theta
-
-
-class TorqueConstant(JointBlock):
-    """Health of the motors: torque applied over torque measured, less 1, per joint; −1 is a motor that is dead."""
-
-    name = "torque_constant"
-    unit = "1"
-
-    def __init__(self, terms: ArmTerms, params: Filter) -> None:
-        self.mean = np.zeros(terms.n)
-        self.covariance = np.eye(terms.n) * HEALTH_STD**2
-        self.bound = np.full(terms.n, HEALTHIEST)
-
-    @property
-    def opening(self) -> Array:
-        """A motor may have lost all."""
-        return np.eye(len(self.mean)) * 0.5**2
-
-    def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array, tau: Array) -> Array:  # noqa: D102
-        return np.diag(-tau)
-
-    def clip(self, theta: Array) -> None:  # noqa: D102
-        np.clip(theta, -1.0, self.bound, out=theta)
-
-    def push(self, theta: Array, tau: Array) -> Array | float:  # noqa: D102
-        return np.asarray(theta * tau)
-
-
-BLOCKS: Final[dict[str, type[ParameterBlock]]] = {
-    block.name: block for block in (Payload, TorqueBias, ViscousFriction, CoulombFriction, TorqueConstant)
-}
-"""By the name that `Filter.parameters` uses."""
 
 
 class ParameterSet:
@@ -277,31 +37,28 @@ class ParameterSet:
         Raises:
             ScenarioError: a name that no block has, or one given twice.
         """
-        self.blocks: list[ParameterBlock] = []
-        for name in params.parameters:
-            if name not in BLOCKS or any(block.name == name for block in self.blocks):
-                why = "given twice" if name in BLOCKS else f"none of {', '.join(BLOCKS)}"
-                raise ScenarioError("twin.filter.parameters", f"{name!r} is {why}")
-            self.blocks.append(BLOCKS[name](terms, params))
-        self.slices: list[slice] = []
-        start = 0
-        for block in self.blocks:
-            self.slices.append(slice(start, start + block.size))
-            start += block.size
-        self.size = start
+        self.blocks = [_make(name, params.parameters, terms, params) for name in params.parameters]
+        ends = np.cumsum([0, *(block.size for block in self.blocks)])
+        self.slices = [slice(int(a), int(b)) for a, b in pairwise(ends)]
+        self.size = int(ends[-1])
         self.mean = np.concatenate([np.zeros(0), *(block.mean for block in self.blocks)])
-        self.covariance = np.zeros((start, start))
-        for block, part in zip(self.blocks, self.slices, strict=True):
-            self.covariance[part, part] = block.covariance
+        self.covariance = self._diagonal([block.covariance for block in self.blocks])
+        self.opening = self._diagonal([block.opening for block in self.blocks])
         self.scale = np.sqrt(np.diag(self.covariance))
-        self.opening = np.zeros((start, start))
-        self.groups: list[slice] = []
-        for block, part in zip(self.blocks, self.slices, strict=True):
-            self.opening[part, part] = block.opening
-            self.groups += [slice(part.start + group.start, part.start + group.stop) for group in block.groups()]
+        self.groups = [
+            slice(part.start + group.start, part.start + group.stop)
+            for block, part in zip(self.blocks, self.slices, strict=True)
+            for group in block.groups()
+        ]
         self.payload = next(
             (part for block, part in zip(self.blocks, self.slices, strict=True) if block.name == Payload.name), None
         )
+
+    def _diagonal(self, parts: list[Array]) -> Array:
+        whole = np.zeros((self.size, self.size))
+        for part, at in zip(parts, self.slices, strict=True):
+            whole[at, at] = part
+        return whole
 
     def labels(self, joints: Sequence[str]) -> list[str]:
         """(p,) names with units."""
@@ -335,3 +92,10 @@ class ParameterSet:
         """Moves θ (p,) into its bounds, in place."""
         for block, part in zip(self.blocks, self.slices, strict=True):
             block.clip(theta[part])
+
+
+def _make(name: str, names: Sequence[str], terms: ArmTerms, params: Filter) -> ParameterBlock:
+    if name not in BLOCKS or list(names).count(name) > 1:
+        why = "given twice" if name in BLOCKS else f"none of {', '.join(BLOCKS)}"
+        raise ScenarioError("twin.filter.parameters", f"{name!r} is {why}")
+    return BLOCKS[name](terms, params)

@@ -63,7 +63,7 @@ def _once(core: Core, u: Array, dt: float, torque_std: Array | float) -> None:
     if changed.any():  # what is drawn afresh has nothing to do with what was
         F[: 2 * n, 2 * n + np.flatnonzero(changed)] = 0.0
     Q = np.zeros_like(F)
-    torque_std = np.hypot(torque_std, creep_std(v, 0.5 * (dry[0] + dry[1])))
+    torque_std = np.hypot(torque_std * np.exp(0.5 * belief.noise[2]), creep_std(v, 0.5 * (dry[0] + dry[1])))
     white = by.torque * (torque_std * np.sqrt(core.period / dt))
     Q[: 2 * n, : 2 * n] = white @ white.T
     # When within the step it acts is not known: it moves a joint by more or less than the speeds at both ends say.

@@ -41,6 +41,9 @@ class Filter:
     """A joint slower than this rests: stiction hides its load, and it teaches no parameter (see `estimation`)
     [rad/s]."""
     torque_drift_std: float = 0.1
+    noise_time: float = 2.0
+    """Over which the noise of all sensors and the white torque are adapted, within a tenth to ten times what is given; 0:
+    not at all [s]."""
     """Unmodelled joint torque that stays for a while, such as an error of friction; 15 % of dry friction is added
     [N·m]."""
     torque_drift_time: float = 1.0

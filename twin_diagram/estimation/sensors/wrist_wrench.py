@@ -10,14 +10,15 @@ from pydrake.multibody.tree import Frame
 
 from twin_diagram.estimation.arm_terms import ArmTerms
 from twin_diagram.estimation.link_frame import LinkFrame, Motion, skew
-from twin_diagram.estimation.sensors.sensor import Instant, Linear, Sensor
+from twin_diagram.estimation.sensors.accelerated import AcceleratedSensor
+from twin_diagram.estimation.sensors.sensor import Instant, Linear
 from twin_diagram.signals import Array
 
 LIGHTEST: Final = 0.05
 """What weighs less has no centre to speak of [kg]."""
 
 
-class WristWrench(Sensor):
+class WristWrench(AcceleratedSensor):
     """z = [moment N·m, force N] in sensor frame S at So: what the arm exerts on all that lies beyond the sensor.
 
     At rest that is the weight held up: force −m g. What lies beyond is a known tool and the payload that the filter
@@ -60,8 +61,9 @@ class WristWrench(Sensor):
         Raises:
             ModelError: the plant has no such link or frame.
         """
-        super().__init__(name, 6)
-        self.frame = LinkFrame(terms, body, X_BS)
+        figures = [[moment_std, force_std], [moment_bias_std, force_bias_std], [moment_bias_walk, force_bias_walk]]
+        labels = ("moment_bias_{a} [N·m]", "force_bias_{a} [N]")
+        super().__init__(terms, body, X_BS, name, labels, np.array(figures))
         link = LinkFrame(terms, terms.link_frame)
         R_WL, p_WL = link.pose(np.zeros(terms.n))
         R_WS, p_WS = self.frame.pose(np.zeros(terms.n))
@@ -69,10 +71,6 @@ class WristWrench(Sensor):
         self._p_SL: Array = R_WS.T @ (p_WL - p_WS)
         self.payload: slice | None = None
         self._tool: Array = np.concatenate([[tool_mass], tool_mass * (np.zeros(3) if tool_com is None else tool_com)])
-        self._noise: Array = np.diag(np.repeat([moment_std**2, force_std**2], 3))
-        self._bias_std = np.repeat([moment_bias_std, force_bias_std], 3)
-        self._bias_walk = np.repeat([moment_bias_walk, force_bias_walk], 3)
-        self._gravity = terms.plant.gravity_field().gravity_vector()
         # From mass and first moment about Lo in L to those about So in S.
         self._to_S = np.zeros((4, 4))
         self._to_S[0, 0] = 1.0
@@ -82,16 +80,6 @@ class WristWrench(Sensor):
     def declare(self, own: slice, payload: slice | None) -> None:  # noqa: D102
         super().declare(own, payload)
         self.payload = payload
-
-    def reading(self, x: Array) -> Array:
-        """As if no joint accelerated: `linear` knows how they do."""
-        return self.linear(self._still(x)).reading
-
-    def jacobian(self, x: Array) -> Array:  # noqa: D102
-        return self.linear(self._still(x)).jacobian
-
-    def noise(self, x: Array) -> Array:  # noqa: D102
-        return self._noise
 
     def linear(self, now: Instant) -> Linear:  # noqa: D102
         n = now.n
@@ -109,10 +97,9 @@ class WristWrench(Sensor):
             load = self._to_S @ now.x[at]
             moment, by_load = point_moment(load, turning)
             whole, swing, carried = whole + moment, swing + _swing(load), carried + load
-        bias = now.x[self.own] if self.own.stop > self.own.start else np.zeros(6)
-        reading = Y @ carried + bias
-        reading[:3] += whole
         H = np.zeros((6, len(now.x)))
+        reading = Y @ carried + self._bias(now, H)
+        reading[:3] += whole
         D = np.empty((6, 3))  # of the wrench by lift
         D[3:] = carried[0] * np.eye(3)
         D[:3] = skew(carried[1:])
@@ -129,8 +116,6 @@ class WristWrench(Sensor):
                 Y, by_load = wrench_regressor(lift, alpha, omega), point_moment(load, turning)[1]
             Y[:3] += by_load
             H[:, at] += Y @ self._to_S
-        if self.own.stop > self.own.start:
-            H[:, self.own] = np.eye(6)
         R = self._noise
         if now.acceleration_noise is not None:
             R = R + by_a @ now.acceleration_noise @ by_a.T
@@ -172,21 +157,6 @@ class WristWrench(Sensor):
         # E[δu_j δw_k δu_l δw_m] of two Gaussians, less the product of their means.
         fourth = load[:, None, :, None] * motion[None, :, None, :] + both[:, None, None, :] * both.T[None, :, :, None]
         return PRODUCT @ both.ravel(), PRODUCT @ fourth.reshape(24, 24) @ PRODUCT.T
-
-    def _still(self, x: Array) -> Instant:
-        n = self.frame.terms.n
-        return Instant(x, n, 0, np.zeros(n))
-
-    def own_labels(self) -> list[str]:  # noqa: D102
-        return [f"{self.name}.moment_bias_{a} [N·m]" for a in "xyz"] + [
-            f"{self.name}.force_bias_{a} [N]" for a in "xyz"
-        ]
-
-    def own_std(self) -> Array:  # noqa: D102
-        return self._bias_std
-
-    def own_walk(self) -> Array:  # noqa: D102
-        return self._bias_walk
 
 
 def wrench_regressor(lift: Array, alpha: Array, omega: Array) -> Array:
