@@ -124,7 +124,17 @@ LAYERS = (
     {"errors"},
     {"resources", "signals", "native", "timing", "__init__"},
     {"scenario", "scenario_file", "scenario_values", "logs"}
-    | {"effects", "assets", "description", "rigid_tree", "motion", "unread", "dry_friction"},
+    | {
+        "effects",
+        "assets",
+        "description",
+        "kinematic_tree",
+        "rigid_tree",
+        "plant_tree",
+        "motion",
+        "unread",
+        "dry_friction",
+    },
     {"series", "timeline"},
     {"model"},
     {"prediction", "rollout"},

@@ -28,7 +28,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable, MultibodyForces
 from pydrake.systems.framework import Context
 
-from twin_diagram import rigid_tree, scenario, series
+from twin_diagram import plant_tree, rigid_tree, scenario, series
 from twin_diagram.description import EFFECTS_FILE, Arm, add_arm
 from twin_diagram.effects import Effect, make
 from twin_diagram.effects.elasticity import YieldingGear
@@ -96,8 +96,8 @@ class Model:
         self._context = plant.CreateDefaultContext()
         self._check_names()
         self._fold()
-        self.tree = rigid_tree.from_plant(plant, self._context, arm)
-        self._vectorises = rigid_tree.is_whole(plant)
+        self.tree = plant_tree.from_plant(plant, self._context, arm)
+        self._vectorises = plant_tree.is_whole(plant)
         self._laws = tuple(effect for effect in self.present if not effect.folds)
         self._dry = tuple(effect for effect in self._laws if effect.dry)
         self._coupled = tuple(effect for effect in self._laws if isinstance(effect, CoupledFriction))
@@ -438,7 +438,7 @@ class Model:
     def body_of(self, link: str) -> tuple[int, RigidTransform]:
         """Which body of `tree` carries a link (-1: it stands still), and X_ML of the link in that body's frame."""
         body = self.plant.GetBodyByName(link)
-        return rigid_tree.carrier(self.plant, self._context, self.arm, body)
+        return plant_tree.carrier(self.plant, self._context, self.arm, body)
 
     # What the constructor does.
 

@@ -13,6 +13,7 @@ from twin_diagram import rigid_tree
 from twin_diagram.gap.candidate import Candidate, Values, linear, transformed
 from twin_diagram.gap.records import Record
 from twin_diagram.gap.terms import Terms, rate_of
+from twin_diagram.kinematic_tree import Kinematics
 
 Array = npt.NDArray[np.float64]
 
@@ -282,7 +283,7 @@ def external_forces(terms: Terms) -> list[Candidate]:
     for body in range(terms.records.n):
 
         def law(record: Record, body: int = body) -> Array:
-            motion = rigid_tree._Kinematics.of(tree, record.q.T)
+            motion = Kinematics.of(tree, record.q.T)
             moved = motion.ancestors[body][:, None]
             columns = np.empty((*record.q.shape, 6))
             for k, axis in enumerate(np.eye(3)):
