@@ -317,7 +317,7 @@ class Bench:
                 X.T @ self.y[j] - C.T @ projected,
                 [self.candidates[k] for k in indices],
             )
-        flat = Q.reshape(-1, Q.shape[2])
+        flat = Q.reshape(self.n * self.rows, Q.shape[2])
         several, wide = self._wide()
         C = flat.T @ wide
         start = 0
@@ -340,7 +340,7 @@ class Bench:
                 size = self.candidates[k].size
                 stacked[list(self.candidates[k].rows), :, start : start + size] = self.columns[k]
                 start += size
-            self._several = indices, stacked.reshape(-1, stacked.shape[2])
+            self._several = indices, stacked.reshape(self.n * self.rows, stacked.shape[2])
         return self._several
 
     def _grouped(self) -> list[tuple[int, int, npt.NDArray[np.int64], Array]]:

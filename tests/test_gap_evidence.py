@@ -1,0 +1,156 @@
+"""Evidence, search and verdicts on made-up columns whose truth is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from twin_diagram.gap import whitening
+from twin_diagram.gap.candidate import Candidate, linear
+from twin_diagram.gap.deciding import crowded, negligible, redness
+from twin_diagram.gap.evidence import Bench
+from twin_diagram.gap.finding import Finding, Moment
+from twin_diagram.gap.pricing import FURTHER_JOINT, MIXED, NEW_NAME, compatible, price
+from twin_diagram.gap.search import search
+
+Array = npt.NDArray[np.float64]
+ROWS, JOINTS = 600, 3
+
+
+def candidate(name: str, joint: int, column: Array, **more: object) -> Candidate:
+    return Candidate(
+        name=name,
+        joints=(joint,),
+        links=(),
+        rows=(joint,),
+        columns=column[:, None, None],
+        spread=np.array([3.0]),
+        lower=np.array([-np.inf]),
+        upper=np.array([np.inf]),
+        parameters=linear("torque"),
+        **more,  # type: ignore[arg-type]
+    )
+
+
+def white(sigma: float = 1.0) -> whitening.Whitener:
+    return whitening.Whitener(np.ones((JOINTS, 1)), np.full(JOINTS, sigma), (ROWS,))
+
+
+def offers(rng: np.random.Generator) -> list[Candidate]:
+    names = ("torque_bias", "viscous_friction", "coulomb_friction", "torque_constant")
+    return [candidate(name, j, rng.normal(size=ROWS)) for name in names for j in range(JOINTS)]
+
+
+def test_evidence_is_the_marginal_likelihood() -> None:
+    """At the variance that it settles on, against the log density of a Gaussian with covariance σ² 1 + X Λ⁻¹ Xᵀ."""
+    rng = np.random.default_rng(0)
+    column = rng.normal(size=ROWS)
+    y = np.zeros((ROWS, JOINTS))
+    y[:, 0] = 0.3 * column + rng.normal(size=ROWS)
+    bench = Bench(y, white(), [candidate("torque_bias", 0, column)], [])
+    fit, empty = bench.solve(frozenset({0})), bench.solve(frozenset())
+
+    def density(variance: float, covariance: Array) -> float:
+        C = variance * np.eye(ROWS) + covariance
+        return -0.5 * float(np.linalg.slogdet(C)[1] + y[:, 0] @ np.linalg.solve(C, y[:, 0]))
+
+    full = density(fit.variance[0], 9.0 * np.outer(column, column))
+    none = density(empty.variance[0], np.zeros((ROWS, ROWS)))
+    assert fit.evidence + NEW_NAME == pytest.approx(full - none, abs=0.02)
+
+
+@settings(max_examples=15, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_planted_names_are_found_and_no_others(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    candidates = offers(rng)
+    planted = frozenset(int(k) for k in rng.choice(len(candidates), 2, replace=False))
+    y = rng.normal(size=(ROWS, JOINTS))
+    for k in planted:
+        y[:, candidates[k].joints[0]] += 0.6 * candidates[k].columns[:, 0, 0]
+    assert search(Bench(y, white(), candidates, []), least=6.0).members == planted
+
+
+def test_standard_errors_cover_what_they_should() -> None:
+    rng = np.random.default_rng(1)
+    column = rng.normal(size=ROWS)
+    off = []
+    for _ in range(300):
+        y = rng.normal(size=(ROWS, JOINTS))
+        y[:, 1] += 0.5 * column
+        bench = Bench(y, white(), [candidate("torque_bias", 1, column)], [])
+        coefficients, covariance = bench.part(bench.solve(frozenset({0})), 0)
+        off.append((coefficients[0] - 0.5) / np.sqrt(covariance[0, 0]))
+    assert np.std(off) == pytest.approx(1.0, abs=0.12)
+
+
+def test_noise_that_was_thought_too_small_does_not_make_names() -> None:
+    rng = np.random.default_rng(2)
+    y = 3.0 * rng.normal(size=(ROWS, JOINTS))
+    assert not search(Bench(y, white(), offers(rng), []), least=6.0).members
+
+
+def test_prices_of_names_joints_and_kinds_of_dry_friction() -> None:
+    x = np.ones(ROWS)
+    one, two = candidate("coulomb_friction", 0, x), candidate("coulomb_friction", 1, x, cost=1.5)
+    other = candidate("stribeck_friction", 2, x)
+    assert price([one]) == NEW_NAME
+    assert price([one, two]) == NEW_NAME + FURTHER_JOINT + 1.5
+    assert price([one, other]) == 2 * NEW_NAME + MIXED
+
+
+def test_what_excludes_each_other_does_so_both_ways() -> None:
+    x = np.ones(ROWS)
+    dry, held = candidate("coulomb_friction", 0, x), candidate("stribeck_friction", 0, x)
+    elsewhere = candidate("stribeck_friction", 1, x)
+    assert not compatible([dry], held) and not compatible([held], dry) and not compatible([dry], dry)
+    assert compatible([dry], elsewhere)
+
+
+def test_a_push_is_no_noise_and_noise_is_no_push() -> None:
+    rng = np.random.default_rng(3)
+    rate, count = 50.0, 2500
+    noise = rng.normal(size=(count, 2))
+    assert np.all(whitening.ordinary(noise, (count,), rate) == 1.0)
+    pushed = noise.copy()
+    pushed[1000:1150, 1] += 2.5
+    weights = whitening.ordinary(pushed, (count,), rate)
+    assert np.all(weights[:, 0] == 1.0) and np.all(weights[1010:1140, 1] == 0.0)
+    assert np.mean(weights[:, 1]) > 0.85
+    apart = whitening.ordinary(pushed, (1000, 1500), rate)
+    assert np.all(apart[:950] == 1.0)
+
+
+@pytest.mark.parametrize(("corner", "low", "high"), [(0.0, 0.8, 1.2), (4.0, 1.0, 2.5), (0.3, 8.0, np.inf)])
+def test_redness_of_noise_with_a_known_corner(corner: float, low: float, high: float) -> None:
+    rate = 50.0
+    pole = np.exp(-2.0 * np.pi * corner / rate) if corner else 0.0
+    noise = whitening.Whitener(np.array([[1.0, -pole]]), np.ones(1), (1000,))
+    assert low <= redness(noise, rate) <= high
+
+
+def finding(
+    name: str, *joints: str, significance: float = 10.0, confidence: float = 0.9, late: bool = False
+) -> Finding:
+    onset = Moment(0, 3.0) if late else None
+    return Finding(name, joints, (), {}, confidence, (), onset, None, significance)
+
+
+def test_two_unusual_names_on_a_joint_are_a_crowd() -> None:
+    assert crowded([finding("torque_bias", "a"), finding("joint_spring", "a")])
+    assert crowded([finding("coulomb_friction", "a"), finding("viscous_friction", "a", late=True)])
+    assert not crowded([finding("coulomb_friction", "a"), finding("joint_spring", "a")])
+    assert not crowded([finding("torque_bias", "a"), finding("joint_spring", "b", late=True)])
+
+
+def test_what_is_left_unnamed() -> None:
+    strong = finding("payload", significance=200.0)
+    doubtful = finding("torque_bias", "a", significance=9.0, confidence=0.3)
+    usual = finding("coulomb_friction", "a", significance=9.0, confidence=0.3)
+    assert negligible(doubtful, [strong, doubtful], 0.5, structure=False)
+    assert not negligible(usual, [strong, usual], 0.5, structure=False)
+    assert negligible(usual, [strong, usual], 0.05, structure=True)
+    assert not negligible(strong, [strong, usual], 0.05, structure=True)
