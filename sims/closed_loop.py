@@ -102,8 +102,7 @@ def _row(summary: dict[str, Any]) -> dict[str, bool]:
     print(
         f"{summary['seed']:>5} {worst('position_error_mm') + ' mm':>22} {worst('rotation_error_deg') + ' °':>22} "
         f"{summary['clearance_min_mm'] or 0:>6.0f} {goal['error_mm'] or 0:>7.1f} "
-        f"{weighed:>16}  "
-        + (", ".join(name for name, good in kept.items() if not good) or "all"),
+        f"{weighed:>16}  " + (", ".join(name for name, good in kept.items() if not good) or "all"),
         flush=True,
     )
     return kept

@@ -152,18 +152,3 @@ class Run:
         words = {"gap_started": "the search\nbegins", "model_swapped": "the model\nis mended"}
         marks = [(self.plan.change, f"the robot changes{noticed}")]
         return marks + [(e["time"], words[e["event"]]) for e in self.events if e["event"] in words]
-
-
-def sentence(event: dict[str, Any]) -> str:
-    """An event for people; empty for those that only repeat."""
-    kind = event["event"]
-    if kind == "alarm":
-        where = f" on {event['joint']}" if event["joint"] else ""
-        return f"alarm: {event['kind']}, a {event['shape']}{where}, {event['statistic']:.1f} times its threshold"
-    if kind == "gap_started":
-        return f"looking for what the model lacks, in the log since {event['fit'][0]:.1f} s"
-    if kind == "gap_verdict":
-        return f"verdict: {event['verdict']}, after {event['seconds']:.0f} s in a process of its own"
-    if kind == "model_swapped":
-        return "the running twin goes on with: " + "; ".join(event["effects"])
-    return f"{kind.replace('_', ' ')}: {event.get('why', '')}"

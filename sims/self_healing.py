@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from close_the_gap import HOME, Commands, exploring
-from healing_report import AHEAD, LOOK, Plan, Run, sentence
+from healing_report import AHEAD, LOOK, Plan, Run
 from mujoco_station import PERIOD, MujocoStation, Secret
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
@@ -39,7 +39,7 @@ from twin_diagram.estimation.ekf_system import AdaptiveEkf
 from twin_diagram.estimation.events import append_lines
 from twin_diagram.estimation.parameters import ParameterSet
 from twin_diagram.estimation.rollout import rollout
-from twin_diagram.healing import Healer, Tape
+from twin_diagram.healing import Healer, Tape, sentence
 from twin_diagram.logs import Log
 from twin_diagram.model import Model
 from twin_diagram.resources import resolve
@@ -62,7 +62,8 @@ QUICK = Plan(change=5.0, gather=12.0, answer=4.0, after=5.0)
 def told(plan: Plan) -> Told:
     """All that the twin knows: the description."""
     arm = ArmModel(model="arms/iiwa7.urdf", tool_frame="iiwa_link_ee")
-    healing = Healing(seconds=plan.gather, answer_after=plan.answer, nice=0)
+    # The simulation waits for the verdict; on a busy machine that may take minutes.
+    healing = Healing(seconds=plan.gather, answer_after=plan.answer, patience=1800.0, nice=0)
     planner = Planner(rate=1.0)  # the motion is given: it only adds the torque that its model asks for
     return Told(arm=arm, home=HOME.tolist(), camera=None, planner=planner, healing=healing, filter=TUNING)
 
@@ -108,9 +109,7 @@ def heal(plan: Plan, seed: int, out: Path, hidden: Secret = HIDDEN, say: Any = p
     def journal(event: dict[str, Any]) -> None:
         events.append(event)
         append_lines(out / "events.jsonl", [event])
-        line = sentence(event)
-        if line:
-            say(f"{event['time']:7.2f} s  {line}")
+        say(f"{event['time']:7.2f} s  {sentence(event)}")
 
     simulator = Simulator(diagram)
     root = simulator.get_mutable_context()

@@ -22,7 +22,7 @@ from twin_diagram.planning.memory import Memory
 from twin_diagram.planning.mpc import Planner, Report
 from twin_diagram.planning.scene import Forecast, Scene, load_scene
 from twin_diagram.resources import models_dir
-from twin_diagram.scene import track
+from twin_diagram.scene import object_filter, track
 from twin_diagram.signals import TRACK_SIZE, PoseMeasurement
 
 HOME = np.array([0.55, 0.1, 0.0, -2.0, 0.0, 2.1, 1.33])
@@ -201,8 +201,8 @@ class Run:
 
 def run(planner: Planner, scene: Scene, world: World, seed: int, duration: float = 10.0, lag: float = 0.06) -> Run:
     rng = np.random.default_rng([77, seed])
-    tuning = track.Tuning.of(scenario.SceneUpdater())
-    filters = track.initial_filters(len(NAMES))
+    tuning = object_filter.Tuning.of(scenario.SceneUpdater())
+    filters = object_filter.initial_filters(len(NAMES))
     sag = rng.uniform(-0.008, 0.008, len(HOME))
     dt, period = 1 / 120, 1 / planner.params.rate
     q, v = world.q_start + sag, np.zeros(len(HOME))
@@ -257,11 +257,11 @@ def run(planner: Planner, scene: Scene, world: World, seed: int, duration: float
     return result
 
 
-def pack_tracks(filters: np.ndarray, now: float, tuning: track.Tuning) -> np.ndarray:
-    belief = track.propagate(filters, now, tuning)
+def pack_tracks(filters: np.ndarray, now: float, tuning: object_filter.Tuning) -> np.ndarray:
+    belief = object_filter.propagate(filters, now, tuning)
     tracks = np.empty((len(filters), TRACK_SIZE))
-    tracks[:, 0] = track.statuses(filters, now, tuning)
-    tracks[:, 1] = filters[:, track.Slot.LAST_SEEN]
+    tracks[:, 0] = object_filter.statuses(filters, now, tuning)
+    tracks[:, 1] = filters[:, object_filter.Slot.LAST_SEEN]
     tracks[:, 2:9], tracks[:, 9:15] = belief.poses, belief.velocities
     tracks[:, 15:] = belief.covariances[:, :6, :6].reshape(len(filters), 36)
     tracks[:, 15:] = _pose_covariance(belief.covariances).reshape(len(filters), 36)

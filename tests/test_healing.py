@@ -23,7 +23,7 @@ from twin_diagram.errors import LogError
 from twin_diagram.estimation import alarms
 from twin_diagram.estimation.change import Shape
 from twin_diagram.estimation.drift import Entry, Evidence
-from twin_diagram.healing import GapProcess, Healer, Tape, process
+from twin_diagram.healing import GapProcess, Healer, Tape, process, sentence
 from twin_diagram.healing.healer import smaller
 from twin_diagram.healing.process import why_it_failed
 from twin_diagram.logs import Log
@@ -464,6 +464,18 @@ def test_attempts_are_counted(loop: tuple[ClosedLoop, Tape], tmp_path: Path, mon
     run.healer.close()
 
 
+def test_each_event_has_its_words() -> None:
+    events: list[dict[str, Any]] = [
+        {"event": "alarm", "kind": "innovation", "shape": "step", "joint": "elbow", "sensor": None, "statistic": 2.0},
+        {"event": "gap_started", "fit": [1.0, 2.0]},
+        {"event": "gap_verdict", "verdict": "named", "seconds": 12.0},
+        {"event": "model_swapped", "effects": ["a payload"]},
+        {"event": "gap_failed", "why": "no log"},
+    ]
+    said = [sentence(event) for event in events]
+    assert all(said) and "elbow" in said[0] and said[3].endswith("a payload") and said[4] == "gap failed: no log"
+
+
 def test_smaller() -> None:
     assert smaller(ANSWER["gap"])
     assert not smaller({"torque_rms": {"holdout": {"before": {"a": 1.0}, "after": {"a": 1.0}}}})
@@ -472,14 +484,19 @@ def test_smaller() -> None:
 # As part of a run.
 
 
-def test_a_run_writes_its_alarms(tmp_path: Path) -> None:
-    """A push that the model does not know of."""
-    plan = Scenario(seed=1001, duration=1.6)
+def pushed(duration: float) -> Scenario:
+    """A UR5e at rest that is pushed after 1.2 s, which its model does not know."""
+    plan = Scenario(seed=1001, duration=duration)
     push = EffectSpec("external_force", [], ["wrist_3_link"], {"wrench": [0.0, 0.0, 0.0, 0.0, 0.0, -60.0]}, onset=1.2)
     plan.twin.arm, plan.world.arm = ArmModel(**UR5E), ArmModel(**UR5E, effects=[push])
     plan.twin.home, plan.twin.camera = list(HOME), None
     plan.twin.drift.learning_time = 0.4
     plan.world.objects, plan.world.fixtures = {}, []
+    return plan
+
+
+def test_a_run_writes_its_alarms(tmp_path: Path) -> None:
+    plan = pushed(1.6)
     (tmp_path / EVENTS).write_text("of an earlier run\n")
     run_scenario(plan, out=tmp_path, say=lambda text: None, quiet=True, pictures=False)
     events = [json.loads(line) for line in (tmp_path / EVENTS).read_text(encoding="utf-8").splitlines()]
@@ -487,3 +504,18 @@ def test_a_run_writes_its_alarms(tmp_path: Path) -> None:
     assert 1.2 < events[0]["time"] < 1.3 and events[0]["statistic"] > 1.0
     assert len(events[0]["evidence"]["joints"]) == 6
     assert not (tmp_path / "healing").exists()
+
+
+def test_a_run_mends_its_model_and_says_so(corrected: Model, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As `twin-diagram run` does it; the search alone is a stand-in."""
+    answering(ANSWER, corrected, tmp_path, monkeypatch)
+    plan = pushed(2.4)
+    plan.twin.healing = Healing(seconds=0.4, answer_after=0.1, nice=0)
+    said: list[str] = []
+    run_scenario(plan, out=tmp_path / "out", say=said.append, quiet=True, pictures=False)
+    lines = (tmp_path / "out" / EVENTS).read_text(encoding="utf-8").splitlines()
+    names = [json.loads(line)["event"] for line in lines]
+    assert [name for name in names if name != "alarm"][:3] == ["gap_started", "gap_verdict", "model_swapped"]
+    folder = tmp_path / "out" / "healing" / "1"
+    assert {"fit.npz", "holdout.npz", "gap.json", "request.json"} <= {path.name for path in folder.iterdir()}
+    assert any("goes on with" in line and "1.5" in line for line in said)

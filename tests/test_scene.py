@@ -16,12 +16,12 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, Discrete
 
 from twin_diagram import scenario
 from twin_diagram.errors import AssetError, ModelError
-from twin_diagram.scene import rotations, track
+from twin_diagram.scene import object_filter, rotations, track
 from twin_diagram.scene.twin_scene import PARKED_HEIGHT, TwinScene, add_twin_scene
 from twin_diagram.scene.updater_system import SceneGraphUpdater
 from twin_diagram.signals import MEASUREMENT_SIZE, NEVER, TRACK_SIZE, Array, ObjectStatus, PoseMeasurement, Track
 
-TUNING = track.Tuning.of(scenario.SceneUpdater())
+TUNING = object_filter.Tuning.of(scenario.SceneUpdater())
 FRAME = 1 / 15
 LATENCY = 0.04
 STILL = np.array([1.0, 0, 0, 0, 0.5, -0.1, 0.1])
@@ -51,7 +51,7 @@ def measure(truth: Array, t: float, rng: np.random.Generator, claimed: float = 1
 def follow(path, duration: float = 10.0, seed: int = 0, claimed: float = 1.0, axis: bool = False, spoil=None):
     """Runs the filter along a path; rows (time, mode, rotation error, position error), at delivery."""
     rng = np.random.default_rng(seed)
-    filter_ = track.initial_filters(1)[0]
+    filter_ = object_filter.initial_filters(1)[0]
     rows = []
     for k in range(round(duration / FRAME)):
         t = k * FRAME
@@ -59,7 +59,7 @@ def follow(path, duration: float = 10.0, seed: int = 0, claimed: float = 1.0, ax
         if spoil is not None:
             measurement = spoil(k, measurement)
         filter_ = track.update(filter_, measurement, t + LATENCY, TUNING, axis)
-        belief = track.propagate(filter_[None], t + LATENCY, TUNING)
+        belief = object_filter.propagate(filter_[None], t + LATENCY, TUNING)
         error = track.pose_difference(belief.poses[0], path(t + LATENCY))
         rows.append([t + LATENCY, filter_[0], np.linalg.norm(error[:3]), np.linalg.norm(error[3:])])
         assert np.linalg.eigvalsh(belief.covariances[0])[0] > -1e-12
@@ -102,7 +102,7 @@ def test_a_still_object_averages_to_a_fraction_of_a_millimetre_and_stays_at_rest
     for claimed in (1.0, 0.5, 0.2):
         rows = follow(lambda t: STILL, 60, claimed=claimed)
         settled = rows[30:]
-        assert (rows[:, 1] == track.Mode.REST).all(), claimed
+        assert (rows[:, 1] == object_filter.Mode.REST).all(), claimed
         assert np.sqrt((settled[:, 3] ** 2).mean()) < 0.3e-3  # one image alone: 1.7 mm
         assert np.sqrt((settled[:, 2] ** 2).mean()) < 0.003  # one image alone: 0.017 rad
 
@@ -111,7 +111,7 @@ def test_a_still_object_averages_to_a_fraction_of_a_millimetre_and_stays_at_rest
 def test_an_object_that_starts_to_move_is_followed_within_three_images(speed: float) -> None:
     path = pushed(speed)
     rows = follow(path)
-    moving = rows[:, 1] == track.Mode.MOVING
+    moving = rows[:, 1] == object_filter.Mode.MOVING
     # The first image that shows it more than five standard deviations away.
     displaced = next(t for t in np.arange(0, 10, FRAME) if np.linalg.norm(path(t)[4:] - path(0)[4:]) > 5e-3)
     assert rows[moving, 0].min() - displaced < 3 * FRAME
@@ -119,19 +119,19 @@ def test_an_object_that_starts_to_move_is_followed_within_three_images(speed: fl
     assert moving[steady].all()
     assert np.sqrt((rows[steady, 3] ** 2).mean()) < 3.5e-3
     assert rows[:, 3].max() < 0.016
-    assert (rows[rows[:, 0] > 9, 1] == track.Mode.REST).all()
+    assert (rows[rows[:, 0] > 9, 1] == object_filter.Mode.REST).all()
     assert rows[-1, 3] < 1e-3
 
 
 def test_it_recovers_a_velocity_without_lag() -> None:
     rng = np.random.default_rng(1)
     path = pushed(0.2)
-    filter_ = track.initial_filters(1)[0]
+    filter_ = object_filter.initial_filters(1)[0]
     velocities, along = [], []
     for k in range(100):
         t = k * FRAME
         filter_ = track.update(filter_, measure(path(t), t, rng), t + LATENCY, TUNING)
-        belief = track.propagate(filter_[None], t + LATENCY, TUNING)
+        belief = object_filter.propagate(filter_[None], t + LATENCY, TUNING)
         if 5 < t < 7:
             velocities.append(belief.velocities[0])
             along.append(belief.poses[0][4] - path(t + LATENCY)[4])
@@ -143,11 +143,11 @@ def test_covariance_is_consistent_at_rest() -> None:
     nees = []
     for seed in range(40):
         rng = np.random.default_rng(seed)
-        filter_ = track.initial_filters(1)[0]
+        filter_ = object_filter.initial_filters(1)[0]
         for k in range(60):
             filter_ = track.update(filter_, measure(STILL, k * FRAME, rng), k * FRAME, TUNING)
-        error = track.pose_difference(filter_[track.Slot.POSE], STILL)
-        covariance = filter_[track.Slot.COVARIANCE].reshape(12, 12)[:6, :6]
+        error = track.pose_difference(filter_[object_filter.Slot.POSE], STILL)
+        covariance = filter_[object_filter.Slot.COVARIANCE].reshape(12, 12)[:6, :6]
         nees.append(error @ np.linalg.solve(covariance, error))
     # The walk that an object at rest is allowed and the shared floor make the filter shyer than need be, never bolder.
     assert 1.0 < np.mean(nees) < 6.5
@@ -161,7 +161,7 @@ def test_single_outliers_change_nothing() -> None:
         return measurement
 
     rows = follow(lambda t: STILL, 20, spoil=spoil)
-    assert (rows[:, 1] == track.Mode.REST).all()
+    assert (rows[:, 1] == object_filter.Mode.REST).all()
     assert rows[30:, 3].max() < 1e-3
 
 
@@ -187,12 +187,12 @@ def test_an_axis_of_symmetry_is_free_and_harmless() -> None:
 
     tilted = track.moved(STILL, np.array([0.1, 0.2, 0, 0, 0, 0]))
     rows = follow(lambda t: tilted, 20, axis=True, spoil=spoil)
-    assert (rows[:, 1] == track.Mode.REST).all()
+    assert (rows[:, 1] == object_filter.Mode.REST).all()
     assert rows[30:, 3].max() < 1e-3
-    filters = track.initial_filters(1)
+    filters = object_filter.initial_filters(1)
     filters[0] = track.update(filters[0], measure(tilted, 0.0, rng), 0.0, TUNING, True)
-    belief = track.propagate(filters, 0.0, TUNING)
-    covariance = track.pose_covariances(belief, np.array([[0, 0, 1.0]]), TUNING)[0]
+    belief = object_filter.propagate(filters, 0.0, TUNING)
+    covariance = object_filter.pose_covariances(belief, np.array([[0, 0, 1.0]]), TUNING)[0]
     axis_W = rotations.matrix(belief.poses[0, :4])[:, 2]
     assert axis_W @ covariance[:3, :3] @ axis_W > 1.0
     assert np.linalg.eigvalsh(covariance[:3, :3])[1] < 0.01
@@ -203,12 +203,12 @@ def test_an_axis_of_symmetry_is_free_and_harmless() -> None:
 def test_uncertainty_grows_while_unseen_and_stops_growing(seed: int, moving: bool) -> None:
     rng = np.random.default_rng(seed)
     path = pushed(rng.uniform(0.1, 0.5), start=0.5, end=100) if moving else (lambda t: STILL)
-    filter_ = track.initial_filters(1)[0]
+    filter_ = object_filter.initial_filters(1)[0]
     for k in range(int(rng.integers(1, 30))):
         filter_ = track.update(filter_, measure(path(k * FRAME), k * FRAME, rng), k * FRAME, TUNING)
-    seen = filter_[track.Slot.LAST_SEEN]
+    seen = filter_[object_filter.Slot.LAST_SEEN]
     ages = np.concatenate([np.linspace(0, 1, 20), np.linspace(1.5, 60, 40), [1e5, 1e6]])
-    beliefs = [track.propagate(filter_[None], seen + age, TUNING) for age in ages]
+    beliefs = [object_filter.propagate(filter_[None], seen + age, TUNING) for age in ages]
     for block in (slice(0, 3), slice(3, 6)):
         traces = [np.trace(belief.covariances[0][block, block]) for belief in beliefs]
         assert (np.diff(traces) >= -1e-15).all()
@@ -228,7 +228,7 @@ def test_uncertainty_grows_while_unseen_and_stops_growing(seed: int, moving: boo
 )
 def test_nothing_hostile_gets_in(value: float, at: int, move: list[float]) -> None:
     rng = np.random.default_rng(0)
-    filter_ = track.initial_filters(1)[0]
+    filter_ = object_filter.initial_filters(1)[0]
     for k in range(3):
         filter_ = track.update(filter_, measure(STILL, k * FRAME, rng), 1.0, TUNING)
     vector = PoseMeasurement(1.0, 3 * FRAME, track.moved(STILL, np.array(move)), np.diag(NOISE**2)).pack()
@@ -237,14 +237,14 @@ def test_nothing_hostile_gets_in(value: float, at: int, move: list[float]) -> No
         filter_ = track.update(filter_, PoseMeasurement.unpack(vector), 1.0, TUNING)
         vector[1] += FRAME
     assert np.isfinite(filter_).all()
-    belief = track.propagate(filter_[None], 1.0, TUNING)
+    belief = object_filter.propagate(filter_[None], 1.0, TUNING)
     assert np.linalg.eigvalsh(belief.covariances[0])[0] > -1e-9 * belief.covariances[0].max()
     np.testing.assert_allclose(np.linalg.norm(belief.poses[0, :4]), 1, atol=1e-9)
 
 
 def test_unusable_measurements_change_no_bit() -> None:
     rng = np.random.default_rng(0)
-    filter_ = track.update(track.initial_filters(1)[0], measure(STILL, 1.0, rng), 1.0, TUNING)
+    filter_ = track.update(object_filter.initial_filters(1)[0], measure(STILL, 1.0, rng), 1.0, TUNING)
     good = measure(STILL, 1.1, rng)
     nan_pose = good.pose * np.nan
     bad = [

@@ -17,7 +17,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 from twin_diagram.diagram import Twin
 from twin_diagram.errors import TwinError
 from twin_diagram.estimation.events import append_lines
-from twin_diagram.healing import Healer, Tape
+from twin_diagram.healing import Healer, Tape, sentence
 from twin_diagram.logs import read_log, write_log
 from twin_diagram.looking.arm_overlay import ArmOverlay
 from twin_diagram.looking.ghost import make_ghost
@@ -131,9 +131,9 @@ class Keeping:
 class Mending:
     """What an alarm leads to: events in a file, and where the scenario asks for it, a model that is mended."""
 
-    def __init__(self, scenario: Scenario, out: Path | None) -> None:
-        """`out` gets ``events.jsonl`` and ``healing/``; None: nothing is written."""
-        self._scenario, self._out = scenario, out
+    def __init__(self, scenario: Scenario, out: Path | None, say: Say) -> None:
+        """`out` gets ``events.jsonl`` and ``healing/``; None: nothing is written. `say` takes what alarms lead to."""
+        self._scenario, self._out, self._say = scenario, out, say
         self._tape: Tape | None = None
         if out is not None:
             (out / EVENTS).unlink(missing_ok=True)
@@ -153,6 +153,8 @@ class Mending:
         return Healer(twin, self._scenario.twin.healing, self._journal, self._tape, folder, self._scenario.packages)
 
     def _journal(self, event: dict[str, Any]) -> None:
+        if event["event"] != "alarm":  # those stand in the summary
+            self._say(f"{event['time']:.2f} s: {sentence(event)}")
         if self._out is not None:
             append_lines(self._out / EVENTS, [event])
 

@@ -68,8 +68,7 @@ def run_scenario(
     look = Looking(show or page, meldis, scenario.duration if page else None) if show or page or meldis else None
     with ExitStack() as stack:
         keep = Keeping(scenario, record, log, stack)
-
-        mend = Mending(scenario, out)
+        mend = Mending(scenario, out, say)
 
         def add(builder: DiagramBuilder, station: Diagram, twin: Twin) -> None:
             keep.add(builder, station, twin)

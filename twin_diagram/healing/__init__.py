@@ -6,5 +6,6 @@
 from twin_diagram.healing.healer import Healer
 from twin_diagram.healing.process import GapProcess, Outcome
 from twin_diagram.healing.tape import Tape
+from twin_diagram.healing.words import sentence
 
-__all__ = ["GapProcess", "Healer", "Outcome", "Tape"]
+__all__ = ["GapProcess", "Healer", "Outcome", "Tape", "sentence"]

@@ -1,4 +1,4 @@
-"""How one object's pose is followed through time: pure functions on arrays.
+"""How images change what is known of an object's pose: pure functions on arrays.
 
 Two hypotheses about an object take turns. At *rest* its pose is constant (with a trace of random walk), so images
 average: a still object does not jitter. *Moving*, it has constant velocity driven by white acceleration. What decides:
@@ -10,29 +10,28 @@ average: a still object does not jitter. *Moving*, it has constant velocity driv
   no object can make (a registration that flipped by half a turn) needs a longer run of agreeing measurements;
 - when the mean velocity has been small for some images, the object rests.
 
-The filter lives at the capture time of the last image used; `propagate` carries it to any later time, through latency,
-occlusion and a covered camera alike. A velocity is trusted for `COAST` seconds, then the pose stays and only its
-covariance grows.
-
-A filter is a vector of `FILTER_SIZE` numbers (see `Slot`); the error state is (φ, δp, δω, δv) in W, with
-R = Exp(φ) R̂, p = p̂ + δp: the perturbation of `signals.PoseMeasurement`.
+What the numbers of a filter mean is said in `object_filter`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from enum import IntEnum
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from twin_diagram import scenario
 from twin_diagram.scene import rotations
-from twin_diagram.signals import NEVER, Array, ObjectStatus, PoseMeasurement
+from twin_diagram.scene.object_filter import (
+    NOISE_IMAGES,
+    VELOCITY_INDEX,
+    Mode,
+    Slot,
+    Tuning,
+    initial_filters,
+    propagate,
+)
+from twin_diagram.signals import NEVER, Array, PoseMeasurement
 
-COAST: Final = 0.25
-"""How long an object is taken to go on with its velocity when unseen [s]."""
 GATE: Final = 24.0
 """Largest squared Mahalanobis distance of an innovation that is used: χ² of 6, probability 0.9995."""
 TREND_GATE: Final = 30.0
@@ -51,174 +50,12 @@ FASTEST: Final = 2.0
 """No object is faster [m/s]."""
 FASTEST_TURN: Final = 10.0
 """No object turns faster [rad/s]."""
-CORRELATION_TIME: Final = 0.3
-"""Of the acceleration of a moving object: makes a spectral density 2 σ² τ of its standard deviation [s]."""
-NOISE_IMAGES: Final = (1.0, 20.0)
-"""The estimate of the measurements' true scatter: how many images its first value counts for, and its memory."""
 NOISE_SCALES: Final = (0.02, 25.0)
 """Bounds of the true scatter's variance over the variance claimed."""
-FIRST_NOISE_SCALE: Final = 4.0
-"""Before anything was learnt."""
 SCATTER_SHARE: Final = 0.3
 """No measurement scatters by less than this share of the floor, that is of the error which all measurements share."""
-UNKNOWN_VARIANCE: Final = np.array([np.pi**2 / 3] * 3 + [1.0] * 3)
-"""Variances of a pose of which nothing is known [rad², m²]: any rotation, a metre."""
-
-
-class Mode(IntEnum):
-    """Which hypothesis holds."""
-
-    NONE = 0
-    REST = 1
-    MOVING = 2
-
-
-class Slot:
-    """Where a filter's numbers stand in its vector."""
-
-    MODE = 0
-    LAST_SEEN = 1
-    POSE = slice(2, 9)
-    VELOCITY = slice(9, 15)
-    COVARIANCE = slice(15, 159)
-    MEAN = slice(159, 165)
-    """At rest: the running mean of whitened innovations; moving: of velocities."""
-    CALM = 165
-    REJECTED = 166
-    REMEMBERED_TIME = 167
-    REMEMBERED_POSE = slice(168, 175)
-    NOISE_SCALE = 175
-    """Variance of the measurements' scatter over the variance that they claim, as learnt at rest."""
-    NOISE_COUNT = 176
-    """How many images that was learnt from."""
-
-
-FILTER_SIZE: Final = 177
-
-
-@dataclass(frozen=True)
-class Tuning:
-    """A scenario's `SceneUpdater` as the filter uses it: variances, in the order (rotation, position)."""
-
-    stale_after: float
-    lost_after: float
-    acceleration_density: Array
-    """(6,) [rad²/s³, m²/s³]"""
-    rest_walk: Array
-    """(6,) [rad²/s, m²/s]"""
-    stale_walk: Array
-    """(6,) [rad²/s, m²/s]"""
-    floor: Array
-    """(6,) [rad², m²]"""
-    slow: Array
-    """(2,) [rad/s, m/s]"""
-
-    @staticmethod
-    def of(params: scenario.SceneUpdater) -> Tuning:
-        """From a scenario's tuning."""
-
-        def pair(rotation: float, position: float) -> Array:
-            return np.array([rotation] * 3 + [position] * 3)
-
-        return Tuning(
-            stale_after=params.stale_after,
-            lost_after=params.lost_after,
-            acceleration_density=2
-            * CORRELATION_TIME
-            * pair(params.angular_acceleration_std, params.acceleration_std) ** 2,
-            rest_walk=pair(params.rest_turn, params.rest_walk) ** 2,
-            stale_walk=pair(params.stale_turn, params.stale_walk) ** 2,
-            floor=pair(params.rotation_floor, params.position_floor) ** 2,
-            slow=np.array([params.rest_spin, params.rest_speed]),
-        )
-
-
-class Belief(NamedTuple):
-    """What K filters say at a time."""
-
-    poses: Array
-    """(K, 7)"""
-    velocities: Array
-    """(K, 6)"""
-    covariances: Array
-    """(K, 12, 12) of the error state."""
-
-
-def initial_filters(count: int) -> Array:
-    """(count, FILTER_SIZE): nothing seen yet; poses are the identity."""
-    filters = np.zeros((count, FILTER_SIZE))
-    filters[:, Slot.LAST_SEEN] = NEVER
-    filters[:, Slot.REMEMBERED_TIME] = NEVER
-    filters[:, Slot.POSE.start] = 1.0
-    filters[:, Slot.REMEMBERED_POSE.start] = 1.0
-    filters[:, Slot.NOISE_SCALE] = FIRST_NOISE_SCALE
-    filters[:, Slot.NOISE_COUNT] = NOISE_IMAGES[0]
-    filters[:, Slot.COVARIANCE].reshape(count, 12, 12)[:, _POSE_INDEX, _POSE_INDEX] = UNKNOWN_VARIANCE
-    return filters
-
-
-def propagate(filters: Array, now: float, tuning: Tuning) -> Belief:
-    """Carries filters (K, FILTER_SIZE) to a time, none of them changed.
-
-    The uncertainty of the pose never shrinks with time, and stops growing when nothing is known any more.
-    """
-    count = len(filters)
-    seen = filters[:, Slot.MODE] != Mode.NONE
-    moving = filters[:, Slot.MODE] == Mode.MOVING
-    age = np.where(seen, np.maximum(now - filters[:, Slot.LAST_SEEN], 0.0), 0.0)
-    coasted = np.where(moving, np.minimum(age, COAST), 0.0)
-    poses = filters[:, Slot.POSE].copy()
-    velocities = filters[:, Slot.VELOCITY].copy()
-    covariances = filters[:, Slot.COVARIANCE].reshape(count, 12, 12).copy()
-
-    # Where the hypothesis of constant velocity moves the pose: exact mean, covariance to first order.
-    turn = rotations.exp(velocities[:, :3] * coasted[:, None])
-    poses[:, :4] = rotations.multiply(turn, poses[:, :4])
-    poses[:, 4:] += velocities[:, 3:] * coasted[:, None]
-    transition = np.zeros((count, 12, 12))
-    transition[:, _ALL, _ALL] = 1.0
-    transition[:, :3, :3] = rotations.matrix(turn)
-    transition[:, _POSE_INDEX, _VELOCITY_INDEX] = coasted[:, None]
-    covariances = transition @ covariances @ transition.transpose(0, 2, 1)
-    density = tuning.acceleration_density
-    covariances[:, _POSE_INDEX, _POSE_INDEX] += coasted[:, None] ** 3 / 3 * density
-    cross = coasted[:, None] ** 2 / 2 * density
-    covariances[:, _POSE_INDEX, _VELOCITY_INDEX] += cross
-    covariances[:, _VELOCITY_INDEX, _POSE_INDEX] += cross
-    covariances[:, _VELOCITY_INDEX, _VELOCITY_INDEX] += coasted[:, None] * density
-
-    # What nobody has looked at may have been moved, all the more where it was moving.
-    unseen = np.maximum(age - np.where(moving, COAST, tuning.stale_after), 0.0)
-    walk = tuning.stale_walk + np.where(moving[:, None], velocities**2, 0.0)
-    grown = unseen[:, None] * walk + age[:, None] * np.where(moving[:, None], 0.0, tuning.rest_walk)
-    covariances[:, _POSE_INDEX, _POSE_INDEX] += np.minimum(grown, UNKNOWN_VARIANCE)
-    velocities[age > COAST] = 0.0
-    return Belief(poses, velocities, covariances)
-
-
-def statuses(filters: Array, now: float, tuning: Tuning) -> Array:
-    """(K,) `signals.ObjectStatus` at a time."""
-    mode = filters[:, Slot.MODE]
-    age = now - filters[:, Slot.LAST_SEEN]
-    status = np.where(mode == Mode.MOVING, float(ObjectStatus.MOVING), float(ObjectStatus.TRACKED))
-    status = np.where(age > tuning.stale_after, float(ObjectStatus.STALE), status)
-    status = np.where(age > tuning.lost_after, float(ObjectStatus.LOST), status)
-    return np.where(mode == Mode.NONE, float(ObjectStatus.UNSEEN), status)
-
-
-def pose_covariances(belief: Belief, axes_O: Array, tuning: Tuning) -> Array:
-    """(K, 6, 6) of the poses, with what no averaging removes.
-
-    Args:
-        belief: of K objects.
-        axes_O: (K, 3) axis of symmetry in O, zeros where there is none: nothing is known of the turn about it.
-        tuning: gives the error that all measurements share.
-    """
-    covariances = belief.covariances[:, :6, :6].copy()
-    covariances[:, _POSE_INDEX, _POSE_INDEX] += tuning.floor
-    axes_W = (rotations.matrix(belief.poses[:, :4]) @ axes_O[:, :, None])[:, :, 0]
-    covariances[:, :3, :3] += UNKNOWN_VARIANCE[0] * axes_W[:, :, None] * axes_W[:, None, :]
-    return covariances
+_SLOW_START: Final = np.array([0.5**2] * 3 + [0.1**2] * 3)
+"""Variances of a velocity that nobody has seen yet [rad²/s², m²/s²]."""
 
 
 def usable(measurement: PoseMeasurement, last_seen: float, now: float) -> bool:
@@ -320,7 +157,7 @@ def _watch_rest(after: Array, covariance: Array, noise: Array, whitened: Array) 
     after[Slot.CALM] = -CALM_IMAGES  # the mean velocity has to build up first
     covariance = covariance.copy()
     covariance[:6, :6] += noise
-    covariance[_VELOCITY_INDEX, _VELOCITY_INDEX] = _SLOW_START
+    covariance[VELOCITY_INDEX, VELOCITY_INDEX] = _SLOW_START
     return covariance
 
 
@@ -388,9 +225,3 @@ def _possible(velocity: Array) -> bool:
 
 def _symmetric(matrix: Array) -> Array:
     return (matrix + matrix.T) / 2
-
-
-_ALL = np.arange(12)
-_POSE_INDEX = np.arange(6)
-_VELOCITY_INDEX = np.arange(6, 12)
-_SLOW_START = np.array([0.5**2] * 3 + [0.1**2] * 3)

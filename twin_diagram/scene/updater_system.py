@@ -9,7 +9,7 @@ import numpy.typing as npt
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from twin_diagram import scenario, timing
-from twin_diagram.scene import track
+from twin_diagram.scene import object_filter, track
 from twin_diagram.scene.twin_scene import TwinScene, parked_poses
 from twin_diagram.signals import MEASUREMENT_SIZE, NEVER, TRACK_SIZE, Array, ObjectStatus, PoseMeasurement
 
@@ -53,7 +53,7 @@ class SceneGraphUpdater(LeafSystem):
         """
         super().__init__()
         self.set_name("scene_graph_updater")
-        self._tuning: Final = track.Tuning.of(params)
+        self._tuning: Final = object_filter.Tuning.of(params)
         self._scene: Final = scene
         self._symmetric: Final[npt.NDArray[np.bool_]] = scene.symmetry_axes_O[:, 2] != 0
         self._count: Final = len(scene.object_names)
@@ -64,7 +64,7 @@ class SceneGraphUpdater(LeafSystem):
         self._arm_in = self.DeclareVectorInputPort("arm_state", 2 * n)
         self._image_time_in = self.DeclareVectorInputPort("image_time", 1)
         self._gripper_in = self.DeclareVectorInputPort("gripper_state", 2 * g)
-        self._filters = self.DeclareDiscreteState(cast(Any, track.initial_filters(self._count).ravel()))
+        self._filters = self.DeclareDiscreteState(cast(Any, object_filter.initial_filters(self._count).ravel()))
         now = {self.time_ticket(), self.xd_ticket()}
         joints = {self.input_port_ticket(port.get_index()) for port in (self._arm_in, self._gripper_in)}
         self.DeclareVectorOutputPort("positions", scene.plant.num_positions(), self._calc_positions, now | joints)
@@ -77,7 +77,7 @@ class SceneGraphUpdater(LeafSystem):
             return
         filters = self._filters_of(context)
         measured = cast(Array, self._poses_in.Eval(context)).reshape(self._count, MEASUREMENT_SIZE)
-        used = np.maximum(filters[:, track.Slot.LAST_SEEN], filters[:, track.Slot.REMEMBERED_TIME])
+        used = np.maximum(filters[:, object_filter.Slot.LAST_SEEN], filters[:, object_filter.Slot.REMEMBERED_TIME])
         fresh = np.flatnonzero((measured[:, 0] > 0) & (measured[:, 1] > used))
         if fresh.size == 0:
             return
@@ -92,14 +92,14 @@ class SceneGraphUpdater(LeafSystem):
     @timing.timed("SceneGraphUpdater")
     def _calc_tracks(self, context: Context, output: BasicVector) -> None:
         filters, now = self._filters_of(context), context.get_time()
-        belief = track.propagate(filters, now, self._tuning)
+        belief = object_filter.propagate(filters, now, self._tuning)
         tracks = np.empty((self._count, TRACK_SIZE))
-        tracks[:, 0] = track.statuses(filters, now, self._tuning)
-        tracks[:, 1] = filters[:, track.Slot.LAST_SEEN]
+        tracks[:, 0] = object_filter.statuses(filters, now, self._tuning)
+        tracks[:, 1] = filters[:, object_filter.Slot.LAST_SEEN]
         unseen = tracks[:, 0] == ObjectStatus.UNSEEN
         tracks[:, 2:9] = np.where(unseen[:, None], self._parked, belief.poses)
         tracks[:, 9:15] = belief.velocities
-        covariances = track.pose_covariances(belief, self._scene.symmetry_axes_O, self._tuning)
+        covariances = object_filter.pose_covariances(belief, self._scene.symmetry_axes_O, self._tuning)
         tracks[:, 15:] = covariances.reshape(self._count, 36)
         output.SetFromVector(cast(Any, tracks.ravel()))
 
@@ -120,4 +120,4 @@ class SceneGraphUpdater(LeafSystem):
 
     def _filters_of(self, context: Context) -> Array:
         """(K, FILTER_SIZE), not to be written to."""
-        return np.asarray(context.get_discrete_state(int(self._filters)).value()).reshape(-1, track.FILTER_SIZE)
+        return np.asarray(context.get_discrete_state(int(self._filters)).value()).reshape(-1, object_filter.FILTER_SIZE)

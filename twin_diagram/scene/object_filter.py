@@ -1,0 +1,190 @@
+"""What is known of where an object is, and how that goes on with time: pure functions on arrays.
+
+A filter is a vector of `FILTER_SIZE` numbers (see `Slot`); the error state is (φ, δp, δω, δv) in W, with
+R = Exp(φ) R̂, p = p̂ + δp: the perturbation of `signals.PoseMeasurement`. It lives at the capture time of the last
+image used; `propagate` carries it to any later time, through latency, occlusion and a covered camera alike. A velocity
+is trusted for `COAST` seconds, then the pose stays and only its covariance grows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from twin_diagram import scenario
+from twin_diagram.scene import rotations
+from twin_diagram.signals import NEVER, Array, ObjectStatus
+
+COAST: Final = 0.25
+"""How long an object is taken to go on with its velocity when unseen [s]."""
+CORRELATION_TIME: Final = 0.3
+"""Of the acceleration of a moving object: makes a spectral density 2 σ² τ of its standard deviation [s]."""
+NOISE_IMAGES: Final = (1.0, 20.0)
+"""The estimate of the measurements' true scatter: how many images its first value counts for, and its memory."""
+FIRST_NOISE_SCALE: Final = 4.0
+"""Before anything was learnt."""
+UNKNOWN_VARIANCE: Final = np.array([np.pi**2 / 3] * 3 + [1.0] * 3)
+"""Variances of a pose of which nothing is known [rad², m²]: any rotation, a metre."""
+POSE_INDEX: Final = np.arange(6)
+"""Of (φ, δp) in the error state."""
+VELOCITY_INDEX: Final = np.arange(6, 12)
+_ALL: Final = np.arange(12)
+
+
+class Mode(IntEnum):
+    """Which hypothesis holds."""
+
+    NONE = 0
+    REST = 1
+    MOVING = 2
+
+
+class Slot:
+    """Where a filter's numbers stand in its vector."""
+
+    MODE = 0
+    LAST_SEEN = 1
+    POSE = slice(2, 9)
+    VELOCITY = slice(9, 15)
+    COVARIANCE = slice(15, 159)
+    MEAN = slice(159, 165)
+    """At rest: the running mean of whitened innovations; moving: of velocities."""
+    CALM = 165
+    REJECTED = 166
+    REMEMBERED_TIME = 167
+    REMEMBERED_POSE = slice(168, 175)
+    NOISE_SCALE = 175
+    """Variance of the measurements' scatter over the variance that they claim, as learnt at rest."""
+    NOISE_COUNT = 176
+    """How many images that was learnt from."""
+
+
+FILTER_SIZE: Final = 177
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """A scenario's `SceneUpdater` as the filter uses it: variances, in the order (rotation, position)."""
+
+    stale_after: float
+    lost_after: float
+    acceleration_density: Array
+    """(6,) [rad²/s³, m²/s³]"""
+    rest_walk: Array
+    """(6,) [rad²/s, m²/s]"""
+    stale_walk: Array
+    """(6,) [rad²/s, m²/s]"""
+    floor: Array
+    """(6,) [rad², m²]"""
+    slow: Array
+    """(2,) [rad/s, m/s]"""
+
+    @staticmethod
+    def of(params: scenario.SceneUpdater) -> Tuning:
+        """From a scenario's tuning."""
+
+        def pair(rotation: float, position: float) -> Array:
+            return np.array([rotation] * 3 + [position] * 3)
+
+        return Tuning(
+            stale_after=params.stale_after,
+            lost_after=params.lost_after,
+            acceleration_density=2
+            * CORRELATION_TIME
+            * pair(params.angular_acceleration_std, params.acceleration_std) ** 2,
+            rest_walk=pair(params.rest_turn, params.rest_walk) ** 2,
+            stale_walk=pair(params.stale_turn, params.stale_walk) ** 2,
+            floor=pair(params.rotation_floor, params.position_floor) ** 2,
+            slow=np.array([params.rest_spin, params.rest_speed]),
+        )
+
+
+class Belief(NamedTuple):
+    """What K filters say at a time."""
+
+    poses: Array
+    """(K, 7)"""
+    velocities: Array
+    """(K, 6)"""
+    covariances: Array
+    """(K, 12, 12) of the error state."""
+
+
+def initial_filters(count: int) -> Array:
+    """(count, FILTER_SIZE): nothing seen yet; poses are the identity."""
+    filters = np.zeros((count, FILTER_SIZE))
+    filters[:, Slot.LAST_SEEN] = NEVER
+    filters[:, Slot.REMEMBERED_TIME] = NEVER
+    filters[:, Slot.POSE.start] = 1.0
+    filters[:, Slot.REMEMBERED_POSE.start] = 1.0
+    filters[:, Slot.NOISE_SCALE] = FIRST_NOISE_SCALE
+    filters[:, Slot.NOISE_COUNT] = NOISE_IMAGES[0]
+    filters[:, Slot.COVARIANCE].reshape(count, 12, 12)[:, POSE_INDEX, POSE_INDEX] = UNKNOWN_VARIANCE
+    return filters
+
+
+def propagate(filters: Array, now: float, tuning: Tuning) -> Belief:
+    """Carries filters (K, FILTER_SIZE) to a time, none of them changed.
+
+    The uncertainty of the pose never shrinks with time, and stops growing when nothing is known any more.
+    """
+    count = len(filters)
+    seen = filters[:, Slot.MODE] != Mode.NONE
+    moving = filters[:, Slot.MODE] == Mode.MOVING
+    age = np.where(seen, np.maximum(now - filters[:, Slot.LAST_SEEN], 0.0), 0.0)
+    coasted = np.where(moving, np.minimum(age, COAST), 0.0)
+    poses = filters[:, Slot.POSE].copy()
+    velocities = filters[:, Slot.VELOCITY].copy()
+    covariances = filters[:, Slot.COVARIANCE].reshape(count, 12, 12).copy()
+
+    # Where the hypothesis of constant velocity moves the pose: exact mean, covariance to first order.
+    turn = rotations.exp(velocities[:, :3] * coasted[:, None])
+    poses[:, :4] = rotations.multiply(turn, poses[:, :4])
+    poses[:, 4:] += velocities[:, 3:] * coasted[:, None]
+    transition = np.zeros((count, 12, 12))
+    transition[:, _ALL, _ALL] = 1.0
+    transition[:, :3, :3] = rotations.matrix(turn)
+    transition[:, POSE_INDEX, VELOCITY_INDEX] = coasted[:, None]
+    covariances = transition @ covariances @ transition.transpose(0, 2, 1)
+    density = tuning.acceleration_density
+    covariances[:, POSE_INDEX, POSE_INDEX] += coasted[:, None] ** 3 / 3 * density
+    cross = coasted[:, None] ** 2 / 2 * density
+    covariances[:, POSE_INDEX, VELOCITY_INDEX] += cross
+    covariances[:, VELOCITY_INDEX, POSE_INDEX] += cross
+    covariances[:, VELOCITY_INDEX, VELOCITY_INDEX] += coasted[:, None] * density
+
+    # What nobody has looked at may have been moved, all the more where it was moving.
+    unseen = np.maximum(age - np.where(moving, COAST, tuning.stale_after), 0.0)
+    walk = tuning.stale_walk + np.where(moving[:, None], velocities**2, 0.0)
+    grown = unseen[:, None] * walk + age[:, None] * np.where(moving[:, None], 0.0, tuning.rest_walk)
+    covariances[:, POSE_INDEX, POSE_INDEX] += np.minimum(grown, UNKNOWN_VARIANCE)
+    velocities[age > COAST] = 0.0
+    return Belief(poses, velocities, covariances)
+
+
+def statuses(filters: Array, now: float, tuning: Tuning) -> Array:
+    """(K,) `signals.ObjectStatus` at a time."""
+    mode = filters[:, Slot.MODE]
+    age = now - filters[:, Slot.LAST_SEEN]
+    status = np.where(mode == Mode.MOVING, float(ObjectStatus.MOVING), float(ObjectStatus.TRACKED))
+    status = np.where(age > tuning.stale_after, float(ObjectStatus.STALE), status)
+    status = np.where(age > tuning.lost_after, float(ObjectStatus.LOST), status)
+    return np.where(mode == Mode.NONE, float(ObjectStatus.UNSEEN), status)
+
+
+def pose_covariances(belief: Belief, axes_O: Array, tuning: Tuning) -> Array:
+    """(K, 6, 6) of the poses, with what no averaging removes.
+
+    Args:
+        belief: of K objects.
+        axes_O: (K, 3) axis of symmetry in O, zeros where there is none: nothing is known of the turn about it.
+        tuning: gives the error that all measurements share.
+    """
+    covariances = belief.covariances[:, :6, :6].copy()
+    covariances[:, POSE_INDEX, POSE_INDEX] += tuning.floor
+    axes_W = (rotations.matrix(belief.poses[:, :4]) @ axes_O[:, :, None])[:, :, 0]
+    covariances[:, :3, :3] += UNKNOWN_VARIANCE[0] * axes_W[:, :, None] * axes_W[:, None, :]
+    return covariances
