@@ -137,7 +137,8 @@ def _friction(records: list[Record]) -> list[str]:
         "FRICTION TO A THIRD, error over the true level, mean over joints (target 10 % in 1 s; outline 20 % in 2.3 s)",
         "  "
         + ", ".join(f"{s} s {100 * _mean(records, f'error_{s}s'):.1f} %" for s in ("0.5", "1", "2.3", "4"))
-        + f" {_miss(at, 0.1)}; worst joint and seed at 2.3 s {100 * _worst(records, 'worst_2.3s'):.0f} %",
+        + f" {_miss(at, 0.1)}; worst joint and seed at 2.3 s {100 * _worst(records, 'worst_2.3s'):.0f} %; "
+        f"noticed after {_mean(records, 'latency_ms'):.0f} [{_worst(records, 'latency_ms'):.0f}] ms",
     ]
 
 
