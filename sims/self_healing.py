@@ -7,8 +7,9 @@ description says. After a while it carries a payload and two of its joints go dr
     2. when the log since the alarm is long enough, `twin-diagram gap` runs on it, in a process of its own
     3. the corrected model is taken over by filter, monitor and planner; the loop never stops
 
-Beside it runs the same filter on the same messages with the model as it was: what adapting alone can do. Shown is how
-far off either is with where each joint, and the hand, will be 0.2 s later, under the torques that were then measured.
+Beside it run the same filter and monitor on the same messages with the model as it was: what adapting alone can do.
+Shown is how far off either is with where each joint, and the hand, will be 0.2 s later, under the torques that were
+then measured.
 
     python sims/self_healing.py --out out/self_healing
     python sims/self_healing.py --quick
@@ -35,6 +36,7 @@ from pydrake.systems.primitives import Adder
 from twin_diagram.diagram import Twin, make_twin
 from twin_diagram.errors import TwinError
 from twin_diagram.estimation.arm_terms import ArmTerms
+from twin_diagram.estimation.drift_system import DriftMonitor
 from twin_diagram.estimation.ekf_system import AdaptiveEkf
 from twin_diagram.estimation.events import append_lines
 from twin_diagram.estimation.parameters import ParameterSet
@@ -76,9 +78,15 @@ def build(plan: Plan, seed: int, hidden: Secret) -> tuple[Diagram, Twin, Adaptiv
     twin = make_twin(spec)
     builder.AddNamedSystem("twin", twin.diagram)
     alone = builder.AddNamedSystem("filter_left_alone", AdaptiveEkf(twin.model, spec.filter, HOME))
+    watch = builder.AddNamedSystem("monitor_left_alone", DriftMonitor(twin.model, spec.drift, spec.filter))
     for name in ports.output_names(station):
         builder.Connect(station.GetOutputPort(name), twin.diagram.GetInputPort(name))
-        builder.Connect(station.GetOutputPort(name), alone.GetInputPort(name.removeprefix("arm.")))
+        for system in (alone, watch):
+            if system.HasInputPort(name.removeprefix("arm.")):
+                builder.Connect(station.GetOutputPort(name), system.GetInputPort(name.removeprefix("arm.")))
+    for name in ("arm_state", "parameters", "innovation", "nis"):
+        builder.Connect(alone.GetOutputPort(name), watch.GetInputPort(name))
+    builder.Connect(watch.GetOutputPort("alarm"), alone.GetInputPort("alarm"))
     motion = exploring(plan.duration, 10 * seed)
     velocity = np.gradient(motion, PERIOD, axis=0)
     torque = twin.model.inverse_dynamics(motion, velocity, np.gradient(velocity, PERIOD, axis=0))

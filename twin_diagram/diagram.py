@@ -160,6 +160,7 @@ def make_twin(twin: scenario.Twin, packages: Packages | None = None) -> Twin:
                 builder.ConnectInput(name, system.GetInputPort(port))
     for port in ("arm_state", "parameters", "innovation", "nis", *(["sensor_tracks"] if fused else [])):
         builder.Connect(ekf.GetOutputPort(port), drift.GetInputPort(port))
+    builder.Connect(drift.GetOutputPort("alarm"), ekf.GetInputPort("alarm"))
     builder.Connect(ekf.GetOutputPort("arm_state"), updater.GetInputPort("arm_state"))
     builder.Connect(ekf.GetOutputPort("arm_state"), mpc.GetInputPort("arm_state"))
     builder.Connect(ekf.GetOutputPort("parameters"), mpc.GetInputPort("parameters"))
