@@ -135,7 +135,8 @@ LAYERS = (
         "unread",
         "dry_friction",
     },
-    {"series", "timeline"},
+    {"series", "timeline", "folding", "plant_calls", "model_folder"},
+    {"torque_law"},
     {"model"},
     {"prediction", "rollout"},
     {"station", "perception", "estimation", "scene", "planning", "gap"},
@@ -145,7 +146,7 @@ LAYERS = (
     {"cli"},
     {"__main__"},
 )
-SYSTEMS = LAYERS[6]
+SYSTEMS = LAYERS[7]
 """These meet in `diagram` alone: none imports another."""
 
 

@@ -11,10 +11,6 @@ their times they count in full; where they are not, what is there to stay counts
 
 from __future__ import annotations
 
-import os
-import re
-import shutil
-import tempfile
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -22,26 +18,20 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from pydrake.common.yaml import yaml_dump_typed
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import JacobianWrtVariable, MultibodyForces
 from pydrake.systems.framework import Context
 
-from twin_diagram import plant_tree, rigid_tree, scenario, series
-from twin_diagram.description import EFFECTS_FILE, Arm, add_arm
+from twin_diagram import folding, model_folder, plant_tree, scenario, series, torque_law
+from twin_diagram.description import Arm, add_arm
 from twin_diagram.effects import Effect, make
 from twin_diagram.effects.elasticity import YieldingGear
-from twin_diagram.effects.friction import CoulombFriction, smooth_sign
 from twin_diagram.effects.friction_levels import CoupledFriction
-from twin_diagram.effects.link_inertia import spatial_inertia
 from twin_diagram.errors import ModelError
+from twin_diagram.plant_calls import PlantCalls
 from twin_diagram.timeline import epochs, shifted
 
 Array = npt.NDArray[np.float64]
-
-FEW = 24
-"""Up to this many samples a call per sample into the plant is quicker than the vectorised tree."""
 
 
 class Model:
@@ -65,6 +55,9 @@ class Model:
         lower, upper, velocity_limit, effort_limit: (n,) from the description, infinite where it says nothing.
         last_link: name of the child link of the last arm joint; payloads hang on it.
         tree: the same rigid dynamics for many samples at once.
+        vectorises: whether `tree` holds all that the plant does.
+        calls: into the plant, for single samples.
+        laws: those of `present` that are no part of the rigid model; `dry`, `coupled`: of them, by kind of friction.
     """
 
     def __init__(self, plant: MultibodyPlant, arm: Arm, effects: Iterable[Effect]) -> None:
@@ -77,8 +70,6 @@ class Model:
         self.spec = replace(arm.spec, joints=list(arm.joints), effects=[effect.spec() for effect in added])
         joints = [plant.get_joint(index) for index in arm.joint_indices]
         actuators = [plant.get_joint_actuator(index) for index in arm.actuator_indices]
-        self.position_index = np.array([joint.position_start() for joint in joints])
-        self.velocity_index = np.array([joint.velocity_start() for joint in joints])
         self.lower = np.array([float(joint.position_lower_limits()[0]) for joint in joints])
         self.upper = np.array([float(joint.position_upper_limits()[0]) for joint in joints])
         self.velocity_limit = np.array([float(joint.velocity_upper_limits()[0]) for joint in joints])
@@ -94,13 +85,16 @@ class Model:
         self._runs: dict[str, Model] = {}
 
         self._context = plant.CreateDefaultContext()
-        self._check_names()
-        self._fold()
+        self.calls = PlantCalls(plant, self._context, arm)
+        self.position_index, self.velocity_index = self.calls.position_index, self.calls.velocity_index
+        folding.check_places(plant, self.joints, self.effects)
+        folding.fold(plant, self._context, arm, (effect.change(self) for effect in self.present))
+        folding.check_friction(self.joints, self.present)
         self.tree = plant_tree.from_plant(plant, self._context, arm)
-        self._vectorises = plant_tree.is_whole(plant)
-        self._laws = tuple(effect for effect in self.present if not effect.folds)
-        self._dry = tuple(effect for effect in self._laws if effect.dry)
-        self._coupled = tuple(effect for effect in self._laws if isinstance(effect, CoupledFriction))
+        self.vectorises = plant_tree.is_whole(plant)
+        self.laws = tuple(effect for effect in self.present if not effect.folds)
+        self.dry = tuple(effect for effect in self.laws if effect.dry)
+        self.coupled = tuple(effect for effect in self.laws if isinstance(effect, CoupledFriction))
         self.yielding, self.loss = series.merged(
             [
                 (self.joints.index(joint), gear)
@@ -109,15 +103,6 @@ class Model:
                 for joint, gear in effect.gears().items()
             ]
         )
-        self._forces = MultibodyForces(plant)
-        self._world = plant.world_frame()
-        self._tool = plant.get_frame(arm.tool_frame)
-        # Typed loosely: Drake's stubs and NumPy's do not agree on what an array is.
-        self._q: Any = plant.GetPositions(self._context).copy()
-        self._v: Any = np.zeros(plant.num_velocities())
-        self._a: Any = np.zeros(plant.num_velocities())
-        self._origin: Any = np.zeros(3)
-        self._block = np.ix_(self.velocity_index, self.velocity_index)
 
     @staticmethod
     def load(
@@ -178,25 +163,7 @@ class Model:
 
         Files that the description names by relative paths are named by absolute ones in the copy.
         """
-        folder = Path(folder).absolute()
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        description = Path(self.spec.model)
-        saved = replace(self.spec, model=description.name)
-        staging = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
-        try:
-            (staging / description.name).write_bytes(_anchor_files(description))
-            yaml_dump_typed(saved, filename=str(staging / EFFECTS_FILE))
-            staging.chmod(0o755)
-            if folder.exists():
-                aside = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
-                os.replace(folder, aside / folder.name)
-                os.replace(staging, folder)
-                shutil.rmtree(aside)
-            else:
-                os.replace(staging, folder)
-        except BaseException:
-            shutil.rmtree(staging, ignore_errors=True)
-            raise
+        model_folder.write(self.spec, folder)
 
     # Dynamics.
 
@@ -235,36 +202,10 @@ class Model:
             beyond = None if seen is None else self.applied(seen, time) - total
             period = (time[-1] - time[0]) / (len(time) - 1)
             total = total + series.twist(self, q, v, a, period, beyond).torque
-        if seen is not None and (self._dry or self._coupled) and q.ndim == 2:
-            total = self._held(total, q, v, seen if time is None else self.applied(seen, time))
-        shown: list[Array] = []
-        if seen is not None and any(effect.loses for effect in self._laws):
-            arrived = seen if time is None else shifted(seen, time, -self.delay)
-            for effect in self._laws:
-                shown.append(arrived)
-                arrived = effect.applied(self.joints, arrived)
-        for k, effect in reversed(list(enumerate(self._laws))):
-            if shown and effect.loses:
-                total = total + shown[k] - effect.applied(self.joints, shown[k])
-            else:
-                total = effect.logged(self.joints, total)
+        if seen is not None and (self.dry or self.coupled) and q.ndim == 2:
+            total = torque_law.held(self, total, q, v, seen if time is None else self.applied(seen, time))
+        total = torque_law.logged(self, total, seen, time)
         return total if time is None else shifted(total, time, self.delay)
-
-    def _held(self, total: Array, q: Array, v: Array, arrived: Array) -> Array:
-        """Joint loads (N, n) in which dry friction at rest holds what it can of the torque that arrived."""
-        for effect in self._coupled:
-            along, level = effect.direction(self), float(effect.value("torque")[0])
-            sliding = smooth_sign(v @ along)
-            friction = level * sliding
-            held = np.clip((arrived - total) @ along / np.sum(along) + friction, -level, level)
-            total = total + np.outer((1.0 - sliding**2) * (held - friction), along)
-        if not self._dry:
-            return total
-        forward, backward = self.friction_level(q, v, arrived)
-        sliding = smooth_sign(v)
-        friction = np.where(v >= 0.0, forward, backward) * sliding
-        held = np.clip(arrived - (total - friction), -backward, forward)
-        return np.asarray(total + (1.0 - sliding**2) * (held - friction))
 
     def epochs(self, time: Array) -> list[tuple[npt.NDArray[np.bool_], Model]]:
         """Which samples (N,) each model without onsets holds for."""
@@ -278,7 +219,7 @@ class Model:
 
     def mass_matrix(self, q: Array) -> Array:
         """(n, n) mass matrix [kg·m²] at measured positions (n,): arm, rotors, payload; fingers held rigid."""
-        return self._mass(self.true_position(q))
+        return self.calls.mass(self.true_position(q))
 
     def bias(self, q: Array, v: Array) -> Array:
         """(n,) torque [N·m] at velocity (n,) and position (n,) without acceleration: C v − g and effects."""
@@ -287,9 +228,9 @@ class Model:
     def forward_dynamics(self, q: Array, v: Array, tau: Array) -> Array:
         """(…, n) accelerations [rad/s²] under logged torques `tau` (…, n)."""
         q, tau = self.true_position(q), self.applied(tau)
-        if q.ndim == 1 and not self._dry:
+        if q.ndim == 1 and not self.dry:
             load = self.joint_load(q, v, np.zeros_like(q), tau)
-            once: Any = np.linalg.solve(self._mass(q), tau - load)
+            once: Any = np.linalg.solve(self.calls.mass(q), tau - load)
             return np.asarray(once)
         flat = (-1, q.shape[-1])
         mass, load = self.mass_and_load(q.reshape(flat), v.reshape(flat), tau.reshape(flat))
@@ -298,28 +239,11 @@ class Model:
 
     def joint_load(self, q: Array, v: Array, a: Array, tau: Array | None = None) -> Array:
         """The torque (…, n) that must reach the joints: `inverse_dynamics` at true positions, before the motor."""
-        rigid = self._rigid(q, v, a)
-        if not self._laws:
-            return rigid
-        flat = (-1, q.shape[-1])
-        total: Array = rigid.reshape(flat)
-        motion = (q.reshape(flat), v.reshape(flat), a.reshape(flat))
-        for effect in self._laws:
-            if not effect.dry:
-                total = total + effect.torque(self, *motion, total)
-        transmitted = total if tau is None else np.reshape(tau, flat)
-        for effect in self._dry:
-            total = total + effect.torque(self, *motion, transmitted)
-        return total.reshape(q.shape)
+        return torque_law.joint_load(self, q, v, a, tau)
 
     def link_load(self, q: Array, v: Array, a: Array) -> Array:
         """The part (N, n) of `joint_load` that lies behind an elastic gear: without rotors, dampers and friction."""
-        tree = replace(self.tree, rotor=np.zeros_like(self.tree.rotor), damping=np.zeros_like(self.tree.damping))
-        total = tree.inverse_dynamics(q, v, a)
-        for effect in self._laws:
-            if not effect.motor_side:
-                total = total + effect.torque(self, q, v, a, total)
-        return total
+        return torque_law.link_load(self, q, v, a)
 
     def mass_and_load(self, q: Array, v: Array, tau: Array, *, dry: bool = True) -> tuple[Array, Array]:
         """Mass matrices (N, n, n) and loads without acceleration (N, n), at true positions (N, n), for integrators.
@@ -330,36 +254,15 @@ class Model:
             tau: (N, n) torques that the joints transmit [N·m].
             dry: with the smooth law of dry friction; an integrator that solves for it leaves it out.
         """
-        if self._vectorises:
-            mass, load = self.tree.mass_and_bias(q, v)
-        else:
-            mass = np.array([self._mass(x) for x in q])
-            load = self._rigid(q, v, np.zeros_like(q))
-        a = np.zeros_like(q)
-        for effect in self._laws:
-            if not effect.dry:
-                load = load + effect.torque(self, q, v, a, tau)
-        if dry and self._dry:
-            forward, backward = self.friction_level(q, v, tau)
-            load = load + np.where(v >= 0.0, forward, backward) * smooth_sign(v)
-        return mass, load
+        return torque_law.mass_and_load(self, q, v, tau, dry=dry)
 
     def motor_load(self, q: Array, v: Array, tau: Array) -> Array:
         """The part (N, n) of the loads of `mass_and_load` without dry friction that lies before an elastic gear."""
-        load = self.tree.damping * v
-        a = np.zeros_like(q)
-        for effect in self._laws:
-            if effect.motor_side and not effect.dry:
-                load = load + effect.torque(self, q, v, a, tau)
-        return load
+        return torque_law.motor_load(self, q, v, tau)
 
     def friction_level(self, q: Array, v: Array, tau: Array) -> tuple[Array, Array]:
         """Bounds (N, n) of all dry friction against positive and against negative motion [N·m]."""
-        forward, backward = np.zeros_like(q), np.zeros_like(q)
-        for effect in self._dry:
-            up, down = effect.friction_level(self, q, v, tau)
-            forward, backward = forward + up, backward + down
-        return forward, backward
+        return torque_law.friction_level(self, q, v, tau)
 
     def applied(self, tau: Array, time: Array | None = None) -> Array:
         """The torque (…, n) that reaches the joints when `tau` is logged; `time` (N,) as in `inverse_dynamics`."""
@@ -370,66 +273,31 @@ class Model:
             return result
         if time is not None:
             tau = shifted(tau, time, -self.delay)
-        for effect in self._laws:
+        for effect in self.laws:
             tau = effect.applied(self.joints, tau)
         return tau
 
     def true_position(self, q: Array) -> Array:
         """The joint positions (…, n) when `q` is measured."""
-        for effect in self._laws:
+        for effect in self.laws:
             q = effect.true_position(self.joints, q)
         return q
 
     def measured_position(self, q: Array) -> Array:
         """What encoders read (…, n) at joint positions `q`."""
-        for effect in reversed(self._laws):
+        for effect in reversed(self.laws):
             q = effect.measured_position(self.joints, q)
         return q
-
-    def _mass(self, q: Array) -> Array:
-        """(n, n) at true positions (n,)."""
-        self._q[self.position_index] = q
-        self.plant.SetPositions(self._context, self._q)
-        mass: Array = self.plant.CalcMassMatrix(self._context)[self._block]
-        return mass
-
-    def _rigid(self, q: Array, v: Array, a: Array) -> Array:
-        """(…, n) without the effects that are laws of their own."""
-        if q.ndim == 1:
-            return self._rigid_once(q, v, a)
-        flat = (-1, q.shape[-1])
-        q, v, a, shape = q.reshape(flat), v.reshape(flat), a.reshape(flat), q.shape
-        if self._vectorises and len(q) > FEW:
-            return self.tree.inverse_dynamics(q, v, a).reshape(shape)
-        return np.array([self._rigid_once(*sample) for sample in zip(q, v, a, strict=True)]).reshape(shape)
-
-    def _rigid_once(self, q: Array, v: Array, a: Array) -> Array:
-        plant, context = self.plant, self._context
-        self._q[self.position_index] = q
-        self._v[self.velocity_index] = v
-        self._a[self.velocity_index] = a
-        plant.SetPositions(context, self._q)
-        plant.SetVelocities(context, self._v)
-        plant.CalcForceElementsContribution(context, self._forces)
-        result: Array = plant.CalcInverseDynamics(context, self._a, self._forces)[self.velocity_index]
-        return result
 
     # Kinematics.
 
     def tool_pose(self, q: Array) -> RigidTransform:
         """X_WT of the tool frame at measured positions (n,)."""
-        self._q[self.position_index] = self.true_position(q)
-        self.plant.SetPositions(self._context, self._q)
-        return self._tool.CalcPoseInWorld(self._context)
+        return self.calls.tool_pose(self.true_position(q))
 
     def tool_jacobian(self, q: Array) -> Array:
         """(6, n): angular [rad/s] over linear [m/s] velocity of the tool frame in W, per joint velocity."""
-        self._q[self.position_index] = self.true_position(q)
-        self.plant.SetPositions(self._context, self._q)
-        jacobian: Array = self.plant.CalcJacobianSpatialVelocity(
-            self._context, JacobianWrtVariable.kV, self._tool, self._origin, self._world, self._world
-        )[:, self.velocity_index]
-        return jacobian
+        return self.calls.tool_jacobian(self.true_position(q))
 
     def arm_positions(self, q_plant: Array) -> Array:
         """The arm's part (…, n) of plant positions (…, nq)."""
@@ -440,76 +308,9 @@ class Model:
         body = self.plant.GetBodyByName(link)
         return plant_tree.carrier(self.plant, self._context, self.arm, body)
 
-    # What the constructor does.
-
-    def _check_names(self) -> None:
-        for effect in self.effects:
-            for joint in effect.joints:
-                if joint not in self.joints:
-                    raise ModelError(
-                        f"effects.{effect.name}.joints: the arm has no joint {joint!r}; its joints are "
-                        f"{', '.join(self.joints)}"
-                    )
-            for link in effect.links:
-                if not self.plant.HasBodyNamed(link):
-                    raise ModelError(f"effects.{effect.name}.links: the model has no link {link!r}")
-
-    def _fold(self) -> None:
-        """Puts what effects change in the rigid model into the scratch context's parameters."""
-        rotors: dict[str, float] = {}
-        dampers: dict[str, float] = {}
-        for effect in self.present:
-            change = effect.change(self)
-            for link, added in change.inertia.items():
-                body = self.plant.GetBodyByName(link)
-                present = body.CalcSpatialInertiaInBodyFrame(self._context)
-                whole = rigid_tree.inertia_vector(present, RigidTransform()) + added
-                body.SetSpatialInertiaInBodyFrame(self._context, spatial_inertia(whole))
-            for name, reflected in change.rotor.items():
-                rotors[name] = rotors.get(name, 0.0) + reflected
-            for name, damping in change.damping.items():
-                dampers[name] = dampers.get(name, 0.0) + damping
-        for name, reflected in rotors.items():
-            actuator = self.arm.actuator(self.plant, name)
-            rotor = actuator.rotor_inertia(self._context) + reflected / actuator.gear_ratio(self._context) ** 2
-            _check_whole("reflected_inertia.inertia", name, rotor, "kg·m²")
-            actuator.SetRotorInertia(self._context, max(rotor, 0.0))
-        for name, damping in dampers.items():
-            joint = self.plant.get_joint(self.arm.joint_indices[self.joints.index(name)])
-            total: Any = joint.GetDampingVector(self._context) + damping
-            _check_whole("viscous_friction.damping", name, float(total[0]), "N·m·s/rad")
-            joint.SetDampingVector(self._context, np.maximum(total, 0.0))
-        levels = np.zeros((2, len(self.joints)))
-        for effect in self.present:
-            if isinstance(effect, CoulombFriction):
-                levels += [effect.spread(self.joints, level) for level in effect.levels()]
-        for name, level in zip(self.joints, np.min(levels, axis=0), strict=True):
-            _check_whole("coulomb_friction.torque", name, float(level), "N·m")
-
-
-def _check_whole(key: str, joint: str, value: float, unit: str) -> None:
-    """Effects may take away no more than the description and other effects state."""
-    if value < -1e-9:
-        raise ModelError(
-            f"effects.{key}: {value:g} {unit} in all on {joint} is not within [0, inf]; take away no more than there is"
-        )
-
 
 def _given(arm: Arm) -> list[Effect]:
     effects = [make(spec) for spec in arm.given]
     for effect in effects:
         effect.given = True
     return effects
-
-
-_RELATIVE_FILE = re.compile(rb"""(<uri>|filename\s*=\s*["']|\bfile\s*=\s*["'])\s*([^"'<>]+?)\s*(?=["'<])""")
-
-
-def _anchor_files(description: Path) -> bytes:
-    """The description's text, with the files beside it that it names named by absolute paths."""
-
-    def anchored(match: re.Match[bytes]) -> bytes:
-        path = description.parent / os.fsdecode(match[2])
-        return match[1] + os.fsencode(path.resolve()) if b"://" not in match[2] and path.is_file() else match[0]
-
-    return _RELATIVE_FILE.sub(anchored, description.read_bytes())
