@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram.gap import golden_section
 from twin_diagram.gap.records import Record, Records
 from twin_diagram.gap.whitening import Whitener
 from twin_diagram.model import Model
@@ -119,20 +120,8 @@ def _least(law: Callable[[float], float], rough: float, first: float, last: floa
 
     costs = [cost(float(t)) for t in tries]
     best = int(np.argmin(costs))
-    share = 0.5 * (np.sqrt(5.0) - 1.0)
-    a, b = tries[best] - COARSE, tries[best] + COARSE
-    x, y = b - share * (b - a), a + share * (b - a)
-    fx, fy = cost(x), cost(y)
-    for _ in range(SECTIONS):
-        if fx < fy:
-            b, y, fy = y, x, fx
-            x = b - share * (b - a)
-            fx = cost(x)
-        else:
-            a, x, fx = x, y, fy
-            y = a + share * (b - a)
-            fy = cost(y)
-    found = min([(costs[best], float(tries[best])), (fx, float(x)), (fy, float(y))])
+    found = golden_section.least(cost, tries[best] - COARSE, tries[best] + COARSE, SECTIONS)
+    found = min((costs[best], float(tries[best])), found)
     return found[1], _spread(tries, np.array(costs), *found)
 
 

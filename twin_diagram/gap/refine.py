@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from twin_diagram.gap import arm_candidates, gears, joint_candidates, proposals
+from twin_diagram.gap import arm_candidates, gears, golden_section, joint_candidates, proposals
 from twin_diagram.gap.candidate import Candidate
 from twin_diagram.gap.evidence import Bench, Fit
 from twin_diagram.gap.terms import Terms
@@ -20,6 +20,7 @@ from twin_diagram.gap.terms import Terms
 Array = npt.NDArray[np.float64]
 
 ROUNDS = 3
+SECTIONS = 7
 SETTLED = 0.02
 """Evidence that a round must change for another to be worth it [nats]."""
 
@@ -130,29 +131,18 @@ def _line_search(
     start = np.log(bench.candidates[member].shape[key])
     others = fit.members - {member}
     a, b = start + np.log(low), start + np.log(high)
-    share = 0.5 * (np.sqrt(5.0) - 1.0)
     best, at = fit, member
 
-    def value(x: float) -> float:
+    def cost(x: float) -> float:
         nonlocal best, at
         made = rebuild(float(np.exp(x)))
         if made is None:
-            return -np.inf
+            return np.inf
         index = bench.add(made, offered=False)
         found = bench.solve(others | {index})
         if found.evidence > best.evidence:
             best, at = found, index
-        return found.evidence
+        return -found.evidence
 
-    x, y = b - share * (b - a), a + share * (b - a)
-    fx, fy = value(x), value(y)
-    for _ in range(7):
-        if fx >= fy:
-            b, y, fy = y, x, fx
-            x = b - share * (b - a)
-            fx = value(x)
-        else:
-            a, x, fx = x, y, fy
-            y = a + share * (b - a)
-            fy = value(y)
+    golden_section.least(cost, a, b, SECTIONS, ties_low=True)
     return best, at
