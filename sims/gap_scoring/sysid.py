@@ -22,6 +22,9 @@ Array = npt.NDArray[np.float64]
 
 WINDOW, WINDOWS = 0.25, 40
 
+INSIDE = 0.02
+"""Share of a parameter's range by which it starts away from its bounds."""
+
 
 def mujoco_sysid(folder: Path) -> Answer:
     """Damping, rotor and dry friction of every joint and mass of every link, by rollouts of a quarter second."""
@@ -101,9 +104,10 @@ def mujoco_sysid(folder: Path) -> Answer:
 def _add(
     sysid: Any, parameters: Any, nominal: dict[str, float], name: str, now: float, low: float, high: float, change: Any
 ) -> None:
-    start = min(max(now, low + 1e-4 * (high - low)), high)
+    # From a bound its optimizer does not get away (it warns of that itself).
+    start = min(max(now, low + INSIDE * (high - low)), high)
     parameters.add(sysid.Parameter(name, start, low, high, modifier=change))
-    nominal[name] = start
+    nominal[name] = now
 
 
 def _joint(joint: str, key: str) -> Callable[[Any, Any], None]:
