@@ -11,15 +11,16 @@ class SensorSpec:
     """A further sensor for the filter; its readings come in by ports of its name."""
 
     kind: str = ""
-    """`body_pose`, `imu`, `wrench` or `torque`."""
+    """`imu` or `wrench`, where ``twin.sensors`` has one, or `depth`, what the twin's camera sees of a link. A filter by
+    itself also takes `body_pose` and `torque`."""
     name: str = ""
     """Empty: as its kind is called."""
     body: str = ""
     """Link or frame that it is fixed to; for `body_pose` the one whose pose it gives. Empty: the last link."""
     X_BS: Pose = field(default_factory=Pose)
     std: list[float] = field(default_factory=list)
-    """`body_pose`: position [m], rotation [rad]; `imu`: gyroscope [rad/s], accelerometer [m/s²]; `wrench`: force [N],
-    moment [N·m]; `torque`: [N·m]. Empty: the kind's own."""
+    """`body_pose`, `depth`: position [m], rotation [rad]; `imu`: gyroscope [rad/s], accelerometer [m/s²]; `wrench`:
+    force [N], moment [N·m]; `torque`: [N·m]. Empty: the kind's own."""
 
 
 @dataclass
@@ -40,10 +41,10 @@ class Filter:
     excitation: float = 0.003
     """A joint slower than this rests: stiction hides its load, and it teaches no parameter (see `estimation`)
     [rad/s]."""
-    torque_drift_std: float = 0.1
     noise_time: float = 2.0
     """Over which the noise of all sensors and the white torque are adapted, within a tenth to ten times what is given; 0:
     not at all [s]."""
+    torque_drift_std: float = 0.1
     """Unmodelled joint torque that stays for a while, such as an error of friction; 15 % of dry friction is added
     [N·m]."""
     torque_drift_time: float = 1.0
