@@ -138,7 +138,7 @@ def propagate(filters: Array, now: float, tuning: Tuning) -> Belief:
     coasted = np.where(moving, np.minimum(age, COAST), 0.0)
     poses = filters[:, Slot.POSE].copy()
     velocities = filters[:, Slot.VELOCITY].copy()
-    covariances = filters[:, Slot.COVARIANCE].reshape(count, 12, 12).copy()
+    covariances: Array = filters[:, Slot.COVARIANCE].reshape(count, 12, 12).copy()
 
     # Where the hypothesis of constant velocity moves the pose: exact mean, covariance to first order.
     turn = rotations.exp(velocities[:, :3] * coasted[:, None])
