@@ -270,13 +270,13 @@ class Run:
     def own(self) -> Context:
         return self.loop.twin.diagram.GetMyMutableContextFromRoot(self.simulator.get_mutable_context())
 
-    def alarm(self, shape: Shape = Shape.STEP) -> None:
+    def alarm(self, shape: Shape = Shape.STEP, statistic: float = 3.0) -> None:
         """Has the monitor raise one, here and now."""
         drift = self.loop.twin.drift
         context = self.loop.twin.diagram.GetMutableSubsystemContext(drift, self.own())
         monitor = drift.monitor
         monitor.vector[:] = context.get_discrete_state(0).value()
-        alarms.raise_alarm(monitor.state, AlarmKind.INNOVATION, self.simulator.get_context().get_time(), 3.0)
+        alarms.raise_alarm(monitor.state, AlarmKind.INNOVATION, self.simulator.get_context().get_time(), statistic)
         monitor.evidence[int(monitor.header[Entry.ALARMS]) - 1, Evidence.SHAPE] = float(shape)
         context.SetDiscreteState(0, monitor.vector)
 
@@ -451,6 +451,23 @@ def test_a_spike_starts_no_search(loop: tuple[ClosedLoop, Tape], tmp_path: Path)
     run.alarm(Shape.SPIKE)
     run.go(1.2)
     assert run.names() == ["alarm", "alarm_passed"] and not (tmp_path / "searches").exists()
+    run.healer.close()
+
+
+def test_a_much_stronger_alarm_begins_the_log_anew(
+    loop: tuple[ClosedLoop, Tape], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What was gathered before it tells of another robot; one that is hardly stronger changes nothing."""
+    child(monkeypatch, "raise SystemExit(3)")
+    run = Run(loop, tmp_path / "searches")
+    for until, statistic in ((0.3, 1.5), (0.6, 2.5), (0.8, 9.0)):
+        run.go(until)
+        run.alarm(statistic=statistic)
+    run.go(1.7)
+    started = [event for event in run.events if event["event"] == "gap_started"]
+    assert len(started) == 1
+    # Seen 0.1 s after it was raised, when the loop is next looked at.
+    assert started[0]["fit"][0] == pytest.approx(0.9 + 0.3) and started[0]["alarm"] == 0.3
     run.healer.close()
 
 

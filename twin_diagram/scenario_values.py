@@ -51,7 +51,7 @@ POSITIVE: dict[type, tuple[str, ...]] = {
 }
 NOT_NEGATIVE: dict[type, tuple[str, ...]] = {
     Camera: ("latency",),
-    Filter: ("excitation", "torque_drift_std", "parameter_walk", "learning_rate", "history"),
+    Filter: ("excitation", "torque_drift_std", "parameter_walk", "learning_rate", "history", "noise_time"),
     Healing: ("attempts", "nice"),
     LinkSensor: ("latency",),
     Perception: ("table_clearance", "robot_clearance"),

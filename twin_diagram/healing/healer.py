@@ -24,6 +24,8 @@ from twin_diagram.scenario import Healing
 Journal = Callable[[dict[str, Any]], None]
 SETTLE: Final = 0.3
 """What changed at an alarm is left to settle for this long before the log is used [s]."""
+STRONGER: Final = 2.0
+"""An alarm this many times as strong is another one."""
 TICK: Final = 1e-6
 """Times that differ by less are the same [s]."""
 
@@ -63,6 +65,7 @@ class Healer:
         self._packages = packages
         self._told = self._answered = -1.0
         self._alarm: dict[str, Any] | None = None
+        self._begin = self._level = 0.0
         self._search: GapProcess | None = None
         self._started = self._now = 0.0
         self._searches = 0
@@ -86,7 +89,8 @@ class Healer:
             self._gather(alarms, now)
         elif self._searches < self._params.attempts:
             fresh = [record for record in alarms if record["time"] > self._answered]
-            self._alarm = fresh[-1] if fresh else None
+            if fresh:
+                self._alarm, self._begin, self._level = fresh[-1], fresh[-1]["time"] + SETTLE, fresh[-1]["statistic"]
 
     def close(self) -> None:
         """Ends what runs."""
@@ -121,12 +125,19 @@ class Healer:
         return records
 
     def _gather(self, alarms: list[dict[str, Any]], now: float) -> None:
-        """Waits until the log since the alarm is long enough, and starts the search."""
+        """Waits until the log since the alarm is long enough, and starts the search.
+
+        An alarm that grows, or is followed by a much stronger one, is about something that only happens now: the log
+        before that would tell of two robots.
+        """
         assert self._alarm is not None and self._tape is not None and self._folder is not None
         since = self._alarm["time"]
         # What looked like a step may have turned out to be a spike.
         current = next((record for record in alarms if record["time"] == since), self._alarm)
-        begin = since + SETTLE
+        level = max([current["statistic"], *(record["statistic"] for record in alarms if record["time"] > since)])
+        if level > STRONGER * self._level:
+            self._begin, self._level = now + SETTLE, level
+        begin = self._begin
         if now < begin + self._params.seconds - TICK:
             return
         self._alarm, self._answered = None, since
