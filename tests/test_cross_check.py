@@ -61,7 +61,7 @@ def test_silent_where_a_sensor_is_always_a_little_wrong() -> None:
     assert feed(cross, state, white).max() < 1.0
 
 
-@pytest.mark.parametrize(("size", "within"), [(6.0, 3), (3.0, 12), (1.2, 100)])
+@pytest.mark.parametrize(("size", "within"), [(6.0, 3), (3.0, 12), (1.2, 160)])
 def test_a_step_is_found_the_sooner_the_larger(normal, size: float, within: int) -> None:
     cross, state = normal[0], normal[1].copy()
     white = np.random.default_rng(3).normal(size=(400, 6))

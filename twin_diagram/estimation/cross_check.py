@@ -26,6 +26,9 @@ from twin_diagram.signals import Array
 
 FORGETTING: Final = np.array([0.5, 0.8, 0.95, 0.99])
 """λ: 2, 5, 20 and 100 readings."""
+WIDER: Final = np.array([1.0, 1.0, 1.5, 2.0])
+"""No threshold is below so many times that of white innovations: what the model gets wrong lasts, so that the longer a
+sum goes back, the less it is like one of white noise."""
 BLOCK: Final = 3
 """Numbers of a reading that are tested together."""
 SETTLING: Final = 2.0
@@ -124,7 +127,7 @@ class CrossCheck:
             found = 0.0
         else:
             k = self._sigma * (1.0 + 2.0 / np.sqrt(count * (1.0 - FORGETTING)))
-            found = float(np.max(level / np.maximum(mean + k[:, None] * np.sqrt(squares), 1.0)))
+            found = float(np.max(level / np.maximum(mean + k[:, None] * np.sqrt(squares), WIDER[:, None])))
         if quiet and found < NEAR:
             head[1] = min(head[1] + 1.0, MEMORY)
             before = level - mean
