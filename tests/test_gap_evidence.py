@@ -13,6 +13,7 @@ from twin_diagram.gap.candidate import Candidate, linear
 from twin_diagram.gap.deciding import crowded, negligible, redness
 from twin_diagram.gap.evidence import Bench
 from twin_diagram.gap.finding import Finding, Moment
+from twin_diagram.gap.holding import peaks_of
 from twin_diagram.gap.pricing import FURTHER_JOINT, MIXED, NEW_NAME, compatible, price
 from twin_diagram.gap.search import search
 
@@ -154,3 +155,13 @@ def test_what_is_left_unnamed() -> None:
     assert not negligible(usual, [strong, usual], 0.5, structure=False)
     assert negligible(usual, [strong, usual], 0.05, structure=True)
     assert not negligible(strong, [strong, usual], 0.05, structure=True)
+
+
+def test_friction_peaks_where_it_holds_and_lets_go() -> None:
+    friction = np.array([-2.0, -2.0, -2.0, -2.2, -4.0, 0.5, 4.4, 2.4, 2.0, 2.0, 2.0])
+    stuck = np.zeros(len(friction), dtype=bool)
+    stuck[4:7] = True
+    assert peaks_of(friction, stuck) == pytest.approx([4.0, 4.4])
+    assert not len(peaks_of(np.abs(friction), stuck)), "a stop is no reversal"
+    assert not len(peaks_of(friction, np.zeros(len(friction), dtype=bool)))
+    assert not len(peaks_of(friction, np.ones(len(friction), dtype=bool)))

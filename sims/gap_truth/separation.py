@@ -148,7 +148,7 @@ class Comparison:
         empty = np.zeros((len(self.target), 0))
         # One effect alone is known exactly. Of several, what their columns miss is taken off, and of dry friction what
         # it does while a joint sticks, which is no function of the motion and speaks for no name.
-        sticks = any(thing.name in DRY for thing in self.case.hidden)
+        sticks = any(thing.name in DRY for thing in (*self.case.hidden, *self.case.baseline))
         misfit = _fit(self.target, np.hstack(own), ())[0] if len(true) > 1 or sticks else 0.0
         result = []
         for k, (name, place, explanation) in enumerate(true):

@@ -30,6 +30,21 @@ USUAL_SPEED = 0.05
 STRONGEST = 60.0
 """Evidence that a hold brings at most [nats]."""
 
+OVERSHOOT = 1.1
+"""Of the low-pass, beside a step."""
+
+LARGEST = 0.85
+"""Expected largest of three samples of noise [standard deviations]."""
+
+SURE = 4.0
+"""Peaks must rise by so many standard errors of their mean."""
+
+BRIEF = 8
+"""Thinned samples that a short stick lasts at most."""
+
+ABOUT = 3
+"""Thinned samples before and after a stick that tell the direction of motion."""
+
 EDGE = 2
 """Thinned samples at each end of a hold that the low-pass mixes with the motion before and after."""
 
@@ -41,21 +56,63 @@ def propose(bench: Bench, terms: Terms, fit: Fit) -> list[int]:
         candidate = bench.candidates[k]
         if candidate.name != "coulomb_friction" or candidate.onset is not None:
             continue
-        j = candidate.joints[0]
-        coefficients, _ = bench.part(fit, k)
-        level = float(np.mean(coefficients))
-        held = holding(bench, terms, fit, k)
-        noise = float(np.std(bench.left(fit)[bench.whitener.rows, j][bench.weights[j] > 0.0]))
-        if level <= 0.0 or held is None:
+        level = float(np.mean(bench.part(fit, k)[0]))
+        if level <= 0.0:
             continue
-        over = held - level
-        many = int(np.sum((over > CLEARLY * noise) & (held > MORE * level)))
-        if many < max(FEWEST, SHARE * len(held)):
-            continue
-        static = float(np.quantile(held, 0.97))
-        evidence = 0.5 * float(np.sum((np.maximum(over, 0.0) / noise) ** 2)) / 4.0
-        made.append(bench.add(rising(terms, candidate, static / level, min(STRONGEST, evidence))))
+        rise = long_holds(bench, terms, fit, k, level) or short_holds(bench, terms, fit, k, level)
+        if rise is not None:
+            static, evidence = rise
+            made.append(bench.add(rising(terms, candidate, static / level, min(STRONGEST, evidence))))
     return made
+
+
+def long_holds(bench: Bench, terms: Terms, fit: Fit, k: int, level: float) -> tuple[float, float] | None:
+    """Level at rest and evidence for it where a joint sticks for longer than the low-pass mixes; None: no rise."""
+    held = holding(bench, terms, fit, k)
+    if held is None:
+        return None
+    noise = _noise(bench, fit, k)
+    over = held - level
+    many = int(np.sum((over > CLEARLY * noise) & (held > MORE * level)))
+    if many < max(FEWEST, SHARE * len(held)):
+        return None
+    return float(np.quantile(held, 0.97)), 0.5 * float(np.sum((np.maximum(over, 0.0) / noise) ** 2)) / 4.0
+
+
+def short_holds(bench: Bench, terms: Terms, fit: Fit, k: int, level: float) -> tuple[float, float] | None:
+    """The same where a joint sticks for moments only: friction peaks before it lets go, and again when it turns.
+
+    Coulomb's law has no peak there but for the low-pass's own overshoot and the largest of a few samples' noise.
+    """
+    noise = _noise(bench, fit, k)
+    peaks = peaks_of(_friction(bench, fit, k), rest.stuck(terms.records, terms, bench.candidates[k].joints[0]))
+    rise = peaks - OVERSHOOT * level - LARGEST * noise
+    if len(rise) < FEWEST:
+        return None
+    mean, error = float(np.mean(rise)), float(np.std(rise) / np.sqrt(len(rise)))
+    if mean < (MORE - 1.0) * level or mean < SURE * error:
+        return None
+    return float(np.median(peaks)) / OVERSHOOT, 0.5 * (mean / max(error, 1e-9)) ** 2
+
+
+def peaks_of(friction: Array, stuck: npt.NDArray[np.bool_]) -> Array:
+    """Largest torques of friction in its old and in its new direction about each short stick (two per stick).
+
+    Args:
+        friction: (R,) torque that friction takes [N·m].
+        stuck: (R,) where the joint may be sticking.
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], stuck, [False]]).astype(int)))
+    result = []
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        before, after = friction[max(first - ABOUT, 0) : first], friction[last : last + ABOUT]
+        if not len(before) or not len(after) or last - first > BRIEF:
+            continue
+        old, new = np.sign(np.mean(before)), np.sign(np.mean(after))
+        if old == -new:
+            about = friction[max(first - 1, 0) : last + 1]
+            result += [float(np.max(old * about)), float(np.max(new * about))]
+    return np.array(result)
 
 
 def holding(bench: Bench, terms: Terms, fit: Fit, k: int) -> Array | None:
@@ -70,10 +127,20 @@ def holding(bench: Bench, terms: Terms, fit: Fit, k: int) -> Array | None:
         stuck = inner
     if not np.any(stuck):
         return None
-    row = candidate.rows.index(j)
-    coefficients, _ = bench.part(fit, k)
-    friction = bench.left(fit)[:, j] + candidate.columns[:, row] @ coefficients
-    return np.abs(friction[stuck])
+    return np.abs(_friction(bench, fit, k)[stuck])
+
+
+def _friction(bench: Bench, fit: Fit, k: int) -> Array:
+    """(ΣD,) torque that a member and what is left of the residual make together [N·m]."""
+    candidate = bench.candidates[k]
+    j = candidate.joints[0]
+    return np.asarray(bench.left(fit)[:, j] + candidate.columns[:, candidate.rows.index(j)] @ bench.part(fit, k)[0])
+
+
+def _noise(bench: Bench, fit: Fit, k: int) -> float:
+    """Standard deviation of what is left of a member's joint where it moves [N·m]."""
+    j = bench.candidates[k].joints[0]
+    return float(np.std(bench.left(fit)[bench.whitener.rows, j][bench.weights[j] > 0.0]))
 
 
 def rising(terms: Terms, coulomb: Candidate, ratio: float, evidence: float) -> Candidate:

@@ -35,9 +35,6 @@ OF_THE_PEAK = (0.95, 0.9, 0.84, 0.78, 0.72, 0.66, 0.6, 0.54)
 MOST_SATURATED = 0.85
 """Share of the time that a torque may be beyond its limit."""
 
-FREE = 0.5
-"""Share of a sample's own choice of torque that the size of what is beyond a limit costs."""
-
 LEAST_LIMIT = 0.12
 """A limit is at least this share of the largest torque that is logged."""
 
@@ -131,8 +128,8 @@ def saturation(terms: Terms, j: int, limit: float) -> Candidate | None:
     if clear < CLEAR:
         return None
     over = terms.reduce(tuple(tau - np.clip(tau, -limit, limit) for tau in smooth))
-    # What a bounded torque was logged as tells little: each sample beyond might be about anywhere.
-    free = FREE * float(np.sum(np.log(np.maximum(np.abs(over) / max(terms.torque_noise[j], 1e-12), 1.0))))
+    # Beyond the limit what was logged does not count, nor does its noise: such samples seem to fit better than any can.
+    free = -0.5 * len(over) * float(np.log(1.0 - share))
 
     def values(c: Array) -> dict[str, Array]:
         return {"limit": np.array([limit])}
