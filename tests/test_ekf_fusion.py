@@ -8,9 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from estimation_bench import HOME, twin_terms
+from estimation_bench import HOME, JOINTS, twin_terms
 
-from twin_diagram.estimation.arm_terms import ArmTerms
+from twin_diagram.estimation.arm_terms import ArmTerms, Laws
+from twin_diagram.estimation.belief import Entry
+from twin_diagram.estimation.blame import alarming, keep_score
 from twin_diagram.estimation.ekf import Ekf
 from twin_diagram.estimation.link_frame import LinkFrame, skew
 from twin_diagram.estimation.sensors import Instant, LinkImu, WristWrench
@@ -141,6 +143,79 @@ def test_links_of_one_name_in_two_models_are_told_apart() -> None:
         sensor = make_sensor(arm, SensorSpec(kind=kind))
         _, _, J = sensor.frame.jacobian(np.full(6, 0.3))  # type: ignore[attr-defined]
         assert np.linalg.matrix_rank(J) == 6
+
+
+def test_load_that_jumps_opens_the_payload_and_does_not_throw_the_arm() -> None:
+    """At rest friction hides 1.5 kg from the joints; the wrench insists, and only what explains it is opened."""
+    level = np.full(7, 20.0)
+    arm = ArmTerms(twin_terms().plant, JOINTS, tool_frame="panda_tcp", laws=Laws(dry=lambda q, v, tau: (level, level)))
+    ekf, still = Ekf(arm, Filter(parameters=["payload"])), np.zeros(7)
+    ekf.add(WristWrench(arm, "panda_link7"))
+    tau = arm.inverse_dynamics(HOME, still, 0.0)
+    light = WristWrench(arm, "panda_link7")
+    light.declare(slice(0, 0), slice(21, 25))
+    load = np.zeros(25)
+    load[:7] = HOME
+    for k in range(200):
+        if k == 100:
+            opened, std = ekf.belief.header[Entry.OPENINGS], np.sqrt(ekf.belief.P[21, 21])
+            load[21:25] = [1.5, 0.0, 0.0, 0.27]
+        ekf.observe(HOME, still, tau, 0.005 * k)
+        ekf.update("wrench", light.linear(Instant(load, 7, 4, still)).reading, 0.005 * k)
+        assert np.abs(ekf.belief.v).max() < 0.01
+        assert np.abs(ekf.belief.q - HOME).max() < 1e-4
+    assert std < 0.3
+    assert ekf.belief.header[Entry.OPENINGS] == opened + 1
+    assert ekf.counters()["wrench"]["refused"] >= 10
+    assert abs(ekf.belief.theta[0] - 1.5) < 0.15
+
+
+def test_push_sideways_opens_no_payload() -> None:
+    """A contact's force that no load explains stays refused."""
+    ekf = Ekf(twin_terms(), Filter(parameters=["payload"]))
+    ekf.add(WristWrench(ekf.terms, "panda_link7"))
+    still = np.zeros(7)
+    tau = ekf.terms.inverse_dynamics(HOME, still, 0.0)
+    for k in range(200):
+        ekf.observe(HOME, still, tau, 0.005 * k)
+        R, _ = LinkFrame(ekf.terms, "panda_link7").pose(HOME)
+        ekf.update("wrench", np.concatenate([np.zeros(3), R.T @ [60.0 * (k >= 100), 0.0, 0.0]]), 0.005 * k)
+    assert ekf.belief.header[Entry.OPENINGS] == 0
+    assert ekf.belief.theta[0] < 0.2
+
+
+def test_likelihood_ratio_of_a_change() -> None:
+    """White innovations do not alarm; a change of one parameter does, at once."""
+    rng = np.random.default_rng(5)
+    score, W = np.zeros((4, 5)), rng.normal(size=(6, 4))
+    groups = [slice(0, 2), slice(2, 4)]
+    for _ in range(5000):
+        keep_score(score, W, rng.normal(size=6))
+        assert not alarming(score, groups)
+    heard = 0
+    for k in range(20):
+        keep_score(score, W, rng.normal(size=6) + W[:, 3] * 2.0)
+        heard = heard or (k + 1 if alarming(score, groups) else 0)
+    assert 0 < heard <= 10
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1102, 1103])
+def test_camera_and_imu_carry_on_without_encoders(seed: int) -> None:
+    pytest.importorskip("mujoco")
+    from hrt_bench import ours, scores
+    from hrt_bench.estimate import Kinematics
+    from hrt_truth.hidden import Hidden
+    from hrt_truth.motion import pick_and_place
+    from hrt_truth.sensors import Case, sense
+    from hrt_truth.world import run
+
+    case = Case(Hidden.draw(seed, mass=1.0), duration=8.0)
+    streams, truth = sense(case, run(case.hidden, *pick_and_place(seed, case.duration)))
+    setup = ours.Setup(missing=(("encoders", 3.0, np.inf),), predict=False)
+    found = ours.run(streams, setup, Kinematics())
+    assert scores.hand_error(found, truth)[600:].max() < 0.1
+    assert scores.honesty(found, truth)["nees"] < 10.0
 
 
 @pytest.mark.slow

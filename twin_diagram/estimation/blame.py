@@ -7,10 +7,13 @@ I = Σ W_cᵀ W_c. Both sums forget exponentially, so two small matrices are all
 
 from __future__ import annotations
 
+import functools
 from typing import Final
 
 import numpy as np
+from scipy.stats import chi2
 
+from twin_diagram.estimation.positive import solve_positive
 from twin_diagram.signals import Array
 
 FORGETTING: Final = 0.9
@@ -21,6 +24,8 @@ UNDECIDED: Final = 9.0
 """Groups whose 2 log likelihood ratio is within this of the best may have changed as well."""
 WORTH: Final = 16.0
 """A further group must raise 2 log of the likelihood by this."""
+FALSE_RATE: Final = 1e-9
+"""Probability that what did not change exceeds its threshold, per message and group."""
 _RIDGE: Final = 1e-9
 
 
@@ -35,6 +40,28 @@ def keep_score(score: Array, W: Array, white: Array) -> None:
     score *= FORGETTING
     score[:, :-1] += W.T @ W
     score[:, -1] += W.T @ (white * min(1.0, CAP / max(float(np.linalg.norm(white)), CAP)))
+
+
+def alarming(score: Array, groups: list[slice]) -> bool:
+    """Whether some group's likelihood ratio is beyond what innovations as white as the filter claims ever make.
+
+    Args:
+        score: (p, p + 1) information and gradient.
+        groups: parameters that change together.
+    """
+    for group in groups:
+        size = group.stop - group.start
+        scale = np.sqrt(np.maximum(score[group, group].diagonal(), np.finfo(float).tiny))
+        information = score[group, group] / np.outer(scale, scale) + _RIDGE * np.eye(size)
+        gradient = score[group, -1] / scale
+        if (1.0 + FORGETTING) * float(gradient @ solve_positive(information, gradient)) > _threshold(size):
+            return True
+    return False
+
+
+@functools.cache
+def _threshold(size: int) -> float:
+    return float(chi2.ppf(1.0 - FALSE_RATE, size))
 
 
 def suspects(score: Array, groups: list[slice]) -> np.ndarray:

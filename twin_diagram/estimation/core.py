@@ -11,7 +11,9 @@ from twin_diagram.estimation.arm_terms import ArmTerms
 from twin_diagram.estimation.belief import Belief
 from twin_diagram.estimation.declared import Declared, FilterError
 from twin_diagram.estimation.history import History
+from twin_diagram.estimation.link_frame import LinkFrame
 from twin_diagram.estimation.parameters import ParameterSet
+from twin_diagram.estimation.positive import solve_positive
 from twin_diagram.estimation.sensors import Instant, JointEncoder, JointState, JointVelocity, Linear, Sensor
 from twin_diagram.scenario import Filter
 from twin_diagram.signals import Array
@@ -58,6 +60,7 @@ class Core:
         self.own: dict[str, Sensor] = {sensor.name: sensor for sensor in (self.encoder, self.velocity, self.joints)}
         self.declared = Declared()
         self.period = 1.0 / params.rate
+        self._last = LinkFrame(terms, terms.link_frame)
         self._widest = np.concatenate([np.full(terms.n, np.pi**2), (IMPOSSIBLE * terms.velocity_limit) ** 2])
         self.resize()
 
@@ -106,8 +109,22 @@ class Core:
         if sensor.name in self.own or not self.history.count:
             return Linear(sensor.reading(x), sensor.jacobian(x), sensor.noise(x))
         still, by_state, noise = self.history.motion(back)
+        noise = noise + self._swing_noise(x, P, by_state, noise)
         steady, acceleration = self.history.steady(back), still + by_state @ x
         return sensor.linear(Instant(x, self.terms.n, self.belief.p, acceleration, by_state, noise, P, steady))
+
+    def _swing_noise(self, x: Array, P: Array, by_state: Array, noise: Array) -> Array | float:
+        """(n, n) what an unknown payload's own inertia adds to the accelerations' error: δM δv̇, of second order.
+
+        Both come from one cause, hence three times the product of their variances.
+        """
+        if self.parameters.payload is None:
+            return 0.0
+        n = self.terms.n
+        mass = 3 * n + self.parameters.payload.start
+        J = self._last.jacobian(self.terms.true_position(x[:n]))[2][3:]
+        swing = solve_positive(self.step_mass, J.T @ J)
+        return 3.0 * float(P[mass, mass]) * (swing @ (by_state @ P @ by_state.T + noise) @ swing.T)
 
     def bound(self) -> None:
         """No angle is less certain than a turn, no speed than twice its limit: blind, the covariance must not run away.

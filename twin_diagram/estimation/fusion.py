@@ -9,13 +9,13 @@ import numpy as np
 
 from twin_diagram.estimation.belief import Entry, Track
 from twin_diagram.estimation.core import Core
-from twin_diagram.estimation.declared import FilterError, note
+from twin_diagram.estimation.declared import VOUCHED, FilterError, note
 from twin_diagram.estimation.disturbance import CREEP
 from twin_diagram.estimation.learning import gather
 from twin_diagram.estimation.noise import LARGEST_STEP, follow_sensor, follow_torque, held, scaled
 from twin_diagram.estimation.positive import joseph, solve_positive, whiten
 from twin_diagram.estimation.propagation import LONGEST_PREDICTION, propagate, unmodelled
-from twin_diagram.estimation.sensors import Linear, Sensor
+from twin_diagram.estimation.sensors import Linear, Sensor, WristWrench
 from twin_diagram.signals import Array
 
 RUN: Final = 3
@@ -114,7 +114,9 @@ def take(core: Core, sensor: Sensor, z: Array, t: float | None, noise: Array | N
         assert t is not None
         return _late(core, sensor, z, t, noise, track, back)
     at = core.linear(sensor, belief.x, belief.P, 0)
-    result = _fuse(core, sensor, z, at, noise_now(core, sensor, track, at, noise), explain)
+    # It is for the joints themselves to say that a torque threw the arm. What else jumps may be a load, a contact or a
+    # fault of its own, and must not move the state by all that an effort limit allows.
+    result = _fuse(core, sensor, z, at, noise_now(core, sensor, track, at, noise), explain and track is None)
     _adapt(core, sensor, track, noise, result, belief.time)
     if track is not None:
         _record(core, sensor, track, result, belief.time)
@@ -219,10 +221,12 @@ def _adapt(core: Core, sensor: Sensor, track: Array | None, noise: Array | None,
     if span <= 0.0 or levels is None:
         return
     now = max(t, belief.time)
-    trouble = track is None and (result.surprise or not result.accepted)
     streak = float(belief.header[Entry.STREAK] if track is None else track[Track.STREAK])
+    trouble = result.surprise or (not result.accepted and (track is None or streak >= RUN))
     # A reading refused alone is an outlier; a run of them may well be noise that was thought too small.
-    if held(belief, now, trouble) or not (result.accepted or streak >= RUN):
+    # Without the joints, what the model gets wrong would be taken for noise of the sensors that are left.
+    blind = belief.header[Entry.HEARD] < now - VOUCHED
+    if held(belief, now, trouble) or blind or not (result.accepted or streak >= RUN):
         return
     elapsed = float(belief.header[Entry.SPAN]) if track is None else t - float(track[Track.LAST])
     if not 0.0 < elapsed < np.inf:
@@ -237,7 +241,8 @@ def _adapt(core: Core, sensor: Sensor, track: Array | None, noise: Array | None,
         follow_torque(belief, by, variance, inverse @ by, weighted, step)
         # What rests or creeps is known through its friction, and says little of a sensor.
         moving = np.tile((belief.regime != 0.0) & (np.abs(belief.v) > 2.0 * CREEP), 2)[: 2 * n]
-        step = np.where(moving, step, 0.0)
+        follow_sensor(levels, base, inverse.diagonal(), weighted, np.where(moving, step, 0.0))
+        return
     follow_sensor(levels, base, inverse.diagonal(), weighted, step)
 
 
@@ -254,6 +259,7 @@ def _record(core: Core, sensor: Sensor, track: Array, result: Update, t: float) 
         belief.P[sensor.own, :] = 0.0
         belief.P[:, sensor.own] = 0.0
         belief.P[sensor.own, sensor.own] = np.diag(prior)
+    _open_payload(core, sensor, result)
     if not core.declared.vouched(belief, sensor, t):
         # Nobody else tells of the state: it, and not the sensor, must be wrong.
         wider = np.sqrt(max(2.0 * result.nis / sensor.size, 1.0))
@@ -261,6 +267,21 @@ def _record(core: Core, sensor: Sensor, track: Array, result: Update, t: float) 
         belief.P[:, : 2 * belief.n] *= wider
         core.bound()
     core.history.begin(belief.time, belief.x, belief.P)
+
+
+def _open_payload(core: Core, sensor: Sensor, result: Update) -> None:
+    """Where a changed payload explains what a sensor of it insists on, the payload is open again: friction hides it."""
+    at, n, belief = core.parameters.payload, core.terms.n, core.belief
+    if at is None or not isinstance(sensor, WristWrench) or core.params.rule == "gradient":
+        return
+    where = slice(3 * n + at.start, 3 * n + at.stop)
+    H = core.linear(sensor, belief.x, belief.P, 0).jacobian[:, where]
+    room = core.parameters.opening[at, at]
+    innovation = result.innovation
+    if innovation @ solve_positive(result.covariance + H @ room @ H.T, innovation) > sensor.gate:
+        return
+    belief.P[where, where] += room
+    belief.header[Entry.OPENINGS] += 1
 
 
 def covariance_of(sensor: Sensor, noise: Array) -> Array:

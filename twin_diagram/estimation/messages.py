@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from twin_diagram.estimation.belief import Entry
-from twin_diagram.estimation.blame import keep_score
+from twin_diagram.estimation.blame import alarming, keep_score
 from twin_diagram.estimation.core import Core
 from twin_diagram.estimation.declared import FilterError
 from twin_diagram.estimation.disturbance import disturbance_std
@@ -166,7 +166,10 @@ def _next(core: Core, q: Array, v: Array, tau: Array, t: float, dt: float, heard
         header[Entry.REFUSED] += 1
         header[Entry.STREAK] += 1
     header[Entry.SURPRISES] += float(whole.surprise)
-    if header[Entry.NIS_MEAN] > core.params.opening and t >= header[Entry.QUIET]:
+    if t >= header[Entry.QUIET] and (
+        header[Entry.NIS_MEAN] > core.params.opening
+        or (header[Entry.STREAK] == 0.0 and alarming(belief.score, core.parameters.groups))
+    ):
         open_up(core, t)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from twin_diagram.estimation.belief import Entry
 from twin_diagram.estimation.core import IMPOSSIBLE, Core
+from twin_diagram.estimation.declared import VOUCHED
 from twin_diagram.estimation.disturbance import SPEED_TIME, creep_std, follow_regimes
 from twin_diagram.estimation.learning import release
 from twin_diagram.estimation.transition import jacobians, step
@@ -36,7 +37,8 @@ def propagate(core: Core, u: Array, dt: float, torque_std: Array | float) -> Non
 def _once(core: Core, u: Array, dt: float, torque_std: Array | float) -> None:
     belief, terms, parameters, params, n = core.belief, core.terms, core.parameters, core.params, core.terms.n
     dry = terms.dry(terms.true_position(belief.q), belief.v, u)
-    keep, fresh, changed = follow_regimes(belief, params, dt, 0.5 * (dry[0] + dry[1]))
+    level = np.maximum(0.5 * (dry[0] + dry[1]) + parameters.dry(belief.model), 0.0)
+    keep, fresh, changed = follow_regimes(belief, params, dt, level)
     v = belief.v.copy()
     span = float(belief.header[Entry.SPAN])
     if span > 0.0:
@@ -63,7 +65,10 @@ def _once(core: Core, u: Array, dt: float, torque_std: Array | float) -> None:
     if changed.any():  # what is drawn afresh has nothing to do with what was
         F[: 2 * n, 2 * n + np.flatnonzero(changed)] = 0.0
     Q = np.zeros_like(F)
-    torque_std = np.hypot(torque_std * np.exp(0.5 * belief.noise[2]), creep_std(v, 0.5 * (dry[0] + dry[1])))
+    # White torque was found small with the joints in view, who hold the model in check. Blind it is as given.
+    blind = belief.header[Entry.HEARD] < belief.header[Entry.TIME] - VOUCHED
+    adapted = np.maximum(belief.noise[2], 0.0) if blind else belief.noise[2]
+    torque_std = np.hypot(torque_std * np.exp(0.5 * adapted), creep_std(v, level))
     white = by.torque * (torque_std * np.sqrt(core.period / dt))
     Q[: 2 * n, : 2 * n] = white @ white.T
     # When within the step it acts is not known: it moves a joint by more or less than the speeds at both ends say.
