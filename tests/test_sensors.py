@@ -423,7 +423,7 @@ def test_system_with_further_sensors_equals_the_filter_alone():
     params = Filter(encoder_std=2e-3, velocity_std=0.05, sensors=[spec, imu])
     system = AdaptiveEkf(terms(), params)
     names = [system.get_input_port(i).get_name() for i in range(system.num_input_ports())]
-    assert names[4:] == ["camera.reading", "camera.time", "camera.noise", "imu.reading", "imu.time"]
+    assert names[4:] == ["camera.reading", "camera.time", "camera.noise", "imu.reading", "imu.time", "alarm"]
     alone = Ekf(terms(), params)
     for one in params.sensors:
         alone.add(make_sensor(alone.terms, one))

@@ -223,10 +223,12 @@ def _adapt(core: Core, sensor: Sensor, track: Array | None, noise: Array | None,
     now = max(t, belief.time)
     streak = float(belief.header[Entry.STREAK] if track is None else track[Track.STREAK])
     trouble = result.surprise or (not result.accepted and (track is None or streak >= RUN))
-    # A reading refused alone is an outlier; a run of them may well be noise that was thought too small.
+    # A message refused alone is an outlier; a run of them may well be noise that was thought too small. Of another
+    # sensor it is a fault, as long as the joints vouch for the state.
+    heard = result.accepted or (track is None and streak >= RUN)
     # Without the joints, what the model gets wrong would be taken for noise of the sensors that are left.
     blind = belief.header[Entry.HEARD] < now - VOUCHED
-    if held(belief, now, trouble) or blind or not (result.accepted or streak >= RUN):
+    if held(belief, now, trouble) or blind or not heard:
         return
     elapsed = float(belief.header[Entry.SPAN]) if track is None else t - float(track[Track.LAST])
     if not 0.0 < elapsed < np.inf:
