@@ -29,7 +29,7 @@ from twin_diagram.gap.locating import locate
 from twin_diagram.gap.proposals import Proposer
 from twin_diagram.gap.records import Records, prepare
 from twin_diagram.gap.refine import refine
-from twin_diagram.gap.search import Polish, climb, search
+from twin_diagram.gap.search import Polish, climb, plainer, search
 from twin_diagram.gap.terms import Terms, given_load, slow_speed, with_load
 from twin_diagram.logs import Log
 from twin_diagram.model import Model
@@ -175,7 +175,7 @@ def again(records: Records, terms: Terms, bench: Bench, fit: Fit, ordinary: Arra
     offered = [*gears.propose(second, terms, best.members, late), *holding.propose(second, terms, best)]
     if offered:
         best = climb(second, best.members, LEAST, MOST, propose, polish)
-    return terms, second, pruned(second, refine(second, terms, best))
+    return terms, second, pruned(second, plainer(second, refine(second, terms, best)))
 
 
 def trusted(records: Records, bench: Bench, fit: Fit) -> Array:

@@ -26,6 +26,9 @@ NARROWED = 3
 CROWDED = 6
 """With more members, nothing new is proposed for swaps."""
 
+EXACT = 1.5e-3
+"""Evidence below this share of all says nothing about the shape of a friction law."""
+
 PROMISING = 0.3
 """A first member must bring this share of what the best one does."""
 
@@ -178,6 +181,31 @@ def one_kind(bench: Bench, fit: Fit) -> Fit | None:
         members = max(swaps, key=lambda option: option.evidence, default=fit).members
     found = bench.solve(members)
     return found if found.evidence > fit.evidence + 1e-6 else None
+
+
+def plainer(bench: Bench, fit: Fit) -> Fit:
+    """The fit with Coulomb's law for every Stribeck's that brings next to nothing of all that is explained.
+
+    No law is exact to the noise where an effect is strong: what a simulator's or a real joint's friction does within
+    a hundredth of a radian per second of rest would else pass for a dip.
+    """
+    rising = [k for k in sorted(fit.members) if bench.candidates[k].name == "stribeck_friction"]
+    # All of them first: some here and some there would be two names.
+    for some in [rising, *([k] for k in rising if len(rising) > 1)]:
+        members = fit.members
+        for k in some:
+            level = [
+                i
+                for i in bench.find("coulomb_friction")
+                if bench.candidates[i].joints == bench.candidates[k].joints
+                and bench.candidates[i].onset == bench.candidates[k].onset
+                and not bench.candidates[i].variant
+            ]
+            members = (members - {k}) | frozenset(level[:1]) if level else members
+        plain = bench.solve(members)
+        if fit.evidence - plain.evidence < EXACT * fit.evidence:
+            fit = plain
+    return fit
 
 
 def _drop(bench: Bench, fit: Fit) -> Fit | None:
