@@ -86,7 +86,7 @@ def test_no_false_alarm_over_many_runs():
     ],
 )
 def test_notices_abrupt_changes(changes, within):
-    watched = watch(World.draw(13, period=6.0, **changes), 5.6)
+    watched = watch(World.draw(13, period=6.0, **changes), 5.5)
     print(watched.log)
     assert len(watched.log) >= 1
     time, kind, statistic = watched.log[0]

@@ -91,7 +91,7 @@ def raise_alarm(
         # that stands out is the one.
         clear = np.abs(share) > max(STANDS_OUT, OF_LARGEST * float(np.abs(share).max()))
         h[Entry.JOINT] = float(np.argmax(clear)) if clear.any() else -1.0
-        if gained is not None:
+        if gained is not None and h[Entry.JOINT] in (-1.0, gained[0]):
             h[Entry.JOINT], evidence[Evidence.TORQUE] = gained
         evidence[Evidence.JOINT] = h[Entry.JOINT]
         evidence[Evidence.NIS] = h[Entry.NIS] / (2.0 * len(share))

@@ -22,6 +22,9 @@ FAR: Final = 10.0
 """A message whose NIS is this many times what is normal is far off."""
 IN_A_ROW: Final = 1.5
 """More messages in a row that are far off are no spike: an encoder jumped, say."""
+TOLERANCE: Final = 1.5
+"""NIS may be this many times what the filter claims, or what it was in the little time in which normal operation was
+learnt: a covariance is hardly ever better known, and quick motion strains every model."""
 SLACK: Final = 0.5
 """The cumulative sum forgives this many standard deviations per message."""
 JUMP: Final = 2.0
@@ -68,9 +71,9 @@ def innovation_test(
     count = max(h[Entry.COUNT], 1.0)
     # Averaging over a window of W messages leaves 1/(2W) of the variance; white innovations of the claimed
     # covariance have mean 2n and variance 4n.
-    claimed = dof + sigma * np.sqrt(2.0 * dof * 0.5 * blend)
+    claimed = TOLERANCE * dof + sigma * np.sqrt(2.0 * dof * 0.5 * blend)
     threshold = max(h[Entry.MEAN] + sigma * np.sqrt(h[Entry.SQUARES] / count), claimed)
-    level = max(h[Entry.MEAN], dof)
+    level = TOLERANCE * usual
     spread = np.sqrt(max(h[Entry.SPREAD] / count, 2.0 * dof))
     h[Entry.SUM] = max(0.0, h[Entry.SUM] + min((nis - level) / spread, 0.5 * sigma) - SLACK)
     if changes is not None:
