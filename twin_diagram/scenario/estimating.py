@@ -42,8 +42,8 @@ class Filter:
     """A joint slower than this rests: stiction hides its load, and it teaches no parameter (see `estimation`)
     [rad/s]."""
     noise_time: float = 2.0
-    """Over which the noise of all sensors and the white torque are adapted, within a tenth to ten times what is given; 0:
-    not at all [s]."""
+    """Over which the noise of all sensors and the white torque are adapted, within a tenth to ten times what is given;
+    0: not at all [s]."""
     torque_drift_std: float = 0.1
     """Unmodelled joint torque that stays for a while, such as an error of friction; 15 % of dry friction is added
     [N·m]."""
