@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 
 from twin_diagram.gap import flexible, whitening
 from twin_diagram.gap.evidence import Bench, Fit
@@ -90,6 +91,13 @@ def redness(noise: whitening.Whitener, rate: float) -> float:
     return float(np.max(np.mean(density[:, : len(SLOW)], axis=1) / np.mean(density[:, len(SLOW) :], axis=1)))
 
 
+def mostly_left(bench: Bench, fit: Fit, joints: npt.NDArray[np.bool_]) -> bool:
+    """Whether more of some joints' residual is left than was explained, as energies above the noise."""
+    empty = bench.solve(frozenset()).variance
+    left, all_there = (float(np.sum((bench.counts * (x - 1.0))[joints])) for x in (fit.variance, empty))
+    return left > MOSTLY * all_there and bool(np.any(joints))
+
+
 def conclude(records: Records, terms: Terms, bench: Bench, fit: Fit) -> Verdict:
     """The verdict on a final fit."""
     left = flexible.left_over(records, terms, bench, fit)
@@ -106,8 +114,7 @@ def conclude(records: Records, terms: Terms, bench: Bench, fit: Fit) -> Verdict:
         kept = tuple(f for f in findings if not negligible(f, findings, share_of(bench, fit, f.name), structure))
         structure = structure or len(kept) < len(findings)
         findings = tuple(replace(f, confidence=f.confidence * LESS_SURE) for f in kept) if structure else kept
-    gain = max(left.gain, float(np.sum(bench.counts[raised] * np.log(fit.variance[raised]))))
-    unknown = structure and (not findings or gain > MOSTLY * bench.gain(fit))
+    unknown = structure and (not findings or left.gain > MOSTLY * bench.gain(fit) or mostly_left(bench, fit, raised))
     if unknown:
         findings, separation = (), ()
     return Verdict(
