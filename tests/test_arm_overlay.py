@@ -79,6 +79,7 @@ def page(recorded: tuple[Path, TwinScene], tmp_path_factory: pytest.TempPathFact
     try:
         browser.call("Page.navigate", url=recorded[0].as_uri())
         browser.wait_for("typeof viewer == 'object' && viewer.animator.duration > 0.9")
+        browser.run("viewer.animator.pause()")  # it plays from the start, and would leave the moment that is looked at
         yield browser
     finally:
         browser.close()
