@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 from scipy.fft import next_fast_len
+from scipy.ndimage import maximum_filter1d
 from scipy.signal.windows import tukey
 
 from gap_truth import explanations
@@ -26,6 +27,12 @@ BAND = 20.0
 
 CUT = 0.3
 """Left out at each end [s]."""
+
+REST = 0.02
+"""A slower joint may stick [rad/s]."""
+
+SETTLE = 0.02
+"""About such a time it may still [s]."""
 
 CONTAINED = 0.03
 """A richer explanation that leaves less than this part of the signature contains the truth, and is no rival."""
@@ -93,14 +100,25 @@ class Whitening:
         inertial = (2.0 * np.pi * f[:, None]) ** 4 * ((M**2) @ reading)
         self.scale = np.sqrt(2.0 / count) / np.sqrt(case.noise.density(f, period) + inertial)
         self.scale[0] /= np.sqrt(2.0)
-        self.taper = tukey(count, min(1.0, 1.0 / (count * period)))[:, None]
+        self.taper = tukey(count, min(1.0, 1.0 / (count * period)))[:, None] * _moving(case, setting)[self.kept]
 
     def __call__(self, signal: Array, rows: tuple[int, ...]) -> Array:
         """(N, len(rows), k) to (F', len(rows), k), real and imaginary parts one after the other."""
         shape = signal.shape[1:]
-        taken = signal[self.kept].reshape(len(self.kept), -1) * self.taper
+        taken = (signal[self.kept] * self.taper[:, list(rows), None]).reshape(len(self.kept), -1)
         spectrum = np.fft.rfft(taken, axis=0)[self.bins].reshape(-1, *shape) * self.scale[:, list(rows), None]
         return np.concatenate([spectrum.real, spectrum.imag])
+
+
+def _moving(case: Case, setting: Setting) -> Array:
+    """(N, n) 0 where the given model's own dry friction may hold a joint, which speaks for no name, else 1."""
+    result = np.ones_like(setting.v)
+    for thing in case.baseline:
+        if thing.name in DRY:
+            for j in thing.joints:
+                still = np.abs(setting.v[:, j]) < REST
+                result[:, j] = 1.0 - maximum_filter1d(still.astype(float), 2 * round(SETTLE / setting.period) + 1)
+    return result
 
 
 def _spread(white: Array, rows: tuple[int, ...], n: int) -> Array:
@@ -148,7 +166,7 @@ class Comparison:
         empty = np.zeros((len(self.target), 0))
         # One effect alone is known exactly. Of several, what their columns miss is taken off, and of dry friction what
         # it does while a joint sticks, which is no function of the motion and speaks for no name.
-        sticks = any(thing.name in DRY for thing in (*self.case.hidden, *self.case.baseline))
+        sticks = any(thing.name in DRY for thing in self.case.hidden)
         misfit = _fit(self.target, np.hstack(own), ())[0] if len(true) > 1 or sticks else 0.0
         result = []
         for k, (name, place, explanation) in enumerate(true):
