@@ -71,8 +71,9 @@ def test_the_twin_heals_itself(tmp_path: Path) -> None:
     assert [json.loads(line) for line in lines] == run.events
     found = [effect for effect in run.model.present if not effect.given]
     payload = next(effect for effect in found if effect.name == "payload")
-    assert payload.parameters["mass"][0] == pytest.approx(sim.HIDDEN.payload, rel=0.01)
-    friction = {joint for effect in found if effect.name.endswith("friction") for joint in effect.joints}
+    assert payload.parameters["mass"].value[0] == pytest.approx(sim.HIDDEN.payload, rel=0.01)
+    assert {effect.name for effect in found} == {"payload", "coulomb_friction"}
+    friction = {joint for effect in found if effect.name == "coulomb_friction" for joint in effect.joints}
     assert friction == set(sim.HIDDEN.friction)
     before, during, after = (run.rms("twin", phase)[0] for phase in ("before", "during", "after"))
     assert during > 10.0 * before and after < 2.0 * before
