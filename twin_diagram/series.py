@@ -139,6 +139,9 @@ def _springs(model: Model, q: Array, v: Array, a: Array, h: float, beyond: Array
     s = len(joints)
     diagonal = np.arange(s)
     rigid = model.link_load(q, v, a)
+    angle: Array
+    rate: Array
+    acceleration: Array
     angle, rate, acceleration = (np.zeros((len(q), s)) for _ in range(3))
 
     def link(e: Array, de: Array, dde: Array) -> Array:
@@ -245,7 +248,8 @@ def _play(
     angle, rate = np.empty_like(load), np.zeros_like(load)
     side = -np.sign(load[0])
     e = side * half - np.divide(load[0], K, out=np.zeros(s), where=K > 0.0)
-    angle[0], v = e, np.zeros(s)
+    v: Array = np.zeros(s)
+    angle[0] = e
     free: Any = np.linalg.inv(mass)
     for k in range(1, samples):
         for part in range(parts):

@@ -104,7 +104,11 @@ def _turned(profile: Array, sectors: int) -> _Chart:
         n = slope[np.clip(np.searchsorted(at, t) - 1, 0, len(slope) - 1)]
         return np.stack([n[..., 0] * np.cos(2 * np.pi * s), n[..., 0] * np.sin(2 * np.pi * s), n[..., 1]], axis=-1)
 
-    return _Chart(point, normal, np.linspace(0, 1, sectors + 1), np.repeat(at, 2)[1:-1])
+    return _Chart(point, normal, _spaced(sectors), np.repeat(at, 2)[1:-1])
+
+
+def _spaced(steps: int) -> Array:
+    return np.linspace(0.0, 1.0, steps + 1, dtype=np.float64)
 
 
 def can(radius: float, height: float) -> Patchwork:
@@ -143,9 +147,7 @@ def mug(radius: float, height: float) -> Patchwork:
         normal = out * np.cos(around)[..., None] + np.array([0.0, 1.0, 0.0]) * np.sin(around)[..., None]
         return centre + HANDLE_TUBE * normal, normal
 
-    handle = _Chart(
-        lambda s, t: tube(s, t)[0], lambda s, t: tube(s, t)[1], np.linspace(0, 1, 13), np.linspace(0, 1, 17)
-    )
+    handle = _Chart(lambda s, t: tube(s, t)[0], lambda s, t: tube(s, t)[1], _spaced(12), _spaced(16))
     return _assemble([_turned(profile, 40), handle], 1, 256, 128)
 
 

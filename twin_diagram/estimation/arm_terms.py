@@ -188,11 +188,10 @@ class ArmTerms:
         if np.array_equal(payload, self._payload):
             return
         self._payload[:] = payload
-        mass, moment = float(payload[0]), payload[1:4]
-        if mass <= 0.0:
-            mass, centre = 0.0, np.zeros(3)
-        else:
-            centre = moment / mass
+        mass = max(float(payload[0]), 0.0)
+        centre: Array = np.zeros(3)
+        if mass > 0.0:
+            centre = payload[1:4] / mass
             reach = float(np.linalg.norm(centre))
             if reach > LARGEST_COM:
                 centre = centre * (LARGEST_COM / reach)

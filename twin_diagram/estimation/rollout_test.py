@@ -101,7 +101,7 @@ class RolloutTest:
         times, torques = state.torques[:filled, 0], state.torques[:filled, 1:]
         end, speed = rollout(terms, self._parameters, state.from_state, state.from_theta, times, torques)
         span = float(times[-1] - times[0])
-        error = np.empty(n + 1)
+        error: Array = np.empty(n + 1)
         error[:n] = np.abs(torque_error(terms, self._parameters, q, state.from_theta, q - end, span))
         _, p_measured, J = self._hand.jacobian(terms.true_position(q))
         runs_away = not np.all(np.abs(end) < RUNAWAY)

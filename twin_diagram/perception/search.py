@@ -120,7 +120,7 @@ def starts(model: ModelCloud, frame: Frame, points_W: Array, orientations: list[
     R_rest = np.stack([R for R, _ in orientations])
     yaw = np.arange(YAWS) * (2 * np.pi / YAWS)
     turn = exp(np.stack([np.zeros(YAWS), np.zeros(YAWS), yaw], axis=1))
-    R = (turn[None] @ R_rest[:, None]).reshape(-1, 3, 3)
+    R: Array = (turn[None] @ R_rest[:, None]).reshape(-1, 3, 3)
     height = np.repeat([h for _, h in orientations], YAWS)
     view = np.argmax((towards @ R) @ model.directions.T, axis=1)
     index = model.views[view, :COARSE_POINTS]

@@ -202,7 +202,7 @@ class Mpc(LeafSystem):
     def _calc_torque(self, context: Context, output: BasicVector) -> None:
         q = np.array(self._arm_in.Eval(context))[: self._n]
         theta = np.array(self._parameters_in.Eval(context))
-        torque = np.zeros(self._n)
+        torque: Array = np.zeros(self._n)
         if self._payload_index is not None:
             payload = theta[self._payload_index]
             if np.isfinite(payload).all() and np.isfinite(q).all():

@@ -135,7 +135,9 @@ class Router:
 
     def timed(self, points: Array) -> tuple[Array, Array]:
         """Configurations along straight lines between points (W, n), with the times of arrival from the first [s]."""
-        pieces, times, now = [points[:1]], [np.zeros(1)], 0.0
+        pieces: list[Array] = [points[:1]]
+        times: list[Array] = [np.zeros(1)]
+        now = 0.0
         for a, b in pairwise(points):
             line = guide.interpolate(a, b, self.tuning.resolution)
             took = float((np.abs(b - a) / self.speed).max())

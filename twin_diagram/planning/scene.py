@@ -137,7 +137,7 @@ class Forecast:
 
         Objects never seen, held or gone are absent; so is one whose track is not finite.
         """
-        rows = np.asarray(tracks, dtype=float).reshape(-1, TRACK_SIZE)
+        rows: Array = np.asarray(tracks, dtype=float).reshape(-1, TRACK_SIZE)
         present = np.isfinite(rows).all(axis=1) & ~np.isin(rows[:, 0], [float(s) for s in _ABSENT])
         rows = np.where(present[:, None], rows, 0.0)
         quaternion = rows[:, 2:6].copy()
