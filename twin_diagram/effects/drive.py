@@ -66,7 +66,8 @@ class Drive(LeafSystem):
         self._step = plant.time_step()
         steady = [e for e in effects if isinstance(e, (Gain, TorqueSaturation)) and not e.timed]
         self._changing = [e for e in effects if isinstance(e, (Gain, TorqueSaturation)) and e.timed]
-        self._scale, self._cap = np.ones(n), np.full(n, np.inf)
+        self._scale: Array = np.ones(n)
+        self._cap: Array = np.full(n, np.inf)
         for effect in steady:
             if isinstance(effect, Gain):
                 self._scale, self._cap = effect.applied(arm.joints, self._scale), effect.applied(arm.joints, self._cap)

@@ -174,7 +174,9 @@ class Bench:
         spread = np.concatenate([self.candidates[k].spread for k in order]) if order else np.zeros(0)
         joints = [self._stacked(order, j) for j in range(self.n)]
         variance = np.ones(self.n)
-        c, covariance, logdet = np.zeros(len(spread)), np.zeros((0, 0)), 0.0
+        c: Array = np.zeros(len(spread))
+        covariance: Array = np.zeros((0, 0))
+        logdet = 0.0
         for _ in range(PASSES):
             try:
                 c, covariance, logdet = coefficients(joints, variance, spread)

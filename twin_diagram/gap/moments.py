@@ -110,7 +110,7 @@ def retimed(
 
 def _least(law: Callable[[float], float], rough: float, first: float, last: float) -> tuple[float, float]:
     """Where a cost (half of a sum of squares, in units of the noise) is least near a rough time, and how surely."""
-    tries = rough + np.arange(-REACH, REACH + 0.5 * COARSE, COARSE)
+    tries: Array = rough + np.arange(-REACH, REACH + 0.5 * COARSE, COARSE, dtype=np.float64)
     tries = tries[(tries > first) & (tries < last)]
     if not len(tries):
         return rough, REACH

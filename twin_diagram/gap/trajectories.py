@@ -176,7 +176,7 @@ def fast_sines(seen: Visited, chosen: Sequence[int]) -> Array:
             size = min(
                 0.8 * seen.acceleration[j] / w**2, 0.9 * seen.speed[j] / w, 0.3 * (seen.upper[j] - seen.lower[j])
             )
-            time = np.arange(0.0, 4.0, PERIOD)
+            time = np.arange(0.0, 4.0, PERIOD, dtype=np.float64)
             envelope = _ease(time / 0.8) * _ease((4.0 - time) / 0.8)
             part = np.repeat(middle[None], len(time), axis=0)
             part[:, j] += size * envelope * np.sin(w * time)
@@ -270,4 +270,4 @@ def _soften(wave: Array, duration: float) -> Array:
     """Rounds the corners of a wave that starts and ends at rest."""
     width = max(3, round(duration / PERIOD) | 1)
     padded = np.pad(wave, width // 2, mode="edge")
-    return np.convolve(padded, np.ones(width) / width, mode="valid")
+    return np.asarray(np.convolve(padded, np.ones(width) / width, mode="valid"), dtype=np.float64)
