@@ -35,7 +35,7 @@ OF_THE_PEAK = (0.95, 0.9, 0.84, 0.78, 0.72, 0.66, 0.6, 0.54)
 MOST_SATURATED = 0.85
 """Share of the time that a torque may be beyond its limit."""
 
-LEAST_LIMIT = 0.12
+LEAST_LIMIT = 0.06
 """A limit is at least this share of the largest torque that is logged."""
 
 CLEAR = 3.0
@@ -119,15 +119,17 @@ def stribeck(terms: Terms, j: int, speed: float) -> Candidate | None:
 
 def saturation(terms: Terms, j: int, limit: float) -> Candidate | None:
     """Torque logged beyond a limit."""
-    smooth = [tau[:, j] for tau in terms.smooth_torque]
-    beyond = np.concatenate([np.abs(tau) - limit for tau in smooth])
+    asked = [tau[:, j] for tau in terms.asked_torque]
+    beyond = np.concatenate([np.abs(tau) - limit for tau in asked])
     share = float(np.mean(beyond > 0.0))
     if not 0.0 < share < MOST_SATURATED or limit < LEAST_LIMIT * (limit + float(np.max(beyond))):
         return None
-    clear = float(np.sqrt(np.mean(beyond[beyond > 0.0] ** 2)) / max(terms.torque_noise[j], 1e-12))
+    # Where a torque is mostly beyond its limit, what is left without the limit is no noise.
+    noise = max(terms.torque_noise[j], min(terms.unexplained(j), terms.unexplained(j, limit)), 1e-12)
+    clear = float(np.sqrt(np.mean(beyond[beyond > 0.0] ** 2)) / noise)
     if clear < CLEAR:
         return None
-    over = terms.reduce(tuple(tau - np.clip(tau, -limit, limit) for tau in smooth))
+    over = terms.reduce(tuple(tau - np.clip(tau, -limit, limit) for tau in asked))
     # Beyond the limit what was logged does not count, nor does its noise: such samples seem to fit better than any can.
     free = -0.5 * len(over) * float(np.log(1.0 - share))
 
@@ -261,7 +263,7 @@ class _Builder:
 
     def saturation(self) -> None:
         for j in range(self.n):
-            everything = np.abs(np.concatenate([tau[:, j] for tau in self.terms.smooth_torque]))
+            everything = np.abs(np.concatenate([tau[:, j] for tau in self.terms.asked_torque]))
             limits = [*np.quantile(everything, SATURATION_SHARES), *(float(np.max(everything)) * np.array(OF_THE_PEAK))]
             for limit in limits:
                 self.take(saturation(self.terms, j, float(limit)))

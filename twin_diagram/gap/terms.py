@@ -14,6 +14,13 @@ from twin_diagram.motion import lowpass
 Array = npt.NDArray[np.float64]
 
 
+SHARP = 4.0
+"""Where a torque jumps, it is smoothed at this many times the band."""
+
+JUMPS = 6.0
+"""A torque jumps where smoothing ever takes away this many times more than it usually does."""
+
+
 @dataclass(frozen=True)
 class Present:
     """What the given model already has, which a change may take away again.
@@ -69,12 +76,31 @@ class Terms:
         return tuple(lowpass(r.torque, r.rate, 0.6 * r.band) for r in self.records.records)
 
     @cached_property
-    def torque_noise(self) -> Array:
-        """(n,) of smoothed torque: what smoothing takes away, or what usually is left unexplained if more [N·m]."""
+    def asked_torque(self) -> tuple[Array, ...]:
+        """Per record (N, n): what a motor was asked for, before any limit [N·m].
+
+        A controller whose motor saturates may jump from limit to limit: what is smoothed first is clipped too little.
+        Where smoothing takes away more than noise, less is smoothed.
+        """
         pairs = zip(self.records.records, self.smooth_torque, strict=True)
-        taken = np.std(np.concatenate([lowpass(r.torque, r.rate, r.band) - s for r, s in pairs]), axis=0)
-        left = self.reduce(tuple(s - load for load, s in zip(self.load, self.smooth_torque, strict=True)))
-        return np.maximum(taken, 1.4826 * np.median(np.abs(left - np.median(left, axis=0)), axis=0))
+        taken = np.concatenate([lowpass(r.torque, r.rate, r.band) - s for r, s in pairs])
+        jumps = np.max(np.abs(taken), axis=0) > JUMPS * spread_of(taken)
+        if not np.any(jumps):
+            return self.smooth_torque
+        pairs = zip(self.records.records, self.smooth_torque, strict=True)
+        return tuple(np.where(jumps, lowpass(r.torque, r.rate, SHARP * r.band), s) for r, s in pairs)
+
+    @cached_property
+    def torque_noise(self) -> Array:
+        """(n,) of smoothed torque: what smoothing usually takes away [N·m]."""
+        pairs = zip(self.records.records, self.smooth_torque, strict=True)
+        return spread_of(np.concatenate([lowpass(r.torque, r.rate, r.band) - s for r, s in pairs]))
+
+    def unexplained(self, j: int, limit: float = np.inf) -> float:
+        """What is usually left of a joint's smoothed torque, clipped to a limit, beside the transmitted one [N·m]."""
+        parts = zip(self.load, self.asked_torque, strict=True)
+        left = self.reduce(tuple(np.clip(s[:, j : j + 1], -limit, limit) - load[:, j : j + 1] for load, s in parts))
+        return float(spread_of(left)[0])
 
     def reduce(self, parts: tuple[Array, ...]) -> Array:
         """Full-rate arrays, one per record, thinned and put end to end."""
@@ -99,6 +125,11 @@ class Terms:
     def rigid_all(self) -> tuple[Array, ...]:
         """`rigid` of every body."""
         return tuple(self.rigid(body) for body in range(self.records.n))
+
+
+def spread_of(samples: Array) -> Array:
+    """(n,) standard deviation of samples (N, n), had they no outliers."""
+    return np.asarray(1.4826 * np.median(np.abs(samples - np.median(samples, axis=0)), axis=0))
 
 
 def slow_speed(records: Records) -> Array:
