@@ -17,6 +17,7 @@ from twin_diagram import scenario as schema
 from twin_diagram.attachments import SCENARIO_FILE, Keeping, Looking, Mending, Say, check_room
 from twin_diagram.diagram import ClosedLoop, Twin, make_closed_loop
 from twin_diagram.errors import TwinError
+from twin_diagram.estimation.standing import standings
 from twin_diagram.logs import read_log
 from twin_diagram.looking import atomic_file
 from twin_diagram.looking.diagram_svg import write_diagram_svg
@@ -167,14 +168,15 @@ def beliefs(loop: ClosedLoop, context: Context) -> dict[str, Any]:
 
     n = len(loop.model.joints)
     parameters, covariance = value("parameters"), value("covariance")
-    std = np.sqrt(np.diag(covariance.reshape(2 * n + parameters.size, -1)))[2 * n :]
+    filter_, whole = loop.twin.ekf.ekf, covariance.reshape(2 * n + parameters.size, -1)
+    learnt = standings(filter_.parameters, parameters, whole[2 * n :, 2 * n :], loop.model.joints, filter_.params.rule)
     tracks = [Track.unpack(row) for row in value("tracks").reshape(-1, TRACK_SIZE)]
     return {
         "time_s": context.get_time(),
         "joints": dict(zip(loop.model.joints, value("arm_state")[:n].round(6).tolist(), strict=True)),
         "parameters": {
-            name: {"value": float(v), "std": float(s)}
-            for name, v, s in zip(loop.twin.parameter_names, parameters, std, strict=True)
+            name: {"value": found.value, "std": found.std, "status": found.status.value}
+            for name, found in zip(loop.twin.parameter_names, learnt, strict=True)
         },
         "objects": {
             name: {

@@ -9,7 +9,7 @@
 
 It follows the predict and update cycle of Hybrid Reality Twins (section 3.2, algorithm A-EKF, steps 1, 2 and 4).
 State and parameters are estimated together; where the outline adapts θ by a gradient, here the joint covariance
-adapts it, which weighs every reading by what it tells about θ.
+adapts it, which weighs every reading by what it tells about θ. `standings` says which parameters are answers.
 
 **What the motion does not excite stays as it was**: see `disturbance`. A direction of θ that no torque depends on is
 never touched either, its gain being zero.
@@ -39,6 +39,7 @@ from twin_diagram.estimation.fusion import REFUSALS, Update, fuse
 from twin_diagram.estimation.messages import LONGEST_GAP
 from twin_diagram.estimation.propagation import LONGEST_PREDICTION, propagate
 from twin_diagram.estimation.sensors import Sensor
+from twin_diagram.estimation.standing import Standing, standings
 from twin_diagram.signals import Array
 
 __all__ = ["LONGEST_GAP", "REFUSALS", "Ekf", "FilterError", "Update"]
@@ -85,6 +86,16 @@ class Ekf(Core):
         for name, level in zip(self.declared.sensors, self.belief.levels, strict=True):
             found[name] = np.exp(0.5 * level)
         return found
+
+    def standings(self, joints: Sequence[str]) -> list[Standing]:
+        """How each parameter stands: settled, not excited by the motion, or held at a bound.
+
+        Args:
+            joints: names of the n joints, for the labels.
+        """
+        belief, start = self.belief, 3 * self.terms.n
+        covariance = belief.P[start : start + belief.p, start : start + belief.p]
+        return standings(self.parameters, belief.theta, covariance, joints, self.params.rule)
 
     def hold_noise(self, until: float) -> None:
         """An alarm stands: the noise is not adapted before this time [s]."""
