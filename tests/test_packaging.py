@@ -142,7 +142,7 @@ LAYERS = (
     {"station", "perception", "estimation", "scene", "planning", "gap"},
     {"looking"},
     {"diagram", "score", "run", "touching", "trial", "variation", "attachments", "progress", "healing"}
-    | {"fused_sensors", "arm_cloud", "arm_surface"},
+    | {"fused_sensors", "arm_cloud", "arm_scan", "arm_surface"},
     {"cli"},
     {"__main__"},
 )

@@ -26,9 +26,17 @@ class CloudError(TwinError):
 class DepthCloud(BodyPose):
     """The pose of a frame on the arm from measured points, aligned with known points of its surface.
 
-    `align` turns a cloud into z and R for `Ekf.update`. A point at distance r from the sensor has variance
+    `align` turns a cloud into z and R for `Ekf.update`:
+
+        z, R = depth.align(points_W, p_WS, q)
+        ekf.update(depth, z, t, R)
+
+    A point at distance r from the sensor has variance
     std_0² + (growth r²)² along its surface's normal (section 3.3, lidar, whose k · distance² is taken as a deviation);
     R is that of the weighted fit, plus `floor`², which averaging does not remove: points share their calibration.
+
+    Attributes:
+        reach: a point farther than this from the surface is not of it [m].
     """
 
     def __init__(
@@ -73,7 +81,7 @@ class DepthCloud(BodyPose):
             raise CloudError(f"{name}: surface {surface.shape} and normals {normals.shape}: both must be (M, 3)")
         self._surface, self._normals = surface, normals
         self._tree = cKDTree(surface)
-        self._std_0, self._growth, self._reach, self._iterations = std_0, growth, reach, iterations
+        self._std_0, self._growth, self.reach, self._iterations = std_0, growth, reach, iterations
 
     def align(self, points: Array, sensor_origin: Array, q: Array) -> tuple[Array, Array]:
         """Aligns a cloud, from the pose that q predicts.
@@ -96,8 +104,7 @@ class DepthCloud(BodyPose):
         weight_of = 1.0 / (self._std_0**2 + (self._growth * range_**2) ** 2)
         information = np.zeros((6, 6))
         for step in range(self._iterations):
-            distance, index = self._tree.query((points - p_WO) @ R_WO, distance_upper_bound=self._reach)
-            near = np.isfinite(distance)
+            near, index = self._partners((points - p_WO) @ R_WO, (sensor_origin - p_WO) @ R_WO)
             if near.sum() < FEWEST:
                 raise CloudError(f"{self.name}: {int(near.sum())} points lie near the surface; {FEWEST} make a pose")
             n_W = self._normals[index[near]] @ R_WO.T
@@ -117,9 +124,25 @@ class DepthCloud(BodyPose):
             information
         ) + self._noise
 
+    def _partners(self, points: Array, origin: Array) -> tuple[np.ndarray, np.ndarray]:
+        """Which points (K, 3) in O are of the surface (K,), and the surface's point for each (K,); seen from origin."""
+        distance, index = self._tree.query(points, distance_upper_bound=self.reach)
+        return np.isfinite(distance), index
+
+
+BESIDE: Final = 0.01
+"""A beam that passes a point of the surface by less than this met it [m]."""
+ALONG: Final = 0.1
+"""Weight of distance along the beam beside distance across it, where several surfaces lie behind each other."""
+
 
 class Lidar(DepthCloud):
-    """A `DepthCloud` with a lidar's figures: 1 cm near, growing with distance squared (section 3.3)."""
+    """A `DepthCloud` with a lidar's figures: 1 cm near, growing with distance squared (section 3.3).
+
+    So much noise is as large as the link, and the nearest point of its surface is often not the one that was met; but a
+    lidar errs along its beam and hardly across it. So a point's partner is what its beam meets of the side that faces
+    the lidar.
+    """
 
     def __init__(
         self, terms: ArmTerms, body: str, surface: Array, normals: Array, *, name: str = "lidar", **tuning: float
@@ -127,3 +150,23 @@ class Lidar(DepthCloud):
         """As `DepthCloud`, whose arguments `tuning` overrides."""
         figures: dict[str, float] = {"std_0": 0.01, "growth": 0.005, "reach": 0.06, **tuning}
         super().__init__(terms, body, surface, normals, name=name, **figures)  # type: ignore[arg-type]
+
+    def _partners(self, points: Array, origin: Array) -> tuple[np.ndarray, np.ndarray]:
+        away = self._surface - origin
+        facing = np.flatnonzero(np.einsum("ij,ij->i", self._normals, away) < 0.0)
+        if not len(facing):
+            return np.zeros(len(points), dtype=bool), np.zeros(len(points), dtype=int)
+        middle = float(np.median(np.linalg.norm(away[facing], axis=1)))
+        distance, index = cKDTree(_beams(away[facing], middle)).query(
+            _beams(points - origin, middle), distance_upper_bound=float(np.hypot(BESIDE, ALONG * self.reach))
+        )
+        near = np.isfinite(distance)
+        index = facing[np.minimum(index, len(facing) - 1)]
+        near &= np.abs(np.linalg.norm(points - origin, axis=1) - np.linalg.norm(away[index], axis=1)) < self.reach
+        return near, index
+
+
+def _beams(away: Array, middle: float) -> Array:
+    """(K, 4) where beams pass at a distance from the lidar, and how far along them a point (K, 3) lies [m]."""
+    range_ = np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
+    return np.hstack([away * (middle / range_), ALONG * range_])

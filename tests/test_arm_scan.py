@@ -1,0 +1,144 @@
+"""A lidar without any camera: its clouds as poses of a link, by hand and in a Diagram."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+from estimation_bench import HOME, World, simulate, twin_terms
+from pydrake.common.value import Value
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.perception import PointCloud
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+from twin_diagram.arm_scan import ArmScan
+from twin_diagram.arm_surface import Points, link_surface
+from twin_diagram.estimation.arm_terms import ArmTerms
+from twin_diagram.estimation.belief import Track
+from twin_diagram.estimation.ekf import Ekf
+from twin_diagram.estimation.ekf_system import AdaptiveEkf
+from twin_diagram.estimation.sensors import CloudError, Lidar
+from twin_diagram.scenario import ArmModel, Filter, SensorSpec
+from twin_diagram.signals import NEVER
+
+LINK = "panda_link7"
+X_WS = RigidTransform(RollPitchYaw(0.1, 0.4, 2.8), [1.6, 0.3, 1.0])
+
+
+@functools.cache
+def terms() -> ArmTerms:
+    return twin_terms()
+
+
+@functools.cache
+def surface() -> Points:
+    return link_surface(ArmModel(model="arms/panda_hand.urdf"), LINK)
+
+
+def scan(q: np.ndarray, rng: np.random.Generator, count: int = 400) -> np.ndarray:
+    """(K, 3) in S: the side of the link that faces the lidar, each point off along its beam, a wall, and no echo."""
+    R, p = Lidar(terms(), LINK, *surface()).frame.pose(q)
+    points, normals = (part @ R.T for part in surface())
+    facing = np.flatnonzero(np.einsum("ij,ij->i", normals, X_WS.translation() - p - points) > 0.0)
+    chosen = rng.choice(facing, count)
+    points = points[chosen] + p
+    far = np.linalg.norm(points - X_WS.translation(), axis=1)
+    beams = (points - X_WS.translation()) / far[:, None]
+    points += (np.hypot(0.01, 0.005 * far**2) * rng.normal(size=count))[:, None] * beams
+    wall = rng.uniform([-1.0, -1.0, 0.0], [-0.9, 1.0, 2.0], (200, 3))
+    no_echo = np.array([[np.inf] * 3, [np.nan] * 3])
+    return np.vstack([(np.vstack([points, wall]) - X_WS.translation()) @ X_WS.rotation().matrix(), no_echo])
+
+
+def pose(q: np.ndarray) -> np.ndarray:
+    R, p = Lidar(terms(), LINK, *surface()).frame.pose(q)
+    return np.concatenate([RotationMatrix(R).ToQuaternion().wxyz(), p])
+
+
+def test_poses_are_as_sure_as_they_say() -> None:
+    rng = np.random.default_rng(1021)
+    system = ArmScan(terms(), LINK, surface(), X_WS)
+    sensor, nees, off = Lidar(terms(), LINK, *surface()), [], []
+    for _ in range(40):
+        q = HOME + rng.normal(0.0, 0.2, 7)
+        z, R = system.align(scan(q, rng), q + rng.normal(0.0, 0.004, 7))
+        error = sensor.innovation(z, pose(q))
+        nees.append(error @ np.linalg.solve(R, error))
+        off.append(np.linalg.norm(error[3:]))
+    assert 2.5 < np.mean(nees) < 10.0  # 6 on average
+    assert np.median(off) < 0.006
+    with pytest.raises(CloudError, match="points lie near"):
+        system.align(scan(HOME, rng)[400:], HOME)
+
+
+def test_noise_grows_with_distance_squared() -> None:
+    """The same cloud seen from three times as far is nine times as uncertain, where that outweighs what is near."""
+    rng = np.random.default_rng(1022)
+    lidar = Lidar(terms(), LINK, *surface(), std_0=1e-5, floor_p=1e-6, floor_r=1e-6)
+    R, p = lidar.frame.pose(HOME)
+    points = surface()[0][rng.choice(len(surface()[0]), 500)] @ R.T + p
+    near, far = (lidar.align(points, p + [d, 0.0, 0.0], HOME)[1] for d in (2.0, 6.0))
+    ratio = np.sqrt(np.diag(far) / np.diag(near))
+    np.testing.assert_allclose(ratio, 9.0, rtol=0.15)
+
+
+def test_lidar_carries_on_where_the_encoders_fall_silent() -> None:
+    """By hand, without any Diagram: predict and update, the scans 50 ms late."""
+    run = simulate(World(seed=1023, period=4.0), 4.0)
+    rng = np.random.default_rng(1023)
+    alone, fused = (Ekf(terms(), Filter(parameters=["payload"])) for _ in range(2))
+    lidar = Lidar(terms(), LINK, *surface())
+    fused.add(lidar)
+    errors = {"alone": [], "fused": []}
+    lost = 400
+    for k in range(len(run.time)):
+        for name, ekf in (("alone", alone), ("fused", fused)):
+            if k < lost:
+                ekf.observe(run.q[k], run.v[k], run.tau[k], run.time[k])
+            else:
+                ekf.predict(run.tau[k], 0.005)
+                errors[name].append(np.linalg.norm(lidar.frame.pose(ekf.belief.q)[1] - pose(run.q_true[k])[4:]))
+        if k >= lost and k % 20 == 0:
+            taken = k - 10
+            points = scan(run.q_true[taken], rng)[:-2] @ X_WS.rotation().matrix().T + X_WS.translation()
+            z, R = lidar.align(points, X_WS.translation(), fused.belief.q - 0.05 * fused.belief.v)
+            fused.update(lidar, z, run.time[taken], R)
+    found = {name: float(np.sqrt(np.mean(np.square(values)))) for name, values in errors.items()}
+    print(found, fused.counters())
+    assert fused.counters()["lidar"]["accepted"] >= 18
+    assert found["fused"] < 0.02 and found["fused"] < 0.5 * found["alone"]
+
+
+def test_in_a_diagram_scans_reach_the_filter() -> None:
+    run, rng = simulate(World(seed=1024, start=1e9, mass=0.0), 0.5), np.random.default_rng(1024)
+    builder = DiagramBuilder()
+    spec = SensorSpec("body_pose", name="lidar", body=LINK)
+    ekf = builder.AddNamedSystem("ekf", AdaptiveEkf(terms(), Filter(parameters=[], sensors=[spec])))
+    scanner = ArmScan.AddToBuilder(builder, ekf, "lidar", LINK, surface(), X_WS)
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    context = simulator.get_mutable_context()
+    of_ekf, of_scan = (system.GetMyMutableContextFromRoot(context) for system in (ekf, scanner))
+    scanner.GetInputPort("scan_time").FixValue(of_scan, [NEVER])
+    scanner.GetInputPort("point_cloud").FixValue(of_scan, Value(PointCloud(0)))
+    for k in range(100):
+        for name, value in (
+            ("position_measured", run.q[k]),
+            ("velocity_estimated", run.v[k]),
+            ("torque_measured", run.tau[k]),
+            ("measurement_time", [run.time[k]]),
+        ):
+            ekf.GetInputPort(name).FixValue(of_ekf, value)
+        if k in (20, 40, 60, 80):
+            points = scan(run.q_true[k], rng)[0 if k < 80 else 400 :]  # the last one meets nothing but the wall
+            cloud = PointCloud(len(points))
+            cloud.mutable_xyzs()[:] = points.T
+            scanner.GetInputPort("point_cloud").FixValue(of_scan, Value(cloud))
+            scanner.GetInputPort("scan_time").FixValue(of_scan, [run.time[k]])
+        simulator.AdvanceTo(0.005 * (k + 1))
+    belief = ekf.belief(of_ekf)
+    (track,) = belief.tracks
+    assert (track[Track.ACCEPTED], track[Track.REFUSED], track[Track.INVALID]) == (3, 0, 1)
+    np.testing.assert_allclose(belief.q, run.q_true[99], atol=5e-5)

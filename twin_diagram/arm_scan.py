@@ -1,0 +1,140 @@
+"""A lidar as a sensor of the arm: where a link is, by the points that were measured of it. It needs no camera."""
+
+from __future__ import annotations
+
+from typing import Any, Final, cast
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.math import RigidTransform
+from pydrake.perception import PointCloud
+from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import Demultiplexer
+
+from twin_diagram.arm_surface import Points
+from twin_diagram.estimation.arm_terms import ArmTerms
+from twin_diagram.estimation.ekf_system import AdaptiveEkf
+from twin_diagram.estimation.sensors import CloudError, Lidar
+from twin_diagram.signals import POSE_SIZE, Array
+from twin_diagram.timing import timed
+
+MOST: Final = 2000
+"""Points that are aligned, about."""
+SIZE: Final = POSE_SIZE + 36
+"""Numbers in a measurement: the pose, and R."""
+
+
+class ArmScan(LeafSystem):
+    """Aligns a lidar's cloud with the known surface of a link.
+
+    .. pydrake_system::
+
+        name: ArmScan
+        input_ports:
+        - point_cloud
+        - scan_time
+        - arm_state
+        output_ports:
+        - measurement
+        - measurement_time
+
+    `point_cloud` (PointCloud with xyzs, m, in the lidar's frame S; points that are not finite are left out) is the
+    newest scan, `scan_time` (1) when it was taken [s], negative before the first, `arm_state` x̂ = (q, v) now.
+    `measurement` (43): X_WO of the link as quaternion wxyz and position [m], then R (36) row by row, of a rotation
+    vector [rad] and a translation in W, both as of the scan; its noise grows with distance squared, see `Lidar`. NaN
+    where too little of the link was met. `measurement_time` (1) is `scan_time`. Computed when asked for: no state, no
+    rate, no latency of its own. The scan is older than x̂, so the search begins at q - v·(t - scan_time); that the arm
+    moves during a scan is not reckoned with.
+    """
+
+    def __init__(
+        self,
+        terms: ArmTerms,
+        body: str,
+        surface: Points,
+        X_WS: RigidTransform,
+        *,
+        name: str = "lidar",
+        **tuning: float,
+    ) -> None:
+        """Builds the system.
+
+        Args:
+            terms: the arm's.
+            body: the link.
+            surface: points (M, 3) and outward normals (M, 3) of the link, in its own frame: `arm_surface.link_surface`.
+            X_WS: where the lidar stands.
+            name: for messages.
+            tuning: of `Lidar`, whose figures it overrides.
+
+        Raises:
+            ModelError: there is no such link.
+            CloudError: points and normals do not fit.
+        """
+        super().__init__()
+        self._sensor = Lidar(terms, body, surface[0], surface[1], name=name, **tuning)
+        self._R_WS, self._p_WS = X_WS.rotation().matrix(), X_WS.translation()
+        self._middle = 0.5 * (surface[0].min(axis=0) + surface[0].max(axis=0))
+        self._radius = float(np.linalg.norm(surface[0] - self._middle, axis=1).max()) + self._sensor.reach
+        self._cloud = self.DeclareAbstractInputPort("point_cloud", Value(PointCloud(0)))
+        self._time = self.DeclareVectorInputPort("scan_time", 1)
+        self._arm = self.DeclareVectorInputPort("arm_state", 2 * terms.n)
+        known = {self._cloud.ticket(), self._time.ticket(), self._arm.ticket(), self.time_ticket()}
+        self.DeclareVectorOutputPort("measurement", SIZE, self._calc, prerequisites_of_calc=known)
+        self.DeclareVectorOutputPort(
+            "measurement_time", 1, self._calc_time, prerequisites_of_calc={self._time.ticket()}
+        )
+
+    @staticmethod
+    def AddToBuilder(
+        builder: DiagramBuilder, ekf: AdaptiveEkf, sensor: str, body: str, surface: Points, X_WS: RigidTransform
+    ) -> ArmScan:
+        """Adds one to a Diagram and gives a filter its measurements; its first two inputs are left to connect.
+
+        Args:
+            builder: that holds the filter.
+            ekf: with a sensor of kind `body_pose` on the same link.
+            sensor: that one's name.
+            body: the link.
+            surface: of it, as for the constructor.
+            X_WS: where the lidar stands.
+        """
+        scan = builder.AddNamedSystem(f"{sensor}_scan", ArmScan(ekf.ekf.terms, body, surface, X_WS, name=sensor))
+        parts = builder.AddNamedSystem(f"{sensor}_parts", Demultiplexer([POSE_SIZE, SIZE - POSE_SIZE]))
+        builder.Connect(ekf.GetOutputPort("arm_state"), scan.GetInputPort("arm_state"))
+        builder.Connect(scan.GetOutputPort("measurement"), parts.get_input_port())
+        builder.Connect(parts.get_output_port(0), ekf.GetInputPort(f"{sensor}.reading"))
+        builder.Connect(parts.get_output_port(1), ekf.GetInputPort(f"{sensor}.noise"))
+        builder.Connect(scan.GetOutputPort("measurement_time"), ekf.GetInputPort(f"{sensor}.time"))
+        return scan
+
+    @timed("ArmScan")
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        scan_time = float(cast(Array, self._time.Eval(context))[0])
+        result = np.full(SIZE, np.nan)
+        result[POSE_SIZE:] = 0.0  # then the filter takes the sensor's own
+        if scan_time >= 0.0:
+            q, v = cast(Array, self._arm.Eval(context)).reshape(2, -1)
+            points = cast(PointCloud, self._cloud.Eval(context)).xyzs().T
+            try:
+                z, R = self.align(points, q - v * (context.get_time() - scan_time))
+                result[:POSE_SIZE], result[POSE_SIZE:] = z, R.ravel()
+            except CloudError:
+                pass
+        output.SetFromVector(cast(Any, result))
+
+    def _calc_time(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(cast(Array, self._time.Eval(context)))
+
+    def align(self, points: Array, q: Array) -> tuple[Array, Array]:
+        """Pose z (7,) and R (6, 6) from points (K, 3) in S, beginning at q (n,).
+
+        Raises:
+            CloudError: too little of the link was met.
+        """
+        points = np.asarray(points, dtype=float)
+        points_W = points[np.isfinite(points).all(axis=1)] @ self._R_WS.T + self._p_WS
+        R_WO, p_WO = self._sensor.frame.pose(q)
+        away = points_W - (p_WO + R_WO @ self._middle)
+        near = points_W[np.einsum("ij,ij->i", away, away) < self._radius**2]
+        return self._sensor.align(near[:: max(1, len(near) // MOST)], self._p_WS, q)
