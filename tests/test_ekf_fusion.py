@@ -170,6 +170,20 @@ def test_load_that_jumps_opens_the_payload_and_does_not_throw_the_arm() -> None:
     assert abs(ekf.belief.theta[0] - 1.5) < 0.15
 
 
+def test_much_learnt_at_once_does_not_wait_for_the_physics() -> None:
+    """What is learnt counts to first order until its turn comes; kilograms do not wait, grams do."""
+    for load, waits in ((2.0, False), (0.02, True)):
+        ekf, still = Ekf(terms(), Filter(parameters=["payload"], parameter_rate=1.0)), np.zeros(7)
+        ekf.add(WristWrench(ekf.terms, "panda_link7"))
+        tau = ekf.terms.inverse_dynamics(HOME, still, 0.0)
+        ekf.start(HOME, still, tau, 0.0)
+        ekf.predict(tau, 0.005)
+        ekf.belief.theta[0] += load
+        learnt = ekf.belief.theta.copy()
+        ekf.predict(tau, 0.005)
+        assert np.array_equal(ekf.belief.model, learnt) != waits
+
+
 def test_push_sideways_opens_no_payload() -> None:
     """A contact's force that no load explains stays refused."""
     ekf = Ekf(twin_terms(), Filter(parameters=["payload"]))

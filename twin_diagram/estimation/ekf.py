@@ -20,7 +20,8 @@ them, with a covariance that says so, and θ hardly moves. If not, the reading i
 parameters themselves must have changed, and their covariance opens.
 
 **Two time scales.** The state moves with every reading. The physics takes over the parameters learnt at
-`Filter.parameter_rate`; in between, what has been learnt acts through the derivatives, so nothing of it is lost.
+`Filter.parameter_rate`, and at once where that is much; in between, what has been learnt acts through the derivatives,
+so nothing of it is lost.
 
 **Late readings** are fused at their own time: see `history`.
 """

@@ -13,17 +13,22 @@ from twin_diagram.signals import Array
 
 QUIET_TIME: Final = 0.2
 """No second opening within this time [s]."""
+FARTHEST: Final = 0.05
+"""Share of its prior's deviation by which a parameter may part from what the physics holds: beyond, the physics takes it
+over at once. Kilograms that are learnt within a few messages do not wait: linearised about no load at all, arm and
+wrench would seem to say more of it than they do, and falsely."""
 
 
 def release(core: Core, t: float) -> None:
-    """Lets the physics take over what has been learnt, at the parameters' own rate.
+    """Lets the physics take over what has been learnt, at the parameters' own rate, or at once where that is much.
 
     Args:
         core: its belief is changed.
         t: now [s].
     """
     belief, header, params = core.belief, core.belief.header, core.params
-    if t < header[Entry.RELEASED] + 1.0 / params.parameter_rate - 1e-9:
+    far = bool(np.any(np.abs(belief.theta - belief.model) > FARTHEST * core.parameters.scale))
+    if t < header[Entry.RELEASED] + 1.0 / params.parameter_rate - 1e-9 and not far:
         return
     header[Entry.RELEASED] = t
     if params.rule == "gradient":
