@@ -4,8 +4,9 @@ The whitened innovations of a sensor are summed with exponential forgetting over
 at a time (a rotation, a position, a force), as `change` does for the joints' torques. While a sensor agrees with the
 rest, a sum's square is χ² of three degrees of freedom. Where sensor or model err a little and for long, sums grow:
 the threshold is μ + kσ of their size in normal operation, but never within what the filter claims. Normal operation is
-learnt on for as long as no alarm stands and nothing comes near one, or a slow pull would teach its own threshold; k is
-larger while little has been seen.
+learnt on for as long as no alarm stands and nothing comes near one, or a slow pull would teach its own threshold. While
+little has been seen, μ and σ are drawn towards those of white innovations: a wide guess instead would let a pull that
+begins early pass for good.
 
 Readings that the gate refused are counted apart: as many in a row as outliers alone would not bring in years are no
 outliers. Their share is learnt, too.
@@ -17,7 +18,7 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.stats import chi, chi2
 
 from twin_diagram.estimation.belief import Track
 from twin_diagram.estimation.change import CAP, FALSE_RATE
@@ -37,6 +38,8 @@ MEMORY: Final = 60_000.0
 """Readings over which normal operation is averaged."""
 NEAR: Final = 0.5
 """What is beyond this share of its threshold is no lesson."""
+BELIEVED: Final = 3.0
+"""What white innovations would do counts as much as this many independent sums."""
 OUTLIERS: Final = (2.0, 40.0)
 """Refused readings, of so many, that are taken for granted before any has come."""
 
@@ -80,8 +83,12 @@ class CrossCheck:
         self._starts = np.concatenate([[0], np.cumsum(counts)]).astype(int)
         self._blocks = [np.arange(0, size, BLOCK) for size in sizes]
         claimed = chi2.ppf(1.0 - FALSE_RATE, np.arange(BLOCK + 1)[1:])
-        self._claimed = [
-            claimed[np.minimum(size - at, BLOCK) - 1] for size, at in zip(sizes, self._blocks, strict=True)
+        dofs = [np.minimum(size - at, BLOCK) for size, at in zip(sizes, self._blocks, strict=True)]
+        self._claimed = [claimed[dof - 1] for dof in dofs]
+        # Mean and variance of white sums' size, over what is claimed of it.
+        self._white = [
+            (chi.mean(dof) / np.sqrt(limit), chi.var(dof) / limit)
+            for dof, limit in zip(dofs, self._claimed, strict=True)
         ]
         self._narrow = (1.0 - FORGETTING**2)[:, None]
         self.size = int(self._starts[-1])
@@ -126,8 +133,13 @@ class CrossCheck:
         if not armed:
             found = 0.0
         else:
-            k = self._sigma * (1.0 + 2.0 / np.sqrt(count * (1.0 - FORGETTING)))
-            found = float(np.max(level / np.maximum(mean + k[:, None] * np.sqrt(squares), WIDER[:, None])))
+            seen = (count * (1.0 - FORGETTING))[:, None]
+            share = seen / (seen + BELIEVED)
+            white_mean, white_squares = self._white[index]
+            beyond = mean - white_mean
+            spread = share * squares + (1.0 - share) * (white_squares + share * beyond**2)
+            usual = white_mean + share * beyond
+            found = float(np.max(level / np.maximum(usual + self._sigma * np.sqrt(spread), WIDER[:, None])))
         if quiet and found < NEAR:
             head[1] = min(head[1] + 1.0, MEMORY)
             before = level - mean

@@ -8,8 +8,8 @@ Tests run side by side:
 - **sensor**, at each further sensor's rate: whether it parts ways with the rest (`cross_check`).
 
 Thresholds are μ + kσ of normal operation (Hybrid Reality Twins, section 3.4, "Threshold Selection"), but never within
-what the filter itself claims. Normal operation begins when the parameters have settled, so a payload that is being
-learnt is neither an alarm nor a lesson.
+what the filter itself claims, and all are widened as far as the rate of false alarms asks for (`false_rate`). Normal
+operation begins when the parameters have settled, so a payload that is being learnt is neither an alarm nor a lesson.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from twin_diagram.estimation.arm_terms import ArmTerms
 from twin_diagram.estimation.cross_check import CrossCheck
 from twin_diagram.estimation.declared import FilterError
 from twin_diagram.estimation.drift_state import RING, DriftState, Entry, Evidence
+from twin_diagram.estimation.false_rate import FalseRate
 from twin_diagram.estimation.parameters import ParameterSet
 from twin_diagram.estimation.rollout_test import RolloutTest
 from twin_diagram.estimation.torque_test import TorqueTest
@@ -39,6 +40,8 @@ PATIENCE: Final = 5.0
 """After this many learning times normal operation is taken for granted: a model may never settle."""
 LONGEST_GAP: Final = 0.25
 """A longer silence of the sensors ends a rollout [s]."""
+INNOVATION, TORQUE, ROLLOUT, SENSORS = range(4)
+"""Tests by the numbers that their margins have; each further sensor has one of its own."""
 
 
 class Monitor:
@@ -70,7 +73,10 @@ class Monitor:
         self._rollouts = RolloutTest(terms, self.parameters, drift, tuning)
         self._motors = TorqueTest(terms, self.parameters, tuning, drift.sigma)
         rows, changes = RolloutTest.rows(drift, tuning), len(change.FORGETTING)
-        self.state = DriftState(terms.n, self.parameters.size, changes, rows, self._cross.size, self._motors.size)
+        self._rate = FalseRate(SENSORS + len(self.sensors), drift.false_alarms)
+        sizes = self._cross.size, self._motors.size, self._rate.size
+        self.state = DriftState(terms.n, self.parameters.size, changes, rows, *sizes)
+        self._rate.begin(self.state.margins)
         self.vector: Any = self.state.vector
         self.header, self.log, self.evidence = self.state.header, self.state.log, self.state.evidence
 
@@ -140,9 +146,15 @@ class Monitor:
             h[Entry.NORMAL] += dt
         alarms.turn_over(self.state, t)
         k, armed = self.params.sigma, self.armed
+        margins = self.state.margins
+        self._rate.turn_over(margins, t, armed and not self.active)
         found = innovation_test.innovation_test(self.state, nis, innovation, dt, k, learning, armed)
+        found = self._rate.take(margins, INNOVATION, found)
+        if armed:
+            found = max(found, innovation_test.in_a_row(self.state))
         calm = bool(h[Entry.SETTLED]) and found < 1.0 and not self.active
         gained, joint, torque = self._motors.follow(self.state.motors, state, theta, tau, state_time, calm, armed)
+        gained = self._rate.take(margins, TORQUE, gained)
         named = (joint, torque) if gained > 1.0 else None
         found = max(found, gained)
         alarms.note(self.state, found)
@@ -151,6 +163,7 @@ class Monitor:
         elif armed and not learning and h[Entry.ALARMS] > 0 and t < h[Entry.QUIET]:
             alarms.reshape(self.state)
         found = self._rollouts.follow(self.state, state, theta, q, tau, t, state_time, learning, armed)
+        found = self._rate.take(margins, ROLLOUT, found)
         if found > 1.0:
             alarms.raise_alarm(self.state, AlarmKind.ROLLOUT, t, found, longer=self.params.period)
 
@@ -175,6 +188,7 @@ class Monitor:
         if t <= 0.0:
             return
         found = self._cross.follow(self.state.sensors, index, white, accepted, t, not self.active)
+        found = self._rate.take(self.state.margins, SENSORS + index, found)
         alarms.note(self.state, found)
         if found > 1.0:
             alarms.raise_alarm(self.state, AlarmKind.SENSOR, t, found, sensor=index)

@@ -126,9 +126,10 @@ class DriftState:
         tenths: (TENTHS,) largest statistic of each tenth of a second, newest last.
         sensors: what the cross-check keeps of the further sensors.
         motors: what the torque test keeps of the joints.
+        margins: what is kept of how near each test comes to an alarm while nothing is wrong.
     """
 
-    def __init__(self, n: int, p: int, changes: int, rows: int, sensors: int, motors: int) -> None:
+    def __init__(self, n: int, p: int, changes: int, rows: int, sensors: int, motors: int, margins: int) -> None:
         """Makes an empty one.
 
         Args:
@@ -138,15 +139,16 @@ class DriftState:
             rows: torques that a rollout holds.
             sensors: numbers that the cross-check keeps.
             motors: numbers that the torque test keeps.
+            margins: numbers that the margins of all tests keep.
         """
         sizes = [len(Entry), RING * ALARM_LOG_FIELDS, RING * (len(Evidence) + n), p, n + 1, n + 1, 2 * n, p]
-        sizes += [rows * (n + 1), changes * n, 2 * changes, TENTHS, sensors, motors]
+        sizes += [rows * (n + 1), changes * n, 2 * changes, TENTHS, sensors, motors, margins]
         ends = np.cumsum(sizes)
         self.vector: Any = np.zeros(ends[-1])
         parts = np.split(self.vector, ends[:-1])  # views
         self.header, log, evidence, self.checked, self.roll_mean, self.roll_squares = parts[:6]
         self.from_state, self.from_theta, torques, sums, learnt, self.tenths = parts[6:12]
-        self.sensors, self.motors = parts[12:]
+        self.sensors, self.motors, self.margins = parts[12:]
         self.log: Array = log.reshape(RING, ALARM_LOG_FIELDS)
         self.evidence: Array = evidence.reshape(RING, len(Evidence) + n)
         self.torques: Array = torques.reshape(rows, n + 1)

@@ -36,6 +36,8 @@ def innovation_test(
 ) -> float:
     """Takes in a message; answers the largest statistic over its threshold, 0 before normal operation is known.
 
+    Messages in a row that are far off are another test: see `in_a_row`.
+
     Args:
         state: of the monitor.
         nis: of the message, 2n degrees of freedom.
@@ -79,10 +81,14 @@ def innovation_test(
     if changes is not None:
         learnt = mean + sigma * np.sqrt(squares / count)
         h[Entry.CHANGE] = float(np.max(changes / np.maximum(learnt, change.threshold(n))))
-    loud = min(h[Entry.LOUD] / IN_A_ROW, 2.0)
-    statistic = max(h[Entry.NIS] / threshold, h[Entry.SUM] / (JUMP * sigma), h[Entry.CHANGE], loud)
+    statistic = max(h[Entry.NIS] / threshold, h[Entry.SUM] / (JUMP * sigma), h[Entry.CHANGE])
     h[Entry.SUM] = min(h[Entry.SUM], 2.0 * JUMP * sigma)
     return float(statistic)
+
+
+def in_a_row(state: DriftState) -> float:
+    """How many messages in a row are far off, over how many may be."""
+    return float(min(state.header[Entry.LOUD] / IN_A_ROW, 2.0))
 
 
 def forget(state: DriftState) -> None:

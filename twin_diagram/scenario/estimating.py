@@ -78,6 +78,8 @@ class Drift:
     """Normal operation from which the threshold is learnt [s]."""
     sigma: float = 6.0
     """k of the threshold mean + k · standard deviation."""
+    false_alarms: float = 0.5
+    """How many are accepted where nothing is wrong: thresholds are widened as what was seen then asks for [1/h]."""
 
 
 @dataclass
