@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 SIMS = Path(__file__).resolve().parents[1] / "sims"
 pytest.importorskip("mujoco")
@@ -60,6 +61,24 @@ def test_hand_and_imu_agree_with_the_description(run, kinematics: Kinematics) ->
     assert np.abs(slope).max() > 0.1  # it moves
     k = 95  # at rest: gravity alone
     assert np.linalg.norm(happened.imu[k, 3:]) == pytest.approx(9.81, abs=0.02)
+
+
+@pytest.mark.parametrize("down", [True, False])
+def test_what_slips_is_accelerated_and_then_lies_elsewhere(down: bool) -> None:
+    """The force that is missing or too much while it slips, integrated twice, is the way that it slipped."""
+    hidden = Hidden.draw(SEED, mass=2.0)
+    h = happen(0.45, Fault("grasp_slip", 0.2, 5e-3, lasts=0.08, down=down))
+    R = Rotation.from_quat(h.hand[:, [1, 2, 3, 0]]).as_matrix()
+    lift = np.einsum("kij,kj->ki", R, h.wrench[:, 3:] / 2.0 - h.imu[:, 3:])  # the hand itself hardly moves
+    lift[h.time < 0.15] = 0.0  # the load is new to the drive
+    during = (h.time > 0.2 - 1e-9) & (h.time < 0.28 + 1e-9)
+    assert np.abs(lift[~during]).max() < 0.2 and np.abs(lift[during]).max() > 4.0
+    moved = np.cumsum(np.cumsum(lift, axis=0), axis=0)[-1] * 0.005**2
+    assert np.linalg.norm(moved) == pytest.approx(5e-3, rel=0.03) and moved[2] < 0.0
+    if down:
+        np.testing.assert_allclose(moved, [0.0, 0.0, -5e-3], atol=3e-4)
+    centre = hidden.com + R[-1].T @ moved
+    np.testing.assert_allclose(h.wrench[-1, :3], np.cross(centre, h.wrench[-1, 3:]), atol=1e-2)
 
 
 def test_wrist_carries_the_payload_about_its_centre(run) -> None:

@@ -208,6 +208,8 @@ def ablation(bench: Bench, seed: int) -> list[Record]:
     return records
 
 
+SLIP: Final = 0.077
+"""How long a slip of 5 mm takes where friction lets go of half the weight [s]."""
 FAULTS: Final[dict[str, tuple[Fault, float, str]]] = {
     "motor lost": (Fault("motor_lost", 5.0, 0.0, joint=1, loaded=10.0), 1.0, "≤ 20 ms (outline 87)"),
     "motor 20 % weak": (Fault("motor_weak", 5.0, 0.8, joint=1, loaded=10.0), 1.0, "≤ 60 ms"),
@@ -215,7 +217,8 @@ FAULTS: Final[dict[str, tuple[Fault, float, str]]] = {
     "contact 10 N": (Fault("contact", 5.0, 10.0, lasts=0.5), 0.5, "≤ 40 ms (outline 61)"),
     "encoder jump 5 mrad": (Fault("encoder_jump", 5.0, 5e-3, joint=2), 0.5, "≤ 20 ms"),
     "gyro bias 0.02 rad/s": (Fault("gyro_bias", 5.0, 0.02), 3.0, "≤ 1 s (outline 2.3)"),
-    "grasp slip 5 mm": (Fault("grasp_slip", 5.0, 5e-3), 1.0, "≤ 60 ms (outline 134)"),
+    "grasp slip 5 mm": (Fault("grasp_slip", 5.0, 5e-3, lasts=SLIP), 1.0, "≤ 60 ms (outline 134)"),
+    "grasp slip 5 mm, down": (Fault("grasp_slip", 5.0, 5e-3, lasts=SLIP, down=True), 1.0, "≤ 60 ms (outline 134)"),
 }
 
 
@@ -224,7 +227,7 @@ def faults(bench: Bench, seed: int) -> list[Record]:
     records = []
     for name, (fault, patience, _) in FAULTS.items():
         case = Case(Hidden.draw(seed, mass=1.0), 5.5 + patience + 2.0, fault, FINE, busy=True)
-        streams, truth = bench.simulate(case, f"fault_{seed}_{fault.kind}")
+        streams, truth = bench.simulate(case, f"fault_{seed}_{name}")
         e, t = ours.run(streams, Setup(params=FAULT_PARAMS, predict=False, monitor=True), bench.kinematics), truth()
         if not np.isfinite(t.fault[0]):
             records.append({"fault": name, "method": "ours", "skipped": "the joint was never loaded"})

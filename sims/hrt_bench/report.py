@@ -33,8 +33,8 @@ def report(results: list[Record], code: str | None) -> str:
         "holds the path well, so physics alone is a much better baseline here than in the outline. Means over seeds;",
         "in brackets the worst seed. A figure is marked with ! where it misses its target. A joint that rests holds",
         "back up to 6 N·m by dry friction: a motor that weakens by 2 N·m then shows nothing before the joint moves.",
-        "A grasp that slips along gravity changes no moment at the wrist: 5 mm of 1 kg are 0.05 N·m at most, and the",
-        "sensor's noise is 0.01 N·m.",
+        "A load that slips is accelerated, and the wrist feels that: friction lets go of half the weight, so that 5 mm",
+        "take 77 ms. Where it lies afterwards hardly shows: 0.05 N·m at most, and nothing at all along gravity.",
     ]
     seeds = {name: len({r["seed"] for r in results if r["experiment"] == name}) for name in _names(results)}
     lines += ["", "seeds: " + ", ".join(f"{name} {count}" for name, count in seeds.items())]

@@ -43,7 +43,8 @@ class Fault:
         joint: which, by index, of a motor or an encoder.
         loaded: [N·m].
         moving: the joint turns at least this fast as well when its motor fails [rad/s].
-        lasts: of a contact [s].
+        lasts: of a contact, or how long a slip takes [s].
+        down: whether a grasp slips along gravity, not in a direction of its own.
     """
 
     kind: str = "none"
@@ -53,6 +54,7 @@ class Fault:
     loaded: float = 10.0
     moving: float = 0.0
     lasts: float = np.inf
+    down: bool = False
 
 
 @dataclass(frozen=True)

@@ -96,7 +96,7 @@ def run(hidden: Hidden, asked: Array, rate: Array, fault: Fault | None = None) -
     away /= np.linalg.norm(away)
     rows: list[tuple[Array, ...]] = []
     tau_sum, began, ended, shown = np.zeros(N), np.nan, np.nan, np.zeros(N)
-    gain, pull = np.ones(N), 0.0
+    gain, pull, slip = np.ones(N), 0.0, None
     velocity, acceleration, wrench = np.zeros(6), np.zeros(6), np.zeros(6)
     mujoco.mj_forward(model, data)
     for k in range(len(asked)):
@@ -104,10 +104,14 @@ def run(hidden: Hidden, asked: Array, rate: Array, fault: Fault | None = None) -
         if np.isnan(began) and t >= fault.at - 1e-9 and _ready(fault, data):
             began = t
             _begin(fault, model, data, payload, away, gain, shown)
+            if fault.kind == "grasp_slip":
+                slip = Slip(model, data, payload, fault, away)
         if began <= t and fault.kind == "contact":
             if t >= began + fault.lasts and np.isnan(ended):
                 data.xfrc_applied[payload] = 0.0
                 ended = t
+        elif slip is not None:
+            slip.move(model, data, t - began)
         elif began <= t and fault.kind == "encoder_spoofed":
             pull += fault.size * PERIOD
             shown[fault.joint] = pull
@@ -151,6 +155,32 @@ def run(hidden: Hidden, asked: Array, rate: Array, fault: Fault | None = None) -
     )
 
 
+class Slip:
+    """A held load that slides in the hand and is held again: s(t) has no jerk at its ends.
+
+    Whatever slides must be accelerated, and the hand feels it: F = −m (s̈ + 2 ω × ṡ). A load that friction lets go of
+    by half its weight falls with g/2 and no faster, so that 5 mm take some 77 ms.
+    """
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, payload: int, fault: Fault, away: Array) -> None:
+        self._payload, self._size, self._lasts = payload, fault.size, fault.lasts
+        R = data.xmat[payload].reshape(3, 3)
+        self._way = -R[2] if fault.down else away * np.sign(-R[2] @ away)  # nothing slips upwards
+        self._from = model.body_ipos[payload].copy()
+
+    def move(self, model: mujoco.MjModel, data: mujoco.MjData, since: float) -> None:
+        """Sets where the load is, and what its sliding asks of the hand, `since` seconds after it began."""
+        s = min(since / self._lasts, 1.0)
+        path = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+        rate = 30.0 * s**2 * (1.0 - s) ** 2 / self._lasts
+        bend = 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / self._lasts**2
+        model.body_ipos[self._payload] = self._from + self._size * path * self._way
+        way = data.xmat[self._payload].reshape(3, 3) @ self._way
+        omega = data.cvel[self._payload, :3]
+        push = self._size * (bend * way + 2.0 * rate * np.cross(omega, way))
+        data.xfrc_applied[self._payload, :3] = -model.body_mass[self._payload] * push
+
+
 def _ready(fault: Fault, data: mujoco.MjData) -> bool:
     if fault.kind not in ("motor_lost", "motor_weak"):
         return True
@@ -163,8 +193,6 @@ def _begin(
 ) -> None:
     if fault.kind == "payload_added":
         model.body_mass[payload] += fault.size
-    elif fault.kind == "grasp_slip":
-        model.body_ipos[payload] += fault.size * away
     elif fault.kind == "friction_third":
         model.dof_frictionloss[:] /= 3.0
     elif fault.kind in ("motor_lost", "motor_weak"):
@@ -173,5 +201,5 @@ def _begin(
         data.xfrc_applied[payload, :3] = fault.size * away
     elif fault.kind == "encoder_jump":
         shown[fault.joint] = fault.size
-    if fault.kind in ("payload_added", "grasp_slip"):
+    if fault.kind == "payload_added":
         mujoco.mj_setConst(model, mujoco.MjData(model))
