@@ -444,3 +444,16 @@ def test_a_reader_that_has_enough_is_no_error(tmp_path: Path) -> None:
     os.close(write)
     _, err = process.communicate(timeout=120)
     assert (process.returncode, err) == (0, "")
+
+
+def test_runs_that_tell_too_little_are_refused_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def too_short(*arguments: Any) -> Any:
+        raise np.linalg.LinAlgError("Matrix is not positive definite")
+
+    monkeypatch.setattr("twin_diagram.gap.command.run_gap", too_short)
+    logs = ["--fit", "a.csv", "--holdout", "b.csv", "--out", str(tmp_path / "o")]
+    assert cli.main(["gap", "--model", "arms/ur5e.urdf", *logs]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith("error: these runs are too short") and err.count("\n") == 1

@@ -158,13 +158,21 @@ def _predict(arguments: argparse.Namespace) -> int:
 
 
 def _gap(arguments: argparse.Namespace) -> int:
+    from numpy.linalg import LinAlgError
+
     from twin_diagram.gap.command import run_gap
     from twin_diagram.gap.report_words import headline
 
     def say(text: str) -> None:
         print(text, file=sys.stderr, flush=True)
 
-    found = run_gap(arguments.model, arguments.fit, arguments.holdout, arguments.out, say)
+    try:
+        found = run_gap(arguments.model, arguments.fit, arguments.holdout, arguments.out, say)
+    except LinAlgError as error:  # more that could explain the runs than samples to tell it by
+        raise TwinError(
+            f"these runs are too short, or move too little, to tell noise from what a model may lack ({error}); "
+            "ten seconds in which each joint moves to and fro do"
+        ) from error
     for note in found.notes:
         say(f"warning: {note}")
     print(headline(found.verdict))
