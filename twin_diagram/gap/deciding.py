@@ -34,9 +34,11 @@ SMALL = 0.3
 PIECE = 0.1
 """Where structure is left, findings that explain less than this share of what was explained are not named."""
 
-LEVEL = 1.4
-"""Noise of a joint that is this much more than was thought possible beside any smooth law is structure where something
-was named [variance]; what was thought possible is too little by half in some short clean logs."""
+LEVEL = 1.35
+OF_FEW = 45.0
+"""Noise of a joint that is this much more than was thought possible beside any smooth law, and more by `OF_FEW` over
+its samples, is structure where something was named [variance]; what was thought possible is too little by half in some
+short clean logs."""
 
 FAR_ABOVE = 4.0
 """The same where nothing was named."""
@@ -101,7 +103,7 @@ def mostly_left(bench: Bench, fit: Fit, joints: npt.NDArray[np.bool_]) -> bool:
 def conclude(records: Records, terms: Terms, bench: Bench, fit: Fit) -> Verdict:
     """The verdict on a final fit."""
     left = flexible.left_over(records, terms, bench, fit)
-    raised = fit.variance > (LEVEL if fit.members else FAR_ABOVE)
+    raised = fit.variance > (LEVEL + OF_FEW / np.maximum(bench.counts, 1.0) if fit.members else FAR_ABOVE)
     structure = left.statistic > REMAINDER or bool(np.any(raised))
     noise = whitening.noise_below(bench.whitener, records.rate)
     findings: tuple[Finding, ...] = ()

@@ -45,6 +45,19 @@ BRIEF = 8
 ABOUT = 3
 """Thinned samples before and after a stick that tell the direction of motion."""
 
+RESTING = 6
+"""Thinned samples that a rest lasts at least to be averaged."""
+
+FEW_RESTS = 3
+HELD_MORE = 1.15
+"""So many rests must hold this many times the sliding level on average."""
+
+HELD_SURE = 3.0
+"""And beyond it by this many standard errors: Coulomb's law never holds more."""
+
+COLOURED = 2.0
+"""Variance of a mean of neighbours, over that of as many samples that know nothing of each other."""
+
 EDGE = 2
 """Thinned samples at each end of a hold that the low-pass mixes with the motion before and after."""
 
@@ -54,16 +67,26 @@ def propose(bench: Bench, terms: Terms, fit: Fit) -> list[int]:
     made = []
     for k in fit.members:
         candidate = bench.candidates[k]
-        if candidate.name != "coulomb_friction" or candidate.onset is not None:
+        if candidate.name != "coulomb_friction" or candidate.onset is not None or has_dry(terms, candidate.joints[0]):
             continue
         level = float(np.mean(bench.part(fit, k)[0]))
         if level <= 0.0:
             continue
-        rise = long_holds(bench, terms, fit, k, level) or short_holds(bench, terms, fit, k, level)
+        rise = (
+            long_holds(bench, terms, fit, k, level)
+            or dwells(bench, terms, fit, k, level)
+            or short_holds(bench, terms, fit, k, level)
+        )
         if rise is not None:
             static, evidence = rise
             made.append(bench.add(rising(terms, candidate, static / level, min(STRONGEST, evidence))))
     return made
+
+
+def has_dry(terms: Terms, j: int) -> bool:
+    """Whether the given model has dry friction on a joint: its share of what holds is not known apart."""
+    joint = terms.records.model.joints[j]
+    return any(e.name in rest.DRY and joint in e.joints for e in terms.records.model.effects)
 
 
 def long_holds(bench: Bench, terms: Terms, fit: Fit, k: int, level: float) -> tuple[float, float] | None:
@@ -77,6 +100,25 @@ def long_holds(bench: Bench, terms: Terms, fit: Fit, k: int, level: float) -> tu
     if many < max(FEWEST, SHARE * len(held)):
         return None
     return float(np.quantile(held, 0.97)), 0.5 * float(np.sum((np.maximum(over, 0.0) / noise) ** 2)) / 4.0
+
+
+def dwells(bench: Bench, terms: Terms, fit: Fit, k: int, level: float) -> tuple[float, float] | None:
+    """The same where noise hides each sample's rise, by the means over whole rests: friction holds one torque there."""
+    noise = _noise(bench, fit, k)
+    stuck = inner(rest.stuck(terms.records, terms, bench.candidates[k].joints[0]))
+    friction = _friction(bench, fit, k)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], stuck, [False]]).astype(int)))
+    lengths = edges[1::2] - edges[::2]
+    long = lengths >= RESTING
+    if np.sum(long) < FEW_RESTS:
+        return None
+    total = np.concatenate([[0.0], np.cumsum(friction)])
+    held = np.abs(total[edges[1::2]] - total[edges[::2]])[long] / lengths[long]
+    mean = float(np.mean(held))
+    error = noise * float(np.sqrt(COLOURED * np.mean(1.0 / lengths[long]) / len(held)))
+    if mean < HELD_MORE * level or mean - level < HELD_SURE * error:
+        return None
+    return float(np.quantile(held, 0.9)), 0.5 * ((mean - level) / error) ** 2
 
 
 def short_holds(bench: Bench, terms: Terms, fit: Fit, k: int, level: float) -> tuple[float, float] | None:
@@ -120,14 +162,20 @@ def holding(bench: Bench, terms: Terms, fit: Fit, k: int) -> Array | None:
     candidate = bench.candidates[k]
     j = candidate.joints[0]
     stuck = rest.stuck(terms.records, terms, j)
-    for _ in range(EDGE):
-        inner = stuck.copy()
-        inner[1:] &= stuck[:-1]
-        inner[:-1] &= stuck[1:]
-        stuck = inner
+    stuck = inner(stuck)
     if not np.any(stuck):
         return None
     return np.abs(_friction(bench, fit, k)[stuck])
+
+
+def inner(stuck: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """(R,) the same without `EDGE` samples at each end of a stretch."""
+    for _ in range(EDGE):
+        less = stuck.copy()
+        less[1:] &= stuck[:-1]
+        less[:-1] &= stuck[1:]
+        stuck = less
+    return stuck
 
 
 def _friction(bench: Bench, fit: Fit, k: int) -> Array:

@@ -26,13 +26,13 @@ CURVE_PIECES = (3, 6, 10)
 MOST_CYCLES = 320.0
 """Ripples per turn of the joint that are looked for."""
 
-SATURATION_SHARES = (0.99, 0.97, 0.95, 0.92, 0.88, 0.83, 0.77, 0.7, 0.62, 0.53, 0.44, 0.35, 0.27, 0.2)
+SATURATION_SHARES = (0.99, 0.97, 0.95, 0.92, 0.88, 0.83, 0.77, 0.7, 0.62, 0.53, 0.44, 0.35, 0.27, 0.2, 0.14, 0.09, 0.05)
 """Limits that are tried, as quantiles of the absolute torque."""
 
 OF_THE_PEAK = (0.95, 0.9, 0.84, 0.78, 0.72, 0.66, 0.6, 0.54)
 """And as shares of the largest: where torque peaks seldom, quantiles leave gaps."""
 
-MOST_SATURATED = 0.85
+MOST_SATURATED = 0.96
 """Share of the time that a torque may be beyond its limit."""
 
 LEAST_LIMIT = 0.06
@@ -232,7 +232,7 @@ class _Builder:
             size = np.sqrt(np.mean(columns**2, axis=0))
             if np.any(size < 1e-4):
                 continue
-            angles = np.linspace(low, high, 2 * pieces + 1)
+            angles: Array = np.linspace(low, high, 2 * pieces + 1, dtype=np.float64)
             at = basis(angles)
 
             def values(c: Array, angles: Array = angles, at: Array = at) -> dict[str, Array]:
@@ -313,7 +313,7 @@ def ripple_counts(terms: Terms, j: int) -> Array:
         return np.zeros(0)
     speed = float(np.median(np.concatenate([np.abs(r.v[:, j]) for r in terms.records.records])))
     most = min(MOST_CYCLES, 2.0 * np.pi * terms.records.records[0].band / max(speed, 1e-3))
-    return np.arange(max(4.0, 3.75 * step), most, step)
+    return np.arange(max(4.0, 3.75 * step), most, step, dtype=np.float64)
 
 
 def ripple_columns(terms: Terms, j: int, counts: Array) -> Array:

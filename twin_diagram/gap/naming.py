@@ -157,7 +157,8 @@ def again(records: Records, terms: Terms, bench: Bench, fit: Fit, ordinary: Arra
         j for k in fit.members if bench.candidates[k].name in rest.DRY for j in bench.candidates[k].joints
     }
     fresh = all_candidates(terms)
-    weights = rest.moving(records, terms, bench.whitener, dry)
+    left = records.residual - contribution_of(records, bench, fit)
+    weights = rest.moving(records, terms, bench.whitener, dry, rest.creep(records, terms, left, dry))
     white = records.white(bench.whitener.order)
     smooth = [c for c in fresh if c.name not in NOT_SMOOTH] + [bench.candidates[k] for k in fit.members]
     quiet = weights * ordinary[bench.whitener.rows].T

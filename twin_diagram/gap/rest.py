@@ -7,6 +7,7 @@ friction is dry, samples at rest and about reversals are left out.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -30,21 +31,44 @@ SPREAD = 0.9
 AFTER = 2
 """Thinned samples that the prediction-error filter spreads it further."""
 
+CREEPS = (0.024, 0.036, 0.054)
+"""Where a joint that is held creeps, samples below these speeds are left out too, as far as they show it [rad/s]."""
+
+FAST = 0.1
+"""A joint that moves faster certainly slides [rad/s]."""
+
+FEW = 6
+"""Samples that show creep at least."""
+
+THINNED = 2.0
+"""Neighbouring samples that know about as much as one."""
+
+SURE = 4.0
+"""Standard errors by which friction must fall short."""
+
 FEWEST = 0.3
 """Joints that move for less than this share of the time keep all their samples, unless they are known to stick."""
 
 DRY = frozenset({"coulomb_friction", "stribeck_friction", "load_dependent_friction", "coupled_friction"})
 
 
-def sliding(records: Records, terms: Terms, joints: Iterable[int]) -> Array:
-    """(ΣD, n) weights of reduced samples: 0 where one of `joints` may be sticking, else 1."""
+def sliding(records: Records, terms: Terms, joints: Iterable[int], slowest: Array | None = None) -> Array:
+    """(ΣD, n) weights of reduced samples: 0 where one of `joints` may be sticking, else 1.
+
+    Args:
+        records: of the fit.
+        terms: made of them.
+        joints: columns.
+        slowest: (n,) speed below which each may be sticking, see `creep`; None: `REST` [rad/s].
+    """
     result = np.ones((sum(records.lengths), records.n))
     sticks = dry_joints(records)
     for j in joints:
         parts = []
         for record in records.records:
             width = 2 * round(SPREAD * record.rate / record.band) + 1
-            thinned = maximum_filter1d(_at_rest(record, terms, j).astype(float), width)[record.kept]
+            least = REST if slowest is None else float(slowest[j])
+            thinned = maximum_filter1d(_at_rest(record, terms, j, least).astype(float), width)[record.kept]
             after = thinned.copy()
             for k in range(1, AFTER + 1):
                 after[k:] = np.maximum(after[k:], thinned[:-k])
@@ -60,14 +84,48 @@ def stuck(records: Records, terms: Terms, j: int) -> npt.NDArray[np.bool_]:
     return np.concatenate([_at_rest(record, terms, j)[record.kept] for record in records.records])
 
 
-def _at_rest(record: Record, terms: Terms, j: int) -> npt.NDArray[np.bool_]:
-    slow = np.abs(record.v[:, j]) < max(REST, 2.0 * terms.slow[j])
+def creep(records: Records, terms: Terms, left: Array, joints: Iterable[int]) -> Array:
+    """(n,) speed below which each joint may be held [rad/s].
+
+    A joint that is held gives way a little, the faster the harder it is pushed. Friction then falls short of the level
+    that it has while the joint slides; the laws of the catalogue have at least that level at any speed.
+
+    Args:
+        records: of the fit.
+        terms: made of them.
+        left: (ΣD, n) torque that a hypothesis leaves [N·m].
+        joints: columns that are looked at.
+    """
+    result = np.full(records.n, REST)
+    speed = records.reduce(lambda r: r.v)
+    for j in joints:
+        weights = sliding(records, terms, [j])[:, j] > 0.0
+        size = np.abs(speed[:, j])
+        against = np.sign(speed[:, j]) * left[:, j]
+        fast = weights & (size > FAST)
+        if np.sum(fast) < FEW:
+            continue
+        level = float(np.median(against[fast]))
+        noise = 1.4826 * float(np.median(np.abs(against[fast] - level)))
+        for low, high in pairwise((REST, *CREEPS)):
+            slow = weights & (size >= low) & (size < high)
+            many = int(np.sum(slow))
+            if many < FEW or np.mean(against[slow]) - level > -SURE * noise / np.sqrt(many / THINNED):
+                break
+            result[j] = high
+    return result
+
+
+def _at_rest(record: Record, terms: Terms, j: int, least: float = REST) -> npt.NDArray[np.bool_]:
+    slow = np.abs(record.v[:, j]) < max(least, 2.0 * terms.slow[j])
     return np.asarray(binary_opening(slow, np.ones(max(1, round(DWELL * record.rate)))))
 
 
-def moving(records: Records, terms: Terms, whitener: Whitener, joints: Iterable[int]) -> Array:
+def moving(
+    records: Records, terms: Terms, whitener: Whitener, joints: Iterable[int], slowest: Array | None = None
+) -> Array:
     """(n, R) the same for whitened samples."""
-    return np.ascontiguousarray(sliding(records, terms, joints)[whitener.rows].T)
+    return np.ascontiguousarray(sliding(records, terms, joints, slowest)[whitener.rows].T)
 
 
 def dry_joints(records: Records) -> set[int]:

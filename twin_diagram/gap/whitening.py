@@ -20,6 +20,9 @@ from twin_diagram.motion import RESIDUAL_CUTOFF
 Array = npt.NDArray[np.float64]
 
 ROUNDS = 25
+MOST_FREEDOM = 0.5
+"""Share of a joint's samples that regressors may take up."""
+
 SETTLED = 1e-4
 
 SHARE = 0.2
@@ -149,9 +152,11 @@ def restricted(
     for j, X in enumerate(columns):
         kept = weights[j] > 0.0
         count = max(1.0, float(np.sum(kept)))
-        # Directions that no size which is thought possible lifts out of the noise are left out.
+        # Directions that no size which is thought possible lifts out of the noise are left out; half of the samples'
+        # freedom stays with the noise, however short a log is.
         values, vectors = np.linalg.eigh(X.T @ X)
-        Q = X @ vectors[:, values > sigma[j] ** 2]
+        largest = min(int(np.sum(values > sigma[j] ** 2)), int(MOST_FREEDOM * count))
+        Q = X @ vectors[:, len(values) - largest :]
         lagged = [np.column_stack([residual[rows[kept] - k, j], Q[rows[kept] - k]]) for k in range(order + 1)]
         for _ in range(rounds):
             white = sum(f * part for f, part in zip(filters[j], lagged, strict=True)) / sigma[j]
