@@ -20,7 +20,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command; returns its exit status."""
     arguments = _parser().parse_args(argv)
     command: Callable[[argparse.Namespace], int] = arguments.command
-    logging.getLogger("drake").setLevel(logging.WARNING)  # where to look is said by the run itself
+    # Where to look is said by the run itself; a filter stays when importing pydrake sets the level.
+    logging.getLogger("drake").addFilter(lambda record: record.levelno >= logging.WARNING)
     try:
         status = command(arguments)
         sys.stdout.flush()  # a reader that has left is noticed here, not at exit
