@@ -110,7 +110,9 @@ def creep(records: Records, terms: Terms, left: Array, joints: Iterable[int]) ->
         for low, high in pairwise((REST, *CREEPS)):
             slow = weights & (size >= low) & (size < high)
             many = int(np.sum(slow))
-            if many < FEW or np.mean(against[slow]) - level > -SURE * noise / np.sqrt(many / THINNED):
+            if many < FEW:
+                continue
+            if np.mean(against[slow]) - level > -SURE * noise / np.sqrt(many / THINNED):
                 break
             result[j] = high
     return result
