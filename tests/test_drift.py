@@ -126,7 +126,7 @@ def test_an_encoder_that_jumps_is_found_with_its_second_message():
     [
         ([5e4] * 3, Shape.SPIKE),
         ([200.0] * 100, Shape.STEP),
-        (list(np.linspace(14.0, 30.0, 400)), Shape.TREND),
+        (list(np.linspace(14.0, 50.0, 400)), Shape.TREND),
     ],
 )
 def test_spike_step_and_trend_are_told_apart(nis, shape):
