@@ -332,6 +332,17 @@ def test_a_recording_replays(recorded: tuple[Path, dict[str, Any]], capfd: pytes
     assert beliefs["parameters"]["payload.mass"]["value"] == summary["payload"]["mass_estimated"]
 
 
+def test_what_a_replay_prints_is_json_whatever_it_writes(
+    recorded: tuple[Path, dict[str, Any]], tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    folder, _ = recorded
+    arguments = ["--model", "arms/panda_hand.urdf", "--duration", "0.1", "--out", str(tmp_path / "o")]
+    assert cli.main(["replay", str(folder / "log.csv"), *arguments]) == 0
+    out, err = capfd.readouterr()
+    assert json.loads(out)["parameters"]["payload.mass"]["status"] in ("settled", "not excited", "at a bound")
+    assert err == f"wrote {tmp_path / 'o'}/\n"
+
+
 def test_the_log_replays_and_is_predicted(recorded: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
     folder, _ = recorded
     log = str(folder / "log.csv")

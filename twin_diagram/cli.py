@@ -137,6 +137,10 @@ def _run(arguments: argparse.Namespace) -> int:
 def _replay(arguments: argparse.Namespace) -> int:
     from twin_diagram.run import replay_log
 
+    def say(text: str) -> None:
+        """What the twin believes is JSON, which another program may read; anything else goes beside it."""
+        print(text, file=sys.stdout if text.startswith("{") else sys.stderr, flush=True)
+
     replay_log(
         arguments.log,
         model=arguments.model,
@@ -144,7 +148,7 @@ def _replay(arguments: argparse.Namespace) -> int:
         out=arguments.out,
         show=arguments.meshcat,
         meldis=arguments.meldis,
-        say=print,
+        say=say,
     )
     return 0
 
