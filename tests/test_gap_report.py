@@ -18,7 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twin_diagram.gap import experiments, gap_json, report, report_charts, report_words, trajectories
-from twin_diagram.gap.finding import Alternative, Estimate, Finding, Verdict
+from twin_diagram.gap.finding import Alternative, Estimate, Finding, Separation, Verdict
 from twin_diagram.gap.named import effects_of, sentence_of, specs_of
 from twin_diagram.gap.report_pictures import binned
 from twin_diagram.gap.report_subject import Subject
@@ -103,6 +103,19 @@ def test_named(model: Model, shown: Shown) -> None:
     before, after = shown.holdout_rms()
     assert report_words.number(before[1]) in text and report_words.number(after[1]) in text
     assert "very likely" in text and "practically certain" in text
+
+
+def test_what_is_next_to_impossible_and_what_holds_the_named_law_are_said_so(model: Model, shown: Shown) -> None:
+    """Neither a rival of 0 % nor a wider law at distance 0 makes a name less sure."""
+    finding = bench.friction_finding()
+    never = replace(finding.alternatives[0], probability=0.001)
+    wider = Separation("coulomb_friction on elbow", "stribeck_friction on elbow", 0.0, "reverse slowly")
+    told = replace(bench.verdict("named", [replace(finding, alternatives=(never,))]), separation=(wider,))
+    text = read(report.page(subject(model, shown, told)))
+    assert "could also be" not in text
+    assert "what it has more is too small to show here; reverse slowly" in text
+    far = replace(told, separation=(replace(wider, distance=9.0),))
+    assert "too small to show" not in read(report.page(subject(model, shown, far)))
 
 
 def test_several_joints_are_lines_of_one_table(model: Model, shown: Shown) -> None:

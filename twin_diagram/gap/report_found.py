@@ -51,16 +51,21 @@ def found(subject: Subject) -> str:
     return f'<section id="found"><h2>What was found</h2>{body}</section>'
 
 
+WORTH_SAYING = 0.005
+"""Alternatives that are less probable are in gap.json alone."""
+
+
 def _finding(finding: Finding, several: bool) -> str:
     sentence = sentence_of(finding)
     when = words.duration(finding, several)
     when = f", {when}" if when and " from " not in sentence else ""
     others = ""
-    if finding.alternatives:
+    possible = [other for other in finding.alternatives if other.probability >= WORTH_SAYING]
+    if possible:
         said = ", ".join(
             words.lower_first(words.claim(other.name, other.joints, other.links))
             + f" ({words.percent(other.probability)})"
-            for other in finding.alternatives
+            for other in possible
         )
         others = f'<p class="alternatives">It could also be: {escape(said)}.{_whichever(finding)}</p>'
     sure = charts.ring(finding.confidence, words.percent(finding.confidence))

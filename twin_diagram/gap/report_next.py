@@ -18,6 +18,13 @@ MOST_DIFF = 120
 """Lines of the model's difference that are shown."""
 
 
+TOSS_UP = 4.0
+"""Distance below which data do not tell two explanations apart."""
+
+WIDER = {("coulomb_friction", "stribeck_friction"), ("payload", "inertial_parameters")}
+"""Names, and names whose law holds theirs as a special case."""
+
+
 def difference(subject: Subject) -> str:
     """The effects of both models, as a difference of two texts."""
     if not subject.changed:
@@ -91,9 +98,13 @@ def onward(subject: Subject) -> str:
 
 
 def _near(pair: Separation) -> str:
+    kinds = tuple(claim.partition(" on ")[0] for claim in (pair.a, pair.b))
+    # The wider law is never worse; that it is not named says that what it has more was not worth its price.
+    within = kinds in WIDER and pair.distance < TOSS_UP
+    note = "holds the named law within it; what it has more is too small to show here; " if within else ""
     return (
         f"<tr><td>{escape(_say(pair.a))}</td><td>{escape(_say(pair.b))}</td>"
-        f'<td class="n">{pair.distance:.1f}</td><td>{escape(pair.experiment)}</td></tr>'
+        f'<td class="n">{pair.distance:.1f}</td><td>{escape(note + pair.experiment)}</td></tr>'
     )
 
 
