@@ -30,6 +30,9 @@ FORGETTING: Final = 0.85
 """λ per message: 6 messages."""
 SLIDES: Final = 0.03
 """Joints as fast as this slide, for certain [rad/s]."""
+SURE: Final = 5.0
+"""And as fast as this many standard deviations of the speeds' sensor: a filter that hears a joint through noise finds
+out late that it has started."""
 BEGUN: Final = 8
 """Messages that a joint must have slid before anything is learnt or tested: friction builds up over a small angle."""
 LEAST: Final = 100
@@ -65,7 +68,7 @@ class TorqueTest:
             sigma: k.
         """
         self._terms, self._parameters, self._sigma = terms, parameters, sigma
-        self._slides = max(SLIDES, 2.0 * tuning.velocity_std)
+        self._slides = max(SLIDES, SURE * tuning.velocity_std)
         self._floor = np.hypot(WHITE * tuning.torque_std, tuning.torque_drift_std)
         self._each = np.arange(terms.n)
         self.size = 1 + 10 * terms.n
