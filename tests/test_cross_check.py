@@ -82,6 +82,18 @@ def test_a_slow_pull_is_found_before_a_reading_leaves_its_gate(normal) -> None:
     assert found[first] > 1.0 and pull[first] < 2.0
 
 
+def test_a_pull_that_begins_before_much_was_seen_is_found_all_the_same() -> None:
+    """A camera of 3 mm at 30 Hz, pulled by 5 mm/s after five seconds."""
+    for seed in range(10):
+        cross, state = check(6)
+        t = np.arange(1, 301) / 30.0
+        white = np.random.default_rng([seed, 8]).normal(size=(len(t), 6))
+        white[:, 4] += np.maximum(t - 5.0, 0.0) * 5.0 / 3.0
+        found = np.array([cross.follow(state, 0, row, True, at, True) for row, at in zip(white, t, strict=True)])
+        assert found[t < 5.0].max() < 1.0
+        assert t[np.argmax(found > 1.0)] < 7.6 and found.max() > 1.0, seed
+
+
 def test_refusals_in_a_row_are_found_and_scattered_outliers_are_not() -> None:
     rng = np.random.default_rng(5)
     cross, state = check(6)
