@@ -447,6 +447,15 @@ def test_bad_calls_are_typed_errors():
     before = ekf.belief.x.copy()
     assert not ekf.update(ekf.encoder, np.full(7, np.nan)).accepted
     np.testing.assert_array_equal(ekf.belief.x, before)
+    for q, v, tau in ((HOME[:5], HOME, HOME), (HOME, None, HOME), (HOME, HOME, "idle")):
+        with pytest.raises(FilterError, match="7 numbers"):
+            ekf.observe(q, v, tau, 1.01)
+    with pytest.raises(FilterError, match="no state can be taken"):
+        ekf.start(np.full(7, np.nan), HOME, HOME, 2.0)
+    np.testing.assert_array_equal(ekf.belief.x, before)
+    for wrong in (Filter(rate=0.0), Filter(encoder_std=-1.0), Filter(torque_std=np.nan)):
+        with pytest.raises(ScenarioError, match=r"twin\.filter\.\w+_?\w*: "):
+            Ekf(terms(), wrong)
     with pytest.raises(ScenarioError, match=r"twin\.filter\.parameters.*'gravity'"):
         Ekf(terms(), Filter(parameters=["gravity"]))
     with pytest.raises(ScenarioError, match="given twice"):

@@ -91,9 +91,10 @@ def test_what_lies_out_of_reach_is_said_to_be_at_a_bound() -> None:
 
 
 def test_before_the_first_message_and_under_the_gradient_rule_nothing_is_told() -> None:
-    ekf = Ekf(terms(), Filter(parameters=["coulomb_friction"]))
+    ekf = Ekf(terms(), Filter(parameters=["payload", "coulomb_friction"]))
     prior = standings(ekf.parameters, ekf.parameters.mean, ekf.parameters.covariance, JOINTS)
     assert {standing.status for standing in prior} == {Status.NOT_EXCITED}
+    assert {standing.status for standing in ekf.standings(JOINTS)} == {Status.NOT_EXCITED}
     run = simulate(World(seed=1015), 0.5)
     assert {s.status for s in learnt(run, ["coulomb_friction"], "gradient").values()} == {Status.UNKNOWN}
 

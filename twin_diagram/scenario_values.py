@@ -95,6 +95,15 @@ def check_twin(twin: Twin) -> None:
             raise ScenarioError("twin.camera.depth_range", f"{near_far} is not [nearest, farthest]")
 
 
+def check_filter(params: Filter) -> None:
+    """Checks a filter's tuning by itself, for filters that are made without a scenario.
+
+    Raises:
+        ScenarioError: a number that cannot be; it names the field.
+    """
+    _walk(params, "twin.filter")
+
+
 def _walk(value: Any, name: str) -> None:
     if dataclasses.is_dataclass(value):
         _check_fields(value, name)

@@ -16,6 +16,7 @@ from twin_diagram.estimation.parameters import ParameterSet
 from twin_diagram.estimation.positive import solve_positive
 from twin_diagram.estimation.sensors import Instant, JointEncoder, JointState, JointVelocity, Linear, Sensor
 from twin_diagram.scenario import Filter
+from twin_diagram.scenario_values import check_filter
 from twin_diagram.signals import Array
 
 IMPOSSIBLE: Final = 2.0
@@ -48,8 +49,9 @@ class Core:
         """Makes the parts.
 
         Raises:
-            ScenarioError: a parameter or a rule that does not exist.
+            ScenarioError: a parameter or a rule that does not exist, or a figure that cannot be.
         """
+        check_filter(params)
         if params.rule not in ("covariance", "gradient"):
             raise ScenarioError("twin.filter.rule", f"{params.rule!r} is neither 'covariance' nor 'gradient'")
         self.terms, self.params = terms, params

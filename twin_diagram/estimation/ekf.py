@@ -95,6 +95,8 @@ class Ekf(Core):
             joints: names of the n joints, for the labels.
         """
         belief, start = self.belief, 3 * self.terms.n
+        if not belief.valid:
+            return standings(self.parameters, self.parameters.mean, self.parameters.covariance, joints)
         covariance = belief.P[start : start + belief.p, start : start + belief.p]
         return standings(self.parameters, belief.theta, covariance, joints, self.params.rule)
 

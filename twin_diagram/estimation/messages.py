@@ -36,7 +36,13 @@ def start(core: Core, q: Array, v: Array, tau: Array, t: float) -> None:
         v: (n,) [rad/s].
         tau: (n,) [N·m].
         t: [s].
+
+    Raises:
+        FilterError: q, v or τ are not n finite numbers, or t is not finite.
     """
+    q, v, tau = (_sized(core, name, value) for name, value in (("q", q), ("v", v), ("torque", tau)))
+    if not np.all(np.isfinite([*q, *v, *tau, t])):
+        raise FilterError(f"no state can be taken from q {q.tolist()}, v {v.tolist()}, torque {tau.tolist()} at {t} s")
     belief, n = core.belief, core.terms.n
     if belief.valid:
         kept = belief.P[3 * n :, 3 * n :].copy()
@@ -86,7 +92,11 @@ def observe(core: Core, q: Array, v: Array, tau: Array, t: float) -> bool:
 
     Returns:
         Whether the message was used.
+
+    Raises:
+        FilterError: q, v or τ are not n numbers, whatever their values.
     """
+    q, v, tau = (_sized(core, name, value) for name, value in (("q", q), ("v", v), ("torque", tau)))
     belief, header = core.belief, core.belief.header
     if not np.isfinite(t):
         header[Entry.INVALID] += 1
@@ -133,6 +143,16 @@ def observe(core: Core, q: Array, v: Array, tau: Array, t: float) -> bool:
         header[Entry.RESTARTS] += 1
         start(core, q, v, tau, t)
     return True
+
+
+def _sized(core: Core, name: str, values: Array) -> Array:
+    try:
+        array = np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise FilterError(f"{name} {values!r} is not {core.terms.n} numbers") from None
+    if array.shape != (core.terms.n,):
+        raise FilterError(f"{name} has shape {array.shape} where {core.terms.n} numbers are expected")
+    return array
 
 
 def _next(core: Core, q: Array, v: Array, tau: Array, t: float, dt: float, heard: bool) -> None:

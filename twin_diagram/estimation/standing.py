@@ -69,7 +69,8 @@ def standings(
         rule: `Filter.rule`.
     """
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    held = at_bound(parameters, theta)
+    untouched = (theta == parameters.mean) & (std >= (1.0 - 1e-9) * parameters.scale)
+    held = at_bound(parameters, theta) & ~untouched  # a prior that begins at a bound is no finding
     found = []
     for i, label in enumerate(parameters.labels(joints)):
         if held[i]:
