@@ -18,6 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twin_diagram.gap import experiments, gap_json, report, report_charts, report_words, trajectories
+from twin_diagram.gap.command import accepted
 from twin_diagram.gap.finding import Alternative, Estimate, Finding, Separation, Verdict
 from twin_diagram.gap.named import effects_of, sentence_of, specs_of
 from twin_diagram.gap.report_pictures import binned
@@ -116,6 +117,16 @@ def test_what_is_next_to_impossible_and_what_holds_the_named_law_are_said_so(mod
     assert "what it has more is too small to show here; reverse slowly" in text
     far = replace(told, separation=(replace(wider, distance=9.0),))
     assert "too small to show" not in read(report.page(subject(model, shown, far)))
+
+
+def test_a_held_out_run_that_exercises_nothing_proves_nothing(shown: Shown) -> None:
+    """It neither confirms nor denies; one that gets worse denies."""
+    verdict = bench.verdict("named", [bench.friction_finding()])
+    assert shown.is_exercised() and accepted(verdict, shown)
+    same = replace(shown, holdout=replace(shown.holdout, after=shown.holdout.before))
+    assert not same.is_exercised() and not same.shrinks() and accepted(verdict, same)
+    worse = replace(shown, holdout=replace(shown.holdout, after=1.1 * shown.holdout.before))
+    assert worse.is_exercised() and not accepted(verdict, worse)
 
 
 def test_several_joints_are_lines_of_one_table(model: Model, shown: Shown) -> None:

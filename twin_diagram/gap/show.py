@@ -15,6 +15,9 @@ from twin_diagram.prediction import rollout_rms, torque_predicted
 
 Array = npt.NDArray[np.float64]
 
+EXERCISED = 0.02
+"""A run whose predicted torques change by less than this share of the noise proves nothing for or against a model."""
+
 BEYOND = 1.25
 """A residual that is less than this many times the noise is no gap: noise itself differs from run to run."""
 
@@ -100,6 +103,11 @@ class Shown:
         """Whether the held-out residual falls, each joint in units of its noise."""
         before, after = (x / self.noise_floor for x in self.holdout_rms())
         return float(np.sum(after**2)) < float(np.sum(before**2))
+
+    def is_exercised(self) -> bool:
+        """Whether the held-out run does anything that tells the two models apart, beside its noise."""
+        change = rms([self.holdout.after - self.holdout.before])
+        return bool(np.any(change > EXERCISED * self.noise_floor))
 
 
 def show(
