@@ -113,7 +113,7 @@ def main() -> None:
     parser.add_argument("command", choices=["run", "report"])
     parser.add_argument("--quick", action="store_true", help="a few seeds of each, at most ten minutes on two cores")
     parser.add_argument("--only", action="append", default=[], choices=[*EXPERIMENTS, "timings"])
-    parser.add_argument("--jobs", type=int, default=1, help="processes; each uses one thread")
+    parser.add_argument("--jobs", type=int, default=2, help="processes; each uses one thread")
     parser.add_argument("--out", type=Path, default=Path("out/hrt_tables"))
     parser.add_argument("--any-code", action="store_true", help="report on results of other versions of the code too")
     given = parser.parse_args()
