@@ -28,7 +28,7 @@ from twin_diagram.scenario import (
 
 POSITIVE: dict[type, tuple[str, ...]] = {
     Camera: ("width", "height", "focal", "rate"),
-    Drift: ("period", "horizon", "learning_time", "sigma"),
+    Drift: ("period", "horizon", "learning_time", "sigma", "false_alarms"),
     Driver: ("rate",),
     Filter: (
         "rate",
