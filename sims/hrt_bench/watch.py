@@ -10,18 +10,16 @@ from twin_diagram.estimation.drift import Entry as Seen
 from twin_diagram.estimation.drift import Evidence, Monitor
 from twin_diagram.estimation.drift_state import RING
 from twin_diagram.estimation.ekf import Ekf, Update
-from twin_diagram.estimation.learning import open_up
 from twin_diagram.estimation.positive import whiten
 from twin_diagram.scenario import Drift
 from twin_diagram.signals import AlarmKind
 
 
 class Watch:
-    """Collects the alarms of a drift monitor that is told of all sensors; those about the joints open the filter up."""
+    """Collects the alarms of a drift monitor that is told of all sensors; the filter heeds them as in the Diagram."""
 
     def __init__(self, ekf: Ekf) -> None:
         self.alarms: list[tuple[float, str]] = []
-        self._kinds: list[AlarmKind] = []
         self._ekf = ekf
         sizes = {name: sensor.size for name, sensor in ekf.declared.sensors.items()}
         self.monitor = Monitor(ekf.terms, Drift(), ekf.params, sizes)
@@ -37,10 +35,8 @@ class Watch:
         state = np.concatenate([belief.q, belief.v])
         nis = float(belief.header[Entry.NIS])
         monitor.observe(state, belief.theta, nis, q, tau, t, belief.time, belief.innovation)
-        before = len(self.alarms)
         self._collect()
-        if any(what != AlarmKind.SENSOR for what in self._kinds[before:]) and t >= belief.header[Entry.QUIET]:
-            open_up(self._ekf, t)
+        self._ekf.heed(monitor.alarm())
 
     def _collect(self) -> None:
         raised = int(self.monitor.header[Seen.ALARMS])
@@ -50,4 +46,3 @@ class Watch:
             sensor = int(self.monitor.evidence[row, Evidence.SENSOR])
             what = self.monitor.sensors[sensor] if sensor >= 0 else AlarmKind(int(kind)).name.lower()
             self.alarms.append((float(time), what))
-            self._kinds.append(AlarmKind(int(kind)))

@@ -40,20 +40,24 @@ class Entry(IntEnum):
     """Until this time the noise is not adapted: what is wrong is not noise [s]."""
     HEARD = 9
     """Time of the newest reading of the arm's own that was used [s]; `NEVER` before the first."""
-    ACCEPTED = 10
-    REFUSED = 11
+    HEEDED = 10
+    """When the newest alarm about the joints that the filter heeded was raised [s]; 0 before the first."""
+    COUNTED = 11
+    """Messages by which the noise has settled: the more, the slower it follows."""
+    ACCEPTED = 12
+    REFUSED = 13
     """Messages with a reading outside its gate."""
-    SURPRISES = 12
+    SURPRISES = 14
     """Messages that only an unmodelled torque explains."""
-    STALE = 13
+    STALE = 15
     """Messages seen before, or too old to be fused at their own time."""
-    INVALID = 14
+    INVALID = 16
     """Messages with a NaN, an infinity or an absurd value."""
-    RESTARTS = 15
+    RESTARTS = 17
     """State taken anew from a message after a gap in time or a run of refusals."""
-    OPENINGS = 16
+    OPENINGS = 18
     """Times that an abrupt change opened the parameter covariance."""
-    LATE = 17
+    LATE = 19
     """Messages that arrived after newer ones and were fused at their own time."""
 
 
@@ -81,6 +85,8 @@ class Track(IntEnum):
     """Times that a run of refusals was ended by opening what only this sensor tells."""
     RUN = 10
     """Sum of squares of the mean whitened innovation over its variance: about `size` while it agrees with the rest."""
+    COUNTED = 11
+    """Readings by which its noise has settled: the more, the slower it follows."""
 
 
 HEADER = len(Entry)

@@ -37,11 +37,12 @@ from twin_diagram.estimation.belief import HEADER, MEMORY, Entry, Track
 from twin_diagram.estimation.core import Core
 from twin_diagram.estimation.declared import FilterError
 from twin_diagram.estimation.fusion import REFUSALS, Update, fuse
+from twin_diagram.estimation.learning import open_up
 from twin_diagram.estimation.messages import LONGEST_GAP
 from twin_diagram.estimation.propagation import LONGEST_PREDICTION, propagate
 from twin_diagram.estimation.sensors import Sensor
 from twin_diagram.estimation.standing import Standing, standings
-from twin_diagram.signals import Array
+from twin_diagram.signals import AlarmKind, Array
 
 __all__ = ["LONGEST_GAP", "REFUSALS", "Ekf", "FilterError", "Update"]
 
@@ -104,6 +105,26 @@ class Ekf(Core):
         """An alarm stands: the noise is not adapted before this time [s]."""
         header = self.belief.header
         header[Entry.ALARM] = max(header[Entry.ALARM], until)
+
+    def heed(self, alarm: Array) -> None:
+        """What a drift monitor says counts for the filter: call it before each message, with the monitor's word so far.
+
+        While an alarm stands the noise is not adapted. A new one about the joints is a change of the arm: the
+        parameters that recent innovations speak for open, so that they are learnt faster.
+
+        Args:
+            alarm: (4,) of a monitor: whether one stands, its `AlarmKind`, when it was raised [s], its statistic.
+        """
+        belief, header = self.belief, self.belief.header
+        if not belief.valid:
+            return
+        if alarm[0] > 0.5:
+            self.hold_noise(belief.time + 2.0 * self.period)
+        if not header[Entry.HEEDED] < alarm[2] < np.inf or alarm[1] in (AlarmKind.NONE, AlarmKind.SENSOR):
+            return
+        header[Entry.HEEDED] = alarm[2]
+        if belief.time >= header[Entry.QUIET]:
+            open_up(self, belief.time)
 
     def suspicion(self) -> dict[str, float]:
         """How strongly each further sensor contradicts the rest: above 1 it does. See `Declared.suspicion`."""

@@ -57,8 +57,8 @@ class AdaptiveEkf(LeafSystem):
     With them comes the output `sensor_tracks`: of each in turn its record by `belief.Track`, then its mean whitened
     innovation.
 
-    `alarm` as a `DriftMonitor` gives it may be left open; while its first entry is 1 the noise is not adapted, lest a
-    fault be taken for noise.
+    `alarm` as a `DriftMonitor` gives it may be left open; while one stands the noise is not adapted, lest a fault be
+    taken for noise, and a new one about the joints opens the parameters: see `Ekf.heed`.
 
     Outputs: `arm_state` x̂ = [q (n) rad, v (n) rad/s], `home` before the first message; `parameters` θ̂ (p), see
     `Ekf.parameters`, for a payload its mass [kg] and first moment [kg·m] in the last link's frame; `covariance` of
@@ -190,8 +190,8 @@ class AdaptiveEkf(LeafSystem):
         ekf = self._ekfs[self.model_number(context)]
         before = cast(Array, context.get_discrete_state(0).value())
         ekf.load(before, cast(Array, context.get_discrete_state(1).value()) if self._further else None)
-        if self._alarm.HasValue(context) and cast(Array, self._alarm.Eval(context))[0] > 0.5:
-            ekf.hold_noise(ekf.belief.time + 2.0 * ekf.period)
+        if self._alarm.HasValue(context):
+            ekf.heed(cast(Array, self._alarm.Eval(context)))
         ekf.observe(q, v, tau, float(t[0]))
         if self._further:
             discrete.set_value(2, cast(Any, self._read_further(context, ekf)))

@@ -2,47 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
+from twin_diagram.estimation.adaptation import Update, adapt, noise_now
 from twin_diagram.estimation.belief import Entry, Track
 from twin_diagram.estimation.core import Core
-from twin_diagram.estimation.declared import VOUCHED, FilterError, note
-from twin_diagram.estimation.disturbance import CREEP
+from twin_diagram.estimation.declared import FilterError, note
 from twin_diagram.estimation.learning import gather
-from twin_diagram.estimation.noise import LARGEST_STEP, follow_sensor, follow_torque, held, scaled
 from twin_diagram.estimation.positive import joseph, solve_positive, whiten
 from twin_diagram.estimation.propagation import LONGEST_PREDICTION, propagate, unmodelled
 from twin_diagram.estimation.sensors import Linear, Sensor, WristWrench
 from twin_diagram.signals import Array
 
-RUN: Final = 3
-"""Readings refused in a row that are no outliers any more."""
 REFUSALS: Final = 10
 """After as many refused or stale messages in a row the state is taken anew from the message."""
-
-
-@dataclass(frozen=True)
-class Update:
-    """What became of a reading.
-
-    Attributes:
-        accepted: False where the gate refused it or it was not finite.
-        surprise: it was accepted, but only an unmodelled torque explains it.
-        nis: squared Mahalanobis distance of the innovation.
-        innovation: (m,) z − h(x).
-        covariance: (m, m) of the innovation.
-        late: it was fused at a time before the filter's.
-    """
-
-    accepted: bool
-    surprise: bool
-    nis: float
-    innovation: Array
-    covariance: Array
-    late: bool = False
 
 
 def fuse(
@@ -117,7 +92,7 @@ def take(core: Core, sensor: Sensor, z: Array, t: float | None, noise: Array | N
     # It is for the joints themselves to say that a torque threw the arm. What else jumps may be a load, a contact or a
     # fault of its own, and must not move the state by all that an effort limit allows.
     result = _fuse(core, sensor, z, at, noise_now(core, sensor, track, at, noise), explain and track is None)
-    _adapt(core, sensor, track, noise, result, belief.time)
+    adapt(core, sensor, track, noise, result, belief.time)
     if track is not None:
         _record(core, sensor, track, result, belief.time)
     elif result.accepted:
@@ -187,65 +162,13 @@ def _late(
         belief.x[:], P = core.history.rerun(back, x, P, core.parameters.opening, core.parameters.clip)
         belief.P[:] = P
         core.parameters.clip(belief.theta)
-    _adapt(core, sensor, track, noise, result, t)
+    adapt(core, sensor, track, noise, result, t)
     if track is not None:
         _record(core, sensor, track, result, t)
         track[Track.LATE] += accepted
     else:
         belief.header[Entry.LATE] += accepted
     return result
-
-
-def _levels(core: Core, sensor: Sensor, track: Array | None) -> Array | None:
-    """Logarithms of the factors of a sensor's variances (m,), a view; None for one it does not know."""
-    if track is not None:
-        return next(
-            level for level, other in zip(core.belief.levels, core.belief.tracks, strict=True) if other is track
-        )
-    own = {core.joints.name: slice(0, 2), core.encoder.name: slice(0, 1), core.velocity.name: slice(1, 2)}
-    return core.belief.noise[own[sensor.name]].reshape(-1) if sensor.name in own else None
-
-
-def noise_now(core: Core, sensor: Sensor, track: Array | None, at: Linear, noise: Array | None) -> Array:
-    """R (m, m) as adapted: the sensor's own or that of this reading, and what its model adds."""
-    base = sensor.noise(core.belief.x) if noise is None else noise
-    levels = _levels(core, sensor, track)
-    adapted = base if levels is None else scaled(base, levels)
-    return adapted if noise is not None else at.noise + (adapted - base)
-
-
-def _adapt(core: Core, sensor: Sensor, track: Array | None, noise: Array | None, result: Update, t: float) -> None:
-    """Lets a reading speak for its sensor's noise, and the arm's own for the torque that the model lacks."""
-    belief, span = core.belief, core.params.noise_time
-    levels = _levels(core, sensor, track)
-    if span <= 0.0 or levels is None:
-        return
-    now = max(t, belief.time)
-    streak = float(belief.header[Entry.STREAK] if track is None else track[Track.STREAK])
-    trouble = result.surprise or (not result.accepted and (track is None or streak >= RUN))
-    # A message refused alone is an outlier; a run of them may well be noise that was thought too small. Of another
-    # sensor it is a fault, as long as the joints vouch for the state.
-    heard = result.accepted or (track is None and streak >= RUN)
-    # Without the joints, what the model gets wrong would be taken for noise of the sensors that are left.
-    blind = belief.header[Entry.HEARD] < now - VOUCHED
-    if held(belief, now, trouble) or blind or not heard:
-        return
-    elapsed = float(belief.header[Entry.SPAN]) if track is None else t - float(track[Track.LAST])
-    if not 0.0 < elapsed < np.inf:
-        return
-    step = min(elapsed / span, LARGEST_STEP)
-    base = (sensor.noise(belief.x) if noise is None else noise).diagonal() * np.exp(levels)
-    inverse = solve_positive(result.covariance, np.eye(sensor.size))
-    weighted = inverse @ result.innovation
-    if sensor is core.joints and core.by_torque is not None and not result.late:
-        by, n = core.by_torque, belief.n
-        variance = core.params.torque_std**2 * np.exp(belief.noise[2]) * (core.period / elapsed)
-        follow_torque(belief, by, variance, inverse @ by, weighted, step)
-        # What rests or creeps is known through its friction, and says little of a sensor.
-        moving = np.tile((belief.regime != 0.0) & (np.abs(belief.v) > 2.0 * CREEP), 2)[: 2 * n]
-        follow_sensor(levels, base, inverse.diagonal(), weighted, np.where(moving, step, 0.0))
-        return
-    follow_sensor(levels, base, inverse.diagonal(), weighted, step)
 
 
 def _record(core: Core, sensor: Sensor, track: Array, result: Update, t: float) -> None:

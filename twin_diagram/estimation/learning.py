@@ -14,8 +14,8 @@ from twin_diagram.signals import Array
 QUIET_TIME: Final = 0.2
 """No second opening within this time [s]."""
 FARTHEST: Final = 0.05
-"""Share of its prior's deviation by which a parameter may part from what the physics holds: beyond, the physics takes it
-over at once. Kilograms that are learnt within a few messages do not wait: linearised about no load at all, arm and
+"""Share of its prior's deviation by which a parameter may part from what the physics holds: beyond, the physics takes
+it over at once. Kilograms that are learnt within a few messages do not wait: linearised about no load at all, arm and
 wrench would seem to say more of it than they do, and falsely."""
 
 

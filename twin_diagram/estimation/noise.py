@@ -4,14 +4,15 @@ With u = S⁻¹ y, y the innovation of covariance S, the likelihood of R_ii rise
 alike on average where R is right; for the white torque of joint j, of which a unit changes the reading by g_j, the same
 holds of (g_jᵀ u)² and g_jᵀ S⁻¹ g_j. So each deviation takes a small step along its own likelihood after every reading,
 
-    ln σ² ← ln σ² + ε w (min(u²/E[u²], CAP) − 1),      ε = time since the last reading / `Filter.noise_time`,
+    ln σ² ← ln σ² + ε w (min(u²/E[u²], CAP) − 1),      ε = max(Δt / `Filter.noise_time`, `EAGER` / readings so far),
 
-with w the share that σ² has in what is seen: what hardly shows is hardly moved. Outliers are capped, and all stays
-within `WIDEST` of what was given.
+with w the share that σ² has in what is seen: what hardly shows is hardly moved. Δt is the time since the last reading;
+the first few hundred readings count for more, so that the noise has settled before a drift monitor has learnt what is
+normal. Outliers are capped, and all stays within `WIDEST` of what was given.
 
 **It stands still during an alarm**, lest the filter take a fault for noise: while one is reported from outside (see
 `Ekf.hold_noise`), and by itself for `HOLD` after a refused message, a surprise or an opening. Where those go on, it is
-the noise that is wrong: after each hold it is free as long as it was held.
+the noise that is wrong: after each hold it is free as long as it was held, and follows as quickly as at first.
 """
 
 from __future__ import annotations
@@ -29,7 +30,10 @@ CAP: Final = 9.0
 WIDEST: Final = 2.0 * np.log(10.0)
 """ln σ² moves no further than this from what was given: a tenth to ten times."""
 LARGEST_STEP: Final = 0.05
-"""ε at most, for sensors that read seldom."""
+"""ε at most, at first and for sensors that read seldom."""
+EAGER: Final = 4.0
+"""ε is this over the readings so far while that is more. 1 would average them; but a variance that was given 25 times
+too large must come down by its logarithm, 3, and a share w of a third still takes all readings for 1."""
 HOLD: Final = 1.0
 """How long the adaptation stands still by itself [s]."""
 
@@ -40,6 +44,17 @@ def held(belief: Belief, t: float, trouble: bool) -> bool:
     if trouble and (last <= 0.0 or t >= last + HOLD):
         belief.header[Entry.ALARM] = t + HOLD
     return bool(t < belief.header[Entry.ALARM])
+
+
+def gain(elapsed: float, span: float, readings: float) -> float:
+    """ε of one reading.
+
+    Args:
+        elapsed: since the last one [s].
+        span: `Filter.noise_time` [s].
+        readings: of that sensor before this one.
+    """
+    return min(max(elapsed / span, EAGER / (readings + EAGER / LARGEST_STEP)), LARGEST_STEP)
 
 
 def scaled(noise: Array, level: Array) -> Array:
