@@ -41,6 +41,9 @@ LEAST_LIMIT = 0.06
 CLEAR = 3.0
 """Torque must exceed a limit by this many times its noise to show that it is one."""
 
+UNNEEDED = 0.5
+"""Share of the torque beyond a limit that the motion must not have needed: what moved the arm was no limit."""
+
 PLAIN = 6.0
 SELECTED = 40.0
 """Below `PLAIN` times the noise, picking the samples beyond a limit picks their noise too: worth this much [nats]."""
@@ -130,6 +133,8 @@ def saturation(terms: Terms, j: int, limit: float) -> Candidate | None:
     if clear < CLEAR:
         return None
     over = terms.reduce(tuple(tau - np.clip(tau, -limit, limit) for tau in asked))
+    if float(over @ terms.unneeded[:, j]) < UNNEEDED * float(over @ over):
+        return None
     # Beyond the limit what was logged does not count, nor does its noise: such samples seem to fit better than any can.
     free = -0.5 * len(over) * float(np.log(1.0 - share))
 

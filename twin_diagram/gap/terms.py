@@ -96,6 +96,11 @@ class Terms:
         pairs = zip(self.records.records, self.smooth_torque, strict=True)
         return spread_of(np.concatenate([lowpass(r.torque, r.rate, r.band) - s for r, s in pairs]))
 
+    @cached_property
+    def unneeded(self) -> Array:
+        """(ΣD, n) what was asked for beyond the transmitted torque, reduced [N·m]."""
+        return self.reduce(tuple(s - load for load, s in zip(self.load, self.asked_torque, strict=True)))
+
     def unexplained(self, j: int, limit: float = np.inf) -> float:
         """What is usually left of a joint's smoothed torque, clipped to a limit, beside the transmitted one [N·m]."""
         parts = zip(self.load, self.asked_torque, strict=True)
