@@ -23,12 +23,14 @@ from twin_diagram.signals import Array
 
 TRAINING, HELD_BACK = 3000, 3001
 """Seeds."""
-ARRANGEMENTS = {TRAINING: 130, HELD_BACK: 65}
+ARRANGEMENTS = {TRAINING: 200, HELD_BACK: 130}
 FAR = 5.0
 """A pose this many times farther off than its look explains is of something else."""
 COVERED = (0.0, 0.12, 0.3, 0.5, 0.7, 1.0)
 BRIGHTNESS = (0.0, 0.1, 0.25, 0.6, 1.0)
 """Edges of the table's bins."""
+FEWEST = 8
+"""Frames that say something of a bin."""
 
 
 def frames(seed: int) -> tuple[Array, Array]:
@@ -94,21 +96,39 @@ def likelihood(looks: Array, errors: Array, coefficients: Array) -> float:
     return float(np.mean(np.sum(-0.5 * white - np.log(std), axis=(1, 2))))
 
 
-def by_look(looks: Array, errors: Array) -> Array:
-    """(C, B, 2) deviation by bins of covered share and brightness, over that of a good look; NaN for few frames."""
-    size = np.sqrt(np.mean(errors**2, axis=2))
+def by_look(looks: Array, errors: Array, coefficients: Array) -> tuple[Array, Array, Array]:
+    """What frames say of each look, by bins of covered share and brightness.
+
+    Args:
+        looks: (K, 2).
+        errors: (K, 2, 3).
+        coefficients: (2, 5) of the law; what is `FAR` times farther off than it claims is of something else.
+
+    Returns:
+        (C,) and (B,) mean covered share and brightness of the frames in each row and column; (C, B, 2) RMS of errors
+        over what the law claims, 1 where it is honest, NaN for few frames; (C, B, 2) deviations over those of a good
+        look: the claim at the bin's mean look, times that.
+    """
+    white = np.mean(errors**2, axis=2) / np.exp(2.0 * np.array([coefficients @ features(*look) for look in looks]))
     rows = np.clip(np.searchsorted(COVERED, looks[:, 0], side="right") - 1, 0, len(COVERED) - 2)
     columns = np.clip(np.searchsorted(BRIGHTNESS, looks[:, 1], side="right") - 1, 0, len(BRIGHTNESS) - 2)
-    table = np.full((len(COVERED) - 1, len(BRIGHTNESS) - 1, 2), np.nan)
-    for i in range(len(table)):
-        for j in range(table.shape[1]):
-            inside = size[(rows == i) & (columns == j)]
-            if len(inside) >= 8:
-                middle = np.median(inside, axis=0)
-                inside = np.where(inside < FAR * middle, inside, np.nan)
-                table[i, j] = np.sqrt(np.nanmean(inside**2, axis=0))
-    at = int(np.searchsorted(BRIGHTNESS, GOOD[1], side="right") - 1)
-    return table / table[0, at]
+    covered = np.array([_mean(looks[rows == i, 0]) for i in range(len(COVERED) - 1)])
+    brightness = np.array([_mean(looks[columns == j, 1]) for j in range(len(BRIGHTNESS) - 1)])
+    honest = np.full((len(covered), len(brightness), 2), np.nan)
+    claims = np.empty_like(honest)
+    for i, c in enumerate(covered):
+        for j, b in enumerate(brightness):
+            claims[i, j] = np.exp(coefficients @ features(c, b))
+            inside = white[(rows == i) & (columns == j)]
+            if len(inside) >= FEWEST:
+                honest[i, j] = np.sqrt(np.nanmean(np.where(inside < FAR**2, inside, np.nan), axis=0))
+    table = claims * honest
+    good = table[0, int(np.searchsorted(BRIGHTNESS, GOOD[1], side="right") - 1)]
+    return covered, brightness, honest, table / good
+
+
+def _mean(values: Array) -> float:
+    return float(values.mean()) if len(values) else np.nan
 
 
 def main() -> None:
@@ -125,8 +145,12 @@ def main() -> None:
     constant[:, 0] = np.log(np.sqrt(np.mean(errors**2, axis=(0, 2))))
     gain = likelihood(looks, errors, coefficients) - likelihood(looks, errors, constant)
     print(f"log likelihood per frame above that of one deviation for all looks: {gain:.2f}")
-    print("deviation over that of a good look, by covered share (rows) and brightness, rotation then position:")
-    print(np.array2string(by_look(looks, errors).transpose(2, 0, 1), precision=2, separator=", "))
+    covered, brightness, honest, table = by_look(looks, errors, coefficients)
+    print(f"mean covered share of the rows {covered.round(3)}, brightness of the columns {brightness.round(3)}")
+    print("errors over claims by look, rotation then position:")
+    print(np.array2string(honest.transpose(2, 0, 1), precision=2, separator=", "))
+    print("deviation over that of a good look:")
+    print(np.array2string(table.transpose(2, 0, 1), precision=2, separator=", "))
 
 
 if __name__ == "__main__":

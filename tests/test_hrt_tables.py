@@ -178,12 +178,14 @@ def test_camera_noise_grows_with_cover_and_bad_light_and_was_fitted() -> None:
     assert np.all(camera_noise(np.nan, 0.5) == pytest.approx(WORST * good))
     outline = np.array([0.026, 0.003])
     np.testing.assert_allclose(camera_noise(*GOOD, good=outline), np.repeat(outline, 3))
-    # The law that was fitted against what frames held back say of each look: never far too sure.
-    for i, c in enumerate(sensors.LOOK_COVERED):
-        for j, b in enumerate(sensors.LOOK_BRIGHTNESS):
-            ratio = camera_noise(c, b)[[0, 3]] / good[[0, 3]] / sensors.MEASURED[i, j]
-            assert np.all((ratio > 0.6) & (ratio < 5.0)), (c, b, ratio)
-    factor = look_factor(np.array([0.06, 0.5, 2.0]), np.array([0.425, 0.425, -1.0]))
+    # The law that was fitted against what frames held back say of each look; bins of 8 to 121 frames with heavy tails
+    # are known to a tenth to a third themselves.
+    usual = camera_noise(sensors.LOOK_COVERED[0], sensors.LOOK_BRIGHTNESS[2])
+    ratio = np.array([[camera_noise(c, b) / usual for b in sensors.LOOK_BRIGHTNESS] for c in sensors.LOOK_COVERED])
+    ratio = ratio[:, :, [0, 3]] / sensors.MEASURED
+    assert 0.55 < ratio.min() and ratio.max() < 2.3, ratio
+    assert np.all(np.abs(np.exp(np.mean(np.log(ratio), axis=(0, 1))) - 1.0) < 0.3)
+    factor = look_factor(np.array([0.008, 0.5, 2.0]), np.array([0.432, 0.432, -1.0]))
     np.testing.assert_allclose(factor[0], 1.0)
     np.testing.assert_allclose(factor[2], sensors.MEASURED[-1, 0])
     assert np.all((factor[1] > sensors.MEASURED[2, 2]) & (factor[1] < sensors.MEASURED[3, 2]))
@@ -196,6 +198,11 @@ def test_training_finds_deviations_and_leaves_outliers_out() -> None:
     errors = rng.normal(size=(3000, 2, 3)) * std[:, None, None]
     errors[::40, :] += 1.0
     found = train_camera_noise.fit(looks, errors)
+    covered, _, honest, table = train_camera_noise.by_look(looks, errors, found)
+    np.testing.assert_allclose(honest[:, 2], 1.0, atol=0.08)
+    true = 0.004 * np.exp(1.5 * covered)
+    np.testing.assert_allclose(table[:, 2, 1], true / true[0], rtol=0.12)
+    assert np.isnan(honest[:, 0]).all()  # no frame was so dark
     for c in (0.1, 0.5, 0.8):
         np.testing.assert_allclose(camera_noise(c, 0.5, coefficients=found), 0.004 * np.exp(1.5 * c), rtol=0.08)
 

@@ -18,8 +18,8 @@ GOOD: Final = (0.0, 0.4)
 """A good look: nothing is covered, and neither dusk nor glare."""
 COEFFICIENTS: Final = np.array(
     [
-        [-6.815, -0.045, 3.880, 0.631, 2.743],
-        [-9.174, 0.447, 2.936, 1.323, 5.896],
+        [-6.773, 0.254, 3.410, 0.569, 2.327],
+        [-9.261, 1.241, 1.944, 1.464, 6.200],
     ]
 )
 """For rotation [log rad] and position [log m], by `features`."""
