@@ -132,6 +132,18 @@ def test_terms_of_a_model_hold_its_effects():
     np.testing.assert_allclose(arm.effort_limit, model.effort_limit)
 
 
+def test_plants_that_cannot_be_are_refused():
+    plant = MultibodyPlant(0.0)
+    Parser(plant).AddModels(str(models_dir() / "arms" / "ur5e.urdf"))
+    with pytest.raises(ModelError, match="not finalized"):
+        ArmTerms(plant, ["elbow_joint"])
+    plant.Finalize()
+    with pytest.raises(ModelError, match="no frame 'claw'"):
+        ArmTerms(plant, ["elbow_joint"], tool_frame="claw")
+    with pytest.raises(ModelError, match="no joint 'knee'"):
+        ArmTerms(plant, ["knee"])
+
+
 def test_terms_of_any_plant():
     """A pendulum with a prismatic-free, actuator-free plant of the user's own."""
     arm = pendulum()

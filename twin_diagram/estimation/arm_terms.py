@@ -82,8 +82,13 @@ class ArmTerms:
             context: of the plant, with its parameters set; copied. The plant's default where None.
 
         Raises:
-            ModelError: a name that the plant does not have, or a joint of several degrees of freedom.
+            ModelError: a plant that is not finalized, a name that it does not have, or a joint of several degrees of
+                freedom.
         """
+        if not plant.is_finalized():
+            raise ModelError("the plant is not finalized: call Finalize() before a filter is made for it")
+        if tool_frame and not plant.HasFrameNamed(tool_frame):
+            raise ModelError(f"no frame {tool_frame!r} in the plant")
         self.plant = plant
         self.n = len(joints)
         handles = []
