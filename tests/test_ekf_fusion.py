@@ -13,6 +13,7 @@ from estimation_bench import HOME, JOINTS, twin_terms
 from twin_diagram.estimation.arm_terms import ArmTerms, Laws
 from twin_diagram.estimation.belief import Entry
 from twin_diagram.estimation.blame import alarming, keep_score
+from twin_diagram.estimation.disturbance import creep_std
 from twin_diagram.estimation.ekf import Ekf
 from twin_diagram.estimation.link_frame import LinkFrame, skew
 from twin_diagram.estimation.sensors import Instant, LinkImu, WristWrench
@@ -182,6 +183,25 @@ def test_much_learnt_at_once_does_not_wait_for_the_physics() -> None:
         learnt = ekf.belief.theta.copy()
         ekf.predict(tau, 0.005)
         assert np.array_equal(ekf.belief.model, learnt) != waits
+
+
+def test_stiction_that_nobody_watches_may_let_go() -> None:
+    """Friction holds a joint for sure as long as its encoder says so; without, it may have begun to move."""
+    level, still = np.full(7, 4.0), np.zeros(7)
+    arm = ArmTerms(twin_terms().plant, JOINTS, tool_frame="panda_tcp", laws=Laws(dry=lambda q, v, tau: (level, level)))
+    ekf, tau = Ekf(arm, Filter()), arm.inverse_dynamics(HOME, still, 0.0)
+    for k in range(60):
+        ekf.observe(HOME, still, tau, 0.005 * k)
+    watched = np.sqrt(ekf.belief.P.diagonal()[7:14])
+    for _ in range(60):
+        ekf.predict(tau, 0.005)
+    blind = np.sqrt(ekf.belief.P.diagonal()[7:14])
+    assert np.all(watched < 2e-3)
+    assert np.all(blind > 0.01)
+    assert np.all(blind < 0.5)
+    np.testing.assert_allclose(ekf.belief.q, HOME, atol=1e-3)  # it is not said to have moved
+    np.testing.assert_allclose(creep_std(np.full(7, 0.1), level), 0.0, atol=1e-6)
+    assert np.all(creep_std(np.full(7, 0.1), level, np.full(7, 0.2**2)) > 0.9 * level)
 
 
 def test_push_sideways_opens_no_payload() -> None:

@@ -31,6 +31,8 @@ CREEP: Final = 0.025
 """Below this speed dry friction may hold a joint or let it go at any moment [rad/s]."""
 CREEP_SHARE: Final = 1.0
 """Standard deviation of friction then, from one message to the next, as a share of its level."""
+UNSURE: Final = 2.0
+"""Deviations of a speed within which it may be none."""
 STICTION_TIME: Final = 0.1
 """In this time the torque on a resting joint may change by the level of its stiction [s]."""
 SPEED_TIME: Final = 0.02
@@ -53,14 +55,15 @@ def disturbance_std(params: Filter, sliding: Array, level: Array) -> Array:
     return np.hypot(params.torque_drift_std, np.where(sliding, share, 1.0) * level)
 
 
-def creep_std(v: Array, level: Array) -> Array:
-    """White torque (n,) of joints that creep, on top of what is unmodelled anyway [N·m].
+def creep_std(v: Array, level: Array, variance: Array | float = 0.0) -> Array:
+    """White torque (n,) of joints that creep, or may for all that is known, on top of what is unmodelled anyway [N·m].
 
     Args:
         v: (n,) [rad/s].
         level: (n,) of dry friction [N·m].
+        variance: (n,) of v: without encoders the sign of a slow joint's friction is anybody's guess [rad²/s²].
     """
-    return CREEP_SHARE * level * np.exp(-((v / CREEP) ** 2))
+    return CREEP_SHARE * level * np.exp(-(v**2) / (CREEP**2 + UNSURE**2 * variance))
 
 
 def follow_regimes(belief: Belief, params: Filter, dt: float, level: Array) -> tuple[Array, Array, Array]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from twin_diagram.estimation.belief import Entry
 from twin_diagram.estimation.core import IMPOSSIBLE, Core
 from twin_diagram.estimation.declared import VOUCHED
-from twin_diagram.estimation.disturbance import SPEED_TIME, creep_std, follow_regimes
+from twin_diagram.estimation.disturbance import CREEP, SPEED_TIME, creep_std, follow_regimes
 from twin_diagram.estimation.learning import release
 from twin_diagram.estimation.transition import jacobians, step
 from twin_diagram.signals import Array
@@ -52,6 +53,10 @@ def _once(core: Core, u: Array, dt: float, torque_std: Array | float) -> None:
     start = belief.x.copy()
     start[3 * n : 3 * n + belief.p] = theta
     moved = step(terms, parameters, belief.q, v, theta, u, belief.disturbance, dt, dry)
+    blind = bool(belief.header[Entry.HEARD] < belief.header[Entry.TIME] - VOUCHED)
+    if blind:
+        # Stiction that nobody watches may have let go: as if it held a joint no stiffer than one that creeps.
+        moved = replace(moved, drag=np.minimum(moved.drag, parameters.viscous(theta, terms.damping) + level / CREEP))
     by = jacobians(terms, parameters, moved, v, theta, dt, steady, u)
     F, own = core.F, 3 * n + belief.p
     F[: 2 * n, : 2 * n] = by.state
@@ -66,9 +71,8 @@ def _once(core: Core, u: Array, dt: float, torque_std: Array | float) -> None:
         F[: 2 * n, 2 * n + np.flatnonzero(changed)] = 0.0
     Q = np.zeros_like(F)
     # White torque was found small with the joints in view, who hold the model in check. Blind it is as given.
-    blind = belief.header[Entry.HEARD] < belief.header[Entry.TIME] - VOUCHED
     adapted = np.maximum(belief.noise[2], 0.0) if blind else belief.noise[2]
-    torque_std = np.hypot(torque_std * np.exp(0.5 * adapted), creep_std(v, level))
+    torque_std = np.hypot(torque_std * np.exp(0.5 * adapted), creep_std(v, level, belief.P.diagonal()[n : 2 * n]))
     white = by.torque * (torque_std * np.sqrt(core.period / dt))
     Q[: 2 * n, : 2 * n] = white @ white.T
     # When within the step it acts is not known: it moves a joint by more or less than the speeds at both ends say.
