@@ -83,6 +83,7 @@ def test_says_none_of_its_own_corrected_model(
     assert gap.verdict.verdict == "none"
     assert gap.answer["effects"] == []
     assert gap.corrected is gap.given
+    assert "arm.urdf, corrected before" in (tmp_path / "again" / "report.html").read_text()
     again = Model.load(tmp_path / "again" / "model")  # nothing is lost on the way
     assert [effect.name for effect in again.effects] == [effect.name for effect in gap.given.effects]
 

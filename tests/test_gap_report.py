@@ -119,6 +119,12 @@ def test_what_is_next_to_impossible_and_what_holds_the_named_law_are_said_so(mod
     assert "too small to show" not in read(report.page(subject(model, shown, far)))
 
 
+def test_where_nothing_was_found_nothing_is_said_to_come_near_it(model: Model, shown: Shown) -> None:
+    text = read(report.page(subject(model, shown, bench.verdict("none", []))))
+    assert "comes near" not in text and "no effect that the model lacks" in text
+    assert "nothing has a name yet" in read(report.page(subject(model, shown, bench.verdict("unknown", []))))
+
+
 def test_a_held_out_run_that_exercises_nothing_proves_nothing(shown: Shown) -> None:
     """It neither confirms nor denies; one that gets worse denies."""
     verdict = bench.verdict("named", [bench.friction_finding()])

@@ -136,8 +136,16 @@ def run_gap(
     )
     if out is not None:
         say("writing the report")
-        write(gap, Path(out), Path(model).name)
+        write(gap, Path(out), _called(Path(model)))
     return gap
+
+
+def _called(model: Path) -> str:
+    """What a report calls a model: its description's name, also where it was corrected before."""
+    if not model.is_dir():
+        return model.name
+    names = sorted(path.name for path in model.iterdir() if path.suffix in (".urdf", ".sdf", ".xml"))
+    return f"{names[0]}, corrected before" if names else model.name
 
 
 def _nameless(verdict: Verdict) -> Verdict:

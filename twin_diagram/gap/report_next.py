@@ -89,12 +89,19 @@ def onward(subject: Subject) -> str:
             + files
         )
     if not pairs and not files:
-        pairs = "<p>Nothing in particular: no other explanation comes near what was found.</p>"
+        near_none = "no other explanation comes near what was found" if subject.verdict.findings else _nothing(subject)
+        pairs = f"<p>Nothing in particular: {near_none}.</p>"
     again = (
         "<p>After new runs, give them together with the old ones: "
         "<code>twin-diagram gap --model … --fit old.csv --fit new.csv --holdout another.csv --out …</code></p>"
     )
     return f'<section id="next"><h2>What to measure next</h2>{pairs}{files}{again}</section>'
+
+
+def _nothing(subject: Subject) -> str:
+    if subject.verdict.verdict == "none":
+        return "these runs ask for no effect that the model lacks; other motions or loads might"
+    return "nothing has a name yet that an experiment could put to the test"
 
 
 def _near(pair: Separation) -> str:
