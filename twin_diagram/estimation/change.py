@@ -25,9 +25,9 @@ FALSE_RATE: Final = 1e-9
 """Probability that the claimed distribution exceeds its threshold in one message; 200 Hz bring 720 000 an hour."""
 
 
-WIDER: Final = np.array([1.2, 1.2, 2.2])
-"""No threshold is below so many times that of white innovations: a joint that breaks away from rest throws two or three
-messages, and what quick motion brings out of a model that is a little wrong lasts for tens of them."""
+WIDER: Final = np.array([1.0, 1.0, 2.2])
+"""No threshold is below so many times that of white innovations: what quick motion brings out of a model that is a
+little wrong lasts for tens of messages."""
 
 
 class Shape(IntEnum):
