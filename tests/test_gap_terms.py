@@ -11,7 +11,8 @@ import pytest
 
 from twin_diagram.gap import holding, joint_candidates, rest
 from twin_diagram.gap.records import prepare
-from twin_diagram.gap.terms import Terms, given_load, slow_speed
+from twin_diagram.gap.terms import Terms, given_load, slow_speed, turns
+from twin_diagram.gap.whitening import Whitener
 from twin_diagram.logs import Log
 from twin_diagram.model import Model
 from twin_diagram.scenario import ArmModel
@@ -96,6 +97,29 @@ def test_a_joint_that_creeps_while_it_is_held_is_no_sliding_one(held: bool) -> N
     assert (slowest[WRIST] > 0.03) == held, "friction that rises at slow speed is no creep"
     fewer, usual = (np.mean(rest.sliding(records, terms, [WRIST], s)[:, WRIST]) for s in (slowest, None))
     assert fewer < usual - 0.2 if held else fewer == usual
+
+
+def test_a_joint_that_turns_counts_the_less_the_more_friction_holds_it() -> None:
+    """Its sign goes evenly from one side to the other meanwhile."""
+    terms = terms_of(log_with())
+    record = terms.records.records[0]
+    spans = turns(record, ELBOW, rest.REST)
+    assert len(spans) >= 4
+    for first, last in spans:
+        assert last - first <= 0.08 * record.rate
+        signs = terms.signs[0][first - 1 : last + 1, ELBOW]
+        assert np.ptp(np.diff(signs)) < 1e-9 and signs[0] * signs[-1] < 0.0
+    masked = rest.sliding(terms.records, terms, [ELBOW])[:, ELBOW]
+    kept = rest.sliding(terms.records, terms, [ELBOW], turning=True)[:, ELBOW]
+    assert np.all(kept >= masked) and np.mean(kept) > np.mean(masked) + 0.05
+    white = Whitener(np.ones((6, 1)), np.full(6, 0.1), terms.records.lengths)
+    weak, strong = (
+        rest.turning(terms.records, terms, white, np.full(terms.records.residual.shape, level), [ELBOW])[ELBOW]
+        for level in (0.01, 1.0)
+    )
+    about = weak > 0.0
+    assert np.array_equal(about, ((kept > 0.0) & (masked == 0.0))[white.rows])
+    assert np.allclose(weak[about], 1.0 / np.sqrt(1.0 + 0.07**2)) and np.max(strong) < 0.15
 
 
 class _Bench:

@@ -163,6 +163,9 @@ def again(records: Records, terms: Terms, bench: Bench, fit: Fit, ordinary: Arra
     smooth = [c for c in fresh if c.name not in NOT_SMOOTH] + [bench.candidates[k] for k in fit.members]
     quiet = weights * ordinary[bench.whitener.rows].T
     noise = whitening.restricted(records.residual, saturated.columns(records, smooth), bench.whitener, quiet, white)
+    others = {bench.candidates[k].name for k in fit.members} - rest.DRY
+    friction = contribution_of(records, bench, fit, without=tuple(others))
+    weights = np.maximum(weights, rest.turning(records, terms, bench.whitener, friction, dry))
     nuisances = [arm_candidates.timing_nuisance(terms)]
     second = Bench(records.residual, noise, fresh, nuisances, weights * trusted(records, bench, fit), terms.torque_size)
     members: Members = frozenset(second.add(bench.candidates[k]) for k in fit.members)

@@ -11,16 +11,13 @@ from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import binary_opening, maximum_filter1d
+from scipy.ndimage import binary_opening, maximum_filter1d, uniform_filter1d
 
 from twin_diagram.gap.records import Record, Records
-from twin_diagram.gap.terms import Terms
+from twin_diagram.gap.terms import REST, Terms, turns
 from twin_diagram.gap.whitening import Whitener
 
 Array = npt.NDArray[np.float64]
-
-REST = 0.016
-"""Speed below which a joint may be sticking [rad/s]."""
 
 DWELL = 0.004
 """A joint that turns back sooner than this does not stick [s]."""
@@ -46,13 +43,19 @@ THINNED = 2.0
 SURE = 4.0
 """Standard errors by which friction must fall short."""
 
+DOUBT_TURN = 0.7
+DOUBT_TIME = 0.6
+"""Share of dry friction, over so many seconds, that may be missed where a joint turns: how it is held is a guess."""
+
 FEWEST = 0.3
 """Joints that move for less than this share of the time keep all their samples, unless they are known to stick."""
 
 DRY = frozenset({"coulomb_friction", "stribeck_friction", "load_dependent_friction", "coupled_friction"})
 
 
-def sliding(records: Records, terms: Terms, joints: Iterable[int], slowest: Array | None = None) -> Array:
+def sliding(
+    records: Records, terms: Terms, joints: Iterable[int], slowest: Array | None = None, turning: bool = False
+) -> Array:
     """(ΣD, n) weights of reduced samples: 0 where one of `joints` may be sticking, else 1.
 
     Args:
@@ -60,6 +63,8 @@ def sliding(records: Records, terms: Terms, joints: Iterable[int], slowest: Arra
         terms: made of them.
         joints: columns.
         slowest: (n,) speed below which each may be sticking, see `creep`; None: `REST` [rad/s].
+        turning: whether a joint counts as sliding while it turns, see `terms.turns`; not where the given model has dry
+            friction, whose law knows of no such moments.
     """
     result = np.ones((sum(records.lengths), records.n))
     sticks = dry_joints(records)
@@ -68,7 +73,11 @@ def sliding(records: Records, terms: Terms, joints: Iterable[int], slowest: Arra
         for record in records.records:
             width = 2 * round(SPREAD * record.rate / record.band) + 1
             least = REST if slowest is None else float(slowest[j])
-            thinned = maximum_filter1d(_at_rest(record, terms, j, least).astype(float), width)[record.kept]
+            rests = _at_rest(record, terms, j, least)
+            if turning and j not in sticks:
+                for first, last in turns(record, j, max(REST, 2.0 * float(terms.slow[j]))):
+                    rests[first:last] = False
+            thinned = maximum_filter1d(rests.astype(float), width)[record.kept]
             after = thinned.copy()
             for k in range(1, AFTER + 1):
                 after[k:] = np.maximum(after[k:], thinned[:-k])
@@ -77,6 +86,24 @@ def sliding(records: Records, terms: Terms, joints: Iterable[int], slowest: Arra
         if np.mean(weights) > FEWEST or j in sticks:
             result[:, j] = weights
     return result
+
+
+def turning(records: Records, terms: Terms, whitener: Whitener, dry: Array, joints: Iterable[int]) -> Array:
+    """(n, R) weights of whitened samples about the moments at which a joint turns; 0 elsewhere.
+
+    Args:
+        records: of the fit.
+        terms: made of them.
+        whitener: of the noise.
+        dry: (ΣD, n) torque of dry friction as it is known so far [N·m].
+        joints: columns.
+    """
+    whole = sliding(records, terms, joints)
+    about = sliding(records, terms, joints, turning=True) - whole
+    white = whitener.all(dry)
+    width = max(1, round(DOUBT_TIME * records.rate))
+    believed = 1.0 / np.sqrt(1.0 + DOUBT_TURN**2 * uniform_filter1d(white**2, width, axis=1))
+    return np.ascontiguousarray(np.maximum(about, 0.0)[whitener.rows].T) * believed
 
 
 def stuck(records: Records, terms: Terms, j: int) -> npt.NDArray[np.bool_]:

@@ -21,6 +21,13 @@ JUMPS = 6.0
 """A torque jumps where smoothing ever takes away this many times more than it usually does."""
 
 
+REST = 0.016
+"""Speed below which a joint may be sticking [rad/s]."""
+
+BRIEF = 0.08
+"""A joint that turns within this time sticks for a moment at most [s]."""
+
+
 @dataclass(frozen=True)
 class Present:
     """What the given model already has, which a change may take away again.
@@ -62,8 +69,18 @@ class Terms:
 
     @cached_property
     def signs(self) -> tuple[Array, ...]:
-        """Per record (N, n): the direction of motion, from smooth velocities, before any filter."""
-        return tuple(np.tanh(record.v / self.slow) for record in self.records.records)
+        """Per record (N, n): the direction of motion, from smooth velocities, before any filter.
+
+        A joint that turns sticks for a moment: the torque that holds it goes evenly from one side to the other.
+        """
+        return tuple(self._turned(record) for record in self.records.records)
+
+    def _turned(self, record: Record) -> Array:
+        signs = np.tanh(record.v / self.slow)
+        for j in range(self.records.n):
+            for first, last in turns(record, j, max(REST, 2.0 * float(self.slow[j]))):
+                signs[first:last, j] = np.linspace(signs[first - 1, j], signs[last, j], last - first + 2)[1:-1]
+        return signs
 
     @cached_property
     def reduced_signs(self) -> Array:
@@ -135,6 +152,15 @@ class Terms:
 def spread_of(samples: Array) -> Array:
     """(n,) standard deviation of samples (N, n), had they no outliers."""
     return np.asarray(1.4826 * np.median(np.abs(samples - np.median(samples, axis=0)), axis=0))
+
+
+def turns(record: Record, j: int, slow: float) -> list[tuple[int, int]]:
+    """Spans of samples in which a joint may be sticking, but not for longer than `BRIEF`, and turns."""
+    rests = np.concatenate([[False], np.abs(record.v[:, j]) < slow, [False]])
+    edges = np.flatnonzero(rests[1:] != rests[:-1])
+    inside = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if 0 < a and b < len(record.v)]
+    brief = [(a, b) for a, b in inside if b - a <= BRIEF * record.rate]
+    return [(int(a), int(b)) for a, b in brief if record.v[a - 1, j] * record.v[b, j] < 0.0]
 
 
 def slow_speed(records: Records) -> Array:
