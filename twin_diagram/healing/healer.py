@@ -26,6 +26,8 @@ SETTLE: Final = 0.3
 """What changed at an alarm is left to settle for this long before the log is used [s]."""
 STRONGER: Final = 2.0
 """An alarm this many times as strong is another one."""
+PLAIN: Final = 10.0
+"""Beyond so many times its threshold an alarm is plain: that it goes on to grow is no news [thresholds]."""
 TICK: Final = 1e-6
 """Times that differ by less are the same [s]."""
 
@@ -135,7 +137,7 @@ class Healer:
         # What looked like a step may have turned out to be a spike.
         current = next((record for record in alarms if record["time"] == since), self._alarm)
         level = max([current["statistic"], *(record["statistic"] for record in alarms if record["time"] > since)])
-        if level > STRONGER * self._level:
+        if min(level, PLAIN) > STRONGER * self._level:
             self._begin, self._level = now + SETTLE, level
         begin = self._begin
         if now < begin + self._params.seconds - TICK:
