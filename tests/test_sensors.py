@@ -16,7 +16,7 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from twin_diagram.errors import ScenarioError
 from twin_diagram.estimation.arm_terms import ArmTerms
-from twin_diagram.estimation.belief import Track
+from twin_diagram.estimation.belief import Entry, Track
 from twin_diagram.estimation.ekf import Ekf, FilterError
 from twin_diagram.estimation.ekf_system import AdaptiveEkf
 from twin_diagram.estimation.history import History
@@ -224,7 +224,7 @@ def test_late_message_of_the_arm_is_fused_and_an_old_one_is_not():
     order = list(range(100)) + [101, 102, 100, 103, 102]
     used = [ekf.observe(run.q[k], run.v[k], run.tau[k], run.time[k]) for k in order]
     assert used[-4:] == [True, True, True, False]
-    assert ekf.belief.header[17] == 1 and ekf.belief.time == run.time[103]
+    assert ekf.belief.header[Entry.LATE] == 1 and ekf.belief.time == run.time[103]
     with pytest.raises(FilterError, match="lies before"):
         ekf.update("encoder", run.q[5], float(run.time[5]))
 

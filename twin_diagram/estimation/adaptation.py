@@ -11,7 +11,7 @@ from twin_diagram.estimation.belief import Entry, Track
 from twin_diagram.estimation.core import Core
 from twin_diagram.estimation.declared import VOUCHED
 from twin_diagram.estimation.disturbance import CREEP
-from twin_diagram.estimation.noise import follow_sensor, follow_torque, gain, held, scaled
+from twin_diagram.estimation.noise import LARGEST_STEP, follow_sensor, follow_torque, gain, held, scaled
 from twin_diagram.estimation.positive import solve_positive
 from twin_diagram.estimation.sensors import Linear, Sensor
 from twin_diagram.signals import Array
@@ -91,9 +91,9 @@ def adapt(core: Core, sensor: Sensor, track: Array | None, noise: Array | None, 
     if sensor is core.joints and core.by_torque is not None and not result.late:
         by, n = core.by_torque, belief.n
         variance = core.params.torque_std**2 * np.exp(belief.noise[2]) * (core.period / elapsed)
-        # No haste here but at first: torque that seems large later is a change of the arm, or a sensor's noise.
-        heard = float(belief.header[Entry.ACCEPTED])
-        follow_torque(belief, by, variance, inverse @ by, weighted, gain(elapsed, span, heard))
+        # No haste here, at first either: what parameters have yet to learn looks like torque that no model gives, and a
+        # push would hide in it later.
+        follow_torque(belief, by, variance, inverse @ by, weighted, min(elapsed / span, LARGEST_STEP))
         # What rests or creeps is known through its friction, and says little of a sensor.
         moving = np.tile((belief.regime != 0.0) & (np.abs(belief.v) > 2.0 * CREEP), 2)[: 2 * n]
         follow_sensor(levels, base, inverse.diagonal(), weighted, np.where(moving, step, 0.0))
