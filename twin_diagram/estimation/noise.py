@@ -7,8 +7,9 @@ holds of (g_jᵀ u)² and g_jᵀ S⁻¹ g_j. So each deviation takes a small ste
     ln σ² ← ln σ² + ε w (min(u²/E[u²], CAP) − 1),      ε = max(Δt / `Filter.noise_time`, `EAGER` / readings so far),
 
 with w the share that σ² has in what is seen: what hardly shows is hardly moved. Δt is the time since the last reading;
-a sensor's first few hundred readings count for more (the torque's do not: what is yet to learn would pass for noise), so that the noise has settled before a drift monitor has learnt what is
-normal. Outliers are capped, and all stays within `WIDEST` of what was given.
+a sensor's first few hundred readings count for more, so that its noise has settled before a drift monitor has learnt
+what is normal (the torque's do not: what is yet to learn would pass for noise). Outliers are capped, and all stays
+within `WIDEST` of what was given.
 
 **It stands still during an alarm**, lest the filter take a fault for noise: while one is reported from outside (see
 `Ekf.hold_noise`), and by itself for `HOLD` after a refused message, a surprise or an opening. Where those go on, it is
