@@ -5,9 +5,8 @@ With the link at q = θ + e behind a motor at θ, and τ the torque that the lin
     M ë + loss K ė + K e = −τ(θ)    for a spring,        e within ± gap / 2, without rebound, for play,
 
 M being the links' mass matrix at the joints that yield (Spong 1987, with the motors' motion prescribed). What the
-motors
-must give beyond the rigid arm's torque is M ë, and what gravity changes at θ + e. Springs are integrated by Newmark's
-average acceleration, which neither damps nor blows up; play by implicit steps with impulses at its ends.
+motors must give beyond the rigid arm's torque is M ë, and what gravity changes at θ + e. Springs are integrated by
+Newmark's average acceleration, which neither damps nor blows up; play by implicit steps with impulses at its ends.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What depends on time itself: which effects act when, and torque that acts later."""
+"""What depends on time itself: which effects act when, torque that acts later, and how long a condition holds."""
 
 from __future__ import annotations
 
@@ -27,3 +27,9 @@ def shifted(signal: Array, time: Array, by: float) -> Array:
     if by == 0.0 or len(time) < 3:
         return signal
     return np.asarray(CubicSpline(time, signal)(np.clip(time + by, time[0], time[-1])))
+
+
+def stretches(condition: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
+    """(m, 2) first sample of each run of samples for which a condition (N,) holds, and the first one after it."""
+    held = np.concatenate([[False], condition, [False]])
+    return np.flatnonzero(held[1:] != held[:-1]).reshape(-1, 2)

@@ -13,6 +13,7 @@ from twin_diagram.gap import joint_candidates, rest
 from twin_diagram.gap.candidate import Candidate, transformed
 from twin_diagram.gap.evidence import Bench, Fit
 from twin_diagram.gap.terms import Terms
+from twin_diagram.timeline import stretches
 
 Array = npt.NDArray[np.float64]
 
@@ -65,9 +66,10 @@ EDGE = 2
 def propose(bench: Bench, terms: Terms, fit: Fit) -> list[int]:
     """Offers, for every Coulomb friction of a fit whose joint was held by more, friction that rises at rest."""
     made = []
+    known = rest.dry_joints(terms.records)  # the share that is known already holds too, and is not told apart
     for k in fit.members:
         candidate = bench.candidates[k]
-        if candidate.name != "coulomb_friction" or candidate.onset is not None or has_dry(terms, candidate.joints[0]):
+        if candidate.name != "coulomb_friction" or candidate.onset is not None or candidate.joints[0] in known:
             continue
         level = float(np.mean(bench.part(fit, k)[0]))
         if level <= 0.0:
@@ -81,12 +83,6 @@ def propose(bench: Bench, terms: Terms, fit: Fit) -> list[int]:
             static, evidence = rise
             made.append(bench.add(rising(terms, candidate, static / level, min(STRONGEST, evidence))))
     return made
-
-
-def has_dry(terms: Terms, j: int) -> bool:
-    """Whether the given model has dry friction on a joint: its share of what holds is not known apart."""
-    joint = terms.records.model.joints[j]
-    return any(e.name in rest.DRY and joint in e.joints for e in terms.records.model.effects)
 
 
 def long_holds(bench: Bench, terms: Terms, fit: Fit, k: int, level: float) -> tuple[float, float] | None:
@@ -107,15 +103,15 @@ def dwells(bench: Bench, terms: Terms, fit: Fit, k: int, level: float) -> tuple[
     noise = _noise(bench, fit, k)
     stuck = inner(rest.stuck(terms.records, terms, bench.candidates[k].joints[0]))
     friction = _friction(bench, fit, k)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], stuck, [False]]).astype(int)))
-    lengths = edges[1::2] - edges[::2]
-    long = lengths >= RESTING
-    if np.sum(long) < FEW_RESTS:
+    rests = stretches(stuck)
+    lengths = np.diff(rests, axis=1)[:, 0]
+    rests, lengths = rests[lengths >= RESTING], lengths[lengths >= RESTING]
+    if len(rests) < FEW_RESTS:
         return None
     total = np.concatenate([[0.0], np.cumsum(friction)])
-    held = np.abs(total[edges[1::2]] - total[edges[::2]])[long] / lengths[long]
+    held = np.abs(np.diff(total[rests], axis=1)[:, 0]) / lengths
     mean = float(np.mean(held))
-    error = noise * float(np.sqrt(COLOURED * np.mean(1.0 / lengths[long]) / len(held)))
+    error = noise * float(np.sqrt(COLOURED * np.mean(1.0 / lengths) / len(held)))
     if mean < HELD_MORE * level or mean - level < HELD_SURE * error:
         return None
     return float(np.quantile(held, 0.9)), 0.5 * ((mean - level) / error) ** 2
@@ -144,9 +140,8 @@ def peaks_of(friction: Array, stuck: npt.NDArray[np.bool_]) -> Array:
         friction: (R,) torque that friction takes [N·m].
         stuck: (R,) where the joint may be sticking.
     """
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], stuck, [False]]).astype(int)))
     result = []
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
+    for first, last in stretches(stuck):
         before, after = friction[max(first - ABOUT, 0) : first], friction[last : last + ABOUT]
         if not len(before) or not len(after) or last - first > BRIEF:
             continue
@@ -161,8 +156,7 @@ def holding(bench: Bench, terms: Terms, fit: Fit, k: int) -> Array | None:
     """(m,) torque that friction took while joint sticks, in the direction of the push [N·m]."""
     candidate = bench.candidates[k]
     j = candidate.joints[0]
-    stuck = rest.stuck(terms.records, terms, j)
-    stuck = inner(stuck)
+    stuck = inner(rest.stuck(terms.records, terms, j))
     if not np.any(stuck):
         return None
     return np.abs(_friction(bench, fit, k)[stuck])

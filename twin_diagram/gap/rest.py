@@ -14,7 +14,7 @@ import numpy.typing as npt
 from scipy.ndimage import binary_opening, maximum_filter1d, uniform_filter1d
 
 from twin_diagram.gap.records import Record, Records
-from twin_diagram.gap.terms import REST, Terms, turns
+from twin_diagram.gap.terms import REST, Terms, spread_of, turns
 from twin_diagram.gap.whitening import Whitener
 
 Array = npt.NDArray[np.float64]
@@ -133,7 +133,7 @@ def creep(records: Records, terms: Terms, left: Array, joints: Iterable[int]) ->
         if np.sum(fast) < FEW:
             continue
         level = float(np.median(against[fast]))
-        noise = 1.4826 * float(np.median(np.abs(against[fast] - level)))
+        noise = float(spread_of(against[fast]))
         for low, high in pairwise((REST, *CREEPS)):
             slow = weights & (size >= low) & (size < high)
             many = int(np.sum(slow))

@@ -10,16 +10,15 @@ import numpy.typing as npt
 
 from twin_diagram.gap.records import Record, Records
 from twin_diagram.motion import lowpass
+from twin_diagram.timeline import stretches
 
 Array = npt.NDArray[np.float64]
-
 
 SHARP = 4.0
 """Where a torque jumps, it is smoothed at this many times the band."""
 
 JUMPS = 6.0
 """A torque jumps where smoothing ever takes away this many times more than it usually does."""
-
 
 REST = 0.016
 """Speed below which a joint may be sticking [rad/s]."""
@@ -150,15 +149,14 @@ class Terms:
 
 
 def spread_of(samples: Array) -> Array:
-    """(n,) standard deviation of samples (N, n), had they no outliers."""
+    """Standard deviation of samples (N, …) along their first axis, had they no outliers."""
     return np.asarray(1.4826 * np.median(np.abs(samples - np.median(samples, axis=0)), axis=0))
 
 
 def turns(record: Record, j: int, slow: float) -> list[tuple[int, int]]:
     """Spans of samples in which a joint may be sticking, but not for longer than `BRIEF`, and turns."""
-    rests = np.concatenate([[False], np.abs(record.v[:, j]) < slow, [False]])
-    edges = np.flatnonzero(rests[1:] != rests[:-1])
-    inside = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if 0 < a and b < len(record.v)]
+    rests = stretches(np.abs(record.v[:, j]) < slow)
+    inside = [(a, b) for a, b in rests if 0 < a and b < len(record.v)]
     brief = [(a, b) for a, b in inside if b - a <= BRIEF * record.rate]
     return [(int(a), int(b)) for a, b in brief if record.v[a - 1, j] * record.v[b, j] < 0.0]
 

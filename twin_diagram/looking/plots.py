@@ -20,6 +20,7 @@ from matplotlib.patches import Patch
 from twin_diagram.looking import atomic_file
 from twin_diagram.scene import rotations
 from twin_diagram.signals import Array, ObjectStatus
+from twin_diagram.timeline import stretches
 
 INK: Final = "#1f2933"
 LINES: Final = ("#1864ab", "#c2410c", "#0b7285", "#5f3dc4", "#a61e4d", "#5c940d", "#846358", "#495057")
@@ -268,5 +269,4 @@ def _shade(axes: Axes, run: Run, k: int) -> None:
 
 def _spans(time: Array, condition: npt.NDArray[np.bool_]) -> list[tuple[float, float]]:
     """Start and end of each run of samples for which a condition holds."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], condition, [False]]).astype(int)))
-    return [(float(time[a]), float(time[min(b, len(time) - 1)])) for a, b in edges.reshape(-1, 2)]
+    return [(float(time[a]), float(time[min(b, len(time) - 1)])) for a, b in stretches(condition)]
