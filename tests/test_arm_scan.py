@@ -13,6 +13,7 @@ from pydrake.perception import PointCloud
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
+from twin_diagram.arm_pose import SIZE, measured, near
 from twin_diagram.arm_scan import ArmScan
 from twin_diagram.arm_surface import Points, link_surface
 from twin_diagram.estimation.arm_terms import ArmTerms
@@ -71,6 +72,34 @@ def test_poses_are_as_sure_as_they_say() -> None:
     assert np.median(off) < 0.006
     with pytest.raises(CloudError, match="points lie near"):
         system.align(scan(HOME, rng)[400:], HOME)
+
+
+def test_a_measurement_is_sought_where_the_arm_was_and_absent_where_nothing_was_met() -> None:
+    asked = []
+
+    def align(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        asked.append(q)
+        if q[0] > 1.0:
+            raise CloudError("nothing there")
+        return np.arange(7.0), np.diag(np.arange(1.0, 7.0))
+
+    found = measured(1.9, 2.0, np.array([0.5, -0.5, 1.0, 2.0]), align)
+    np.testing.assert_allclose(asked.pop(), [0.4, -0.7])
+    np.testing.assert_array_equal(found[:7], np.arange(7.0))
+    np.testing.assert_array_equal(found[7:].reshape(6, 6), np.diag(np.arange(1.0, 7.0)))
+    for nothing in (measured(1.9, 2.0, np.array([1.5, 0.0]), align), measured(NEVER, 2.0, np.zeros(2), align)):
+        assert nothing.shape == (SIZE,) and np.isnan(nothing[:7]).all() and not nothing[7:].any()
+    assert len(asked) == 1  # before the first cloud nothing is sought
+
+
+def test_points_near_a_place_are_thinned_out() -> None:
+    points = np.random.default_rng(1025).uniform(-1.0, 1.0, (5000, 3))
+    place = np.array([0.2, 0.0, 0.1])
+    inside = {tuple(p) for p in points if np.linalg.norm(p - place) < 0.8}
+    some = near(points, place, 0.8, 300)
+    assert {tuple(p) for p in some} <= inside and 300 <= len(some) < 600
+    assert len(near(points, place, 0.8, len(inside))) == len(inside)
+    assert near(points, np.array([9.0, 0.0, 0.0]), 0.8, 300).shape == (0, 3)
 
 
 def test_noise_grows_with_distance_squared() -> None:

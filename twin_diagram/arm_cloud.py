@@ -10,13 +10,14 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from pydrake.systems.sensors import ImageDepth32F
 
 from twin_diagram import description
+from twin_diagram.arm_pose import SIZE, measured, near
 from twin_diagram.arm_surface import Points
 from twin_diagram.estimation.arm_terms import ArmTerms
-from twin_diagram.estimation.sensors import CloudError, DepthCloud
+from twin_diagram.estimation.sensors import DepthCloud
 from twin_diagram.model import Model
 from twin_diagram.perception.cloud import DepthImage, Pinhole, back_project
 from twin_diagram.scenario import Camera, SensorSpec
-from twin_diagram.signals import POSE_SIZE, Array
+from twin_diagram.signals import Array
 from twin_diagram.timing import timed
 
 REACH: Final = 0.01
@@ -25,8 +26,6 @@ MOST: Final = 1000
 """Points that are aligned, about."""
 FLOOR: Final = (0.001, 0.005)
 """Error that all points share, where the filter is not told: of calibration and shape [m], [rad]."""
-SIZE: Final = POSE_SIZE + 36
-"""Numbers in a measurement: the pose, and R."""
 
 
 class ArmCloud(LeafSystem):
@@ -83,18 +82,11 @@ class ArmCloud(LeafSystem):
 
     @timed("ArmCloud")
     def _calc(self, context: Context, output: BasicVector) -> None:
-        image_time = float(cast(Array, self._time.Eval(context))[0])
-        result = np.full(SIZE, np.nan)
-        result[POSE_SIZE:] = 0.0  # then the filter takes the sensor's own
-        if image_time >= 0.0:
-            q, v = cast(Array, self._arm.Eval(context)).reshape(2, -1)
-            depth = cast(ImageDepth32F, self._depth.Eval(context)).data[..., 0]
-            try:
-                z, R = self.align(depth, q - v * (context.get_time() - image_time))
-                result[:POSE_SIZE], result[POSE_SIZE:] = z, R.ravel()
-            except CloudError:
-                pass
-        output.SetFromVector(cast(Any, result))
+        def align(q: Array) -> tuple[Array, Array]:
+            return self.align(cast(ImageDepth32F, self._depth.Eval(context)).data[..., 0], q)
+
+        taken, state = float(cast(Array, self._time.Eval(context))[0]), cast(Array, self._arm.Eval(context))
+        output.SetFromVector(cast(Any, measured(taken, context.get_time(), state, align)))
 
     def align(self, depth: DepthImage, q: Array) -> tuple[Array, Array]:
         """Pose z (7,) and R (6, 6) from a depth image (H, W), beginning at q (n,).
@@ -107,9 +99,7 @@ class ArmCloud(LeafSystem):
         part = self._window(middle_W)
         seen = depth[part] > 0.0
         points = back_project(depth[part][seen], self._rays[part][seen], self._camera.p_WC)
-        away = points - middle_W
-        near = points[np.einsum("ij,ij->i", away, away) < self._radius**2]
-        return self._sensor.align(near[:: max(1, len(near) // MOST)], self._camera.p_WC, q)
+        return self._sensor.align(near(points, middle_W, self._radius, MOST), self._camera.p_WC, q)
 
     def _window(self, middle_W: Array) -> tuple[slice, slice]:
         """The part of the image that holds a sphere of `_radius` about a point; empty where it is out of sight."""

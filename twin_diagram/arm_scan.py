@@ -9,19 +9,17 @@ from pydrake.common.value import Value
 from pydrake.math import RigidTransform
 from pydrake.perception import PointCloud
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
-from pydrake.systems.primitives import Demultiplexer
 
+from twin_diagram.arm_pose import SIZE, feed, measured, near
 from twin_diagram.arm_surface import Points
 from twin_diagram.estimation.arm_terms import ArmTerms
 from twin_diagram.estimation.ekf_system import AdaptiveEkf
-from twin_diagram.estimation.sensors import CloudError, Lidar
-from twin_diagram.signals import POSE_SIZE, Array
+from twin_diagram.estimation.sensors import Lidar
+from twin_diagram.signals import Array
 from twin_diagram.timing import timed
 
 MOST: Final = 2000
 """Points that are aligned, about."""
-SIZE: Final = POSE_SIZE + 36
-"""Numbers in a measurement: the pose, and R."""
 
 
 class ArmScan(LeafSystem):
@@ -100,28 +98,18 @@ class ArmScan(LeafSystem):
             X_WS: where the lidar stands.
         """
         scan = builder.AddNamedSystem(f"{sensor}_scan", ArmScan(ekf.ekf.terms, body, surface, X_WS, name=sensor))
-        parts = builder.AddNamedSystem(f"{sensor}_parts", Demultiplexer([POSE_SIZE, SIZE - POSE_SIZE]))
         builder.Connect(ekf.GetOutputPort("arm_state"), scan.GetInputPort("arm_state"))
-        builder.Connect(scan.GetOutputPort("measurement"), parts.get_input_port())
-        builder.Connect(parts.get_output_port(0), ekf.GetInputPort(f"{sensor}.reading"))
-        builder.Connect(parts.get_output_port(1), ekf.GetInputPort(f"{sensor}.noise"))
+        feed(builder, scan.GetOutputPort("measurement"), ekf, sensor)
         builder.Connect(scan.GetOutputPort("measurement_time"), ekf.GetInputPort(f"{sensor}.time"))
         return scan
 
     @timed("ArmScan")
     def _calc(self, context: Context, output: BasicVector) -> None:
-        scan_time = float(cast(Array, self._time.Eval(context))[0])
-        result = np.full(SIZE, np.nan)
-        result[POSE_SIZE:] = 0.0  # then the filter takes the sensor's own
-        if scan_time >= 0.0:
-            q, v = cast(Array, self._arm.Eval(context)).reshape(2, -1)
-            points = cast(PointCloud, self._cloud.Eval(context)).xyzs().T
-            try:
-                z, R = self.align(points, q - v * (context.get_time() - scan_time))
-                result[:POSE_SIZE], result[POSE_SIZE:] = z, R.ravel()
-            except CloudError:
-                pass
-        output.SetFromVector(cast(Any, result))
+        def align(q: Array) -> tuple[Array, Array]:
+            return self.align(cast(PointCloud, self._cloud.Eval(context)).xyzs().T, q)
+
+        taken, state = float(cast(Array, self._time.Eval(context))[0]), cast(Array, self._arm.Eval(context))
+        output.SetFromVector(cast(Any, measured(taken, context.get_time(), state, align)))
 
     def _calc_time(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(cast(Array, self._time.Eval(context)))
@@ -135,6 +123,4 @@ class ArmScan(LeafSystem):
         points = np.asarray(points, dtype=float)
         points_W = points[np.isfinite(points).all(axis=1)] @ self._R_WS.T + self._p_WS
         R_WO, p_WO = self._sensor.frame.pose(q)
-        away = points_W - (p_WO + R_WO @ self._middle)
-        near = points_W[np.einsum("ij,ij->i", away, away) < self._radius**2]
-        return self._sensor.align(near[:: max(1, len(near) // MOST)], self._p_WS, q)
+        return self._sensor.align(near(points_W, p_WO + R_WO @ self._middle, self._radius, MOST), self._p_WS, q)

@@ -12,15 +12,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer
+from pydrake.systems.primitives import ConstantVectorSource
 
-from twin_diagram.arm_cloud import FLOOR, SIZE, ArmCloud
+from twin_diagram.arm_cloud import FLOOR, ArmCloud
+from twin_diagram.arm_pose import feed
 from twin_diagram.arm_surface import link_surface
 from twin_diagram.errors import ScenarioError
 from twin_diagram.estimation.ekf_system import AdaptiveEkf
 from twin_diagram.model import Model
 from twin_diagram.scenario import Camera, LinkSensor, Pose, SensorSpec, Twin
-from twin_diagram.signals import NEVER, POSE_SIZE
+from twin_diagram.signals import NEVER
 from twin_diagram.station import ports
 
 Packages = Mapping[str, str | Path]
@@ -106,14 +107,11 @@ def export(
         assert twin.camera is not None
         surface = link_surface(twin.arm, sensor.spec.body, packages)
         cloud = builder.AddNamedSystem(f"{name}_cloud", ArmCloud(model, sensor.spec, twin.camera, surface))
-        parts = builder.AddNamedSystem(f"{name}_parts", Demultiplexer([POSE_SIZE, SIZE - POSE_SIZE]))
         builder.ConnectInput(sensor.reading, cloud.GetInputPort("depth_image"))
         builder.ConnectInput(sensor.time, cloud.GetInputPort("image_time"))
         builder.ConnectInput(sensor.time, time)
         builder.Connect(ekf.GetOutputPort("arm_state"), cloud.GetInputPort("arm_state"))
-        builder.Connect(cloud.get_output_port(), parts.get_input_port())
-        builder.Connect(parts.get_output_port(0), reading)
-        builder.Connect(parts.get_output_port(1), ekf.GetInputPort(f"{name}.noise"))
+        feed(builder, cloud.get_output_port(), ekf, name)
 
 
 def silence(builder: DiagramBuilder, twin: Diagram, station: Diagram, fused: Sequence[Fused]) -> list[str]:
