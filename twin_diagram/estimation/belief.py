@@ -59,6 +59,10 @@ class Entry(IntEnum):
     """Times that an abrupt change opened the parameter covariance."""
     LATE = 19
     """Messages that arrived after newer ones and were fused at their own time."""
+    GATHERED = 20
+    """Messages of the arm since trouble began, whose innovations `troubled` sums; 0 while all is well."""
+    CALM = 21
+    """Of these, the newest ones in a row that were neither refused nor a surprise."""
 
 
 class Track(IntEnum):
@@ -90,7 +94,7 @@ class Track(IntEnum):
 
 
 HEADER = len(Entry)
-MEMORY: Final = 9
+MEMORY: Final = 15
 """Numbers kept per joint besides the state."""
 LONGEST_LOOK: Final = 0.02
 """A state is carried on no further than this beyond its message: after it, the sensors have fallen silent [s]."""
@@ -108,6 +112,8 @@ class Belief:
         innovation: (n,) newest velocity innovation, whitened in joint torque.
         before: (n,) velocity before the newest prediction [rad/s].
         noise: (3, n) ln of the factors by which the variances of encoders, speeds and white torque were adapted.
+        troubled: (3, 2n) of the innovations since trouble began, positions, then speeds: their sum, their differences'
+            sum of squares, the newest.
         acceleration: (n,) low-passed, as observed, not as predicted [rad/s²].
         model: (p,) θ as the physics has it; the difference to θ acts through its derivatives.
         gradient: (p,) gathered since then, where the gradient rule adapts θ.
@@ -136,7 +142,8 @@ class Belief:
         self.header = self.vector[:HEADER]
         memory = self.vector[HEADER:start].reshape(MEMORY, n)
         self.torque, self.drift, self.regime, self.innovation, self.before, self.acceleration = memory[:6]
-        self.noise = memory[6:]
+        self.noise = memory[6:9]
+        self.troubled = memory[9:15].reshape(3, 2 * n)
         self.model, self.gradient = self.vector[start : start + 2 * p].reshape(2, p)
         self.score = self.vector[start + 2 * p : mean].reshape(p, p + 1)
         self.x = self.vector[mean : mean + self.size]

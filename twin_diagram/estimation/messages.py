@@ -15,6 +15,7 @@ from twin_diagram.estimation.fusion import REFUSALS, Update, fuse, take
 from twin_diagram.estimation.learning import open_up
 from twin_diagram.estimation.positive import solve_positive, whiten
 from twin_diagram.estimation.propagation import propagate
+from twin_diagram.estimation.trouble import forget, gather, take_for_noise
 from twin_diagram.signals import Array
 
 LONGEST_GAP: Final = 0.25
@@ -63,14 +64,15 @@ def start(core: Core, q: Array, v: Array, tau: Array, t: float) -> None:
     belief.header[Entry.QUIET] = min(belief.header[Entry.QUIET], t)
     belief.header[Entry.FRESH] = 1.0
     belief.header[Entry.SPAN] = 0.0
+    forget(belief)
     belief.header[[Entry.RELEASED, Entry.HEARD]] = t
     belief.P[:] = 0.0
     belief.P[3 * n :, 3 * n :] = kept
     dry = core.terms.dry(core.terms.true_position(belief.q), belief.v, belief.torque)
     diagonal = np.concatenate(
         [
-            np.full(n, (START_STD * core.params.encoder_std) ** 2),
-            np.full(n, (START_STD * core.params.velocity_std) ** 2),
+            (START_STD * core.params.encoder_std) ** 2 * np.exp(belief.noise[0]),
+            (START_STD * core.params.velocity_std) ** 2 * np.exp(belief.noise[1]),
             disturbance_std(core.params, np.zeros(n, dtype=bool), 0.5 * (dry[0] + dry[1])) ** 2,
         ]
     )
@@ -185,6 +187,11 @@ def _next(core: Core, q: Array, v: Array, tau: Array, t: float, dt: float, heard
     else:
         header[Entry.REFUSED] += 1
         header[Entry.STREAK] += 1
+    gather(belief, whole.innovation, whole.surprise or not whole.accepted)
+    if header[Entry.GATHERED] >= REFUSALS and header[Entry.CALM] == 0.0:
+        # Where it is no noise, ten refusals make the next message begin anew.
+        if take_for_noise(belief, core.params, whole.covariance.diagonal()):
+            core.history.begin(t, belief.x, belief.P)
     header[Entry.SURPRISES] += float(whole.surprise)
     if t >= header[Entry.QUIET] and (
         header[Entry.NIS_MEAN] > core.params.opening
