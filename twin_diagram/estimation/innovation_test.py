@@ -1,7 +1,7 @@
 """Tests at the filter's rate: NIS as an average, as Page's sum and in a row, and a torque that began and stays.
 
-A threshold is μ + kσ of normal operation (Hybrid Reality Twins, section 3.4), but never within what the filter itself
-claims: an innovation that its covariance allows is no drift.
+A threshold is μ + kσ of normal operation (Hybrid Reality Twins, section 3.4), wider where that was learnt from little
+(`learnt`), and never within what the filter itself claims: an innovation that its covariance allows is no drift.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from twin_diagram.estimation import change
+from twin_diagram.estimation import change, learnt
 from twin_diagram.estimation.drift_state import DriftState, Entry
 from twin_diagram.signals import Array
 
@@ -75,13 +75,14 @@ def innovation_test(
     # Averaging over a window of W messages leaves 1/(2W) of the variance; white innovations of the claimed
     # covariance have mean 2n and variance 4n.
     claimed = TOLERANCE * dof + sigma * np.sqrt(2.0 * dof * 0.5 * blend)
-    threshold = max(h[Entry.MEAN] + sigma * np.sqrt(h[Entry.SQUARES] / count), claimed)
+    witnesses = h[Entry.NORMAL] / learnt.WITNESS
+    threshold = max(learnt.threshold(h[Entry.MEAN], h[Entry.SQUARES] / count, sigma, witnesses), claimed)
     level = TOLERANCE * usual
     spread = np.sqrt(max(h[Entry.SPREAD] / count, 2.0 * dof))
     h[Entry.SUM] = max(0.0, h[Entry.SUM] + min((nis - level) / spread, 0.5 * sigma) - SLACK)
     if changes is not None:
-        learnt = mean + sigma * np.sqrt(squares / count)
-        h[Entry.CHANGE] = float(np.max(changes / np.maximum(learnt, change.WIDER * change.threshold(n))))
+        usual_change = learnt.threshold(mean, squares / count, sigma, witnesses)
+        h[Entry.CHANGE] = float(np.max(changes / np.maximum(usual_change, change.WIDER * change.threshold(n))))
     statistic = max(h[Entry.NIS] / threshold, h[Entry.SUM] / (JUMP * sigma), h[Entry.CHANGE])
     h[Entry.SUM] = min(h[Entry.SUM], 2.0 * JUMP * sigma)
     return float(statistic)

@@ -2,7 +2,8 @@
 
 Section 3.4 of Hybrid Reality Twins: from x̂, θ̂ under the torques measured since, per joint and at the hand. The joints'
 errors count as joint torque, so that they compare between joints and poses; the hand's is a distance. A threshold is
-μ + kσ of normal operation, but never within what the filter allows its friction to be wrong by.
+μ + kσ of normal operation, wider where that was learnt from little (`learnt`), but never within what the filter allows
+its friction to be wrong by and the torque that is measured, or not, from one message to the next.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from typing import Final
 import numpy as np
 from pydrake.math import RigidTransform
 
+from twin_diagram.estimation import learnt
 from twin_diagram.estimation.arm_terms import ArmTerms
 from twin_diagram.estimation.disturbance import disturbance_std
 from twin_diagram.estimation.drift_state import DriftState, Entry
@@ -118,13 +120,28 @@ class RolloutTest:
             return 0.0
         k = self._params.sigma
         forward, backward = terms.dry(terms.true_position(q), speed, torques[-1])
-        std = disturbance_std(self._tuning, self._slides, 0.5 * (forward + backward))
+        level = disturbance_std(self._tuning, self._slides, 0.5 * (forward + backward))
+        std = np.hypot(level, white_std(self._tuning, span))
         claimed = np.empty(n + 1)
         claimed[:n] = k * std
         # What such torques do to the hand over the span.
         moved = J[3:] @ np.linalg.solve(terms.mass_matrix(terms.true_position(q)), np.diag(std * (0.5 * span**2)))
         claimed[n] = k * np.linalg.norm(moved)
-        learnt = state.roll_mean + k * np.sqrt(state.roll_squares / max(h[Entry.ROLLOUTS], 1.0))
-        h[Entry.ROLLOUT] = float(np.max(error / np.maximum(np.maximum(learnt, claimed), SMALLEST)))
+        count = max(h[Entry.ROLLOUTS], 1.0)
+        usual = learnt.threshold(state.roll_mean, state.roll_squares / count, k, count)
+        h[Entry.ROLLOUT] = float(np.max(error / np.maximum(np.maximum(usual, claimed), SMALLEST)))
         h[Entry.HAND] = error[n]
         return float(h[Entry.ROLLOUT])
+
+
+def white_std(tuning: Filter, span: float) -> float:
+    """Standard deviation of the constant torque that moves a joint as far over a span as white torque does [N·m].
+
+    White torque of σ in each of N steps h moves a joint of inertia I by Σ (N − i + ½) h² τ_i / I, with the standard
+    deviation σ h² √(N³/3) / I; a constant torque moves it by ½ (N h)² τ / I.
+
+    Args:
+        tuning: of the filter, with σ for one of its steps.
+        span: [s].
+    """
+    return float(tuning.torque_std * np.sqrt(4.0 / (3.0 * max(span * tuning.rate, 1.0))))

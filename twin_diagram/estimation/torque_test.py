@@ -21,6 +21,7 @@ from typing import Final
 
 import numpy as np
 
+from twin_diagram.estimation import learnt
 from twin_diagram.estimation.arm_terms import ArmTerms
 from twin_diagram.estimation.parameters import ParameterSet
 from twin_diagram.scenario import Filter
@@ -116,8 +117,8 @@ class TorqueTest:
         at = ((run < 0.0).astype(int), self._each)
         beyond = low - mean[at]
         # Messages are no independent witnesses: a low pass makes them alike.
-        k = self._sigma * (1.0 + 2.0 / np.sqrt(np.maximum(count[at], 1.0) * (1.0 - FORGETTING)))
-        found = np.abs(beyond) / (k * np.maximum(np.sqrt(squares[at]), np.hypot(SHARE * level, self._floor)))
+        variance = np.maximum(squares[at], (SHARE * level) ** 2 + self._floor**2)
+        found = np.abs(beyond) / learnt.threshold(0.0, variance, self._sigma, count[at] * (1.0 - FORGETTING))
         known = count[at] >= LEAST
         lesson = sliding & learning & (~known | (found < NEAR))
         if lesson.any():
