@@ -17,7 +17,7 @@ from twin_diagram.gap.evidence import Bench
 from twin_diagram.gap.finding import Finding, Moment
 from twin_diagram.gap.holding import peaks_of
 from twin_diagram.gap.pricing import FURTHER_JOINT, MIXED, NEW_NAME, compatible, price
-from twin_diagram.gap.search import plainer, search
+from twin_diagram.gap.search import handicaps, plainer, search
 
 Array = npt.NDArray[np.float64]
 ROWS, JOINTS = 600, 3
@@ -169,22 +169,35 @@ def test_friction_peaks_where_it_holds_and_lets_go() -> None:
     assert not len(peaks_of(friction, np.ones(len(friction), dtype=bool)))
 
 
-@pytest.mark.parametrize(("dip", "name"), [(0.35, "coulomb_friction"), (3.0, "stribeck_friction")])
-def test_a_dip_that_is_next_to_nothing_of_all_is_not_named(dip: float, name: str) -> None:
+@pytest.mark.parametrize(
+    ("plain_name", "finer_name", "beyond", "named"),
+    [
+        ("coulomb_friction", "stribeck_friction", 0.35, "coulomb_friction"),
+        ("coulomb_friction", "stribeck_friction", 3.0, "stribeck_friction"),
+        ("reflected_inertia", "joint_elasticity", 0.35, "reflected_inertia"),
+        ("reflected_inertia", "joint_elasticity", 3e3, "joint_elasticity"),
+    ],
+)
+def test_what_is_next_to_nothing_beyond_a_plainer_law_is_not_named(
+    plain_name: str, finer_name: str, beyond: float, named: str
+) -> None:
     rng = np.random.default_rng(4)
     level, bump = np.sign(rng.normal(size=ROWS)), rng.normal(size=ROWS)
-    plain = candidate("coulomb_friction", 0, level)
-    rising = replace(
+    plain = candidate(plain_name, 0, level)
+    finer = replace(
         plain,
-        name="stribeck_friction",
+        name=finer_name,
         columns=np.stack([level, bump], axis=1)[:, None, :],
         spread=np.array([3e3, 3e3]),
         lower=np.full(2, -np.inf),
         upper=np.full(2, np.inf),
     )
     y = rng.normal(size=(ROWS, JOINTS))
-    y[:, 0] += 3e3 * level + dip * bump
-    bench = Bench(y, white(), [replace(plain, spread=np.array([3e3])), rising], [])
+    y[:, 0] += 3e3 * level + beyond * bump
+    bench = Bench(y, white(), [replace(plain, spread=np.array([3e3])), finer], [])
     found = bench.solve(frozenset({1}))
-    assert found.evidence > bench.solve(frozenset({0})).evidence, "as evidence goes, the dip is there"
-    assert {bench.candidates[k].name for k in plainer(bench, found).members} == {name}
+    assert found.evidence > bench.solve(frozenset({0})).evidence, "as evidence goes, it is there"
+    assert {bench.candidates[k].name for k in plainer(bench, found).members} == {named}
+    less = handicaps(bench, bench.solve(frozenset({0})))
+    assert less[finer_name] > 0.0
+    assert finer_name not in handicaps(bench, found)

@@ -135,13 +135,24 @@ class Bench:
         """Whether `scores` counts a candidate."""
         return self._offered[k]
 
-    def score_once(self, candidate: Candidate, Q: Array, projected: Array) -> float:
-        """Rise of the evidence by a candidate that is not taken in; Q and Qᵀy as `basis` has them."""
+    def offer(self, k: int) -> None:
+        """Lets `scores` count a candidate that was taken in without being offered."""
+        self._offered[k] = True
+        self._groups = self._several = None
+
+    def score_once(self, candidate: Candidate, Q: Array, projected: Array, bounded: bool = False) -> float:
+        """Rise of the evidence by a candidate that is not taken in; Q and Qᵀy as `basis` has them.
+
+        −∞, where it is `bounded`, if it is not physical.
+        """
         rows = list(candidate.rows)
         X = self.whiten(candidate).reshape(-1, candidate.size)
-        C = Q[rows].reshape(-1, Q.shape[2]).T @ X
+        C = Q[rows].reshape(len(X), Q.shape[2]).T @ X
         b = X.T @ self.y[rows].ravel() - C.T @ projected
-        return float(increments((X.T @ X - C.T @ C)[None], b[None], candidate.spread[None])[0])
+        G = (X.T @ X - C.T @ C)[None]
+        if bounded:
+            return float(increment(G, b[None], candidate.spread[None], [candidate])[0])
+        return float(increments(G, b[None], candidate.spread[None])[0])
 
     def find(self, name: str) -> list[int]:
         """Indices of all candidates of a name."""

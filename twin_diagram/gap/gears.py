@@ -17,7 +17,6 @@ from twin_diagram.effects import make
 from twin_diagram.effects.effect import Effect
 from twin_diagram.gap.candidate import Candidate, transformed
 from twin_diagram.gap.evidence import Bench, Members
-from twin_diagram.gap.pricing import NEW_NAME
 from twin_diagram.gap.records import Record
 from twin_diagram.gap.terms import Terms
 from twin_diagram.model import Model
@@ -32,17 +31,14 @@ GAPS = (0.002, 0.004, 0.008, 0.016, 0.03)
 SWINGS = tuple(np.geomspace(2.5, 16.0, 10))
 """Frequencies at which a link may swing on its gear [Hz]; stiffer ones follow their load."""
 
-LOSSES = (5e-4, 1e-3, 3e-3)
-"""[s]"""
+LOSS = 4e-3
+"""With so much of it a swing is broad enough for the grid to meet it; how much there is, refinement tells [s]."""
 
 ABOUT_ONE = (0.6, 1.5)
 """A shape's torque fits the residual as it stands, or the shape is wrong."""
 
 WORTH = 10.0
 """Evidence beyond a name's price that makes a gear worth offering [nats]."""
-
-REVERSALS = 4
-"""A load must change its direction this often for play to show."""
 
 GEARS = ("joint_elasticity", "backlash")
 
@@ -108,15 +104,11 @@ def _effect(model: Model, shape: Shape) -> Effect:
 
 def shapes(terms: Terms, j: int) -> list[Shape]:
     """What is tried on a joint."""
-    load = [tau[:, j] for tau in terms.load]
     inertia = _link_inertia(terms, j)
-    result = []
-    turns = sum(int(np.sum(np.diff(np.sign(tau)) != 0)) for tau in load)
-    if turns >= REVERSALS:
-        result += [Shape("backlash", j, (("gap", gap),)) for gap in GAPS]
+    result = [Shape("backlash", j, (("gap", gap),)) for gap in GAPS]
     for swing in SWINGS:
         stiffness = inertia * (2.0 * np.pi * float(swing)) ** 2
-        result.append(Shape("joint_elasticity", j, (("stiffness", stiffness), ("loss", 1e-3))))
+        result.append(Shape("joint_elasticity", j, (("stiffness", stiffness), ("loss", LOSS))))
     return result
 
 
@@ -128,18 +120,41 @@ def _link_inertia(terms: Terms, j: int) -> float:
 
 
 def propose(bench: Bench, terms: Terms, members: Members, joints: Sequence[int]) -> list[int]:
-    """Offers the best spring and the best play of each joint, where they are worth it; answers their indices."""
-    Q = bench.basis(members)
-    projected = np.einsum("jrk,jr->k", Q, bench.y)
-    made = []
+    """Offers the best spring and the best play of each joint, where they are worth it; answers their indices.
+
+    Beside all members a gear must be worth a good deal. Rotors, offsets and friction may have taken its place already:
+    it is offered, too, where it is better than one of them.
+    """
+    made: list[int] = []
     for j in joints:
-        best: dict[str, tuple[float, Candidate]] = {}
+        rests = _rests(bench, members, j)
+        bases = [bench.basis(rest) for rest in rests]
+        projected = [np.einsum("jrk,jr->k", Q, bench.y) for Q in bases]
+        best: dict[tuple[str, Members], tuple[float, Candidate]] = {}
         for shape in shapes(terms, j):
             candidate = gear(terms, shape)
             if candidate is None:
                 continue
-            score = bench.score_once(candidate, Q, projected) - candidate.cost
-            if score > best.get(shape.name, (-np.inf, candidate))[0]:
-                best[shape.name] = score, candidate
-        made += [bench.add(candidate) for score, candidate in best.values() if score > NEW_NAME + WORTH]
+            for rest, Q, told in zip(rests, bases, projected, strict=True):
+                score = bench.score_once(candidate, Q, told, bounded=True)
+                if score > best.get((shape.name, rest), (0.0, candidate))[0]:
+                    best[shape.name, rest] = score, candidate
+        known: dict[int, int] = {}
+        for (_, rest), (_, candidate) in best.items():
+            if id(candidate) not in known:
+                known[id(candidate)] = bench.add(candidate, offered=False)
+            k = known[id(candidate)]
+            ahead = bench.solve(rest | {k}).evidence - bench.solve(members).evidence
+            if k not in made and ahead > (WORTH if rest == members else 0.0):
+                bench.offer(k)
+                made.append(k)
     return made
+
+
+def _rests(bench: Bench, members: Members, j: int) -> list[Members]:
+    """A hypothesis, and what is left of it where a gear on joint j takes the place of its rotor and of one more."""
+    rotor = {
+        k for k in members if bench.candidates[k].name == "reflected_inertia" and bench.candidates[k].joints == (j,)
+    }
+    without = members - rotor
+    return list(dict.fromkeys([members, without, *(without - {k} for k in sorted(without))]))

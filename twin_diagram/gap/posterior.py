@@ -11,7 +11,7 @@ from twin_diagram.gap.evidence import Bench, Fit, Members
 from twin_diagram.gap.experiments import experiment
 from twin_diagram.gap.finding import Alternative, Estimate, Finding, Moment, Separation
 from twin_diagram.gap.records import Records
-from twin_diagram.gap.search import EXACT, additions
+from twin_diagram.gap.search import additions, handicaps
 
 Array = npt.NDArray[np.float64]
 
@@ -82,7 +82,7 @@ def names_of(said: frozenset[Claim]) -> set[str]:
 def posterior(bench: Bench, fit: Fit) -> dict[frozenset[Claim], float]:
     """Probabilities of all sets of claims that were ever solved; of each set, its best shapes count.
 
-    A dip near rest is held to what `search.plainer` asks of it.
+    A finer law is held to what `search.plainer` asks of it.
     """
     best: dict[frozenset[Claim], float] = {}
     for members, tried in bench.fits.items():
@@ -90,8 +90,10 @@ def posterior(bench: Bench, fit: Fit) -> dict[frozenset[Claim], float]:
             key = claims(bench, members)
             best[key] = max(best.get(key, -np.inf), tried.evidence)
     top = fit.evidence
-    if "stribeck_friction" not in names_of(claims(bench, fit.members)):
-        best = {k: v - EXACT * top * ("stribeck_friction" in names_of(k)) for k, v in best.items()}
+    less = handicaps(bench, fit)
+    best = {
+        key: value - max((less.get(name, 0.0) for name in names_of(key)), default=0.0) for key, value in best.items()
+    }
     weights = {key: float(np.exp(min(0.0, (value - top) / TEMPERATURE))) for key, value in best.items()}
     total = sum(weights.values())
     return {key: weight / total for key, weight in weights.items()}

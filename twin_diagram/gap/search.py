@@ -26,8 +26,16 @@ NARROWED = 3
 CROWDED = 6
 """With more members, nothing new is proposed for swaps."""
 
-EXACT = 1.5e-3
-"""Evidence below this share of all says nothing about the shape of a friction law."""
+PLAINER = {
+    "stribeck_friction": "coulomb_friction",
+    "joint_elasticity": "reflected_inertia",
+    "backlash": "reflected_inertia",
+}
+"""Laws and the plainer ones that they hold."""
+
+SHARES = {"stribeck_friction": 1.5e-3, "joint_elasticity": 0.025, "backlash": 0.025}
+"""What a law brings beyond the plainer one is none of its own below this share: of all evidence for a dip near rest, of
+what the rotor brings for a gear."""
 
 PROMISING = 0.3
 """A first member must bring this share of what the best one does."""
@@ -184,28 +192,50 @@ def one_kind(bench: Bench, fit: Fit) -> Fit | None:
 
 
 def plainer(bench: Bench, fit: Fit) -> Fit:
-    """The fit with Coulomb's law for every Stribeck's that brings next to nothing of all that is explained.
+    """The fit with the plainer law for every one that brings next to nothing beyond it.
 
     No law is exact to the noise where an effect is strong: what a simulator's or a real joint's friction does within
-    a hundredth of a radian per second of rest would else pass for a dip.
+    a hundredth of a radian per second of rest would else pass for a dip, and what smoothing does to a heavy rotor's
+    torque for a gear that yields.
     """
-    rising = [k for k in sorted(fit.members) if bench.candidates[k].name == "stribeck_friction"]
-    # All of them first: some here and some there would be two names.
-    for some in [rising, *([k] for k in rising if len(rising) > 1)]:
-        members = fit.members
-        for k in some:
-            level = [
-                i
-                for i in bench.find("coulomb_friction")
-                if bench.candidates[i].joints == bench.candidates[k].joints
-                and bench.candidates[i].onset == bench.candidates[k].onset
-                and not bench.candidates[i].variant
-            ]
-            members = (members - {k}) | frozenset(level[:1]) if level else members
-        plain = bench.solve(members)
-        if fit.evidence - plain.evidence < EXACT * fit.evidence:
-            fit = plain
+    for law, plain in PLAINER.items():
+        finer = [k for k in sorted(fit.members) if bench.candidates[k].name == law]
+        # All of them first: some here and some there would be two names.
+        for some in [finer, *([k] for k in finer if len(finer) > 1)]:
+            rest = fit.members - frozenset(some)
+            members = rest
+            for k in some:
+                same = [
+                    i
+                    for i in bench.find(plain)
+                    if bench.candidates[i].joints == bench.candidates[k].joints
+                    and bench.candidates[i].onset == bench.candidates[k].onset
+                    and not bench.candidates[i].variant
+                ]
+                members = members | (frozenset(same[:1]) if same else {k})
+            found = bench.solve(members)
+            explained = _explained(bench, found, rest) if plain == "reflected_inertia" else fit.evidence
+            if fit.evidence - found.evidence < SHARES[law] * explained:
+                fit = found
     return fit
+
+
+def _explained(bench: Bench, fit: Fit, rest: Members) -> float:
+    """Evidence that a fit has beyond a part of its members [nats]."""
+    return max(fit.evidence - max(bench.solve(rest).evidence, 0.0), 0.0)
+
+
+def handicaps(bench: Bench, fit: Fit) -> dict[str, float]:
+    """What a law that is finer than one of a fit's must bring beyond it [nats], see `plainer`."""
+    result = {}
+    for law, plain in PLAINER.items():
+        names = {bench.candidates[k].name for k in fit.members}
+        if law in names:
+            continue
+        rest = frozenset(k for k in fit.members if bench.candidates[k].name != plain)
+        explained = _explained(bench, fit, rest) if plain == "reflected_inertia" else fit.evidence
+        result[law] = SHARES[law] * explained
+    return result
 
 
 def _drop(bench: Bench, fit: Fit) -> Fit | None:
