@@ -261,6 +261,25 @@ def test_mass_bound_is_what_least_squares_reaches(run, kinematics: Kinematics) -
     assert np.std(weighted / information) == pytest.approx(bound, rel=0.15)
 
 
+def test_friction_bound_of_a_joint_alone_is_least_squares(run, kinematics: Kinematics, monkeypatch) -> None:
+    """With all else known as well as told it is the plain bound by the torque's noise; never less; none at rest."""
+    truth, n = run[1], 6
+    late = (truth.time > 2.2) & (truth.time <= 3.2)
+    slides = np.abs(truth.v[late]) > scores.SLIDING
+    plain = 0.003 * LIMIT / np.sqrt(np.maximum(slides.sum(axis=0), 1e-9))
+    bound = scores.friction_bound(kinematics.terms, truth, 2.2, 1.0)
+    assert bound.shape == (n,)
+    told = slides.any(axis=0)
+    assert told.any()
+    assert np.all(np.isinf(bound[~told]))
+    assert np.all(bound[told] >= plain[told])
+    assert np.all(scores.friction_bound(kinematics.terms, truth, 2.2, 0.6)[told] >= bound[told])
+    for name in ("COULOMB", "VISCOUS", "ROTOR"):
+        monkeypatch.setattr(scores, name, 1e-9 * np.ones(n))
+    monkeypatch.setattr(scores, "_by_links", lambda terms, q, v, a: np.zeros((len(q), n, n)))
+    np.testing.assert_allclose(scores.friction_bound(kinematics.terms, truth, 2.2, 1.0)[told], plain[told], rtol=1e-3)
+
+
 def test_timings_are_told_with_their_growth() -> None:
     record = {
         "joints": 6, "states": 24, "update_ms": 0.3, "update_p99_ms": 0.9, "drake_ms": 0.1, "drake_p99_ms": 0.2,

@@ -173,6 +173,12 @@ def friction_third(bench: Bench, seed: int) -> list[Record]:
         k = int(np.searchsorted(t.time, 10.0 + after))
         record[f"error_{after:g}s"] = float(error[k].mean())
         record[f"worst_{after:g}s"] = float(error[k].max())
+        bound = scores.friction_bound(bench.kinematics.terms, t, 10.0, after) / t.friction[k]
+        told = np.isfinite(bound)
+        # The mean absolute value of what is Gaussian, so that it is of a kind with the errors.
+        record[f"bound_{after:g}s"] = float(np.sqrt(2.0 / np.pi) * bound[told].mean())
+        record[f"error_told_{after:g}s"] = float(error[k][told].mean())
+        record[f"resting_{after:g}s"] = int(np.sum(~told))
     return [record]
 
 

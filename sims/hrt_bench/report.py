@@ -133,12 +133,17 @@ def _payload(records: list[Record]) -> list[str]:
 
 def _friction(records: list[Record]) -> list[str]:
     at = _mean(records, "error_1s")
+    bound, later = (100 * _mean(records, f"bound_{s}s") for s in ("1", "2.3"))
     return [
         "FRICTION TO A THIRD, error over the true level, mean over joints (target 10 % in 1 s; outline 20 % in 2.3 s)",
         "  "
         + ", ".join(f"{s} s {100 * _mean(records, f'error_{s}s'):.1f} %" for s in ("0.5", "1", "2.3", "4"))
         + f" {_miss(at, 0.1)}; worst joint and seed at 2.3 s {100 * _worst(records, 'worst_2.3s'):.0f} %; "
         f"noticed after {_mean(records, 'latency_ms'):.0f} [{_worst(records, 'latency_ms'):.0f}] ms",
+        f"  of joints that slid since: 1 s {100 * _mean(records, 'error_told_1s'):.1f} % (without "
+        f"{sum(r['resting_1s'] for r in records)} of {6 * len(records)} that rested), 2.3 s "
+        f"{100 * _mean(records, 'error_told_2.3s'):.1f} %; Cramér-Rao: no unbiased estimate from these torques is "
+        f"better than {bound:.1f} % at 1 s, {later:.1f} % at 2.3 s",
     ]
 
 

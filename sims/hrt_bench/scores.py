@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
-from filter_truth import COULOMB
+from filter_truth import COULOMB, JOINTS, ROTOR, VISCOUS
 from hrt_truth.hidden import LIMIT
 from hrt_truth.streams import Streams, Truth
+from pydrake.multibody.tree import MultibodyForces, SpatialInertia
 from scipy.stats import chi2
 
 from hrt_bench.estimate import AHEAD, STRIDE, Array, Estimate
@@ -16,6 +17,8 @@ from twin_diagram.estimation.arm_terms import ArmTerms
 START = 2.0
 """Left out at the beginning of a run [s]."""
 DT = 0.005
+THIN = 10
+"""Of the torques before a change every so manieth is reckoned with, so many times."""
 
 
 def _rms(error: Array) -> float:
@@ -118,6 +121,67 @@ def mass_bound(terms: ArmTerms, truth: Truth, start: float, end: float) -> float
     noise, offset = (0.003 * LIMIT) ** 2, (0.1 * COULOMB) ** 2 / 3.0
     information = (np.sum(Y**2, axis=0) - offset * Y.sum(axis=0) ** 2 / (noise + len(Y) * offset)) / noise
     return float(1.0 / np.sqrt(information.sum()))
+
+
+def _by_links(terms: ArmTerms, q: Array, v: Array, a: Array) -> Array:
+    """(N, n, n) torque of the arm as described by the scale of each link's mass and inertia."""
+    plant, (count, n) = terms.plant, q.shape
+    context = plant.CreateDefaultContext()
+
+    def torque() -> Array:
+        found = np.empty((count, n))
+        for k in range(count):
+            plant.SetPositions(context, q[k])
+            plant.SetVelocities(context, v[k])
+            forces = MultibodyForces(plant)
+            plant.CalcForceElementsContribution(context, forces)
+            found[k] = plant.CalcInverseDynamics(context, a[k], forces)
+        return found
+
+    plain, result = torque(), np.empty((count, n, n))
+    for k in range(n):
+        body = plant.GetJointByName(JOINTS[k]).child_body()
+        inertia = body.CalcSpatialInertiaInBodyFrame(context)
+        double = SpatialInertia(2.0 * inertia.get_mass(), inertia.get_com(), inertia.get_unit_inertia())
+        body.SetSpatialInertiaInBodyFrame(context, double)
+        result[:, :, k] = torque() - plain
+        body.SetSpatialInertiaInBodyFrame(context, inertia)
+    return result
+
+
+SLIDING: Final = 0.025
+"""Slower, dry friction may hold a joint or let it go: its torque then says nothing of the level [rad/s]."""
+
+
+def friction_bound(terms: ArmTerms, truth: Truth, at: float, after: float) -> Array:
+    """Standard deviations (n,) of levels of dry friction that changed, below which no unbiased estimate comes [N·m].
+
+    The Cramér-Rao bound, motion known exactly, from torques with white noise from `START` until `after` seconds after
+    the change. Not known either, within what they were drawn from: the level before, damping, rotor and the masses of
+    the links, of which the time before tells. Infinite for a joint that did not slide.
+    """
+    rows = np.flatnonzero((truth.time > START) & (truth.time <= at + after))
+    weight = np.where(truth.time[rows] < at, float(THIN), 1.0)
+    keep = (truth.time[rows] >= at) | (np.arange(len(rows)) % THIN == 0)
+    rows, weight = rows[keep], weight[keep]
+    v, a = truth.v[rows], np.gradient(truth.v, truth.time, axis=0)[rows]
+    by_links = _by_links(terms, truth.q[rows], v, a)
+    n, late = terms.n, truth.time[rows] >= at
+    information = np.zeros((5 * n, 5 * n))
+    for j in range(n):
+        slides = np.abs(v[:, j]) > SLIDING
+        Y = np.zeros((len(rows), 5 * n))
+        Y[:, :n] = by_links[:, j]
+        Y[:, n + j], Y[:, 2 * n + j] = v[:, j], a[:, j]
+        Y[:, 3 * n + j], Y[:, 4 * n + j] = np.sign(v[:, j]) * ~late, np.sign(v[:, j]) * late
+        Y = Y[slides] * np.sqrt(weight[slides])[:, None]
+        information += Y.T @ Y / (0.003 * LIMIT[j]) ** 2
+    spread = np.concatenate([np.full(n, 0.01), 0.1 * VISCOUS, 0.05 * ROTOR, 0.1 * COULOMB])
+    information[np.arange(4 * n), np.arange(4 * n)] += 3.0 / spread**2
+    told = np.concatenate([np.full(4 * n, True), information.diagonal()[4 * n :] > 0.0])
+    bound = np.full(5 * n, np.inf)
+    bound[told] = np.sqrt(np.linalg.inv(information[np.ix_(told, told)]).diagonal())
+    return bound[4 * n :]
 
 
 def latency(alarms: list[float], fault: Array, patience: float) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import numpy as np
 from twin_diagram.estimation.belief import Entry, Track
 from twin_diagram.estimation.core import Core
 from twin_diagram.estimation.declared import VOUCHED
-from twin_diagram.estimation.disturbance import CREEP
+from twin_diagram.estimation.disturbance import CREEP, follow_disturbance
 from twin_diagram.estimation.noise import LARGEST_STEP, follow_sensor, follow_torque, gain, held, scaled
 from twin_diagram.estimation.positive import solve_positive
 from twin_diagram.estimation.sensors import Linear, Sensor
@@ -94,6 +94,7 @@ def adapt(core: Core, sensor: Sensor, track: Array | None, noise: Array | None, 
         # No haste here, at first either: what parameters have yet to learn looks like torque that no model gives, and a
         # push would hide in it later.
         follow_torque(belief, by, variance, inverse @ by, weighted, min(elapsed / span, LARGEST_STEP))
+        follow_disturbance(belief, core.params, core.wander, elapsed)
         # What rests or creeps is known through its friction, and says little of a sensor.
         moving = np.tile((belief.regime != 0.0) & (np.abs(belief.v) > 2.0 * CREEP), 2)[: 2 * n]
         follow_sensor(levels, base, inverse.diagonal(), weighted, np.where(moving, step, 0.0))

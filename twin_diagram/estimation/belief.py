@@ -94,7 +94,7 @@ class Track(IntEnum):
 
 
 HEADER = len(Entry)
-MEMORY: Final = 15
+MEMORY: Final = 17
 """Numbers kept per joint besides the state."""
 LONGEST_LOOK: Final = 0.02
 """A state is carried on no further than this beyond its message: after it, the sensors have fallen silent [s]."""
@@ -112,6 +112,8 @@ class Belief:
         innovation: (n,) newest velocity innovation, whitened in joint torque.
         before: (n,) velocity before the newest prediction [rad/s].
         noise: (3, n) ln of the factors by which the variances of encoders, speeds and white torque were adapted.
+        steady: (n,) ln of the factor by which the variance of a sliding joint's disturbance was adapted.
+        told: (n,) how many independent values of it have told that.
         troubled: (3, 2n) of the innovations since trouble began, positions, then speeds: their sum, their differences'
             sum of squares, the newest.
         acceleration: (n,) low-passed, as observed, not as predicted [rad/s²].
@@ -144,6 +146,7 @@ class Belief:
         self.torque, self.drift, self.regime, self.innovation, self.before, self.acceleration = memory[:6]
         self.noise = memory[6:9]
         self.troubled = memory[9:15].reshape(3, 2 * n)
+        self.steady, self.told = memory[15:17]
         self.model, self.gradient = self.vector[start : start + 2 * p].reshape(2, p)
         self.score = self.vector[start + 2 * p : mean].reshape(p, p + 1)
         self.x = self.vector[mean : mean + self.size]

@@ -39,6 +39,7 @@ class Core:
         period: of the filter [s].
         F: (N, N) scratch: derivative of the newest prediction.
         by_torque: (2n, n) of [q, v] by torque over the newest prediction; None before the first.
+        wander: (n,) variance of the disturbance of a joint that slides, as given [N²·m²].
         step_mass: (n, n) mass matrix of the newest prediction [kg·m²].
     """
 
@@ -75,6 +76,7 @@ class Core:
         self.F = np.eye(size)
         self.by_torque: Array | None = None
         self.step_mass = np.eye(n)
+        self.wander = np.ones(n)
         self.walk = self.declared.walk()
 
     def load(self, vector: Array, history: Array | None = None) -> None:

@@ -6,7 +6,7 @@ Besides white noise, each joint carries a disturbance torque d, above all the er
   standard deviation F that follows whatever the controller does below stiction and is never drawn back: the resting arm
   tells its load to within stiction, once, and however long it rests nothing more is learnt, since nothing averages out.
 - A joint that **slides** has a small d, a share of F and `Filter.torque_drift_std`, that is forgotten over
-  `Filter.torque_drift_time`.
+  `Filter.torque_drift_time`. Where it turns out to be smaller still, that is learnt: see `follow_disturbance`.
 - When a joint starts, stops or turns round, d is drawn afresh and no longer correlated with anything.
 
 A joint slides when its low-passed speed exceeds `Filter.excitation`, or what the velocity sensor's noise can make of
@@ -18,6 +18,7 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+from scipy.special import erf
 
 from twin_diagram.estimation.belief import Belief
 from twin_diagram.scenario import Filter
@@ -38,6 +39,12 @@ STICTION_TIME: Final = 0.1
 SPEED_TIME: Final = 0.02
 """Time over which speeds and accelerations are low-passed [s]."""
 
+LARGEST: Final = 9.0
+"""The square of d counts as this many times its mean at most."""
+SMALLEST: Final = -2.0 * np.log(10.0)
+"""ln of its variance's factor falls no lower."""
+MEMORY: Final = 30.0
+"""Independent values of d over which its variance is averaged at most."""
 SURE: Final = 2.0
 """A joint slides when its low-passed speed is this many standard deviations of the velocity sensor. A resting joint
 that seemed to slide for a moment would tell its load as if friction were known, and falsely."""
@@ -55,6 +62,30 @@ def disturbance_std(params: Filter, sliding: Array, level: Array) -> Array:
     return np.hypot(params.torque_drift_std, np.where(sliding, share, 1.0) * level)
 
 
+def follow_disturbance(belief: Belief, params: Filter, variance: Array, elapsed: float) -> None:
+    """How large d is on joints that slide: the mean of its posterior square, beside one value as large as was given.
+
+    Where the readings say nothing of d its square is as large as was thought, and nothing is learnt. It is never
+    thought larger than was given: a push that goes on must not become normal.
+
+    Args:
+        belief: `belief.steady` and `belief.told` are changed.
+        params: tuning.
+        variance: (n,) of d as given [N²·m²].
+        elapsed: since the last message [s].
+    """
+    n = belief.n
+    at = np.arange(2 * n, 3 * n)
+    sliding = (belief.regime != 0.0) & (np.abs(belief.v) > 2.0 * CREEP)
+    factor = np.exp(belief.steady)
+    fresh = elapsed / params.torque_drift_time
+    surprise = np.minimum((belief.disturbance**2 + belief.P[at, at]) / (variance * factor), LARGEST) - 1.0
+    belief.told[sliding] = np.minimum(belief.told[sliding] + fresh, MEMORY)
+    moved = np.log1p(fresh * surprise / (1.0 + belief.told))
+    belief.steady += np.where(sliding, moved, 0.0)
+    np.clip(belief.steady, SMALLEST, 0.0, out=belief.steady)
+
+
 def creep_std(v: Array, level: Array, variance: Array | float = 0.0) -> Array:
     """White torque (n,) of joints that creep, or may for all that is known, on top of what is unmodelled anyway [N·m].
 
@@ -64,6 +95,13 @@ def creep_std(v: Array, level: Array, variance: Array | float = 0.0) -> Array:
         variance: (n,) of v: without encoders the sign of a slow joint's friction is anybody's guess [rad²/s²].
     """
     return CREEP_SHARE * level * np.exp(-(v**2) / (CREEP**2 + UNSURE**2 * variance))
+
+
+def sure_to_slide(belief: Belief) -> Array:
+    """How sure it is (n,) that a joint slides, and which way: mean of its speed's sign, 0 for one that rests."""
+    n = belief.n
+    deviation = np.sqrt(2.0 * np.maximum(belief.P.diagonal()[n : 2 * n], np.finfo(float).tiny))
+    return np.where(belief.regime != 0.0, erf(np.abs(belief.v) / deviation), 0.0)
 
 
 def follow_regimes(belief: Belief, params: Filter, dt: float, level: Array) -> tuple[Array, Array, Array]:
@@ -86,7 +124,7 @@ def follow_regimes(belief: Belief, params: Filter, dt: float, level: Array) -> t
     changed = regime != belief.regime
     belief.regime[:] = regime
     sliding = regime != 0.0
-    std = disturbance_std(params, sliding, level)
+    std = disturbance_std(params, sliding, level) * np.where(sliding, np.exp(0.5 * belief.steady), 1.0)
     forget = np.exp(-dt / params.torque_drift_time)
     keep = np.where(changed, 0.0, np.where(sliding, forget, 1.0))
     fresh = np.where(sliding, (1.0 - forget**2) * std**2, std**2 * (dt / STICTION_TIME))

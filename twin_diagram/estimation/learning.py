@@ -73,5 +73,6 @@ def open_up(core: Core, t: float) -> None:
     # Before it was noticed, part of the change went into the disturbance: no regime now is the one that was, so that
     # the next prediction draws it afresh.
     belief.regime *= 1.5
+    belief.told[:] = 0.0
     core.history.opened(room)
     core.history.settle(belief.x, belief.P)

@@ -19,6 +19,8 @@ HEAVIEST: Final = 10.0
 """A payload's mass lies between 0 and this [kg]."""
 FRICTION_SHARE: Final = 0.3
 """Prior of a friction's error, as a share of what the model has, besides a small share of the effort limit."""
+TOGETHER: Final = 0.5
+"""Correlation of the changes of the joints' friction, where it changes at once."""
 HEALTH_STD: Final = 0.02
 """Prior of a torque constant's error: a data sheet's tolerance."""
 HEALTHIEST: Final = 0.3
@@ -35,9 +37,11 @@ class ParameterBlock(ABC):
         mean: (p,) prior.
         covariance: (p, p) prior.
         scale: (p,) size of a change that matters; the standard deviation of the prior.
+        of_sliding: whether it acts on joints that slide alone.
     """
 
     name: ClassVar[str]
+    of_sliding: ClassVar[bool] = False
     mean: Array
     covariance: Array
 
@@ -161,9 +165,12 @@ class TorqueBias(JointBlock):
 class JointFriction(JointBlock):
     """Friction beyond the model's, per joint; friction in all is never negative.
 
-    Oil or heat change all joints at once, and an abrupt change may take it all.
+    Oil or heat change all joints at once, and an abrupt change may take it all: of joints that rest while others tell
+    of it, as much is expected as `TOGETHER` says. Which way friction pushes a joint that rests nobody knows, and a
+    speed that is mostly noise would teach a false level, and surely.
     """
 
+    of_sliding = True
     _level: Array
     """(n,) what the model has."""
 
@@ -181,7 +188,9 @@ class JointFriction(JointBlock):
 
     @property
     def opening(self) -> Array:  # noqa: D102
-        return np.maximum(self.covariance, np.diag(self._level**2))
+        together = TOGETHER * np.outer(self._level, self._level)
+        together.flat[:: len(together) + 1] = np.maximum(self.covariance.diagonal(), self._level**2)
+        return together
 
 
 class ViscousFriction(JointFriction):

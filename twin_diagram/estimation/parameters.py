@@ -64,11 +64,25 @@ class ParameterSet:
         """(p,) names with units."""
         return [label for block in self.blocks for label in block.labels(joints)]
 
-    def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array, tau: Array) -> Array:
-        """Y (n, p) of all blocks."""
+    def regressor(
+        self, terms: ArmTerms, q: Array, v: Array, a: Array, tau: Array, sliding: Array | None = None
+    ) -> Array:
+        """Y (n, p) of all blocks.
+
+        Args:
+            terms: the arm.
+            q: (n,) [rad].
+            v: (n,) [rad/s].
+            a: (n,) [rad/s²].
+            tau: (n,) motor torque [N·m].
+            sliding: (n,) how sure it is that a joint slides, and which way, from 0 to 1: by so much its friction
+                counts. None: all do.
+        """
         Y = np.empty((terms.n, self.size))
         for block, part in zip(self.blocks, self.slices, strict=True):
             Y[:, part] = block.regressor(terms, q, v, a, tau)
+            if sliding is not None and block.of_sliding:
+                Y[:, part] *= sliding[:, None]
         return Y
 
     def payload_of(self, theta: Array) -> Array:

@@ -10,11 +10,20 @@ import numpy as np
 from twin_diagram.estimation.belief import Entry
 from twin_diagram.estimation.core import IMPOSSIBLE, Core
 from twin_diagram.estimation.declared import VOUCHED
-from twin_diagram.estimation.disturbance import CREEP, SPEED_TIME, creep_std, follow_regimes
+from twin_diagram.estimation.disturbance import (
+    CREEP,
+    SPEED_TIME,
+    creep_std,
+    disturbance_std,
+    follow_regimes,
+    sure_to_slide,
+)
 from twin_diagram.estimation.learning import release
 from twin_diagram.estimation.transition import jacobians, step
 from twin_diagram.signals import Array
 
+EVERY: Final = np.array(True)
+"""Of joints: they slide."""
 LONGEST_STEP: Final = 0.01
 """A longer prediction is cut into steps no longer than this [s]."""
 LONGEST_PREDICTION: Final = 2.5
@@ -40,6 +49,7 @@ def _once(core: Core, u: Array, dt: float, torque_std: Array | float) -> None:
     dry = terms.dry(terms.true_position(belief.q), belief.v, u)
     level = np.maximum(0.5 * (dry[0] + dry[1]) + parameters.dry(belief.model), 0.0)
     keep, fresh, changed = follow_regimes(belief, params, dt, level)
+    core.wander = disturbance_std(params, EVERY, level) ** 2
     v = belief.v.copy()
     span = float(belief.header[Entry.SPAN])
     if span > 0.0:
@@ -57,7 +67,8 @@ def _once(core: Core, u: Array, dt: float, torque_std: Array | float) -> None:
     if blind:
         # Stiction that nobody watches may have let go: as if it held a joint no stiffer than one that creeps.
         moved = replace(moved, drag=np.minimum(moved.drag, parameters.viscous(theta, terms.damping) + level / CREEP))
-    by = jacobians(terms, parameters, moved, v, theta, dt, steady, u)
+    sliding = sure_to_slide(belief)
+    by = jacobians(terms, parameters, moved, v, theta, dt, steady, u, sliding)
     F, own = core.F, 3 * n + belief.p
     F[: 2 * n, : 2 * n] = by.state
     F[: 2 * n, 2 * n : 3 * n] = by.torque

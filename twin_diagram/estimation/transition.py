@@ -119,6 +119,7 @@ def jacobians(
     dt: float,
     acceleration: Array,
     tau: Array | None = None,
+    sliding: Array | None = None,
 ) -> Jacobians:
     """Derivatives of a step by the implicit function theorem, inverse dynamics by forward differences.
 
@@ -132,11 +133,12 @@ def jacobians(
         acceleration: (n,) as observed. A load that θ does not know of yet makes the predicted acceleration wrong, and a
             regressor that held it would teach wrong parameters for good [rad/s²].
         tau: (n,) motor torque, for parameters that depend on it; zeros where None [N·m].
+        sliding: (n,) how sure it is that a joint slides, from 0 to 1; None: that they all do.
     """
     n = terms.n
     terms.set_payload(parameters.payload_of(theta))
     by_q, by_v = terms.derivatives(moved.middle, v, moved.a)
-    Y = parameters.regressor(terms, moved.middle, v, acceleration, np.zeros(n) if tau is None else tau)
+    Y = parameters.regressor(terms, moved.middle, v, acceleration, np.zeros(n) if tau is None else tau, sliding)
     system = moved.mass.copy()
     system[np.diag_indices(n)] += dt * moved.drag
     right = np.empty((n, 3 * n + parameters.size))
