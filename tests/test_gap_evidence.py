@@ -16,6 +16,7 @@ from twin_diagram.gap.deciding import crowded, negligible, redness
 from twin_diagram.gap.evidence import Bench
 from twin_diagram.gap.finding import Finding, Moment
 from twin_diagram.gap.holding import peaks_of
+from twin_diagram.gap.naming import uneven
 from twin_diagram.gap.pricing import FURTHER_JOINT, MIXED, NEW_NAME, compatible, price
 from twin_diagram.gap.search import handicaps, plainer, search
 
@@ -201,3 +202,19 @@ def test_what_is_next_to_nothing_beyond_a_plainer_law_is_not_named(
     less = handicaps(bench, bench.solve(frozenset({0})))
     assert less[finer_name] > 0.0
     assert finer_name not in handicaps(bench, found)
+
+
+@pytest.mark.parametrize("joint", range(JOINTS))
+def test_a_delay_that_one_joint_alone_has_is_told(joint: int) -> None:
+    """Though the joint that moves most tells most of it."""
+    rng = np.random.default_rng(6)
+    rates = rng.normal(size=(ROWS, JOINTS)) * np.array([4.0, 1.0, 1.0])
+    late = replace(
+        candidate("time_delay", 0, rates[:, 0]), joints=(), rows=tuple(range(JOINTS)), columns=rates[:, :, None]
+    )
+    y = rng.normal(size=(ROWS, JOINTS)) + 0.3 * rates
+    y[:, joint] += 0.4 * rates[:, joint]
+    bench = Bench(y, white(), [late], [])
+    assert uneven(bench, bench.solve(frozenset({0})), 0)[0] == joint
+    even = Bench(rng.normal(size=(ROWS, JOINTS)) + 0.3 * rates, white(), [late], [])
+    assert not uneven(even, even.solve(frozenset({0})), 0)

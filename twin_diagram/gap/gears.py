@@ -31,8 +31,9 @@ GAPS = (0.002, 0.004, 0.008, 0.016, 0.03)
 SWINGS = tuple(np.geomspace(2.5, 16.0, 10))
 """Frequencies at which a link may swing on its gear [Hz]; stiffer ones follow their load."""
 
-LOSS = 4e-3
-"""With so much of it a swing is broad enough for the grid to meet it; how much there is, refinement tells [s]."""
+LOSSES = (3e-3, 1.2e-2)
+"""With so much of it a swing is broad enough for the grid to meet it, and forgets the encoder's noise, which drives it,
+too; how much there is, refinement tells [s]."""
 
 ABOUT_ONE = (0.6, 1.5)
 """A shape's torque fits the residual as it stands, or the shape is wrong."""
@@ -108,7 +109,7 @@ def shapes(terms: Terms, j: int) -> list[Shape]:
     result = [Shape("backlash", j, (("gap", gap),)) for gap in GAPS]
     for swing in SWINGS:
         stiffness = inertia * (2.0 * np.pi * float(swing)) ** 2
-        result.append(Shape("joint_elasticity", j, (("stiffness", stiffness), ("loss", LOSS))))
+        result += [Shape("joint_elasticity", j, (("stiffness", stiffness), ("loss", loss))) for loss in LOSSES]
     return result
 
 

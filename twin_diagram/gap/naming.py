@@ -53,8 +53,14 @@ SUSPECT = 3.0
 
 SUSPECTS = 4
 
-SWUNG = ("reflected_inertia", "joint_elasticity", "backlash", "torque_constant")
+SWUNG = ("reflected_inertia", "joint_elasticity", "backlash", "torque_constant", "encoder_offset")
 """What a gear that swings looks like at first."""
+
+LATE = "time_delay"
+"""Or, where joints are not equally late, this."""
+
+UNEVEN = 2.0
+"""Standard errors by which a joint differs from the others."""
 
 NOT_SMOOTH = ("joint_elasticity", "torque_saturation")
 """Candidates that the saturated fit can do without."""
@@ -194,11 +200,24 @@ def suspects(records: Records, terms: Terms, bench: Bench, members: Members) -> 
 
     A gear that swings or knocks shakes the joints beside it, where it may show more.
     """
-    left = flexible.left_over(records, terms, bench, bench.solve(members)).joints
+    fit = bench.solve(members)
+    left = flexible.left_over(records, terms, bench, fit).joints
     found = [int(j) for j in np.argsort(-left)[:SUSPECTS] if left[j] > SUSPECT]
     swung = [j for k in sorted(members) if bench.candidates[k].name in SWUNG for j in bench.candidates[k].joints]
+    swung += [j for k in sorted(members) if bench.candidates[k].name == LATE for j in uneven(bench, fit, k)]
     beside = [i for j in found[:1] for i in (j + 1, j - 1) if 0 <= i < records.n]
     return list(dict.fromkeys([*found, *swung, *beside]))[:SUSPECTS]
+
+
+def uneven(bench: Bench, fit: Fit, member: int) -> list[int]:
+    """Joints whose own coefficient of a member of all joints is not that of the others together, the surest first."""
+    left = bench.whitener.all(bench.left(bench.solve(fit.members - {member}))) * bench.weights
+    column = bench.columns[member][:, :, 0]
+    size = np.sum(column**2, axis=1) / fit.variance + 1e-12
+    told = np.sum(column * left, axis=1) / fit.variance
+    others = np.sum(size) - size
+    apart = np.abs(told / size - (np.sum(told) - told) / others) / np.sqrt(1.0 / size + 1.0 / others)
+    return [bench.candidates[member].rows[k] for k in np.argsort(-apart) if apart[k] > UNEVEN]
 
 
 def pruned(bench: Bench, fit: Fit) -> Fit:
