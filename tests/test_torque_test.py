@@ -8,6 +8,7 @@ from estimation_bench import HOME, twin_terms
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from twin_diagram.estimation.break_away import LONG_ENOUGH
 from twin_diagram.estimation.parameters import ParameterSet
 from twin_diagram.estimation.torque_test import BEGUN, LEAST, TorqueTest
 from twin_diagram.scenario import Filter
@@ -71,7 +72,7 @@ def test_silent_at_rest_and_just_after(normal) -> None:
     still = np.tile(np.concatenate([HOME, np.zeros(7)]), (100, 1))
     t = start + DT * np.arange(1, 101)
     assert all(found == (0.0, -1, 0.0) for found in feed(vector, t, still, np.full((100, 7), 5.0)))
-    t, x, tau = moves(BEGUN - 1, float(t[-1]))
+    t, x, tau = moves(LONG_ENOUGH - 1, float(t[-1]))
     assert all(f == 0.0 for f, _, _ in feed(vector, t, x, tau + 30.0))
 
 

@@ -18,6 +18,8 @@ STANDS_OUT: Final = 4.0
 """A joint is named where its share of a change is this many standard deviations."""
 OF_LARGEST: Final = 0.4
 """And this share of the largest."""
+NAMING: Final = 0.1
+"""A joint that was named keeps its name after this time: what comes later may be what a fault led to [s]."""
 
 
 def stands(state: DriftState) -> bool:
@@ -80,7 +82,7 @@ def raise_alarm(
         h[Entry.KIND], h[Entry.RAISED], h[Entry.STATISTIC] = float(kind), t, statistic
         grown = change.grows(state.tenths[len(state.tenths) - int(h[Entry.TENTHS]) :])
         h[Entry.SHAPE] = float(change.Shape.TREND if grown else change.Shape.STEP)
-        h[Entry.ABOVE], h[Entry.MOVED], h[Entry.SENSOR] = dt, 0.0, sensor
+        h[Entry.ABOVE], h[Entry.MOVED], h[Entry.SENSOR], h[Entry.JOINT] = dt, 0.0, sensor, -1.0
         row = int(h[Entry.ALARMS]) % RING
         state.log[row] = t, float(kind), statistic
         state.evidence[row] = 0.0
@@ -90,7 +92,8 @@ def raise_alarm(
         # Whitening by Cholesky's factor leaves what a joint's torque does in it and in those after it: the first
         # that stands out is the one.
         clear = np.abs(share) > max(STANDS_OUT, OF_LARGEST * float(np.abs(share).max()))
-        h[Entry.JOINT] = float(np.argmax(clear)) if clear.any() else -1.0
+        if h[Entry.JOINT] < 0.0 or t - h[Entry.RAISED] <= NAMING:
+            h[Entry.JOINT] = float(np.argmax(clear)) if clear.any() else -1.0
         if gained is not None and h[Entry.JOINT] in (-1.0, gained[0]):
             h[Entry.JOINT], evidence[Evidence.TORQUE] = gained
         evidence[Evidence.JOINT] = h[Entry.JOINT]

@@ -11,6 +11,8 @@ there are learnt for as long as nothing is wrong, and far narrower than friction
 leaves μ ± kσ of its joint and direction is an alarm that names the joint. A motor that gives a share g of what is
 logged shows as ρ = (g − 1) τ, and so does every other torque that nobody told of.
 
+Joints that move but do not slide yet are for `break_away`.
+
 The sum over messages of M Δv telescopes, so that only the ends' noise counts: De Luca and Mattone, "Actuator failure
 detection and isolation using generalized momenta", ICRA 2003.
 """
@@ -21,7 +23,7 @@ from typing import Final
 
 import numpy as np
 
-from twin_diagram.estimation import learnt
+from twin_diagram.estimation import break_away, learnt
 from twin_diagram.estimation.arm_terms import ArmTerms
 from twin_diagram.estimation.parameters import ParameterSet
 from twin_diagram.scenario import Filter
@@ -34,6 +36,9 @@ SLIDES: Final = 0.03
 SURE: Final = 5.0
 """And as fast as this many standard deviations of the speeds' sensor: a filter that hears a joint through noise finds
 out late that it has started."""
+SEEN: Final = 2.0
+"""Joints as fast as this many of those deviations move, if not for certain: an estimated speed is better than one that
+was measured."""
 BEGUN: Final = 8
 """Messages that a joint must have slid before anything is learnt or tested: friction builds up over a small angle."""
 LEAST: Final = 100
@@ -72,7 +77,8 @@ class TorqueTest:
         self._slides = max(SLIDES, SURE * tuning.velocity_std)
         self._floor = np.hypot(WHITE * tuning.torque_std, tuning.torque_drift_std)
         self._each = np.arange(terms.n)
-        self.size = 1 + 10 * terms.n
+        self._creeps = max(tuning.excitation, SEEN * tuning.velocity_std)
+        self.size = 1 + (10 + break_away.SIZE) * terms.n
 
     def begin(self, vector: Array) -> None:
         """Another model is used: what the old one lacked says nothing now."""
@@ -98,12 +104,14 @@ class TorqueTest:
         """
         n, before = self._terms.n, vector[0]
         past, low, run = vector[1 : 1 + 2 * n], vector[1 + 2 * n : 1 + 3 * n], vector[1 + 3 * n : 1 + 4 * n]
-        count, mean, squares = vector[1 + 4 * n :].reshape(3, 2, n)
+        count, mean, squares = vector[1 + 4 * n : 1 + 10 * n].reshape(3, 2, n)
+        creep = vector[1 + 10 * n :].reshape(break_away.SIZE, n)
         dt = t - before
         vector[0] = t
         if before <= 0.0 or not 1e-6 < dt < 0.25:
             past[:] = x
             run[:] = 0.0
+            creep[1] = 0.0
             return 0.0, -1, 0.0
         rho, level = self._unmodelled(past, x, theta, tau, dt)
         v = x[n:]
@@ -112,12 +120,14 @@ class TorqueTest:
         run[:] = np.where((way != 0.0) & (np.sign(run) == way), run + way, way)
         low[:] = np.where(np.abs(run) <= 1.0, rho, FORGETTING * low + (1.0 - FORGETTING) * rho)
         sliding = np.abs(run) >= BEGUN
+        floor = np.hypot(SHARE * level, self._floor)
+        starts, gained = break_away.follow(creep, x[:n], v, rho, self._creeps, ~sliding, floor, self._sigma, learning)
         if not sliding.any():
-            return 0.0, -1, 0.0
+            return self._largest(starts, gained, armed)
         at = ((run < 0.0).astype(int), self._each)
         beyond = low - mean[at]
         # Messages are no independent witnesses: a low pass makes them alike.
-        variance = np.maximum(squares[at], (SHARE * level) ** 2 + self._floor**2)
+        variance = np.maximum(squares[at], floor**2)
         found = np.abs(beyond) / learnt.threshold(0.0, variance, self._sigma, count[at] * (1.0 - FORGETTING))
         known = count[at] >= LEAST
         lesson = sliding & learning & (~known | (found < NEAR))
@@ -126,9 +136,15 @@ class TorqueTest:
             count[there] = np.minimum(count[there] + 1.0, MEMORY)
             mean[there] += beyond[lesson] / count[there]
             squares[there] += (beyond[lesson] * (low[lesson] - mean[there]) - squares[there]) / count[there]
-        found = np.where(sliding & known & armed, found, 0.0)
+        found = np.where(sliding, np.where(known, found, 0.0), starts)
+        return self._largest(found, np.where(sliding, beyond, gained), armed)
+
+    @staticmethod
+    def _largest(found: Array, gained: Array, armed: bool) -> tuple[float, int, float]:
         joint = int(np.argmax(found))
-        return float(found[joint]), joint if found[joint] > 0.0 else -1, float(beyond[joint])
+        if not armed or found[joint] <= 0.0:
+            return 0.0, -1, 0.0
+        return float(found[joint]), joint, float(gained[joint])
 
     def _unmodelled(self, past: Array, x: Array, theta: Array, tau: Array, dt: float) -> tuple[Array, Array]:
         """ρ (n,) and the level of dry friction (n,) [N·m]."""
