@@ -15,7 +15,7 @@ from twin_diagram.estimation.disturbance import CREEP
 from twin_diagram.estimation.ekf import Ekf
 from twin_diagram.estimation.noise import HOLD, LARGEST_STEP, WIDEST, follow_sensor, gain, held, scaled
 from twin_diagram.estimation.quaternions import exp, multiply
-from twin_diagram.estimation.sensors import BodyPose
+from twin_diagram.estimation.sensors import BodyPose, LinkImu
 from twin_diagram.estimation.transition import step
 from twin_diagram.scenario import Filter
 from twin_diagram.signals import NEVER, AlarmKind
@@ -186,6 +186,23 @@ def test_camera_finds_its_own() -> None:
             ekf.update("camera", z, run.time[k])
     given = np.repeat([0.004, 0.009], 3)
     np.testing.assert_allclose(given * ekf.noise()["camera"], np.repeat([0.012, 0.003], 3), rtol=0.2)
+
+
+def test_resting_arm_says_nothing_of_a_gyroscope() -> None:
+    """What friction may do to a joint that rests is far more than it does: beside it any gyroscope would seem finer."""
+    arm, rng = twin_terms(), np.random.default_rng(5)
+    ekf = Ekf(arm, Filter(parameters=[]))
+    ekf.add(LinkImu(arm, "panda_hand"))
+    still = np.zeros(7)
+    tau = arm.inverse_dynamics(HOME, still, still)
+    for k in range(800):
+        noise = rng.normal(size=20)
+        ekf.observe(HOME + 2e-5 * noise[:7], 2e-3 * noise[7:14], tau, 0.005 * k)
+        z = ekf.declared.sensors["imu"].reading(np.concatenate([HOME, still, np.zeros(ekf.belief.size - 14)]))
+        z += np.repeat([1e-3, 1e-2], 3) * noise[14:]
+        ekf.update("imu", z, 0.005 * k)
+    assert ekf.counters()["imu"]["accepted"] > 700
+    np.testing.assert_allclose(ekf.noise()["imu"], 1.0, atol=0.1)
 
 
 def _turned(R: np.ndarray, angle: np.ndarray, p: np.ndarray) -> np.ndarray:

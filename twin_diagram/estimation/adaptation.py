@@ -16,6 +16,8 @@ from twin_diagram.estimation.positive import solve_positive
 from twin_diagram.estimation.sensors import Linear, Sensor
 from twin_diagram.signals import Array
 
+CREEPING: Final = 0.1
+"""Share of a reading's variance that may be due to joints that rest or creep where it speaks for its sensor's noise."""
 RUN: Final = 3
 """Readings refused in a row that are no outliers any more."""
 WRONG: Final = 3.0
@@ -61,8 +63,20 @@ def noise_now(core: Core, sensor: Sensor, track: Array | None, at: Linear, noise
     return adapted if noise is not None else at.noise + (adapted - base)
 
 
-def adapt(core: Core, sensor: Sensor, track: Array | None, noise: Array | None, result: Update, t: float) -> None:
-    """Lets a reading speak for its sensor's noise, and the arm's own for the torque that the model lacks."""
+def adapt(
+    core: Core, sensor: Sensor, track: Array | None, at: Linear, noise: Array | None, result: Update, t: float
+) -> None:
+    """Lets a reading speak for its sensor's noise, and the arm's own for the torque that the model lacks.
+
+    Args:
+        core: its belief is changed.
+        sensor: that gave it.
+        track: its record; None for the arm's own.
+        at: the sensor's model at the reading.
+        noise: R of this reading; None: the sensor's own.
+        result: what became of it.
+        t: when it was taken [s].
+    """
     belief, span = core.belief, core.params.noise_time
     levels = _levels(core, sensor, track)
     if span <= 0.0 or levels is None:
@@ -83,7 +97,7 @@ def adapt(core: Core, sensor: Sensor, track: Array | None, noise: Array | None, 
     elapsed = float(belief.header[Entry.SPAN]) if track is None else t - float(track[Track.LAST])
     if not 0.0 < elapsed < np.inf:
         return
-    step = gain(elapsed, span, float(counts[counted]))
+    step: Array | float = gain(elapsed, span, float(counts[counted]))
     counts[counted] += 1.0
     base = (sensor.noise(belief.x) if noise is None else noise).diagonal() * np.exp(levels)
     inverse = solve_positive(result.covariance, np.eye(sensor.size))
@@ -99,4 +113,9 @@ def adapt(core: Core, sensor: Sensor, track: Array | None, noise: Array | None, 
         moving = np.tile((belief.regime != 0.0) & (np.abs(belief.v) > 2.0 * CREEP), 2)[: 2 * n]
         follow_sensor(levels, base, inverse.diagonal(), weighted, np.where(moving, step, 0.0))
         return
+    if core.by_torque is not None and not result.late:
+        # What friction may do to joints that rest or creep is far more than it mostly does: beside it, a reading that
+        # depends on it would seem to be finer than it is.
+        creep = np.square(at.jacobian[:, : 2 * belief.n] @ core.by_torque) @ core.creep
+        step = np.where(creep < CREEPING * result.covariance.diagonal(), step, 0.0)
     follow_sensor(levels, base, inverse.diagonal(), weighted, step)

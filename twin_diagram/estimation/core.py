@@ -40,6 +40,7 @@ class Core:
         F: (N, N) scratch: derivative of the newest prediction.
         by_torque: (2n, n) of [q, v] by torque over the newest prediction; None before the first.
         wander: (n,) variance of the disturbance of a joint that slides, as given [N²·m²].
+        creep: (n,) variance of the torque that friction may bring to joints that creep, over the newest step [N²·m²].
         step_mass: (n, n) mass matrix of the newest prediction [kg·m²].
     """
 
@@ -76,7 +77,7 @@ class Core:
         self.F = np.eye(size)
         self.by_torque: Array | None = None
         self.step_mass = np.eye(n)
-        self.wander = np.ones(n)
+        self.wander, self.creep = np.ones(n), np.zeros(n)
         self.walk = self.declared.walk()
 
     def load(self, vector: Array, history: Array | None = None) -> None:

@@ -92,7 +92,7 @@ def take(core: Core, sensor: Sensor, z: Array, t: float | None, noise: Array | N
     # It is for the joints themselves to say that a torque threw the arm. What else jumps may be a load, a contact or a
     # fault of its own, and must not move the state by all that an effort limit allows.
     result = _fuse(core, sensor, z, at, noise_now(core, sensor, track, at, noise), explain and track is None)
-    adapt(core, sensor, track, noise, result, belief.time)
+    adapt(core, sensor, track, at, noise, result, belief.time)
     if track is not None:
         _record(core, sensor, track, result, belief.time)
     elif result.accepted:
@@ -162,7 +162,7 @@ def _late(
         belief.x[:], P = core.history.rerun(back, x, P, core.parameters.opening, core.parameters.clip)
         belief.P[:] = P
         core.parameters.clip(belief.theta)
-    adapt(core, sensor, track, noise, result, t)
+    adapt(core, sensor, track, at, noise, result, t)
     if track is not None:
         _record(core, sensor, track, result, t)
         track[Track.LATE] += accepted

@@ -83,7 +83,9 @@ def _once(core: Core, u: Array, dt: float, torque_std: Array | float) -> None:
     Q = np.zeros_like(F)
     # White torque was found small with the joints in view, who hold the model in check. Blind it is as given.
     adapted = np.maximum(belief.noise[2], 0.0) if blind else belief.noise[2]
-    torque_std = np.hypot(torque_std * np.exp(0.5 * adapted), creep_std(v, level, belief.P.diagonal()[n : 2 * n]))
+    creep = creep_std(v, level, belief.P.diagonal()[n : 2 * n])
+    core.creep = creep**2 * (core.period / dt)
+    torque_std = np.hypot(torque_std * np.exp(0.5 * adapted), creep)
     white = by.torque * (torque_std * np.sqrt(core.period / dt))
     Q[: 2 * n, : 2 * n] = white @ white.T
     # When within the step it acts is not known: it moves a joint by more or less than the speeds at both ends say.
