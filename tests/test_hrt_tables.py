@@ -53,6 +53,15 @@ def kinematics() -> Kinematics:
     return Kinematics()
 
 
+def test_positions_and_speeds_are_of_one_moment(run) -> None:
+    """A quarter of a millisecond between them made a gyroscope seem to contradict encoders."""
+    truth = run[1]
+    moved = np.cumsum(0.0025 * (truth.v[1:] + truth.v[:-1]), axis=0)
+    off = truth.q[1:] - truth.q[0] - moved
+    for j in range(6):
+        assert abs(np.polyfit(truth.v[1:, j], off[:, j], 1)[0]) < 1e-5  # [s]
+
+
 def test_hand_and_imu_agree_with_the_description(run, kinematics: Kinematics) -> None:
     _, truth, happened = run
     np.testing.assert_allclose(kinematics.positions(truth.q[::100]), truth.hand[::100, 4:], atol=1e-6)

@@ -120,6 +120,10 @@ def run(hidden: Hidden, asked: Array, rate: Array, fault: Fault | None = None) -
         if k % EVERY == 0:
             data.qfrc_applied[:] = gain * tau
             mujoco.mj_forward(model, data)
+            # MuJoCo moves positions by the speeds at a step's end, so that its speeds are half a step old.
+            old = data.qvel.copy()
+            data.qvel[:] += 0.5 * model.opt.timestep * data.qacc
+            mujoco.mj_forward(model, data)
             mujoco.mj_rnePostConstraint(model, data)
             mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_XBODY, link, velocity, 1)
             mujoco.mj_objectAcceleration(model, data, mujoco.mjtObj.mjOBJ_XBODY, link, acceleration, 1)
@@ -146,6 +150,7 @@ def run(hidden: Hidden, asked: Array, rate: Array, fault: Fault | None = None) -
                 )
             )
             tau_sum = np.zeros(N)
+            data.qvel[:] = old
         tau_sum = tau_sum + tau
         data.qfrc_applied[:] = gain * tau
         mujoco.mj_step(model, data, nstep=2)
