@@ -122,10 +122,9 @@ class Monitor:
         """
         h = self.header
         state_time = t if state_time is None else state_time
-        finite = np.isfinite(t) and 0.0 <= nis < np.inf
-        for values in (state, theta, q, tau, *(() if innovation is None else (innovation,))):
-            finite = finite and bool(np.all(np.abs(values) < 1e6))  # NaN compares false
-        if not finite or t < 0.0 or t == h[Entry.TIME]:
+        said = np.concatenate([state, theta, q, tau] if innovation is None else [state, theta, q, tau, innovation])
+        sound = np.abs(said).max() < 1e6 and 0.0 <= nis < np.inf and 0.0 <= t < np.inf  # NaN compares false
+        if not sound or t == h[Entry.TIME]:
             return
         if h[Entry.SINCE] < 0.0:
             h[Entry.SINCE] = h[Entry.CHECKED] = t

@@ -39,7 +39,7 @@ WIDEST: Final = 2.0
 """No margin is wider: a test that needs more is not worth its name, and its false alarms say so."""
 MEMORY: Final = 20_000.0
 """Blocks over which the tail is averaged."""
-_HEAD: Final = 4  # largest in this block, blocks, peaks, sum of what peaks were above `HIGH`
+_HEAD: Final = 5  # largest in this block, blocks, peaks, sum of what peaks were above `HIGH`, the margin
 _NONE: Final = -1.0
 
 
@@ -69,26 +69,31 @@ class FalseRate:
         self._prior = np.array([PRIOR_BLOCKS, PRIOR_PEAKS, PRIOR_PEAKS * (PRIOR_MARGIN - HIGH) / np.log(expected)])
 
     def _views(self, vector: Array) -> tuple[Array, Array]:
-        """Head (tests, 4) and blocks that wait (tests, DELAY), oldest first, `_NONE` where there is none."""
+        """Head (tests, 5) and blocks that wait (tests, DELAY), oldest first, `_NONE` where there is none."""
         table = vector[1:].reshape(self.tests, _HEAD + DELAY)
         return table[:, :_HEAD], table[:, _HEAD:]
 
     def begin(self, vector: Array) -> None:
         """Nothing is known yet."""
         vector[:] = 0.0
-        self._views(vector)[1][:] = _NONE
+        head, waiting = self._views(vector)
+        waiting[:] = _NONE
+        head[:, 4] = self._margins(head)
+
+    def _margins(self, head: Array) -> Array:
+        blocks, peaks, beyond = (head[:, 1:4] + self._prior).T
+        wanted = np.log(np.maximum(peaks / blocks * self._per_hour, 1.0))
+        return np.asarray(np.clip(HIGH + beyond / peaks * wanted, 1.0, WIDEST))
 
     def take(self, vector: Array, test: int, statistic: float) -> float:
         """Takes in a test's statistic over its threshold; answers it over its margin as well."""
-        head, _ = self._views(vector)
-        head[test, 0] = max(head[test, 0], min(statistic, WIDEST))
-        return statistic / self.margin(vector, test)
+        largest = 1 + test * (_HEAD + DELAY)
+        vector[largest] = max(vector[largest], min(statistic, WIDEST))
+        return statistic / float(vector[largest + 4])
 
     def margin(self, vector: Array, test: int) -> float:
         """By how much a test's threshold is widened, 1 to `WIDEST`."""
-        blocks, peaks, beyond = self._views(vector)[0][test, 1:] + self._prior
-        wanted = np.log(max(peaks / blocks * self._per_hour, 1.0))
-        return float(np.clip(HIGH + beyond / peaks * wanted, 1.0, WIDEST))
+        return float(self._views(vector)[0][test, 4])
 
     def turn_over(self, vector: Array, t: float, calm: bool) -> None:
         """Ends the block where it is time to.
@@ -98,11 +103,11 @@ class FalseRate:
             t: now [s].
             calm: whether tests are armed and no alarm stands; what was seen of late counts for nothing otherwise.
         """
+        if calm and 0.0 <= t - vector[0] < BLOCK:
+            return
         head, waiting = self._views(vector)
         if not calm:
             head[:, 0], waiting[:], vector[0] = 0.0, _NONE, t
-            return
-        if 0.0 <= t - vector[0] < BLOCK:
             return
         vector[0] = t
         learnt = waiting[:, 0].copy()
@@ -112,7 +117,8 @@ class FalseRate:
         if learnt[0] < 0.0:
             return
         above = np.maximum(learnt - HIGH, 0.0)
-        head[:, 1:] *= np.where(head[:, 1:2] >= MEMORY, 1.0 - 1.0 / MEMORY, 1.0)
+        head[:, 1:4] *= np.where(head[:, 1:2] >= MEMORY, 1.0 - 1.0 / MEMORY, 1.0)
         head[:, 1] += 1.0
         head[:, 2] += above > 0.0
         head[:, 3] += above
+        head[:, 4] = self._margins(head)

@@ -156,6 +156,8 @@ class TorqueTest:
         forward, backward = np.maximum(forward + change, 0.0), np.maximum(backward + change, 0.0)
         friction = np.where(v > 0.0, forward, -backward)
         viscous = (parameters.viscous(theta, terms.damping) - terms.damping) * v
-        needed = terms.mass_matrix(q) @ ((x[n:] - past[n:]) / dt) + terms.load(q, v, tau) + friction + viscous
+        needed = terms.inverse_dynamics(q, v, (x[n:] - past[n:]) / dt) + friction + viscous
+        if terms.laws.load is not None:
+            needed += terms.laws.load(q, v, tau)
         rho = needed - terms.applied(tau) - parameters.push(theta, tau)
         return np.maximum(np.minimum(rho, LARGEST), -LARGEST), 0.5 * (forward + backward)
