@@ -64,6 +64,10 @@ def quantiles(figure: str, values: Iterable[float], unit: str, scale: float, tar
     return Row(figure, f"{found[0]:.3g} / {found[1]:.3g} {unit}", f"n = {len(array)}", target, met)
 
 
+PLAIN = 30.0
+"""Strength, in noise units, from which on an effect shows soon after it began."""
+
+
 def rows(records: list[Record]) -> list[Row]:
     """The issue's targets."""
     ran = [r for r in records if "error" not in r]
@@ -77,6 +81,8 @@ def rows(records: list[Record]) -> list[Row]:
     close = [r for r in named if r["separation"] < 4.0]
     claims = [c for r in ran for c in r["claims"]]
     onsets = [e for r in named for e in r["onset_errors"]]
+    # Until it has shown in the noise, nothing tells when a weak effect began.
+    plain = [e for r in named if min(p["strength"] for p in r["parts"]) >= PLAIN for e in r["onset_errors"]]
     repaired = [
         r["held_out"]["left"] for r in named if r["verdict"] == "named" and r["held_out"] and r["held_out"]["visible"]
     ]
@@ -136,6 +142,7 @@ def rows(records: list[Record]) -> list[Row]:
         share("pairs exactly right, both ≥ 8", (r["exact"] for r in pairs), "≥ 90 %", lambda x: x >= 0.9),
         share("triples exactly right, all ≥ 8", (r["exact"] for r in triples), "printed", None),
         quantiles("onset error, median / p95", (abs(e) for e in onsets if e is not None), "ms", 1e3, (50.0, 200.0)),
+        quantiles(f"… of effects of strength ≥ {PLAIN:g}", (abs(e) for e in plain if e is not None), "ms", 1e3, ()),
         share("… onsets not reported", (e is None for e in onsets), "printed", None),
         quantiles("parameter error, separation ≥ 20, median / p95", (p["error"] for p in far), "%", 100.0, (3.0,)),
         share("… 95 % intervals cover", (abs(p["z"]) <= 1.96 for p in far), "92–98 %", lambda x: 0.92 <= x <= 0.98),
