@@ -517,6 +517,7 @@ def record(kind: str, seed: int, exact: bool = True, distance: float = 10.0) -> 
         "code": "x",
         "arm": "ur5e",
         "separation": distance,
+        "parts": [{"strength": 2.0 * distance}],
         "truth_names": [] if kind == "clean" else ["payload"],
         "exact": exact,
         "verdict": "none" if kind == "clean" else "named",
@@ -541,6 +542,11 @@ def test_table() -> None:
     assert found["name + joint exactly right, separation ≥ 8"].met
     assert found["false names on clean logs"].met
     assert found["pairs exactly right, both ≥ 8"].met is None
+    late = [
+        record("onset", k, distance=d) | {"onset_errors": [e]} for k, (d, e) in enumerate([(5.0, 0.4), (50.0, -0.02)])
+    ]
+    onsets = [row.value for row in table.rows(late) if "ms" in row.value]
+    assert onsets == ["210 / 381 ms", "20 / 20 ms"], "all, and that of the strong one"
     text = table.report([*records, {"kind": "single", "seed": 5, "version": "1", "code": "x", "error": "late"}])
     assert "runs that failed" in text and "separation" in text
 
