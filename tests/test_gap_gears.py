@@ -43,6 +43,18 @@ def test_a_spring_is_offered_whatever_its_stiffness(terms: Terms, stiffness: flo
     assert min(abs(np.log(c.shape["stiffness"] / stiffness)) for c in offered if c.shape) < 0.45
 
 
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("joint_elasticity", {"stiffness": 1e3, "loss": 0.2}),
+        ("joint_elasticity", {"stiffness": 1e10}),
+        ("backlash", {"gap": 0.6}),
+    ],
+)
+def test_no_gear_is_beyond_what_its_effect_allows(terms: Terms, name: str, values: dict[str, float]) -> None:
+    assert gear(terms, Shape(name, PAN, tuple(values.items()))) is None
+
+
 def test_play_takes_the_place_of_an_offset_and_a_rotor(terms: Terms) -> None:
     """A shoulder's load never turns: its play leans on one side, as an encoder that is off would."""
     assert np.all(np.abs(np.sign(terms.load[0][:, LIFT]).sum()) == len(terms.load[0]))

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.effects import make
-from twin_diagram.effects.effect import Effect
+from twin_diagram.effects.effect import REGISTRY, Effect
 from twin_diagram.gap.candidate import Candidate, transformed
 from twin_diagram.gap.evidence import Bench, Members
 from twin_diagram.gap.records import Record
@@ -34,6 +34,11 @@ SWINGS = tuple(np.geomspace(2.5, 16.0, 10))
 LOSSES = (3e-3, 1.2e-2)
 """With so much of it a swing is broad enough for the grid to meet it, and forgets the encoder's noise, which drives it,
 too; how much there is, refinement tells [s]."""
+
+CALM_LOSS = 6e-2
+CALM = slice(1, None, 3)
+"""With so much a gear follows its load and hardly swings: where noise hides the swing, this is left. Few of `SWINGS`
+are enough for it."""
 
 ABOUT_ONE = (0.6, 1.5)
 """A shape's torque fits the residual as it stands, or the shape is wrong."""
@@ -57,7 +62,13 @@ class Shape:
 
 
 def gear(terms: Terms, shape: Shape) -> Candidate | None:
-    """The candidate of one shape: its torque, whose coefficient is about 1, and the rotor's inertia."""
+    """The candidate of one shape: its torque, whose coefficient is about 1, and the rotor's inertia.
+
+    None where the shape is not within what the effect allows, or its torque not finite.
+    """
+    kinds = REGISTRY[shape.name].kinds
+    if not all(kinds[key].lower <= value <= kinds[key].upper for key, value in shape.values):
+        return None
     records = terms.records
     j = shape.joint
     given = records.model
@@ -107,9 +118,10 @@ def shapes(terms: Terms, j: int) -> list[Shape]:
     """What is tried on a joint."""
     inertia = _link_inertia(terms, j)
     result = [Shape("backlash", j, (("gap", gap),)) for gap in GAPS]
-    for swing in SWINGS:
+    swings = [(swing, loss) for swing in SWINGS for loss in LOSSES] + [(swing, CALM_LOSS) for swing in SWINGS[CALM]]
+    for swing, loss in swings:
         stiffness = inertia * (2.0 * np.pi * float(swing)) ** 2
-        result += [Shape("joint_elasticity", j, (("stiffness", stiffness), ("loss", loss))) for loss in LOSSES]
+        result.append(Shape("joint_elasticity", j, (("stiffness", stiffness), ("loss", loss))))
     return result
 
 
