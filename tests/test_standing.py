@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from twin_diagram.estimation.arm_terms import ArmTerms
 from twin_diagram.estimation.ekf import Ekf
+from twin_diagram.estimation.learning import REFUTED, refute
 from twin_diagram.estimation.parameters import ParameterSet
 from twin_diagram.estimation.standing import Standing, Status, at_bound, standings
 from twin_diagram.scenario import Filter
@@ -64,6 +65,43 @@ def test_motor_of_half_the_strength_gets_home() -> None:
     motor, mass = found[f"torque_constant.{JOINTS[1]}"], found["payload.mass"]
     assert motor.status is Status.SETTLED and motor.value == pytest.approx(-0.5, abs=0.02)
     assert mass.status is Status.SETTLED and mass.value == pytest.approx(world.mass, abs=3.0 * mass.std)
+
+
+@pytest.mark.parametrize("joint", [0, 2])
+def test_motor_that_its_data_sheet_is_far_from_is_not_paid_for_by_the_payload(joint: int) -> None:
+    """Half as strong again, 25 deviations of its prior, which held it: the payload came out at 0.3 kg."""
+    world = World(mass=0.8, seed=1003, period=4.0, dead_joint=joint, dead_at=0.0, motor_left=1.5)
+    found = learnt(simulate(world, 5.0), ["payload", "torque_constant"])
+    mass = found["payload.mass"]
+    assert mass.status is Status.SETTLED and mass.value == pytest.approx(world.mass, abs=0.05)
+    for k, name in enumerate(JOINTS):
+        motor = found[f"torque_constant.{name}"]
+        assert motor.value == pytest.approx(0.5 * (k == joint), abs=3.0 * motor.std)
+
+
+def test_a_refuted_prior_is_given_up_once_and_takes_back_what_was_learnt_beside_it() -> None:
+    ekf = Ekf(terms(), Filter(parameters=["torque_constant", "torque_bias", "payload"]))
+    still = np.zeros(7)
+    ekf.start(still, still, still, 0.0)
+    belief, parameters = ekf.belief, ekf.parameters
+    assert list(np.flatnonzero(parameters.freeable)) == list(range(7))  # a payload or a bias is all that its prior says
+    belief.theta[:] = 0.9 * REFUTED * parameters.scale
+    before = belief.vector.copy()
+    refute(ekf, 0.0)
+    np.testing.assert_array_equal(belief.vector, before)
+    belief.theta[3] = 1.1 * REFUTED * parameters.scale[3]
+    kept = belief.theta.copy()
+    refute(ekf, 0.0)
+    at = slice(21, 21 + belief.p)
+    expected = parameters.covariance.copy()
+    expected[3, 3] = parameters.opening[3, 3]
+    np.testing.assert_allclose(belief.P[at, at], expected)
+    np.testing.assert_array_equal(belief.theta[[3, 14, 15, 16, 17]], kept[[3, 14, 15, 16, 17]])
+    np.testing.assert_array_equal(np.delete(belief.theta[:14], 3), 0.0)
+    belief.theta[3] = 0.6  # far from its prior, which does not count any more
+    before = belief.vector.copy()
+    refute(ekf, 0.0)
+    np.testing.assert_array_equal(belief.vector, before)
 
 
 def test_a_filter_that_may_not_learn_what_is_wrong_says_that_it_cannot() -> None:

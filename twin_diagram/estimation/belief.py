@@ -119,6 +119,7 @@ class Belief:
         acceleration: (n,) low-passed, as observed, not as predicted [rad/s²].
         model: (p,) θ as the physics has it; the difference to θ acts through its derivatives.
         gradient: (p,) gathered since then, where the gradient rule adapts θ.
+        freed: (p,) 1 where a parameter was opened beyond its prior, which then says nothing of it any more.
         score: (p, p + 1) of recent innovations by θ: their information matrix and their gradient, with forgetting.
         x: (N,) mean, N = 3n + p + own; q, v, disturbance, theta, own are views of it.
         P: (N, N) covariance.
@@ -138,7 +139,7 @@ class Belief:
         self.n, self.p = n, p
         self.size = 3 * n + p + own
         start = HEADER + MEMORY * n
-        mean = start + 2 * p + p * (p + 1)
+        mean = start + 3 * p + p * (p + 1)
         end = mean + self.size + self.size**2
         self.vector: Any = np.zeros(end + sum(len(Track) + 2 * size for size in sensors))
         self.header = self.vector[:HEADER]
@@ -147,8 +148,8 @@ class Belief:
         self.noise = memory[6:9]
         self.troubled = memory[9:15].reshape(3, 2 * n)
         self.steady, self.told = memory[15:17]
-        self.model, self.gradient = self.vector[start : start + 2 * p].reshape(2, p)
-        self.score = self.vector[start + 2 * p : mean].reshape(p, p + 1)
+        self.model, self.gradient, self.freed = self.vector[start : start + 3 * p].reshape(3, p)
+        self.score = self.vector[start + 3 * p : mean].reshape(p, p + 1)
         self.x = self.vector[mean : mean + self.size]
         self.P = self.vector[mean + self.size : end].reshape(self.size, self.size)
         self.q, self.v, self.disturbance = self.x[:n], self.x[n : 2 * n], self.x[2 * n : 3 * n]

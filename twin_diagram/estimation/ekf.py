@@ -17,7 +17,8 @@ never touched either, its gain being zero.
 **A surprise is not an outlier.** Where a reading leaves its χ² gate, the filter asks whether an unmodelled torque
 within the joints' effort limits explains it. If so, the sensors are right and the model is not: the state follows
 them, with a covariance that says so, and θ hardly moves. If not, the reading is refused. Where surprises persist, the
-parameters themselves must have changed, and their covariance opens.
+parameters themselves must have changed, and their covariance opens. A parameter that readings have pulled far from what
+its prior says, a motor that is no data sheet's, refutes the prior: see `learning.refute`.
 
 **Two time scales.** The state moves with every reading. The physics takes over the parameters learnt at
 `Filter.parameter_rate`, and at once where that is much; in between, what has been learnt acts through the derivatives,
@@ -64,7 +65,7 @@ class Ekf(Core):
         self.declared.add(sensor, start, at)
         self.resize()
         after = self.belief
-        same = HEADER + MEMORY * before.n + before.p * (before.p + 3)
+        same = HEADER + MEMORY * before.n + before.p * (before.p + 4)
         after.vector[:same] = before.vector[:same]
         after.x[: before.size] = before.x
         after.P[: before.size, : before.size] = before.P

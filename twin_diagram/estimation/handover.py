@@ -33,7 +33,7 @@ def hand_over(belief: Belief, to: Ekf) -> None:
         )
     new.vector[:] = belief.vector
     new.theta[:] = to.parameters.mean
-    new.model[:], new.gradient[:], new.score[:] = new.theta, 0.0, 0.0
+    new.model[:], new.gradient[:], new.score[:], new.freed[:] = new.theta, 0.0, 0.0, 0.0
     new.disturbance[:], new.innovation[:] = 0.0, 0.0
     afresh = slice(2 * n, 3 * n + p)
     new.P[afresh, :], new.P[:, afresh] = 0.0, 0.0

@@ -12,7 +12,7 @@ from twin_diagram.estimation.core import Core
 from twin_diagram.estimation.declared import FilterError
 from twin_diagram.estimation.disturbance import disturbance_std
 from twin_diagram.estimation.fusion import REFUSALS, Update, fuse, take
-from twin_diagram.estimation.learning import open_up
+from twin_diagram.estimation.learning import open_up, refute
 from twin_diagram.estimation.positive import solve_positive, whiten
 from twin_diagram.estimation.propagation import propagate
 from twin_diagram.estimation.trouble import forget, gather, take_for_noise
@@ -52,7 +52,7 @@ def start(core: Core, q: Array, v: Array, tau: Array, t: float) -> None:
         kept = np.zeros((belief.size - 3 * n, belief.size - 3 * n))
         kept[:p, :p] = core.parameters.covariance if core.params.rule == "covariance" else 0.0
         kept[p:, p:] = np.diag(core.declared.prior())
-        belief.theta[:] = core.parameters.mean
+        belief.theta[:], belief.freed[:] = core.parameters.mean, 0.0
     belief.model[:], belief.gradient[:], belief.score[:] = belief.theta, 0.0, 0.0
     belief.q[:], belief.v[:], belief.disturbance[:] = q, v, 0.0
     belief.torque[:], belief.drift[:], belief.regime[:] = tau, v, 0.0
@@ -198,6 +198,8 @@ def _next(core: Core, q: Array, v: Array, tau: Array, t: float, dt: float, heard
         or (header[Entry.STREAK] == 0.0 and alarming(belief.score, core.parameters.groups))
     ):
         open_up(core, t)
+    elif t >= header[Entry.QUIET]:
+        refute(core, t)
 
 
 def _salvage(core: Core, whole: Update, q: Array, v: Array) -> None:

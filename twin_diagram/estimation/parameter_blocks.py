@@ -23,7 +23,7 @@ TOGETHER: Final = 0.5
 """Correlation of the changes of the joints' friction, where it changes at once."""
 HEALTH_STD: Final = 0.02
 """Prior of a torque constant's error: a data sheet's tolerance."""
-HEALTHIEST: Final = 0.3
+HEALTHIEST: Final = 1.0
 """No torque constant is more than this above its data sheet's."""
 SMOOTHING_SPEED: Final = 1e-3
 """Speed over which learned dry friction changes sign [rad/s]."""

@@ -27,6 +27,7 @@ class ParameterSet:
         size: p.
         mean, covariance, scale: (p,), (p, p), (p,) of the prior.
         opening: (p, p) covariance after an abrupt change.
+        freeable: (p,) which may be far from where their prior has them, as `opening` says.
         groups: the parameters that change together.
         payload: where the payload's (m, m·c) lie in θ; None where it is not learned.
     """
@@ -44,6 +45,7 @@ class ParameterSet:
         self.mean = np.concatenate([np.zeros(0), *(block.mean for block in self.blocks)])
         self.covariance = self._diagonal([block.covariance for block in self.blocks])
         self.opening = self._diagonal([block.opening for block in self.blocks])
+        self.freeable = self.opening.diagonal() > 2.0 * self.covariance.diagonal()
         self.scale = np.sqrt(np.diag(self.covariance))
         self.groups = [
             slice(part.start + group.start, part.start + group.stop)
