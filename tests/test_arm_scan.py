@@ -15,11 +15,12 @@ from pydrake.systems.framework import DiagramBuilder
 
 from twin_diagram.arm_pose import SIZE, measured, near
 from twin_diagram.arm_scan import ArmScan
-from twin_diagram.arm_surface import Points, link_surface
+from twin_diagram.arm_surface import Points, link_surface, other_surfaces
 from twin_diagram.estimation.arm_terms import ArmTerms
 from twin_diagram.estimation.belief import Track
 from twin_diagram.estimation.ekf import Ekf
 from twin_diagram.estimation.ekf_system import AdaptiveEkf
+from twin_diagram.estimation.link_frame import LinkFrame
 from twin_diagram.estimation.sensors import CloudError, Lidar
 from twin_diagram.scenario import ArmModel, Filter, SensorSpec
 from twin_diagram.signals import NEVER
@@ -111,6 +112,26 @@ def test_noise_grows_with_distance_squared() -> None:
     near, far = (lidar.align(points, p + [d, 0.0, 0.0], HOME)[1] for d in (2.0, 6.0))
     ratio = np.sqrt(np.diag(far) / np.diag(near))
     np.testing.assert_allclose(ratio, 9.0, rtol=0.15)
+
+
+def test_points_of_other_links_are_left_out() -> None:
+    """Where the link before is met and nothing else, who does not know of it takes its points for the link's own."""
+    rng, arm = np.random.default_rng(1026), ArmModel(model="arms/panda_hand.urdf")
+    others = other_surfaces(arm, LINK)
+    assert {"panda_link0", "panda_link6"} <= set(others) and LINK not in others and "panda_hand" not in others
+    R, p = LinkFrame(terms(), "panda_link6").pose(HOME)
+    before = others["panda_link6"][0] @ R.T + p
+    before += 0.01 * rng.normal(size=before.shape)
+    beside = (before - X_WS.translation()) @ X_WS.rotation().matrix()
+    told, alone = (ArmScan(terms(), LINK, surface(), X_WS, others=known) for known in (others, None))
+    assert np.isfinite(alone.align(beside, HOME)[0]).all()
+    with pytest.raises(CloudError):
+        told.align(beside, HOME)
+    # With its own points there, too, the pose is as good as before.
+    off = [
+        np.linalg.norm(told.align(np.vstack([scan(HOME, rng), beside]), HOME)[0][4:] - pose(HOME)[4:]) for _ in "12345"
+    ]
+    assert np.median(off) < 0.008
 
 
 def test_lidar_carries_on_where_the_encoders_fall_silent() -> None:

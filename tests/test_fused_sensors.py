@@ -79,7 +79,8 @@ def test_a_sensors_place_is_that_of_the_arms_unless_the_filter_is_told_another()
 
 WRONG = {
     "no imu on forearm_link": [SensorSpec("imu", body="forearm_link")],
-    "no lidar on wrist_3_link among twin.sensors; there: imu on wrist_3_link, wrench": [SensorSpec("lidar")],
+    "no sonar on wrist_3_link among twin.sensors; there: imu on wrist_3_link, wrench": [SensorSpec("sonar")],
+    "twin.lidar is null": [SensorSpec("lidar")],
     "no such sensor on wrist_3_link": [SensorSpec()],
     "fused already": [SensorSpec("imu", name="a"), SensorSpec("imu", name="b")],
     "predicts with the torque measured": [SensorSpec("torque")],

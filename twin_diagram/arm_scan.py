@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Final, cast
 
 import numpy as np
@@ -9,17 +10,21 @@ from pydrake.common.value import Value
 from pydrake.math import RigidTransform
 from pydrake.perception import PointCloud
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
+from scipy.spatial import cKDTree
 
 from twin_diagram.arm_pose import SIZE, feed, measured, near
 from twin_diagram.arm_surface import Points
 from twin_diagram.estimation.arm_terms import ArmTerms
 from twin_diagram.estimation.ekf_system import AdaptiveEkf
+from twin_diagram.estimation.link_frame import LinkFrame
 from twin_diagram.estimation.sensors import Lidar
 from twin_diagram.signals import Array
 from twin_diagram.timing import timed
 
 MOST: Final = 2000
 """Points that are aligned, about."""
+SURE: Final = 2.0
+"""A point is of the link where it is nearer to it than to all others by this many of its standard deviations."""
 
 
 class ArmScan(LeafSystem):
@@ -53,6 +58,7 @@ class ArmScan(LeafSystem):
         X_WS: RigidTransform,
         *,
         name: str = "lidar",
+        others: Mapping[str, Points] | None = None,
         **tuning: float,
     ) -> None:
         """Builds the system.
@@ -63,6 +69,8 @@ class ArmScan(LeafSystem):
             surface: points (M, 3) and outward normals (M, 3) of the link, in its own frame: `arm_surface.link_surface`.
             X_WS: where the lidar stands.
             name: for messages.
+            others: surfaces of the arm's other links, by their names: points that may be of
+                one of them are left out.
             tuning: of `Lidar`, whose figures it overrides.
 
         Raises:
@@ -74,6 +82,8 @@ class ArmScan(LeafSystem):
         self._R_WS, self._p_WS = X_WS.rotation().matrix(), X_WS.translation()
         self._middle = 0.5 * (surface[0].min(axis=0) + surface[0].max(axis=0))
         self._radius = float(np.linalg.norm(surface[0] - self._middle, axis=1).max()) + self._sensor.reach
+        self._own = cKDTree(surface[0])
+        self._others = [(LinkFrame(terms, link), cKDTree(points)) for link, (points, _) in (others or {}).items()]
         self._cloud = self.DeclareAbstractInputPort("point_cloud", Value(PointCloud(0)))
         self._time = self.DeclareVectorInputPort("scan_time", 1)
         self._arm = self.DeclareVectorInputPort("arm_state", 2 * terms.n)
@@ -85,7 +95,14 @@ class ArmScan(LeafSystem):
 
     @staticmethod
     def AddToBuilder(
-        builder: DiagramBuilder, ekf: AdaptiveEkf, sensor: str, body: str, surface: Points, X_WS: RigidTransform
+        builder: DiagramBuilder,
+        ekf: AdaptiveEkf,
+        sensor: str,
+        body: str,
+        surface: Points,
+        X_WS: RigidTransform,
+        others: Mapping[str, Points] | None = None,
+        **tuning: float,
     ) -> ArmScan:
         """Adds one to a Diagram and gives a filter its measurements; its first two inputs are left to connect.
 
@@ -96,8 +113,12 @@ class ArmScan(LeafSystem):
             body: the link.
             surface: of it, as for the constructor.
             X_WS: where the lidar stands.
+            others: surfaces of the other links, as for the constructor.
+            tuning: of `Lidar`, whose figures it overrides.
         """
-        scan = builder.AddNamedSystem(f"{sensor}_scan", ArmScan(ekf.ekf.terms, body, surface, X_WS, name=sensor))
+        scan = builder.AddNamedSystem(
+            f"{sensor}_scan", ArmScan(ekf.ekf.terms, body, surface, X_WS, name=sensor, others=others, **tuning)
+        )
         builder.Connect(ekf.GetOutputPort("arm_state"), scan.GetInputPort("arm_state"))
         feed(builder, scan.GetOutputPort("measurement"), ekf, sensor)
         builder.Connect(scan.GetOutputPort("measurement_time"), ekf.GetInputPort(f"{sensor}.time"))
@@ -123,4 +144,11 @@ class ArmScan(LeafSystem):
         points = np.asarray(points, dtype=float)
         points_W = points[np.isfinite(points).all(axis=1)] @ self._R_WS.T + self._p_WS
         R_WO, p_WO = self._sensor.frame.pose(q)
-        return self._sensor.align(near(points_W, p_WO + R_WO @ self._middle, self._radius, MOST), self._p_WS, q)
+        points_W = near(points_W, p_WO + R_WO @ self._middle, self._radius, MOST)
+        distance = self._own.query((points_W - p_WO) @ R_WO)[0]
+        distance += SURE * np.sqrt(self._sensor.variance(np.linalg.norm(points_W - self._p_WS, axis=1)))
+        for frame, tree in self._others:
+            R_WL, p_WL = frame.pose(q)
+            own = tree.query((points_W - p_WL) @ R_WL)[0] > distance
+            points_W, distance = points_W[own], distance[own]
+        return self._sensor.align(points_W, self._p_WS, q)

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, Mesh, Role, SceneGraph, Shape, Sphere
 from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import BodyIndex
 from scipy.spatial import ConvexHull
 
 from twin_diagram.description import add_arm
@@ -18,6 +19,8 @@ from twin_diagram.signals import Array
 
 SPACING: Final = 0.004
 """Of the points, on average [m]."""
+COARSE: Final = 0.01
+"""Of the points of what else stands there [m]."""
 Points = tuple[Array, Array]
 """Points (M, 3) [m] and outward normals (M, 3)."""
 
@@ -38,12 +41,53 @@ def link_surface(
     Raises:
         ModelError: there is no such link, or nothing to see of it.
     """
+    points, normals = _surface(*_loaded(arm, packages), link, spacing, arm.model)
+    if not len(points):
+        raise ModelError(f"{link!r} in {arm.model} has no shape to be seen by")
+    return points, normals
+
+
+def other_surfaces(
+    arm: ArmModel, link: str, packages: Mapping[str, str | Path] | None = None, spacing: float = COARSE
+) -> dict[str, Points]:
+    """The surfaces of an arm's other rigid parts, by a link of each: what else stands beside a link.
+
+    Args:
+        arm: the description.
+        link: name of the one that is left out.
+        packages: local folders for `package://` names.
+        spacing: of the points [m].
+
+    Raises:
+        ModelError: there is no such link.
+    """
+    scene_graph, plant = _loaded(arm, packages)
+    if not plant.HasBodyNamed(link):
+        raise ModelError(f"no link {link!r} in {arm.model}")
+    done = {body.name() for body in plant.GetBodiesWeldedTo(plant.GetBodyByName(link))}
+    found = {}
+    for index in range(1, plant.num_bodies()):  # 0 is the world
+        body = plant.get_body(BodyIndex(index))
+        if body.name() in done:
+            continue
+        done |= {other.name() for other in plant.GetBodiesWeldedTo(body)}
+        surface = _surface(scene_graph, plant, body.name(), spacing, arm.model)
+        if len(surface[0]):
+            found[body.name()] = surface
+    return found
+
+
+def _loaded(arm: ArmModel, packages: Mapping[str, str | Path] | None) -> tuple[SceneGraph, MultibodyPlant]:
     scene_graph, plant = SceneGraph(), MultibodyPlant(0.0)
     plant.RegisterAsSourceForSceneGraph(scene_graph)
     add_arm(plant, arm, packages)
     plant.Finalize()
+    return scene_graph, plant
+
+
+def _surface(scene_graph: SceneGraph, plant: MultibodyPlant, link: str, spacing: float, model: str) -> Points:
     if not plant.HasBodyNamed(link):
-        raise ModelError(f"no link {link!r} in {arm.model}")
+        raise ModelError(f"no link {link!r} in {model}")
     context, inspector = plant.CreateDefaultContext(), scene_graph.model_inspector()
     X_BW = plant.GetBodyByName(link).EvalPoseInWorld(context).inverse()
     shapes = []
@@ -65,8 +109,6 @@ def link_surface(
                 free &= ~inside((p_B - p_o) @ R_o, shape_o, corners_o)
         points.append(p_B[free])
         normals.append((n_G @ R.T)[free])
-    if sum(map(len, points)) == 0:
-        raise ModelError(f"{link!r} in {arm.model} has no shape to be seen by")
     return np.concatenate(points), np.concatenate(normals)
 
 

@@ -1,8 +1,8 @@
 """Which of the arm's further sensors the filter fuses, and by which of a station's ports their readings come.
 
 ``twin.sensors`` says what is on the arm, ``twin.filter.sensors`` what the filter makes of it; an entry of the second
-belongs to the one of the first that is of its kind and on its link. `depth` is none of these: it is what the twin's
-camera sees of a link.
+belongs to the one of the first that is of its kind and on its link. `depth` and `lidar` are none of these: they are
+what the twin's camera sees of a link, and what its lidar meets of one.
 """
 
 from __future__ import annotations
@@ -14,13 +14,16 @@ from pathlib import Path
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
+from twin_diagram import description
 from twin_diagram.arm_cloud import FLOOR, ArmCloud
 from twin_diagram.arm_pose import feed
-from twin_diagram.arm_surface import link_surface
+from twin_diagram.arm_scan import ArmScan
+from twin_diagram.arm_surface import link_surface, other_surfaces
 from twin_diagram.errors import ScenarioError
 from twin_diagram.estimation.ekf_system import AdaptiveEkf
 from twin_diagram.model import Model
-from twin_diagram.scenario import Camera, LinkSensor, Pose, SensorSpec, Twin
+from twin_diagram.scan_cloud import ScanCloud
+from twin_diagram.scenario import Camera, Lidar, LinkSensor, Pose, SensorSpec, Twin
 from twin_diagram.signals import NEVER
 from twin_diagram.station import ports
 
@@ -30,6 +33,11 @@ USED = "torque"
 """The kind whose reading the twin's filter has used already."""
 DEPTH = "depth"
 """The kind that is the twin's camera."""
+LIDAR = "lidar"
+"""The kind that is the twin's lidar."""
+HIDDEN = (0.01, 0.06)
+"""Error that all of a scan's points share, where the filter is not told: other links hide a link's ends, which tell
+where it is along itself and how it is turned about itself [m], [rad]."""
 
 
 @dataclass(frozen=True)
@@ -39,13 +47,14 @@ class Fused:
     Attributes:
         spec: with name, link and pose filled in, as the filter is told.
         reading, time: the station's ports; of a camera that of its depth image.
-        camera: whether the reading is made of images.
+        camera, lidar: whether the reading is made of images, or of scans.
     """
 
     spec: SensorSpec
     reading: str
     time: str
     camera: bool = False
+    lidar: bool = False
 
 
 def fused_sensors(twin: Twin, last_link: str) -> list[Fused]:
@@ -65,6 +74,8 @@ def fused_sensors(twin: Twin, last_link: str) -> list[Fused]:
             raise ScenarioError(field, "the twin's filter predicts with the torque measured; a reading counts once")
         if spec.kind == DEPTH:
             fused = _seen(spec, twin.camera, last_link, field)
+        elif spec.kind == LIDAR:
+            fused = _met(spec, twin.lidar, last_link, field)
         else:
             fused = _on_arm(spec, twin.sensors, last_link, field)
         place = (fused.reading, fused.spec.body)
@@ -100,6 +111,19 @@ def export(
     for sensor in fused:
         name = sensor.spec.name
         reading, time = ekf.GetInputPort(f"{name}.reading"), ekf.GetInputPort(f"{name}.time")
+        if sensor.lidar:
+            assert twin.lidar is not None
+            surface = link_surface(twin.arm, sensor.spec.body, packages)
+            others = other_surfaces(twin.arm, sensor.spec.body, packages)
+            cloud = builder.AddNamedSystem(f"{name}_cloud", ScanCloud(twin.lidar))
+            floor = dict(zip(("floor_p", "floor_r"), sensor.spec.std or HIDDEN, strict=True))
+            scan = ArmScan.AddToBuilder(
+                builder, ekf, name, sensor.spec.body, surface, description.pose(twin.lidar.X_WS), others, **floor
+            )
+            builder.ExportInput(cloud.get_input_port(), sensor.reading)
+            builder.ExportInput(scan.GetInputPort("scan_time"), sensor.time)
+            builder.Connect(cloud.get_output_port(), scan.GetInputPort("point_cloud"))
+            continue
         if not sensor.camera:
             builder.ExportInput(reading, sensor.reading)
             builder.ExportInput(time, sensor.time)
@@ -142,6 +166,18 @@ def _seen(spec: SensorSpec, camera: Camera | None, last_link: str, field: str) -
         raise ScenarioError(f"{field}.std", f"{spec.std} is not two positive numbers")
     filled = replace(spec, kind="body_pose", name=spec.name or spec.kind, body=spec.body or last_link)
     return Fused(filled, ports.depth_image(camera.name), ports.image_time(camera.name), camera=True)
+
+
+def _met(spec: SensorSpec, lidar: Lidar | None, last_link: str, field: str) -> Fused:
+    if lidar is None:
+        raise ScenarioError(field, "twin.lidar is null: there is nothing to scan the arm with")
+    if spec.X_BS != Pose():
+        raise ScenarioError(f"{field}.X_BS", "a lidar finds the link's own frame")
+    if spec.std and (len(spec.std) != len(FLOOR) or not min(spec.std) > 0.0):
+        raise ScenarioError(f"{field}.std", f"{spec.std} is not two positive numbers")
+    filled = replace(spec, kind="body_pose", name=spec.name or spec.kind, body=spec.body or last_link)
+    port = ports.lidar(lidar.name)
+    return Fused(filled, port, ports.time_of(port), lidar=True)
 
 
 def _on_arm(spec: SensorSpec, sensors: Sequence[LinkSensor], last_link: str, field: str) -> Fused:

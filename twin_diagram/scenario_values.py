@@ -16,6 +16,7 @@ from twin_diagram.scenario import (
     Driver,
     Filter,
     Healing,
+    Lidar,
     LinkSensor,
     Perception,
     Planner,
@@ -42,6 +43,7 @@ POSITIVE: dict[type, tuple[str, ...]] = {
         "parameter_rate",
     ),
     Healing: ("seconds", "patience"),
+    Lidar: ("columns", "rows", "width", "height", "rate", "latency"),
     LinkSensor: ("rate",),
     Perception: ("stride", "cluster_gap", "smallest"),
     Planner: ("rate", "knots", "step", "influence", "velocity_share", "acceleration"),
@@ -90,9 +92,17 @@ def check_twin(twin: Twin) -> None:
     if twin.healing is not None:
         _healing(twin.healing, "twin.healing")
     if twin.camera is not None:
-        near_far = twin.camera.depth_range
-        if len(near_far) != 2 or not 0 < near_far[0] < near_far[1]:
-            raise ScenarioError("twin.camera.depth_range", f"{near_far} is not [nearest, farthest]")
+        _near_far(twin.camera.depth_range, "twin.camera.depth_range")
+    if twin.lidar is not None:
+        _near_far(twin.lidar.range, "twin.lidar.range")
+        if not twin.lidar.latency < 1.0 / twin.lidar.rate:
+            why = f"{twin.lidar.latency} s is not less than the time between scans, {1.0 / twin.lidar.rate:.4g} s"
+            raise ScenarioError("twin.lidar.latency", why)
+
+
+def _near_far(values: list[float], name: str) -> None:
+    if len(values) != 2 or not 0 < values[0] < values[1]:
+        raise ScenarioError(name, f"{values} is not [nearest, farthest]")
 
 
 def check_filter(params: Filter) -> None:

@@ -35,6 +35,20 @@ class ArmDefects:
 
 
 @dataclass
+class LidarDefects:
+    """What the simulated lidar does to its ranges."""
+
+    noise: float = 0.01
+    """Standard deviation along the beam, near by [m]."""
+    growth: float = 0.005
+    """What is added to it, in squares, at 1 m; grows with distance squared [m]."""
+    dropout: float = 0.02
+    """Probability that an echo is lost."""
+    missing: list[list[float]] = field(default_factory=list)
+    """Intervals [start, end] without scans [s]."""
+
+
+@dataclass
 class SensorDefects:
     """What a further sensor of the simulated arm does to its readings."""
 

@@ -11,16 +11,16 @@ class SensorSpec:
     """A further sensor for the filter; its readings come in by ports of its name."""
 
     kind: str = ""
-    """`imu` or `wrench`, where ``twin.sensors`` has one, or `depth`, what the twin's camera sees of a link. A filter by
-    itself also takes `body_pose` and `torque`."""
+    """`imu` or `wrench`, where ``twin.sensors`` has one, `depth`, what the twin's camera sees of a link, or `lidar`,
+    what ``twin.lidar`` meets of one. A filter by itself also takes `body_pose` and `torque`."""
     name: str = ""
     """Empty: as its kind is called."""
     body: str = ""
     """Link or frame that it is fixed to; for `body_pose` the one whose pose it gives. Empty: the last link."""
     X_BS: Pose = field(default_factory=Pose)
     std: list[float] = field(default_factory=list)
-    """`body_pose`, `depth`: position [m], rotation [rad]; `imu`: gyroscope [rad/s], accelerometer [m/s²]; `wrench`:
-    force [N], moment [N·m]; `torque`: [N·m]. Empty: the kind's own."""
+    """`body_pose`, `depth`, `lidar`: position [m], rotation [rad]; `imu`: gyroscope [rad/s], accelerometer [m/s²];
+    `wrench`: force [N], moment [N·m]; `torque`: [N·m]. Empty: the kind's own."""
 
 
 @dataclass

@@ -25,6 +25,29 @@ class Camera:
 
 
 @dataclass
+class Lidar:
+    """A lidar that stands in the room; its frame S: X forward, Z up. The simulated station has a port for it."""
+
+    name: str = "room"
+    """Its ports are `<name>.lidar` and `<name>.lidar_time`."""
+    X_WS: Pose = field(default_factory=Pose)
+    columns: int = 180
+    """Beams from left to right."""
+    rows: int = 32
+    """Beams from top to bottom."""
+    width: float = 0.9
+    """Angle between the first and the last column [rad]."""
+    height: float = 0.5
+    """The same of the rows [rad]."""
+    range: list[float] = field(default_factory=lambda: [0.3, 20.0])
+    """Nearest and farthest echo [m]."""
+    rate: float = 10.0
+    """Scans per second, each at one instant [1/s]."""
+    latency: float = 0.02
+    """From scan to delivery [s]."""
+
+
+@dataclass
 class Driver:
     """The arm's own controller, as its data sheet tells: joint impedance about the commanded position."""
 

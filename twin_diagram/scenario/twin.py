@@ -7,7 +7,7 @@ from twin_diagram.scenario.acting import Planner, Task
 from twin_diagram.scenario.estimating import Drift, Filter, Healing
 from twin_diagram.scenario.models import ArmModel, Fixture
 from twin_diagram.scenario.perceiving import Perception, Registration, SceneUpdater
-from twin_diagram.scenario.sensors import Camera, Driver, LinkSensor
+from twin_diagram.scenario.sensors import Camera, Driver, Lidar, LinkSensor
 
 
 @dataclass
@@ -24,6 +24,8 @@ class Twin:
     library: dict[str, str] = field(default_factory=dict)
     """Folders of the known objects' assets, by the name of the object."""
     camera: Camera | None = field(default_factory=Camera)
+    lidar: Lidar | None = None
+    """Its clouds reach the filter where ``filter.sensors`` says so, kind `lidar`."""
     task: Task = field(default_factory=Task)
     perception: Perception = field(default_factory=Perception)
     registration: Registration = field(default_factory=Registration)

@@ -3,7 +3,7 @@
 # No `from __future__ import annotations`: Drake's YAML loader reads the fields' types themselves, not strings.
 from dataclasses import dataclass, field
 
-from twin_diagram.scenario.defects import ArmDefects, CameraDefects, SensorDefects
+from twin_diagram.scenario.defects import ArmDefects, CameraDefects, LidarDefects, SensorDefects
 from twin_diagram.scenario.models import ArmModel, Fixture, Pose
 
 
@@ -40,5 +40,6 @@ class World:
     """The camera's true pose, where it differs from the twin's calibration."""
     camera_defects: CameraDefects = field(default_factory=CameraDefects)
     arm_defects: ArmDefects = field(default_factory=ArmDefects)
+    lidar_defects: LidarDefects = field(default_factory=LidarDefects)
     sensor_defects: dict[str, SensorDefects] = field(default_factory=dict)
     """By the port of a sensor of ``twin.sensors``; those that are not listed have their kind's usual noise alone."""

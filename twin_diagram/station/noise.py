@@ -20,6 +20,7 @@ class Stream(IntEnum):
     CAMERA = 2
     CAMERA_TABLE = 3
     LINK = 4
+    LIDAR = 5
 
 
 def generator(seed: int, stream: Stream, tick: int) -> np.random.Generator:

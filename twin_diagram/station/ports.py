@@ -56,6 +56,11 @@ def imu(body: str) -> str:
     return f"{body}.imu"
 
 
+def lidar(name: str) -> str:
+    """Name of the port of a lidar's ranges."""
+    return f"{name}.lidar"
+
+
 def of_sensor(sensor: LinkSensor, last_link: str) -> str:
     """Name of the port of a further sensor; `last_link` of the arm is where one is that names no link."""
     return imu(sensor.body or last_link) if sensor.kind == "imu" else WRENCH_MEASURED

@@ -10,6 +10,7 @@ from twin_diagram.station import ports
 from twin_diagram.station.arm_sensors import ArmSensors
 from twin_diagram.station.camera import add_camera
 from twin_diagram.station.driver import ArmDriver, NominalGravity
+from twin_diagram.station.lidar import add_lidar
 from twin_diagram.station.link_sensors import add_link_sensors
 from twin_diagram.station.movers import MoverDriver
 from twin_diagram.station.truth import TruePoses, TrueState
@@ -39,6 +40,8 @@ class SimStation(Diagram):
         - <body>.imu_time
         - wrist.wrench_measured
         - wrist.wrench_time
+        - <lidar>.lidar
+        - <lidar>.lidar_time
         - truth.arm_state
         - truth.object_poses
         - truth.query_object
@@ -46,7 +49,7 @@ class SimStation(Diagram):
 
     Commands may stay unconnected: the arm then holds its pose. The arm's messages come at ``twin.driver.rate``; images
     are captured at k / rate and delivered ``twin.camera.latency`` later. IMU and wrench are there where
-    ``twin.sensors`` names them.
+    ``twin.sensors`` names them, the lidar's ranges where there is a ``twin.lidar``.
 
     Attributes:
         world: what the world consists of. For scores, plots and tests alone; no part of a twin may hold it.
@@ -100,7 +103,7 @@ class SimStation(Diagram):
             builder.ExportOutput(images.GetOutputPort("rgb_image"), ports.rgb_image(camera.name))
             builder.ExportOutput(images.GetOutputPort("depth_image"), ports.depth_image(camera.name))
             builder.ExportOutput(images.GetOutputPort("image_time"), ports.image_time(camera.name))
-        further = add_link_sensors(builder, plant, arm, scenario)
+        further = add_link_sensors(builder, plant, arm, scenario) | add_lidar(builder, world, scenario)
         poses = builder.AddNamedSystem("true_poses", TruePoses(list(world.objects.values())))
         builder.Connect(plant.get_body_poses_output_port(), poses.get_input_port())
         builder.ExportOutput(state.GetOutputPort("arm_state"), ports.ARM_STATE)

@@ -83,6 +83,10 @@ class DepthCloud(BodyPose):
         self._tree = cKDTree(surface)
         self._std_0, self._growth, self.reach, self._iterations = std_0, growth, reach, iterations
 
+    def variance(self, range_: Array) -> Array:
+        """Of points at distances (K,) [m²]."""
+        return np.asarray(self._std_0**2 + (self._growth * range_**2) ** 2)
+
     def align(self, points: Array, sensor_origin: Array, q: Array) -> tuple[Array, Array]:
         """Aligns a cloud, from the pose that q predicts.
 
@@ -101,7 +105,7 @@ class DepthCloud(BodyPose):
         points = points[np.all(np.isfinite(points), axis=1)]
         R_WO, p_WO = self.frame.pose(q)
         range_ = np.linalg.norm(points - sensor_origin, axis=1)
-        weight_of = 1.0 / (self._std_0**2 + (self._growth * range_**2) ** 2)
+        weight_of = 1.0 / self.variance(range_)
         information = np.zeros((6, 6))
         for step in range(self._iterations):
             near, index = self._partners((points - p_WO) @ R_WO, (sensor_origin - p_WO) @ R_WO)
