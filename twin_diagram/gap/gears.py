@@ -17,6 +17,7 @@ from twin_diagram.effects import make
 from twin_diagram.effects.effect import REGISTRY, Effect
 from twin_diagram.gap.candidate import Candidate, transformed
 from twin_diagram.gap.evidence import Bench, Members
+from twin_diagram.gap.pricing import NEW_NAME
 from twin_diagram.gap.records import Record
 from twin_diagram.gap.terms import Terms
 from twin_diagram.model import Model
@@ -135,24 +136,30 @@ def _link_inertia(terms: Terms, j: int) -> float:
 def propose(bench: Bench, terms: Terms, members: Members, joints: Sequence[int]) -> list[int]:
     """Offers the best spring and the best play of each joint, where they are worth it; answers their indices.
 
-    Beside all members a gear must be worth a good deal. Rotors, offsets and friction may have taken its place already:
-    it is offered, too, where it is better than one of them.
+    Beside all members a gear must be worth a good deal, be it with coefficients that are not physical: a crowd of other
+    names may have taken so much of it. Rotors, offsets and friction may have taken all: it is offered, too, where it is
+    better than one of them.
     """
     made: list[int] = []
     for j in joints:
         rests = _rests(bench, members, j)
         bases = [bench.basis(rest) for rest in rests]
         projected = [np.einsum("jrk,jr->k", Q, bench.y) for Q in bases]
+        crowded: dict[str, tuple[float, Candidate]] = {}
         best: dict[tuple[str, Members], tuple[float, Candidate]] = {}
         for shape in shapes(terms, j):
             candidate = gear(terms, shape)
             if candidate is None:
                 continue
+            score = bench.score_once(candidate, bases[0], projected[0]) - candidate.cost
+            if score > crowded.get(shape.name, (NEW_NAME + WORTH, candidate))[0]:
+                crowded[shape.name] = score, candidate
             for rest, Q, told in zip(rests, bases, projected, strict=True):
                 score = bench.score_once(candidate, Q, told, bounded=True)
                 if score > best.get((shape.name, rest), (0.0, candidate))[0]:
                     best[shape.name, rest] = score, candidate
-        known: dict[int, int] = {}
+        known = {id(candidate): bench.add(candidate) for _, candidate in crowded.values()}
+        made += known.values()
         for (_, rest), (_, candidate) in best.items():
             if id(candidate) not in known:
                 known[id(candidate)] = bench.add(candidate, offered=False)
