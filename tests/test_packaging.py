@@ -135,14 +135,14 @@ LAYERS = (
         "unread",
         "dry_friction",
     },
-    {"series", "timeline", "folding", "plant_calls", "model_folder"},
+    {"series", "timeline", "folding", "plant_calls", "model_folder", "scan_cloud"},
     {"torque_law"},
     {"model"},
     {"prediction", "rollout"},
     {"station", "perception", "estimation", "scene", "planning", "gap"},
     {"looking"},
     {"diagram", "score", "run", "touching", "trial", "variation", "attachments", "progress", "healing"}
-    | {"fused_sensors", "arm_cloud", "arm_scan", "arm_surface"},
+    | {"fused_sensors", "arm_pose", "arm_cloud", "arm_scan", "arm_surface"},
     {"cli"},
     {"__main__"},
 )
