@@ -77,7 +77,8 @@ class Core:
         self.F = np.eye(size)
         self.by_torque: Array | None = None
         self.step_mass = np.eye(n)
-        self.wander, self.creep = np.ones(n), np.zeros(n)
+        self.wander: Array = np.ones(n)
+        self.creep: Array = np.zeros(n)
         self.walk = self.declared.walk()
 
     def load(self, vector: Array, history: Array | None = None) -> None:

@@ -188,7 +188,7 @@ class JointFriction(JointBlock):
 
     @property
     def opening(self) -> Array:  # noqa: D102
-        together = TOGETHER * np.outer(self._level, self._level)
+        together: Array = np.asarray(np.outer(TOGETHER * self._level, self._level), dtype=float)
         together.flat[:: len(together) + 1] = np.maximum(self.covariance.diagonal(), self._level**2)
         return together
 
