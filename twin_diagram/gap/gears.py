@@ -49,8 +49,8 @@ WORTH = 10.0
 
 GEARS = ("joint_elasticity", "backlash")
 
-COST = {"joint_elasticity": 4.0, "backlash": 3.0}
-"""Of the search for a shape [nats]."""
+COST = {"joint_elasticity": 8.0, "backlash": 3.0}
+"""Of the search for a shape, which two dozen are tried for a spring, and three numbers refined [nats]."""
 
 
 @dataclass(frozen=True)
