@@ -126,12 +126,14 @@ class Truth:
             rate = np.sum(amplitude * omega * np.cos(angle), axis=0) * pace
             if k % 5 == 0:
                 noise = rng.normal(size=12)
+                # MuJoCo's speeds are half a step older than its positions.
+                v = data.qvel + 0.5 * model.opt.timestep * data.qacc
                 yield (
                     t,
                     np.round(data.qpos / count) * count,
-                    data.qvel + self.velocity_noise * noise[:6],
+                    v + self.velocity_noise * noise[:6],
                     (tau if k == 0 else tau_sum / 5.0) + self.torque_noise * limit * noise[6:],
-                    np.concatenate([data.qpos, data.qvel]),
+                    np.concatenate([data.qpos, v]),
                 )
                 tau_sum = np.zeros(6)
             if t >= self.added_at and not changed:
