@@ -175,7 +175,7 @@ class _Builder:
         sign = t.reduced_signs
         ahead = t.reduce(tuple(np.maximum(s, 0.0) for s in t.signs))
         back = t.reduce(tuple(np.minimum(s, 0.0) for s in t.signs))
-        loaded = t.reduce(tuple(np.abs(load) * s for load, s in zip(t.moved or t.load, t.signs, strict=True)))
+        loaded = t.reduce(tuple(np.abs(load) * s for load, s in zip(t.passed_on, t.signs, strict=True)))
         for j in range(self.n):
             self.add("viscous_friction", j, [speed[:, j]], linear("damping"), [-(1 + SMALL) * had.damping[j]])
             lowest = -(1 + SMALL) * had.coulomb[j]

@@ -68,10 +68,6 @@ NOT_SMOOTH = ("joint_elasticity", "torque_saturation")
 MOTOR = ("", "time_delay", "torque_constant", "torque_bias", "torque_saturation", "actuator_fault")
 """What stands between the logged torque and the motor's: no load of the motor."""
 
-GEAR = (*rest.DRY, "viscous_friction", "reflected_inertia")
-"""What stands between the motor's torque and the link's: no load of the gear."""
-
-
 Progress = Callable[[str], None]
 
 
@@ -152,12 +148,12 @@ def again(records: Records, terms: Terms, bench: Bench, fit: Fit, ordinary: Arra
         ordinary: see `whitening.ordinary`.
     """
     needed = saturated.at_full_rate(records, contribution_of(records, bench, fit, without=MOTOR))
-    moved = saturated.at_full_rate(records, contribution_of(records, bench, fit, without=(*MOTOR, *GEAR)))
+    moved = saturated.at_full_rate(records, contribution_of(records, bench, fit, without=(*MOTOR, *rest.DRY)))
     given = given_load(records)
     terms = with_load(
         terms,
         tuple(g + c for g, c in zip(given, needed, strict=True)),
-        tuple(g + c for g, c in zip(given, moved, strict=True)),
+        tuple(r.passed + c for r, c in zip(records.records, moved, strict=True)),
     )
     dry = rest.dry_joints(records) | {
         j for k in fit.members if bench.candidates[k].name in rest.DRY for j in bench.candidates[k].joints

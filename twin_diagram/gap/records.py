@@ -55,6 +55,7 @@ class Record:
         a: accelerations [rad/s²].
         torque: logged, unfiltered [N·m].
         given: the given model's torque for this motion [N·m].
+        passed: the same without dry friction: what the gears pass on [N·m].
         kept: (D,) indices of the samples that are left.
         period: the log's own median time between samples [s].
     """
@@ -69,6 +70,7 @@ class Record:
     a: Array
     torque: Array
     given: Array
+    passed: Array
     kept: npt.NDArray[np.int64]
     period: float
 
@@ -239,6 +241,12 @@ def _record(model: Model, log: Log, index: int, band: float) -> Record:
     # Torque that is logged and never arrives cannot be told from the motion.
     seen = smooth.log.motor_torque if any(effect.loses for effect in model.effects) else None
     q, v, a = smooth.position, smooth.velocity, smooth.acceleration
+    given = model.inverse_dynamics(q, v, a, time=log.time, seen=seen)
+    if any(effect.dry for effect in model.effects):
+        slick = model.with_effects([effect for effect in model.effects if not effect.dry])
+        passed = slick.inverse_dynamics(q, v, a, time=log.time, seen=seen)
+    else:
+        passed = given
     return Record(
         index=index,
         source=log.source,
@@ -249,7 +257,8 @@ def _record(model: Model, log: Log, index: int, band: float) -> Record:
         v=v,
         a=a,
         torque=smooth.log.motor_torque,
-        given=model.inverse_dynamics(q, v, a, time=log.time, seen=seen),
+        given=given,
+        passed=passed,
         kept=kept,
         period=log.period,
     )

@@ -143,6 +143,7 @@ def coarser(records: Records) -> Records:
             a=record.a[index],
             torque=torque[index],
             given=record.given[index],
+            passed=record.passed[index],
             kept=(record.kept - index[0]) // every,
         )
 

@@ -58,13 +58,18 @@ class Terms:
         records: of the fit.
         load: per record (N, n), the torque that the joints transmit, free of the log's noise [N·m].
         slow: (n,) speed below which the sign of a velocity is not known [rad/s].
-        moved: per record (N, n), `load` on the link's side of friction and rotors; None: the same [N·m].
+        moved: per record (N, n), `load` without dry friction, None: the given model's [N·m].
     """
 
     records: Records
     load: tuple[Array, ...]
     slow: Array
     moved: tuple[Array, ...] | None = None
+
+    @cached_property
+    def passed_on(self) -> tuple[Array, ...]:
+        """Per record (N, n): what the gears pass on, the torque that friction may depend on [N·m]."""
+        return self.moved or tuple(record.passed for record in self.records.records)
 
     @cached_property
     def signs(self) -> tuple[Array, ...]:
