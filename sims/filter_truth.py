@@ -98,6 +98,7 @@ class Truth:
         )
         model = compile_robot(URDF, secret)
         model.dof_armature[:] = ROTOR
+        mujoco.mj_setConst(model, mujoco.MjData(model))  # else dry friction is as soft as links without rotors want it
         data = mujoco.MjData(model)
         data.qpos[:] = HOME
         limit = np.array([150.0, 150.0, 150.0, 28.0, 28.0, 28.0])

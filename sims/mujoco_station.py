@@ -76,6 +76,8 @@ def compile_robot(urdf: Path, secret: Secret) -> mujoco.MjModel:
     # MuJoCo's dry friction is soft unless told otherwise: it would look viscous up to 0.2 rad/s.
     model.dof_solref[:] = [PERIOD, 1.0]
     model.dof_solimp[:, :3] = [0.99, 0.999, 0.001]
+    # How soft it is goes by the inertia that was reckoned before the rotors were added.
+    mujoco.mj_setConst(model, mujoco.MjData(model))
     return model
 
 

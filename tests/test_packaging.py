@@ -122,7 +122,7 @@ def test_changelog_has_the_version_or_work_in_progress() -> None:
 
 LAYERS = (
     {"errors"},
-    {"resources", "signals", "native", "timing", "__init__"},
+    {"resources", "signals", "native", "timing", "units", "__init__"},
     {"scenario", "scenario_file", "scenario_values", "logs"}
     | {
         "effects",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context
 
 from twin_diagram.description import Arm
-from twin_diagram.effects import Effect
+from twin_diagram.effects import REGISTRY, Effect
 from twin_diagram.effects.fitting import RigidChange
 from twin_diagram.effects.friction import CoulombFriction
 from twin_diagram.effects.link_inertia import spatial_inertia
@@ -50,6 +50,7 @@ def fold(plant: MultibodyPlant, context: Context, arm: Arm, changes: Iterable[Ri
     """
     rotors: dict[str, float] = {}
     dampers: dict[str, float] = {}
+    sliding = arm.sliding(plant)
     for change in changes:
         for link, added in change.inertia.items():
             body = plant.GetBodyByName(link)
@@ -63,17 +64,17 @@ def fold(plant: MultibodyPlant, context: Context, arm: Arm, changes: Iterable[Ri
     for name, reflected in rotors.items():
         actuator = arm.actuator(plant, name)
         rotor = actuator.rotor_inertia(context) + reflected / actuator.gear_ratio(context) ** 2
-        _check_whole("reflected_inertia.inertia", name, rotor, "kg·m²")
+        _check_whole("reflected_inertia", "inertia", name, rotor, name in sliding)
         actuator.SetRotorInertia(context, max(rotor, 0.0))
     for name, damping in dampers.items():
         joint = plant.get_joint(arm.joint_indices[arm.joints.index(name)])
         total: Any = joint.GetDampingVector(context) + damping
-        _check_whole("viscous_friction.damping", name, float(total[0]), "N·m·s/rad")
+        _check_whole("viscous_friction", "damping", name, float(total[0]), name in sliding)
         joint.SetDampingVector(context, np.maximum(total, 0.0))
 
 
-def check_friction(joints: Sequence[str], effects: Iterable[Effect]) -> None:
-    """Whether dry friction is no less than none on every joint.
+def check_friction(joints: Sequence[str], effects: Iterable[Effect], sliding: Collection[str] = ()) -> None:
+    """Whether dry friction is no less than none on every joint; `sliding`: those that slide.
 
     Raises:
         ModelError: it is.
@@ -83,12 +84,11 @@ def check_friction(joints: Sequence[str], effects: Iterable[Effect]) -> None:
         if isinstance(effect, CoulombFriction):
             levels += [effect.spread(joints, level) for level in effect.levels()]
     for name, level in zip(joints, np.min(levels, axis=0), strict=True):
-        _check_whole("coulomb_friction.torque", name, float(level), "N·m")
+        _check_whole("coulomb_friction", "torque", name, float(level), name in sliding)
 
 
-def _check_whole(key: str, joint: str, value: float, unit: str) -> None:
+def _check_whole(effect: str, key: str, joint: str, value: float, slides: bool) -> None:
     """Effects may take away no more than the description and other effects state."""
     if value < -1e-9:
-        raise ModelError(
-            f"effects.{key}: {value:g} {unit} in all on {joint} is not within [0, inf]; take away no more than there is"
-        )
+        said = f"{value:g} {REGISTRY[effect].kinds[key].unit_on(slides)} in all on {joint}"
+        raise ModelError(f"effects.{effect}.{key}: {said} is not within [0, inf]; take away no more than there is")

@@ -43,8 +43,7 @@ class TorqueBias(Effect):
 
     def sentence(self) -> str:
         """See `Effect.sentence`."""
-        parts = (f"{x:.4g} N·m on {j}" for j, x in zip(self.joints, self.value("torque"), strict=True))
-        return f"a constant torque beyond the logged one of {', '.join(parts)}"
+        return f"a constant {self.effort} beyond the logged one of {self.values_on_joints('torque')}"
 
 
 class Gain(Effect):
@@ -85,7 +84,7 @@ class TorqueConstant(Gain):
     def sentence(self) -> str:
         """See `Effect.sentence`."""
         parts = (f"{x:.4g} times on {j}" for j, x in zip(self.joints, self.value("gain"), strict=True))
-        return f"the motors give the logged torque {', '.join(parts)}"
+        return f"the motors give the logged {self.effort} {', '.join(parts)}"
 
 
 @register
@@ -98,7 +97,7 @@ class ActuatorFault(Gain):
     def sentence(self) -> str:
         """See `Effect.sentence`."""
         parts = (f"{100.0 * x:.3g} % on {j}" for j, x in zip(self.joints, self.value("gain"), strict=True))
-        return f"a fault leaves of the motors' torque {', '.join(parts)}"
+        return f"a fault leaves of the motors' {self.effort} {', '.join(parts)}"
 
 
 @register
@@ -126,8 +125,7 @@ class TorqueSaturation(Effect):
 
     def sentence(self) -> str:
         """See `Effect.sentence`."""
-        parts = (f"{x:.4g} N·m on {j}" for j, x in zip(self.joints, self.value("limit"), strict=True))
-        return f"the torque that reaches the joints is bounded by {', '.join(parts)}"
+        return f"the {self.effort} that reaches the joints is bounded by {self.values_on_joints('limit')}"
 
 
 @register

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar, TypeVar
 
@@ -53,6 +53,7 @@ class Effect:
         end: when it ends; None: it stays.
         log: which log the two are about (`logs.fingerprint`); later ones come after it. Empty: any log.
         mark: tells its actuators in a plant from those of its equals on the same joint.
+        sliding: those of the arm's joints that slide, as far as it was told; words depend on them, no law does.
     """
 
     name: ClassVar[str] = ""
@@ -80,6 +81,7 @@ class Effect:
         self.end: float | None = None
         self.log = ""
         self.mark = ""
+        self.sliding: frozenset[str] = frozenset()
 
     @property
     def timed(self) -> bool:
@@ -96,6 +98,15 @@ class Effect:
         """The same without onset and end."""
         result = copy.copy(self)
         result.onset, result.end, result.log = None, None, ""
+        return result
+
+    def on_arm(self, sliding: Collection[str]) -> Effect:
+        """The same, told which of an arm's joints slide; itself where that is nothing new."""
+        own = frozenset(sliding) & frozenset(self.joints)
+        if own == self.sliding:
+            return self
+        result = copy.copy(self)
+        result.sliding = own
         return result
 
     @classmethod
@@ -300,8 +311,23 @@ class Effect:
     def after_finalize(self, plant: MultibodyPlant, arm: Arm) -> None:
         """Sets what can only be set on a finalized plant."""
 
+    def unit(self, key: str, joint: str = "") -> str:
+        """A parameter's unit on one of its joints."""
+        return self.kinds[key].unit_on(joint in self.sliding)
+
+    @property
+    def effort(self) -> str:
+        """What its joints' motors give, in a word: a torque, or a force where all of them slide."""
+        turning = set(self.joints) - self.sliding
+        return "torque or force" if self.sliding and turning else "force" if self.sliding else "torque"
+
+    def values_on_joints(self, key: str) -> str:
+        """A parameter's value on each joint, each in the joint's own unit, for `sentence`."""
+        values = zip(self.joints, self.value(key), strict=True)
+        return ", ".join(f"{x:.4g} {self.unit(key, joint)} on {joint}" for joint, x in values)
+
     def sentence(self) -> str:
-        """Says itself."""
+        """Says itself, values in the units of `unit`."""
         return f"{self.name.replace('_', ' ')} on {', '.join(self.joints or self.links)}"
 
     def columns(self, joints: Sequence[str]) -> npt.NDArray[np.int64]:

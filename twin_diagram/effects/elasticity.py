@@ -104,7 +104,8 @@ class JointElasticity(YieldingGear):
     def sentence(self) -> str:
         """See `Effect.sentence`."""
         parts = (
-            f"{k:.4g} N·m/rad on {joint}" + (f" behind a rotor of {b:.4g} kg·m² more" if b > 0.0 else "")
+            f"{k:.4g} {self.unit('stiffness', joint)} on {joint}"
+            + (f" behind a rotor of {b:.4g} {self.unit('rotor_inertia', joint)} more" if b > 0.0 else "")
             for joint, k, b in zip(self.joints, self.value("stiffness"), self.value("rotor_inertia"), strict=True)
         )
         return f"an elastic gear of {'; '.join(parts)}"
@@ -126,7 +127,10 @@ class Backlash(YieldingGear):
 
     def sentence(self) -> str:
         """See `Effect.sentence`."""
-        parts = (f"{1e3 * gap:.4g} mrad on {j}" for j, gap in zip(self.joints, self.value("gap"), strict=True))
+        parts = (
+            f"{1e3 * gap:.4g} m{self.unit('gap', j)} on {j}"
+            for j, gap in zip(self.joints, self.value("gap"), strict=True)
+        )
         return f"play in the gear of {', '.join(parts)}"
 
 

@@ -82,7 +82,7 @@ class ViscousFriction(Effect):
 
     def sentence(self) -> str:
         """See `Effect.sentence`."""
-        return each("viscous friction", self.joints, self.value("damping"), "N·m·s/rad")
+        return f"viscous friction of {self.values_on_joints('damping')}"
 
 
 @register
@@ -157,11 +157,7 @@ class CoulombFriction(Effect):
         """See `Effect.sentence`."""
         forward, backward = self.levels()
         if np.array_equal(forward, backward):
-            return each("dry friction", self.joints, forward, "N·m")
-        ahead = each("dry friction against positive motion", self.joints, forward, "N·m")
-        return f"{ahead}; {each('against negative motion', self.joints, backward, 'N·m')}"
-
-
-def each(what: str, joints: tuple[str, ...], values: Array, unit: str) -> str:
-    """One sentence over a value per joint."""
-    return f"{what} of " + ", ".join(f"{x:.4g} {unit} on {joint}" for joint, x in zip(joints, values, strict=True))
+            key = "torque" if "torque" in self.parameters else "torque_positive"
+            return f"dry friction of {self.values_on_joints(key)}"
+        ahead = f"dry friction against positive motion of {self.values_on_joints('torque_positive')}"
+        return f"{ahead}; against negative motion of {self.values_on_joints('torque_negative')}"

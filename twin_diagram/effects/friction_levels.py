@@ -83,7 +83,8 @@ class StribeckFriction(Effect):
     def sentence(self) -> str:
         """See `Effect.sentence`."""
         parts = (
-            f"{s:.4g} N·m at rest, falling to {c:.4g} N·m above some {w:.3g} rad/s, on {joint}"
+            f"{s:.4g} {self.unit('static', joint)} at rest, falling to {c:.4g} {self.unit('coulomb', joint)} above some "
+            f"{w:.3g} {self.unit('stribeck_velocity', joint)}, on {joint}"
             for joint, c, s, w in zip(
                 self.joints,
                 self.value("coulomb"),
@@ -171,10 +172,11 @@ class CoupledFriction(Effect):
 
     def sentence(self) -> str:
         """See `Effect.sentence`."""
-        return (
-            f"friction on the sum of the speeds of {', '.join(self.joints)}: {self.value('damping')[0]:.4g} N·m·s/rad "
-            f"and {self.value('torque')[0]:.4g} N·m"
+        damping, torque = (
+            f"{self.value(key)[0]:.4g} {' or '.join(dict.fromkeys(self.unit(key, joint) for joint in self.joints))}"
+            for key in ("damping", "torque")
         )
+        return f"friction on the sum of the speeds of {', '.join(self.joints)}: {damping} and {torque}"
 
 
 def _load_brake(joint: str, c: float) -> Brake:

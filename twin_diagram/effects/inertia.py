@@ -141,5 +141,4 @@ class ReflectedInertia(Effect):
 
     def sentence(self) -> str:
         """See `Effect.sentence`."""
-        parts = (f"{x:.4g} kg·m² on {j}" for j, x in zip(self.joints, self.value("inertia"), strict=True))
-        return f"reflected inertia of {', '.join(parts)}"
+        return f"reflected inertia of {self.values_on_joints('inertia')}"

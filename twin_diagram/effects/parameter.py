@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram import units
 from twin_diagram.errors import ModelError
 
 Array = npt.NDArray[np.float64]
@@ -19,7 +20,7 @@ class ParameterKind:
     """What a parameter of the catalogue is.
 
     Attributes:
-        unit: SI unit.
+        unit: SI unit, of a joint's parameter on a joint that turns.
         lower: lowest value that is physical.
         upper: highest.
         size: numbers of one value; ignored where there is a value per joint, None for lists of free length.
@@ -27,6 +28,7 @@ class ParameterKind:
         help: one line for people.
         lessens: whether it may be below `lower`, to take away from what the arm's description states; `Model` sees to
             it that no more is taken than there is.
+        sliding: its unit where the joint slides, if that does not follow from `unit`: a phase, a thing of no joint's.
     """
 
     unit: str
@@ -36,6 +38,17 @@ class ParameterKind:
     default: float | None = None
     help: str = ""
     lessens: bool = False
+    sliding: str | None = None
+
+    def unit_on(self, slides: bool) -> str:
+        """Its unit on a joint that turns or slides; see `units.on_joint`."""
+        return self.sliding if slides and self.sliding is not None else units.on_joint(self.unit, slides)
+
+    @property
+    def unit_anywhere(self) -> str:
+        """Its unit where nothing is known of the joint."""
+        turning, sliding = self.unit_on(False), self.unit_on(True)
+        return turning if turning == sliding else f"{turning} ({sliding} where the joint slides)"
 
 
 @dataclass(frozen=True)
@@ -47,7 +60,7 @@ class Parameter:
         lower: bounds that identification keeps to, same shape.
         upper: likewise.
         frozen: identification leaves it alone.
-        unit: SI unit.
+        unit: SI unit, of a joint's parameter on a joint that turns.
     """
 
     value: Array
@@ -67,6 +80,8 @@ class Parameter:
         if not np.all(np.isfinite(array)):
             raise ModelError(f"{where}: {list(value)} is not finite")
         if (not kind.lessens and np.any(array < kind.lower)) or np.any(array > kind.upper):
-            raise ModelError(f"{where}: {list(value)} {kind.unit} is not within [{kind.lower:g}, {kind.upper:g}]")
+            raise ModelError(
+                f"{where}: {list(value)} {kind.unit_anywhere} is not within [{kind.lower:g}, {kind.upper:g}]"
+            )
         array.setflags(write=False)
         return Parameter(array, np.minimum(array, kind.lower), np.full_like(array, kind.upper), False, kind.unit)

@@ -14,7 +14,7 @@ motors are set before `connect`.
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -57,7 +57,8 @@ def add_to_plant(
         ModelError: an effect starts or ends, and a plant cannot change it during a run.
     """
     chosen = [*arm.given, *arm.spec.effects] if effects is None else effects
-    made = told_apart(lessened([make(effect) if isinstance(effect, EffectSpec) else effect for effect in chosen]))
+    each = [make(effect) if isinstance(effect, EffectSpec) else effect for effect in chosen]
+    made = told_apart(lessened(each, arm.sliding(plant)))
     for effect in made:
         if effect.timed and effect.changes_plant:
             raise ModelError(
@@ -70,8 +71,12 @@ def add_to_plant(
     return made
 
 
-def lessened(effects: Sequence[Effect]) -> list[Effect]:
+def lessened(effects: Sequence[Effect], sliding: Collection[str] = ()) -> list[Effect]:
     """Effects of which one takes away from another made one: a brake cannot push.
+
+    Args:
+        effects: of one arm.
+        sliding: those of its joints that slide.
 
     Raises:
         ModelError: it starts or ends, or takes away more than there is.
@@ -85,7 +90,9 @@ def lessened(effects: Sequence[Effect]) -> list[Effect]:
     levels = np.sum([[effect.spread(joints, level) for level in effect.levels()] for effect in dry], axis=0)
     parameters = {"torque_positive": levels[0].tolist(), "torque_negative": levels[1].tolist()}
     if np.min(levels) < -LEAST:
-        raise ModelError(f"effects.coulomb_friction.torque: {np.min(levels):g} N·m in all is not within [0, inf]")
+        joint = joints[int(np.argmin(np.min(levels, axis=0)))]
+        unit = dry[0].kinds["torque"].unit_on(joint in sliding)
+        raise ModelError(f"effects.coulomb_friction.torque: {np.min(levels):g} {unit} in all is not within [0, inf]")
     whole = make(
         EffectSpec("coulomb_friction", joints, [], {k: np.maximum(x, 0.0).tolist() for k, x in parameters.items()})
     )

@@ -25,8 +25,8 @@ class TorqueRipple(Effect):
     name: ClassVar[str] = "torque_ripple"
     kinds: ClassVar[Mapping[str, ParameterKind]] = {
         "amplitude": ParameterKind("N·m", lower=0.0),
-        "cycles": ParameterKind("1", lower=0.0, upper=1e5, help="per revolution of the joint"),
-        "phase": ParameterKind("rad"),
+        "cycles": ParameterKind("1", lower=0.0, upper=1e5, help="per revolution of the joint", sliding="rad/m"),
+        "phase": ParameterKind("rad", sliding="rad"),
     }
     motor_side: ClassVar[bool] = True
 
@@ -50,7 +50,12 @@ class TorqueRipple(Effect):
     def sentence(self) -> str:
         """See `Effect.sentence`."""
         parts = (
-            f"{a:.4g} N·m, {c:.4g} times per revolution, on {joint}"
+            f"{a:.4g} {self.unit('amplitude', joint)}, {self._often(joint, c)}, on {joint}"
             for joint, a, c in zip(self.joints, self.value("amplitude"), self.value("cycles"), strict=True)
         )
         return f"torque ripple of {'; '.join(parts)}"
+
+    def _often(self, joint: str, cycles: float) -> str:
+        if joint not in self.sliding:
+            return f"{cycles:.4g} times per revolution"
+        return f"again every {2.0 * np.pi / cycles:.4g} m" if cycles > 0.0 else "the same everywhere"

@@ -32,5 +32,4 @@ class EncoderOffset(Effect):
 
     def sentence(self) -> str:
         """See `Effect.sentence`."""
-        parts = (f"{x:.4g} rad on {j}" for j, x in zip(self.joints, self.value("offset"), strict=True))
-        return f"encoders read too much by {', '.join(parts)}"
+        return f"encoders read too much by {self.values_on_joints('offset')}"

@@ -24,7 +24,7 @@ Array = npt.NDArray[np.float64]
 class JointSpring(Effect):
     """A torque that is a function of the joint's angle.
 
-    Either linear, the motor giving stiffness × (q − rest_angle) more, or a `curve`: as many angles [rad, rising] and
+    On a joint that slides, the angle is its position. Either linear, the motor giving stiffness × (q − rest_angle) more, or a `curve`: as many angles [rad, rising] and
     then the torques [N·m] that the motor gives more at them, on one joint. Between its points the curve is a monotone
     cubic (Fritsch and Carlson 1980), beyond them it goes on straight.
     """
@@ -116,12 +116,15 @@ class JointSpring(Effect):
         """See `Effect.sentence`."""
         if "curve" in self.parameters:
             angles, torques = np.split(self.value("curve"), 2)
+            along, effort = self.unit("curve", self.joints[0]).split(", ")
             return (
-                f"a spring on {self.joints[0]} whose torque follows a curve of the angle, {torques.min():.4g} to "
-                f"{torques.max():.4g} N·m between {angles[0]:.4g} and {angles[-1]:.4g} rad"
+                f"a spring on {self.joints[0]} whose {self.effort} follows a curve of the "
+                f"{'position' if self.sliding else 'angle'}, {torques.min():.4g} to {torques.max():.4g} {effort} between "
+                f"{angles[0]:.4g} and {angles[-1]:.4g} {along}"
             )
         parts = (
-            f"{k:.4g} N·m/rad on {joint}, at rest at {rest:.4g} rad"
+            f"{k:.4g} {self.unit('stiffness', joint)} on {joint}, at rest at {rest:.4g} "
+            f"{self.unit('rest_angle', joint)}"
             for joint, k, rest in zip(self.joints, self.value("stiffness"), self.value("rest_angle"), strict=True)
         )
         return f"a spring of {'; '.join(parts)}"

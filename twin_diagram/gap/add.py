@@ -161,7 +161,7 @@ def chosen(hypothesis: Hypothesis, solutions: Sequence[Solution]) -> tuple[Array
 def _told(finding: Finding, hypothesis: Hypothesis, mine: Sequence[int], vector: Array, covariance: Array) -> Finding:
     """A finding with the parameters of its effects."""
     told: dict[str, Estimate | dict[str, Estimate]] = {}
-    slices = hypothesis.slices()
+    slices, sliding = hypothesis.slices(), hypothesis.given.sliding
     for i in mine:
         part, s = hypothesis.parts[i], slices[i]
         values = part.effect(vector[s]).parameters
@@ -181,17 +181,17 @@ def _told(finding: Finding, hypothesis: Hypothesis, mine: Sequence[int], vector:
             fixed, relative = LEFT_OUT.get((finding.name, key), (0.0, 0.0))
             std = np.sqrt(std**2 + fixed**2 + (relative * np.array(value)) ** 2)
             before = finding.parameters.get(key)
-            unit = unit_of(finding.name, key)
+            units = [unit_of(finding.name, key, joint in sliding) for joint in part.spec.joints]
             if isinstance(before, dict):
                 mapping = told.setdefault(key, {})
                 assert isinstance(mapping, dict)
                 if len(value) == len(part.spec.joints):
-                    for joint, x, e in zip(part.spec.joints, value, std, strict=True):
+                    for joint, x, e, unit in zip(part.spec.joints, value, std, units, strict=True):
                         mapping[joint] = Estimate(float(x), float(e), unit)
                 else:
-                    mapping[part.spec.joints[0]] = _estimate(value, std, unit)
+                    mapping[part.spec.joints[0]] = _estimate(value, std, units[0])
             else:
-                told[key] = _estimate(value, std, unit)
+                told[key] = _estimate(value, std, unit_of(finding.name, key))
     when = hypothesis.parts[mine[0]].when
     onset, end = finding.onset, finding.end
     if onset is not None and when.onset is not None:

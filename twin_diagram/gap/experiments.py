@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
+
+from twin_diagram import units
+from twin_diagram.gap.finding import Separation
+
 STATIC = "static poses: hold many poses over the whole range, each reached once from above and once from below"
 SLOW = "reverse slowly at 0.02 rad/s, about many angles"
 SPEEDS = "sweep each joint at constant speeds from 0.02 rad/s to its limit, both ways"
@@ -36,3 +41,25 @@ def experiment(a: str, b: str) -> str:
     if pair & DRY:
         return SLOW
     return STATIC if pair & GRAVITY else SPEEDS
+
+
+def worded(text: str, joints: Sequence[str], sliding: Collection[str]) -> str:
+    """An experiment's sentence as it is said of some joints: speeds and places of those that slide are m/s and m.
+
+    Args:
+        text: of this module.
+        joints: that it is about.
+        sliding: those of the arm's joints that slide.
+    """
+    slide = [joint in sliding for joint in joints]
+    if not any(slide):
+        return text
+    for turning, other in ((units.SPEED, units.on_joint(units.SPEED)), ("angles", "positions")):
+        text = text.replace(turning, other if all(slide) else f"{turning} or {other}")
+    return text
+
+
+def asked(pair: Separation, joints: Sequence[str], sliding: Collection[str]) -> str:
+    """The experiment of a near pair, worded for the joints that the pair names, or for all of the arm's."""
+    places = {place for claim in (pair.a, pair.b) for place in claim.partition(" on ")[2].split(", ")}
+    return worded(pair.experiment, [joint for joint in joints if joint in places] or joints, sliding)

@@ -18,7 +18,7 @@ class Estimate:
     Attributes:
         value: a number, or a list for vectors and curves.
         std: of the same shape.
-        unit: of the catalogue.
+        unit: of the catalogue, for the kind of joint that it is about (`posterior.unit_of`).
     """
 
     value: float | list[float]

@@ -1,4 +1,8 @@
-"""The contents of gap.json: its layout is a contract, so it is made in this one place."""
+"""The contents of gap.json: its layout is a contract, so it is made in this one place.
+
+A value per joint is in that joint's own unit: `torque_rms` in N·m, or N where the joint slides, `rollout_position_rms`
+in rad or m; a parameter says its unit beside each joint's value.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram.gap.experiments import asked
 from twin_diagram.gap.finding import Estimate, Finding, Moment, Place, Verdict
 from twin_diagram.gap.show import Shown
 
@@ -45,7 +50,12 @@ def contents(verdict: Verdict, shown: Shown) -> dict[str, Any]:
             },
         },
         "separation": [
-            {"a": near.a, "b": near.b, "distance": _number(near.distance), "experiment": near.experiment}
+            {
+                "a": near.a,
+                "b": near.b,
+                "distance": _number(near.distance),
+                "experiment": asked(near, joints, shown.sliding),
+            }
             for near in verdict.separation
         ],
     }

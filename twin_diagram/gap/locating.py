@@ -53,7 +53,7 @@ class Map:
         joint: name.
         axes: names of the two signals.
         edges: of the cells along each.
-        mean: (MAP_CELLS, MAP_CELLS) [N·m], NaN where the logs have not been.
+        mean: (MAP_CELLS, MAP_CELLS) [N·m, or N where the joint slides], NaN where the logs have not been.
     """
 
     joint: str
@@ -86,12 +86,20 @@ def locate(records: Records, terms: Terms, whitener: Whitener) -> tuple[Place, .
             Place(
                 joint=records.model.joints[j],
                 share=float(excess[j] / total),
-                condition=CONDITIONS[condition(records, terms, whitener, int(j), y[j], weights[j])],
+                condition=said(
+                    condition(records, terms, whitener, int(j), y[j], weights[j]),
+                    records.model.joints[j] in records.model.sliding,
+                ),
                 time=(first, last),
                 log=log,
             )
         )
     return tuple(places)
+
+
+def said(key: str, slides: bool) -> str:
+    """A condition in words, on a joint that turns or slides."""
+    return "with position" if slides and key == "angle" else CONDITIONS[key]
 
 
 def condition(records: Records, terms: Terms, whitener: Whitener, j: int, y: Array, weights: Array) -> str:
@@ -149,12 +157,13 @@ def maps(records: Records, terms: Terms, residual: Array) -> tuple[Map, ...]:
     load = terms.reduce(terms.load)
     result = []
     for j, joint in enumerate(records.model.joints):
-        for axes, x in ((("angle", "speed"), q), (("torque", "speed"), load)):
+        slides = joint in records.model.sliding
+        for name, x in (("position" if slides else "angle", q), ("force" if slides else "torque", load)):
             edges = tuple(np.linspace(s[:, j].min(), s[:, j].max(), MAP_CELLS + 1) for s in (x, v))
             if any(e[-1] <= e[0] for e in edges):
                 continue
             total, _, _ = np.histogram2d(x[:, j], v[:, j], bins=list(edges), weights=residual[:, j])
             count, _, _ = np.histogram2d(x[:, j], v[:, j], bins=list(edges))
             mean = np.divide(total, count, out=np.full_like(total, np.nan), where=count > 0)
-            result.append(Map(joint, axes, (edges[0], edges[1]), mean))
+            result.append(Map(joint, (name, "speed"), (edges[0], edges[1]), mean))
     return tuple(result)

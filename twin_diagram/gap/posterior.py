@@ -21,35 +21,6 @@ TEMPERATURE = 2.0
 ALTERNATIVES = 3
 RIVALS = 12
 
-UNITS = {
-    "damping": "N·m·s/rad",
-    "torque": "N·m",
-    "torque_positive": "N·m",
-    "torque_negative": "N·m",
-    "coulomb": "N·m",
-    "static": "N·m",
-    "stribeck_velocity": "rad/s",
-    "coefficient": "1",
-    "mass": "kg",
-    "com": "m",
-    "inertia": "kg·m²",
-    "roll": "rad",
-    "pitch": "rad",
-    "stiffness": "N·m/rad",
-    "rest_angle": "rad",
-    "curve": "rad, N·m",
-    "rotor_inertia": "kg·m²",
-    "gap": "rad",
-    "amplitude": "N·m",
-    "cycles": "1",
-    "phase": "rad",
-    "gain": "1",
-    "limit": "N·m",
-    "delay": "s",
-    "offset": "rad",
-    "wrench": "N, N·m",
-}
-
 Claim = tuple[str, tuple[int, ...], tuple[str, ...]]
 """A name with all joints and links that it sits on."""
 
@@ -148,20 +119,20 @@ def parameters_of(
     for k in group:
         candidate = bench.candidates[k]
         for key, (value, std) in candidate.parameters(*bench.part(fit, k)).items():
-            estimate = _estimate(value, std, unit_of(candidate.name, key))
             if candidate.name in GLOBAL:
-                result[key] = estimate
+                result[key] = _estimate(value, std, unit_of(candidate.name, key))
                 continue
             per_joint = result.setdefault(key, {})
             assert isinstance(per_joint, dict)
-            for j in candidate.joints:
-                per_joint[records.model.joints[j]] = estimate
+            for joint in (records.model.joints[j] for j in candidate.joints):
+                unit = unit_of(candidate.name, key, joint in records.model.sliding)
+                per_joint[joint] = _estimate(value, std, unit)
     return result
 
 
-def unit_of(name: str, key: str) -> str:
-    """A parameter's unit; of a user's own effect, the one that its class states."""
-    return UNITS[key] if key in UNITS else REGISTRY[name].kinds[key].unit
+def unit_of(name: str, key: str, slides: bool = False) -> str:
+    """A parameter's unit, as its effect's class states it, on a joint that turns or slides."""
+    return REGISTRY[name].kinds[key].unit_on(slides)
 
 
 def _estimate(value: Array, std: Array, unit: str) -> Estimate:

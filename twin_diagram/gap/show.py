@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram import units
 from twin_diagram.logs import Log
 from twin_diagram.model import Model
 from twin_diagram.motion import inner, lowpass, motion
@@ -31,6 +32,8 @@ ROLLOUTS = 1500
 @dataclass(frozen=True)
 class Comparison:
     """One run, held against the given and the corrected model. Its M samples leave out the run's ends.
+
+    Columns of joints that slide are in m, m/s, m/s² and N.
 
     Attributes:
         source: what to call the run.
@@ -70,12 +73,18 @@ class Shown:
         fit: the runs that were fitted.
         holdout: the run that was not.
         noise_floor: (n,) torque noise below the residual's cutoff, as well as it is known [N·m].
+        sliding: those of the joints that slide; what is theirs is in m and N.
     """
 
     joints: tuple[str, ...]
     fit: tuple[Comparison, ...]
     holdout: Comparison
     noise_floor: Array
+    sliding: frozenset[str] = frozenset()
+
+    def units(self, unit: str) -> tuple[str, ...]:
+        """(n) of a quantity on each joint, from its unit on a joint that turns."""
+        return tuple(units.on_joint(unit, joint in self.sliding) for joint in self.joints)
 
     def fit_rms(self) -> tuple[Array, Array]:
         """(n,) residual torque before and after over all fitted runs [N·m]."""
@@ -136,7 +145,7 @@ def show(
     runs = tuple(compare(given, corrected, log) for log in fit)
     say("rollouts of the held-out run before and after")
     held = compare(given, corrected, holdout, held_out=True, horizon=horizon)
-    return Shown(given.joints, runs, held, np.maximum(noise_floor, 1e-12))
+    return Shown(given.joints, runs, held, np.maximum(noise_floor, 1e-12), given.sliding)
 
 
 def compare(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -21,6 +22,24 @@ FEWEST: Final = 12
 
 class CloudError(TwinError):
     """A cloud that gives no pose: too few points, or none near the model."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Where ICP ended.
+
+    Attributes:
+        R_WO, p_WM: the pose; M is the surface's middle.
+        information: (6, 6) of a rotation vector about M and a translation, in W.
+        misfit: mean weighted square of the gaps; 1 where they are as large as the points' noise.
+        count: of points that have a partner.
+    """
+
+    R_WO: Array
+    p_WM: Array
+    information: Array
+    misfit: float
+    count: int
 
 
 class DepthCloud(BodyPose):
@@ -81,6 +100,8 @@ class DepthCloud(BodyPose):
             raise CloudError(f"{name}: surface {surface.shape} and normals {normals.shape}: both must be (M, 3)")
         self._surface, self._normals = surface, normals
         self._tree = cKDTree(surface)
+        self._middle = 0.5 * (surface.min(axis=0) + surface.max(axis=0))
+        self.wide_r, self.wide_p, self.free_r, self.free_p = 0.2, 0.03, 1.0, 0.3
         self._std_0, self._growth, self.reach, self._iterations = std_0, growth, reach, iterations
 
     def variance(self, range_: Array) -> Array:
@@ -104,29 +125,50 @@ class DepthCloud(BodyPose):
         points = np.asarray(points, dtype=float)
         points = points[np.all(np.isfinite(points), axis=1)]
         R_WO, p_WO = self.frame.pose(q)
-        range_ = np.linalg.norm(points - sensor_origin, axis=1)
-        weight_of = 1.0 / self.variance(range_)
-        information = np.zeros((6, 6))
-        for step in range(self._iterations):
-            near, index = self._partners((points - p_WO) @ R_WO, (sensor_origin - p_WO) @ R_WO)
+        fit = self._fit(points, sensor_origin, R_WO, p_WO)
+        return self._claim(fit)
+
+    def _fit(self, points: Array, origin: Array, R0: Array, p0: Array) -> Fit:
+        """ICP from one pose; about the surface's middle M."""
+        R_WO, p_WM = R0, p0 + R0 @ self._middle
+        range_ = np.linalg.norm(points - origin, axis=1)
+        variance = self.variance(range_)
+        held = np.repeat([self.wide_r**-2, self.wide_p**-2], 3)
+        moved = np.zeros(6)
+        for _ in range(self._iterations):
+            p_WO = p_WM - R_WO @ self._middle
+            near, index = self._partners((points - p_WO) @ R_WO, (origin - p_WO) @ R_WO)
             if near.sum() < FEWEST:
                 raise CloudError(f"{self.name}: {int(near.sum())} points lie near the surface; {FEWEST} make a pose")
             n_W = self._normals[index[near]] @ R_WO.T
-            arm = points[near] - p_WO
-            gap = np.einsum("ij,ij->i", n_W, arm - self._surface[index[near]] @ R_WO.T)
+            arm = points[near] - p_WM
+            gap = np.einsum("ij,ij->i", n_W, arm - (self._surface[index[near]] - self._middle) @ R_WO.T)
             J = np.hstack([np.cross(arm, n_W), n_W])
+            along = np.einsum("ij,ij->i", n_W, points[near] - origin) / range_[near]
+            weight_of = 1.0 / self._across(variance[near], along)
             # Cauchy's weight: what is not of the surface must not pull.
-            weight = weight_of[near] / (1.0 + gap**2 * weight_of[near] / 9.0)
+            weight = weight_of / (1.0 + gap**2 * weight_of / 9.0)
             information = (J * weight[:, None]).T @ J
-            if np.linalg.cond(information) > 1e12:
-                raise CloudError(f"{self.name}: the points do not determine the pose")
-            change = np.linalg.solve(information, J.T @ (weight * gap))
-            R_WO, p_WO = RotationMatrix(Quaternion(exp(change[:3]))).matrix() @ R_WO, p_WO + change[3:]
-            if step > 0 and np.linalg.norm(change[3:]) < 1e-6 and np.linalg.norm(change[:3]) < 1e-6:
+            change = np.linalg.solve(information + np.diag(held), J.T @ (weight * gap) - held * moved)
+            moved = moved + change
+            R_WO, p_WM = RotationMatrix(Quaternion(exp(change[:3]))).matrix() @ R_WO, p_WM + change[3:]
+            if np.linalg.norm(change[3:]) < 1e-5 and np.linalg.norm(change[:3]) < 1e-4:
                 break
-        return np.concatenate([RotationMatrix(R_WO).ToQuaternion().wxyz(), p_WO]), np.linalg.inv(
-            information
-        ) + self._noise
+        misfit = float(np.sum(weight * gap**2)) / max(1, len(gap) - 6)
+        return Fit(R_WO, p_WM, information, misfit, len(gap))
+
+    def _across(self, variance: Array, along: Array) -> Array:
+        """Variance of gaps (K,) along the normal [m²]."""
+        return variance
+
+    def _claim(self, fit: Fit) -> tuple[Array, Array]:
+        bound = np.repeat([self.free_r**-2, self.free_p**-2], 3)
+        R_M = max(1.0, fit.misfit) * np.linalg.inv(fit.information + np.diag(bound))
+        arm = fit.R_WO @ self._middle
+        A = np.eye(6)
+        A[3:, :3] = [[0.0, -arm[2], arm[1]], [arm[2], 0.0, -arm[0]], [-arm[1], arm[0], 0.0]]
+        z = np.concatenate([RotationMatrix(fit.R_WO).ToQuaternion().wxyz(), fit.p_WM - arm])
+        return z, A @ R_M @ A.T + self._noise
 
     def _partners(self, points: Array, origin: Array) -> tuple[np.ndarray, np.ndarray]:
         """Which points (K, 3) in O are of the surface (K,), and the surface's point for each (K,); seen from origin."""
@@ -136,8 +178,9 @@ class DepthCloud(BodyPose):
 
 BESIDE: Final = 0.01
 """A beam that passes a point of the surface by less than this met it [m]."""
-ALONG: Final = 0.1
-"""Weight of distance along the beam beside distance across it, where several surfaces lie behind each other."""
+STEP: Final = 0.02
+"""A surface that lies behind another by more than this is hidden by it [m]."""
+LATERAL: Final = 0.004
 
 
 class Lidar(DepthCloud):
@@ -154,23 +197,34 @@ class Lidar(DepthCloud):
         """As `DepthCloud`, whose arguments `tuning` overrides."""
         figures: dict[str, float] = {"std_0": 0.01, "growth": 0.005, "reach": 0.06, **tuning}
         super().__init__(terms, body, surface, normals, name=name, **figures)  # type: ignore[arg-type]
+        self.beside, self.mask = 0.03, np.ones(len(surface), dtype=bool)
+
+    def _across(self, variance: Array, along: Array) -> Array:
+        return np.where(np.abs(along) > 0.35, variance, 1e6)
 
     def _partners(self, points: Array, origin: Array) -> tuple[np.ndarray, np.ndarray]:
         away = self._surface - origin
-        facing = np.flatnonzero(np.einsum("ij,ij->i", self._normals, away) < 0.0)
-        if not len(facing):
+        facing = np.flatnonzero((np.einsum("ij,ij->i", self._normals, away) < 0.0) & self.mask)
+        if len(facing) < FEWEST:
             return np.zeros(len(points), dtype=bool), np.zeros(len(points), dtype=int)
-        middle = float(np.median(np.linalg.norm(away[facing], axis=1)))
-        distance, index = cKDTree(_beams(away[facing], middle)).query(
-            _beams(points - origin, middle), distance_upper_bound=float(np.hypot(BESIDE, ALONG * self.reach))
+        far, range_ = np.linalg.norm(away[facing], axis=1), np.linalg.norm(points - origin, axis=1)
+        lateral, index = first_met(away[facing] / far[:, None], far, (points - origin) / range_[:, None])
+        middle = float(np.median(far))
+        near = (lateral * middle < self.beside) & (
+            np.abs(range_ - far[index]) < self.reach + 3.0 * np.sqrt(self.variance(range_))
         )
-        near = np.isfinite(distance)
-        index = facing[np.minimum(index, len(facing) - 1)]
-        near &= np.abs(np.linalg.norm(points - origin, axis=1) - np.linalg.norm(away[index], axis=1)) < self.reach
-        return near, index
+        return near, facing[index]
 
 
-def _beams(away: Array, middle: float) -> Array:
-    """(K, 4) where beams pass at a distance from the lidar, and how far along them a point (K, 3) lies [m]."""
-    range_ = np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
-    return np.hstack([away * (middle / range_), ALONG * range_])
+def first_met(ways: Array, far: Array, beams: Array) -> tuple[Array, np.ndarray]:
+    """Which of points that lie along `ways` (M, 3) at distances `far` (M,) [m] beams (K, 3) from the same origin meet.
+
+    Returns:
+        Angles (K,) by which they pass it [rad], and its index (K,).
+    """
+    angle, index = cKDTree(ways).query(beams, k=min(6, len(ways)))
+    # Of the few that a beam passes closely, those that lie behind another are hidden.
+    hidden = far[index] > far[index].min(axis=1, keepdims=True) + STEP
+    best = np.argmin(np.where(hidden, np.inf, angle), axis=1)
+    rows = np.arange(len(beams))
+    return angle[rows, best], index[rows, best]
