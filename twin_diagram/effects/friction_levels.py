@@ -83,8 +83,8 @@ class StribeckFriction(Effect):
     def sentence(self) -> str:
         """See `Effect.sentence`."""
         parts = (
-            f"{s:.4g} {self.unit('static', joint)} at rest, falling to {c:.4g} {self.unit('coulomb', joint)} above some "
-            f"{w:.3g} {self.unit('stribeck_velocity', joint)}, on {joint}"
+            f"{s:.4g} {self.unit('static', joint)} at rest, falling to {c:.4g} {self.unit('coulomb', joint)} above "
+            f"some {w:.3g} {self.unit('stribeck_velocity', joint)}, on {joint}"
             for joint, c, s, w in zip(
                 self.joints,
                 self.value("coulomb"),

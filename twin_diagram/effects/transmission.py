@@ -24,9 +24,9 @@ Array = npt.NDArray[np.float64]
 class JointSpring(Effect):
     """A torque that is a function of the joint's angle.
 
-    On a joint that slides, the angle is its position. Either linear, the motor giving stiffness × (q − rest_angle) more, or a `curve`: as many angles [rad, rising] and
+    Either linear, the motor giving stiffness × (q − rest_angle) more, or a `curve`: as many angles [rad, rising] and
     then the torques [N·m] that the motor gives more at them, on one joint. Between its points the curve is a monotone
-    cubic (Fritsch and Carlson 1980), beyond them it goes on straight.
+    cubic (Fritsch and Carlson 1980), beyond them it goes on straight. Where the joint slides, positions and forces.
     """
 
     name: ClassVar[str] = "joint_spring"
@@ -119,8 +119,8 @@ class JointSpring(Effect):
             along, effort = self.unit("curve", self.joints[0]).split(", ")
             return (
                 f"a spring on {self.joints[0]} whose {self.effort} follows a curve of the "
-                f"{'position' if self.sliding else 'angle'}, {torques.min():.4g} to {torques.max():.4g} {effort} between "
-                f"{angles[0]:.4g} and {angles[-1]:.4g} {along}"
+                f"{'position' if self.sliding else 'angle'}, {torques.min():.4g} to {torques.max():.4g} {effort} "
+                f"between {angles[0]:.4g} and {angles[-1]:.4g} {along}"
             )
         parts = (
             f"{k:.4g} {self.unit('stiffness', joint)} on {joint}, at rest at {rest:.4g} "
