@@ -6,9 +6,10 @@ from html import escape
 
 import numpy as np
 
+from twin_diagram import units
 from twin_diagram.gap import report_words as words
 from twin_diagram.gap.report_found import found, where
-from twin_diagram.gap.report_gap import pictures, sizes
+from twin_diagram.gap.report_gap import lost, pictures, sizes
 from twin_diagram.gap.report_next import difference, onward
 from twin_diagram.gap.report_style import STYLE
 from twin_diagram.gap.report_subject import Subject
@@ -57,30 +58,38 @@ def _tiles(subject: Subject) -> str:
     shown, verdict = subject.shown, subject.verdict
     before, after = shown.holdout_rms()
     worst = int(np.argmax(before / shown.noise_floor))
+    unit, what = shown.units(units.TORQUE)[worst], "force" if shown.joints[worst] in shown.sliding else "torque"
     tiles = []
     if subject.changed:
         closed = 1.0 - shown.left_over()
         tiles += [
             (words.percent(max(closed, 0.0)), "of the gap above the noise is closed on the run that was held out"),
             (
-                f"{words.number(before[worst])} → {words.number(after[worst])}|N·m",
-                f"residual torque of {shown.joints[worst]}, held out; the noise is "
+                f"{words.number(before[worst])} → {words.number(after[worst])}|{unit}",
+                f"residual {what} of {shown.joints[worst]}, held out; the noise is "
                 f"{words.number(shown.noise_floor[worst])}",
             ),
         ]
     else:
         tiles.append(
             (
-                f"{words.number(before[worst])}|N·m",
+                f"{words.number(before[worst])}|{unit}",
                 f"largest residual against its noise: {shown.joints[worst]}, held out; the noise is "
-                f"{words.number(shown.noise_floor[worst])} N·m",
+                f"{words.number(shown.noise_floor[worst])} {unit}",
             )
         )
     rolled = shown.holdout
     if rolled.rollout_before is not None and rolled.rollout_after is not None:
-        a, b = (1e3 * float(np.linalg.norm(x)) for x in (rolled.rollout_before, rolled.rollout_after))
-        text = f"{_lost(a)} → {_lost(b)}|mrad" if subject.changed else f"{_lost(a)}|mrad"
-        tiles.append((text, "error of motions predicted 0.2 s ahead, all joints together, held out"))
+        # Angles and lengths have no common size.
+        each, most = np.array(shown.units("mrad")), 1e3 * lost(subject)
+        for kind in dict.fromkeys(each):
+            own = each == kind
+            a, b = (1e3 * float(np.linalg.norm(x[own])) for x in (rolled.rollout_before, rolled.rollout_after))
+            far = float(np.max(most[own]))
+            text = f"{_lost(a, far)} → {_lost(b, far)}|{kind}" if subject.changed else f"{_lost(a, far)}|{kind}"
+            together = "all joints" if np.all(own) else words.listed([shown.joints[k] for k in np.flatnonzero(own)])
+            together += " together" if np.sum(own) > 1 or np.all(own) else ""
+            tiles.append((text, f"error of motions predicted 0.2 s ahead, {together}, held out"))
     if verdict.findings:
         least = min(finding.confidence for finding in verdict.findings)
         which = "the name is" if len(verdict.findings) == 1 else "the least certain name is"
@@ -92,9 +101,9 @@ def _tiles(subject: Subject) -> str:
     )
 
 
-def _lost(error: float) -> str:
-    """An angle [mrad]; how far beyond half a turn a model has lost the arm tells nothing."""
-    return words.number(error) if error < 1e3 * np.pi else "> 3140"
+def _lost(error: float, most: float) -> str:
+    """An error; how far beyond `most` a model has lost the arm tells nothing."""
+    return words.number(error) if error < most else f"> {words.number(most)}"
 
 
 def _figure(text: str) -> str:
@@ -113,7 +122,7 @@ def _how(subject: Subject) -> str:
     )
     notes = "".join(f"<li>{escape(note)}</li>" for note in subject.notes)
     notes = f"<h3>Remarks on the runs</h3><ul>{notes}</ul>" if notes else ""
-    terms = (
+    terms: tuple[tuple[str, str], ...] = (
         ("residual torque", "what the motors gave less what the model says that the measured motion takes"),
         ("held out", "a run that was used for nothing but these figures, so that it cannot be fitted by accident"),
         ("noise", "what is left of the torque sensor’s own scatter below 10 Hz; a lower bound for every model"),
@@ -124,6 +133,9 @@ def _how(subject: Subject) -> str:
             "the model started at the measured state and driven by the measured torque for 0.2 s",
         ),
     )
+    if subject.shown.sliding:
+        slides = words.listed([joint for joint in subject.shown.joints if joint in subject.shown.sliding])
+        terms = (*terms, ("torque and angle", f"of what slides ({slides}): its force in N, its position in m"))
     glossary = "".join(f"<dt>{escape(a)}</dt><dd>{escape(b)}</dd>" for a, b in terms)
     return (
         '<section id="how"><h2>How this was worked out</h2><p class="lead">Motion and torque of each run are filtered '

@@ -23,25 +23,26 @@ def bars(
     before: Array,
     after: Array,
     noise: Array | None,
-    unit: str,
+    unit: str | Sequence[str],
     changed: bool = True,
-    most: float = np.inf,
+    most: float | Array = np.inf,
 ) -> str:
     """Two bars per joint, before and after, with the noise floor as a mark.
 
     Each joint has its own scale: a shoulder's torque would hide a wrist's. Bars that have nothing beside them to be
-    held against share one.
+    held against share one with those of their unit.
 
     Args:
         joints: names of the n rows.
         before: (n,).
         after: (n,).
         noise: (n,) or None.
-        unit: of all.
+        unit: of all, or of each.
         changed: whether there is an after that differs; if not, one bar is drawn.
-        most: values beyond it are said to be, and no more.
+        most: values beyond it are said to be, and no more; of all, or of each.
     """
-    said = {most: f"&gt; {number(most)}"}
+    units = np.array([unit] * len(joints) if isinstance(unit, str) else unit)
+    most = np.broadcast_to(np.asarray(most, dtype=float), len(joints))
     before, after = np.minimum(before, most), np.minimum(after, most)
     right = 150
     row = ROW if changed else ROW - BAR - 4
@@ -50,18 +51,20 @@ def bars(
     for k, joint in enumerate(joints):
         top = k * row + 8
         floor = 0.0 if noise is None else float(noise[k])
-        own = max(float(before[k]), float(after[k]))
-        largest = own if changed or noise is not None else float(np.max(before))
+        values = {"before": float(before[k]), "after": float(after[k])}
+        shared = float(np.max(before[units == units[k]]))
+        largest = max(values.values()) if changed or noise is not None else shared
         scale = length / max(largest, 1.25 * floor, 1e-300)
         rows.append(
             f'<text x="{LABEL - 12}" y="{top + (19 if changed else 11)}" class="joint">{escape(_short(joint))}'
             f"<title>{escape(joint)}</title></text>"
         )
-        for kind, value, y in (("before", before[k], top), ("after", after[k], top + BAR + 2)):
+        for kind, y in (("before", top), ("after", top + BAR + 2)):
             if kind == "after" and not changed:
                 continue
-            wide = max(1.5, float(value) * scale)
-            text = f"{said.get(float(value), number(float(value)))} {unit}"
+            value = values[kind]
+            wide = max(1.5, value * scale)
+            text = f"{'&gt; ' if value == most[k] else ''}{number(value)} {units[k]}"
             beside = max(wide, floor * scale) if abs(wide - floor * scale) < 60.0 else wide
             rows.append(
                 f'<rect x="{LABEL}" y="{y}" width="{wide:.1f}" height="{BAR}" rx="2" class="{kind}"/>'
@@ -71,7 +74,7 @@ def bars(
             x, low = LABEL + floor * scale, top + (2 * BAR if changed else BAR) + 5
             rows.append(
                 f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{top - 3}" y2="{low}" class="noise">'
-                f"<title>noise {number(floor)} {unit}</title></line>"
+                f"<title>noise {number(floor)} {units[k]}</title></line>"
             )
     height = row * len(joints) + 4
     return (

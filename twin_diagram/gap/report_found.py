@@ -41,7 +41,9 @@ def found(subject: Subject) -> str:
         body = (
             f'<p class="lead">{lead}, named relative to the given model: what must be added to it to explain the '
             "measured torque.</p>"
-            + "".join(_finding(finding, len(subject.shown.fit) > 1) for finding in verdict.findings)
+            + "".join(
+                _finding(finding, len(subject.shown.fit) > 1, subject.given.sliding) for finding in verdict.findings
+            )
         )
     if verdict.remainder:
         body += (
@@ -55,8 +57,9 @@ WORTH_SAYING = 0.005
 """Alternatives that are less probable are in gap.json alone."""
 
 
-def _finding(finding: Finding, several: bool) -> str:
-    sentence = sentence_of(finding)
+def _finding(finding: Finding, several: bool, sliding: frozenset[str]) -> str:
+    sentence = sentence_of(finding, sliding)
+    slides = bool(finding.joints) and sliding.issuperset(finding.joints)
     when = words.duration(finding, several)
     when = f", {when}" if when and " from " not in sentence else ""
     others = ""
@@ -73,8 +76,8 @@ def _finding(finding: Finding, several: bool) -> str:
         f'<div class="effect"><div><h3>{escape(words.title(finding.name))}'
         f"{_on(words.places(finding.joints, finding.links))}</h3>"
         f'<p class="sentence">{escape(words.upper_first(sentence))}{escape(when)}.</p>'
-        f'<p class="what">{escape(words.explanation(finding.name))}</p>'
-        f'<div class="scroll">{_parameters(finding)}</div>{others}</div>'
+        f'<p class="what">{escape(words.explanation(finding.name, slides))}</p>'
+        f'<div class="scroll">{_parameters(finding, sliding)}</div>{others}</div>'
         f'<div class="sure">{sure}<br>{escape(words.sureness(finding.confidence))}</div></div>'
     )
 
@@ -86,12 +89,14 @@ def _whichever(finding: Finding) -> str:
     return " In all of these there is dry friction; the doubt is of which kind it is, and on which joint."
 
 
-def _parameters(finding: Finding) -> str:
+def _parameters(finding: Finding, sliding: frozenset[str]) -> str:
     """A line per joint where there are several, else one per parameter."""
+    slide = [joint in sliding for joint in finding.joints]
+    kinds = {"sliding": any(slide), "turning": not all(slide) or not slide}
     values = finding.parameters.items()
     per_joint = {key: value for key, value in values if not isinstance(value, Estimate)}
     if len(finding.joints) > 1 and len(per_joint) == len(finding.parameters):
-        head = "".join(f"<th>{escape(words.parameter(key))}</th>" for key in per_joint)
+        head = "".join(f"<th>{escape(words.parameter(key, **kinds))}</th>" for key in per_joint)
         rows = "".join(
             f"<tr><td>{escape(joint)}</td>"
             + "".join(f"<td>{_estimate(value[joint]) if joint in value else ''}</td>" for value in per_joint.values())
@@ -105,9 +110,13 @@ def _parameters(finding: Finding) -> str:
         each = [("", value)] if isinstance(value, Estimate) else list(value.items())
         for joint, estimate in each:
             place = f"<td>{escape(joint)}</td>" if per_joint else ""
-            rows += f"<tr><td>{escape(words.parameter(key))}</td>{place}<td>{_estimate(estimate)}</td></tr>"
+            rows += f"<tr><td>{escape(words.parameter(key, **kinds))}</td>{place}<td>{_estimate(estimate)}</td></tr>"
     joint = "<th>joint</th>" if per_joint else ""
     return f"<table><tr><th>parameter</th>{joint}<th>value ± standard error</th></tr>{rows}</table>"
+
+
+CURVES = {"rad, N·m": ("angle [rad]", "torque [N·m]"), "m, N": ("position [m]", "force [N]")}
+"""A curve's unit → what its points hold."""
 
 
 def _on(place: str) -> str:
@@ -116,7 +125,8 @@ def _on(place: str) -> str:
 
 def _estimate(estimate: Estimate) -> str:
     value = estimate.value
-    if isinstance(value, list) and estimate.unit == "rad, N·m" and len(value) > 4:
+    if isinstance(value, list) and estimate.unit in CURVES and len(value) > 4:
+        along, effort = CURVES[estimate.unit]
         half = len(value) // 2
         pairs = "".join(
             f'<tr><td class="n">{words.number(a)}</td><td class="n">{words.number(t)}</td></tr>'
@@ -124,7 +134,7 @@ def _estimate(estimate: Estimate) -> str:
         )
         return (
             f"a curve through {half} points<details><summary>points</summary><table>"
-            f'<tr><th class="n">angle [rad]</th><th class="n">torque [N·m]</th></tr>{pairs}</table></details>'
+            f'<tr><th class="n">{along}</th><th class="n">{effort}</th></tr>{pairs}</table></details>'
         )
     return escape(words.with_error(estimate))
 

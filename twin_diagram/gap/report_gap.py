@@ -7,6 +7,7 @@ from html import escape
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram import units
 from twin_diagram.gap import report_charts as charts
 from twin_diagram.gap import report_words as words
 from twin_diagram.gap.finding import Finding
@@ -16,8 +17,8 @@ from twin_diagram.gap.show import Comparison, Shown, above_noise
 
 Array = npt.NDArray[np.float64]
 
-LOST = 1e3 * np.pi
-"""How far beyond half a turn a model has lost a joint tells nothing [mrad]."""
+LOST = np.pi
+"""How far beyond half a turn, or beyond all of a slide's travel, a model has lost a joint tells nothing [rad]."""
 
 MOST_PICTURES = 4
 """Joints that get pictures."""
@@ -28,14 +29,15 @@ def sizes(subject: Subject) -> str:
     shown, changed = subject.shown, subject.changed
     before, after = shown.holdout_rms()
     fit_before, fit_after = shown.fit_rms()
+    efforts = shown.units(units.TORQUE)
     blocks = [
         (
-            "Residual torque, run that was held out",
-            charts.bars(shown.joints, before, after, shown.noise_floor, "N·m", changed),
+            f"Residual {effort(shown)}, run that was held out",
+            charts.bars(shown.joints, before, after, shown.noise_floor, efforts, changed),
         ),
         (
-            f"Residual torque, fitted run{'s' if len(shown.fit) > 1 else ''}",
-            charts.bars(shown.joints, fit_before, fit_after, shown.noise_floor, "N·m", changed),
+            f"Residual {effort(shown)}, fitted run{'s' if len(shown.fit) > 1 else ''}",
+            charts.bars(shown.joints, fit_before, fit_after, shown.noise_floor, efforts, changed),
         ),
     ]
     rolled = shown.holdout
@@ -48,9 +50,9 @@ def sizes(subject: Subject) -> str:
                     1e3 * rolled.rollout_before,
                     1e3 * rolled.rollout_after,
                     None,
-                    "mrad",
+                    shown.units("mrad"),
                     changed,
-                    LOST,
+                    1e3 * lost(subject),
                 ),
             )
         )
@@ -63,16 +65,33 @@ def sizes(subject: Subject) -> str:
     head = "How much the gap shrank" if changed else "How large the gap is"
     head = "What is left is noise" if subject.verdict.verdict == "none" else head
     return (
-        f'<section id="gap"><h2>{head}</h2><p class="lead">Root mean square of measured less predicted torque, below '
-        "10 Hz, joint by joint; each joint has its own scale. What counts is the run that was held out: nothing was "
-        "fitted to it.</p>"
+        f'<section id="gap"><h2>{head}</h2><p class="lead">Root mean square of measured less predicted '
+        f"{effort(shown)}, below 10 Hz, joint by joint; each joint has its own scale. What counts is the run that was "
+        "held out: nothing was fitted to it.</p>"
         f'<p class="legend">{legend}</p><div class="charts">{inside}</div></section>'
     )
 
 
+def effort(shown: Shown) -> str:
+    """What the motors give, in words."""
+    turning = set(shown.joints) - shown.sliding
+    return "torque and force" if turning and shown.sliding else "force" if shown.sliding else "torque"
+
+
+def lost(subject: Subject) -> Array:
+    """(n,) errors beyond which a model has lost a joint, and more tells nothing [rad, or m where the joint slides].
+
+    A slide's is all of its travel, as the description has it, or else as the held-out run has.
+    """
+    shown, given = subject.shown, subject.given
+    described, seen = given.upper - given.lower, np.ptp(shown.holdout.position, axis=0)
+    travel = np.where(np.isfinite(described), described, seen)
+    return np.where([joint in shown.sliding for joint in shown.joints], travel, LOST)
+
+
 def _table(shown: Shown, before: Array, after: Array, changed: bool) -> str:
     gone = above_noise(after, shown.noise_floor) / np.maximum(above_noise(before, shown.noise_floor), 1e-300)
-    there = shown.has_gap()
+    there, efforts = shown.has_gap(), shown.units(units.TORQUE)
     rows = []
     for k, joint in enumerate(shown.joints):
         cells = [words.number(before[k])]
@@ -82,8 +101,13 @@ def _table(shown: Shown, before: Array, after: Array, changed: bool) -> str:
         if changed:
             # A joint whose residual was noise from the begin has no gap of which a share could be left.
             cells.append("no gap" if not there[k] else words.percent(float(gone[k])))
+        if len(set(efforts)) > 1:
+            cells.append(efforts[k])
         rows.append(f"<tr><td>{escape(joint)}</td>" + "".join(f'<td class="n">{cell}</td>' for cell in cells) + "</tr>")
-    heads = ["given [N·m]", "corrected", "noise", "gap left"] if changed else ["given [N·m]", "noise"]
+    mixed = len(set(efforts)) > 1
+    given = "given" if mixed else f"given [{efforts[0]}]"
+    heads = [given, "corrected", "noise", "gap left"] if changed else [given, "noise"]
+    heads += ["unit"] if mixed else []
     return (
         "<table><tr><th>joint</th>"
         + "".join(f'<th class="n">{head}</th>' for head in heads)
@@ -132,6 +156,7 @@ def pictures(subject: Subject) -> str:
 
 def _figure(subject: Subject, run: Comparison, j: int, finding: Finding | None) -> str:
     onset, end = (None, None) if finding is None else (finding.onset, finding.end)
-    picture = residual_pictures(run, j, float(subject.shown.noise_floor[j]), subject.changed, onset, end)
+    slides = run.joints[j] in subject.shown.sliding
+    picture = residual_pictures(run, j, float(subject.shown.noise_floor[j]), subject.changed, onset, end, slides)
     which = "held-out run" if run.held_out else "fitted run"
     return f"<figure><figcaption>{escape(run.joints[j])} <span>· {which}</span></figcaption>{picture}</figure>"

@@ -9,6 +9,7 @@ import yaml
 
 from twin_diagram.gap import report_charts as charts
 from twin_diagram.gap import report_words as words
+from twin_diagram.gap.experiments import asked
 from twin_diagram.gap.finding import Separation
 from twin_diagram.gap.report_subject import Subject
 from twin_diagram.gap.trajectories import Experiment
@@ -70,7 +71,8 @@ def effects_text(model: Model) -> list[str]:
 def onward(subject: Subject) -> str:
     """Near pairs, and the motions that would part them."""
     near = subject.verdict.separation
-    rows = "".join(_near(pair) for pair in near[:8])
+    given = subject.given
+    rows = "".join(_near(pair, asked(pair, given.joints, given.sliding)) for pair in near[:8])
     pairs = (
         "<p>What the data could hardly tell apart, and what would. A distance below 4 is a toss-up, above 8 is "
         "clear.</p>"
@@ -84,9 +86,9 @@ def onward(subject: Subject) -> str:
     if files:
         files = (
             "<p>Each experiment is a file that a controller can follow: <code>time</code> in seconds and "
-            "<code>position_commanded.&lt;joint&gt;</code> in radians. The motions stay within the angles, speeds and "
-            "accelerations of the runs above; the way between two poses may be new, so look before you run them.</p>"
-            + files
+            f"<code>position_commanded.&lt;joint&gt;</code> in {_unit(given)}. The motions stay within the positions, "
+            "speeds and accelerations of the runs above; the way between two poses may be new, so look before you run "
+            "them.</p>" + files
         )
     if not pairs and not files:
         near_none = "no other explanation comes near what was found" if subject.verdict.findings else _nothing(subject)
@@ -104,14 +106,20 @@ def _nothing(subject: Subject) -> str:
     return "nothing has a name yet that an experiment could put to the test"
 
 
-def _near(pair: Separation) -> str:
+def _unit(model: Model) -> str:
+    if not model.sliding:
+        return "radians"
+    return "metres" if model.sliding.issuperset(model.joints) else "radians, or metres where the joint slides"
+
+
+def _near(pair: Separation, experiment: str) -> str:
     kinds = tuple(claim.partition(" on ")[0] for claim in (pair.a, pair.b))
     # The wider law is never worse; that it is not named says that what it has more was not worth its price.
     within = kinds in WIDER and pair.distance < TOSS_UP
     note = "holds the named law within it; what it has more is too small to show here; " if within else ""
     return (
         f"<tr><td>{escape(_say(pair.a))}</td><td>{escape(_say(pair.b))}</td>"
-        f'<td class="n">{pair.distance:.1f}</td><td>{escape(note + pair.experiment)}</td></tr>'
+        f'<td class="n">{pair.distance:.1f}</td><td>{escape(note + experiment)}</td></tr>'
     )
 
 

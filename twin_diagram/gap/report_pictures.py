@@ -1,4 +1,7 @@
-"""Pictures of the residual torque over time, speed, angle and acceleration, before and after: PNG within the page."""
+"""Pictures of the residual torque over time, speed, angle and acceleration, before and after: PNG within the page.
+
+Where a joint slides, its force over its position.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from twin_diagram import units
 from twin_diagram.gap.finding import Moment
 from twin_diagram.gap.show import Comparison
 
@@ -38,6 +42,7 @@ def residual_pictures(
     changed: bool,
     onset: Moment | None = None,
     end: Moment | None = None,
+    slides: bool = False,
 ) -> str:
     """One joint of one run as an `<img>`.
 
@@ -48,12 +53,15 @@ def residual_pictures(
         changed: whether the corrected model differs from the given one.
         onset: marked where it is in this run.
         end: likewise.
+        slides: whether the joint slides, for the axes' names and units.
     """
+    effort, place = ("force", "position") if slides else ("torque", "angle")
+    left = f"measured − model [{units.on_joint(units.TORQUE, slides)}]"
     figure = Figure(figsize=(10.6, 4.9), facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(2, 3, height_ratios=(1.0, 1.1))
     over_time = figure.add_subplot(grid[0, :])
-    _dress(over_time, "time [s]", "measured − model [N·m]")
+    _dress(over_time, "time [s]", left)
     reach = 1.08 * max(float(np.quantile(np.abs(run.before[:, j]), 0.999)), 3.0 * noise, 1e-12)
     _noise(over_time, noise)
     over_time.plot(run.time, run.before[:, j], color=BEFORE, lw=0.9, label="given model")
@@ -78,13 +86,13 @@ def residual_pictures(
     over_time.set_ylim(-reach, reach)
     for column, (what, values) in enumerate(
         (
-            ("velocity [rad/s]", run.velocity[:, j]),
-            ("angle [rad]", run.position[:, j]),
-            ("acceleration [rad/s²]", run.acceleration[:, j]),
+            (f"velocity [{units.on_joint(units.SPEED, slides)}]", run.velocity[:, j]),
+            (f"{place} [{units.on_joint(units.ANGLE, slides)}]", run.position[:, j]),
+            (f"acceleration [{units.on_joint(units.ACCELERATION, slides)}]", run.acceleration[:, j]),
         )
     ):
         axes = figure.add_subplot(grid[1, column])
-        _dress(axes, what, "measured − model [N·m]" if column == 0 else "")
+        _dress(axes, what, left if column == 0 else "")
         _noise(axes, noise)
         _cloud(axes, values, run.before[:, j], BEFORE)
         if changed:
@@ -93,7 +101,7 @@ def residual_pictures(
         margin = 0.03 * max(float(high - low), 1e-9)
         axes.set_xlim(low - margin, high + margin)
         axes.set_ylim(-reach, reach)
-    return image(figure, f"residual torque of {run.joints[j]}")
+    return image(figure, f"residual {effort} of {run.joints[j]}")
 
 
 def image(figure: Figure, words: str, dpi: int = 150) -> str:

@@ -25,7 +25,11 @@ PERIOD = 0.01
 """Between samples [s]."""
 
 SLOW = 0.02
-"""Speed of slow reversals [rad/s]."""
+"""Speed of slow reversals [rad/s, or m/s where the joint slides]."""
+
+
+HALF = 0.02
+"""Half of the way between two of them [rad, or m]."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +44,7 @@ class Visited:
         speed: (n,) highest that may be asked [rad/s].
         acceleration: (n,) likewise [rad/s²].
         run: (N, n) the first run's own motion, every `PERIOD`.
+        sliding: those of the joints that slide; what is theirs is in m, m/s and m/s².
     """
 
     joints: tuple[str, ...]
@@ -49,6 +54,7 @@ class Visited:
     speed: Array
     acceleration: Array
     run: Array
+    sliding: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -92,9 +98,10 @@ def visited(model: Model, logs: Sequence[Log]) -> Visited:
         poses=np.clip(poses[:: max(1, len(poses) // 2000)], model.lower, model.upper),
         lower=np.maximum(poses.min(axis=0), model.lower),
         upper=np.minimum(poses.max(axis=0), model.upper),
-        speed=np.maximum(np.minimum(speed, 0.9 * model.velocity_limit), 2.0 * SLOW),
+        speed=np.minimum(np.maximum(speed, 2.0 * SLOW), 0.9 * model.velocity_limit),
         acceleration=np.maximum(acceleration, 0.2),
         run=np.clip(again, model.lower, model.upper),
+        sliding=model.sliding,
     )
 
 
@@ -114,7 +121,8 @@ def design(text: str, seen: Visited, moved: Sequence[str]) -> Experiment | None:
     position = np.clip(make(seen, chosen), seen.lower, seen.upper)
     slug = re.sub(r"[^a-z0-9]+", "_", text.split(":")[0].split(",")[0].lower()).strip("_")[:32]
     time: Array = PERIOD * np.arange(len(position), dtype=float)
-    return Experiment(text, slug, seen.joints, names, time, position)
+    title = experiments.worded(text, names, seen.sliding)
+    return Experiment(title, slug, seen.joints, names, time, position)
 
 
 def static_poses(seen: Visited, chosen: Sequence[int]) -> Array:
@@ -135,12 +143,13 @@ def static_poses(seen: Visited, chosen: Sequence[int]) -> Array:
 
 def slow_reversals(seen: Visited, chosen: Sequence[int]) -> Array:
     """To and fro at a crawl about several angles of each joint."""
-    half = 0.02
-    turns = np.arange(0.0, 10.0, PERIOD * SLOW / half)  # in quarters of the wave
-    wave = _soften(half * 2.0 / np.pi * np.arcsin(np.sin(0.5 * np.pi * turns)), 0.06)
     here = _middle(seen)
     parts = [here[None]]
     for j in chosen:
+        # A short or slow slide has less room than a joint that turns.
+        half = min(HALF, 0.15 * (seen.upper[j] - seen.lower[j]))
+        turns = np.arange(0.0, 10.0, PERIOD * min(SLOW, seen.speed[j]) / max(half, 1e-6))  # in quarters of the wave
+        wave = _soften(half * 2.0 / np.pi * np.arcsin(np.sin(0.5 * np.pi * turns)), 0.06)
         for share in np.linspace(0.15, 0.85, 5):
             there = _middle(seen)
             there[j] = seen.lower[j] + share * (seen.upper[j] - seen.lower[j])
