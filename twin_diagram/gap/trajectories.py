@@ -119,9 +119,9 @@ def design(text: str, seen: Visited, moved: Sequence[str]) -> Experiment | None:
     names = tuple(joint for joint in seen.joints if joint in moved) or seen.joints
     chosen = [seen.joints.index(joint) for joint in names]
     position = np.clip(make(seen, chosen), seen.lower, seen.upper)
-    slug = re.sub(r"[^a-z0-9]+", "_", text.split(":")[0].split(",")[0].lower()).strip("_")[:32]
-    time: Array = PERIOD * np.arange(len(position), dtype=float)
     title = experiments.worded(text, names, seen.sliding)
+    slug = re.sub(r"[^a-z0-9]+", "_", title.split(":")[0].split(",")[0].lower()).strip("_")[:32]
+    time: Array = PERIOD * np.arange(len(position), dtype=float)
     return Experiment(title, slug, seen.joints, names, time, position)
 
 
@@ -166,7 +166,7 @@ def speed_steps(seen: Visited, chosen: Sequence[int]) -> Array:
     middle = _middle(seen)
     parts = [middle[None]]
     for j in chosen:
-        for speed in np.geomspace(SLOW, seen.speed[j], 7):
+        for speed in np.geomspace(min(SLOW, 0.5 * seen.speed[j]), seen.speed[j], 7):
             half = min(0.45 * (seen.upper[j] - seen.lower[j]), 2.0 * speed)
             ends = [middle.copy(), middle.copy()]
             ends[0][j], ends[1][j] = middle[j] - half, middle[j] + half

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram import units
 from twin_diagram.errors import LogError
 from twin_diagram.logs.log import Log
 
@@ -24,6 +25,10 @@ GAP = 2.5
 
 DEGREES = 1.5
 """Beyond its limits by more than this, a joint's position is no longer a robot that is described too tightly [rad]."""
+
+
+MILLIMETRES = 3.0
+"""Beyond its limits by this many times its travel, a slide's position is likewise no metres."""
 
 
 @dataclass(frozen=True)
@@ -154,12 +159,21 @@ def _against(log: Log, model: Model) -> list[LogWarning]:
     own = log.select(model.joints)
     revolute = model.tree.revolute
     outside = _outside(own.position, model)
-    if np.any(outside > DEGREES) and np.all((_outside(np.radians(own.position), model) < 0.1) | ~revolute):
-        k = int(np.argmax(outside))
+    turned = np.where(revolute, outside, 0.0)
+    if np.any(turned > DEGREES) and np.all((_outside(np.radians(own.position), model) < 0.1) | ~revolute):
+        k = int(np.argmax(turned))
         joint, value = own.joints[k], own.position[np.argmax(np.abs(own.position[:, k])), k]
         raise LogError(
             f"{log.source}: position_measured.{joint} reaches {value:.4g}, its limits are {model.lower[k]:.4g} to "
             f"{model.upper[k]:.4g} rad; it looks like degrees, the log format has radians"
+        )
+    far = outside > MILLIMETRES * np.maximum(model.upper - model.lower, 0.01)
+    if np.any(long := ~revolute & far & (_outside(1e-3 * own.position, model) < 0.01)):
+        k = int(np.argmax(long))
+        raise LogError(
+            f"{log.source}: position_measured.{own.joints[k]} reaches {np.abs(own.position[:, k]).max():.4g}, its "
+            f"limits are {model.lower[k]:.4g} to {model.upper[k]:.4g} m; it looks like millimetres, the log format has "
+            "metres"
         )
     for k, joint in enumerate(own.joints):
         if outside[k] > 0.01:
@@ -167,8 +181,10 @@ def _against(log: Log, model: Model) -> list[LogWarning]:
             result.append(LogWarning("beyond_limits", message, joint))
         largest, limit = np.abs(own.motor_torque[:, k]).max(), model.effort_limit[k]
         if 0.0 < 1.5 * limit < largest:
+            effort, unit = "torque" if revolute[k] else "force", units.on_joint(units.TORQUE, not revolute[k])
             message = (
-                f"{log.source}: the torque of {joint} reaches {largest:.4g}, its limit is {limit:.4g} (N·m, joint side)"
+                f"{log.source}: the {effort} of {joint} reaches {largest:.4g}, its limit is {limit:.4g} "
+                f"({unit}, joint side)"
             )
             result.append(LogWarning("torque_beyond_limits", message, joint))
     return result
