@@ -1,4 +1,4 @@
-"""Units on joints that turn and on joints that slide: of strings, of the catalogue, in sentences and messages."""
+"""Units on revolute and on prismatic joints: of strings, of the catalogue, in sentences and messages."""
 
 from __future__ import annotations
 
@@ -15,8 +15,10 @@ from hypothesis import strategies as st
 from twin_diagram import units
 from twin_diagram.effects import REGISTRY, Effect, ParameterKind, add_to_plant, make
 from twin_diagram.errors import ModelError
+from twin_diagram.estimation.arm_terms import ArmTerms
+from twin_diagram.estimation.parameters import ParameterSet
 from twin_diagram.model import Model
-from twin_diagram.scenario import ArmModel, EffectSpec
+from twin_diagram.scenario import ArmModel, EffectSpec, Filter
 
 Array = npt.NDArray[np.float64]
 
@@ -73,7 +75,7 @@ SHAPED = {
     "actuator_fault": {"gain": [0.6, 0.7]},
     "encoder_offset": {"offset": [0.02, 0.05]},
 }
-"""Every effect with a value per joint, on a joint that slides and one that turns."""
+"""Every effect with a value per joint, on a prismatic and a revolute joint."""
 
 
 def gantry(folder: Path) -> Path:
@@ -96,7 +98,7 @@ def on_both(name: str, joints: tuple[str, ...] = ("rail", "shoulder"), **values:
 
 
 @pytest.mark.parametrize(
-    ("turning", "sliding"),
+    ("turning", "prismatic"),
     [
         ("N·m", "N"),
         ("rad", "m"),
@@ -114,9 +116,9 @@ def on_both(name: str, joints: tuple[str, ...] = ("rail", "shoulder"), **values:
         *((same, same) for same in ("1", "s", "kg", "m", "N", "", "°", "counts", "W)", "m/(s", "%")),
     ],
 )
-def test_lever_arms_and_angles_go(turning: str, sliding: str) -> None:
-    assert units.on_joint(turning) == sliding
-    assert units.on_joint(turning, slides=False) == turning
+def test_lever_arms_and_angles_go(turning: str, prismatic: str) -> None:
+    assert units.on_joint(turning) == prismatic
+    assert units.on_joint(turning, prismatic=False) == turning
 
 
 @given(st.integers(-3, 3), st.integers(-3, 3), st.integers(-3, 3), st.integers(-4, 4))
@@ -168,7 +170,7 @@ def test_laws_hold_in_other_units(model: Model, name: str) -> None:
     scale = {"m": 1.0 / 0.3048, "kg": 1.0 / 0.4536, "s": 1.0 / 60.0}
     rng = np.random.default_rng(3)
     one = {key: value[:1] for key, value in SHAPED[name].items()}
-    effect = make(on_both(name, ("rail",), **one)).on_arm(model.sliding)
+    effect = make(on_both(name, ("rail",), **one)).on_arm(model.prismatic)
     other = effect.with_values(
         {key: [x * scaled(effect.unit(key, "rail"), scale) for x in value] for key, value in one.items()}, check=False
     )
@@ -192,10 +194,10 @@ def test_laws_hold_in_other_units(model: Model, name: str) -> None:
 
 def test_gears_have_units_of_their_kind() -> None:
     """Stiffness over inertia is a frequency squared on both kinds of joint, and stiffness times play an effort."""
-    for slides, effort, coordinate in ((True, "N", {"m": 1}), (False, "N·m", {})):
+    for prismatic, effort, coordinate in ((True, "N", {"m": 1}), (False, "N·m", {})):
         gear, play = REGISTRY["joint_elasticity"].kinds, REGISTRY["backlash"].kinds
         stiffness, inertia, gap = (
-            dimensions(kind.unit_on(slides)) for kind in (gear["stiffness"], gear["rotor_inertia"], play["gap"])
+            dimensions(kind.unit_on(prismatic)) for kind in (gear["stiffness"], gear["rotor_inertia"], play["gap"])
         )
         assert {k: stiffness[k] - inertia[k] for k in stiffness} == {"kg": 0, "m": 0, "s": -2}
         assert gap == {"kg": 0, "m": 0, "s": 0, **coordinate}
@@ -261,14 +263,16 @@ def test_a_users_own_effect_follows(model: Model) -> None:
             return f"drag of {self.values_on_joints('drag')}"
 
     effect = Drag.from_spec(EffectSpec("quadratic_drag", ["rail", "shoulder"], [], {"drag": [2.0, 3.0]}))
-    assert effect.on_arm(model.sliding).sentence() == "drag of 2 N·s²/m² on rail, 3 N·m·s²/rad² on shoulder"
+    assert effect.on_arm(model.prismatic).sentence() == "drag of 2 N·s²/m² on rail, 3 N·m·s²/rad² on shoulder"
 
 
 def test_models_tell_their_effects(model: Model) -> None:
     """Theirs alone: an effect that a model was made of knows of no arm, and one that turns is handed on untouched."""
     effect, other = make(on_both("coulomb_friction")), make(on_both("torque_bias", ("shoulder",), torque=[1.0]))
     corrected = model.with_effects([effect, other])
-    assert model.sliding == {"rail"} and corrected.effects[0].sliding == {"rail"} and effect.sliding == frozenset()
+    assert (
+        model.prismatic == {"rail"} and corrected.effects[0].prismatic == {"rail"} and effect.prismatic == frozenset()
+    )
     assert corrected.effects[1] is other
     assert corrected.with_effects(corrected.effects).effects == corrected.effects
 
@@ -281,10 +285,25 @@ def test_messages_are_in_the_joints_units(model: Model) -> None:
         model.with_effects([make(on_both("coulomb_friction", ("rail",), torque=[-3.0]))])
     with pytest.raises(ModelError, match=r"-3 N·m in all on shoulder"):
         model.with_effects([make(on_both("coulomb_friction", ("shoulder",), torque=[-3.0]))])
-    with pytest.raises(ModelError, match=r"\[-1.0\] N·m/rad \(N/m where the joint slides\) is not within"):
+    with pytest.raises(ModelError, match=r"\[-1.0\] N·m/rad \(N/m where the joint is prismatic\) is not within"):
         make(on_both("joint_spring", ("rail",), stiffness=[-1.0], rest_angle=[0.0]))
     with pytest.raises(ModelError, match=r"\[4.0\] rad is not within"):
         make(EffectSpec("gravity_tilt", [], [], {"roll": [4.0], "pitch": [0.0]}))
+
+
+def test_what_a_filter_learns_is_told_in_the_joints_units(model: Model) -> None:
+    parameters = ["viscous_friction", "coulomb_friction", "torque_bias", "torque_constant"]
+    learnt = ParameterSet(ArmTerms.from_model(model), Filter(parameters=parameters))
+    assert learnt.labels(model.joints) == [
+        "viscous_friction.rail [N·s/m]",
+        "viscous_friction.shoulder [N·m·s/rad]",
+        "coulomb_friction.rail [N]",
+        "coulomb_friction.shoulder [N·m]",
+        "torque_bias.rail [N]",
+        "torque_bias.shoulder [N·m]",
+        "torque_constant.rail [1]",
+        "torque_constant.shoulder [1]",
+    ]
 
 
 def test_a_simulators_messages_too(tmp_path: Path) -> None:

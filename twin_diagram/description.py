@@ -72,8 +72,8 @@ class Arm:
         """The motor of an arm joint."""
         return plant.get_joint_actuator(self.actuator_indices[self.joints.index(joint)])
 
-    def sliding(self, plant: MultibodyPlant) -> frozenset[str]:
-        """Names of the arm's joints that slide: their positions are lengths, their torques forces."""
+    def prismatic(self, plant: MultibodyPlant) -> frozenset[str]:
+        """Names of the arm's prismatic joints: their positions are lengths, their torques forces."""
         both = zip(self.joints, map(plant.get_joint, self.joint_indices), strict=True)
         return frozenset(name for name, joint in both if isinstance(joint, PrismaticJoint))
 

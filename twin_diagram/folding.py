@@ -50,7 +50,7 @@ def fold(plant: MultibodyPlant, context: Context, arm: Arm, changes: Iterable[Ri
     """
     rotors: dict[str, float] = {}
     dampers: dict[str, float] = {}
-    sliding = arm.sliding(plant)
+    prismatic = arm.prismatic(plant)
     for change in changes:
         for link, added in change.inertia.items():
             body = plant.GetBodyByName(link)
@@ -64,17 +64,17 @@ def fold(plant: MultibodyPlant, context: Context, arm: Arm, changes: Iterable[Ri
     for name, reflected in rotors.items():
         actuator = arm.actuator(plant, name)
         rotor = actuator.rotor_inertia(context) + reflected / actuator.gear_ratio(context) ** 2
-        _check_whole("reflected_inertia", "inertia", name, rotor, name in sliding)
+        _check_whole("reflected_inertia", "inertia", name, rotor, name in prismatic)
         actuator.SetRotorInertia(context, max(rotor, 0.0))
     for name, damping in dampers.items():
         joint = plant.get_joint(arm.joint_indices[arm.joints.index(name)])
         total: Any = joint.GetDampingVector(context) + damping
-        _check_whole("viscous_friction", "damping", name, float(total[0]), name in sliding)
+        _check_whole("viscous_friction", "damping", name, float(total[0]), name in prismatic)
         joint.SetDampingVector(context, np.maximum(total, 0.0))
 
 
-def check_friction(joints: Sequence[str], effects: Iterable[Effect], sliding: Collection[str] = ()) -> None:
-    """Whether dry friction is no less than none on every joint; `sliding`: those that slide.
+def check_friction(joints: Sequence[str], effects: Iterable[Effect], prismatic: Collection[str] = ()) -> None:
+    """Whether dry friction is no less than none on every joint; `prismatic`: which joints are.
 
     Raises:
         ModelError: it is.
@@ -84,11 +84,11 @@ def check_friction(joints: Sequence[str], effects: Iterable[Effect], sliding: Co
         if isinstance(effect, CoulombFriction):
             levels += [effect.spread(joints, level) for level in effect.levels()]
     for name, level in zip(joints, np.min(levels, axis=0), strict=True):
-        _check_whole("coulomb_friction", "torque", name, float(level), name in sliding)
+        _check_whole("coulomb_friction", "torque", name, float(level), name in prismatic)
 
 
-def _check_whole(effect: str, key: str, joint: str, value: float, slides: bool) -> None:
+def _check_whole(effect: str, key: str, joint: str, value: float, prismatic: bool) -> None:
     """Effects may take away no more than the description and other effects state."""
     if value < -1e-9:
-        said = f"{value:g} {REGISTRY[effect].kinds[key].unit_on(slides)} in all on {joint}"
+        said = f"{value:g} {REGISTRY[effect].kinds[key].unit_on(prismatic)} in all on {joint}"
         raise ModelError(f"effects.{effect}.{key}: {said} is not within [0, inf]; take away no more than there is")

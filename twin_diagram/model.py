@@ -45,7 +45,7 @@ class Model:
             alone; effects live in this class.
         arm: the arm's indices in `plant`.
         joints: the arm's joints; n is their number.
-        sliding: those that slide; `units.on_joint` tells the units of what is theirs.
+        prismatic: which of them are; `units.on_joint` tells the units of what is theirs.
         effects: in order; first those that the description itself states (`Effect.given`).
         present: those that count where no time is given: all but those that end.
         timed: whether an effect starts or ends.
@@ -67,8 +67,8 @@ class Model:
         self.arm = arm
         self.joints = arm.joints
         added = tuple(effect for effect in effects if not effect.given)
-        self.sliding = arm.sliding(plant)
-        self.effects = tuple(effect.on_arm(self.sliding) for effect in (*_given(arm), *added))
+        self.prismatic = arm.prismatic(plant)
+        self.effects = tuple(effect.on_arm(self.prismatic) for effect in (*_given(arm), *added))
         self.spec = replace(arm.spec, joints=list(arm.joints), effects=[effect.spec() for effect in added])
         joints = [plant.get_joint(index) for index in arm.joint_indices]
         actuators = [plant.get_joint_actuator(index) for index in arm.actuator_indices]
@@ -91,7 +91,7 @@ class Model:
         self.position_index, self.velocity_index = self.calls.position_index, self.calls.velocity_index
         folding.check_places(plant, self.joints, self.effects)
         folding.fold(plant, self._context, arm, (effect.change(self) for effect in self.present))
-        folding.check_friction(self.joints, self.present, self.sliding)
+        folding.check_friction(self.joints, self.present, self.prismatic)
         self.tree = plant_tree.from_plant(plant, self._context, arm)
         self.vectorises = plant_tree.is_whole(plant)
         self.laws = tuple(effect for effect in self.present if not effect.folds)

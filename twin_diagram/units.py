@@ -1,6 +1,6 @@
-"""Units of what is said of a joint: the one place that knows them for joints that slide.
+"""Units of what is said of a joint: the one place that knows them for prismatic joints.
 
-The catalogue states units for joints that turn, and `on_joint` tells the same quantity's on one that slides: there the
+The catalogue states units for revolute joints, and `on_joint` tells the same quantity's on a prismatic one: there the
 coordinate is a length and the effort a force, so that a unit made of N·m, rad and kg·m² becomes one of N, m and kg.
 """
 
@@ -19,17 +19,17 @@ _FACTOR = re.compile(r"([^\W\d_]+)(?:\^|\*\*)?(-?\d*)")
 _TURNING = {"rad": "m", "mrad": "mm"}
 
 
-def on_joint(unit: str, slides: bool = True) -> str:
-    """A quantity's unit on a joint, from its unit on a joint that turns.
+def on_joint(unit: str, prismatic: bool = True) -> str:
+    """A quantity's unit on a joint, from its unit on a revolute joint.
 
     Each angle is a length, and each torque or inertia loses its lever arms: N·m is N, rad is m, kg·m² is kg, and what
     is made of them follows (N·m·s/rad is N·s/m). What holds neither stays: kg, s, a length, a pure number.
 
     Args:
-        unit: for a joint that turns; several, with commas between them, for a list of different things.
-        slides: whether the joint slides; if not, the unit stays as it is.
+        unit: for a revolute joint; several, with commas between them, for a list of different things.
+        prismatic: whether the joint is prismatic; if not, the unit stays as it is.
     """
-    return ", ".join(_sliding(part) for part in unit.split(", ")) if slides else unit
+    return ", ".join(_prismatic(part) for part in unit.split(", ")) if prismatic else unit
 
 
 def factors(unit: str) -> dict[str, int]:
@@ -60,7 +60,7 @@ def factors(unit: str) -> dict[str, int]:
     return {name: power for name, power in result.items() if power}
 
 
-def _sliding(unit: str) -> str:
+def _prismatic(unit: str) -> str:
     try:
         powers = factors(unit)
     except ValueError:

@@ -53,7 +53,7 @@ class Effect:
         end: when it ends; None: it stays.
         log: which log the two are about (`logs.fingerprint`); later ones come after it. Empty: any log.
         mark: tells its actuators in a plant from those of its equals on the same joint.
-        sliding: those of the arm's joints that slide, as far as it was told; words depend on them, no law does.
+        prismatic: which of its joints are, as far as it was told (`on_arm`); words depend on it, no law does.
     """
 
     name: ClassVar[str] = ""
@@ -81,7 +81,7 @@ class Effect:
         self.end: float | None = None
         self.log = ""
         self.mark = ""
-        self.sliding: frozenset[str] = frozenset()
+        self.prismatic: frozenset[str] = frozenset()
 
     @property
     def timed(self) -> bool:
@@ -100,13 +100,13 @@ class Effect:
         result.onset, result.end, result.log = None, None, ""
         return result
 
-    def on_arm(self, sliding: Collection[str]) -> Effect:
-        """The same, told which of an arm's joints slide; itself where that is nothing new."""
-        own = frozenset(sliding) & frozenset(self.joints)
-        if own == self.sliding:
+    def on_arm(self, prismatic: Collection[str]) -> Effect:
+        """The same, told which of an arm's joints are prismatic; itself where that is nothing new."""
+        own = frozenset(prismatic) & frozenset(self.joints)
+        if own == self.prismatic:
             return self
         result = copy.copy(self)
-        result.sliding = own
+        result.prismatic = own
         return result
 
     @classmethod
@@ -313,13 +313,13 @@ class Effect:
 
     def unit(self, key: str, joint: str = "") -> str:
         """A parameter's unit on one of its joints."""
-        return self.kinds[key].unit_on(joint in self.sliding)
+        return self.kinds[key].unit_on(joint in self.prismatic)
 
     @property
     def effort(self) -> str:
-        """What its joints' motors give, in a word: a torque, or a force where all of them slide."""
-        turning = set(self.joints) - self.sliding
-        return "torque or force" if self.sliding and turning else "force" if self.sliding else "torque"
+        """What its joints' motors give, in a word: a torque, or a force where all of them are prismatic."""
+        turning = set(self.joints) - self.prismatic
+        return "torque or force" if self.prismatic and turning else "force" if self.prismatic else "torque"
 
     def values_on_joints(self, key: str) -> str:
         """A parameter's value on each joint, each in the joint's own unit, for `sentence`."""

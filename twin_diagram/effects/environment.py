@@ -33,8 +33,8 @@ class GravityTilt(Effect):
 
     name: ClassVar[str] = "gravity_tilt"
     kinds: ClassVar[Mapping[str, ParameterKind]] = {
-        "roll": ParameterKind("rad", lower=-np.pi, upper=np.pi, sliding="rad"),
-        "pitch": ParameterKind("rad", lower=-np.pi, upper=np.pi, sliding="rad"),
+        "roll": ParameterKind("rad", lower=-np.pi, upper=np.pi, prismatic_unit="rad"),
+        "pitch": ParameterKind("rad", lower=-np.pi, upper=np.pi, prismatic_unit="rad"),
     }
     per_joint: ClassVar[bool] = False
     changes_plant: ClassVar[bool] = True
@@ -83,7 +83,7 @@ class ExternalForce(Effect):
 
     name: ClassVar[str] = "external_force"
     kinds: ClassVar[Mapping[str, ParameterKind]] = {
-        "wrench": ParameterKind("N, N·m", size=6, help="force (3), then moment (3)", sliding="N, N·m"),
+        "wrench": ParameterKind("N, N·m", size=6, help="force (3), then moment (3)", prismatic_unit="N, N·m"),
     }
     per_joint: ClassVar[bool] = False
 

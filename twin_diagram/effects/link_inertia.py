@@ -56,7 +56,7 @@ class InertialParameters(Effect):
     kinds: ClassVar[Mapping[str, ParameterKind]] = {
         "mass": ParameterKind("kg"),
         "com": ParameterKind("m", size=3, default=0.0),
-        "inertia": ParameterKind("kg·m²", size=6, default=0.0, help="about the centre of mass", sliding="kg·m²"),
+        "inertia": ParameterKind("kg·m²", size=6, default=0.0, help="about the centre of mass", prismatic_unit="kg·m²"),
     }
     per_joint: ClassVar[bool] = False
     folds: ClassVar[bool] = True

@@ -20,7 +20,7 @@ class ParameterKind:
     """What a parameter of the catalogue is.
 
     Attributes:
-        unit: SI unit, of a joint's parameter on a joint that turns.
+        unit: SI unit; of a joint's parameter, on a revolute joint.
         lower: lowest value that is physical.
         upper: highest.
         size: numbers of one value; ignored where there is a value per joint, None for lists of free length.
@@ -28,7 +28,7 @@ class ParameterKind:
         help: one line for people.
         lessens: whether it may be below `lower`, to take away from what the arm's description states; `Model` sees to
             it that no more is taken than there is.
-        sliding: its unit where the joint slides, if that does not follow from `unit`: a phase, a thing of no joint's.
+        prismatic_unit: on a prismatic joint, where that does not follow from `unit`: a phase, a thing of no joint's.
     """
 
     unit: str
@@ -38,17 +38,19 @@ class ParameterKind:
     default: float | None = None
     help: str = ""
     lessens: bool = False
-    sliding: str | None = None
+    prismatic_unit: str | None = None
 
-    def unit_on(self, slides: bool) -> str:
-        """Its unit on a joint that turns or slides; see `units.on_joint`."""
-        return self.sliding if slides and self.sliding is not None else units.on_joint(self.unit, slides)
+    def unit_on(self, prismatic: bool) -> str:
+        """Its unit on a revolute or prismatic joint; see `units.on_joint`."""
+        if prismatic and self.prismatic_unit is not None:
+            return self.prismatic_unit
+        return units.on_joint(self.unit, prismatic)
 
     @property
     def unit_anywhere(self) -> str:
         """Its unit where nothing is known of the joint."""
-        turning, sliding = self.unit_on(False), self.unit_on(True)
-        return turning if turning == sliding else f"{turning} ({sliding} where the joint slides)"
+        turning, prismatic = self.unit_on(False), self.unit_on(True)
+        return turning if turning == prismatic else f"{turning} ({prismatic} where the joint is prismatic)"
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,7 @@ class Parameter:
         lower: bounds that identification keeps to, same shape.
         upper: likewise.
         frozen: identification leaves it alone.
-        unit: SI unit, of a joint's parameter on a joint that turns.
+        unit: SI unit; of a joint's parameter, on a revolute joint.
     """
 
     value: Array

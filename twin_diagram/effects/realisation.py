@@ -58,7 +58,7 @@ def add_to_plant(
     """
     chosen = [*arm.given, *arm.spec.effects] if effects is None else effects
     each = [make(effect) if isinstance(effect, EffectSpec) else effect for effect in chosen]
-    made = told_apart(lessened(each, arm.sliding(plant)))
+    made = told_apart(lessened(each, arm.prismatic(plant)))
     for effect in made:
         if effect.timed and effect.changes_plant:
             raise ModelError(
@@ -71,12 +71,12 @@ def add_to_plant(
     return made
 
 
-def lessened(effects: Sequence[Effect], sliding: Collection[str] = ()) -> list[Effect]:
+def lessened(effects: Sequence[Effect], prismatic: Collection[str] = ()) -> list[Effect]:
     """Effects of which one takes away from another made one: a brake cannot push.
 
     Args:
         effects: of one arm.
-        sliding: those of its joints that slide.
+        prismatic: which of its joints are.
 
     Raises:
         ModelError: it starts or ends, or takes away more than there is.
@@ -91,7 +91,7 @@ def lessened(effects: Sequence[Effect], sliding: Collection[str] = ()) -> list[E
     parameters = {"torque_positive": levels[0].tolist(), "torque_negative": levels[1].tolist()}
     if np.min(levels) < -LEAST:
         joint = joints[int(np.argmin(np.min(levels, axis=0)))]
-        unit = dry[0].kinds["torque"].unit_on(joint in sliding)
+        unit = dry[0].kinds["torque"].unit_on(joint in prismatic)
         raise ModelError(f"effects.coulomb_friction.torque: {np.min(levels):g} {unit} in all is not within [0, inf]")
     whole = make(
         EffectSpec("coulomb_friction", joints, [], {k: np.maximum(x, 0.0).tolist() for k, x in parameters.items()})

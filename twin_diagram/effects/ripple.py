@@ -25,8 +25,8 @@ class TorqueRipple(Effect):
     name: ClassVar[str] = "torque_ripple"
     kinds: ClassVar[Mapping[str, ParameterKind]] = {
         "amplitude": ParameterKind("N·m", lower=0.0),
-        "cycles": ParameterKind("1", lower=0.0, upper=1e5, help="per revolution of the joint", sliding="rad/m"),
-        "phase": ParameterKind("rad", sliding="rad"),
+        "cycles": ParameterKind("1", lower=0.0, upper=1e5, help="per revolution of the joint", prismatic_unit="rad/m"),
+        "phase": ParameterKind("rad", prismatic_unit="rad"),
     }
     motor_side: ClassVar[bool] = True
 
@@ -56,6 +56,6 @@ class TorqueRipple(Effect):
         return f"torque ripple of {'; '.join(parts)}"
 
     def _often(self, joint: str, cycles: float) -> str:
-        if joint not in self.sliding:
+        if joint not in self.prismatic:
             return f"{cycles:.4g} times per revolution"
         return f"again every {2.0 * np.pi / cycles:.4g} m" if cycles > 0.0 else "the same everywhere"

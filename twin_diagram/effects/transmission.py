@@ -26,7 +26,7 @@ class JointSpring(Effect):
 
     Either linear, the motor giving stiffness × (q − rest_angle) more, or a `curve`: as many angles [rad, rising] and
     then the torques [N·m] that the motor gives more at them, on one joint. Between its points the curve is a monotone
-    cubic (Fritsch and Carlson 1980), beyond them it goes on straight. Where the joint slides, positions and forces.
+    cubic (Fritsch and Carlson 1980), beyond them it goes on straight. On a prismatic joint, positions and forces.
     """
 
     name: ClassVar[str] = "joint_spring"
@@ -119,7 +119,7 @@ class JointSpring(Effect):
             along, effort = self.unit("curve", self.joints[0]).split(", ")
             return (
                 f"a spring on {self.joints[0]} whose {self.effort} follows a curve of the "
-                f"{'position' if self.sliding else 'angle'}, {torques.min():.4g} to {torques.max():.4g} {effort} "
+                f"{'position' if self.prismatic else 'angle'}, {torques.min():.4g} to {torques.max():.4g} {effort} "
                 f"between {angles[0]:.4g} and {angles[-1]:.4g} {along}"
             )
         parts = (

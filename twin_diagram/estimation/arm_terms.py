@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import JacobianWrtVariable, MultibodyForces, SpatialInertia, UnitInertia
+from pydrake.multibody.tree import JacobianWrtVariable, MultibodyForces, PrismaticJoint, SpatialInertia, UnitInertia
 from pydrake.systems.framework import Context
 
 from twin_diagram.errors import ModelError
@@ -57,6 +57,7 @@ class ArmTerms:
 
     Attributes:
         n: number of joints.
+        prismatic: (n,) which of them are; what is theirs is in m and N.
         velocity_limit, effort_limit: (n,) from the plant; where it names none, 10 rad/s and what a brisk motion takes.
         damping: (n,) [N·m·s/rad] of the joints in the plant itself; part of b, made implicit in the step.
         link_name, link_frame: of the last link, which carries the payload.
@@ -102,6 +103,7 @@ class ArmTerms:
         if not handles:
             raise ModelError("a filter needs at least one joint")
         self._joints = handles
+        self.prismatic = np.array([isinstance(joint, PrismaticJoint) for joint in handles])
         self.position_index = np.array([joint.position_start() for joint in handles])
         self.velocity_index = np.array([joint.velocity_start() for joint in handles])
         self.velocity_limit = _limit([joint.velocity_upper_limits()[0] for joint in handles], 10.0)

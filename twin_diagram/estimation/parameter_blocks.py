@@ -11,6 +11,7 @@ from typing import ClassVar, Final
 
 import numpy as np
 
+from twin_diagram import units
 from twin_diagram.estimation.arm_terms import ArmTerms
 from twin_diagram.scenario import Filter
 from twin_diagram.signals import Array
@@ -133,9 +134,14 @@ class JointBlock(ParameterBlock):
 
     bound: Array
     unit: ClassVar[str]
+    """Of a revolute joint."""
+
+    def __init__(self, terms: ArmTerms, params: Filter) -> None:
+        self.prismatic = terms.prismatic
 
     def labels(self, joints: Sequence[str]) -> list[str]:  # noqa: D102
-        return [f"{self.name}.{joint} [{self.unit}]" for joint in joints]
+        both = zip(joints, self.prismatic, strict=True)
+        return [f"{self.name}.{joint} [{units.on_joint(self.unit, bool(kind))}]" for joint, kind in both]
 
     def groups(self) -> list[slice]:  # noqa: D102
         return [slice(i, i + 1) for i in range(self.size)]
@@ -151,6 +157,7 @@ class TorqueBias(JointBlock):
     unit = "N·m"
 
     def __init__(self, terms: ArmTerms, params: Filter) -> None:
+        super().__init__(terms, params)
         self.mean = np.zeros(terms.n)
         self.covariance = np.diag((0.02 * terms.effort_limit) ** 2)
         self.bound = 0.2 * terms.effort_limit
@@ -200,6 +207,7 @@ class ViscousFriction(JointFriction):
     unit = "N·m·s/rad"
 
     def __init__(self, terms: ArmTerms, params: Filter) -> None:
+        super().__init__(terms, params)
         self._about(terms.damping, terms.effort_limit)
 
     def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array, tau: Array) -> Array:  # noqa: D102
@@ -216,6 +224,7 @@ class CoulombFriction(JointFriction):
     unit = "N·m"
 
     def __init__(self, terms: ArmTerms, params: Filter) -> None:
+        super().__init__(terms, params)
         zero = np.zeros(terms.n)
         forward, backward = terms.dry(zero, zero, zero)
         self._about(0.5 * (forward + backward), terms.effort_limit)
@@ -234,6 +243,7 @@ class TorqueConstant(JointBlock):
     unit = "1"
 
     def __init__(self, terms: ArmTerms, params: Filter) -> None:
+        super().__init__(terms, params)
         self.mean = np.zeros(terms.n)
         self.covariance = np.eye(terms.n) * HEALTH_STD**2
         self.bound = np.full(terms.n, HEALTHIEST)

@@ -161,7 +161,7 @@ def chosen(hypothesis: Hypothesis, solutions: Sequence[Solution]) -> tuple[Array
 def _told(finding: Finding, hypothesis: Hypothesis, mine: Sequence[int], vector: Array, covariance: Array) -> Finding:
     """A finding with the parameters of its effects."""
     told: dict[str, Estimate | dict[str, Estimate]] = {}
-    slices, sliding = hypothesis.slices(), hypothesis.given.sliding
+    slices, prismatic = hypothesis.slices(), hypothesis.given.prismatic
     for i in mine:
         part, s = hypothesis.parts[i], slices[i]
         values = part.effect(vector[s]).parameters
@@ -181,7 +181,7 @@ def _told(finding: Finding, hypothesis: Hypothesis, mine: Sequence[int], vector:
             fixed, relative = LEFT_OUT.get((finding.name, key), (0.0, 0.0))
             std = np.sqrt(std**2 + fixed**2 + (relative * np.array(value)) ** 2)
             before = finding.parameters.get(key)
-            units = [unit_of(finding.name, key, joint in sliding) for joint in part.spec.joints]
+            units = [unit_of(finding.name, key, joint in prismatic) for joint in part.spec.joints]
             if isinstance(before, dict):
                 mapping = told.setdefault(key, {})
                 assert isinstance(mapping, dict)

@@ -43,15 +43,15 @@ def experiment(a: str, b: str) -> str:
     return STATIC if pair & GRAVITY else SPEEDS
 
 
-def worded(text: str, joints: Sequence[str], sliding: Collection[str]) -> str:
-    """An experiment's sentence as it is said of some joints: speeds and places of those that slide are m/s and m.
+def worded(text: str, joints: Sequence[str], prismatic: Collection[str]) -> str:
+    """An experiment's sentence as it is said of some joints: speeds and places of prismatic ones are m/s and m.
 
     Args:
         text: of this module.
         joints: that it is about.
-        sliding: those of the arm's joints that slide.
+        prismatic: which of the arm's joints are.
     """
-    slide = [joint in sliding for joint in joints]
+    slide = [joint in prismatic for joint in joints]
     if not any(slide):
         return text
     for turning, other in ((units.SPEED, units.on_joint(units.SPEED)), ("angles", "positions")):
@@ -59,7 +59,7 @@ def worded(text: str, joints: Sequence[str], sliding: Collection[str]) -> str:
     return text
 
 
-def asked(pair: Separation, joints: Sequence[str], sliding: Collection[str]) -> str:
+def asked(pair: Separation, joints: Sequence[str], prismatic: Collection[str]) -> str:
     """The experiment of a near pair, worded for the joints that the pair names, or for all of the arm's."""
     places = {place for claim in (pair.a, pair.b) for place in claim.partition(" on ")[2].split(", ")}
-    return worded(pair.experiment, [joint for joint in joints if joint in places] or joints, sliding)
+    return worded(pair.experiment, [joint for joint in joints if joint in places] or joints, prismatic)

@@ -1,7 +1,7 @@
 """The contents of gap.json: its layout is a contract, so it is made in this one place.
 
-A value per joint is in that joint's own unit: `torque_rms` in N·m, or N where the joint slides, `rollout_position_rms`
-in rad or m; a parameter says its unit beside each joint's value.
+A value per joint is in that joint's own unit: `torque_rms` in N·m, or N where the joint is prismatic,
+`rollout_position_rms` in rad or m; a parameter says its unit beside each joint's value.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def contents(verdict: Verdict, shown: Shown) -> dict[str, Any]:
                 "a": near.a,
                 "b": near.b,
                 "distance": _number(near.distance),
-                "experiment": asked(near, joints, shown.sliding),
+                "experiment": asked(near, joints, shown.prismatic),
             }
             for near in verdict.separation
         ],

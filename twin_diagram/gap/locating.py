@@ -53,7 +53,7 @@ class Map:
         joint: name.
         axes: names of the two signals.
         edges: of the cells along each.
-        mean: (MAP_CELLS, MAP_CELLS) [N·m, or N where the joint slides], NaN where the logs have not been.
+        mean: (MAP_CELLS, MAP_CELLS) [N·m, or N where the joint is prismatic], NaN where the logs have not been.
     """
 
     joint: str
@@ -88,7 +88,7 @@ def locate(records: Records, terms: Terms, whitener: Whitener) -> tuple[Place, .
                 share=float(excess[j] / total),
                 condition=said(
                     condition(records, terms, whitener, int(j), y[j], weights[j]),
-                    records.model.joints[j] in records.model.sliding,
+                    records.model.joints[j] in records.model.prismatic,
                 ),
                 time=(first, last),
                 log=log,
@@ -97,9 +97,9 @@ def locate(records: Records, terms: Terms, whitener: Whitener) -> tuple[Place, .
     return tuple(places)
 
 
-def said(key: str, slides: bool) -> str:
-    """A condition in words, on a joint that turns or slides."""
-    return "with position" if slides and key == "angle" else CONDITIONS[key]
+def said(key: str, prismatic: bool) -> str:
+    """A condition in words, on a revolute or prismatic joint."""
+    return "with position" if prismatic and key == "angle" else CONDITIONS[key]
 
 
 def condition(records: Records, terms: Terms, whitener: Whitener, j: int, y: Array, weights: Array) -> str:
@@ -157,8 +157,8 @@ def maps(records: Records, terms: Terms, residual: Array) -> tuple[Map, ...]:
     load = terms.reduce(terms.load)
     result = []
     for j, joint in enumerate(records.model.joints):
-        slides = joint in records.model.sliding
-        for name, x in (("position" if slides else "angle", q), ("force" if slides else "torque", load)):
+        prismatic = joint in records.model.prismatic
+        for name, x in (("position" if prismatic else "angle", q), ("force" if prismatic else "torque", load)):
             edges = tuple(np.linspace(s[:, j].min(), s[:, j].max(), MAP_CELLS + 1) for s in (x, v))
             if any(e[-1] <= e[0] for e in edges):
                 continue

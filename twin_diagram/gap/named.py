@@ -67,15 +67,15 @@ def effects_of(finding: Finding, fingerprints: Sequence[str] = ()) -> list[Effec
     return [make(spec) for spec in specs_of(finding, fingerprints)]
 
 
-def sentence_of(finding: Finding, sliding: Collection[str] = ()) -> str:
+def sentence_of(finding: Finding, prismatic: Collection[str] = ()) -> str:
     """What a finding says: its effects' own sentences, or what is less of where the given model has too much.
 
     Args:
         finding: named.
-        sliding: those of the arm's joints that slide (`Model.sliding`), whose parameters have other units.
+        prismatic: the prismatic ones of the arm's joints (`Model.prismatic`), whose parameters have other units.
     """
     try:
-        return "; ".join(effect.on_arm(sliding).sentence() for effect in effects_of(finding))
+        return "; ".join(effect.on_arm(prismatic).sentence() for effect in effects_of(finding))
     except ModelError:
         places = ", ".join([*finding.joints, *finding.links])
         return f"other {finding.name.replace('_', ' ')} than the model has" + (f", on {places}" if places else "")

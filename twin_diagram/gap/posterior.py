@@ -125,14 +125,14 @@ def parameters_of(
             per_joint = result.setdefault(key, {})
             assert isinstance(per_joint, dict)
             for joint in (records.model.joints[j] for j in candidate.joints):
-                unit = unit_of(candidate.name, key, joint in records.model.sliding)
+                unit = unit_of(candidate.name, key, joint in records.model.prismatic)
                 per_joint[joint] = _estimate(value, std, unit)
     return result
 
 
-def unit_of(name: str, key: str, slides: bool = False) -> str:
-    """A parameter's unit, as its effect's class states it, on a joint that turns or slides."""
-    return REGISTRY[name].kinds[key].unit_on(slides)
+def unit_of(name: str, key: str, prismatic: bool = False) -> str:
+    """A parameter's unit, as its effect's class states it, on a revolute or prismatic joint."""
+    return REGISTRY[name].kinds[key].unit_on(prismatic)
 
 
 def _estimate(value: Array, std: Array, unit: str) -> Estimate:

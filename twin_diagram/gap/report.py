@@ -58,7 +58,7 @@ def _tiles(subject: Subject) -> str:
     shown, verdict = subject.shown, subject.verdict
     before, after = shown.holdout_rms()
     worst = int(np.argmax(before / shown.noise_floor))
-    unit, what = shown.units(units.TORQUE)[worst], "force" if shown.joints[worst] in shown.sliding else "torque"
+    unit, what = shown.units(units.TORQUE)[worst], "force" if shown.joints[worst] in shown.prismatic else "torque"
     tiles = []
     if subject.changed:
         closed = 1.0 - shown.left_over()
@@ -133,9 +133,9 @@ def _how(subject: Subject) -> str:
             "the model started at the measured state and driven by the measured torque for 0.2 s",
         ),
     )
-    if subject.shown.sliding:
-        slides = words.listed([joint for joint in subject.shown.joints if joint in subject.shown.sliding])
-        terms = (*terms, ("torque and angle", f"of what slides ({slides}): its force in N, its position in m"))
+    if subject.shown.prismatic:
+        prismatic = words.listed([joint for joint in subject.shown.joints if joint in subject.shown.prismatic])
+        terms = (*terms, ("torque and angle", f"of prismatic joints ({prismatic}): the force in N, the position in m"))
     glossary = "".join(f"<dt>{escape(a)}</dt><dd>{escape(b)}</dd>" for a, b in terms)
     return (
         '<section id="how"><h2>How this was worked out</h2><p class="lead">Motion and torque of each run are filtered '

@@ -42,7 +42,7 @@ def found(subject: Subject) -> str:
             f'<p class="lead">{lead}, named relative to the given model: what must be added to it to explain the '
             "measured torque.</p>"
             + "".join(
-                _finding(finding, len(subject.shown.fit) > 1, subject.given.sliding) for finding in verdict.findings
+                _finding(finding, len(subject.shown.fit) > 1, subject.given.prismatic) for finding in verdict.findings
             )
         )
     if verdict.remainder:
@@ -57,9 +57,9 @@ WORTH_SAYING = 0.005
 """Alternatives that are less probable are in gap.json alone."""
 
 
-def _finding(finding: Finding, several: bool, sliding: frozenset[str]) -> str:
-    sentence = sentence_of(finding, sliding)
-    slides = bool(finding.joints) and sliding.issuperset(finding.joints)
+def _finding(finding: Finding, several: bool, prismatic: frozenset[str]) -> str:
+    sentence = sentence_of(finding, prismatic)
+    only = bool(finding.joints) and prismatic.issuperset(finding.joints)
     when = words.duration(finding, several)
     when = f", {when}" if when and " from " not in sentence else ""
     others = ""
@@ -76,8 +76,8 @@ def _finding(finding: Finding, several: bool, sliding: frozenset[str]) -> str:
         f'<div class="effect"><div><h3>{escape(words.title(finding.name))}'
         f"{_on(words.places(finding.joints, finding.links))}</h3>"
         f'<p class="sentence">{escape(words.upper_first(sentence))}{escape(when)}.</p>'
-        f'<p class="what">{escape(words.explanation(finding.name, slides))}</p>'
-        f'<div class="scroll">{_parameters(finding, sliding)}</div>{others}</div>'
+        f'<p class="what">{escape(words.explanation(finding.name, only))}</p>'
+        f'<div class="scroll">{_parameters(finding, prismatic)}</div>{others}</div>'
         f'<div class="sure">{sure}<br>{escape(words.sureness(finding.confidence))}</div></div>'
     )
 
@@ -89,10 +89,10 @@ def _whichever(finding: Finding) -> str:
     return " In all of these there is dry friction; the doubt is of which kind it is, and on which joint."
 
 
-def _parameters(finding: Finding, sliding: frozenset[str]) -> str:
+def _parameters(finding: Finding, prismatic: frozenset[str]) -> str:
     """A line per joint where there are several, else one per parameter."""
-    slide = [joint in sliding for joint in finding.joints]
-    kinds = {"sliding": any(slide), "turning": not all(slide) or not slide}
+    slide = [joint in prismatic for joint in finding.joints]
+    kinds = {"prismatic": any(slide), "turning": not all(slide) or not slide}
     values = finding.parameters.items()
     per_joint = {key: value for key, value in values if not isinstance(value, Estimate)}
     if len(finding.joints) > 1 and len(per_joint) == len(finding.parameters):

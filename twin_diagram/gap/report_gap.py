@@ -74,19 +74,19 @@ def sizes(subject: Subject) -> str:
 
 def effort(shown: Shown) -> str:
     """What the motors give, in words."""
-    turning = set(shown.joints) - shown.sliding
-    return "torque and force" if turning and shown.sliding else "force" if shown.sliding else "torque"
+    turning = set(shown.joints) - shown.prismatic
+    return "torque and force" if turning and shown.prismatic else "force" if shown.prismatic else "torque"
 
 
 def lost(subject: Subject) -> Array:
-    """(n,) errors beyond which a model has lost a joint, and more tells nothing [rad, or m where the joint slides].
+    """(n,) errors beyond which a model has lost a joint, and more tells nothing [rad, or m for prismatic joints].
 
     A slide's is all of its travel, as the description has it, or else as the held-out run has.
     """
     shown, given = subject.shown, subject.given
     described, seen = given.upper - given.lower, np.ptp(shown.holdout.position, axis=0)
     travel = np.where(np.isfinite(described), described, seen)
-    return np.where([joint in shown.sliding for joint in shown.joints], travel, LOST)
+    return np.where([joint in shown.prismatic for joint in shown.joints], travel, LOST)
 
 
 def _table(shown: Shown, before: Array, after: Array, changed: bool) -> str:
@@ -156,7 +156,7 @@ def pictures(subject: Subject) -> str:
 
 def _figure(subject: Subject, run: Comparison, j: int, finding: Finding | None) -> str:
     onset, end = (None, None) if finding is None else (finding.onset, finding.end)
-    slides = run.joints[j] in subject.shown.sliding
-    picture = residual_pictures(run, j, float(subject.shown.noise_floor[j]), subject.changed, onset, end, slides)
+    prismatic = run.joints[j] in subject.shown.prismatic
+    picture = residual_pictures(run, j, float(subject.shown.noise_floor[j]), subject.changed, onset, end, prismatic)
     which = "held-out run" if run.held_out else "fitted run"
     return f"<figure><figcaption>{escape(run.joints[j])} <span>· {which}</span></figcaption>{picture}</figure>"

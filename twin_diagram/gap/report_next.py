@@ -72,7 +72,7 @@ def onward(subject: Subject) -> str:
     """Near pairs, and the motions that would part them."""
     near = subject.verdict.separation
     given = subject.given
-    rows = "".join(_near(pair, asked(pair, given.joints, given.sliding)) for pair in near[:8])
+    rows = "".join(_near(pair, asked(pair, given.joints, given.prismatic)) for pair in near[:8])
     pairs = (
         "<p>What the data could hardly tell apart, and what would. A distance below 4 is a toss-up, above 8 is "
         "clear.</p>"
@@ -107,9 +107,9 @@ def _nothing(subject: Subject) -> str:
 
 
 def _unit(model: Model) -> str:
-    if not model.sliding:
+    if not model.prismatic:
         return "radians"
-    return "metres" if model.sliding.issuperset(model.joints) else "radians, or metres where the joint slides"
+    return "metres" if model.prismatic.issuperset(model.joints) else "radians, or metres where the joint is prismatic"
 
 
 def _near(pair: Separation, experiment: str) -> str:

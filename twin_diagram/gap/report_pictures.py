@@ -1,6 +1,6 @@
 """Pictures of the residual torque over time, speed, angle and acceleration, before and after: PNG within the page.
 
-Where a joint slides, its force over its position.
+Where a joint is prismatic, its force over its position.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def residual_pictures(
     changed: bool,
     onset: Moment | None = None,
     end: Moment | None = None,
-    slides: bool = False,
+    prismatic: bool = False,
 ) -> str:
     """One joint of one run as an `<img>`.
 
@@ -53,10 +53,10 @@ def residual_pictures(
         changed: whether the corrected model differs from the given one.
         onset: marked where it is in this run.
         end: likewise.
-        slides: whether the joint slides, for the axes' names and units.
+        prismatic: whether the joint is prismatic, for the axes' names and units.
     """
-    effort, place = ("force", "position") if slides else ("torque", "angle")
-    left = f"measured − model [{units.on_joint(units.TORQUE, slides)}]"
+    effort, place = ("force", "position") if prismatic else ("torque", "angle")
+    left = f"measured − model [{units.on_joint(units.TORQUE, prismatic)}]"
     figure = Figure(figsize=(10.6, 4.9), facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(2, 3, height_ratios=(1.0, 1.1))
@@ -86,9 +86,9 @@ def residual_pictures(
     over_time.set_ylim(-reach, reach)
     for column, (what, values) in enumerate(
         (
-            (f"velocity [{units.on_joint(units.SPEED, slides)}]", run.velocity[:, j]),
-            (f"{place} [{units.on_joint(units.ANGLE, slides)}]", run.position[:, j]),
-            (f"acceleration [{units.on_joint(units.ACCELERATION, slides)}]", run.acceleration[:, j]),
+            (f"velocity [{units.on_joint(units.SPEED, prismatic)}]", run.velocity[:, j]),
+            (f"{place} [{units.on_joint(units.ANGLE, prismatic)}]", run.position[:, j]),
+            (f"acceleration [{units.on_joint(units.ACCELERATION, prismatic)}]", run.acceleration[:, j]),
         )
     ):
         axes = figure.add_subplot(grid[1, column])

@@ -84,23 +84,23 @@ PARAMETERS = {
 """Keys that do not say enough by themselves."""
 
 
-ON_A_SLIDE = {"torque": "force", "angle": "position"}
-"""What stands in the place of such words where a joint slides."""
+ON_PRISMATIC = {"torque": "force", "angle": "position"}
+"""What stands in the place of such words where a joint is prismatic."""
 
 
-def of_slides(text: str) -> str:
-    """A text about joints that turn, as it is said of joints that slide."""
-    for turning, sliding in ON_A_SLIDE.items():
-        text = text.replace(turning, sliding).replace(upper_first(turning), upper_first(sliding))
+def of_prismatic(text: str) -> str:
+    """A text about revolute joints, as it is said of prismatic joints."""
+    for turning, prismatic in ON_PRISMATIC.items():
+        text = text.replace(turning, prismatic).replace(upper_first(turning), upper_first(prismatic))
     return text
 
 
-def parameter(key: str, sliding: bool = False, turning: bool = True) -> str:
-    """A parameter's key for people, of joints that slide, turn, or both."""
-    if key == "cycles" and sliding:
+def parameter(key: str, prismatic: bool = False, turning: bool = True) -> str:
+    """A parameter's key for people, of prismatic joints, revolute ones, or both."""
+    if key == "cycles" and prismatic:
         return f"{PARAMETERS[key]}, or phase per length" if turning else "phase per length"
     text = PARAMETERS.get(key, key.replace("_", " "))
-    return text if turning else of_slides(text)
+    return text if turning else of_prismatic(text)
 
 
 def title(name: str) -> str:
@@ -108,10 +108,10 @@ def title(name: str) -> str:
     return TITLES[name][0] if name in TITLES else name.replace("_", " ").capitalize()
 
 
-def explanation(name: str, slides: bool = False) -> str:
-    """What an effect is, on joints that turn or slide; of a user's own effect, what its class says of itself."""
+def explanation(name: str, prismatic: bool = False) -> str:
+    """What an effect is, on revolute or prismatic joints; of a user's own effect, what its class says of itself."""
     if name in TITLES:
-        return of_slides(TITLES[name][1]) if slides else TITLES[name][1]
+        return of_prismatic(TITLES[name][1]) if prismatic else TITLES[name][1]
     own = REGISTRY[name].__doc__ if name in REGISTRY else None
     return own.strip().splitlines()[0] if own else ""
 

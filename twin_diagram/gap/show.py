@@ -33,7 +33,7 @@ ROLLOUTS = 1500
 class Comparison:
     """One run, held against the given and the corrected model. Its M samples leave out the run's ends.
 
-    Columns of joints that slide are in m, m/s, m/s² and N.
+    Columns of prismatic joints are in m, m/s, m/s² and N.
 
     Attributes:
         source: what to call the run.
@@ -73,18 +73,18 @@ class Shown:
         fit: the runs that were fitted.
         holdout: the run that was not.
         noise_floor: (n,) torque noise below the residual's cutoff, as well as it is known [N·m].
-        sliding: those of the joints that slide; what is theirs is in m and N.
+        prismatic: which of the joints are; what is theirs is in m and N.
     """
 
     joints: tuple[str, ...]
     fit: tuple[Comparison, ...]
     holdout: Comparison
     noise_floor: Array
-    sliding: frozenset[str] = frozenset()
+    prismatic: frozenset[str] = frozenset()
 
     def units(self, unit: str) -> tuple[str, ...]:
-        """(n) of a quantity on each joint, from its unit on a joint that turns."""
-        return tuple(units.on_joint(unit, joint in self.sliding) for joint in self.joints)
+        """(n) of a quantity on each joint, from its unit on a revolute joint."""
+        return tuple(units.on_joint(unit, joint in self.prismatic) for joint in self.joints)
 
     def fit_rms(self) -> tuple[Array, Array]:
         """(n,) residual torque before and after over all fitted runs [N·m]."""
@@ -145,7 +145,7 @@ def show(
     runs = tuple(compare(given, corrected, log) for log in fit)
     say("rollouts of the held-out run before and after")
     held = compare(given, corrected, holdout, held_out=True, horizon=horizon)
-    return Shown(given.joints, runs, held, np.maximum(noise_floor, 1e-12), given.sliding)
+    return Shown(given.joints, runs, held, np.maximum(noise_floor, 1e-12), given.prismatic)
 
 
 def compare(

@@ -25,7 +25,7 @@ PERIOD = 0.01
 """Between samples [s]."""
 
 SLOW = 0.02
-"""Speed of slow reversals [rad/s, or m/s where the joint slides]."""
+"""Speed of slow reversals [rad/s, or m/s where the joint is prismatic]."""
 
 
 HALF = 0.02
@@ -44,7 +44,7 @@ class Visited:
         speed: (n,) highest that may be asked [rad/s].
         acceleration: (n,) likewise [rad/s²].
         run: (N, n) the first run's own motion, every `PERIOD`.
-        sliding: those of the joints that slide; what is theirs is in m, m/s and m/s².
+        prismatic: which of the joints are; what is theirs is in m, m/s and m/s².
     """
 
     joints: tuple[str, ...]
@@ -54,7 +54,7 @@ class Visited:
     speed: Array
     acceleration: Array
     run: Array
-    sliding: frozenset[str] = frozenset()
+    prismatic: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def visited(model: Model, logs: Sequence[Log]) -> Visited:
         speed=np.minimum(np.maximum(speed, 2.0 * SLOW), 0.9 * model.velocity_limit),
         acceleration=np.maximum(acceleration, 0.2),
         run=np.clip(again, model.lower, model.upper),
-        sliding=model.sliding,
+        prismatic=model.prismatic,
     )
 
 
@@ -119,7 +119,7 @@ def design(text: str, seen: Visited, moved: Sequence[str]) -> Experiment | None:
     names = tuple(joint for joint in seen.joints if joint in moved) or seen.joints
     chosen = [seen.joints.index(joint) for joint in names]
     position = np.clip(make(seen, chosen), seen.lower, seen.upper)
-    title = experiments.worded(text, names, seen.sliding)
+    title = experiments.worded(text, names, seen.prismatic)
     slug = re.sub(r"[^a-z0-9]+", "_", title.split(":")[0].split(",")[0].lower()).strip("_")[:32]
     time: Array = PERIOD * np.arange(len(position), dtype=float)
     return Experiment(title, slug, seen.joints, names, time, position)
@@ -146,7 +146,7 @@ def slow_reversals(seen: Visited, chosen: Sequence[int]) -> Array:
     here = _middle(seen)
     parts = [here[None]]
     for j in chosen:
-        # A short or slow slide has less room than a joint that turns.
+        # A short or slow slide has less room than a revolute joint.
         half = min(HALF, 0.15 * (seen.upper[j] - seen.lower[j]))
         turns = np.arange(0.0, 10.0, PERIOD * min(SLOW, seen.speed[j]) / max(half, 1e-6))  # in quarters of the wave
         wave = _soften(half * 2.0 / np.pi * np.arcsin(np.sin(0.5 * np.pi * turns)), 0.06)

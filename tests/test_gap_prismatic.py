@@ -1,4 +1,4 @@
-"""An arm on a rail, from its logs to the report: what slides is told in N and m, what turns as ever."""
+"""An arm on a rail, from its logs to the report: prismatic joints are told in N and m, revolute ones as ever."""
 
 from __future__ import annotations
 
@@ -60,11 +60,11 @@ def text_of(page: str) -> str:
     return " ".join(html.unescape(re.sub(r"<[^>]+>", " ", page)).split())
 
 
-def finding_of(spec: EffectSpec, sliding: frozenset[str] = frozenset({"rail"})) -> Finding:
+def finding_of(spec: EffectSpec, prismatic: frozenset[str] = frozenset({"rail"})) -> Finding:
     """As the search would have it, each value with its joint's unit."""
     parameters: dict[str, Estimate | dict[str, Estimate]] = {}
     for key, values in spec.parameters.items():
-        units = [unit_of(spec.name, key, joint in sliding) for joint in spec.joints]
+        units = [unit_of(spec.name, key, joint in prismatic) for joint in spec.joints]
         if len(values) == len(spec.joints):
             each = zip(spec.joints, values, units, strict=True)
             parameters[key] = {joint: Estimate(x, 0.01 * abs(x), unit) for joint, x, unit in each}
@@ -113,8 +113,8 @@ def test_report_tells_newtons_and_millimetres(gap: Gap, folder: Path) -> None:
     assert "mrad error of motions predicted 0.2 s ahead, shoulder, held out" in text
     assert "joint given corrected noise gap left unit rail" in text
     assert "Residual torque and force, run that was held out" in text
-    assert "in radians, or metres where the joint slides" in text
-    assert "of what slides (rail): its force in N, its position in m" in text
+    assert "in radians, or metres where the joint is prismatic" in text
+    assert "of prismatic joints (rail): the force in N, the position in m" in text
     for wrong in ("N·m residual force", "N residual torque", "given [N·m]"):
         assert wrong not in text
     assert after[0] < 0.01 * before[0]
@@ -150,7 +150,7 @@ def test_every_effect_in_a_report(model: Model, shown: Shown, name: str) -> None
     block = text_of(told.split('<div class="effect">')[1].split("</section>")[0])
     for never in ("N·m", "rad ", "mrad", "kg·m²", "angle", "revolution"):
         assert never not in block.replace("± 0.0040 rad ", "")  # a ripple's phase
-    assert sentence_of(alone, model.sliding)[1:] in block
+    assert sentence_of(alone, model.prismatic)[1:] in block
     both = finding_of(on_both(name))
     text = text_of(report.page(Subject(verdict(both), shown, model, model, "gantry.urdf")))
     for value in both.parameters.values():
@@ -169,7 +169,7 @@ def test_a_curve_is_of_positions_and_forces(model: Model, shown: Shown) -> None:
 def test_axes_are_in_the_joints_units(shown: Shown, monkeypatch: pytest.MonkeyPatch) -> None:
     labels: list[str] = []
     monkeypatch.setattr(report_pictures, "_dress", lambda axes, below, beside: labels.extend((below, beside)))
-    picture = report_pictures.residual_pictures(shown.holdout, 0, 0.03, False, slides=True)
+    picture = report_pictures.residual_pictures(shown.holdout, 0, 0.03, False, prismatic=True)
     assert 'alt="residual force of rail"' in picture
     assert {"measured − model [N]", "velocity [m/s]", "position [m]", "acceleration [m/s²]"} <= set(labels)
     assert not any("rad" in label or "N·m" in label for label in labels)
@@ -197,7 +197,7 @@ def test_a_slide_is_lost_beyond_its_travel(model: Model, shown: Shown) -> None:
     assert "> 2000 mm error" in text_of(report.page(replace(own, shown=far)))
 
 
-def test_an_arm_of_slides_alone(tmp_path: Path) -> None:
+def test_an_arm_of_prismatic_joints_alone(tmp_path: Path) -> None:
     text = gantry(tmp_path).read_text().replace('type="revolute"', 'type="prismatic"')
     (tmp_path / "xy.urdf").write_text(text)
     model = Model.load(ArmModel(model=str(tmp_path / "xy.urdf"), joints=list(JOINTS), tool_frame=""))
@@ -215,8 +215,8 @@ def test_an_arm_of_slides_alone(tmp_path: Path) -> None:
 
 
 def test_where_is_said_of_positions() -> None:
-    assert said("angle", slides=True) == "with position" and said("angle", slides=False) == "with angle"
-    assert all(said(key, slides=True) == CONDITIONS[key] for key in CONDITIONS if key != "angle")
+    assert said("angle", prismatic=True) == "with position" and said("angle", prismatic=False) == "with angle"
+    assert all(said(key, prismatic=True) == CONDITIONS[key] for key in CONDITIONS if key != "angle")
 
 
 def test_experiments_are_worded_for_their_joints(shown: Shown) -> None:
@@ -228,7 +228,7 @@ def test_experiments_are_worded_for_their_joints(shown: Shown) -> None:
         experiments.STATIC,
     ]
     for text in trajectories.MAKERS:
-        assert experiments.worded(text, ["shoulder"], shown.sliding) == text
+        assert experiments.worded(text, ["shoulder"], shown.prismatic) == text
 
 
 @pytest.mark.parametrize("text", list(trajectories.MAKERS))
@@ -260,7 +260,7 @@ def test_no_speed_beyond_the_descriptions_limit(folder: Path) -> None:
     slow.write_text(gantry(folder).read_text().replace('velocity="2"', 'velocity="0.03"'))
     model = Model.load(ArmModel(model=str(slow), joints=list(JOINTS), tool_frame=""))
     seen = trajectories.visited(model, [bench.run(model, seed=1031, duration=3.0)])
-    assert seen.speed[0] == pytest.approx(0.027) and seen.sliding == {"rail"}
+    assert seen.speed[0] == pytest.approx(0.027) and seen.prismatic == {"rail"}
 
 
 # What the log's check says.
@@ -291,7 +291,7 @@ def test_joints_that_hold_a_curve_and_a_stiffness_are_told_apart(model: Model) -
     line = finding_of(on_both("joint_spring", ("shoulder",), stiffness=[9.0], rest_angle=[0.3])).parameters
     finding = Finding("joint_spring", JOINTS, (), {**curve, **line}, 0.9)
     assert len(specs_of(finding)) == 2
-    assert sentence_of(finding, model.sliding) == (
+    assert sentence_of(finding, model.prismatic) == (
         "a spring on rail whose force follows a curve of the position, -20 to 30 N between -0.5 and 0.5 m; "
         "a spring of 9 N·m/rad on shoulder, at rest at 0.3 rad"
     )
