@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import functools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from estimation_bench import HOME, World, simulate, twin_terms
 from pydrake.common.value import Value
+from pydrake.geometry import SceneGraph
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.perception import PointCloud
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
@@ -16,14 +19,17 @@ from pydrake.systems.framework import DiagramBuilder
 from twin_diagram.arm_pose import SIZE, measured, near
 from twin_diagram.arm_scan import ArmScan
 from twin_diagram.arm_surface import Points, link_surface, other_surfaces
+from twin_diagram.description import add_arm
 from twin_diagram.estimation.arm_terms import ArmTerms
 from twin_diagram.estimation.belief import Track
 from twin_diagram.estimation.ekf import Ekf
 from twin_diagram.estimation.ekf_system import AdaptiveEkf
-from twin_diagram.estimation.link_frame import LinkFrame
 from twin_diagram.estimation.sensors import CloudError, Lidar
+from twin_diagram.estimation.sensors.cloud_pose import NOTHING
 from twin_diagram.scenario import ArmModel, Filter, SensorSpec
 from twin_diagram.signals import NEVER
+from twin_diagram.station.lidar import Solid, world_solids
+from twin_diagram.station.lidar import scan as ranges_of
 
 LINK = "panda_link7"
 X_WS = RigidTransform(RollPitchYaw(0.1, 0.4, 2.8), [1.6, 0.3, 1.0])
@@ -39,19 +45,34 @@ def surface() -> Points:
     return link_surface(ArmModel(model="arms/panda_hand.urdf"), LINK)
 
 
-def scan(q: np.ndarray, rng: np.random.Generator, count: int = 400) -> np.ndarray:
-    """(K, 3) in S: the side of the link that faces the lidar, each point off along its beam, a wall, and no echo."""
+@functools.cache
+def shown() -> tuple[MultibodyPlant, list[Solid], list[Solid]]:
+    """The arm, its shapes for the simulated lidar's own ray casting, and those of the link and what is welded to it."""
+    scene_graph, plant = SceneGraph(), MultibodyPlant(0.0)
+    plant.RegisterAsSourceForSceneGraph(scene_graph)
+    add_arm(plant, ArmModel(model="arms/panda_hand.urdf"))
+    plant.Finalize()
+    found = world_solids(SimpleNamespace(plant=plant, scene_graph=scene_graph))
+    link = {int(body.index()) for body in plant.GetBodiesWeldedTo(plant.GetBodyByName(LINK))}
+    return plant, found, [solid for solid in found if solid.body in link]
+
+
+def scan(q: np.ndarray, rng: np.random.Generator, count: int = 400, whole: bool = False) -> np.ndarray:
+    """(K, 3) in S: what beams meet of the link, or of the whole arm, off along them, a wall, and no echo."""
+    plant, arm, link = shown()
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, np.concatenate([q, np.zeros(plant.num_positions() - len(q))]))
     R, p = Lidar(terms(), LINK, *surface()).frame.pose(q)
-    points, normals = (part @ R.T for part in surface())
-    facing = np.flatnonzero(np.einsum("ij,ij->i", normals, X_WS.translation() - p - points) > 0.0)
-    chosen = rng.choice(facing, count)
-    points = points[chosen] + p
-    far = np.linalg.norm(points - X_WS.translation(), axis=1)
-    beams = (points - X_WS.translation()) / far[:, None]
-    points += (np.hypot(0.01, 0.005 * far**2) * rng.normal(size=count))[:, None] * beams
+    origin = X_WS.translation()
+    beams = rng.normal(0.0, 0.1, (10 * count, 3)) + surface()[0].mean(axis=0) @ R.T + p - origin
+    beams /= np.linalg.norm(beams, axis=1, keepdims=True)
+    far = ranges_of(origin, beams, arm if whole else link, plant.get_body_poses_output_port().Eval(context))
+    beams, far = beams[np.isfinite(far)][:count], far[np.isfinite(far)][:count]
+    assert len(far) == count
+    points = origin + (far + np.hypot(0.01, 0.005 * far**2) * rng.normal(size=count))[:, None] * beams
     wall = rng.uniform([-1.0, -1.0, 0.0], [-0.9, 1.0, 2.0], (200, 3))
     no_echo = np.array([[np.inf] * 3, [np.nan] * 3])
-    return np.vstack([(np.vstack([points, wall]) - X_WS.translation()) @ X_WS.rotation().matrix(), no_echo])
+    return np.vstack([(np.vstack([points, wall]) - origin) @ X_WS.rotation().matrix(), no_echo])
 
 
 def pose(q: np.ndarray) -> np.ndarray:
@@ -104,34 +125,41 @@ def test_points_near_a_place_are_thinned_out() -> None:
 
 
 def test_noise_grows_with_distance_squared() -> None:
-    """The same cloud seen from three times as far is nine times as uncertain, where that outweighs what is near."""
+    """A plate seen from three times as far is nine times as uncertain, where that outweighs what is near."""
     rng = np.random.default_rng(1022)
-    lidar = Lidar(terms(), LINK, *surface(), std_0=1e-5, floor_p=1e-6, floor_r=1e-6)
+    plate = np.hstack([rng.uniform(-0.2, 0.2, (10000, 2)), np.zeros((10000, 1))])
+    lidar = Lidar(terms(), LINK, plate, np.tile([0.0, 0.0, 1.0], (10000, 1)), std_0=1e-5, floor_p=1e-6, floor_r=1e-6)
     R, p = lidar.frame.pose(HOME)
-    points = surface()[0][rng.choice(len(surface()[0]), 500)] @ R.T + p
-    near, far = (lidar.align(points, p + [d, 0.0, 0.0], HOME)[1] for d in (2.0, 6.0))
-    ratio = np.sqrt(np.diag(far) / np.diag(near))
-    np.testing.assert_allclose(ratio, 9.0, rtol=0.15)
+    points = plate[:1000] @ R.T + p
+    near, far = (lidar.align(points, p + d * R[:, 2], HOME)[1] for d in (3.0, 9.0))
+    turned = np.kron(np.eye(2), R)
+    near, far = (np.sqrt(np.diag(turned.T @ cov @ turned)) for cov in (near, far))
+    told, untold = [0, 1, 5], [2, 3, 4]
+    np.testing.assert_allclose(far[told] / near[told], 9.0, rtol=0.15)
+    assert near[5] == pytest.approx(0.045 / np.sqrt(1000.0), rel=0.1)
+    # Of a turn about its normal and of slides along it, a plate's points say nothing.
+    for claimed in (near, far):
+        np.testing.assert_allclose(claimed[untold], [NOTHING[0], NOTHING[1], NOTHING[1]], rtol=0.05)
 
 
 def test_points_of_other_links_are_left_out() -> None:
-    """Where the link before is met and nothing else, who does not know of it takes its points for the link's own."""
+    """Beams that meet the whole arm: where the other links are known, the pose is as sure as it says."""
     rng, arm = np.random.default_rng(1026), ArmModel(model="arms/panda_hand.urdf")
     others = other_surfaces(arm, LINK)
     assert {"panda_link0", "panda_link6"} <= set(others) and LINK not in others and "panda_hand" not in others
-    R, p = LinkFrame(terms(), "panda_link6").pose(HOME)
-    before = others["panda_link6"][0] @ R.T + p
-    before += 0.01 * rng.normal(size=before.shape)
-    beside = (before - X_WS.translation()) @ X_WS.rotation().matrix()
     told, alone = (ArmScan(terms(), LINK, surface(), X_WS, others=known) for known in (others, None))
-    assert np.isfinite(alone.align(beside, HOME)[0]).all()
-    with pytest.raises(CloudError):
-        told.align(beside, HOME)
-    # With its own points there, too, the pose is as good as before.
-    off = [
-        np.linalg.norm(told.align(np.vstack([scan(HOME, rng), beside]), HOME)[0][4:] - pose(HOME)[4:]) for _ in "12345"
-    ]
-    assert np.median(off) < 0.008
+    sensor, nees = Lidar(terms(), LINK, *surface()), {"told": [], "alone": []}
+    for _ in range(15):
+        q = HOME + rng.normal(0.0, 0.2, 7)
+        points, start = scan(q, rng, 600, whole=True), q + rng.normal(0.0, 0.004, 7)
+        for name, system in (("told", told), ("alone", alone)):
+            try:
+                z, R = system.align(points, start)
+            except CloudError:
+                continue
+            error = sensor.innovation(z, pose(q))
+            nees[name].append(error @ np.linalg.solve(R, error) / 6.0)
+    assert len(nees["told"]) >= 12 and np.mean(nees["told"]) < 2.0 < np.mean(nees["alone"])
 
 
 def test_lidar_carries_on_where_the_encoders_fall_silent() -> None:

@@ -10,7 +10,6 @@ from pydrake.common.value import Value
 from pydrake.math import RigidTransform
 from pydrake.perception import PointCloud
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
-from scipy.spatial import cKDTree
 
 from twin_diagram.arm_pose import SIZE, feed, measured, near
 from twin_diagram.arm_surface import Points
@@ -23,8 +22,6 @@ from twin_diagram.timing import timed
 
 MOST: Final = 2000
 """Points that are aligned, about."""
-BESIDE_OTHER: Final = 0.015
-"""A beam that passes another link by less may have met it [m]."""
 
 
 class ArmScan(LeafSystem):
@@ -69,7 +66,7 @@ class ArmScan(LeafSystem):
             surface: points (M, 3) and outward normals (M, 3) of the link, in its own frame: `arm_surface.link_surface`.
             X_WS: where the lidar stands.
             name: for messages.
-            others: surfaces of the arm's other links, by their names: points that may be of
+            others: surfaces of the arm's other links, by their names: beams that may meet
                 one of them are left out.
             tuning: of `Lidar`, whose figures it overrides.
 
@@ -82,7 +79,6 @@ class ArmScan(LeafSystem):
         self._R_WS, self._p_WS = X_WS.rotation().matrix(), X_WS.translation()
         self._middle = 0.5 * (surface[0].min(axis=0) + surface[0].max(axis=0))
         self._radius = float(np.linalg.norm(surface[0] - self._middle, axis=1).max()) + self._sensor.reach
-        self._surface = surface
         self._others = [(LinkFrame(terms, link), points) for link, points in (others or {}).items()]
         self._cloud = self.DeclareAbstractInputPort("point_cloud", Value(PointCloud(0)))
         self._time = self.DeclareVectorInputPort("scan_time", 1)
@@ -145,44 +141,15 @@ class ArmScan(LeafSystem):
         points_W = points[np.isfinite(points).all(axis=1)] @ self._R_WS.T + self._p_WS
         R_WO, p_WO = self._sensor.frame.pose(q)
         points_W = near(points_W, p_WO + R_WO @ self._middle, self._radius, MOST)
-        points_W = points_W[self._meets(points_W, q)]
-        return self._sensor.align(points_W, self._p_WS, q)
+        return self._sensor.align(points_W, self._p_WS, q, self._beside(q))
 
-    def _meets(self, points_W: Array, q: Array) -> np.ndarray:
-        """Which points (K, 3) lie along beams that meet the link before all others, at q (n,); whatever their ranges."""
-        away = points_W - self._p_WS
-        beams = away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
-        if not self._others or not len(points_W):
-            return np.ones(len(points_W), dtype=bool)
-        own = self._seen(self._sensor.frame, self._surface, q)
-        other = [np.concatenate(parts) for parts in zip(*(self._seen(f, s, q) for f, s in self._others), strict=True)]
-        middle = float(np.median(own[1]))
-        hidden = _behind(own, other, BESIDE_OTHER / middle)
-        shown = ~_behind((other[0], other[1]), own, 0.008 / middle)
-        own_ways = own[0][~hidden]
-        self._sensor.mask[:] = False
-        self._sensor.mask[own[2][~hidden]] = True
-        if not len(own_ways):
-            return np.zeros(len(points_W), dtype=bool)
-        met = cKDTree(own_ways).query(beams)[0] < 0.01 / middle
-        if shown.any():
-            met &= cKDTree(other[0][shown]).query(beams)[0] > BESIDE_OTHER / middle
-        return np.asarray(met)
-
-    def _seen(self, frame: LinkFrame, surface: Points, q: Array) -> tuple[Array, Array]:
-        R, p = frame.pose(q)
-        origin = (self._p_WS - p) @ R
-        away = surface[0] - origin
-        index = np.flatnonzero(np.einsum("ij,ij->i", away, surface[1]) < 0.0)
-        away = away[index]
-        far = np.linalg.norm(away, axis=1)
-        return (away / far[:, None]) @ R.T, far, index
-
-
-def _behind(a: tuple[Array, Array], b: tuple[Array, Array], angle: float) -> np.ndarray:
-    if not len(b[0]) or not len(a[0]):
-        return np.zeros(len(a[0]), dtype=bool)
-    tree = cKDTree(b[0])
-    distance, index = tree.query(a[0], k=min(4, len(b[0])), distance_upper_bound=angle)
-    far = np.append(b[1], np.inf)[index]
-    return np.asarray(far.reshape(len(a[0]), -1).min(axis=1) < a[1] - 0.01)
+    def _beside(self, q: Array) -> Points | None:
+        """The other links' surfaces in W."""
+        if not self._others:
+            return None
+        poses = [frame.pose(q) for frame, _ in self._others]
+        surfaces = [surface for _, surface in self._others]
+        return (
+            np.concatenate([points @ R.T + p for (R, p), (points, _) in zip(poses, surfaces, strict=True)]),
+            np.concatenate([normals @ R.T for (R, _), (_, normals) in zip(poses, surfaces, strict=True)]),
+        )

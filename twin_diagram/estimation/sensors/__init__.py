@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from twin_diagram.estimation.sensors.body_pose import BodyPose
-from twin_diagram.estimation.sensors.cloud_pose import CloudError, DepthCloud, Lidar
+from twin_diagram.estimation.sensors.cloud_pose import CloudError, DepthCloud
 from twin_diagram.estimation.sensors.joints import JointEncoder, JointState, JointVelocity, StateSensor
+from twin_diagram.estimation.sensors.lidar_pose import Lidar
 from twin_diagram.estimation.sensors.link_imu import LinkImu
 from twin_diagram.estimation.sensors.motor_torque import MotorTorque
 from twin_diagram.estimation.sensors.sensor import GATE_PROBABILITY, Instant, Linear, Sensor

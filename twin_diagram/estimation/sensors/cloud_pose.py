@@ -18,6 +18,16 @@ from twin_diagram.signals import Array
 
 FEWEST: Final = 12
 """Points with a partner that make a pose."""
+SETTLED: Final = 1e-3
+"""Steps of less than this share of `SEARCH` end the search."""
+MEDIAN: Final = 0.4549
+"""Of the square of a normal variate."""
+SEARCH: Final = (0.2, 0.03)
+"""How far the search goes from where it began where the points say nothing [rad], [m]; a deviation."""
+NOTHING: Final = (1.0, 0.3)
+"""Deviation that is claimed where they say nothing [rad], [m]: an order above what is unknown of an arm's link."""
+STRANGE: Final = 3.0
+"""Times the noise that is told; points that lie farther off are of something else."""
 
 
 class CloudError(TwinError):
@@ -25,21 +35,35 @@ class CloudError(TwinError):
 
 
 @dataclass(frozen=True)
+class Partners:
+    """What points (K,) were found to have met.
+
+    Attributes:
+        near: which have a partner (K,).
+        index: of the surface's points (K,).
+        doubt: along the sensor's ray, of what else it may have been (K,) [m].
+    """
+
+    near: np.ndarray
+    index: np.ndarray
+    doubt: Array
+
+
+@dataclass(frozen=True)
 class Fit:
     """Where ICP ended.
 
     Attributes:
-        R_WO, p_WM: the pose; M is the surface's middle.
-        information: (6, 6) of a rotation vector about M and a translation, in W.
-        misfit: mean weighted square of the gaps; 1 where they are as large as the points' noise.
-        count: of points that have a partner.
+        R_WO: rotation (3, 3).
+        p_WM: of the surface's middle M (3,) [m].
+        information: (6, 6) that the points give of a rotation about M and a translation, in W.
+        scatter: (6, 6) of the last steps where it did not settle, else zero.
     """
 
     R_WO: Array
     p_WM: Array
     information: Array
-    misfit: float
-    count: int
+    scatter: Array
 
 
 class DepthCloud(BodyPose):
@@ -51,8 +75,15 @@ class DepthCloud(BodyPose):
         ekf.update(depth, z, t, R)
 
     A point at distance r from the sensor has variance
-    std_0² + (growth r²)² along its surface's normal (section 3.3, lidar, whose k · distance² is taken as a deviation);
-    R is that of the weighted fit, plus `floor`², which averaging does not remove: points share their calibration.
+    std_0² + (growth r²)² along its surface's normal (section 3.3, lidar, whose k · distance² is taken as a deviation).
+
+    R is how the squared error curves against how it depends on the points (Censi, "An accurate closed-form estimate of
+    ICP's covariance", ICRA 2007), which with gaps weighted by their variance is the inverse of their information. Its
+    levers are the surface's own points, not those measured: noise in a lever would seem to tell a turn of what is
+    round. Where gaps are larger than their noise, R grows by that ratio; a search that does not settle adds the
+    scatter of its steps. Where the points say nothing (a cylinder's turn about its axis), z stays with the pose
+    predicted and R has `NOTHING`², so that the filter does not take its own prediction for a measurement.
+    `floor`², which averaging does not remove since points share their calibration, is added.
 
     Attributes:
         reach: a point farther than this from the surface is not of it [m].
@@ -101,7 +132,6 @@ class DepthCloud(BodyPose):
         self._surface, self._normals = surface, normals
         self._tree = cKDTree(surface)
         self._middle = 0.5 * (surface.min(axis=0) + surface.max(axis=0))
-        self.wide_r, self.wide_p, self.free_r, self.free_p = 0.2, 0.03, 1.0, 0.3
         self._std_0, self._growth, self.reach, self._iterations = std_0, growth, reach, iterations
 
     def variance(self, range_: Array) -> Array:
@@ -120,111 +150,65 @@ class DepthCloud(BodyPose):
             z (7,) and R (6, 6) for `Ekf.update`.
 
         Raises:
-            CloudError: fewer than `FEWEST` points near the surface, or a fit that they do not determine.
+            CloudError: fewer than `FEWEST` points near the surface, points that are not of it, or a search that went
+                astray.
         """
         points = np.asarray(points, dtype=float)
         points = points[np.all(np.isfinite(points), axis=1)]
-        R_WO, p_WO = self.frame.pose(q)
-        fit = self._fit(points, sensor_origin, R_WO, p_WO)
-        return self._claim(fit)
+        return self._claim(self._fit(points, np.asarray(sensor_origin), *self.frame.pose(q), self._tree))
 
-    def _fit(self, points: Array, origin: Array, R0: Array, p0: Array) -> Fit:
-        """ICP from one pose; about the surface's middle M."""
-        R_WO, p_WM = R0, p0 + R0 @ self._middle
-        range_ = np.linalg.norm(points - origin, axis=1)
-        variance = self.variance(range_)
-        held = np.repeat([self.wide_r**-2, self.wide_p**-2], 3)
-        moved = np.zeros(6)
+    def _fit(self, points: Array, origin: Array, R_WO: Array, p_WO: Array, known: object) -> Fit:
+        """ICP from a pose, by points (K, 3) in W; `known` is handed on to `_partners`."""
+        held, bounds = np.repeat(np.array(SEARCH) ** -2.0, 3), np.repeat(SEARCH, 3)
+        p_WM, moved, path = p_WO + R_WO @ self._middle, np.zeros(6), []
+        away = points - origin
+        range_ = np.maximum(np.linalg.norm(away, axis=1), 1e-9)
+        variance, rays = self.variance(range_), away / range_[:, None]
         for _ in range(self._iterations):
             p_WO = p_WM - R_WO @ self._middle
-            near, index = self._partners((points - p_WO) @ R_WO, (origin - p_WO) @ R_WO)
-            if near.sum() < FEWEST:
-                raise CloudError(f"{self.name}: {int(near.sum())} points lie near the surface; {FEWEST} make a pose")
-            n_W = self._normals[index[near]] @ R_WO.T
-            arm = points[near] - p_WM
-            gap = np.einsum("ij,ij->i", n_W, arm - (self._surface[index[near]] - self._middle) @ R_WO.T)
+            met = self._partners((points - p_WO) @ R_WO, (origin - p_WO) @ R_WO, known)
+            near, index = met.near, met.index[met.near]
+            if len(index) < FEWEST:
+                raise CloudError(f"{self.name}: {len(index)} points lie near the surface; {FEWEST} make a pose")
+            n_W = self._normals[index] @ R_WO.T
+            arm = (self._surface[index] - self._middle) @ R_WO.T
+            gap = np.einsum("ij,ij->i", n_W, points[near] - p_WM - arm)
             J = np.hstack([np.cross(arm, n_W), n_W])
-            along = np.einsum("ij,ij->i", n_W, points[near] - origin) / range_[near]
-            weight_of = 1.0 / self._across(variance[near], along)
+            square = self._square(variance[near], np.einsum("ij,ij->i", n_W, rays[near]), met.doubt[near])
             # Cauchy's weight: what is not of the surface must not pull.
-            weight = weight_of / (1.0 + gap**2 * weight_of / 9.0)
+            weight = 1.0 / (square + gap**2 / 9.0)
             information = (J * weight[:, None]).T @ J
             change = np.linalg.solve(information + np.diag(held), J.T @ (weight * gap) - held * moved)
             moved = moved + change
             R_WO, p_WM = RotationMatrix(Quaternion(exp(change[:3]))).matrix() @ R_WO, p_WM + change[3:]
-            if np.linalg.norm(change[3:]) < 1e-5 and np.linalg.norm(change[:3]) < 1e-4:
+            path.append(moved)
+            if np.all(np.abs(change) < SETTLED * bounds):
                 break
-        misfit = float(np.sum(weight * gap**2)) / max(1, len(gap) - 6)
-        return Fit(R_WO, p_WM, information, misfit, len(gap))
-
-    def _across(self, variance: Array, along: Array) -> Array:
-        """Variance of gaps (K,) along the normal [m²]."""
-        return variance
+        if np.any(np.abs(moved) > 3.0 * bounds):
+            turn, way = (float(np.linalg.norm(part)) for part in (moved[:3], moved[3:]))
+            raise CloudError(f"{self.name}: the search went astray, by {way:.3f} m and {turn:.2f} rad: begin nearer")
+        ratio = float(np.median(gap**2 / square)) / MEDIAN
+        if ratio > STRANGE**2:
+            off = np.sqrt(ratio)
+            raise CloudError(f"{self.name}: the points lie {off:.1f} times their noise off: they are of something else")
+        steps = np.array(path[len(path) // 2 :])
+        scatter = np.zeros((6, 6)) if len(path) < self._iterations else (steps - moved).T @ (steps - moved) / len(steps)
+        return Fit(R_WO, p_WM, information / max(1.0, ratio), scatter)
 
     def _claim(self, fit: Fit) -> tuple[Array, Array]:
-        bound = np.repeat([self.free_r**-2, self.free_p**-2], 3)
-        R_M = max(1.0, fit.misfit) * np.linalg.inv(fit.information + np.diag(bound))
+        """Pose (7,) and R (6, 6) of O: a turn about M also moves O."""
+        R_M = np.linalg.inv(fit.information + np.diag(np.repeat(np.array(NOTHING) ** -2.0, 3))) + fit.scatter
         arm = fit.R_WO @ self._middle
         A = np.eye(6)
-        A[3:, :3] = [[0.0, -arm[2], arm[1]], [arm[2], 0.0, -arm[0]], [-arm[1], arm[0], 0.0]]
+        A[3:, :3] = np.cross(arm, np.eye(3)).T
         z = np.concatenate([RotationMatrix(fit.R_WO).ToQuaternion().wxyz(), fit.p_WM - arm])
         return z, A @ R_M @ A.T + self._noise
 
-    def _partners(self, points: Array, origin: Array) -> tuple[np.ndarray, np.ndarray]:
-        """Which points (K, 3) in O are of the surface (K,), and the surface's point for each (K,); seen from origin."""
+    def _square(self, variance: Array, slant: Array, doubt: Array) -> Array:
+        """Expected squares of gaps (K,) [m²] of points with a variance, met at n · ray = slant (K,)."""
+        return variance
+
+    def _partners(self, points: Array, origin: Array, known: object) -> Partners:
+        """What points (K, 3) in O, seen from an origin (3,), are of."""
         distance, index = self._tree.query(points, distance_upper_bound=self.reach)
-        return np.isfinite(distance), index
-
-
-BESIDE: Final = 0.01
-"""A beam that passes a point of the surface by less than this met it [m]."""
-STEP: Final = 0.02
-"""A surface that lies behind another by more than this is hidden by it [m]."""
-LATERAL: Final = 0.004
-
-
-class Lidar(DepthCloud):
-    """A `DepthCloud` with a lidar's figures: 1 cm near, growing with distance squared (section 3.3).
-
-    So much noise is as large as the link, and the nearest point of its surface is often not the one that was met; but a
-    lidar errs along its beam and hardly across it. So a point's partner is what its beam meets of the side that faces
-    the lidar.
-    """
-
-    def __init__(
-        self, terms: ArmTerms, body: str, surface: Array, normals: Array, *, name: str = "lidar", **tuning: float
-    ) -> None:
-        """As `DepthCloud`, whose arguments `tuning` overrides."""
-        figures: dict[str, float] = {"std_0": 0.01, "growth": 0.005, "reach": 0.06, **tuning}
-        super().__init__(terms, body, surface, normals, name=name, **figures)  # type: ignore[arg-type]
-        self.beside, self.mask = 0.03, np.ones(len(surface), dtype=bool)
-
-    def _across(self, variance: Array, along: Array) -> Array:
-        return np.where(np.abs(along) > 0.35, variance, 1e6)
-
-    def _partners(self, points: Array, origin: Array) -> tuple[np.ndarray, np.ndarray]:
-        away = self._surface - origin
-        facing = np.flatnonzero((np.einsum("ij,ij->i", self._normals, away) < 0.0) & self.mask)
-        if len(facing) < FEWEST:
-            return np.zeros(len(points), dtype=bool), np.zeros(len(points), dtype=int)
-        far, range_ = np.linalg.norm(away[facing], axis=1), np.linalg.norm(points - origin, axis=1)
-        lateral, index = first_met(away[facing] / far[:, None], far, (points - origin) / range_[:, None])
-        middle = float(np.median(far))
-        near = (lateral * middle < self.beside) & (
-            np.abs(range_ - far[index]) < self.reach + 3.0 * np.sqrt(self.variance(range_))
-        )
-        return near, facing[index]
-
-
-def first_met(ways: Array, far: Array, beams: Array) -> tuple[Array, np.ndarray]:
-    """Which of points that lie along `ways` (M, 3) at distances `far` (M,) [m] beams (K, 3) from the same origin meet.
-
-    Returns:
-        Angles (K,) by which they pass it [rad], and its index (K,).
-    """
-    angle, index = cKDTree(ways).query(beams, k=min(6, len(ways)))
-    # Of the few that a beam passes closely, those that lie behind another are hidden.
-    hidden = far[index] > far[index].min(axis=1, keepdims=True) + STEP
-    best = np.argmin(np.where(hidden, np.inf, angle), axis=1)
-    rows = np.arange(len(beams))
-    return angle[rows, best], index[rows, best]
+        return Partners(np.isfinite(distance), index, np.zeros(len(points)))
