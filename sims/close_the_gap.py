@@ -260,7 +260,7 @@ def close(secret: str, seed: int, out: Path) -> Outcome:
     gap = run_gap(urdf, [out / "fit.csv"], out / "holdout.csv", out / "gap", lambda text: print(f"  {text}"))
     print(f"{headline(gap.verdict)} See {out / 'gap' / 'report.html'}")
     for finding in gap.verdict.findings:
-        print(f"  {sentence_of(finding)} ({finding.confidence:.0%} sure)")
+        print(f"  {sentence_of(finding, gap.given.prismatic)} ({finding.confidence:.0%} sure)")
 
     print("driving a task with each model")
     corrected = Model.load(out / "gap" / "model")  # as anyone else would load it

@@ -99,7 +99,7 @@ def main() -> int:
         return 2
     print(f"{headline(gap.verdict)} ({gap.verdict.verdict}, {time.perf_counter() - begin:.0f} s)")
     for finding in gap.verdict.findings:
-        print(f"  {finding.confidence:4.0%}  {sentence_of(finding)}")
+        print(f"  {finding.confidence:4.0%}  {sentence_of(finding, gap.given.prismatic)}")
     published = ", ".join(f"{inertia * ratio**2:.0f}" for inertia, ratio in zip(ROTOR_INERTIA, GEAR_RATIO, strict=True))
     print(f"published: payload 151 kg, 0.1 m beyond the flange; rotors {published} kg·m²")
     print("\nresidual torque, motor side, N·m RMS (10 Hz zero-phase low-pass, 0.3 s cut at each end)")

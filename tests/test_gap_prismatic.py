@@ -143,8 +143,9 @@ def test_predict_writes_newtons(gap: Gap, folder: Path, model: Model) -> None:
 
 
 @pytest.mark.parametrize("name", SHAPED)
-def test_every_effect_in_a_report(model: Model, shown: Shown, name: str) -> None:
+def test_every_effect_in_a_report(model: Model, shown: Shown, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """On the rail alone nothing is said of torques, angles or turns; on both joints each has its unit."""
+    monkeypatch.setattr(report, "pictures", lambda subject: "")  # they say nothing of parameters, and take long
     alone = finding_of(on_both(name, ("rail",), **{key: x[:1] for key, x in SHAPED[name].items()}))
     told = report.page(Subject(verdict(alone), shown, model, model, "gantry.urdf"))
     block = text_of(told.split('<div class="effect">')[1].split("</section>")[0])
@@ -159,7 +160,8 @@ def test_every_effect_in_a_report(model: Model, shown: Shown, name: str) -> None
             assert estimate.unit in ("1", "") or f" {estimate.unit} " in text
 
 
-def test_a_curve_is_of_positions_and_forces(model: Model, shown: Shown) -> None:
+def test_a_curve_is_of_positions_and_forces(model: Model, shown: Shown, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(report, "pictures", lambda subject: "")
     curve = [-0.5, 0.0, 0.5, -20.0, 0.0, 30.0]
     for joint, heads in (("rail", "position [m] force [N]"), ("shoulder", "angle [rad] torque [N·m]")):
         finding = finding_of(on_both("joint_spring", (joint,), curve=curve))
