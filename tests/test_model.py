@@ -188,8 +188,9 @@ def chain(folder: Path, root: str = "") -> Path:
 def test_description_without_motors_or_meshes(tmp_path: Path) -> None:
     """Most public URDFs have no transmissions, and meshes that are not at hand."""
     model = Model.load(chain(tmp_path))
-    assert model.joints == ("shoulder", "elbow")
-    np.testing.assert_allclose(model.effort_limit, [50.0, np.inf])
+    assert model.joints == ("rail", "shoulder", "elbow")  # a rail that carries an arm is no finger
+    assert not model.arm.gripper_joints
+    np.testing.assert_allclose(model.effort_limit[1:], [50.0, np.inf])
     named = Model.load(ArmModel(model=str(chain(tmp_path)), joints=["elbow", "rail", "shoulder"], tool_frame="empty"))
     assert named.joints == ("elbow", "rail", "shoulder")
     q, v, a = motion(6, 40, 3)
@@ -303,7 +304,7 @@ def test_mimicking_joints_have_no_motor(tmp_path: Path) -> None:
         .replace('<axis xyz="0 0.6 0.8"/>', '<axis xyz="0 0.6 0.8"/><mimic joint="shoulder"/>')
     )
     (tmp_path / "chain.urdf").write_text(text)
-    assert Model.load(tmp_path / "chain.urdf").joints == ("shoulder",)
+    assert Model.load(tmp_path / "chain.urdf").joints == ("rail", "shoulder")
 
 
 def test_save_and_load(tmp_path: Path) -> None:

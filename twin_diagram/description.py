@@ -238,16 +238,25 @@ def _choose(
     """The arm's joints and the gripper's, named or by rule."""
     following = unread.mimicking(Path(spec.model))
     driven = [joint for joint in movable if (int(joint.index()) in motors if motors else joint.name() not in following)]
-    revolute: list[Joint] = [joint for joint in driven if isinstance(joint, RevoluteJoint)]
-    arm = _by_name(spec.joints, movable, "joints") if spec.joints else revolute or driven
+    fingers = [joint for joint in driven if isinstance(joint, PrismaticJoint) and _is_finger(joint, movable)]
+    held = {int(joint.index()) for joint in fingers}
+    links = [joint for joint in driven if int(joint.index()) not in held]
+    arm = _by_name(spec.joints, movable, "joints") if spec.joints else links or driven
     if not arm:
         raise ModelError(f"{spec.model}: has no revolute or prismatic joint")
     if spec.gripper_joints:
         gripper = _by_name(spec.gripper_joints, movable, "gripper_joints")
     else:
-        gripper = [joint for joint in driven if isinstance(joint, PrismaticJoint)]
+        gripper = fingers
     in_arm = {int(joint.index()) for joint in arm}
     return arm, [joint for joint in gripper if int(joint.index()) not in in_arm]
+
+
+def _is_finger(joint: Joint, movable: Sequence[Joint]) -> bool:
+    """Whether a prismatic joint is a finger's: they come in pairs and carry nothing; an arm's come one by one."""
+    beside = [other for other in movable if other.parent_body().index() == joint.parent_body().index()]
+    beyond = [other for other in movable if other.parent_body().index() == joint.child_body().index()]
+    return len(beside) > 1 and not beyond
 
 
 def _by_name(names: Sequence[str], movable: Sequence[Joint], field: str) -> list[Joint]:

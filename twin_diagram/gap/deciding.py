@@ -96,14 +96,16 @@ def redness(noise: whitening.Whitener, rate: float) -> float:
 def mostly_left(bench: Bench, fit: Fit, joints: npt.NDArray[np.bool_]) -> bool:
     """Whether more of some joints' residual is left than was explained, as energies above the noise."""
     empty = bench.solve(frozenset()).variance
-    left, all_there = (float(np.sum((bench.counts * (x - 1.0))[joints])) for x in (fit.variance, empty))
+    noise = 1.0 + bench.finest
+    left, all_there = (float(np.sum((bench.counts * (x - noise))[joints])) for x in (fit.variance, empty))
     return left > MOSTLY * all_there and bool(np.any(joints))
 
 
 def conclude(records: Records, terms: Terms, bench: Bench, fit: Fit) -> Verdict:
     """The verdict on a final fit."""
     left = flexible.left_over(records, terms, bench, fit)
-    raised = fit.variance > (LEVEL + OF_FEW / np.maximum(bench.counts, 1.0) if fit.members else FAR_ABOVE)
+    beyond = fit.variance - bench.finest
+    raised = beyond > (LEVEL + OF_FEW / np.maximum(bench.counts, 1.0) if fit.members else FAR_ABOVE)
     structure = left.statistic > REMAINDER or bool(np.any(raised))
     noise = whitening.noise_below(bench.whitener, records.rate)
     findings: tuple[Finding, ...] = ()

@@ -60,6 +60,9 @@ class Bench:
     """Whitened data and candidates; solves hypotheses and scores what could be added to one.
 
     The nuisances are part of every hypothesis and bear no name.
+
+    Attributes:
+        finest: (n,) the least variance that is thought possible; every fit's `variance` holds it.
     """
 
     def __init__(
@@ -86,7 +89,7 @@ class Bench:
         white = whitener.all(residual)
         self._raw = residual
         size = np.sqrt(np.mean(residual**2, axis=0)) if size is None else size
-        self._finest = (FINEST * size / whitener.sigma) ** 2 + 1e-12
+        self.finest = (FINEST * size / whitener.sigma) ** 2 + 1e-12
         self.weights = np.ones_like(white) if weights is None else weights
         self.y = white * self.weights
         self.rows = white.shape[1]
@@ -195,7 +198,7 @@ class Bench:
                 return Fit(members, -np.inf, c, np.eye(len(spread)), order, variance)
             for j, (index, G) in enumerate(joints):
                 d = np.concatenate([[1.0], -c[index]])
-                variance[j] = max(float(d @ G @ d), 0.0) / self.counts[j] + self._finest[j]
+                variance[j] = max(float(d @ G @ d), 0.0) / self.counts[j] + self.finest[j]
         likelihood = -0.5 * float(np.sum(self.counts * np.log(variance)))
         evidence = likelihood - 0.5 * float(np.sum((c / spread) ** 2)) - 0.5 * logdet - self.price(members)
         if members:

@@ -30,7 +30,7 @@ NEARBY = (-1.5, -1.0, -0.6, -0.3, 0.0, 0.3, 0.6, 1.0, 1.5)
 """Moments that are tried about the best sample, in thinned periods."""
 
 LONGEST = BLOCKS // 2
-"""Blocks that a push may last: what goes on for most of a log is no event."""
+"""Blocks that a push may last that ends: what goes on for most of a log and ends is no event."""
 
 MARGIN = 3
 """An effect must last, and be preceded by, this many blocks to count as one that starts or ends."""
@@ -190,7 +190,7 @@ class Proposer:
             self._forces = arm_candidates.external_forces(self.terms)
             self._force_columns = [bench.whiten(candidate) for candidate in self._forces]
         edges = block_edges(bench.rows)
-        pairs = np.array([(i, k) for i in range(1, BLOCKS) for k in range(i + 2, BLOCKS + 1) if k - i <= LONGEST])
+        pairs = spans()
         found: list[tuple[float, int, int, int]] = []
         for index, candidate in enumerate(self._forces):
             rows = list(candidate.rows)
@@ -243,6 +243,12 @@ def active(terms: Terms, onset: tuple[int, float] | None, end: tuple[int, float]
         return started if end is None else started - after(record, end)
 
     return terms.records.reduce(law)
+
+
+def spans() -> npt.NDArray[np.int64]:
+    """(P, 2) blocks at which a push may begin and end; one that goes on beyond the log may last longer."""
+    brief = [(i, k) for i in range(1, BLOCKS) for k in range(i + 2, min(i + LONGEST, BLOCKS) + 1)]
+    return np.array(brief + [(i, BLOCKS) for i in range(MARGIN, BLOCKS - LONGEST)])
 
 
 def _scores(G: Array, C: Array, b: Array, spread: Array, projected: Array) -> Array:
