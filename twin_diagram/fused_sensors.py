@@ -35,9 +35,6 @@ DEPTH = "depth"
 """The kind that is the twin's camera."""
 LIDAR = "lidar"
 """The kind that is the twin's lidar."""
-HIDDEN = (0.01, 0.06)
-"""Error that all of a scan's points share, where the filter is not told: other links hide a link's ends, which tell
-where it is along itself and how it is turned about itself [m], [rad]."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +113,7 @@ def export(
             surface = link_surface(twin.arm, sensor.spec.body, packages)
             others = other_surfaces(twin.arm, sensor.spec.body, packages)
             cloud = builder.AddNamedSystem(f"{name}_cloud", ScanCloud(twin.lidar))
-            floor = dict(zip(("floor_p", "floor_r"), sensor.spec.std or HIDDEN, strict=True))
+            floor = dict(zip(("floor_p", "floor_r"), sensor.spec.std or FLOOR, strict=True))
             scan = ArmScan.AddToBuilder(
                 builder, ekf, name, sensor.spec.body, surface, description.pose(twin.lidar.X_WS), others, **floor
             )
