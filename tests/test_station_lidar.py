@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydrake.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
@@ -13,7 +15,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 
 from twin_diagram.diagram import ClosedLoop, make_closed_loop, make_twin
-from twin_diagram.errors import ScenarioError
+from twin_diagram.errors import ScenarioError, StationError
 from twin_diagram.estimation.belief import Track
 from twin_diagram.run import replay_scenario, run_scenario
 from twin_diagram.scan_cloud import beams
@@ -189,14 +191,85 @@ def test_scrambling_the_world_changes_nothing_that_the_twin_is_built_of() -> Non
     assert loop.station.GetOutputPort(ports.time_of(PORT)).Eval(station)[0] == NEVER
 
 
-def test_a_recording_has_no_scans_and_the_filter_does_without(tmp_path: Path) -> None:
-    run_scenario(plan(0.3), record=tmp_path / "recording", say=lambda text: None, quiet=True)
-    again = replay_scenario(tmp_path / "recording")
-    again.twin.filter.sensors = [SensorSpec("lidar")]
-    again.twin.lidar = Lidar(X_WS=POSE)
-    loop, simulator = run(again, 0.3)
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("lidar") / "recording"
+    run_scenario(plan(0.55), record=folder, say=lambda text: None, quiet=True)
+    return folder
+
+
+def believed(loop: ClosedLoop, simulator: Simulator) -> Array:
+    belief = loop.twin.ekf.belief(loop.twin.ekf.GetMyContextFromRoot(simulator.get_context()))
+    return np.array(belief.vector)
+
+
+def test_a_recording_shows_scans_again_to_the_bit(recorded: Path) -> None:
+    again = replay_scenario(recorded)
+    live, replayed = run(plan(), 0.5), run(again, 0.5)
+    for loop, simulator in (live, replayed):
+        found = loop.twin.ekf.belief(loop.twin.ekf.GetMyContextFromRoot(simulator.get_context()))
+        assert found.tracks[0][Track.ACCEPTED] >= 3
+    np.testing.assert_array_equal(believed(*live), believed(*replayed))
+    ranges, times = (
+        [
+            loop.station.GetOutputPort(name).Eval(loop.station.GetMyContextFromRoot(simulator.get_context())).copy()
+            for loop, simulator in (live, replayed)
+        ]
+        for name in (PORT, ports.time_of(PORT))
+    )
+    np.testing.assert_array_equal(*ranges)
+    np.testing.assert_array_equal(*times)
+    assert np.count_nonzero(ranges[0]) > 1000
+    # Before the first scan nothing is on the ports.
+    loop, _ = replayed
+    station = loop.station.CreateDefaultContext()
+    assert not loop.station.GetOutputPort(PORT).Eval(station).any()
+    assert loop.station.GetOutputPort(ports.time_of(PORT)).Eval(station)[0] == NEVER
+
+
+def test_a_recording_without_scans_is_one_in_which_the_lidar_is_silent(recorded: Path, tmp_path: Path) -> None:
+    """As earlier versions wrote them: their manifests do not know the word."""
+    folder = Path(shutil.copytree(recorded, tmp_path / "recording"))
+    manifest = yaml.safe_load((folder / "manifest.yaml").read_text())
+    del manifest["lidar"]
+    (folder / "manifest.yaml").write_text(yaml.safe_dump(manifest))
+    shutil.rmtree(folder / PORT)
+    loop, simulator = run(replay_scenario(folder), 0.3)
     found = loop.twin.ekf.belief(loop.twin.ekf.GetMyContextFromRoot(simulator.get_context()))
     assert found.valid and not found.tracks[0][Track.ACCEPTED] and not found.tracks[0][Track.INVALID]
+    without = replay_scenario(recorded)
+    without.twin.filter.sensors, without.twin.lidar = [], None
+    assert PORT not in ports.output_names(make_station(without))
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (lambda folder: (folder / "scan_000001.npz").unlink(), "scan_000001.npz: missing"),
+        (lambda folder: (folder / "scans.csv").write_text("index,capture\n0,0.1\n"), "needs the columns"),
+        (lambda folder: (folder / "scans.csv").write_text("index,capture,delivery\n0,0.1,2\n1,0.2,1\n"), "go back"),
+        (lambda folder: (folder / "scan_000000.npz").write_bytes(b"no"), "scan_000000.npz: not a scan"),
+        (lambda folder: np.savez(folder / "scan_000000.npz", ranges=np.zeros(3)), r"holds \(3,\) numbers"),
+        (lambda folder: np.savez(folder / "scan_000000.npz", other=np.zeros(3)), "not a scan"),
+    ],
+)
+def test_damaged_scans_are_named(recorded: Path, tmp_path: Path, damage, words: str) -> None:  # type: ignore[no-untyped-def]
+    folder = Path(shutil.copytree(recorded, tmp_path / "recording"))
+    damage(folder / PORT)
+    with pytest.raises(StationError, match=words) as caught:
+        station = make_station(replay_scenario(folder))
+        context = station.CreateDefaultContext()
+        context.SetTime(0.15)
+        station.GetOutputPort(PORT).Eval(context)
+    assert "\n" not in str(caught.value)
+
+
+def test_another_lidar_than_was_recorded_is_refused(recorded: Path) -> None:
+    again = replay_scenario(recorded)
+    assert again.twin.lidar is not None
+    again.twin.lidar.rows = 7
+    with pytest.raises(ScenarioError, match=r"twin\.lidar\.rows: 7; recorded was 120"):
+        make_station(again)
 
 
 @pytest.mark.parametrize(

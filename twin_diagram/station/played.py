@@ -87,7 +87,25 @@ def read_columns(path: Path) -> tuple[list[str], Array]:
     return names, values
 
 
-def _rising(path: Path, delivery: Array) -> None:
+def newest(delivery: Array, time: float) -> int:
+    """Index of the newest entry that stands on the ports at `time`; -1 before the first.
+
+    What is delivered at a time is seen by events after it, not by those at the same time, as it was while it was
+    recorded.
+
+    Args:
+        delivery: (N,) rising [s].
+        time: [s].
+    """
+    return int(np.searchsorted(delivery, time, side="left")) - 1
+
+
+def rising(path: Path, delivery: Array) -> None:
+    """Checks a table's delivery times.
+
+    Raises:
+        StationError: they go back.
+    """
     if not np.all(np.isfinite(delivery)) or np.any(np.diff(delivery) < 0):
         row = int(np.argmax(~np.isfinite(delivery) | np.r_[False, np.diff(delivery) < 0]))
         raise StationError(f"{path}: delivery times go back at row {row + 2}")
@@ -113,7 +131,7 @@ def read_recording(folder: Path, manifest: Manifest, joints: Sequence[str], fing
         raise StationError(f"{folder / LOG}: no message in it")
     if len(deliveries) != len(values):
         raise StationError(f"{folder}: {LOG} has {len(values)} rows, {MESSAGES} {len(deliveries)}")
-    _rising(folder / MESSAGES, deliveries[:, 1])
+    rising(folder / MESSAGES, deliveries[:, 1])
 
     def signal(name: str) -> Array:
         try:
@@ -165,7 +183,7 @@ def read_frames(folder: Path, manifest: Manifest | None, camera: Camera | None) 
     _, table = read_columns(images / FRAMES)
     if len(table) and table.shape[1] != 3:
         raise StationError(f"{images / FRAMES}: needs the columns index, capture, delivery")
-    _rising(images / FRAMES, table[:, 2])
+    rising(images / FRAMES, table[:, 2])
     index = table[:, 0].astype(np.int64)
     for k in index:
         for name in (rgb_file(k), depth_file(k)):
@@ -201,7 +219,7 @@ def read_sensors(folder: Path, manifest: Manifest) -> dict[str, Readings]:
         _, table = read_columns(file)
         if table.shape[1] != 2 + SENSOR_SIZE:
             raise StationError(f"{file}: {table.shape[1]} columns; a sensor's table has {2 + SENSOR_SIZE}")
-        _rising(file, table[:, 1])
+        rising(file, table[:, 1])
         found[name] = Readings(table[:, 0], table[:, 1], table[:, 2:])
     return found
 

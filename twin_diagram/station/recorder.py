@@ -13,7 +13,7 @@ from twin_diagram.errors import StationError
 from twin_diagram.scenario import Scenario
 from twin_diagram.station import ports
 from twin_diagram.station.parsing import twin_arm
-from twin_diagram.station.recording import Manifest, RecordedCamera, RecordingWriter
+from twin_diagram.station.recording import Manifest, RecordedCamera, RecordedLidar, RecordingWriter
 
 
 def open_recording(scenario: Scenario, folder: str | Path) -> RecordingWriter:
@@ -39,7 +39,9 @@ def open_recording(scenario: Scenario, folder: str | Path) -> RecordingWriter:
     if camera is not None:
         unit = depth_unit(scenario)
         recorded = RecordedCamera(camera.name, camera.width, camera.height, camera.rate, camera.latency, unit)
-    return RecordingWriter(folder, Manifest(list(arm.joints), list(arm.gripper_joints), recorded, sensors))
+    lidar = scenario.twin.lidar
+    scanned = None if lidar is None else RecordedLidar(lidar.name, lidar.columns, lidar.rows)
+    return RecordingWriter(folder, Manifest(list(arm.joints), list(arm.gripper_joints), recorded, sensors, scanned))
 
 
 def depth_unit(scenario: Scenario) -> float:
@@ -50,7 +52,7 @@ def depth_unit(scenario: Scenario) -> float:
 
 
 class Recorder(LeafSystem):
-    """Writes each new message and each new image of a station.
+    """Writes each new message, image and scan of a station.
 
     .. pydrake_system::
 
@@ -68,6 +70,8 @@ class Recorder(LeafSystem):
         - <body>.imu_time
         - wrist.wrench_measured
         - wrist.wrench_time
+        - <lidar>.lidar
+        - <lidar>.lidar_time
         - arm.position_commanded
 
     Looks at the end of each step of the simulator. A message that is new there came to stand on the ports by an
@@ -76,7 +80,7 @@ class Recorder(LeafSystem):
     state in the Context; what it has written is the writer's. One run, one recorder.
 
     Attributes:
-        sensors: further sensors that it looks at, by their ports.
+        sensors: further sensors that it looks at, by their ports; the lidar, too.
     """
 
     def __init__(self, writer: RecordingWriter) -> None:
@@ -113,7 +117,13 @@ class Recorder(LeafSystem):
             self._rgb = self.DeclareAbstractInputPort(ports.rgb_image(camera), Value(ImageRgba8U()))
             self._depth = self.DeclareAbstractInputPort(ports.depth_image(camera), Value(ImageDepth32F()))
             self._image_time = self.DeclareVectorInputPort(ports.image_time(camera), 1)
-        self._message, self._image = -1.0, -1.0  # times of the newest that were written
+        self._scan_time = None
+        if manifest.lidar is not None:
+            port = ports.lidar(manifest.lidar.name)
+            self.sensors += (port,)
+            self._ranges = self.DeclareVectorInputPort(port, manifest.lidar.columns * manifest.lidar.rows)
+            self._scan_time = self.DeclareVectorInputPort(ports.time_of(port), 1)
+        self._message, self._image, self._scan = -1.0, -1.0, -1.0  # times of the newest that were written
         self._before = 0.0  # end of the step before
         self.DeclarePerStepPublishEvent(self._look)
 
@@ -140,6 +150,11 @@ class Recorder(LeafSystem):
                 self._image = time
                 rgb, depth = self._rgb.Eval(context).data, self._depth.Eval(context).data[..., 0]
                 self._writer.image(time, self._before, rgb, depth)
+        if self._scan_time is not None:
+            time = float(self._scan_time.Eval(context)[0]) if self._scan_time.HasValue(context) else -1.0
+            if time > self._scan:
+                self._scan = time
+                self._writer.scan(time, self._before, self._ranges.Eval(context))
         self._before = now
         return EventStatus.Succeeded()
 

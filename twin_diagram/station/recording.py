@@ -7,6 +7,7 @@ A recording is a folder:
 - ``messages.csv``: when each of them came to stand on the ports;
 - ``gripper.csv``: the fingers' positions and speeds, where the robot has a gripper;
 - ``sensor_<k>.csv``: readings of the k-th further sensor of the manifest, with measurement and delivery times;
+- ``<lidar>.lidar/``: ``scan_<k>.npz`` (ranges, to the bit) and ``scans.csv`` (capture and delivery times);
 - ``<camera>/``: ``rgb_<k>.png``, ``depth_<k>.png`` (16 bit, in depth units) and ``frames.csv`` (capture and delivery
 times).
 
@@ -19,7 +20,7 @@ import os
 import shutil
 import tempfile
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
@@ -33,6 +34,7 @@ import numpy.typing as npt
 import yaml
 
 from twin_diagram.errors import StationError
+from twin_diagram.station import ports
 from twin_diagram.station.camera_defects import depth_to_units
 from twin_diagram.station.ports import SENSOR_SIZE
 
@@ -42,8 +44,9 @@ LOG: Final = "log.csv"
 MESSAGES: Final = "messages.csv"
 GRIPPER: Final = "gripper.csv"
 FRAMES: Final = "frames.csv"
+SCANS: Final = "scans.csv"
 _PENDING: Final = 8
-"""Images that may wait to be written."""
+"""Images and scans that may wait to be written."""
 
 
 @dataclass
@@ -60,6 +63,20 @@ class RecordedCamera:
 
 
 @dataclass
+class RecordedLidar:
+    """What a recording says about its lidar; see `scenario.Lidar`."""
+
+    name: str
+    columns: int
+    rows: int
+
+    @property
+    def folder(self) -> str:
+        """Where its scans are, in the recording; named as its port, so that it cannot be a camera's."""
+        return ports.lidar(self.name)
+
+
+@dataclass
 class Manifest:
     """What a recording holds."""
 
@@ -68,6 +85,7 @@ class Manifest:
     camera: RecordedCamera | None = None
     sensors: list[str] = field(default_factory=list)
     """Ports of further sensors."""
+    lidar: RecordedLidar | None = None
     version: int = VERSION
 
 
@@ -79,6 +97,11 @@ def rgb_file(k: int) -> str:
 def depth_file(k: int) -> str:
     """Name of the k-th depth image."""
     return f"depth_{k:06d}.png"
+
+
+def scan_file(k: int) -> str:
+    """Name of the k-th scan."""
+    return f"scan_{k:06d}.npz"
 
 
 def sensor_file(k: int) -> str:
@@ -133,6 +156,11 @@ class RecordingWriter:
         if manifest.camera is not None:
             (self._staging / manifest.camera.name).mkdir()
             self._frames = self._open(f"{manifest.camera.name}/{FRAMES}", ["index", "capture", "delivery"])
+        self._scans = None
+        self._scan_count = 0
+        if manifest.lidar is not None:
+            (self._staging / manifest.lidar.folder).mkdir()
+            self._scans = self._open(f"{manifest.lidar.folder}/{SCANS}", ["index", "capture", "delivery"])
         self._pool = ThreadPoolExecutor(1, "image-writer")
         self._pending: deque[Future[None]] = deque()
         self._open_still = True
@@ -183,10 +211,21 @@ class RecordingWriter:
         self._count += 1
         colour = np.ascontiguousarray(rgb[..., 2::-1])
         counts = depth_to_units(depth, self.manifest.camera.depth_unit)
+        self._submit(_write_images, folder, k, colour, counts)
+        self._frames.write(f"{k},{capture!r},{delivery!r}\n")
+
+    def scan(self, capture: float, delivery: float, ranges: npt.NDArray[np.float64]) -> None:
+        """Writes one scan (rows · columns,) [m] in the background, as `image`; copied."""
+        assert self.manifest.lidar is not None and self._scans is not None
+        k = self._scan_count
+        self._scan_count += 1
+        self._submit(_write_scan, self._staging / self.manifest.lidar.folder / scan_file(k), np.array(ranges))
+        self._scans.write(f"{k},{capture!r},{delivery!r}\n")
+
+    def _submit(self, write: Callable[..., None], *what: Any) -> None:
         while len(self._pending) >= _PENDING or (self._pending and self._pending[0].done()):
             self._pending.popleft().result()
-        self._pending.append(self._pool.submit(_write_images, folder, k, colour, counts))
-        self._frames.write(f"{k},{capture!r},{delivery!r}\n")
+        self._pending.append(self._pool.submit(write, *what))
 
     def close(self) -> None:
         """Finishes the recording and gives it its name; no more than once has an effect.
@@ -249,6 +288,10 @@ def _write_images(folder: Path, k: int, colour: npt.NDArray[np.uint8], counts: n
             raise OSError(0, f"{name} could not be written", str(folder / name))
 
 
+def _write_scan(file: Path, ranges: npt.NDArray[np.float64]) -> None:
+    np.savez_compressed(file, ranges=ranges)
+
+
 def read_manifest(folder: Path) -> Manifest:
     """What a recording's folder holds.
 
@@ -260,8 +303,12 @@ def read_manifest(folder: Path) -> Manifest:
         raise StationError(f"replay.log: {folder} is no recording: no {MANIFEST} in it")
     try:
         data: Any = yaml.safe_load(file.read_text())
-        camera = data.pop("camera")
-        manifest = Manifest(**data, camera=RecordedCamera(**camera) if camera else None)
+        camera, lidar = data.pop("camera"), data.pop("lidar", None)  # recordings of earlier versions name no lidar
+        manifest = Manifest(
+            **data,
+            camera=RecordedCamera(**camera) if camera else None,
+            lidar=RecordedLidar(**lidar) if lidar else None,
+        )
     except (yaml.YAMLError, TypeError, KeyError, AttributeError, UnicodeDecodeError) as error:
         raise StationError(f"replay.log: {file} is not a recording's manifest: {error}") from error
     if manifest.version != VERSION:

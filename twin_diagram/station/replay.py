@@ -23,25 +23,14 @@ from twin_diagram.station.played import (
     Frames,
     Messages,
     Readings,
+    newest,
     read_frames,
     read_log,
     read_recording,
     read_sensors,
 )
 from twin_diagram.station.recording import depth_file, read_manifest, rgb_file
-
-
-def newest(delivery: Array, time: float) -> int:
-    """Index of the newest entry that stands on the ports at `time`; -1 before the first.
-
-    What is delivered at a time is seen by events after it, not by those at the same time, as it was while it was
-    recorded.
-
-    Args:
-        delivery: (N,) rising [s].
-        time: [s].
-    """
-    return int(np.searchsorted(delivery, time, side="left")) - 1
+from twin_diagram.station.scan_player import ScanPlayer, Scans, read_scans
 
 
 class MessagePlayer(LeafSystem):
@@ -207,6 +196,8 @@ class ReplayStation(Diagram):
         - <body>.imu_time
         - wrist.wrench_measured
         - wrist.wrench_time
+        - <lidar>.lidar
+        - <lidar>.lidar_time
 
     A recording's folder shows everything at the times at which the live station showed it, bit for bit. A bare log's
     times are counted from its first sample, and each sample stands from its own time on; it has no images. Reads
@@ -235,11 +226,13 @@ class ReplayStation(Diagram):
         camera = scenario.twin.camera
         folder = path if path.is_dir() else None
         sensors: dict[str, Readings] = {}
+        scans: Scans | None = None
         if folder is not None:
             manifest = read_manifest(folder)
             messages = read_recording(folder, manifest, arm.joints, arm.gripper_joints)
             frames = read_frames(folder, manifest, camera)
             sensors = read_sensors(folder, manifest)
+            scans = read_scans(folder, manifest, scenario.twin.lidar)
         else:
             messages = read_log(path, arm.joints)
             frames = read_frames(path.parent, None, camera)
@@ -274,6 +267,12 @@ class ReplayStation(Diagram):
             builder.ExportOutput(sensor.GetOutputPort("reading"), name)
             builder.ExportOutput(sensor.GetOutputPort("time"), ports.time_of(name))
             further |= {name: ports.SENSOR_SIZE, ports.time_of(name): 1}
+        if scans is not None and scenario.twin.lidar is not None:
+            name = ports.lidar(scenario.twin.lidar.name)
+            lidar = builder.AddNamedSystem(name, ScanPlayer(scans))
+            builder.ExportOutput(lidar.GetOutputPort("ranges"), name)
+            builder.ExportOutput(lidar.GetOutputPort("scan_time"), ports.time_of(name))
+            further |= {name: scans.size, ports.time_of(name): 1}
         builder.BuildInto(self)
         self.set_name("station")
         ports.check(self, n, g, camera.name if camera else None, further)
