@@ -48,7 +48,7 @@ class Lidar(DepthCloud):
         self, terms: ArmTerms, body: str, surface: Array, normals: Array, *, name: str = "lidar", **tuning: float
     ) -> None:
         """As `DepthCloud`, whose arguments `tuning` overrides."""
-        figures: dict[str, float] = {"std_0": 0.01, "growth": 0.005, "reach": 0.06, **tuning}
+        figures: dict[str, float] = {"std_0": 0.01, "growth": 0.005, "reach": 0.02, **tuning}
         super().__init__(terms, body, surface, normals, name=name, **figures)  # type: ignore[arg-type]
 
     def align(self, points: Array, sensor_origin: Array, q: Array, others: Points | None = None) -> tuple[Array, Array]:
@@ -94,8 +94,8 @@ class Lidar(DepthCloud):
         slant = np.minimum(np.einsum("ikj,ij->ik", normals, beams), -STEEPEST)
         meets = np.einsum("ikj,ikj->ik", normals, self._surface[candidates] - origin) / slant
         expected = far[nearest[:, 0]]
-        near = passes[:, 0] * expected < ASTRAY
-        near &= np.abs(range_ - expected) < self.reach + 3.0 * np.sqrt(self.variance(range_))
+        fits = np.abs(range_ - expected) < self.reach + 3.0 * np.sqrt(self.variance(range_))
+        near = fits & (passes[:, 0] * expected < ASTRAY)
         return Partners(near, candidates[:, 0], 0.5 * np.ptp(meets, axis=1))
 
 
