@@ -160,7 +160,9 @@ class DepthCloud(BodyPose):
     def _fit(self, points: Array, origin: Array, R_WO: Array, p_WO: Array, known: object) -> Fit:
         """ICP from a pose, by points (K, 3) in W; `known` is handed on to `_partners`."""
         held, bounds = np.repeat(np.array(SEARCH) ** -2.0, 3), np.repeat(SEARCH, 3)
-        p_WM, moved, path = p_WO + R_WO @ self._middle, np.zeros(6), []
+        p_WM = p_WO + R_WO @ self._middle
+        moved: Array = np.zeros(6)
+        path: list[Array] = []
         away = points - origin
         range_ = np.maximum(np.linalg.norm(away, axis=1), 1e-9)
         variance, rays = self.variance(range_), away / range_[:, None]

@@ -35,8 +35,9 @@ class Lidar(DepthCloud):
     """A `DepthCloud` with a lidar's figures: 1 cm near, growing with distance squared (section 3.3).
 
     So much noise is as large as the link, and the nearest point of its surface is often not the one that was met; but a
-    lidar errs along its beam and hardly across it. So what a beam met is told by its direction alone, never by
-    its range: a choice by range would keep those points whose errors please. The gap's expected square is
+    lidar errs along its beam and hardly across it. So what a beam met is told by its direction alone: a choice by
+    range would keep those points whose errors please. By its range a point is left out only where that lies farther
+    from the one expected than three deviations and `reach`, to either side. The gap's expected square is
 
         (σ n·d)² + s² + (δ n·d)²
 
