@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from twin_diagram.gap import whitening
 from twin_diagram.gap.candidate import Candidate, linear
-from twin_diagram.gap.deciding import crowded, negligible, redness
+from twin_diagram.gap.deciding import crowded, mostly_left, negligible, redness
 from twin_diagram.gap.evidence import Bench
 from twin_diagram.gap.finding import Finding, Moment
 from twin_diagram.gap.holding import peaks_of
@@ -218,3 +218,16 @@ def test_a_delay_that_one_joint_alone_has_is_told(joint: int) -> None:
     assert uneven(bench, bench.solve(frozenset({0})), 0)[0] == joint
     even = Bench(rng.normal(size=(ROWS, JOINTS)) + 0.3 * rates, white(), [late], [])
     assert not uneven(even, even.solve(frozenset({0})), 0)
+
+
+def test_the_least_noise_that_any_log_has_is_no_structure() -> None:
+    """Beside torques of 4000 standard deviations, twice the noise is what filters and sampling leave."""
+    rng = np.random.default_rng(3)
+    size = np.array([4000.0, 0.0, 0.0])
+    bench = Bench(rng.normal(size=(ROWS, JOINTS)), white(), offers(rng), [], size=size)
+    nothing = bench.solve(frozenset())
+    assert bench.finest[0] == pytest.approx(4.0) and nothing.variance[0] > 4.5
+    np.testing.assert_allclose(nothing.variance - bench.finest, 1.0, atol=0.15)
+    all_joints = np.ones(JOINTS, dtype=bool)
+    pushed = Bench(rng.normal(size=(ROWS, JOINTS)) + 9.0 * offers(rng)[0].columns[:, :, 0], white(), offers(rng), [])
+    assert mostly_left(pushed, pushed.solve(frozenset()), all_joints)

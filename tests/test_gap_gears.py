@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 import pytest
 from test_gap_terms import log_with, terms_of
 
 from twin_diagram.gap.evidence import Bench
-from twin_diagram.gap.gears import Shape, gear, propose
+from twin_diagram.gap.gears import Shape, gear, propose, rattled
 from twin_diagram.gap.naming import all_candidates
 from twin_diagram.gap.terms import Terms
 from twin_diagram.gap.whitening import Whitener
@@ -21,7 +23,13 @@ PAN, LIFT = 0, 1
 
 @pytest.fixture(scope="module")
 def terms() -> Terms:
-    return terms_of(log_with())
+    """Their residual is made up, so that no encoder's noise is in it."""
+    return shaken(terms_of(log_with()), 0.0)
+
+
+def shaken(terms: Terms, share: float) -> Terms:
+    records = tuple(replace(record, shaken=np.full(6, share)) for record in terms.records.records)
+    return replace(terms, records=replace(terms.records, records=records))
 
 
 def bench_of(terms: Terms, torque: Array, names: frozenset[str] = frozenset()) -> Bench:
@@ -74,3 +82,10 @@ def test_play_takes_the_place_of_an_offset_and_a_rotor(terms: Terms) -> None:
     share, inertia = bench.part(found, k)[0]
     assert share * bench.candidates[k].shape["gap"] == pytest.approx(0.003, rel=0.1)
     assert inertia == pytest.approx(rotor, rel=0.1)
+
+
+def test_what_an_encoders_noise_alone_may_bring_a_gear_is_charged(terms: Terms) -> None:
+    """Where the band keeps that noise small nothing is; else about half the samples times the noise's share."""
+    costs = [rattled(shaken(terms, share), PAN) for share in (0.0, 0.3, 0.4, 0.6, 1.0, 100.0)]
+    assert costs[1] == 0.0 and np.all(np.diff(costs[1:]) > 0.0)
+    assert costs[-1] == pytest.approx(0.5 * len(terms.records.residual), rel=0.15)

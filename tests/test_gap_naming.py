@@ -109,3 +109,18 @@ def test_whitening_makes_coloured_noise_white() -> None:
     white = estimate(noise, [4000]).all(noise)[0]
     assert np.std(white) == pytest.approx(1.0, rel=0.05)
     assert abs(np.mean(white[1:] * white[:-1])) < 0.05
+
+
+def test_a_push_that_goes_on_may_last_longer_than_half_a_log() -> None:
+    wrench = [14.0, -9.0, 12.0, 0.0, 0.0, 0.0]
+    push = EffectSpec("external_force", [], ["wrist_3_link"], {"wrench": wrench})
+    plain, pushed = log_of([], seed=4), log_of([push], seed=4)
+    assert plain.torque is not None and pushed.torque is not None
+    torque = np.where(plain.time[:, None] < 3.2, plain.torque, pushed.torque)
+    verdict = name(GIVEN, [Log(plain.time, plain.joints, plain.position, torque=torque)])
+    (finding,) = verdict.findings
+    assert (finding.name, finding.links) == ("external_force", ("wrist_3_link",))
+    assert finding.onset is not None and finding.onset.time == pytest.approx(3.2, abs=0.05) and finding.end is None
+    estimate_of = finding.parameters["wrench"]
+    assert not isinstance(estimate_of, dict)
+    np.testing.assert_allclose(np.ravel(estimate_of.value)[:3], wrench[:3], rtol=0.1)

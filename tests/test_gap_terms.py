@@ -9,13 +9,14 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from twin_diagram.effects import make
 from twin_diagram.gap import holding, joint_candidates, rest
-from twin_diagram.gap.records import prepare
+from twin_diagram.gap.records import prepare, roughness
 from twin_diagram.gap.terms import Terms, given_load, slow_speed, turns
 from twin_diagram.gap.whitening import Whitener
 from twin_diagram.logs import Log
 from twin_diagram.model import Model
-from twin_diagram.scenario import ArmModel
+from twin_diagram.scenario import ArmModel, EffectSpec
 
 Array = npt.NDArray[np.float64]
 
@@ -162,3 +163,30 @@ def test_rests_that_hold_more_than_the_sliding_level_refute_it(
     if found is not None:
         static, evidence = found
         assert static == pytest.approx(held * level, rel=0.2) and evidence > 5.0
+
+
+def test_friction_goes_by_what_gears_pass_on_without_the_dry_friction_that_is_known() -> None:
+    levels = [8.0, 8.0, 6.0, 1.0, 1.0, 1.0]
+    dry = make(EffectSpec(name="coulomb_friction", joints=list(GIVEN.joints), parameters={"torque": levels}))
+    log = log_with()
+    record = prepare(GIVEN.with_effects([dry]), [log]).records[0]
+    slick = prepare(GIVEN, [log]).records[0]
+    np.testing.assert_allclose(record.passed, slick.given, atol=1e-9)
+    moving = np.abs(record.v) > 0.05
+    np.testing.assert_allclose((record.given - record.passed)[moving], (levels * np.sign(record.v))[moving], atol=1e-6)
+    np.testing.assert_array_equal(slick.passed, slick.given)
+
+
+@pytest.mark.parametrize("resting", [0.0, 0.7])
+def test_an_encoders_noise_is_known_though_the_joint_rests(resting: float) -> None:
+    rng = np.random.default_rng(8)
+    time = np.arange(6000) / 500.0
+    stays = np.where(time < resting * time[-1], 0.0, time - resting * time[-1])
+    signal = np.stack([0.5 * np.sin(3.0 * time), np.sin(2.0 * stays), np.zeros(6000)], axis=1)
+    signal[:, 0] += 1e-4 * rng.normal(size=6000)
+    step = 2e-3
+    signal[:, 1] = np.round(signal[:, 1] / step) * step
+    noise = roughness(signal, 0.002)
+    assert noise[0] == pytest.approx(1e-4, rel=0.06)
+    assert noise[1] == pytest.approx(step / np.sqrt(12.0), rel=0.25)
+    assert noise[2] == 0.0

@@ -18,7 +18,7 @@ from twin_diagram.effects.effect import REGISTRY, Effect
 from twin_diagram.gap.candidate import Candidate, transformed
 from twin_diagram.gap.evidence import Bench, Members
 from twin_diagram.gap.pricing import NEW_NAME
-from twin_diagram.gap.records import Record
+from twin_diagram.gap.records import NOISE_SHARE, Record
 from twin_diagram.gap.terms import Terms
 from twin_diagram.model import Model
 from twin_diagram.scenario import EffectSpec
@@ -46,6 +46,9 @@ ABOUT_ONE = (0.6, 1.5)
 
 WORTH = 10.0
 """Evidence beyond a name's price that makes a gear worth offering [nats]."""
+
+EDGE = 1.25
+"""Whitened, noise counts evenly up to so many times the band."""
 
 GEARS = ("joint_elasticity", "backlash")
 
@@ -105,9 +108,24 @@ def gear(terms: Terms, shape: Shape) -> Candidate | None:
         upper=np.array([ABOUT_ONE[1], np.inf]),
         parameters=transformed(parameters),
         shape=values,
-        cost=COST[shape.name],
+        cost=COST[shape.name] + rattled(terms, j),
         variant="swinging",
     )
+
+
+def rattled(terms: Terms, j: int) -> float:
+    """Evidence that a gear may find in an encoder's noise alone [nats].
+
+    The given model answers the noise of positions with inertial torque, which a gear that yields takes back. The band
+    keeps that small beside the torque's noise; where it does not, because most of the log says nothing of it (a joint
+    rests), the share x/(1 + x) of the noise's power goes to any gear, x growing with the frequency's fourth power.
+    """
+    u = np.linspace(0.0, EDGE, 40)
+    lost = 0.0
+    for record in terms.records.records:
+        x = max(0.0, record.shaken[j] ** 2 - NOISE_SHARE**2) * u**4
+        lost += 0.5 * len(record.kept) * float(np.mean(x / (1.0 + x)))
+    return lost
 
 
 def _effect(model: Model, shape: Shape) -> Effect:

@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import uniform_filter1d
 
 from twin_diagram.errors import LogError
 from twin_diagram.logs import Log, fingerprint, is_regular, uniform
@@ -36,6 +37,12 @@ LEAST_BAND = 8.0
 NOISE_SHARE = 0.3
 """Inertial torque of position noise, over the torque's own, at the band's edge."""
 
+SPELL = 0.1
+"""A joint whose encoder says the same for so long rests [s]."""
+
+OUTLYING = 0.01
+"""Share of samples that may be outliers."""
+
 SHORTEST = 2.0
 """A log must have this much left after its ends are cut [s]."""
 
@@ -56,6 +63,7 @@ class Record:
         torque: logged, unfiltered [N·m].
         given: the given model's torque for this motion [N·m].
         passed: the same without dry friction: what the gears pass on [N·m].
+        shaken: (n,) inertial torque of a joint's position noise over the torque's own noise, at the band's edge.
         kept: (D,) indices of the samples that are left.
         period: the log's own median time between samples [s].
     """
@@ -71,6 +79,7 @@ class Record:
     torque: Array
     given: Array
     passed: Array
+    shaken: Array
     kept: npt.NDArray[np.int64]
     period: float
 
@@ -220,13 +229,41 @@ def trusted_band(model: Model, log: Log) -> float:
     for signal in (log.position, log.motor_torque):
         rough = np.diff(signal, 4, axis=0) / np.sqrt(70.0)  # of white noise, the same variance
         density.append(np.median(np.abs(rough), axis=0) / 0.6745)
-    coarse = log.position[:: max(1, len(log) // 50)]
-    inertia = np.mean(np.diagonal(model.tree.mass_matrix(coarse), axis1=1, axis2=2), axis=0)
+    inertia = mean_inertia(model, log)
     noisy = density[0] > 0.0
     if not np.any(noisy):
         return np.inf
     square = NOISE_SHARE * density[1][noisy] / (inertia[noisy] * density[0][noisy])
     return float(max(LEAST_BAND, np.min(np.sqrt(square)) / (2.0 * np.pi)))
+
+
+def shaken(model: Model, log: Log, band: float) -> Array:
+    """See `Record.shaken`."""
+    noise, own = (roughness(signal, log.period) for signal in (log.position, log.motor_torque))
+    return np.asarray(mean_inertia(model, log) * noise * (2.0 * np.pi * band) ** 2 / np.maximum(own, 1e-12))
+
+
+def mean_inertia(model: Model, log: Log) -> Array:
+    """(n,) of what each joint moves, along a log [kg·m²]."""
+    coarse = log.position[:: max(1, len(log) // 50)]
+    return np.asarray(np.mean(np.diagonal(model.tree.mass_matrix(coarse), axis1=1, axis2=2), axis=0))
+
+
+def roughness(signal: Array, period: float) -> Array:
+    """(n,) standard deviation of the white noise in smooth signals (N, n), sampled every `period` seconds.
+
+    Rests, in which an encoder says nothing, and the largest differences do not count.
+    """
+    rough = np.abs(np.diff(signal, 4, axis=0)) / np.sqrt(70.0)  # of white noise, the same variance
+    told = (rough > 1e-9 * np.ptp(signal, axis=0)).astype(float)
+    heard = uniform_filter1d(told, round(SPELL / period) + 1, axis=0) > 0.0
+    result = np.zeros(signal.shape[1])
+    for j in range(signal.shape[1]):
+        part = rough[heard[:, j], j]
+        if len(part):
+            usual = part[part <= np.quantile(part, 1.0 - OUTLYING)]
+            result[j] = np.sqrt(np.mean(usual**2))
+    return result
 
 
 def _record(model: Model, log: Log, index: int, band: float) -> Record:
@@ -259,6 +296,7 @@ def _record(model: Model, log: Log, index: int, band: float) -> Record:
         torque=smooth.log.motor_torque,
         given=given,
         passed=passed,
+        shaken=shaken(model, smooth.log, band),
         kept=kept,
         period=log.period,
     )
