@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from pydrake.multibody.plant import MultibodyPlant
 
 from twin_diagram import description, scenario
-from twin_diagram.errors import ModelError
+from twin_diagram.errors import LogError, ModelError
+from twin_diagram.logs import Log, check
 from twin_diagram.model import Model
 from twin_diagram.resources import models_dir
 from twin_diagram.scenario import ArmModel, EffectSpec, Pose
@@ -199,6 +200,19 @@ def test_description_without_motors_or_meshes(tmp_path: Path) -> None:
     np.testing.assert_allclose(named.forward_dynamics(q, v, once), a, atol=1e-10)
     other = Mujoco(_without_geometry(chain(tmp_path)), named.joints)
     np.testing.assert_allclose(once, other.inverse_dynamics(q, v, a), atol=1e-9)
+
+
+def test_a_rail_may_be_left_out(tmp_path: Path) -> None:
+    """Then it is held where it is, and a log need not tell of it."""
+    path = chain(tmp_path)
+    held = Model.load(ArmModel(model=str(path), joints=["shoulder", "elbow"], tool_frame=""))
+    assert held.arm.gripper_joints == ("rail",)
+    time = np.arange(400) * 0.01
+    q = 0.3 * np.stack([np.sin(3.0 * time), np.cos(2.0 * time)], axis=1)
+    log = Log(time, held.joints, q, torque=q)
+    assert not [warning for warning in check(log, held) if "rail" in warning.message]
+    with pytest.raises(LogError, match=r"'rail' of the model is missing.*name the others in `joints`"):
+        check(log, Model.load(path))
 
 
 def _without_geometry(path: Path) -> Path:

@@ -247,7 +247,7 @@ def _choose(
     if spec.gripper_joints:
         gripper = _by_name(spec.gripper_joints, movable, "gripper_joints")
     else:
-        gripper = fingers
+        gripper = [joint for joint in driven if isinstance(joint, PrismaticJoint)]
     in_arm = {int(joint.index()) for joint in arm}
     return arm, [joint for joint in gripper if int(joint.index()) not in in_arm]
 

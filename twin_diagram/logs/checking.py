@@ -148,6 +148,8 @@ def _against(log: Log, model: Model) -> list[LogWarning]:
     missing = [joint for joint in model.joints if joint not in log.joints]
     if missing:
         why = "".join(f" ({note.removeprefix(f'{log.source}: ')})" for note in log.notes)
+        if missing[0] in model.prismatic:
+            why += "; if it is held where it is, name the others in `joints` of the model's effects.yaml"
         raise LogError(
             f"{log.source}: joint {missing[0]!r} of the model is missing; the log holds {', '.join(log.joints)}{why}"
         )

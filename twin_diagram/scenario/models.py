@@ -38,9 +38,10 @@ class ArmModel:
     """A path, `package://…`, or a path below the models that come along."""
     X_WB: Pose = field(default_factory=Pose)
     joints: list[str] = field(default_factory=list)
-    """The arm's joints in order; empty: every actuated joint of the model that is no finger's, in the model's order."""
+    """The arm's joints in order; empty: every actuated joint of the model, in its order, but for prismatic
+    ones that stand side by side and carry no other: fingers."""
     gripper_joints: list[str] = field(default_factory=list)
-    """Finger joints; empty: the actuated prismatic joints that stand side by side and carry no other joint."""
+    """Finger joints; empty: the actuated prismatic joints that are not the arm's."""
     tool_frame: str = "panda_tcp"
     effects: list[EffectSpec] = field(default_factory=list)
 
