@@ -118,7 +118,9 @@ def conclude(records: Records, terms: Terms, bench: Bench, fit: Fit) -> Verdict:
         kept = tuple(f for f in findings if not negligible(f, findings, share_of(bench, fit, f.name), structure))
         structure = structure or len(kept) < len(findings)
         findings = tuple(replace(f, confidence=f.confidence * LESS_SURE) for f in kept) if structure else kept
-    unknown = structure and (not findings or left.gain > MOSTLY * bench.gain(fit) or mostly_left(bench, fit, raised))
+    touched = np.isin(np.arange(records.n), [j for k in fit.members for j in bench.candidates[k].rows])
+    doubted = mostly_left(bench, fit, raised & touched)
+    unknown = structure and (not findings or left.gain > MOSTLY * bench.gain(fit) or doubted)
     if unknown:
         findings, separation = (), ()
     return Verdict(
