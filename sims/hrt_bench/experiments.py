@@ -130,6 +130,9 @@ def payload_added(bench: Bench, seed: int) -> list[Record]:
         case = Case(hidden, 16.0, Fault("payload_added", 10.0, 2.0))
         streams, truth = bench.simulate(case, f"added_{seed}_{biased}")
         known = ["payload", "torque_bias"] if biased else ["payload"]
+        calm, same = bench.simulate(replace(case, fault=Fault()), f"not_added_{seed}_{biased}")
+        setup = Setup(params=replace(OUTLINE, parameters=known))
+        usual = scores.hand_error(ours.run(calm, setup, bench.kinematics), same())
         for name, setup in (
             ("ours", Setup(params=replace(OUTLINE, parameters=known))),
             ("fixed EKF", ours.FIXED),
@@ -137,7 +140,8 @@ def payload_added(bench: Bench, seed: int) -> list[Record]:
         ):
             e, t = ours.run(streams, setup, bench.kinematics), truth()
             record: Record = {"method": name, "bias": "unknown" if biased else "calibrated"}
-            record |= scores.recovery(scores.hand_error(e, t), t.time, 10.0)
+            error = scores.hand_error(e, t)
+            record |= scores.recovery(error, t.time, 10.0, usual=usual if name == "ours" else None)
             record |= {f"ahead_{k}": v for k, v in _ahead_recovery(e, t).items()}
             for after in (0.5, 1.0, 2.0, 5.0):
                 k = int(np.searchsorted(t.time, 10.0 + after))

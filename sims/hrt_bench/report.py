@@ -108,6 +108,16 @@ def _synchronisation(records: list[Record]) -> list[str]:
     return lines
 
 
+def _unchanged(records: list[Record]) -> str:
+    """What a run in which nothing is added shows by the same measure, and what is left of ours beside it."""
+    if not any("own_s" in record for record in records):
+        return ""
+    return (
+        f"; with nothing added {_mean(records, 'unchanged_s'):.2f} [{_worst(records, 'unchanged_s'):.2f}] s; but for "
+        f"moments out of it either way {_mean(records, 'own_s'):.2f} [{_worst(records, 'own_s'):.2f}] s"
+    )
+
+
 def _payload(records: list[Record]) -> list[str]:
     lines = ["2 kg ADDED AT 10 s (outline: back in 1.8 s, mass error 2.5 % at 2 s)"]
     for bias, target in (("calibrated", 0.6), ("unknown", 1.8)):
@@ -118,7 +128,8 @@ def _payload(records: list[Record]) -> list[str]:
             half, five = _mean(r, "mass_error_0.5s"), _mean(r, "mass_error_5s")
             lines.append(
                 f"  bias {bias:10s} {method:14s} back in {back:.2f} [{_worst(r, 'recovered_s'):.2f}] s"
-                f"{_miss(back, target) if ours else ' '} (target {target}); predictions back in "
+                f"{_miss(back, target) if ours else ' '} (target {target}{_unchanged(r) if ours else ''}); "
+                "predictions back in "
                 f"{_mean(r, 'ahead_recovered_s'):.2f} s; mass error 0.5 s {100 * half:.1f} %"
                 f"{_miss(half, 0.025) if ours else ' '}, 2 s {100 * _mean(r, 'mass_error_2s'):.1f} %, 5 s "
                 f"{100 * five:.2f} %{_miss(five, 0.01) if ours else ' '} (targets 2.5, 1)"

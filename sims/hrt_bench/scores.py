@@ -9,6 +9,7 @@ from filter_truth import COULOMB, JOINTS, ROTOR, VISCOUS
 from hrt_truth.hidden import LIMIT
 from hrt_truth.streams import Streams, Truth
 from pydrake.multibody.tree import MultibodyForces, SpatialInertia
+from scipy.ndimage import maximum_filter1d
 from scipy.stats import chi2
 
 from hrt_bench.estimate import AHEAD, STRIDE, Array, Estimate
@@ -89,23 +90,38 @@ def rejection(e: Estimate, truth: Truth) -> dict[str, float]:
     }
 
 
-def recovery(error: Array, time: Array, at: float, window: float = 0.1, horizon: float = 4.0) -> dict[str, float]:
+def recovery(
+    error: Array, time: Array, at: float, window: float = 0.1, horizon: float = 4.0, usual: Array | None = None
+) -> dict[str, float]:
     """How long after a change errors (N,) stay above the band of those before it [s].
 
     The band is the largest RMS of a window before the change; recovered is when the last window above it has passed.
+    Of windows as high as the same run's without the change, whose errors are `usual`, none is the change's: `own_s`.
     """
     step = time[1] - time[0]
     width = max(1, round(window / step))
-    smooth = np.sqrt(np.convolve(np.nan_to_num(error) ** 2, np.full(width, 1.0 / width), mode="valid"))
-    ends = time[width - 1 :]
+
+    def rms(x: Array) -> Array:
+        return np.sqrt(np.convolve(np.nan_to_num(x) ** 2, np.full(width, 1.0 / width), mode="valid"))
+
+    smooth, ends = rms(error), time[width - 1 :]
     before = smooth[(ends >= max(START, at - 7.0)) & (ends < at)]
     after = (ends >= at) & (ends < at + horizon)
+
+    def last(above: np.ndarray) -> float:
+        return float(ends[above].max() - at) if above.any() else 0.0
+
     above = after & (smooth > before.max())
-    return {
-        "recovered_s": float(ends[above].max() - at) if above.any() else 0.0,
+    result = {
+        "recovered_s": last(above),
         "before_mm": float(1e3 * np.sqrt(np.mean(before**2))),
         "worst_mm": float(1e3 * smooth[after].max()),
     }
+    if usual is not None:
+        as_ever = maximum_filter1d((rms(usual) > before.max()).astype(float), 2 * width + 1) > 0.0
+        result["own_s"] = last(above & ~as_ever)
+        result["unchanged_s"] = last(after & (rms(usual) > before.max()))
+    return result
 
 
 def mass_bound(terms: ArmTerms, truth: Truth, start: float, end: float) -> float:
