@@ -175,6 +175,11 @@ def test_recovery_latency_and_poisson_bound() -> None:
     error[(time >= 10.0) & (time < 10.5)] = 5e-3
     assert scores.recovery(error, time, 10.0)["recovered_s"] == pytest.approx(0.595, abs=0.02)
     assert scores.recovery(np.full(len(time), 1e-3), time, 10.0)["recovered_s"] == 0.0
+    usual = np.where((time > 12.0) & (time < 12.2), 5e-3, 1e-3)
+    both = np.maximum(error, usual)
+    found = scores.recovery(both, time, 10.0, usual=usual)
+    assert found["own_s"] == pytest.approx(0.595, abs=0.02)  # what would have been there without the change is not its
+    assert found["recovered_s"] == found["unchanged_s"] == pytest.approx(2.29, abs=0.02)
     fault = np.array([5.0, np.nan])
     assert scores.latency([4.0, 5.02, 6.0], fault, 1.0) == {"latency_ms": pytest.approx(20.0), "false": 1}
     assert scores.latency([7.0], fault, 1.0)["latency_ms"] is None
