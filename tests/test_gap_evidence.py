@@ -17,7 +17,8 @@ from twin_diagram.gap.evidence import Bench
 from twin_diagram.gap.finding import Finding, Moment
 from twin_diagram.gap.holding import peaks_of
 from twin_diagram.gap.naming import uneven
-from twin_diagram.gap.pricing import FURTHER_JOINT, MIXED, NEW_NAME, compatible, price
+from twin_diagram.gap.normal_equations import SCALE_PRICE
+from twin_diagram.gap.pricing import FURTHER_JOINT, HARMONIC, MIXED, NEW_NAME, compatible, price
 from twin_diagram.gap.search import handicaps, plainer, search
 
 Array = npt.NDArray[np.float64]
@@ -48,12 +49,16 @@ def offers(rng: np.random.Generator) -> list[Candidate]:
     return [candidate(name, j, rng.normal(size=ROWS)) for name in names for j in range(JOINTS)]
 
 
-def test_evidence_is_the_marginal_likelihood() -> None:
-    """At the variance that it settles on, against the log density of a Gaussian with covariance σ² 1 + X Λ⁻¹ Xᵀ."""
+@pytest.mark.parametrize("size", [2.5, 0.3, 0.15])
+def test_evidence_is_the_marginal_likelihood(size: float) -> None:
+    """At the variance that it settles on, against the log density of a Gaussian with covariance σ² 1 + X Λ⁻¹ Xᵀ.
+
+    Of an effect far smaller than its prior's width, at the width that suits it best, which has its price.
+    """
     rng = np.random.default_rng(0)
     column = rng.normal(size=ROWS)
     y = np.zeros((ROWS, JOINTS))
-    y[:, 0] = 0.3 * column + rng.normal(size=ROWS)
+    y[:, 0] = size * column + rng.normal(size=ROWS)
     bench = Bench(y, white(), [candidate("torque_bias", 0, column)], [])
     fit, empty = bench.solve(frozenset({0})), bench.solve(frozenset())
 
@@ -61,9 +66,13 @@ def test_evidence_is_the_marginal_likelihood() -> None:
         C = variance * np.eye(ROWS) + covariance
         return -0.5 * float(np.linalg.slogdet(C)[1] + y[:, 0] @ np.linalg.solve(C, y[:, 0]))
 
-    full = density(fit.variance[0], 9.0 * np.outer(column, column))
+    full, *narrower = (density(fit.variance[0], w**2 * np.outer(column, column)) for w in np.geomspace(3.0, 0.05, 60))
     none = density(empty.variance[0], np.zeros((ROWS, ROWS)))
-    assert fit.evidence + NEW_NAME == pytest.approx(full - none, abs=0.02)
+    best = max(full, max(narrower) - SCALE_PRICE)
+    assert (best > full) == (size < 1.0)
+    assert fit.evidence + NEW_NAME == pytest.approx(best - none, abs=0.05)
+    if size < 1.0:  # what is to be ranked is not worth its own noise level
+        assert bench.scores(frozenset())[0] == pytest.approx(fit.evidence + NEW_NAME, rel=0.25)
 
 
 @settings(max_examples=15, deadline=None)
@@ -104,6 +113,8 @@ def test_prices_of_names_joints_and_kinds_of_dry_friction() -> None:
     assert price([one]) == NEW_NAME
     assert price([one, two]) == NEW_NAME + FURTHER_JOINT + 1.5
     assert price([one, other]) == 2 * NEW_NAME + MIXED
+    ripples = [candidate("torque_ripple", j, x, shape={"cycles": c}) for j, c in ((0, 4.0), (0, 9.0), (1, 4.0))]
+    assert price(ripples) == NEW_NAME + 2 * FURTHER_JOINT + HARMONIC
 
 
 def test_what_excludes_each_other_does_so_both_ways() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy.typing as npt
 import pytest
 
 from twin_diagram.effects import make
-from twin_diagram.gap import holding, joint_candidates, rest
+from twin_diagram.gap import held_moments, holding, joint_candidates, rest
 from twin_diagram.gap.records import prepare, roughness
 from twin_diagram.gap.terms import Terms, given_load, slow_speed, turns
 from twin_diagram.gap.whitening import Whitener
@@ -121,6 +122,46 @@ def test_a_joint_that_turns_counts_the_less_the_more_friction_holds_it() -> None
     about = weak > 0.0
     assert np.array_equal(about, ((kept > 0.0) & (masked == 0.0))[white.rows])
     assert np.allclose(weak[about], 1.0 / np.sqrt(1.0 + 0.07**2)) and np.max(strong) < 0.15
+
+
+def test_two_joints_whose_speeds_cancel_are_held_by_friction_on_their_sum() -> None:
+    """Both slide meanwhile."""
+    terms = terms_of(log_with())
+    record = terms.records.records[0]
+    against = replace(record, v=np.array(record.v))
+    half = len(record.v) // 2
+    against.v[:, 3:5] = [0.5, 0.4]
+    against.v[half:, 4] = -0.498
+    terms = replace(terms, records=replace(terms.records, records=(against,)))
+    usual = rest.sliding(terms.records, terms, [3, 4])
+    coupled = rest.sliding(terms.records, terms, [3, 4], coupled=[(3, 4)])
+    assert np.all(usual[:, 3:5] == 1.0)
+    early = against.kept < half - 0.1 * record.rate
+    late = against.kept > half
+    assert np.all(coupled[early, 3:5] == 1.0) and np.all(coupled[late, 3:5] == 0.0)
+    assert np.array_equal(np.delete(coupled, [3, 4], axis=1), np.delete(usual, [3, 4], axis=1))
+
+
+def test_what_a_turn_leaves_beyond_the_samples_left_out_bears_no_name() -> None:
+    """A held joint's torque that comes 6 ms before the sliding law's, at each turn: the low-pass carries it on."""
+    plain = terms_of(log_with())
+    record = plain.records.records[0]
+    level = 3.0
+    friction = level * np.sign(record.v[:, ELBOW])
+    given = np.array(record.given)
+    given[:, ELBOW] += friction
+    terms = replace(plain, load=(given,), moved=(record.passed,))
+    assert terms.dry_level == pytest.approx([level if j == ELBOW else 0.0 for j in range(6)])
+    (nuisance,) = held_moments.nuisances(terms)
+    assert nuisance.rows == (ELBOW,) and nuisance.name == ""
+    early = np.roll(friction, -round(0.006 * record.rate)) - friction
+    left = record.reduce(early[:, None])[:, 0]
+    columns = nuisance.columns[:, 0]
+    beside = rest.sliding(terms.records, terms, [ELBOW])[:, ELBOW] > 0.0
+    c, *_ = np.linalg.lstsq(columns[beside], left[beside], rcond=None)
+    explained = left[beside] - columns[beside] @ c
+    assert np.std(left[beside]) > 0.005
+    assert np.std(explained) < 0.4 * np.std(left[beside])
 
 
 class _Bench:

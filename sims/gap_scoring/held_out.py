@@ -13,6 +13,9 @@ Array = npt.NDArray[np.float64]
 
 CUTOFF = 10.0
 CUT = 0.3
+HORIZON = 0.01
+"""Of the rollouts that `predict` writes too [s]: torques alone are scored, so that nothing long need be rolled out."""
+
 VISIBLE = 2.0
 """A gap is spoken of where it is at least this many noise floors, over all joints."""
 
@@ -57,7 +60,7 @@ def measure(
     rms = {}
     for name, model in (("before", given), ("after", corrected)):
         out = scratch / f"{name}.csv"
-        predict(model, log, out)
+        predict(model, log, out, horizon=HORIZON)
         residual = torque - stack(read_columns(out), "torque_predicted", joints)
         rms[name] = np.sqrt(np.mean(low_passed(residual, rate)[inner] ** 2, axis=0))
         if name == "before":

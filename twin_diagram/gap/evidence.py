@@ -8,7 +8,8 @@ is taken as known, and its variance σ² is the hypothesis's own:
 
 with y and X whitened, and Λ the priors' precision (MacKay 1992). What a hypothesis fails to explain makes its own noise
 larger, so that no guess of the noise's level beforehand can be too low. The last term is the price of each
-coefficient; searched shapes, new names and further joints have theirs in nats.
+coefficient; searched shapes, new names and further joints have theirs in nats. How much smaller an effect is than its
+prior speaks of may be said, too, for a price: else a small one would pay for all the sizes that it does not have.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ import numpy.typing as npt
 from scipy.linalg import LinAlgError, solve_triangular
 
 from twin_diagram.gap.candidate import Candidate
-from twin_diagram.gap.normal_equations import coefficients, increment, increments
+from twin_diagram.gap.normal_equations import SCALE_PRICE, coefficients, increment, increments, smaller
 from twin_diagram.gap.pricing import compatible, price
 from twin_diagram.gap.whitening import Whitener
 
@@ -191,16 +192,20 @@ class Bench:
         c: Array = np.zeros(len(spread))
         covariance: Array = np.zeros((0, 0))
         logdet = 0.0
-        for _ in range(PASSES):
+        width, told = spread, 0
+        for sweep in range(PASSES):
             try:
-                c, covariance, logdet = coefficients(joints, variance, spread)
+                c, covariance, logdet = coefficients(joints, variance, width)
             except LinAlgError:
                 return Fit(members, -np.inf, c, np.eye(len(spread)), order, variance)
             for j, (index, G) in enumerate(joints):
                 d = np.concatenate([[1.0], -c[index]])
                 variance[j] = max(float(d @ G @ d), 0.0) / self.counts[j] + self.finest[j]
+            if sweep < PASSES - 1:
+                width, told = self._widths(order, c, np.diag(covariance), spread)
         likelihood = -0.5 * float(np.sum(self.counts * np.log(variance)))
-        evidence = likelihood - 0.5 * float(np.sum((c / spread) ** 2)) - 0.5 * logdet - self.price(members)
+        evidence = likelihood - 0.5 * float(np.sum((c / width) ** 2)) - 0.5 * logdet
+        evidence -= self.price(members) + SCALE_PRICE * told
         if members:
             self.solve(frozenset())
             evidence -= self._zero
@@ -209,6 +214,19 @@ class Bench:
         if not self._physical(order, c):
             evidence = -np.inf
         return Fit(members, evidence, c, covariance, order, variance)
+
+    def _widths(self, order: tuple[int, ...], c: Array, variance: Array, spread: Array) -> tuple[Array, int]:
+        """Prior widths of all coefficients, and for how many members it is worth its price to say a smaller one."""
+        result, told, start = spread.copy(), 0, 0
+        for k in order:
+            candidate = self.candidates[k]
+            own = slice(start, start + candidate.size)
+            start += candidate.size
+            scale = float(smaller(c[own], variance[own], spread[own]))
+            if candidate.name and -candidate.size * (np.log(scale) + 0.5) > SCALE_PRICE:
+                result[own] *= scale
+                told += 1
+        return result, told
 
     def _stacked(self, order: tuple[int, ...], j: int) -> tuple[npt.NDArray[np.int64], Array]:
         """Coefficients that matter on a joint, and inner products (1 + m, 1 + m) of the residual and their columns."""

@@ -16,6 +16,9 @@ Array = npt.NDArray[np.float64]
 
 PIECES = 8
 
+ROOM = 2.0
+"""A joint of which less than this many samples per curve count tells nothing."""
+
 
 @dataclass(frozen=True)
 class LeftOver:
@@ -51,6 +54,8 @@ def left_over(records: Records, terms: Terms, bench: Bench, fit: Fit) -> LeftOve
         after, more = profiled(residual[:, j], both, noise, j, bench.weights[j])
         count, k = bench.counts[j], max(1, more - spent)
         free = max(2.0, count - spent)
+        if count < ROOM * (spent + k):
+            continue
         ratio = count * float(np.log(before / after))
         expected = count * float(np.log(free / max(1.0, free - k)))
         statistic[j] = (ratio - expected) / (np.sqrt(2.0 * k) * count / max(1.0, free - k))

@@ -20,11 +20,19 @@ STRIBECK_SPEEDS = np.geomspace(0.016, 0.5, 8)
 SLOWEST = 0.014
 """Below this, a joint that sticks and one that creeps look the same [rad/s]."""
 
+NARROW = 0.03
+NARROWEST = 10.0
+"""A dip below this speed [rad/s] lies where a joint may be held and laws of dry friction are the least exact; one at
+`SLOWEST` must bring this much more [nats]."""
+
 CURVE_PIECES = (3, 6, 10)
 """Pieces of the cubic splines that stand for a torque as a function of the angle."""
 
 MOST_CYCLES = 320.0
 """Ripples per turn of the joint that are looked for."""
+
+LOWEST = 0.6
+"""A count that is moved to where data want it stays above this share of the lowest one tried."""
 
 SATURATION_SHARES = (0.99, 0.97, 0.95, 0.92, 0.88, 0.83, 0.77, 0.7, 0.62, 0.53, 0.44, 0.35, 0.27, 0.2, 0.14, 0.09, 0.05)
 """Limits that are tried, as quantiles of the absolute torque."""
@@ -116,7 +124,7 @@ def stribeck(terms: Terms, j: int, speed: float) -> Candidate | None:
         transformed(values),
         [low, -np.inf if "stribeck_friction" in terms.present.names else 0.0],
         shape={"stribeck_velocity": speed},
-        cost=float(np.log(4.0)),
+        cost=float(np.log(4.0) + NARROWEST * max(0.0, np.log(NARROW / speed) / np.log(NARROW / SLOWEST))),
     )
 
 
@@ -331,7 +339,10 @@ def ripple_columns(terms: Terms, j: int, counts: Array) -> Array:
 
 
 def ripple(terms: Terms, j: int, count: float) -> Candidate | None:
-    """The candidate of one count."""
+    """The candidate of one count; none below those that are tried."""
+    tried = ripple_counts(terms, j)
+    if len(tried) and count < LOWEST * tried[0]:
+        return None
 
     def values(c: Array) -> dict[str, Array]:
         return {
@@ -348,5 +359,5 @@ def ripple(terms: Terms, j: int, count: float) -> Candidate | None:
         transformed(values),
         [-np.inf] * 2,
         shape={"cycles": count},
-        cost=float(np.log(0.4 * max(len(ripple_counts(terms, j)), 3))),
+        cost=float(np.log(0.4 * max(len(tried), 3))),
     )

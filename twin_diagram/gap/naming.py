@@ -14,6 +14,7 @@ from twin_diagram.gap import (
     arm_candidates,
     flexible,
     gears,
+    held_moments,
     holding,
     joint_candidates,
     own_candidates,
@@ -68,6 +69,8 @@ NOT_SMOOTH = ("joint_elasticity", "torque_saturation")
 MOTOR = ("", "time_delay", "torque_constant", "torque_bias", "torque_saturation", "actuator_fault")
 """What stands between the logged torque and the motor's: no load of the motor."""
 
+COUPLED = "coupled_friction"
+
 Progress = Callable[[str], None]
 
 
@@ -113,7 +116,7 @@ def investigate(records: Records, progress: Progress | None = None) -> tuple[Ver
     lap("noise")
 
     say("searching for a name")
-    nuisances = [arm_candidates.timing_nuisance(terms)]
+    nuisances = [arm_candidates.timing_nuisance(terms), *held_moments.nuisances(terms)]
     bench = Bench(records.residual, noise, candidates, nuisances, weights, terms.torque_size)
     fit = refine(bench, terms, search(bench, LEAST, MOST, Proposer(terms), polisher(terms)))
     lap("search")
@@ -160,7 +163,8 @@ def again(records: Records, terms: Terms, bench: Bench, fit: Fit, ordinary: Arra
     }
     fresh = all_candidates(terms)
     left = records.residual - contribution_of(records, bench, fit)
-    weights = rest.moving(records, terms, bench.whitener, dry, rest.creep(records, terms, left, dry))
+    coupled = [(c.joints[0], c.joints[1]) for c in map(bench.candidates.__getitem__, fit.members) if c.name == COUPLED]
+    weights = rest.moving(records, terms, bench.whitener, dry, rest.creep(records, terms, left, dry), coupled)
     white = records.white(bench.whitener.order)
     smooth = [c for c in fresh if c.name not in NOT_SMOOTH] + [bench.candidates[k] for k in fit.members]
     quiet = weights * ordinary[bench.whitener.rows].T
@@ -168,7 +172,7 @@ def again(records: Records, terms: Terms, bench: Bench, fit: Fit, ordinary: Arra
     others = {bench.candidates[k].name for k in fit.members} - rest.DRY
     friction = contribution_of(records, bench, fit, without=tuple(others))
     weights = np.maximum(weights, rest.turning(records, terms, bench.whitener, friction, dry))
-    nuisances = [arm_candidates.timing_nuisance(terms)]
+    nuisances = [arm_candidates.timing_nuisance(terms), *held_moments.nuisances(terms)]
     second = Bench(records.residual, noise, fresh, nuisances, weights * trusted(records, bench, fit), terms.torque_size)
     members: Members = frozenset(second.add(bench.candidates[k]) for k in fit.members)
     asked = suspects(records, terms, second, members)

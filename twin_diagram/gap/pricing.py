@@ -15,6 +15,9 @@ FURTHER_JOINT = 3.0
 MIXED = 4.0
 """Price of saying that dry friction is of one kind on some joints and of another on others."""
 
+HARMONIC = 6.0
+"""Price of a further ripple on a joint that has one [nats]: a few sines follow any curve of the angle."""
+
 EXCLUSIVE = (
     frozenset({"coulomb_friction", "stribeck_friction"}),
     frozenset({"torque_bias", "joint_spring"}),
@@ -32,7 +35,11 @@ def price(members: Iterable[Candidate]) -> float:
     """Of names, joints and searched shapes [nats]."""
     counts: dict[str, int] = {}
     total = 0.0
+    rippled: set[int] = set()
     for candidate in members:
+        if candidate.name == "torque_ripple":
+            total += HARMONIC if candidate.joints[0] in rippled else 0.0
+            rippled.add(candidate.joints[0])
         counts[candidate.name] = counts.get(candidate.name, 0) + 1
         total += candidate.cost
     mixed = MIXED if {"coulomb_friction", "stribeck_friction"} <= counts.keys() else 0.0

@@ -6,7 +6,7 @@ friction is dry, samples at rest and about reversals are left out.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -50,11 +50,19 @@ DOUBT_TIME = 0.6
 FEWEST = 0.3
 """Joints that move for less than this share of the time keep all their samples, unless they are known to stick."""
 
+LEAST = 0.1
+"""The same of two joints and the sum of their speeds, which is known to stick."""
+
 DRY = frozenset({"coulomb_friction", "stribeck_friction", "load_dependent_friction", "coupled_friction"})
 
 
 def sliding(
-    records: Records, terms: Terms, joints: Iterable[int], slowest: Array | None = None, turning: bool = False
+    records: Records,
+    terms: Terms,
+    joints: Iterable[int],
+    slowest: Array | None = None,
+    turning: bool = False,
+    coupled: Iterable[tuple[int, int]] = (),
 ) -> Array:
     """(ΣD, n) weights of reduced samples: 0 where one of `joints` may be sticking, else 1.
 
@@ -65,27 +73,40 @@ def sliding(
         slowest: (n,) speed below which each may be sticking, see `creep`; None: `REST` [rad/s].
         turning: whether a joint counts as sliding while it turns, see `terms.turns`; not where the given model has dry
             friction, whose law knows of no such moments.
+        coupled: pairs of joints with friction on the sum of their speeds, beside the given model's.
     """
     result = np.ones((sum(records.lengths), records.n))
     sticks = dry_joints(records)
     for j in joints:
-        parts = []
-        for record in records.records:
-            width = 2 * round(SPREAD * record.rate / record.band) + 1
-            least = REST if slowest is None else float(slowest[j])
-            rests = _at_rest(record, terms, j, least)
-            if turning and j not in sticks:
+        least = REST if slowest is None else float(slowest[j])
+        rests = [_at_rest(record, record.v[:, j], max(least, 2.0 * float(terms.slow[j]))) for record in records.records]
+        if turning and j not in sticks:
+            for record, still in zip(records.records, rests, strict=True):
                 for first, last in turns(record, j, max(REST, 2.0 * float(terms.slow[j]))):
-                    rests[first:last] = False
-            thinned = maximum_filter1d(rests.astype(float), width)[record.kept]
-            after = thinned.copy()
-            for k in range(1, AFTER + 1):
-                after[k:] = np.maximum(after[k:], thinned[:-k])
-            parts.append(after)
-        weights = 1.0 - np.concatenate(parts)
+                    still[first:last] = False
+        weights = _away(records, rests)
         if np.mean(weights) > FEWEST or j in sticks:
             result[:, j] = weights
+    for i, j in {*coupled, *coupled_pairs(records)}:
+        slow = max(REST, 2.0 * float(np.hypot(terms.slow[i], terms.slow[j])))
+        rests = [_at_rest(record, record.v[:, i] + record.v[:, j], slow) for record in records.records]
+        weights = _away(records, rests)
+        if np.mean(weights) > LEAST:
+            result[:, [i, j]] *= weights[:, None]
     return result
+
+
+def _away(records: Records, rests: Sequence[npt.NDArray[np.bool_]]) -> Array:
+    """(ΣD,) 0 where the filters spread what happens at rest, else 1."""
+    parts = []
+    for record, still in zip(records.records, rests, strict=True):
+        width = 2 * round(SPREAD * record.rate / record.band) + 1
+        thinned = maximum_filter1d(still.astype(float), width)[record.kept]
+        after = thinned.copy()
+        for k in range(1, AFTER + 1):
+            after[k:] = np.maximum(after[k:], thinned[:-k])
+        parts.append(after)
+    return 1.0 - np.concatenate(parts)
 
 
 def turning(records: Records, terms: Terms, whitener: Whitener, dry: Array, joints: Iterable[int]) -> Array:
@@ -108,7 +129,8 @@ def turning(records: Records, terms: Terms, whitener: Whitener, dry: Array, join
 
 def stuck(records: Records, terms: Terms, j: int) -> npt.NDArray[np.bool_]:
     """(ΣD,) where a joint may be sticking, the low-pass left out of account."""
-    return np.concatenate([_at_rest(record, terms, j)[record.kept] for record in records.records])
+    slow = max(REST, 2.0 * float(terms.slow[j]))
+    return np.concatenate([_at_rest(record, record.v[:, j], slow)[record.kept] for record in records.records])
 
 
 def creep(records: Records, terms: Terms, left: Array, joints: Iterable[int]) -> Array:
@@ -145,16 +167,27 @@ def creep(records: Records, terms: Terms, left: Array, joints: Iterable[int]) ->
     return result
 
 
-def _at_rest(record: Record, terms: Terms, j: int, least: float = REST) -> npt.NDArray[np.bool_]:
-    slow = np.abs(record.v[:, j]) < max(least, 2.0 * terms.slow[j])
-    return np.asarray(binary_opening(slow, np.ones(max(1, round(DWELL * record.rate)))))
+def _at_rest(record: Record, speed: Array, slow: float) -> npt.NDArray[np.bool_]:
+    return np.asarray(binary_opening(np.abs(speed) < slow, np.ones(max(1, round(DWELL * record.rate)))))
 
 
 def moving(
-    records: Records, terms: Terms, whitener: Whitener, joints: Iterable[int], slowest: Array | None = None
+    records: Records,
+    terms: Terms,
+    whitener: Whitener,
+    joints: Iterable[int],
+    slowest: Array | None = None,
+    coupled: Iterable[tuple[int, int]] = (),
 ) -> Array:
     """(n, R) the same for whitened samples."""
-    return np.ascontiguousarray(sliding(records, terms, joints, slowest)[whitener.rows].T)
+    return np.ascontiguousarray(sliding(records, terms, joints, slowest, coupled=coupled)[whitener.rows].T)
+
+
+def coupled_pairs(records: Records) -> set[tuple[int, int]]:
+    """Pairs of joints on the sum of whose speeds the given model has friction."""
+    effects = [effect for effect in records.model.effects if effect.name == "coupled_friction"]
+    pairs = [[records.model.joints.index(joint) for joint in effect.joints] for effect in effects]
+    return {(pair[0], pair[1]) for pair in pairs if len(pair) == 2}
 
 
 def dry_joints(records: Records) -> set[int]:

@@ -118,6 +118,12 @@ class Terms:
         return spread_of(np.concatenate([lowpass(r.torque, r.rate, r.band) - s for r, s in pairs]))
 
     @cached_property
+    def dry_level(self) -> Array:
+        """(n,) of dry friction that is known so far [N·m]."""
+        pairs = zip(self.load, self.passed_on, strict=True)
+        return np.asarray(np.median(np.abs(np.concatenate([load - passed for load, passed in pairs])), axis=0))
+
+    @cached_property
     def unneeded(self) -> Array:
         """(ΣD, n) what was asked for beyond the transmitted torque, reduced [N·m]."""
         return self.reduce(tuple(s - load for load, s in zip(self.load, self.asked_torque, strict=True)))
