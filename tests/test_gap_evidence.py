@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from twin_diagram.gap import whitening
 from twin_diagram.gap.candidate import Candidate, linear
-from twin_diagram.gap.deciding import crowded, mostly_left, negligible, redness
+from twin_diagram.gap.deciding import crowded, mostly_left, negligible, redness, trimmed
 from twin_diagram.gap.evidence import Bench
 from twin_diagram.gap.finding import Finding, Moment
 from twin_diagram.gap.holding import peaks_of
@@ -169,6 +169,23 @@ def test_what_is_left_unnamed() -> None:
     assert not negligible(usual, [strong, usual], 0.5, structure=False)
     assert negligible(usual, [strong, usual], 0.05, structure=True)
     assert not negligible(strong, [strong, usual], 0.05, structure=True)
+
+
+def test_a_name_keeps_the_joints_on_which_it_explains_something() -> None:
+    """Of a spring that is strong on one joint and next to nothing, though sure, on another beside strong friction."""
+    rng = np.random.default_rng(7)
+    x, y = rng.normal(size=(2, ROWS))
+    springs = [candidate("joint_spring", j, x) for j in (0, 1)]
+    frictions = [candidate("viscous_friction", j, y) for j in (0, 1)]
+    residual = rng.normal(size=(ROWS, JOINTS))
+    residual[:, 0] += 3.0 * x
+    residual[:, 1] += 9.0 * y + 0.4 * x
+    bench = Bench(residual, white(), springs + frictions, [])
+    fit = bench.solve(frozenset({0, 1, 3}))
+    assert fit.evidence > bench.solve(frozenset({0, 3})).evidence + 20.0
+    assert trimmed(bench, fit).members == {0, 3}
+    alone = bench.solve(frozenset({1, 3}))
+    assert trimmed(bench, alone) is alone, "no name goes wholly"
 
 
 def test_friction_peaks_where_it_holds_and_lets_go() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.gap import flexible, whitening
-from twin_diagram.gap.evidence import Bench, Fit
+from twin_diagram.gap.evidence import Bench, Fit, Members
 from twin_diagram.gap.finding import Finding, Separation, Verdict
 from twin_diagram.gap.posterior import findings_of, groups, separations_of
 from twin_diagram.gap.records import Records
@@ -64,14 +64,27 @@ def crowded(findings: Sequence[Finding]) -> bool:
     return len(unusual) > len(set(unusual)) or any(several.count(joint) > 1 for joint in started)
 
 
-def share_of(bench: Bench, fit: Fit, name: str) -> float:
-    """Share of what was explained on a name's own joints that is lost without it, as log likelihoods."""
-    group = frozenset(groups(bench, fit.members)[name])
+def share_of(bench: Bench, fit: Fit, group: Members) -> float:
+    """Share of what was explained on some members' own joints that is lost without them, as log likelihoods."""
     rows = sorted({j for k in group for j in bench.candidates[k].rows})
     empty, without = bench.solve(frozenset()).variance, bench.solve(fit.members - group).variance
     explained = float(np.sum((bench.counts * np.log(empty / fit.variance))[rows]))
     lost = float(np.sum((bench.counts * np.log(without / fit.variance))[rows]))
     return lost / max(explained, 1e-9)
+
+
+def trimmed(bench: Bench, fit: Fit) -> Fit:
+    """The fit without the joints on which an unusual name of several explains next to nothing.
+
+    Where structure is left, they would take the name away from the others, too.
+    """
+    weak: set[int] = set()
+    for name, group in groups(bench, fit.members).items():
+        little = {k for k in group if share_of(bench, fit, frozenset({k})) < PIECE}
+        if name not in USUAL and len(little) < len(group):
+            weak |= little
+    found = bench.solve(fit.members - weak)
+    return found if np.isfinite(found.evidence) else fit
 
 
 def negligible(finding: Finding, findings: Sequence[Finding], share: float, structure: bool) -> bool:
@@ -111,11 +124,21 @@ def conclude(records: Records, terms: Terms, bench: Bench, fit: Fit) -> Verdict:
     findings: tuple[Finding, ...] = ()
     separation: tuple[Separation, ...] = ()
     if fit.members:
-        findings = findings_of(records, bench, fit)
-        separation = separations_of(records, bench, fit)
         red = redness(bench.whitener, records.rate) > RED
-        structure = structure or left.statistic > BESIDE or red or crowded(findings)
-        kept = tuple(f for f in findings if not negligible(f, findings, share_of(bench, fit, f.name), structure))
+        structure = structure or left.statistic > BESIDE or red
+        findings = findings_of(records, bench, fit)
+        if structure:
+            sure = {f.name: f.confidence for f in findings}
+            fit = trimmed(bench, fit)
+            findings = tuple(
+                replace(f, confidence=max(f.confidence, sure.get(f.name, 0.0)))
+                for f in findings_of(records, bench, fit)
+            )
+        separation = separations_of(records, bench, fit)
+        structure = structure or crowded(findings)
+        named = {name: frozenset(group) for name, group in groups(bench, fit.members).items()}
+        shares = {name: share_of(bench, fit, group) for name, group in named.items()}
+        kept = tuple(f for f in findings if not negligible(f, findings, shares[f.name], structure))
         structure = structure or len(kept) < len(findings)
         findings = tuple(replace(f, confidence=f.confidence * LESS_SURE) for f in kept) if structure else kept
     touched = np.isin(np.arange(records.n), [j for k in fit.members for j in bench.candidates[k].rows])

@@ -20,6 +20,10 @@ SCALE_PRICE = 1.5
 """Price of saying how much smaller it is [nats]."""
 
 
+SIMPLE = 2
+"""Of more coefficients than this, which follow any curve, it is not said."""
+
+
 def smaller(c: Array, variance: Array, spread: Array) -> Array:
     """How much smaller than its prior says an effect most likely is, along the last axis; at most 1.
 
@@ -30,6 +34,8 @@ def smaller(c: Array, variance: Array, spread: Array) -> Array:
 
     The width of most evidence, as MacKay (1992, Bayesian interpolation) finds it in turn with the coefficients.
     """
+    if c.shape[-1] > SIMPLE:
+        return np.ones(c.shape[:-1])
     return np.sqrt(np.clip(np.mean((c**2 + variance) / spread**2, axis=-1), SMALLEST**2, 1.0))
 
 
