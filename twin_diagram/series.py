@@ -307,11 +307,17 @@ def _within(inverse: Array, v: Array, low: Array, high: Array) -> Array:
     """Speeds after the impulses that keep each within its bounds."""
     if len(v) == 1:
         return np.clip(v, low, high)
+    bounded = np.flatnonzero(np.isfinite(low)).tolist()
+    if all(low[j] <= v[j] <= high[j] for j in bounded):
+        return v
     v, impulse = v.copy(), np.zeros_like(v)
     for _ in range(30):
-        for j in range(len(v)):
+        before = impulse.copy()
+        for j in bounded:
             alone = v[j] - inverse[j, j] * impulse[j]
             wanted = (min(max(alone, low[j]), high[j]) - alone) / inverse[j, j]
             v += inverse[:, j] * (wanted - impulse[j])
             impulse[j] = wanted
+        if len(bounded) == 1 or np.array_equal(impulse, before):
+            break
     return v
