@@ -135,6 +135,20 @@ def test_a_held_out_run_that_exercises_nothing_proves_nothing(shown: Shown) -> N
     assert worse.is_exercised() and not accepted(verdict, worse)
 
 
+def test_one_joint_mended_at_anothers_cost_denies_a_name(shown: Shown) -> None:
+    """Though the gap shrinks on the whole."""
+    verdict = bench.verdict("named", [bench.friction_finding()])
+    shrunk = np.array(shown.holdout.after)
+    mended = int(np.argmax(shown.holdout_rms()[0] / shown.noise_floor))
+    other = (mended + 1) % len(shown.joints)
+    least = max(shown.holdout_rms()[0][other], shown.noise_floor[other])
+    for factor, allowed in ((1.1, True), (2.0, False)):
+        shrunk[:, other] = factor * least * np.where(np.arange(len(shrunk)) % 2, 1.0, -1.0)
+        tried = replace(shown, holdout=replace(shown.holdout, after=shrunk))
+        assert tried.shrinks() and tried.worsens() != allowed
+        assert accepted(verdict, tried) == allowed
+
+
 def test_several_joints_are_lines_of_one_table(model: Model, shown: Shown) -> None:
     """A column per parameter, and what is sure although the kind of dry friction is not."""
     first, second = (Estimate(value, 0.1, "N·m") for value in (3.0, 4.0))

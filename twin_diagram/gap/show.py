@@ -113,6 +113,11 @@ class Shown:
         before, after = (x / self.noise_floor for x in self.holdout_rms())
         return float(np.sum(after**2)) < float(np.sum(before**2))
 
+    def worsens(self) -> bool:
+        """Whether the held-out residual of any joint rises clearly: no truth mends one joint at another's cost."""
+        before, after = self.holdout_rms()
+        return bool(np.any(after > BEYOND * np.maximum(before, BEYOND * self.noise_floor)))
+
     def is_exercised(self) -> bool:
         """Whether the held-out run does anything that tells the two models apart, beside its noise."""
         change = rms([self.holdout.after - self.holdout.before])
