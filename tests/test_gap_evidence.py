@@ -70,7 +70,7 @@ def test_evidence_is_the_marginal_likelihood(size: float) -> None:
     none = density(empty.variance[0], np.zeros((ROWS, ROWS)))
     best = max(full, max(narrower) - SCALE_PRICE)
     assert (best > full) == (size < 1.0)
-    assert fit.evidence + NEW_NAME == pytest.approx(best - none, abs=0.05)
+    assert fit.evidence + NEW_NAME == pytest.approx(best - none, abs=0.02)
     if size < 1.0:  # what is to be ranked is not worth its own noise level
         assert bench.scores(frozenset())[0] == pytest.approx(fit.evidence + NEW_NAME, rel=0.25)
 

@@ -127,12 +127,12 @@ def conclude(records: Records, terms: Terms, bench: Bench, fit: Fit) -> Verdict:
         red = redness(bench.whitener, records.rate) > RED
         structure = structure or left.statistic > BESIDE or red
         findings = findings_of(records, bench, fit)
-        if structure:
+        less = trimmed(bench, fit) if structure else fit
+        if less.members != fit.members:
             sure = {f.name: f.confidence for f in findings}
-            fit = trimmed(bench, fit)
+            fit = less
             findings = tuple(
-                replace(f, confidence=max(f.confidence, sure.get(f.name, 0.0)))
-                for f in findings_of(records, bench, fit)
+                replace(f, confidence=max(f.confidence, sure[f.name])) for f in findings_of(records, bench, fit)
             )
         separation = separations_of(records, bench, fit)
         structure = structure or crowded(findings)
