@@ -11,6 +11,7 @@ from test_gap_terms import log_with, terms_of
 
 from twin_diagram.gap.evidence import Bench
 from twin_diagram.gap.gears import Shape, gear, propose, rattled
+from twin_diagram.gap.knocks import GAPS, Knocks
 from twin_diagram.gap.naming import all_candidates
 from twin_diagram.gap.terms import Terms
 from twin_diagram.gap.whitening import Whitener
@@ -46,7 +47,7 @@ def test_a_spring_is_offered_whatever_its_stiffness(terms: Terms, stiffness: flo
     true = gear(terms, Shape("joint_elasticity", PAN, (("stiffness", stiffness), ("loss", 1e-3))))
     assert true is not None
     bench = bench_of(terms, true.columns[..., 0])
-    offered = [bench.candidates[k] for k in propose(bench, terms, frozenset(), [PAN])]
+    offered = [bench.candidates[k] for k in propose(bench, terms, frozenset(), [PAN], Knocks(terms, bench))]
     springs = [c for c in offered if c.place[:2] == ("joint_elasticity", (PAN,))]
     assert min(abs(np.log(c.shape["stiffness"] / stiffness)) for c in springs) < 0.45
 
@@ -76,12 +77,50 @@ def test_play_takes_the_place_of_an_offset_and_a_rotor(terms: Terms) -> None:
         next(k for k in bench.find(name) if bench.candidates[k].joints == (LIFT,))
         for name in ("encoder_offset", "reflected_inertia")
     )
-    (k,) = (k for k in propose(bench, terms, instead, [LIFT]) if bench.candidates[k].name == "backlash")
+    (k,) = (
+        k
+        for k in propose(bench, terms, instead, [LIFT], Knocks(terms, bench))
+        if bench.candidates[k].name == "backlash"
+    )
     found = bench.solve(frozenset({k}))
     assert found.evidence > bench.solve(instead).evidence
     share, inertia = bench.part(found, k)[0]
     assert share * bench.candidates[k].shape["gap"] == pytest.approx(0.003, rel=0.1)
     assert inertia == pytest.approx(rotor, rel=0.1)
+
+
+@pytest.mark.parametrize("gap", [0.0023, 0.0071, 0.0123, 0.029])
+def test_play_that_knocks_is_offered_wherever_its_gap_lies(terms: Terms, gap: float) -> None:
+    """On a joint that nothing suspects, and beside a hypothesis that took most of it."""
+    true = gear(terms, Shape("backlash", PAN, (("gap", gap),)))
+    assert true is not None
+    bench = bench_of(terms, true.columns[..., 0] + 0.1 * true.columns[..., 1], frozenset({"reflected_inertia"}))
+    rotor = next(k for k in bench.find("reflected_inertia") if bench.candidates[k].joints == (PAN,))
+    for members in (frozenset[int](), frozenset({rotor})):
+        offered = propose(bench, terms, members, [], Knocks(terms, bench))
+        near = [k for k in offered if abs(np.log(bench.candidates[k].shape["gap"] / gap)) < 0.06]
+        assert near and all(bench.candidates[k].place[:2] == ("backlash", (PAN,)) for k in near)
+
+
+def test_the_cheap_torque_of_play_is_nearly_the_true_one(terms: Terms) -> None:
+    gap = float(GAPS[12])
+    true = gear(terms, Shape("backlash", PAN, (("gap", gap),)))
+    assert true is not None
+    bench = bench_of(terms, true.columns[..., 0])
+    knocks = Knocks(terms, bench)
+    assert any(found == pytest.approx(gap, rel=0.01) for found in knocks.gaps({PAN: [frozenset()]})[PAN])
+    cheap, _ = knocks._tried[PAN][1 + 12]
+    exact = true.columns[:, list(cheap.rows), 0]
+    assert np.linalg.norm(cheap.columns[..., 0] - exact) < 0.1 * np.linalg.norm(exact)
+
+
+def test_no_gap_is_worth_a_closer_look_where_there_is_noise_alone(terms: Terms) -> None:
+    bench = bench_of(terms, np.zeros_like(terms.records.residual))
+    knocks = Knocks(terms, bench)
+    turning = [j for j in range(6) if knocks.turns(j)]
+    assert PAN in turning and LIFT not in turning
+    assert not any(knocks.gaps({j: [frozenset()] for j in turning}).values())
+    assert propose(bench, terms, frozenset(), [], knocks) == []
 
 
 def test_what_an_encoders_noise_alone_may_bring_a_gear_is_charged(terms: Terms) -> None:

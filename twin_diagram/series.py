@@ -238,8 +238,8 @@ def _play(
     """Steps with impulses; what they change in a sample's speed is shared by the two samples about it."""
     samples, s = load.shape
     if s == 1 and not np.isfinite(stiffness[0]):
-        angle, rate = _hard_play(mass[:, 0, 0], load[:, 0], float(half[0]), period)
-        return angle[:, None], rate[:, None], _between(np.diff(rate[:, None], axis=0) / period)
+        alone = play_alone(mass[:, 0, 0], load[:, 0], float(half[0]), period)
+        return alone[0][:, None], alone[1][:, None], alone[2][:, None]
     parts = max(1, int(np.ceil(period / LONGEST_STEP - 1e-9)))
     h = period / parts
     hard = ~np.isfinite(stiffness)
@@ -280,8 +280,18 @@ def _between(steps: Array) -> Array:
     return np.asarray(0.5 * (whole[1:] + whole[:-1]))
 
 
-def _hard_play(mass: Array, load: Array, half: float, period: float) -> tuple[Array, Array]:
-    """Angle and rate (N,) of one gear with play alone; plain numbers, which are twenty times as fast."""
+def play_alone(mass: Array, load: Array, half: float, period: float) -> tuple[Array, Array, Array]:
+    """Twist of one gear with play alone: plain numbers, which are twenty times as fast.
+
+    Args:
+        mass: (N,) inertia of what the gear moves [kg·m²].
+        load: (N,) torque that moves it [N·m].
+        half: of the gap [rad].
+        period: between samples [s].
+
+    Returns:
+        angle, rate and acceleration, each (N,).
+    """
     parts = max(1, int(np.ceil(period / LONGEST_STEP - 1e-9)))
     h = period / parts
     shares = [(part + 0.5) / parts for part in range(parts)]
@@ -300,7 +310,8 @@ def _hard_play(mass: Array, load: Array, half: float, period: float) -> tuple[Ar
             e = ahead
         angle.append(e)
         rate.append(v)
-    return np.array(angle), np.array(rate)
+    rates = np.array(rate)
+    return np.array(angle), rates, _between(np.diff(rates[:, None], axis=0) / period)[:, 0]
 
 
 def _within(inverse: Array, v: Array, low: Array, high: Array) -> Array:

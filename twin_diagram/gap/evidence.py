@@ -144,13 +144,15 @@ class Bench:
         self._offered[k] = True
         self._groups = self._several = None
 
-    def score_once(self, candidate: Candidate, Q: Array, projected: Array, bounded: bool = False) -> float:
+    def score_once(
+        self, candidate: Candidate, Q: Array, projected: Array, bounded: bool = False, white: Array | None = None
+    ) -> float:
         """Rise of the evidence by a candidate that is not taken in; Q and Qᵀy as `basis` has them.
 
-        −∞, where it is `bounded`, if it is not physical.
+        −∞, where it is `bounded`, if it is not physical. `white`: what `whiten` gave, where it is known.
         """
         rows = list(candidate.rows)
-        X = self.whiten(candidate).reshape(-1, candidate.size)
+        X = (self.whiten(candidate) if white is None else white).reshape(-1, candidate.size)
         C = Q[rows].reshape(len(X), Q.shape[2]).T @ X
         b = X.T @ self.y[rows].ravel() - C.T @ projected
         G = (X.T @ X - C.T @ C)[None]

@@ -17,6 +17,7 @@ from twin_diagram.effects import make
 from twin_diagram.effects.effect import REGISTRY, Effect
 from twin_diagram.gap.candidate import Candidate, transformed
 from twin_diagram.gap.evidence import Bench, Members
+from twin_diagram.gap.knocks import Knocks
 from twin_diagram.gap.pricing import NEW_NAME
 from twin_diagram.gap.records import NOISE_SHARE, Record
 from twin_diagram.gap.terms import Terms
@@ -26,8 +27,8 @@ from twin_diagram.series import twist
 
 Array = npt.NDArray[np.float64]
 
-GAPS = (0.002, 0.004, 0.008, 0.016, 0.03)
-"""[rad]"""
+LEANING = (0.004, 0.01, 0.025)
+"""Gaps of a gear that never turns over: they tell how far it leans [rad]."""
 
 SWINGS = tuple(np.geomspace(2.5, 16.0, 10))
 """Frequencies at which a link may swing on its gear [Hz]; stiffer ones follow their load."""
@@ -133,10 +134,20 @@ def _effect(model: Model, shape: Shape) -> Effect:
     return make(EffectSpec(name=shape.name, joints=[model.joints[shape.joint]], parameters=parameters))
 
 
-def shapes(terms: Terms, j: int) -> list[Shape]:
-    """What is tried on a joint."""
+def plays(bench: Bench, members: Members, joints: Sequence[int], knocks: Knocks) -> dict[int, list[Shape]]:
+    """Play that is tried on each joint: beside the members, and without some that are on it."""
+    beside: dict[int, list[Members]] = {}
+    for j in filter(knocks.turns, range(bench.n)):
+        own = {k for k in members if j in bench.candidates[k].joints}
+        beside[j] = [rest for rest in _rests(bench, members, j) if not rest or members - rest <= own]
+    gaps = {j: list(LEANING) for j in joints} | knocks.gaps(beside)
+    return {j: [Shape("backlash", j, (("gap", gap),)) for gap in some] for j, some in gaps.items()}
+
+
+def springs(terms: Terms, j: int) -> list[Shape]:
+    """Springs that are tried on a joint."""
     inertia = _link_inertia(terms, j)
-    result = [Shape("backlash", j, (("gap", gap),)) for gap in GAPS]
+    result: list[Shape] = []
     swings = [(swing, loss) for swing in SWINGS for loss in LOSSES] + [(swing, CALM_LOSS) for swing in SWINGS[CALM]]
     for swing, loss in swings:
         stiffness = inertia * (2.0 * np.pi * float(swing)) ** 2
@@ -151,21 +162,34 @@ def _link_inertia(terms: Terms, j: int) -> float:
     return float(np.mean(tree.mass_matrix(q)[:, j, j]) - tree.rotor[j])
 
 
-def propose(bench: Bench, terms: Terms, members: Members, joints: Sequence[int]) -> list[int]:
+def propose(bench: Bench, terms: Terms, members: Members, joints: Sequence[int], knocks: Knocks) -> list[int]:
     """Offers the best spring and the best play of each joint, where they are worth it; answers their indices.
 
     Beside all members a gear must be worth a good deal, be it with coefficients that are not physical: a crowd of other
     names may have taken so much of it. Rotors, offsets and friction may have taken all: it is offered, too, where it is
-    better than one of them.
+    better than one of them, or alone better than any of them alone.
+
+    Args:
+        bench: takes them in.
+        terms: of the logs.
+        members: named so far.
+        joints: where springs are looked for, and play of gears that never turn over; other play is on all joints.
+        knocks: of the same bench.
     """
     made: list[int] = []
-    for j in joints:
+    whole = bench.solve(members).evidence
+    alone = max((bench.solve(frozenset({k})).evidence for k in members), default=0.0)
+    play = plays(bench, members, joints, knocks)
+    for j in range(bench.n):
+        shapes = [*play.get(j, ()), *(springs(terms, j) if j in joints else ())]
+        if not shapes:
+            continue
         rests = _rests(bench, members, j)
         bases = [bench.basis(rest) for rest in rests]
         projected = [np.einsum("jrk,jr->k", Q, bench.y) for Q in bases]
         crowded: dict[str, tuple[float, Candidate]] = {}
         best: dict[tuple[str, Members], tuple[float, Candidate]] = {}
-        for shape in shapes(terms, j):
+        for shape in shapes:
             candidate = gear(terms, shape)
             if candidate is None:
                 continue
@@ -182,17 +206,17 @@ def propose(bench: Bench, terms: Terms, members: Members, joints: Sequence[int])
             if id(candidate) not in known:
                 known[id(candidate)] = bench.add(candidate, offered=False)
             k = known[id(candidate)]
-            ahead = bench.solve(rest | {k}).evidence - bench.solve(members).evidence
-            if k not in made and ahead > (WORTH if rest == members else 0.0):
+            least = whole + WORTH if rest == members else whole if rest else alone
+            if k not in made and bench.solve(rest | {k}).evidence > least:
                 bench.offer(k)
                 made.append(k)
     return made
 
 
 def _rests(bench: Bench, members: Members, j: int) -> list[Members]:
-    """A hypothesis, and what is left of it where a gear on joint j takes the place of its rotor and of one more."""
+    """A hypothesis, what is left where a gear on joint j takes the place of its rotor and of one more, and nothing."""
     rotor = {
         k for k in members if bench.candidates[k].name == "reflected_inertia" and bench.candidates[k].joints == (j,)
     }
     without = members - rotor
-    return list(dict.fromkeys([members, without, *(without - {k} for k in sorted(without))]))
+    return list(dict.fromkeys([members, without, *(without - {k} for k in sorted(without)), frozenset()]))

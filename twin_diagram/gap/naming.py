@@ -26,6 +26,7 @@ from twin_diagram.gap.candidate import Candidate
 from twin_diagram.gap.deciding import conclude
 from twin_diagram.gap.evidence import Bench, Fit, Members
 from twin_diagram.gap.finding import Verdict
+from twin_diagram.gap.knocks import Knocks
 from twin_diagram.gap.locating import locate
 from twin_diagram.gap.proposals import Proposer
 from twin_diagram.gap.records import Records, prepare
@@ -176,13 +177,14 @@ def again(records: Records, terms: Terms, bench: Bench, fit: Fit, ordinary: Arra
     second = Bench(records.residual, noise, fresh, nuisances, weights * trusted(records, bench, fit), terms.torque_size)
     members: Members = frozenset(second.add(bench.candidates[k]) for k in fit.members)
     asked = suspects(records, terms, second, members)
-    gears.propose(second, terms, members, asked)
+    knocks = Knocks(terms, second)
+    gears.propose(second, terms, members, asked, knocks)
     polish, propose = polisher(terms), Proposer(terms)
     found = climb(second, members, LEAST, MOST, propose, polish)
     other = search(second, LEAST, MOST, propose, polish)
     best = found if found.evidence >= other.evidence else other
     late = [j for j in suspects(records, terms, second, best.members) if j not in asked]
-    offered = [*gears.propose(second, terms, best.members, late), *holding.propose(second, terms, best)]
+    offered = [*gears.propose(second, terms, best.members, late, knocks), *holding.propose(second, terms, best)]
     if offered:
         best = climb(second, best.members, LEAST, MOST, propose, polish)
     return terms, second, pruned(second, plainer(second, refine(second, terms, best)))
