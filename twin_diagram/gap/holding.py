@@ -6,6 +6,8 @@ held more than its sliding level, though, that level rises at rest: Coulomb's la
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 
@@ -16,6 +18,9 @@ from twin_diagram.gap.terms import Terms
 from twin_diagram.timeline import stretches
 
 Array = npt.NDArray[np.float64]
+
+COULOMB = "coulomb_friction"
+LAWS = (COULOMB, "stribeck_friction")
 
 MORE = 1.25
 """A hold must exceed the sliding level by this factor, and by `CLEARLY` times the noise, to count."""
@@ -64,25 +69,40 @@ EDGE = 2
 
 
 def propose(bench: Bench, terms: Terms, fit: Fit) -> list[int]:
-    """Offers, for every Coulomb friction of a fit whose joint was held by more, friction that rises at rest."""
+    """Offers friction that rises at rest for every joint that was held by more than Coulomb's law would.
+
+    Where a fit has that law, it is the same torque under Stribeck's name; where it has Stribeck's, that one, the surer.
+    """
     made = []
     known = rest.dry_joints(terms.records)  # the share that is known already holds too, and is not told apart
     for k in fit.members:
         candidate = bench.candidates[k]
-        if candidate.name != "coulomb_friction" or candidate.onset is not None or candidate.joints[0] in known:
+        at = _coulomb(bench, k)
+        if at is None or candidate.joints[0] in known:
             continue
-        level = float(np.mean(bench.part(fit, k)[0]))
+        plain = bench.solve(fit.members - {k} | {at})
+        level = float(np.mean(bench.part(plain, at)[0])) if np.isfinite(plain.evidence) else 0.0
         if level <= 0.0:
             continue
         rise = (
-            long_holds(bench, terms, fit, k, level)
-            or dwells(bench, terms, fit, k, level)
-            or short_holds(bench, terms, fit, k, level)
+            long_holds(bench, terms, plain, at, level)
+            or dwells(bench, terms, plain, at, level)
+            or short_holds(bench, terms, plain, at, level)
         )
         if rise is not None:
-            static, evidence = rise
-            made.append(bench.add(rising(terms, candidate, static / level, min(STRONGEST, evidence))))
+            static, evidence = rise[0], min(STRONGEST, rise[1])
+            surer = replace(candidate, cost=candidate.cost - evidence, variant="held")
+            made.append(bench.add(rising(terms, candidate, static / level, evidence) if at == k else surer))
     return made
+
+
+def _coulomb(bench: Bench, k: int) -> int | None:
+    """Coulomb's law in the place of one of the two, from the begin; none where holds have spoken already."""
+    candidate = bench.candidates[k]
+    if candidate.name not in LAWS or candidate.variant or candidate.onset is not None:
+        return None
+    places = [(i, bench.candidates[i]) for i in (k, *bench.find(COULOMB)) if bench.candidates[i].name == COULOMB]
+    return next((i for i, other in places if other.joints == candidate.joints and other.onset is None), None)
 
 
 def long_holds(bench: Bench, terms: Terms, fit: Fit, k: int, level: float) -> tuple[float, float] | None:

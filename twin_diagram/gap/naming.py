@@ -184,9 +184,11 @@ def again(records: Records, terms: Terms, bench: Bench, fit: Fit, ordinary: Arra
     other = search(second, LEAST, MOST, propose, polish)
     best = found if found.evidence >= other.evidence else other
     late = [j for j in suspects(records, terms, second, best.members) if j not in asked]
-    offered = [*gears.propose(second, terms, best.members, late, knocks), *holding.propose(second, terms, best)]
+    plain = plainer(second, best)
+    offered = [*gears.propose(second, terms, best.members, late, knocks), *holding.propose(second, terms, plain)]
     if offered:
-        best = climb(second, best.members, LEAST, MOST, propose, polish)
+        starts = dict.fromkeys((best.members, plain.members))
+        best = max((climb(second, some, LEAST, MOST, propose, polish) for some in starts), key=lambda fit: fit.evidence)
     return terms, second, pruned(second, plainer(second, refine(second, terms, best)))
 
 
