@@ -23,23 +23,34 @@ LEVEL = 2.0
 NOISE = 0.4
 
 
-def moves(rng: np.random.Generator, samples: int) -> Array:
-    """(N,) speed of short moves to and fro with rests between them [rad/s]."""
+def moves(rng: np.random.Generator, samples: int, rests: tuple[float, float], every: int, power: int) -> Array:
+    """(N,) speed of short moves to and fro, with rests of some length [s] after every so many of them [rad/s]."""
     parts: list[Array] = []
     sign = 1.0
     while sum(len(part) for part in parts) < samples:
-        move, rest = rng.uniform(0.5, 0.9), rng.uniform(0.15, 0.35)
+        move, rest = rng.uniform(0.5, 0.9), rng.uniform(*rests) * (len(parts) // 2 % every == 0)
         top = rng.uniform(0.5, 1.0)
-        parts += [sign * top * np.sin(np.linspace(0.0, np.pi, int(move / PERIOD))) ** 2, np.zeros(int(rest / PERIOD))]
+        parts += [
+            sign * top * np.sin(np.linspace(0.0, np.pi, int(move / PERIOD))) ** power,
+            np.zeros(int(rest / PERIOD)),
+        ]
         sign = -sign
     return np.concatenate(parts)[:samples]
 
 
-def log_of(model: Model, static: float, slow: float, seed: int) -> Log:
+def log_of(
+    model: Model,
+    static: float,
+    slow: float,
+    seed: int,
+    rests: tuple[float, float] = (0.15, 0.35),
+    every: int = 1,
+    power: int = 2,
+) -> Log:
     """16 s in which the shoulder has friction that rises by a factor below a speed, and rests hold as much at most."""
     rng = np.random.default_rng(seed)
     time = np.arange(0.0, 16.0, PERIOD)
-    v = np.stack([moves(rng, len(time)) for _ in model.joints], axis=1)
+    v = np.stack([moves(rng, len(time), rests, every, power) for _ in model.joints], axis=1)
     q: Array = np.array([0.4, -0.6]) + PERIOD * np.cumsum(v, axis=0)
     tau = model.inverse_dynamics(q, v, np.gradient(v, PERIOD, axis=0))
     speed = v[:, 0]
@@ -66,3 +77,13 @@ def test_what_holds_a_joint_counts_where_the_dip_tells_next_to_nothing(
     assert (finding.name, finding.joints) == (law, ("shoulder",))
     if static > 1.0:
         assert finding.confidence > 0.9
+
+
+@pytest.mark.parametrize(("static", "law"), [(2.2, "stribeck_friction"), (1.0, "coulomb_friction")])
+def test_a_few_holds_too_short_to_be_seen_by_themselves_count_where_they_exceed_what_coulombs_law_could_hold(
+    tmp_path: Path, static: float, law: str
+) -> None:
+    """Every seventh turn holds for less than a tenth of a second, which the low-pass leaves nowhere pure."""
+    model = Model.load(arm(tmp_path))
+    (finding,) = name(model, [log_of(model, static, 0.02, seed=1, rests=(0.07, 0.09), every=7, power=1)]).findings
+    assert (finding.name, finding.joints) == (law, ("shoulder",))

@@ -26,9 +26,20 @@ MORE = 1.25
 """A hold must exceed the sliding level by this factor, and by `CLEARLY` times the noise, to count."""
 
 CLEARLY = 2.5
+FEWEST_CLEAR = 3
+"""So many samples must say so."""
+
+MIXED = 0.05
+"""Share of a hold in a sample from which on it is looked at."""
+
+ALWAYS = 0.375
+"""What a sample brings by noise alone, one and a half times, were friction always at its most [nats]."""
+
+LEAST = 3.0
+"""Less is not worth saying [nats]."""
+
 FEWEST = 8
-SHARE = 0.05
-"""So many samples, and this share of those held, must say so."""
+"""Peaks at least."""
 
 USUAL_SPEED = 0.05
 """Stribeck speed where nothing but the hold tells of one [rad/s]."""
@@ -78,17 +89,14 @@ def propose(bench: Bench, terms: Terms, fit: Fit) -> list[int]:
     for k in fit.members:
         candidate = bench.candidates[k]
         at = _coulomb(bench, k)
-        if at is None or candidate.joints[0] in known:
+        if at is None or candidate.joints[0] in known or _drier(bench, fit, k):
             continue
         plain = bench.solve(fit.members - {k} | {at})
         level = float(np.mean(bench.part(plain, at)[0])) if np.isfinite(plain.evidence) else 0.0
         if level <= 0.0:
             continue
-        rise = (
-            long_holds(bench, terms, plain, at, level)
-            or dwells(bench, terms, plain, at, level)
-            or short_holds(bench, terms, plain, at, level)
-        )
+        rises = [ask(bench, terms, plain, at, level) for ask in (beyond, dwells, short_holds)]
+        rise = max((some for some in rises if some is not None), key=lambda some: some[1], default=None)
         if rise is not None:
             static, evidence = rise[0], min(STRONGEST, rise[1])
             surer = replace(candidate, cost=candidate.cost - evidence, variant="held")
@@ -105,17 +113,30 @@ def _coulomb(bench: Bench, k: int) -> int | None:
     return next((i for i, other in places if other.joints == candidate.joints and other.onset is None), None)
 
 
-def long_holds(bench: Bench, terms: Terms, fit: Fit, k: int, level: float) -> tuple[float, float] | None:
-    """Level at rest and evidence for it where a joint sticks for longer than the low-pass mixes; None: no rise."""
-    held = holding(bench, terms, fit, k)
-    if held is None:
-        return None
+def _drier(bench: Bench, fit: Fit, k: int) -> bool:
+    """Whether another law of dry friction, which holds more where there is load, is on a member's joint as well."""
+    joint = bench.candidates[k].joints[0]
+    others = (bench.candidates[m] for m in fit.members - {k})
+    return any(other.name in rest.DRY and joint in other.joints for other in others)
+
+
+def beyond(bench: Bench, terms: Terms, fit: Fit, k: int, level: float) -> tuple[float, float] | None:
+    """Level at rest and evidence for it where friction exceeds what Coulomb's law could hold at all; None: no rise.
+
+    Beside a stick, the low-pass mixes what is held with what slides: how much that is at most is worked out.
+    """
     noise = _noise(bench, fit, k)
-    over = held - level
-    many = int(np.sum((over > CLEARLY * noise) & (held > MORE * level)))
-    if many < max(FEWEST, SHARE * len(held)):
+    friction = _friction(bench, fit, k)
+    slid, held = rest.reach(terms.records, terms, bench.candidates[k].joints[0])
+    about = held > MIXED
+    size = np.abs(friction[about])
+    most = level * np.maximum(np.sign(friction[about]) * slid[about] + held[about], 1.0)
+    over = np.maximum(size - most, 0.0) / noise
+    clear = (over > CLEARLY) & (size > MORE * level)
+    evidence = (0.5 * float(np.sum(over**2)) - ALWAYS * len(over)) / COLOURED
+    if np.sum(clear) < FEWEST_CLEAR or evidence < LEAST:
         return None
-    return float(np.quantile(held, 0.97)), 0.5 * float(np.sum((np.maximum(over, 0.0) / noise) ** 2)) / 4.0
+    return float(np.sort(size)[-FEWEST_CLEAR]), evidence
 
 
 def dwells(bench: Bench, terms: Terms, fit: Fit, k: int, level: float) -> tuple[float, float] | None:
@@ -170,16 +191,6 @@ def peaks_of(friction: Array, stuck: npt.NDArray[np.bool_]) -> Array:
             about = friction[max(first - 1, 0) : last + 1]
             result += [float(np.max(old * about)), float(np.max(new * about))]
     return np.array(result)
-
-
-def holding(bench: Bench, terms: Terms, fit: Fit, k: int) -> Array | None:
-    """(m,) torque that friction took while joint sticks, in the direction of the push [N·m]."""
-    candidate = bench.candidates[k]
-    j = candidate.joints[0]
-    stuck = inner(rest.stuck(terms.records, terms, j))
-    if not np.any(stuck):
-        return None
-    return np.abs(_friction(bench, fit, k)[stuck])
 
 
 def inner(stuck: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:

@@ -90,6 +90,13 @@ class Record:
         return filtered[self.kept].reshape(-1, *shape)
 
     @cached_property
+    def response(self) -> Array:
+        """(2 k + 1,) of the low-pass to an impulse, at the full rate."""
+        impulse = np.zeros(2 * int(np.ceil(4.0 * self.rate / self.band)) + 1)
+        impulse[len(impulse) // 2] = 1.0
+        return lowpass(impulse, self.rate, self.band)
+
+    @cached_property
     def residual(self) -> Array:
         """(D, n) logged less given torque [N·m]."""
         return self.reduce(self.torque - self.given)
@@ -137,10 +144,7 @@ class Records:
         """(order + 1,) autocorrelation, after filter and thinning, of noise that was white in the log."""
         record = self.records[0]
         stride = int(record.kept[1] - record.kept[0])
-        impulse = np.zeros(2 * int(np.ceil(4.0 * record.rate / record.band)) + 1)
-        impulse[len(impulse) // 2] = 1.0
-        response = lowpass(impulse, record.rate, record.band)
-        whole = np.correlate(response, response, "full")[len(response) - 1 :: stride]
+        whole = np.correlate(record.response, record.response, "full")[len(record.response) - 1 :: stride]
         result = np.zeros(order + 1)
         result[: min(len(whole), order + 1)] = whole[: order + 1]
         return result / result[0]

@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import binary_opening, maximum_filter1d, uniform_filter1d
+from scipy.signal import convolve
 
 from twin_diagram.gap.records import Record, Records
 from twin_diagram.gap.terms import REST, Terms, spread_of, turns
@@ -131,6 +132,22 @@ def stuck(records: Records, terms: Terms, j: int) -> npt.NDArray[np.bool_]:
     """(ΣD,) where a joint may be sticking, the low-pass left out of account."""
     slow = max(REST, 2.0 * float(terms.slow[j]))
     return np.concatenate([_at_rest(record, record.v[:, j], slow)[record.kept] for record in records.records])
+
+
+def reach(records: Records, terms: Terms, j: int) -> tuple[Array, Array]:
+    """What friction that slides on one level, and holds at most as much, can be after the low-pass.
+
+    Returns:
+        (ΣD,) what slides, in units of the level; (ΣD,) how much beside it what is held may add or take, likewise.
+    """
+    slow = max(REST, 2.0 * float(terms.slow[j]))
+    slid, held = [], []
+    for record in records.records:
+        still = _at_rest(record, record.v[:, j], slow)
+        response = record.response
+        slid.append(convolve(np.where(still, 0.0, np.sign(record.v[:, j])), response, "same")[record.kept])
+        held.append(convolve(still.astype(float), np.abs(response), "same")[record.kept])
+    return np.concatenate(slid), np.concatenate(held)
 
 
 def creep(records: Records, terms: Terms, left: Array, joints: Iterable[int]) -> Array:
