@@ -19,6 +19,7 @@ from twin_diagram.gap import (
     joint_candidates,
     own_candidates,
     rest,
+    rivals,
     saturated,
     whitening,
 )
@@ -189,7 +190,8 @@ def again(records: Records, terms: Terms, bench: Bench, fit: Fit, ordinary: Arra
     if offered:
         starts = dict.fromkeys((best.members, plain.members))
         best = max((climb(second, some, LEAST, MOST, propose, polish) for some in starts), key=lambda fit: fit.evidence)
-    return terms, second, pruned(second, plainer(second, refine(second, terms, best)))
+    best = rivals.refined(second, terms, pruned(second, plainer(second, refine(second, terms, best))))
+    return terms, second, pruned(second, plainer(second, best))
 
 
 def trusted(records: Records, bench: Bench, fit: Fit) -> Array:

@@ -17,7 +17,7 @@ from twin_diagram.gap import arm_candidates, joint_candidates
 from twin_diagram.gap.candidate import Candidate
 from twin_diagram.gap.evidence import Bench, Members
 from twin_diagram.gap.normal_equations import increments
-from twin_diagram.gap.pricing import NEW_NAME
+from twin_diagram.gap.pricing import FURTHER_JOINT, NEW_NAME
 from twin_diagram.gap.records import Record
 from twin_diagram.gap.terms import Terms
 
@@ -37,6 +37,9 @@ MARGIN = 3
 
 WORTH = 10.0
 """Evidence beyond the price of a name that makes a candidate worth proposing [nats]."""
+
+FURTHER_WORTH = 5.0
+"""The same of a name that is there already, on a further joint [nats]."""
 
 START_WORTH = 3.0
 """Evidence beyond that of acting all the time [nats]."""
@@ -84,14 +87,16 @@ class Proposer:
         Q = bench.basis(members)
         projected = np.einsum("jrk,jr->k", Q, bench.y)
         return [
-            *self.ripples(bench, Q, projected),
+            *self.ripples(bench, members, Q, projected),
             *self.starts(bench, Q, projected),
             *self.forces(bench, Q, projected),
         ]
 
-    def ripples(self, bench: Bench, Q: Array, projected: Array) -> list[int]:
-        """The best count of each joint."""
+    def ripples(self, bench: Bench, members: Members, Q: Array, projected: Array) -> list[int]:
+        """The best count of each joint; where another joint has a ripple, one more is easily believed."""
         made = []
+        rippled = any(bench.candidates[k].name == "torque_ripple" for k in members)
+        least = FURTHER_JOINT + FURTHER_WORTH if rippled else NEW_NAME + WORTH
         for j in range(bench.n):
             if not len(joint_candidates.ripple_counts(self.terms, j)):
                 continue
@@ -107,7 +112,7 @@ class Proposer:
             scores = increments(G, np.stack([b[sine], b[cosine]], axis=1), spread)
             best = int(np.argmax(scores))
             candidate = joint_candidates.ripple(self.terms, j, float(counts[best]))
-            if candidate is not None and scores[best] - candidate.cost > NEW_NAME + WORTH:
+            if candidate is not None and scores[best] - candidate.cost > least:
                 made.append(bench.add(candidate))
         return made
 

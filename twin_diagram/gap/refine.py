@@ -40,31 +40,32 @@ def refine(bench: Bench, terms: Terms, fit: Fit, rounds: int = ROUNDS, *, slow: 
     for _ in range(rounds):
         before = fit.evidence
         for member in sorted(fit.members):
-            fit = _member(bench, terms, fit, member, slow)
+            fit = moved(bench, terms, fit, member, slow=slow)
         if abs(fit.evidence - before) < SETTLED:
             break
     return fit
 
 
-def _member(bench: Bench, terms: Terms, fit: Fit, member: int, slow: bool) -> Fit:
+def moved(bench: Bench, terms: Terms, fit: Fit, member: int, *, slow: bool = True) -> Fit:
+    """The best fit that differs in one member's shapes or working point; see `refine`."""
     candidate = bench.candidates[member]
     own, _ = bench.part(fit, member)
     if candidate.variant != "held":
-        moved = recentred(terms, candidate, own)
-        if moved is not None:
+        made = recentred(terms, candidate, own)
+        if made is not None:
             if candidate.onset is not None:
-                moved = replace(
-                    moved.during(
+                made = replace(
+                    made.during(
                         proposals.active(terms, candidate.onset, candidate.end), candidate.onset, candidate.end
                     ),
                     cost=candidate.cost,
                     variant=candidate.variant,
                 )
-            again = bench.solve(fit.members - {member} | {bench.add(moved, offered=False)})
+            again = bench.solve(fit.members - {member} | {bench.add(made, offered=False)})
             return again if np.isfinite(again.evidence) else fit
     if candidate.variant == "swinging" and not slow:
         return fit
-    for key, low, high in _shapes(terms, candidate):
+    for key, low, high in shapes(terms, candidate):
         rebuild = _rebuild(terms, bench.candidates[member], key)
         fit, member = _line_search(bench, fit, member, key, rebuild, low, high)
     return fit
@@ -91,7 +92,7 @@ GEAR_SHAPES = {
 Rebuild = Callable[[float], Candidate | None]
 
 
-def _shapes(terms: Terms, candidate: Candidate) -> list[tuple[str, float, float]]:
+def shapes(terms: Terms, candidate: Candidate) -> list[tuple[str, float, float]]:
     """Shapes of a candidate: key, and the ratio bounds of the search about its value."""
     if candidate.onset is not None or candidate.variant == "held":
         return []
