@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from twin_diagram.gap.candidate import Candidate, linear
 from twin_diagram.gap.records import Record
-from twin_diagram.gap.terms import REST, Terms, turns
+from twin_diagram.gap.terms import Terms, turns
 
 Array = npt.NDArray[np.float64]
 
@@ -27,7 +27,7 @@ def nuisances(terms: Terms) -> list[Candidate]:
 
 
 def _nuisance(terms: Terms, j: int) -> Candidate | None:
-    slow = max(REST, 2.0 * float(terms.slow[j]))
+    slow = terms.resting(j)
     spans = [turns(record, j, slow) for record in terms.records.records]
     if sum(len(some) for some in spans) < FEWEST:
         return None

@@ -83,7 +83,7 @@ def sliding(
         rests = [_at_rest(record, record.v[:, j], max(least, 2.0 * float(terms.slow[j]))) for record in records.records]
         if turning and j not in sticks:
             for record, still in zip(records.records, rests, strict=True):
-                for first, last in turns(record, j, max(REST, 2.0 * float(terms.slow[j]))):
+                for first, last in turns(record, j, terms.resting(j)):
                     still[first:last] = False
         weights = _away(records, rests)
         if np.mean(weights) > FEWEST or j in sticks:
@@ -130,7 +130,7 @@ def turning(records: Records, terms: Terms, whitener: Whitener, dry: Array, join
 
 def stuck(records: Records, terms: Terms, j: int) -> npt.NDArray[np.bool_]:
     """(ΣD,) where a joint may be sticking, the low-pass left out of account."""
-    slow = max(REST, 2.0 * float(terms.slow[j]))
+    slow = terms.resting(j)
     return np.concatenate([_at_rest(record, record.v[:, j], slow)[record.kept] for record in records.records])
 
 
@@ -140,7 +140,7 @@ def reach(records: Records, terms: Terms, j: int) -> tuple[Array, Array]:
     Returns:
         (ΣD,) what slides, in units of the level; (ΣD,) how much beside it what is held may add or take, likewise.
     """
-    slow = max(REST, 2.0 * float(terms.slow[j]))
+    slow = terms.resting(j)
     slid, held = [], []
     for record in records.records:
         still = _at_rest(record, record.v[:, j], slow)

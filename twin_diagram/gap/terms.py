@@ -79,10 +79,14 @@ class Terms:
         """
         return tuple(self._turned(record) for record in self.records.records)
 
+    def resting(self, j: int) -> float:
+        """Speed below which a joint may be sticking, as far as its velocity is known [rad/s]."""
+        return max(REST, 2.0 * float(self.slow[j]))
+
     def _turned(self, record: Record) -> Array:
         signs = np.tanh(record.v / self.slow)
         for j in range(self.records.n):
-            for first, last in turns(record, j, max(REST, 2.0 * float(self.slow[j]))):
+            for first, last in turns(record, j, self.resting(j)):
                 signs[first:last, j] = np.linspace(signs[first - 1, j], signs[last, j], last - first + 2)[1:-1]
         return signs
 
