@@ -12,6 +12,7 @@ Newmark's average acceleration, which neither damps nor blows up; play by implic
 from __future__ import annotations
 
 from dataclasses import dataclass
+from operator import mul
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
     from twin_diagram.model import Model
 
 Array = npt.NDArray[np.float64]
+Rows = list[list[list[float]]]
+"""Of a matrix per sample."""
 
 LONGEST_STEP = 0.001
 """Samples farther apart than this are integrated in several steps where there is play [s]."""
@@ -102,7 +105,7 @@ def twist(model: Model, q: Array, v: Array, a: Array, period: float, beyond: Arr
     rigid = model.link_load(q, v, a)
     load = rigid
     for _ in range(PASSES):
-        angle, rate, acceleration = _play(block, load[:, joints], stiffness, half, model.loss, period)
+        angle, rate, acceleration = play(block, load[:, joints], stiffness, half, model.loss, period)
         twisted = q.copy()
         twisted[:, joints] += angle
         load = model.link_load(twisted, v, a)
@@ -232,46 +235,73 @@ def _times(matrix: Array, vector: Array) -> Array:
     return np.asarray(np.einsum("kis,ks->ki", matrix, vector))
 
 
-def _play(
+def play(
     mass: Array, load: Array, stiffness: Array, half: Array, loss: Array, period: float
 ) -> tuple[Array, Array, Array]:
-    """Steps with impulses; what they change in a sample's speed is shared by the two samples about it."""
+    """Twists of gears of which some have play, by steps with impulses, in plain numbers.
+
+    With K_i the stiffness of the gears that press against their springs, a step is linear: v ← A⁻¹ (M v − h push), with
+    A = M + h (loss + h) diag(K). Which gears press changes, but seldom: each choice is inverted once for all samples.
+    What impulses change in a sample's speed is shared by the two samples about it.
+
+    Args:
+        mass: (N, s, s) inertia of what the gears move [kg·m²].
+        load: (N, s) torque that moves it [N·m].
+        stiffness: (s,), infinite where there is play alone [N·m/rad].
+        half: (s,) of the gaps, zero where there is a spring alone [rad].
+        loss: (s,) of the springs [s].
+        period: between samples [s].
+
+    Returns:
+        angle, rate and acceleration, each (N, s).
+    """
     samples, s = load.shape
-    if s == 1 and not np.isfinite(stiffness[0]):
+    hard = ~np.isfinite(stiffness)
+    if s == 1 and hard[0]:
         alone = play_alone(mass[:, 0, 0], load[:, 0], float(half[0]), period)
         return alone[0][:, None], alone[1][:, None], alone[2][:, None]
     parts = max(1, int(np.ceil(period / LONGEST_STEP - 1e-9)))
     h = period / parts
-    hard = ~np.isfinite(stiffness)
-    K = np.where(hard, 0.0, stiffness)
-    angle, rate = np.empty_like(load), np.zeros_like(load)
-    side = -np.sign(load[0])
-    e = side * half - np.divide(load[0], K, out=np.zeros(s), where=K > 0.0)
-    v: Array = np.zeros(s)
-    angle[0] = e
-    free: Any = np.linalg.inv(mass)
+    shares = [(part + 1.0) / parts for part in range(parts)]
+    bounded = np.flatnonzero(hard).tolist()
+    springs = np.flatnonzero(~hard & (half == 0.0)).tolist()
+    both = np.flatnonzero(~hard & (half > 0.0)).tolist()
+    tables: dict[int, tuple[Rows, Rows]] = {}
+
+    def table(pressing: int) -> tuple[Rows, Rows]:
+        """A⁻¹ M and h A⁻¹ per sample."""
+        chosen = [j in springs or bool(pressing >> j & 1) for j in range(s)]
+        inverse: Any = np.linalg.inv(mass + np.diag(h * (loss + h) * np.where(chosen, stiffness, 0.0)))
+        return (inverse @ mass).tolist(), (h * inverse).tolist()
+
+    K, gap, loads = np.where(hard, 0.0, stiffness).tolist(), half.tolist(), load.tolist()
+    e = [-x / k - np.sign(x) * g if k else -np.sign(x) * g for x, k, g in zip(loads[0], K, gap, strict=True)]
+    v = [0.0] * s
+    angle, rate = [e], [v]
     for k in range(1, samples):
-        for part in range(parts):
-            share = (part + 1.0) / parts
-            push = (1.0 - share) * load[k - 1] + share * load[k]
-            stretched = K > 0.0
-            stretched &= np.abs(e + h * v) > half
-            if np.any(stretched):
-                k_now = np.where(stretched, K, 0.0)
-                A = mass[k] + np.diag(h * (loss + h) * k_now)
-                rest = np.sign(e + h * v) * half
-                v = np.linalg.solve(A, mass[k] @ v - h * push - h * k_now * (e - rest))
-                inverse = np.linalg.inv(A)
-            else:
-                inverse = free[k]
-                v = v - h * (inverse @ push)
-            if np.any(hard):
-                v = _within(
-                    inverse, v, np.where(hard, (-half - e) / h, -np.inf), np.where(hard, (half - e) / h, np.inf)
-                )
-            e = e + h * v
-        angle[k], rate[k] = e, v
-    return angle, rate, _between(np.diff(rate, axis=0) / period)
+        for share in shares:
+            push = [(1.0 - share) * x + share * y for x, y in zip(loads[k - 1], loads[k], strict=True)]
+            for j in springs:
+                push[j] += K[j] * e[j]
+            pressing = 0
+            for j in both:
+                ahead = e[j] + h * v[j]
+                if abs(ahead) > gap[j]:
+                    push[j] += K[j] * (e[j] - (gap[j] if ahead > 0.0 else -gap[j]))
+                    pressing |= 1 << j
+            if pressing not in tables:
+                tables[pressing] = table(pressing)
+            onward, driven = tables[pressing]
+            v = [
+                sum(map(mul, row, v)) - sum(map(mul, other, push))
+                for row, other in zip(onward[k], driven[k], strict=True)
+            ]
+            _keep_within(driven[k], v, [(j, (-gap[j] - e[j]) / h, (gap[j] - e[j]) / h) for j in bounded])
+            e = [x + h * y for x, y in zip(e, v, strict=True)]
+        angle.append(e)
+        rate.append(v)
+    rates = np.array(rate)
+    return np.array(angle), rates, _between(np.diff(rates, axis=0) / period)
 
 
 def _between(steps: Array) -> Array:
@@ -314,21 +344,24 @@ def play_alone(mass: Array, load: Array, half: float, period: float) -> tuple[Ar
     return np.array(angle), rates, _between(np.diff(rates[:, None], axis=0) / period)[:, 0]
 
 
-def _within(inverse: Array, v: Array, low: Array, high: Array) -> Array:
-    """Speeds after the impulses that keep each within its bounds."""
-    if len(v) == 1:
-        return np.clip(v, low, high)
-    bounded = np.flatnonzero(np.isfinite(low)).tolist()
-    if all(low[j] <= v[j] <= high[j] for j in bounded):
-        return v
-    v, impulse = v.copy(), np.zeros_like(v)
+def _keep_within(inverse: list[list[float]], v: list[float], bounds: list[tuple[int, float, float]]) -> None:
+    """Changes speeds by the impulses that keep each bounded one within its bounds.
+
+    Args:
+        inverse: of the inertia, or a multiple of it.
+        v: speeds.
+        bounds: joints with their least and greatest speeds.
+    """
+    if all(low <= v[j] <= high for j, low, high in bounds):
+        return
+    impulses = [0.0] * len(bounds)
     for _ in range(30):
-        before = impulse.copy()
-        for j in bounded:
-            alone = v[j] - inverse[j, j] * impulse[j]
-            wanted = (min(max(alone, low[j]), high[j]) - alone) / inverse[j, j]
-            v += inverse[:, j] * (wanted - impulse[j])
-            impulse[j] = wanted
-        if len(bounded) == 1 or np.array_equal(impulse, before):
-            break
-    return v
+        before = impulses.copy()
+        for place, (j, low, high) in enumerate(bounds):
+            alone = v[j] - inverse[j][j] * impulses[place]
+            wanted = (min(max(alone, low), high) - alone) / inverse[j][j]
+            for i, row in enumerate(inverse):
+                v[i] += row[j] * (wanted - impulses[place])
+            impulses[place] = wanted
+        if len(bounds) == 1 or impulses == before:
+            return
