@@ -1,5 +1,5 @@
 # Two commands do everything for a newcomer: `make demo` and `make test`. Both make .venv and install the package into it.
-# PYTHON=/path/to/python3.11 picks the interpreter, JOBS=n how many tests run at a time, ARGS=… is passed on.
+# PYTHON=/path/to/python3.11 picks the interpreter, JOBS=n how many tests or cases run at a time, ARGS=… is passed on.
 
 JOBS ?= 2
 PY := .venv/bin/python
@@ -75,7 +75,7 @@ bench: install-bench
 # Goes on where it stopped. ARGS='--only single --limit 20' does a part, ARGS='--suite training' the other seeds.
 .PHONY: gap-benchmark
 gap-benchmark: install-bench
-	$(PY) sims/gap_benchmark.py run --suite final --out out/gap_benchmark $(ARGS)
+	$(PY) sims/gap_benchmark.py run --suite final --jobs $(JOBS) --out out/gap_benchmark $(ARGS)
 
 # Goes on where it stopped. ARGS='--hours 1' does a part.
 .PHONY: false-alarms

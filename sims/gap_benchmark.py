@@ -43,9 +43,11 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -56,6 +58,8 @@ from gap_scoring import ablations, held_out, page, table, verdicts  # noqa: E402
 from gap_truth import cases, separation  # noqa: E402
 
 Truth = dict[str, Any]
+Thing = TypeVar("Thing")
+Found = TypeVar("Found")
 
 SUITES: dict[str, dict[str, tuple[int, int]]] = {
     "fast": {"clean": (5, 1), "single": (5, 1)},
@@ -87,6 +91,9 @@ SHORT = 8.0
 
 LONGEST = 3600.0
 """A run of the workflow is given up after this [s]."""
+
+RENEWED = 40
+"""Cases after which a process makes way for a fresh one."""
 
 
 def generate(
@@ -226,21 +233,41 @@ def read_results(path: Path) -> list[dict[str, Any]]:
 
 
 def run(
-    wanted: Iterable[tuple[str, int]], folder: Path, keep: bool = False, duration: float | None = None
+    wanted: Iterable[tuple[str, int]], folder: Path, keep: bool = False, duration: float | None = None, jobs: int = 1
 ) -> list[dict[str, Any]]:
-    """All cases that have no result yet; answers all results."""
+    """All cases that have no result yet, some at a time; answers all results."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "results.jsonl"
     results = read_results(path)
     done = {(r["kind"], r["seed"]) for r in results}
     wanted = [case for case in wanted if case not in done]
-    for count, (kind, seed) in enumerate(wanted, 1):
-        record = one_case(kind, seed, folder / "cases" if keep else None, duration=duration)
-        with path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(record, default=float) + "\n")
+    work = partial(_run_one, keep=folder / "cases" if keep else None, duration=duration)
+    for count, record in enumerate(_dealt(work, wanted, jobs), 1):
+        _append(path, record)
         results.append(record)
         print(f"{count}/{len(wanted)} {_said(record)}", flush=True)
     return results
+
+
+def _run_one(case: tuple[str, int], keep: Path | None, duration: float | None) -> dict[str, Any]:
+    return one_case(*case, keep, duration=duration)
+
+
+def _dealt(work: Callable[[Thing], Found], things: Sequence[Thing], jobs: int) -> Iterator[Found]:
+    """What work makes of things, as it comes, with one process or several."""
+    if jobs == 1:
+        yield from map(work, things)
+        return
+    os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # for those that are started here
+    with get_context("spawn").Pool(jobs, maxtasksperchild=RENEWED) as pool:
+        yield from pool.imap_unordered(work, things)
+
+
+def _append(path: Path, record: dict[str, Any]) -> None:
+    """One more line, on a line of its own even where the last was cut off."""
+    whole = not path.is_file() or path.read_bytes()[-1:] in (b"", b"\n")
+    with path.open("a", encoding="utf-8") as file:
+        file.write(("" if whole else "\n") + json.dumps(record, default=float) + "\n")
 
 
 def _said(record: dict[str, Any]) -> str:
@@ -257,38 +284,45 @@ def _said(record: dict[str, Any]) -> str:
     return head + f"{'right' if record['exact'] else 'WRONG'}: {verdict} {claims}{gap}, {record['seconds']:.0f} s"
 
 
-def ablate(suite: str, folder: Path, limit: int | None = None) -> str:
+def ablate(suite: str, folder: Path, limit: int | None = None, jobs: int = 1) -> str:
     """Simpler methods on every tenth case of a suite; goes on where it stopped."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "ablations.jsonl"
     records = read_results(path)
     done = {(r["method"], r["kind"], r["seed"]) for r in records}
     absent = {name: ablations.missing_method(name) for name in ablations.METHODS}
-    methods = [name for name, why in absent.items() if not why]
-    for kind, seed in tenth(suite)[:limit]:
-        if all((name, kind, seed) in done for name in methods):
-            continue
-        with tempfile.TemporaryDirectory() as scratch:
-            case, truth = generate(kind, seed, Path(scratch) / "case")
-            signature = _at_samples(case)
-            before, floor = ablations.floors(Path(scratch) / "case", signature)
-            for name in methods:
-                if (name, kind, seed) in done:
-                    continue
-                found, after, used = ablations.run_method(name, Path(scratch) / "case", case.chain.n)
-                record = {"method": name, "kind": kind, "seed": seed, "separation": truth["separation"]}
-                record |= {key: verdicts.judge(found, truth)[key] for key in ("verdict", "exact", "hits", "claims")}
-                record |= {"processor": used, **held_out.left_over(before, after, floor)}
-                records.append(record)
-                with path.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(record, default=float) + "\n")
-                print(name, kind, seed, truth["separation"], record["exact"], len(record["claims"]), flush=True)
+    open_ones = [
+        (kind, seed, [name for name, why in absent.items() if not why and (name, kind, seed) not in done])
+        for kind, seed in tenth(suite)[:limit]
+    ]
+    for found in _dealt(_ablate_one, [case for case in open_ones if case[2]], jobs):
+        for record in found:
+            _append(path, record)
+            said = f"{record['method']} {record['kind']} {record['seed']} separation {record['separation']:.3g}"
+            print(f"{said}: {'right' if record['exact'] else 'WRONG'}, {len(record['claims'])} names", flush=True)
+        records += found
     chosen = set(tenth(suite))
     results = [r for r in read_results(folder / "results.jsonl") if (r["kind"], r["seed"]) in chosen]
     text = table.ablations(records, results)
     text += "".join(f"\nleft out: {name}: {why}" for name, why in absent.items() if why)
     (folder / "ablations.txt").write_text(text + "\n", encoding="utf-8")
     return text
+
+
+def _ablate_one(case: tuple[str, int, list[str]]) -> list[dict[str, Any]]:
+    """Results of some methods on a case."""
+    kind, seed, methods = case
+    result = []
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch) / "case"
+        made, truth = generate(kind, seed, folder)
+        before, floor = ablations.floors(folder, _at_samples(made))
+        for name in methods:
+            found, after, used = ablations.run_method(name, folder, made.chain.n)
+            record = {"method": name, "kind": kind, "seed": seed, "separation": truth["separation"]}
+            record |= {key: verdicts.judge(found, truth)[key] for key in ("verdict", "exact", "hits", "claims")}
+            result.append(record | {"processor": used, **held_out.left_over(before, after, floor)})
+    return result
 
 
 def tenth(suite: str) -> list[tuple[str, int]]:
@@ -339,6 +373,7 @@ def main(arguments: list[str] | None = None) -> int:
     go.add_argument("--only", choices=cases.KINDS, help="one kind alone")
     go.add_argument("--limit", type=int, help="at most so many cases of the suite")
     go.add_argument("--keep", action="store_true", help="keep the cases, the outputs and the truth in OUT/cases")
+    go.add_argument("--jobs", type=int, default=1, help="cases at a time")
     go.add_argument("--out", type=Path, default=Path("out/gap_benchmark"))
     far = commands.add_parser("sizes", help="table of sizes and separations; runs no workflow")
     far.add_argument("--kind", choices=cases.KINDS, action="append")
@@ -347,6 +382,7 @@ def main(arguments: list[str] | None = None) -> int:
     less = commands.add_parser("ablate", help="simpler methods on every tenth case of a suite")
     less.add_argument("--suite", choices=SUITES, default="final")
     less.add_argument("--limit", type=int)
+    less.add_argument("--jobs", type=int, default=1, help="cases at a time")
     less.add_argument("--out", type=Path, default=Path("out/gap_benchmark"))
     say = commands.add_parser("report", help="table and plot of the results that there are")
     say.add_argument("--out", type=Path, default=Path("out/gap_benchmark"))
@@ -360,11 +396,11 @@ def main(arguments: list[str] | None = None) -> int:
         print(sizes(given.kind or ["single", "outside"], range(*given.seeds), given.out))
         return 0
     if given.command == "ablate":
-        print(ablate(given.suite, given.out, given.limit))
+        print(ablate(given.suite, given.out, given.limit, given.jobs))
         return 0
     if given.command == "run":
         duration = SHORT if given.suite == "fast" else None
-        run(list(plan(given.suite, given.only))[: given.limit], given.out, given.keep, duration)
+        run(list(plan(given.suite, given.only))[: given.limit], given.out, given.keep, duration, given.jobs)
     print(write_report(given.out))
     return 0
 

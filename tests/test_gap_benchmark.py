@@ -588,8 +588,14 @@ def test_runs_go_on_where_they_stopped(tmp_path: Path, monkeypatch: pytest.Monke
         file.write('{"kind": "single", "se')  # the power went
     results = gap_benchmark.run(wanted, tmp_path)
     assert sorted(asked) == sorted(wanted) and len(results) == len(wanted)
-    assert sorted((r["kind"], r["seed"]) for r in gap_benchmark.read_results(tmp_path / "results.jsonl"))
+    written = gap_benchmark.read_results(tmp_path / "results.jsonl")
+    assert sorted((r["kind"], r["seed"]) for r in written) == sorted(wanted)
     assert "cases" in gap_benchmark.write_report(tmp_path)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_cases_are_dealt_to_processes(jobs: int) -> None:
+    assert sorted(gap_benchmark._dealt(abs, [-3, 2, -1], jobs)) == [1, 2, 3]
 
 
 def test_suites() -> None:
