@@ -24,6 +24,8 @@ How the scorer counts (`gap_scoring/verdicts.py`, `held_out.py`):
 - An effect that ended within the fit log is absent from the held-out one, one that began goes on.
 - `exact` asks for every name with exactly its joints and links, and no other; a rotor's inertia named beside an
   elasticity or a backlash is let pass.
+- Beside the onset errors stand those of an estimator that knows all but the onset (`gap_truth/onsets.py`), in the same
+  cases.
 - Parameter errors leave out angles of rest, phases, curves, and the ten numbers of a link, of which a motion shows
   combinations only.
 - What is left of a gap is √Σ(after² − floor²)/floor² over √Σ(before² − floor²)/floor², joints summed. The floor is
@@ -55,7 +57,7 @@ SIMS = Path(__file__).resolve().parent
 sys.path[:0] = [str(SIMS), str(SIMS.parent)]
 
 from gap_scoring import ablations, held_out, page, table, verdicts  # noqa: E402
-from gap_truth import cases, separation  # noqa: E402
+from gap_truth import cases, onsets, separation  # noqa: E402
 
 Truth = dict[str, Any]
 Thing = TypeVar("Thing")
@@ -105,6 +107,8 @@ def generate(
     truth = cases.describe(case)
     parts = separation.separations(case)
     truth["parts"] = [separation.as_dict(part, case) for part in parts]
+    for effect_said, errors in zip(truth["effects"], onsets.oracle_errors(case), strict=True):
+        effect_said["oracle_onset_errors"] = errors
     truth["separation"] = min((part.separation for part in parts), default=0.0)
     return case, truth
 

@@ -19,7 +19,7 @@ sys.path.insert(0, str(CHECKOUT / "sims"))
 
 import gap_benchmark  # noqa: E402
 from gap_scoring import held_out, page, regressions, table, verdicts  # noqa: E402
-from gap_truth import cases, explanations, hidden, separation, tree  # noqa: E402
+from gap_truth import cases, explanations, hidden, onsets, separation, tree  # noqa: E402
 from gap_truth.chain import compile_model, mjcf, random_chain, read_urdf, write_urdf  # noqa: E402
 from gap_truth.hidden import Hidden  # noqa: E402
 from gap_truth.phenomena import install, tilted_gravity  # noqa: E402
@@ -395,6 +395,27 @@ def test_own_columns_hold_the_signature(name: str) -> None:
     assert left < 0.05 * part.strength + 1.0
 
 
+@pytest.mark.parametrize("rate", [12.0, 300.0])
+def test_an_onset_is_known_as_well_as_theory_allows(rate: float) -> None:
+    """A constant torque in white noise, |δ|² = rate |Δ|: half of the errors lie within 1.6 / rate, 95 % within 11."""
+    period, shifts = 0.002, onsets.SHIFTS
+    samples = round(shifts[-1] / period)
+    time = period * np.arange(-samples, samples)
+    between = (time[:, None] >= np.minimum(0.0, shifts)) & (time[:, None] < np.maximum(0.0, shifts))
+    delta = np.sqrt(rate * period) * between
+    errors = onsets.equally_likely_errors(delta, shifts, np.random.default_rng(0))
+    shares = (np.arange(onsets.KEPT) + 0.5) / onsets.KEPT
+    half, most = np.interp([0.5, 0.95], shares, errors)
+    assert half == pytest.approx(1.58 / rate, rel=0.2)
+    assert most == pytest.approx(11.0 / rate, rel=0.2)
+
+
+def test_only_what_begins_has_an_onset_to_be_known() -> None:
+    assert onsets.oracle_errors(case_of("payload")) == [None]
+    (early,) = onsets.oracle_errors(case_of("payload", kind="onset"))
+    assert early is not None and len(early) == onsets.KEPT and 0.0 <= early[0] <= early[-1] < SHORT
+
+
 # The scorer.
 
 
@@ -474,6 +495,8 @@ def test_judge_onsets() -> None:
     for onset, error in ((7.1, 0.1), ({"log": 0, "time": 6.9}, -0.1), (None, None)):
         found = gap_json(effects=[effect("viscous_friction", ["a"], onset=onset)])
         assert verdicts.judge(found, truth)["onset_errors"] == [pytest.approx(error)]
+    truth["effects"][0]["oracle_onset_errors"] = [0.0, 0.2]
+    assert verdicts.judge(found, truth)["oracle_onset_errors"] == [[0.0, 0.2]]
 
 
 def test_judge_whole_values() -> None:
@@ -545,8 +568,10 @@ def test_table() -> None:
     late = [
         record("onset", k, distance=d) | {"onset_errors": [e]} for k, (d, e) in enumerate([(5.0, 0.4), (50.0, -0.02)])
     ]
-    onsets = [row.value for row in table.rows(late) if "ms" in row.value]
-    assert onsets == ["210 / 381 ms", "20 / 20 ms"], "all, and that of the strong one"
+    said = [row.value for row in table.rows(late) if "ms" in row.value]
+    assert said == ["210 / 381 ms", "20 / 20 ms"], "all, and that of the strong one"
+    late[0]["oracle_onset_errors"] = [[0.1, 0.3]]
+    assert "200 / 290 ms" in [row.value for row in table.rows(late)], "what was possible"
     text = table.report([*records, {"kind": "single", "seed": 5, "version": "1", "code": "x", "error": "late"}])
     assert "runs that failed" in text and "separation" in text
 

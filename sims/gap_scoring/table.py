@@ -83,6 +83,12 @@ def rows(records: list[Record]) -> list[Row]:
     onsets = [e for r in named for e in r["onset_errors"]]
     # Until it has shown in the noise, nothing tells when a weak effect began.
     plain = [e for r in named if min(p["strength"] for p in r["parts"]) >= PLAIN for e in r["onset_errors"]]
+    possible = [
+        errors or []
+        for r in named
+        for found, errors in zip(r["onset_errors"], r.get("oracle_onset_errors", []), strict=False)
+        if found is not None
+    ]
     repaired = [
         r["held_out"]["left"] for r in named if r["verdict"] == "named" and r["held_out"] and r["held_out"]["visible"]
     ]
@@ -143,6 +149,13 @@ def rows(records: list[Record]) -> list[Row]:
         share("triples exactly right, all ≥ 8", (r["exact"] for r in triples), "printed", None),
         quantiles("onset error, median / p95", (abs(e) for e in onsets if e is not None), "ms", 1e3, (50.0, 200.0)),
         quantiles(f"… of effects of strength ≥ {PLAIN:g}", (abs(e) for e in plain if e is not None), "ms", 1e3, ()),
+        quantiles(
+            "… of an estimator that knows all but the onset",
+            itertools.chain.from_iterable(possible),
+            "ms",
+            1e3,
+            (),
+        ),
         share("… onsets not reported", (e is None for e in onsets), "printed", None),
         quantiles("parameter error, separation ≥ 20, median / p95", (p["error"] for p in far), "%", 100.0, (3.0,)),
         share("… 95 % intervals cover", (abs(p["z"]) <= 1.96 for p in far), "92–98 %", lambda x: 0.92 <= x <= 0.98),

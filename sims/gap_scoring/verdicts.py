@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -91,6 +92,7 @@ def judge(found: dict[str, Any], truth: dict[str, Any]) -> dict[str, Any]:
             for k, effect in enumerate(effects)
         ],
         "onset_errors": _onsets(effects, truth, truths),
+        "oracle_onset_errors": [actual.get("oracle_onset_errors") for actual, _ in _with_onset(effects, truth, truths)],
         "parameters": _parameters(effects, truth, truths),
         "faults": faults(found),
     }
@@ -115,13 +117,20 @@ def _moment(value: Any) -> float | None:
     return None if value is None else float(value)
 
 
+def _with_onset(
+    effects: list[dict[str, Any]], truth: dict[str, Any], truths: list[Place]
+) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
+    """True effects that have an onset, with what was found of them."""
+    for actual, where in zip(truth["effects"], truths, strict=False):
+        effect = _matching(effects, where)
+        if actual.get("onset") is not None and effect is not None:
+            yield actual, effect
+
+
 def _onsets(effects: list[dict[str, Any]], truth: dict[str, Any], truths: list[Place]) -> list[float | None]:
     """Found less true [s] per true onset; None where it was not found, though the effect was."""
     result: list[float | None] = []
-    for actual, where in zip(truth["effects"], truths, strict=False):
-        effect = _matching(effects, where)
-        if actual.get("onset") is None or effect is None:
-            continue
+    for actual, effect in _with_onset(effects, truth, truths):
         moment = _moment(effect.get("onset"))
         result.append(None if moment is None else moment - actual["onset"])
     return result

@@ -84,16 +84,16 @@ def _fast_length(count: int) -> int:
 
 
 class Whitening:
-    """Takes signals to independent numbers of variance one where they are noise."""
+    """Takes signals to independent numbers of variance one where they are noise, below `BAND` or in the whole band."""
 
-    def __init__(self, case: Case, setting: Setting) -> None:
+    def __init__(self, case: Case, setting: Setting, whole_band: bool = False) -> None:
         period = setting.period
         kept = (setting.time >= setting.time[0] + CUT) & (setting.time <= setting.time[-1] - CUT)
         self.kept = np.flatnonzero(kept)
         self.kept = self.kept[: _fast_length(len(self.kept))]
         count = len(self.kept)
         frequency = np.fft.rfftfreq(count, period)
-        self.bins = np.flatnonzero(frequency <= min(BAND, 0.2 / period))
+        self.bins = np.flatnonzero(frequency <= (0.5 / period if whole_band else min(BAND, 0.2 / period)))
         f = frequency[self.bins]
         reading = case.control.resolution**2 / 12.0 + np.mean(setting.v**2, axis=0) * case.noise.jitter**2
         M = Nominal(case.chain).inertia(np.mean(setting.q, axis=0))
@@ -121,7 +121,7 @@ def _moving(case: Case, setting: Setting) -> Array:
     return result
 
 
-def _spread(white: Array, rows: tuple[int, ...], n: int) -> Array:
+def spread(white: Array, rows: tuple[int, ...], n: int) -> Array:
     """(F', r, k) on some joints to (F' n, k) on all."""
     result = np.zeros((len(white), n, white.shape[2]))
     result[:, list(rows)] = white
@@ -136,11 +136,11 @@ class Comparison:
         self.setting, missing = signature(case, run or case.fit)
         self.white = Whitening(case, self.setting)
         self.n = case.chain.n
-        self.target = _spread(self.white(missing[..., None], tuple(range(self.n))), tuple(range(self.n)), self.n)[:, 0]
+        self.target = spread(self.white(missing[..., None], tuple(range(self.n))), tuple(range(self.n)), self.n)[:, 0]
 
     def columns(self, explanation: Explanation) -> Array:
         """(F' n, k)."""
-        return _spread(self.white(explanation.columns, explanation.rows), explanation.rows, self.n)
+        return spread(self.white(explanation.columns, explanation.rows), explanation.rows, self.n)
 
     def distance(self, others: Array, explanation: Explanation | None, known: Array | None = None) -> float:
         """What is left of the signature with `others` (F' n, m) and an explanation fitted to it."""
@@ -210,6 +210,11 @@ def _less(distance: float, misfit: float) -> float:
 
 def _linear(explanation: Explanation, columns: Array) -> Array:
     return columns[:, :4] if explanation.quadratic else columns
+
+
+def fitted(y: Array, A: Array) -> Array:
+    """Coefficients of plain least squares."""
+    return _fit(y, A, ())[1]
 
 
 def _fit(y: Array, A: Array, positive: tuple[bool, ...]) -> tuple[float, Array]:
