@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from twin_diagram.errors import ModelError
 from twin_diagram.gap.add import add
 from twin_diagram.gap.coordinates import Coordinates, from_log_cholesky, log_cholesky
 from twin_diagram.gap.finding import Estimate, Finding, Moment
-from twin_diagram.gap.gauss_newton import minimise
+from twin_diagram.gap.gauss_newton import Solution, minimise
 from twin_diagram.gap.merge import merged
 from twin_diagram.gap.refinement import Hypothesis, by_torque
 from twin_diagram.gap.whitening import estimate, noise_below
@@ -104,6 +105,45 @@ def test_onset_belongs_to_its_run(tmp_path: Path) -> None:
     other = replace(log, position=log.position + 1e-5)  # repeats the schedule, and is another run
     assert torque_residual_rms(corrected, other)[3] > 1.0
     assert fingerprint(resample(log, log.time[5:-5])) == fingerprint(log) != fingerprint(later)
+
+
+def test_rough_values_that_are_kept_are_not_taken_for_exact(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A search knows shapes and times to a grid's step only, and says nothing of their errors."""
+    spec = EffectSpec("coulomb_friction", [JOINTS[3]], [], {"torque": [4.0]}, onset=1.5)
+    log = noisy(recorded(spec), 2)
+
+    def astray(hypothesis: Hypothesis, logs: Sequence[Log], *, coloured: bool = True) -> tuple[Hypothesis, Solution]:
+        found, solution = by_torque(hypothesis, logs, coloured=coloured)
+        return found, replace(solution, vector=4.0 * solution.vector)
+
+    monkeypatch.setattr("twin_diagram.gap.add.by_torque", astray)
+    monkeypatch.setattr("twin_diagram.gap.add.MOST_BY_MOTION", 0)
+    finding = Finding(spec.name, (JOINTS[3],), (), per_joint(JOINTS[3], torque=4.2), 0.9, onset=Moment(0, 1.6))
+    result = add(Model.load(ARM), [log], [finding])
+    assert "kept" in result.notes[-1]
+    (told,) = result.findings
+    estimate = told.parameters["torque"]
+    assert isinstance(estimate, dict)
+    assert estimate[JOINTS[3]].value == pytest.approx(4.2)
+    assert isinstance(estimate[JOINTS[3]].std, float) and estimate[JOINTS[3]].std > 0.2
+    assert told.onset is not None and told.onset.time == 1.6 and told.onset.std >= 0.1
+
+
+def test_a_value_at_its_bound_has_an_error_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    spec = EffectSpec("actuator_fault", [JOINTS[3]], [], {"gain": [0.6]}, onset=1.5)
+    log = noisy(recorded(spec), 2)
+
+    def whole(hypothesis: Hypothesis, logs: Sequence[Log], *, coloured: bool = True) -> tuple[Hypothesis, Solution]:
+        return hypothesis, Solution(np.array([1.0 + 1e-9]), np.array([[1e-4]]), 0.0)
+
+    monkeypatch.setattr("twin_diagram.gap.add.by_torque", whole)
+    monkeypatch.setattr("twin_diagram.gap.add.MOST_BY_MOTION", 0)
+    monkeypatch.setattr("twin_diagram.gap.add.WORSE", np.inf)
+    finding = Finding(spec.name, (JOINTS[3],), (), per_joint(JOINTS[3], gain=0.99), 0.9, onset=Moment(0, 1.5))
+    told = add(Model.load(ARM), [log], [finding]).findings[0].parameters["gain"]
+    assert isinstance(told, dict)
+    assert told[JOINTS[3]].value == 1.0
+    assert told[JOINTS[3]].std == pytest.approx(0.01, rel=1e-3)
 
 
 FRICTION = EffectSpec("coulomb_friction", list(JOINTS[:3]), [], {"torque": [3.0, 2.0, 1.0]})

@@ -14,9 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.errors import ModelError
+from twin_diagram.gap.coordinates import Coordinates
 from twin_diagram.gap.finding import Estimate, Finding, Moment
 from twin_diagram.gap.gauss_newton import Solution
 from twin_diagram.gap.merge import UNTOLD
+from twin_diagram.gap.moments import ROUGHLY
 from twin_diagram.gap.named import specs_of
 from twin_diagram.gap.posterior import unit_of
 from twin_diagram.gap.refinement import Hypothesis, by_torque
@@ -93,10 +95,20 @@ def add(given: Model, logs: Sequence[Log], findings: Sequence[Finding], say: Say
         for spec in specs_of(finding, marks):
             owners.append(k)
             specs.append(spec)
-    hypothesis = Hypothesis.of(given, specs)
-    rough = hypothesis.model(hypothesis.start())
+    first = Hypothesis.of(given, specs)
+    rough = first.model(first.start())
     say("refining by torques")
-    hypothesis, torques = by_torque(hypothesis, logs)
+    hypothesis, torques = by_torque(first, logs)
+
+    def told(hypothesis: Hypothesis, vector: Array, covariance: Array) -> tuple[Finding, ...]:
+        mine = [[i for i, owner in enumerate(owners) if owner == k] for k in range(len(findings))]
+        return tuple(_told(findings[k], hypothesis, mine[k], vector, covariance) for k in range(len(findings)))
+
+    def kept(*notes: str) -> Added:
+        """The rough parameters; how far the refined ones went from them counts as doubt."""
+        doubt = np.diag(np.square(torques.vector - first.start()))
+        return Added(rough, told(_timed_roughly(first), first.start(), torques.covariance + doubt), notes)
+
     vector, covariance, notes = torques.vector, torques.covariance, list[str]()
     if len(vector) <= MOST_BY_MOTION:
         say("refining by simulated motion")
@@ -105,22 +117,26 @@ def add(given: Model, logs: Sequence[Log], findings: Sequence[Finding], say: Say
     try:
         model = hypothesis.model(vector)
     except ModelError:
-        return Added(rough, tuple(findings), ("refined parameters cannot be; the rough ones are kept",))
+        return kept("refined parameters cannot be; the rough ones are kept")
     least = _left(rough, logs)
     if _left(model, logs) > least + WORSE:
         say("refining by torques, all that is left counted alike")
         plain = _plain(Hypothesis.of(given, specs), logs)
         if plain is None or _left(plain[0].model(plain[1].vector), logs) > least + WORSE:
-            note = "refined parameters fit the runs worse than the rough ones, which are kept"
-            return Added(rough, tuple(findings), (*notes, note))
+            return kept(*notes, "refined parameters fit the runs worse than the rough ones, which are kept")
         hypothesis, vector, covariance = plain[0], plain[1].vector, plain[1].covariance
         model = hypothesis.model(vector)
         notes = ["laws are not exact to the noise: parameters are those that fit best below 10 Hz"]
-    refined = list(findings)
-    for k in range(len(findings)):
-        mine = [i for i, owner in enumerate(owners) if owner == k]
-        refined[k] = _told(findings[k], hypothesis, mine, vector, covariance)
-    return Added(model, tuple(refined), tuple(notes))
+    return Added(model, told(hypothesis, vector, covariance), tuple(notes))
+
+
+def _timed_roughly(hypothesis: Hypothesis) -> Hypothesis:
+    """The same, its onsets and ends as uncertain as those of a search."""
+
+    def timed(part: Coordinates) -> Coordinates:
+        return part.at(replace(part.when, onset_std=ROUGHLY, end_std=ROUGHLY))
+
+    return replace(hypothesis, parts=tuple(timed(part) for part in hypothesis.parts))
 
 
 def _plain(rough: Hypothesis, logs: Sequence[Log]) -> tuple[Hypothesis, Solution] | None:
@@ -168,11 +184,15 @@ def _told(finding: Finding, hypothesis: Hypothesis, mine: Sequence[int], vector:
         sides: dict[str, list[Array]] = {key: [] for key in values}
         size = np.sqrt(np.maximum(np.diag(covariance[s, s]), 1e-30))
         for k in range(len(size)):
-            moved = vector[s].copy()
-            moved[k] += 0.01 * size[k]
-            after = part.effect(moved).parameters
-            for key, value in values.items():
-                sides[key].append((np.array(after[key]) - np.array(value)) / (0.01 * size[k]))
+            slopes: dict[str, list[Array]] = {key: [] for key in values}
+            for step in (0.01 * size[k], -0.01 * size[k]):
+                moved = vector[s].copy()
+                moved[k] += step
+                after = part.effect(moved).parameters
+                for key, value in values.items():
+                    slopes[key].append((np.array(after[key]) - np.array(value)) / step)
+            for key, both in slopes.items():  # at a bound of the catalogue a value moves to one side alone
+                sides[key].append(max(both, key=lambda slope: float(np.linalg.norm(slope))))
         for key, value in values.items():
             if key in UNTOLD:
                 continue
