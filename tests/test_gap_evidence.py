@@ -159,6 +159,10 @@ def test_two_unusual_names_on_a_joint_are_a_crowd() -> None:
     assert crowded([finding("coulomb_friction", "a"), finding("viscous_friction", "a", late=True)])
     assert not crowded([finding("coulomb_friction", "a"), finding("joint_spring", "a")])
     assert not crowded([finding("torque_bias", "a"), finding("joint_spring", "b", late=True)])
+    strange = ("torque_bias", "payload", "time_delay", "coupled_friction")
+    many = [finding(name, joint) for name, joint in zip(strange, "abcd", strict=True)]
+    assert crowded(many)
+    assert not crowded([*many[:3], finding("coulomb_friction", "d")])
 
 
 def test_what_is_left_unnamed() -> None:

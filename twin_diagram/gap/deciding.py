@@ -49,16 +49,22 @@ RED = 6.0
 """Noise this much denser at the slow than at the fast ones of these frequencies [Hz] is no noise where something was
 found."""
 
+MANY = 4
+"""So many unusual names at once rather follow something that has no name."""
+
 USUAL = frozenset({"viscous_friction", "coulomb_friction", "stribeck_friction", "reflected_inertia"})
 """What every joint may well lack at once."""
 
 
 def crowded(findings: Sequence[Finding]) -> bool:
-    """Whether one joint has two unusual names: together they rather follow something that has no name.
+    """Whether one joint has two unusual names, or an arm `MANY`: together they rather follow something without a name.
 
     Beside another name, one that starts within the log is unusual whatever it is: two steps follow any drift.
     """
-    unusual = [joint for finding in findings if finding.name not in USUAL for joint in finding.joints]
+    strange = [finding for finding in findings if finding.name not in USUAL]
+    if len(strange) >= MANY:
+        return True
+    unusual = [joint for finding in strange for joint in finding.joints]
     several = [joint for finding in findings for joint in finding.joints]
     started = {joint for finding in findings if finding.onset is not None for joint in finding.joints}
     return len(unusual) > len(set(unusual)) or any(several.count(joint) > 1 for joint in started)
