@@ -28,6 +28,9 @@ Array = npt.NDArray[np.float64]
 Rows = list[list[list[float]]]
 """Of a matrix per sample."""
 
+Springs = tuple[npt.NDArray[np.int64], Array, Array]
+"""Joints, stiffness and loss, each (s,)."""
+
 LONGEST_STEP = 0.001
 """Samples farther apart than this are integrated in several steps where there is play [s]."""
 
@@ -96,8 +99,15 @@ def twist(model: Model, q: Array, v: Array, a: Array, period: float, beyond: Arr
             swung when the motion began, which the motors' motion does not. None: they begin with the least swing.
     """
     joints, stiffness, half = model.yielding
-    if np.all(np.isfinite(stiffness)) and not np.any(half > 0.0):
-        return _coarsely(model, q, v, a, period, beyond)
+    calm = np.isfinite(stiffness) & (half == 0.0)
+    springs: Springs = joints[calm], stiffness[calm], model.loss[calm]
+    begin = np.full((2, len(joints)), np.nan)
+    if np.any(calm):
+        alone = _coarsely(model, q, v, a, period, springs, beyond)
+        if np.all(calm):
+            return alone
+        # Springs that begin at rest would ring for as long as they are damped.
+        begin[:, calm] = alone.angle[0], alone.rate[0]
     mass = model.tree.mass_matrix(q)
     mass[:, range(model.tree.n), range(model.tree.n)] -= model.tree.rotor
     columns = mass[:, :, joints]
@@ -105,7 +115,7 @@ def twist(model: Model, q: Array, v: Array, a: Array, period: float, beyond: Arr
     rigid = model.link_load(q, v, a)
     load = rigid
     for _ in range(PASSES):
-        angle, rate, acceleration = play(block, load[:, joints], stiffness, half, model.loss, period)
+        angle, rate, acceleration = play(block, load[:, joints], stiffness, half, model.loss, period, begin)
         twisted = q.copy()
         twisted[:, joints] += angle
         load = model.link_load(twisted, v, a)
@@ -113,31 +123,33 @@ def twist(model: Model, q: Array, v: Array, a: Array, period: float, beyond: Arr
     return Twist(angle, rate, torque)
 
 
-def _coarsely(model: Model, q: Array, v: Array, a: Array, period: float, beyond: Array | None) -> Twist:
+def _coarsely(
+    model: Model, q: Array, v: Array, a: Array, period: float, springs: Springs, beyond: Array | None
+) -> Twist:
     """Springs at no finer steps than their swing needs: a smooth motion at 1 kHz is the same at 250 Hz."""
-    joints, stiffness, _ = model.yielding
+    joints, stiffness, _ = springs
     inertia = model.tree.mass_matrix(q[:: max(1, len(q) // 20)])
     links = np.diagonal(inertia, axis1=1, axis2=2)[:, joints] - model.tree.rotor[joints]
     fastest = float(np.max(np.sqrt(stiffness / np.maximum(np.min(links, axis=0), 1e-6))))
     stride = int(min(COARSEST, FINE / fastest) / period + 1e-6)
     if stride < 2 or len(q) < 50 * stride:
-        return _springs(model, q, v, a, period, beyond)
+        return _springs(model, q, v, a, period, springs, beyond)
     index = np.arange(0, len(q), stride)
     thin = None if beyond is None else beyond[index]
-    found = _springs(model, q[index], v[index], a[index], stride * period, thin)
+    found = _springs(model, q[index], v[index], a[index], stride * period, springs, thin)
     rows = np.arange(len(q))
     whole = (CubicSpline(index, signal)(rows) for signal in (found.angle, found.rate, found.torque))
     return Twist(*whole)
 
 
-def _springs(model: Model, q: Array, v: Array, a: Array, h: float, beyond: Array | None) -> Twist:
+def _springs(model: Model, q: Array, v: Array, a: Array, h: float, springs: Springs, beyond: Array | None) -> Twist:
     """Newton's method on the whole motion: the links' load is linearised about the twists of the pass before.
 
     Each pass solves M ë + (loss K + C) ė + (K + G) e = what is left of the load, C and G being the load's derivatives.
     Gravity that turns with the link shifts the frequency at which it swings, so that substituting twists alone would
     take as many passes as there are swings.
     """
-    joints, stiffness, _ = model.yielding
+    joints, stiffness, loss = springs
     s = len(joints)
     diagonal = np.arange(s)
     rigid = model.link_load(q, v, a)
@@ -168,7 +180,7 @@ def _springs(model: Model, q: Array, v: Array, a: Array, h: float, beyond: Array
                 C[:, :, k] = (link(angle, rate + more, acceleration) - load) / TINY
             whole = G[:, joints].copy(), C[:, joints].copy()
             whole[0][:, diagonal, diagonal] += stiffness
-            whole[1][:, diagonal, diagonal] += model.loss * stiffness
+            whole[1][:, diagonal, diagonal] += loss * stiffness
         rest = load - _times(M, acceleration) - _times(C, rate) - _times(G, angle)
         states = _linear(M[:, joints], whole[1], whole[0], -rest[:, joints], h)
         torque = np.einsum("kis,ksm->kim", np.concatenate([G, C, M], axis=2), states)
@@ -236,7 +248,13 @@ def _times(matrix: Array, vector: Array) -> Array:
 
 
 def play(
-    mass: Array, load: Array, stiffness: Array, half: Array, loss: Array, period: float
+    mass: Array,
+    load: Array,
+    stiffness: Array,
+    half: Array,
+    loss: Array,
+    period: float,
+    begin: Array | None = None,
 ) -> tuple[Array, Array, Array]:
     """Twists of gears of which some have play, by steps with impulses, in plain numbers.
 
@@ -251,6 +269,7 @@ def play(
         half: (s,) of the gaps, zero where there is a spring alone [rad].
         loss: (s,) of the springs [s].
         period: between samples [s].
+        begin: (2, s) angle and rate at the first sample; NaN, or None: at rest where the load has pushed them.
 
     Returns:
         angle, rate and acceleration, each (N, s).
@@ -277,6 +296,8 @@ def play(
     K, gap, loads = np.where(hard, 0.0, stiffness).tolist(), half.tolist(), load.tolist()
     e = [-x / k - np.sign(x) * g if k else -np.sign(x) * g for x, k, g in zip(loads[0], K, gap, strict=True)]
     v = [0.0] * s
+    if begin is not None:
+        e, v = np.where(np.isnan(begin), [e, v], begin).tolist()
     angle, rate = [e], [v]
     for k in range(1, samples):
         for share in shares:
