@@ -27,10 +27,8 @@ def _loads(seed: int, s: int = 2) -> Array:
 def test_a_gear_moves_as_if_alone_where_no_inertia_couples_it(seed: int, other: float) -> None:
     load = _loads(seed)
     mass = np.tile(np.diag([0.7, 0.3]), (SAMPLES, 1, 1))
-    # `play_alone` takes the load of each step's middle.
-    middle = np.concatenate([load[:1], 0.5 * (load[1:] + load[:-1])])
     half = np.array([0.01, 0.02 if np.isinf(other) else 0.0])
-    angle, rate, acceleration = play(mass, middle, np.array([np.inf, other]), half, NO_LOSS, PERIOD)
+    angle, rate, acceleration = play(mass, load, np.array([np.inf, other]), half, NO_LOSS, PERIOD)
     alone = play_alone(mass[:, 0, 0], load[:, 0], 0.01, PERIOD)
     for found, known in zip((angle, rate, acceleration), alone, strict=True):
         np.testing.assert_allclose(found[:, 0], known, rtol=0.0, atol=1e-9 * np.max(np.abs(known)))
@@ -48,6 +46,18 @@ def test_a_spring_behind_play_rests_where_it_carries_its_load(load: float) -> No
     assert np.max(np.abs(rate[-1])) < 1e-3
 
 
+@pytest.mark.parametrize("loss", [0.0, 1e-3])
+def test_a_spring_beside_play_swings_as_long_as_its_loss_lets_it(loss: float) -> None:
+    """Two kilograms' metres squared on 800 N·m/rad: 3.2 Hz, for three seconds."""
+    mass = np.tile(np.diag([2.0, 0.3]), (SAMPLES, 1, 1))
+    begin = np.array([[0.01, np.nan], [0.0, np.nan]])
+    load = np.zeros((SAMPLES, 2))
+    angle, *_ = play(mass, load, np.array([800.0, np.inf]), np.array([0.0, 0.01]), np.full(2, loss), PERIOD, begin)
+    decay, swing = 0.5 * loss * 400.0, np.sqrt(400.0 - (0.5 * loss * 400.0) ** 2)
+    known = 0.01 * np.exp(-decay * TIME) * (np.cos(swing * TIME) + decay / swing * np.sin(swing * TIME))
+    np.testing.assert_allclose(angle[:, 0], known, rtol=0.0, atol=3e-5)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_coupled_gears_pass_on_impulses_at_the_ends_of_their_play_alone(seed: int) -> None:
     load = _loads(seed)
@@ -57,7 +67,7 @@ def test_coupled_gears_pass_on_impulses_at_the_ends_of_their_play_alone(seed: in
     angle, rate, _ = play(mass, load, np.array([np.inf, np.inf]), half, NO_LOSS, PERIOD)
     assert np.all(np.abs(angle) <= half * (1.0 + 1e-9))
     np.testing.assert_allclose(angle[1:], angle[:-1] + PERIOD * rate[1:], rtol=0.0, atol=1e-15)
-    impulse = np.einsum("kij,kj->ki", mass[1:], np.diff(rate, axis=0)) + PERIOD * load[1:]
+    impulse = np.einsum("kij,kj->ki", mass[1:], np.diff(rate, axis=0)) + 0.5 * PERIOD * (load[1:] + load[:-1])
     size = PERIOD * np.max(np.abs(load))
     inside = np.abs(angle[1:]) < half * (1.0 - 1e-9)
     assert 0.02 < np.mean(inside) < 0.98  # they both fly and rest

@@ -5,8 +5,8 @@ With the link at q = θ + e behind a motor at θ, and τ the torque that the lin
     M ë + loss K ė + K e = −τ(θ)    for a spring,        e within ± gap / 2, without rebound, for play,
 
 M being the links' mass matrix at the joints that yield (Spong 1987, with the motors' motion prescribed). What the
-motors must give beyond the rigid arm's torque is M ë, and what gravity changes at θ + e. Springs are integrated by
-Newmark's average acceleration, which neither damps nor blows up; play by implicit steps with impulses at its ends.
+motors must give beyond the rigid arm's torque is M ë, and what gravity changes at θ + e. Springs alone are integrated
+by a Gauss method, which neither damps nor blows up; play, and springs beside it, by steps with impulses at its ends.
 """
 
 from __future__ import annotations
@@ -33,6 +33,9 @@ Springs = tuple[npt.NDArray[np.int64], Array, Array]
 
 LONGEST_STEP = 0.001
 """Samples farther apart than this are integrated in several steps where there is play [s]."""
+
+FOLLOWED = 0.5
+"""Springs that swing through less than this in a step are followed [rad]."""
 
 PASSES = 2
 """Gravity at the twisted gear is worked out from the pass before."""
@@ -112,13 +115,23 @@ def twist(model: Model, q: Array, v: Array, a: Array, period: float, beyond: Arr
     mass[:, range(model.tree.n), range(model.tree.n)] -= model.tree.rotor
     columns = mass[:, :, joints]
     block = columns[:, joints]
-    rigid = model.link_load(q, v, a)
-    load = rigid
-    for _ in range(PASSES):
-        angle, rate, acceleration = play(block, load[:, joints], stiffness, half, model.loss, period, begin)
+    rigid = load = model.link_load(q, v, a)
+    slope = np.zeros_like(columns)
+    angle = np.zeros((len(q), len(joints)))
+
+    def turned(angle: Array) -> Array:
         twisted = q.copy()
         twisted[:, joints] += angle
-        load = model.link_load(twisted, v, a)
+        return model.link_load(twisted, v, a)
+
+    for k in np.flatnonzero(calm):  # gravity that turns with a link shifts the frequency at which it swings
+        slope[:, :, k] = (turned(TINY * np.eye(len(joints))[k]) - rigid) / TINY
+    for _ in range(PASSES):
+        at_zero = (load - _times(slope, angle))[:, joints]
+        angle, rate, acceleration = play(
+            block, at_zero, stiffness, half, model.loss, period, begin, slope[:, joints] if np.any(calm) else None
+        )
+        load = turned(angle)
     torque = np.einsum("kis,ks->ki", columns, acceleration) + load - rigid
     return Twist(angle, rate, torque)
 
@@ -255,12 +268,15 @@ def play(
     loss: Array,
     period: float,
     begin: Array | None = None,
+    slope: Array | None = None,
 ) -> tuple[Array, Array, Array]:
     """Twists of gears of which some have play, by steps with impulses, in plain numbers.
 
-    With K_i the stiffness of the gears that press against their springs, a step is linear: v ← A⁻¹ (M v − h push), with
-    A = M + h (loss + h) diag(K). Which gears press changes, but seldom: each choice is inverted once for all samples.
-    What impulses change in a sample's speed is shared by the two samples about it.
+    With K the stiffness of the gears that press against their springs, a step is linear: v ← A⁻¹ (M v − h push), with
+    A = M + h θ (loss + θ h) diag(K) and push = load + K e + K (1 − θ) (loss + θ h) v. Springs whose swing the steps can
+    follow have θ = ½, which does not damp it, the others θ = 1, which does not let it grow. Which gears press changes,
+    but seldom: each choice is inverted once for all samples. What impulses change in a sample's speed is shared by the
+    two samples about it.
 
     Args:
         mass: (N, s, s) inertia of what the gears move [kg·m²].
@@ -270,6 +286,7 @@ def play(
         loss: (s,) of the springs [s].
         period: between samples [s].
         begin: (2, s) angle and rate at the first sample; NaN, or None: at rest where the load has pushed them.
+        slope: (N, s, s) of the load over the gears' angles [N·m/rad]; None: it is given as it is there.
 
     Returns:
         angle, rate and acceleration, each (N, s).
@@ -281,19 +298,24 @@ def play(
         return alone[0][:, None], alone[1][:, None], alone[2][:, None]
     parts = max(1, int(np.ceil(period / LONGEST_STEP - 1e-9)))
     h = period / parts
-    shares = [(part + 1.0) / parts for part in range(parts)]
+    shares = [(part + 0.5) / parts for part in range(parts)]
     bounded = np.flatnonzero(hard).tolist()
     springs = np.flatnonzero(~hard & (half == 0.0)).tolist()
     both = np.flatnonzero(~hard & (half > 0.0)).tolist()
+    fastest = np.where(hard, 0.0, stiffness) / np.min(np.diagonal(mass, axis1=1, axis2=2), axis=0)
+    theta = np.where((half == 0.0) & (h * np.sqrt(fastest) < FOLLOWED), 0.5, 1.0)
     tables: dict[int, tuple[Rows, Rows]] = {}
 
     def table(pressing: int) -> tuple[Rows, Rows]:
         """A⁻¹ M and h A⁻¹ per sample."""
         chosen = [j in springs or bool(pressing >> j & 1) for j in range(s)]
-        inverse: Any = np.linalg.inv(mass + np.diag(h * (loss + h) * np.where(chosen, stiffness, 0.0)))
+        firm = np.where(chosen, stiffness, 0.0)
+        inverse: Any = np.linalg.inv(mass + np.diag(h * theta * (loss + theta * h) * firm))
         return (inverse @ mass).tolist(), (h * inverse).tolist()
 
-    K, gap, loads = np.where(hard, 0.0, stiffness).tolist(), half.tolist(), load.tolist()
+    K, gap, loads, new = np.where(hard, 0.0, stiffness).tolist(), half.tolist(), load.tolist(), theta.tolist()
+    slopes = None if slope is None else slope.tolist()
+    lossy = (np.where(hard, 0.0, stiffness) * (1.0 - theta) * (loss + theta * h)).tolist()
     e = [-x / k - np.sign(x) * g if k else -np.sign(x) * g for x, k, g in zip(loads[0], K, gap, strict=True)]
     v = [0.0] * s
     if begin is not None:
@@ -302,8 +324,11 @@ def play(
     for k in range(1, samples):
         for share in shares:
             push = [(1.0 - share) * x + share * y for x, y in zip(loads[k - 1], loads[k], strict=True)]
+            if slopes is not None:
+                middle = [x + 0.5 * h * y for x, y in zip(e, v, strict=True)]
+                push = [x + sum(map(mul, row, middle)) for x, row in zip(push, slopes[k], strict=True)]
             for j in springs:
-                push[j] += K[j] * e[j]
+                push[j] += K[j] * e[j] + lossy[j] * v[j]
             pressing = 0
             for j in both:
                 ahead = e[j] + h * v[j]
@@ -313,12 +338,13 @@ def play(
             if pressing not in tables:
                 tables[pressing] = table(pressing)
             onward, driven = tables[pressing]
+            old = v
             v = [
                 sum(map(mul, row, v)) - sum(map(mul, other, push))
                 for row, other in zip(onward[k], driven[k], strict=True)
             ]
             _keep_within(driven[k], v, [(j, (-gap[j] - e[j]) / h, (gap[j] - e[j]) / h) for j in bounded])
-            e = [x + h * y for x, y in zip(e, v, strict=True)]
+            e = [x + h * (t * y + (1.0 - t) * z) for x, y, z, t in zip(e, v, old, new, strict=True)]
         angle.append(e)
         rate.append(v)
     rates = np.array(rate)
