@@ -134,6 +134,7 @@ LAYERS = (
         "motion",
         "unread",
         "dry_friction",
+        "play",
     },
     {"series", "timeline", "folding", "plant_calls", "model_folder", "scan_cloud"},
     {"torque_law"},

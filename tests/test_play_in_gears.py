@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from twin_diagram.series import play, play_alone
+from twin_diagram.play import play, play_alone
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from scipy.signal import find_peaks
 from twin_diagram.gap.candidate import Candidate, linear
 from twin_diagram.gap.evidence import Bench, Members
 from twin_diagram.gap.terms import Terms
-from twin_diagram.series import play_alone
+from twin_diagram.play import play_alone
 
 Array = npt.NDArray[np.float64]
 
