@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +14,13 @@ from twin_diagram.errors import LogError
 from twin_diagram.logs import (
     Log,
     check,
+    fingerprint,
     is_regular,
     log_from_columns,
     read_log,
     resample,
     uniform,
+    unwrapped,
     write_columns,
     write_log,
 )
@@ -124,8 +127,36 @@ BAD_TEXT = {
     "column 'time' is there 2 times": csv().replace("position_measured.a", "time"),
     "semicolons": csv().replace(",", ";"),
     "has torque_measured.b but no position_measured.b": csv(**{"torque_measured.b": ONES}),
-    "has torque_measured of other joints, but no torque_measured.b": csv(**{"position_measured.b": ONES}),
+    "has torque_measured of other joints, but no torque_measured.b": csv(
+        **{"position_measured.b": ONES, "torque_commanded.b": ONES, "torque_commanded.a": ONES}
+    ),
 }
+
+
+def test_a_joint_without_torque_is_left_out(tmp_path: Path) -> None:
+    """Fingers' drives tell none; where the model needs the joint, its absence is explained."""
+    path = tmp_path / "log.csv"
+    path.write_text(csv(**{"position_measured.b": ["nan"] * 20, "velocity_estimated.b": ONES}))
+    log = read_log(path)
+    assert log.joints == ("a",) and log.velocity is None
+    assert log.notes == (f"{path}: b has no torque and is left out",)
+    columns = {name: values for name, values in healthy().columns().items() if name != f"torque_measured.{JOINTS[2]}"}
+    with pytest.raises(LogError, match=f"joint '{JOINTS[2]}' of the model is missing.*has no torque"):
+        check(log_from_columns(columns, "log", str), MODEL)
+
+
+def test_angles_that_jump_by_a_turn_go_on() -> None:
+    log = healthy()
+    high = replace(log, position=log.position + np.pi - log.position[:1])  # starts at half a turn, and crosses it
+    wrapped = replace(high, position=(high.position + np.pi) % (2.0 * np.pi) - np.pi, position_commanded=high.position)
+    assert np.any(np.abs(np.diff(wrapped.position, axis=0)) > np.pi)
+    whole, (warning,) = unwrapped(wrapped, MODEL)
+    assert warning.code == "wrapped" and "jumps by a turn" in warning.message
+    moved = whole.position - whole.position[0]
+    np.testing.assert_allclose(moved, high.position - high.position[0], atol=1e-9)
+    assert whole.position_commanded is not None
+    assert fingerprint(whole) == fingerprint(wrapped)
+    assert unwrapped(log, MODEL) == (log, [])
 
 
 @pytest.mark.parametrize("message", BAD_TEXT)

@@ -255,6 +255,7 @@ def test_joints_of_model_and_log_meet(truth: Log) -> None:
     """A log that holds the fingers brings them in; one that does not leaves them rigid."""
     short = truth.between(0.0, 0.5)
     model, log, warnings = load_model_for(short, "arms/panda_hand.urdf")
+    hangs_on = model.last_link
     assert (model.joints, log.joints, warnings) == (JOINTS, JOINTS, [])
     fingers = ("panda_finger_joint1", "panda_finger_joint2")
     both = Log(
@@ -264,7 +265,7 @@ def test_joints_of_model_and_log_meet(truth: Log) -> None:
         torque=np.hstack([np.full((len(short), 2), 0.1), short.motor_torque]),
     )
     model, log, warnings = load_model_for(both, "arms/panda_hand.urdf")
-    assert set(model.joints) == {*JOINTS, *fingers}
+    assert set(model.joints) == {*JOINTS, *fingers} and model.last_link == hangs_on == "panda_link7"
     assert log.joints == model.joints
     assert torque_residual(model, log).shape[1] == 9
     assert warnings == []

@@ -50,7 +50,7 @@ class Arm:
         gripper_joint_indices: theirs in the plant.
         gripper_actuator_indices: their motors' in the plant; those that have none (mimicking fingers) are left out.
         base: the root link.
-        last_link: the child link of the last arm joint; payloads hang on it.
+        last_link: the child link of the last arm joint that is no finger; payloads hang on it.
         tool_frame: the frame that the planner moves.
         given: effects that the description itself states and Drake does not read.
     """
@@ -204,7 +204,8 @@ def add_arm(
             motors[int(joint.index())] = plant.AddJointActuator(f"{joint.name()}_motor", joint, limit)
 
     base = _weld_base(plant, instances, arm_joints[0], spec)
-    last_link = arm_joints[-1].child_body()
+    carrying = [j for j in arm_joints if not (isinstance(j, PrismaticJoint) and _is_finger(j, movable))]
+    last_link = (carrying or arm_joints)[-1].child_body()
     return Arm(
         spec=spec,
         instances=instances,

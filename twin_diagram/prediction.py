@@ -17,7 +17,7 @@ from pydrake.multibody.tree import PrismaticJoint, RevoluteJoint
 
 from twin_diagram import description, series
 from twin_diagram.errors import LogError
-from twin_diagram.logs import Log, LogWarning, check, fingerprint, read_log, write_columns
+from twin_diagram.logs import Log, LogWarning, check, fingerprint, read_log, unwrapped, write_columns
 from twin_diagram.model import Model
 from twin_diagram.motion import Motion, inner, lowpass, motion
 from twin_diagram.rollout import rollout, trajectory
@@ -188,8 +188,18 @@ def load_model_for(
     logged = [joint for joint in movable if joint in loaded.joints or joint in log.joints]
     if len(logged) > len(loaded.joints):
         loaded = Model.load(replace(spec, joints=logged), packages)
-    warnings = check(log, loaded)
-    return loaded, log.select(loaded.joints), warnings
+    return (loaded, *as_explained(loaded, log))
+
+
+def as_explained(model: Model, log: Log) -> tuple[Log, list[LogWarning]]:
+    """A log as a model explains it: checked, with the model's joints in its order, angles that go on past a turn.
+
+    Raises:
+        LogError: see `logs.check`.
+    """
+    warnings = check(log, model)
+    own, wrapped = unwrapped(log.select(model.joints), model)
+    return own, warnings + wrapped
 
 
 def predict(

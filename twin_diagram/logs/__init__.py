@@ -7,6 +7,7 @@ from twin_diagram.logs.identity import fingerprint
 from twin_diagram.logs.log import SIGNALS, Log
 from twin_diagram.logs.reading import log_from_columns, read_columns, read_log
 from twin_diagram.logs.resampling import is_regular, resample, uniform
+from twin_diagram.logs.wrapping import unwrapped
 from twin_diagram.logs.writing import write_columns, write_log
 
 __all__ = [
@@ -21,6 +22,7 @@ __all__ = [
     "read_log",
     "resample",
     "uniform",
+    "unwrapped",
     "write_columns",
     "write_log",
 ]

@@ -22,6 +22,7 @@ Array = npt.NDArray[np.float64]
 FEWEST = 10
 """Samples that make a log."""
 
+TORQUES = ("torque_measured", "torque_commanded")
 BAGS = (".mcap", ".db3", ".bag")
 LCM_LOGS = (".lcm", ".lcmlog", ".log")
 
@@ -36,7 +37,8 @@ def read_log(path: str | Path) -> Log:
 
     Raises:
         LogError: missing, empty, unreadable or ragged file; text where a number must be; a value that is missing or not
-            finite; a signal that lacks a joint; time that does not rise. The message names column and line.
+            finite; a signal that lacks a joint; time that does not rise. The message names column and line. A joint
+            that has no torque where others have is left out, with a note.
     """
     path, stream = _parted(Path(path))
     suffix = path.suffix.lower()
@@ -95,6 +97,9 @@ def log_from_columns(columns: Mapping[str, Array], source: str, where: Callable[
     joints = [name.partition(".")[2] for name in columns if name.startswith("position_measured.")]
     if not joints:
         raise LogError(f"{source}: has no column `position_measured.<joint>`; its columns are {_few(list(columns))}")
+    idle = _without_torque(columns, joints)
+    joints = [joint for joint in joints if joint not in idle]
+    columns = {name: values for name, values in columns.items() if name.partition(".")[2] not in idle}
     time = columns["time"]
     if len(time) < FEWEST:
         raise LogError(f"{source}: holds {len(time)} sample(s); at least {FEWEST} are needed")
@@ -110,7 +115,14 @@ def log_from_columns(columns: Mapping[str, Array], source: str, where: Callable[
         for name, attribute in SIGNALS.items()
         if (signal := _signal(columns, name, joints, source)) is not None
     }
-    return Log(time=time, joints=tuple(joints), source=source, **signals)
+    notes = tuple(f"{source}: {joint} has no torque and is left out" for joint in idle)
+    return Log(time=time, joints=tuple(joints), source=source, notes=notes, **signals)
+
+
+def _without_torque(columns: Mapping[str, Array], joints: Sequence[str]) -> list[str]:
+    """Joints that have none where others have some: fingers and mobile bases, which few drives tell the torque of."""
+    idle = [joint for joint in joints if not any(f"{signal}.{joint}" in columns for signal in TORQUES)]
+    return idle if len(idle) < len(joints) else []
 
 
 def _signal(columns: Mapping[str, Array], signal: str, joints: Sequence[str], source: str) -> Array | None:

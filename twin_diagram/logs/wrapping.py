@@ -1,0 +1,57 @@
+"""Encoders that count one turn only: their angles jump by a turn where the joint goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.logs.checking import LogWarning
+from twin_diagram.logs.identity import fingerprint
+from twin_diagram.logs.log import Log
+
+if TYPE_CHECKING:
+    from twin_diagram.model import Model
+
+Array = npt.NDArray[np.float64]
+
+
+def unwrapped(log: Log, model: Model) -> tuple[Log, list[LogWarning]]:
+    """The log with angles that go on where they jumped by a turn, and what was done; itself where none does.
+
+    A step of more than half a turn from one sample to the next is no motion of an arm. Which turn a run begins in is
+    not known, so it is the one that the log says.
+
+    Args:
+        log: checked, with the model's joints in the model's order.
+        model: that says which of them are revolute.
+    """
+    jumps = np.any(np.abs(np.diff(log.position, axis=0)) > np.pi, axis=0) & model.tree.revolute
+    if not np.any(jumps):
+        return log, []
+    whole = replace(
+        log,
+        position=_unwrap(log.position, jumps),
+        position_commanded=None if log.position_commanded is None else _unwrap(log.position_commanded, jumps),
+        identity=fingerprint(log),
+    )
+    return whole, [_warning(log, _names(log.joints, jumps))]
+
+
+def _unwrap(angles: Array, which: npt.NDArray[np.bool_]) -> Array:
+    return np.where(which, np.unwrap(angles, axis=0), angles)
+
+
+def _names(joints: Sequence[str], which: npt.NDArray[np.bool_]) -> list[str]:
+    return [joint for joint, here in zip(joints, which, strict=True) if here]
+
+
+def _warning(log: Log, joints: Sequence[str]) -> LogWarning:
+    return LogWarning(
+        "wrapped",
+        f"{log.source}: the angle of {', '.join(joints)} jumps by a turn between two samples; it is taken to go on",
+        joints[0],
+    )
