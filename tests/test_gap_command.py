@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -176,6 +177,22 @@ def test_what_else_is_in_the_folder_stays(stub: None, runs: tuple[Path, list[Pat
     assert [path.name for path in tmp_path.iterdir()] == ["out"]  # nothing temporary is left
 
 
+def test_a_folder_that_is_there_may_be_a_disk_of_its_own(
+    stub: None, runs: tuple[Path, list[Path]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is moved into place must come from the same one."""
+    model, (fit, held, _) = runs
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "out").symlink_to(tmp_path / "disk")
+    staged: list[Path] = []
+    make = command.tempfile.mkdtemp
+    monkeypatch.setattr(command.tempfile, "mkdtemp", lambda **options: staged.append(options["dir"]) or make(**options))
+    run_gap(model, [fit], held, tmp_path / "out")
+    assert tmp_path not in staged and tmp_path / "out" in staged
+    assert {path.name for path in (tmp_path / "disk").iterdir()} >= {"gap.json", "model", "report.html"}
+    assert not [path for path in (tmp_path / "disk").iterdir() if path.name.startswith(".")]
+
+
 def test_a_model_may_be_corrected_in_place(stub: None, runs: tuple[Path, list[Path]], tmp_path: Path) -> None:
     model, (fit, held, _) = runs
     out = tmp_path / "out"
@@ -223,6 +240,16 @@ def too_short(folder: Path) -> None:
     (folder / "run_0.csv").write_text("\n".join(lines[:200]) + "\n")
 
 
+def held_out_too_short(folder: Path) -> None:
+    lines = (folder / "run_1.csv").read_text().splitlines()
+    (folder / "run_1.csv").write_text("\n".join(lines[:120]) + "\n")
+
+
+def nothing_logged(folder: Path) -> None:
+    log = read_log(folder / "run_1.csv")
+    write_log(replace(log, torque=np.zeros_like(log.position)), folder / "run_1.csv")
+
+
 def out_is_a_file(folder: Path) -> None:
     (folder / "out").write_text("")
 
@@ -241,6 +268,8 @@ def nothing_there(folder: Path) -> None:
         (no_torque, "run_1.csv"),
         (not_a_number, "line 8"),
         (too_short, "run_0.csv"),
+        (held_out_too_short, "run_1.csv: lasts 0.472 s"),
+        (nothing_logged, "run_1.csv: all torques are zero"),
         (out_is_a_file, "out"),
     ],
 )
@@ -280,6 +309,18 @@ def test_nothing_is_left_where_writing_fails(
     with pytest.raises(TwinError, match="No space left"):
         run_gap(model, [fit], held, tmp_path / "out")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_joint_without_torque_is_no_crash(runs: tuple[Path, list[Path]], tmp_path: Path) -> None:
+    """A drive that logs nothing: the run does not follow the model, and no catalogue says so of a motor."""
+    model, (fit, held, _) = runs
+    paths = [tmp_path / "fit.csv", tmp_path / "held.csv"]
+    for source, path in zip((fit, held), paths, strict=True):
+        log = read_log(source)
+        write_log(replace(log, torque=log.motor_torque * [1.0, 0.0]), path)
+    gap = run_gap(model, paths[:1], paths[1])
+    assert any("torque of elbow is zero" in note for note in gap.notes)
+    assert gap.verdict.verdict != "none"
 
 
 # An effect of one's own: one class and one registration line.

@@ -54,7 +54,7 @@ class Model:
         loss: (s,) their damping over stiffness [s].
         position_index, velocity_index: (n,) of the joints in the plant's q and v.
         lower, upper, velocity_limit, effort_limit: (n,) from the description, infinite where it says nothing.
-        last_link: name of the child link of the last arm joint; payloads hang on it.
+        last_link: name of the child link of the last arm joint that is no finger; payloads hang on it.
         tree: the same rigid dynamics for many samples at once.
         vectorises: whether `tree` holds all that the plant does.
         calls: into the plant, for single samples.
@@ -132,7 +132,7 @@ class Model:
         return Model(plant, arm, effects)
 
     def for_run(self, mark: str) -> Model:
-        """The model as it holds for one run: onsets and ends that are about another, earlier one are over.
+        """The model as it holds for one run: each effect as `Effect.in_run` says.
 
         Args:
             mark: `logs.fingerprint` of the run.
@@ -140,10 +140,8 @@ class Model:
         if all(effect.log in ("", mark) for effect in self.effects):
             return self
         if mark not in self._runs:
-            kept = [effect for effect in self.effects if effect.log in ("", mark) or effect.end is None]
-            self._runs[mark] = self.with_effects(
-                [effect if effect.log in ("", mark) else effect.always() for effect in kept]
-            )
+            here = (effect.in_run(mark) for effect in self.effects)
+            self._runs[mark] = self.with_effects([effect for effect in here if effect is not None])
         return self._runs[mark]
 
     def with_effects(self, effects: Iterable[Effect]) -> Model:

@@ -80,6 +80,7 @@ class Effect:
         self.onset: float | None = None
         self.end: float | None = None
         self.log = ""
+        self.elsewhere: Mapping[str, float] = {}
         self.mark = ""
         self.prismatic: frozenset[str] = frozenset()
 
@@ -97,7 +98,33 @@ class Effect:
     def always(self) -> Effect:
         """The same without onset and end."""
         result = copy.copy(self)
-        result.onset, result.end, result.log = None, None, ""
+        result.onset, result.end, result.log, result.elsewhere = None, None, "", {}
+        return result
+
+    def told(self, moments: Mapping[str, float]) -> Effect:
+        """The same, told when its onset or end came in other runs; see `EffectSpec.elsewhere`."""
+        result = copy.copy(self)
+        result.elsewhere = {**self.elsewhere, **moments}
+        return result
+
+    def in_run(self, mark: str) -> Effect | None:
+        """As it is in the run of a fingerprint, where its onset or end may be about another; None: it is not there.
+
+        What started is there from then on, what ended is over, unless `elsewhere` says otherwise.
+        """
+        if self.log in ("", mark):
+            return self
+        moment = self.elsewhere.get(mark, -math.inf)
+        if self.end is not None and self.onset is not None:
+            return None
+        if not math.isfinite(moment):
+            return self.always() if (moment < 0.0) == (self.end is None) else None
+        result = self.always()
+        result.log = mark
+        if self.end is None:
+            result.onset = moment
+        else:
+            result.end = moment
         return result
 
     def on_arm(self, prismatic: Collection[str]) -> Effect:
@@ -140,6 +167,10 @@ class Effect:
             parameters[key] = Parameter.of(kind, value, where)
         result = cls(spec.joints, spec.links, parameters)
         result.onset, result.end, result.log = spec.onset, spec.end, spec.log
+        result.elsewhere = dict(spec.elsewhere)
+        for run, when in spec.elsewhere.items():
+            if math.isnan(when):
+                raise ModelError(f"effects.{cls.name}.elsewhere: the time in {run} is not a number")
         for key, moment in (("onset", spec.onset), ("end", spec.end)):
             if moment is not None and not math.isfinite(moment):
                 raise ModelError(f"effects.{cls.name}.{key}: {moment} is not finite")
@@ -168,6 +199,7 @@ class Effect:
             onset=self.onset,
             end=self.end,
             log=self.log,
+            elsewhere=dict(self.elsewhere),
         )
 
     def value(self, key: str) -> Array:

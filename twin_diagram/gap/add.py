@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram.effects import REGISTRY
 from twin_diagram.errors import ModelError
 from twin_diagram.gap.coordinates import Coordinates
 from twin_diagram.gap.finding import Estimate, Finding, Moment
@@ -205,7 +206,11 @@ def _told(finding: Finding, hypothesis: Hypothesis, mine: Sequence[int], vector:
             if isinstance(before, dict):
                 mapping = told.setdefault(key, {})
                 assert isinstance(mapping, dict)
-                if len(value) == len(part.spec.joints):
+                if not REGISTRY[finding.name].per_joint:
+                    mapping |= {
+                        joint: _estimate(value, std, unit) for joint, unit in zip(part.spec.joints, units, strict=True)
+                    }
+                elif len(value) == len(part.spec.joints):
                     for joint, x, e, unit in zip(part.spec.joints, value, std, units, strict=True):
                         mapping[joint] = Estimate(float(x), float(e), unit)
                 else:

@@ -25,13 +25,15 @@ from twin_diagram.gap import gap_json, report
 from twin_diagram.gap.add import add
 from twin_diagram.gap.deciding import LESS_SURE
 from twin_diagram.gap.finding import Verdict
+from twin_diagram.gap.held_onset import with_held_onsets
 from twin_diagram.gap.naming import name
+from twin_diagram.gap.records import SHORTEST_HELD, usable
 from twin_diagram.gap.report_subject import Subject
 from twin_diagram.gap.show import Shown, show
 from twin_diagram.gap.trajectories import Experiment, design, visited
-from twin_diagram.logs import Log, check, read_log, write_columns
+from twin_diagram.logs import Log, read_log, write_columns
 from twin_diagram.model import Model
-from twin_diagram.prediction import load_model_for
+from twin_diagram.prediction import as_explained, load_model_for
 
 Say = Callable[[str], None]
 
@@ -108,6 +110,8 @@ def run_gap(
             # What cannot be added was no explanation.
             verdict = _nameless(verdict) if added.model is given else replace(verdict, findings=added.findings)
             notes += added.notes
+            corrected, more = with_held_onsets(corrected, held, verdict.noise_floor)
+            notes += more
     except ModelError as error:
         notes.append(f"what fits the runs best is not physical, so nothing is named: {error}")
         verdict, corrected = _nameless(verdict), given
@@ -158,17 +162,18 @@ def accepted(verdict: Verdict, shown: Shown) -> bool:
 
     What is over by then, or what it never exercises, cannot show there.
     """
-    if any(finding.end is not None for finding in verdict.findings):
-        return True
+    over = [finding.end is not None for finding in verdict.findings]
+    if any(over):
+        return all(over) or not shown.worsens()
     return (shown.shrinks() and not shown.worsens()) or not shown.is_exercised()
 
 
 def write(gap: Gap, out: Path, title: str) -> None:
-    """Writes everything to a temporary folder beside `out`, and then moves it into place."""
+    """Writes everything to a temporary folder beside `out`, or in it if it exists, and then moves it into place."""
     out = out.absolute()
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
-        staging = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
+        staging = _aside(out)
     except OSError as error:
         raise TwinError(f"{out}: cannot be written: {error.strerror}") from error
     try:
@@ -185,11 +190,16 @@ def write(gap: Gap, out: Path, title: str) -> None:
         shutil.rmtree(staging, ignore_errors=True)
 
 
+def _aside(out: Path) -> Path:
+    """A folder on the same disk as `out`, which may be a link or a mount of its own."""
+    return Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out if out.exists() else out.parent))
+
+
 def _move(staging: Path, out: Path) -> None:
     if not out.exists():
         os.replace(staging, out)
         return
-    aside = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
+    aside = _aside(out)
     try:
         for part in PARTS:
             if (out / part).exists():
@@ -237,13 +247,18 @@ def _read(
     given, first, warnings = load_model_for(raw[0], model, packages)
     logs = [first]
     for log in raw[1:]:
-        warnings += check(log, given)
-        logs.append(log.select(given.joints))
-    warnings += check(held, given)
+        own, more = as_explained(given, log)
+        logs.append(own)
+        warnings += more
+    kept, more = as_explained(given, held)
+    warnings += more
+    for log in logs:
+        usable(log)
+    usable(kept, SHORTEST_HELD)
     notes = [warning.message for warning in warnings]
     if any(_same(log, held) for log in raw):
         notes.append(f"{held.source}: is also a fitted run, so it proves nothing; hold out another one")
-    return given, logs, held.select(given.joints), notes
+    return given, logs, kept, notes
 
 
 def _same(a: Log, b: Log) -> bool:

@@ -64,7 +64,9 @@ class Coordinates:
 
     def started(self, spec: EffectSpec) -> Coordinates:
         """From other values."""
-        return replace(self, spec=replace(spec, onset=self.spec.onset, end=self.spec.end, log=self.spec.log))
+        own = self.spec
+        timed = replace(spec, onset=own.onset, end=own.end, log=own.log, elsewhere=own.elsewhere)
+        return replace(self, spec=timed)
 
     def at(self, when: When) -> Coordinates:
         """At other times."""

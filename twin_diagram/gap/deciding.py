@@ -70,6 +70,12 @@ def crowded(findings: Sequence[Finding]) -> bool:
     return len(unusual) > len(set(unusual)) or any(several.count(joint) > 1 for joint in started)
 
 
+def doubled(bench: Bench, fit: Fit) -> bool:
+    """Whether a joint has a second ripple, which follows something but cannot be told beside the first."""
+    joints = [bench.candidates[k].joints for k in fit.members if bench.candidates[k].name == "torque_ripple"]
+    return len(set(joints)) < len(joints)
+
+
 def share_of(bench: Bench, fit: Fit, group: Members) -> float:
     """Share of what was explained on some members' own joints that is lost without them, as log likelihoods."""
     rows = sorted({j for k in group for j in bench.candidates[k].rows})
@@ -141,7 +147,7 @@ def conclude(records: Records, terms: Terms, bench: Bench, fit: Fit) -> Verdict:
                 replace(f, confidence=max(f.confidence, sure[f.name])) for f in findings_of(records, bench, fit)
             )
         separation = separations_of(records, bench, fit)
-        structure = structure or crowded(findings)
+        structure = structure or crowded(findings) or doubled(bench, fit)
         named = {name: frozenset(group) for name, group in groups(bench, fit.members).items()}
         shares = {name: share_of(bench, fit, group) for name, group in named.items()}
         kept = tuple(f for f in findings if not negligible(f, findings, shares[f.name], structure))

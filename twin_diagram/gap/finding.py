@@ -128,7 +128,7 @@ class Verdict:
     Attributes:
         verdict: `named`, `none` or `unknown`.
         remainder: whether structure is left beside what was named.
-        findings: one per name; empty unless `named`.
+        findings: one per name, or several where it starts or ends at other times on other joints; empty unless `named`.
         where: ranked.
         separation: of near pairs, closest first.
         noise_floor: (n,) standard deviation of the torque noise below the residual's cutoff [N·m].

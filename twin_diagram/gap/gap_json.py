@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,7 @@ def contents(verdict: Verdict, shown: Shown) -> dict[str, Any]:
     return {
         "verdict": verdict.verdict,
         "remainder": bool(verdict.remainder),
-        "effects": [_effect(finding, several) for finding in verdict.findings],
+        "effects": [_effect(finding, several) for finding in one_per_name(verdict.findings, joints)],
         "where": [_place(place, several) for place in verdict.where],
         "gap": {
             "torque_rms": {
@@ -59,6 +60,28 @@ def contents(verdict: Verdict, shown: Shown) -> dict[str, Any]:
             for near in verdict.separation
         ],
     }
+
+
+def one_per_name(findings: Sequence[Finding], order: Sequence[str]) -> list[Finding]:
+    """Findings of one name as one, with the times of the strongest: the layout has one entry per name.
+
+    Args:
+        findings: strongest first.
+        order: of all joints.
+    """
+    result: dict[str, Finding] = {}
+    for finding in findings:
+        if finding.name not in result:
+            result[finding.name] = finding
+            continue
+        first = result[finding.name]
+        parameters = dict(first.parameters)
+        for key, value in finding.parameters.items():
+            old = parameters.get(key, {})
+            parameters[key] = {**old, **value} if isinstance(old, dict) and isinstance(value, dict) else old or value
+        joints = tuple(joint for joint in order if joint in {*first.joints, *finding.joints})
+        result[finding.name] = replace(first, joints=joints, links=first.links + finding.links, parameters=parameters)
+    return list(result.values())
 
 
 def text(answer: dict[str, Any]) -> str:
@@ -99,7 +122,7 @@ def _estimate(estimate: Estimate) -> dict[str, Any]:
 def _moment(moment: Moment | None, several: bool) -> Any:
     if moment is None:
         return None
-    time = _number(moment.time)
+    time = _time(moment.time)
     return {"log": int(moment.log), "time": time} if several else time
 
 
@@ -108,7 +131,7 @@ def _place(place: Place, several: bool) -> dict[str, Any]:
         "joint": place.joint,
         "share": _number(place.share),
         "condition": place.condition,
-        "time": [_number(x) for x in place.time],
+        "time": [_time(x) for x in place.time],
     }
     # With several logs a time without its log would say nothing.
     return {**result, "log": int(place.log)} if several else result
@@ -122,6 +145,11 @@ def _value(value: Any) -> Any:
     if isinstance(value, (list, tuple, np.ndarray)):
         return [_value(x) for x in value]
     return _number(value)
+
+
+def _time(value: float) -> float:
+    """On a log's own clock, which may count from 1970: digits after the point matter, those before it do not [s]."""
+    return round(float(value), 6)
 
 
 def _number(value: Any) -> float | None:

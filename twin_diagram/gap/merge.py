@@ -8,6 +8,7 @@ effect can say alone.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -54,9 +55,7 @@ def _pieces(spec: EffectSpec) -> list[EffectSpec]:
 def _on_joint(spec: EffectSpec, k: int, keep: Callable[[int], bool] | None = None) -> EffectSpec:
     chosen = [i for i in range(len(spec.joints)) if (i == k if keep is None else keep(i))]
     parameters = {key: [values[i] for i in chosen] for key, values in spec.parameters.items()}
-    return EffectSpec(
-        spec.name, [spec.joints[i] for i in chosen], list(spec.links), parameters, spec.onset, spec.end, spec.log
-    )
+    return replace(spec, joints=[spec.joints[i] for i in chosen], links=list(spec.links), parameters=parameters)
 
 
 def _add(specs: list[EffectSpec], piece: EffectSpec) -> list[EffectSpec]:
@@ -84,6 +83,7 @@ def _add(specs: list[EffectSpec], piece: EffectSpec) -> list[EffectSpec]:
         if timed:
             before = EffectSpec(here.name, list(here.joints), list(here.links), here.parameters, None, piece.onset)
             before.log = changed.log = piece.log
+            before.elsewhere = changed.elsewhere = dict(piece.elsewhere)
             changed.onset, changed.end = piece.onset, piece.end
             if piece.end is not None:
                 raise ModelError(f"effects.{piece.name}: became less for a while; that cannot be said")

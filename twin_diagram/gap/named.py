@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Sequence
 
 import numpy as np
@@ -32,6 +33,7 @@ def specs_of(finding: Finding, fingerprints: Sequence[str] = ()) -> list[EffectS
             onset=None if finding.onset is None else float(finding.onset.time),
             end=None if finding.end is None else float(finding.end.time),
             log=fingerprints[when.log] if when is not None and len(fingerprints) else "",
+            elsewhere={} if when is None else dict.fromkeys(fingerprints[: when.log], math.inf),
         )
 
     if not per_joint:

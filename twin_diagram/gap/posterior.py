@@ -28,6 +28,9 @@ weak ones are not among the hypotheses at all, since a shape must be found first
 MORE_UNSEEN = 0.08
 """The same where it is on several joints already."""
 
+TOGETHER = 1.0
+"""Effects of one name that start within this time start together [s]."""
+
 Claim = tuple[str, tuple[int, ...], tuple[str, ...]]
 """A name with all joints and links that it sits on."""
 
@@ -87,7 +90,7 @@ def unseen(said: Claim, joints: int) -> float:
 
 
 def findings_of(records: Records, bench: Bench, fit: Fit) -> tuple[Finding, ...]:
-    """One finding per name, strongest first."""
+    """One finding per name, or per name and time, strongest first."""
     for group in groups(bench, fit.members).values():
         additions(bench, fit.members - frozenset(group), RIVALS)
         for k in group:
@@ -106,35 +109,59 @@ def findings_of(records: Records, bench: Bench, fit: Fit) -> tuple[Finding, ...]
                     rivals[other] = rivals.get(other, 0.0) + p
         ranked = sorted(rivals.items(), key=lambda item: -item[1])[:ALTERNATIVES]
         without = bench.solve(fit.members - frozenset(group))
-        first = candidates[0]
         names = records.model.joints
-        result.append(
-            Finding(
-                name=said[0],
-                joints=tuple(names[j] for j in said[1]),
-                links=said[2],
-                parameters=parameters_of(records, bench, fit, group),
-                confidence=float(min(sure, 1.0)) * (1.0 - unseen(said, records.n)),
-                alternatives=tuple(
-                    Alternative(name, tuple(names[j] for j in joints), links, float(p))
-                    for (name, joints, links), p in ranked
-                ),
-                onset=None if first.onset is None else Moment(*first.onset),
-                end=None if first.end is None else Moment(*first.end),
-                significance=bench.distance(fit, without),
+        for part in together(bench, group):
+            first = bench.candidates[part[0]]
+            _, joints, links = claim([bench.candidates[k] for k in part])
+            result.append(
+                Finding(
+                    name=said[0],
+                    joints=tuple(names[j] for j in joints),
+                    links=links,
+                    parameters=parameters_of(records, bench, fit, part),
+                    confidence=float(min(sure, 1.0)) * (1.0 - unseen(said, records.n)),
+                    alternatives=tuple(
+                        Alternative(name, tuple(names[j] for j in joints), links, float(p))
+                        for (name, joints, links), p in ranked
+                    ),
+                    onset=None if first.onset is None else Moment(*first.onset),
+                    end=None if first.end is None else Moment(*first.end),
+                    significance=bench.distance(fit, without),
+                )
             )
-        )
     return tuple(sorted(result, key=lambda finding: -finding.significance))
+
+
+def together(bench: Bench, group: list[int]) -> list[list[int]]:
+    """Members of one name, parted where some of them start or end at other times than others."""
+
+    def alike(a: tuple[int, float] | None, b: tuple[int, float] | None) -> bool:
+        if a is None or b is None:
+            return a is b
+        return a[0] == b[0] and abs(a[1] - b[1]) < TOGETHER
+
+    parts: list[list[int]] = []
+    for k in group:
+        new = bench.candidates[k]
+        for part in parts:
+            old = bench.candidates[part[0]]
+            if alike(new.onset, old.onset) and alike(new.end, old.end):
+                part.append(k)
+                break
+        else:
+            parts.append([k])
+    return parts
 
 
 def parameters_of(
     records: Records, bench: Bench, fit: Fit, group: list[int]
 ) -> dict[str, Estimate | dict[str, Estimate]]:
-    """In the layout of gap.json."""
+    """In the layout of gap.json; of several ripples on one joint, the largest."""
     result: dict[str, Estimate | dict[str, Estimate]] = {}
-    for k in group:
+    told = {k: bench.candidates[k].parameters(*bench.part(fit, k)) for k in group}
+    for k in sorted(group, key=lambda k: float(np.max(told[k]["amplitude"][0])) if "amplitude" in told[k] else 0.0):
         candidate = bench.candidates[k]
-        for key, (value, std) in candidate.parameters(*bench.part(fit, k)).items():
+        for key, (value, std) in told[k].items():
             if candidate.name in GLOBAL:
                 result[key] = _estimate(value, std, unit_of(candidate.name, key))
                 continue

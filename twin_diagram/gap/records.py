@@ -44,7 +44,8 @@ OUTLYING = 0.01
 """Share of samples that may be outliers."""
 
 SHORTEST = 2.0
-"""A log must have this much left after its ends are cut [s]."""
+SHORTEST_HELD = 1.0
+"""A log that is fitted, and one that is held out, must have this much left after its ends are cut [s]."""
 
 
 @dataclass(frozen=True)
@@ -270,10 +271,26 @@ def roughness(signal: Array, period: float) -> Array:
     return result
 
 
-def _record(model: Model, log: Log, index: int, band: float) -> Record:
+def usable(log: Log, shortest: float = SHORTEST) -> float:
+    """How long a log lasts [s].
+
+    Args:
+        log: checked.
+        shortest: it must have this much left after its ends are cut [s].
+
+    Raises:
+        LogError: it is too short, or logs no torque at all.
+    """
     duration = float(log.time[-1] - log.time[0])
-    if duration - 2.0 * RESIDUAL_CUT < SHORTEST:
-        raise LogError(f"{log.source}: lasts {duration:.3g} s; at least {SHORTEST + 2.0 * RESIDUAL_CUT:g} s are needed")
+    if duration - 2.0 * RESIDUAL_CUT < shortest:
+        raise LogError(f"{log.source}: lasts {duration:.3g} s; at least {shortest + 2.0 * RESIDUAL_CUT:g} s are needed")
+    if not np.any(log.motor_torque):
+        raise LogError(f"{log.source}: all torques are zero throughout, so there is nothing to compare a model with")
+    return duration
+
+
+def _record(model: Model, log: Log, index: int, band: float) -> Record:
+    duration = usable(log)
     rate = (len(log) - 1) / duration
     smooth = motion(log, MOTION * band)
     stride = max(1, int(rate / (THIN * band) + 1e-6))

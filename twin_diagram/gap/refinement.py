@@ -174,7 +174,10 @@ def _retimed(hypothesis: Hypothesis, vector: Array, records: Records, marks: Seq
         noise = whitening.estimate(residual, records.lengths, len(vector) / records.n)
         weights = np.ones((records.n, len(noise.rows)))
         specs = [part.effect(vector[s]) for part, s in zip(parts, hypothesis.slices(), strict=True)]
-        always = [replace(spec, onset=None, end=None, log="") if k in members else spec for k, spec in enumerate(specs)]
+        always = [
+            replace(spec, onset=None, end=None, log="", elsewhere={}) if k in members else spec
+            for k, spec in enumerate(specs)
+        ]
         never = [spec for k, spec in enumerate(specs) if k not in members]
         effects = hypothesis.given.effects
         try:

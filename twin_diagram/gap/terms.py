@@ -144,8 +144,12 @@ class Terms:
 
     @cached_property
     def torque_size(self) -> Array:
-        """(n,) root mean square of the logged torque [N·m]."""
-        return np.sqrt(np.mean(self.records.torque**2, axis=0))
+        """(n,) root mean square of the logged torque, or of the model's where the log has none [N·m]."""
+        logged, given = (
+            np.sqrt(np.mean(x**2, axis=0))
+            for x in (self.records.torque, self.reduce(tuple(r.given for r in self.records.records)))
+        )
+        return np.where(logged > 0.0, logged, np.maximum(given, 1e-6))
 
     @cached_property
     def present(self) -> Present:

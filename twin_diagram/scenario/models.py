@@ -27,7 +27,9 @@ class EffectSpec:
     end: float | None = None
     """When it ends [s]; none: it stays."""
     log: str = ""
-    """Which log `onset` and `end` are about; empty: any."""
+    """Which log `onset` and `end` are about, by its fingerprint; empty: any."""
+    elsewhere: dict[str, float] = field(default_factory=dict)
+    """When the same change came in other logs [s]; .inf: after their end. In those that are not listed: before them."""
 
 
 @dataclass
