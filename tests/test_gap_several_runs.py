@@ -159,3 +159,15 @@ def test_one_name_may_start_at_other_times_on_other_joints(model: Model) -> None
     torque = entry.parameters["torque"]
     assert isinstance(torque, dict)
     assert [torque[joint].value for joint in model.joints] == pytest.approx([4.0, 3.0], abs=0.05)
+
+
+@pytest.mark.parametrize("every", [2, 3])
+def test_runs_may_differ_in_their_rates(model: Model, every: int) -> None:
+    """Also by so little that rollouts of the same length look at one sample more."""
+    a, b = (bench.run(model, [bench.dry()], seed=seed) for seed in (0, 1))
+    slower = Log(b.time[::every], b.joints, b.position[::every], torque=b.motor_torque[::every])
+    alike = replace(b, time=b.time * 0.985)
+    for other in (slower, alike):
+        (found,) = add(model, [a, other], [bench.friction_finding(2.7)]).findings
+        torque = found.parameters["torque"]
+        assert isinstance(torque, dict) and torque["elbow"].value == pytest.approx(3.0, abs=0.05)

@@ -13,6 +13,7 @@ import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from twin_diagram.gap import gap_json, report
 from twin_diagram.gap.add import add
 from twin_diagram.gap.deciding import LESS_SURE
 from twin_diagram.gap.finding import Verdict
+from twin_diagram.gap.held_evidence import confirmed
 from twin_diagram.gap.held_onset import with_held_onsets
 from twin_diagram.gap.naming import name
 from twin_diagram.gap.records import SHORTEST_HELD, usable
@@ -116,7 +118,7 @@ def run_gap(
         notes.append(f"what fits the runs best is not physical, so nothing is named: {error}")
         verdict, corrected = _nameless(verdict), given
     shown = show(given, corrected, logs, held, verdict.noise_floor, say=say)
-    if corrected is not given and not accepted(verdict, shown):
+    if corrected is not given and not accepted(verdict, shown, partial(confirmed, given, corrected, held)):
         notes.append("what was named did not shrink the gap on the held-out run on all joints, and was dropped")
         verdict, corrected = _nameless(verdict), given
         shown = show(given, given, logs, held, verdict.noise_floor)
@@ -157,15 +159,22 @@ def _nameless(verdict: Verdict) -> Verdict:
     return replace(verdict, verdict="unknown", remainder=False, findings=(), separation=())
 
 
-def accepted(verdict: Verdict, shown: Shown) -> bool:
+def accepted(verdict: Verdict, shown: Shown, confirmed: Callable[[], bool] = lambda: False) -> bool:
     """Whether the held-out run agrees: its gap shrinks, and no joint's grows.
 
-    What is over by then, or what it never exercises, cannot show there.
+    What is over by then, or what it never exercises, cannot show there; what is too fast to show is looked for above.
+
+    Args:
+        verdict: with what was named.
+        shown: the gap, below the residual's cutoff.
+        confirmed: whether the run is likelier with the correction above it, too; asked where there is no gap below.
     """
     over = [finding.end is not None for finding in verdict.findings]
     if any(over):
         return all(over) or not shown.worsens()
-    return (shown.shrinks() and not shown.worsens()) or not shown.is_exercised()
+    if shown.worsens():
+        return not shown.is_exercised()
+    return shown.shrinks() or not shown.is_exercised() or (not np.any(shown.has_gap()) and confirmed())
 
 
 def write(gap: Gap, out: Path, title: str) -> None:

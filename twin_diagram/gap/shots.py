@@ -43,26 +43,38 @@ def output_error(hypothesis: Hypothesis, logs: Sequence[Log]) -> Solution:
     start = hypothesis.start()
 
     def errors(vector: Array) -> list[Array]:
+        """Those of runs that look at their rollouts equally often, put together: each (windows, looks, n)."""
         model = hypothesis.model(vector)
-        return [shot.errors(model) for shot in shots]
+        each = [shot.errors(model) for shot in shots]
+        return [
+            np.concatenate([e for e in each if e.shape[1] == looks]) for looks in sorted({e.shape[1] for e in each})
+        ]
 
-    first = np.concatenate(errors(start))  # (windows, looks, n)
-    windows, looks, n = first.shape
-    whiteners = []
-    for j in range(n):
-        covariance = first[:, :, j].T @ first[:, :, j] / windows
-        values, vectors = np.linalg.eigh(covariance + RIDGE * np.trace(covariance) / looks * np.eye(looks))
-        whiteners.append((vectors / np.sqrt(np.maximum(values, 1e-30))) @ vectors.T)
-    W = np.stack(whiteners)
+    first = errors(start)
+    W = [_whiteners(part) for part in first]
+    size = sum(part.size for part in first)
 
     def residual(vector: Array) -> Array:
         try:
-            return np.einsum("jab,wbj->wja", W, np.concatenate(errors(vector))).ravel()
+            parts = zip(W, errors(vector), strict=True)
+            return np.concatenate([np.einsum("jab,wbj->wja", white, part).ravel() for white, part in parts])
         except ModelError:
-            return np.full(first.size, np.inf)
+            return np.full(size, np.inf)
 
-    clusters = np.repeat(np.arange(windows), n * looks)
-    return minimise(residual, start, hypothesis.steps(), clusters, hypothesis.prior(), rounds=4)
+    windows = np.cumsum([0, *(len(part) for part in first)])
+    clusters = [np.repeat(np.arange(len(e)) + k, e[0].size) for e, k in zip(first, windows[:-1], strict=True)]
+    return minimise(residual, start, hypothesis.steps(), np.concatenate(clusters), hypothesis.prior(), rounds=4)
+
+
+def _whiteners(errors: Array) -> Array:
+    """(n, looks, looks) of each joint's errors (windows, looks, n) along a rollout."""
+    windows, looks, n = errors.shape
+    whiteners = []
+    for j in range(n):
+        covariance = errors[:, :, j].T @ errors[:, :, j] / windows
+        values, vectors = np.linalg.eigh(covariance + RIDGE * np.trace(covariance) / looks * np.eye(looks))
+        whiteners.append((vectors / np.sqrt(np.maximum(values, 1e-30))) @ vectors.T)
+    return np.stack(whiteners)
 
 
 @dataclass(frozen=True)

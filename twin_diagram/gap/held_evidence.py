@@ -1,0 +1,48 @@
+"""What a held-out run says of a correction above the frequencies at which the gap is told.
+
+An elasticity may swing, and a ripple run, faster than the 10 Hz below which residuals are compared. What is left there
+is noise before and after, and which of the two is less is chance. Such a run is asked in the band of the search.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.gap import whitening
+from twin_diagram.gap.records import SHORTEST, Record, prepare
+from twin_diagram.logs import Log, fingerprint
+from twin_diagram.model import Model
+from twin_diagram.motion import RESIDUAL_CUT
+
+Array = npt.NDArray[np.float64]
+
+SPEAKS = 10.0
+"""Rise of the held-out log likelihood that is no chance."""
+
+
+def confirmed(given: Model, corrected: Model, held: Log) -> bool:
+    """Whether a run that was fitted by neither is clearly likelier with the corrected model.
+
+    Each residual is held to be noise of a colour of its own.
+    """
+    if held.time[-1] - held.time[0] - 2.0 * RESIDUAL_CUT < SHORTEST:
+        return False
+    records = prepare(given, [held])
+    mark = fingerprint(held)
+
+    def left(model: Model) -> Array:
+        run = model.for_run(mark)
+
+        def law(record: Record) -> Array:
+            needed = run.inverse_dynamics(record.q, record.v, record.a, time=record.time, seen=record.torque)
+            return np.asarray(record.torque - needed)
+
+        return records.reduce(law)
+
+    def innovation(residual: Array) -> Array:
+        noise = whitening.estimate(residual, records.lengths)
+        return np.asarray(0.5 * len(noise.rows) * np.log(np.mean(noise.all(residual) ** 2, axis=1) * noise.sigma**2))
+
+    gain = innovation(left(given)) - innovation(left(corrected))
+    return float(np.sum(gain)) > SPEAKS
