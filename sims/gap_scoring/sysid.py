@@ -37,7 +37,7 @@ def mujoco_sysid(folder: Path) -> Answer:
     spec = mujoco.MjSpec.from_string(mjcf(chain, timestep=1e-3, tail=tail))
     for joint, effect in _baseline(folder):
         for key, value in effect.items():
-            setattr(spec.joint(joint), key, value)
+            _put(spec.joint(joint), key, value)
     model = spec.compile()
     first = round(CUT * fit.rate)
     starts = np.linspace(first, len(fit.setting.time) - first - round(WINDOW * fit.rate), WINDOWS).astype(int)
@@ -112,12 +112,15 @@ def _add(
 
 def _joint(joint: str, key: str) -> Callable[[Any, Any], None]:
     def change(spec: Any, parameter: Any) -> None:
-        value = float(parameter.value[0])
-        target = spec.joint(joint)
-        present = getattr(target, key)
-        setattr(target, key, np.full_like(np.asarray(present), value) if np.ndim(present) else value)
+        _put(spec.joint(joint), key, float(parameter.value[0]))
 
     return change
+
+
+def _put(joint: Any, key: str, value: float) -> None:
+    """Sets a joint's value; later versions of MuJoCo have a polynomial of the speed for damping, linear one first."""
+    present = np.asarray(getattr(joint, key))
+    setattr(joint, key, np.concatenate([[value], np.zeros(present.size - 1)]) if present.ndim else value)
 
 
 def _body(link: str) -> Callable[[Any, Any], None]:
