@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -371,3 +372,20 @@ def test_curve_goes_on_with_its_mean_slope() -> None:
     mean = np.polyfit(np.linspace(0.0, 0.8, 5), [0.0, 2.0, 4.0, 6.0, 1.0], 1)[0]
     for far in (np.array([-2.0, -1.9]), np.array([2.8, 2.9])):
         np.testing.assert_allclose(np.diff(law(far))[0] / 0.1, mean, rtol=1e-3)
+
+
+@pytest.mark.parametrize("specs", list(itertools.permutations(range(3))))
+def test_a_constant_torque_comes_beside_what_the_motor_gives(specs: tuple[int, ...]) -> None:
+    """In whatever order a model lists them, as in a plant, where it has an actuator of its own."""
+    joint = "panda_joint4"
+    listed = [
+        EffectSpec("torque_bias", [joint], [], {"torque": [4.0]}),
+        EffectSpec("torque_constant", [joint], [], {"gain": [0.5]}),
+        EffectSpec("torque_saturation", [joint], [], {"limit": [6.0]}),
+    ]
+    bare = Model.load(scenario.ArmModel(model=ARM, tool_frame=""))
+    model = bare.with_effects([effects.make(listed[k]) for k in specs])
+    tau = np.zeros(7)
+    for logged, gained in ((2.0, 1.0), (-3.0, -1.5)):
+        tau[3] = logged
+        assert model.applied(tau)[3] == pytest.approx(gained + 4.0)

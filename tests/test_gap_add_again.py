@@ -6,11 +6,19 @@ from dataclasses import replace
 from pathlib import Path
 
 import gap_bench as bench
+import numpy as np
 import pytest
 
+from twin_diagram.effects import make
+from twin_diagram.errors import ModelError
+from twin_diagram.gap.add import add
 from twin_diagram.gap.command import run_gap
+from twin_diagram.gap.finding import Estimate, Finding
+from twin_diagram.gap.merge import merged
 from twin_diagram.logs import write_log
 from twin_diagram.model import Model
+from twin_diagram.prediction import torque_residual_rms
+from twin_diagram.scenario import EffectSpec
 
 HAD, TRUE = 3.0, 1.8
 """Dry friction of the elbow, in the given model and in truth [N·m]."""
@@ -34,10 +42,10 @@ def corrected(folder: Path) -> Path:
     return folder / "given"
 
 
-@pytest.mark.parametrize("make", [stated, corrected])
-def test_less_than_the_model_has_is_named_added_and_then_nothing_is_missing(make: object, tmp_path: Path) -> None:
-    assert callable(make)
-    given = make(tmp_path)
+@pytest.mark.parametrize("having", [stated, corrected])
+def test_less_than_the_model_has_is_named_added_and_then_nothing_is_missing(having: object, tmp_path: Path) -> None:
+    assert callable(having)
+    given = having(tmp_path)
     (tmp_path / "bare").mkdir()
     bare = Model.load(bench.arm(tmp_path / "bare"))
     paths = [tmp_path / f"run_{k}.csv" for k in range(4)]
@@ -52,3 +60,50 @@ def test_less_than_the_model_has_is_named_added_and_then_nothing_is_missing(make
     assert second.verdict.verdict == "none"
     whole = sum(float(effect.value("torque")[0]) for effect in second.given.effects)
     assert whole == pytest.approx(TRUE, abs=0.05)
+
+
+def load(mass: float, **others: object) -> EffectSpec:
+    return replace(EffectSpec("payload", [], ["lower"], {"mass": [mass], "com": [0.02, 0.0, 0.2]}), **others)  # type: ignore[arg-type]
+
+
+LOADS = {
+    "one of two": ([load(1.0), load(0.8)], 0.8),
+    "both": ([load(1.0), load(0.8)], 1.8),
+    "more than each": ([load(1.0), load(0.8)], 1.3),
+    "of no link in particular": ([load(1.0, links=[])], 1.0),
+    "picked up in an older run": ([load(1.0, onset=3.0, log="older")], 1.0),
+}
+
+
+@pytest.mark.parametrize("case", LOADS)
+def test_a_payload_is_put_down(case: str, tmp_path: Path) -> None:
+    """However the model came by it; a link may have several, as one was picked up after another."""
+    had, lost = LOADS[case]
+    bare = Model.load(bench.arm(tmp_path))
+    given = bare.with_effects([make(spec) for spec in had])
+    left = sum(spec.parameters["mass"][0] for spec in had) - lost
+    runs = [bench.run(bare, [load(left)] if left > 1e-6 else [], seed=seed) for seed in (1, 2)]
+    told = {"mass": Estimate(-lost * 0.97, 0.01, "kg"), "com": Estimate([0.02, 0.0, 0.2], [0.001] * 3, "m")}
+    added = add(given, runs[:1], [Finding("payload", (), ("lower",), told, 0.99)])  # type: ignore[arg-type]
+    assert np.all(torque_residual_rms(added.model, runs[1]) < 0.05)
+    mass = sum(float(effect.value("mass")[0]) for effect in added.model.effects if effect.name == "payload")
+    assert mass == pytest.approx(left, abs=0.02)
+
+
+def test_friction_of_a_stribeck_curve_becomes_less(tmp_path: Path) -> None:
+    """It is the same dry friction, whichever way the model says it."""
+    bare = Model.load(bench.arm(tmp_path))
+
+    def curve(level: float) -> EffectSpec:
+        values = {"coulomb": [level], "static": [level + 1.5], "stribeck_velocity": [0.06]}
+        return EffectSpec("stribeck_friction", ["elbow"], [], values)
+
+    given = bare.with_effects([make(curve(3.0))])
+    runs = [bench.run(bare, [curve(1.5)], seed=seed) for seed in (1, 2)]
+    added = add(given, runs[:1], [bench.friction_finding(-1.4)])
+    assert np.all(torque_residual_rms(added.model, runs[1]) < 0.06)
+    (effect,) = added.model.effects
+    assert effect.name == "stribeck_friction"
+    assert (effect.value("coulomb")[0], effect.value("static")[0]) == pytest.approx((1.5, 3.0), abs=0.1)
+    with pytest.raises(ModelError):  # there is no more than that
+        merged(given.effects, [replace(bench.dry(), parameters={"torque": [-3.5]})])

@@ -16,12 +16,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.figure import Figure
 
+from twin_diagram.effects import make
 from twin_diagram.gap import experiments, gap_json, report, report_charts, report_words, trajectories
 from twin_diagram.gap.command import accepted
 from twin_diagram.gap.finding import Alternative, Estimate, Finding, Separation, Verdict
 from twin_diagram.gap.named import effects_of, sentence_of, specs_of
-from twin_diagram.gap.report_pictures import binned
+from twin_diagram.gap.report_pictures import binned, image
 from twin_diagram.gap.report_subject import Subject
 from twin_diagram.gap.show import Shown, above_noise, compare, show
 from twin_diagram.model import Model
@@ -104,6 +106,26 @@ def test_named(model: Model, shown: Shown) -> None:
     before, after = shown.holdout_rms()
     assert report_words.number(before[1]) in text and report_words.number(after[1]) in text
     assert "very likely" in text and "practically certain" in text
+
+
+def test_what_the_model_has_too_much_of_is_not_said_to_be_lacking(model: Model, shown: Shown) -> None:
+    less = bench.friction_finding(-1.0)
+    had = model.with_effects([make(bench.dry())])
+    text = read(report.page(subject(had, shown, bench.verdict("named", [less]))))
+    assert "The model has more than the arm of dry friction on elbow." in text and "The model lacks" not in text
+    assert "Less coulomb friction than the model has, on elbow" in text
+    both = report_words.headline(bench.verdict("named", [bench.payload_finding(), less]))
+    assert both == "The model lacks a payload. It has more than the arm of dry friction on elbow."
+
+
+def test_no_gap_is_not_said_to_be_closed_to_no_percent(model: Model, shown: Shown) -> None:
+    loud = replace(shown, noise_floor=10.0 * shown.holdout_rms()[0])
+    text = read(report.page(subject(model, loud, bench.verdict("named", [bench.friction_finding()]))))
+    assert "of the gap above the noise is closed" not in text and "no gap" in text
+
+
+def test_words_of_pictures_cannot_leave_their_attribute() -> None:
+    assert 'alt="a&quot;&gt;b"' in image(Figure(), 'a">b')
 
 
 def test_what_is_next_to_impossible_and_what_holds_the_named_law_are_said_so(model: Model, shown: Shown) -> None:

@@ -171,3 +171,11 @@ def test_runs_may_differ_in_their_rates(model: Model, every: int) -> None:
         (found,) = add(model, [a, other], [bench.friction_finding(2.7)]).findings
         torque = found.parameters["torque"]
         assert isinstance(torque, dict) and torque["elbow"].value == pytest.approx(3.0, abs=0.05)
+
+
+def test_of_two_findings_of_a_name_the_stronger_one_is_told() -> None:
+    strong = bench.friction_finding(5.0, onset=bench.begin(0, 2.0), links=("lower",))
+    (entry,) = one_per_name(
+        [strong, bench.friction_finding(1.0, onset=bench.begin(0, 6.0), links=("lower",))], ["elbow"]
+    )
+    assert entry == strong

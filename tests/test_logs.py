@@ -157,6 +157,9 @@ def test_angles_that_jump_by_a_turn_go_on() -> None:
     assert whole.position_commanded is not None
     assert fingerprint(whole) == fingerprint(wrapped)
     assert unwrapped(log, MODEL) == (log, [])
+    lost = log.position.copy()
+    lost[50, 2] -= 5.0  # a dropped sample is no turn
+    assert unwrapped(replace(log, position=lost), MODEL)[1] == []
 
 
 @pytest.mark.parametrize("message", BAD_TEXT)

@@ -296,6 +296,22 @@ def test_friction_that_the_description_states(tmp_path: Path) -> None:
         Model.load(tmp_path / "chain.urdf")
 
 
+@pytest.mark.parametrize("actuator", ["motor", "general", "velocity", ""])
+def test_rotors_that_an_mjcf_states(tmp_path: Path, actuator: str) -> None:
+    """Drake keeps them where it makes the motor itself; most published arms have actuators that it does not know."""
+    motors = "".join(f'<{actuator} joint="{joint}"/>' for joint in ("shoulder", "elbow")) if actuator else ""
+    mjcf = f"""<mujoco model="arm"><default><joint armature="0.3"/></default><worldbody>
+      <body name="upper"><joint name="shoulder" axis="0 1 0"/>
+        <inertial pos="0.1 0 0" mass="2" diaginertia="0.01 0.02 0.02"/>
+        <body name="lower" pos="0.3 0 0"><joint name="elbow" axis="0 1 0" armature="0.7"/>
+          <inertial pos="0.1 0 0" mass="1" diaginertia="0.01 0.02 0.02"/></body></body></worldbody>
+      <actuator>{motors}</actuator></mujoco>"""
+    (tmp_path / "arm.xml").write_text(mjcf)
+    model, other = Model.load(tmp_path / "arm.xml"), Mujoco(tmp_path / "arm.xml", ("shoulder", "elbow"))
+    q, v, a = motion(10, 40, 2)
+    np.testing.assert_allclose(model.inverse_dynamics(q, v, a), other.inverse_dynamics(q, v, a), atol=1e-9)
+
+
 def test_free_bases_are_welded(tmp_path: Path) -> None:
     free = "<link name='world'/><joint name='free' type='floating'><parent link='world'/><child link='base'/></joint>"
     pose = Pose([0.0, 0.0, 1.0])

@@ -251,6 +251,19 @@ def test_bad_input_leaves_nothing_behind(tmp_path: Path, truth: Log) -> None:
     assert sorted(p.name for p in tmp_path.iterdir()) == ["log.csv"]
 
 
+def test_positions_are_predicted_in_the_turn_that_the_log_tells(truth: Log, tmp_path: Path) -> None:
+    short = truth.between(0.0, 1.0)
+    high = np.pi - short.position[len(short) // 2]  # crosses half a turn at mid-run
+    wrapped = (short.position + high + np.pi) % (2.0 * np.pi) - np.pi
+    assert np.any(np.abs(np.diff(wrapped, axis=0)) > 6.0)
+    write_log(replace(short, position=wrapped), tmp_path / "log.csv")
+    predict("arms/panda.urdf", tmp_path / "log.csv", tmp_path / "out.csv", 0.02)
+    columns = read_columns(tmp_path / "out.csv")
+    predicted = np.stack([columns[f"position_predicted.{joint}"] for joint in JOINTS], axis=1)
+    near = np.abs(predicted - wrapped)[20:]
+    assert np.median(near) < 0.05 and np.mean(near > 6.0) < 0.01  # but for samples at which it jumps itself
+
+
 def test_joints_of_model_and_log_meet(truth: Log) -> None:
     """A log that holds the fingers brings them in; one that does not leaves them rigid."""
     short = truth.between(0.0, 0.5)

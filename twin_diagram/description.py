@@ -197,11 +197,12 @@ def add_arm(
         int(actuator.joint().index()): actuator for actuator in actuators if actuator.model_instance() in instances
     }
     arm_joints, gripper_joints = _choose(spec, movable, motors)
-    efforts = unread.effort_limits(Path(spec.model))
+    efforts, rotors = unread.effort_limits(Path(spec.model)), unread.armatures(Path(spec.model))
     for joint in [*arm_joints, *(gripper_joints if spec.gripper_joints or not motors else [])]:
         if int(joint.index()) not in motors:
             limit = efforts.get(joint.name(), np.inf)
-            motors[int(joint.index())] = plant.AddJointActuator(f"{joint.name()}_motor", joint, limit)
+            motor = motors[int(joint.index())] = plant.AddJointActuator(f"{joint.name()}_motor", joint, limit)
+            motor.set_default_rotor_inertia(rotors.get(joint.name(), 0.0))
 
     base = _weld_base(plant, instances, arm_joints[0], spec)
     carrying = [j for j in arm_joints if not (isinstance(j, PrismaticJoint) and _is_finger(j, movable))]

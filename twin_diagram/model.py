@@ -11,7 +11,7 @@ their times they count in full; where they are not, what is there to stay counts
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -94,7 +94,7 @@ class Model:
         folding.check_friction(self.joints, self.present, self.prismatic)
         self.tree = plant_tree.from_plant(plant, self._context, arm)
         self.vectorises = plant_tree.is_whole(plant)
-        self.laws = tuple(effect for effect in self.present if not effect.folds)
+        self.laws = tuple(sorted((e for e in self.present if not e.folds), key=lambda effect: effect.last))
         self.dry = tuple(effect for effect in self.laws if effect.dry)
         self.coupled = tuple(effect for effect in self.laws if isinstance(effect, CoupledFriction))
         self.yielding, self.loss = series.merged(
@@ -143,6 +143,13 @@ class Model:
             here = (effect.in_run(mark) for effect in self.effects)
             self._runs[mark] = self.with_effects([effect for effect in here if effect is not None])
         return self._runs[mark]
+
+    def settled(self, marks: Collection[str]) -> Model:
+        """The model without onsets and ends in runs other than those of some marks, as it holds after these runs."""
+        if all(effect.log in ("", *marks) for effect in self.effects):
+            return self
+        here = (e if e.log in ("", *marks) else e.in_run("") for e in self.effects)
+        return self.with_effects([effect for effect in here if effect is not None])
 
     def with_effects(self, effects: Iterable[Effect]) -> Model:
         """The same description with other effects; shares the plant, not the scratch.

@@ -221,15 +221,16 @@ def predict(
     Raises:
         TwinError: the model or the log cannot be used; nothing is written.
     """
-    measured = read_log(log)
-    loaded, measured, warnings = load_model_for(measured, model, packages)
+    raw = read_log(log)
+    loaded, measured, warnings = load_model_for(raw, model, packages)
+    turned = measured.position - raw.select(loaded.joints).position
     for warning in warnings:
         logging.getLogger("twin_diagram").warning("%s (%s)", warning.message, warning.code)
     smooth = motion(measured)
     columns = {"time": measured.time}
     for name, values in (
         ("torque_predicted", torque_predicted(loaded, measured, smooth)),
-        ("position_predicted", position_predicted(loaded, measured, horizon, smooth)),
+        ("position_predicted", position_predicted(loaded, measured, horizon, smooth) - turned),
     ):
         columns |= {f"{name}.{joint}": values[:, k] for k, joint in enumerate(loaded.joints)}
     write_columns(columns, out)

@@ -1,4 +1,4 @@
-"""What descriptions say of their joints that Drake's parsers leave unread: dry friction, and MJCF's joint springs.
+"""What descriptions say of their joints that Drake's parsers leave unread: dry friction, MJCF's springs and rotors.
 
 A description that states friction is a model with friction; without this, its own friction would be taken for an effect
 that it lacks.
@@ -36,7 +36,7 @@ def unread_effects(path: Path, joints: Sequence[str]) -> list[EffectSpec]:
     root = _root(path)
     try:
         if suffix == ".xml":
-            found = dict(_mjcf(root, path.parent))
+            found = {name: values[:3] for name, values in _mjcf(root, path.parent)}
         else:
             found = {name: (friction, 0.0, 0.0) for name, friction in _urdf_or_sdf(root)}
     except ValueError as error:
@@ -52,6 +52,20 @@ def unread_effects(path: Path, joints: Sequence[str]) -> list[EffectSpec]:
         values = {"stiffness": list(stiffness), "rest_angle": list(rest)}
         result.append(EffectSpec("joint_spring", list(names), [], values))
     return result
+
+
+def armatures(path: Path) -> dict[str, float]:
+    """Rotor inertias of an MJCF's joints; Drake itself keeps those of joints with a `motor` or `position` alone.
+
+    Raises:
+        ModelError: a number that cannot be read.
+    """
+    if path.suffix.lower() != ".xml":
+        return {}
+    try:
+        return {name: values[3] for name, values in _mjcf(_root(path), path.parent)}
+    except ValueError as error:
+        raise ModelError(f"{path}: joint: {error}") from error
 
 
 def mimicking(path: Path) -> set[str]:
@@ -97,21 +111,22 @@ def _urdf_or_sdf(root: Element) -> Iterator[tuple[str, float]]:
             yield joint.get("name", ""), float(inside.text)
 
 
-def _mjcf(root: Element, folder: Path) -> Iterator[tuple[str, tuple[float, float, float]]]:
-    """Dry friction, stiffness and rest position of each joint that has a name."""
+def _mjcf(root: Element, folder: Path) -> Iterator[tuple[str, tuple[float, float, float, float]]]:
+    """Dry friction, stiffness, rest position and rotor inertia of each joint that has a name."""
     _include(root, folder)
     degrees = all(compiler.get("angle", "degree") == "degree" for compiler in root.iter("compiler"))
     classes: dict[str, dict[str, str]] = {"main": {}}
     for default in root.findall("default"):
         _defaults(default, {}, classes)
 
-    def walk(element: Element, inherited: str) -> Iterator[tuple[str, tuple[float, float, float]]]:
+    def walk(element: Element, inherited: str) -> Iterator[tuple[str, tuple[float, float, float, float]]]:
         inherited = element.get("childclass", inherited)
         for joint in element.findall("joint"):
             attributes = {**classes.get(joint.get("class", inherited), {}), **joint.attrib}
             scale = math.pi / 180.0 if degrees and attributes.get("type", "hinge") == "hinge" else 1.0
-            friction, stiffness = (float(attributes.get(key, "0")) for key in ("frictionloss", "stiffness"))
-            yield joint.get("name", ""), (friction, stiffness, scale * float(attributes.get("springref", "0")))
+            keys = ("frictionloss", "stiffness", "springref", "armature")
+            friction, stiffness, rest, rotor = (float(attributes.get(key, "0")) for key in keys)
+            yield joint.get("name", ""), (friction, stiffness, scale * rest, rotor)
         for body in element.findall("body"):
             yield from walk(body, inherited)
 

@@ -24,6 +24,7 @@ class TorqueBias(Effect):
     """A constant torque applied beyond what is logged."""
 
     name: ClassVar[str] = "torque_bias"
+    last: ClassVar[bool] = True
     kinds: ClassVar[Mapping[str, ParameterKind]] = {"torque": ParameterKind("N·m")}
 
     def applied(self, joints: Sequence[str], tau: Array) -> Array:

@@ -63,6 +63,8 @@ class Effect:
     """Whether `change` holds all of its torque, which is then not added a second time."""
     dry: ClassVar[bool] = False
     """Whether its torque is dry friction, of which `friction_level` tells the bound."""
+    last: ClassVar[bool] = False
+    """Whether its torque comes beside what the motor gives, so that `applied` counts it after all others."""
     motor_side: ClassVar[bool] = False
     """Whether `torque` acts on the motor's side of an elastic gear."""
     replaces_joints: ClassVar[bool] = False

@@ -90,6 +90,18 @@ def add(given: Model, logs: Sequence[Log], findings: Sequence[Finding], say: Say
     if not findings:
         return Added(given, ())
     marks = [fingerprint(log) for log in logs]
+    try:
+        return _added(given, logs, marks, findings, say)
+    except ModelError:
+        # What began in an older run cannot become less; what was there ever since can.
+        settled = given.settled(marks)
+        if settled is given:
+            raise
+        return _added(settled, logs, marks, findings, say)
+
+
+def _added(given: Model, logs: Sequence[Log], marks: Sequence[str], findings: Sequence[Finding], say: Say) -> Added:
+    """See `add`."""
     owners: list[int] = []
     specs: list[EffectSpec] = []
     for k, finding in enumerate(findings):

@@ -169,9 +169,8 @@ def accepted(verdict: Verdict, shown: Shown, confirmed: Callable[[], bool] = lam
         shown: the gap, below the residual's cutoff.
         confirmed: whether the run is likelier with the correction above it, too; asked where there is no gap below.
     """
-    over = [finding.end is not None for finding in verdict.findings]
-    if any(over):
-        return all(over) or not shown.worsens()
+    if all(finding.end is not None for finding in verdict.findings):
+        return True
     if shown.worsens():
         return not shown.is_exercised()
     return shown.shrinks() or not shown.is_exercised() or (not np.any(shown.has_gap()) and confirmed())

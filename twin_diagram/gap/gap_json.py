@@ -78,9 +78,10 @@ def one_per_name(findings: Sequence[Finding], order: Sequence[str]) -> list[Find
         parameters = dict(first.parameters)
         for key, value in finding.parameters.items():
             old = parameters.get(key, {})
-            parameters[key] = {**old, **value} if isinstance(old, dict) and isinstance(value, dict) else old or value
+            parameters[key] = {**value, **old} if isinstance(old, dict) and isinstance(value, dict) else old or value
         joints = tuple(joint for joint in order if joint in {*first.joints, *finding.joints})
-        result[finding.name] = replace(first, joints=joints, links=first.links + finding.links, parameters=parameters)
+        links = tuple(dict.fromkeys(first.links + finding.links))
+        result[finding.name] = replace(first, joints=joints, links=links, parameters=parameters)
     return list(result.values())
 
 

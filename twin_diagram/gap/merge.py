@@ -23,6 +23,9 @@ Values = dict[str, float]
 UNTOLD = frozenset({"loss"})
 """Parameters that an effect may leave to its default."""
 
+ROUNDED = 0.05
+"""A payload may be told this much heavier when it is put down than it was when it was picked up."""
+
 NOTHING = 1e-9
 """What is left below this is nothing."""
 
@@ -41,8 +44,35 @@ def merged(present: Iterable[Effect], added: Iterable[EffectSpec]) -> list[Effec
     specs = [effect.spec() for effect in present if not effect.given]
     for addition in added:
         for piece in _pieces(addition):
-            specs = _add(specs, piece)
+            specs = _put_down(specs, piece) if _is_loss(piece) else _add(specs, piece)
     return [*kept, *(make(spec) for spec in specs)]
+
+
+def _is_loss(piece: EffectSpec) -> bool:
+    """Whether a payload became less throughout."""
+    return piece.name == "payload" and piece.onset is None and piece.end is None and piece.parameters["mass"][0] < 0.0
+
+
+def _put_down(specs: list[EffectSpec], piece: EffectSpec) -> list[EffectSpec]:
+    """Less of the lightest payload on a link that is enough, or of all of them together."""
+    there = [
+        spec
+        for spec in specs
+        if spec.name == "payload" and spec.links in ([], piece.links) and spec.onset is None and spec.end is None
+    ]
+    lost = -piece.parameters["mass"][0]
+    enough = [spec for spec in there if spec.parameters["mass"][0] * (1.0 + ROUNDED) >= lost]
+    chosen = [min(enough, key=lambda spec: spec.parameters["mass"][0])] if enough else there
+    masses = np.array([spec.parameters["mass"][0] for spec in chosen])
+    if not np.sum(masses) > 0.0:
+        return [*specs, piece]
+    com = masses @ np.array([spec.parameters["com"] for spec in chosen]) / np.sum(masses)
+    remaining = _loads({"mass": [float(np.sum(masses))], "com": com.tolist()}, piece.parameters)
+    if remaining is None:
+        return [*specs, piece]
+    left = EffectSpec("payload", [], list(piece.links), remaining)
+    rest = [spec for spec in specs if not any(spec is one for one in chosen)]
+    return [*rest, left] if _something(left) else rest
 
 
 def _pieces(spec: EffectSpec) -> list[EffectSpec]:
@@ -61,7 +91,8 @@ def _on_joint(spec: EffectSpec, k: int, keep: Callable[[int], bool] | None = Non
 def _add(specs: list[EffectSpec], piece: EffectSpec) -> list[EffectSpec]:
     timed = piece.onset is not None or piece.end is not None
     for place, spec in enumerate(specs):
-        if spec.name != piece.name or set(spec.parameters) - UNTOLD != set(piece.parameters) - UNTOLD:
+        wears = _wears(spec, piece) and not any(_alike(other, piece) for other in specs)
+        if not wears and (spec.name != piece.name or set(spec.parameters) - UNTOLD != set(piece.parameters) - UNTOLD):
             continue
         if spec.onset is not None or spec.end is not None:
             continue
@@ -74,8 +105,9 @@ def _add(specs: list[EffectSpec], piece: EffectSpec) -> list[EffectSpec]:
             k, here = 0, spec
         else:
             continue
-        sums = RULES[piece.name](here.parameters, piece.parameters) if piece.name in RULES else None
-        if sums is None or (timed and not _less(piece)):
+        rule = _worn if wears else RULES.get(piece.name)
+        sums = rule(here.parameters, piece.parameters) if rule else None
+        if sums is None or (timed and not is_less(piece)):
             continue
         rest = [_on_joint(spec, 0, lambda i, k=k: i != k)] if piece.name in PER_JOINT else []  # type: ignore[misc]
         rest = [other for other in rest if other.joints]
@@ -93,7 +125,23 @@ def _add(specs: list[EffectSpec], piece: EffectSpec) -> list[EffectSpec]:
     return [*specs, piece]
 
 
-def _less(piece: EffectSpec) -> bool:
+def _alike(spec: EffectSpec, piece: EffectSpec) -> bool:
+    """Whether there is friction of the same kind for a piece to be taken off."""
+    return spec.name == piece.name and spec.onset is None and spec.end is None and piece.joints[0] in spec.joints
+
+
+def _wears(spec: EffectSpec, piece: EffectSpec) -> bool:
+    """Whether dry friction that became less is that of a Stribeck curve, whose level it is."""
+    dry = piece.name == "coulomb_friction" and set(piece.parameters) == {"torque"} and is_less(piece)
+    return dry and spec.name == "stribeck_friction" and piece.joints[0] in spec.joints
+
+
+def _worn(here: dict[str, list[float]], more: dict[str, list[float]]) -> dict[str, list[float]]:
+    lost = more["torque"][0]
+    return {**here, "coulomb": [here["coulomb"][0] + lost], "static": [here["static"][0] + lost]}
+
+
+def is_less(piece: EffectSpec) -> bool:
     """Whether a piece takes away, which no effect can do alone."""
     return (
         any(
@@ -137,7 +185,7 @@ def _loads(here: dict[str, list[float]], more: dict[str, list[float]]) -> dict[s
         return None
     mass = here["mass"][0] + lost
     if mass <= NOTHING:
-        return {"mass": [max(mass, 0.0)], "com": [0.0, 0.0, 0.0]} if mass > -0.05 * here["mass"][0] else None
+        return {"mass": [max(mass, 0.0)], "com": [0.0, 0.0, 0.0]} if mass > -ROUNDED * here["mass"][0] else None
     moment = here["mass"][0] * np.array(here["com"]) + lost * np.array(more["com"])
     return {"mass": [mass], "com": (moment / mass).tolist()}
 

@@ -10,6 +10,7 @@ import numpy as np
 from twin_diagram.effects import REGISTRY, Effect, make
 from twin_diagram.errors import ModelError
 from twin_diagram.gap.finding import Estimate, Finding
+from twin_diagram.gap.merge import is_less
 from twin_diagram.scenario import EffectSpec
 
 
@@ -76,11 +77,15 @@ def sentence_of(finding: Finding, prismatic: Collection[str] = ()) -> str:
         finding: named.
         prismatic: the prismatic ones of the arm's joints (`Model.prismatic`), whose parameters have other units.
     """
-    try:
-        return "; ".join(effect.on_arm(prismatic).sentence() for effect in effects_of(finding))
-    except ModelError:
-        places = ", ".join([*finding.joints, *finding.links])
-        return f"other {finding.name.replace('_', ' ')} than the model has" + (f", on {places}" if places else "")
+    less = any(is_less(spec) for spec in specs_of(finding))
+    if not less:
+        try:
+            return "; ".join(effect.on_arm(prismatic).sentence() for effect in effects_of(finding))
+        except ModelError:
+            pass
+    places = ", ".join([*finding.joints, *finding.links])
+    amount = f"{'less' if less else 'other'} {finding.name.replace('_', ' ')} than the model has"
+    return amount + (f", on {places}" if places else "")
 
 
 def _numbers(estimate: Estimate) -> list[float]:

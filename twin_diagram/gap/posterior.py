@@ -108,7 +108,6 @@ def findings_of(records: Records, bench: Bench, fit: Fit) -> tuple[Finding, ...]
                 for other in key - mine:
                     rivals[other] = rivals.get(other, 0.0) + p
         ranked = sorted(rivals.items(), key=lambda item: -item[1])[:ALTERNATIVES]
-        without = bench.solve(fit.members - frozenset(group))
         names = records.model.joints
         for part in together(bench, group):
             first = bench.candidates[part[0]]
@@ -126,7 +125,7 @@ def findings_of(records: Records, bench: Bench, fit: Fit) -> tuple[Finding, ...]
                     ),
                     onset=None if first.onset is None else Moment(*first.onset),
                     end=None if first.end is None else Moment(*first.end),
-                    significance=bench.distance(fit, without),
+                    significance=bench.distance(fit, bench.solve(fit.members - frozenset(part))),
                 )
             )
     return tuple(sorted(result, key=lambda finding: -finding.significance))

@@ -61,9 +61,15 @@ def _tiles(subject: Subject) -> str:
     unit, what = shown.units(units.TORQUE)[worst], "force" if shown.joints[worst] in shown.prismatic else "torque"
     tiles = []
     if subject.changed:
-        closed = 1.0 - shown.left_over()
+        closed = words.percent(max(1.0 - shown.left_over(), 0.0))
+        there = bool(np.any(shown.has_gap()))
         tiles += [
-            (words.percent(max(closed, 0.0)), "of the gap above the noise is closed on the run that was held out"),
+            (closed, "of the gap above the noise is closed on the run that was held out")
+            if there
+            else (
+                "no gap",
+                "above the noise below 10 Hz on the run that was held out, with the given model or this one",
+            ),
             (
                 f"{words.number(before[worst])} → {words.number(after[worst])}|{unit}",
                 f"residual {what} of {shown.joints[worst]}, held out; the noise is "
@@ -143,7 +149,8 @@ def _how(subject: Subject) -> str:
         "catalogue on "
         "every joint and link where it can sit: alone and together. An effect is named where the evidence for it "
         "outweighs "
-        "its freedom to fit noise, and kept where it shrinks the gap on the held-out run.</p>"
+        "its freedom to fit noise, and kept where it shrinks the gap on the held-out run, or where that run cannot "
+        "show it below 10 Hz.</p>"
         '<div class="scroll"><table><tr><th>run</th><th>used '
         'as</th><th class="n">length</th><th class="n">rate</th></tr>'
         f"{rows}</table></div>{notes}<details><summary>Words used here</summary><dl>{glossary}</dl></details></section>"

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import base64
 import io
+from html import escape
 
 import numpy as np
 import numpy.typing as npt
@@ -109,7 +110,7 @@ def image(figure: Figure, words: str, dpi: int = 150) -> str:
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
     data = base64.b64encode(buffer.getvalue()).decode()
-    return f'<img alt="{words}" src="data:image/png;base64,{data}"/>'
+    return f'<img alt="{escape(words)}" src="data:image/png;base64,{data}"/>'
 
 
 def _dress(axes: Axes, below: str, beside: str) -> None:

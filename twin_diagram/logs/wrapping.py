@@ -19,17 +19,21 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 
 
+NEARLY = 0.1
+"""A jump is a turn if it is this near to one [turns]; what else jumps is a fault of the log."""
+
+
 def unwrapped(log: Log, model: Model) -> tuple[Log, list[LogWarning]]:
     """The log with angles that go on where they jumped by a turn, and what was done; itself where none does.
 
-    A step of more than half a turn from one sample to the next is no motion of an arm. Which turn a run begins in is
-    not known, so it is the one that the log says.
+    A step of nearly a whole turn from one sample to the next is no motion of an arm. Which turn a run begins in is not
+    known, so it is the one that the log says.
 
     Args:
         log: checked, with the model's joints in the model's order.
         model: that says which of them are revolute.
     """
-    jumps = np.any(np.abs(np.diff(log.position, axis=0)) > np.pi, axis=0) & model.tree.revolute
+    jumps = np.any(_turns(log.position) != 0.0, axis=0) & model.tree.revolute
     if not np.any(jumps):
         return log, []
     whole = replace(
@@ -41,8 +45,15 @@ def unwrapped(log: Log, model: Model) -> tuple[Log, list[LogWarning]]:
     return whole, [_warning(log, _names(log.joints, jumps))]
 
 
+def _turns(angles: Array) -> Array:
+    """(N, n) turns by which each sample jumped from the one before it."""
+    steps = np.diff(angles, axis=0, prepend=angles[:1]) / (2.0 * np.pi)
+    whole = np.round(steps)
+    return np.where(np.abs(steps - whole) < NEARLY, whole, 0.0)
+
+
 def _unwrap(angles: Array, which: npt.NDArray[np.bool_]) -> Array:
-    return np.where(which, np.unwrap(angles, axis=0), angles)
+    return np.where(which, angles - 2.0 * np.pi * np.cumsum(_turns(angles), axis=0), angles)
 
 
 def _names(joints: Sequence[str], which: npt.NDArray[np.bool_]) -> list[str]:
