@@ -15,9 +15,13 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 from test_effects_in_time import ARM, JOINTS, ROTORS, recorded
 
+from twin_diagram.effects import make
+from twin_diagram.effects.inertia import point_mass
+from twin_diagram.effects.link_inertia import InertialParameters
 from twin_diagram.errors import ModelError
 from twin_diagram.gap.add import add
-from twin_diagram.gap.coordinates import Coordinates, from_log_cholesky, log_cholesky
+from twin_diagram.gap.arm_candidates import _inertia_values
+from twin_diagram.gap.coordinates import Coordinates, from_log_cholesky, link_inertia, log_cholesky
 from twin_diagram.gap.finding import Estimate, Finding, Moment
 from twin_diagram.gap.gauss_newton import Solution, minimise
 from twin_diagram.gap.merge import merged
@@ -270,6 +274,17 @@ def test_link_coordinates_start_where_they_are() -> None:
     again = part.effect(part.start())
     for key, value in spec.parameters.items():
         np.testing.assert_allclose(again.parameters[key], value, atol=1e-9)
+
+
+def test_rough_link_parameters_are_about_the_links_own_centre() -> None:
+    """What a search finds is about the link's origin; an effect made of it adds just that to the link."""
+    model = Model.load(ARM)
+    added = point_mass(1.0, np.array([0.1, 0.02, -0.08]))
+    values = _inertia_values(*link_inertia(model, "panda_link4"))(added, 1e-12 * np.eye(10))
+    spec = EffectSpec("inertial_parameters", [], ["panda_link4"], {key: list(x) for key, (x, _) in values.items()})
+    effect = make(spec)
+    assert isinstance(effect, InertialParameters)
+    np.testing.assert_allclose(effect.difference(model), added, atol=1e-9)
 
 
 def test_standard_errors_cover() -> None:

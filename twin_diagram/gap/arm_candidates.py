@@ -10,7 +10,9 @@ import numpy.typing as npt
 from pydrake.math import RollPitchYaw
 
 from twin_diagram import rigid_tree
+from twin_diagram.effects.link_inertia import about_centre, about_origin
 from twin_diagram.gap.candidate import Candidate, Values, linear, transformed
+from twin_diagram.gap.coordinates import link_inertia
 from twin_diagram.gap.records import Record
 from twin_diagram.gap.terms import Terms, rate_of
 from twin_diagram.kinematic_tree import Kinematics
@@ -149,7 +151,7 @@ def inertial_parameters(terms: Terms) -> list[Candidate]:
                 spread=link_spread(terms, body),
                 lower=np.full(10, -np.inf),
                 upper=np.concatenate([[0.0 if last else np.inf], np.full(9, np.inf)]),
-                parameters=_inertia_values(present),
+                parameters=_inertia_values(*link_inertia(model, model.tree.link[body])),
                 admits=admits,
                 cost=TEN,
                 # What hangs on the last link changes the torques of most motions as if it hung on the one before.
@@ -165,12 +167,15 @@ def turns_only(full: Array) -> bool:
     return int(np.linalg.matrix_rank(columns.T @ columns, tol=1e-9 * float(np.sum(columns**2)), hermitian=True)) < 2
 
 
-def _inertia_values(present: Array) -> Callable[[Array, Array], Values]:
+def _inertia_values(mass: float, centre: Array, inertia: Array) -> Callable[[Array, Array], Values]:
+    """The effect's differences, about the link's centre, from those about its origin."""
+    present = about_origin(mass, centre, inertia)
+
     def values(c: Array) -> dict[str, Array]:
-        mass = present[0] + c[0]
-        before = present[1:4] / present[0] if present[0] > 0.0 else np.zeros(3)
-        after = (present[1:4] + c[1:4]) / mass if mass > 0.0 else np.zeros(3)
-        return {"mass": c[0:1], "com": after - before, "inertia": c[4:10]}
+        if present[0] + c[0] <= 0.0:
+            return {"mass": c[0:1], "com": np.zeros(3), "inertia": c[4:10]}
+        _, after, turning = about_centre(present + c)
+        return {"mass": c[0:1], "com": after - centre, "inertia": turning - inertia}
 
     return transformed(values)
 

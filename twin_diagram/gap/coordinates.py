@@ -28,6 +28,17 @@ LINK_SPREAD = 0.5
 """Prior standard deviation of a link's logarithmic coordinates, about the given link."""
 
 
+def link_inertia(model: Model, link: str) -> tuple[float, Array, Array]:
+    """Mass, centre and inertia about it (6,) of a link alone, in its frame, with what the model adds to it."""
+    body = model.plant.GetBodyByName(link)
+    mass, centre, inertia = about_centre(rigid_tree.inertia_vector(body.default_spatial_inertia(), RigidTransform()))
+    for effect in model.present:
+        if effect.name == "inertial_parameters" and effect.links == (link,):
+            mass = mass + float(effect.value("mass")[0])
+            centre, inertia = centre + effect.value("com"), inertia + effect.value("inertia")
+    return mass, centre, inertia
+
+
 @dataclass(frozen=True)
 class Coordinates:
     """One effect's.
@@ -51,16 +62,7 @@ class Coordinates:
                 assert default is not None
                 spec = replace(spec, parameters={**spec.parameters, key: [default] * len(spec.joints)})
             return Coordinates(spec, None, When(spec.onset, spec.end))
-        body = model.plant.GetBodyByName(spec.links[0])
-        described = about_centre(rigid_tree.inertia_vector(body.default_spatial_inertia(), RigidTransform()))
-        for effect in model.present:
-            if effect.name == spec.name and effect.links == tuple(spec.links):
-                described = (
-                    described[0] + float(effect.value("mass")[0]),
-                    described[1] + effect.value("com"),
-                    described[2] + effect.value("inertia"),
-                )
-        return Coordinates(spec, described, When(spec.onset, spec.end))
+        return Coordinates(spec, link_inertia(model, spec.links[0]), When(spec.onset, spec.end))
 
     def started(self, spec: EffectSpec) -> Coordinates:
         """From other values."""

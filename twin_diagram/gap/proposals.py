@@ -173,6 +173,8 @@ class Proposer:
         first, last = int(rows[at]), int(rows[to])
         onset = (int(records.owner[first]), float(records.times[first]))
         end = (int(records.owner[last]), float(records.times[last])) if last < len(records.residual) - 3 else None
+        if end is not None and end[0] != onset[0]:  # what ends in another run was over at the end of its own
+            end = (onset[0], float(records.times[records.owner == onset[0]][-1]))
         period = 1.0 / records.rate
         if last - first < 2:
             return base.during(active(self.terms, onset, end), onset, end)
