@@ -90,6 +90,28 @@ def test_a_payload_is_put_down(case: str, tmp_path: Path) -> None:
     assert mass == pytest.approx(left, abs=0.02)
 
 
+@pytest.mark.parametrize("left", [0.0, 0.002, 0.01])
+def test_what_is_left_of_a_load_is_near_where_it_was(left: float) -> None:
+    """A centre that is told a little wrong must not swing a few grams metres away."""
+    lost = EffectSpec("payload", [], ["lower"], {"mass": [left - 2.0], "com": [0.02, 0.0, 0.205]})
+    for effect in merged([make(load(2.0))], [lost]):
+        assert np.linalg.norm(effect.value("com")) < 0.3
+
+
+def test_a_load_on_no_link_in_particular_is_put_down_within_a_run() -> None:
+    lost = EffectSpec("payload", [], ["lower"], {"mass": [-1.0], "com": [0.02, 0.0, 0.2]}, onset=2.0, log="a")
+    (before,) = merged([make(load(1.0, links=[]))], [lost])
+    assert (before.end, before.onset, before.links) == (2.0, None, ("lower",))
+
+
+def test_static_friction_may_be_all_that_is_left() -> None:
+    curve = {"coulomb": [2.0], "static": [3.0], "stribeck_velocity": [0.06]}
+    had = [make(EffectSpec("stribeck_friction", ["elbow"], [], curve))]
+    for lost in (-2.0, -2.05):
+        (effect,) = merged(had, [replace(bench.dry(), parameters={"torque": [lost]})])
+        assert effect.value("coulomb")[0] == 0.0 and effect.value("static")[0] == pytest.approx(3.0 + lost)
+
+
 def test_friction_of_a_stribeck_curve_becomes_less(tmp_path: Path) -> None:
     """It is the same dry friction, whichever way the model says it."""
     bare = Model.load(bench.arm(tmp_path))

@@ -116,6 +116,12 @@ def test_what_the_model_has_too_much_of_is_not_said_to_be_lacking(model: Model, 
     assert "Less coulomb friction than the model has, on elbow" in text
     both = report_words.headline(bench.verdict("named", [bench.payload_finding(), less]))
     assert both == "The model lacks a payload. It has more than the arm of dry friction on elbow."
+    torque = {"shoulder": Estimate(2.0, 0.1, "N·m"), "elbow": Estimate(-1.0, 0.1, "N·m")}
+    mixed = replace(less, joints=("shoulder", "elbow"), parameters={"torque": torque})
+    assert report_words.headline(bench.verdict("named", [mixed])) == (
+        "The model has another amount of dry friction on shoulder and elbow."
+    )
+    assert sentence_of(mixed) == "other coulomb friction than the model has, on shoulder, elbow"
 
 
 def test_no_gap_is_not_said_to_be_closed_to_no_percent(model: Model, shown: Shown) -> None:
@@ -404,6 +410,24 @@ def test_experiments_stay_where_the_arm_has_been(model: Model, text: str) -> Non
     assert np.allclose(np.diff(made.time), step) and made.time[-1] < 600.0
     assert list(made.columns()) == ["time", "position_commanded.shoulder", "position_commanded.elbow"]
     np.testing.assert_array_equal(q, trajectories.design(text, seen, ["elbow"]).position)  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("text", list(trajectories.MAKERS))
+@pytest.mark.parametrize("stated", [True, False])
+def test_experiments_never_jump(model: Model, tmp_path: Path, text: str, stated: bool) -> None:
+    """Also where the run was cut in motion, far from the middle, and where the description states a speed of zero."""
+    if not stated:
+        (tmp_path / "arm.urdf").write_text(bench.URDF.replace('velocity="3"', 'velocity="0"'))
+        model = Model.load(tmp_path / "arm.urdf")
+    run = bench.run(model, seed=3)
+    moving = float(run.time[np.argmax(np.abs(np.gradient(run.position[:, 1], run.time))[:1000])])
+    seen = trajectories.visited(model, [run.between(moving, 7.0)])
+    made = trajectories.design(text, seen, model.joints)
+    assert made is not None
+    step = trajectories.PERIOD
+    speed = np.diff(made.position, axis=0, prepend=made.position[:1], append=made.position[-1:]) / step
+    acceleration = np.abs(np.diff(speed, axis=0)) / step
+    assert np.all(acceleration < 4.0 * np.maximum(seen.acceleration, 2.0 * seen.speed))
 
 
 def test_slow_reversals_are_slow_and_turn(model: Model) -> None:

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import textwrap
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -330,6 +331,27 @@ def test_the_twin_goes_on_with_what_was_named(
     given = tmp_path / "searches" / "1" / "given"
     assert Model.load(given).present == (), "what was searched with is the model before"
     json.dumps(run.events, allow_nan=False)
+    run.healer.close()
+
+
+@pytest.mark.parametrize(("had", "last"), [(1.0, "model_swapped"), (1.5, "model_kept")])
+def test_more_of_what_was_there_is_no_less_a_correction(
+    loop: tuple[ClosedLoop, Tape],
+    corrected: Model,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    had: float,
+    last: str,
+) -> None:
+    """As many effects as before may be others; the same ones say that what was named is over."""
+    answering(ANSWER, corrected, tmp_path, monkeypatch)
+    run = Run(loop, tmp_path / "searches")
+    own = replace(PAYLOAD, parameters={**PAYLOAD.parameters, "mass": [had]})
+    run.healer.model = Model.load(ArmModel(**UR5E, effects=[own]))
+    run.go(0.3)
+    run.alarm()
+    run.go(1.2)
+    assert run.names()[:4] == ["alarm", "gap_started", "gap_verdict", last]
     run.healer.close()
 
 

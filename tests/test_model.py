@@ -366,6 +366,34 @@ def test_saved_description_still_finds_its_meshes(tmp_path: Path) -> None:
     assert "package://nowhere/missing.obj" in text
 
 
+def test_saved_mjcf_still_finds_its_folders(tmp_path: Path) -> None:
+    """Published arms keep their meshes in one that the compiler element names."""
+    corners = [(x, y, z) for x in (0, 0.1) for y in (0, 0.1) for z in (0, 0.1)]
+    faces = [
+        (1, 3, 4),
+        (1, 4, 2),
+        (5, 6, 8),
+        (5, 8, 7),
+        (1, 2, 6),
+        (1, 6, 5),
+        (3, 7, 8),
+        (3, 8, 4),
+        (1, 5, 7),
+        (1, 7, 3),
+    ]
+    faces += [(2, 4, 8), (2, 8, 6)]
+    lines = ["v {:g} {:g} {:g}".format(*p) for p in corners] + ["f {} {} {}".format(*f) for f in faces]
+    (tmp_path / "assets").mkdir()
+    (tmp_path / "assets" / "cube.obj").write_text("\n".join(lines) + "\n")
+    (tmp_path / "arm.xml").write_text("""<mujoco model="arm"><compiler angle="radian" meshdir="assets"/>
+      <asset><mesh name="cube" file="cube.obj"/></asset><worldbody><body name="link">
+      <joint name="turn" axis="0 1 0"/><geom type="mesh" mesh="cube" density="1000"/></body></worldbody></mujoco>""")
+    model = Model.load(tmp_path / "arm.xml")
+    model.save(tmp_path / "elsewhere" / "saved")
+    again = Model.load(tmp_path / "elsewhere" / "saved")
+    np.testing.assert_allclose(again.mass_matrix(np.zeros(1)), model.mass_matrix(np.zeros(1)))
+
+
 def test_two_models_of_one_plant_do_not_disturb_each_other() -> None:
     model = Model.load(PANDA)
     loaded = model.with_effects(Model.load(dataclasses.replace(PANDA, effects=[LOAD])).effects)

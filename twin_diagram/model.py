@@ -74,7 +74,8 @@ class Model:
         actuators = [plant.get_joint_actuator(index) for index in arm.actuator_indices]
         self.lower = np.array([float(joint.position_lower_limits()[0]) for joint in joints])
         self.upper = np.array([float(joint.position_upper_limits()[0]) for joint in joints])
-        self.velocity_limit = np.array([float(joint.velocity_upper_limits()[0]) for joint in joints])
+        limits = np.array([float(joint.velocity_upper_limits()[0]) for joint in joints])
+        self.velocity_limit = np.where(limits > 0.0, limits, np.inf)  # exporters write 0 for what they do not know
         self.effort_limit = np.array([actuator.effort_limit() for actuator in actuators])
         self.last_link: str = plant.get_body(arm.last_link).name()
 

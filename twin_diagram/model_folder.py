@@ -15,6 +15,8 @@ from twin_diagram.description import EFFECTS_FILE
 from twin_diagram.scenario import ArmModel
 
 _RELATIVE_FILE = re.compile(rb"""(<uri>|filename\s*=\s*["']|\bfile\s*=\s*["'])\s*([^"'<>]+?)\s*(?=["'<])""")
+_FOLDER = re.compile(rb"""(\b(?:meshdir|texturedir|assetdir)\s*=\s*["'])\s*([^"']+?)\s*(?=["'])""")
+"""Of an MJCF's meshes and pictures, which its files are looked up in."""
 
 
 def write(spec: ArmModel, folder: str | Path) -> None:
@@ -47,4 +49,11 @@ def _anchor_files(description: Path) -> bytes:
         path = description.parent / os.fsdecode(match[2])
         return match[1] + os.fsencode(path.resolve()) if b"://" not in match[2] and path.is_file() else match[0]
 
-    return _RELATIVE_FILE.sub(anchored, description.read_bytes())
+    def anchored_folder(match: re.Match[bytes]) -> bytes:
+        path = description.parent / os.fsdecode(match[2])
+        return match[1] + os.fsencode(path.resolve()) if path.is_dir() else match[0]
+
+    text = description.read_bytes()
+    if description.suffix.lower() == ".xml":
+        text = _FOLDER.sub(anchored_folder, text)
+    return _RELATIVE_FILE.sub(anchored, text)

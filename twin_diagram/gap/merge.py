@@ -24,7 +24,13 @@ UNTOLD = frozenset({"loss"})
 """Parameters that an effect may leave to its default."""
 
 ROUNDED = 0.05
-"""A payload may be told this much heavier when it is put down than it was when it was picked up."""
+"""A payload may be told this much heavier when it is put down than it was when it was picked up, friction likewise."""
+
+LEADING = (
+    *("damping", "torque", "torque_positive", "torque_negative", "coulomb", "static"),
+    *("inertia", "coefficient", "mass", "stiffness"),
+)
+"""Parameters whose sign says whether something was added or taken away."""
 
 NOTHING = 1e-9
 """What is left below this is nothing."""
@@ -101,8 +107,10 @@ def _add(specs: list[EffectSpec], piece: EffectSpec) -> list[EffectSpec]:
                 continue
             k = spec.joints.index(piece.joints[0])
             here = _on_joint(spec, k)
-        elif (spec.joints, spec.links) == (piece.joints, piece.links):
-            k, here = 0, spec
+        elif spec.joints == piece.joints and (
+            spec.links == piece.links or (spec.name == "payload" and not spec.links)  # the last link
+        ):
+            k, here = 0, replace(spec, links=list(piece.links))
         else:
             continue
         rule = _worn if wears else RULES.get(piece.name)
@@ -137,24 +145,18 @@ def _wears(spec: EffectSpec, piece: EffectSpec) -> bool:
 
 
 def _worn(here: dict[str, list[float]], more: dict[str, list[float]]) -> dict[str, list[float]]:
-    lost = more["torque"][0]
-    return {**here, "coulomb": [here["coulomb"][0] + lost], "static": [here["static"][0] + lost]}
+    lost, level = more["torque"][0], here["coulomb"][0]
+    left = level + lost
+    return {**here, "coulomb": [0.0 if abs(left) < ROUNDED * level else left], "static": [here["static"][0] + lost]}
 
 
 def is_less(piece: EffectSpec) -> bool:
     """Whether a piece takes away, which no effect can do alone."""
-    return (
-        any(
-            value < 0.0
-            for key in ("damping", "torque", "inertia", "coefficient", "mass", "stiffness")
-            for value in piece.parameters.get(key, [])
-        )
-        and piece.name in POSITIVE
-    )
+    return any(value < 0.0 for key in LEADING for value in piece.parameters.get(key, [])) and piece.name in POSITIVE
 
 
 def _something(spec: EffectSpec) -> bool:
-    first = next(iter(spec.parameters.values()))
+    first = spec.parameters.get("static") or next(iter(spec.parameters.values()))
     return spec.name not in POSITIVE or bool(np.max(np.abs(first)) > NOTHING)
 
 
@@ -186,6 +188,8 @@ def _loads(here: dict[str, list[float]], more: dict[str, list[float]]) -> dict[s
     mass = here["mass"][0] + lost
     if mass <= NOTHING:
         return {"mass": [max(mass, 0.0)], "com": [0.0, 0.0, 0.0]} if mass > -ROUNDED * here["mass"][0] else None
+    if mass < ROUNDED * here["mass"][0]:  # of so little, the centre is anywhere
+        return {"mass": [mass], "com": list(here["com"])}
     moment = here["mass"][0] * np.array(here["com"]) + lost * np.array(more["com"])
     return {"mass": [mass], "com": (moment / mass).tolist()}
 

@@ -10,7 +10,7 @@ import numpy as np
 from twin_diagram.effects import REGISTRY, Effect, make
 from twin_diagram.errors import ModelError
 from twin_diagram.gap.finding import Estimate, Finding
-from twin_diagram.gap.merge import is_less
+from twin_diagram.gap.merge import LEADING, POSITIVE
 from twin_diagram.scenario import EffectSpec
 
 
@@ -77,15 +77,23 @@ def sentence_of(finding: Finding, prismatic: Collection[str] = ()) -> str:
         finding: named.
         prismatic: the prismatic ones of the arm's joints (`Model.prismatic`), whose parameters have other units.
     """
-    less = any(is_less(spec) for spec in specs_of(finding))
-    if not less:
+    amount = amount_of(finding)
+    if amount == "more":
         try:
             return "; ".join(effect.on_arm(prismatic).sentence() for effect in effects_of(finding))
         except ModelError:
-            pass
+            amount = "other"
     places = ", ".join([*finding.joints, *finding.links])
-    amount = f"{'less' if less else 'other'} {finding.name.replace('_', ' ')} than the model has"
-    return amount + (f", on {places}" if places else "")
+    return f"{amount} {finding.name.replace('_', ' ')} than the model has" + (f", on {places}" if places else "")
+
+
+def amount_of(finding: Finding) -> str:
+    """Whether the arm has `more` of an effect than the given model, `less`, or more here and less there: `other`."""
+    if finding.name not in POSITIVE:
+        return "more"
+    values = [x for spec in specs_of(finding) for key in LEADING for x in spec.parameters.get(key, [])]
+    below = [x < 0.0 for x in values]
+    return "less" if values and all(below) else "other" if any(below) else "more"
 
 
 def _numbers(estimate: Estimate) -> list[float]:

@@ -7,7 +7,7 @@ from html import escape
 from twin_diagram.gap import report_charts as charts
 from twin_diagram.gap import report_words as words
 from twin_diagram.gap.finding import Estimate, Finding
-from twin_diagram.gap.named import sentence_of
+from twin_diagram.gap.named import amount_of, sentence_of
 from twin_diagram.gap.report_subject import Subject
 
 DRY = ("coulomb_friction", "stribeck_friction")
@@ -76,7 +76,7 @@ def _finding(finding: Finding, several: bool, prismatic: frozenset[str]) -> str:
         f'<div class="effect"><div><h3>{escape(words.title(finding.name))}'
         f"{_on(words.places(finding.joints, finding.links))}</h3>"
         f'<p class="sentence">{escape(words.upper_first(sentence))}{escape(when)}.</p>'
-        f'<p class="what">{escape("" if words.taken_away(finding) else words.explanation(finding.name, only))}</p>'
+        f'<p class="what">{escape(words.explanation(finding.name, only) if amount_of(finding) == "more" else "")}</p>'
         f'<div class="scroll">{_parameters(finding, prismatic)}</div>{others}</div>'
         f'<div class="sure">{sure}<br>{escape(words.sureness(finding.confidence))}</div></div>'
     )

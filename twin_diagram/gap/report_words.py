@@ -9,8 +9,7 @@ import numpy as np
 
 from twin_diagram.effects import REGISTRY
 from twin_diagram.gap.finding import Estimate, Finding, Moment, Verdict
-from twin_diagram.gap.merge import is_less
-from twin_diagram.gap.named import specs_of
+from twin_diagram.gap.named import amount_of
 
 TITLES = {
     "viscous_friction": (
@@ -143,18 +142,16 @@ def headline(verdict: Verdict) -> str:
         return "The model explains these runs. Nothing is missing that they could show."
     if verdict.verdict == "unknown":
         return "Something is missing from the model, and no effect of the catalogue explains it."
-    lacks, more = ([_short(f) for f in verdict.findings if taken_away(f) == less] for less in (False, True))
-    text = f"The model lacks {listed(lacks)}." if lacks else ""
-    if more:
-        text += f"{' It' if lacks else 'The model'} has more than the arm of {listed(more)}."
+    said = (("more", "lacks {}"), ("less", "has more than the arm of {}"), ("other", "has another amount of {}"))
+    clauses = [
+        clause.format(listed(those))
+        for amount, clause in said
+        if (those := [_short(f) for f in verdict.findings if amount_of(f) == amount])
+    ]
+    text = " ".join(f"{'It' if k else 'The model'} {clause}." for k, clause in enumerate(clauses))
     if verdict.remainder:
         text += " Something more is there that no effect of the catalogue explains."
     return text
-
-
-def taken_away(finding: Finding) -> bool:
-    """Whether the given model has too much of an effect, rather than none or too little."""
-    return any(is_less(spec) for spec in specs_of(finding))
 
 
 def _short(finding: Finding) -> str:

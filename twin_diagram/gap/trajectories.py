@@ -57,6 +57,13 @@ class Visited:
     prismatic: frozenset[str] = frozenset()
 
 
+AT_REST = 0.02
+"""A run that begins and ends below this share of its highest speed does so at rest."""
+
+LEAD = 1.0
+"""In which one that does not is brought to its speed, and from it [s]."""
+
+
 @dataclass(frozen=True)
 class Experiment:
     """One motion to make next.
@@ -166,12 +173,16 @@ def speed_steps(seen: Visited, chosen: Sequence[int]) -> Array:
     middle = _middle(seen)
     parts = [middle[None]]
     for j in chosen:
+        centre = middle.copy()
+        centre[j] = 0.5 * (seen.lower[j] + seen.upper[j])
+        parts.append(_move(seen, middle, centre, 0.5))
         for speed in np.geomspace(min(SLOW, 0.5 * seen.speed[j]), seen.speed[j], 7):
             half = min(0.45 * (seen.upper[j] - seen.lower[j]), 2.0 * speed)
-            ends = [middle.copy(), middle.copy()]
-            ends[0][j], ends[1][j] = middle[j] - half, middle[j] + half
-            for a, b in ((middle, ends[0]), (ends[0], ends[1]), (ends[1], ends[0]), (ends[0], middle)):
+            ends = [centre.copy(), centre.copy()]
+            ends[0][j], ends[1][j] = centre[j] - half, centre[j] + half
+            for a, b in ((centre, ends[0]), (ends[0], ends[1]), (ends[1], ends[0]), (ends[0], centre)):
                 parts.append(_cruise(a, b, float(speed), float(seen.acceleration[j]), j))
+        parts.append(_move(seen, centre, middle, 0.5))
     return np.concatenate(parts)
 
 
@@ -196,13 +207,13 @@ def fast_sines(seen: Visited, chosen: Sequence[int]) -> Array:
 def run_again(seen: Visited, chosen: Sequence[int]) -> Array:
     """The first run's own motion."""
     del chosen
-    return seen.run
+    return _from_rest(seen.run)
 
 
 def run_many(seen: Visited, chosen: Sequence[int]) -> Array:
     """The first run's own motion, over and over for three minutes."""
-    back = _move(seen, seen.run[-1], seen.run[0], 0.5)
-    once = np.concatenate([seen.run, back])
+    run = _from_rest(seen.run)
+    once = np.concatenate([run, _move(seen, run[-1], run[0], 0.5)])
     del chosen
     return np.concatenate([once] * max(2, int(np.ceil(180.0 / (PERIOD * len(once))))))
 
@@ -211,8 +222,8 @@ def run_with_rests(seen: Visited, chosen: Sequence[int]) -> Array:
     """The first run's own motion between ten seconds of rest."""
     still = round(10.0 / PERIOD)
     del chosen
-    first, last = seen.run[:1], seen.run[-1:]
-    return np.concatenate([np.repeat(first, still, axis=0), seen.run, np.repeat(last, still, axis=0)])
+    run = _from_rest(seen.run)
+    return np.concatenate([np.repeat(run[:1], still, axis=0), run, np.repeat(run[-1:], still, axis=0)])
 
 
 MAKERS: dict[str, Callable[[Visited, Sequence[int]], Array]] = {
@@ -243,6 +254,19 @@ def _middle(seen: Visited) -> Array:
     centre = 0.5 * (seen.lower + seen.upper)
     size = seen.upper - seen.lower + 1e-9
     return np.array(seen.poses[int(np.argmin(np.linalg.norm((seen.poses - centre) / size, axis=1)))])
+
+
+def _from_rest(run: Array) -> Array:
+    """The same path, begun and ended at rest where the log was cut in motion."""
+    steps = np.abs(np.diff(run, axis=0))
+    if np.all(np.maximum(steps[0], steps[-1]) <= AT_REST * np.max(steps, axis=0)):
+        return run
+    whole = PERIOD * (len(run) - 1)
+    time = np.arange(0.0, whole + LEAD, PERIOD)
+    rate = np.minimum(_ease(time / LEAD), _ease((time[-1] - time) / LEAD))
+    along = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]))])
+    along *= (len(run) - 1) / along[-1]
+    return np.stack([np.interp(along, np.arange(len(run)), x) for x in run.T], axis=1)
 
 
 def _ease(s: Array) -> Array:

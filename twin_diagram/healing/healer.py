@@ -206,7 +206,7 @@ class Healer:
             return
         try:
             found = Model.load(outcome.model, self._packages)
-            if len(found.present) == len(self.model.present):
+            if [e.spec() for e in found.present] == [e.spec() for e in self.model.present]:
                 self._tell("model_kept", now, why="what was named is over")
                 return
             number = self._twin.add_model(found)
