@@ -173,6 +173,18 @@ def test_runs_may_differ_in_their_rates(model: Model, every: int) -> None:
         assert isinstance(torque, dict) and torque["elbow"].value == pytest.approx(3.0, abs=0.05)
 
 
+def test_a_push_at_the_end_of_a_run_does_not_go_on_in_the_next(model: Model) -> None:
+    push = EffectSpec("external_force", [], ["lower"], {"wrench": [8.0, 0.0, -6.0, 0.0, 0.0, 0.0]})
+    free, pushed, after = bench.run(model, seed=0), bench.run(model, [push], seed=0), bench.run(model, seed=1)
+    run = replace(free, torque=np.where((free.time >= 6.6)[:, None], pushed.motor_torque, free.motor_torque))
+    found = name(model, [run, after]).findings
+    assert [f.name for f in found] == ["external_force"]
+    (onset, end) = found[0].onset, found[0].end
+    assert onset is not None and end is not None and onset.log == end.log == 0
+    corrected = add(model, [run, after], found).model
+    assert np.all(torque_residual_rms(corrected, after) < FLOOR)
+
+
 def test_of_two_findings_of_a_name_the_stronger_one_is_told() -> None:
     strong = bench.friction_finding(5.0, onset=bench.begin(0, 2.0), links=("lower",))
     (entry,) = one_per_name(
