@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.gap import whitening
-from twin_diagram.gap.records import SHORTEST, Record, prepare
+from twin_diagram.gap.records import SHORTEST, prepare
+from twin_diagram.gap.refinement import left_by
 from twin_diagram.logs import Log, fingerprint
 from twin_diagram.model import Model
 from twin_diagram.motion import RESIDUAL_CUT
@@ -29,20 +30,12 @@ def confirmed(given: Model, corrected: Model, held: Log) -> bool:
     if held.time[-1] - held.time[0] - 2.0 * RESIDUAL_CUT < SHORTEST:
         return False
     records = prepare(given, [held])
-    mark = fingerprint(held)
+    marks = [fingerprint(held)]
 
-    def left(model: Model) -> Array:
-        run = model.for_run(mark)
-
-        def law(record: Record) -> Array:
-            needed = run.inverse_dynamics(record.q, record.v, record.a, time=record.time, seen=record.torque)
-            return np.asarray(record.torque - needed)
-
-        return records.reduce(law)
-
-    def innovation(residual: Array) -> Array:
+    def innovation(model: Model) -> Array:
+        residual = left_by(model, records, marks)
         noise = whitening.estimate(residual, records.lengths)
         return np.asarray(0.5 * len(noise.rows) * np.log(np.mean(noise.all(residual) ** 2, axis=1) * noise.sigma**2))
 
-    gain = innovation(left(given)) - innovation(left(corrected))
+    gain = innovation(given) - innovation(corrected)
     return float(np.sum(gain)) > SPEAKS

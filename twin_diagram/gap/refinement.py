@@ -152,7 +152,11 @@ def coarser(records: Records) -> Records:
 
 def _left(hypothesis: Hypothesis, vector: Array, records: Records, marks: Sequence[str]) -> Array:
     """Logged less needed torque (ΣD, n)."""
-    model = hypothesis.model(vector)
+    return left_by(hypothesis.model(vector), records, marks)
+
+
+def left_by(model: Model, records: Records, marks: Sequence[str]) -> Array:
+    """Logged less needed torque (ΣD, n) of a model [N·m]; `marks` are the fingerprints of the records' logs."""
 
     def law(record: Record) -> Array:
         run = model.for_run(marks[record.index])

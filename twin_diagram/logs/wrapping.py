@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
     from twin_diagram.model import Model
 
 Array = npt.NDArray[np.float64]
-
 
 NEARLY = 0.1
 """A jump is a turn if it is this near to one [turns]; what else jumps is a fault of the log."""
@@ -42,7 +40,11 @@ def unwrapped(log: Log, model: Model) -> tuple[Log, list[LogWarning]]:
         position_commanded=None if log.position_commanded is None else _unwrap(log.position_commanded, jumps),
         identity=fingerprint(log),
     )
-    return whole, [_warning(log, _names(log.joints, jumps))]
+    joints = [joint for joint, here in zip(log.joints, jumps, strict=True) if here]
+    message = (
+        f"{log.source}: the angle of {', '.join(joints)} jumps by a turn between two samples; it is taken to go on"
+    )
+    return whole, [LogWarning("wrapped", message, joints[0])]
 
 
 def _turns(angles: Array) -> Array:
@@ -54,15 +56,3 @@ def _turns(angles: Array) -> Array:
 
 def _unwrap(angles: Array, which: npt.NDArray[np.bool_]) -> Array:
     return np.where(which, angles - 2.0 * np.pi * np.cumsum(_turns(angles), axis=0), angles)
-
-
-def _names(joints: Sequence[str], which: npt.NDArray[np.bool_]) -> list[str]:
-    return [joint for joint, here in zip(joints, which, strict=True) if here]
-
-
-def _warning(log: Log, joints: Sequence[str]) -> LogWarning:
-    return LogWarning(
-        "wrapped",
-        f"{log.source}: the angle of {', '.join(joints)} jumps by a turn between two samples; it is taken to go on",
-        joints[0],
-    )
