@@ -96,7 +96,7 @@ def residuals(run: str, folder: Path) -> dict[str, Array]:
     model = Model.load(arm)
     path = folder / f"trajectory_{run}.csv"
     log = read_log(path)
-    for warning in check(log, model):
+    for warning in check(log, model.limits):
         print(f"warning: {warning.message}", file=sys.stderr)
     return {
         "direct": torque_residual_rms(model, log) / GEAR_RATIO,

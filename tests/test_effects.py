@@ -137,7 +137,7 @@ def realised(specs: list[EffectSpec], dt: float) -> tuple[np.ndarray, np.ndarray
     moment = slice(None, -1) if at_start else slice(1, None)
     total, arrived = rigid, tau[1:]
     for effect in model.effects:
-        total = total + effect.torque(model, q[moment], v[moment], a, rigid)
+        total = total + effect.torque(model.bodies, q[moment], v[moment], a, rigid)
         if effect.loses:
             total, arrived = total + arrived - effect.applied(model.joints, arrived), np.zeros_like(arrived)
         else:
@@ -234,7 +234,7 @@ def test_change_and_torque_are_the_same_law(name: str) -> None:
     effect = model.effects[0]
     q_true = effect.true_position(model.joints, q)
     rigid = bare.inverse_dynamics(q_true, v, a)
-    law = effect.logged(model.joints, rigid + effect.torque(model, q_true, v, a, rigid))
+    law = effect.logged(model.joints, rigid + effect.torque(model.bodies, q_true, v, a, rigid))
     np.testing.assert_allclose(model.inverse_dynamics(q, v, a), law, atol=1e-10)
 
 
@@ -244,8 +244,8 @@ def test_sensitivity(name: str) -> None:
     q, v, a = rng.normal(size=(3, 30, 7))
     model = Model.load(scenario.ArmModel(model=ARM, tool_frame="", effects=[EFFECTS[name]]))
     effect, tau = model.effects[0], np.zeros_like(q)
-    numeric = effects.Effect.sensitivity(effect, model, q, v, a, tau)
-    np.testing.assert_allclose(effect.sensitivity(model, q, v, a, tau), numeric, atol=1e-6)
+    numeric = effects.Effect.sensitivity(effect, model.bodies, q, v, a, tau)
+    np.testing.assert_allclose(effect.sensitivity(model.bodies, q, v, a, tau), numeric, atol=1e-6)
     assert numeric.shape == (30, 7, len(effect.vector()))
     np.testing.assert_array_equal(effect.with_vector(effect.vector()).vector(), effect.vector())
 

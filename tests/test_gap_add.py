@@ -284,7 +284,7 @@ def test_rough_link_parameters_are_about_the_links_own_centre() -> None:
     spec = EffectSpec("inertial_parameters", [], ["panda_link4"], {key: list(x) for key, (x, _) in values.items()})
     effect = make(spec)
     assert isinstance(effect, InertialParameters)
-    np.testing.assert_allclose(effect.difference(model), added, atol=1e-9)
+    np.testing.assert_allclose(effect.difference(model.bodies.links), added, atol=1e-9)
 
 
 def test_standard_errors_cover() -> None:

@@ -272,18 +272,18 @@ def test_a_rail_in_millimetres_is_no_arm_in_degrees(model: Model) -> None:
     log = bench.run(model, seed=1040, duration=3.0)
     millimetres = Log(log.time, JOINTS, log.position * [1e3, 1.0], torque=log.torque)
     with pytest.raises(LogError, match=r"position_measured.rail reaches .* -1 to 1 m; it looks like millimetres"):
-        check(millimetres, model)
+        check(millimetres, model.limits)
     degrees = Log(log.time, JOINTS, log.position * [1.0, 180.0 / np.pi], torque=log.torque)
     with pytest.raises(LogError, match=r"position_measured.shoulder .* rad; it looks like degrees"):
-        check(degrees, model)
-    assert check(log, model) == []
+        check(degrees, model.limits)
+    assert check(log, model.limits) == []
 
 
 def test_a_force_beyond_its_limit_is_one(model: Model) -> None:
     log = bench.run(model, seed=1041, duration=3.0)
     assert log.torque is not None
     strong = Log(log.time, JOINTS, log.position, torque=log.torque * [20.0, 1.0])
-    (warning,) = check(strong, model)
+    (warning,) = check(strong, model.limits)
     assert re.search(r"the force of rail reaches .* its limit is 300 \(N, joint side\)", warning.message)
 
 

@@ -52,7 +52,7 @@ def test_round_trip(tmp_path: Path, suffix: str) -> None:
     write_log(log, path)
     again = read_log(path)
     assert same(log, again)
-    assert check(again, MODEL) == []
+    assert check(again, MODEL.limits) == []
     write_log(again, path)
     assert same(log, read_log(path))
     assert [p.name for p in path.parent.iterdir()] == [path.name]
@@ -142,7 +142,7 @@ def test_a_joint_without_torque_is_left_out(tmp_path: Path) -> None:
     assert log.notes == (f"{path}: b has no torque and is left out",)
     columns = {name: values for name, values in healthy().columns().items() if name != f"torque_measured.{JOINTS[2]}"}
     with pytest.raises(LogError, match=f"joint '{JOINTS[2]}' of the model is missing.*has no torque"):
-        check(log_from_columns(columns, "log", str), MODEL)
+        check(log_from_columns(columns, "log", str), MODEL.limits)
 
 
 def test_angles_that_jump_by_a_turn_go_on() -> None:
@@ -150,16 +150,16 @@ def test_angles_that_jump_by_a_turn_go_on() -> None:
     high = replace(log, position=log.position + np.pi - log.position[:1])  # starts at half a turn, and crosses it
     wrapped = replace(high, position=(high.position + np.pi) % (2.0 * np.pi) - np.pi, position_commanded=high.position)
     assert np.any(np.abs(np.diff(wrapped.position, axis=0)) > np.pi)
-    whole, (warning,) = unwrapped(wrapped, MODEL)
+    whole, (warning,) = unwrapped(wrapped, MODEL.limits)
     assert warning.code == "wrapped" and "jumps by a turn" in warning.message
     moved = whole.position - whole.position[0]
     np.testing.assert_allclose(moved, high.position - high.position[0], atol=1e-9)
     assert whole.position_commanded is not None
     assert fingerprint(whole) == fingerprint(wrapped)
-    assert unwrapped(log, MODEL) == (log, [])
+    assert unwrapped(log, MODEL.limits) == (log, [])
     lost = log.position.copy()
     lost[50, 2] -= 5.0  # a dropped sample is no turn
-    assert unwrapped(replace(log, position=lost), MODEL)[1] == []
+    assert unwrapped(replace(log, position=lost), MODEL.limits)[1] == []
 
 
 @pytest.mark.parametrize("message", BAD_TEXT)
@@ -233,14 +233,14 @@ def read_columns_of(text: str, path: Path) -> dict[str, np.ndarray]:
 
 
 def codes(log: Log, model: Model | None = MODEL) -> list[str]:
-    return [warning.code for warning in check(log, model)]
+    return [warning.code for warning in check(log, model.limits)]
 
 
 def test_units_are_checked() -> None:
     log = healthy()
     degrees = Log(log.time, JOINTS, np.degrees(log.position), torque=log.torque)
     with pytest.raises(LogError, match="looks like degrees"):
-        check(degrees, MODEL)
+        check(degrees, MODEL.limits)
     with pytest.raises(LogError, match="positions in degrees but velocities in rad/s"):
         check(Log(log.time, JOINTS, np.degrees(log.position), velocity=log.velocity, torque=log.torque))
     with pytest.raises(LogError, match="velocities in degrees per second"):
@@ -251,14 +251,14 @@ def test_units_are_checked() -> None:
     with pytest.raises(LogError, match="too far"):
         check(Log(log.time * 60.0, JOINTS, log.position, torque=log.torque))
     epoch = Log(log.time + 1.7e9, JOINTS, log.position, velocity=log.velocity, torque=log.torque)
-    assert check(epoch, MODEL) == []
+    assert check(epoch, MODEL.limits) == []
 
 
 def test_doubtful_logs_are_named() -> None:
     log = healthy()
     kept = np.r_[0:100, 150:300, 310:400]
     gap = Log(log.time[kept], JOINTS, log.position[kept], torque=log.torque[kept])
-    (warning,) = check(gap, MODEL)
+    (warning,) = check(gap, MODEL.limits)
     assert warning.code == "gap"
     assert "2 gap(s)" in warning.message and "0.255 s" in warning.message
     jitter = log.time + 0.3 * log.period * np.random.default_rng(0).uniform(-1.0, 1.0, len(log))
@@ -277,10 +277,10 @@ def test_doubtful_logs_are_named() -> None:
         np.hstack([log.position, log.position[:, :1]]),
         torque=np.hstack([log.torque, log.torque[:, :1]]),
     )
-    (warning,) = check(extra, MODEL)
+    (warning,) = check(extra, MODEL.limits)
     assert (warning.code, warning.joint) == ("unknown_joint", "finger")
     with pytest.raises(LogError, match="joint 'panda_joint7' of the model is missing"):
-        check(log.select(JOINTS[:6]), MODEL)
+        check(log.select(JOINTS[:6]), MODEL.limits)
 
 
 def test_noise_raises_no_alarm() -> None:
@@ -323,6 +323,6 @@ def test_measured_runs(data_dir: Path) -> None:
     model = Model.load(data_dir / "kuka_kr300" / "kr300.urdf")
     for name in ("A", "B"):
         log = read_log(data_dir / "kuka_kr300" / f"trajectory_{name}.csv")
-        assert check(log, model) == []
+        assert check(log, model.limits) == []
         assert log.joints == model.joints
         assert log.period == pytest.approx(0.004)

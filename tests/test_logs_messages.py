@@ -113,7 +113,7 @@ def test_a_bag_holds_what_went_in(tmp_path: Path, name: str) -> None:
     found = read_log(write_bag(tmp_path / name, states_of(HEALTHY)))
     same(found, HEALTHY)
     assert found.time[0] == 0.0
-    assert check(found, MODEL) == []
+    assert check(found, MODEL.limits) == []
 
 
 def test_joints_may_change_their_order_and_messages_overtake_each_other(tmp_path: Path) -> None:
@@ -134,13 +134,13 @@ def test_a_gripper_that_shares_the_topic(tmp_path: Path) -> None:
     inside = (HEALTHY.time >= 0.0025) & (HEALTHY.time <= 0.0025 + 0.05 * 57)
     assert np.array_equal(found.position[:, :7], HEALTHY.position[inside])
     assert found.position[:, 7] == pytest.approx(0.2 * (HEALTHY.time[inside] - 0.0025), abs=1e-9)
-    assert [w.code for w in check(found, MODEL)] == ["unknown_joint"]
+    assert [w.code for w in check(found, MODEL.limits)] == ["unknown_joint"]
 
     idle = [State(s.names, s.position, s.velocity, [0.0], s.stamp) for s in fingers]
     states = sorted([*states_of(HEALTHY), *idle], key=lambda state: state.stamp)
     found = read_log(write_bag(tmp_path / "b.mcap", states))
     same(found, HEALTHY)
-    assert [(w.code, "finger" in w.message) for w in check(found, MODEL)] == [("left_out", True)]
+    assert [(w.code, "finger" in w.message) for w in check(found, MODEL.limits)] == [("left_out", True)]
 
 
 def test_stamps_that_are_not_set_give_way_to_the_times_of_arrival(tmp_path: Path) -> None:
@@ -179,7 +179,7 @@ def test_bags_that_are_no_logs(tmp_path: Path) -> None:
     found = read_log(write_bag(tmp_path / "holes.mcap", holes))
     assert found.joints == HEALTHY.joints[1:]
     with pytest.raises(LogError, match=r"joint 'panda_joint1' of the model is missing.*\(left out panda_joint1"):
-        check(found, MODEL)
+        check(found, MODEL.limits)
     for name in ("a.mcap", "b.db3", "c.bag"):
         (tmp_path / name).write_bytes(b"no bag at all")
         with pytest.raises(LogError, match="cannot be read as a ROS bag"):
@@ -272,7 +272,7 @@ def test_an_lcm_log_of_another_arm_or_of_two(tmp_path: Path) -> None:
     six = HEALTHY.select(HEALTHY.joints[:6])
     found = read_log(write_lcm(tmp_path / "six.lcm", status(six, panda, "PANDA_STATUS")))
     with pytest.raises(LogError, match="tells of 6 joints without naming them; the model's arm has 7"):
-        check(found, MODEL)
+        check(found, MODEL.limits)
     changed = [*status(HEALTHY, panda, "A"), *status(six, panda, "A")]
     with pytest.raises(LogError, match="event 600 on A: tells of"):
         read_log(write_lcm(tmp_path / "changed.lcm", changed))

@@ -210,9 +210,9 @@ def test_a_rail_may_be_left_out(tmp_path: Path) -> None:
     time = np.arange(400) * 0.01
     q = 0.3 * np.stack([np.sin(3.0 * time), np.cos(2.0 * time)], axis=1)
     log = Log(time, held.joints, q, torque=q)
-    assert not [warning for warning in check(log, held) if "rail" in warning.message]
+    assert not [warning for warning in check(log, held.limits) if "rail" in warning.message]
     with pytest.raises(LogError, match=r"'rail' of the model is missing.*name the others in `joints`"):
-        check(log, Model.load(path))
+        check(log, Model.load(path).limits)
 
 
 def _without_geometry(path: Path) -> Path:

@@ -182,7 +182,7 @@ def test_laws_hold_in_other_units(model: Model, name: str) -> None:
     here, there = zip(column("m", 0.5), column("m/s", 0.5), column("m/s²", 2.0), column("N", 90.0), strict=True)
     moving = np.abs(here[1][:, 0]) > 0.1  # where a sign is one in either unit
     said, said_there = (
-        each.logged(model.joints, tau + each.torque(model, q, v, a, tau))
+        each.logged(model.joints, tau + each.torque(model.bodies, q, v, a, tau))
         for each, (q, v, a, tau) in ((effect, here), (other, there))
     )
     applied, applied_there = (each.applied(model.joints, x[3]) for each, x in ((effect, here), (other, there)))

@@ -22,14 +22,15 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context
 
-from twin_diagram import folding, model_folder, plant_tree, scenario, series, torque_law
+from twin_diagram import folding, model_folder, plant_tree, scenario, series
+from twin_diagram.arm_bodies import ArmBodies, DescribedLinks
 from twin_diagram.description import Arm, add_arm
 from twin_diagram.effects import Effect, make
-from twin_diagram.effects.elasticity import YieldingGear
-from twin_diagram.effects.friction_levels import CoupledFriction
 from twin_diagram.errors import ModelError
+from twin_diagram.logs.joint_limits import JointLimits
 from twin_diagram.plant_calls import PlantCalls
 from twin_diagram.timeline import epochs, shifted
+from twin_diagram.torque_law import TorqueLaw
 
 Array = npt.NDArray[np.float64]
 
@@ -49,16 +50,14 @@ class Model:
         effects: in order; first those that the description itself states (`Effect.given`).
         present: those that count where no time is given: all but those that end.
         timed: whether an effect starts or ends.
-        delay: how much later the logged torque acts [s].
-        yielding: joints (s,) whose gears yield, their stiffness [N·m/rad] and half of their play [rad].
-        loss: (s,) their damping over stiffness [s].
         position_index, velocity_index: (n,) of the joints in the plant's q and v.
         lower, upper, velocity_limit, effort_limit: (n,) from the description, infinite where it says nothing.
+        limits: the same for logs, which know nothing of models.
         last_link: name of the child link of the last arm joint that is no finger; payloads hang on it.
+        bodies: with what effects change in them; what effects may ask of the arm.
         tree: the same rigid dynamics for many samples at once.
-        vectorises: whether `tree` holds all that the plant does.
         calls: into the plant, for single samples.
-        laws: those of `present` that are no part of the rigid model; `dry`, `coupled`: of them, by kind of friction.
+        law: the torque of bodies and effects at true positions, without onsets, delay and motors' logs.
     """
 
     def __init__(self, plant: MultibodyPlant, arm: Arm, effects: Iterable[Effect]) -> None:
@@ -77,13 +76,15 @@ class Model:
         limits = np.array([float(joint.velocity_upper_limits()[0]) for joint in joints])
         self.velocity_limit = np.where(limits > 0.0, limits, np.inf)  # exporters write 0 for what they do not know
         self.effort_limit = np.array([actuator.effort_limit() for actuator in actuators])
-        self.last_link: str = plant.get_body(arm.last_link).name()
+        revolute = np.array([joint not in self.prismatic for joint in self.joints])
+        self.limits = JointLimits(self.joints, revolute, self.lower, self.upper, self.effort_limit)
+        links = DescribedLinks(plant, plant.get_body(arm.last_link).name())
+        self.last_link = links.last_link
 
         self.timed = any(effect.timed for effect in self.effects)
         self.present = tuple(
             effect.always() if effect.timed else effect for effect in self.effects if effect.end is None
         )
-        self.delay = float(sum(effect.delay for effect in self.present))
         self._epochs: dict[tuple[bool, ...], Model] = {}
         self._runs: dict[str, Model] = {}
 
@@ -91,21 +92,11 @@ class Model:
         self.calls = PlantCalls(plant, self._context, arm)
         self.position_index, self.velocity_index = self.calls.position_index, self.calls.velocity_index
         folding.check_places(plant, self.joints, self.effects)
-        folding.fold(plant, self._context, arm, (effect.change(self) for effect in self.present))
+        folding.fold(plant, self._context, arm, (effect.change(links) for effect in self.present))
         folding.check_friction(self.joints, self.present, self.prismatic)
-        self.tree = plant_tree.from_plant(plant, self._context, arm)
-        self.vectorises = plant_tree.is_whole(plant)
-        self.laws = tuple(sorted((e for e in self.present if not e.folds), key=lambda effect: effect.last))
-        self.dry = tuple(effect for effect in self.laws if effect.dry)
-        self.coupled = tuple(effect for effect in self.laws if isinstance(effect, CoupledFriction))
-        self.yielding, self.loss = series.merged(
-            [
-                (self.joints.index(joint), gear)
-                for effect in self.present
-                if isinstance(effect, YieldingGear)
-                for joint, gear in effect.gears().items()
-            ]
-        )
+        self.bodies = ArmBodies(arm, links, self._context)
+        self.tree = self.bodies.tree
+        self.law = TorqueLaw(self.bodies, self.calls, self.present, vectorises=plant_tree.is_whole(plant))
 
     @staticmethod
     def load(
@@ -205,15 +196,20 @@ class Model:
                 result[mask] = static.inverse_dynamics(q, v, a, tau, time, seen)[mask]
             return result
         q = self.true_position(q)
-        total = self.joint_load(q, v, a, tau)
-        if time is not None and len(self.yielding[0]) and len(time) > 1:
+        law = self.law
+        total = law.joint_load(q, v, a, tau)
+        if time is not None and len(law.yielding) and len(time) > 1:
             beyond = None if seen is None else self.applied(seen, time) - total
             period = (time[-1] - time[0]) / (len(time) - 1)
-            total = total + series.twist(self, q, v, a, period, beyond).torque
-        if seen is not None and (self.dry or self.coupled) and q.ndim == 2:
-            total = torque_law.held(self, total, q, v, seen if time is None else self.applied(seen, time))
-        total = torque_law.logged(self, total, seen, time)
-        return total if time is None else shifted(total, time, self.delay)
+            total = total + self.twist((q, v, a), period, beyond).torque
+        if seen is not None and (law.dry or law.coupled) and q.ndim == 2:
+            total = law.held(total, q, v, seen if time is None else self.applied(seen, time))
+        total = law.logged(total, seen, time)
+        return total if time is None else shifted(total, time, law.delay)
+
+    def twist(self, motion: tuple[Array, Array, Array], period: float, beyond: Array | None = None) -> series.Twist:
+        """Work out how the yielding gears twist; arguments as of `series.twist`, at true positions."""
+        return series.twist(self.tree, self.law.link_load, self.law.yielding, motion, period, beyond)
 
     def epochs(self, time: Array) -> list[tuple[npt.NDArray[np.bool_], Model]]:
         """Which samples (N,) each model without onsets holds for."""
@@ -236,41 +232,14 @@ class Model:
     def forward_dynamics(self, q: Array, v: Array, tau: Array) -> Array:
         """(…, n) accelerations [rad/s²] under logged torques `tau` (…, n)."""
         q, tau = self.true_position(q), self.applied(tau)
-        if q.ndim == 1 and not self.dry:
-            load = self.joint_load(q, v, np.zeros_like(q), tau)
+        if q.ndim == 1 and not self.law.dry:
+            load = self.law.joint_load(q, v, np.zeros_like(q), tau)
             once: Any = np.linalg.solve(self.calls.mass(q), tau - load)
             return np.asarray(once)
         flat = (-1, q.shape[-1])
-        mass, load = self.mass_and_load(q.reshape(flat), v.reshape(flat), tau.reshape(flat))
+        mass, load = self.law.mass_and_load(q.reshape(flat), v.reshape(flat), tau.reshape(flat))
         acceleration: Any = np.linalg.solve(mass, (tau.reshape(flat) - load)[..., None])
         return np.asarray(acceleration.reshape(q.shape))
-
-    def joint_load(self, q: Array, v: Array, a: Array, tau: Array | None = None) -> Array:
-        """The torque (…, n) that must reach the joints: `inverse_dynamics` at true positions, before the motor."""
-        return torque_law.joint_load(self, q, v, a, tau)
-
-    def link_load(self, q: Array, v: Array, a: Array) -> Array:
-        """The part (N, n) of `joint_load` that lies behind an elastic gear: without rotors, dampers and friction."""
-        return torque_law.link_load(self, q, v, a)
-
-    def mass_and_load(self, q: Array, v: Array, tau: Array, *, dry: bool = True) -> tuple[Array, Array]:
-        """Mass matrices (N, n, n) and loads without acceleration (N, n), at true positions (N, n), for integrators.
-
-        Args:
-            q: (N, n) true positions [rad].
-            v: (N, n) velocities [rad/s].
-            tau: (N, n) torques that the joints transmit [N·m].
-            dry: with the smooth law of dry friction; an integrator that solves for it leaves it out.
-        """
-        return torque_law.mass_and_load(self, q, v, tau, dry=dry)
-
-    def motor_load(self, q: Array, v: Array, tau: Array) -> Array:
-        """The part (N, n) of the loads of `mass_and_load` without dry friction that lies before an elastic gear."""
-        return torque_law.motor_load(self, q, v, tau)
-
-    def friction_level(self, q: Array, v: Array, tau: Array) -> tuple[Array, Array]:
-        """Bounds (N, n) of all dry friction against positive and against negative motion [N·m]."""
-        return torque_law.friction_level(self, q, v, tau)
 
     def applied(self, tau: Array, time: Array | None = None) -> Array:
         """The torque (…, n) that reaches the joints when `tau` is logged; `time` (N,) as in `inverse_dynamics`."""
@@ -280,22 +249,16 @@ class Model:
                 result[mask] = static.applied(tau, time)[mask]
             return result
         if time is not None:
-            tau = shifted(tau, time, -self.delay)
-        for effect in self.laws:
-            tau = effect.applied(self.joints, tau)
-        return tau
+            tau = shifted(tau, time, -self.law.delay)
+        return self.law.applied(tau)
 
     def true_position(self, q: Array) -> Array:
         """The joint positions (…, n) when `q` is measured."""
-        for effect in self.laws:
-            q = effect.true_position(self.joints, q)
-        return q
+        return self.law.true_position(q)
 
     def measured_position(self, q: Array) -> Array:
         """What encoders read (…, n) at joint positions `q`."""
-        for effect in reversed(self.laws):
-            q = effect.measured_position(self.joints, q)
-        return q
+        return self.law.measured_position(q)
 
     # Kinematics.
 
@@ -310,11 +273,6 @@ class Model:
     def arm_positions(self, q_plant: Array) -> Array:
         """The arm's part (…, n) of plant positions (…, nq)."""
         return np.asarray(q_plant)[..., self.position_index]
-
-    def body_of(self, link: str) -> tuple[int, RigidTransform]:
-        """Which body of `tree` carries a link (-1: it stands still), and X_ML of the link in that body's frame."""
-        body = self.plant.GetBodyByName(link)
-        return plant_tree.carrier(self.plant, self._context, self.arm, body)
 
 
 def _given(arm: Arm) -> list[Effect]:

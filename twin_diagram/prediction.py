@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from pydrake.multibody.tree import PrismaticJoint, RevoluteJoint
 
-from twin_diagram import description, series
+from twin_diagram import description
 from twin_diagram.errors import LogError
 from twin_diagram.logs import Log, LogWarning, check, fingerprint, read_log, unwrapped, write_columns
 from twin_diagram.model import Model
@@ -109,7 +109,7 @@ class _Rolled:
 
 def twists(model: Model, smooth: Motion) -> tuple[Array, Array]:
     """Angles and rates, each (N, s), of the gears that yield, for a measured motion [rad], [rad/s]."""
-    count = len(model.yielding[0])
+    count = len(model.law.yielding)
     if count == 0:
         return np.zeros((len(smooth.log), 0)), np.zeros((len(smooth.log), 0))
     time = smooth.log.time
@@ -117,8 +117,8 @@ def twists(model: Model, smooth: Motion) -> tuple[Array, Array]:
     q, torque = model.true_position(smooth.position), _torque_or_none(smooth.log)
     beyond = None
     if torque is not None:
-        beyond = model.applied(torque, time) - model.joint_load(q, smooth.velocity, smooth.acceleration)
-    found = series.twist(model, q, smooth.velocity, smooth.acceleration, period, beyond)
+        beyond = model.applied(torque, time) - model.law.joint_load(q, smooth.velocity, smooth.acceleration)
+    found = model.twist((q, smooth.velocity, smooth.acceleration), period, beyond)
     return found.angle, found.rate
 
 
@@ -197,8 +197,8 @@ def as_explained(model: Model, log: Log) -> tuple[Log, list[LogWarning]]:
     Raises:
         LogError: see `logs.check`.
     """
-    warnings = check(log, model)
-    own, wrapped = unwrapped(log.select(model.joints), model)
+    warnings = check(log, model.limits)
+    own, wrapped = unwrapped(log.select(model.joints), model.limits)
     return own, warnings + wrapped
 
 

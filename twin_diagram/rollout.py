@@ -22,7 +22,6 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.dry_friction import Brake, Stop, solve
-from twin_diagram.effects.friction_levels import CoupledFriction
 from twin_diagram.model import Model
 
 Array = npt.NDArray[np.float64]
@@ -100,7 +99,7 @@ def trajectory(
         time = None
     parts = max(1, int(np.ceil(period / LONGEST_STEP - 1e-9)))
     h = period / parts
-    s = len(model.yielding[0])
+    s = len(model.law.yielding)
     state = State(q, v.copy(), np.zeros((len(q), s)), np.zeros((len(q), s)), np.zeros((len(q), model.tree.n + s)))
     if twist is not None:
         state.e[:], state.rate[:] = twist
@@ -154,12 +153,13 @@ def start(model: Model, state: State, tau: Array, *, at_rest: bool) -> State:
 
     Where a joint rests, dry friction that would hold it is left out: it is only used to foresee half a step.
     """
-    joints, stiffness, half = model.yielding
-    mass, load = model.mass_and_load(state.q, state.v, tau)
+    gears = model.law.yielding
+    joints, stiffness, half = gears.joints, gears.stiffness, gears.half
+    mass, load = model.law.mass_and_load(state.q, state.v, tau)
     inverse: Any = np.linalg.inv(mass)
     a = _times(inverse, tau - load)
     if len(joints) and at_rest:
-        carried = model.link_load(state.q, state.v, a)[:, joints]
+        carried = model.law.link_load(state.q, state.v, a)[:, joints]
         state.e = -np.sign(carried) * half - carried / stiffness
         state.rate = np.zeros_like(state.e)
     state.a = np.hstack([a, np.zeros_like(state.e)])
@@ -168,12 +168,12 @@ def start(model: Model, state: State, tau: Array, *, at_rest: bool) -> State:
 
 def step(model: Model, state: State, tau: Array, h: float) -> State:
     """One step under torques `tau` (S, n) that reach the joints in its middle [N·m], of `h` seconds."""
-    if len(model.yielding[0]):
+    if len(model.law.yielding):
         return _yielding_step(model, state, tau, h)
     damping = model.tree.damping
     q, v = state.q, state.v
     q_middle, v_middle = q + 0.5 * h * v, v + 0.5 * h * state.a
-    mass, load = model.mass_and_load(q_middle, v_middle, tau, dry=False)
+    mass, load = model.law.mass_and_load(q_middle, v_middle, tau, dry=False)
     mass[:, range(len(damping)), range(len(damping))] += 0.5 * h * damping
     load, brakes = _brakes(model, q_middle, v_middle, tau, load, h, len(damping))
     inverse: Any = np.linalg.inv(mass)
@@ -186,7 +186,8 @@ def step(model: Model, state: State, tau: Array, h: float) -> State:
 
 def _yielding_step(model: Model, state: State, tau: Array, h: float) -> State:
     """As `step`, with twists; M₊ is the mass matrix of motors and twists together."""
-    joints, stiffness, half = model.yielding
+    gears = model.law.yielding
+    joints, stiffness, half = gears.joints, gears.stiffness, gears.half
     n, s = model.tree.n, len(joints)
     hard = ~np.isfinite(stiffness)
     velocity = np.hstack([state.v, state.rate])
@@ -195,16 +196,16 @@ def _yielding_step(model: Model, state: State, tau: Array, h: float) -> State:
     q, v = middle[:, :n].copy(), speed[:, :n].copy()
     q[:, joints] += middle[:, n:]
     v[:, joints] += speed[:, n:]
-    mass, load = model.mass_and_load(q, v, tau, dry=False)
+    mass, load = model.law.mass_and_load(q, v, tau, dry=False)
     links = mass.copy()
     links[:, range(n), range(n)] -= model.tree.rotor
-    before_gear = model.motor_load(q, v, tau)
+    before_gear = model.law.motor_load(q, v, tau)
     load, brakes = _brakes(model, middle[:, :n], speed[:, :n], tau, load, h, n + s)
     behind_gear = (load - before_gear)[:, joints]
 
     spring = np.where(hard | (np.abs(middle[:, n:]) <= half), 0.0, stiffness)
     rest = np.sign(middle[:, n:]) * half
-    loss = model.loss * spring
+    loss = gears.loss * spring
     damping = np.concatenate([model.tree.damping, np.zeros(s)])
     whole = np.empty((len(q), n + s, n + s))
     whole[:, :n, :n] = mass
@@ -238,15 +239,14 @@ def _brakes(
     """Dry friction of a step, and the loads without what of it they hold."""
     n = model.tree.n
     result = []
-    if any(effect.dry for effect in model.present):
-        forward, backward = model.friction_level(q, v, tau)
+    if model.law.dry:
+        forward, backward = model.law.friction_level(q, v, tau)
         result = [Brake(np.eye(size)[j], h * forward[:, j], h * backward[:, j]) for j in range(n)]
-    for effect in model.present:
-        if isinstance(effect, CoupledFriction):
-            level = np.full(len(q), h * float(effect.value("torque")[0]))
-            direction = np.concatenate([effect.direction(model), np.zeros(size - n)])
-            result.append(Brake(direction, level, level))
-            load = load - effect.dry_torque(model, v)
+    for effect in model.law.coupled:
+        level = np.full(len(q), h * float(effect.value("torque")[0]))
+        direction = np.concatenate([effect.direction(model.bodies), np.zeros(size - n)])
+        result.append(Brake(direction, level, level))
+        load = load - effect.dry_torque(model.bodies, v)
     return load, result
 
 

@@ -11,8 +11,9 @@ by a Gauss method, which neither damps nor blows up; play, and springs beside it
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,13 +21,11 @@ from scipy.interpolate import CubicSpline
 
 from twin_diagram.effects.elasticity import LOSS, Gear
 from twin_diagram.play import play
-
-if TYPE_CHECKING:
-    from twin_diagram.model import Model
+from twin_diagram.rigid_tree import RigidTree
 
 Array = npt.NDArray[np.float64]
-Springs = tuple[npt.NDArray[np.int64], Array, Array]
-"""Joints, stiffness and loss, each (s,)."""
+LinkLoad = Callable[[Array, Array, Array], Array]
+"""(q, v, a), each (N, n), to the torque (N, n) of what lies behind the gears; `TorqueLaw.link_load`."""
 
 PASSES = 2
 """Gravity at the twisted gear is worked out from the pass before."""
@@ -66,10 +65,35 @@ class Twist:
     torque: Array
 
 
-def merged(gears: list[tuple[int, Gear]]) -> tuple[tuple[npt.NDArray[np.int64], Array, Array], Array]:
-    """Joints that yield, with the stiffness and half the play of each: compliances and gaps in series add up.
+@dataclass(frozen=True)
+class YieldingJoints:
+    """Joints whose gears yield, and how.
 
-    Beside them the loss of each, as compliances weigh it.
+    Attributes:
+        joints: (s,) their columns in the arm's arrays.
+        stiffness: (s,) infinite where there is play alone [N·m/rad].
+        half: (s,) half of the play, zero where there is a spring alone [rad].
+        loss: (s,) damping over stiffness [s].
+    """
+
+    joints: npt.NDArray[np.int64]
+    stiffness: Array
+    half: Array
+    loss: Array
+
+    def __len__(self) -> int:
+        return len(self.joints)
+
+    def chosen(self, which: npt.NDArray[np.bool_]) -> YieldingJoints:
+        """Return those of them for which `which` (s,) holds."""
+        return YieldingJoints(self.joints[which], self.stiffness[which], self.half[which], self.loss[which])
+
+
+def in_series(gears: list[tuple[int, Gear]]) -> YieldingJoints:
+    """Add up the compliances and gaps of each joint's gears; their losses weigh as their compliances do.
+
+    Args:
+        gears: each with the column of its joint.
     """
     joints = sorted({joint for joint, _ in gears})
     compliance = np.array([sum(1.0 / gear.stiffness for j, gear in gears if j == joint) for joint in joints])
@@ -77,50 +101,57 @@ def merged(gears: list[tuple[int, Gear]]) -> tuple[tuple[npt.NDArray[np.int64], 
     lost = np.array([sum(gear.loss / gear.stiffness for j, gear in gears if j == joint) for joint in joints])
     loss = np.divide(lost, compliance, out=np.full(len(joints), LOSS), where=compliance > 0.0)
     with np.errstate(divide="ignore"):
-        return (np.array(joints, dtype=np.int64), 1.0 / compliance, half), loss
+        return YieldingJoints(np.array(joints, dtype=np.int64), 1.0 / compliance, half, loss)
 
 
-def twist(model: Model, q: Array, v: Array, a: Array, period: float, beyond: Array | None = None) -> Twist:
-    """Twists for a motion sampled at a constant rate.
+def twist(
+    tree: RigidTree,
+    link_load: LinkLoad,
+    gears: YieldingJoints,
+    motion: tuple[Array, Array, Array],
+    period: float,
+    beyond: Array | None = None,
+) -> Twist:
+    """Work out the twists for a motion sampled at a constant rate.
 
     Args:
-        model: without onsets, with gears that yield.
-        q: (N, n) the motors' true positions [rad].
-        v: (N, n) [rad/s].
-        a: (N, n) [rad/s²].
+        tree: of the arm's bodies and rotors.
+        link_load: the torque of what lies behind the gears.
+        gears: that yield.
+        motion: the motors' true positions, velocities and accelerations, each (N, n) [rad, rad/s, rad/s²].
         period: between samples [s].
         beyond: (N, n) what the motors gave beyond the rigid arm's torque, as measured [N·m]: it tells how the gears
             swung when the motion began, which the motors' motion does not. None: they begin with the least swing.
     """
-    joints, stiffness, half = model.yielding
+    q, v, a = motion
+    joints, stiffness, half = gears.joints, gears.stiffness, gears.half
     calm = np.isfinite(stiffness) & (half == 0.0)
-    springs: Springs = joints[calm], stiffness[calm], model.loss[calm]
     begin = np.full((2, len(joints)), np.nan)
     if np.any(calm):
-        alone = _coarsely(model, q, v, a, period, springs, beyond)
+        alone = _coarsely(tree, link_load, gears.chosen(calm), motion, period, beyond)
         if np.all(calm):
             return alone
         # Springs that begin at rest would ring for as long as they are damped.
         begin[:, calm] = alone.angle[0], alone.rate[0]
-    mass = model.tree.mass_matrix(q)
-    mass[:, range(model.tree.n), range(model.tree.n)] -= model.tree.rotor
+    mass = tree.mass_matrix(q)
+    mass[:, range(tree.n), range(tree.n)] -= tree.rotor
     columns = mass[:, :, joints]
     block = columns[:, joints]
-    rigid = load = model.link_load(q, v, a)
+    rigid = load = link_load(q, v, a)
     slope = np.zeros_like(columns)
     angle = np.zeros((len(q), len(joints)))
 
     def turned(angle: Array) -> Array:
         twisted = q.copy()
         twisted[:, joints] += angle
-        return model.link_load(twisted, v, a)
+        return link_load(twisted, v, a)
 
     for k in np.flatnonzero(calm):  # gravity that turns with a link shifts the frequency at which it swings
         slope[:, :, k] = (turned(TINY * np.eye(len(joints))[k]) - rigid) / TINY
     for _ in range(PASSES):
         at_zero = (load - _times(slope, angle))[:, joints]
         angle, rate, acceleration = play(
-            block, at_zero, stiffness, half, model.loss, period, begin, slope[:, joints] if np.any(calm) else None
+            block, at_zero, stiffness, half, gears.loss, period, begin, slope[:, joints] if np.any(calm) else None
         )
         load = turned(angle)
     torque = np.einsum("kis,ks->ki", columns, acceleration) + load - rigid
@@ -128,35 +159,49 @@ def twist(model: Model, q: Array, v: Array, a: Array, period: float, beyond: Arr
 
 
 def _coarsely(
-    model: Model, q: Array, v: Array, a: Array, period: float, springs: Springs, beyond: Array | None
+    tree: RigidTree,
+    link_load: LinkLoad,
+    springs: YieldingJoints,
+    motion: tuple[Array, Array, Array],
+    period: float,
+    beyond: Array | None,
 ) -> Twist:
     """Springs at no finer steps than their swing needs: a smooth motion at 1 kHz is the same at 250 Hz."""
-    joints, stiffness, _ = springs
-    inertia = model.tree.mass_matrix(q[:: max(1, len(q) // 20)])
-    links = np.diagonal(inertia, axis1=1, axis2=2)[:, joints] - model.tree.rotor[joints]
+    q, v, a = motion
+    joints, stiffness = springs.joints, springs.stiffness
+    inertia = tree.mass_matrix(q[:: max(1, len(q) // 20)])
+    links = np.diagonal(inertia, axis1=1, axis2=2)[:, joints] - tree.rotor[joints]
     fastest = float(np.max(np.sqrt(stiffness / np.maximum(np.min(links, axis=0), 1e-6))))
     stride = int(min(COARSEST, FINE / fastest) / period + 1e-6)
     if stride < 2 or len(q) < 50 * stride:
-        return _springs(model, q, v, a, period, springs, beyond)
+        return _springs(tree, link_load, springs, motion, period, beyond)
     index = np.arange(0, len(q), stride)
     thin = None if beyond is None else beyond[index]
-    found = _springs(model, q[index], v[index], a[index], stride * period, springs, thin)
+    found = _springs(tree, link_load, springs, (q[index], v[index], a[index]), stride * period, thin)
     rows = np.arange(len(q))
     whole = (CubicSpline(index, signal)(rows) for signal in (found.angle, found.rate, found.torque))
     return Twist(*whole)
 
 
-def _springs(model: Model, q: Array, v: Array, a: Array, h: float, springs: Springs, beyond: Array | None) -> Twist:
+def _springs(
+    tree: RigidTree,
+    link_load: LinkLoad,
+    springs: YieldingJoints,
+    motion: tuple[Array, Array, Array],
+    h: float,
+    beyond: Array | None,
+) -> Twist:
     """Newton's method on the whole motion: the links' load is linearised about the twists of the pass before.
 
     Each pass solves M ë + (loss K + C) ė + (K + G) e = what is left of the load, C and G being the load's derivatives.
     Gravity that turns with the link shifts the frequency at which it swings, so that substituting twists alone would
     take as many passes as there are swings.
     """
-    joints, stiffness, loss = springs
+    q, v, a = motion
+    joints, stiffness, loss = springs.joints, springs.stiffness, springs.loss
     s = len(joints)
     diagonal = np.arange(s)
-    rigid = model.link_load(q, v, a)
+    rigid = link_load(q, v, a)
     angle: Array
     rate: Array
     acceleration: Array
@@ -166,15 +211,15 @@ def _springs(model: Model, q: Array, v: Array, a: Array, h: float, springs: Spri
         moved = q.copy(), v.copy(), a.copy()
         for signal, more in zip(moved, (e, de, dde), strict=True):
             signal[:, joints] += more
-        return model.link_load(*moved)
+        return link_load(*moved)
 
     load = rigid
     for number in range(SPRING_PASSES):
         if number < LINEARISED:
             twisted = q.copy()
             twisted[:, joints] += angle
-            M = model.tree.mass_matrix(twisted)
-            M[:, range(model.tree.n), range(model.tree.n)] -= model.tree.rotor
+            M = tree.mass_matrix(twisted)
+            M[:, range(tree.n), range(tree.n)] -= tree.rotor
             M = M[:, :, joints]
             G, C = np.empty_like(M), np.empty_like(M)
             for k in range(s):

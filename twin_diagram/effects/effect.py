@@ -6,21 +6,19 @@ import copy
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, ClassVar, TypeVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import PdControllerGains
 
+from twin_diagram.arm_bodies import ArmBodies, DescribedLinks
+from twin_diagram.description import Arm
 from twin_diagram.effects.fitting import Brake, Fitting, RigidChange
 from twin_diagram.effects.parameter import Parameter, ParameterKind
 from twin_diagram.errors import ModelError
 from twin_diagram.scenario import EffectSpec
-
-if TYPE_CHECKING:
-    from twin_diagram.description import Arm
-    from twin_diagram.model import Model
 
 Array = npt.NDArray[np.float64]
 E_ = TypeVar("E_", bound="type[Effect]")
@@ -237,11 +235,11 @@ class Effect:
 
     # The smooth laws.
 
-    def torque(self, model: Model, q: Array, v: Array, a: Array, tau: Array) -> Array:
+    def torque(self, bodies: ArmBodies, q: Array, v: Array, a: Array, tau: Array) -> Array:
         """What the motors must give in addition, joint side.
 
         Args:
-            model: that it is added to.
+            bodies: of the arm that it sits on.
             q: (N, n) positions [rad].
             v: (N, n) velocities [rad/s].
             a: (N, n) accelerations [rad/s²].
@@ -250,7 +248,7 @@ class Effect:
         Returns:
             (N, n) [N·m]
         """
-        del model, v, a, tau
+        del bodies, v, a, tau
         return np.zeros_like(q)
 
     def applied(self, joints: Sequence[str], tau: Array) -> Array:
@@ -283,20 +281,20 @@ class Effect:
         del joints
         return q
 
-    def change(self, model: Model) -> RigidChange:
+    def change(self, links: DescribedLinks) -> RigidChange:
         """Its part in the rigid model."""
-        del model
+        del links
         return RigidChange()
 
-    def friction_level(self, model: Model, q: Array, v: Array, tau: Array) -> tuple[Array, Array]:
+    def friction_level(self, bodies: ArmBodies, q: Array, v: Array, tau: Array) -> tuple[Array, Array]:
         """Largest friction torque at each sample against positive and against negative motion, each (N, n), ≥ 0.
 
         Here `tau` is what the motors give, friction included.
         """
-        del model, v, tau
+        del bodies, v, tau
         return np.zeros_like(q), np.zeros_like(q)
 
-    def sensitivity(self, model: Model, q: Array, v: Array, a: Array, tau: Array) -> Array:
+    def sensitivity(self, bodies: ArmBodies, q: Array, v: Array, a: Array, tau: Array) -> Array:
         """Derivative (N, n, p) of the logged torque with respect to `vector`, by central differences."""
         theta = self.vector()
         result = np.empty((*q.shape, len(theta)))
@@ -307,7 +305,7 @@ class Effect:
                 moved = theta.copy()
                 moved[k] += sign * step
                 effect = self.with_vector(moved, check=False)
-                sides.append(effect.logged(model.joints, tau + effect.torque(model, q, v, a, tau)))
+                sides.append(effect.logged(bodies.joints, tau + effect.torque(bodies, q, v, a, tau)))
             result[..., k] = (sides[0] - sides[1]) / (2.0 * step)
         return result
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -27,14 +27,12 @@ from pydrake.multibody.tree import (
     SpatialInertia,
 )
 
+from twin_diagram.arm_bodies import ArmBodies, DescribedLinks
+from twin_diagram.description import Arm
 from twin_diagram.effects.effect import Effect, register
 from twin_diagram.effects.fitting import RigidChange
 from twin_diagram.effects.parameter import ParameterKind
 from twin_diagram.errors import ModelError
-
-if TYPE_CHECKING:
-    from twin_diagram.description import Arm
-    from twin_diagram.model import Model
 
 Array = npt.NDArray[np.float64]
 
@@ -68,14 +66,14 @@ class YieldingGear(Effect):
         """By joint."""
         raise NotImplementedError
 
-    def torque(self, model: Model, q: Array, v: Array, a: Array, tau: Array) -> Array:
+    def torque(self, bodies: ArmBodies, q: Array, v: Array, a: Array, tau: Array) -> Array:
         """See `Effect.torque`: with the gear taken as rigid."""
         del q, v, tau
-        return self.spread(model.joints, self.value("rotor_inertia")) * a
+        return self.spread(bodies.joints, self.value("rotor_inertia")) * a
 
-    def change(self, model: Model) -> RigidChange:
+    def change(self, links: DescribedLinks) -> RigidChange:
         """As the motors' rotors."""
-        del model
+        del links
         return RigidChange(rotor=dict(zip(self.joints, self.value("rotor_inertia").tolist(), strict=True)))
 
     def before_finalize(self, plant: MultibodyPlant, arm: Arm) -> None:

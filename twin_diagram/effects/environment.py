@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -12,13 +12,11 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import WeldJoint
 
+from twin_diagram.arm_bodies import ArmBodies
+from twin_diagram.description import Arm
 from twin_diagram.effects.effect import Effect, register
 from twin_diagram.effects.parameter import ParameterKind
 from twin_diagram.errors import ModelError
-
-if TYPE_CHECKING:
-    from twin_diagram.description import Arm
-    from twin_diagram.model import Model
 
 Array = npt.NDArray[np.float64]
 
@@ -43,11 +41,11 @@ class GravityTilt(Effect):
         """The tilt, as a rotation of the base in W."""
         return RollPitchYaw(float(self.value("roll")[0]), float(self.value("pitch")[0]), 0.0)
 
-    def torque(self, model: Model, q: Array, v: Array, a: Array, tau: Array) -> Array:
+    def torque(self, bodies: ArmBodies, q: Array, v: Array, a: Array, tau: Array) -> Array:
         """See `Effect.torque`."""
         del a, tau
-        tilted = self.rotation().ToRotationMatrix().matrix().T @ model.tree.gravity
-        change = replace(model.tree.bare(model.tree.inertia), gravity=tilted - model.tree.gravity)
+        tilted = self.rotation().ToRotationMatrix().matrix().T @ bodies.tree.gravity
+        change = replace(bodies.tree.bare(bodies.tree.inertia), gravity=tilted - bodies.tree.gravity)
         zero = np.zeros_like(q)
         del v
         return change.inverse_dynamics(q, zero, zero)
@@ -92,12 +90,12 @@ class ExternalForce(Effect):
         if len(self.links) != 1:
             raise ModelError(f"effects.external_force.links: name one link, not {', '.join(self.links) or 'none'}")
 
-    def torque(self, model: Model, q: Array, v: Array, a: Array, tau: Array) -> Array:
+    def torque(self, bodies: ArmBodies, q: Array, v: Array, a: Array, tau: Array) -> Array:
         """See `Effect.torque`: what the push gives, the motors need not."""
         del v, a, tau
-        body, X_ML = model.body_of(self.links[0])
+        body, X_ML = bodies.body_of(self.links[0])
         force, moment = np.split(self.value("wrench"), 2)
-        return -model.tree.pushed(q, body, np.asarray(X_ML.translation()), force, moment)
+        return -bodies.tree.pushed(q, body, np.asarray(X_ML.translation()), force, moment)
 
     def sentence(self) -> str:
         """See `Effect.sentence`."""

@@ -7,20 +7,18 @@ integrators, which solve for it (a smooth law stiff enough to be right would nee
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 from pydrake.multibody.plant import MultibodyPlant
 
+from twin_diagram.arm_bodies import ArmBodies, DescribedLinks
+from twin_diagram.description import Arm
 from twin_diagram.effects.effect import Effect, register
 from twin_diagram.effects.fitting import Brake, Fitting, RigidChange
 from twin_diagram.effects.parameter import ParameterKind
 from twin_diagram.errors import ModelError
-
-if TYPE_CHECKING:
-    from twin_diagram.description import Arm
-    from twin_diagram.model import Model
 
 Array = npt.NDArray[np.float64]
 
@@ -48,14 +46,14 @@ class ViscousFriction(Effect):
     folds: ClassVar[bool] = True
     motor_side: ClassVar[bool] = True
 
-    def torque(self, model: Model, q: Array, v: Array, a: Array, tau: Array) -> Array:
+    def torque(self, bodies: ArmBodies, q: Array, v: Array, a: Array, tau: Array) -> Array:
         """See `Effect.torque`."""
         del q, a, tau
-        return self.spread(model.joints, self.value("damping")) * v
+        return self.spread(bodies.joints, self.value("damping")) * v
 
-    def change(self, model: Model) -> RigidChange:
+    def change(self, links: DescribedLinks) -> RigidChange:
         """As dampers of the joints."""
-        del model
+        del links
         return RigidChange(damping=dict(zip(self.joints, self.value("damping").tolist(), strict=True)))
 
     def fittings(self) -> list[Fitting]:
@@ -119,16 +117,16 @@ class CoulombFriction(Effect):
             return self.value("torque"), self.value("torque")
         return self.value("torque_positive"), self.value("torque_negative")
 
-    def torque(self, model: Model, q: Array, v: Array, a: Array, tau: Array) -> Array:
+    def torque(self, bodies: ArmBodies, q: Array, v: Array, a: Array, tau: Array) -> Array:
         """See `Effect.torque`."""
         del q, a, tau
-        forward, backward = (self.spread(model.joints, level) for level in self.levels())
+        forward, backward = (self.spread(bodies.joints, level) for level in self.levels())
         return np.where(v >= 0.0, forward, backward) * smooth_sign(v)
 
-    def friction_level(self, model: Model, q: Array, v: Array, tau: Array) -> tuple[Array, Array]:
+    def friction_level(self, bodies: ArmBodies, q: Array, v: Array, tau: Array) -> tuple[Array, Array]:
         """See `Effect.friction_level`."""
         del v, tau
-        forward, backward = (self.spread(model.joints, level) for level in self.levels())
+        forward, backward = (self.spread(bodies.joints, level) for level in self.levels())
         return np.broadcast_to(forward, q.shape), np.broadcast_to(backward, q.shape)
 
     def brakes(self) -> list[Brake]:

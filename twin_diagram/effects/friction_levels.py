@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram.arm_bodies import ArmBodies
 from twin_diagram.effects.effect import Effect, register
 from twin_diagram.effects.fitting import Brake, Fitting
 from twin_diagram.effects.friction import HOLD, smooth_sign
 from twin_diagram.effects.parameter import ParameterKind
 from twin_diagram.errors import ModelError
-
-if TYPE_CHECKING:
-    from twin_diagram.model import Model
 
 Array = npt.NDArray[np.float64]
 
@@ -37,22 +35,22 @@ class StribeckFriction(Effect):
     dry: ClassVar[bool] = True
     motor_side: ClassVar[bool] = True
 
-    def levels(self, model: Model, v: Array) -> Array:
+    def levels(self, bodies: ArmBodies, v: Array) -> Array:
         """Level (N, n) at speeds (N, n) [N·m]."""
-        coulomb, static = (self.spread(model.joints, self.value(key)) for key in ("coulomb", "static"))
-        speed = self.spread(model.joints, self.value("stribeck_velocity"))
+        coulomb, static = (self.spread(bodies.joints, self.value(key)) for key in ("coulomb", "static"))
+        speed = self.spread(bodies.joints, self.value("stribeck_velocity"))
         speed[speed == 0.0] = 1.0
         return np.asarray(coulomb + (static - coulomb) * np.exp(-((v / speed) ** 2)))
 
-    def torque(self, model: Model, q: Array, v: Array, a: Array, tau: Array) -> Array:
+    def torque(self, bodies: ArmBodies, q: Array, v: Array, a: Array, tau: Array) -> Array:
         """See `Effect.torque`."""
         del q, a, tau
-        return self.levels(model, v) * smooth_sign(v)
+        return self.levels(bodies, v) * smooth_sign(v)
 
-    def friction_level(self, model: Model, q: Array, v: Array, tau: Array) -> tuple[Array, Array]:
+    def friction_level(self, bodies: ArmBodies, q: Array, v: Array, tau: Array) -> tuple[Array, Array]:
         """See `Effect.friction_level`."""
         del q, tau
-        level = self.levels(model, v)
+        level = self.levels(bodies, v)
         return level, level
 
     def brakes(self) -> list[Brake]:
@@ -108,15 +106,15 @@ class LoadDependentFriction(Effect):
     dry: ClassVar[bool] = True
     motor_side: ClassVar[bool] = True
 
-    def torque(self, model: Model, q: Array, v: Array, a: Array, tau: Array) -> Array:
+    def torque(self, bodies: ArmBodies, q: Array, v: Array, a: Array, tau: Array) -> Array:
         """See `Effect.torque`."""
         del q, a
-        return self.spread(model.joints, self.value("coefficient")) * np.abs(tau) * smooth_sign(v)
+        return self.spread(bodies.joints, self.value("coefficient")) * np.abs(tau) * smooth_sign(v)
 
-    def friction_level(self, model: Model, q: Array, v: Array, tau: Array) -> tuple[Array, Array]:
+    def friction_level(self, bodies: ArmBodies, q: Array, v: Array, tau: Array) -> tuple[Array, Array]:
         """See `Effect.friction_level`: a motor's torque of T (1 ± c) transmits T."""
         del q, v
-        c = self.spread(model.joints, self.value("coefficient"))
+        c = self.spread(bodies.joints, self.value("coefficient"))
         with_motor, against_motor = c * np.abs(tau) / (1.0 + c), c * np.abs(tau) / (1.0 - c)
         return np.where(tau >= 0.0, with_motor, against_motor), np.where(tau >= 0.0, against_motor, with_motor)
 
@@ -150,19 +148,19 @@ class CoupledFriction(Effect):
         if len(self.joints) < 2 or len(set(self.joints)) != len(self.joints):
             raise ModelError("effects.coupled_friction.joints: name the two or more joints that are coupled")
 
-    def direction(self, model: Model) -> Array:
+    def direction(self, bodies: ArmBodies) -> Array:
         """(n,) 1 on the coupled joints."""
-        return self.spread(model.joints, np.ones(len(self.joints)))
+        return self.spread(bodies.joints, np.ones(len(self.joints)))
 
-    def torque(self, model: Model, q: Array, v: Array, a: Array, tau: Array) -> Array:
+    def torque(self, bodies: ArmBodies, q: Array, v: Array, a: Array, tau: Array) -> Array:
         """See `Effect.torque`."""
         del q, a, tau
-        along = self.direction(model)
-        return self.value("damping")[0] * np.outer(v @ along, along) + self.dry_torque(model, v)
+        along = self.direction(bodies)
+        return self.value("damping")[0] * np.outer(v @ along, along) + self.dry_torque(bodies, v)
 
-    def dry_torque(self, model: Model, v: Array) -> Array:
+    def dry_torque(self, bodies: ArmBodies, v: Array) -> Array:
         """The part of `torque` that integrators solve for."""
-        along = self.direction(model)
+        along = self.direction(bodies)
         return self.value("torque")[0] * np.outer(smooth_sign(v @ along), along)
 
     def brakes(self) -> list[Brake]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -12,14 +12,12 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import SpatialInertia, UnitInertia, WeldJoint
 
 from twin_diagram import rigid_tree
+from twin_diagram.arm_bodies import ArmBodies, DescribedLinks
+from twin_diagram.description import Arm
 from twin_diagram.effects.effect import Effect, register
 from twin_diagram.effects.fitting import RigidChange
 from twin_diagram.effects.parameter import ParameterKind
 from twin_diagram.errors import ModelError
-
-if TYPE_CHECKING:
-    from twin_diagram.description import Arm
-    from twin_diagram.model import Model
 
 Array = npt.NDArray[np.float64]
 
@@ -69,24 +67,24 @@ class Payload(Effect):
         """(10,) in the carrying link's frame."""
         return point_mass(float(self.value("mass")[0]), self.value("com"))
 
-    def torque(self, model: Model, q: Array, v: Array, a: Array, tau: Array) -> Array:
+    def torque(self, bodies: ArmBodies, q: Array, v: Array, a: Array, tau: Array) -> Array:
         """See `Effect.torque`."""
         del tau
-        body, X_ML = model.body_of(self.link(model.last_link))
-        inertia = np.zeros((len(model.joints), 10))
+        body, X_ML = bodies.body_of(self.link(bodies.last_link))
+        inertia = np.zeros((len(bodies.joints), 10))
         inertia[body] = rigid_tree.transform_inertia(X_ML) @ self.inertia()
-        return model.tree.bare(inertia).inverse_dynamics(q, v, a)
+        return bodies.tree.bare(inertia).inverse_dynamics(q, v, a)
 
-    def sensitivity(self, model: Model, q: Array, v: Array, a: Array, tau: Array) -> Array:
+    def sensitivity(self, bodies: ArmBodies, q: Array, v: Array, a: Array, tau: Array) -> Array:
         """See `Effect.sensitivity`; mass first, then the centre's x, y, z."""
         del tau
-        body, X_ML = model.body_of(self.link(model.last_link))
+        body, X_ML = bodies.body_of(self.link(bodies.last_link))
         jacobian = point_mass_jacobian(float(self.value("mass")[0]), self.value("com"))
-        return model.tree.regressor(q, v, a, body) @ (rigid_tree.transform_inertia(X_ML) @ jacobian)
+        return bodies.tree.regressor(q, v, a, body) @ (rigid_tree.transform_inertia(X_ML) @ jacobian)
 
-    def change(self, model: Model) -> RigidChange:
+    def change(self, links: DescribedLinks) -> RigidChange:
         """Adds to the link's inertia."""
-        return RigidChange(inertia={self.link(model.last_link): self.inertia()})
+        return RigidChange(inertia={self.link(links.last_link): self.inertia()})
 
     def before_finalize(self, plant: MultibodyPlant, arm: Arm) -> None:
         """Welds a body to the link."""
@@ -122,14 +120,14 @@ class ReflectedInertia(Effect):
     folds: ClassVar[bool] = True
     changes_plant: ClassVar[bool] = True
 
-    def torque(self, model: Model, q: Array, v: Array, a: Array, tau: Array) -> Array:
+    def torque(self, bodies: ArmBodies, q: Array, v: Array, a: Array, tau: Array) -> Array:
         """See `Effect.torque`."""
         del q, v, tau
-        return self.spread(model.joints, self.value("inertia")) * a
+        return self.spread(bodies.joints, self.value("inertia")) * a
 
-    def change(self, model: Model) -> RigidChange:
+    def change(self, links: DescribedLinks) -> RigidChange:
         """As the motors' rotors."""
-        del model
+        del links
         return RigidChange(rotor=dict(zip(self.joints, self.value("inertia").tolist(), strict=True)))
 
     def before_finalize(self, plant: MultibodyPlant, arm: Arm) -> None:

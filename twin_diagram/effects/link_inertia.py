@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -12,14 +12,12 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import SpatialInertia, UnitInertia, WeldJoint
 
 from twin_diagram import rigid_tree
+from twin_diagram.arm_bodies import ArmBodies, DescribedLinks
+from twin_diagram.description import Arm
 from twin_diagram.effects.effect import Effect, register
 from twin_diagram.effects.fitting import RigidChange
 from twin_diagram.effects.parameter import ParameterKind
 from twin_diagram.errors import ModelError
-
-if TYPE_CHECKING:
-    from twin_diagram.description import Arm
-    from twin_diagram.model import Model
 
 Array = npt.NDArray[np.float64]
 
@@ -85,25 +83,24 @@ class InertialParameters(Effect):
             )
         return about_origin(total, centre + self.value("com"), inertia + self.value("inertia"))
 
-    def difference(self, model: Model) -> Array:
+    def difference(self, links: DescribedLinks) -> Array:
         """(10,) what is added to the link's inertial parameters, about its origin in its frame."""
-        body = model.plant.GetBodyByName(self.links[0])
-        present = rigid_tree.inertia_vector(body.default_spatial_inertia(), RigidTransform())
+        present = links.inertia(self.links[0])
         return self.whole(present) - present
 
-    def torque(self, model: Model, q: Array, v: Array, a: Array, tau: Array) -> Array:
+    def torque(self, bodies: ArmBodies, q: Array, v: Array, a: Array, tau: Array) -> Array:
         """See `Effect.torque`."""
         del tau
-        body, X_ML = model.body_of(self.links[0])
+        body, X_ML = bodies.body_of(self.links[0])
         if body < 0:
             return np.zeros_like(q)
-        inertia = np.zeros((len(model.joints), 10))
-        inertia[body] = rigid_tree.transform_inertia(X_ML) @ self.difference(model)
-        return model.tree.bare(inertia).inverse_dynamics(q, v, a)
+        inertia = np.zeros((len(bodies.joints), 10))
+        inertia[body] = rigid_tree.transform_inertia(X_ML) @ self.difference(bodies.links)
+        return bodies.tree.bare(inertia).inverse_dynamics(q, v, a)
 
-    def change(self, model: Model) -> RigidChange:
+    def change(self, links: DescribedLinks) -> RigidChange:
         """Adds to the link's inertia."""
-        return RigidChange(inertia={self.links[0]: self.difference(model)})
+        return RigidChange(inertia={self.links[0]: self.difference(links)})
 
     def before_finalize(self, plant: MultibodyPlant, arm: Arm) -> None:
         """Welds to the link itself as it is, and itself as described with a negative mass."""

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram.arm_bodies import ArmBodies
 from twin_diagram.effects.effect import Effect, register
 from twin_diagram.effects.fitting import Fitting
 from twin_diagram.effects.parameter import ParameterKind
-
-if TYPE_CHECKING:
-    from twin_diagram.model import Model
 
 Array = npt.NDArray[np.float64]
 
@@ -30,10 +28,10 @@ class TorqueRipple(Effect):
     }
     motor_side: ClassVar[bool] = True
 
-    def torque(self, model: Model, q: Array, v: Array, a: Array, tau: Array) -> Array:
+    def torque(self, bodies: ArmBodies, q: Array, v: Array, a: Array, tau: Array) -> Array:
         """See `Effect.torque`."""
         del v, a, tau
-        amplitude, cycles, phase = (self.spread(model.joints, self.value(key)) for key in self.kinds)
+        amplitude, cycles, phase = (self.spread(bodies.joints, self.value(key)) for key in self.kinds)
         return amplitude * np.sin(cycles * q + phase)
 
     def fittings(self) -> list[Fitting]:

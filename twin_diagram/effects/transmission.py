@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import PchipInterpolator
 
+from twin_diagram.arm_bodies import ArmBodies
 from twin_diagram.effects.effect import Effect, register
 from twin_diagram.effects.fitting import Fitting
 from twin_diagram.effects.parameter import ParameterKind
 from twin_diagram.errors import ModelError
-
-if TYPE_CHECKING:
-    from twin_diagram.model import Model
 
 Array = npt.NDArray[np.float64]
 
@@ -79,15 +77,15 @@ class JointSpring(Effect):
 
         return law
 
-    def torque(self, model: Model, q: Array, v: Array, a: Array, tau: Array) -> Array:
+    def torque(self, bodies: ArmBodies, q: Array, v: Array, a: Array, tau: Array) -> Array:
         """See `Effect.torque`."""
         del v, a, tau
         if "curve" in self.parameters:
             result = np.zeros_like(q)
-            column = self.columns(model.joints)
+            column = self.columns(bodies.joints)
             result[:, column] = self.curve()(q[:, column])
             return result
-        stiffness, rest = (self.spread(model.joints, self.value(key)) for key in ("stiffness", "rest_angle"))
+        stiffness, rest = (self.spread(bodies.joints, self.value(key)) for key in ("stiffness", "rest_angle"))
         return stiffness * (q - rest)
 
     def fittings(self) -> list[Fitting]:

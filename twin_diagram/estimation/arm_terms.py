@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
@@ -20,10 +20,8 @@ from pydrake.multibody.tree import JacobianWrtVariable, MultibodyForces, Prismat
 from pydrake.systems.framework import Context
 
 from twin_diagram.errors import ModelError
+from twin_diagram.model import Model
 from twin_diagram.signals import Array
-
-if TYPE_CHECKING:
-    from twin_diagram.model import Model
 
 
 @dataclass(frozen=True)
@@ -149,10 +147,10 @@ class ArmTerms:
 
         def load(q: Array, v: Array, tau: Array) -> Array:
             rows = (q[None], v[None], zero, tau[None])
-            return np.sum([effect.torque(model, *rows)[0] for effect in smooth], axis=0)
+            return np.sum([effect.torque(model.bodies, *rows)[0] for effect in smooth], axis=0)
 
         def dry(q: Array, v: Array, tau: Array) -> tuple[Array, Array]:
-            forward, backward = model.friction_level(q[None], v[None], tau[None])
+            forward, backward = model.law.friction_level(q[None], v[None], tau[None])
             return forward[0], backward[0]
 
         return ArmTerms(
@@ -165,7 +163,7 @@ class ArmTerms:
                 applied=model.applied if smooth else None,
                 true_position=model.true_position if smooth else None,
             ),
-            context=model._context,  # it holds what effects change in the plant's own parameters
+            context=model.make_context(),  # it holds what effects change in the plant's own parameters
         )
 
     def _set(self, q: Array, v: Array | float) -> None:

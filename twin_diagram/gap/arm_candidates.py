@@ -68,13 +68,13 @@ def link_spread(terms: Terms, body: int) -> Array:
 def in_link_frame(terms: Terms, body: int) -> Array:
     """(ΣD, n, 10) torque per inertial parameter in the frame of the body's own link."""
     model = terms.records.model
-    _, X_ML = model.body_of(model.tree.link[body])
+    _, X_ML = model.bodies.body_of(model.tree.link[body])
     return terms.rigid_all[body] @ rigid_tree.transform_inertia(X_ML)
 
 
 def last_body(terms: Terms) -> int:
     """Which body carries the last link."""
-    return int(terms.records.model.body_of(terms.records.model.last_link)[0])
+    return int(terms.records.model.bodies.body_of(terms.records.model.last_link)[0])
 
 
 def payload(terms: Terms, centre: Array | None = None) -> Candidate:

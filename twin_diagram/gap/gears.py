@@ -23,7 +23,6 @@ from twin_diagram.gap.records import NOISE_SHARE, Record
 from twin_diagram.gap.terms import Terms
 from twin_diagram.model import Model
 from twin_diagram.scenario import EffectSpec
-from twin_diagram.series import twist
 
 Array = npt.NDArray[np.float64]
 
@@ -82,7 +81,7 @@ def gear(terms: Terms, shape: Shape) -> Candidate | None:
 
     def law(record: Record) -> Array:
         beyond = record.torque - record.given
-        return twist(model, record.q, record.v, record.a, 1.0 / record.rate, beyond).torque
+        return model.twist((record.q, record.v, record.a), 1.0 / record.rate, beyond).torque
 
     with np.errstate(all="ignore"):
         torque = records.reduce(law)

@@ -55,7 +55,7 @@ class Knocks:
         self.terms = terms
         self.bench = bench
         self.masses = [model.tree.mass_matrix(r.q) - np.diag(model.tree.rotor) for r in terms.records.records]
-        self.loads = [model.link_load(r.q, r.v, r.a) for r in terms.records.records]
+        self.loads = [model.law.link_load(r.q, r.v, r.a) for r in terms.records.records]
         self._tried: dict[int, list[tuple[Candidate, Array]]] = {}
 
     def turns(self, j: int) -> bool:
@@ -98,7 +98,7 @@ class Knocks:
         for record, load in zip(records.records, self.loads, strict=True):
             turned = record.q.copy()
             turned[:, j] += TURNED
-            slopes.append((records.model.link_load(turned, record.v, record.a) - load)[:, rows] / TURNED)
+            slopes.append((records.model.law.link_load(turned, record.v, record.a) - load)[:, rows] / TURNED)
         rotor = records.reduce(lambda record: record.a[:, j])
         size = max(float(np.sqrt(np.mean(rotor**2))), 1e-9)
         tried = []

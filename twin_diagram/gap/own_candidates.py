@@ -83,7 +83,7 @@ def _torque(terms: Terms, cls: type[Effect], j: int, record: Record, load: Array
     parameters = {key: [value] for key, value in zip(cls.kinds, inside, strict=True)}
     effect = cls.from_spec(EffectSpec(cls.name, [model.joints[j]], [], parameters))
     effect = effect.with_values({key: [value] for key, value in zip(cls.kinds, values, strict=True)}, check=False)
-    return effect.torque(model, record.q, record.v, record.a, load)
+    return effect.torque(model.bodies, record.q, record.v, record.a, load)
 
 
 def _linear(terms: Terms, cls: type[Effect], j: int) -> bool:

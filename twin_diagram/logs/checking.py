@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from twin_diagram import units
 from twin_diagram.errors import LogError
+from twin_diagram.logs.joint_limits import JointLimits
 from twin_diagram.logs.log import Log
-
-if TYPE_CHECKING:
-    from twin_diagram.model import Model
 
 Array = npt.NDArray[np.float64]
 
@@ -47,26 +44,26 @@ class LogWarning:
     joint: str = ""
 
 
-def check(log: Log, model: Model | None = None) -> list[LogWarning]:
+def check(log: Log, arm: JointLimits | None = None) -> list[LogWarning]:
     """Looks for what makes a log useless (an error) or doubtful (a warning).
 
     Args:
         log: as `read_log` gave it.
-        model: that is to explain it; None: only what the log says by itself is checked.
+        arm: whose log it is to be (`Model.limits`); None: only what the log says by itself is checked.
 
     Raises:
         LogError: no torque; time, angles or velocities that are in other units; a joint of the model that is missing.
     """
     _ = log.motor_torque
     warnings = [LogWarning("left_out", note) for note in log.notes]
-    if model is not None and log.numbered:
-        log = log.named(model.joints)
+    if arm is not None and log.numbered:
+        log = log.named(arm.joints)
     _check_time_unit(log)
     warnings += _gaps(log)
     warnings += _velocity_scale(log)
     warnings += _dead(log)
-    if model is not None:
-        warnings += _against(log, model)
+    if arm is not None:
+        warnings += _against(log, arm)
     return warnings
 
 
@@ -144,11 +141,11 @@ def _dead(log: Log) -> list[LogWarning]:
     return result
 
 
-def _against(log: Log, model: Model) -> list[LogWarning]:
-    missing = [joint for joint in model.joints if joint not in log.joints]
+def _against(log: Log, arm: JointLimits) -> list[LogWarning]:
+    missing = [joint for joint in arm.joints if joint not in log.joints]
     if missing:
         why = "".join(f" ({note.removeprefix(f'{log.source}: ')})" for note in log.notes)
-        if missing[0] in model.prismatic:
+        if not arm.revolute[arm.joints.index(missing[0])]:
             why += "; if it is held where it is, name the others in `joints` of the model's effects.yaml"
         raise LogError(
             f"{log.source}: joint {missing[0]!r} of the model is missing; the log holds {', '.join(log.joints)}{why}"
@@ -156,32 +153,32 @@ def _against(log: Log, model: Model) -> list[LogWarning]:
     result = [
         LogWarning("unknown_joint", f"{log.source}: {joint} is no joint of the arm and is left out", joint)
         for joint in log.joints
-        if joint not in model.joints
+        if joint not in arm.joints
     ]
-    own = log.select(model.joints)
-    revolute = model.tree.revolute
-    outside = _outside(own.position, model)
+    own = log.select(arm.joints)
+    revolute = arm.revolute
+    outside = arm.outside(own.position)
     turned = np.where(revolute, outside, 0.0)
-    if np.any(turned > DEGREES) and np.all((_outside(np.radians(own.position), model) < 0.1) | ~revolute):
+    if np.any(turned > DEGREES) and np.all((arm.outside(np.radians(own.position)) < 0.1) | ~revolute):
         k = int(np.argmax(turned))
         joint, value = own.joints[k], own.position[np.argmax(np.abs(own.position[:, k])), k]
         raise LogError(
-            f"{log.source}: position_measured.{joint} reaches {value:.4g}, its limits are {model.lower[k]:.4g} to "
-            f"{model.upper[k]:.4g} rad; it looks like degrees, the log format has radians"
+            f"{log.source}: position_measured.{joint} reaches {value:.4g}, its limits are {arm.lower[k]:.4g} to "
+            f"{arm.upper[k]:.4g} rad; it looks like degrees, the log format has radians"
         )
-    far = outside > MILLIMETRES * np.maximum(model.upper - model.lower, 0.01)
-    if np.any(long := ~revolute & far & (_outside(1e-3 * own.position, model) < 0.01)):
+    far = outside > MILLIMETRES * np.maximum(arm.upper - arm.lower, 0.01)
+    if np.any(long := ~revolute & far & (arm.outside(1e-3 * own.position) < 0.01)):
         k = int(np.argmax(long))
         raise LogError(
             f"{log.source}: position_measured.{own.joints[k]} reaches {np.abs(own.position[:, k]).max():.4g}, its "
-            f"limits are {model.lower[k]:.4g} to {model.upper[k]:.4g} m; it looks like millimetres, the log format has "
+            f"limits are {arm.lower[k]:.4g} to {arm.upper[k]:.4g} m; it looks like millimetres, the log format has "
             "metres"
         )
     for k, joint in enumerate(own.joints):
         if outside[k] > 0.01:
             message = f"{log.source}: position_measured.{joint} leaves the joint's limits by {outside[k]:.3g}"
             result.append(LogWarning("beyond_limits", message, joint))
-        largest, limit = np.abs(own.motor_torque[:, k]).max(), model.effort_limit[k]
+        largest, limit = np.abs(own.motor_torque[:, k]).max(), arm.effort[k]
         if 0.0 < 1.5 * limit < largest:
             effort, unit = "torque" if revolute[k] else "force", units.on_joint(units.TORQUE, not revolute[k])
             message = (
@@ -190,8 +187,3 @@ def _against(log: Log, model: Model) -> list[LogWarning]:
             )
             result.append(LogWarning("torque_beyond_limits", message, joint))
     return result
-
-
-def _outside(position: Array, model: Model) -> Array:
-    """By how much each joint leaves its limits (n,)."""
-    return np.maximum(np.max(position - model.upper, axis=0), np.max(model.lower - position, axis=0)).clip(min=0.0)

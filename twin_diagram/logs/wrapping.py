@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.logs.checking import LogWarning
 from twin_diagram.logs.identity import fingerprint
+from twin_diagram.logs.joint_limits import JointLimits
 from twin_diagram.logs.log import Log
-
-if TYPE_CHECKING:
-    from twin_diagram.model import Model
 
 Array = npt.NDArray[np.float64]
 
@@ -21,17 +18,17 @@ NEARLY = 0.1
 """A jump is a turn if it is this near to one [turns]; what else jumps is a fault of the log."""
 
 
-def unwrapped(log: Log, model: Model) -> tuple[Log, list[LogWarning]]:
+def unwrapped(log: Log, arm: JointLimits) -> tuple[Log, list[LogWarning]]:
     """The log with angles that go on where they jumped by a turn, and what was done; itself where none does.
 
     A step of nearly a whole turn from one sample to the next is no motion of an arm. Which turn a run begins in is not
     known, so it is the one that the log says.
 
     Args:
-        log: checked, with the model's joints in the model's order.
-        model: that says which of them are revolute.
+        log: checked, with the arm's joints in the arm's order.
+        arm: says which of them are revolute.
     """
-    jumps = np.any(_turns(log.position) != 0.0, axis=0) & model.tree.revolute
+    jumps = np.any(_turns(log.position) != 0.0, axis=0) & arm.revolute
     if not np.any(jumps):
         return log, []
     whole = replace(
