@@ -331,8 +331,8 @@ def main(arguments: list[str] | None = None) -> int:
     for row in rows:
         aim = "–" if row.aim is None else f"≤ {row.aim}" if row.aim else "0"
         print(f"{row.what:{width}} | {row.now:4} | {aim}{'' if row.met else '  missed'}")
-        if options.list is not None:
-            print(*(f"    {offender}" for offender in row.offenders), sep="\n")
+        for offender in row.offenders if options.list is not None else ():
+            print(f"    {offender}")
     return 0 if all(row.met for row in rows) else 1
 
 
