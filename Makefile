@@ -3,7 +3,7 @@
 
 JOBS ?= 2
 PY := .venv/bin/python
-SOURCES := twin_diagram tests $(wildcard sims)
+SOURCES := twin_diagram tests $(wildcard sims) $(wildcard .make/*.py)
 
 # What belongs to another environment (ROS, conda, a user's pip habits) must not leak into .venv.
 unexport PYTHONPATH PYTHONHOME PIP_USER PIP_TARGET PIP_PREFIX PIP_REQUIRE_VIRTUALENV
@@ -25,6 +25,7 @@ help:
 	echo "make slow       the slow tests"
 	echo "make lint       ruff alone"
 	echo "make typecheck  mypy alone"
+	echo "make house      the structure of the code, measured, beside its aims; ARGS='--list floors' names what counts"
 	echo "make bench      timings of the systems"
 	echo "make gap-benchmark  hidden effects in simulated arms, found and scored; hours; writes out/gap_benchmark/"
 	echo "make false-alarms   ten simulated hours of a healthy arm; an hour or two; writes out/false_alarms/"
@@ -59,6 +60,11 @@ typecheck: install-test
 	if $(PY) -c 'import sys; sys.exit(sys.version_info >= (3, 11))'; then \
 		echo "mypy: left out on CPython 3.10, whose last NumPy types arrays' shapes in a way that later ones gave up"; \
 	else $(PY) -m mypy; fi
+
+# Exits with an error where an aim is missed.
+.PHONY: house
+house: install-test
+	$(PY) .make/house.py $(ARGS)
 
 .PHONY: pytest
 pytest: install-test
