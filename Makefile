@@ -35,7 +35,7 @@ help:
 # First of all, and before anything is made or fetched: an interpreter that fits, and the system libraries the wheels need.
 .PHONY: check
 check:
-	python=$$(.make/python.sh "$(PYTHON)") && "$$python" -c "import sys; from twin_diagram import native; sys.exit(native.main())"
+	python=$$(.make/python.sh "$(PYTHON)") && "$$python" -c "import sys; from twin_diagram.runtime import native; sys.exit(native.main())"
 
 # The package and one set of its extras, in .venv.
 .PHONY: install-demo install-test install-bench
@@ -81,17 +81,17 @@ bench: install-bench
 # Goes on where it stopped. ARGS='--only single --limit 20' does a part, ARGS='--suite training' the other seeds.
 .PHONY: gap-benchmark
 gap-benchmark: install-bench
-	$(PY) sims/gap_benchmark.py run --suite final --jobs $(JOBS) --out out/gap_benchmark $(ARGS)
+	$(PY) sims/benchmarks/gap_benchmark.py run --suite final --jobs $(JOBS) --out out/gap_benchmark $(ARGS)
 
 # Goes on where it stopped. ARGS='--hours 1' does a part.
 .PHONY: false-alarms
 false-alarms: install-bench
-	$(PY) sims/false_alarms.py --out out/false_alarms $(ARGS)
+	$(PY) sims/benchmarks/false_alarms.py --out out/false_alarms $(ARGS)
 
 # Goes on where it stopped. ARGS=--quick takes minutes.
 .PHONY: hrt-tables
 hrt-tables: install-demo
-	$(PY) sims/hrt_tables.py run --jobs $(JOBS) --out out/hrt_tables $(ARGS)
+	$(PY) sims/benchmarks/hrt_tables.py run --jobs $(JOBS) --out out/hrt_tables $(ARGS)
 
 .PHONY: clean
 clean:

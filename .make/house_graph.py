@@ -110,7 +110,7 @@ def shown_by(face: Source, sources: Mapping[str, Source]) -> dict[str, str]:
         for target, name in imports_of(face, [node], sources):
             if target.startswith(below) and name in public:
                 table[name] = target
-        if isinstance(node, ast.Dict):  # a lazy face: {"Ekf": "twin_diagram.estimation.ekf"} or {"Ekf": "ekf"}
+        if isinstance(node, ast.Dict):  # a lazy face: {"Ekf": "twin_diagram.estimation.filter.ekf"} or {"Ekf": "ekf"}
             for key, value in zip(node.keys, node.values, strict=True):
                 for name in strings_in(key):
                     for module in strings_in(value):

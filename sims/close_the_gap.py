@@ -1,8 +1,8 @@
 """Drives a robot that the twin does not know, finds what its model lacks, corrects it, and drives again.
 
-The robot is an iiwa 7 in MuJoCo (`sims/mujoco_station.py`): another integrator, another law of friction, its own drive
-and sensors, behind the ports of every station. A payload and dry friction are hidden in it. The twin has the published
-description alone.
+The robot is an iiwa 7 in MuJoCo (`twin_diagram/station/mujoco.py`): another integrator, another law of friction, its
+own drive and sensors, behind the ports of every station. A payload and dry friction are hidden in it. The twin has the
+published description alone.
 
     1. two runs with the description's model: one to find the gap in, one held out
     2. `twin-diagram gap` on their logs: names, corrected model, report
@@ -25,21 +25,21 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from mujoco_station import PERIOD, MujocoStation, Secret
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import LogVectorOutput
 
 from twin_diagram.errors import TwinError
-from twin_diagram.gap.command import run_gap
-from twin_diagram.gap.named import sentence_of
-from twin_diagram.gap.report_words import headline
+from twin_diagram.gap.correction.named_effects import sentence_of
+from twin_diagram.gap.report.words import headline
+from twin_diagram.gap.workflow import run_gap
 from twin_diagram.logs import Log, write_log
-from twin_diagram.model import Model
-from twin_diagram.motion import inner
-from twin_diagram.prediction import position_predicted, torque_residual_rms
-from twin_diagram.resources import resolve
+from twin_diagram.logs.differentiation import inner
+from twin_diagram.model.model import Model
+from twin_diagram.model.prediction import position_predicted, torque_residual_rms
+from twin_diagram.scenario.resources import resolve
 from twin_diagram.station import ports
+from twin_diagram.station.mujoco import PERIOD, MujocoStation, Secret
 
 Array = npt.NDArray[np.float64]
 

@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import Any
 
 from twin_diagram.errors import TwinError
-from twin_diagram.native import require_egl
-from twin_diagram.run import run_scenario
-from twin_diagram.scenario_file import load_scenario, save_scenario
-from twin_diagram.score import within
+from twin_diagram.runs.run import run_scenario
+from twin_diagram.runs.score import within
+from twin_diagram.runtime.native import require_egl
+from twin_diagram.scenario.file import load_scenario, save_scenario
 
 
 def main() -> int:
@@ -72,7 +72,7 @@ def _many(arguments: argparse.Namespace, overrides: list[str]) -> int:
 
 def _one(job: tuple[str, list[str], int, str]) -> dict[str, Any]:
     """One seed, in a process of its own; a run that was finished before is read back."""
-    from twin_diagram.variation import vary
+    from twin_diagram.runs.randomization import vary
 
     name, overrides, seed, folder = job
     done = Path(folder) / "summary.json"

@@ -16,12 +16,12 @@ from pathlib import Path
 import numpy as np
 
 from twin_diagram.errors import TwinError
-from twin_diagram.estimation.arm_terms import ArmTerms
-from twin_diagram.estimation.ekf import LONGEST_GAP, Ekf
-from twin_diagram.estimation.parameter_blocks import BLOCKS
+from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
+from twin_diagram.estimation.dynamics.parameter_blocks import BLOCKS
+from twin_diagram.estimation.filter.ekf import LONGEST_GAP, Ekf
 from twin_diagram.logs import Log, read_log, write_log
-from twin_diagram.model import Model
-from twin_diagram.prediction import load_model_for
+from twin_diagram.model.model import Model
+from twin_diagram.model.prediction import load_model_for
 from twin_diagram.scenario import Filter
 
 

@@ -9,9 +9,9 @@ import argparse
 
 from pydrake.systems.analysis import Simulator
 
-from twin_diagram.diagram import make_closed_loop
-from twin_diagram.run import beliefs
-from twin_diagram.scenario_file import load_scenario
+from twin_diagram.runs.run import beliefs
+from twin_diagram.scenario.file import load_scenario
+from twin_diagram.twin.closed_loop import make_closed_loop
 
 
 def main() -> None:

@@ -23,12 +23,12 @@ import numpy as np
 import numpy.typing as npt
 from replay_kuka import GEAR_RATIO, JOINTS, ROTOR_INERTIA, data_folder
 
-from twin_diagram.effects.transmission import JointSpring
 from twin_diagram.errors import TwinError
-from twin_diagram.gap.command import Gap, run_gap
-from twin_diagram.gap.named import sentence_of
-from twin_diagram.gap.report_words import headline
-from twin_diagram.model import Model
+from twin_diagram.gap.correction.named_effects import sentence_of
+from twin_diagram.gap.report.words import headline
+from twin_diagram.gap.workflow import Gap, run_gap
+from twin_diagram.model.effects.transmission import JointSpring
+from twin_diagram.model.model import Model
 
 Array = npt.NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from close_the_gap import dress
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from twin_diagram.model import Model
+from twin_diagram.model.model import Model
 
 Array = npt.NDArray[np.float64]
 

@@ -27,12 +27,12 @@ from pydrake.systems.primitives import LogVectorOutput
 from twin_diagram.errors import TwinError
 from twin_diagram.estimation.ekf_system import AdaptiveEkf
 from twin_diagram.logs import Log, check, read_log
-from twin_diagram.model import Model
-from twin_diagram.prediction import torque_residual_rms
+from twin_diagram.model.model import Model
+from twin_diagram.model.prediction import torque_residual_rms
 from twin_diagram.scenario import ArmModel, EffectSpec, Filter, ReplayStation, Scenario, Twin
-from twin_diagram.signals import Array
+from twin_diagram.signals.layouts import Array
 from twin_diagram.station import ports
-from twin_diagram.station.make import make_station
+from twin_diagram.station.make_station import make_station
 
 JOINTS = [f"joint_{k}" for k in range(1, 7)]
 GEAR_RATIO = np.array([1798 / 7, 1872 / 7, 757 / 3, 221.0, 5032 / 21, 206793 / 1340])

@@ -1,6 +1,6 @@
 """The twin heals itself: a robot changes while it works, and the twin notices, finds out, and mends its model.
 
-The robot is an iiwa 7 in MuJoCo (`sims/mujoco_station.py`) behind the ports of every station. It starts as its
+The robot is an iiwa 7 in MuJoCo (`twin_diagram/station/mujoco.py`) behind the ports of every station. It starts as its
 description says. After a while it carries a payload and two of its joints go dry; nobody tells the twin.
 
     1. the drift monitor raises an alarm
@@ -28,26 +28,26 @@ import numpy as np
 import numpy.typing as npt
 from close_the_gap import HOME, Commands, exploring
 from healing_report import AHEAD, LOOK, Plan, Run
-from mujoco_station import PERIOD, MujocoStation, Secret
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Adder
 
-from twin_diagram.diagram import Twin, make_twin
 from twin_diagram.errors import TwinError
-from twin_diagram.estimation.arm_terms import ArmTerms
+from twin_diagram.estimation.drift.alarm_events import append_lines
 from twin_diagram.estimation.drift_system import DriftMonitor
+from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
+from twin_diagram.estimation.dynamics.parameters import ParameterSet
+from twin_diagram.estimation.dynamics.short_rollout import rollout
 from twin_diagram.estimation.ekf_system import AdaptiveEkf
-from twin_diagram.estimation.events import append_lines
-from twin_diagram.estimation.parameters import ParameterSet
-from twin_diagram.estimation.rollout import rollout
-from twin_diagram.healing import Healer, Tape, sentence
 from twin_diagram.logs import Log
-from twin_diagram.model import Model
-from twin_diagram.resources import resolve
+from twin_diagram.model.model import Model
 from twin_diagram.scenario import ArmModel, Filter, Healing, Planner
 from twin_diagram.scenario import Twin as Told
+from twin_diagram.scenario.resources import resolve
 from twin_diagram.station import ports
+from twin_diagram.station.mujoco import PERIOD, MujocoStation, Secret
+from twin_diagram.twin.healing import Healer, Tape, sentence
+from twin_diagram.twin.twin import Twin, make_twin
 
 Array = npt.NDArray[np.float64]
 

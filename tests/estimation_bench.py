@@ -16,10 +16,10 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, PdControllerGains, SpatialInertia, UnitInertia
 
-from twin_diagram.estimation.arm_terms import ArmTerms, Laws
-from twin_diagram.estimation.belief import Entry
-from twin_diagram.estimation.ekf import Ekf
-from twin_diagram.resources import models_dir
+from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms, Laws
+from twin_diagram.estimation.filter.belief import Entry
+from twin_diagram.estimation.filter.ekf import Ekf
+from twin_diagram.scenario.resources import models_dir
 
 JOINTS = tuple(f"panda_joint{i}" for i in range(1, 8))
 HOME = np.array([0.6, 0.2, 0.0, -2.1, 0.0, 2.3, 1.4])

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from twin_diagram.effects import make
-from twin_diagram.gap import experiments
-from twin_diagram.gap.finding import Alternative, Estimate, Finding, Moment, Place, Separation, Verdict
+from twin_diagram.gap.experiments import advice
+from twin_diagram.gap.findings import Alternative, Estimate, Finding, Moment, Place, Separation, Verdict
 from twin_diagram.logs import Log, write_log
-from twin_diagram.model import Model
+from twin_diagram.model.effects import make
+from twin_diagram.model.model import Model
 from twin_diagram.scenario import EffectSpec
 
 Array = npt.NDArray[np.float64]
@@ -114,8 +114,8 @@ def payload_finding() -> Finding:
 def verdict(kind: str, findings: Sequence[Finding] = (), remainder: bool = False) -> Verdict:
     """A fabricated one, with everything that it can hold."""
     near = (
-        Separation("coulomb_friction on elbow", "viscous_friction on elbow", 4.2, experiments.SPEEDS),
-        Separation("coulomb_friction on elbow", "torque_constant on elbow", 6.1, experiments.LOAD),
+        Separation("coulomb_friction on elbow", "viscous_friction on elbow", 4.2, advice.SPEEDS),
+        Separation("coulomb_friction on elbow", "torque_constant on elbow", 6.1, advice.LOAD),
     )
     return Verdict(
         verdict=kind,  # type: ignore[arg-type]

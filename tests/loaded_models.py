@@ -13,7 +13,7 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
-from twin_diagram.resources import models_dir
+from twin_diagram.scenario.resources import models_dir
 
 Array = NDArray[np.float64]
 

@@ -17,13 +17,13 @@ from scipy.spatial.transform import Rotation
 
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
-from twin_diagram.planning import ik
-from twin_diagram.planning.memory import Memory
-from twin_diagram.planning.mpc import Planner, Report
-from twin_diagram.planning.scene import Forecast, Scene, load_scene
-from twin_diagram.resources import models_dir
-from twin_diagram.scene import object_filter, track
-from twin_diagram.signals import TRACK_SIZE, PoseMeasurement
+from twin_diagram.planning.collision.collision_scene import Forecast, Scene, load_scene
+from twin_diagram.planning.mpc.planner import Planner, Report
+from twin_diagram.planning.mpc.planner_state import Memory
+from twin_diagram.planning.paths import inverse_kinematics
+from twin_diagram.scenario.resources import models_dir
+from twin_diagram.scene import object_filter, object_update
+from twin_diagram.signals.layouts import TRACK_SIZE, PoseMeasurement
 
 HOME = np.array([0.55, 0.1, 0.0, -2.0, 0.0, 2.1, 1.33])
 VELOCITY_LIMIT = np.array([2.175] * 4 + [2.61] * 3)
@@ -74,7 +74,9 @@ def draw(kind: str, seed: int, scene: Scene, library: dict[str, Asset]) -> World
             q_start = None
             p_start = np.array([rng.uniform(0.35, 0.6), side * rng.uniform(0.15, 0.35), rng.uniform(0.12, 0.3)])
             p_goal = np.array([rng.uniform(0.35, 0.65), -side * rng.uniform(0.1, 0.35), rng.uniform(0.12, 0.25)])
-            found = ik.solve(scene.chain, _pose(p_start, rng.uniform(-1, 1)), HOME, scene.lower, scene.upper, rng)
+            found = inverse_kinematics.solve(
+                scene.chain, _pose(p_start, rng.uniform(-1, 1)), HOME, scene.lower, scene.upper, rng
+            )
             if len(found):
                 q_start = found[0]
         if q_start is None:
@@ -139,7 +141,7 @@ def _sound(world: World, scene: Scene, rng: np.random.Generator) -> bool:
         return False
     if world.goal is None:
         return True
-    goals = ik.solve(scene.chain, world.goal, world.q_start, scene.lower, scene.upper, rng)
+    goals = inverse_kinematics.solve(scene.chain, world.goal, world.q_start, scene.lower, scene.upper, rng)
     return bool(len(goals)) and true_clearance(scene, world, goals, np.full(len(goals), 20.0)).max() > 0.03
 
 
@@ -225,7 +227,7 @@ def run(planner: Planner, scene: Scene, world: World, seed: int, duration: float
         while pending and pending[0][0] <= now:
             _, noisy, taken = pending.pop(0)
             for k in np.flatnonzero(world.present):
-                filters[k] = track.update(
+                filters[k] = object_update.update(
                     filters[k], PoseMeasurement(1.0, taken, noisy[k], covariance), now, tuning, NAMES[k] == "can"
                 )
         if world.goal is not None and now >= 0.5:
@@ -247,7 +249,7 @@ def run(planner: Planner, scene: Scene, world: World, seed: int, duration: float
             result.q_command.append(command)
             result.clearances.append(float(true_clearance(scene, world, q[None], np.array([now]))[0]))
             if world.goal is not None:
-                error = ik.pose_error(scene.chain.tool(scene.chain.place(q[None])), world.goal)[0]
+                error = inverse_kinematics.pose_error(scene.chain.tool(scene.chain.place(q[None])), world.goal)[0]
                 result.error_mm, result.angle = 1e3 * float(np.linalg.norm(error[3:])), float(np.linalg.norm(error[:3]))
                 if result.error_mm < 10 and result.angle < 0.1:
                     result.reached_at = now if result.reached_at is None else result.reached_at

@@ -6,10 +6,10 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
-from twin_diagram.diagram import ClosedLoop
 from twin_diagram.scenario import Scenario
-from twin_diagram.scenario_file import load_scenario
-from twin_diagram.signals import Array
+from twin_diagram.scenario.file import load_scenario
+from twin_diagram.signals.layouts import Array
+from twin_diagram.twin.closed_loop import ClosedLoop
 
 ESTIMATES = ("arm_state", "parameters", "covariance", "object_poses", "tracks", "alarm_log")
 SMALL_IMAGES = ("twin.camera.width=320", "twin.camera.height=240", "twin.camera.focal=300", "twin.perception.stride=1")

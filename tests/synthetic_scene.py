@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from twin_diagram.assets.asset import Asset
 from twin_diagram.assets.texture import patches
-from twin_diagram.perception.cloud import Pinhole
+from twin_diagram.perception.pinhole import Pinhole
 
 Array = npt.NDArray[np.float64]
 

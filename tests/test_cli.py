@@ -13,14 +13,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from small_loop import small_scenario
 
 import twin_diagram
+from tests.small_loop import small_scenario
 from twin_diagram import cli
 from twin_diagram.logs import read_log
-from twin_diagram.model import Model
-from twin_diagram.scenario_file import load_scenario, save_scenario
-from twin_diagram.score import table
+from twin_diagram.model.model import Model
+from twin_diagram.runs.score import table
+from twin_diagram.scenario.file import load_scenario, save_scenario
 
 JOINTS = [f"panda_joint{k}" for k in range(1, 8)]
 HOME = np.array([0.6, 0.2, 0.0, -2.1, 0.0, 2.3, 1.4])
@@ -176,7 +176,7 @@ def test_run_refuses_and_leaves_nothing_where_it_was_to_write(name: str, refused
 
 
 def test_a_missing_renderer_is_said_before_anything_starts(refused: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    from twin_diagram import native
+    from twin_diagram.runtime import native
 
     def missing() -> None:
         raise native.NativeLibraryError(["libEGL.so.1"])
@@ -463,7 +463,7 @@ def test_runs_that_tell_too_little_are_refused_in_one_line(
     def too_short(*arguments: Any) -> Any:
         raise np.linalg.LinAlgError("Matrix is not positive definite")
 
-    monkeypatch.setattr("twin_diagram.gap.command.run_gap", too_short)
+    monkeypatch.setattr("twin_diagram.gap.workflow.run_gap", too_short)
     logs = ["--fit", "a.csv", "--holdout", "b.csv", "--out", str(tmp_path / "o")]
     assert cli.main(["gap", "--model", "arms/ur5e.urdf", *logs]) == 2
     err = capsys.readouterr().err

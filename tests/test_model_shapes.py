@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from loaded_models import HOMES, PANDA_FINGERS, PANDA_JOINTS, Array, Loaded, every_arm, load, load_arm
 from pydrake.geometry import Box, Capsule, Cylinder, Role, Sphere
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
@@ -15,7 +14,8 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, DiagramBuilder
 
-from twin_diagram.resources import models_dir
+from tests.loaded_models import HOMES, PANDA_FINGERS, PANDA_JOINTS, Array, Loaded, every_arm, load, load_arm
+from twin_diagram.scenario.resources import models_dir
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,10 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
-from loaded_models import (
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.tree import MultibodyForces
+
+from tests.loaded_models import (
     IIWA_JOINTS,
     PANDA_FINGERS,
     PANDA_JOINTS,
@@ -25,10 +28,7 @@ from loaded_models import (
     load,
     load_arm,
 )
-from pydrake.math import RigidTransform, RollPitchYaw
-from pydrake.multibody.tree import MultibodyForces
-
-from twin_diagram.resources import models_dir
+from twin_diagram.scenario.resources import models_dir
 
 
 def load_mujoco(path: Path) -> Any:

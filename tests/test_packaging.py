@@ -26,7 +26,7 @@ CHECKOUT = Path(__file__).resolve().parent.parent
 PACKAGE = CHECKOUT / "twin_diagram"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 SIMS = sorted((CHECKOUT / "sims").rglob("*.py"))
-SCRIPTS = [path for path in sorted((CHECKOUT / "sims").glob("*.py")) if "__main__" in path.read_text()]
+SCRIPTS = [path for path in SIMS if "__main__" in path.read_text()]
 
 
 # The wheel.
@@ -83,7 +83,9 @@ def test_wheel_from_the_sdist_is_the_same(wheel: Path, tmp_path: Path) -> None:
 def test_wheel_finds_its_models_without_the_checkout(wheel: Path, tmp_path: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(tmp_path)
-    code = "import twin_diagram.resources as r; print(r.models_dir()); print(r.resolve('arms/panda_hand.urdf'))"
+    code = (
+        "import twin_diagram.scenario.resources as r; print(r.models_dir()); print(r.resolve('arms/panda_hand.urdf'))"
+    )
     done = subprocess.run(
         [sys.executable, "-c", code],
         cwd=tmp_path,
@@ -121,34 +123,18 @@ def test_changelog_has_the_version_or_work_in_progress() -> None:
 # The layers: a module imports from its own layer or from those below it.
 
 LAYERS = (
-    {"errors"},
-    {"resources", "signals", "native", "timing", "units", "__init__"},
-    {"scenario", "scenario_file", "scenario_values", "logs"}
-    | {
-        "effects",
-        "assets",
-        "description",
-        "kinematic_tree",
-        "rigid_tree",
-        "plant_tree",
-        "motion",
-        "unread",
-        "dry_friction",
-        "play",
-    },
-    {"series", "timeline", "folding", "plant_calls", "model_folder", "scan_cloud"},
-    {"torque_law"},
+    {"errors", "signals", "runtime", "__init__"},
+    {"scenario"},
+    {"logs", "assets"},
     {"model"},
-    {"prediction", "rollout"},
     {"station", "perception", "estimation", "scene", "planning", "gap"},
-    {"looking"},
-    {"diagram", "score", "run", "touching", "trial", "variation", "attachments", "progress", "healing"}
-    | {"fused_sensors", "arm_pose", "arm_cloud", "arm_scan", "arm_surface"},
-    {"cli"},
-    {"__main__"},
+    {"twin"},
+    {"visualization"},
+    {"runs"},
+    {"cli", "__main__"},
 )
-SYSTEMS = LAYERS[7]
-"""These meet in `diagram` alone: none imports another."""
+SYSTEMS = {"station", "perception", "estimation", "scene", "planning", "gap"}
+"""These meet in `twin` alone: none imports another."""
 
 
 def imports(path: Path, with_types: bool = False) -> Iterator[tuple[str, tuple[str, ...]]]:
@@ -168,9 +154,9 @@ def imports(path: Path, with_types: bool = False) -> Iterator[tuple[str, tuple[s
 
 
 def own_parts(path: Path) -> set[str]:
-    """The parts of this package that a file imports, by the name directly below `twin_diagram`."""
+    """The parts of this package that a file imports, for types alone too, by the name directly below `twin_diagram`."""
     parts = set()
-    for module, names in imports(path):
+    for module, names in imports(path, with_types=True):
         if module == "twin_diagram":
             parts.update(names)
         elif module.startswith("twin_diagram."):
@@ -311,7 +297,7 @@ def test_every_import_is_declared() -> None:
         known = declared(*extras)
         return {name: path for name, path in third_party(paths).items() if name not in known}
 
-    optional = {"rosbags"}  # read where it is installed; the error says so where it is not
+    optional = {"mujoco", "rosbags"}  # read where it is installed; the error says so where it is not
     assert not {k: v for k, v in missing(MODULES).items() if k not in optional}
     assert not missing(SIMS, "demo", "bench")
     assert not missing(sorted((CHECKOUT / "tests").rglob("*.py")), "test")

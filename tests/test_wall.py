@@ -20,16 +20,17 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder, PortDataType, System
 from pydrake.systems.primitives import Demultiplexer, PassThrough
 from pydrake.systems.sensors import ImageLabel16I
-from small_loop import BLIND, at, estimates, same, small_scenario
 
-from twin_diagram import run
-from twin_diagram.attachments import Looking
-from twin_diagram.diagram import ClosedLoop, connect, make_closed_loop, make_twin
-from twin_diagram.run import replay_scenario, run_scenario
+from tests.small_loop import BLIND, at, estimates, same, small_scenario
+from twin_diagram.runs import run
+from twin_diagram.runs.outputs import Looking
+from twin_diagram.runs.run import replay_scenario, run_scenario
 from twin_diagram.scenario import Scenario, World
-from twin_diagram.scenario_file import load_scenario
-from twin_diagram.signals import Array, ObjectStatus
+from twin_diagram.scenario.file import load_scenario
+from twin_diagram.signals.layouts import Array, ObjectStatus
 from twin_diagram.station import make_station, ports
+from twin_diagram.twin.closed_loop import ClosedLoop, connect, make_closed_loop
+from twin_diagram.twin.twin import make_twin
 
 # Wires.
 

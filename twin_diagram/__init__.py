@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from contextlib import suppress
 
-from twin_diagram.native import NativeLibraryError, load_libusb
+from twin_diagram.runtime.native import NativeLibraryError, load_libusb
 
 __version__ = "0.1.0"
 
-with suppress(NativeLibraryError):  # whoever imports Open3D is told by `native.import_open3d`
+with suppress(NativeLibraryError):  # whoever imports Open3D is told by `runtime.native.import_open3d`
     load_libusb()

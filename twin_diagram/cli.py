@@ -114,13 +114,13 @@ def _overrides(arguments: argparse.Namespace) -> list[str]:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from twin_diagram.native import require_egl
-    from twin_diagram.scenario_file import load_scenario
+    from twin_diagram.runtime.native import require_egl
+    from twin_diagram.scenario.file import load_scenario
 
     scenario = load_scenario(arguments.scenario, _overrides(arguments))
     if scenario.station == "sim" and scenario.twin.camera is not None:
         require_egl()
-    from twin_diagram.run import run_scenario
+    from twin_diagram.runs.run import run_scenario
 
     run_scenario(
         scenario,
@@ -135,7 +135,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _replay(arguments: argparse.Namespace) -> int:
-    from twin_diagram.run import replay_log
+    from twin_diagram.runs.run import replay_log
 
     def say(text: str) -> None:
         """What the twin believes is JSON, which another program may read; anything else goes beside it."""
@@ -154,7 +154,7 @@ def _replay(arguments: argparse.Namespace) -> int:
 
 
 def _predict(arguments: argparse.Namespace) -> int:
-    from twin_diagram.prediction import predict
+    from twin_diagram.model.prediction import predict
 
     if not arguments.horizon > 0:
         raise TwinError(f"--horizon {arguments.horizon}: the length of a rollout is positive [s]")
@@ -165,8 +165,8 @@ def _predict(arguments: argparse.Namespace) -> int:
 def _gap(arguments: argparse.Namespace) -> int:
     from numpy.linalg import LinAlgError
 
-    from twin_diagram.gap.command import run_gap
-    from twin_diagram.gap.report_words import headline
+    from twin_diagram.gap.report.words import headline
+    from twin_diagram.gap.workflow import run_gap
 
     def say(text: str) -> None:
         print(text, file=sys.stderr, flush=True)

@@ -9,16 +9,16 @@ from typing import Any, cast
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, LeafSystem
 
-from twin_diagram.estimation.arm_terms import ArmTerms
-from twin_diagram.estimation.belief import LONGEST_LOOK, Track
-from twin_diagram.estimation.cross_check import newest
-from twin_diagram.estimation.drift import RING, Entry, Monitor
-from twin_diagram.estimation.events import events
-from twin_diagram.estimation.sensors.make import make_sensor
-from twin_diagram.model import Model
+from twin_diagram.estimation.drift.alarm_events import events
+from twin_diagram.estimation.drift.monitor import RING, Entry, Monitor
+from twin_diagram.estimation.drift.sensor_consistency import newest
+from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
+from twin_diagram.estimation.filter.belief import LONGEST_LOOK, Track
+from twin_diagram.estimation.sensors.from_scenario import make_sensor
+from twin_diagram.model.model import Model
+from twin_diagram.runtime.timing import timed
 from twin_diagram.scenario import Drift, Filter
-from twin_diagram.signals import ALARM_LOG_FIELDS, ALARM_SIZE, NEVER, Array
-from twin_diagram.timing import timed
+from twin_diagram.signals.layouts import ALARM_LOG_FIELDS, ALARM_SIZE, NEVER, Array
 
 
 class DriftMonitor(LeafSystem):
@@ -51,7 +51,7 @@ class DriftMonitor(LeafSystem):
 
     Outputs: `alarm` (4): 1 while an alarm stands, `AlarmKind`, time raised [s] (`NEVER` before the first), largest
     statistic over threshold; `alarm_log` (32 × 3, row by row), a ring: time raised (`NEVER` where empty), kind,
-    statistic; `alarm_evidence` (32 × (10 + n)), a row for each of its rows, by `drift.Evidence`, then each joint's
+    statistic; `alarm_evidence` (32 × (10 + n)), a row for each of its rows, by `monitor.Evidence`, then each joint's
     share of the change in standard deviations. `events` makes both into records for a JSON Lines file.
     """
 
@@ -100,12 +100,12 @@ class DriftMonitor(LeafSystem):
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={self.discrete_state_ticket(state)})
 
     def header(self, context: Context) -> dict[str, float]:
-        """What the monitor knows, by `drift.Entry`: for plots and tests."""
+        """What the monitor knows, by `monitor.Entry`: for plots and tests."""
         values = context.get_discrete_state(0).value()
         return {entry.name.lower(): float(values[entry]) for entry in Entry}
 
     def events(self, context: Context, joints: Sequence[str] = ()) -> list[dict[str, Any]]:
-        """All alarms still in the ring, oldest first, as records: see `events.events`."""
+        """All alarms still in the ring, oldest first, as records: see `alarm_events.events`."""
         return events(self._of(context), joints)
 
     def add_model(self, model: Model | ArmTerms) -> int:

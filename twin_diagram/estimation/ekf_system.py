@@ -9,17 +9,17 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, InputPort, LeafSystem
 
 from twin_diagram.errors import ModelError
-from twin_diagram.estimation.arm_terms import ArmTerms
-from twin_diagram.estimation.belief import HEADER, Belief, Entry, Track
-from twin_diagram.estimation.declared import FilterError
-from twin_diagram.estimation.ekf import LONGEST_GAP, Ekf
-from twin_diagram.estimation.handover import hand_over
+from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
+from twin_diagram.estimation.filter.belief import HEADER, Belief, Entry, Track
+from twin_diagram.estimation.filter.ekf import LONGEST_GAP, Ekf
+from twin_diagram.estimation.filter.model_swap import hand_over
+from twin_diagram.estimation.filter.sensor_registry import FilterError
 from twin_diagram.estimation.sensors import BodyPose
-from twin_diagram.estimation.sensors.make import make_sensor
-from twin_diagram.model import Model
+from twin_diagram.estimation.sensors.from_scenario import make_sensor
+from twin_diagram.model.model import Model
+from twin_diagram.runtime.timing import timed
 from twin_diagram.scenario import Filter
-from twin_diagram.signals import ALARM_SIZE, NEVER, Array
-from twin_diagram.timing import timed
+from twin_diagram.signals.layouts import ALARM_SIZE, NEVER, Array
 
 
 class AdaptiveEkf(LeafSystem):

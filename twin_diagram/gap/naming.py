@@ -10,32 +10,23 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import uniform_filter1d
 
-from twin_diagram.gap import (
-    arm_candidates,
-    flexible,
-    gears,
-    held_moments,
-    holding,
-    joint_candidates,
-    own_candidates,
-    rest,
-    rivals,
-    saturated,
-    whitening,
-)
-from twin_diagram.gap.candidate import Candidate
-from twin_diagram.gap.deciding import conclude
-from twin_diagram.gap.evidence import Bench, Fit, Members
-from twin_diagram.gap.finding import Verdict
-from twin_diagram.gap.knocks import Knocks
-from twin_diagram.gap.locating import locate
-from twin_diagram.gap.proposals import Proposer
-from twin_diagram.gap.records import Records, prepare
-from twin_diagram.gap.refine import refine
-from twin_diagram.gap.search import Polish, climb, plainer, search
-from twin_diagram.gap.terms import Terms, given_load, slow_speed, with_load
+from twin_diagram.gap.candidates import reversal_nuisances, single_joint, user_effects, whole_arm
+from twin_diagram.gap.candidates.candidate import Candidate
+from twin_diagram.gap.findings import Verdict
+from twin_diagram.gap.residuals import stiction, whitening
+from twin_diagram.gap.residuals.prepared_logs import Records, prepare
+from twin_diagram.gap.residuals.regressors import Terms, given_load, slow_speed, with_load
+from twin_diagram.gap.search import gear_proposals, smooth_fit, stiction_proposals
+from twin_diagram.gap.search.backlash_gaps import Knocks
+from twin_diagram.gap.search.evidence import Bench, Fit, Members
+from twin_diagram.gap.search.greedy_search import Polish, climb, plainer, search
+from twin_diagram.gap.search.proposals import Proposer
+from twin_diagram.gap.search.shape_refinement import refine
+from twin_diagram.gap.verdict import leftover_structure, rivals
+from twin_diagram.gap.verdict.deciding import conclude
+from twin_diagram.gap.verdict.locating import locate
 from twin_diagram.logs import Log
-from twin_diagram.model import Model
+from twin_diagram.model.model import Model
 
 Array = npt.NDArray[np.float64]
 
@@ -107,18 +98,18 @@ def investigate(records: Records, progress: Progress | None = None) -> tuple[Ver
     candidates = all_candidates(terms)
     lap("candidates")
     smooth = [c for c in candidates if c.name not in NOT_SMOOTH]
-    explained, spent = saturated.explain(records, smooth)
+    explained, spent = smooth_fit.explain(records, smooth)
     ordinary = whitening.ordinary(records.residual - explained, records.lengths, records.rate)
-    counted = rest.sliding(records, terms, range(records.n)) * ordinary
+    counted = stiction.sliding(records, terms, range(records.n)) * ordinary
     noise = whitening.estimate(records.residual - explained, records.lengths, float(np.mean(spent)), counted)
-    weights = rest.moving(records, terms, noise, range(records.n))
+    weights = stiction.moving(records, terms, noise, range(records.n))
     white = records.white(noise.order)
     quiet = weights * ordinary[noise.rows].T
-    noise = whitening.restricted(records.residual, saturated.columns(records, smooth), noise, quiet, white)
+    noise = whitening.restricted(records.residual, smooth_fit.columns(records, smooth), noise, quiet, white)
     lap("noise")
 
     say("searching for a name")
-    nuisances = [arm_candidates.timing_nuisance(terms), *held_moments.nuisances(terms)]
+    nuisances = [whole_arm.timing_nuisance(terms), *reversal_nuisances.nuisances(terms)]
     bench = Bench(records.residual, noise, candidates, nuisances, weights, terms.torque_size)
     fit = refine(bench, terms, search(bench, LEAST, MOST, Proposer(terms), polisher(terms)))
     lap("search")
@@ -136,9 +127,9 @@ def investigate(records: Records, progress: Progress | None = None) -> tuple[Ver
 def all_candidates(terms: Terms) -> list[Candidate]:
     """The catalogue's, but for those that are proposed on the way, and those of effects that a user registered."""
     return [
-        *joint_candidates.joint_candidates(terms),
-        *arm_candidates.arm_candidates(terms),
-        *own_candidates.own_candidates(terms),
+        *single_joint.joint_candidates(terms),
+        *whole_arm.arm_candidates(terms),
+        *user_effects.own_candidates(terms),
     ]
 
 
@@ -152,41 +143,44 @@ def again(records: Records, terms: Terms, bench: Bench, fit: Fit, ordinary: Arra
         fit: what it found.
         ordinary: see `whitening.ordinary`.
     """
-    needed = saturated.at_full_rate(records, contribution_of(records, bench, fit, without=MOTOR))
-    moved = saturated.at_full_rate(records, contribution_of(records, bench, fit, without=(*MOTOR, *rest.DRY)))
+    needed = smooth_fit.at_full_rate(records, contribution_of(records, bench, fit, without=MOTOR))
+    moved = smooth_fit.at_full_rate(records, contribution_of(records, bench, fit, without=(*MOTOR, *stiction.DRY)))
     given = given_load(records)
     terms = with_load(
         terms,
         tuple(g + c for g, c in zip(given, needed, strict=True)),
         tuple(r.passed + c for r, c in zip(records.records, moved, strict=True)),
     )
-    dry = rest.dry_joints(records) | {
-        j for k in fit.members if bench.candidates[k].name in rest.DRY for j in bench.candidates[k].joints
+    dry = stiction.dry_joints(records) | {
+        j for k in fit.members if bench.candidates[k].name in stiction.DRY for j in bench.candidates[k].joints
     }
     fresh = all_candidates(terms)
     left = records.residual - contribution_of(records, bench, fit)
     coupled = [(c.joints[0], c.joints[1]) for c in map(bench.candidates.__getitem__, fit.members) if c.name == COUPLED]
-    weights = rest.moving(records, terms, bench.whitener, dry, rest.creep(records, terms, left, dry), coupled)
+    weights = stiction.moving(records, terms, bench.whitener, dry, stiction.creep(records, terms, left, dry), coupled)
     white = records.white(bench.whitener.order)
     smooth = [c for c in fresh if c.name not in NOT_SMOOTH] + [bench.candidates[k] for k in fit.members]
     quiet = weights * ordinary[bench.whitener.rows].T
-    noise = whitening.restricted(records.residual, saturated.columns(records, smooth), bench.whitener, quiet, white)
-    others = {bench.candidates[k].name for k in fit.members} - rest.DRY
+    noise = whitening.restricted(records.residual, smooth_fit.columns(records, smooth), bench.whitener, quiet, white)
+    others = {bench.candidates[k].name for k in fit.members} - stiction.DRY
     friction = contribution_of(records, bench, fit, without=tuple(others))
-    weights = np.maximum(weights, rest.turning(records, terms, bench.whitener, friction, dry))
-    nuisances = [arm_candidates.timing_nuisance(terms), *held_moments.nuisances(terms)]
+    weights = np.maximum(weights, stiction.turning(records, terms, bench.whitener, friction, dry))
+    nuisances = [whole_arm.timing_nuisance(terms), *reversal_nuisances.nuisances(terms)]
     second = Bench(records.residual, noise, fresh, nuisances, weights * trusted(records, bench, fit), terms.torque_size)
     members: Members = frozenset(second.add(bench.candidates[k]) for k in fit.members)
     asked = suspects(records, terms, second, members)
     knocks = Knocks(terms, second)
-    gears.propose(second, terms, members, asked, knocks)
+    gear_proposals.propose(second, terms, members, asked, knocks)
     polish, propose = polisher(terms), Proposer(terms)
     found = climb(second, members, LEAST, MOST, propose, polish)
     other = search(second, LEAST, MOST, propose, polish)
     best = found if found.evidence >= other.evidence else other
     late = [j for j in suspects(records, terms, second, best.members) if j not in asked]
     plain = plainer(second, best)
-    offered = [*gears.propose(second, terms, best.members, late, knocks), *holding.propose(second, terms, plain)]
+    offered = [
+        *gear_proposals.propose(second, terms, best.members, late, knocks),
+        *stiction_proposals.propose(second, terms, plain),
+    ]
     if offered:
         starts = dict.fromkeys((best.members, plain.members))
         best = max((climb(second, some, LEAST, MOST, propose, polish) for some in starts), key=lambda fit: fit.evidence)
@@ -207,7 +201,7 @@ def suspects(records: Records, terms: Terms, bench: Bench, members: Members) -> 
     A gear that swings or knocks shakes the joints beside it, where it may show more.
     """
     fit = bench.solve(members)
-    left = flexible.left_over(records, terms, bench, fit).joints
+    left = leftover_structure.left_over(records, terms, bench, fit).joints
     found = [int(j) for j in np.argsort(-left)[:SUSPECTS] if left[j] > SUSPECT]
     swung = [j for k in sorted(members) if bench.candidates[k].name in SWUNG for j in bench.candidates[k].joints]
     swung += [j for k in sorted(members) if bench.candidates[k].name == LATE for j in uneven(bench, fit, k)]

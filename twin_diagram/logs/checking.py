@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from twin_diagram import units
 from twin_diagram.errors import LogError
 from twin_diagram.logs.joint_limits import JointLimits
-from twin_diagram.logs.log import Log
+from twin_diagram.logs.measured_log import Log
+from twin_diagram.signals import units
 
 Array = npt.NDArray[np.float64]
 

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from twin_diagram.errors import LogError
-from twin_diagram.logs.arm_status import READERS, Status
-from twin_diagram.logs.log import Log
-from twin_diagram.logs.stamps import in_order, seconds
+from twin_diagram.logs.lcm_arm_status import READERS, Status
+from twin_diagram.logs.measured_log import Log
+from twin_diagram.logs.message_stamps import in_order, seconds
 
 SYNC = b"\xed\xa1\xda\x01"
 """Each event begins with it."""

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.errors import LogError
-from twin_diagram.logs.log import SIGNALS, Log
+from twin_diagram.logs.measured_log import SIGNALS, Log
 
 Array = npt.NDArray[np.float64]
 
@@ -30,10 +30,11 @@ LCM_LOGS = (".lcm", ".lcmlog", ".log")
 def read_log(path: str | Path) -> Log:
     """Reads a measured log: CSV or .npz in the log format, a ROS bag, or an LCM log.
 
-    CSV and .npz have columns `time` [s], then `<signal>.<joint>` with the signals of `log.SIGNALS`; columns of other
-    names are left out. Of a ROS bag (.mcap, .db3, .bag, or a bag's folder) the joint states are read (`ros_bag`), of an
-    LCM log the status messages of an iiwa or a Panda (`lcm_log`); `FILE#NAME` names the topic or channel where there
-    are several. The values are taken as they are, but for what no one could use; `checking.check` looks at their sense.
+    CSV and .npz have columns `time` [s], then `<signal>.<joint>` with the signals of `measured_log.SIGNALS`; columns of
+    other names are left out. Of a ROS bag (.mcap, .db3, .bag, or a bag's folder) the joint states are read (`ros_bag`),
+    of an LCM log the status messages of an iiwa or a Panda (`lcm_log`); `FILE#NAME` names the topic or channel where
+    there are several. The values are taken as they are, but for what no one could use; `checking.check` looks at their
+    sense.
 
     Raises:
         LogError: missing, empty, unreadable or ragged file; text where a number must be; a value that is missing or not

@@ -7,8 +7,8 @@ import numpy.typing as npt
 from scipy.interpolate import make_interp_spline
 
 from twin_diagram.errors import LogError
-from twin_diagram.logs.identity import fingerprint
-from twin_diagram.logs.log import SIGNALS, Log
+from twin_diagram.logs.fingerprint import fingerprint
+from twin_diagram.logs.measured_log import SIGNALS, Log
 
 Array = npt.NDArray[np.float64]
 

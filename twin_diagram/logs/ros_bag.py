@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.errors import LogError
-from twin_diagram.logs.log import Log
-from twin_diagram.logs.stamps import in_order, seconds
+from twin_diagram.logs.measured_log import Log
+from twin_diagram.logs.message_stamps import in_order, seconds
 
 Array = npt.NDArray[np.float64]
 

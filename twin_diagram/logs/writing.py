@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.errors import LogError
-from twin_diagram.logs.log import Log
+from twin_diagram.logs.measured_log import Log
 
 Array = npt.NDArray[np.float64]
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from twin_diagram.perception.pose_system import IcpPoseEstimator
-from twin_diagram.perception.segmentation_system import Perception
-from twin_diagram.perception.segments import Segments
+from twin_diagram.perception.registration.pose_system import IcpPoseEstimator
+from twin_diagram.perception.segmentation.segmentation_system import Perception
+from twin_diagram.perception.segmentation.segments import Segments
 
 __all__ = ["IcpPoseEstimator", "Perception", "Segments"]

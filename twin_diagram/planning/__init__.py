@@ -1,8 +1,10 @@
 """Plans the arm's motion in the twin's scene.
 
-From the bottom up: `kinematics` places links; `convex`, `shapes` and `cover` turn geometry into convex solids and the
-arm into balls; `clearance` gives distances with gradients; `scene` says where things are and will be; `ik` finds
-joint goals; `guide` finds ways around; `trajectory` is a motion; `qp` and `optimiser` make one that follows a way and
-keeps clear; `route` decides on a way; `mpc` puts these together as a function from `memory` to memory, and
-`mpc_system` makes that a system. `payload` gives the torque against the weight that the hand carries.
+From the bottom up: `collision.chain` places links; `collision.convex_solids`, `collision.geometry_to_solids` and
+`collision.ball_cover` turn geometry into convex solids and the arm into balls; `collision.clearance` gives distances
+with gradients; `collision.collision_scene` says where things are and will be; `paths.inverse_kinematics` finds joint
+goals; `paths.rrt_connect` finds ways around; `mpc.trajectory` is a motion; `mpc.quadratic_program` and
+`mpc.trajectory_optimisation` make one that follows a way and keeps clear; `paths.route` decides on a way; `mpc.planner`
+puts these together as a function from `mpc.planner_state` to memory, and `mpc_system` makes that a system.
+`mpc.payload_gravity` gives the torque against the weight that the hand carries.
 """

@@ -12,14 +12,14 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Even
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.errors import ScenarioError
-from twin_diagram.model import Model
-from twin_diagram.planning.memory import Memory
-from twin_diagram.planning.mpc import Planner
-from twin_diagram.planning.payload import gravity_regressor
-from twin_diagram.planning.qp import QpSolver
-from twin_diagram.planning.scene import load_scene
-from twin_diagram.signals import NEVER, POSE_SIZE, TRACK_SIZE, Array
-from twin_diagram.timing import timed
+from twin_diagram.model.model import Model
+from twin_diagram.planning.collision.collision_scene import load_scene
+from twin_diagram.planning.mpc.payload_gravity import gravity_regressor
+from twin_diagram.planning.mpc.planner import Planner
+from twin_diagram.planning.mpc.planner_state import Memory
+from twin_diagram.planning.mpc.quadratic_program import QpSolver
+from twin_diagram.runtime.timing import timed
+from twin_diagram.signals.layouts import NEVER, POSE_SIZE, TRACK_SIZE, Array
 
 PAYLOAD: Final = ("payload.mass", "payload.moment_x", "payload.moment_y", "payload.moment_z")
 """Names of the parameters of a payload: mass [kg] and first moment [kg·m] in the last link's frame."""
@@ -46,7 +46,7 @@ class Mpc(LeafSystem):
 
     Ports:
         arm_state: (2n) estimated joint angles [rad] and speeds [rad/s].
-        tracks: (K · TRACK_SIZE) a `signals.Track` per library object, in the library's order.
+        tracks: (K · TRACK_SIZE) a `layouts.Track` per library object, in the library's order.
         parameters: (p) what the filter learned; those named `PAYLOAD` are used.
         goal: (7) X_WG of the tool frame as (qw, qx, qy, qz, px, py, pz); an all-zero quaternion: stay.
         measurement_time: (1) time of the arm's newest message [s]; until it is >= 0 nothing is planned. Not connected:
@@ -61,7 +61,8 @@ class Mpc(LeafSystem):
     first holds a new image's poses. Latency: commands follow the plan at any time that they are asked for; a plan
     reacts to an image as old as the camera's latency and one tick of the updater.
 
-    State: one discrete vector, see `memory.Memory`. The goal counts from `task.start` on. Which of its models a Context
+    State: one discrete vector, see `planner_state.Memory`. The goal counts from `task.start` on. Which of its models a
+        Context
     uses is a numeric parameter of that Context: see `add_model` and `use_model`.
     """
 

@@ -6,15 +6,15 @@ that the twin knows. The twin is built from ``twin:`` alone. All units SI, angle
 
 from __future__ import annotations
 
-from twin_diagram.scenario.acting import Planner, Task
 from twin_diagram.scenario.defects import ArmDefects, CameraDefects, LidarDefects, SensorDefects
-from twin_diagram.scenario.estimating import Drift, Filter, Healing, SensorSpec
+from twin_diagram.scenario.estimation import Drift, Filter, Healing, SensorSpec
 from twin_diagram.scenario.models import ArmModel, EffectSpec, Fixture, Pose
-from twin_diagram.scenario.perceiving import Perception, Registration, SceneUpdater
+from twin_diagram.scenario.perception import Perception, Registration, SceneUpdater
+from twin_diagram.scenario.planning import Planner, Task
+from twin_diagram.scenario.scenario import Scenario
 from twin_diagram.scenario.sensors import Camera, Driver, Lidar, LinkSensor
-from twin_diagram.scenario.stations import LcmStation, ReplayStation
+from twin_diagram.scenario.station import LcmStation, ReplayStation
 from twin_diagram.scenario.twin import Twin
-from twin_diagram.scenario.whole import Scenario
 from twin_diagram.scenario.world import WayPoint, World, WorldObject
 
 __all__ = [

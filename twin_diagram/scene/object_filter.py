@@ -1,7 +1,7 @@
 """What is known of where an object is, and how that goes on with time: pure functions on arrays.
 
 A filter is a vector of `FILTER_SIZE` numbers (see `Slot`); the error state is (φ, δp, δω, δv) in W, with
-R = Exp(φ) R̂, p = p̂ + δp: the perturbation of `signals.PoseMeasurement`. It lives at the capture time of the last
+R = Exp(φ) R̂, p = p̂ + δp: the perturbation of `layouts.PoseMeasurement`. It lives at the capture time of the last
 image used; `propagate` carries it to any later time, through latency, occlusion and a covered camera alike. A velocity
 is trusted for `COAST` seconds, then the pose stays and only its covariance grows.
 """
@@ -15,8 +15,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from twin_diagram import scenario
-from twin_diagram.scene import rotations
-from twin_diagram.signals import NEVER, Array, ObjectStatus
+from twin_diagram.signals import rotations
+from twin_diagram.signals.layouts import NEVER, Array, ObjectStatus
 
 COAST: Final = 0.25
 """How long an object is taken to go on with its velocity when unseen [s]."""
@@ -166,7 +166,7 @@ def propagate(filters: Array, now: float, tuning: Tuning) -> Belief:
 
 
 def statuses(filters: Array, now: float, tuning: Tuning) -> Array:
-    """(K,) `signals.ObjectStatus` at a time."""
+    """(K,) `layouts.ObjectStatus` at a time."""
     mode = filters[:, Slot.MODE]
     age = now - filters[:, Slot.LAST_SEEN]
     status = np.where(mode == Mode.MOVING, float(ObjectStatus.MOVING), float(ObjectStatus.TRACKED))

@@ -15,10 +15,13 @@ from pydrake.multibody.tree import JointIndex
 from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort
 from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 
-from twin_diagram import description, resources, scenario
+from twin_diagram import scenario
 from twin_diagram.assets.description import AssetSpec
 from twin_diagram.errors import AssetError, ModelError
-from twin_diagram.signals import Array
+from twin_diagram.model.description import add_arm as description
+from twin_diagram.scenario import poses as scenario_poses
+from twin_diagram.scenario import resources
+from twin_diagram.signals.layouts import Array
 
 PARKED_HEIGHT = -5.0
 """Where objects wait that nobody has seen yet: z in W [m]; they stand a metre apart along x."""
@@ -128,7 +131,7 @@ def _add_fixture(plant: MultibodyPlant, fixture: scenario.Fixture, packages: Map
         for body_index in plant.GetBodyIndices(instance):
             if int(body_index) not in children:
                 body = plant.get_body(body_index)
-                plant.WeldFrames(plant.world_frame(), body.body_frame(), description.pose(fixture.X_WB))
+                plant.WeldFrames(plant.world_frame(), body.body_frame(), scenario_poses.pose(fixture.X_WB))
 
 
 def _add_object(plant: MultibodyPlant, name: str, folder: str, packages: Mapping[str, str | Path] | None) -> AssetSpec:

@@ -8,10 +8,11 @@ import numpy as np
 import numpy.typing as npt
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
-from twin_diagram import scenario, timing
-from twin_diagram.scene import object_filter, track
+from twin_diagram import scenario
+from twin_diagram.runtime import timing
+from twin_diagram.scene import object_filter, object_update
 from twin_diagram.scene.twin_scene import TwinScene, parked_poses
-from twin_diagram.signals import MEASUREMENT_SIZE, NEVER, TRACK_SIZE, Array, ObjectStatus, PoseMeasurement
+from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER, TRACK_SIZE, Array, ObjectStatus, PoseMeasurement
 
 
 class SceneGraphUpdater(LeafSystem):
@@ -30,18 +31,18 @@ class SceneGraphUpdater(LeafSystem):
         - tracks
 
     Ports:
-        object_poses: (K · MEASUREMENT_SIZE) a `signals.PoseMeasurement` per library object, in the library's order.
+        object_poses: (K · MEASUREMENT_SIZE) a `layouts.PoseMeasurement` per library object, in the library's order.
         arm_state: (2n) joint angles [rad] and speeds of the arm.
         image_time: (1) capture time of the newest image [s], `NEVER` before the first. Measurements are not used before
             the first image.
         gripper_state: (2g) finger positions [m] and speeds; the fingers stay as described where it is not connected.
         positions: (nq) of `TwinScene.plant` at the present time; objects not yet seen wait out of sight.
-        tracks: (K · TRACK_SIZE) a `signals.Track` per library object, at the present time.
+        tracks: (K · TRACK_SIZE) a `layouts.Track` per library object, at the present time.
 
     Rate: measurements are taken in at `scene.rate` [1/s]. Latency: a measurement waits for the next tick and counts for
     its capture time; what comes out is predicted to the moment at which it is asked for.
 
-    State: one filter per object (see `scene.track`), in a discrete vector.
+    State: one filter per object (see `scene.object_update`), in a discrete vector.
     """
 
     def __init__(self, scene: TwinScene, params: scenario.SceneUpdater) -> None:
@@ -84,7 +85,7 @@ class SceneGraphUpdater(LeafSystem):
         filters = filters.copy()
         for k in fresh:
             measurement = PoseMeasurement.unpack(measured[k])
-            filters[k] = track.update(
+            filters[k] = object_update.update(
                 filters[k], measurement, context.get_time(), self._tuning, bool(self._symmetric[k])
             )
         discrete.set_value(int(self._filters), cast(Any, filters.ravel()))

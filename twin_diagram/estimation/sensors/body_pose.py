@@ -6,18 +6,18 @@ import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.tree import Frame
 
-from twin_diagram.estimation.arm_terms import ArmTerms
-from twin_diagram.estimation.link_frame import LinkFrame
-from twin_diagram.estimation.quaternions import difference, exp, multiply, normalized
+from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
+from twin_diagram.estimation.dynamics.link_frame import LinkFrame
 from twin_diagram.estimation.sensors.sensor import Instant, Linear, Sensor
-from twin_diagram.signals import Array
+from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.rotations import difference, exp, multiply, normalized
 
 
 class BodyPose(Sensor):
     """X_WO of a frame O on the arm: z = [quaternion wxyz, position m] in W.
 
     The innovation is a rotation vector in W [rad] and a translation [m]: a left perturbation about O's origin, as
-    `signals.PoseMeasurement` has it. A reading may bring its own R (`noise=` of `Ekf.update`), which grows with
+    `layouts.PoseMeasurement` has it. A reading may bring its own R (`noise=` of `Ekf.update`), which grows with
     occlusion and bad light (section 3.3, vision).
     """
 

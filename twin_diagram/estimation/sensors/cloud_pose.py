@@ -11,10 +11,10 @@ from pydrake.math import RigidTransform, RotationMatrix
 from scipy.spatial import cKDTree
 
 from twin_diagram.errors import TwinError
-from twin_diagram.estimation.arm_terms import ArmTerms
-from twin_diagram.estimation.quaternions import exp
+from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.sensors.body_pose import BodyPose
-from twin_diagram.signals import Array
+from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.rotations import exp
 
 FEWEST: Final = 12
 """Points with a partner that make a pose."""

@@ -1,0 +1,235 @@
+"""The asset library: files, shapes, masses, and that every side looks different."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydrake.geometry import HalfSpace
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from scipy.spatial import ConvexHull, cKDTree
+
+from twin_diagram.assets import Asset
+from twin_diagram.assets.description import shell_inertia
+from twin_diagram.assets.mesh import Mesh, read_obj, read_png, sample, write_obj
+from twin_diagram.assets.procedural import write_bottle, write_box, write_can, write_mug
+from twin_diagram.errors import AssetError
+from twin_diagram.scenario.resources import models_dir
+
+DEFAULTS = sorted(path.parent.name for path in (models_dir() / "objects").glob("*/asset.yaml"))
+
+
+def folder(name: str) -> Path:
+    return models_dir() / "objects" / name
+
+
+def test_defaults_are_there() -> None:
+    assert {"can", "mug", "bottle", "mover"} <= set(DEFAULTS)
+    assert sum(name.endswith("_box") for name in DEFAULTS) >= 3
+
+
+@pytest.mark.parametrize("name", DEFAULTS)
+def test_cloud_fills_its_box_and_faces_outwards(name: str) -> None:
+    asset = Asset.load(folder(name))
+    half = asset.size / 2
+    assert (np.abs(asset.points_O) <= half + 1e-6).all()
+    assert np.allclose(np.linalg.norm(asset.normals_O, axis=1), 1.0)
+    assert (asset.colours >= 0).all() and (asset.colours <= 1).all()
+    assert np.abs(asset.points_O[:, 2]).max() > 0.98 * half[2]
+    if name not in ("mug", "bottle"):
+        # These are convex: a little way along the normal lies outside, a little way back inside.
+        planes = ConvexHull(read_obj(folder(name) / "visual.obj").vertices).equations
+        for step, outside in ((1e-3, True), (-1e-3, False)):
+            moved = asset.points_O + step * asset.normals_O
+            beyond = (moved @ planes[:, :3].T + planes[:, 3]).max(axis=1) > 0
+            assert (beyond == outside).mean() > 0.95
+
+
+@pytest.mark.parametrize("name", DEFAULTS)
+def test_every_turn_by_180_degrees_changes_the_look(name: str) -> None:
+    asset = Asset.load(folder(name))
+    tree = cKDTree(asset.points_O)
+    for axis in range(3):
+        turned = asset.points_O * np.where(np.arange(3) == axis, 1.0, -1.0)
+        distance, index = tree.query(turned)
+        near = distance < 0.008
+        if near.mean() < 0.5:
+            continue
+        difference = np.linalg.norm(asset.colours[near] - asset.colours[index[near]], axis=1)
+        assert np.median(difference) > 0.3, (axis, np.median(difference))
+
+
+@pytest.mark.parametrize("name", DEFAULTS)
+def test_convex_pieces_hold_the_object(name: str) -> None:
+    asset = Asset.load(folder(name))
+    inside = np.zeros(len(asset.points_O), dtype=bool)
+    volume = 0.0
+    for piece in asset.convex_pieces:
+        hull = ConvexHull(piece)
+        volume += hull.volume
+        inside |= (asset.points_O @ hull.equations[:, :3].T + hull.equations[:, 3] < 1e-6).all(axis=1)
+    assert inside.mean() > 0.97
+    assert volume < 1.05 * np.prod(asset.size)
+
+
+@pytest.mark.parametrize("name", DEFAULTS)
+def test_stands_still_in_drake(name: str) -> None:
+    asset = Asset.load(folder(name))
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, 0.0025)
+    plant.RegisterCollisionGeometry(
+        plant.world_body(), RigidTransform(), HalfSpace(), "ground", CoulombFriction(0.6, 0.6)
+    )
+    (model,) = Parser(plant).AddModels(str(asset.model_file))
+    plant.Finalize()
+    body = plant.GetBodyByName("object", model)
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    plant_context = plant.GetMyMutableContextFromRoot(context)
+    X_WO = RigidTransform(RollPitchYaw(0.0, 0.0, 0.7), [0.4, 0.1, asset.size[2] / 2 + 0.001])
+    plant.SetFreeBodyPose(plant_context, body, X_WO)
+    Simulator(diagram, context).AdvanceTo(0.4)
+    now = plant.EvalBodyPoseInWorld(plant_context, body)
+    assert np.linalg.norm(now.translation() - X_WO.translation()) < 0.0015
+    assert X_WO.rotation().InvertAndCompose(now.rotation()).ToAngleAxis().angle() < 2e-3
+    assert body.get_mass(plant_context) == pytest.approx(asset.mass)
+
+
+def test_writing_is_repeatable_and_seeds_differ(tmp_path: Path) -> None:
+    def digest(path: Path) -> str:
+        return hashlib.sha256(b"".join(p.read_bytes() for p in sorted(path.iterdir()))).hexdigest()
+
+    first = write_mug(tmp_path / "a", "mug", 0.04, 0.1, texture_seed=4)
+    again = write_mug(tmp_path / "b", "mug", 0.04, 0.1, texture_seed=4)
+    other = write_mug(tmp_path / "c", "mug", 0.04, 0.1, texture_seed=5)
+    assert digest(first) == digest(again) != digest(other)
+    assert not [p for p in first.iterdir() if p.name.startswith(".")]
+    assert sum(p.stat().st_size for p in first.iterdir()) < 300_000
+    assert max(read_png(first / "visual.png").shape[:2]) <= 256
+
+
+@settings(max_examples=12)
+@given(
+    size=st.tuples(*[st.floats(0.03, 0.3)] * 3),
+    mass=st.floats(0.05, 3.0),
+    seed=st.integers(0, 2**31 - 1),
+)
+def test_any_box_has_its_inertia_and_area(
+    tmp_path: Path, size: tuple[float, float, float], mass: float, seed: int
+) -> None:
+    path = write_box(tmp_path / "box", "box", size, texture_seed=seed, mass=mass)
+    asset = Asset.load(path)
+    assert np.allclose(asset.size, size)
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, 0.0)
+    Parser(plant).AddModels(str(asset.model_file))
+    plant.Finalize()
+    inertia = plant.GetBodyByName("object").default_spatial_inertia()
+    solid = trimesh.creation.box(extents=size)
+    solid.density = mass / solid.volume
+    assert np.allclose(inertia.CalcRotationalInertia().CopyToFullMatrix3(), solid.moment_inertia, rtol=1e-6)
+    # Each pair of faces has its share of the points.
+    share = np.array([(np.abs(np.abs(asset.normals_O[:, k]) - 1) < 1e-6).mean() for k in range(3)])
+    area = np.array([size[1] * size[2], size[0] * size[2], size[0] * size[1]])
+    assert np.allclose(share, area / area.sum(), atol=0.01)
+
+
+def test_shell_inertia_of_a_sphere() -> None:
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=0.1)
+    vertices = np.asarray(ball.vertices) + [0.3, 0.0, 0.0]
+    mesh = Mesh(vertices, np.zeros_like(vertices), vertices[:, :2], np.asarray(ball.faces))
+    com, inertia = shell_inertia(mesh, 2.0)
+    assert np.allclose(com, [0.3, 0.0, 0.0], atol=1e-6)
+    assert np.allclose(inertia, np.eye(3) * 2.0 / 3.0 * 2.0 * 0.1**2, rtol=5e-3, atol=1e-6)
+
+
+def test_other_shapes_and_their_symmetry(tmp_path: Path) -> None:
+    can = Asset.load(write_can(tmp_path / "can", "can", 0.03, 0.1))
+    bottle = Asset.load(write_bottle(tmp_path / "bottle", "bottle", 0.04, 0.22))
+    mug = Asset.load(write_mug(tmp_path / "mug", "mug", 0.04, 0.1))
+    assert (can.symmetric_axis, bottle.symmetric_axis, mug.symmetric_axis) == ("z", None, None)
+    # The handle is on the +x side, hollow between it and the wall.
+    assert mug.points_O[:, 0].max() > 0.06 and mug.points_O[:, 0].min() > -0.041
+    handle = mug.points_O[mug.points_O[:, 0] > 0.045]
+    assert np.abs(handle[:, 1]).max() < 0.007
+    # The arrays are shared by all systems: nobody writes to them.
+    with pytest.raises(ValueError):
+        can.points_O[0, 0] = 1.0
+
+
+def test_obj_round_trip_and_foreign_files(tmp_path: Path) -> None:
+    mesh = read_obj(folder("mug") / "visual.obj")
+    texture = read_png(folder("mug") / "visual.png")
+    write_obj(mesh, tmp_path / "copy.obj", texture)
+    again = read_obj(tmp_path / "copy.obj")
+    assert len(again.faces) == len(mesh.faces)
+    one, two = sample(mesh, texture, 500), sample(again, read_png(tmp_path / "copy.png"), 500)
+    assert np.allclose(np.sort(one.points, axis=0), np.sort(two.points, axis=0), atol=2e-3)
+    # A polygon with negative indices, no texture, no normals.
+    (tmp_path / "quad.obj").write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf -4 -3 -2 -1\n")
+    quad = read_obj(tmp_path / "quad.obj")
+    assert len(quad.faces) == 2 and np.allclose(quad.normals, [0, 0, 1])
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        (("mass: 0.35", "mass: -1"), "mass"),
+        (("mass: 0.35", "mass: .nan"), "mass"),
+        (("mass: 0.35", "mas: 0.35"), "mas"),
+        (("symmetric_axis: z", "symmetric_axis: x"), "symmetric_axis"),
+        (("kind: cylinder", "kind: cone"), "cone"),
+        (("visual: visual.obj", "visual: gone.obj"), "gone.obj"),
+        (("size: [0.068, 0.068, 0.102]", "size: [0.068]"), "size"),
+    ],
+)
+def test_bad_assets_are_named(tmp_path: Path, change: tuple[str, str], word: str) -> None:
+    path = write_can(tmp_path / "can", "can", 0.034, 0.102, mass=0.35)
+    text = (path / "asset.yaml").read_text()
+    assert change[0] in text
+    (path / "asset.yaml").write_text(text.replace(*change))
+    with pytest.raises(AssetError, match=word):
+        Asset.load(path)
+
+
+def test_missing_files_are_named(tmp_path: Path) -> None:
+    with pytest.raises(AssetError, match="nowhere"):
+        Asset.load(tmp_path / "nowhere")
+    path = write_can(tmp_path / "can", "can", 0.034, 0.102)
+    (path / "visual.png").write_bytes(b"not an image")
+    with pytest.raises(AssetError, match=r"visual\.png"):
+        Asset.load(path)
+    (path / "visual.obj").write_text("v 0 0 0\nf 1 2 3\n")
+    with pytest.raises(AssetError, match=r"visual\.obj"):
+        Asset.load(path)
+    (path / "cloud.npz").write_bytes(b"PK")
+    with pytest.raises(AssetError, match=r"cloud\.npz"):
+        Asset.load(path)
+
+
+@pytest.mark.parametrize(
+    "bad", [{"mass": 0.0}, {"mass": float("nan")}, {"radius": -0.1}, {"name": ""}, {"name": "a/b"}]
+)
+def test_impossible_objects_are_refused(tmp_path: Path, bad: dict[str, object]) -> None:
+    wanted: dict[str, object] = {"name": "can", "radius": 0.03, "height": 0.1, "mass": 0.3, **bad}
+    with pytest.raises(AssetError):
+        write_can(tmp_path / "can", **wanted)  # type: ignore[arg-type]
+    assert not (tmp_path / "can").exists()
+
+
+def test_a_measured_cloud_is_used_where_there_is_one(tmp_path: Path) -> None:
+    path = write_box(tmp_path / "box", "box", (0.1, 0.1, 0.1))
+    rng = np.random.default_rng(0)
+    normals = rng.standard_normal((200, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    np.savez(path / "cloud.npz", points=0.05 * normals, normals=normals, colours=rng.random((200, 3)))
+    assert len(Asset.load(path).points_O) == 200

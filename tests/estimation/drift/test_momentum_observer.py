@@ -1,0 +1,103 @@
+"""The momentum observer: it learns what each joint always lacks, and names the joint that lacks something new."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.estimation_bench import HOME, twin_terms
+from twin_diagram.estimation.drift.breakaway import LONG_ENOUGH
+from twin_diagram.estimation.drift.momentum_observer import BEGUN, LEAST, TorqueTest
+from twin_diagram.estimation.dynamics.parameters import ParameterSet
+from twin_diagram.scenario import Filter
+from twin_diagram.signals.layouts import Array
+
+TERMS = twin_terms()
+TUNING = Filter()
+TEST = TorqueTest(TERMS, ParameterSet(TERMS, TUNING), TUNING, 6.0)
+DT = 0.005
+
+
+def moves(count: int, start: float = 0.0) -> tuple[Array, Array, Array]:
+    """Times, states (K, 2n) and the torques (K, n) that the described arm needs for them, mean since the last."""
+    t = start + DT * np.arange(1, count + 1)
+    phase = np.arange(7)
+    angle = 2.0 * t[:, None] + phase
+    q, v = HOME + 0.3 * np.sin(angle), 0.6 * np.cos(angle)
+    middle = 2.0 * (t[:, None] - 0.5 * DT) + phase
+    q_mid, v_mid, a_mid = HOME + 0.3 * np.sin(middle), 0.6 * np.cos(middle), -1.2 * np.sin(middle)
+    TERMS.set_payload(np.zeros(4))
+    tau = np.empty((count, 7))
+    for k in range(count):
+        level = TERMS.dry(q_mid[k], v_mid[k], np.zeros(7))[0]
+        tau[k] = TERMS.mass_matrix(q_mid[k]) @ a_mid[k] + TERMS.load(q_mid[k], v_mid[k], np.zeros(7))
+        tau[k] += level * np.sign(v_mid[k])
+    return t, np.hstack([q, v]), tau
+
+
+def feed(vector: Array, t: Array, x: Array, tau: Array, learning: bool = True) -> list[tuple[float, int, float]]:
+    theta = np.zeros(4)
+    return [TEST.follow(vector, x[k], theta, tau[k], float(t[k]), learning, True) for k in range(len(t))]
+
+
+@pytest.fixture(scope="module")
+def normal() -> tuple[Array, float]:
+    """What six seconds teach of an arm whose friction is off by a constant, its torques noisy."""
+    vector = np.zeros(TEST.size)
+    t, x, tau = moves(1200)
+    rng = np.random.default_rng(0)
+    found = feed(vector, t, x, tau + 0.5 * np.sign(x[:, 7:]) + 0.2 * rng.normal(size=tau.shape))
+    assert max(f for f, _, _ in found) < 0.6
+    return vector, float(t[-1])
+
+
+@pytest.mark.parametrize("joint", [1, 3])
+def test_names_the_joint_and_what_it_gained(normal, joint: int) -> None:
+    vector, start = normal[0].copy(), normal[1]
+    t, x, tau = moves(60, start)
+    logged = tau + 0.5 * np.sign(x[:, 7:])
+    logged[20:, joint] += 4.0  # the motor gives 4 N·m less than it logs
+    found = feed(vector, t, x, logged, learning=False)
+    assert max(f for f, _, _ in found[:20]) < 1.0
+    first = next(k for k, (f, _, _) in enumerate(found) if f > 1.0)
+    assert 20 < first < 32
+    assert found[first][1] == joint
+    assert found[-1][2] == pytest.approx(-4.0, abs=0.5)
+
+
+def test_silent_at_rest_and_just_after(normal) -> None:
+    vector, start = normal[0].copy(), normal[1]
+    still = np.tile(np.concatenate([HOME, np.zeros(7)]), (100, 1))
+    t = start + DT * np.arange(1, 101)
+    assert all(found == (0.0, -1, 0.0) for found in feed(vector, t, still, np.full((100, 7), 5.0)))
+    t, x, tau = moves(LONG_ENOUGH - 1, float(t[-1]))
+    assert all(f == 0.0 for f, _, _ in feed(vector, t, x, tau + 30.0))
+
+
+def test_nothing_is_tested_before_it_is_known() -> None:
+    vector = np.zeros(TEST.size)
+    t, x, tau = moves(LEAST + BEGUN - 1)
+    tau[LEAST:] += 40.0
+    assert max(f for f, _, _ in feed(vector, t, x, tau)) == 0.0
+
+
+def test_a_gap_joins_nothing_up(normal) -> None:
+    vector, start = normal[0].copy(), normal[1]
+    t, x, tau = moves(40, start + 3.0)
+    assert max(f for f, _, _ in feed(vector, t, x, tau)) < 1.0
+    TEST.begin(vector)
+    assert not vector.any()
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.lists(st.tuples(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6), st.floats(-1.0, 1.0)), min_size=1, max_size=20))
+def test_whatever_comes_the_state_stays_finite(normal, messages: list[tuple[float, float, float]]) -> None:
+    vector, t = normal[0].copy(), normal[1]
+    for speed, torque, ahead in messages:
+        t += ahead
+        x, tau = np.concatenate([HOME, np.zeros(7)]), np.zeros(7)
+        x[9], tau[2] = speed, torque
+        found = TEST.follow(vector, x, np.zeros(4), tau, t, True, True)
+        assert np.isfinite(found[0]) and np.all(np.isfinite(vector))

@@ -1,0 +1,458 @@
+"""The model: loading, dynamics against MuJoCo and Drake, saving, hostile descriptions."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydrake.multibody.plant import MultibodyPlant
+
+from twin_diagram import scenario
+from twin_diagram.errors import LogError, ModelError
+from twin_diagram.logs import Log, check
+from twin_diagram.model.description import add_arm as description
+from twin_diagram.model.model import Model
+from twin_diagram.scenario import ArmModel, EffectSpec, Pose
+from twin_diagram.scenario.resources import models_dir
+
+mujoco = pytest.importorskip("mujoco")
+
+PANDA = ArmModel(model="arms/panda_hand.urdf")
+JOINTS = tuple(f"panda_joint{i + 1}" for i in range(7))
+ROTORS = EffectSpec("reflected_inertia", list(JOINTS), [], {"inertia": [0.6, 0.6, 0.46, 0.46, 0.2, 0.2, 0.2]})
+LOAD = EffectSpec("payload", [], [], {"mass": [1.3], "com": [0.02, -0.03, 0.12]})
+DAMPERS = EffectSpec("viscous_friction", list(JOINTS[:3]), [], {"damping": [3.0, 2.0, 1.0]})
+
+
+def motion(seed: int, count: int, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    q, v, a = np.random.default_rng(seed).normal(size=(3, count, n))
+    return q, v, a
+
+
+class Mujoco:
+    """The same description in another engine, without contacts, limits or its own friction."""
+
+    def __init__(self, path: Path, joints: tuple[str, ...]) -> None:
+        self.model = mujoco.MjModel.from_xml_path(str(path))
+        flags = mujoco.mjtDisableBit
+        self.model.opt.disableflags |= flags.mjDSBL_CONTACT | flags.mjDSBL_LIMIT | flags.mjDSBL_FRICTIONLOSS
+        self.model.opt.disableflags |= flags.mjDSBL_EQUALITY
+        self.data = mujoco.MjData(self.model)
+        ids = [mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_JOINT, joint) for joint in joints]
+        self.q = self.model.jnt_qposadr[ids]
+        self.v = self.model.jnt_dofadr[ids]
+
+    def inverse_dynamics(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        result = np.empty_like(q)
+        for k in range(len(q)):
+            self.data.qpos[self.q], self.data.qvel[self.v], self.data.qacc[self.v] = q[k], v[k], a[k]
+            mujoco.mj_inverse(self.model, self.data)
+            result[k] = self.data.qfrc_inverse[self.v]
+        return result
+
+    def mass_matrix(self, q: np.ndarray) -> np.ndarray:
+        self.data.qpos[self.q] = q
+        mujoco.mj_forward(self.model, self.data)
+        full = np.zeros((self.model.nv, self.model.nv))
+        try:
+            mujoco.mj_fullM(self.model, full, self.data.qM)
+        except (TypeError, AttributeError):  # newer MuJoCo takes the data itself
+            mujoco.mj_fullM(self.model, self.data, full)
+        return full[np.ix_(self.v, self.v)]
+
+
+def test_dynamics_agree_with_mujoco_including_rotors() -> None:
+    path = models_dir() / "arms" / "panda_hand.urdf"
+    other = Mujoco(path, JOINTS)
+    model = Model.load(dataclasses.replace(PANDA, effects=[ROTORS, DAMPERS]))
+    other.model.dof_armature[other.v] += ROTORS.parameters["inertia"]
+    other.model.dof_damping[other.v[:3]] += DAMPERS.parameters["damping"]
+    q, v, a = motion(0, 60, 7)
+    np.testing.assert_allclose(model.inverse_dynamics(q, v, a), other.inverse_dynamics(q, v, a), atol=2e-6)
+    np.testing.assert_allclose(model.mass_matrix(q[0]), other.mass_matrix(q[0]), atol=1e-6)
+
+
+def test_measured_arm_agrees_with_mujoco(data_dir: Path) -> None:
+    path = data_dir / "kuka_kr300" / "kr300.urdf"
+    joints = tuple(f"joint_{i + 1}" for i in range(6))
+    model, other = Model.load(path), Mujoco(path, joints)
+    assert model.joints == joints
+    q, v, a = motion(1, 60, 6)
+    expected = other.inverse_dynamics(q, v, a)
+    np.testing.assert_allclose(model.inverse_dynamics(q, v, a), expected, atol=1e-6 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("effects", [[], [ROTORS, LOAD, DAMPERS]])
+def test_many_samples_are_as_one(effects: list[EffectSpec]) -> None:
+    """The vectorised tree and the plant are two implementations of the same dynamics."""
+    model = Model.load(dataclasses.replace(PANDA, effects=effects))
+    q, v, a = motion(2, 100, 7)
+    many = model.inverse_dynamics(q, v, a)
+    once = np.array([model.inverse_dynamics(*sample) for sample in zip(q, v, a, strict=True)])
+    np.testing.assert_allclose(many, once, atol=1e-11)
+    np.testing.assert_allclose(model.inverse_dynamics(q[:5], v[:5], a[:5]), many[:5], atol=1e-11)
+    np.testing.assert_allclose(model.tree.mass_matrix(q), [model.mass_matrix(x) for x in q], atol=1e-12)
+    back = model.forward_dynamics(q, v, many)
+    np.testing.assert_allclose(back, a, atol=1e-8)
+    np.testing.assert_allclose(model.forward_dynamics(q[3], v[3], many[3]), a[3], atol=1e-8)
+    assert model.inverse_dynamics(q.reshape(4, 25, 7), v.reshape(4, 25, 7), a.reshape(4, 25, 7)).shape == (4, 25, 7)
+    assert model.inverse_dynamics(q[:0], v[:0], a[:0]).shape == (0, 7)
+
+
+def test_torque_is_linear_in_inertial_parameters() -> None:
+    model = Model.load(PANDA)
+    q, v, a = motion(3, 30, 7)
+    tree = model.tree
+    total = sum(tree.regressor(q, v, a, body) @ tree.inertia[body] for body in range(7))
+    total = total + tree.rotor * a + tree.damping * v
+    np.testing.assert_allclose(total, model.inverse_dynamics(q, v, a), atol=1e-10)
+
+
+def test_payload_equals_a_welded_body() -> None:
+    model = Model.load(dataclasses.replace(PANDA, effects=[LOAD]))
+    plant = MultibodyPlant(0.0)
+    arm = description.add_arm(plant, model.spec)
+    model.effects[0].before_finalize(plant, arm)
+    plant.Finalize()
+    q, v, a = motion(4, 20, 7)
+    welded = Model(plant, arm, [])
+    np.testing.assert_allclose(model.inverse_dynamics(q, v, a), welded.inverse_dynamics(q, v, a), atol=1e-11)
+    np.testing.assert_allclose(model.mass_matrix(q[0]), welded.mass_matrix(q[0]), atol=1e-12)
+
+
+@settings(max_examples=25)
+@given(st.lists(st.floats(-3.0, 3.0), min_size=7, max_size=7))
+def test_properties_of_the_mass_matrix(q: list[float]) -> None:
+    mass = MODEL.mass_matrix(np.array(q))
+    np.testing.assert_allclose(mass, mass.T, atol=1e-12)
+    assert np.linalg.eigvalsh(mass)[0] > 0.0
+    zero = np.zeros(7)
+    unit = np.array([MODEL.inverse_dynamics(np.array(q), zero, e) for e in np.eye(7)])
+    np.testing.assert_allclose(unit - MODEL.bias(np.array(q), zero), mass, atol=1e-10)
+
+
+def test_tool_jacobian_is_the_derivative_of_its_pose() -> None:
+    model = Model.load(dataclasses.replace(PANDA, X_WB=Pose([0.1, -0.2, 0.3], [0.2, 0.1, 0.5])))
+    q, v, _ = motion(5, 1, 7)
+    h = 1e-6
+    before, after = model.tool_pose(q[0] - h * v[0]), model.tool_pose(q[0] + h * v[0])
+    V = model.tool_jacobian(q[0]) @ v[0]
+    np.testing.assert_allclose((after.translation() - before.translation()) / (2 * h), V[3:], atol=1e-8)
+    turn = after.rotation().multiply(before.rotation().inverse()).ToAngleAxis()
+    np.testing.assert_allclose(turn.axis() * turn.angle() / (2 * h), V[:3], atol=1e-7)
+
+
+def test_base_pose_and_limits() -> None:
+    tilted = Model.load(dataclasses.replace(PANDA, X_WB=Pose([0.0, 0.0, 0.5], [0.0, 0.0, np.pi / 2])))
+    p = tilted.tool_pose(np.zeros(7)).translation()
+    plain = Model.load(PANDA).tool_pose(np.zeros(7)).translation()
+    np.testing.assert_allclose(p, [-plain[1], plain[0], plain[2] + 0.5], atol=1e-12)
+    np.testing.assert_allclose(tilted.effort_limit, [87, 87, 87, 87, 12, 12, 12])
+    assert np.all(tilted.lower < tilted.upper)
+    assert np.all(tilted.velocity_limit > 2.0)
+    assert tilted.last_link == "panda_link7"
+    assert tilted.arm.gripper_joints == ("panda_finger_joint1", "panda_finger_joint2")
+
+
+CHAIN = """<robot name="chain">
+  {root}
+  <link name="base"/>
+  <link name="slider">{inertial}</link>
+  <link name="upper">{inertial}</link>
+  <link name="lower">{inertial}
+    <visual><geometry><mesh filename="package://nowhere/missing.obj"/></geometry></visual>
+    <collision><geometry><mesh filename="also_missing.stl"/></geometry></collision></link>
+  <link name="empty"/>
+  <joint name="rail" type="prismatic"><parent link="base"/><child link="slider"/><axis xyz="1 0 0"/>
+    <limit lower="-1" upper="1" effort="300" velocity="1"/></joint>
+  <joint name="shoulder" type="revolute"><parent link="slider"/><child link="upper"/><origin xyz="0 0 0.2"/>
+    <axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="50" velocity="3"/><dynamics damping="0.7"/></joint>
+  <joint name="elbow" type="continuous"><parent link="upper"/><child link="lower"/><origin xyz="0.3 0 0" rpy="0.3 0 0"/>
+    <axis xyz="0 0.6 0.8"/></joint>
+  <joint name="tip" type="fixed"><parent link="lower"/><child link="empty"/><origin xyz="0.3 0 0"/></joint>
+</robot>"""
+INERTIAL = (
+    '<inertial><origin xyz="0.1 0.02 0"/><mass value="2"/>'
+    '<inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0.001" ixz="0" iyz="0"/></inertial>'
+)
+
+
+def chain(folder: Path, root: str = "") -> Path:
+    path = folder / "chain.urdf"
+    path.write_text(CHAIN.format(root=root, inertial=INERTIAL))
+    return path
+
+
+def test_description_without_motors_or_meshes(tmp_path: Path) -> None:
+    """Most public URDFs have no transmissions, and meshes that are not at hand."""
+    model = Model.load(chain(tmp_path))
+    assert model.joints == ("rail", "shoulder", "elbow")  # a rail that carries an arm is no finger
+    assert not model.arm.gripper_joints
+    np.testing.assert_allclose(model.effort_limit[1:], [50.0, np.inf])
+    named = Model.load(ArmModel(model=str(chain(tmp_path)), joints=["elbow", "rail", "shoulder"], tool_frame="empty"))
+    assert named.joints == ("elbow", "rail", "shoulder")
+    q, v, a = motion(6, 40, 3)
+    once = np.array([named.inverse_dynamics(*sample) for sample in zip(q, v, a, strict=True)])
+    np.testing.assert_allclose(named.inverse_dynamics(q, v, a), once, atol=1e-12)
+    np.testing.assert_allclose(named.forward_dynamics(q, v, once), a, atol=1e-10)
+    other = Mujoco(_without_geometry(chain(tmp_path)), named.joints)
+    np.testing.assert_allclose(once, other.inverse_dynamics(q, v, a), atol=1e-9)
+
+
+def test_a_rail_may_be_left_out(tmp_path: Path) -> None:
+    """Then it is held where it is, and a log need not tell of it."""
+    path = chain(tmp_path)
+    held = Model.load(ArmModel(model=str(path), joints=["shoulder", "elbow"], tool_frame=""))
+    assert held.arm.gripper_joints == ("rail",)
+    time = np.arange(400) * 0.01
+    q = 0.3 * np.stack([np.sin(3.0 * time), np.cos(2.0 * time)], axis=1)
+    log = Log(time, held.joints, q, torque=q)
+    assert not [warning for warning in check(log, held.limits) if "rail" in warning.message]
+    with pytest.raises(LogError, match=r"'rail' of the model is missing.*name the others in `joints`"):
+        check(log, Model.load(path).limits)
+
+
+def _without_geometry(path: Path) -> Path:
+    text = path.read_text()
+    start, end = text.index("<visual>"), text.index("</collision>") + len("</collision>")
+    plain = path.with_name("plain.urdf")
+    plain.write_text(text[:start] + text[end:])
+    return plain
+
+
+MJCF = """<mujoco model="arm"><option gravity="0 0 -9.81"/><worldbody>
+  <body name="upper" pos="0 0 0.3"><joint name="shoulder" axis="0 1 0" damping="0.5" armature="0.1"/>
+    <inertial pos="0.1 0 0" mass="2" diaginertia="0.01 0.02 0.02"/>
+    <body name="lower" pos="0.3 0 0"><joint name="elbow" axis="0 1 0"/>
+      <inertial pos="0.1 0 0" mass="1" diaginertia="0.01 0.02 0.02"/></body></body>
+</worldbody><actuator><motor joint="shoulder"/><motor joint="elbow"/></actuator></mujoco>"""
+
+SDF = """<sdf version="1.9"><model name="arm">
+  <link name="base"><inertial><mass>1</mass></inertial></link>
+  <link name="upper"><pose relative_to="turn"/><inertial><pose>0.1 0 0 0 0 0</pose><mass>2</mass></inertial></link>
+  <joint name="turn" type="revolute"><parent>base</parent><child>upper</child>
+    <pose relative_to="base">0 0 1 0 0 0</pose>
+    <axis><xyz>0 1 0</xyz><limit><effort>9</effort></limit></axis></joint></model></sdf>"""
+
+
+def test_mjcf_and_sdf(tmp_path: Path) -> None:
+    (tmp_path / "arm.xml").write_text(MJCF)
+    model, other = Model.load(tmp_path / "arm.xml"), Mujoco(tmp_path / "arm.xml", ("shoulder", "elbow"))
+    q, v, a = motion(7, 40, 2)
+    expected = other.inverse_dynamics(q, v, a)
+    np.testing.assert_allclose(model.inverse_dynamics(q, v, a), expected, atol=1e-9)
+    np.testing.assert_allclose(model.inverse_dynamics(q[0], v[0], a[0]), expected[0], atol=1e-9)
+
+    (tmp_path / "arm.sdf").write_text(SDF)
+    model = Model.load(tmp_path / "arm.sdf")
+    assert model.joints == ("turn",)
+    np.testing.assert_allclose(model.bias(np.zeros(1), np.zeros(1)), [-2 * 9.81 * 0.1], atol=1e-9)
+    np.testing.assert_allclose(model.effort_limit, [9.0])
+
+
+def test_friction_that_the_description_states(tmp_path: Path) -> None:
+    """Drake leaves it unread; it is the model's own all the same, in all three formats, and is not written twice."""
+    mjcf = """<mujoco model="arm"><default><joint frictionloss="0.2"/>
+      <default class="stiff"><joint stiffness="3" springref="30"/></default></default><worldbody>
+      <body name="upper"><joint name="shoulder" axis="0 1 0" class="stiff"/>
+        <inertial pos="0.1 0 0" mass="2" diaginertia="0.01 0.02 0.02"/>
+        <body name="lower" pos="0.3 0 0"><joint name="elbow" axis="0 1 0" frictionloss="0.7"/>
+          <inertial pos="0.1 0 0" mass="1" diaginertia="0.01 0.02 0.02"/></body></body></worldbody></mujoco>"""
+    (tmp_path / "arm.xml").write_text(mjcf)
+    model, other = Model.load(tmp_path / "arm.xml"), Mujoco(tmp_path / "arm.xml", ("shoulder", "elbow"))
+    friction = EffectSpec("coulomb_friction", ["shoulder", "elbow"], [], {"torque": [0.2, 0.7]})
+    assert model.effects[0].spec() == friction
+    q, v, a = motion(10, 40, 2)
+    v += np.sign(v)
+    expected = other.inverse_dynamics(q, v, a) + np.sign(v) * [0.2, 0.7]  # the other engine leaves friction out here
+    np.testing.assert_allclose(model.inverse_dynamics(q, v, a), expected, atol=1e-9)
+    assert model.spec.effects == []
+    model.save(tmp_path / "saved")
+    again = Model.load(tmp_path / "saved")
+    assert [effect.spec() for effect in again.effects] == [effect.spec() for effect in model.effects]
+    assert model.with_effects([]).effects[0].spec() == friction
+    assert len(model.with_effects(model.effects).effects) == 2
+
+    text = chain(tmp_path).read_text().replace('damping="0.7"', 'damping="0.7" friction="1.5"')
+    (tmp_path / "chain.urdf").write_text(text)
+    (stated,) = Model.load(tmp_path / "chain.urdf").effects
+    assert stated.spec() == EffectSpec("coulomb_friction", ["shoulder"], [], {"torque": [1.5]})
+    assert stated.given
+    (tmp_path / "arm.sdf").write_text(SDF.replace("</xyz>", "</xyz><dynamics><friction>2.5</friction></dynamics>"))
+    (stated,) = Model.load(tmp_path / "arm.sdf").effects
+    assert stated.spec() == EffectSpec("coulomb_friction", ["turn"], [], {"torque": [2.5]})
+    undeclared = text.replace('effort="50"', 'effort="50" drake:acceleration="15.0"')
+    (tmp_path / "chain.urdf").write_text(
+        undeclared.replace('<link name="empty"/>', '<link name="empty"/><drake:note a="b:c"/>')
+    )
+    assert Model.load(tmp_path / "chain.urdf").effects[0].spec() == EffectSpec(
+        "coulomb_friction", ["shoulder"], [], {"torque": [1.5]}
+    )
+    (tmp_path / "chain.urdf").write_text(text.replace('friction="1.5"', 'friction="much"'))
+    with pytest.raises(ModelError, match=r"chain\.urdf"):
+        Model.load(tmp_path / "chain.urdf")
+
+
+@pytest.mark.parametrize("actuator", ["motor", "general", "velocity", ""])
+def test_rotors_that_an_mjcf_states(tmp_path: Path, actuator: str) -> None:
+    """Drake keeps them where it makes the motor itself; most published arms have actuators that it does not know."""
+    motors = "".join(f'<{actuator} joint="{joint}"/>' for joint in ("shoulder", "elbow")) if actuator else ""
+    mjcf = f"""<mujoco model="arm"><default><joint armature="0.3"/></default><worldbody>
+      <body name="upper"><joint name="shoulder" axis="0 1 0"/>
+        <inertial pos="0.1 0 0" mass="2" diaginertia="0.01 0.02 0.02"/>
+        <body name="lower" pos="0.3 0 0"><joint name="elbow" axis="0 1 0" armature="0.7"/>
+          <inertial pos="0.1 0 0" mass="1" diaginertia="0.01 0.02 0.02"/></body></body></worldbody>
+      <actuator>{motors}</actuator></mujoco>"""
+    (tmp_path / "arm.xml").write_text(mjcf)
+    model, other = Model.load(tmp_path / "arm.xml"), Mujoco(tmp_path / "arm.xml", ("shoulder", "elbow"))
+    q, v, a = motion(10, 40, 2)
+    np.testing.assert_allclose(model.inverse_dynamics(q, v, a), other.inverse_dynamics(q, v, a), atol=1e-9)
+
+
+def test_free_bases_are_welded(tmp_path: Path) -> None:
+    free = "<link name='world'/><joint name='free' type='floating'><parent link='world'/><child link='base'/></joint>"
+    pose = Pose([0.0, 0.0, 1.0])
+    model = Model.load(ArmModel(model=str(chain(tmp_path, free)), X_WB=pose, tool_frame=""))
+    assert model.plant.num_velocities() == 3
+    mjcf = MJCF.replace('<joint name="shoulder"', '<freejoint/></body><body name="other"><joint name="shoulder"')
+    assert "freejoint" in mjcf
+    base = '<body name="base"><freejoint/><inertial pos="0 0 0" mass="2" diaginertia="0.01 0.02 0.02"/>'
+    mjcf = MJCF.replace("<worldbody>", f"<worldbody>{base}").replace("</worldbody>", "</body></worldbody>")
+    (tmp_path / "free.xml").write_text(mjcf)
+    model = Model.load(ArmModel(model=str(tmp_path / "free.xml"), X_WB=pose, tool_frame=""))
+    assert model.plant.num_velocities() == 2
+    np.testing.assert_allclose(model.tool_pose(np.zeros(2)).translation(), [0.3, 0.0, 1.3], atol=1e-12)
+
+
+def test_mimicking_joints_have_no_motor(tmp_path: Path) -> None:
+    text = (
+        chain(tmp_path)
+        .read_text()
+        .replace('<axis xyz="0 0.6 0.8"/>', '<axis xyz="0 0.6 0.8"/><mimic joint="shoulder"/>')
+    )
+    (tmp_path / "chain.urdf").write_text(text)
+    assert Model.load(tmp_path / "chain.urdf").joints == ("rail", "shoulder")
+
+
+def test_save_and_load(tmp_path: Path) -> None:
+    spec = dataclasses.replace(PANDA, X_WB=Pose([0.1, 0.0, 0.2], [0.0, 0.0, 0.3]), effects=[ROTORS, LOAD, DAMPERS])
+    model = Model.load(spec)
+    odd = model.with_effects([model.effects[1].with_values({"mass": [1.0 / 3.0], "com": [1e-17, 0.1, 2.0 / 7.0]})])
+    for each, folder in ((model, tmp_path / "corrected"), (odd, tmp_path / "deep" / "corrected")):
+        each.save(folder)
+        again = Model.load(folder)
+        assert again.spec.effects == each.spec.effects, "written without loss"
+        q, v, a = motion(8, 30, 7)
+        np.testing.assert_array_equal(again.inverse_dynamics(q, v, a), each.inverse_dynamics(q, v, a))
+        np.testing.assert_allclose(
+            again.tool_pose(q[0]).GetAsMatrix4(), each.tool_pose(q[0]).GetAsMatrix4(), atol=1e-15
+        )
+        again.save(folder)
+        assert Model.load(folder).spec.effects == each.spec.effects, "saved over itself"
+        assert sorted(p.name for p in folder.parent.iterdir() if p.name.startswith(".")) == []
+    added = Model.load(ArmModel(model=str(tmp_path / "corrected"), tool_frame="", effects=[LOAD]))
+    assert [effect.name for effect in added.effects] == [e.name for e in (ROTORS, LOAD, DAMPERS, LOAD)]
+
+
+def test_saved_description_still_finds_its_meshes(tmp_path: Path) -> None:
+    path = chain(tmp_path)
+    (tmp_path / "also_missing.stl").write_bytes(b"solid\n")
+    Model.load(path).save(tmp_path / "elsewhere" / "saved")
+    text = (tmp_path / "elsewhere" / "saved" / "chain.urdf").read_text()
+    assert f'filename="{tmp_path / "also_missing.stl"}"' in text
+    assert "package://nowhere/missing.obj" in text
+
+
+def test_saved_mjcf_still_finds_its_folders(tmp_path: Path) -> None:
+    """Published arms keep their meshes in one that the compiler element names."""
+    corners = [(x, y, z) for x in (0, 0.1) for y in (0, 0.1) for z in (0, 0.1)]
+    faces = [
+        (1, 3, 4),
+        (1, 4, 2),
+        (5, 6, 8),
+        (5, 8, 7),
+        (1, 2, 6),
+        (1, 6, 5),
+        (3, 7, 8),
+        (3, 8, 4),
+        (1, 5, 7),
+        (1, 7, 3),
+    ]
+    faces += [(2, 4, 8), (2, 8, 6)]
+    lines = ["v {:g} {:g} {:g}".format(*p) for p in corners] + ["f {} {} {}".format(*f) for f in faces]
+    (tmp_path / "assets").mkdir()
+    (tmp_path / "assets" / "cube.obj").write_text("\n".join(lines) + "\n")
+    (tmp_path / "arm.xml").write_text("""<mujoco model="arm"><compiler angle="radian" meshdir="assets"/>
+      <asset><mesh name="cube" file="cube.obj"/></asset><worldbody><body name="link">
+      <joint name="turn" axis="0 1 0"/><geom type="mesh" mesh="cube" density="1000"/></body></worldbody></mujoco>""")
+    model = Model.load(tmp_path / "arm.xml")
+    model.save(tmp_path / "elsewhere" / "saved")
+    again = Model.load(tmp_path / "elsewhere" / "saved")
+    np.testing.assert_allclose(again.mass_matrix(np.zeros(1)), model.mass_matrix(np.zeros(1)))
+
+
+def test_two_models_of_one_plant_do_not_disturb_each_other() -> None:
+    model = Model.load(PANDA)
+    loaded = model.with_effects(Model.load(dataclasses.replace(PANDA, effects=[LOAD])).effects)
+    q, v, a = motion(9, 30, 7)
+    first = model.inverse_dynamics(q[0], v[0], a[0])
+    heavy = loaded.inverse_dynamics(q[0], v[0], a[0])
+    assert np.max(np.abs(heavy - first)) > 1.0
+    loaded.mass_matrix(q[1])
+    np.testing.assert_array_equal(model.inverse_dynamics(q[0], v[0], a[0]), first)
+    np.testing.assert_array_equal(loaded.inverse_dynamics(q[0], v[0], a[0]), heavy)
+
+
+def test_third_party_model_without_network(data_dir: Path) -> None:
+    name = "package://drake_models/franka_description/urdf/panda_arm_hand.urdf"
+    spec = ArmModel(model=name, tool_frame="panda_hand")
+    model = Model.load(spec, packages={"drake_models": data_dir / "drake_models"})
+    assert model.joints == JOINTS
+    np.testing.assert_allclose(model.tree.rotor[:2], 0.605721456, rtol=1e-6)
+    with pytest.raises(ModelError, match="no folder is given for package 'drake_models'"):
+        Model.load(spec)
+
+
+def bad(folder: Path, text: str, suffix: str = "urdf") -> Path:
+    path = folder / f"bad.{suffix}"
+    path.write_text(text)
+    return path
+
+
+def test_bad_descriptions_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match="no such file"):
+        Model.load(tmp_path / "none.urdf")
+    with pytest.raises(ModelError, match=r"effects\.yaml"):
+        Model.load(tmp_path)
+    with pytest.raises(ModelError, match="cannot be read"):
+        Model.load(bad(tmp_path, "<robot name='x'><link"))
+    with pytest.raises(ModelError, match="cannot be read"):
+        Model.load(bad(tmp_path, "hello", "txt"))
+    with pytest.raises(ModelError, match="no revolute or prismatic joint"):
+        Model.load(bad(tmp_path, "<robot name='x'><link name='a'/></robot>"))
+    with pytest.raises(ModelError, match="joints: the model has no joint 'knee'; its joints are rail, shoulder, elbow"):
+        Model.load(ArmModel(model=str(chain(tmp_path)), joints=["shoulder", "knee"], tool_frame=""))
+    with pytest.raises(ModelError, match="gripper_joints: the model has no joint 'thumb'"):
+        Model.load(ArmModel(model=str(chain(tmp_path)), gripper_joints=["thumb"], tool_frame=""))
+    with pytest.raises(ModelError, match="tool_frame: the model has no frame 'panda_tcp'"):
+        Model.load(ArmModel(model=str(chain(tmp_path))))
+    with pytest.raises(ModelError, match="more than one root link: base, spare"):
+        Model.load(chain(tmp_path, f"<link name='spare'>{INERTIAL}</link>"))
+    anchored = "<link name='world'/><joint name='fix' type='fixed'><parent link='world'/><child link='base'/></joint>"
+    Model.load(chain(tmp_path, anchored))
+    with pytest.raises(ModelError, match="X_WB"):
+        Model.load(ArmModel(model=str(chain(tmp_path, anchored)), X_WB=Pose([1.0, 0.0, 0.0]), tool_frame=""))
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "effects.yaml").write_text("model: gone.urdf\n")
+    with pytest.raises(ModelError, match=r"gone\.urdf"):
+        Model.load(tmp_path / "folder")
+    (tmp_path / "folder" / "effects.yaml").write_text("modle: gone.urdf\n")
+    with pytest.raises(ModelError, match="modle"):
+        Model.load(tmp_path / "folder")
+
+
+MODEL = Model.load(scenario.ArmModel(model="arms/panda_hand.urdf"))

@@ -1,0 +1,1 @@
+"""The drift monitor: its statistics, their thresholds, and the alarms that they raise."""

@@ -1,0 +1,87 @@
+"""A joint that moves although the torque known to act on it is less than what holds it back.
+
+A motor that weakens while its joint rests, a weight that is laid on, a push: stiction hides them until the joint gives
+way, and then it may creep a milliradian before its drive catches it, too slowly and too briefly to slide (see
+`momentum_observer`). Yet while it moves with s = ±1 friction is F s, so that the torque that the model lacks, ρ, says
+all: ρ s > 0 means that it moves though it should not.
+
+One-sided: what holds a slow joint back beyond F, as Stribeck's law has it, makes ρ s < 0. Friction that rises smoothly
+with speed makes ρ s > 0 in every slow move, so how large ρ s is in slow moves while nothing is wrong is learnt of each
+joint. And the joint must have come some way: where it rested or turned it yields a little before it slides (Dahl).
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from twin_diagram.estimation.drift import learned_threshold
+from twin_diagram.signals.layouts import Array
+
+FORGETTING: Final = 0.8
+"""λ per message: 5 messages."""
+FAR_ENOUGH: Final = 3e-4
+"""Over this way dry friction has built up where a joint rested or turned round: most of it is in the motor, which turns
+a hundred times as far [rad]."""
+LONG_ENOUGH: Final = 5
+"""And it has moved for so many messages."""
+LEAST: Final = 20
+"""Slow messages of a joint before it is tested."""
+MEMORY: Final = 20_000.0
+"""Slow messages over which normal operation is averaged."""
+NEAR: Final = 0.5
+"""What is beyond this share of its threshold is no lesson."""
+SIZE: Final = 6
+"""Numbers that are remembered of each joint."""
+
+
+def follow(
+    memory: Array,
+    q: Array,
+    v: Array,
+    rho: Array,
+    creeps: float,
+    slow: np.ndarray,
+    floor: Array,
+    sigma: float,
+    calm: bool,
+) -> tuple[Array, Array]:
+    """Takes in a message.
+
+    Args:
+        memory: (`SIZE`, n) in place: where the movement began [rad], messages in its direction (signed), low-passed ρ;
+            messages learnt from, mean and variance of ρ s.
+        q: (n,) [rad].
+        v: (n,) [rad/s].
+        rho: (n,) torque that the model lacks [N·m], friction taken as F sgn v.
+        creeps: a joint slower than this rests [rad/s].
+        slow: (n,) which joints are tested, and learnt from: those that do not slide.
+        floor: (n,) σ of ρ s is never taken for less [N·m].
+        sigma: k of the threshold.
+        calm: whether nothing is wrong.
+
+    Returns:
+        (n,) statistics over their thresholds, 0 where nothing is tested, and (n,) ρ beyond what is usual [N·m].
+    """
+    begin, run, low, count, mean, variance = memory
+    way = np.where(np.abs(v) > creeps, np.sign(v), 0.0)
+    goes_on = (way != 0.0) & (np.sign(run) == way)
+    begin[:] = np.where(goes_on, begin, q)
+    run[:] = np.where(goes_on, run + way, way)
+    low[:] = np.where(goes_on, FORGETTING * low + (1.0 - FORGETTING) * rho, rho)
+    moving = slow & (np.abs(run) >= LONG_ENOUGH) & ((q - begin) * way >= FAR_ENOUGH)
+    if not moving.any():
+        return np.zeros(len(q)), low
+    beyond = low * way - mean
+    least = np.maximum(variance, floor**2)
+    found = np.maximum(beyond, 0.0) / learned_threshold.threshold(0.0, least, sigma, count * (1.0 - FORGETTING))
+    known = count >= LEAST
+    lesson = moving & calm & (~known | (found < NEAR))
+    if lesson.any():
+        more = np.minimum(count[lesson] + 1.0, MEMORY)
+        count[lesson] = more
+        mean[lesson] += beyond[lesson] / more
+        after = low[lesson] * way[lesson] - mean[lesson]
+        variance[lesson] += (beyond[lesson] * after - variance[lesson]) / more
+    return np.where(moving & known, found, 0.0), beyond * way

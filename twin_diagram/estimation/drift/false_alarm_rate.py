@@ -1,0 +1,124 @@
+"""How far each test's threshold must be widened so that false alarms stay as rare as was asked for.
+
+A threshold of μ + kσ says nothing of how often it is crossed: statistics are correlated in time, there are many of
+them, and what a model gets wrong makes their tails heavier than a Gaussian's. So each test's statistic, over its
+threshold, is watched for as long as nothing is wrong: its largest value in each `BLOCK` is one witness, alike in time
+or not. Of N blocks n were above `HIGH`, by β on average; with an exponential tail beyond, the rate of peaks over
+threshold is
+
+    rate(u) = (n / N) exp(−(u − HIGH) / β) / BLOCK,
+
+and the margin u is where that is this test's share of the rate that was asked for. A statistic counts over its margin.
+Peaks over threshold: Pickands, "Statistical inference using extreme order statistics", Ann. Statist. 1975; the
+exponential is the tail of squared Gaussians, and heavier than that of Gaussians.
+
+Before much was seen, a prior worth `PRIOR_BLOCKS` speaks. A block is learnt from only `DELAY` blocks later, and not at
+all where an alarm came in between, or what grows slowly would teach its own threshold.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from twin_diagram.errors import ScenarioError
+from twin_diagram.signals.layouts import Array
+
+BLOCK: Final = 1.0
+"""Over this time the largest statistic is taken [s]."""
+HIGH: Final = 0.7
+"""Peaks above this share of a threshold tell its tail."""
+DELAY: Final = 16
+"""Blocks after which one is learnt from."""
+PRIOR_BLOCKS: Final = 30.0
+PRIOR_PEAKS: Final = 3.0
+PRIOR_MARGIN: Final = 1.0
+"""Before anything is known, as many blocks had as many peaks, and the margin is this."""
+WIDEST: Final = 2.0
+"""No margin is wider: a test that needs more is not worth its name, and its false alarms say so."""
+MEMORY: Final = 20_000.0
+"""Blocks over which the tail is averaged."""
+_HEAD: Final = 5  # largest in this block, blocks, peaks, sum of what peaks were above `HIGH`, the margin
+_NONE: Final = -1.0
+
+
+class FalseRate:
+    """The margins of several tests; what it remembers is a flat vector that its caller keeps.
+
+    Attributes:
+        size: of that vector.
+    """
+
+    def __init__(self, tests: int, rate: float) -> None:
+        """Lays the vector out.
+
+        Args:
+            tests: how many.
+            rate: false alarms of all together that are accepted [1/h].
+
+        Raises:
+            ScenarioError: a rate that is not positive and finite; none at all would take no alarm at all.
+        """
+        if not 0.0 < rate < np.inf:
+            raise ScenarioError("twin.drift.false_alarms", f"{rate} per hour: it must be positive and finite")
+        self.tests = tests
+        self.size = 1 + tests * (_HEAD + DELAY)
+        self._per_hour = 3600.0 / BLOCK * tests / rate
+        expected = max(PRIOR_PEAKS / PRIOR_BLOCKS * self._per_hour, np.e)
+        self._prior = np.array([PRIOR_BLOCKS, PRIOR_PEAKS, PRIOR_PEAKS * (PRIOR_MARGIN - HIGH) / np.log(expected)])
+
+    def _views(self, vector: Array) -> tuple[Array, Array]:
+        """Head (tests, 5) and blocks that wait (tests, DELAY), oldest first, `_NONE` where there is none."""
+        table = vector[1:].reshape(self.tests, _HEAD + DELAY)
+        return table[:, :_HEAD], table[:, _HEAD:]
+
+    def begin(self, vector: Array) -> None:
+        """Nothing is known yet."""
+        vector[:] = 0.0
+        head, waiting = self._views(vector)
+        waiting[:] = _NONE
+        head[:, 4] = self._margins(head)
+
+    def _margins(self, head: Array) -> Array:
+        blocks, peaks, beyond = (head[:, 1:4] + self._prior).T
+        wanted = np.log(np.maximum(peaks / blocks * self._per_hour, 1.0))
+        return np.asarray(np.clip(HIGH + beyond / peaks * wanted, 1.0, WIDEST))
+
+    def take(self, vector: Array, test: int, statistic: float) -> float:
+        """Takes in a test's statistic over its threshold; answers it over its margin as well."""
+        largest = 1 + test * (_HEAD + DELAY)
+        vector[largest] = max(vector[largest], min(statistic, WIDEST))
+        return statistic / float(vector[largest + 4])
+
+    def margin(self, vector: Array, test: int) -> float:
+        """By how much a test's threshold is widened, 1 to `WIDEST`."""
+        return float(self._views(vector)[0][test, 4])
+
+    def turn_over(self, vector: Array, t: float, calm: bool) -> None:
+        """Ends the block where it is time to.
+
+        Args:
+            vector: (size,) in place.
+            t: now [s].
+            calm: whether tests are armed and no alarm stands; what was seen of late counts for nothing otherwise.
+        """
+        if calm and 0.0 <= t - vector[0] < BLOCK:
+            return
+        head, waiting = self._views(vector)
+        if not calm:
+            head[:, 0], waiting[:], vector[0] = 0.0, _NONE, t
+            return
+        vector[0] = t
+        learnt = waiting[:, 0].copy()
+        waiting[:, :-1] = waiting[:, 1:]
+        waiting[:, -1] = head[:, 0]
+        head[:, 0] = 0.0
+        if learnt[0] < 0.0:
+            return
+        above = np.maximum(learnt - HIGH, 0.0)
+        head[:, 1:4] *= np.where(head[:, 1:2] >= MEMORY, 1.0 - 1.0 / MEMORY, 1.0)
+        head[:, 1] += 1.0
+        head[:, 2] += above > 0.0
+        head[:, 3] += above
+        head[:, 4] = self._margins(head)

@@ -1,0 +1,104 @@
+"""Tests at the filter's rate: NIS as an average, as Page's sum and in a row, and a torque that began and stays.
+
+A threshold is μ + kσ of normal operation (Hybrid Reality Twins, section 3.4), wider where that was learnt from little
+(`learned_threshold`), and never within what the filter itself claims: an innovation that its covariance allows is no
+drift.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from twin_diagram.estimation.drift import learned_threshold, likelihood_ratio
+from twin_diagram.estimation.drift.state import DriftState, Entry
+from twin_diagram.signals.layouts import Array
+
+WINDOW: Final = 0.1
+"""Time over which NIS is averaged [s]."""
+SPIKE: Final = 0.5
+"""One message moves the average by no more than this share of the way to its threshold: a spike alone is no drift."""
+FAR: Final = 10.0
+"""A message whose NIS is this many times what is normal is far off."""
+IN_A_ROW: Final = 1.5
+"""More messages in a row that are far off are no spike: an encoder jumped, say."""
+TOLERANCE: Final = 2.5
+"""NIS may be this many times what the filter claims, or what it was in the little time in which normal operation was
+learnt: a covariance is hardly ever better known, and quick motion strains every model. An arm that sped up in all its
+joints at once was seen at 2.1 for a third of a second."""
+SLACK: Final = 0.5
+"""The cumulative sum forgives this many standard deviations per message."""
+JUMP: Final = 2.0
+"""It alarms at this many k standard deviations."""
+
+
+def innovation_test(
+    state: DriftState, nis: float, white: Array | None, dt: float, sigma: float, learning: bool, armed: bool
+) -> float:
+    """Takes in a message; answers the largest statistic over its threshold, 0 before normal operation is known.
+
+    Messages in a row that are far off are another test: see `in_a_row`.
+
+    Args:
+        state: of the monitor.
+        nis: of the message, 2n degrees of freedom.
+        white: (n,) whitened innovation of the joints' torques; None: no change test.
+        dt: since the message before [s].
+        sigma: k.
+        learning: whether this is normal operation, to be learnt.
+        armed: whether it is known.
+    """
+    h = state.header
+    n = state.sums.shape[1]
+    dof = 2.0 * n
+    blend = min(dt / WINDOW, 1.0)
+    usual = max(dof, h[Entry.MEAN])
+    capped = min(nis, usual + SPIKE * sigma * np.sqrt(dof / blend))
+    h[Entry.LOUD] = h[Entry.LOUD] + 1.0 if nis > FAR * usual else 0.0
+    h[Entry.NIS] += blend * (capped - h[Entry.NIS])
+    changes = None if white is None else likelihood_ratio.follow(state.sums, white)
+    mean, squares = state.change
+    if learning:
+        h[Entry.COUNT] += 1
+        before = h[Entry.NIS] - h[Entry.MEAN]
+        h[Entry.MEAN] += before / h[Entry.COUNT]
+        h[Entry.SQUARES] += before * (h[Entry.NIS] - h[Entry.MEAN])
+        h[Entry.SPREAD] += (capped - h[Entry.MEAN]) ** 2
+        if changes is not None:
+            beyond = changes - mean
+            mean += beyond / h[Entry.COUNT]
+            squares += beyond * (changes - mean)
+        return 0.0
+    if not armed:
+        return 0.0
+    count = max(h[Entry.COUNT], 1.0)
+    # Averaging over a window of W messages leaves 1/(2W) of the variance; white innovations of the claimed
+    # covariance have mean 2n and variance 4n.
+    claimed = TOLERANCE * dof + sigma * np.sqrt(2.0 * dof * 0.5 * blend)
+    witnesses = h[Entry.NORMAL] / learned_threshold.WITNESS
+    threshold = max(learned_threshold.threshold(h[Entry.MEAN], h[Entry.SQUARES] / count, sigma, witnesses), claimed)
+    level = TOLERANCE * usual
+    spread = np.sqrt(max(h[Entry.SPREAD] / count, 2.0 * dof))
+    h[Entry.SUM] = max(0.0, h[Entry.SUM] + min((nis - level) / spread, 0.5 * sigma) - SLACK)
+    if changes is not None:
+        usual_change = learned_threshold.threshold(mean, squares / count, sigma, witnesses)
+        h[Entry.CHANGE] = float(
+            np.max(changes / np.maximum(usual_change, likelihood_ratio.WIDER * likelihood_ratio.threshold(n)))
+        )
+    statistic = max(h[Entry.NIS] / threshold, h[Entry.SUM] / (JUMP * sigma), h[Entry.CHANGE])
+    h[Entry.SUM] = min(h[Entry.SUM], 2.0 * JUMP * sigma)
+    return float(statistic)
+
+
+def in_a_row(state: DriftState) -> float:
+    """How many messages in a row are far off, over how many may be."""
+    return float(min(state.header[Entry.LOUD] / IN_A_ROW, 2.0))
+
+
+def forget(state: DriftState) -> None:
+    """What was measured against another model says nothing now; what is normal stays as it was learnt."""
+    h = state.header
+    h[Entry.NIS] = min(h[Entry.NIS], h[Entry.MEAN] if h[Entry.COUNT] else 2.0 * state.sums.shape[1])
+    h[[Entry.SUM, Entry.CHANGE, Entry.LOUD]] = 0.0
+    state.sums[:] = 0.0

@@ -1,0 +1,163 @@
+"""A momentum observer beside the filter: a torque on a sliding joint that it did not have before.
+
+What the filter cannot tell from friction, it takes for friction: when a joint starts, turns round or stops, friction
+may be anything within its uncertainty, and a motor that weakens just then passes for it. Yet while a joint slides, the
+torque that the model lacks,
+
+    ρ = M(q) Δv/Δt + b(q, v) + F sgn v − τ,
+
+says every time much the same for each joint and direction, for friction's error is a constant: its mean μ and spread σ
+there are learnt for as long as nothing is wrong, and far narrower than friction's uncertainty. A low-passed ρ that
+leaves μ ± kσ of its joint and direction is an alarm that names the joint. A motor that gives a share g of what is
+logged shows as ρ = (g − 1) τ, and so does every other torque that nobody told of.
+
+Joints that move but do not slide yet are for `breakaway`.
+
+The sum over messages of M Δv telescopes, so that only the ends' noise counts: De Luca and Mattone, "Actuator failure
+detection and isolation using generalized momenta", ICRA 2003.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from twin_diagram.estimation.drift import breakaway, learned_threshold
+from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
+from twin_diagram.estimation.dynamics.parameters import ParameterSet
+from twin_diagram.scenario import Filter
+from twin_diagram.signals.layouts import Array
+
+FORGETTING: Final = 0.85
+"""λ per message: 6 messages."""
+SLIDES: Final = 0.03
+"""Joints as fast as this slide, for certain [rad/s]."""
+SURE: Final = 5.0
+"""And as fast as this many standard deviations of the speeds' sensor: a filter that hears a joint through noise finds
+out late that it has started."""
+SEEN: Final = 2.0
+"""Joints as fast as this many of those deviations move, if not for certain: an estimated speed is better than one that
+was measured."""
+BEGUN: Final = 8
+"""Messages that a joint must have slid before anything is learnt or tested: friction builds up over a small angle."""
+LEAST: Final = 100
+"""Messages of a joint and direction before it is tested."""
+MEMORY: Final = 60_000.0
+"""Messages over which normal operation is averaged."""
+NEAR: Final = 0.5
+"""What is beyond this share of its threshold is no lesson."""
+SHARE: Final = 0.04
+"""σ is never taken for less than this share of the level of dry friction."""
+WHITE: Final = 0.3
+"""Nor for less than this share of the filter's white unmodelled torque: what is left of it after low-pass."""
+
+
+LARGEST: Final = 1e6
+"""No ρ counts for more [N·m]."""
+
+
+class TorqueTest:
+    """The test of one arm; what it remembers is a flat vector that its caller keeps.
+
+    Attributes:
+        size: of that vector.
+    """
+
+    def __init__(self, terms: ArmTerms, parameters: ParameterSet, tuning: Filter, sigma: float) -> None:
+        """Keeps what it needs of the arm.
+
+        Args:
+            terms: the arm.
+            parameters: what θ means.
+            tuning: of the filter.
+            sigma: k.
+        """
+        self._terms, self._parameters, self._sigma = terms, parameters, sigma
+        self._slides = max(SLIDES, SURE * tuning.velocity_std)
+        self._floor = np.hypot(WHITE * tuning.torque_std, tuning.torque_drift_std)
+        self._each = np.arange(terms.n)
+        self._creeps = max(tuning.excitation, SEEN * tuning.velocity_std)
+        self.size = 1 + (10 + breakaway.SIZE) * terms.n
+
+    def begin(self, vector: Array) -> None:
+        """Another model is used: what the old one lacked says nothing now."""
+        vector[:] = 0.0
+
+    def follow(
+        self, vector: Array, x: Array, theta: Array, tau: Array, t: float, learning: bool, armed: bool
+    ) -> tuple[float, int, float]:
+        """Takes in a message.
+
+        Args:
+            vector: (size,) in place.
+            x: (2n,) x̂ at t.
+            theta: (p,) θ̂.
+            tau: (n,) measured torques, mean since the message before [N·m].
+            t: of x̂ [s].
+            learning: whether nothing is wrong.
+            armed: whether alarms may be raised.
+
+        Returns:
+            The largest statistic over its threshold, 0 where nothing is tested; its joint, by index, or −1; and the
+            torque that joint has gained [N·m].
+        """
+        n, before = self._terms.n, vector[0]
+        past, low, run = vector[1 : 1 + 2 * n], vector[1 + 2 * n : 1 + 3 * n], vector[1 + 3 * n : 1 + 4 * n]
+        count, mean, squares = vector[1 + 4 * n : 1 + 10 * n].reshape(3, 2, n)
+        creep = vector[1 + 10 * n :].reshape(breakaway.SIZE, n)
+        dt = t - before
+        vector[0] = t
+        if before <= 0.0 or not 1e-6 < dt < 0.25:
+            past[:] = x
+            run[:] = 0.0
+            creep[1] = 0.0
+            return 0.0, -1, 0.0
+        rho, level = self._unmodelled(past, x, theta, tau, dt)
+        v = x[n:]
+        past[:] = x
+        way = np.where(np.abs(v) > self._slides, np.sign(v), 0.0)
+        run[:] = np.where((way != 0.0) & (np.sign(run) == way), run + way, way)
+        low[:] = np.where(np.abs(run) <= 1.0, rho, FORGETTING * low + (1.0 - FORGETTING) * rho)
+        sliding = np.abs(run) >= BEGUN
+        floor = np.hypot(SHARE * level, self._floor)
+        starts, gained = breakaway.follow(creep, x[:n], v, rho, self._creeps, ~sliding, floor, self._sigma, learning)
+        if not sliding.any():
+            return self._largest(starts, gained, armed)
+        at = ((run < 0.0).astype(int), self._each)
+        beyond = low - mean[at]
+        # Messages are no independent witnesses: a low pass makes them alike.
+        variance = np.maximum(squares[at], floor**2)
+        found = np.abs(beyond) / learned_threshold.threshold(0.0, variance, self._sigma, count[at] * (1.0 - FORGETTING))
+        known = count[at] >= LEAST
+        lesson = sliding & learning & (~known | (found < NEAR))
+        if lesson.any():
+            there = (at[0][lesson], self._each[lesson])
+            count[there] = np.minimum(count[there] + 1.0, MEMORY)
+            mean[there] += beyond[lesson] / count[there]
+            squares[there] += (beyond[lesson] * (low[lesson] - mean[there]) - squares[there]) / count[there]
+        found = np.where(sliding, np.where(known, found, 0.0), starts)
+        return self._largest(found, np.where(sliding, beyond, gained), armed)
+
+    @staticmethod
+    def _largest(found: Array, gained: Array, armed: bool) -> tuple[float, int, float]:
+        joint = int(np.argmax(found))
+        if not armed or found[joint] <= 0.0:
+            return 0.0, -1, 0.0
+        return float(found[joint]), joint, float(gained[joint])
+
+    def _unmodelled(self, past: Array, x: Array, theta: Array, tau: Array, dt: float) -> tuple[Array, Array]:
+        """ρ (n,) and the level of dry friction (n,) [N·m]."""
+        terms, parameters, n = self._terms, self._parameters, self._terms.n
+        terms.set_payload(parameters.payload_of(theta))
+        q, v = terms.true_position(0.5 * (past[:n] + x[:n])), 0.5 * (past[n:] + x[n:])
+        forward, backward = terms.dry(q, v, tau)
+        change = parameters.dry(theta)
+        forward, backward = np.maximum(forward + change, 0.0), np.maximum(backward + change, 0.0)
+        friction = np.where(v > 0.0, forward, -backward)
+        viscous = (parameters.viscous(theta, terms.damping) - terms.damping) * v
+        needed = terms.inverse_dynamics(q, v, (x[n:] - past[n:]) / dt) + friction + viscous
+        if terms.laws.load is not None:
+            needed += terms.laws.load(q, v, tau)
+        rho = needed - terms.applied(tau) - parameters.push(theta, tau)
+        return np.maximum(np.minimum(rho, LARGEST), -LARGEST), 0.5 * (forward + backward)

@@ -1,0 +1,233 @@
+"""Notices when model and measurement part ways, usable without any Diagram.
+
+Tests run side by side:
+
+- **innovation**, at the filter's rate: NIS and a torque that begins and stays (`innovation_statistic`), and torques on
+  sliding joints that were not there before (`momentum_observer`);
+- **rollout**, every `Drift.period`: the model runs ahead for `Drift.horizon` (`rollout_statistic`);
+- **sensor**, at each further sensor's rate: whether it parts ways with the rest (`sensor_consistency`).
+
+Thresholds are μ + kσ of normal operation (Hybrid Reality Twins, section 3.4, "Threshold Selection"), but never within
+what the filter itself claims, and all are widened as far as the rate of false alarms asks for (`false_alarm_rate`).
+Normal operation begins when the parameters have settled, so a payload that is being learnt is neither an alarm nor a
+lesson.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from twin_diagram.estimation.drift import alarm_lifecycle, innovation_statistic, likelihood_ratio
+from twin_diagram.estimation.drift.false_alarm_rate import FalseRate
+from twin_diagram.estimation.drift.momentum_observer import TorqueTest
+from twin_diagram.estimation.drift.rollout_statistic import RolloutTest
+from twin_diagram.estimation.drift.sensor_consistency import CrossCheck
+from twin_diagram.estimation.drift.state import RING, DriftState, Entry, Evidence
+from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
+from twin_diagram.estimation.dynamics.parameters import ParameterSet
+from twin_diagram.estimation.filter.sensor_registry import FilterError
+from twin_diagram.scenario import Drift, Filter
+from twin_diagram.signals.layouts import ALARM_SIZE, NEVER, AlarmKind, Array
+
+__all__ = ["RING", "Entry", "Evidence", "Monitor"]
+
+SETTLING: Final = 0.25
+"""Parameters have settled when they change by less than `SETTLED` of their prior's deviation in this time [s]."""
+SETTLED: Final = 0.05
+PATIENCE: Final = 5.0
+"""After this many learning times normal operation is taken for granted: a model may never settle."""
+LONGEST_GAP: Final = 0.25
+"""A longer silence of the sensors ends a rollout [s]."""
+INNOVATION, TORQUE, ROLLOUT, SENSORS = range(4)
+"""Tests by the numbers that their margins have; each further sensor has one of its own."""
+
+
+class Monitor:
+    """The drift monitor of n joints and p parameters; all that it knows is one flat vector.
+
+    Attributes:
+        state: all that it knows.
+        vector: the same as one vector.
+        header: by `Entry`.
+        log: (RING, 3) time, kind and statistic of each alarm.
+        evidence: (RING, len(Evidence) + n) of each alarm, by `Evidence`, then each joint's share of the change, in
+            standard deviations.
+        sensors: names of the further sensors that are cross-checked.
+    """
+
+    def __init__(self, terms: ArmTerms, drift: Drift, tuning: Filter, sensors: Mapping[str, int] | None = None) -> None:
+        """Makes one that has not heard anything yet.
+
+        Args:
+            terms: the arm.
+            drift: tuning of the monitor.
+            tuning: of the filter that it watches.
+            sensors: degrees of freedom of each further sensor whose readings it will be told of, by name.
+        """
+        self.terms, self.params = terms, drift
+        self.parameters = ParameterSet(terms, tuning)
+        self.sensors = tuple(sensors or ())
+        self._cross = CrossCheck(tuple((sensors or {}).values()), drift.sigma, drift.learning_time)
+        self._rollouts = RolloutTest(terms, self.parameters, drift, tuning)
+        self._motors = TorqueTest(terms, self.parameters, tuning, drift.sigma)
+        rows, changes = RolloutTest.rows(drift, tuning), len(likelihood_ratio.FORGETTING)
+        self._rate = FalseRate(SENSORS + len(self.sensors), drift.false_alarms)
+        sizes = self._cross.size, self._motors.size, self._rate.size
+        self.state = DriftState(terms.n, self.parameters.size, changes, rows, *sizes)
+        self._rate.begin(self.state.margins)
+        self.vector: Any = self.state.vector
+        self.header, self.log, self.evidence = self.state.header, self.state.log, self.state.evidence
+
+    @property
+    def armed(self) -> bool:
+        """Whether normal operation has been learnt."""
+        return bool(self.header[Entry.NORMAL] >= self.params.learning_time)
+
+    @property
+    def active(self) -> bool:
+        """Whether an alarm stands."""
+        return alarm_lifecycle.stands(self.state)
+
+    def alarm(self) -> Array:
+        """(4,): active, `AlarmKind`, time raised [s], statistic over threshold."""
+        h = self.header
+        result = np.array([float(self.active), h[Entry.KIND], h[Entry.RAISED], h[Entry.STATISTIC]])
+        assert len(result) == ALARM_SIZE
+        return result
+
+    def observe(
+        self,
+        state: Array,
+        theta: Array,
+        nis: float,
+        q: Array,
+        tau: Array,
+        t: float,
+        state_time: float | None = None,
+        innovation: Array | None = None,
+    ) -> None:
+        """Takes in what the filter made of a message. What is not new or not finite is left out.
+
+        Args:
+            state: (2n,) x̂.
+            theta: (p,) θ̂.
+            nis: of the message, 2n degrees of freedom.
+            q: (n,) measured positions [rad].
+            tau: (n,) measured torques [N·m].
+            t: measurement time [s].
+            state_time: that x̂ belongs to [s]; t where None.
+            innovation: (n,) whitened; the change test is left out where None.
+        """
+        h = self.header
+        state_time = t if state_time is None else state_time
+        said = np.concatenate([state, theta, q, tau] if innovation is None else [state, theta, q, tau, innovation])
+        sound = np.abs(said).max() < 1e6 and 0.0 <= nis < np.inf and 0.0 <= t < np.inf  # NaN compares false
+        if not sound or t == h[Entry.TIME]:
+            return
+        if h[Entry.SINCE] < 0.0:
+            h[Entry.SINCE] = h[Entry.CHECKED] = t
+            h[Entry.NEXT] = t + SETTLING
+            h[Entry.NIS] = min(nis, 2.0 * self.terms.n)
+            self.state.checked[:] = theta
+            h[Entry.TIME] = t
+            return
+        dt = t - h[Entry.TIME]
+        if not 0.0 < dt <= LONGEST_GAP:
+            # A gap, or a clock set back: what came before does not join up with what comes now.
+            self._resume(theta, t)
+            return
+        h[Entry.TIME] = t
+        self._settle(theta, t)
+        learning = bool(h[Entry.SETTLED]) and not self.armed
+        if learning:
+            h[Entry.NORMAL] += dt
+        alarm_lifecycle.turn_over(self.state, t)
+        k, armed = self.params.sigma, self.armed
+        margins = self.state.margins
+        self._rate.turn_over(margins, t, armed and not self.active)
+        found = innovation_statistic.innovation_test(self.state, nis, innovation, dt, k, learning, armed)
+        found = self._rate.take(margins, INNOVATION, found)
+        if armed:
+            found = max(found, innovation_statistic.in_a_row(self.state))
+        calm = bool(h[Entry.SETTLED]) and found < 1.0 and not self.active
+        gained, joint, torque = self._motors.follow(self.state.motors, state, theta, tau, state_time, calm, armed)
+        gained = self._rate.take(margins, TORQUE, gained)
+        named = (joint, torque) if gained > 1.0 else None
+        found = max(found, gained)
+        alarm_lifecycle.note(self.state, found)
+        if found > 1.0:
+            alarm_lifecycle.raise_alarm(self.state, AlarmKind.INNOVATION, t, found, dt=dt, gained=named)
+        elif armed and not learning and h[Entry.ALARMS] > 0 and t < h[Entry.QUIET]:
+            alarm_lifecycle.reshape(self.state)
+        found = self._rollouts.follow(self.state, state, theta, q, tau, t, state_time, learning, armed)
+        found = self._rate.take(margins, ROLLOUT, found)
+        if found > 1.0:
+            alarm_lifecycle.raise_alarm(self.state, AlarmKind.ROLLOUT, t, found, longer=self.params.period)
+
+    def reading(self, sensor: str, white: Array, accepted: bool) -> None:
+        """Takes in what the filter made of a further sensor's reading, after the message that came before it.
+
+        Args:
+            sensor: its name.
+            white: whitened innovation, one number for each degree of freedom.
+            accepted: whether the filter used it.
+
+        Raises:
+            FilterError: a sensor that the monitor was not made for, or another number of degrees of freedom.
+        """
+        if sensor not in self.sensors:
+            known = ", ".join(self.sensors) or "none"
+            raise FilterError(f"a sensor {sensor!r} that the monitor was not told of; it knows {known}")
+        index, white = self.sensors.index(sensor), np.asarray(white, dtype=float)
+        if white.shape != (self._cross.sizes[index],):
+            raise FilterError(f"{sensor}: {white.shape} innovations where {self._cross.sizes[index]} are expected")
+        t = float(self.header[Entry.TIME])
+        if t <= 0.0:
+            return
+        found = self._cross.follow(self.state.sensors, index, white, accepted, t, not self.active)
+        found = self._rate.take(self.state.margins, SENSORS + index, found)
+        alarm_lifecycle.note(self.state, found)
+        if found > 1.0:
+            alarm_lifecycle.raise_alarm(self.state, AlarmKind.SENSOR, t, found, sensor=index)
+
+    def begin_anew(self) -> None:
+        """The model was corrected: what was measured against the old one says nothing now.
+
+        What normal operation looks like stays as it was learnt: a model that is right again is held to the same band.
+        Only the torque that each joint lacks is learnt anew: it is the model's own.
+        An alarm that stands ends; one that the corrected model deserves comes back.
+        """
+        h = self.header
+        self._resume(self.parameters.mean, float(h[Entry.TIME]))
+        h[Entry.QUIET] = min(h[Entry.QUIET], h[Entry.TIME])
+        h[Entry.NEXT] += SETTLING
+        h[[Entry.ROLLOUT, Entry.TENTH, Entry.TENTHS]] = 0.0
+        innovation_statistic.forget(self.state)
+        self._cross.begin(self.state.sensors)
+        self._motors.begin(self.state.motors)
+
+    # Details.
+
+    def _resume(self, theta: Array, t: float) -> None:
+        h = self.header
+        h[[Entry.TIME, Entry.CHECKED, Entry.NEXT]] = t
+        h[Entry.STARTED] = NEVER
+        h[Entry.SETTLED] = 0.0
+        h[Entry.SINCE] = min(h[Entry.SINCE], t)
+        h[Entry.QUIET] = min(h[Entry.QUIET], t + alarm_lifecycle.HOLD)
+        self.state.checked[:] = theta
+
+    def _settle(self, theta: Array, t: float) -> None:
+        h = self.header
+        if t - h[Entry.CHECKED] < SETTLING:
+            return
+        calm = bool(np.all(np.abs(theta - self.state.checked) <= SETTLED * self.parameters.scale))
+        late = t - h[Entry.SINCE] > PATIENCE * self.params.learning_time
+        h[Entry.SETTLED] = float(calm or late)
+        if not calm and t < h[Entry.QUIET]:
+            h[Entry.MOVED] = 1.0
+        h[Entry.CHECKED] = t
+        self.state.checked[:] = theta

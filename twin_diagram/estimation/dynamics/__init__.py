@@ -1,0 +1,1 @@
+"""What the filter knows of the arm: its dynamics, their derivatives and learned parameters."""

@@ -1,0 +1,156 @@
+"""One step of the arm's motion under measured torque, and its derivatives.
+
+They are f(x, u, θ) and F of section 3.2 of Hybrid Reality Twins.
+
+Friction is taken implicitly. With the mid-point position q̄ = q + v dt/2 and viscous coefficients D,
+
+    (M + dt (D + K)) v⁺ = M v + dt (τ + d − b(q̄, v) + D v),      q⁺ = q + dt (v + v⁺)/2,
+
+where K = diag(F_i / √(v*_i² + s²)) is the secant of dry friction of level F_i at v*, first v and then the v⁺ so
+found, with s the speed below which a joint counts as stuck. A secant is never negative, not even where Stribeck
+friction falls with speed, so the step cannot blow up however large F dt is against the joint's inertia: it stops a
+joint instead of throwing it to the other side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
+from twin_diagram.estimation.dynamics.parameters import ParameterSet
+from twin_diagram.estimation.dynamics.positive_definite import solve_positive
+from twin_diagram.signals.layouts import Array
+
+STUCK_SPEED: Final = 1e-3
+"""s above: a joint creeps this fast, times load over level, while dry friction holds it [rad/s]."""
+_ITERATIONS: Final = 3
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step and what its derivatives need.
+
+    Attributes:
+        q, v: (n,) after the step [rad], [rad/s].
+        middle: (n,) q̄, as true positions [rad].
+        a: (n,) mean acceleration over the step [rad/s²].
+        mass: M(q̄) (n, n) [kg·m²].
+        drag: (n,) slope of all friction at v⁺, never negative [N·m·s/rad].
+    """
+
+    q: Array
+    v: Array
+    middle: Array
+    a: Array
+    mass: Array
+    drag: Array
+
+
+@dataclass(frozen=True)
+class Jacobians:
+    """Derivatives of (q⁺, v⁺).
+
+    Attributes:
+        state: (2n, 2n) with respect to (q, v).
+        torque: (2n, n) with respect to a torque on the joints.
+        parameters: (2n, p) with respect to θ.
+    """
+
+    state: Array
+    torque: Array
+    parameters: Array
+
+
+def step(
+    terms: ArmTerms,
+    parameters: ParameterSet,
+    q: Array,
+    v: Array,
+    theta: Array,
+    tau: Array,
+    disturbance: Array,
+    dt: float,
+    dry: tuple[Array, Array] | None = None,
+) -> Step:
+    """Moves the arm on by dt.
+
+    Args:
+        terms: the arm.
+        parameters: what θ means.
+        q: (n,) [rad].
+        v: (n,) [rad/s].
+        theta: (p,).
+        tau: (n,) motor torque, the mean over the step [N·m].
+        disturbance: (n,) further torque on the joints [N·m].
+        dt: [s].
+        dry: bounds of dry friction, where they are known already.
+    """
+    terms.set_payload(parameters.payload_of(theta))
+    middle = q + (0.5 * dt) * v
+    there = terms.true_position(middle)
+    viscous = parameters.viscous(theta, terms.damping)
+    push = terms.applied(tau) + parameters.push(theta, tau) + disturbance - terms.load(there, v, tau)
+    mass = terms.mass_matrix(there)
+    push = mass @ v + dt * (push + terms.damping * v)
+    forward, backward = dry or terms.dry(there, v, tau)
+    change = parameters.dry(theta)
+    forward, backward = np.maximum(forward + change, 0.0), np.maximum(backward + change, 0.0)
+    system = mass.copy()
+    at = v
+    for _ in range(_ITERATIONS):
+        level = np.where(at > 0.0, forward, backward)
+        width = at * at + STUCK_SPEED**2
+        secant = level / np.sqrt(width)
+        system.flat[:: terms.n + 1] = mass.diagonal() + dt * (viscous + secant)
+        at = solve_positive(system, push)
+    drag = viscous + secant * (STUCK_SPEED**2 / width)
+    return Step(q=q + (0.5 * dt) * (v + at), v=at, middle=there, a=(at - v) / dt, mass=mass, drag=drag)
+
+
+def jacobians(
+    terms: ArmTerms,
+    parameters: ParameterSet,
+    moved: Step,
+    v: Array,
+    theta: Array,
+    dt: float,
+    acceleration: Array,
+    tau: Array | None = None,
+    sliding: Array | None = None,
+) -> Jacobians:
+    """Derivatives of a step by the implicit function theorem, inverse dynamics by forward differences.
+
+    Args:
+        terms: the arm.
+        parameters: what θ means.
+        moved: the step.
+        v: (n,) before it [rad/s].
+        theta: (p,).
+        dt: [s].
+        acceleration: (n,) as observed. A load that θ does not know of yet makes the predicted acceleration wrong, and a
+            regressor that held it would teach wrong parameters for good [rad/s²].
+        tau: (n,) motor torque, for parameters that depend on it; zeros where None [N·m].
+        sliding: (n,) how sure it is that a joint slides, from 0 to 1; None: that they all do.
+    """
+    n = terms.n
+    terms.set_payload(parameters.payload_of(theta))
+    by_q, by_v = terms.derivatives(moved.middle, v, moved.a)
+    Y = parameters.regressor(terms, moved.middle, v, acceleration, np.zeros(n) if tau is None else tau, sliding)
+    system = moved.mass.copy()
+    system[np.diag_indices(n)] += dt * moved.drag
+    right = np.empty((n, 3 * n + parameters.size))
+    right[:, :n] = -dt * by_q
+    right[:, n : 2 * n] = moved.mass - dt * by_v - (0.5 * dt * dt) * by_q
+    right[:, n : 2 * n].flat[:: n + 1] += dt * terms.damping
+    right[:, 2 * n : 3 * n].fill(0.0)
+    right[:, 2 * n : 3 * n].flat[:: n + 1] = dt
+    right[:, 3 * n :] = -dt * Y
+    velocity = solve_positive(system, right)
+    position = (0.5 * dt) * velocity
+    position[:, :n].flat[:: n + 1] += 1.0
+    position[:, n : 2 * n].flat[:: n + 1] += 0.5 * dt
+    whole = np.concatenate([position, velocity])
+    return Jacobians(whole[:, : 2 * n], whole[:, 2 * n : 3 * n], whole[:, 3 * n :])

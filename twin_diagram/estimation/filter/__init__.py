@@ -1,0 +1,1 @@
+"""The adaptive EKF: prediction, fusion, and how it follows noise, disturbances and parameters."""

@@ -1,0 +1,133 @@
+"""The torque that the model does not know of, and why a filter must not learn what the motion does not excite.
+
+Besides white noise, each joint carries a disturbance torque d, above all the error of its friction model.
+
+- A joint that **rests** may hold back any torque up to the level F of its stiction. Its d is one unknown constant of
+  standard deviation F that follows whatever the controller does below stiction and is never drawn back: the resting arm
+  tells its load to within stiction, once, and however long it rests nothing more is learnt, since nothing averages out.
+- A joint that **slides** has a small d, a share of F and `Filter.torque_drift_std`, that is forgotten over
+  `Filter.torque_drift_time`. Where it turns out to be smaller still, that is learnt: see `follow_disturbance`.
+- When a joint starts, stops or turns round, d is drawn afresh and no longer correlated with anything.
+
+A joint slides when its low-passed speed exceeds `Filter.excitation`, or what the velocity sensor's noise can make of
+rest where that is more.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from scipy.special import erf
+
+from twin_diagram.estimation.filter.belief import Belief
+from twin_diagram.scenario import Filter
+from twin_diagram.signals.layouts import Array
+
+FRICTION_SHARE: Final = 0.15
+"""Standard deviation of a sliding joint's friction error, as a share of its dry friction."""
+LEARNT_SHARE: Final = 0.05
+"""The same where its level is learnt: what is left is its dependence on speed, load and angle."""
+CREEP: Final = 0.025
+"""Below this speed dry friction may hold a joint or let it go at any moment [rad/s]."""
+CREEP_SHARE: Final = 1.0
+"""Standard deviation of friction then, from one message to the next, as a share of its level."""
+UNSURE: Final = 2.0
+"""Deviations of a speed within which it may be none."""
+STICTION_TIME: Final = 0.1
+"""In this time the torque on a resting joint may change by the level of its stiction [s]."""
+SPEED_TIME: Final = 0.02
+"""Time over which speeds and accelerations are low-passed [s]."""
+
+LARGEST: Final = 9.0
+"""The square of d counts as this many times its mean at most."""
+SMALLEST: Final = -2.0 * np.log(10.0)
+"""ln of its variance's factor falls no lower."""
+MEMORY: Final = 30.0
+"""Independent values of d over which its variance is averaged at most."""
+SURE: Final = 2.0
+"""A joint slides when its low-passed speed is this many standard deviations of the velocity sensor. A resting joint
+that seemed to slide for a moment would tell its load as if friction were known, and falsely."""
+
+
+def disturbance_std(params: Filter, sliding: Array, level: Array) -> Array:
+    """Standard deviation of d (n,) [N·m].
+
+    Args:
+        params: tuning.
+        sliding: (n,) whether each joint slides.
+        level: (n,) of its dry friction [N·m].
+    """
+    share = LEARNT_SHARE if "coulomb_friction" in params.parameters else FRICTION_SHARE
+    return np.hypot(params.torque_drift_std, np.where(sliding, share, 1.0) * level)
+
+
+def follow_disturbance(belief: Belief, params: Filter, variance: Array, elapsed: float) -> None:
+    """How large d is on joints that slide: the mean of its posterior square, beside one value as large as was given.
+
+    Where the readings say nothing of d its square is as large as was thought, and nothing is learnt. It is never
+    thought larger than was given: a push that goes on must not become normal.
+
+    Args:
+        belief: `belief.steady` and `belief.told` are changed.
+        params: tuning.
+        variance: (n,) of d as given [N²·m²].
+        elapsed: since the last message [s].
+    """
+    n = belief.n
+    at = np.arange(2 * n, 3 * n)
+    sliding = (belief.regime != 0.0) & (np.abs(belief.v) > 2.0 * CREEP)
+    factor = np.exp(belief.steady)
+    fresh = elapsed / params.torque_drift_time
+    surprise = np.minimum((belief.disturbance**2 + belief.P[at, at]) / (variance * factor), LARGEST) - 1.0
+    belief.told[sliding] = np.minimum(belief.told[sliding] + fresh, MEMORY)
+    moved = np.log1p(fresh * surprise / (1.0 + belief.told))
+    belief.steady += np.where(sliding, moved, 0.0)
+    np.clip(belief.steady, SMALLEST, 0.0, out=belief.steady)
+
+
+def creep_std(v: Array, level: Array, variance: Array | float = 0.0) -> Array:
+    """White torque (n,) of joints that creep, or may for all that is known, on top of what is unmodelled anyway [N·m].
+
+    Args:
+        v: (n,) [rad/s].
+        level: (n,) of dry friction [N·m].
+        variance: (n,) of v: without encoders the sign of a slow joint's friction is anybody's guess [rad²/s²].
+    """
+    return CREEP_SHARE * level * np.exp(-(v**2) / (CREEP**2 + UNSURE**2 * variance))
+
+
+def sure_to_slide(belief: Belief) -> Array:
+    """How sure it is (n,) that a joint slides, and which way: mean of its speed's sign, 0 for one that rests."""
+    n = belief.n
+    deviation = np.sqrt(2.0 * np.maximum(belief.P.diagonal()[n : 2 * n], np.finfo(float).tiny))
+    return np.where(belief.regime != 0.0, erf(np.abs(belief.v) / deviation), 0.0)
+
+
+def follow_regimes(belief: Belief, params: Filter, dt: float, level: Array) -> tuple[Array, Array, Array]:
+    """Decides which joints slide, and which forget their d since they started, stopped or turned round.
+
+    Args:
+        belief: its speeds and regimes are brought up to date.
+        params: tuning.
+        dt: of the prediction to come [s].
+        level: (n,) of dry friction [N·m].
+
+    Returns:
+        How much of d is kept over the prediction (n,), the variance that it gains (n,), and whether it is drawn afresh
+        (n,), no longer correlated with anything.
+    """
+    belief.drift += min(dt / SPEED_TIME, 1.0) * (belief.v - belief.drift)
+    # Half as fast is still sliding for a joint that slides: noise must not toggle it.
+    threshold = max(params.excitation, SURE * params.velocity_std) * np.where(belief.regime != 0.0, 0.5, 1.0)
+    regime = np.where(np.abs(belief.drift) > threshold, np.sign(belief.drift), 0.0)
+    changed = regime != belief.regime
+    belief.regime[:] = regime
+    sliding = regime != 0.0
+    std = disturbance_std(params, sliding, level) * np.where(sliding, np.exp(0.5 * belief.steady), 1.0)
+    forget = np.exp(-dt / params.torque_drift_time)
+    keep = np.where(changed, 0.0, np.where(sliding, forget, 1.0))
+    fresh = np.where(sliding, (1.0 - forget**2) * std**2, std**2 * (dt / STICTION_TIME))
+    if changed.any():
+        fresh[changed] = std[changed] ** 2
+    return keep, fresh, changed

@@ -1,0 +1,217 @@
+"""The adaptive extended Kalman filter, usable without any Diagram.
+
+    ekf = Ekf(ArmTerms.from_model(model), scenario.Filter())
+    ekf.observe(q, v, tau, t)                  # a whole message of the arm, or by hand:
+    ekf.predict(tau, dt)
+    ekf.update("encoder", q)
+    ekf.add(BodyPose(ekf.terms, "panda_hand"))
+    ekf.update("camera", z, t)                 # fused at t, though newer readings came first
+
+It follows the predict and update cycle of Hybrid Reality Twins (section 3.2, algorithm A-EKF, steps 1, 2 and 4).
+State and parameters are estimated together; where the outline adapts θ by a gradient, here the joint covariance
+adapts it, which weighs every reading by what it tells about θ. `standings` says which parameters are answers.
+
+**What the motion does not excite stays as it was**: see `disturbance`. A direction of θ that no torque depends on is
+never touched either, its gain being zero.
+
+**A surprise is not an outlier.** Where a reading leaves its χ² gate, the filter asks whether an unmodelled torque
+within the joints' effort limits explains it. If so, the sensors are right and the model is not: the state follows
+them, with a covariance that says so, and θ hardly moves. If not, the reading is refused. Where surprises persist, the
+parameters themselves must have changed, and their covariance opens. A parameter that readings have pulled far from what
+its prior says, a motor that is no data sheet's, refutes the prior: see `parameter_adaptation.refute`.
+
+**Two time scales.** The state moves with every reading. The physics takes over the parameters learnt at
+`Filter.parameter_rate`, and at once where that is much; in between, what has been learnt acts through the derivatives,
+so nothing of it is lost.
+
+**Late readings** are fused at their own time: see `history`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from twin_diagram.estimation.filter import arm_messages
+from twin_diagram.estimation.filter.arm_messages import LONGEST_GAP
+from twin_diagram.estimation.filter.base import Core
+from twin_diagram.estimation.filter.belief import HEADER, MEMORY, Entry, Track
+from twin_diagram.estimation.filter.parameter_adaptation import open_up
+from twin_diagram.estimation.filter.parameter_status import Standing, standings
+from twin_diagram.estimation.filter.predict import LONGEST_PREDICTION, propagate
+from twin_diagram.estimation.filter.sensor_registry import FilterError
+from twin_diagram.estimation.filter.update import REFUSALS, Update, fuse
+from twin_diagram.estimation.sensors import Sensor
+from twin_diagram.signals.layouts import AlarmKind, Array
+
+__all__ = ["LONGEST_GAP", "REFUSALS", "Ekf", "FilterError", "Update"]
+
+
+class Ekf(Core):
+    """An adaptive EKF of n joints and p parameters: what users call. Its attributes are those of `Core`."""
+
+    def add(self, sensor: Sensor) -> None:
+        """Declares a further sensor; readings may then name it. What the filter knows already is kept.
+
+        Raises:
+            FilterError: a sensor of that name is there already.
+        """
+        if sensor.name in self.own:
+            raise FilterError(f"a sensor {sensor.name!r} is declared already: give each a name of its own")
+        before, start = self.belief, 3 * self.terms.n + self.parameters.size
+        payload = self.parameters.payload
+        at = None if payload is None else slice(3 * self.terms.n + payload.start, 3 * self.terms.n + payload.stop)
+        self.declared.add(sensor, start, at)
+        self.resize()
+        after = self.belief
+        same = HEADER + MEMORY * before.n + before.p * (before.p + 4)
+        after.vector[:same] = before.vector[:same]
+        after.x[: before.size] = before.x
+        after.P[: before.size, : before.size] = before.P
+        new = np.arange(before.size, after.size)
+        after.P[new, new] = self.declared.prior()[before.size - start :]
+        for old, track in zip([*before.tracks, *before.levels], [*after.tracks[:-1], *after.levels[:-1]], strict=True):
+            track[:] = old
+        if after.valid:
+            self.history.begin(after.time, after.x, after.P)
+
+    # What the filter knows.
+
+    def labels(self, joints: Sequence[str]) -> list[str]:
+        """Names with units of the parameters (p,) and of the sensors' own states, as they follow in x."""
+        return self.parameters.labels(joints) + self.declared.labels()
+
+    def noise(self) -> dict[str, Array]:
+        """Standard deviations as adapted, over those that were given, of each sensor and of `torque` (n,)."""
+        encoder, velocity, torque = np.exp(0.5 * self.belief.noise)
+        found = {"encoder": encoder, "velocity": velocity, "torque": torque}
+        for name, level in zip(self.declared.sensors, self.belief.levels, strict=True):
+            found[name] = np.exp(0.5 * level)
+        return found
+
+    def standings(self, joints: Sequence[str]) -> list[Standing]:
+        """How each parameter stands: settled, not excited by the motion, or held at a bound.
+
+        Args:
+            joints: names of the n joints, for the labels.
+        """
+        belief, start = self.belief, 3 * self.terms.n
+        if not belief.valid:
+            return standings(self.parameters, self.parameters.mean, self.parameters.covariance, joints)
+        covariance = belief.P[start : start + belief.p, start : start + belief.p]
+        return standings(self.parameters, belief.theta, covariance, joints, self.params.rule)
+
+    def hold_noise(self, until: float) -> None:
+        """An alarm stands: the noise is not adapted before this time [s]."""
+        header = self.belief.header
+        header[Entry.ALARM] = max(header[Entry.ALARM], until)
+
+    def heed(self, alarm: Array) -> None:
+        """What a drift monitor says counts for the filter: call it before each message, with the monitor's word so far.
+
+        While an alarm stands the noise is not adapted. A new one about the joints is a change of the arm: the
+        parameters that recent innovations speak for open, so that they are learnt faster.
+
+        Args:
+            alarm: (4,) of a monitor: whether one stands, its `AlarmKind`, when it was raised [s], its statistic.
+        """
+        belief, header = self.belief, self.belief.header
+        if not belief.valid:
+            return
+        if alarm[0] > 0.5:
+            self.hold_noise(belief.time + 2.0 * self.period)
+        if not header[Entry.HEEDED] < alarm[2] < np.inf or alarm[1] in (AlarmKind.NONE, AlarmKind.SENSOR):
+            return
+        header[Entry.HEEDED] = alarm[2]
+        if belief.time >= header[Entry.QUIET]:
+            open_up(self, belief.time)
+
+    def suspicion(self) -> dict[str, float]:
+        """How strongly each further sensor contradicts the rest: above 1 it does. See `Declared.suspicion`."""
+        return self.declared.suspicion(self.belief)
+
+    def odd_one_out(self) -> str | None:
+        """The sensor that contradicts the others, `joints` for the arm's own; None where all agree."""
+        return self.declared.odd_one_out(self.belief)
+
+    def counters(self) -> dict[str, dict[str, int]]:
+        """Of each further sensor, how many readings were accepted, refused and so on: see `belief.Track`."""
+        return {
+            name: {entry.name.lower(): int(track[entry]) for entry in Track if Track.ACCEPTED <= entry < Track.RUN}
+            for name, track in zip(self.declared.sensors, self.belief.tracks, strict=True)
+        }
+
+    def start(self, q: Array, v: Array, tau: Array, t: float) -> None:
+        """Takes the state from a message; θ, its covariance and the counters are kept, at the first set to the prior.
+
+        Args:
+            q: (n,) [rad].
+            v: (n,) [rad/s].
+            tau: (n,) [N·m].
+            t: [s].
+        """
+        arm_messages.start(self, q, v, tau, t)
+
+    # The cycle.
+
+    def predict(self, u: Array, dt: float, torque_std: Array | float | None = None) -> None:
+        """Moves the belief on by dt under the motors' torque.
+
+        Args:
+            u: (n,) measured motor torque, mean over the step [N·m].
+            dt: > 0 [s].
+            torque_std: unmodelled torque [N·m], as white noise over one filter period; None: `Filter.torque_std`.
+
+        Raises:
+            FilterError: u is not n finite numbers, dt is not positive and finite, or there is no state yet.
+        """
+        if not self.belief.valid:
+            raise FilterError("there is no state to predict from: start the filter from a message")
+        u = np.asarray(u, dtype=float)
+        if u.shape != (self.terms.n,) or not np.all(np.isfinite(u)):
+            raise FilterError(f"torque {u.tolist()} is not {self.terms.n} finite numbers")
+        if not 0.0 < dt < np.inf:
+            raise FilterError(f"a prediction over {dt} s: the time must be positive and finite")
+        if dt > LONGEST_PREDICTION:
+            raise FilterError(f"a prediction over {dt} s is no prediction: start the filter anew from a message")
+        propagate(self, u, dt, self.params.torque_std if torque_std is None else torque_std)
+
+    def update(
+        self,
+        sensor: Sensor | str,
+        z: Array,
+        t: float | None = None,
+        noise: Array | None = None,
+        *,
+        explain: bool = True,
+    ) -> Update:
+        """Takes in a reading.
+
+        Args:
+            sensor: its name, or its model; `encoder`, `velocity` and `joints` are there, others are declared by `add`.
+            z: (sensor.length,).
+            t: when it was taken [s]; None: now. A later time is first predicted to, with the last torque; at an earlier
+                one the reading is fused where it belongs, to the nearest step within `Filter.history`.
+            noise: R (m, m) of this reading, or standard deviations (m,); None: the sensor's own.
+            explain: whether an unmodelled torque may explain a reading that leaves its gate.
+
+        Raises:
+            FilterError: a sensor that was not declared, z or noise has the wrong size, t is not finite, lies before all
+                that the filter remembers or too far ahead, or there is no state yet.
+        """
+        return fuse(self, self.find(sensor), z, t, noise, explain)
+
+    def observe(self, q: Array, v: Array, tau: Array, t: float) -> bool:
+        """Takes in one message of the arm, whatever it holds; the belief is never poisoned.
+
+        Args:
+            q: (n,) measured positions [rad].
+            v: (n,) estimated velocities [rad/s].
+            tau: (n,) measured motor torques [N·m].
+            t: measurement time [s]; `NEVER` or any negative, stale or non-finite time means that there is no message.
+
+        Returns:
+            Whether the message was used.
+        """
+        return arm_messages.observe(self, q, v, tau, t)

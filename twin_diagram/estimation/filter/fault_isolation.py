@@ -1,0 +1,104 @@
+"""Which parameters an abrupt change is about: a likelihood ratio for each group that may have changed alone.
+
+Were a group c of parameters off by δ, the whitened innovations w would have the mean W_c δ, W being their derivative
+by θ. Least squares over recent messages gives δ, and 2 log of the likelihood ratio is gᵀ I⁻¹ g with g = Σ W_cᵀ w and
+I = Σ W_cᵀ W_c. Both sums forget exponentially, so two small matrices are all that is kept.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Final
+
+import numpy as np
+from scipy.stats import chi2
+
+from twin_diagram.estimation.dynamics.positive_definite import solve_positive
+from twin_diagram.signals.layouts import Array
+
+FORGETTING: Final = 0.9
+"""10 messages."""
+CAP: Final = 20.0
+"""An innovation is shortened to this many standard deviations, its direction kept: that tells who is to blame."""
+UNDECIDED: Final = 9.0
+"""Groups whose 2 log likelihood ratio is within this of the best may have changed as well."""
+WORTH: Final = 16.0
+"""A further group must raise 2 log of the likelihood by this."""
+FALSE_RATE: Final = 1e-9
+"""Probability that what did not change exceeds its threshold, per message and group."""
+_RIDGE: Final = 1e-9
+
+
+def keep_score(score: Array, W: Array, white: Array) -> None:
+    """Adds a message.
+
+    Args:
+        score: (p, p + 1) information and gradient, in place.
+        W: (n, p) derivative of the whitened innovation by θ.
+        white: (n,) whitened innovation.
+    """
+    score *= FORGETTING
+    score[:, :-1] += W.T @ W
+    score[:, -1] += W.T @ (white * min(1.0, CAP / max(float(np.linalg.norm(white)), CAP)))
+
+
+def alarming(score: Array, groups: list[slice]) -> bool:
+    """Whether some group's likelihood ratio is beyond what innovations as white as the filter claims ever make.
+
+    Args:
+        score: (p, p + 1) information and gradient.
+        groups: parameters that change together.
+    """
+    for group in groups:
+        size = group.stop - group.start
+        scale = np.sqrt(np.maximum(score[group, group].diagonal(), np.finfo(float).tiny))
+        information = score[group, group] / np.outer(scale, scale) + _RIDGE * np.eye(size)
+        gradient = score[group, -1] / scale
+        if (1.0 + FORGETTING) * float(gradient @ solve_positive(information, gradient)) > _threshold(size):
+            return True
+    return False
+
+
+@functools.cache
+def _threshold(size: int) -> float:
+    return float(chi2.ppf(1.0 - FALSE_RATE, size))
+
+
+def suspects(score: Array, groups: list[slice]) -> np.ndarray:
+    """Which groups must have changed, chosen one after the other, each by what it explains beyond those before it.
+
+    Args:
+        score: (p, p + 1) information and gradient.
+        groups: parameters that change together.
+
+    Returns:
+        (p,) whether each parameter may be what changed: the chosen, and those that explain as much as the first.
+    """
+    p = len(score)
+    scale = np.sqrt(np.maximum(score[:, :-1].diagonal(), np.finfo(float).tiny))
+    information = score[:, :-1] / np.outer(scale, scale) + _RIDGE * np.eye(p)
+    gradient = score[:, -1] / scale
+    changed = np.zeros(p, dtype=bool)
+    explained = 0.0
+    for _ in groups:
+        gains = np.zeros(len(groups))
+        for i, group in enumerate(groups):
+            if changed[group].all():
+                continue
+            at = changed.copy()
+            at[group] = True
+            total = gradient[at] @ np.linalg.solve(information[np.ix_(at, at)], gradient[at])
+            gains[i] = (total - explained) * (1.0 + FORGETTING) - 2.0 * (group.stop - group.start)
+        best = float(gains.max())
+        if changed.any() and best < WORTH:
+            break
+        for group, gain in zip(groups, gains, strict=True):
+            # At the first choice, what does all but as well cannot be told apart.
+            if gain >= best - (0.0 if changed.any() and explained > 0.0 else UNDECIDED) and gain > 0.0:
+                changed[group] = True
+        if not changed.any():
+            changed[groups[int(gains.argmax())]] = True
+        explained = float(gradient[changed] @ np.linalg.solve(information[np.ix_(changed, changed)], gradient[changed]))
+        if changed.all():
+            break
+    return changed

@@ -1,0 +1,100 @@
+"""How each learnt parameter stands: got home, not told by the motion, or held at a bound.
+
+A filter that starts from parameters that are far off gets them right where the motion excites them. Where it does not,
+θ̂ stays near the prior and looks like any other number; this says which is which.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final
+
+import numpy as np
+
+from twin_diagram.estimation.dynamics.parameters import ParameterSet
+from twin_diagram.signals.layouts import Array
+
+TOLD: Final = 0.5
+"""A parameter has settled when its deviation is below this share of its prior's: readings then count three times as
+much as the prior."""
+STEP: Final = 1e-3
+"""How far a parameter is pushed to see whether a bound gives way, in deviations of its prior."""
+
+
+class Status(Enum):
+    """Of one parameter."""
+
+    SETTLED = "settled"
+    """Readings tell it: the value with its deviation is an answer."""
+    NOT_EXCITED = "not excited"
+    """Readings told little of it so far, or little since an abrupt change: the value is mostly the prior's."""
+    AT_BOUND = "at a bound"
+    """Held at the end of what it may be: the truth lies there (a payload of nothing) or beyond, out of reach."""
+    UNKNOWN = "unknown"
+    """The gradient rule keeps no covariance, so nothing tells."""
+
+
+@dataclass(frozen=True)
+class Standing:
+    """One parameter.
+
+    Attributes:
+        label: name with unit.
+        value: relative to the model as given.
+        std: standard deviation; 0 under the gradient rule.
+        status: whether the value can be used.
+    """
+
+    label: str
+    value: float
+    std: float
+    status: Status
+
+    def __str__(self) -> str:
+        return f"{self.label} {self.value:.4g} ± {self.std:.2g}: {self.status.value}"
+
+
+def standings(
+    parameters: ParameterSet, theta: Array, covariance: Array, joints: Sequence[str], rule: str = "covariance"
+) -> list[Standing]:
+    """How all parameters stand.
+
+    Args:
+        parameters: what θ means.
+        theta: (p,) their values.
+        covariance: (p, p) of them.
+        joints: names.
+        rule: `Filter.rule`.
+    """
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    untouched = (theta == parameters.mean) & (std >= (1.0 - 1e-9) * parameters.scale)
+    held = at_bound(parameters, theta) & ~untouched  # a prior that begins at a bound is no finding
+    found = []
+    for i, label in enumerate(parameters.labels(joints)):
+        if held[i]:
+            status = Status.AT_BOUND
+        elif rule == "gradient":
+            status = Status.UNKNOWN
+        else:
+            status = Status.SETTLED if std[i] < TOLD * parameters.scale[i] else Status.NOT_EXCITED
+        found.append(Standing(label, float(theta[i]), float(std[i]), status))
+    return found
+
+
+def at_bound(parameters: ParameterSet, theta: Array) -> np.ndarray:
+    """(p,) which parameters cannot be moved further one way or the other, the rest being as they are.
+
+    Args:
+        parameters: with their bounds.
+        theta: (p,) within them.
+    """
+    held = np.zeros(parameters.size, dtype=bool)
+    for i, scale in enumerate(parameters.scale):
+        for push in (-STEP * scale, STEP * scale):
+            moved = theta.copy()
+            moved[i] += push
+            parameters.clip(moved)
+            held[i] |= bool((moved[i] - theta[i]) * np.sign(push) < 0.5 * abs(push))
+    return held

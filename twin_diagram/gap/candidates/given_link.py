@@ -1,0 +1,24 @@
+"""What a model says of a link alone, before anything is found of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from pydrake.math import RigidTransform
+
+from twin_diagram.model.effects.link_inertia import about_centre
+from twin_diagram.model.model import Model
+from twin_diagram.model.rigid_body import rigid_tree
+
+Array = npt.NDArray[np.float64]
+
+
+def link_inertia(model: Model, link: str) -> tuple[float, Array, Array]:
+    """Mass, centre and inertia about it (6,) of a link alone, in its frame, with what the model adds to it."""
+    body = model.plant.GetBodyByName(link)
+    mass, centre, inertia = about_centre(rigid_tree.inertia_vector(body.default_spatial_inertia(), RigidTransform()))
+    for effect in model.present:
+        if effect.name == "inertial_parameters" and effect.links == (link,):
+            mass = mass + float(effect.value("mass")[0])
+            centre, inertia = centre + effect.value("com"), inertia + effect.value("inertia")
+    return mass, centre, inertia

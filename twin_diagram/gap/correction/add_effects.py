@@ -1,0 +1,244 @@
+"""Adds what was named to a model: refines its parameters and hands back the corrected model.
+
+from twin_diagram.gap.correction.add_effects import add
+added = add(given, logs, verdict)
+added.model, added.findings          # a Model that can be saved; the findings with refined parameters
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.errors import ModelError
+from twin_diagram.gap.correction.equation_error import Hypothesis, by_torque
+from twin_diagram.gap.correction.gauss_newton import Solution
+from twin_diagram.gap.correction.merge_effects import UNTOLD
+from twin_diagram.gap.correction.named_effects import specs_of
+from twin_diagram.gap.correction.onset_times import ROUGHLY
+from twin_diagram.gap.correction.output_error import output_error
+from twin_diagram.gap.correction.physical_coordinates import Coordinates
+from twin_diagram.gap.findings import Estimate, Finding, Moment
+from twin_diagram.gap.verdict.posterior import unit_of
+from twin_diagram.logs import Log, fingerprint
+from twin_diagram.model.effects import REGISTRY
+from twin_diagram.model.model import Model
+from twin_diagram.model.prediction import torque_residual_rms
+from twin_diagram.scenario import EffectSpec
+
+Array = npt.NDArray[np.float64]
+Say = Callable[[str], None]
+
+MOST_BY_MOTION = 8
+"""Coordinates up to which rollouts are tried; beyond, they take too long and tell too little of each."""
+
+WORSE = 0.05
+"""Rise of the residual's logarithm, all joints together, that other weights of samples may bring."""
+
+ALIKE = 2.5
+"""Estimates farther apart than this many of their standard errors do not speak of the same thing; torques then decide.
+
+Measured torques drive the rollouts, and their noise with them: a light joint runs away, and what is fitted to it then
+is surer of itself than it should be.
+"""
+
+
+SURE = 3.0
+"""Standard errors of simulated motion are this many times what the windows' scatter says.
+
+Their noise comes with the torques that drive them and is not that of the next window alone: measured against known
+truths, errors were two to three times what the scatter promised, while those of the torques kept theirs.
+"""
+
+LEFT_OUT = {("time_delay", "delay"): (3e-4, 0.0), ("backlash", "gap"): (0.0, 0.02)}
+"""Standard errors, absolute and relative, of what laws leave out: controllers hold a torque for a while, which looks
+like some of a delay [s]; teeth give way where they meet."""
+
+
+@dataclass(frozen=True)
+class Added:
+    """What came of it.
+
+    Attributes:
+        model: the corrected one; the given one where nothing was named, or nothing of it can be. What starts within a
+            fitted run is there from the begin of any other, and what ended is over.
+        findings: with refined parameters.
+        notes: what a reader should know.
+    """
+
+    model: Model
+    findings: tuple[Finding, ...]
+    notes: tuple[str, ...] = ()
+
+
+def add(given: Model, logs: Sequence[Log], findings: Sequence[Finding], say: Say | None = None) -> Added:
+    """Refines named effects and adds them.
+
+    Args:
+        given: with the logs' joints in the logs' order.
+        logs: that the effects were found in, checked.
+        findings: relative to the given model, with rough parameters.
+        say: told what is being done.
+
+    Raises:
+        ModelError: what was named cannot be added to this model.
+    """
+    say = say or (lambda text: None)
+    if not findings:
+        return Added(given, ())
+    marks = [fingerprint(log) for log in logs]
+    try:
+        return _added(given, logs, marks, findings, say)
+    except ModelError:
+        # What began in an older run cannot become less; what was there ever since can.
+        settled = given.settled(marks)
+        if settled is given:
+            raise
+        return _added(settled, logs, marks, findings, say)
+
+
+def _added(given: Model, logs: Sequence[Log], marks: Sequence[str], findings: Sequence[Finding], say: Say) -> Added:
+    """See `add`."""
+    owners: list[int] = []
+    specs: list[EffectSpec] = []
+    for k, finding in enumerate(findings):
+        for spec in specs_of(finding, marks):
+            owners.append(k)
+            specs.append(spec)
+    first = Hypothesis.of(given, specs)
+    rough = first.model(first.start())
+    say("refining by torques")
+    hypothesis, torques = by_torque(first, logs)
+
+    def told(hypothesis: Hypothesis, vector: Array, covariance: Array) -> tuple[Finding, ...]:
+        mine = [[i for i, owner in enumerate(owners) if owner == k] for k in range(len(findings))]
+        return tuple(_told(findings[k], hypothesis, mine[k], vector, covariance) for k in range(len(findings)))
+
+    def kept(*notes: str) -> Added:
+        """The rough parameters; how far the refined ones went from them counts as doubt."""
+        doubt = np.diag(np.square(torques.vector - first.start()))
+        return Added(rough, told(_timed_roughly(first), first.start(), torques.covariance + doubt), notes)
+
+    vector, covariance, notes = torques.vector, torques.covariance, list[str]()
+    if len(vector) <= MOST_BY_MOTION:
+        say("refining by simulated motion")
+        moved = hypothesis.at(torques.vector)
+        vector, covariance, notes = chosen(hypothesis, (torques, output_error(moved, logs)))
+    try:
+        model = hypothesis.model(vector)
+    except ModelError:
+        return kept("refined parameters cannot be; the rough ones are kept")
+    least = _left(rough, logs)
+    if _left(model, logs) > least + WORSE:
+        say("refining by torques, all that is left counted alike")
+        plain = _plain(Hypothesis.of(given, specs), logs)
+        if plain is None or _left(plain[0].model(plain[1].vector), logs) > least + WORSE:
+            return kept(*notes, "refined parameters fit the runs worse than the rough ones, which are kept")
+        hypothesis, vector, covariance = plain[0], plain[1].vector, plain[1].covariance
+        model = hypothesis.model(vector)
+        notes = ["laws are not exact to the noise: parameters are those that fit best below 10 Hz"]
+    return Added(model, told(hypothesis, vector, covariance), tuple(notes))
+
+
+def _timed_roughly(hypothesis: Hypothesis) -> Hypothesis:
+    """The same, its onsets and ends as uncertain as those of a search."""
+
+    def timed(part: Coordinates) -> Coordinates:
+        return part.at(replace(part.when, onset_std=ROUGHLY, end_std=ROUGHLY))
+
+    return replace(hypothesis, parts=tuple(timed(part) for part in hypothesis.parts))
+
+
+def _plain(rough: Hypothesis, logs: Sequence[Log]) -> tuple[Hypothesis, Solution] | None:
+    """Least squares of what is left, whatever its colour; none where no such parameters can be."""
+    try:
+        hypothesis, solution = by_torque(rough, logs, coloured=False)
+        hypothesis.model(solution.vector)
+    except ModelError:
+        return None
+    return hypothesis, solution
+
+
+def _left(model: Model, logs: Sequence[Log]) -> float:
+    """Sum over joints of the logarithm of the residual torque, all runs together: free of the joints' scales."""
+    squares = np.mean([torque_residual_rms(model, log) ** 2 for log in logs], axis=0)
+    return float(0.5 * np.sum(np.log(np.maximum(squares, 1e-24))))
+
+
+def chosen(hypothesis: Hypothesis, solutions: Sequence[Solution]) -> tuple[Array, Array, list[str]]:
+    """Per effect, the estimate that is surer of itself; both speak of the same runs, so they are not averaged."""
+    torques, motions = solutions
+    vector, covariance = torques.vector.copy(), torques.covariance.copy()
+    notes = []
+    for part, s in zip(hypothesis.parts, hypothesis.slices(), strict=True):
+        a, b = torques.covariance[s, s], SURE**2 * motions.covariance[s, s]
+        apart = motions.vector[s] - torques.vector[s]
+        distance = float(np.sqrt(max(0.0, float(apart @ np.linalg.pinv(a + b, hermitian=True) @ apart))))
+        if distance > ALIKE * np.sqrt(len(apart)):
+            notes.append(f"{part.spec.name}: torques and simulated motion disagree by {distance:.1f} standard errors")
+            continue
+        if np.linalg.slogdet(b)[1] < np.linalg.slogdet(a)[1]:
+            vector[s] = motions.vector[s]
+            covariance[s, :], covariance[:, s] = 0.0, 0.0
+            covariance[s, s] = b
+    return vector, covariance, notes
+
+
+def _told(finding: Finding, hypothesis: Hypothesis, mine: Sequence[int], vector: Array, covariance: Array) -> Finding:
+    """A finding with the parameters of its effects."""
+    told: dict[str, Estimate | dict[str, Estimate]] = {}
+    slices, prismatic = hypothesis.slices(), hypothesis.given.prismatic
+    for i in mine:
+        part, s = hypothesis.parts[i], slices[i]
+        values = part.effect(vector[s]).parameters
+        sides: dict[str, list[Array]] = {key: [] for key in values}
+        size = np.sqrt(np.maximum(np.diag(covariance[s, s]), 1e-30))
+        for k in range(len(size)):
+            slopes: dict[str, list[Array]] = {key: [] for key in values}
+            for step in (0.01 * size[k], -0.01 * size[k]):
+                moved = vector[s].copy()
+                moved[k] += step
+                after = part.effect(moved).parameters
+                for key, value in values.items():
+                    slopes[key].append((np.array(after[key]) - np.array(value)) / step)
+            for key, both in slopes.items():  # at a bound of the catalogue a value moves to one side alone
+                sides[key].append(max(both, key=lambda slope: float(np.linalg.norm(slope))))
+        for key, value in values.items():
+            if key in UNTOLD:
+                continue
+            J = np.stack(sides[key], axis=1)
+            std = np.sqrt(np.maximum(np.einsum("ik,kl,il->i", J, covariance[s, s], J), 0.0))
+            fixed, relative = LEFT_OUT.get((finding.name, key), (0.0, 0.0))
+            std = np.sqrt(std**2 + fixed**2 + (relative * np.array(value)) ** 2)
+            before = finding.parameters.get(key)
+            units = [unit_of(finding.name, key, joint in prismatic) for joint in part.spec.joints]
+            if isinstance(before, dict):
+                mapping = told.setdefault(key, {})
+                assert isinstance(mapping, dict)
+                if not REGISTRY[finding.name].per_joint:
+                    mapping |= {
+                        joint: _estimate(value, std, unit) for joint, unit in zip(part.spec.joints, units, strict=True)
+                    }
+                elif len(value) == len(part.spec.joints):
+                    for joint, x, e, unit in zip(part.spec.joints, value, std, units, strict=True):
+                        mapping[joint] = Estimate(float(x), float(e), unit)
+                else:
+                    mapping[part.spec.joints[0]] = _estimate(value, std, units[0])
+            else:
+                told[key] = _estimate(value, std, unit_of(finding.name, key))
+    when = hypothesis.parts[mine[0]].when
+    onset, end = finding.onset, finding.end
+    if onset is not None and when.onset is not None:
+        onset = Moment(onset.log, when.onset, when.onset_std)
+    if end is not None and when.end is not None:
+        end = Moment(end.log, when.end, when.end_std)
+    return replace(finding, parameters=told, onset=onset, end=end)
+
+
+def _estimate(value: Sequence[float], std: Array, unit: str) -> Estimate:
+    if len(value) == 1:
+        return Estimate(float(value[0]), float(std[0]), unit)
+    return Estimate([float(x) for x in value], [float(x) for x in std], unit)

@@ -1,0 +1,41 @@
+"""What a held-out run says of a correction above the frequencies at which the gap is told.
+
+An elasticity may swing, and a ripple run, faster than the 10 Hz below which residuals are compared. What is left there
+is noise before and after, and which of the two is less is chance. Such a run is asked in the band of the search.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.gap.correction.equation_error import left_by
+from twin_diagram.gap.residuals import whitening
+from twin_diagram.gap.residuals.prepared_logs import SHORTEST, prepare
+from twin_diagram.logs import Log, fingerprint
+from twin_diagram.logs.differentiation import RESIDUAL_CUT
+from twin_diagram.model.model import Model
+
+Array = npt.NDArray[np.float64]
+
+SPEAKS = 10.0
+"""Rise of the held-out log likelihood that is no chance."""
+
+
+def confirmed(given: Model, corrected: Model, held: Log) -> bool:
+    """Whether a run that was fitted by neither is clearly likelier with the corrected model.
+
+    Each residual is held to be noise of a colour of its own.
+    """
+    if held.time[-1] - held.time[0] - 2.0 * RESIDUAL_CUT < SHORTEST:
+        return False
+    records = prepare(given, [held])
+    marks = [fingerprint(held)]
+
+    def innovation(model: Model) -> Array:
+        residual = left_by(model, records, marks)
+        noise = whitening.estimate(residual, records.lengths)
+        return np.asarray(0.5 * len(noise.rows) * np.log(np.mean(noise.all(residual) ** 2, axis=1) * noise.sigma**2))
+
+    gain = innovation(given) - innovation(corrected)
+    return float(np.sum(gain)) > SPEAKS

@@ -1,0 +1,1 @@
+"""Motions that would tell apart what the measured runs could not."""

@@ -1,0 +1,199 @@
+"""How far a model and its corrected version are from measured runs, joint by joint: the gap before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.logs import Log
+from twin_diagram.logs.differentiation import inner, lowpass, motion
+from twin_diagram.model.model import Model
+from twin_diagram.model.prediction import rollout_rms, torque_predicted
+from twin_diagram.signals import units
+
+Array = npt.NDArray[np.float64]
+
+EXERCISED = 0.02
+"""A run whose predicted torques change by less than this share of the noise proves nothing for or against a model."""
+
+BEYOND = 1.25
+"""A residual that is less than this many times the noise is no gap: noise itself differs from run to run."""
+
+HORIZON = 0.2
+"""Length of a rollout [s]."""
+
+ROLLOUTS = 1500
+"""Evenly spread over the held-out run: their error is as that of all, at a tenth of the time."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One run, held against the given and the corrected model. Its M samples leave out the run's ends.
+
+    Columns of prismatic joints are in m, m/s, m/s² and N.
+
+    Attributes:
+        source: what to call the run.
+        held_out: whether nothing was fitted to it.
+        joints: names of the n columns.
+        time: (M,) on the run's own clock [s].
+        position: (M, n) [rad].
+        velocity: (M, n) [rad/s].
+        acceleration: (M, n) [rad/s²].
+        torque: (M, n) logged, low-passed [N·m].
+        before: (M, n) logged less predicted torque of the given model, low-passed [N·m].
+        after: (M, n) of the corrected model.
+        rollout_before: (n,) root mean square of measured less rolled-out positions [rad]; None: not worked out.
+        rollout_after: likewise.
+    """
+
+    source: str
+    held_out: bool
+    joints: tuple[str, ...]
+    time: Array
+    position: Array
+    velocity: Array
+    acceleration: Array
+    torque: Array
+    before: Array
+    after: Array
+    rollout_before: Array | None = None
+    rollout_after: Array | None = None
+
+
+@dataclass(frozen=True)
+class Shown:
+    """The gap over all runs.
+
+    Attributes:
+        joints: names of the n columns.
+        fit: the runs that were fitted.
+        holdout: the run that was not.
+        noise_floor: (n,) torque noise below the residual's cutoff, as well as it is known [N·m].
+        prismatic: which of the joints are; what is theirs is in m and N.
+    """
+
+    joints: tuple[str, ...]
+    fit: tuple[Comparison, ...]
+    holdout: Comparison
+    noise_floor: Array
+    prismatic: frozenset[str] = frozenset()
+
+    def units(self, unit: str) -> tuple[str, ...]:
+        """(n) of a quantity on each joint, from its unit on a revolute joint."""
+        return tuple(units.on_joint(unit, joint in self.prismatic) for joint in self.joints)
+
+    def fit_rms(self) -> tuple[Array, Array]:
+        """(n,) residual torque before and after over all fitted runs [N·m]."""
+        return rms([run.before for run in self.fit]), rms([run.after for run in self.fit])
+
+    def holdout_rms(self) -> tuple[Array, Array]:
+        """(n,) residual torque before and after over the held-out run [N·m]."""
+        return rms([self.holdout.before]), rms([self.holdout.after])
+
+    def has_gap(self) -> npt.NDArray[np.bool_]:
+        """(n,) whether the given model's held-out residual is more than what noise does by chance."""
+        return np.asarray(self.holdout_rms()[0] > BEYOND * self.noise_floor)
+
+    def left_over(self) -> float:
+        """Share of the held-out gap above the noise that is left, all joints together; 1 where there was none.
+
+        Joints count in units of their noise, so that a wrist weighs as much as a shoulder.
+        """
+        before, after = (above_noise(x, self.noise_floor) / self.noise_floor for x in self.holdout_rms())
+        before, after = before[self.has_gap()], after[self.has_gap()]
+        whole = float(np.linalg.norm(before))
+        return float(np.linalg.norm(after)) / whole if whole > 0.0 else 1.0
+
+    def shrinks(self) -> bool:
+        """Whether the held-out residual falls, each joint in units of its noise."""
+        before, after = (x / self.noise_floor for x in self.holdout_rms())
+        return float(np.sum(after**2)) < float(np.sum(before**2))
+
+    def worsens(self) -> bool:
+        """Whether the held-out residual of any joint rises clearly: no truth mends one joint at another's cost."""
+        before, after = self.holdout_rms()
+        return bool(np.any(after > BEYOND * np.maximum(before, BEYOND * self.noise_floor)))
+
+    def is_exercised(self) -> bool:
+        """Whether the held-out run does anything that tells the two models apart, beside its noise."""
+        change = rms([self.holdout.after - self.holdout.before])
+        return bool(np.any(change > EXERCISED * self.noise_floor))
+
+
+def show(
+    given: Model,
+    corrected: Model,
+    fit: Sequence[Log],
+    holdout: Log,
+    noise_floor: Array,
+    horizon: float = HORIZON,
+    say: Callable[[str], None] | None = None,
+) -> Shown:
+    """Works out the gap of both models on all runs; rollouts on the held-out run alone.
+
+    Args:
+        given: with the logs' joints in the logs' order.
+        corrected: likewise; the same object where nothing was corrected.
+        fit: checked logs.
+        holdout: a checked log.
+        noise_floor: (n,) torque noise after the residual's low-pass [N·m], known without any of the two models
+            (`noise_below`).
+        horizon: of the rollouts [s].
+        say: told what is being done.
+    """
+    say = say or (lambda text: None)
+    say("residual torque before and after")
+    runs = tuple(compare(given, corrected, log) for log in fit)
+    say("rollouts of the held-out run before and after")
+    held = compare(given, corrected, holdout, held_out=True, horizon=horizon)
+    return Shown(given.joints, runs, held, np.maximum(noise_floor, 1e-12), given.prismatic)
+
+
+def compare(
+    given: Model, corrected: Model, log: Log, *, held_out: bool = False, horizon: float | None = None
+) -> Comparison:
+    """One run against both models; rollouts where a horizon is given [s]."""
+    smooth = motion(log)
+    regular = smooth.log
+    kept = inner(regular.time)
+    changed = corrected is not given
+
+    def residual(model: Model) -> Array:
+        difference = regular.motor_torque - torque_predicted(model, regular, smooth)
+        return lowpass(difference, 1.0 / regular.period)[kept]
+
+    def rolled(model: Model) -> Array:
+        assert horizon is not None
+        return rollout_rms(model, log, horizon, smooth, ROLLOUTS)
+
+    before = residual(given)
+    rollout = None if horizon is None else rolled(given)
+    return Comparison(
+        source=log.source,
+        held_out=held_out,
+        joints=given.joints,
+        time=regular.time[kept],
+        position=smooth.position[kept],
+        velocity=smooth.velocity[kept],
+        acceleration=smooth.acceleration[kept],
+        torque=lowpass(regular.motor_torque, 1.0 / regular.period)[kept],
+        before=before,
+        after=residual(corrected) if changed else before,
+        rollout_before=rollout,
+        rollout_after=rolled(corrected) if changed and horizon is not None else rollout,
+    )
+
+
+def rms(parts: Sequence[Array]) -> Array:
+    """(n,) root mean square over all samples of several (M, n)."""
+    squares = sum(np.sum(part**2, axis=0) for part in parts)
+    return np.asarray(np.sqrt(squares / sum(len(part) for part in parts)))
+
+
+def above_noise(value: Array, noise: Array) -> Array:
+    """What is left of a root mean square (n,) when independent noise (n,) is taken out."""
+    return np.sqrt(np.maximum(value**2 - noise**2, 0.0))

@@ -1,0 +1,160 @@
+"""The report on what was found, where, and how sure it is."""
+
+from __future__ import annotations
+
+from html import escape
+
+from twin_diagram.gap.correction.named_effects import amount_of, sentence_of
+from twin_diagram.gap.findings import Estimate, Finding
+from twin_diagram.gap.report import charts, words
+from twin_diagram.gap.report.subject import Subject
+
+DRY = ("coulomb_friction", "stribeck_friction")
+"""Kinds of dry friction, which a run without slow reversals hardly tells apart."""
+
+
+def found(subject: Subject) -> str:
+    """The effects, each with its sentence, parameters and probability."""
+    verdict = subject.verdict
+    if verdict.verdict == "none":
+        body = (
+            '<p class="lead">The torque that the motors gave is what the model says that these motions take, but for '
+            "noise: a test that is calibrated on clean runs finds no structure in what is left. This speaks of "
+            "the motions "
+            "in these runs alone. An effect that they did not wake (a joint that hardly moved, a speed that was never "
+            "reached, a load that was never carried) would not show.</p>"
+        )
+    elif verdict.verdict == "unknown":
+        body = (
+            '<p class="lead">The difference between measurement and model has structure that noise does not '
+            "have. No effect "
+            "of the catalogue, nor a few of them together, explains enough of it to be named: a wrong name would "
+            "do more "
+            "harm than none. The model was left as it is. The pictures below show under which conditions the "
+            "difference "
+            "appears.</p>"
+        )
+    else:
+        count = len(verdict.findings)
+        lead = {1: "One effect", 2: "Two effects", 3: "Three effects"}.get(count, f"{count} effects")
+        body = (
+            f'<p class="lead">{lead}, named relative to the given model: what must be added to it to explain the '
+            "measured torque.</p>"
+            + "".join(
+                _finding(finding, len(subject.shown.fit) > 1, subject.given.prismatic) for finding in verdict.findings
+            )
+        )
+    if verdict.remainder:
+        body += (
+            '<p class="note">Structure is left beside what was named. The names above stand, but something else is '
+            "there that the catalogue does not hold; the blue dots in the pictures show it.</p>"
+        )
+    return f'<section id="found"><h2>What was found</h2>{body}</section>'
+
+
+WORTH_SAYING = 0.005
+"""Alternatives that are less probable are in gap.json alone."""
+
+
+def _finding(finding: Finding, several: bool, prismatic: frozenset[str]) -> str:
+    sentence = sentence_of(finding, prismatic)
+    only = bool(finding.joints) and prismatic.issuperset(finding.joints)
+    when = words.duration(finding, several)
+    when = f", {when}" if when and " from " not in sentence else ""
+    others = ""
+    possible = [other for other in finding.alternatives if other.probability >= WORTH_SAYING]
+    if possible:
+        said = ", ".join(
+            words.lower_first(words.claim(other.name, other.joints, other.links))
+            + f" ({words.percent(other.probability)})"
+            for other in possible
+        )
+        others = f'<p class="alternatives">It could also be: {escape(said)}.{_whichever(finding)}</p>'
+    sure = charts.ring(finding.confidence, words.percent(finding.confidence))
+    return (
+        f'<div class="effect"><div><h3>{escape(words.title(finding.name))}'
+        f"{_on(words.places(finding.joints, finding.links))}</h3>"
+        f'<p class="sentence">{escape(words.upper_first(sentence))}{escape(when)}.</p>'
+        f'<p class="what">{escape(words.explanation(finding.name, only) if amount_of(finding) == "more" else "")}</p>'
+        f'<div class="scroll">{_parameters(finding, prismatic)}</div>{others}</div>'
+        f'<div class="sure">{sure}<br>{escape(words.sureness(finding.confidence))}</div></div>'
+    )
+
+
+def _whichever(finding: Finding) -> str:
+    """What is sure where only kinds and joints of dry friction compete."""
+    if finding.name not in DRY or not all(other.name in DRY for other in finding.alternatives):
+        return ""
+    return " In all of these there is dry friction; the doubt is of which kind it is, and on which joint."
+
+
+def _parameters(finding: Finding, prismatic: frozenset[str]) -> str:
+    """A line per joint where there are several, else one per parameter."""
+    slide = [joint in prismatic for joint in finding.joints]
+    kinds = {"prismatic": any(slide), "turning": not all(slide) or not slide}
+    values = finding.parameters.items()
+    per_joint = {key: value for key, value in values if not isinstance(value, Estimate)}
+    if len(finding.joints) > 1 and len(per_joint) == len(finding.parameters):
+        head = "".join(f"<th>{escape(words.parameter(key, **kinds))}</th>" for key in per_joint)
+        rows = "".join(
+            f"<tr><td>{escape(joint)}</td>"
+            + "".join(f"<td>{_estimate(value[joint]) if joint in value else ''}</td>" for value in per_joint.values())
+            + "</tr>"
+            for joint in finding.joints
+            if any(joint in value for value in per_joint.values())
+        )
+        return f"<table><tr><th>joint</th>{head}</tr>{rows}</table>"
+    rows = ""
+    for key, value in values:
+        each = [("", value)] if isinstance(value, Estimate) else list(value.items())
+        for joint, estimate in each:
+            place = f"<td>{escape(joint)}</td>" if per_joint else ""
+            rows += f"<tr><td>{escape(words.parameter(key, **kinds))}</td>{place}<td>{_estimate(estimate)}</td></tr>"
+    joint = "<th>joint</th>" if per_joint else ""
+    return f"<table><tr><th>parameter</th>{joint}<th>value ± standard error</th></tr>{rows}</table>"
+
+
+CURVES = {"rad, N·m": ("angle [rad]", "torque [N·m]"), "m, N": ("position [m]", "force [N]")}
+"""A curve's unit → what its points hold."""
+
+
+def _on(place: str) -> str:
+    return f" on {escape(place)}" if place else ""
+
+
+def _estimate(estimate: Estimate) -> str:
+    value = estimate.value
+    if isinstance(value, list) and estimate.unit in CURVES and len(value) > 4:
+        along, effort = CURVES[estimate.unit]
+        half = len(value) // 2
+        pairs = "".join(
+            f'<tr><td class="n">{words.number(a)}</td><td class="n">{words.number(t)}</td></tr>'
+            for a, t in zip(value[:half], value[half:], strict=True)
+        )
+        return (
+            f"a curve through {half} points<details><summary>points</summary><table>"
+            f'<tr><th class="n">{along}</th><th class="n">{effort}</th></tr>{pairs}</table></details>'
+        )
+    return escape(words.with_error(estimate))
+
+
+def where(subject: Subject) -> str:
+    """Joints and conditions under which the residual appears."""
+    places = [place for place in subject.verdict.where if place.share > 0.005][:8]
+    if not places:
+        return ""
+    several = len(subject.shown.fit) > 1
+    rows = "".join(
+        f"<tr><td>{escape(place.joint)}</td><td>{charts.share_bar(place.share)} {words.percent(place.share)}</td>"
+        f"<td>{escape(place.condition)}</td><td>{place.time[0]:.2f} to {place.time[1]:.2f} s"
+        f"{f' of log {place.log + 1}' if several else ''}</td></tr>"
+        for place in places
+    )
+    return (
+        '<section id="where"><h2>Where model and measurement part ways</h2>'
+        '<p class="lead">Shares of the residual above the noise, each joint in units of its own noise, and the '
+        "condition "
+        "under which it appears.</p>"
+        '<div class="scroll"><table><tr><th>joint</th><th>share of the residual</th><th>appears</th><th>between</th>'
+        f"</tr>{rows}</table></div></section>"
+    )

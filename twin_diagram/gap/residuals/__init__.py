@@ -1,0 +1,1 @@
+"""Measured logs as columns: residual torques, regressors, and noise made white."""

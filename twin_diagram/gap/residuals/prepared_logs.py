@@ -1,0 +1,323 @@
+"""Logs made ready for regression: uniform, smooth, filtered alike, without ends, at the rate that the filter leaves.
+
+A regression of torque on motion is unbiased where both sides went through the same filter. Positions are smoothed well
+above the band (`MOTION` times its edge), so that within the band they are as measured; every regressor is computed from
+them at the log's own rate, non-linear ones too, and only then low-passed and thinned, exactly as the torque is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import uniform_filter1d
+
+from twin_diagram.errors import LogError
+from twin_diagram.logs import Log, fingerprint, is_regular, uniform
+from twin_diagram.logs.differentiation import RESIDUAL_CUT, inner, lowpass, motion
+from twin_diagram.model.model import Model
+
+Array = npt.NDArray[np.float64]
+
+BAND = 20.0
+"""Torques are compared below this [Hz]; above it, position noise drowns inertial torques."""
+
+MOTION = 2.5
+"""Positions are smoothed at this many times the band."""
+
+THIN = 2.5
+"""Samples kept per second, times the band."""
+
+LEAST_BAND = 8.0
+"""Motion of arms and the edges of dry friction need at least this [Hz]."""
+
+NOISE_SHARE = 0.3
+"""Inertial torque of position noise, over the torque's own, at the band's edge."""
+
+SPELL = 0.1
+"""A joint whose encoder says the same for so long rests [s]."""
+
+OUTLYING = 0.01
+"""Share of samples that may be outliers."""
+
+SHORTEST = 2.0
+SHORTEST_HELD = 1.0
+"""A log that is fitted, and one that is held out, must have this much left after its ends are cut [s]."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """One log. Full-rate arrays are (N, n), thinned ones (D, n).
+
+    Attributes:
+        index: of the log.
+        source: what to call it.
+        time: (N,) regular [s].
+        rate: [1/s].
+        band: edge of the low-pass [Hz].
+        q: positions [rad].
+        v: velocities [rad/s].
+        a: accelerations [rad/s²].
+        torque: logged, unfiltered [N·m].
+        given: the given model's torque for this motion [N·m].
+        passed: the same without dry friction: what the gears pass on [N·m].
+        shaken: (n,) inertial torque of a joint's position noise over the torque's own noise, at the band's edge.
+        kept: (D,) indices of the samples that are left.
+        period: the log's own median time between samples [s].
+    """
+
+    index: int
+    source: str
+    time: Array
+    rate: float
+    band: float
+    q: Array
+    v: Array
+    a: Array
+    torque: Array
+    given: Array
+    passed: Array
+    shaken: Array
+    kept: npt.NDArray[np.int64]
+    period: float
+
+    def reduce(self, signal: Array) -> Array:
+        """Filters and thins a full-rate signal (N, …) to (D, …)."""
+        shape = signal.shape[1:]
+        filtered = lowpass(signal.reshape(len(signal), -1), self.rate, self.band)
+        return filtered[self.kept].reshape(-1, *shape)
+
+    @cached_property
+    def response(self) -> Array:
+        """(2 k + 1,) of the low-pass to an impulse, at the full rate."""
+        impulse = np.zeros(2 * int(np.ceil(4.0 * self.rate / self.band)) + 1)
+        impulse[len(impulse) // 2] = 1.0
+        return lowpass(impulse, self.rate, self.band)
+
+    @cached_property
+    def residual(self) -> Array:
+        """(D, n) logged less given torque [N·m]."""
+        return self.reduce(self.torque - self.given)
+
+    @cached_property
+    def times(self) -> Array:
+        """(D,) [s]."""
+        return self.time[self.kept]
+
+    @cached_property
+    def motion(self) -> tuple[Array, Array, Array]:
+        """Thinned q, v and a, each (D, n)."""
+        return self.q[self.kept], self.v[self.kept], self.a[self.kept]
+
+
+@dataclass(frozen=True)
+class Records:
+    """All fit logs of one arm, of the same band.
+
+    Attributes:
+        model: the given one.
+        records: one per log.
+    """
+
+    model: Model
+    records: tuple[Record, ...]
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.model.joints)
+
+    @cached_property
+    def lengths(self) -> tuple[int, ...]:
+        """Thinned samples per record."""
+        return tuple(len(record.kept) for record in self.records)
+
+    @property
+    def rate(self) -> float:
+        """Thinned samples per second."""
+        record = self.records[0]
+        return record.rate / float(record.kept[1] - record.kept[0])
+
+    def white(self, order: int) -> Array:
+        """(order + 1,) autocorrelation, after filter and thinning, of noise that was white in the log."""
+        record = self.records[0]
+        stride = int(record.kept[1] - record.kept[0])
+        whole = np.correlate(record.response, record.response, "full")[len(record.response) - 1 :: stride]
+        result = np.zeros(order + 1)
+        result[: min(len(whole), order + 1)] = whole[: order + 1]
+        return result / result[0]
+
+    def reduce(self, law: Callable[[Record], Array]) -> Array:
+        """A law's full-rate answers (N, …) for every record, thinned and put end to end (ΣD, …)."""
+        return np.concatenate([record.reduce(law(record)) for record in self.records])
+
+    def full(self, law: Callable[[Record], Array]) -> Array:
+        """A law's full-rate answers put end to end."""
+        return np.concatenate([law(record) for record in self.records])
+
+    @cached_property
+    def residual(self) -> Array:
+        """(ΣD, n) logged less given torque [N·m]."""
+        return np.concatenate([record.residual for record in self.records])
+
+    @cached_property
+    def torque(self) -> Array:
+        """(ΣD, n) logged torque [N·m]."""
+        return self.reduce(lambda record: record.torque)
+
+    @cached_property
+    def motion(self) -> tuple[Array, Array, Array]:
+        """Thinned q, v and a end to end, each (ΣD, n)."""
+        parts = [record.motion for record in self.records]
+        q, v, a = (np.concatenate([part[k] for part in parts]) for k in range(3))
+        return q, v, a
+
+    @cached_property
+    def times(self) -> Array:
+        """(ΣD,) each on its own log's clock [s]."""
+        return np.concatenate([record.times for record in self.records])
+
+    @cached_property
+    def owner(self) -> npt.NDArray[np.int64]:
+        """(ΣD,) which record each sample is of."""
+        return np.repeat(np.arange(len(self.records)), self.lengths)
+
+
+def prepare(model: Model, logs: Sequence[Log]) -> Records:
+    """Makes logs ready.
+
+    Args:
+        model: the given one, with the logs' joints in the logs' order.
+        logs: checked (`logs.check`).
+
+    Raises:
+        LogError: no log, one that is too short, or without torque.
+    """
+    if not logs:
+        raise LogError("no log to fit: give at least one")
+    regular = [uniform(straightened(log)) for log in logs]
+    rate = min(1.0 / log.period for log in regular)
+    band = min(BAND, 0.2 * rate, *(trusted_band(model, log) for log in regular))
+    return Records(model, tuple(_record(model, log, index, band) for index, log in enumerate(regular)))
+
+
+def straightened(log: Log) -> Log:
+    """The log with evenly spread times, where its positions are smoother that way.
+
+    Times that jitter are either when the samples were taken, or late stamps on even ones; the wrong reading makes
+    position noise of speed times jitter.
+    """
+    if is_regular(log.time) or len(log) < 50:
+        return log
+    index = np.arange(len(log))
+    even = np.polynomial.Polynomial.fit(index, log.time, 1)(index)
+    if np.max(np.abs(log.time - even)) > 0.5 * log.period:
+        return log
+    changed = replace(log, time=even, identity=fingerprint(log))
+    roughness = [np.sum(np.diff(uniform(x).position, 4, axis=0) ** 2) for x in (log, changed)]
+    return changed if roughness[1] < roughness[0] else log
+
+
+def trusted_band(model: Model, log: Log) -> float:
+    """Frequency [Hz] up to which position noise, as inertial torque, stays well below the torque's own noise.
+
+    White position noise of density S becomes inertial torque of I² (2π f)⁴ S. Regressors that hold a good part of it
+    would be biased towards zero.
+    """
+    rate = 1.0 / log.period
+    if rate < 8.0 * LEAST_BAND:
+        return np.inf
+    density = []
+    for signal in (log.position, log.motor_torque):
+        rough = np.diff(signal, 4, axis=0) / np.sqrt(70.0)  # of white noise, the same variance
+        density.append(np.median(np.abs(rough), axis=0) / 0.6745)
+    inertia = mean_inertia(model, log)
+    noisy = density[0] > 0.0
+    if not np.any(noisy):
+        return np.inf
+    square = NOISE_SHARE * density[1][noisy] / (inertia[noisy] * density[0][noisy])
+    return float(max(LEAST_BAND, np.min(np.sqrt(square)) / (2.0 * np.pi)))
+
+
+def shaken(model: Model, log: Log, band: float) -> Array:
+    """See `Record.shaken`."""
+    noise, own = (roughness(signal, log.period) for signal in (log.position, log.motor_torque))
+    return np.asarray(mean_inertia(model, log) * noise * (2.0 * np.pi * band) ** 2 / np.maximum(own, 1e-12))
+
+
+def mean_inertia(model: Model, log: Log) -> Array:
+    """(n,) of what each joint moves, along a log [kg·m²]."""
+    coarse = log.position[:: max(1, len(log) // 50)]
+    return np.asarray(np.mean(np.diagonal(model.tree.mass_matrix(coarse), axis1=1, axis2=2), axis=0))
+
+
+def roughness(signal: Array, period: float) -> Array:
+    """(n,) standard deviation of the white noise in smooth signals (N, n), sampled every `period` seconds.
+
+    Rests, in which an encoder says nothing, and the largest differences do not count.
+    """
+    rough = np.abs(np.diff(signal, 4, axis=0)) / np.sqrt(70.0)  # of white noise, the same variance
+    told = (rough > 1e-9 * np.ptp(signal, axis=0)).astype(float)
+    heard = uniform_filter1d(told, round(SPELL / period) + 1, axis=0) > 0.0
+    result = np.zeros(signal.shape[1])
+    for j in range(signal.shape[1]):
+        part = rough[heard[:, j], j]
+        if len(part):
+            usual = part[part <= np.quantile(part, 1.0 - OUTLYING)]
+            result[j] = np.sqrt(np.mean(usual**2))
+    return result
+
+
+def usable(log: Log, shortest: float = SHORTEST) -> float:
+    """How long a log lasts [s].
+
+    Args:
+        log: checked.
+        shortest: it must have this much left after its ends are cut [s].
+
+    Raises:
+        LogError: it is too short, or logs no torque at all.
+    """
+    duration = float(log.time[-1] - log.time[0])
+    if duration - 2.0 * RESIDUAL_CUT < shortest:
+        raise LogError(f"{log.source}: lasts {duration:.3g} s; at least {shortest + 2.0 * RESIDUAL_CUT:g} s are needed")
+    if not np.any(log.motor_torque):
+        raise LogError(f"{log.source}: all torques are zero throughout, so there is nothing to compare a model with")
+    return duration
+
+
+def _record(model: Model, log: Log, index: int, band: float) -> Record:
+    duration = usable(log)
+    rate = (len(log) - 1) / duration
+    smooth = motion(log, MOTION * band)
+    stride = max(1, int(rate / (THIN * band) + 1e-6))
+    kept = np.flatnonzero(inner(log.time, RESIDUAL_CUT))[::stride]
+    model = model.for_run(fingerprint(log))
+    # Torque that is logged and never arrives cannot be told from the motion.
+    seen = smooth.log.motor_torque if any(effect.loses for effect in model.effects) else None
+    q, v, a = smooth.position, smooth.velocity, smooth.acceleration
+    given = model.inverse_dynamics(q, v, a, time=log.time, seen=seen)
+    if any(effect.dry for effect in model.effects):
+        slick = model.with_effects([effect for effect in model.effects if not effect.dry])
+        passed = slick.inverse_dynamics(q, v, a, time=log.time, seen=seen)
+    else:
+        passed = given
+    return Record(
+        index=index,
+        source=log.source,
+        time=log.time,
+        rate=rate,
+        band=band,
+        q=q,
+        v=v,
+        a=a,
+        torque=smooth.log.motor_torque,
+        given=given,
+        passed=passed,
+        shaken=shaken(model, smooth.log, band),
+        kept=kept,
+        period=log.period,
+    )

@@ -1,0 +1,218 @@
+"""Samples that say nothing about a joint because dry friction holds it.
+
+A joint that sticks is held by whatever torque it takes, up to the friction's level; no law of speed tells which. Where
+friction is dry, samples at rest and about reversals are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import binary_opening, maximum_filter1d, uniform_filter1d
+from scipy.signal import convolve
+
+from twin_diagram.gap.residuals.prepared_logs import Record, Records
+from twin_diagram.gap.residuals.regressors import REST, Terms, spread_of, turns
+from twin_diagram.gap.residuals.whitening import Whitener
+
+Array = npt.NDArray[np.float64]
+
+DWELL = 0.004
+"""A joint that turns back sooner than this does not stick [s]."""
+
+SPREAD = 0.9
+"""Over how many periods of the band's edge the low-pass spreads what happens at rest."""
+
+AFTER = 2
+"""Thinned samples that the prediction-error filter spreads it further."""
+
+CREEPS = (0.024, 0.036, 0.054)
+"""Where a joint that is held creeps, samples below these speeds are left out too, as far as they show it [rad/s]."""
+
+FAST = 0.1
+"""A joint that moves faster certainly slides [rad/s]."""
+
+FEW = 6
+"""Samples that show creep at least."""
+
+THINNED = 2.0
+"""Neighbouring samples that know about as much as one."""
+
+SURE = 4.0
+"""Standard errors by which friction must fall short."""
+
+DOUBT_TURN = 0.7
+DOUBT_TIME = 0.6
+"""Share of dry friction, over so many seconds, that may be missed where a joint turns: how it is held is a guess."""
+
+FEWEST = 0.3
+"""Joints that move for less than this share of the time keep all their samples, unless they are known to stick."""
+
+LEAST = 0.1
+"""The same of two joints and the sum of their speeds, which is known to stick."""
+
+DRY = frozenset({"coulomb_friction", "stribeck_friction", "load_dependent_friction", "coupled_friction"})
+
+
+def sliding(
+    records: Records,
+    terms: Terms,
+    joints: Iterable[int],
+    slowest: Array | None = None,
+    turning: bool = False,
+    coupled: Iterable[tuple[int, int]] = (),
+) -> Array:
+    """(ΣD, n) weights of reduced samples: 0 where one of `joints` may be sticking, else 1.
+
+    Args:
+        records: of the fit.
+        terms: made of them.
+        joints: columns.
+        slowest: (n,) speed below which each may be sticking, see `creep`; None: `REST` [rad/s].
+        turning: whether a joint counts as sliding while it turns, see `regressors.turns`; not where the given model has
+            dry
+            friction, whose law knows of no such moments.
+        coupled: pairs of joints with friction on the sum of their speeds, beside the given model's.
+    """
+    result = np.ones((sum(records.lengths), records.n))
+    sticks = dry_joints(records)
+    for j in joints:
+        least = REST if slowest is None else float(slowest[j])
+        rests = [_at_rest(record, record.v[:, j], max(least, 2.0 * float(terms.slow[j]))) for record in records.records]
+        if turning and j not in sticks:
+            for record, still in zip(records.records, rests, strict=True):
+                for first, last in turns(record, j, terms.resting(j)):
+                    still[first:last] = False
+        weights = _away(records, rests)
+        if np.mean(weights) > FEWEST or j in sticks:
+            result[:, j] = weights
+    for i, j in {*coupled, *coupled_pairs(records)}:
+        slow = max(REST, 2.0 * float(np.hypot(terms.slow[i], terms.slow[j])))
+        rests = [_at_rest(record, record.v[:, i] + record.v[:, j], slow) for record in records.records]
+        weights = _away(records, rests)
+        if np.mean(weights) > LEAST:
+            result[:, [i, j]] *= weights[:, None]
+    return result
+
+
+def _away(records: Records, rests: Sequence[npt.NDArray[np.bool_]]) -> Array:
+    """(ΣD,) 0 where the filters spread what happens at rest, else 1."""
+    parts = []
+    for record, still in zip(records.records, rests, strict=True):
+        width = 2 * round(SPREAD * record.rate / record.band) + 1
+        thinned = maximum_filter1d(still.astype(float), width)[record.kept]
+        after = thinned.copy()
+        for k in range(1, AFTER + 1):
+            after[k:] = np.maximum(after[k:], thinned[:-k])
+        parts.append(after)
+    return 1.0 - np.concatenate(parts)
+
+
+def turning(records: Records, terms: Terms, whitener: Whitener, dry: Array, joints: Iterable[int]) -> Array:
+    """(n, R) weights of whitened samples about the moments at which a joint turns; 0 elsewhere.
+
+    Args:
+        records: of the fit.
+        terms: made of them.
+        whitener: of the noise.
+        dry: (ΣD, n) torque of dry friction as it is known so far [N·m].
+        joints: columns.
+    """
+    whole = sliding(records, terms, joints)
+    about = sliding(records, terms, joints, turning=True) - whole
+    white = whitener.all(dry)
+    width = max(1, round(DOUBT_TIME * records.rate))
+    believed = 1.0 / np.sqrt(1.0 + DOUBT_TURN**2 * uniform_filter1d(white**2, width, axis=1))
+    return np.ascontiguousarray(np.maximum(about, 0.0)[whitener.rows].T) * believed
+
+
+def stuck(records: Records, terms: Terms, j: int) -> npt.NDArray[np.bool_]:
+    """(ΣD,) where a joint may be sticking, the low-pass left out of account."""
+    slow = terms.resting(j)
+    return np.concatenate([_at_rest(record, record.v[:, j], slow)[record.kept] for record in records.records])
+
+
+def reach(records: Records, terms: Terms, j: int) -> tuple[Array, Array]:
+    """What friction that slides on one level, and holds at most as much, can be after the low-pass.
+
+    Returns:
+        (ΣD,) what slides, in units of the level; (ΣD,) how much beside it what is held may add or take, likewise.
+    """
+    slow = terms.resting(j)
+    slid, held = [], []
+    for record in records.records:
+        still = _at_rest(record, record.v[:, j], slow)
+        response = record.response
+        slid.append(convolve(np.where(still, 0.0, np.sign(record.v[:, j])), response, "same")[record.kept])
+        held.append(convolve(still.astype(float), np.abs(response), "same")[record.kept])
+    return np.concatenate(slid), np.concatenate(held)
+
+
+def creep(records: Records, terms: Terms, left: Array, joints: Iterable[int]) -> Array:
+    """(n,) speed below which each joint may be held [rad/s].
+
+    A joint that is held gives way a little, the faster the harder it is pushed. Friction then falls short of the level
+    that it has while the joint slides; the laws of the catalogue have at least that level at any speed.
+
+    Args:
+        records: of the fit.
+        terms: made of them.
+        left: (ΣD, n) torque that a hypothesis leaves [N·m].
+        joints: columns that are looked at.
+    """
+    result = np.full(records.n, REST)
+    speed = records.reduce(lambda r: r.v)
+    for j in joints:
+        weights = sliding(records, terms, [j])[:, j] > 0.0
+        size = np.abs(speed[:, j])
+        against = np.sign(speed[:, j]) * left[:, j]
+        fast = weights & (size > FAST)
+        if np.sum(fast) < FEW:
+            continue
+        level = float(np.median(against[fast]))
+        noise = float(spread_of(against[fast]))
+        for low, high in pairwise((REST, *CREEPS)):
+            slow = weights & (size >= low) & (size < high)
+            many = int(np.sum(slow))
+            if many < FEW:
+                continue
+            if np.mean(against[slow]) - level > -SURE * noise / np.sqrt(many / THINNED):
+                break
+            result[j] = high
+    return result
+
+
+def _at_rest(record: Record, speed: Array, slow: float) -> npt.NDArray[np.bool_]:
+    return np.asarray(binary_opening(np.abs(speed) < slow, np.ones(max(1, round(DWELL * record.rate)))))
+
+
+def moving(
+    records: Records,
+    terms: Terms,
+    whitener: Whitener,
+    joints: Iterable[int],
+    slowest: Array | None = None,
+    coupled: Iterable[tuple[int, int]] = (),
+) -> Array:
+    """(n, R) the same for whitened samples."""
+    return np.ascontiguousarray(sliding(records, terms, joints, slowest, coupled=coupled)[whitener.rows].T)
+
+
+def coupled_pairs(records: Records) -> set[tuple[int, int]]:
+    """Pairs of joints on the sum of whose speeds the given model has friction."""
+    effects = [effect for effect in records.model.effects if effect.name == "coupled_friction"]
+    pairs = [[records.model.joints.index(joint) for joint in effect.joints] for effect in effects]
+    return {(pair[0], pair[1]) for pair in pairs if len(pair) == 2}
+
+
+def dry_joints(records: Records) -> set[int]:
+    """Joints on which the given model has dry friction."""
+    return {
+        records.model.joints.index(joint)
+        for effect in records.model.effects
+        if effect.name in DRY
+        for joint in effect.joints
+    }

@@ -1,0 +1,1 @@
+"""The search for the few candidates that explain a gap, and what each must earn."""

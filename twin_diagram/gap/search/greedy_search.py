@@ -1,0 +1,269 @@
+"""Search for the hypothesis of most evidence: forward, backward and swap steps from many starts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from twin_diagram.gap.search.evidence import Bench, Fit, Members
+from twin_diagram.gap.search.prior_costs import FURTHER_JOINT, NEW_NAME
+
+TRIED = 8
+"""Additions that are solved exactly at each step."""
+
+STARTS = 5
+"""First members that are tried beside the best one."""
+
+BUDGET = 4_000_000
+"""Members of all hypotheses solved on a bench, times its samples, after which the best is kept: nothing simple fits."""
+
+ON_EVERY_JOINT = ("coulomb_friction", "viscous_friction", "reflected_inertia")
+"""What every joint of a real arm may lack at once: joint by joint, the way there leads past better-looking errors."""
+
+NARROWED = 3
+
+CROWDED = 6
+"""With more members, nothing new is proposed for swaps."""
+
+PLAINER = {
+    "stribeck_friction": "coulomb_friction",
+    "joint_elasticity": "reflected_inertia",
+    "backlash": "reflected_inertia",
+}
+"""Laws and the plainer ones that they hold."""
+
+SHARES = {"stribeck_friction": 1.5e-3, "joint_elasticity": 0.025, "backlash": 0.025}
+"""What a law brings beyond the plainer one is none of its own below this share: of all evidence for a dip near rest, of
+what the rotor brings for a gear."""
+
+PROMISING = 0.3
+"""A first member must bring this share of what the best one does."""
+
+Propose = Callable[[Bench, Members], list[int]]
+"""Makes further candidates (ripples, onsets) that suit what a hypothesis leaves; answers their indices."""
+
+
+Polish = Callable[[Bench, Fit], Fit]
+"""Moves a hypothesis's shapes and working points to where the data want them."""
+
+
+def search(
+    bench: Bench, least: float = 3.0, most: int = 40, propose: Propose | None = None, polish: Polish | None = None
+) -> Fit:
+    """Climbs from the empty hypothesis and from each of its best first members.
+
+    Args:
+        bench: data and candidates.
+        least: rise of the evidence, beyond all prices, that a further member must bring [nats].
+        most: members.
+        propose: see `Propose`.
+        polish: see `Polish`.
+    """
+    empty: Members = frozenset()
+    best = climb(bench, empty, least, most, propose, polish)
+    for start in _starts(bench):
+        if start in best.members:
+            continue
+        found = climb(bench, frozenset({start}), least, most, propose, polish)
+        if found.evidence > best.evidence:
+            best = found
+    return best
+
+
+def _starts(bench: Bench) -> list[int]:
+    scores = bench.scores(frozenset())
+    order = np.argsort(scores)[::-1]
+    result: list[int] = []
+    places = set()
+    for k in order:
+        candidate = bench.candidates[k]
+        if not candidate.name or not np.isfinite(scores[k]) or scores[k] < NEW_NAME:
+            continue
+        if scores[k] < PROMISING * scores[order[0]]:
+            break
+        # One start per name is enough for single joints; effects of the whole arm are rivals to sets of those.
+        key = candidate.place if len(candidate.rows) > 1 else candidate.name
+        if key in places:
+            continue
+        places.add(key)
+        result.append(int(k))
+        if len(result) == STARTS:
+            break
+    return result
+
+
+def climb(
+    bench: Bench,
+    start: Members,
+    least: float,
+    most: int,
+    propose: Propose | None = None,
+    polish: Polish | None = None,
+) -> Fit:
+    """Adds, drops and swaps members until nothing raises the evidence."""
+    fit = bench.solve(start)
+    if polish is not None:
+        fit = polish(bench, fit)
+    for _ in range(2 * most):
+        if bench.spent > BUDGET / bench.rows:
+            return fit
+        step = _drop(bench, fit)
+        if step is None and len(fit.members) < most:
+            step = _add(bench, fit, least, propose)
+        if step is None:
+            step = _swap(bench, fit, propose)
+        if step is None:
+            return fit
+        fit = step if polish is None else polish(bench, step)
+    return fit
+
+
+def additions(bench: Bench, members: Members, count: int = TRIED) -> list[Fit]:
+    """The best exact fits with one member more."""
+    scores = bench.scores(members)
+    names = {bench.candidates[k].name for k in members}
+    for k, candidate in enumerate(bench.candidates):
+        scores[k] -= FURTHER_JOINT if candidate.name in names else NEW_NAME
+        if not candidate.name:
+            scores[k] = -np.inf
+    result: list[Fit] = []
+    for k in np.argsort(scores)[::-1]:
+        if len(result) >= count or not np.isfinite(scores[k]):
+            break
+        if int(k) not in members and bench.compatible(members, int(k)):
+            result.append(bench.solve(members | {int(k)}))
+    return sorted(result, key=lambda fit: -fit.evidence)
+
+
+def _add(bench: Bench, fit: Fit, least: float, propose: Propose | None) -> Fit | None:
+    if propose is not None:
+        propose(bench, fit.members)
+    single = additions(bench, fit.members)
+    together = everywhere(bench, fit)
+    if together is not None and together.evidence > max([fit.evidence + least, *(found.evidence for found in single)]):
+        return together
+    for found in single:
+        if found.evidence > fit.evidence + least or (not np.isfinite(fit.evidence) and np.isfinite(found.evidence)):
+            return found
+        break
+    return None
+
+
+def everywhere(bench: Bench, fit: Fit) -> Fit | None:
+    """The best fit with one usual name on every joint that lacks it, but where it is not physical."""
+    best: Fit | None = None
+    for name in ON_EVERY_JOINT:
+        new = {
+            k
+            for k, c in enumerate(bench.candidates)
+            if c.name == name and c.onset is None and not c.variant and bench.is_offered(k)
+            if bench.compatible(fit.members, k)
+        }
+        for _ in range(NARROWED):
+            found = bench.solve(fit.members | new)
+            wrong = {k for k in new if not bench.candidates[k].allows(bench.part(found, k)[0])}
+            new -= wrong
+            if not wrong or len(new) < 2:
+                break
+        if len(new) > 1 and np.isfinite(found.evidence) and (best is None or found.evidence > best.evidence):
+            best = found
+    return best
+
+
+def one_kind(bench: Bench, fit: Fit) -> Fit | None:
+    """The fit with Stribeck's law wherever it has Coulomb's beside Stribeck's, if that is better: no single swap is."""
+    names = {bench.candidates[k].name for k in fit.members}
+    dry = [k for k in fit.members if bench.candidates[k].name == "coulomb_friction"]
+    if "stribeck_friction" not in names or any(bench.candidates[k].onset is not None for k in dry):
+        return None
+    members = fit.members
+    for k in dry:
+        others = members - {k}
+        joints = bench.candidates[k].joints
+        swaps = [
+            bench.solve(others | {i})
+            for i in bench.find("stribeck_friction")
+            if bench.candidates[i].joints == joints and bench.is_offered(i)
+        ]
+        members = max(swaps, key=lambda option: option.evidence, default=fit).members
+    found = bench.solve(members)
+    return found if found.evidence > fit.evidence + 1e-6 else None
+
+
+def plainer(bench: Bench, fit: Fit) -> Fit:
+    """The fit with the plainer law for every one that brings next to nothing beyond it.
+
+    No law is exact to the noise where an effect is strong: what a simulator's or a real joint's friction does within
+    a hundredth of a radian per second of rest would else pass for a dip, and what smoothing does to a heavy rotor's
+    torque for a gear that yields.
+    """
+    for law, plain in PLAINER.items():
+        finer = [k for k in sorted(fit.members) if bench.candidates[k].name == law]
+        # All of them first: some here and some there would be two names.
+        for some in [finer, *([k] for k in finer if len(finer) > 1)]:
+            rest = fit.members - frozenset(some)
+            members = rest
+            for k in some:
+                same = [
+                    i
+                    for i in bench.find(plain)
+                    if bench.candidates[i].joints == bench.candidates[k].joints
+                    and bench.candidates[i].onset == bench.candidates[k].onset
+                    and not bench.candidates[i].variant
+                ]
+                members = members | (frozenset(same[:1]) if same else {k})
+            found = bench.solve(members)
+            explained = _explained(bench, found, rest) if plain == "reflected_inertia" else fit.evidence
+            if fit.evidence - found.evidence < SHARES[law] * explained:
+                fit = found
+    return fit
+
+
+def _explained(bench: Bench, fit: Fit, rest: Members) -> float:
+    """Evidence that a fit has beyond a part of its members [nats]."""
+    return max(fit.evidence - max(bench.solve(rest).evidence, 0.0), 0.0)
+
+
+def handicaps(bench: Bench, fit: Fit) -> dict[str, float]:
+    """What a law that is finer than one of a fit's must bring beyond it [nats], see `plainer`."""
+    result = {}
+    for law, plain in PLAINER.items():
+        names = {bench.candidates[k].name for k in fit.members}
+        if law in names:
+            continue
+        rest = frozenset(k for k in fit.members if bench.candidates[k].name != plain)
+        explained = _explained(bench, fit, rest) if plain == "reflected_inertia" else fit.evidence
+        result[law] = SHARES[law] * explained
+    return result
+
+
+def _drop(bench: Bench, fit: Fit) -> Fit | None:
+    options = [bench.solve(fit.members - {k}) for k in fit.members]
+    best = max(options, key=lambda option: option.evidence, default=None)
+    if best is None:
+        return None
+    if best.evidence >= fit.evidence and (np.isfinite(best.evidence) or not np.isfinite(fit.evidence)):
+        return best
+    return None
+
+
+def _swap(bench: Bench, fit: Fit, propose: Propose | None) -> Fit | None:
+    """Replaces one member, or all members of one name, by another candidate."""
+    names: dict[str, Members] = {}
+    for k in fit.members:
+        name = bench.candidates[k].name
+        names[name] = names.get(name, frozenset()) | {k}
+    groups = [frozenset({k}) for k in fit.members] + [group for group in names.values() if len(group) > 1]
+    best = one_kind(bench, fit) or fit
+    for group in groups:
+        if propose is not None and len(groups) <= CROWDED:
+            propose(bench, fit.members - group)
+        said = {(bench.candidates[k].place, bench.candidates[k].variant) for k in group}
+        for found in additions(bench, fit.members - group, 5):
+            (new,) = found.members - (fit.members - group)
+            # The same effect off its working point is an approximation of what is already there.
+            again = (bench.candidates[new].place, bench.candidates[new].variant) in said
+            if found.evidence > best.evidence + 1e-6 and not again:
+                best = found
+    return None if best is fit else best

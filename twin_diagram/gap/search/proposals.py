@@ -1,0 +1,282 @@
+"""Candidates that are made to measure for what a hypothesis leaves: ripples of any count, starts and ends in time.
+
+There are too many of either to keep. Ripples are scored by projection; starts and ends by sums over blocks of time, so
+that every pair of moments costs one small solution.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.gap.candidates import single_joint, whole_arm
+from twin_diagram.gap.candidates.candidate import Candidate
+from twin_diagram.gap.residuals.prepared_logs import Record
+from twin_diagram.gap.residuals.regressors import Terms
+from twin_diagram.gap.search.evidence import Bench, Members
+from twin_diagram.gap.search.normal_equations import increments
+from twin_diagram.gap.search.prior_costs import FURTHER_JOINT, NEW_NAME
+
+Array = npt.NDArray[np.float64]
+
+BLOCKS = 64
+"""Moments at which an effect is tried to start; refined to single samples afterwards."""
+
+NEARBY = (-1.5, -1.0, -0.6, -0.3, 0.0, 0.3, 0.6, 1.0, 1.5)
+"""Moments that are tried about the best sample, in thinned periods."""
+
+LONGEST = BLOCKS // 2
+"""Blocks that a push may last that ends: what goes on for most of a log and ends is no event."""
+
+MARGIN = 3
+"""An effect must last, and be preceded by, this many blocks to count as one that starts or ends."""
+
+WORTH = 10.0
+"""Evidence beyond the price of a name that makes a candidate worth proposing [nats]."""
+
+FURTHER_WORTH = 5.0
+"""The same of a name that is there already, on a further joint [nats]."""
+
+START_WORTH = 3.0
+"""Evidence beyond that of acting all the time [nats]."""
+
+SEEN = 0.05
+"""Share of a candidate's information that must lie before its start: where an arm stood still, nothing could show."""
+
+CROWDED = 8
+"""A hypothesis with more members is not asked what it leaves."""
+
+STARTING = frozenset(
+    {
+        "viscous_friction",
+        "coulomb_friction",
+        "load_dependent_friction",
+        "reflected_inertia",
+        "torque_constant",
+        "torque_bias",
+        "joint_spring",
+        "encoder_offset",
+        "payload",
+        "gravity_tilt",
+    }
+)
+"""Names that are looked for as starting within a log; a torque constant that does is an actuator's fault."""
+
+
+class Proposer:
+    """Proposes for one bench; keeps what does not depend on the hypothesis."""
+
+    def __init__(self, terms: Terms) -> None:
+        self.terms = terms
+        self._ripples: dict[int, tuple[Array, Array, Array]] = {}
+        self._forces: list[Candidate] | None = None
+        self._force_columns: list[Array] = []
+        self._asked: set[frozenset[tuple[str, tuple[int, ...], tuple[str, ...]]]] = set()
+
+    def __call__(self, bench: Bench, members: Members) -> list[int]:
+        """See `greedy_search.Propose`; each hypothesis is looked at once."""
+        # A hypothesis with other shapes says the same, and leaves much the same.
+        said = frozenset(bench.candidates[k].place for k in members)
+        if said in self._asked or len(members) > CROWDED:
+            return []
+        self._asked.add(said)
+        Q = bench.basis(members)
+        projected = np.einsum("jrk,jr->k", Q, bench.y)
+        return [
+            *self.ripples(bench, members, Q, projected),
+            *self.starts(bench, Q, projected),
+            *self.forces(bench, Q, projected),
+        ]
+
+    def ripples(self, bench: Bench, members: Members, Q: Array, projected: Array) -> list[int]:
+        """The best count of each joint; where another joint has a ripple, one more is easily believed."""
+        made = []
+        rippled = any(bench.candidates[k].name == "torque_ripple" for k in members)
+        least = FURTHER_JOINT + FURTHER_WORTH if rippled else NEW_NAME + WORTH
+        for j in range(bench.n):
+            if not len(single_joint.ripple_counts(self.terms, j)):
+                continue
+            counts, X, spread = self._ripple_columns(bench, j)
+            m = len(counts)
+            C = Q[j].T @ X
+            b = X.T @ bench.y[j] - C.T @ projected
+            sine, cosine = slice(0, m), slice(m, 2 * m)
+            G = np.empty((m, 2, 2))
+            for i, one in enumerate((sine, cosine)):
+                for k, other in enumerate((sine, cosine)):
+                    G[:, i, k] = np.sum(X[:, one] * X[:, other], axis=0) - np.sum(C[:, one] * C[:, other], axis=0)
+            scores = increments(G, np.stack([b[sine], b[cosine]], axis=1), spread)
+            best = int(np.argmax(scores))
+            candidate = single_joint.ripple(self.terms, j, float(counts[best]))
+            if candidate is not None and scores[best] - candidate.cost > least:
+                made.append(bench.add(candidate))
+        return made
+
+    def _ripple_columns(self, bench: Bench, j: int) -> tuple[Array, Array, Array]:
+        if j not in self._ripples:
+            counts = single_joint.ripple_counts(self.terms, j)
+            columns = single_joint.ripple_columns(self.terms, j, counts)
+            size = np.sqrt(np.mean(columns**2, axis=0)).reshape(2, -1).T + 1e-9
+            white = bench.whitener.joint(j, columns) * bench.weights[j][:, None]
+            self._ripples[j] = counts, white, self.terms.torque_size[j] / size
+        return self._ripples[j]
+
+    def starts(self, bench: Bench, Q: Array, projected: Array) -> list[int]:
+        """The best start of every candidate that may start within the logs, where it is worth it."""
+        found: list[tuple[float, int, int]] = []
+        edges = block_edges(bench.rows)
+        for k in range(len(bench.candidates)):
+            candidate = bench.candidates[k]
+            plain = candidate.onset is None and candidate.variant == "" and bench.is_offered(k)
+            if not plain or candidate.name not in STARTING:
+                continue
+            rows = list(candidate.rows)
+            G, C, b = block_sums(bench.columns[k], Q[rows], bench.y[rows], edges)
+            size = np.einsum("bkk,k->b", G, candidate.spread**2)
+            seen = np.cumsum(size) - size >= SEEN * np.sum(size)
+            # Sums from each block on.
+            G, C, b = (np.cumsum(x[::-1], axis=0)[::-1] for x in (G, C, b))
+            scores = _scores(G, C, b, candidate.spread, projected) - np.log(BLOCKS) - candidate.cost
+            whole = scores[0] + np.log(BLOCKS)
+            start = MARGIN + int(np.argmax(np.where(seen, scores, -np.inf)[MARGIN:-MARGIN]))
+            if scores[start] > max(whole + START_WORTH, NEW_NAME + WORTH):
+                found.append((float(scores[start]), k, start))
+        made = []
+        for _, k, start in sorted(found, reverse=True)[:6]:
+            made.append(bench.add(self._started(bench, Q, projected, k, start, edges)))
+        return made
+
+    def _started(
+        self, bench: Bench, Q: Array, projected: Array, k: int, start: int, edges: npt.NDArray[np.int64]
+    ) -> Candidate:
+        """A candidate from its best sample on, near the start of a block."""
+        base = bench.candidates[k]
+        rows = list(base.rows)
+        fine = np.append(np.arange(edges[start - 1], edges[start + 1] + 1), bench.rows)
+        G, C, b = block_sums(bench.columns[k], Q[rows], bench.y[rows], fine)
+        G, C, b = (np.cumsum(x[::-1], axis=0)[::-1] for x in (G, C, b))
+        at = int(fine[int(np.argmax(_scores(G, C, b, base.spread, projected)))])
+        made = self._during(bench, base, at, bench.rows, Q, projected)
+        made = replace(made, cost=base.cost + float(np.log(BLOCKS)), variant="starting")
+        if made.name == "torque_constant":
+            made = replace(made, name="actuator_fault")
+        return made
+
+    def _during(self, bench: Bench, base: Candidate, at: int, to: int, Q: Array, projected: Array) -> Candidate:
+        """A candidate that acts from about whitened row `at` until about row `to`, at the best moments near them."""
+        records = self.terms.records
+        rows = np.append(bench.whitener.rows, len(records.residual))
+        first, last = int(rows[at]), int(rows[to])
+        onset = (int(records.owner[first]), float(records.times[first]))
+        end = (int(records.owner[last]), float(records.times[last])) if last < len(records.residual) - 3 else None
+        if end is not None and end[0] != onset[0]:  # what ends in another run was over at the end of its own
+            end = (onset[0], float(records.times[records.owner == onset[0]][-1]))
+        period = 1.0 / records.rate
+        if last - first < 2:
+            return base.during(active(self.terms, onset, end), onset, end)
+        for _ in range(2):
+            starts = [(onset[0], onset[1] + share * period) for share in NEARBY]
+            made = [base.during(active(self.terms, moment, end), moment, end) for moment in starts]
+            best = int(np.argmax([bench.score_once(candidate, Q, projected) for candidate in made]))
+            onset = starts[best]
+            if end is None:
+                break
+            ends = [(end[0], end[1] + share * period) for share in NEARBY]
+            made = [base.during(active(self.terms, onset, moment), onset, moment) for moment in ends]
+            best = int(np.argmax([bench.score_once(candidate, Q, projected) for candidate in made]))
+            end = ends[best]
+        return base.during(active(self.terms, onset, end), onset, end)
+
+    def forces(self, bench: Bench, Q: Array, projected: Array) -> list[int]:
+        """The best link and span of time of a constant wrench."""
+        if self._forces is None:
+            self._forces = whole_arm.external_forces(self.terms)
+            self._force_columns = [bench.whiten(candidate) for candidate in self._forces]
+        edges = block_edges(bench.rows)
+        pairs = spans()
+        found: list[tuple[float, int, int, int]] = []
+        for index, candidate in enumerate(self._forces):
+            rows = list(candidate.rows)
+            G, C, b = block_sums(self._force_columns[index], Q[rows], bench.y[rows], edges)
+            G, C, b = (np.concatenate([np.zeros_like(x[:1]), np.cumsum(x, axis=0)]) for x in (G, C, b))
+            dG, dC, db = (x[pairs[:, 1]] - x[pairs[:, 0]] for x in (G, C, b))
+            scores = _scores(dG, dC, db, candidate.spread, projected)
+            best = int(np.argmax(scores))
+            score = float(scores[best]) - 2.0 * np.log(BLOCKS)
+            if score > NEW_NAME + WORTH:
+                found.append((score, index, int(pairs[best, 0]), int(pairs[best, 1])))
+        made = []
+        for _, index, i, k in sorted(found, reverse=True)[:4]:
+            made.append(bench.add(self._spanned(bench, Q, projected, index, edges, i, k)))
+        return made
+
+    def _spanned(
+        self, bench: Bench, Q: Array, projected: Array, index: int, edges: npt.NDArray[np.int64], i: int, k: int
+    ) -> Candidate:
+        """A wrench over its best span of samples near two blocks' starts."""
+        assert self._forces is not None
+        base = self._forces[index]
+        rows = list(base.rows)
+        step = int(edges[1])
+        at, to = int(edges[i]), int(edges[k])
+        for _ in range(2):
+            fine = np.unique(np.clip(np.append(np.arange(at - step, at + step + 1), to), 0, to))
+            G, C, b = block_sums(self._force_columns[index], Q[rows], bench.y[rows], fine)
+            G, C, b = (np.cumsum(x[::-1], axis=0)[::-1] for x in (G, C, b))
+            at = int(fine[int(np.argmax(_scores(G, C, b, base.spread, projected)))])
+            fine = np.unique(np.clip(np.append(at, np.arange(to - step, to + step + 1)), at, bench.rows))
+            G, C, b = block_sums(self._force_columns[index], Q[rows], bench.y[rows], fine)
+            G, C, b = (np.cumsum(x, axis=0) for x in (G, C, b))
+            to = int(fine[1 + int(np.argmax(_scores(G, C, b, base.spread, projected)))])
+        made = self._during(bench, base, at, to, Q, projected)
+        return replace(made, cost=base.cost + 2.0 * float(np.log(BLOCKS)), variant="spanned")
+
+
+def active(terms: Terms, onset: tuple[int, float] | None, end: tuple[int, float] | None) -> Array:
+    """(ΣD,) 1 from the onset until the end, low-passed like the torque: what is switched on is seen so."""
+
+    def after(record: Record, moment: tuple[int, float]) -> Array:
+        if record.index != moment[0]:
+            return np.full(len(record.time), float(record.index > moment[0]))
+        # A sample's share of the period before it, so that the moment counts below the log's own resolution.
+        return np.clip((record.time - moment[1]) * record.rate + 0.5, 0.0, 1.0)
+
+    def law(record: Record) -> Array:
+        started = np.ones(len(record.time)) if onset is None else after(record, onset)
+        return started if end is None else started - after(record, end)
+
+    return terms.records.reduce(law)
+
+
+def spans() -> npt.NDArray[np.int64]:
+    """(P, 2) blocks at which a push may begin and end; one that goes on beyond the log may last longer."""
+    brief = [(i, k) for i in range(1, BLOCKS) for k in range(i + 2, min(i + LONGEST, BLOCKS) + 1)]
+    return np.array(brief + [(i, BLOCKS) for i in range(MARGIN, BLOCKS - LONGEST)])
+
+
+def _scores(G: Array, C: Array, b: Array, spread: Array, projected: Array) -> Array:
+    """Rises of the evidence (B,), for sums over spans of time."""
+    rest = np.einsum("bki,bkj->bij", C, C)
+    return increments(G - rest, b - np.einsum("bki,k->bi", C, projected), np.broadcast_to(spread, b.shape))
+
+
+def block_edges(rows: int) -> npt.NDArray[np.int64]:
+    """(BLOCKS + 1,) bounds of equal blocks of rows."""
+    return np.round(np.linspace(0, rows, BLOCKS + 1)).astype(np.int64)
+
+
+def block_sums(
+    X: Array, Q: Array, y: Array, edges: Sequence[int] | npt.NDArray[np.int64]
+) -> tuple[Array, Array, Array]:
+    """Per block: information (B, k, k), products with Q (B, K, k), and with y (B, k), of columns X (rows, R, k)."""
+    G, C, b = [], [], []
+    for first, last in itertools.pairwise(edges):
+        part = X[:, first:last].reshape(-1, X.shape[2])
+        G.append(part.T @ part)
+        C.append(Q[:, first:last].reshape(-1, Q.shape[2]).T @ part)
+        b.append(part.T @ y[:, first:last].ravel())
+    return np.array(G), np.array(C), np.array(b)

@@ -1,0 +1,150 @@
+"""Shapes and working points of a hypothesis, brought to where the data want them.
+
+A candidate that is not linear in its parameters is linearised about half its estimate: the midpoint rule makes the
+product of Jacobian and estimate right to third order. Searched shapes move off their grid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.gap.candidates import single_joint, whole_arm
+from twin_diagram.gap.candidates.candidate import Candidate
+from twin_diagram.gap.residuals.regressors import Terms
+from twin_diagram.gap.search import gear_proposals, golden_section, proposals
+from twin_diagram.gap.search.evidence import Bench, Fit
+
+Array = npt.NDArray[np.float64]
+
+ROUNDS = 3
+SECTIONS = 7
+SETTLED = 0.02
+"""Evidence that a round must change for another to be worth it [nats]."""
+
+
+def refine(bench: Bench, terms: Terms, fit: Fit, rounds: int = ROUNDS, *, slow: bool = True) -> Fit:
+    """Works on one member at a time, all others free; answers the best fit.
+
+    Its members may be new candidates of the bench.
+
+    Args:
+        bench: of the fit.
+        terms: of the logs.
+        fit: to start from.
+        rounds: at most.
+        slow: whether shapes are moved that take long to work out.
+    """
+    for _ in range(rounds):
+        before = fit.evidence
+        for member in sorted(fit.members):
+            fit = moved(bench, terms, fit, member, slow=slow)
+        if abs(fit.evidence - before) < SETTLED:
+            break
+    return fit
+
+
+def moved(bench: Bench, terms: Terms, fit: Fit, member: int, *, slow: bool = True) -> Fit:
+    """The best fit that differs in one member's shapes or working point; see `refine`."""
+    candidate = bench.candidates[member]
+    own, _ = bench.part(fit, member)
+    if candidate.variant != "held":
+        made = recentred(terms, candidate, own)
+        if made is not None:
+            if candidate.onset is not None:
+                made = replace(
+                    made.during(
+                        proposals.active(terms, candidate.onset, candidate.end), candidate.onset, candidate.end
+                    ),
+                    cost=candidate.cost,
+                    variant=candidate.variant,
+                )
+            again = bench.solve(fit.members - {member} | {bench.add(made, offered=False)})
+            return again if np.isfinite(again.evidence) else fit
+    if candidate.variant == "swinging" and not slow:
+        return fit
+    for key, low, high in shapes(terms, candidate):
+        rebuild = _rebuild(terms, bench.candidates[member], key)
+        fit, member = _line_search(bench, fit, member, key, rebuild, low, high)
+    return fit
+
+
+def recentred(terms: Terms, candidate: Candidate, coefficients: Array) -> Candidate | None:
+    """The candidate linearised about half of the coefficients; none where it is linear."""
+    if candidate.name == "payload" and candidate.variant != "bulky" and coefficients[0] != 0.0:
+        return whole_arm.payload(terms, coefficients[1:4] / coefficients[0])
+    if candidate.name == "gravity_tilt":
+        return whole_arm.tilt(terms, coefficients)
+    if candidate.name == "encoder_offset":
+        return whole_arm.encoder_offset(terms, candidate.joints[0], float(coefficients[0]))
+    if candidate.name == "time_delay":
+        return whole_arm.delay(terms, whole_arm.LONGEST_DELAY, float(coefficients[0]))
+    return None
+
+
+GEAR_SHAPES = {
+    "joint_elasticity": (("stiffness", 0.75, 1.33), ("loss", 0.25, 4.0), ("stiffness", 0.93, 1.07)),
+    "backlash": (("gap", 0.6, 1.7),),
+}
+
+Rebuild = Callable[[float], Candidate | None]
+
+
+def shapes(terms: Terms, candidate: Candidate) -> list[tuple[str, float, float]]:
+    """Shapes of a candidate: key, and the ratio bounds of the search about its value."""
+    if candidate.onset is not None or candidate.variant == "held":
+        return []
+    if candidate.name == "stribeck_friction":
+        return [("stribeck_velocity", 0.55, 1.8)]
+    if candidate.name == "torque_saturation":
+        return [("limit", 0.9, 1.1)]
+    if candidate.name == "torque_ripple":
+        width = min(0.3, single_joint.count_step(terms, candidate.joints[0]) / candidate.shape["cycles"])
+        return [("cycles", 1.0 - width, 1.0 + width)]
+    if candidate.variant == "swinging":
+        return list(GEAR_SHAPES[candidate.name])
+    return []
+
+
+def _rebuild(terms: Terms, candidate: Candidate, key: str) -> Rebuild:
+    """What makes a candidate anew for another value of one of its shapes."""
+    j = candidate.joints[0]
+
+    def rebuild(value: float) -> Candidate | None:
+        shape = {**candidate.shape, key: value}
+        if candidate.name == "stribeck_friction":
+            return single_joint.stribeck(terms, j, value)
+        if candidate.name == "torque_saturation":
+            return single_joint.saturation(terms, j, value)
+        if candidate.name == "torque_ripple":
+            return single_joint.ripple(terms, j, value)
+        return gear_proposals.gear(terms, gear_proposals.Shape(candidate.name, j, tuple(shape.items())))
+
+    return rebuild
+
+
+def _line_search(
+    bench: Bench, fit: Fit, member: int, key: str, rebuild: Rebuild, low: float, high: float
+) -> tuple[Fit, int]:
+    """Golden sections on the logarithm of a shape."""
+    start = np.log(bench.candidates[member].shape[key])
+    others = fit.members - {member}
+    a, b = start + np.log(low), start + np.log(high)
+    best, at = fit, member
+
+    def cost(x: float) -> float:
+        nonlocal best, at
+        made = rebuild(float(np.exp(x)))
+        if made is None:
+            return np.inf
+        index = bench.add(made, offered=False)
+        found = bench.solve(others | {index})
+        if found.evidence > best.evidence:
+            best, at = found, index
+        return -found.evidence
+
+    golden_section.least(cost, a, b, SECTIONS, ties_low=True)
+    return best, at

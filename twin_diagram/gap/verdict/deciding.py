@@ -1,0 +1,171 @@
+"""From a final fit to a verdict: what is named, what is better left unnamed, and whether something is left over."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.gap.findings import Finding, Separation, Verdict
+from twin_diagram.gap.residuals import whitening
+from twin_diagram.gap.residuals.prepared_logs import Records
+from twin_diagram.gap.residuals.regressors import Terms
+from twin_diagram.gap.search.evidence import Bench, Fit, Members
+from twin_diagram.gap.verdict import leftover_structure
+from twin_diagram.gap.verdict.posterior import findings_of, groups, separations_of
+
+REMAINDER = 8.0
+"""Above this, `leftover_structure.left_over` says that structure is left; set on clean training logs."""
+
+BESIDE = 6.5
+"""The same where something was named."""
+
+MOSTLY = 0.5
+"""Where a flexible model explains more of the residual than this share of what was named, nothing is named."""
+
+LESS_SURE = 0.75
+"""Where structure is left, names are this much less sure: more often than not they follow something without a name."""
+
+DOUBTFUL = 0.5
+SMALL = 0.3
+"""Findings of less confidence, and of less than this share of the strongest one's significance, are not named."""
+
+PIECE = 0.1
+"""Where structure is left, findings that explain less than this share of what was explained are not named."""
+
+LEVEL = 1.35
+OF_FEW = 45.0
+"""Noise of a joint that is this much more than was thought possible beside any smooth law, and more by `OF_FEW` over
+its samples, is structure where something was named [variance]; what was thought possible is too little by half in some
+short clean logs."""
+
+FAR_ABOVE = 4.0
+"""The same where nothing was named."""
+
+SLOW = np.linspace(0.1, 1.0, 10)
+FAST = np.linspace(2.5, 4.0, 10)
+RED = 6.0
+"""Noise this much denser at the slow than at the fast ones of these frequencies [Hz] is no noise where something was
+found."""
+
+MANY = 4
+"""So many unusual names at once rather follow something that has no name."""
+
+USUAL = frozenset({"viscous_friction", "coulomb_friction", "stribeck_friction", "reflected_inertia"})
+"""What every joint may well lack at once."""
+
+
+def crowded(findings: Sequence[Finding]) -> bool:
+    """Whether one joint has two unusual names, or an arm `MANY`: together they rather follow something without a name.
+
+    Beside another name, one that starts within the log is unusual whatever it is: two steps follow any drift.
+    """
+    strange = [finding for finding in findings if finding.name not in USUAL]
+    if len(strange) >= MANY:
+        return True
+    unusual = [joint for finding in strange for joint in finding.joints]
+    several = [joint for finding in findings for joint in finding.joints]
+    started = {joint for finding in findings if finding.onset is not None for joint in finding.joints}
+    return len(unusual) > len(set(unusual)) or any(several.count(joint) > 1 for joint in started)
+
+
+def doubled(bench: Bench, fit: Fit) -> bool:
+    """Whether a joint has a second ripple, which follows something but cannot be told beside the first."""
+    joints = [bench.candidates[k].joints for k in fit.members if bench.candidates[k].name == "torque_ripple"]
+    return len(set(joints)) < len(joints)
+
+
+def share_of(bench: Bench, fit: Fit, group: Members) -> float:
+    """Share of what was explained on some members' own joints that is lost without them, as log likelihoods."""
+    rows = sorted({j for k in group for j in bench.candidates[k].rows})
+    empty, without = bench.solve(frozenset()).variance, bench.solve(fit.members - group).variance
+    explained = float(np.sum((bench.counts * np.log(empty / fit.variance))[rows]))
+    lost = float(np.sum((bench.counts * np.log(without / fit.variance))[rows]))
+    return lost / max(explained, 1e-9)
+
+
+def trimmed(bench: Bench, fit: Fit) -> Fit:
+    """The fit without the joints on which an unusual name of several explains next to nothing.
+
+    Where structure is left, they would take the name away from the others, too.
+    """
+    weak: set[int] = set()
+    for name, group in groups(bench, fit.members).items():
+        little = {k for k in group if share_of(bench, fit, frozenset({k})) < PIECE}
+        if name not in USUAL and len(little) < len(group):
+            weak |= little
+    found = bench.solve(fit.members - weak)
+    return found if np.isfinite(found.evidence) else fit
+
+
+def negligible(finding: Finding, findings: Sequence[Finding], share: float, structure: bool) -> bool:
+    """Whether a name is better left as something that is there.
+
+    That is what is small beside the rest and doubtful. Where even the rest does not explain everything, what explains
+    little of its joints may be a piece of what a stronger one's law follows not quite.
+    """
+    if structure and finding is not findings[0] and share < PIECE:
+        return True
+    small = finding.significance < SMALL * findings[0].significance
+    return small and finding.confidence < DOUBTFUL and len(finding.joints) < 2 and finding.name not in USUAL
+
+
+def redness(noise: whitening.Whitener, rate: float) -> float:
+    """How much denser noise is at slow motion's frequencies than above them, on the worst joint."""
+    z = np.exp(-2j * np.pi / rate * np.outer(np.arange(noise.order + 1), np.concatenate([SLOW, FAST])))
+    density = np.abs(noise.filters @ z) ** -2.0
+    return float(np.max(np.mean(density[:, : len(SLOW)], axis=1) / np.mean(density[:, len(SLOW) :], axis=1)))
+
+
+def mostly_left(bench: Bench, fit: Fit, joints: npt.NDArray[np.bool_]) -> bool:
+    """Whether more of some joints' residual is left than was explained, as energies above the noise."""
+    empty = bench.solve(frozenset()).variance
+    noise = 1.0 + bench.finest
+    left, all_there = (float(np.sum((bench.counts * (x - noise))[joints])) for x in (fit.variance, empty))
+    return left > MOSTLY * all_there and bool(np.any(joints))
+
+
+def conclude(records: Records, terms: Terms, bench: Bench, fit: Fit) -> Verdict:
+    """The verdict on a final fit."""
+    left = leftover_structure.left_over(records, terms, bench, fit)
+    beyond = fit.variance - bench.finest
+    raised = beyond > (LEVEL + OF_FEW / np.maximum(bench.counts, 1.0) if fit.members else FAR_ABOVE)
+    structure = left.statistic > REMAINDER or bool(np.any(raised))
+    noise = whitening.noise_below(bench.whitener, records.rate)
+    findings: tuple[Finding, ...] = ()
+    separation: tuple[Separation, ...] = ()
+    if fit.members:
+        red = redness(bench.whitener, records.rate) > RED
+        structure = structure or left.statistic > BESIDE or red
+        findings = findings_of(records, bench, fit)
+        less = trimmed(bench, fit) if structure else fit
+        if less.members != fit.members:
+            sure = {f.name: f.confidence for f in findings}
+            fit = less
+            findings = tuple(
+                replace(f, confidence=max(f.confidence, sure[f.name])) for f in findings_of(records, bench, fit)
+            )
+        separation = separations_of(records, bench, fit)
+        structure = structure or crowded(findings) or doubled(bench, fit)
+        named = {name: frozenset(group) for name, group in groups(bench, fit.members).items()}
+        shares = {name: share_of(bench, fit, group) for name, group in named.items()}
+        kept = tuple(f for f in findings if not negligible(f, findings, shares[f.name], structure))
+        structure = structure or len(kept) < len(findings)
+        findings = tuple(replace(f, confidence=f.confidence * LESS_SURE) for f in kept) if structure else kept
+    touched = np.isin(np.arange(records.n), [j for k in fit.members for j in bench.candidates[k].rows])
+    doubted = mostly_left(bench, fit, raised & touched)
+    unknown = structure and (not findings or left.gain > MOSTLY * bench.gain(fit) or doubted)
+    if unknown:
+        findings, separation = (), ()
+    return Verdict(
+        verdict="unknown" if unknown else "named" if findings else "none",
+        remainder=bool(structure and findings),
+        findings=findings,
+        where=(),
+        separation=separation,
+        noise_floor=noise,
+        statistic=fit.evidence,
+        remainder_statistic=left.statistic,
+    )

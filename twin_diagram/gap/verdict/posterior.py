@@ -1,0 +1,213 @@
+"""How sure a name is, what else it could be, and what would tell them apart."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.gap.candidates.candidate import GLOBAL, Candidate
+from twin_diagram.gap.experiments.advice import experiment
+from twin_diagram.gap.findings import Alternative, Estimate, Finding, Moment, Separation
+from twin_diagram.gap.residuals.prepared_logs import Records
+from twin_diagram.gap.search.evidence import Bench, Fit, Members
+from twin_diagram.gap.search.greedy_search import additions, handicaps
+from twin_diagram.model.effects import REGISTRY
+
+Array = npt.NDArray[np.float64]
+
+TEMPERATURE = 2.0
+"""Evidence is divided by this before it becomes a probability; set on training logs, where it makes them calibrated."""
+
+ALTERNATIVES = 3
+RIVALS = 12
+
+UNSEEN = {"torque_ripple": 0.006, "backlash": 0.01, "joint_elasticity": 0.03}
+"""Probability, for each further joint, that a name is on it, too, and too little of it shows to be told: of laws whose
+weak ones are not among the hypotheses at all, since a shape must be found first. Set on training logs."""
+
+MORE_UNSEEN = 0.08
+"""The same where it is on several joints already."""
+
+TOGETHER = 1.0
+"""Effects of one name that start within this time start together [s]."""
+
+Claim = tuple[str, tuple[int, ...], tuple[str, ...]]
+"""A name with all joints and links that it sits on."""
+
+
+def groups(bench: Bench, members: Members) -> dict[str, list[int]]:
+    """Members by name, in the order of their joints."""
+    result: dict[str, list[int]] = {}
+    for k in sorted(members, key=lambda k: bench.candidates[k].joints):
+        result.setdefault(bench.candidates[k].name, []).append(k)
+    return result
+
+
+def claim(candidates: list[Candidate]) -> Claim:
+    """What several candidates of one name say together."""
+    joints = sorted({j for candidate in candidates for j in candidate.joints})
+    links = tuple(dict.fromkeys(link for candidate in candidates for link in candidate.links))
+    return candidates[0].name, tuple(joints), links
+
+
+def claims(bench: Bench, members: Members) -> frozenset[Claim]:
+    """All that a hypothesis says."""
+    return frozenset(claim([bench.candidates[k] for k in group]) for group in groups(bench, members).values())
+
+
+def names_of(said: frozenset[Claim]) -> set[str]:
+    """Names in a set of claims."""
+    return {name for name, _, _ in said}
+
+
+def posterior(bench: Bench, fit: Fit) -> dict[frozenset[Claim], float]:
+    """Probabilities of all sets of claims that were ever solved; of each set, its best shapes count.
+
+    A finer law is held to what `greedy_search.plainer` asks of it.
+    """
+    best: dict[frozenset[Claim], float] = {}
+    for members, tried in bench.fits.items():
+        if np.isfinite(tried.evidence):
+            key = claims(bench, members)
+            best[key] = max(best.get(key, -np.inf), tried.evidence)
+    top = fit.evidence
+    less = handicaps(bench, fit)
+    best = {
+        key: value - max((less.get(name, 0.0) for name in names_of(key)), default=0.0) for key, value in best.items()
+    }
+    weights = {key: float(np.exp(min(0.0, (value - top) / TEMPERATURE))) for key, value in best.items()}
+    total = sum(weights.values())
+    return {key: weight / total for key, weight in weights.items()}
+
+
+def unseen(said: Claim, joints: int) -> float:
+    """Probability that a claim lacks a joint on which it could not be told, on an arm of so many joints."""
+    name, named, _ = said
+    if name not in UNSEEN:
+        return 0.0
+    each = UNSEEN[name] if len(named) == 1 else MORE_UNSEEN
+    return float(1.0 - (1.0 - each) ** (joints - len(named)))
+
+
+def findings_of(records: Records, bench: Bench, fit: Fit) -> tuple[Finding, ...]:
+    """One finding per name, or per name and time, strongest first."""
+    for group in groups(bench, fit.members).values():
+        additions(bench, fit.members - frozenset(group), RIVALS)
+        for k in group:
+            additions(bench, fit.members - {k}, RIVALS)
+    probability = posterior(bench, fit)
+    mine = claims(bench, fit.members)
+    result = []
+    for group in groups(bench, fit.members).values():
+        candidates = [bench.candidates[k] for k in group]
+        said = claim(candidates)
+        sure = sum(p for key, p in probability.items() if said in key)
+        rivals: dict[Claim, float] = {}
+        for key, p in probability.items():
+            if said not in key:
+                for other in key - mine:
+                    rivals[other] = rivals.get(other, 0.0) + p
+        ranked = sorted(rivals.items(), key=lambda item: -item[1])[:ALTERNATIVES]
+        names = records.model.joints
+        for part in together(bench, group):
+            first = bench.candidates[part[0]]
+            _, joints, links = claim([bench.candidates[k] for k in part])
+            result.append(
+                Finding(
+                    name=said[0],
+                    joints=tuple(names[j] for j in joints),
+                    links=links,
+                    parameters=parameters_of(records, bench, fit, part),
+                    confidence=float(min(sure, 1.0)) * (1.0 - unseen(said, records.n)),
+                    alternatives=tuple(
+                        Alternative(name, tuple(names[j] for j in joints), links, float(p))
+                        for (name, joints, links), p in ranked
+                    ),
+                    onset=None if first.onset is None else Moment(*first.onset),
+                    end=None if first.end is None else Moment(*first.end),
+                    significance=bench.distance(fit, bench.solve(fit.members - frozenset(part))),
+                )
+            )
+    return tuple(sorted(result, key=lambda finding: -finding.significance))
+
+
+def together(bench: Bench, group: list[int]) -> list[list[int]]:
+    """Members of one name, parted where some of them start or end at other times than others."""
+
+    def alike(a: tuple[int, float] | None, b: tuple[int, float] | None) -> bool:
+        if a is None or b is None:
+            return a is b
+        return a[0] == b[0] and abs(a[1] - b[1]) < TOGETHER
+
+    parts: list[list[int]] = []
+    for k in group:
+        new = bench.candidates[k]
+        for part in parts:
+            old = bench.candidates[part[0]]
+            if alike(new.onset, old.onset) and alike(new.end, old.end):
+                part.append(k)
+                break
+        else:
+            parts.append([k])
+    return parts
+
+
+def parameters_of(
+    records: Records, bench: Bench, fit: Fit, group: list[int]
+) -> dict[str, Estimate | dict[str, Estimate]]:
+    """In the layout of gap.json; of several ripples on one joint, the largest."""
+    result: dict[str, Estimate | dict[str, Estimate]] = {}
+    told = {k: bench.candidates[k].parameters(*bench.part(fit, k)) for k in group}
+    for k in sorted(group, key=lambda k: float(np.max(told[k]["amplitude"][0])) if "amplitude" in told[k] else 0.0):
+        candidate = bench.candidates[k]
+        for key, (value, std) in told[k].items():
+            if candidate.name in GLOBAL:
+                result[key] = _estimate(value, std, unit_of(candidate.name, key))
+                continue
+            per_joint = result.setdefault(key, {})
+            assert isinstance(per_joint, dict)
+            for joint in (records.model.joints[j] for j in candidate.joints):
+                unit = unit_of(candidate.name, key, joint in records.model.prismatic)
+                per_joint[joint] = _estimate(value, std, unit)
+    return result
+
+
+def unit_of(name: str, key: str, prismatic: bool = False) -> str:
+    """A parameter's unit, as its effect's class states it, on a revolute or prismatic joint."""
+    return REGISTRY[name].kinds[key].unit_on(prismatic)
+
+
+def _estimate(value: Array, std: Array, unit: str) -> Estimate:
+    if len(value) == 1:
+        return Estimate(float(value[0]), float(std[0]), unit)
+    return Estimate([float(x) for x in value], [float(x) for x in std], unit)
+
+
+def separations_of(records: Records, bench: Bench, fit: Fit) -> tuple[Separation, ...]:
+    """Nearest rivals of each name, those farther than 30 left out."""
+    result = []
+    mine = claims(bench, fit.members)
+    for group in groups(bench, fit.members).values():
+        said = claim([bench.candidates[k] for k in group])
+        rest = fit.members - frozenset(group)
+        nearest: dict[Claim, float] = {}
+        for members, tried in bench.fits.items():
+            if not np.isfinite(tried.evidence) or len(members) > len(fit.members):
+                continue
+            others = claims(bench, members)
+            if said in others or not rest <= members:
+                continue
+            for other in others - mine:
+                distance = bench.distance(fit, tried)
+                nearest[other] = min(nearest.get(other, np.inf), distance)
+        for other, distance in sorted(nearest.items(), key=lambda item: item[1])[:ALTERNATIVES]:
+            if distance < 30.0:
+                result.append(
+                    Separation(_say(records, said), _say(records, other), distance, experiment(said[0], other[0]))
+                )
+    return tuple(sorted(result, key=lambda s: s.distance))
+
+
+def _say(records: Records, said: Claim) -> str:
+    places = [records.model.joints[j] for j in said[1]] + list(said[2])
+    return f"{said[0]} on {', '.join(places)}" if places else said[0]

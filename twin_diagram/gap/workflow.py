@@ -1,0 +1,296 @@
+"""The whole workflow on files: reads logs, locates, names, adds, shows, and writes what it found.
+
+from twin_diagram.gap.workflow import run_gap
+gap = run_gap("ur5e.urdf", ["a.csv"], "c.csv", out="out/gap", say=print)
+gap.verdict, gap.corrected, gap.answer      # what was found; a Model; the contents of gap.json
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twin_diagram import __version__
+from twin_diagram.errors import LogError, ModelError, TwinError
+from twin_diagram.gap.correction.add_effects import add
+from twin_diagram.gap.correction.held_out_evidence import confirmed
+from twin_diagram.gap.correction.held_out_onsets import with_held_onsets
+from twin_diagram.gap.experiments import advice as texts
+from twin_diagram.gap.experiments.trajectories import Experiment, design, visited
+from twin_diagram.gap.findings import Verdict
+from twin_diagram.gap.naming import name
+from twin_diagram.gap.report import gap_json, page
+from twin_diagram.gap.report.comparison import Shown, show
+from twin_diagram.gap.report.subject import Subject
+from twin_diagram.gap.residuals.prepared_logs import SHORTEST_HELD, usable
+from twin_diagram.gap.verdict.deciding import LESS_SURE
+from twin_diagram.logs import Log, read_log, write_columns
+from twin_diagram.model.model import Model
+from twin_diagram.model.prediction import as_explained, load_model_for
+
+Say = Callable[[str], None]
+
+MOST_EXPERIMENTS = 4
+"""Files that are written."""
+
+FOR_THE_UNKNOWN = (texts.SPEEDS, texts.SLOW, texts.LONG)
+"""Experiments that show most of an effect that has no name yet."""
+
+PARTS = ("model", "experiments", "gap.json", "report.html")
+"""What is written, in the order in which it appears; what else is in the folder is left alone."""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """What was found.
+
+    Attributes:
+        verdict: names, places, near pairs.
+        given: the given model.
+        corrected: the corrected one; the same object where nothing is named.
+        shown: the gap before and after.
+        answer: the contents of gap.json.
+        notes: what the reader of the logs should know.
+        experiments: to run next, with the names of their files.
+        seconds: that it took.
+    """
+
+    verdict: Verdict
+    given: Model
+    corrected: Model
+    shown: Shown
+    answer: dict[str, Any]
+    notes: tuple[str, ...]
+    experiments: tuple[tuple[Experiment, str], ...]
+    seconds: float
+
+
+def run_gap(
+    model: str | Path,
+    fit: Sequence[str | Path],
+    holdout: str | Path,
+    out: str | Path | None = None,
+    say: Say | None = None,
+    packages: Mapping[str, str | Path] | None = None,
+) -> Gap:
+    """Finds what a model lacks, adds it, and shows the gap shrink.
+
+    Args:
+        model: a URDF, SDF or MJCF file, or the folder of a corrected model.
+        fit: measured logs to find it in.
+        holdout: a measured log that is used for nothing but the proof.
+        out: folder for gap.json, model/, experiments/ and report.html; None: nothing is written.
+        say: told what is being done.
+        packages: local folders for `package://` names.
+
+    Raises:
+        TwinError: model, logs or folder cannot be used; nothing is written.
+    """
+    say = say or (lambda text: None)
+    begin = time.perf_counter()
+    if out is not None:
+        _writable(Path(out))
+    say("reading the logs")
+    given, logs, held, notes = _read(model, fit, holdout, packages)
+    verdict = name(given, logs, say)
+    if verdict.findings:
+        say("adding what was named")
+    corrected = given
+    try:
+        if verdict.findings:
+            added = add(given, logs, verdict.findings, say)
+            corrected = added.model
+            # What cannot be added was no explanation.
+            verdict = _nameless(verdict) if added.model is given else replace(verdict, findings=added.findings)
+            notes += added.notes
+            corrected, more = with_held_onsets(corrected, held, verdict.noise_floor)
+            notes += more
+    except ModelError as error:
+        notes.append(f"what fits the runs best is not physical, so nothing is named: {error}")
+        verdict, corrected = _nameless(verdict), given
+    shown = show(given, corrected, logs, held, verdict.noise_floor, say=say)
+    if corrected is not given and not accepted(verdict, shown, partial(confirmed, given, corrected, held)):
+        notes.append("what was named did not shrink the gap on the held-out run on all joints, and was dropped")
+        verdict, corrected = _nameless(verdict), given
+        shown = show(given, given, logs, held, verdict.noise_floor)
+    if corrected is not given and not shown.is_exercised():
+        notes.append(
+            "the held-out run does nothing in which the two models differ, so it proves nothing: hold out a run that "
+            "moves more like those that were fitted"
+        )
+        less = tuple(replace(finding, confidence=finding.confidence * LESS_SURE) for finding in verdict.findings)
+        verdict = replace(verdict, findings=less)
+    experiments = _experiments(given, verdict, shown, logs)
+    gap = Gap(
+        verdict=verdict,
+        given=given,
+        corrected=corrected,
+        shown=shown,
+        answer=gap_json.contents(verdict, shown),
+        notes=tuple(notes),
+        experiments=experiments,
+        seconds=time.perf_counter() - begin,
+    )
+    if out is not None:
+        say("writing the report")
+        write(gap, Path(out), _called(Path(model)))
+    return gap
+
+
+def _called(model: Path) -> str:
+    """What a report calls a model: its description's name, also where it was corrected before."""
+    if not model.is_dir():
+        return model.name
+    names = sorted(path.name for path in model.iterdir() if path.suffix in (".urdf", ".sdf", ".xml"))
+    return f"{names[0]}, corrected before" if names else model.name
+
+
+def _nameless(verdict: Verdict) -> Verdict:
+    """The verdict without names."""
+    return replace(verdict, verdict="unknown", remainder=False, findings=(), separation=())
+
+
+def accepted(verdict: Verdict, shown: Shown, confirmed: Callable[[], bool] = lambda: False) -> bool:
+    """Whether the held-out run agrees: its gap shrinks, and no joint's grows.
+
+    What is over by then, or what it never exercises, cannot show there; what is too fast to show is looked for above.
+
+    Args:
+        verdict: with what was named.
+        shown: the gap, below the residual's cutoff.
+        confirmed: whether the run is likelier with the correction above it, too; asked where there is no gap below.
+    """
+    if all(finding.end is not None for finding in verdict.findings):
+        return True
+    if shown.worsens():
+        return not shown.is_exercised()
+    return shown.shrinks() or not shown.is_exercised() or (not np.any(shown.has_gap()) and confirmed())
+
+
+def write(gap: Gap, out: Path, title: str) -> None:
+    """Writes everything to a temporary folder beside `out`, or in it if it exists, and then moves it into place."""
+    out = out.absolute()
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        staging = _aside(out)
+    except OSError as error:
+        raise TwinError(f"{out}: cannot be written: {error.strerror}") from error
+    try:
+        gap.corrected.save(staging / "model")
+        for experiment, file in gap.experiments:
+            write_columns(experiment.columns(), staging / file)
+        (staging / "gap.json").write_text(gap_json.text(gap.answer), encoding="utf-8")
+        (staging / "report.html").write_text(page.page(_subject(gap, title)), encoding="utf-8")
+        staging.chmod(0o755)
+        _move(staging, out)
+    except OSError as error:
+        raise TwinError(f"{out}: cannot be written: {error.strerror}") from error
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+
+
+def _aside(out: Path) -> Path:
+    """A folder on the same disk as `out`, which may be a link or a mount of its own."""
+    return Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out if out.exists() else out.parent))
+
+
+def _move(staging: Path, out: Path) -> None:
+    if not out.exists():
+        os.replace(staging, out)
+        return
+    aside = _aside(out)
+    try:
+        for part in PARTS:
+            if (out / part).exists():
+                os.replace(out / part, aside / part)
+            if (staging / part).exists():
+                os.replace(staging / part, out / part)
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
+
+
+def _subject(gap: Gap, title: str) -> Subject:
+    return Subject(
+        verdict=gap.verdict,
+        shown=gap.shown,
+        given=gap.given,
+        corrected=gap.corrected,
+        name=title,
+        experiments=gap.experiments,
+        notes=gap.notes,
+        seconds=gap.seconds,
+        version=__version__,
+    )
+
+
+def _writable(out: Path) -> None:
+    """Says at once what would otherwise be found out after all the work."""
+    if out.exists() and not out.is_dir():
+        raise TwinError(f"{out}: is a file; --out names a folder")
+    above = out.absolute()
+    while not above.exists():
+        above = above.parent
+    if not above.is_dir() or not os.access(above, os.W_OK):
+        raise TwinError(f"{out}: cannot be written: {above} is not a folder that may be written to")
+
+
+def _read(
+    model: str | Path, fit: Sequence[str | Path], holdout: str | Path, packages: Mapping[str, str | Path] | None
+) -> tuple[Model, list[Log], Log, list[str]]:
+    if not fit:
+        raise LogError("no log to fit: give at least one with --fit")
+    if not Path(model).exists():
+        raise ModelError(f"{model}: no such file or folder")
+    raw = [read_log(path) for path in fit]
+    held = read_log(holdout)
+    given, first, warnings = load_model_for(raw[0], model, packages)
+    logs = [first]
+    for log in raw[1:]:
+        own, more = as_explained(given, log)
+        logs.append(own)
+        warnings += more
+    kept, more = as_explained(given, held)
+    warnings += more
+    for log in logs:
+        usable(log)
+    usable(kept, SHORTEST_HELD)
+    notes = [warning.message for warning in warnings]
+    if any(_same(log, held) for log in raw):
+        notes.append(f"{held.source}: is also a fitted run, so it proves nothing; hold out another one")
+    return given, logs, kept, notes
+
+
+def _same(a: Log, b: Log) -> bool:
+    return a.joints == b.joints and np.array_equal(a.time, b.time) and np.array_equal(a.position, b.position)
+
+
+def _experiments(
+    given: Model, verdict: Verdict, shown: Shown, logs: Sequence[Log]
+) -> tuple[tuple[Experiment, str], ...]:
+    """Those that the near pairs ask for; where nothing has a name, those that show most of an unknown effect."""
+    wanted = dict.fromkeys((near.experiment, _joints_in(near.a, given)) for near in verdict.separation)
+    if verdict.verdict == "unknown" or verdict.remainder:
+        before, _ = shown.holdout_rms()
+        worst = tuple(given.joints[k] for k in np.argsort(-before / shown.noise_floor)[:2])
+        wanted |= dict.fromkeys((text, worst) for text in FOR_THE_UNKNOWN)
+    seen = visited(given, logs)
+    result: list[tuple[Experiment, str]] = []
+    for text, joints in wanted:
+        experiment = design(text, seen, joints)
+        if experiment is not None and len(result) < MOST_EXPERIMENTS:
+            result.append((experiment, f"experiments/{len(result) + 1}_{experiment.slug}.csv"))
+    return tuple(result)
+
+
+def _joints_in(claim: str, given: Model) -> tuple[str, ...]:
+    places = claim.partition(" on ")[2].split(", ")
+    return tuple(joint for joint in given.joints if joint in places)

@@ -1,0 +1,1 @@
+"""Descriptions of arms: read into a plant, and written with what was corrected."""

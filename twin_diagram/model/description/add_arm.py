@@ -1,0 +1,319 @@
+"""Puts an arm's description (URDF, SDF, MJCF, .dmd.yaml or the folder of a corrected model) into a plant.
+
+The model and every station add their arm with `add_arm`, so that both mean the same joints, base and tool.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+import numpy as np
+from pydrake.common.yaml import yaml_load_typed
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import (
+    BodyIndex,
+    FrameIndex,
+    Joint,
+    JointActuator,
+    JointActuatorIndex,
+    JointIndex,
+    ModelInstanceIndex,
+    PrismaticJoint,
+    RevoluteJoint,
+    RigidBody,
+    WeldJoint,
+)
+
+from twin_diagram import scenario
+from twin_diagram.errors import ModelError, ScenarioError
+from twin_diagram.model.description import unparsed
+from twin_diagram.scenario import resources
+from twin_diagram.scenario.poses import pose
+
+EFFECTS_FILE = "effects.yaml"
+"""Written beside the description in the folder of a corrected model."""
+
+
+@dataclass(frozen=True)
+class Arm:
+    """Where an arm sits in a plant; valid before and after Finalize.
+
+    Attributes:
+        spec: the arm as described, its folder of corrections resolved.
+        instances: the description's model instances.
+        joints: names of the arm's joints, in order.
+        joint_indices: theirs in the plant.
+        actuator_indices: their motors' in the plant.
+        gripper_joints: names of the finger joints, in order.
+        gripper_joint_indices: theirs in the plant.
+        gripper_actuator_indices: their motors' in the plant; those that have none (mimicking fingers) are left out.
+        base: the root link.
+        last_link: the child link of the last arm joint that is no finger; payloads hang on it.
+        tool_frame: the frame that the planner moves.
+        given: effects that the description itself states and Drake does not read.
+    """
+
+    spec: scenario.ArmModel
+    instances: tuple[ModelInstanceIndex, ...]
+    joints: tuple[str, ...]
+    joint_indices: tuple[JointIndex, ...]
+    actuator_indices: tuple[JointActuatorIndex, ...]
+    gripper_joints: tuple[str, ...]
+    gripper_joint_indices: tuple[JointIndex, ...]
+    gripper_actuator_indices: tuple[JointActuatorIndex, ...]
+    base: BodyIndex
+    last_link: BodyIndex
+    tool_frame: FrameIndex
+    given: tuple[scenario.EffectSpec, ...] = ()
+
+    def actuator(self, plant: MultibodyPlant, joint: str) -> JointActuator:
+        """The motor of an arm joint."""
+        return plant.get_joint_actuator(self.actuator_indices[self.joints.index(joint)])
+
+    def prismatic(self, plant: MultibodyPlant) -> frozenset[str]:
+        """Names of the arm's prismatic joints: their positions are lengths, their torques forces."""
+        both = zip(self.joints, map(plant.get_joint, self.joint_indices), strict=True)
+        return frozenset(name for name, joint in both if isinstance(joint, PrismaticJoint))
+
+
+def scenario_error(field: str, error: ModelError) -> ScenarioError:
+    """What is wrong with an arm, said with the scenario's field.
+
+    Args:
+        field: of the arm, e.g. ``twin.arm``.
+        error: of this module or of the effects; where it names none of the arm's fields it is about the description.
+    """
+    part, _, rest = str(error).partition(": ")
+    if rest and part.split(".")[0] in {each.name for each in fields(scenario.ArmModel)}:
+        return ScenarioError(f"{field}.{part}", rest)
+    return ScenarioError(f"{field}.model", str(error))
+
+
+def resolve(
+    spec: scenario.ArmModel | str | Path,
+    packages: Mapping[str, str | Path] | None = None,
+    base_dir: str | Path | None = None,
+) -> scenario.ArmModel:
+    """Finds the description, and merges what the folder of a corrected model says.
+
+    Args:
+        spec: an arm of a scenario, or just the path of a description or folder.
+        packages: local folders for `package://` names.
+        base_dir: folder that relative paths are looked up in first.
+
+    Returns:
+        An arm whose `model` is the absolute path of a description. A folder's effects come before those of `spec`; its
+        joints, tool frame and base pose hold where `spec` leaves them at their defaults.
+
+    Raises:
+        ModelError: no such file, or a folder without a readable `effects.yaml`.
+    """
+    if not isinstance(spec, scenario.ArmModel):
+        spec = scenario.ArmModel(model=str(spec), tool_frame="")
+    name = spec.model
+    if base_dir is not None and "://" not in name and (Path(base_dir) / name).exists():
+        path = (Path(base_dir) / name).resolve()
+    else:
+        path = resources.resolve(name, packages)
+    if not path.is_dir():
+        return replace(spec, model=str(path))
+    corrections = path / EFFECTS_FILE
+    if not corrections.is_file():
+        raise ModelError(f"{path}: a folder of a corrected model holds {EFFECTS_FILE}; this one does not")
+    try:
+        corrected = yaml_load_typed(schema=scenario.ArmModel, filename=str(corrections), defaults=scenario.ArmModel())
+    except (RuntimeError, ValueError, TypeError, KeyError) as error:
+        raise ModelError(f"{corrections}: {_first_line(error)}") from error
+    description = path / corrected.model
+    if not description.is_file():
+        raise ModelError(f"{corrections}: model: {corrected.model}: no such file beside it")
+    plain = scenario.ArmModel()
+    chosen = {
+        field.name: getattr(corrected, field.name)
+        for field in fields(scenario.ArmModel)
+        if getattr(spec, field.name) in (getattr(plain, field.name), "", [])
+    }
+    chosen["model"] = str(description)
+    chosen["effects"] = [*corrected.effects, *spec.effects]
+    return replace(spec, **chosen)
+
+
+def parser(plant: MultibodyPlant, packages: Mapping[str, str | Path] | None = None) -> Parser:
+    """A parser that knows the local packages and never downloads.
+
+    Args:
+        plant: where models go; when it is registered with a SceneGraph, geometry is read too.
+        packages: local folders by package name; `twin_diagram` is the folder of the models that come along.
+    """
+    result = Parser(plant)
+    result.SetAutoRenaming(True)
+    package_map = result.package_map()
+    folders = {"twin_diagram": resources.models_dir(), **(packages or {})}
+    for name, folder in folders.items():
+        if package_map.Contains(name):
+            package_map.Remove(name)
+        if not Path(folder).is_dir():
+            raise ModelError(f"packages.{name}: {folder}: no such folder")
+        package_map.Add(name, Path(folder).resolve())
+    if "drake_models" not in folders and package_map.Contains("drake_models"):
+        package_map.Remove("drake_models")
+    return result
+
+
+def add_arm(
+    plant: MultibodyPlant,
+    spec: scenario.ArmModel | str | Path,
+    packages: Mapping[str, str | Path] | None = None,
+    base_dir: str | Path | None = None,
+) -> Arm:
+    """Parses an arm into a plant that is not finalized, and welds its base at X_WB where it is free.
+
+    A description without any motor (most URDFs carry no transmissions) gets one on each joint that is named, or, where
+    none is named, on each revolute joint; joints that are named get the motor they lack.
+
+    Raises:
+        ModelError: unreadable description, no joint to drive, a name that is not in the model (the message lists those
+            that are), or a base that is fixed by the description although X_WB is given.
+    """
+    spec = resolve(spec, packages, base_dir)
+    try:
+        instances = tuple(parser(plant, packages).AddModels(Path(spec.model)))
+    except RuntimeError as error:
+        raise ModelError(f"{spec.model}: cannot be read: {_first_line(error)}") from error
+    if not instances:
+        raise ModelError(f"{spec.model}: holds no model")
+
+    movable = [joint for joint in _joints(plant, instances) if isinstance(joint, (RevoluteJoint, PrismaticJoint))]
+    # Before Finalize the plant does not list actuators by model instance.
+    actuators = [plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices()]
+    motors = {
+        int(actuator.joint().index()): actuator for actuator in actuators if actuator.model_instance() in instances
+    }
+    arm_joints, gripper_joints = _choose(spec, movable, motors)
+    efforts, rotors = unparsed.effort_limits(Path(spec.model)), unparsed.armatures(Path(spec.model))
+    for joint in [*arm_joints, *(gripper_joints if spec.gripper_joints or not motors else [])]:
+        if int(joint.index()) not in motors:
+            limit = efforts.get(joint.name(), np.inf)
+            motor = motors[int(joint.index())] = plant.AddJointActuator(f"{joint.name()}_motor", joint, limit)
+            motor.set_default_rotor_inertia(rotors.get(joint.name(), 0.0))
+
+    base = _weld_base(plant, instances, arm_joints[0], spec)
+    carrying = [j for j in arm_joints if not (isinstance(j, PrismaticJoint) and _is_finger(j, movable))]
+    last_link = (carrying or arm_joints)[-1].child_body()
+    return Arm(
+        spec=spec,
+        instances=instances,
+        joints=tuple(joint.name() for joint in arm_joints),
+        joint_indices=tuple(joint.index() for joint in arm_joints),
+        actuator_indices=tuple(motors[int(joint.index())].index() for joint in arm_joints),
+        gripper_joints=tuple(joint.name() for joint in gripper_joints),
+        gripper_joint_indices=tuple(joint.index() for joint in gripper_joints),
+        gripper_actuator_indices=tuple(
+            motors[int(joint.index())].index() for joint in gripper_joints if int(joint.index()) in motors
+        ),
+        base=base.index(),
+        last_link=last_link.index(),
+        tool_frame=_tool_frame(plant, instances, spec, last_link),
+        given=tuple(unparsed.unread_effects(Path(spec.model), [joint.name() for joint in arm_joints])),
+    )
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+
+
+def _joints(plant: MultibodyPlant, instances: Iterable[ModelInstanceIndex]) -> list[Joint]:
+    indices = sorted(int(index) for instance in instances for index in plant.GetJointIndices(instance))
+    return [plant.get_joint(JointIndex(index)) for index in indices]
+
+
+def _choose(
+    spec: scenario.ArmModel, movable: Sequence[Joint], motors: Mapping[int, JointActuator]
+) -> tuple[list[Joint], list[Joint]]:
+    """The arm's joints and the gripper's, named or by rule."""
+    following = unparsed.mimicking(Path(spec.model))
+    driven = [joint for joint in movable if (int(joint.index()) in motors if motors else joint.name() not in following)]
+    fingers = [joint for joint in driven if isinstance(joint, PrismaticJoint) and _is_finger(joint, movable)]
+    held = {int(joint.index()) for joint in fingers}
+    links = [joint for joint in driven if int(joint.index()) not in held]
+    arm = _by_name(spec.joints, movable, "joints") if spec.joints else links or driven
+    if not arm:
+        raise ModelError(f"{spec.model}: has no revolute or prismatic joint")
+    if spec.gripper_joints:
+        gripper = _by_name(spec.gripper_joints, movable, "gripper_joints")
+    else:
+        gripper = [joint for joint in driven if isinstance(joint, PrismaticJoint)]
+    in_arm = {int(joint.index()) for joint in arm}
+    return arm, [joint for joint in gripper if int(joint.index()) not in in_arm]
+
+
+def _is_finger(joint: Joint, movable: Sequence[Joint]) -> bool:
+    """Whether a prismatic joint is a finger's: they come in pairs and carry nothing; an arm's come one by one."""
+    beside = [other for other in movable if other.parent_body().index() == joint.parent_body().index()]
+    beyond = [other for other in movable if other.parent_body().index() == joint.child_body().index()]
+    return len(beside) > 1 and not beyond
+
+
+def _by_name(names: Sequence[str], movable: Sequence[Joint], field: str) -> list[Joint]:
+    by_name: dict[str, Joint] = {}
+    for joint in movable:
+        by_name.setdefault(joint.name(), joint)
+    for name in names:
+        if name not in by_name:
+            raise ModelError(f"{field}: the model has no joint {name!r}; its joints are {', '.join(by_name)}")
+    if len(set(names)) != len(names):
+        raise ModelError(f"{field}: a joint is named twice in {', '.join(names)}")
+    return [by_name[name] for name in names]
+
+
+def _weld_base(
+    plant: MultibodyPlant, instances: Iterable[ModelInstanceIndex], first: Joint, spec: scenario.ArmModel
+) -> RigidBody:
+    """Welds the free root link; answers the root link."""
+    to_child = {int(joint.child_body().index()): joint for joint in _joints(plant, instances)}
+    world = int(plant.world_body().index())
+
+    def root_of(body: RigidBody) -> RigidBody:
+        while int(body.index()) in to_child and int(to_child[int(body.index())].parent_body().index()) != world:
+            body = to_child[int(body.index())].parent_body()
+        return body
+
+    roots = {
+        int(root.index()): root
+        for instance in instances
+        for root in (root_of(plant.get_body(index)) for index in plant.GetBodyIndices(instance))
+    }
+    root = root_of(first.parent_body()) if int(first.parent_body().index()) != world else first.child_body()
+    free = [
+        body
+        for body in roots.values()
+        if int(body.index()) not in to_child or to_child[int(body.index())].num_velocities() == 6
+    ]
+    others = [body.name() for body in free if body.index() != root.index()]
+    if others:
+        raise ModelError(f"{spec.model}: more than one root link: {', '.join([root.name(), *others])}")
+    X_WB = pose(spec.X_WB)
+    if not free:
+        if not X_WB.IsNearlyIdentity(1e-12):
+            raise ModelError(f"X_WB: {spec.model} fixes its base to the world itself; leave X_WB at identity")
+        return root
+    floating = to_child.get(int(root.index()))
+    if floating is not None:
+        plant.RemoveJoint(floating)
+    plant.AddJoint(WeldJoint(f"{root.name()}_weld", plant.world_frame(), root.body_frame(), X_WB))
+    return root
+
+
+def _tool_frame(
+    plant: MultibodyPlant, instances: Iterable[ModelInstanceIndex], spec: scenario.ArmModel, last_link: RigidBody
+) -> FrameIndex:
+    if not spec.tool_frame:
+        return last_link.body_frame().index()
+    for instance in instances:
+        if plant.HasFrameNamed(spec.tool_frame, instance):
+            return plant.GetFrameByName(spec.tool_frame, instance).index()
+    names = sorted(plant.get_frame(index).name() for instance in instances for index in plant.GetFrameIndices(instance))
+    raise ModelError(f"tool_frame: the model has no frame {spec.tool_frame!r}; its frames are {', '.join(names)}")

@@ -1,0 +1,59 @@
+"""The folder of a corrected model: the given description and what it lacks."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+from pydrake.common.yaml import yaml_dump_typed
+
+from twin_diagram.model.description.add_arm import EFFECTS_FILE
+from twin_diagram.scenario import ArmModel
+
+_RELATIVE_FILE = re.compile(rb"""(<uri>|filename\s*=\s*["']|\bfile\s*=\s*["'])\s*([^"'<>]+?)\s*(?=["'<])""")
+_FOLDER = re.compile(rb"""(\b(?:meshdir|texturedir|assetdir)\s*=\s*["'])\s*([^"']+?)\s*(?=["'])""")
+"""Of an MJCF's meshes and pictures, which its files are looked up in."""
+
+
+def write(spec: ArmModel, folder: str | Path) -> None:
+    """Writes the description and `effects.yaml`; see `Model.save`."""
+    folder = Path(folder).absolute()
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    description = Path(spec.model)
+    saved = replace(spec, model=description.name)
+    staging = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+    try:
+        (staging / description.name).write_bytes(_anchor_files(description))
+        yaml_dump_typed(saved, filename=str(staging / EFFECTS_FILE))
+        staging.chmod(0o755)
+        if folder.exists():
+            aside = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+            os.replace(folder, aside / folder.name)
+            os.replace(staging, folder)
+            shutil.rmtree(aside)
+        else:
+            os.replace(staging, folder)
+    except BaseException:
+        shutil.rmtree(staging, ignore_errors=True)
+        raise
+
+
+def _anchor_files(description: Path) -> bytes:
+    """The description's text, with the files beside it that it names named by absolute paths."""
+
+    def anchored(match: re.Match[bytes]) -> bytes:
+        path = description.parent / os.fsdecode(match[2])
+        return match[1] + os.fsencode(path.resolve()) if b"://" not in match[2] and path.is_file() else match[0]
+
+    def anchored_folder(match: re.Match[bytes]) -> bytes:
+        path = description.parent / os.fsdecode(match[2])
+        return match[1] + os.fsencode(path.resolve()) if path.is_dir() else match[0]
+
+    text = description.read_bytes()
+    if description.suffix.lower() == ".xml":
+        text = _FOLDER.sub(anchored_folder, text)
+    return _RELATIVE_FILE.sub(anchored, text)

@@ -1,0 +1,176 @@
+"""How gears twist of which some have play: steps with impulses at the gaps' ends, in plain numbers.
+
+Springs beside them swing in the same steps; springs alone are `elastic_gears`' own.
+"""
+
+from __future__ import annotations
+
+from operator import mul
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Rows = list[list[list[float]]]
+"""Of a matrix per sample."""
+
+LONGEST_STEP = 0.001
+"""Samples farther apart than this are integrated in several steps where there is play [s]."""
+
+FOLLOWED = 0.5
+"""Springs that swing through less than this in a step are followed [rad]."""
+
+
+def play(
+    mass: Array,
+    load: Array,
+    stiffness: Array,
+    half: Array,
+    loss: Array,
+    period: float,
+    begin: Array | None = None,
+    slope: Array | None = None,
+) -> tuple[Array, Array, Array]:
+    """Twists of gears of which some have play, by steps with impulses, in plain numbers.
+
+    With K the stiffness of the gears that press against their springs, a step is linear: v ← A⁻¹ (M v − h push), with
+    A = M + h θ (loss + θ h) diag(K) and push = load + K e + K (1 − θ) (loss + θ h) v. Springs whose swing the steps can
+    follow have θ = ½, which does not damp it, the others θ = 1, which does not let it grow. Which gears press changes,
+    but seldom: each choice is inverted once for all samples. What impulses change in a sample's speed is shared by the
+    two samples about it.
+
+    Args:
+        mass: (N, s, s) inertia of what the gears move [kg·m²].
+        load: (N, s) torque that moves it [N·m].
+        stiffness: (s,), infinite where there is play alone [N·m/rad].
+        half: (s,) of the gaps, zero where there is a spring alone [rad].
+        loss: (s,) of the springs [s].
+        period: between samples [s].
+        begin: (2, s) angle and rate at the first sample; NaN, or None: at rest where the load has pushed them.
+        slope: (N, s, s) of the load over the gears' angles [N·m/rad]; None: it is given as it is there.
+
+    Returns:
+        angle, rate and acceleration, each (N, s).
+    """
+    samples, s = load.shape
+    hard = ~np.isfinite(stiffness)
+    if s == 1 and hard[0]:
+        alone = play_alone(mass[:, 0, 0], load[:, 0], float(half[0]), period)
+        return alone[0][:, None], alone[1][:, None], alone[2][:, None]
+    parts = max(1, int(np.ceil(period / LONGEST_STEP - 1e-9)))
+    h = period / parts
+    shares = [(part + 0.5) / parts for part in range(parts)]
+    bounded = np.flatnonzero(hard).tolist()
+    springs = np.flatnonzero(~hard & (half == 0.0)).tolist()
+    both = np.flatnonzero(~hard & (half > 0.0)).tolist()
+    fastest = np.where(hard, 0.0, stiffness) / np.min(np.diagonal(mass, axis1=1, axis2=2), axis=0)
+    theta = np.where((half == 0.0) & (h * np.sqrt(fastest) < FOLLOWED), 0.5, 1.0)
+    tables: dict[int, tuple[Rows, Rows]] = {}
+
+    def table(pressing: int) -> tuple[Rows, Rows]:
+        """A⁻¹ M and h A⁻¹ per sample."""
+        chosen = [j in springs or bool(pressing >> j & 1) for j in range(s)]
+        firm = np.where(chosen, stiffness, 0.0)
+        inverse: Any = np.linalg.inv(mass + np.diag(h * theta * (loss + theta * h) * firm))
+        return (inverse @ mass).tolist(), (h * inverse).tolist()
+
+    K, gap, loads, new = np.where(hard, 0.0, stiffness).tolist(), half.tolist(), load.tolist(), theta.tolist()
+    slopes = None if slope is None else slope.tolist()
+    lossy = (np.where(hard, 0.0, stiffness) * (1.0 - theta) * (loss + theta * h)).tolist()
+    e = [-x / k - np.sign(x) * g if k else -np.sign(x) * g for x, k, g in zip(loads[0], K, gap, strict=True)]
+    v = [0.0] * s
+    if begin is not None:
+        e, v = np.where(np.isnan(begin), [e, v], begin).tolist()
+    angle, rate = [e], [v]
+    for k in range(1, samples):
+        for share in shares:
+            push = [(1.0 - share) * x + share * y for x, y in zip(loads[k - 1], loads[k], strict=True)]
+            if slopes is not None:
+                middle = [x + 0.5 * h * y for x, y in zip(e, v, strict=True)]
+                push = [x + sum(map(mul, row, middle)) for x, row in zip(push, slopes[k], strict=True)]
+            for j in springs:
+                push[j] += K[j] * e[j] + lossy[j] * v[j]
+            pressing = 0
+            for j in both:
+                ahead = e[j] + h * v[j]
+                if abs(ahead) > gap[j]:
+                    push[j] += K[j] * (e[j] - (gap[j] if ahead > 0.0 else -gap[j]))
+                    pressing |= 1 << j
+            if pressing not in tables:
+                tables[pressing] = table(pressing)
+            onward, driven = tables[pressing]
+            old = v
+            v = [
+                sum(map(mul, row, v)) - sum(map(mul, other, push))
+                for row, other in zip(onward[k], driven[k], strict=True)
+            ]
+            _keep_within(driven[k], v, [(j, (-gap[j] - e[j]) / h, (gap[j] - e[j]) / h) for j in bounded])
+            e = [x + h * (t * y + (1.0 - t) * z) for x, y, z, t in zip(e, v, old, new, strict=True)]
+        angle.append(e)
+        rate.append(v)
+    rates = np.array(rate)
+    return np.array(angle), rates, _between(np.diff(rates, axis=0) / period)
+
+
+def _between(steps: Array) -> Array:
+    """Means of the steps (N − 1, s) before and after each of N samples."""
+    whole = np.concatenate([steps[:1], steps, steps[-1:]])
+    return np.asarray(0.5 * (whole[1:] + whole[:-1]))
+
+
+def play_alone(mass: Array, load: Array, half: float, period: float) -> tuple[Array, Array, Array]:
+    """Twist of one gear with play alone: plain numbers, which are twenty times as fast.
+
+    Args:
+        mass: (N,) inertia of what the gear moves [kg·m²].
+        load: (N,) torque that moves it [N·m].
+        half: of the gap [rad].
+        period: between samples [s].
+
+    Returns:
+        angle, rate and acceleration, each (N,).
+    """
+    parts = max(1, int(np.ceil(period / LONGEST_STEP - 1e-9)))
+    h = period / parts
+    shares = [(part + 0.5) / parts for part in range(parts)]
+    pull = (-h * load / mass).tolist()
+    e, v = (-half if load[0] > 0.0 else half), 0.0
+    angle, rate = [e], [v]
+    for k in range(1, len(pull)):
+        first, more = pull[k - 1], pull[k] - pull[k - 1]
+        for share in shares:
+            v += first + share * more
+            ahead = e + h * v
+            if ahead > half:
+                v, ahead = (half - e) / h, half
+            elif ahead < -half:
+                v, ahead = (-half - e) / h, -half
+            e = ahead
+        angle.append(e)
+        rate.append(v)
+    rates = np.array(rate)
+    return np.array(angle), rates, _between(np.diff(rates[:, None], axis=0) / period)[:, 0]
+
+
+def _keep_within(inverse: list[list[float]], v: list[float], bounds: list[tuple[int, float, float]]) -> None:
+    """Changes speeds by the impulses that keep each bounded one within its bounds.
+
+    Args:
+        inverse: of the inertia, or a multiple of it.
+        v: speeds.
+        bounds: joints with their least and greatest speeds.
+    """
+    if all(low <= v[j] <= high for j, low, high in bounds):
+        return
+    impulses = [0.0] * len(bounds)
+    for _ in range(30):
+        before = impulses.copy()
+        for place, (j, low, high) in enumerate(bounds):
+            alone = v[j] - inverse[j][j] * impulses[place]
+            wanted = (min(max(alone, low), high) - alone) / inverse[j][j]
+            for i, row in enumerate(inverse):
+                v[i] += row[j] * (wanted - impulses[place])
+            impulses[place] = wanted
+        if len(bounds) == 1 or impulses == before:
+            return

@@ -1,0 +1,35 @@
+"""What depends on time itself: which effects act when, torque that acts later, and how long a condition holds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import CubicSpline
+
+from twin_diagram.model.effects import Effect
+
+Array = npt.NDArray[np.float64]
+
+
+def epochs(effects: Sequence[Effect], time: Array) -> list[tuple[tuple[bool, ...], npt.NDArray[np.bool_]]]:
+    """Sets of effects that act together, and at which of the times (N,) they do."""
+    active = (
+        np.stack([effect.active(time) for effect in effects], axis=1) if effects else np.zeros((len(time), 0), bool)
+    )
+    kinds, which = np.unique(active, axis=0, return_inverse=True)
+    return [(tuple(map(bool, kind)), which.reshape(-1) == k) for k, kind in enumerate(kinds)]
+
+
+def shifted(signal: Array, time: Array, by: float) -> Array:
+    """A signal (N, n) of evenly spaced times (N,) as it is `by` seconds later, its ends held [s]."""
+    if by == 0.0 or len(time) < 3:
+        return signal
+    return np.asarray(CubicSpline(time, signal)(np.clip(time + by, time[0], time[-1])))
+
+
+def stretches(condition: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
+    """(m, 2) first sample of each run of samples for which a condition (N,) holds, and the first one after it."""
+    held = np.concatenate([[False], condition, [False]])
+    return np.flatnonzero(held[1:] != held[:-1]).reshape(-1, 2)

@@ -1,0 +1,108 @@
+"""What the arm's surroundings do to it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import WeldJoint
+
+from twin_diagram.errors import ModelError
+from twin_diagram.model.description.add_arm import Arm
+from twin_diagram.model.effects.effect import Effect, register
+from twin_diagram.model.effects.parameter import ParameterKind
+from twin_diagram.model.rigid_body.arm_bodies import ArmBodies
+
+Array = npt.NDArray[np.float64]
+
+
+@register
+class GravityTilt(Effect):
+    """The base stands tilted: rolled about world x, then pitched about world y.
+
+    The model keeps the base at X_WB and turns gravity the other way, so that its W is the tilted base's; the simulator
+    tilts the base.
+    """
+
+    name: ClassVar[str] = "gravity_tilt"
+    kinds: ClassVar[Mapping[str, ParameterKind]] = {
+        "roll": ParameterKind("rad", lower=-np.pi, upper=np.pi, prismatic_unit="rad"),
+        "pitch": ParameterKind("rad", lower=-np.pi, upper=np.pi, prismatic_unit="rad"),
+    }
+    per_joint: ClassVar[bool] = False
+    changes_plant: ClassVar[bool] = True
+
+    def rotation(self) -> RollPitchYaw:
+        """The tilt, as a rotation of the base in W."""
+        return RollPitchYaw(float(self.value("roll")[0]), float(self.value("pitch")[0]), 0.0)
+
+    def torque(self, bodies: ArmBodies, q: Array, v: Array, a: Array, tau: Array) -> Array:
+        """See `Effect.torque`."""
+        del a, tau
+        tilted = self.rotation().ToRotationMatrix().matrix().T @ bodies.tree.gravity
+        change = replace(bodies.tree.bare(bodies.tree.inertia), gravity=tilted - bodies.tree.gravity)
+        zero = np.zeros_like(q)
+        del v
+        return change.inverse_dynamics(q, zero, zero)
+
+    def before_finalize(self, plant: MultibodyPlant, arm: Arm) -> None:
+        """Welds the base anew, tilted about its own origin."""
+        base = plant.get_body(arm.base)
+        weld = next(
+            joint
+            for joint in map(plant.get_joint, plant.GetJointIndices())
+            if joint.child_body().index() == base.index()
+        )
+        if not isinstance(weld, WeldJoint) or weld.parent_body().index() != plant.world_body().index():
+            raise ModelError(f"effects.gravity_tilt: {base.name()} is not welded to the world")
+        X_WJp = weld.frame_on_parent().GetFixedPoseInBodyFrame()
+        X_BJc = weld.frame_on_child().GetFixedPoseInBodyFrame()
+        X_WB = X_WJp @ weld.X_FM() @ X_BJc.inverse()
+        name = weld.name()
+        plant.RemoveJoint(weld)
+        R = self.rotation().ToRotationMatrix()
+        tilted = RigidTransform(R @ X_WB.rotation(), X_WB.translation())
+        plant.AddJoint(WeldJoint(f"{name}_tilted", plant.world_frame(), base.body_frame(), tilted))
+
+    def sentence(self) -> str:
+        """See `Effect.sentence`."""
+        roll, pitch = np.degrees([self.value("roll")[0], self.value("pitch")[0]])
+        return f"the base is tilted by {roll:.3g}° about x and {pitch:.3g}° about y"
+
+
+@register
+class ExternalForce(Effect):
+    """Something pushes at a link: a wrench at the link's origin, in world axes."""
+
+    name: ClassVar[str] = "external_force"
+    kinds: ClassVar[Mapping[str, ParameterKind]] = {
+        "wrench": ParameterKind("N, N·m", size=6, help="force (3), then moment (3)", prismatic_unit="N, N·m"),
+    }
+    per_joint: ClassVar[bool] = False
+
+    def check(self) -> None:
+        """See `Effect.check`."""
+        if len(self.links) != 1:
+            raise ModelError(f"effects.external_force.links: name one link, not {', '.join(self.links) or 'none'}")
+
+    def torque(self, bodies: ArmBodies, q: Array, v: Array, a: Array, tau: Array) -> Array:
+        """See `Effect.torque`: what the push gives, the motors need not."""
+        del v, a, tau
+        body, X_ML = bodies.body_of(self.links[0])
+        force, moment = np.split(self.value("wrench"), 2)
+        return -bodies.tree.pushed(q, body, np.asarray(X_ML.translation()), force, moment)
+
+    def sentence(self) -> str:
+        """See `Effect.sentence`."""
+        fx, fy, fz, mx, my, mz = self.value("wrench")
+        when = "" if self.onset is None else f" from {self.onset:.4g} s on"
+        when += "" if self.end is None else f" until {self.end:.4g} s"
+        return (
+            f"something pushes {self.links[0]} with ({fx:.4g}, {fy:.4g}, {fz:.4g}) N and turns it with "
+            f"({mx:.4g}, {my:.4g}, {mz:.4g}) N·m, in world axes{when}"
+        )

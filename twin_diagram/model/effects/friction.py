@@ -1,0 +1,161 @@
+"""Friction at single joints.
+
+Dry friction has two faces: a smooth law for identification and filters, and a bound on a torque that opposes motion for
+integrators, which solve for it (a smooth law stiff enough to be right would need steps of microseconds).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+from pydrake.multibody.plant import MultibodyPlant
+
+from twin_diagram.errors import ModelError
+from twin_diagram.model.description.add_arm import Arm
+from twin_diagram.model.effects.effect import Effect, register
+from twin_diagram.model.effects.parameter import ParameterKind
+from twin_diagram.model.effects.realisation import Brake, Fitting, RigidChange
+from twin_diagram.model.rigid_body.arm_bodies import ArmBodies, DescribedLinks
+
+Array = npt.NDArray[np.float64]
+
+SMOOTH_VELOCITY = 0.005
+"""Speed at which the smooth law of dry friction has reached three quarters of its level [rad/s]."""
+
+HOLD = 1e6
+"""Damping with which a dry joint is held below its level [N·m·s/rad].
+
+Drake's solver softens it to some 2.5e-4 of the speed that one free step would give the joint, whatever the damping.
+"""
+
+
+def smooth_sign(v: Array) -> Array:
+    """A sign that is smooth about zero speed."""
+    return np.tanh(v / SMOOTH_VELOCITY)
+
+
+@register
+class ViscousFriction(Effect):
+    """Friction in proportion to speed: the motor gives damping × v more."""
+
+    name: ClassVar[str] = "viscous_friction"
+    kinds: ClassVar[Mapping[str, ParameterKind]] = {"damping": ParameterKind("N·m·s/rad", lower=0.0, lessens=True)}
+    folds: ClassVar[bool] = True
+    motor_side: ClassVar[bool] = True
+
+    def torque(self, bodies: ArmBodies, q: Array, v: Array, a: Array, tau: Array) -> Array:
+        """See `Effect.torque`."""
+        del q, a, tau
+        return self.spread(bodies.joints, self.value("damping")) * v
+
+    def change(self, links: DescribedLinks) -> RigidChange:
+        """As dampers of the joints."""
+        del links
+        return RigidChange(damping=dict(zip(self.joints, self.value("damping").tolist(), strict=True)))
+
+    def fittings(self) -> list[Fitting]:
+        """Explicit dampers where it starts or ends during a run."""
+        if not self.timed:
+            return []
+
+        def law(damping: float) -> Callable[[float], float]:
+            return lambda v: -damping * v
+
+        return [
+            Fitting(f"{joint}_viscous_friction", joint, speed_curve=law(float(damping)))
+            for joint, damping in zip(self.joints, self.value("damping"), strict=True)
+        ]
+
+    def before_finalize(self, plant: MultibodyPlant, arm: Arm) -> None:
+        """Raises the joints' damping, which a discrete plant integrates implicitly."""
+        if self.timed:
+            super().before_finalize(plant, arm)
+            return
+        for name, damping in zip(self.joints, self.value("damping"), strict=True):
+            joint = plant.get_joint(arm.joint_indices[arm.joints.index(name)])
+            joint.set_default_damping_vector(joint.default_damping_vector() + damping)
+
+    def sentence(self) -> str:
+        """See `Effect.sentence`."""
+        return f"viscous friction of {self.values_on_joints('damping')}"
+
+
+@register
+class CoulombFriction(Effect):
+    """Dry friction of one level, or of one level per direction.
+
+    The motor gives `torque` more where v > 0 and less where v < 0; at rest the friction is whatever it must be to hold
+    the joint, up to the level.
+    """
+
+    name: ClassVar[str] = "coulomb_friction"
+    kinds: ClassVar[Mapping[str, ParameterKind]] = {
+        "torque": ParameterKind("N·m", lower=0.0, lessens=True),
+        "torque_positive": ParameterKind("N·m", lower=0.0, help="level against positive motion", lessens=True),
+        "torque_negative": ParameterKind("N·m", lower=0.0, help="level against negative motion", lessens=True),
+    }
+    dry: ClassVar[bool] = True
+    motor_side: ClassVar[bool] = True
+
+    @classmethod
+    def optional(cls, key: str) -> bool:
+        """Either `torque` or the pair; `check` holds them together."""
+        del key
+        return True
+
+    def check(self) -> None:
+        """See `Effect.check`."""
+        if set(self.parameters) not in ({"torque"}, {"torque_positive", "torque_negative"}):
+            raise ModelError("effects.coulomb_friction: give `torque`, or `torque_positive` and `torque_negative`")
+
+    def levels(self) -> tuple[Array, Array]:
+        """Against positive and against negative motion, one number per joint of the effect."""
+        if "torque" in self.parameters:
+            return self.value("torque"), self.value("torque")
+        return self.value("torque_positive"), self.value("torque_negative")
+
+    def torque(self, bodies: ArmBodies, q: Array, v: Array, a: Array, tau: Array) -> Array:
+        """See `Effect.torque`."""
+        del q, a, tau
+        forward, backward = (self.spread(bodies.joints, level) for level in self.levels())
+        return np.where(v >= 0.0, forward, backward) * smooth_sign(v)
+
+    def friction_level(self, bodies: ArmBodies, q: Array, v: Array, tau: Array) -> tuple[Array, Array]:
+        """See `Effect.friction_level`."""
+        del v, tau
+        forward, backward = (self.spread(bodies.joints, level) for level in self.levels())
+        return np.broadcast_to(forward, q.shape), np.broadcast_to(backward, q.shape)
+
+    def brakes(self) -> list[Brake]:
+        """Brakes that start or end during a run; a plant's own are there for good."""
+        if not self.timed:
+            return []
+        return [
+            Brake("coulomb_friction", (joint,), lambda _, levels=(float(ahead), float(back)): levels)  # type: ignore[misc]
+            for joint, ahead, back in zip(self.joints, *self.levels(), strict=True)
+        ]
+
+    def fittings(self) -> list[Fitting]:
+        """A brake per joint; where the directions differ, a constant torque shifts it."""
+        result: list[Fitting] = []
+        if self.timed:
+            return result
+        for joint, forward, backward in zip(self.joints, *self.levels(), strict=True):
+            level, shift = 0.5 * (forward + backward), 0.5 * (forward - backward)
+            if level > 0.0:
+                result.append(Fitting(f"{joint}_coulomb_friction", joint, limit=level, damping=HOLD))
+            if shift != 0.0:
+                result.append(Fitting(f"{joint}_coulomb_friction_shift", joint, torque=-shift))
+        return result
+
+    def sentence(self) -> str:
+        """See `Effect.sentence`."""
+        forward, backward = self.levels()
+        if np.array_equal(forward, backward):
+            key = "torque" if "torque" in self.parameters else "torque_positive"
+            return f"dry friction of {self.values_on_joints(key)}"
+        ahead = f"dry friction against positive motion of {self.values_on_joints('torque_positive')}"
+        return f"{ahead}; against negative motion of {self.values_on_joints('torque_negative')}"

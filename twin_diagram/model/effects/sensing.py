@@ -1,0 +1,35 @@
+"""What the encoders' readings mean."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.model.effects.effect import Effect, register
+from twin_diagram.model.effects.parameter import ParameterKind
+
+Array = npt.NDArray[np.float64]
+
+
+@register
+class EncoderOffset(Effect):
+    """An encoder reads the true position plus an offset."""
+
+    name: ClassVar[str] = "encoder_offset"
+    kinds: ClassVar[Mapping[str, ParameterKind]] = {"offset": ParameterKind("rad", lower=-np.pi, upper=np.pi)}
+    changes_plant: ClassVar[bool] = True
+
+    def true_position(self, joints: Sequence[str], q: Array) -> Array:
+        """See `Effect.true_position`."""
+        return q - self.spread(joints, self.value("offset"))
+
+    def measured_position(self, joints: Sequence[str], q: Array) -> Array:
+        """See `Effect.measured_position`."""
+        return q + self.spread(joints, self.value("offset"))
+
+    def sentence(self) -> str:
+        """See `Effect.sentence`."""
+        return f"encoders read too much by {self.values_on_joints('offset')}"

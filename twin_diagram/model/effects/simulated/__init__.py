@@ -1,0 +1,1 @@
+"""How effects act in a simulator's plant, stable at its step."""

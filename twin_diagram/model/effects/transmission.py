@@ -1,0 +1,128 @@
+"""Springs in and about the joints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import PchipInterpolator
+
+from twin_diagram.errors import ModelError
+from twin_diagram.model.effects.effect import Effect, register
+from twin_diagram.model.effects.parameter import ParameterKind
+from twin_diagram.model.effects.realisation import Fitting
+from twin_diagram.model.rigid_body.arm_bodies import ArmBodies
+
+Array = npt.NDArray[np.float64]
+
+
+@register
+class JointSpring(Effect):
+    """A torque that is a function of the joint's angle.
+
+    Either linear, the motor giving stiffness × (q − rest_angle) more, or a `curve`: as many angles [rad, rising] and
+    then the torques [N·m] that the motor gives more at them, on one joint. Between its points the curve is a monotone
+    cubic (Fritsch and Carlson 1980), beyond them it goes on straight. On a prismatic joint, positions and forces.
+    """
+
+    name: ClassVar[str] = "joint_spring"
+    kinds: ClassVar[Mapping[str, ParameterKind]] = {
+        "stiffness": ParameterKind("N·m/rad", lower=0.0),
+        "rest_angle": ParameterKind("rad"),
+        "curve": ParameterKind("rad, N·m", size=None),
+    }
+
+    @classmethod
+    def optional(cls, key: str) -> bool:
+        """Either the pair or `curve`; `check` holds them together."""
+        del key
+        return True
+
+    def check(self) -> None:
+        """See `Effect.check`."""
+        if set(self.parameters) not in ({"stiffness", "rest_angle"}, {"curve"}):
+            raise ModelError("effects.joint_spring: give `stiffness` and `rest_angle`, or `curve`")
+        if "curve" in self.parameters:
+            values = self.value("curve")
+            if len(self.joints) != 1:
+                raise ModelError(f"effects.joint_spring.joints: a curve is one joint's, not {', '.join(self.joints)}")
+            if len(values) % 2 or len(values) < 4 or np.any(np.diff(values[: len(values) // 2]) <= 0.0):
+                raise ModelError(
+                    "effects.joint_spring.curve: needs two or more rising angles, then as many torques, "
+                    f"got {values.tolist()}"
+                )
+
+    def curve(self) -> Callable[[Array], Array]:
+        """The curve as a function of angles of any shape.
+
+        Beyond its ends, the slope there gives way to the curve's mean slope within half a piece: an end's slope is the
+        least sure of all, and what it says of angles far away is nothing.
+        """
+        angles, torques = np.split(self.value("curve"), 2)
+        inside = PchipInterpolator(angles, torques)
+        ends = np.array([angles[0], angles[-1]])
+        mean = float(np.polyfit(angles, torques, 1)[0])
+        bends = inside.derivative()(ends) - mean
+        reach = 0.5 * float(np.mean(np.diff(angles)))
+
+        def beyond(distance: Array, bend: float) -> Array:
+            return np.asarray(mean * distance + bend * reach * -np.expm1(-np.abs(distance) / reach) * np.sign(distance))
+
+        def law(q: Array) -> Array:
+            below, above = np.minimum(q - ends[0], 0.0), np.maximum(q - ends[1], 0.0)
+            result = inside(np.clip(q, *ends)) + beyond(below, bends[0]) + beyond(above, bends[1])
+            return np.asarray(result)
+
+        return law
+
+    def torque(self, bodies: ArmBodies, q: Array, v: Array, a: Array, tau: Array) -> Array:
+        """See `Effect.torque`."""
+        del v, a, tau
+        if "curve" in self.parameters:
+            result = np.zeros_like(q)
+            column = self.columns(bodies.joints)
+            result[:, column] = self.curve()(q[:, column])
+            return result
+        stiffness, rest = (self.spread(bodies.joints, self.value(key)) for key in ("stiffness", "rest_angle"))
+        return stiffness * (q - rest)
+
+    def fittings(self) -> list[Fitting]:
+        """A position-controlled actuator is a spring that the plant integrates implicitly; a curve is explicit."""
+        if "curve" in self.parameters:
+            law = self.curve()
+            return [Fitting(f"{self.joints[0]}_joint_spring", self.joints[0], curve=lambda q: -float(law(np.array(q))))]
+        if self.timed:
+
+            def linear(k: float, rest: float) -> Callable[[float], float]:
+                return lambda q: -k * (q - rest)
+
+            return [
+                Fitting(f"{joint}_joint_spring", joint, curve=linear(float(k), float(rest)))
+                for joint, k, rest in zip(self.joints, self.value("stiffness"), self.value("rest_angle"), strict=True)
+            ]
+        return [
+            Fitting(f"{joint}_joint_spring", joint, stiffness=float(stiffness), rest=float(rest))
+            for joint, stiffness, rest in zip(
+                self.joints, self.value("stiffness"), self.value("rest_angle"), strict=True
+            )
+            if stiffness > 0.0
+        ]
+
+    def sentence(self) -> str:
+        """See `Effect.sentence`."""
+        if "curve" in self.parameters:
+            angles, torques = np.split(self.value("curve"), 2)
+            along, effort = self.unit("curve", self.joints[0]).split(", ")
+            return (
+                f"a spring on {self.joints[0]} whose {self.effort} follows a curve of the "
+                f"{'position' if self.prismatic else 'angle'}, {torques.min():.4g} to {torques.max():.4g} {effort} "
+                f"between {angles[0]:.4g} and {angles[-1]:.4g} {along}"
+            )
+        parts = (
+            f"{k:.4g} {self.unit('stiffness', joint)} on {joint}, at rest at {rest:.4g} "
+            f"{self.unit('rest_angle', joint)}"
+            for joint, k, rest in zip(self.joints, self.value("stiffness"), self.value("rest_angle"), strict=True)
+        )
+        return f"a spring of {'; '.join(parts)}"

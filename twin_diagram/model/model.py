@@ -1,0 +1,287 @@
+"""The twin's physics: an arm's plant and the effects that its description lacks.
+
+Simulator, filter, rollouts and gap workflow share it. The torque law reads
+
+    logged torque = actuation⁻¹( M(q) a + C(q, v) v − g(q) + dampers + Σ effects.torque )
+
+with q the true positions behind the measured ones, and M with rotors and payloads. Effects that start or end, that wait
+(`time_delay`) or that remember (`joint_elasticity`, `backlash`) need to know of time: where samples are given with
+their times they count in full; where they are not, what is there to stay counts, nothing waits, and gears are rigid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import Context
+
+from twin_diagram import scenario
+from twin_diagram.errors import ModelError
+from twin_diagram.logs.joint_limits import JointLimits
+from twin_diagram.model.description import corrected_folder
+from twin_diagram.model.description.add_arm import Arm, add_arm
+from twin_diagram.model.dynamics import elastic_gears, rigid_changes
+from twin_diagram.model.dynamics.onsets import epochs, shifted
+from twin_diagram.model.dynamics.torque_law import TorqueLaw
+from twin_diagram.model.effects import Effect, make
+from twin_diagram.model.rigid_body import from_plant
+from twin_diagram.model.rigid_body.arm_bodies import ArmBodies, DescribedLinks
+from twin_diagram.model.rigid_body.plant_calls import PlantCalls
+
+Array = npt.NDArray[np.float64]
+
+
+class Model:
+    """An arm's plant and its effects. One thread at a time: calls share a scratch context.
+
+    All arrays are in the order of `joints`; torques are joint-side [N·m] (N for prismatic joints), frames as in Drake.
+
+    Attributes:
+        spec: where it came from, with everything resolved.
+        plant: arm and gripper alone, continuous, finalized, without geometry, base at X_WB. It holds the description
+            alone; effects live in this class.
+        arm: the arm's indices in `plant`.
+        joints: the arm's joints; n is their number.
+        prismatic: which of them are; `units.on_joint` tells the units of what is theirs.
+        effects: in order; first those that the description itself states (`Effect.given`).
+        present: those that count where no time is given: all but those that end.
+        timed: whether an effect starts or ends.
+        position_index, velocity_index: (n,) of the joints in the plant's q and v.
+        lower, upper, velocity_limit, effort_limit: (n,) from the description, infinite where it says nothing.
+        limits: the same for logs, which know nothing of models.
+        last_link: name of the child link of the last arm joint that is no finger; payloads hang on it.
+        bodies: with what effects change in them; what effects may ask of the arm.
+        tree: the same rigid dynamics for many samples at once.
+        calls: into the plant, for single samples.
+        law: the torque of bodies and effects at true positions, without onsets, delay and motors' logs.
+    """
+
+    def __init__(self, plant: MultibodyPlant, arm: Arm, effects: Iterable[Effect]) -> None:
+        """Use `load`."""
+        self.plant = plant
+        self.arm = arm
+        self.joints = arm.joints
+        added = tuple(effect for effect in effects if not effect.given)
+        self.prismatic = arm.prismatic(plant)
+        self.effects = tuple(effect.on_arm(self.prismatic) for effect in (*_given(arm), *added))
+        self.spec = replace(arm.spec, joints=list(arm.joints), effects=[effect.spec() for effect in added])
+        joints = [plant.get_joint(index) for index in arm.joint_indices]
+        actuators = [plant.get_joint_actuator(index) for index in arm.actuator_indices]
+        self.lower = np.array([float(joint.position_lower_limits()[0]) for joint in joints])
+        self.upper = np.array([float(joint.position_upper_limits()[0]) for joint in joints])
+        limits = np.array([float(joint.velocity_upper_limits()[0]) for joint in joints])
+        self.velocity_limit = np.where(limits > 0.0, limits, np.inf)  # exporters write 0 for what they do not know
+        self.effort_limit = np.array([actuator.effort_limit() for actuator in actuators])
+        revolute = np.array([joint not in self.prismatic for joint in self.joints])
+        self.limits = JointLimits(self.joints, revolute, self.lower, self.upper, self.effort_limit)
+        links = DescribedLinks(plant, plant.get_body(arm.last_link).name())
+        self.last_link = links.last_link
+
+        self.timed = any(effect.timed for effect in self.effects)
+        self.present = tuple(
+            effect.always() if effect.timed else effect for effect in self.effects if effect.end is None
+        )
+        self._epochs: dict[tuple[bool, ...], Model] = {}
+        self._runs: dict[str, Model] = {}
+
+        self._context = plant.CreateDefaultContext()
+        self.calls = PlantCalls(plant, self._context, arm)
+        self.position_index, self.velocity_index = self.calls.position_index, self.calls.velocity_index
+        rigid_changes.check_places(plant, self.joints, self.effects)
+        rigid_changes.fold(plant, self._context, arm, (effect.change(links) for effect in self.present))
+        rigid_changes.check_friction(self.joints, self.present, self.prismatic)
+        self.bodies = ArmBodies(arm, links, self._context)
+        self.tree = self.bodies.tree
+        self.law = TorqueLaw(self.bodies, self.calls, self.present, vectorises=from_plant.is_whole(plant))
+
+    @staticmethod
+    def load(
+        spec_or_path: scenario.ArmModel | str | Path,
+        packages: Mapping[str, str | Path] | None = None,
+        base_dir: str | Path | None = None,
+    ) -> Model:
+        """Reads a description, or the folder of a corrected model.
+
+        Args:
+            spec_or_path: an arm of a scenario, or the path of a URDF, SDF, MJCF or .dmd.yaml file or of a folder.
+            packages: local folders for `package://` names.
+            base_dir: folder that relative paths are looked up in first.
+
+        Raises:
+            ModelError: see `add_arm.add_arm` and `effects.make`.
+        """
+        plant = MultibodyPlant(0.0)
+        arm = add_arm(plant, spec_or_path, packages, base_dir)
+        effects = [make(spec) for spec in arm.spec.effects]
+        try:
+            plant.Finalize()
+        except RuntimeError as error:
+            raise ModelError(f"{arm.spec.model}: {str(error).splitlines()[0]}") from error
+        return Model(plant, arm, effects)
+
+    def for_run(self, mark: str) -> Model:
+        """The model as it holds for one run: each effect as `Effect.in_run` says.
+
+        Args:
+            mark: `logs.fingerprint` of the run.
+        """
+        if all(effect.log in ("", mark) for effect in self.effects):
+            return self
+        if mark not in self._runs:
+            here = (effect.in_run(mark) for effect in self.effects)
+            self._runs[mark] = self.with_effects([effect for effect in here if effect is not None])
+        return self._runs[mark]
+
+    def settled(self, marks: Collection[str]) -> Model:
+        """The model without onsets and ends in runs other than those of some marks, as it holds after these runs."""
+        if all(effect.log in ("", *marks) for effect in self.effects):
+            return self
+        here = (e if e.log in ("", *marks) else e.in_run("") for e in self.effects)
+        return self.with_effects([effect for effect in here if effect is not None])
+
+    def with_effects(self, effects: Iterable[Effect]) -> Model:
+        """The same description with other effects; shares the plant, not the scratch.
+
+        What the description itself states stays, whether it is among `effects` or not.
+        """
+        return Model(self.plant, self.arm, effects)
+
+    def make_context(self) -> Context:
+        """A context of `plant` whose parameters hold what effects change in the rigid model (payload, rotors, dampers).
+
+        For those who call the plant themselves; it is theirs.
+        """
+        return self._context.Clone()
+
+    def save(self, folder: str | Path) -> None:
+        """Writes the description and `effects.yaml`; an existing folder is replaced once all is written.
+
+        Files that the description names by relative paths are named by absolute ones in the copy.
+        """
+        corrected_folder.write(self.spec, folder)
+
+    # Dynamics.
+
+    def inverse_dynamics(
+        self,
+        q: Array,
+        v: Array,
+        a: Array,
+        tau: Array | None = None,
+        time: Array | None = None,
+        seen: Array | None = None,
+    ) -> Array:
+        """The torque that the motors must give, as their log would show it.
+
+        Args:
+            q: (…, n) measured positions [rad].
+            v: (…, n) velocities [rad/s].
+            a: (…, n) accelerations [rad/s²].
+            tau: (…, n) torque that the joints transmit, for friction that depends on load; None: that of the rigid arm.
+            time: (N,) of samples (N, n) of one run at a constant rate [s]; None: samples have nothing to do with each
+                other.
+            seen: (…, n) logged torque, for what the motion alone does not tell: what is logged but never reaches a
+                joint (saturation), and what dry friction holds at rest; None: the latter is then none.
+
+        Returns:
+            (…, n) [N·m]
+        """
+        if time is not None and self.timed:
+            result = np.empty_like(q)
+            for mask, static in self.epochs(time):
+                result[mask] = static.inverse_dynamics(q, v, a, tau, time, seen)[mask]
+            return result
+        q = self.true_position(q)
+        law = self.law
+        total = law.joint_load(q, v, a, tau)
+        if time is not None and len(law.yielding) and len(time) > 1:
+            beyond = None if seen is None else self.applied(seen, time) - total
+            period = (time[-1] - time[0]) / (len(time) - 1)
+            total = total + self.twist((q, v, a), period, beyond).torque
+        if seen is not None and (law.dry or law.coupled) and q.ndim == 2:
+            total = law.held(total, q, v, seen if time is None else self.applied(seen, time))
+        total = law.logged(total, seen, time)
+        return total if time is None else shifted(total, time, law.delay)
+
+    def twist(
+        self, motion: tuple[Array, Array, Array], period: float, beyond: Array | None = None
+    ) -> elastic_gears.Twist:
+        """Work out how the yielding gears twist; arguments as of `elastic_gears.twist`, at true positions."""
+        return elastic_gears.twist(self.tree, self.law.link_load, self.law.yielding, motion, period, beyond)
+
+    def epochs(self, time: Array) -> list[tuple[npt.NDArray[np.bool_], Model]]:
+        """Which samples (N,) each model without onsets holds for."""
+        result = []
+        for active, mask in epochs(self.effects, time):
+            if active not in self._epochs:
+                kept = [effect.always() for effect, on in zip(self.effects, active, strict=True) if on]
+                self._epochs[active] = self.with_effects(kept)
+            result.append((mask, self._epochs[active]))
+        return result
+
+    def mass_matrix(self, q: Array) -> Array:
+        """(n, n) mass matrix [kg·m²] at measured positions (n,): arm, rotors, payload; fingers held rigid."""
+        return self.calls.mass(self.true_position(q))
+
+    def bias(self, q: Array, v: Array) -> Array:
+        """(n,) torque [N·m] at velocity (n,) and position (n,) without acceleration: C v − g and effects."""
+        return self.inverse_dynamics(q, v, np.zeros_like(q))
+
+    def forward_dynamics(self, q: Array, v: Array, tau: Array) -> Array:
+        """(…, n) accelerations [rad/s²] under logged torques `tau` (…, n)."""
+        q, tau = self.true_position(q), self.applied(tau)
+        if q.ndim == 1 and not self.law.dry:
+            load = self.law.joint_load(q, v, np.zeros_like(q), tau)
+            once: Any = np.linalg.solve(self.calls.mass(q), tau - load)
+            return np.asarray(once)
+        flat = (-1, q.shape[-1])
+        mass, load = self.law.mass_and_load(q.reshape(flat), v.reshape(flat), tau.reshape(flat))
+        acceleration: Any = np.linalg.solve(mass, (tau.reshape(flat) - load)[..., None])
+        return np.asarray(acceleration.reshape(q.shape))
+
+    def applied(self, tau: Array, time: Array | None = None) -> Array:
+        """The torque (…, n) that reaches the joints when `tau` is logged; `time` (N,) as in `inverse_dynamics`."""
+        if time is not None and self.timed:
+            result = np.empty_like(tau)
+            for mask, static in self.epochs(time):
+                result[mask] = static.applied(tau, time)[mask]
+            return result
+        if time is not None:
+            tau = shifted(tau, time, -self.law.delay)
+        return self.law.applied(tau)
+
+    def true_position(self, q: Array) -> Array:
+        """The joint positions (…, n) when `q` is measured."""
+        return self.law.true_position(q)
+
+    def measured_position(self, q: Array) -> Array:
+        """What encoders read (…, n) at joint positions `q`."""
+        return self.law.measured_position(q)
+
+    # Kinematics.
+
+    def tool_pose(self, q: Array) -> RigidTransform:
+        """X_WT of the tool frame at measured positions (n,)."""
+        return self.calls.tool_pose(self.true_position(q))
+
+    def tool_jacobian(self, q: Array) -> Array:
+        """(6, n): angular [rad/s] over linear [m/s] velocity of the tool frame in W, per joint velocity."""
+        return self.calls.tool_jacobian(self.true_position(q))
+
+    def arm_positions(self, q_plant: Array) -> Array:
+        """The arm's part (…, n) of plant positions (…, nq)."""
+        return np.asarray(q_plant)[..., self.position_index]
+
+
+def _given(arm: Arm) -> list[Effect]:
+    effects = [make(spec) for spec in arm.given]
+    for effect in effects:
+        effect.given = True
+    return effects

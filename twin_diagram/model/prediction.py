@@ -1,0 +1,237 @@
+"""What a model says of a measured log: the torque that its motion takes, and the motion that its torque makes.
+
+The gap between model and measurement is computed from these alone.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from pydrake.multibody.tree import PrismaticJoint, RevoluteJoint
+
+from twin_diagram.errors import LogError
+from twin_diagram.logs import Log, LogWarning, check, fingerprint, read_log, unwrapped, write_columns
+from twin_diagram.logs.differentiation import Motion, inner, lowpass, motion
+from twin_diagram.model.description import add_arm as description
+from twin_diagram.model.model import Model
+from twin_diagram.model.rollout import rollout, trajectory
+
+__all__ = [
+    "load_model_for",
+    "lowpass",
+    "position_predicted",
+    "predict",
+    "rollout_rms",
+    "torque_predicted",
+    "torque_residual",
+    "torque_residual_rms",
+]
+
+Array = npt.NDArray[np.float64]
+
+STARTS_AT_ONCE = 4096
+"""Rollouts that run side by side."""
+
+
+def torque_predicted(model: Model, log: Log, smooth: Motion | None = None) -> Array:
+    """The torque (N, n) that the motors must have given for the measured motion, at the log's own times [N·m].
+
+    Args:
+        model: with the log's joints, in the log's order.
+        log: checked.
+        smooth: `motion(log)`, where the caller has it.
+    """
+    smooth = motion(log) if smooth is None else smooth
+    regular = smooth.log
+    model = model.for_run(fingerprint(log))
+    tau = model.inverse_dynamics(
+        smooth.position, smooth.velocity, smooth.acceleration, time=regular.time, seen=_torque_or_none(regular)
+    )
+    return _at(log.time, regular.time, tau)
+
+
+def _torque_or_none(log: Log) -> Array | None:
+    return None if log.torque is None and log.torque_commanded is None else log.motor_torque
+
+
+def position_predicted(model: Model, log: Log, horizon: float = 0.2, smooth: Motion | None = None) -> Array:
+    """Positions (N, n), each rolled out open loop from the measured state `horizon` seconds earlier [rad].
+
+    The rollout starts at the measured position and the smoothed velocity, and applies the measured torques. Samples
+    earlier than `horizon` after the log's begin are rolled out from its first sample.
+
+    Raises:
+        LogError: the horizon is not positive, or longer than the log.
+    """
+    smooth = motion(log) if smooth is None else smooth
+    regular = smooth.log
+    if not 0.0 < horizon < regular.time[-1] - regular.time[0]:
+        raise LogError(f"{log.source}: horizon {horizon:g} s: must be positive and shorter than the log")
+    rolled = _Rolled(model.for_run(fingerprint(log)), smooth, horizon)
+    steps = rolled.steps
+    result = np.empty_like(regular.position)
+    result[0] = regular.position[0]
+    if steps > 1:
+        early = trajectory(*rolled.arguments(np.zeros(1, dtype=np.int64), steps - 1), arrived=True)
+        result[1:steps] = [position[0] for position in early]
+    starts = np.arange(len(regular) - steps)
+    for first in range(0, len(starts), STARTS_AT_ONCE):
+        chosen = starts[first : first + STARTS_AT_ONCE]
+        result[chosen + steps] = rollout(*rolled.arguments(chosen, steps), arrived=True)
+    return _at(log.time, regular.time, result)
+
+
+class _Rolled:
+    """What rollouts of one log start from and are driven by."""
+
+    def __init__(self, model: Model, smooth: Motion, horizon: float) -> None:
+        self.model, self.smooth = model, smooth
+        regular = smooth.log
+        self.steps = max(1, round(horizon / regular.period))
+        self.period = (regular.time[-1] - regular.time[0]) / (len(regular) - 1)
+        self.tau = model.applied(regular.motor_torque, regular.time)
+        self.angles, self.rates = twists(model, smooth)
+
+    def arguments(self, chosen: npt.NDArray[np.int64], count: int) -> tuple[Any, ...]:
+        """Of `rollout`, from the chosen samples over `count` periods."""
+        regular = self.smooth.log
+        torques = np.stack([self.tau[chosen + k] for k in range(count + 1)])
+        begin = (regular.position[chosen], self.smooth.velocity[chosen])
+        twist = (self.angles[chosen], self.rates[chosen])
+        return (self.model, *begin, torques, self.period, regular.time[chosen], twist)
+
+
+def twists(model: Model, smooth: Motion) -> tuple[Array, Array]:
+    """Angles and rates, each (N, s), of the gears that yield, for a measured motion [rad], [rad/s]."""
+    count = len(model.law.yielding)
+    if count == 0:
+        return np.zeros((len(smooth.log), 0)), np.zeros((len(smooth.log), 0))
+    time = smooth.log.time
+    period = (time[-1] - time[0]) / (len(time) - 1)
+    q, torque = model.true_position(smooth.position), _torque_or_none(smooth.log)
+    beyond = None
+    if torque is not None:
+        beyond = model.applied(torque, time) - model.law.joint_load(q, smooth.velocity, smooth.acceleration)
+    found = model.twist((q, smooth.velocity, smooth.acceleration), period, beyond)
+    return found.angle, found.rate
+
+
+def _at(times: Array, regular: Array, values: Array) -> Array:
+    """Values at regular times brought to a log's own."""
+    if len(times) == len(regular) and np.array_equal(times, regular):
+        return values
+    return np.stack([np.interp(times, regular, values[:, k]) for k in range(values.shape[1])], axis=1)
+
+
+def torque_residual(model: Model, log: Log) -> Array:
+    """Measured less predicted torque, low-passed, without the log's ends (M, n) [N·m]."""
+    smooth = motion(log)
+    regular = smooth.log
+    difference = regular.motor_torque - torque_predicted(model, regular, smooth)
+    return lowpass(difference, 1.0 / regular.period)[inner(regular.time)]
+
+
+def torque_residual_rms(model: Model, log: Log) -> Array:
+    """Root mean square of `torque_residual` per joint (n,) [N·m]."""
+    return np.asarray(np.sqrt(np.mean(torque_residual(model, log) ** 2, axis=0)))
+
+
+def rollout_rms(
+    model: Model, log: Log, horizon: float = 0.2, smooth: Motion | None = None, most: int | None = None
+) -> Array:
+    """Root mean square per joint (n,) of measured less rolled-out positions, without the log's ends [rad].
+
+    Args:
+        model: as of `position_predicted`.
+        log: likewise.
+        horizon: likewise [s].
+        smooth: likewise.
+        most: evenly spread samples that are enough; None: all.
+    """
+    smooth = motion(log) if smooth is None else smooth
+    regular = smooth.log
+    if most is None or np.sum(inner(log.time)) <= most:
+        error = (log.position - position_predicted(model, log, horizon, smooth))[inner(log.time)]
+        return np.asarray(np.sqrt(np.mean(error**2, axis=0)))
+    rolled = _Rolled(model.for_run(fingerprint(log)), smooth, horizon)
+    ends = np.flatnonzero(inner(regular.time) & (np.arange(len(regular)) >= rolled.steps))
+    ends = ends[np.linspace(0, len(ends) - 1, most).astype(int)]
+    error = regular.position[ends] - rollout(*rolled.arguments(ends - rolled.steps, rolled.steps), arrived=True)
+    return np.asarray(np.sqrt(np.mean(error**2, axis=0)))
+
+
+def load_model_for(
+    log: Log, model: str | Path, packages: Mapping[str, str | Path] | None = None
+) -> tuple[Model, Log, list[LogWarning]]:
+    """A model and a log that go together: the model with the log's joints, the log in the model's order, checked.
+
+    Joints of the description that are driven by default must be in the log; prismatic joints become the arm's where
+    the log has them.
+
+    Raises:
+        ModelError: see `Model.load`.
+        LogError: see `logs.check`.
+    """
+    spec = description.resolve(model, packages)
+    loaded = Model.load(spec, packages)
+    movable = [
+        joint.name()
+        for joint in map(loaded.plant.get_joint, loaded.plant.GetJointIndices())
+        if isinstance(joint, (RevoluteJoint, PrismaticJoint))
+    ]
+    logged = [joint for joint in movable if joint in loaded.joints or joint in log.joints]
+    if len(logged) > len(loaded.joints):
+        loaded = Model.load(replace(spec, joints=logged), packages)
+    return (loaded, *as_explained(loaded, log))
+
+
+def as_explained(model: Model, log: Log) -> tuple[Log, list[LogWarning]]:
+    """A log as a model explains it: checked, with the model's joints in its order, angles that go on past a turn.
+
+    Raises:
+        LogError: see `logs.check`.
+    """
+    warnings = check(log, model.limits)
+    own, wrapped = unwrapped(log.select(model.joints), model.limits)
+    return own, warnings + wrapped
+
+
+def predict(
+    model: str | Path,
+    log: str | Path,
+    out: str | Path,
+    horizon: float = 0.2,
+    packages: Mapping[str, str | Path] | None = None,
+) -> list[LogWarning]:
+    """Reads a log, and writes `torque_predicted.<joint>` and `position_predicted.<joint>` for each of its samples.
+
+    Args:
+        model: a description, or the folder of a corrected model.
+        log: .csv or .npz.
+        out: .csv or .npz; appears once it is whole.
+        horizon: length of the rollouts [s].
+        packages: local folders for `package://` names.
+
+    Raises:
+        TwinError: the model or the log cannot be used; nothing is written.
+    """
+    raw = read_log(log)
+    loaded, measured, warnings = load_model_for(raw, model, packages)
+    turned = measured.position - raw.select(loaded.joints).position
+    for warning in warnings:
+        logging.getLogger("twin_diagram").warning("%s (%s)", warning.message, warning.code)
+    smooth = motion(measured)
+    columns = {"time": measured.time}
+    for name, values in (
+        ("torque_predicted", torque_predicted(loaded, measured, smooth)),
+        ("position_predicted", position_predicted(loaded, measured, horizon, smooth) - turned),
+    ):
+        columns |= {f"{name}.{joint}": values[:, k] for k, joint in enumerate(loaded.joints)}
+    write_columns(columns, out)
+    return warnings

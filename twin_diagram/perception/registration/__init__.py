@@ -1,0 +1,1 @@
+"""From segments to poses: known objects are recognised, registered and tracked."""

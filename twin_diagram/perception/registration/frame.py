@@ -1,0 +1,136 @@
+"""One image made ready for registration: depth, and colour at two scales, to be looked up at many pixels at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, cast
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.perception.pinhole import DepthImage, Pinhole
+from twin_diagram.perception.segmentation.segments import ROBOT, Segments
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+BLUR: Final = (3, 9)
+"""Width of the box that blurs the colours, twice [pixel]: fine, coarse; like a Gaussian of 1.2 and 3.7 pixels."""
+_MARGIN: Final = 32
+
+
+@dataclass(frozen=True)
+class Frame:
+    """An image for registration.
+
+    Attributes:
+        camera: the calibrated camera.
+        depth: (H, W) [m], 0 where there is none and where the robot is.
+        robot: (H, W), the robot's pixels.
+        normals: (h, w, 3) at every `stride`-th pixel, of what stands on the table; 0 elsewhere.
+        stride: of `normals`.
+        colours: fine and coarse, each (h, w, 3) float in [0, 1]: the part of the image from `corner` on.
+        corner: (u, v) of the cut-out's first pixel.
+        table: (a, b, c) of the table z = a x + b y + c.
+    """
+
+    camera: Pinhole
+    depth: DepthImage
+    robot: Mask
+    normals: npt.NDArray[np.float32]
+    stride: int
+    colours: tuple[npt.NDArray[np.float32], ...]
+    corner: tuple[int, int]
+    table: Array
+
+    @staticmethod
+    def of(segments: Segments) -> Frame:
+        """From a segmented image; only the part around what stands on the table is blurred."""
+        label = segments.label_image
+        height, width = segments.depth.shape
+        stride = segments.stride
+        standing = label >= 0
+        rows, columns = np.flatnonzero(standing.any(axis=1)), np.flatnonzero(standing.any(axis=0))
+        if len(rows):
+            v0, v1 = max(0, int(rows[0]) * stride - _MARGIN), min(height, int(rows[-1]) * stride + _MARGIN)
+            u0, u1 = max(0, int(columns[0]) * stride - _MARGIN), min(width, int(columns[-1]) * stride + _MARGIN)
+        else:
+            v0, v1, u0, u1 = 0, 2, 0, 2
+        part = segments.rgb[v0:v1, u0:u1].astype(np.float32) * np.float32(1.0 / 255.0)
+        robot, object_ = (
+            np.repeat(np.repeat(mask, stride, axis=0), stride, axis=1)[:height, :width]
+            for mask in (label == ROBOT, label >= 0)
+        )
+        colours = tuple(blur_within(part, object_[v0:v1, u0:u1].astype(np.float32), sigma) for sigma in BLUR)
+        normals = np.zeros((*label.shape, 3), dtype=np.float32)
+        normals[label >= 0] = segments.normals_W
+        return Frame(segments.camera, segments.depth, robot, normals, stride, colours, (u0, v0), segments.table)
+
+    def depth_at(self, u: Array, v: Array) -> tuple[Array, Array, Mask]:
+        """Depth at the pixels nearest to (u, v), any shape.
+
+        Returns:
+            depth [m]; points (..., 3) in W seen there; whether there is one (inside the image, with depth).
+        """
+        height, width = self.depth.shape
+        inside = (u > -0.5) & (u < width - 0.5) & (v > -0.5) & (v < height - 0.5)
+        column = np.where(inside, np.rint(u), 0).astype(np.int64)
+        row = np.where(inside, np.rint(v), 0).astype(np.int64)
+        depth = self.depth[row, column].astype(float)
+        camera = self.camera
+        cu, cv = camera.centre
+        p_C = np.stack([(column - cu) / camera.focal, (row - cv) / camera.focal, np.ones(u.shape)], axis=-1)
+        p_C *= depth[..., None]
+        return depth, p_C @ camera.R_WC.T + camera.p_WC, inside & (depth > 0)
+
+    def robot_at(self, u: Array, v: Array) -> Mask:
+        """Whether the pixels nearest to (u, v) show the robot; clamped to the image."""
+        height, width = self.depth.shape
+        column = np.clip(np.rint(u), 0, width - 1).astype(np.int64)
+        row = np.clip(np.rint(v), 0, height - 1).astype(np.int64)
+        return cast(Mask, self.robot[row, column])
+
+    def normal_at(self, u: Array, v: Array) -> Array:
+        """Normals (..., 3) in W seen at the pixels nearest to (u, v); 0 where none is known."""
+        height, width = self.normals.shape[:2]
+        column = np.clip(np.rint(u / self.stride), 0, width - 1).astype(np.int64)
+        row = np.clip(np.rint(v / self.stride), 0, height - 1).astype(np.int64)
+        return self.normals[row, column].astype(float)
+
+    def colour_at(self, u: Array, v: Array, level: int) -> tuple[Array, Array, Array]:
+        """RGB at (u, v), each (B, P), and its derivatives by u and v: three arrays (B, P, 3)."""
+        image = self.colours[level]
+        x = (u - self.corner[0]).astype(np.float32)
+        y = (v - self.corner[1]).astype(np.float32)
+        count = u.shape[0]
+        one = np.float32(1.0)
+        maps_x = np.concatenate([x, x + one, x - one, x, x])
+        maps_y = np.concatenate([y, y, y, y + one, y - one])
+        found = _remap(image, maps_x, maps_y).reshape(5, count, -1, 3).astype(float)
+        return found[0], 0.5 * (found[1] - found[2]), 0.5 * (found[3] - found[4])
+
+
+def blur_within(image: npt.NDArray[np.float32], mask: npt.NDArray[np.float32], width: int) -> npt.NDArray[np.float32]:
+    """Blur (h, w, 3) of the masked pixels among themselves (normalised convolution) with a box of `width`, twice.
+
+    A plain blur lets the table into the rim of every object, and registration then shrinks dark objects on light
+    tables by pushing them away from the camera. Far from the mask everything is black.
+    """
+    planes = [plane * mask for plane in cv2.split(image)]
+    stacked = cv2.merge([*planes, mask])
+    for _ in range(2):
+        stacked = cv2.blur(stacked, (width, width))
+    *planes, total = cv2.split(stacked)
+    total = np.maximum(total, np.float32(0.05))
+    return cast("npt.NDArray[np.float32]", cv2.merge([plane / total for plane in planes]))
+
+
+def _remap(image: npt.NDArray[np.float32], x: npt.NDArray[np.float32], y: npt.NDArray[np.float32]) -> Array:
+    """Bilinear look-up; in slices, because OpenCV's images end at 32767 rows."""
+    slices = range(0, len(x), 16384)
+    parts = [
+        cv2.remap(image, x[k : k + 16384], y[k : k + 16384], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        for k in slices
+    ]
+    return np.concatenate(parts) if len(parts) > 1 else parts[0]

@@ -1,0 +1,236 @@
+"""Finds a known object without a prediction: which segment it is, and its pose.
+
+An object rests on a facet of its convex hull. For every such facet and many yaw angles, starts are laid where the
+object's visible points would have the segment's centre; all are refined together on coarse colours, the best few
+exactly; shape and colour decide.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import ConvexHull, QhullError
+
+from twin_diagram import scenario
+from twin_diagram.assets import Asset
+from twin_diagram.perception.registration.frame import Frame
+from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.registration import Registration, information, refine, register
+from twin_diagram.perception.registration.residuals import COARSE, Poses, assess
+from twin_diagram.perception.registration.rotation import exp
+
+Array = npt.NDArray[np.float64]
+
+YAWS: Final = 24
+COARSE_POINTS: Final = 110
+"""Model points per start."""
+COARSE_ITERATIONS: Final = 6
+CANDIDATES: Final = 4
+"""Starts that are refined exactly."""
+MOST_STARTS: Final = 96
+"""Of more starts, those that fit best as they are laid are kept."""
+THIN: Final = 200
+"""Points of a segment that take part in exact registration."""
+SURE: Final = 0.85
+"""A score from which nothing else is tried."""
+HOPELESS: Final = 0.6
+"""A start whose coarse score is this share of the best one's is not refined exactly."""
+RESTING: Final = np.array([0.03**-2, 0.03**-2, 0.15**-2, 0.04**-2, 0.04**-2, 0.003**-2])
+"""Information of a start: what rests on a table neither tips nor floats."""
+LEAST_VISIBLE: Final = 0.2
+"""An object of which less can be seen is not recognised."""
+LEAST_POINTS: Final = 60
+"""Nor one of which fewer model points fit."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """An object recognised in a segment.
+
+    Attributes:
+        registration: the pose.
+        score: quality times the share of the segment that the object explains.
+        likeness: the same from the registration's likeness: which of several poses is the best.
+    """
+
+    registration: Registration
+    score: float
+    likeness: float
+
+
+def resting(asset: Asset) -> list[tuple[Array, float]]:
+    """Orientations (3, 3) R_WO at rest on a level table, and the height of O above it [m]; upright first, if it is one.
+
+    Facets of the convex hull below which the centroid of the surface lies. About a symmetric axis one of each kind is
+    kept.
+    """
+    corners = np.concatenate(asset.convex_pieces)
+    try:
+        hull = ConvexHull(corners)
+    except QhullError:
+        return [(np.eye(3), float(-asset.points_O[:, 2].min()))]
+    centroid = asset.points_O.mean(axis=0)
+    normals = np.unique(np.round(hull.equations[:, :3], 5), axis=0)
+    normals = normals[np.lexsort((normals[:, 1], normals[:, 0], normals[:, 2]))]
+    result: list[tuple[Array, float]] = []
+    kinds: list[float] = []
+    for normal in normals:
+        along = corners @ normal
+        rim = corners[along > along.max() - 1e-4]
+        turn = _down(normal)
+        flat = (rim @ turn.T)[:, :2]
+        try:
+            sides = ConvexHull(flat).equations
+        except QhullError:
+            continue
+        if (sides[:, :2] @ (turn @ centroid)[:2] + sides[:, 2]).max() > -1e-3:
+            continue
+        if asset.symmetric_axis == "z":
+            if any(abs(normal[2] - kind) < 1e-3 for kind in kinds):
+                continue
+            kinds.append(float(normal[2]))
+        result.append((turn, float(along.max())))
+    return result or [(np.eye(3), float(-corners[:, 2].min()))]
+
+
+def _down(normal: Array) -> Array:
+    """The smallest rotation that turns a unit vector to -z."""
+    axis = np.cross(normal, [0.0, 0.0, -1.0])
+    sine = np.linalg.norm(axis)
+    angle = np.arctan2(sine, -normal[2])
+    if sine < 1e-9:
+        return np.eye(3) if normal[2] < 0 else exp(np.array([np.pi, 0.0, 0.0]))
+    return exp(axis / sine * angle)
+
+
+def starts(model: ModelCloud, frame: Frame, points_W: Array, orientations: list[tuple[Array, float]]) -> Poses:
+    """Poses at rest on the table whose visible points would have the segment's centre.
+
+    Where the segment is narrower than the object should appear (something hides a part of it), or wider (two things are
+    in one segment), more are laid to the left and right of the line of sight.
+    """
+    camera = frame.camera
+    centre = points_W.mean(axis=0)
+    towards = camera.p_WC - centre
+    towards /= np.linalg.norm(towards)
+    side = np.array([-towards[1], towards[0], 0.0]) / max(float(np.hypot(*towards[:2])), 1e-9)
+    R_rest = np.stack([R for R, _ in orientations])
+    yaw = np.arange(YAWS) * (2 * np.pi / YAWS)
+    turn = exp(np.stack([np.zeros(YAWS), np.zeros(YAWS), yaw], axis=1))
+    R: Array = (turn[None] @ R_rest[:, None]).reshape(-1, 3, 3)
+    height = np.repeat([h for _, h in orientations], YAWS)
+    view = np.argmax((towards @ R) @ model.directions.T, axis=1)
+    index = model.views[view, :COARSE_POINTS]
+    r = model.points[index] @ R.transpose(0, 2, 1)
+    facing = np.maximum((model.normals[index] @ R.transpose(0, 2, 1)) @ towards, 0.05)
+    offset = (r * facing[..., None]).sum(axis=1) / facing.sum(axis=1)[:, None]
+    across = (r @ side).max(axis=1) - (r @ side).min(axis=1)
+    along = (points_W - centre) @ side
+    low, high = np.percentile(along, [2.0, 98.0])
+    slack = across - (high - low)
+    p = centre - offset
+    # Against either end of the segment, where that differs from the middle.
+    far = np.flatnonzero(np.abs(slack) > 0.015)
+    left = p[far] + ((low + high) / 2 + slack[far] / 2)[:, None] * side
+    right = p[far] + ((low + high) / 2 - slack[far] / 2)[:, None] * side
+    R = np.concatenate([R, R[far], R[far]])
+    p = np.concatenate([p, left, right])
+    height = np.concatenate([height, height[far], height[far]])
+    p[:, 2] = frame.table[0] * p[:, 0] + frame.table[1] * p[:, 1] + frame.table[2] + height
+    return Poses(R, p)
+
+
+def explained(model: ModelCloud, points_W: Array, registration: Registration, reach: float = 0.008) -> float:
+    """Share of points within `reach` [m] of the object's surface."""
+    distance, _ = model.tree.query(
+        (points_W - registration.p) @ registration.R, distance_upper_bound=reach + model.spacing / 2, workers=1
+    )
+    return float(np.isfinite(distance).mean())
+
+
+def search(
+    model: ModelCloud,
+    frame: Frame,
+    points_W: Array,
+    orientations: list[tuple[Array, float]],
+    params: scenario.Registration,
+) -> Found | None:
+    """Looks for one object in one segment.
+
+    Args:
+        model: the object.
+        frame: the image.
+        points_W: (N, 3) the segment's points.
+        orientations: those of `resting` that are tried.
+        params: tuning.
+
+    Returns:
+        The best pose, whatever its score; None where the segment is far too large for the object or nothing fits at
+        all.
+    """
+    spread = np.linalg.norm(points_W - points_W.mean(axis=0), axis=1)
+    if not orientations or np.median(spread) > 2.0 * model.radius + params.reach:
+        return None
+    thin = points_W[:: max(1, len(points_W) // THIN)]
+    laid = starts(model, frame, points_W, orientations)
+    if len(laid.p) > MOST_STARTS:
+        fit = assess(model, frame, laid, COARSE_POINTS, COARSE, slack=0.015)
+        laid = laid[np.argsort(-fit.likeness * np.minimum(fit.points, 20.0), kind="stable")[:MOST_STARTS]]
+    return best_of(model, frame, laid, thin, RESTING, params)
+
+
+def nearby(
+    model: ModelCloud, frame: Frame, R: Array, p: Array, points_W: Array, params: scenario.Registration
+) -> Found | None:
+    """Looks for an object that has slipped from its track, around its last pose.
+
+    Args:
+        model: the object.
+        frame: the image.
+        R: (3, 3) last R_WO.
+        p: (3,) last p_WO [m].
+        points_W: (N, 3) points around it that no other object explains.
+        params: tuning.
+    """
+    step = np.array([-0.03, 0.0, 0.03])
+    shift = np.array(np.meshgrid(step, step, [0.0])).T.reshape(-1, 3)
+    turn = exp(np.array([[0.0, 0.0, a] for a in (-0.25, 0.0, 0.25)]))
+    laid = Poses(np.repeat(turn @ R, len(shift), axis=0), np.tile(p + shift, (len(turn), 1)))
+    thin = points_W[:: max(1, len(points_W) // THIN)]
+    return best_of(model, frame, laid, thin, information(0.2, 0.03), params)
+
+
+def best_of(
+    model: ModelCloud, frame: Frame, laid: Poses, points_W: Array, prior: Array, params: scenario.Registration
+) -> Found | None:
+    """Refines all starts on coarse colours and the best few exactly; the pose that explains most."""
+    poses, _ = refine(model, frame, laid, COARSE_POINTS, COARSE_ITERATIONS, prior, params, coarse_only=True)
+    fit = assess(model, frame, poses, COARSE_POINTS, COARSE, slack=0.005)
+    score = fit.likeness * np.minimum(fit.visible_share / LEAST_VISIBLE, 1.0) * np.minimum(fit.points / 20.0, 1.0)
+    best: Found | None = None
+    for k in _apart(poses, np.argsort(-score, kind="stable")):
+        if score[k] < HOPELESS * score.max() or (best is not None and best.score >= SURE):
+            break
+        result = register(model, frame, poses.R[k], poses.p[k], params, points_W=points_W)
+        share = explained(model, points_W, result)
+        visible = min(result.visible_share / LEAST_VISIBLE, 1.0) * min(result.points / LEAST_POINTS, 1.0)
+        rest = visible * (0.4 + 0.6 * share)
+        if best is None or result.likeness * rest > best.likeness:
+            best = Found(result, result.quality * rest, result.likeness * rest)
+    return best
+
+
+def _apart(poses: Poses, order: npt.NDArray[np.int64]) -> list[int]:
+    """The first few in `order` that differ from one another by more than 10° or 1 cm."""
+    chosen: list[int] = []
+    for k in order:
+        if all(
+            np.linalg.norm(poses.p[k] - poses.p[j]) > 0.01 or np.trace(poses.R[k].T @ poses.R[j]) < 2.97 for j in chosen
+        ):
+            chosen.append(int(k))
+        if len(chosen) == CANDIDATES:
+            break
+    return chosen

@@ -1,0 +1,93 @@
+"""Which of the wanted objects is which segment, and where: by colour first, then by search."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram import scenario
+from twin_diagram.perception.registration.frame import Frame
+from twin_diagram.perception.registration.global_search import SURE, Found, search
+from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.registration import claimed
+from twin_diagram.perception.segmentation.segments import Segments
+
+Array = npt.NDArray[np.float64]
+
+ACCEPT: Final = 0.6
+"""Least score of an object that is recognised."""
+_BINS: Final = 12
+
+
+def hues(colours: Array) -> Array:
+    """A histogram (144,) over red's and green's share in RGB colours (N, 3); light and shade hardly change it."""
+    total = colours.sum(axis=1)
+    bright = total > 0.1
+    share = colours[bright, :2] / total[bright, None]
+    cell = np.minimum((share * _BINS).astype(np.int64), _BINS - 1)
+    count = np.bincount(cell[:, 0] * _BINS + cell[:, 1], minlength=_BINS * _BINS).astype(float)
+    return count / max(count.sum(), 1.0)
+
+
+def alike(first: Array, second: Array) -> float:
+    """Bhattacharyya coefficient of two histograms, 0 to 1."""
+    return float(np.sqrt(first * second).sum())
+
+
+def recognise(
+    wanted: Mapping[int, ModelCloud],
+    orientations: Mapping[int, Sequence[tuple[Array, float]]],
+    segments: Segments,
+    frame: Frame,
+    free: npt.NDArray[np.bool_],
+    params: scenario.Registration,
+    smallest: int,
+) -> dict[int, Found]:
+    """Finds wanted objects in what no tracked object explains.
+
+    Args:
+        wanted: models by the object's number.
+        orientations: resting orientations to try, by the object's number; none: the object is not looked for.
+        segments: the image taken apart.
+        frame: the same image.
+        free: (N,) the segments' points that no object explains.
+        params: tuning.
+        smallest: points that a segment must have left.
+
+    Returns:
+        What was found, by the object's number; each segment's points go to one object alone.
+    """
+    free = free.copy()
+    found: dict[int, Found] = {}
+    tried: dict[tuple[int, int], Found] = {}
+    for k, model in wanted.items():
+        own = hues(model.asset.colours)
+        members = {s: np.flatnonzero(free & (segments.labels == s)) for s in range(segments.count)}
+        likeness = {s: alike(own, hues(segments.colours[i])) for s, i in members.items() if len(i) >= smallest}
+        for s in sorted(likeness, key=lambda s: -likeness[s]):
+            result = search(model, frame, segments.points_W[members[s]], list(orientations.get(k, ())), params)
+            if result is None:
+                continue
+            tried[k, s] = result
+            if result.score >= SURE:
+                break
+        best = max((result for (j, _), result in tried.items() if j == k), key=lambda r: r.score, default=None)
+        if best is not None and best.score >= SURE:
+            found[k] = best
+            free[_owned(model, segments, best)] = False
+    # The rest in the order of their scores, each only where its segment is still there.
+    for (k, _), result in sorted(tried.items(), key=lambda item: -item[1].score):
+        if k in found or result.score < ACCEPT:
+            continue
+        own_points = _owned(wanted[k], segments, result)
+        if int(free[own_points].sum()) >= max(smallest // 2, len(own_points) // 2):
+            found[k] = result
+            free[own_points] = False
+    return found
+
+
+def _owned(model: ModelCloud, segments: Segments, found: Found) -> npt.NDArray[np.int64]:
+    return claimed(model, segments, found.registration.R, found.registration.p, 0.012)

@@ -1,0 +1,188 @@
+"""Registers a known object to an RGB-D image: pose, covariance, and how well it fits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram import scenario
+from twin_diagram.perception.registration.frame import Frame
+from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.residuals import (
+    COARSE,
+    FINE,
+    Normal,
+    Poses,
+    assess,
+    linearise,
+    look,
+    toward,
+    unexplained,
+)
+from twin_diagram.perception.segmentation.segments import Segments
+
+Array = npt.NDArray[np.float64]
+
+NARROW: Final = 0.007
+"""Reach of the last iterations [m]."""
+COARSE_STEPS: Final = 4
+"""At most so many iterations on coarse colours; fewer where the steps become small."""
+SMALL_STEP: Final = (1e-3, 2e-4)
+"""After a step smaller than this the next would be lost in the noise [rad], [m]."""
+COMMON_NOISE: Final = (0.004, 0.0006)
+"""Errors that all points of one image share (calibration, blur, shading): rotation [rad], translation [m]."""
+CORRELATION: Final = 4.0
+"""Neighbouring points err alike; their information counts this many times less."""
+WIDEST: Final = (1.0, 0.05)
+"""Standard deviations where the image says nothing [rad], [m]."""
+POINT_TO_POINT: Final = 0.1
+
+
+@dataclass(frozen=True)
+class Registration:
+    """What registration found.
+
+    Attributes:
+        R: (3, 3) rotation R_WO.
+        p: (3,) position p_WO [m].
+        covariance: (6, 6): rotation, translation; left perturbation in W about the object's origin.
+        quality: share of the visible surface that fits, 0 to 1; see `residuals.Fit`.
+        likeness: the same, each point counted by how near its colour comes.
+        visible_share: share of the surface facing the camera that nothing hides.
+        points: number of model points that fit.
+    """
+
+    R: Array
+    p: Array
+    covariance: Array
+    quality: float
+    likeness: float
+    visible_share: float
+    points: float
+
+
+def information(rotation: float, translation: float) -> Array:
+    """Prior information (6,) from standard deviations [rad], [m]."""
+    return np.repeat([rotation**-2, translation**-2], 3)
+
+
+def refine(
+    model: ModelCloud,
+    frame: Frame,
+    start: Poses,
+    count: int,
+    iterations: int,
+    prior: Array,
+    params: scenario.Registration,
+    *,
+    coarse_only: bool = False,
+    points_W: Array | None = None,
+) -> tuple[Poses, Normal]:
+    """Gauss-Newton from many starts at once.
+
+    Args:
+        model: the object.
+        frame: the image.
+        start: B poses.
+        count: model points used per pose.
+        iterations: at most.
+        prior: (6,) information of `start`: keeps weak directions where they were.
+        params: tuning.
+        coarse_only: leave the colours coarse and the reach wide.
+        points_W: (N, 3) image points to be explained; only with one start.
+
+    Returns:
+        The poses, and the normal equations of the data alone at the last but one of them.
+    """
+    poses = start
+    level, reach, coarse = COARSE, params.reach, 0
+    for _ in range(iterations):
+        looked = look(model, frame, poses, count, level)
+        data, _ = linearise(looked, frame, level, reach, params.colour_weight)
+        if points_W is not None and len(points_W):
+            opposite = unexplained(model, points_W, poses, frame.camera.p_WC, reach, POINT_TO_POINT)
+            data = Normal(data.H + opposite.H, data.b + opposite.b)
+        held = toward(poses, start, prior)
+        step = np.linalg.solve(data.H + held.H, (data.b + held.b)[..., None])[..., 0]
+        turn, shift = (np.linalg.norm(step[:, k : k + 3], axis=1) for k in (0, 3))
+        # A step beyond what the look-ups can know is cut.
+        factor = np.minimum(1.0, np.minimum(0.3 / np.maximum(turn, 1e-9), 1.5 * reach / np.maximum(shift, 1e-9)))
+        poses = poses.moved(step * factor[:, None])
+        if coarse_only:
+            continue
+        coarse += 1
+        if level == COARSE and (coarse >= COARSE_STEPS or (turn.max() < 0.03 and shift.max() < 0.004)):
+            level = FINE
+            # A prediction that was right needs no wide reach.
+            if turn.max() < 0.01 and shift.max() < 0.002:
+                reach = min(reach, NARROW)
+        elif level == FINE:
+            if turn.max() < SMALL_STEP[0] and shift.max() < SMALL_STEP[1] and reach <= NARROW:
+                break
+            reach = max(NARROW, 0.6 * reach)
+    return poses, data
+
+
+def register(
+    model: ModelCloud,
+    frame: Frame,
+    R: Array,
+    p: Array,
+    params: scenario.Registration,
+    *,
+    prior: Array | None = None,
+    points_W: Array | None = None,
+) -> Registration:
+    """Registers one object from a pose near the right one.
+
+    Args:
+        model: the object.
+        frame: the image.
+        R: (3, 3) predicted R_WO.
+        p: (3,) predicted p_WO [m].
+        params: tuning.
+        prior: (6,) information of the prediction; None: 0.3 rad, 5 cm.
+        points_W: (N, 3) image points that belong to the object, if known.
+    """
+    start = Poses(R[None], p[None])
+    held = information(0.3, 0.05) if prior is None else prior
+    poses, data = refine(model, frame, start, params.model_points, params.iterations, held, params, points_W=points_W)
+    fit = assess(model, frame, poses, params.model_points)
+    return Registration(
+        R=poses.R[0],
+        p=poses.p[0],
+        covariance=covariance(data.H[0], float(fit.visible_share[0])),
+        quality=float(min(fit.quality[0], 1.0)),
+        likeness=float(fit.likeness[0]),
+        visible_share=float(fit.visible_share[0]),
+        points=float(fit.points[0]),
+    )
+
+
+def covariance(H: Array, visible_share: float) -> Array:
+    """(6, 6) from the data's information: correlated points, shared errors, and bounds where the data say nothing.
+
+    The less of an object is seen, the less do errors that its points share cancel.
+    """
+    widest = np.diag(information(*WIDEST))
+    result = np.linalg.inv(H / CORRELATION + widest)
+    result = 0.5 * (result + result.T)
+    common = np.repeat(np.square(COMMON_NOISE), 3) / max(visible_share, 0.1) ** 2
+    return np.asarray(result + np.diag(common))
+
+
+def claimed(
+    model: ModelCloud, segments: Segments, R: Array, p: Array, reach: float, most: int | None = None
+) -> npt.NDArray[np.int64]:
+    """Indices of the segments' points within `reach` [m] of the object's surface; about `most` if that is given."""
+    local = segments.points_W - p
+    near = np.flatnonzero(np.einsum("ni,ni->n", local, local) < (model.radius + reach) ** 2)
+    if most is not None:
+        near = near[:: max(1, len(near) // most)]
+    if not near.size:
+        return near
+    distance, _ = model.tree.query(local[near] @ R, distance_upper_bound=reach, workers=1)
+    return np.asarray(near[np.isfinite(distance)])

@@ -1,0 +1,300 @@
+"""Residuals of coloured registration, for one pose or for many at once.
+
+Each step looks up, for the model points that are visible from the present pose, what the image shows at their pixels,
+and minimises by Gauss-Newton over a left perturbation (rotation, translation) in W about the object's origin
+
+    sum of  w_g [n · (y - x)]² / σ_g²  +  λ/(1-λ) · w_c |I(u) - g(n) c|² / σ_c²
+
+(the point-to-plane distance of the depth point y seen at the pixel of model point x with normal n; and the difference
+of image and model colour, as in Park, Zhou, Koltun: Colored Point Cloud Registration Revisited, ICCV 2017), with Tukey
+weights. The brightness g(n) = a + b · n is fitted along, because light and shade are the scene's and not the object's.
+The opposite direction is added with `unexplained`: points of the image that no model point explains pull the model
+towards them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.perception.pinhole import DEPTH_NOISE
+from twin_diagram.perception.registration.frame import Frame
+from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.rotation import cross, exp, log, skew
+
+Array = npt.NDArray[np.float64]
+
+MODEL_NOISE: Final = 0.0007
+"""Standard deviation of the model's surface [m]."""
+COLOUR_NOISE: Final = 0.05
+"""Standard deviation of colour (of 1) by sampling and blur."""
+TABLE_THICKNESS: Final = 0.006
+"""A point of the image this near to the table's top is the table's, unless the model point itself is as low [m]."""
+LEAST_COSINE: Final = 0.5
+"""Between the normals of a model point and of what is seen in its place."""
+DEEPEST: Final = 2.0
+"""Along the line of sight, pairs farther apart than this many reaches are cut."""
+COLOUR_CUT: Final = 0.30
+"""A colour farther off than this is another thing's."""
+FINE, COARSE = 0, 1
+
+
+@dataclass(frozen=True)
+class Poses:
+    """B poses X_WO: `R` (B, 3, 3), `p` (B, 3)."""
+
+    R: Array
+    p: Array
+
+    def __getitem__(self, index: npt.NDArray[np.int64] | slice) -> Poses:
+        """A selection."""
+        return Poses(self.R[index], self.p[index])
+
+    def moved(self, step: Array) -> Poses:
+        """Turned and shifted by `step` (B, 6)."""
+        return Poses(exp(step[:, :3]) @ self.R, self.p + step[:, 3:])
+
+
+@dataclass(frozen=True)
+class Looked:
+    """What an image shows where the model's visible points should be; all arrays (B, P, …).
+
+    Attributes:
+        r: points relative to the object's origin, axes of W.
+        n: normals in W.
+        facing: cosine between normal and line of sight.
+        colour: the model's.
+        u: pixel coordinates.
+        v: pixel coordinates.
+        z: depth of the model points [m].
+        distance: n · (y - x), seen point to model surface [m].
+        deeper: seen depth minus the model point's [m].
+        seen: there is depth, and it is not the robot's.
+        near: seen, and not the table below or behind the model point.
+        matched: near, and what is seen does not face another way: the floor of a mug is not its rim.
+        robot: the pixel shows the robot.
+        counted: not a repetition.
+    """
+
+    r: Array
+    n: Array
+    facing: Array
+    colour: Array
+    u: Array
+    v: Array
+    z: Array
+    distance: Array
+    deeper: Array
+    seen: npt.NDArray[np.bool_]
+    near: npt.NDArray[np.bool_]
+    matched: npt.NDArray[np.bool_]
+    robot: npt.NDArray[np.bool_]
+    counted: npt.NDArray[np.bool_]
+
+
+def look(model: ModelCloud, frame: Frame, poses: Poses, count: int, level: int) -> Looked:
+    """Looks the visible points of the model, at most `count` each, up in the image."""
+    camera = frame.camera
+    towards = np.einsum("bij,bi->bj", poses.R, camera.p_WC - poses.p)
+    view = np.argmax(towards @ model.directions.T, axis=1)
+    index = model.views[view, :count]
+    counted = np.arange(index.shape[1]) < model.view_counts[view][:, None]
+    R_OW = poses.R.transpose(0, 2, 1)
+    r = model.points[index] @ R_OW
+    n = model.normals[index] @ R_OW
+    x = r + poses.p[:, None]
+    u, v, z = camera.project(x)
+    depth, y, there = frame.depth_at(u, v)
+    sight = camera.p_WC - x
+    facing = np.einsum("bpi,bpi->bp", n, sight) / np.linalg.norm(sight, axis=2)
+    robot = frame.robot_at(u, v)
+    distance = np.einsum("bpi,bpi->bp", n, y - x)
+    a, b, c = frame.table
+    on_table = np.abs(y[..., 2] - (a * y[..., 0] + b * y[..., 1] + c)) < TABLE_THICKNESS
+    above = x[..., 2] - (a * x[..., 0] + b * x[..., 1] + c) > 2.0 * TABLE_THICKNESS
+    seen = there & ~robot & counted & (facing > 0.1)
+    near = seen & ~(on_table & above)
+    normal = frame.normal_at(u, v)
+    cosine = np.einsum("bpi,bpi->bp", n, normal)
+    matched = near & ((cosine > LEAST_COSINE) | (np.einsum("bpi,bpi->bp", normal, normal) == 0.0))
+    return Looked(
+        r=r,
+        n=n,
+        facing=facing,
+        colour=model.colours[level][index],
+        u=u,
+        v=v,
+        z=z,
+        distance=distance,
+        deeper=depth - z,
+        seen=seen,
+        near=near,
+        matched=matched,
+        robot=robot & counted,
+        counted=counted,
+    )
+
+
+def tukey(residual: Array, cut: float | Array) -> Array:
+    """Tukey's weights: 1 at no residual, 0 from `cut` on."""
+    return np.asarray(np.maximum(1.0 - (residual / cut) ** 2, 0.0) ** 2)
+
+
+def brightness(found: Array, colour: Array, n: Array, weight: Array) -> Array:
+    """Brightness g(n) = a + b · n of each point (B, P), so that g · colour fits what was found in least squares."""
+    feature = np.concatenate([np.ones((*n.shape[:2], 1)), n], axis=2)
+    energy = np.einsum("bpi,bpi->bp", colour, colour) * weight
+    match = np.einsum("bpi,bpi->bp", colour, found) * weight
+    normal = (feature * energy[..., None]).transpose(0, 2, 1) @ feature
+    total = energy.sum(axis=1)[:, None, None] + 1e-6
+    normal += total * np.diag([1e-6, 0.02, 0.02, 0.02])
+    right = np.einsum("bpi,bp->bi", feature, match)[..., None]
+    gain = (feature @ np.linalg.solve(normal, right))[..., 0]
+    return np.clip(gain, 0.1, 2.0)
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Normal equations: `H` (B, 6, 6), `b` (B, 6), minimised by the step x with H x = b."""
+
+    H: Array
+    b: Array
+
+
+def linearise(looked: Looked, frame: Frame, level: int, reach: float, colour_share: float) -> tuple[Normal, Array]:
+    """Normal equations of geometry and colour at the poses that were looked up; and the distances' noise (B, P)."""
+    sigma = np.hypot(DEPTH_NOISE * looked.z**2 * np.maximum(looked.facing, 0.2), MODEL_NOISE)
+    near = looked.matched & (np.abs(looked.deeper) < DEEPEST * reach)
+    w = np.where(near, tukey(looked.distance, reach), 0.0) / sigma**2
+    J = -np.concatenate([cross(looked.r, looked.n), looked.n], axis=2)
+    weighted = (J * w[..., None]).transpose(0, 2, 1)
+    H = weighted @ J
+    b = -(weighted @ looked.distance[..., None])[..., 0]
+    if colour_share > 0:
+        Hc, bc = _colour_terms(looked, frame, level, reach, near)
+        factor = colour_share / max(1.0 - colour_share, 1e-3) / COLOUR_NOISE**2
+        H = H + factor * Hc
+        b = b + factor * bc
+    return Normal(H, b), sigma
+
+
+def _colour_terms(
+    looked: Looked, frame: Frame, level: int, reach: float, near: npt.NDArray[np.bool_]
+) -> tuple[Array, Array]:
+    """Normal equations of the colours, each of unit weight."""
+    found, du, dv = frame.colour_at(looked.u, looked.v, level)
+    on = (near & (looked.facing > 0.25)).astype(float) * looked.facing
+    on = on * (np.abs(looked.distance) < max(0.5 * reach, 0.006))
+    gain = brightness(found, looked.colour, looked.n, on)
+    expected = np.minimum(looked.colour * gain[..., None], 1.0)
+    difference = found - expected
+    size = np.sqrt(np.einsum("bpi,bpi->bp", difference, difference))
+    w = on * tukey(size, COLOUR_CUT if level == FINE else 1.5 * COLOUR_CUT)
+    camera = frame.camera
+    scale = camera.focal / looked.z
+    cu, cv = camera.centre
+    right, down, ahead = camera.R_WC.T
+    a_u = (right - ((looked.u - cu) / camera.focal)[..., None] * ahead) * scale[..., None]
+    a_v = (down - ((looked.v - cv) / camera.focal)[..., None] * ahead) * scale[..., None]
+    A_u = np.concatenate([cross(looked.r, a_u), a_u], axis=2)
+    A_v = np.concatenate([cross(looked.r, a_v), a_v], axis=2)
+    uu, uv, vv = ((np.einsum("bpi,bpi->bp", x, y) * w)[..., None] for x, y in ((du, du), (du, dv), (dv, dv)))
+    ru, rv = ((np.einsum("bpi,bpi->bp", x, difference) * w)[..., None] for x in (du, dv))
+    left_u = A_u * uu + A_v * uv
+    left_v = A_u * uv + A_v * vv
+    H = left_u.transpose(0, 2, 1) @ A_u + left_v.transpose(0, 2, 1) @ A_v
+    return H, -(A_u * ru + A_v * rv).sum(axis=1)
+
+
+def toward(poses: Poses, goal: Poses, information: Array) -> Normal:
+    """Normal equations of a prior: `information` (6,) about the poses `goal`."""
+    miss = np.concatenate([log(goal.R @ poses.R.transpose(0, 2, 1)), goal.p - poses.p], axis=1)
+    return Normal(np.broadcast_to(np.diag(information), (len(miss), 6, 6)), miss * information)
+
+
+def unexplained(model: ModelCloud, points_W: Array, poses: Poses, p_WC: Array, reach: float, share: float) -> Normal:
+    """Normal equations of the opposite direction, for one pose: image points to their nearest model points.
+
+    Point-to-plane, and with weight `share` point-to-point; a point-to-point distance within the model's own spacing is
+    none. A point whose nearest model point faces away from the camera is left out: it is the other side of a thin wall.
+
+    Args:
+        model: the object.
+        points_W: (N, 3) points that should be the object's.
+        poses: one pose.
+        p_WC: where the camera is.
+        reach: pairs farther apart are cut [m].
+        share: weight of the point-to-point part.
+    """
+    R, p = poses.R[0], poses.p[0]
+    local = (points_W - p) @ R
+    distance, index = model.tree.query(local, distance_upper_bound=reach, workers=1)
+    good = np.isfinite(distance)
+    good[good] = np.einsum("ni,ni->n", model.normals[index[good]], (p_WC - p) @ R - model.points[index[good]]) > 0.0
+    index = index[good]
+    r = model.points[index] @ R.T
+    n = model.normals[index] @ R.T
+    apart = points_W[good] - p - r
+    along = np.einsum("ni,ni->n", apart, n)
+    tangent = apart - along[:, None] * n
+    slide = np.linalg.norm(tangent, axis=1)
+    tangent *= np.maximum(1.0 - model.spacing / np.maximum(slide, 1e-9), 0.0)[:, None]
+    w = tukey(distance[good], reach) / (2.0 * MODEL_NOISE) ** 2
+    J = -np.concatenate([cross(r, n), n], axis=1)
+    H = (J * w[:, None]).T @ J
+    b = -(J * w[:, None]).T @ along
+    # Where there is nothing to pull, nothing must hold either.
+    far = slide > model.spacing
+    if far.any():
+        block = np.concatenate([-skew(r[far]), np.broadcast_to(np.eye(3), (int(far.sum()), 3, 3))], axis=2)
+        weighted = (block * (share * w[far])[:, None, None]).reshape(-1, 6).T
+        H += weighted @ block.reshape(-1, 6)
+        b += weighted @ tangent[far].ravel()
+    return Normal(H[None], b[None])
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How well poses explain the image, (B,) each.
+
+    Attributes:
+        quality: share of the model points that should be seen, and are not hidden by something nearer, that fit in
+            place and colour.
+        likeness: the same with each point counted by how near its colour comes; tells poses apart that differ little.
+        visible_share: share of the points facing the camera that are not hidden.
+        points: how many fit.
+    """
+
+    quality: Array
+    likeness: Array
+    visible_share: Array
+    points: Array
+
+
+def assess(model: ModelCloud, frame: Frame, poses: Poses, count: int, level: int = FINE, slack: float = 0.003) -> Fit:
+    """Compares poses with the image; a surface point is in place within `slack` [m] and three times the noise."""
+    looked = look(model, frame, poses, count, level)
+    sigma = np.hypot(DEPTH_NOISE * looked.z**2, MODEL_NOISE)
+    tolerance = slack + 3.0 * sigma
+    in_place = looked.near & (np.abs(looked.distance) < tolerance) & (np.abs(looked.deeper) < 0.03)
+    hidden = looked.seen & ~in_place & (looked.deeper < 0)
+    behind = looked.seen & ~in_place & ~hidden
+    found, _, _ = frame.colour_at(looked.u, looked.v, level)
+    weight = looked.facing * in_place
+    gain = brightness(found, looked.colour, looked.n, weight)
+    difference = found - np.minimum(looked.colour * gain[..., None], 1.0)
+    # In proportion to the light, or else everything fits in the dark.
+    size = np.sqrt(np.einsum("bpi,bpi->bp", difference, difference)) / np.maximum(gain, 0.2)
+    fits = (weight * (size < COLOUR_CUT)).sum(axis=1)
+    whole = (looked.facing * looked.counted * (looked.facing > 0.1)).sum(axis=1)
+    open_ = (looked.facing * (in_place | behind)).sum(axis=1)
+    lost = (looked.facing * (hidden | looked.robot) * (looked.facing > 0.1)).sum(axis=1)
+    return Fit(
+        quality=fits / np.maximum(open_, 1e-9),
+        likeness=(weight * tukey(size, COLOUR_CUT)).sum(axis=1) / np.maximum(open_, 1e-9),
+        visible_share=open_ / np.maximum(np.where(open_ + lost > 0.3 * whole, open_ + lost, whole), 1e-9),
+        points=(in_place & (size < COLOUR_CUT)).sum(axis=1).astype(float),
+    )

@@ -1,0 +1,106 @@
+"""The system that takes the camera's images apart."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+import numpy.typing as npt
+from pydrake.common.value import AbstractValue, Value
+from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.sensors import ImageDepth32F, ImageRgba8U
+
+from twin_diagram import scenario
+from twin_diagram.perception.pinhole import Pinhole
+from twin_diagram.perception.segmentation.robot_shape import RobotShape
+from twin_diagram.perception.segmentation.segmentation import Grid, segment
+from twin_diagram.perception.segmentation.segments import Segments
+from twin_diagram.runtime.timing import timed
+
+Array = npt.NDArray[np.float64]
+
+
+class Perception(LeafSystem):
+    """Segments of the newest image: what stands on the table and is not the robot.
+
+    .. pydrake_system::
+
+        name: Perception
+        input_ports:
+        - rgb_image
+        - depth_image
+        - image_time
+        - arm_state
+        output_ports:
+        - segments
+
+    `rgb_image` (ImageRgba8U) and `depth_image` (ImageDepth32F, m, 0 where there is none) are one capture of the camera
+    that the twin was told of; `image_time` is its capture time [s], `NEVER` before the first; `arm_state` is x̂ = (q,
+    v) now, n each [rad, rad/s]. `segments` holds a `Segments` in W. Computed when asked for, and cached: no state, no
+    rate, no latency of its own. The image is older than x̂, so the robot is posed at q - v·(t - image_time).
+    """
+
+    def __init__(
+        self,
+        arm: scenario.ArmModel,
+        camera: scenario.Camera,
+        params: scenario.Perception,
+        packages: Mapping[str, str | Path] | None = None,
+        base_dir: str | Path | None = None,
+    ) -> None:
+        """Builds the system.
+
+        Args:
+            arm: the twin's arm; its collision shapes say what in the image is the robot.
+            camera: the twin's calibration.
+            params: tuning.
+            packages: local folders by package name.
+            base_dir: folder that relative paths are looked up in first.
+        """
+        super().__init__()
+        self._params = params
+        self._grid = Grid.of(Pinhole.from_scenario(camera), params.stride)
+        self._robot = RobotShape(arm, packages, base_dir)
+        self._arm_joints = self._robot.joint_count
+        self._rgb = self.DeclareAbstractInputPort("rgb_image", Value[ImageRgba8U]())
+        self._depth = self.DeclareAbstractInputPort("depth_image", Value[ImageDepth32F]())
+        self._time = self.DeclareVectorInputPort("image_time", 1)
+        self._arm = self.DeclareVectorInputPort("arm_state", 2 * self._arm_joints)
+        empty = Segments.empty(self._grid.camera, params.stride, params.table_height)
+        self.DeclareAbstractOutputPort(
+            "segments",
+            lambda: AbstractValue.Make(empty),
+            self._calc_segments,
+            prerequisites_of_calc={
+                self._rgb.ticket(),
+                self._depth.ticket(),
+                self._time.ticket(),
+                self._arm.ticket(),
+                self.time_ticket(),
+            },
+        )
+        self._empty = empty
+
+    @timed("Perception")
+    def _calc_segments(self, context: Context, output: AbstractValue) -> None:
+        image_time = float(self._time.Eval(context)[0])
+        if image_time < 0.0:
+            output.set_value(self._empty)
+            return
+        rgb = cast(ImageRgba8U, self._rgb.Eval(context))
+        depth = cast(ImageDepth32F, self._depth.Eval(context))
+        state = np.array(self._arm.Eval(context))
+        n = self._arm_joints
+        q = state[:n] - state[n:] * (context.get_time() - image_time)
+        output.set_value(
+            segment(
+                rgb.data[..., :3],
+                depth.data[..., 0],
+                image_time,
+                self._grid,
+                self._params,
+                lambda points, margin: self._robot.near(points, q, margin),
+            )
+        )

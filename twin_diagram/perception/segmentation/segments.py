@@ -1,0 +1,80 @@
+"""What segmentation hands on: object points with labels, and the images for reasoning about occlusion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.perception.pinhole import ColourImage, DepthImage, Pinhole
+from twin_diagram.signals.layouts import NEVER
+
+Array = npt.NDArray[np.float64]
+
+BACKGROUND: Final = -1
+"""Label of the table, of all outside the workspace, and of specks."""
+ROBOT: Final = -2
+NO_DEPTH: Final = -3
+
+
+@dataclass(frozen=True)
+class Segments:
+    """One image taken apart. All arrays are read-only.
+
+    Attributes:
+        time: capture time of the image [s]; `NEVER` before the first.
+        points_W: (N, 3) points of objects [m], in the order of their pixels (row by row) in `label_image`.
+        normals_W: (N, 3) unit, towards the camera.
+        colours: (N, 3) RGB in [0, 1].
+        labels: (N,) which segment, from 0.
+        count: how many segments there are.
+        label_image: (h, w) at every `stride`-th pixel: a segment's number, `BACKGROUND`, `ROBOT` or `NO_DEPTH`.
+        stride: of `label_image`.
+        depth: (H, W) the whole depth image [m], 0 where there is none.
+        rgb: (H, W, 3) the whole colour image.
+        camera: the calibrated camera.
+        table: (a, b, c) of the table's top z = a x + b y + c in W.
+    """
+
+    time: float
+    points_W: Array
+    normals_W: Array
+    colours: Array
+    labels: npt.NDArray[np.int64]
+    count: int
+    label_image: npt.NDArray[np.int16]
+    stride: int
+    depth: DepthImage
+    rgb: ColourImage
+    camera: Pinhole
+    table: Array
+
+    def __post_init__(self) -> None:
+        """Makes the arrays read-only: the object is shared by all who evaluate the port."""
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+
+    @staticmethod
+    def empty(camera: Pinhole, stride: int, table_height: float = 0.0) -> Segments:
+        """Before the first image."""
+        none = np.zeros((0, 3))
+        shape = (camera.height, camera.width)
+        label_image = np.full(((shape[0] - 1) // stride + 1, (shape[1] - 1) // stride + 1), NO_DEPTH, dtype=np.int16)
+        return Segments(
+            time=NEVER,
+            points_W=none,
+            normals_W=none.copy(),
+            colours=none.copy(),
+            labels=np.zeros(0, dtype=np.int64),
+            count=0,
+            label_image=label_image,
+            stride=stride,
+            depth=np.zeros(shape, dtype=np.float32),
+            rgb=np.zeros((*shape, 3), dtype=np.uint8),
+            camera=camera,
+            table=np.array([0.0, 0.0, table_height]),
+        )

@@ -1,0 +1,1 @@
+"""Distances between the arm and what stands about it, with gradients."""

@@ -1,0 +1,217 @@
+"""Covers an arm with balls, from outside, so that a planned distance is never above the true one.
+
+The cover of a box or cylinder reaches at most `OVERHANG` beyond it (a large box's somewhat more), that of a capsule
+`CAPSULE_OVERHANG`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+from pydrake.geometry import Capsule, Cylinder, GeometryId, SceneGraph, SceneGraphInspector, Shape, Sphere
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.tree import BodyIndex, RigidBody
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from twin_diagram import scenario
+from twin_diagram.errors import ModelError
+from twin_diagram.model.description import add_arm as description
+from twin_diagram.planning.collision.chain import Ints
+from twin_diagram.planning.collision.convex_solids import bounding_box
+from twin_diagram.planning.collision.geometry_to_solids import moved, points_of
+from twin_diagram.signals.layouts import Array
+
+OVERHANG = 0.013
+CAPSULE_OVERHANG = 0.004
+MOST_CELLS = 36
+"""Balls that cover one box, at most."""
+FEW_SHAPES = 6
+"""Each shape of a link counts as a part of its own, but not where a link has more of them than this."""
+
+
+@dataclass(frozen=True)
+class Balls:
+    """The arm, as balls on its links; S balls.
+
+    Attributes:
+        centres_L: (S, 3) in the frame of the link that each moves with [m].
+        radii: (S,) [m]
+        links: (S,) ints, 1..n: the number of arm joints that carry it.
+        groups: (S,) ints: which shape, or part of a long box, each belongs to.
+        pairs: (P, 2) ints: pairs of balls that may touch each other and must not.
+    """
+
+    centres_L: Array
+    radii: Array
+    links: Ints
+    groups: Ints
+    pairs: Ints
+
+
+def arm_plant(
+    spec: scenario.ArmModel, packages: Mapping[str, str | Path] | None = None
+) -> tuple[MultibodyPlant, SceneGraph, description.Arm, Diagram]:
+    """An arm with its collision geometry: plant, scene graph, where the arm is, and the diagram that owns them."""
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
+    arm = description.add_arm(plant, spec, packages)
+    plant.Finalize()
+    return plant, scene_graph, arm, builder.Build()
+
+
+def arm_balls(plant: MultibodyPlant, scene_graph: SceneGraph, arm: description.Arm, depth: Ints) -> Balls:
+    """Covers the arm's collision shapes with balls.
+
+    What moves with the gripper's joints is covered wherever these joints may put it: the twin's planner is not told the
+    fingers' position. What stands still with the base is left out, for it cannot be moved out of the way.
+
+    Args:
+        plant: of `arm_plant`.
+        scene_graph: its geometry.
+        arm: where the arm is in the plant.
+        depth: of `chain.depths`.
+    """
+    inspector = scene_graph.model_inspector()
+    link_pose = _link_poses(plant, arm, depth)
+    centres, radii, links, groups, ids = [], [], [], [], []
+    group = 0
+    for index in range(plant.num_bodies()):
+        body = plant.get_body(BodyIndex(index))
+        k = int(depth[index])
+        if k == 0:
+            continue
+        X_LBs = link_pose(body)
+        geometries = plant.GetCollisionGeometriesForBody(body)
+        for geometry in geometries:
+            X_BG = inspector.GetPoseInFrame(geometry).GetAsMatrix4()
+            for c, r, part in _cover(inspector, geometry, [X_LB @ X_BG for X_LB in X_LBs]):
+                centres.append(c)
+                radii.append(r)
+                links.append(k)
+                groups.append(group + part)
+                ids.append(geometry)
+            if len(geometries) <= FEW_SHAPES:
+                group = max(groups, default=0) + 1
+        group = max(groups, default=0) + 1
+    if not centres:
+        raise ModelError(f"{arm.spec.model}: the arm has no collision geometry, so nothing can be kept clear of")
+    keep = _not_swallowed(np.array(centres), np.array(radii), np.array(links))
+    pairs = [
+        (i, j)
+        for i, j in product(range(len(keep)), repeat=2)
+        if i < j and links[keep[i]] != links[keep[j]] and not inspector.CollisionFiltered(ids[keep[i]], ids[keep[j]])
+    ]
+    return Balls(
+        np.array(centres)[keep],
+        np.array(radii)[keep],
+        np.array(links)[keep],
+        np.array(groups)[keep],
+        np.array(pairs, dtype=int).reshape(-1, 2),
+    )
+
+
+def _link_poses(plant: MultibodyPlant, arm: description.Arm, depth: Ints) -> Callable[[RigidBody], list[Array]]:
+    """Answers, for a body, its poses in the link that carries it: one, or one for each end of the gripper's travel."""
+    contexts = []
+    for end in range(2):
+        context = plant.CreateDefaultContext()
+        plant.SetPositions(context, np.zeros(plant.num_positions()))
+        for index in arm.gripper_joint_indices:
+            joint = plant.get_joint(index)
+            limit = (joint.position_lower_limits(), joint.position_upper_limits())[end]
+            q = plant.GetPositions(context).copy()
+            q[joint.position_start()] = limit[0] if np.isfinite(limit[0]) else 0.0
+            plant.SetPositions(context, q)
+        contexts.append(context)
+
+    def poses(body: RigidBody) -> list[Array]:
+        k = int(depth[int(body.index())])
+        link = plant.get_joint(arm.joint_indices[k - 1]).child_body()
+        both = [
+            np.linalg.solve(
+                plant.EvalBodyPoseInWorld(context, link).GetAsMatrix4(),
+                plant.EvalBodyPoseInWorld(context, body).GetAsMatrix4(),
+            )
+            for context in contexts
+        ]
+        return both[:1] if np.allclose(both[0], both[1], atol=1e-12) else both
+
+    return poses
+
+
+def _cover(inspector: SceneGraphInspector, geometry: GeometryId, X_LGs: list[Array]) -> list[tuple[Array, float, int]]:
+    """Balls (centre in L, radius, part) that hold a shape, in one pose or in all between two."""
+    shape = inspector.GetShape(geometry)
+    if len(X_LGs) == 1 and isinstance(shape, (Sphere, Capsule, Cylinder)):
+        balls = _round_cover(shape)
+        X_LG = X_LGs[0]
+        return [(X_LG[:3, :3] @ c + X_LG[:3, 3], r, 0) for c, r in balls]
+    # A box about the shape, in the axes it has at the first end, around where it is at both.
+    points = points_of(inspector, geometry)
+    X_GL = np.linalg.inv(X_LGs[0])
+    swept = np.concatenate([moved(X_GL @ X_LG, points) for X_LG in X_LGs])
+    box = bounding_box(swept)
+    return [
+        (X_LGs[0][:3, :3] @ (c + box.p_GB) + X_LGs[0][:3, 3], r, part)
+        for c, r, part in box_cover(2 * box.half, OVERHANG)
+    ]
+
+
+def _round_cover(shape: Shape) -> list[tuple[Array, float]]:
+    if isinstance(shape, Sphere):
+        return [(np.zeros(3), shape.radius())]
+    radius, length = shape.radius(), shape.length()
+    if isinstance(shape, Capsule):
+        grown = radius + min(CAPSULE_OVERHANG, 0.2 * radius)
+        spacing = 2 * np.sqrt(grown**2 - radius**2)
+        count = int(np.ceil(length / spacing - 1e-9)) + 1
+        grown = float(np.hypot(radius, length / (count - 1) / 2)) if count > 1 else radius
+        return [(np.array([0.0, 0.0, z]), grown) for z in np.linspace(-length / 2, length / 2, count)]
+    # A cylinder: slices, each in a ball through its rims.
+    count = int(np.ceil(length / (2 * np.sqrt((radius + OVERHANG) ** 2 - radius**2)) - 1e-9))
+    half = length / count / 2
+    return [
+        (np.array([0.0, 0.0, -length / 2 + half * (2 * i + 1)]), float(np.hypot(radius, half))) for i in range(count)
+    ]
+
+
+def box_cover(size: Array, overhang: float) -> list[tuple[Array, float, int]]:
+    """Balls (centre, radius, part) that hold a box of edge lengths `size` about the origin.
+
+    One ball about each cell of a grid, as coarse as the overhang beyond the faces allows, but of `MOST_CELLS` cells
+    at most: the cover of a large box reaches farther beyond it. `part` numbers the pieces along the longest edge.
+    """
+    size = np.asarray(size, dtype=float)
+    counts = np.array(list(product(range(1, 13), repeat=3)))
+    cells = size / counts
+    beyond = np.linalg.norm(cells, axis=1) / 2 - cells.min(axis=1) / 2
+    total = counts.prod(axis=1)
+    # Fewest cells where the overhang is kept, else the smallest overhang that the number of cells allows.
+    best = np.lexsort((beyond, total, np.where(beyond <= overhang, 0, beyond), total > MOST_CELLS))[0]
+    counts = counts[best]
+    cell = size / counts
+    radius = float(np.linalg.norm(cell) / 2)
+    longest = int(np.argmax(size))
+    parts = max(1, round(size[longest] / 0.08))
+    return [
+        ((np.array(index) + 0.5) * cell - size / 2, radius, index[longest] * parts // counts[longest])
+        for index in product(*map(range, counts))
+    ]
+
+
+def _not_swallowed(centres: Array, radii: Array, links: Array) -> list[int]:
+    """Indices of the balls that lie in no other ball of their link."""
+    keep: list[int] = []
+    for i in range(len(radii)):
+        far = np.linalg.norm(centres - centres[i], axis=1) + radii[i]
+        inside = (far <= radii + 1e-9) & (links == links[i])
+        inside[i] = False
+        # Of two equal balls the first stays.
+        twins = inside & (np.abs(radii - radii[i]) < 1e-9)
+        if not (inside & ~twins).any() and not twins[:i].any():
+            keep.append(i)
+    return keep

@@ -1,0 +1,207 @@
+"""What the planner keeps clear of: fixtures, and the library's objects where they are and will be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from twin_diagram import scenario
+from twin_diagram.assets import Asset
+from twin_diagram.planning.collision.ball_cover import arm_balls, arm_plant
+from twin_diagram.planning.collision.chain import Chain, depths
+from twin_diagram.planning.collision.clearance import Body, Clearance, Surroundings
+from twin_diagram.planning.collision.convex_solids import solid_of
+from twin_diagram.planning.collision.geometry_to_solids import fixture_solids
+from twin_diagram.signals.layouts import TRACK_SIZE, Array, ObjectStatus
+
+SIGMAS = 3.0
+"""Objects grow by this many standard deviations of their position …"""
+GROWTH_CAP = 0.03
+"""… but by no more than this [m]."""
+STEADY = 1.0
+"""A moving object is taken to keep its velocity for this long [s] …"""
+FADE = 0.5
+"""… and to lose it with this time constant thereafter [s]."""
+REST_SPEED = 0.015
+"""Slower than this an object is taken to stand still [m/s]: so slow is the noise of tracking."""
+REST_SPIN = 0.15
+"""[rad/s]"""
+
+_ABSENT = (ObjectStatus.UNSEEN, ObjectStatus.HELD, ObjectStatus.GONE)
+_SAMPLES = 256
+_OWN_CONTACT = 0.01
+
+
+@dataclass(frozen=True)
+class Scene:
+    """The arm's clearance to fixtures and library objects.
+
+    Attributes:
+        chain: the arm's kinematics.
+        clearance: bodies are the fixtures, then the objects in the library's order.
+        fixture_count: F; the objects are bodies F, F + 1, …
+        lower, upper: (n,) the joints' limits [rad].
+    """
+
+    chain: Chain
+    clearance: Clearance
+    fixture_count: int
+    lower: Array
+    upper: Array
+
+    @property
+    def object_count(self) -> int:
+        """K, the size of the library."""
+        return len(self.clearance.bodies) - self.fixture_count
+
+    def around(self, forecast: Forecast, times: Array, *, fixtures: bool = True) -> Surroundings:
+        """Where the bodies are at `times` (N,) from the forecast's own time on [s]; the fixtures too, or absent."""
+        count = len(times)
+        bodies = self.fixture_count + self.object_count
+        X_WO = np.zeros((bodies, count, 4, 4))
+        X_WO[: self.fixture_count] = np.eye(4)
+        grown = np.zeros((bodies, count))
+        present = np.full(bodies, fixtures)
+        still = np.ones(bodies, dtype=bool)
+        X_WO[self.fixture_count :], grown[self.fixture_count :] = forecast.at(times)
+        present[self.fixture_count :] = forecast.present
+        still[self.fixture_count :] = ~forecast.moving
+        return Surroundings(X_WO, grown, present, still)
+
+
+def load_scene(
+    spec: scenario.ArmModel,
+    fixtures: Sequence[scenario.Fixture],
+    library: Mapping[str, Asset],
+    packages: Mapping[str, str | Path] | None = None,
+) -> Scene:
+    """Reads everything that the planner must know about shapes.
+
+    Args:
+        spec: the arm.
+        fixtures: what stands still.
+        library: the known objects by name; the order is that of the tracks.
+        packages: local folders for `package://` names.
+
+    Raises:
+        ModelError: see `ball_cover`, `geometry_to_solids` and `chain`.
+    """
+    plant, scene_graph, arm, keep_alive = arm_plant(spec, packages)
+    depth = depths(plant, arm.joint_indices)
+    chain = Chain.from_plant(plant, arm.joint_indices, arm.tool_frame)
+    balls = arm_balls(plant, scene_graph, arm, depth)
+    del keep_alive
+    bodies = [Body.of(name, solids) for name, solids in fixture_solids(fixtures, packages) if solids]
+    fixture_count = len(bodies)
+    bodies += [Body.of(name, [solid_of(piece) for piece in asset.convex_pieces]) for name, asset in library.items()]
+    joints = [plant.get_joint(index) for index in arm.joint_indices]
+    lower = np.array([float(joint.position_lower_limits()[0]) for joint in joints])
+    upper = np.array([float(joint.position_upper_limits()[0]) for joint in joints])
+    ignored = np.zeros((chain.size + 1, len(bodies)), dtype=bool)
+    clearance = Clearance(chain, balls, bodies, ignored)
+    q = _samples(lower, upper)
+    ignored[:, :fixture_count] = _never_leaving(clearance, q, fixture_count)
+    clearance = Clearance(chain, balls, bodies, ignored)
+    clearance.drop_group_pairs(_always_touching(clearance, q))
+    return Scene(chain, clearance, fixture_count, lower, upper)
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """Where K objects are going, as their tracks tell.
+
+    Attributes:
+        present: (K,) bool.
+        moving: (K,) bool.
+        R_WO: (K, 3, 3), p_WO: (K, 3): poses now [m].
+        spin, velocity: (K, 3): rad/s and m/s in W, zero where an object stands still.
+        grown: (K,) how much larger each is taken to be [m].
+    """
+
+    present: npt.NDArray[np.bool_]
+    moving: npt.NDArray[np.bool_]
+    R_WO: Array
+    p_WO: Array
+    spin: Array
+    velocity: Array
+    grown: Array
+
+    @staticmethod
+    def of_tracks(tracks: Array, age: float = 0.0) -> Forecast:
+        """From packed tracks (K · TRACK_SIZE), `age` seconds after their time.
+
+        Objects never seen, held or gone are absent; so is one whose track is not finite.
+        """
+        rows: Array = np.asarray(tracks, dtype=float).reshape(-1, TRACK_SIZE)
+        present = np.isfinite(rows).all(axis=1) & ~np.isin(rows[:, 0], [float(s) for s in _ABSENT])
+        rows = np.where(present[:, None], rows, 0.0)
+        quaternion = rows[:, 2:6].copy()
+        norm = np.linalg.norm(quaternion, axis=1)
+        present &= norm > 0.5
+        quaternion[norm <= 0.5] = [1.0, 0.0, 0.0, 0.0]
+        R_WO = Rotation.from_quat(quaternion[:, [1, 2, 3, 0]]).as_matrix() if len(rows) else np.zeros((0, 3, 3))
+        spin, velocity = rows[:, 9:12].copy(), rows[:, 12:15].copy()
+        spin[np.linalg.norm(spin, axis=1) < REST_SPIN] = 0.0
+        moving = present & (np.linalg.norm(velocity, axis=1) >= REST_SPEED)
+        velocity[~moving] = 0.0
+        spin[~moving] = 0.0
+        covariance = rows[:, 15:].reshape(-1, 6, 6)[:, 3:, 3:]
+        variance = (
+            np.linalg.eigvalsh((covariance + covariance.transpose(0, 2, 1)) / 2)[:, -1] if len(rows) else rows[:, 0]
+        )
+        grown = np.minimum(SIGMAS * np.sqrt(np.maximum(variance, 0.0)), GROWTH_CAP)
+        forecast = Forecast(present, moving, R_WO, rows[:, 6:9].copy(), spin, velocity, grown)
+        if age > 0.0:
+            X_WO, _ = forecast.at(np.array([age]))
+            forecast = Forecast(present, moving, X_WO[:, 0, :3, :3], X_WO[:, 0, :3, 3], spin, velocity, grown)
+        return forecast
+
+    def at(self, times: Array) -> tuple[Array, Array]:
+        """Poses (K, N, 4, 4) and growths (K, N) at `times` (N,) from now [s]."""
+        travelled = travel(times)
+        count = len(self.present)
+        X_WO = np.zeros((count, len(times), 4, 4))
+        X_WO[..., 3, 3] = 1.0
+        X_WO[..., :3, :3] = self.R_WO[:, None]
+        X_WO[..., :3, 3] = self.p_WO[:, None] + self.velocity[:, None] * travelled[:, None]
+        for k in np.flatnonzero(np.any(self.spin != 0.0, axis=1)):
+            X_WO[k, :, :3, :3] = Rotation.from_rotvec(self.spin[k] * travelled[:, None]).as_matrix() @ self.R_WO[k]
+        return X_WO, np.repeat(self.grown[:, None], len(times), axis=1)
+
+
+def travel(times: Array) -> Array:
+    """How many seconds' worth of its present velocity an object moves until each time [s]: ever less in the end."""
+    return np.minimum(times, STEADY) + FADE * (1.0 - np.exp(-np.maximum(times - STEADY, 0.0) / FADE))
+
+
+def _samples(lower: Array, upper: Array) -> Array:
+    low, high = np.maximum(lower, -np.pi), np.minimum(upper, np.pi)
+    return np.random.default_rng(0).uniform(low, high, (_SAMPLES, len(lower)))
+
+
+def _here(clearance: Clearance, count: int, present: npt.NDArray[np.bool_]) -> Surroundings:
+    bodies = len(clearance.bodies)
+    X_WO = np.broadcast_to(np.eye(4), (bodies, count, 4, 4))
+    return Surroundings(X_WO, np.zeros((bodies, count)), present, np.ones(bodies, dtype=bool))
+
+
+def _never_leaving(clearance: Clearance, q: Array, fixture_count: int) -> npt.NDArray[np.bool_]:
+    """(n + 1, F): links whose distance to a fixture no joint changes, such as a shoulder that turns above its table."""
+    n = clearance.chain.size
+    result = np.zeros((n + 1, fixture_count), dtype=bool)
+    result[0] = True
+    nearest = clearance.link_distances(q, _here(clearance, len(q), np.arange(len(clearance.bodies)) < fixture_count))
+    spread = np.ptp(nearest[:, :, :fixture_count], axis=0)
+    result[1:] = spread < 1e-6
+    return result
+
+
+def _always_touching(clearance: Clearance, q: Array) -> npt.NDArray[np.bool_]:
+    """Which pairs of the arm's own parts touch in most configurations: neighbours by construction, not collisions."""
+    touching = clearance.own_distances(q, _OWN_CONTACT) < _OWN_CONTACT
+    return np.asarray(touching.mean(axis=0) > 0.5)

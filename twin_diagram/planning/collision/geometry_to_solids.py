@@ -1,0 +1,122 @@
+"""Turns collision geometry that stands still into convex solids, and any shape into points around it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from pydrake.geometry import (
+    Box as BoxShape,
+)
+from pydrake.geometry import (
+    Capsule,
+    Convex,
+    Cylinder,
+    Ellipsoid,
+    GeometryId,
+    HalfSpace,
+    Mesh,
+    SceneGraph,
+    SceneGraphInspector,
+    Sphere,
+)
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import BodyIndex
+
+from twin_diagram import scenario
+from twin_diagram.errors import ModelError
+from twin_diagram.model.description import add_arm as description
+from twin_diagram.planning.collision.convex_solids import Ball, Box, Polytope, Solid, solid_of
+from twin_diagram.scenario import poses, resources
+from twin_diagram.signals.layouts import Array
+
+_SIDES = 24
+_HALF_SPACE = 10.0
+
+
+def fixture_solids(
+    fixtures: Sequence[scenario.Fixture], packages: Mapping[str, str | Path] | None = None
+) -> list[tuple[str, list[Solid]]]:
+    """What stands still, as convex solids in W, by name.
+
+    Raises:
+        ModelError: a model cannot be read, or something in it can move.
+    """
+    result: list[tuple[str, list[Solid]]] = []
+    for fixture in fixtures:
+        plant, scene_graph = MultibodyPlant(0.0), SceneGraph()
+        plant.RegisterAsSourceForSceneGraph(scene_graph)
+        path = resources.resolve(fixture.model, packages)
+        try:
+            instances = description.parser(plant, packages).AddModels(str(path))
+        except RuntimeError as error:
+            raise ModelError(f"{path}: cannot be read: {str(error).splitlines()[0]}") from error
+        X_WB = poses.pose(fixture.X_WB)
+        for instance in instances:
+            body = plant.get_body(plant.GetBodyIndices(instance)[0])
+            if not plant.GetBodiesWeldedTo(plant.world_body()).count(body):
+                plant.WeldFrames(plant.world_frame(), body.body_frame(), X_WB)
+        plant.Finalize()
+        if plant.num_positions():
+            raise ModelError(
+                f"{path}: a fixture stands still, but this model has {plant.num_positions()} free positions"
+            )
+        context = plant.CreateDefaultContext()
+        inspector = scene_graph.model_inspector()
+        solids: list[Solid] = []
+        for index in range(plant.num_bodies()):
+            body = plant.get_body(BodyIndex(index))
+            X_WF = plant.EvalBodyPoseInWorld(context, body).GetAsMatrix4()
+            for geometry in plant.GetCollisionGeometriesForBody(body):
+                X_WG = X_WF @ inspector.GetPoseInFrame(geometry).GetAsMatrix4()
+                solids.extend(_solids(inspector, geometry, X_WG))
+        result.append((path.stem, solids))
+    return result
+
+
+def _solids(inspector: SceneGraphInspector, geometry: GeometryId, X_WG: Array) -> list[Solid]:
+    shape = inspector.GetShape(geometry)
+    R, p = X_WG[:3, :3], X_WG[:3, 3]
+    if isinstance(shape, Sphere):
+        return [Ball(p, shape.radius())]
+    if isinstance(shape, BoxShape):
+        return [Box(np.asarray(shape.size()) / 2, R, p)]
+    if isinstance(shape, HalfSpace):
+        deep = np.full(3, _HALF_SPACE)
+        return [Box(deep, R, p - R[:, 2] * _HALF_SPACE)]
+    if isinstance(shape, Capsule):
+        ends = [Ball(p + R[:, 2] * z, shape.radius()) for z in (-shape.length() / 2, shape.length() / 2)]
+        return [*ends, Polytope(moved(X_WG, _prism(shape.radius(), shape.length())))]
+    return [solid_of(moved(X_WG, points_of(inspector, geometry)))]
+
+
+def points_of(inspector: SceneGraphInspector, geometry: GeometryId) -> Array:
+    """Points whose convex hull holds a shape."""
+    shape = inspector.GetShape(geometry)
+    if isinstance(shape, BoxShape):
+        return Box(np.asarray(shape.size()) / 2, np.eye(3), np.zeros(3)).vertices
+    if isinstance(shape, Cylinder):
+        return _prism(shape.radius(), shape.length())
+    if isinstance(shape, (Mesh, Convex)):
+        hull = inspector.GetConvexHull(geometry)
+        return np.array([hull.vertex(i) for i in range(hull.num_vertices())])
+    if isinstance(shape, Sphere):
+        return Box(np.full(3, shape.radius()), np.eye(3), np.zeros(3)).vertices
+    if isinstance(shape, Capsule):
+        return _prism(shape.radius(), shape.length() + 2 * shape.radius())
+    if isinstance(shape, Ellipsoid):
+        return Box(np.array([shape.a(), shape.b(), shape.c()]), np.eye(3), np.zeros(3)).vertices
+    raise ModelError(f"{inspector.GetName(geometry)}: a {type(shape).__name__} cannot be planned around")
+
+
+def moved(X: Array, points: Array) -> Array:
+    """Points (V, 3) turned and shifted by X (4, 4)."""
+    return points @ X[:3, :3].T + X[:3, 3]
+
+
+def _prism(radius: float, length: float) -> Array:
+    """Corners of a regular prism around a cylinder about z."""
+    angle = (np.arange(_SIDES) + 0.5) * 2 * np.pi / _SIDES
+    ring = np.stack([np.cos(angle), np.sin(angle)], axis=1) * radius / np.cos(np.pi / _SIDES)
+    return np.concatenate([np.insert(ring, 2, z, axis=1) for z in (-length / 2, length / 2)])

@@ -1,0 +1,101 @@
+"""What the planner remembers from tick to tick, and how that is a vector."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin_diagram.planning.mpc.trajectory import Trajectory
+from twin_diagram.planning.paths.route import Aim, Route
+from twin_diagram.signals.layouts import NEVER, POSE_SIZE, Array
+
+GOALS = 8
+"""Joint goals that are remembered."""
+WAY_POINTS = 12
+"""Way points that are remembered; of a longer route the first ones."""
+
+
+@dataclass(frozen=True)
+class Memory:
+    """All that the planner remembers from tick to tick.
+
+    Attributes:
+        trajectory: the plan, in commanded positions; its start is `NEVER` before the first tick.
+        offset: (n,) how far the command has to lead the position, as learnt at low speed [rad].
+        goal: (7,) the goal that `goals` are for, all zero for none.
+        stay: (n,) where to stay without a goal [rad].
+        goals: (G, n) joint goals, G <= GOALS.
+        route: the way ahead.
+        tick: number of ticks.
+        searched: tick at which the global planner was last asked in vain.
+    """
+
+    trajectory: Trajectory
+    offset: Array
+    goal: Array
+    stay: Array
+    goals: Array
+    route: Route
+    tick: int
+    searched: int
+
+    @staticmethod
+    def size(n: int, knots: int) -> int:
+        """Length of the packed vector."""
+        return 1 + n * (2 + knots) + n + POSE_SIZE + n + 1 + GOALS * n + 2 + WAY_POINTS * n + 2
+
+    @staticmethod
+    def initial(q: Array, knots: int, step: float) -> Memory:
+        """Before the first tick, at rest at `q` (n,)."""
+        n = len(q)
+        trajectory = Trajectory.at_rest(NEVER, step, knots, q)
+        return Memory(
+            trajectory,
+            np.zeros(n),
+            np.zeros(POSE_SIZE),
+            np.array(q, dtype=float),
+            np.zeros((0, n)),
+            Route.none(n),
+            0,
+            -1000,
+        )
+
+    def pack(self) -> Array:
+        """As a vector."""
+        t, n = self.trajectory, len(self.offset)
+        goals, points = np.zeros((GOALS, n)), np.zeros((WAY_POINTS, n))
+        goals[: len(self.goals)] = self.goals
+        count = min(len(self.route.points), WAY_POINTS)
+        points[:count] = self.route.points[:count]
+        return np.concatenate(
+            [
+                [t.start], t.q0, t.v0, t.accelerations.ravel(), self.offset, self.goal, self.stay,
+                [len(self.goals)], goals.ravel(), [int(self.route.aim), count], points.ravel(),
+                [self.tick, self.searched],
+            ]
+        )  # fmt: skip
+
+    @staticmethod
+    def trajectory_of(vector: Array, n: int, knots: int, step: float) -> Trajectory:
+        """The trajectory alone of a packed vector; copies."""
+        part = np.array(vector[: 1 + (2 + knots) * n])
+        return Trajectory(
+            float(part[0]), step, part[1 : 1 + n], part[1 + n : 1 + 2 * n], part[1 + 2 * n :].reshape(knots, n)
+        )
+
+    @staticmethod
+    def unpack(vector: Array, n: int, knots: int, step: float) -> Memory:
+        """The inverse of `pack`; copies."""
+        parts = np.cumsum([1, n, n, knots * n, n, POSE_SIZE, n, 1, GOALS * n, 2, WAY_POINTS * n])
+        _, _, _, _, offset, goal, stay, count, goals, route, points, last = np.split(np.array(vector), parts)
+        return Memory(
+            Memory.trajectory_of(vector, n, knots, step),
+            offset,
+            goal,
+            stay,
+            goals.reshape(GOALS, n)[: int(count[0])],
+            Route(Aim(int(route[0])), points.reshape(WAY_POINTS, n)[: int(route[1])]),
+            int(last[0]),
+            int(last[1]),
+        )

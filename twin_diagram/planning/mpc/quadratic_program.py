@@ -1,0 +1,127 @@
+"""Quadratic programs, behind one small interface so that the solver can be exchanged."""
+
+from __future__ import annotations
+
+import sys
+import types
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from twin_diagram.signals.layouts import Array
+
+
+@dataclass(frozen=True)
+class QuadraticProgram:
+    """Minimise xᵀ H x / 2 + gᵀ x where A x = b, low <= C x <= high and lower <= x <= upper."""
+
+    H: Array
+    g: Array
+    A: Array
+    b: Array
+    C: Array
+    low: Array
+    high: Array
+    lower: Array
+    upper: Array
+
+
+@dataclass(frozen=True)
+class QpSolution:
+    """A solver's answer.
+
+    Attributes:
+        x: the minimiser, or the best that was found.
+        solved: whether `x` keeps the constraints and is optimal to the solver's tolerance.
+        iterations: of the solver.
+    """
+
+    x: Array
+    solved: bool
+    iterations: int
+
+
+_CURVATURE = 0.1
+
+
+class QpSolver(ABC):
+    """Something that solves quadratic programs; answers depend on the program alone, not on earlier ones."""
+
+    @abstractmethod
+    def solve(self, program: QuadraticProgram) -> QpSolution:
+        """Solves one program."""
+
+
+class ProxQp(QpSolver):
+    """ProxQP's dense solver (Bambade et al., ProxQP: yet another quadratic programming solver, RSS 2022).
+
+    It stops by absolute residuals, and by itself does not look at complementarity: with a weakly curved objective it
+    calls answers solved that are far off. So the objective is scaled to a curvature of at least `_CURVATURE`, and the
+    duality gap has to close.
+
+    Args:
+        tolerance: of the residuals, in the units of the constraints and of the scaled gradient.
+        gap: of the scaled objective.
+        iterations: at most.
+    """
+
+    def __init__(self, tolerance: float = 1e-8, gap: float = 1e-7, iterations: int = 400) -> None:
+        self._proxqp = _repeatable_proxqp()
+        self._tolerance, self._gap = tolerance, gap
+        self._iterations = iterations
+
+    def solve(self, program: QuadraticProgram) -> QpSolution:
+        """See `QpSolver`."""
+        size = len(program.g)
+        solver = self._proxqp.dense.QP(size, len(program.b), len(program.low), True)
+        settings = solver.settings
+        settings.eps_abs = self._tolerance
+        settings.eps_rel = 0.0
+        settings.check_duality_gap = True
+        settings.eps_duality_gap_abs = self._gap
+        settings.eps_duality_gap_rel = 0.0
+        settings.max_iter = self._iterations
+        settings.initial_guess = self._proxqp.InitialGuess.EQUALITY_CONSTRAINED_INITIAL_GUESS
+        weakest = float(np.diag(program.H).min())
+        scale = _CURVATURE / weakest if weakest > 0.0 else 1.0
+        solver.init(
+            scale * program.H,
+            scale * program.g,
+            program.A,
+            program.b,
+            program.C,
+            program.low,
+            program.high,
+            program.lower,
+            program.upper,
+        )
+        solver.solve()
+        info = solver.results.info
+        x = np.array(solver.results.x, dtype=float)
+        solved = info.status == self._proxqp.QPSolverOutput.PROXQP_SOLVED and bool(np.isfinite(x).all())
+        return QpSolution(x, solved, int(info.iter))
+
+
+def _repeatable_proxqp() -> Any:
+    """ProxQP's module, in the build without wide vectors.
+
+    The builds for AVX2 and AVX-512 sum in an order that depends on where in memory a matrix happens to lie, so that
+    equal programs get answers that differ in the last bits, and two equal runs drift apart. The plain build does not,
+    at 1.5 times the time. The package picks its build by asking its module `instructionset`; this answers in its
+    place. Where somebody has imported proxsuite before, that build is used, for two of them do not fit into one
+    process.
+    """
+    if "proxsuite" not in sys.modules:
+        name = "proxsuite.instructionset"
+        none: Any = types.ModuleType(name)
+        none.has_AVX512F = none.has_AVX2 = lambda: False
+        sys.modules[name] = none
+        try:
+            import proxsuite
+        finally:
+            del sys.modules[name]
+    import proxsuite
+
+    return proxsuite.proxqp

@@ -1,0 +1,264 @@
+"""One receding-horizon problem: the knots' accelerations that follow a reference and keep clear of everything.
+
+Sequential quadratic programming. Position and velocity are linear in the accelerations; distances are linearised
+about the present guess, and a slack at each sample, punished by more than the reference can gain, keeps every program
+solvable. The last knot is at rest, so that any plan can be carried out to its end.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin_diagram.planning.collision.clearance import Clearance, Contacts, Surroundings
+from twin_diagram.planning.mpc.quadratic_program import ProxQp, QpSolver, QuadraticProgram
+from twin_diagram.planning.mpc.trajectory import Trajectory, response
+from twin_diagram.signals.layouts import Array
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the joints may do; (n,) each."""
+
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+
+
+@dataclass(frozen=True)
+class OptimiserTuning:
+    """Weights of the problem."""
+
+    tracking: float = 1.0
+    """Cost per rad² and second away from the reference."""
+    acceleration: float = 2e-3
+    """Per (rad/s²)² and second."""
+    change: float = 2e-3
+    """Per (rad/s²)² that the acceleration changes from knot to knot, and second."""
+    proximity: float = 0.05
+    """Per rad² and second away from the guess that distances were linearised about."""
+    slack: float = 1e3
+    """Per metre and second that a margin is not kept."""
+    slack_square: float = 2e4
+    """Per metre² and second."""
+    fade: float = 0.7
+    """Far ahead, where forecasts are vague, slack costs less, with this time constant as a share of the horizon."""
+    reach: float = 0.20
+    """Distances above this are left out [m]."""
+    own_reach: float = 0.05
+    """The same for the arm's distance to itself [m]."""
+    rows: int = 100
+    """Most distances in one program, the smallest first."""
+    iterations: int = 2
+    settled: float = 0.02
+    """A step smaller than this needs no further iteration [rad]."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What the optimiser found.
+
+    Attributes:
+        trajectory: the plan.
+        violation: what it lacks of the margins, weighted and summed over the samples [m·s]; 0 where all are kept.
+        solved: whether every program was solved.
+    """
+
+    trajectory: Trajectory
+    violation: float
+    solved: bool
+
+
+class Optimiser:
+    """Holds the constant matrices of a horizon.
+
+    Args:
+        clearance: distances.
+        limits: the joints'.
+        knots: N.
+        step: between knots [s].
+        tuning: None for the defaults.
+        solver: None for ProxQP.
+    """
+
+    def __init__(
+        self,
+        clearance: Clearance,
+        limits: Limits,
+        knots: int,
+        step: float,
+        tuning: OptimiserTuning | None = None,
+        solver: QpSolver | None = None,
+    ) -> None:
+        self.tuning = tuning or OptimiserTuning()
+        self.limits = limits
+        self.knots, self.step = knots, step
+        self._clearance = clearance
+        self._solver = solver or ProxQp()
+        n = clearance.chain.size
+        self._n = n
+        # Samples: the knots after the first, and half-way between.
+        self.samples = np.arange(1, 2 * (knots - 1) + 1) * step / 2
+        P, V = response(self.samples, step, knots)
+        # The first acceleration is given, the last is zero; those between are free.
+        self._P, self._V = P[:, 1:-1], V[:, 1:-1]
+        self._P0, self._V0 = P[:, 0], V[:, 0]
+        self._free = knots - 2
+        self._at_knots = np.arange(1, 2 * (knots - 1), 2)
+        weight = np.full(len(self.samples), step / 2)
+        t = self.tuning
+        horizon = self.samples[-1]
+        self.fading = np.exp(-self.samples / (t.fade * horizon)) * weight
+        tracking = self._P.T @ (self._P * weight[:, None])
+        difference = np.diff(np.eye(knots), axis=0)
+        change = (difference.T @ difference)[1:-1, 1:-1] * t.change * step
+        self._change0 = (difference.T @ difference)[1:-1, 0] * t.change * step
+        per_joint = (t.tracking + t.proximity) * tracking + t.acceleration * step * np.eye(self._free) + change
+        m = len(self.samples)
+        size = self._free * n + m
+        self._H = np.zeros((size, size))
+        self._H[: self._free * n, : self._free * n] = np.kron(per_joint, np.eye(n))
+        self._H[self._free * n :, self._free * n :] = np.diag(t.slack_square * self.fading)
+        self._tracking_gain = (self._P * weight[:, None]).T
+        rest = self._V[-1:]
+        self._A = np.hstack([np.kron(rest, np.eye(n)), np.zeros((n, m))])
+        self._velocity_rows = np.hstack(
+            [np.kron(self._V[self._at_knots[:-1]], np.eye(n)), np.zeros(((knots - 2) * n, m))]
+        )
+        self._position_rows = np.hstack([np.kron(self._P[self._at_knots], np.eye(n)), np.zeros(((knots - 1) * n, m))])
+
+    def solve(
+        self,
+        start: float,
+        q0: Array,
+        v0: Array,
+        a0: Array,
+        guess: Array,
+        guess_velocity: Array,
+        reference: Array,
+        around: Surroundings,
+        margins: Array,
+        fallback: Trajectory,
+    ) -> Outcome:
+        """Optimises one plan.
+
+        Args:
+            start: the plan's first time [s].
+            q0: (n,) position there, kept [rad].
+            v0: (n,) velocity there, kept.
+            a0: (n,) acceleration there, kept.
+            guess: (M, n) positions at the samples, to linearise about.
+            guess_velocity: (M, n) velocities of the guess, whose excess over the limits is allowed.
+            reference: (M, n) where to be at the samples [rad].
+            around: the bodies at the samples.
+            margins: (M, B + 1) distance to keep from each body, and of the arm from itself, at each sample [m].
+            fallback: what to keep to where no program is solved; it starts in the same state.
+
+        Returns:
+            The better, by violation, of what was found and the fallback.
+        """
+        t = self.tuning
+        base = q0 + self.samples[:, None] * v0 + self._P0[:, None] * a0
+        base_velocity = v0 + self._V0[:, None] * a0
+        best = fallback
+        present = guess
+        solved = True
+        contacts = self._clearance.contacts(present, around, t.reach, t.own_reach)
+        kept = self._lacking(contacts, margins)
+        for iteration in range(t.iterations):
+            if iteration:
+                contacts = self._clearance.contacts(present, around, t.reach, t.own_reach)
+            program = self._program(base, base_velocity, a0, present, guess_velocity, reference, contacts, margins)
+            solution = self._solver.solve(program)
+            if not solution.solved:
+                solved = False
+                break
+            accelerations = np.vstack([a0, solution.x[: self._free * self._n].reshape(self._free, self._n), 0.0 * a0])
+            best = Trajectory(start, self.step, q0, v0, accelerations)
+            moved = base + self._P @ accelerations[1:-1]
+            change, present = np.abs(moved - present).max(), moved
+            if change < t.settled:
+                break
+        if best is fallback:
+            return Outcome(fallback, kept, solved)
+        found = self.assess(present, around, margins)
+        if found <= kept + 1e-4:
+            return Outcome(best, found, solved)
+        # The linearisation misled; half of the step is often good.
+        half = (present + guess) / 2
+        lacking = self.assess(half, around, margins)
+        if lacking < kept:
+            trajectory = self._fitted(start, q0, v0, a0, base, half)
+            if trajectory is not None:
+                return Outcome(trajectory, lacking, solved)
+        return Outcome(fallback, kept, solved)
+
+    def assess(self, q: Array, around: Surroundings, margins: Array) -> float:
+        """What positions (M, n) at the samples lack of the margins; see `Outcome.violation`."""
+        distance = self._clearance.distances(q, around, float(margins.max()) + 1e-6)
+        return float(self.fading @ np.maximum(margins - distance, 0.0).max(axis=1))
+
+    def _lacking(self, contacts: Contacts, margins: Array) -> float:
+        """The same from contacts."""
+        lacking = np.zeros(len(self.samples))
+        np.maximum.at(lacking, contacts.row, margins[contacts.row, contacts.body] - contacts.distance)
+        return float(self.fading @ lacking)
+
+    def _fitted(self, start: float, q0: Array, v0: Array, a0: Array, base: Array, q: Array) -> Trajectory | None:
+        """The trajectory nearest to positions (M, n) that ends at rest, if it keeps the acceleration limits."""
+        rest = self._V[-1]
+        k = self._free
+        system = np.zeros((k + 1, k + 1))
+        system[:k, :k] = self._P.T @ self._P + 1e-6 * np.eye(k)
+        system[:k, k] = system[k, :k] = rest
+        end = -(v0 + self._V0[-1] * a0)
+        inner = np.linalg.solve(system, np.vstack([self._P.T @ (q - base), end]))[:k]
+        if (np.abs(inner) > self.limits.acceleration + 1e-6).any():
+            return None
+        return Trajectory(start, self.step, q0, v0, np.vstack([a0, inner, 0.0 * a0]))
+
+    def _program(
+        self,
+        base: Array,
+        base_velocity: Array,
+        a0: Array,
+        present: Array,
+        guess_velocity: Array,
+        reference: Array,
+        contacts: Contacts,
+        margins: Array,
+    ) -> QuadraticProgram:
+        t, n, m = self.tuning, self._n, len(self.samples)
+        size = self._free * n
+        pull = self._tracking_gain @ (t.tracking * (base - reference) + t.proximity * (base - present))
+        gradient = pull + self._change0[:, None] * a0
+        g = np.concatenate([gradient.ravel(), t.slack * self.fading])
+
+        order = np.argsort(contacts.distance - margins[contacts.row, contacts.body], kind="stable")[: t.rows]
+        sample, slope = contacts.row[order], contacts.gradient[order]
+        clear = np.zeros((len(order), size + m))
+        clear[:, :size] = (self._P[sample][:, :, None] * slope[:, None, :]).reshape(len(order), size)
+        clear[np.arange(len(order)), size + sample] = 1.0
+        needed = margins[sample, contacts.body[order]] - contacts.distance[order]
+        needed += np.einsum("mn,mn->m", slope, present[sample] - base[sample])
+
+        knots = self._at_knots
+        speed = np.maximum(self.limits.velocity, np.abs(guess_velocity[knots[:-1]]) + 1e-6)
+        fast_low = (-speed - base_velocity[knots[:-1]]).ravel()
+        fast_high = (speed - base_velocity[knots[:-1]]).ravel()
+        lower = np.minimum(self.limits.lower, present[knots])
+        upper = np.maximum(self.limits.upper, present[knots])
+        near = ((present[knots] - lower < 0.5) | (upper - present[knots] < 0.5)).ravel()
+        return QuadraticProgram(
+            H=self._H,
+            g=g,
+            A=self._A,
+            b=-(base_velocity[-1]),
+            C=np.vstack([clear, self._velocity_rows, self._position_rows[near]]),
+            low=np.concatenate([needed, fast_low, (lower - base[knots]).ravel()[near]]),
+            high=np.concatenate([np.full(len(order), 1e20), fast_high, (upper - base[knots]).ravel()[near]]),
+            lower=np.concatenate([np.tile(-self.limits.acceleration, self._free), np.zeros(m)]),
+            upper=np.concatenate([np.tile(self.limits.acceleration, self._free), np.full(m, 1e20)]),
+        )

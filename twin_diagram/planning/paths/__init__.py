@@ -1,0 +1,1 @@
+"""Joint goals, and ways around obstacles towards them."""

@@ -1,0 +1,100 @@
+"""Joint goals for a tool pose: many starts of damped Gauss–Newton at once, and what comes out distinct."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from twin_diagram.planning.collision.chain import Chain
+from twin_diagram.signals.layouts import Array
+
+
+@dataclass(frozen=True)
+class IkTuning:
+    """How inverse kinematics searches."""
+
+    starts: int = 96
+    iterations: int = 60
+    damping: float = 1e-3
+    step: float = 0.4
+    """Longest step of any joint per iteration [rad]."""
+    position_tolerance: float = 1e-5
+    """[m]"""
+    rotation_tolerance: float = 1e-4
+    """[rad]"""
+    distinct: float = 0.3
+    """Solutions that differ by less than this in every joint are one [rad]."""
+    limit_margin: float = 0.05
+    """Kept from the joints' limits [rad]."""
+
+
+def pose_error(X_WT: Array, X_WG: Array) -> Array:
+    """What turns and moves T (N, 4, 4) into G (4, 4): (N, 6) rotation vector [rad] and translation [m], in W."""
+    turn = X_WG[:3, :3] @ X_WT[:, :3, :3].transpose(0, 2, 1)
+    return np.concatenate([Rotation.from_matrix(turn).as_rotvec(), X_WG[:3, 3] - X_WT[:, :3, 3]], axis=1)
+
+
+def solve(
+    chain: Chain,
+    X_WG: Array,
+    near: Array,
+    lower: Array,
+    upper: Array,
+    rng: np.random.Generator,
+    tuning: IkTuning | None = None,
+) -> Array:
+    """Configurations that put the tool at a pose, within the joints' limits.
+
+    Half of the searches start near `near`, at growing distances, the others anywhere.
+
+    Args:
+        chain: the arm.
+        X_WG: (4, 4) the tool's goal.
+        near: (n,) where to look first.
+        lower: (n,) limits [rad], may be infinite.
+        upper: (n,) likewise.
+        rng: draws the starts.
+        tuning: None for the defaults.
+
+    Returns:
+        (G, n) distinct solutions, the nearest to `near` first; G may be zero.
+    """
+    tuning = tuning or IkTuning()
+    n, half = chain.size, tuning.starts // 2
+    margin = np.minimum(tuning.limit_margin, 0.1 * (upper - lower))
+    low, high = lower + margin, upper - margin
+    spread = np.linspace(0.0, 1.5, half)[:, None] * rng.standard_normal((half, n))
+    anywhere = rng.uniform(np.maximum(low, -np.pi), np.minimum(high, np.pi), (tuning.starts - half, n))
+    q = np.clip(np.concatenate([near + spread, anywhere]), low, high)
+    identity = tuning.damping * np.eye(6)
+    for _ in range(tuning.iterations):
+        placement = chain.place(q)
+        error = pose_error(chain.tool(placement), X_WG)
+        J = chain.tool_jacobian(placement)
+        # Joints at a limit that would have to pass it take no part in this step.
+        step = _damped_step(J, error, identity)
+        stuck = ((q <= low) & (step < 0.0)) | ((q >= high) & (step > 0.0))
+        if stuck.any():
+            J = np.where(stuck[:, None, :], 0.0, J)
+            step = _damped_step(J, error, identity)
+        longest = np.abs(step).max(axis=1, keepdims=True)
+        q = np.clip(q + step * np.minimum(1.0, tuning.step / np.maximum(longest, 1e-12)), low, high)
+    error = pose_error(chain.tool(chain.place(q)), X_WG)
+    good = (np.linalg.norm(error[:, :3], axis=1) < tuning.rotation_tolerance) & (
+        np.linalg.norm(error[:, 3:], axis=1) < tuning.position_tolerance
+    )
+    q = q[good]
+    q = q[np.argsort(np.linalg.norm(q - near, axis=1), kind="stable")]
+    distinct: list[Array] = []
+    for candidate in q:
+        if all(np.abs(candidate - other).max() >= tuning.distinct for other in distinct):
+            distinct.append(candidate)
+    return np.array(distinct).reshape(-1, n)
+
+
+def _damped_step(J: Array, error: Array, damping: Array) -> Array:
+    gram = J @ J.transpose(0, 2, 1) + damping
+    result: Array = (J.transpose(0, 2, 1) @ np.linalg.solve(gram, error[..., None]))[..., 0]
+    return result

@@ -1,0 +1,283 @@
+"""Finds the way: which joint goal, by which way points, and where to stand aside when there is none.
+
+A route is a list of way points still ahead, the last being where it ends. It is followed from wherever the arm is, so
+a route stays good while the optimiser bends the motion around what comes near.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.planning.collision.collision_scene import Forecast, Scene
+from twin_diagram.planning.paths import rrt_connect
+from twin_diagram.signals.layouts import Array
+
+
+class Aim(IntEnum):
+    """What a route is for."""
+
+    NOTHING = 0
+    """No way is known: wait."""
+    GOAL = 1
+    REFUGE = 2
+    """Out of the way of something that comes."""
+
+
+@dataclass(frozen=True)
+class Route:
+    """Way points (W, n) ahead, W >= 0, and what for."""
+
+    aim: Aim
+    points: Array
+
+    @staticmethod
+    def none(n: int) -> Route:
+        """Nowhere to go."""
+        return Route(Aim.NOTHING, np.zeros((0, n)))
+
+
+@dataclass(frozen=True)
+class RouteTuning:
+    """How routes are found and kept."""
+
+    resolution: float = 0.10
+    """Between checked configurations on a straight line [rad]."""
+    spare: float = 0.02
+    """A new route keeps this much more than the margin [m] …"""
+    blocked: float = 0.6
+    """… and is given up where this share of the margin is not kept."""
+    horizon: float = 2.0
+    """An end must stay free for this long from now [s]."""
+    checks: int = 1800
+    """Of the global planner, in one tick."""
+    patience: int = 3
+    """Ticks between two tries of the global planner after one that failed."""
+    direct: int = 3
+    """Goals to which a straight line is tried."""
+    dwell: tuple[float, ...] = (0.0, 0.4, 0.8)
+    """The global planner wants a configuration free at these times after the earliest arrival [s]."""
+    near_future: float = 0.8
+    """A route that is blocked later than this is followed as far as it goes, for want of a better one [s]."""
+    way_point_reached: float = 0.05
+    """[rad]"""
+    way_point_near: float = 0.3
+    """[rad]"""
+    refuge_tries: int = 48
+
+
+@dataclass(frozen=True)
+class Situation:
+    """What a decision is made from.
+
+    Attributes:
+        q: (n,) where the arm is [rad].
+        forecast: where objects are going.
+        goals: (G, n) joint goals that would do; G may be zero.
+        here: (B + 1,) distances now, to each body and of the arm to itself [m].
+        at_goals: (G, B + 1) the same at the goals, of the objects as they are now.
+        still: (B,) bool: bodies that do not move.
+        clearance: to keep from bodies [m].
+        least: to keep from a body that stands still next to the goal [m].
+        own: the arm keeps from itself [m].
+    """
+
+    q: Array
+    forecast: Forecast
+    goals: Array
+    here: Array
+    at_goals: Array
+    still: npt.NDArray[np.bool_]
+    clearance: float
+    least: float
+    own: float
+
+    def margins(self, goal: int | None = None, extra: float = 0.0, away: float = 0.0) -> Array:
+        """(B + 1,) distances to keep on the way to a goal: less of what stands still near it, but `away` more [m]."""
+        result = np.full(len(self.here), self.clearance + extra)
+        if goal is not None:
+            near = np.clip(self.at_goals[goal, :-1] - 0.003 + away, self.least, self.clearance + extra)
+            result[:-1] = np.where(self.still, near, result[:-1])
+        result[-1] = self.own
+        return result
+
+    def allowed(self, margins: Array, share: float = 1.0) -> Array:
+        """Margins for a check: what is not kept now cannot be asked of the way from here."""
+        return np.maximum(np.minimum(share * margins, self.here - 0.003), 0.003)
+
+    def goal_of(self, route: Route) -> int | None:
+        """Which goal a route leads to; without a route to one, the first."""
+        if not len(self.goals):
+            return None
+        if route.aim is Aim.GOAL and len(route.points):
+            return int(np.abs(self.goals - route.points[-1]).max(axis=1).argmin())
+        return 0
+
+
+class Router:
+    """Finds routes. Holds constants alone.
+
+    Args:
+        scene: shapes and limits.
+        speed: (n,) the speed at which routes are travelled [rad/s].
+        tuning: None for the defaults.
+    """
+
+    def __init__(self, scene: Scene, speed: Array, tuning: RouteTuning | None = None) -> None:
+        self.scene, self.speed = scene, speed
+        self.tuning = tuning or RouteTuning()
+        bound = np.full(scene.chain.size, np.pi)
+        self._lower, self._upper = np.maximum(scene.lower, -bound), np.minimum(scene.upper, bound)
+
+    def timed(self, points: Array) -> tuple[Array, Array]:
+        """Configurations along straight lines between points (W, n), with the times of arrival from the first [s]."""
+        pieces: list[Array] = [points[:1]]
+        times: list[Array] = [np.zeros(1)]
+        now = 0.0
+        for a, b in pairwise(points):
+            line = rrt_connect.interpolate(a, b, self.tuning.resolution)
+            took = float((np.abs(b - a) / self.speed).max())
+            pieces.append(line)
+            times.append(now + took * np.arange(1, len(line) + 1) / len(line))
+            now += took
+        return np.concatenate(pieces), np.concatenate(times)
+
+    def reference(self, q: Array, route: Route, times: Array) -> Array:
+        """(M, n) where to be at `times` (M,) from now on, along the route."""
+        points = np.vstack([q, route.points])
+        took = (np.abs(np.diff(points, axis=0)) / self.speed).max(axis=1, initial=0.0)
+        at = np.concatenate([[0.0], np.cumsum(took)])
+        return np.stack([np.interp(times, at, points[:, j]) for j in range(len(q))], axis=1)
+
+    def duration(self, q: Array, route: Route) -> float:
+        """How long the route takes from where the arm is [s]."""
+        points = np.vstack([q, route.points])
+        return float((np.abs(np.diff(points, axis=0)) / self.speed).max(axis=1, initial=0.0).sum())
+
+    def first_blocked(self, now: Situation, points: Array, margins: Array) -> float | None:
+        """When the way along `points` (W, n), from where the arm is, comes too near to something; None if never [s]."""
+        q, times = self.timed(np.vstack([now.q, points]))
+        stay = np.arange(times[-1] + 0.4, self.tuning.horizon + 0.2, 0.4)
+        q = np.vstack([q[1:], np.repeat(q[-1:], len(stay), axis=0)])
+        times = np.concatenate([times[1:], stay])
+        distance = self.scene.clearance.distances(
+            q, self.scene.around(now.forecast, times), float(margins.max()) + 1e-6
+        )
+        bad = (distance < margins).any(axis=1)
+        return float(times[np.argmax(bad)]) if bad.any() else None
+
+    def ends_free(self, now: Situation, ends: Array, margins: Array) -> npt.NDArray[np.bool_]:
+        """(G,) bool: where the arm may stay from its earliest arrival to the horizon."""
+        arrival = (np.abs(ends - now.q) / self.speed).max(axis=1)
+        return self._free_at(now, ends, np.stack([arrival, np.maximum(arrival, self.tuning.horizon)], axis=1), margins)
+
+    def decide(self, route: Route, now: Situation, rng: np.random.Generator, *, may_search: bool) -> tuple[Route, bool]:
+        """The route from here on.
+
+        Args:
+            route: the present one.
+            now: the situation.
+            rng: of this tick.
+            may_search: whether the global planner may be asked.
+
+        Returns:
+            The route, and whether the global planner was asked in vain.
+        """
+        spare, share = self.tuning.spare, self.tuning.blocked
+        coarse = now.allowed(now.margins(now.goal_of(route)), share)
+        blocked_at: float | None = None
+        if route.aim is Aim.GOAL and len(route.points):
+            route = self._shortcut(route, now, now.allowed(now.margins(now.goal_of(route), spare)), coarse)
+            blocked_at = self.first_blocked(now, route.points, coarse)
+            if blocked_at is None:
+                return route, False
+        wanted = [now.allowed(now.margins(g, spare)) for g in range(len(now.goals))]
+        free = [g for g in range(len(now.goals)) if self.ends_free(now, now.goals[g][None], wanted[g])[0]]
+        free.sort(key=lambda g: float((np.abs(now.goals[g] - now.q) / self.speed).max()))
+        failed = False
+        if free:
+            for g in free[: self.tuning.direct]:
+                if self.first_blocked(now, now.goals[g][None], wanted[g]) is None:
+                    return Route(Aim.GOAL, now.goals[g][None]), False
+            if may_search:
+                least: Array = np.stack([wanted[g] for g in free]).min(axis=0)
+                found = self._search(now, now.goals[free], least, rng)
+                if found is not None:
+                    return Route(Aim.GOAL, found), False
+                failed = True
+        if blocked_at is not None and blocked_at > self.tuning.near_future:
+            return route, failed
+        return self._aside(route, now, coarse, rng), failed
+
+    def _shortcut(self, route: Route, now: Situation, margins: Array, coarse: Array) -> Route:
+        """Drops way points that are reached, or needless from here.
+
+        The motion rounds off a sharp corner and may never come up to its way point, so near one it is enough that the
+        way beyond is free by the `coarse` margins, by which the route itself is kept.
+        """
+        points = route.points
+        while len(points) > 1 and np.abs(points[0] - now.q).max() < self.tuning.way_point_reached:
+            points = points[1:]
+        if len(points) > 1:
+            if self.first_blocked(now, points[-1:], margins) is None:
+                points = points[-1:]
+            else:
+                near = np.abs(points[0] - now.q).max() < self.tuning.way_point_near
+                if self.first_blocked(now, points[1:2], coarse if near else margins) is None:
+                    points = points[1:]
+        return replace(route, points=points)
+
+    def _search(self, now: Situation, goals: Array, margins: Array, rng: np.random.Generator) -> Array | None:
+        def is_free(q: Array) -> npt.NDArray[np.bool_]:
+            arrival = (np.abs(q - now.q) / self.speed).max(axis=1)
+            return self._free_at(now, q, arrival[:, None] + np.array(self.tuning.dwell), margins)
+
+        found = rrt_connect.plan(
+            now.q,
+            goals,
+            is_free,
+            self._lower,
+            self._upper,
+            rng,
+            self.tuning.checks,
+            weights=1.0 / self.speed,
+        )
+        return None if found is None else found[1:]
+
+    def _aside(self, route: Route, now: Situation, margins: Array, rng: np.random.Generator) -> Route:
+        """Stays where that is safe, else goes where it is."""
+        n = len(now.q)
+        if self.ends_free(now, now.q[None], margins)[0]:
+            return Route.none(n)
+        if route.aim is Aim.REFUGE and len(route.points) and self.first_blocked(now, route.points, margins) is None:
+            return route
+        tries = self.tuning.refuge_tries
+        scale = np.linspace(0.1, 0.7, tries)[:, None]
+        q = np.clip(now.q + scale * rng.standard_normal((tries, n)), self._lower, self._upper)
+        q = q[self.ends_free(now, q, now.allowed(now.margins(None, self.tuning.spare)))]
+        for candidate in q[np.argsort((np.abs(q - now.q) / self.speed).max(axis=1), kind="stable")][:4]:
+            if self.first_blocked(now, candidate[None], margins) is None:
+                return Route(Aim.REFUGE, candidate[None])
+        return Route.none(n)
+
+    def _free_at(self, now: Situation, q: Array, times: Array, margins: Array) -> npt.NDArray[np.bool_]:
+        """(M,) bool: configurations (M, n) that keep the margins at each of their times (M, T)."""
+        scene = self.scene
+        reach = float(margins.max()) + 1e-6
+        count = len(q)
+        still = replace(now.forecast, present=now.forecast.present & ~now.forecast.moving)
+        distance = scene.clearance.distances(q, scene.around(still, np.zeros(count)), reach)
+        free: npt.NDArray[np.bool_] = np.all(distance >= margins, axis=1)
+        rows = np.flatnonzero(free)
+        if now.forecast.moving.any() and len(rows):
+            moving = scene.around(
+                replace(now.forecast, present=now.forecast.moving), times[rows].ravel(), fixtures=False
+            )
+            again = np.repeat(q[rows], times.shape[1], axis=0)
+            near = scene.clearance.distances(again, moving, reach, own=False)
+            free[rows] = (near >= margins).all(axis=1).reshape(len(rows), -1).all(axis=1)
+        return free

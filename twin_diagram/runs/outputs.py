@@ -1,0 +1,184 @@
+"""What is hung on a closed loop that is being built: eyes (meshcat, Meldis), memory (recording, log) and mending."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final
+
+from pydrake.geometry import Meshcat
+from pydrake.lcm import DrakeLcm
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+
+from twin_diagram.errors import TwinError
+from twin_diagram.estimation.drift.alarm_events import append_lines
+from twin_diagram.logs import read_log, write_log
+from twin_diagram.scenario import Scenario
+from twin_diagram.scenario.file import copy_scenario, dump_scenario
+from twin_diagram.station import ports
+from twin_diagram.station.replay.recorder import add_recorder, open_recording
+from twin_diagram.station.replay.recording import LOG, RecordingWriter
+from twin_diagram.twin.healing import Healer, Tape, sentence
+from twin_diagram.twin.twin import Twin
+from twin_diagram.visualization.arm_overlay import ArmOverlay
+from twin_diagram.visualization.ghost import make_ghost
+from twin_diagram.visualization.meldis import add_meldis
+from twin_diagram.visualization.meshcat import FRAME_RATE, MeshcatScenes, add_meshcat, open_meshcat
+from twin_diagram.visualization.scene_overlay import MeshcatOverlay
+
+SCENARIO_FILE: Final = "scenario.yaml"
+"""In a recording's folder: the scenario that was run."""
+MOST_FRAMES: Final = 300
+"""Of a page. Each takes memory, in the run and in the browser; a longer run is shown with fewer per second."""
+EVENTS: Final = "events.jsonl"
+"""In a run's folder: alarms and what they led to, one JSON object to a line."""
+SPARE: Final = 5.0
+"""The tape holds this much more than a search takes [s]."""
+Say = Callable[[str], None]
+
+
+class Looking:
+    """Shows the real scene and the twin's: in one meshcat, live or recorded, and to Meldis."""
+
+    def __init__(self, meshcat: bool = True, meldis: bool = False, recorded: float | None = None) -> None:
+        """Opens what is looked through.
+
+        Args:
+            meshcat: opens a server that this machine alone reaches.
+            meldis: publishes on Drake's default LCM URL.
+            recorded: length of a run that is kept as a page [s]; None: no frame is kept.
+        """
+        self._recorded = recorded
+        self._meshcat: Meshcat | None = open_meshcat() if meshcat else None
+        self._lcm = DrakeLcm() if meldis else None
+        self.scenes: MeshcatScenes | None = None
+
+    def add(self, builder: DiagramBuilder, station: Diagram, twin: Twin) -> None:
+        """Adds visualisers."""
+        real = station.GetOutputPort(ports.QUERY_OBJECT) if station.HasOutputPort(ports.QUERY_OBJECT) else None
+        if real is not None:
+            make_ghost(twin.scene)
+        query = twin.diagram.GetOutputPort("query_object")
+        if self._lcm is not None:
+            add_meldis(builder, self._lcm, query, real)
+        if self._meshcat is not None:
+            self._add_meshcat(self._meshcat, builder, twin, query, real)
+
+    def _add_meshcat(
+        self, meshcat: Meshcat, builder: DiagramBuilder, twin: Twin, query: OutputPort, real: OutputPort | None
+    ) -> None:
+        rate = FRAME_RATE if self._recorded is None else min(FRAME_RATE, MOST_FRAMES / self._recorded)
+        self.scenes = add_meshcat(builder, meshcat, query, real, rate)
+        self.scenes.set_view()
+        plan = twin.diagram.GetOutputPort("plan")
+        overlay = MeshcatOverlay(meshcat, twin.scene, plan.size() // len(twin.model.joints), min(rate, 15.0))
+        builder.AddNamedSystem("overlay", overlay)
+        for name in ("plan", "tracks", "goal"):
+            builder.Connect(twin.diagram.GetOutputPort(name), overlay.GetInputPort(name))
+        size = twin.diagram.GetOutputPort("covariance").size()
+        arm = builder.AddNamedSystem("arm_overlay", ArmOverlay(meshcat, twin.scene, size, min(rate, 15.0)))
+        for name in ("arm_state", "covariance"):
+            builder.Connect(twin.diagram.GetOutputPort(name), arm.GetInputPort(name))
+
+    def start(self, simulator: Simulator, live: bool, say: Say) -> None:
+        """Begins to record, where a page is kept; live, runs no faster than real time and says where to look."""
+        if self.scenes is not None and self._recorded is not None:
+            self.scenes.start_recording()
+        if live:
+            simulator.set_target_realtime_rate(1.0)
+            if self._meshcat is not None:
+                say(f"watch at {self._meshcat.web_url()}")
+            if self._lcm is not None:
+                say("watch in Meldis: python -m pydrake.visualization.meldis -w")
+
+
+class Keeping:
+    """What is recorded of the station while it runs; dropped where the run fails."""
+
+    def __init__(self, scenario: Scenario, record: Path | None, log: Path | None, stack: ExitStack) -> None:
+        """`stack` closes what is opened.
+
+        Raises:
+            TwinError: a recording or a log cannot go where it is asked to.
+        """
+        self._writer: RecordingWriter | None = None
+        if record is None and log is None:
+            return
+        if log is not None and log.suffix not in (".csv", ".npz"):
+            raise TwinError(f"--log {log}: a measured log is .csv or .npz")
+        if log is not None:
+            check_room("--log", log, folder=False)
+        if record is None:
+            # A log alone is a recording without images, made aside.
+            scenario = copy_scenario(scenario)
+            scenario.twin.camera = None
+            record = Path(stack.enter_context(TemporaryDirectory())) / "recording"
+        if log is not None:
+            stack.push(_Converter(record / LOG, log))
+        self._writer = stack.enter_context(open_recording(scenario, record))
+        self._writer.attach(SCENARIO_FILE, dump_scenario(scenario))
+
+    def add(self, builder: DiagramBuilder, station: Diagram, twin: Twin) -> None:
+        """Adds a recorder to a loop that is being built."""
+        if self._writer is not None:
+            add_recorder(builder, station, self._writer, twin.diagram.GetOutputPort(ports.POSITION_COMMANDED))
+
+
+class Mending:
+    """What an alarm leads to: events in a file, and where the scenario asks for it, a model that is mended."""
+
+    def __init__(self, scenario: Scenario, out: Path | None, say: Say) -> None:
+        """`out` gets ``events.jsonl`` and ``healing/``; None: nothing is written. `say` takes what alarms lead to."""
+        self._scenario, self._out, self._say = scenario, out, say
+        self._tape: Tape | None = None
+        if out is not None:
+            (out / EVENTS).unlink(missing_ok=True)
+
+    def add(self, builder: DiagramBuilder, station: Diagram, twin: Twin) -> None:
+        """Adds a tape to a loop that is being built, where the twin is to mend its model."""
+        healing = self._scenario.twin.healing
+        if healing is None:
+            return
+        commanded = twin.diagram.GetOutputPort(ports.POSITION_COMMANDED)
+        rate, seconds = self._scenario.twin.driver.rate, healing.seconds + SPARE
+        self._tape = Tape(builder, station, commanded, twin.model.joints, rate=rate, seconds=seconds)
+
+    def healer(self, twin: Twin) -> Healer:
+        """For the loop, once it is built; to be polled between its steps, and closed."""
+        folder = None if self._out is None else self._out / "healing"
+        return Healer(twin, self._scenario.twin.healing, self._journal, self._tape, folder, self._scenario.packages)
+
+    def _journal(self, event: dict[str, Any]) -> None:
+        if event["event"] != "alarm":  # those stand in the summary
+            self._say(f"{event['time']:.2f} s: {sentence(event)}")
+        if self._out is not None:
+            append_lines(self._out / EVENTS, [event])
+
+
+class _Converter(AbstractContextManager[None]):
+    """Writes a recording's log as `log`, unless the run failed."""
+
+    def __init__(self, source: Path, log: Path) -> None:
+        self._source, self._log = source, log
+
+    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
+        if kind is None:
+            write_log(read_log(self._source), self._log)
+
+
+def check_room(option: str, path: Path, folder: bool) -> None:
+    """Checks that a file or folder can be written before anything is computed for it.
+
+    Raises:
+        TwinError: something else is in its place, or a folder on the way is none.
+    """
+    path = path.absolute()
+    if path.exists() and path.is_dir() != folder:
+        raise TwinError(f"{option} {path}: there is a {'file' if folder else 'folder'} of that name")
+    above = next(parent for parent in path.parents if parent.exists())
+    if not above.is_dir() or not os.access(above, os.W_OK):
+        raise TwinError(f"{option} {path}: {above} is no folder that can be written to")

@@ -1,0 +1,224 @@
+"""Runs scenarios and recordings, and writes what they leave behind."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+
+from twin_diagram import scenario as schema
+from twin_diagram.errors import TwinError
+from twin_diagram.estimation.filter.parameter_status import standings
+from twin_diagram.logs import read_log
+from twin_diagram.runs.outputs import SCENARIO_FILE, Keeping, Looking, Mending, Say, check_room
+from twin_diagram.runs.score import alarms, summarize, table
+from twin_diagram.runs.trial import Trial, run_trial
+from twin_diagram.runtime import atomic_file
+from twin_diagram.runtime.progress import Progress
+from twin_diagram.scenario import Scenario
+from twin_diagram.scenario.file import load_scenario, override_scenario
+from twin_diagram.signals.layouts import TRACK_SIZE, Array, ObjectStatus, Track
+from twin_diagram.twin.closed_loop import ClosedLoop, make_closed_loop
+from twin_diagram.twin.twin import Twin
+from twin_diagram.visualization.diagram_svg.svg import write_diagram_svg
+from twin_diagram.visualization.plots import write_plots
+
+
+def run_scenario(
+    scenario: Scenario,
+    *,
+    out: Path | None = None,
+    record: Path | None = None,
+    log: Path | None = None,
+    show: bool = False,
+    meldis: bool = False,
+    pictures: bool = True,
+    quiet: bool = False,
+    say: Say = print,
+) -> dict[str, Any]:
+    """Runs a scenario's station and the twin in closed loop.
+
+    Args:
+        scenario: with any station; only a simulated one can be scored.
+        out: folder for ``summary.json``, ``events.jsonl`` and, with `pictures`, ``replay.html``, ``diagram.svg`` and
+            plots; with ``twin.healing`` also ``healing/``, a folder for each search.
+        record: folder for a recording that `replay_log` runs again.
+        log: the measured log, .csv or .npz.
+        show: opens meshcat and runs no faster than real time.
+        meldis: publishes both scenes for Meldis and runs no faster than real time.
+        pictures: whether `out` gets more than the summary.
+        quiet: shows no progress.
+        say: takes lines of text.
+
+    Returns:
+        The summary; for a station without truth, what the twin believes at the end.
+
+    Raises:
+        TwinError: something that the scenario names does not exist or does not fit.
+    """
+    cv2.setNumThreads(1)  # images are small: a second thread costs more than it gives, and p90 suffers
+    if out is not None:
+        check_room("--out", out, folder=True)
+    page = out is not None and pictures
+    look = Looking(show or page, meldis, scenario.duration if page else None) if show or page or meldis else None
+    with ExitStack() as stack:
+        keep = Keeping(scenario, record, log, stack)
+        mend = Mending(scenario, out, say)
+
+        def add(builder: DiagramBuilder, station: Diagram, twin: Twin) -> None:
+            keep.add(builder, station, twin)
+            mend.add(builder, station, twin)
+            if look is not None:
+                look.add(builder, station, twin)
+
+        loop = make_closed_loop(scenario, add)
+        simulator = Simulator(loop.diagram)
+        if look is not None:
+            look.start(simulator, show or meldis, say)
+        simulator.Initialize()
+        healer = stack.enter_context(mend.healer(loop.twin))
+        trial = None
+        progress = Progress(scenario.duration, quiet)
+        if scenario.station == "sim":
+            trial = run_trial(loop, simulator, scenario.duration, progress, healer.poll)
+            timing = trial.timing()
+            summary = summary_of(loop, trial, timing)
+            progress.done()
+            say(table(summary))
+        else:
+            _advance(simulator, scenario.duration, progress, healer.poll)
+            summary = beliefs(loop, simulator.get_context())
+            progress.done()
+            say(json.dumps(summary, indent=2))
+    if out is not None:
+        _write(out, loop, summary, trial, look if pictures else None)
+        say(f"wrote {out}/")
+    return summary
+
+
+def replay_log(
+    log: Path,
+    *,
+    model: str | None = None,
+    overrides: Iterable[str] = (),
+    out: Path | None = None,
+    show: bool = False,
+    meldis: bool = False,
+    say: Say = print,
+) -> dict[str, Any]:
+    """Runs the twin on a recording (a folder of `run_scenario`) or on a bare measured log.
+
+    Args:
+        log: the folder, or a .csv or .npz file.
+        model: the arm's description, needed for a bare log.
+        overrides: ``dotted.field=value`` each.
+        out: as in `run_scenario`.
+        show: as in `run_scenario`.
+        meldis: as in `run_scenario`.
+        say: takes lines of text.
+
+    Raises:
+        TwinError: no such log, or it cannot be used.
+    """
+    scenario = replay_scenario(log, model, overrides)
+    return run_scenario(scenario, out=out, show=show, meldis=meldis, say=say)
+
+
+def replay_scenario(log: Path, model: str | None = None, overrides: Iterable[str] = ()) -> Scenario:
+    """The scenario that replays a recording, or a bare log with a model of its arm."""
+    if not log.exists():
+        raise TwinError(f"{log}: no such recording or log")
+    overrides = list(overrides)
+    if log.is_dir():
+        if model is not None:
+            raise TwinError(f"--model goes with a bare log; {log} is a recording and names its own")
+        if not (log / SCENARIO_FILE).is_file():
+            raise TwinError(f"{log}: no recording: it has no {SCENARIO_FILE}")
+        scenario = load_scenario(log / SCENARIO_FILE, overrides)
+    else:
+        if model is None:
+            raise TwinError(f"{log}: a bare log needs --model, the arm's description")
+        arm = schema.ArmModel(model=str(model), tool_frame="")
+        scenario = schema.Scenario(twin=schema.Twin(arm=arm, camera=None), duration=_length(log))
+        scenario = override_scenario(scenario, overrides)
+    scenario.station = "replay"
+    scenario.replay.log = str(log.resolve())
+    return scenario
+
+
+def _length(log: Path) -> float:
+    """Of a measured log [s]."""
+    time = read_log(log).time
+    return float(time[-1] - time[0])
+
+
+def beliefs(loop: ClosedLoop, context: Context) -> dict[str, Any]:
+    """What the twin believes now: time, payload, objects, alarms."""
+    twin = loop.twin.diagram
+    own = twin.GetMyContextFromRoot(context)
+
+    def value(port: str) -> Array:
+        return np.array(twin.GetOutputPort(port).Eval(own))
+
+    n = len(loop.model.joints)
+    parameters, covariance = value("parameters"), value("covariance")
+    filter_, whole = loop.twin.ekf.ekf, covariance.reshape(2 * n + parameters.size, -1)
+    learnt = standings(filter_.parameters, parameters, whole[2 * n :, 2 * n :], loop.model.joints, filter_.params.rule)
+    tracks = [Track.unpack(row) for row in value("tracks").reshape(-1, TRACK_SIZE)]
+    return {
+        "time_s": context.get_time(),
+        "joints": dict(zip(loop.model.joints, value("arm_state")[:n].round(6).tolist(), strict=True)),
+        "parameters": {
+            name: {"value": found.value, "std": found.std, "status": found.status.value}
+            for name, found in zip(loop.twin.parameter_names, learnt, strict=True)
+        },
+        "objects": {
+            name: {
+                "status": track.status.name.lower(),
+                "pose": track.pose.round(6).tolist(),
+                "position_std_mm": round(1e3 * float(np.sqrt(np.trace(track.covariance[3:, 3:]))), 3),
+            }
+            for name, track in zip(loop.twin.library, tracks, strict=True)
+            if track.status != ObjectStatus.UNSEEN
+        },
+        "alarms": alarms(value("alarm_log")),
+    }
+
+
+def _advance(simulator: Simulator, duration: float, progress: Progress, between: Callable[[Context], None]) -> None:
+    for tick in range(1, int(np.ceil(10 * duration)) + 1):
+        simulator.AdvanceTo(min(0.1 * tick, duration))
+        between(simulator.get_mutable_context())
+        progress(simulator.get_context().get_time())
+
+
+def summary_of(loop: ClosedLoop, trial: Trial, timing: dict[str, Any]) -> dict[str, Any]:
+    """The figures of ``summary.json``."""
+    scenario = loop.scenario
+    payloads = [e.parameters["mass"][0] for e in scenario.world.arm.effects if e.name == "payload"]
+    return summarize(
+        trial.record,
+        seed=scenario.seed,
+        duration=scenario.duration,
+        payload_true=sum(payloads) if payloads else None,
+        position_tolerance=scenario.twin.task.position_tolerance,
+        rotation_tolerance=scenario.twin.task.rotation_tolerance,
+        timing=timing,
+    )
+
+
+def _write(out: Path, loop: ClosedLoop, summary: dict[str, Any], trial: Trial | None, look: Looking | None) -> None:
+    atomic_file.write(out / "summary.json", json.dumps(summary, indent=2, ensure_ascii=False) + "\n")
+    if look is None or look.scenes is None:
+        return
+    look.scenes.write_replay(out / "replay.html")
+    write_diagram_svg(loop.diagram, out / "diagram.svg")
+    if trial is not None:
+        write_plots(trial.record, summary, out)

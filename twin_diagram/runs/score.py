@@ -1,0 +1,229 @@
+"""What a finished run is worth: estimates held against the simulated truth, afterwards.
+
+The only module outside `station` that reads truth, and nothing of the twin imports it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.signals.layouts import ALARM_LOG_FIELDS, AlarmKind, Array
+
+VISIBLE = 0.3
+"""An object counts as visible in a frame that shows this share of its camera-facing surface."""
+SETTLED = 0.5
+"""Errors count from this long after an object first came in sight [s]: the camera's first frames have to arrive."""
+
+
+@dataclass
+class RunRecord:
+    """What a run leaves behind for the scorer; the leading axis is time.
+
+    Attributes:
+        time: (T,) sample times [s].
+        seen: (T, K) share of each object's camera-facing surface that the newest image shows.
+        poses_true: (T, K, 7) X_WO, (qw, qx, qy, qz, px, py, pz).
+        poses_estimated: (T, K, 7).
+        status: (T, K) `ObjectStatus`.
+        arm_true: (T, 2n) joint angles [rad] and speeds [rad/s].
+        arm_estimated: (T, 2n).
+        mass, mass_std: (T,) the learned payload [kg].
+        clearance: (T,) true distance from the arm to anything else [m].
+        contacts: (T,) number of contacts of the arm with anything else.
+        goal_error: (T,) distance of the tool from its goal [m], NaN without one.
+        goal_angle: (T,) the same for its orientation [rad].
+        alarm_log: (32, 3) the drift monitor's ring at the end.
+    """
+
+    time: Array
+    seen: Array
+    poses_true: Array
+    poses_estimated: Array
+    status: npt.NDArray[np.int64]
+    arm_true: Array
+    arm_estimated: Array
+    mass: Array
+    mass_std: Array
+    clearance: Array
+    contacts: npt.NDArray[np.int64]
+    goal_error: Array
+    goal_angle: Array
+    alarm_log: Array
+    objects: Sequence[str] = field(default_factory=list)
+    symmetric_axis: Mapping[str, str | None] = field(default_factory=dict)
+
+
+def rotation_angle(first: Array, second: Array, symmetric_axis: str | None = None) -> Array:
+    """Angle between orientations.
+
+    Args:
+        first: (…, 4) unit quaternions (w, x, y, z).
+        second: (…, 4) likewise.
+        symmetric_axis: ``z`` counts only the tilt of the body's z axis.
+
+    Returns:
+        (…,) angles [rad].
+    """
+    if symmetric_axis == "z":
+        dot = np.einsum("...i,...i", _z_axis(first), _z_axis(second))
+        return np.arccos(np.clip(dot, -1.0, 1.0))
+    dot = np.abs(np.einsum("...i,...i", first, second))
+    return 2.0 * np.arccos(np.clip(dot, 0.0, 1.0))
+
+
+def _z_axis(quaternion: Array) -> Array:
+    w, x, y, z = np.moveaxis(quaternion, -1, 0)
+    return np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=-1)
+
+
+def summarize(
+    record: RunRecord,
+    *,
+    seed: int,
+    duration: float,
+    payload_true: float | None,
+    position_tolerance: float,
+    rotation_tolerance: float,
+    timing: Mapping[str, Any],
+) -> dict[str, Any]:
+    """The figures of ``summary.json``, every one computed from the record."""
+    time = record.time
+    objects: dict[str, Any] = {}
+    for index, name in enumerate(record.objects):
+        axis = record.symmetric_axis.get(name)
+        visible = record.seen[:, index] >= VISIBLE
+        counted = visible & (record.status[:, index] > 0)
+        if visible.any():
+            counted &= time >= time[np.argmax(visible)] + SETTLED
+        missed = visible & (time >= time[np.argmax(visible)] + SETTLED) & (record.status[:, index] == 0)
+        difference = record.poses_estimated[:, index, 4:] - record.poses_true[:, index, 4:]
+        position = 1e3 * np.linalg.norm(difference, axis=-1)
+        rotation = np.degrees(
+            rotation_angle(record.poses_true[:, index, :4], record.poses_estimated[:, index, :4], axis)
+        )
+        # A frame in which the object is in sight but not tracked counts as an infinite error, not as no error.
+        position, rotation = np.where(missed, np.inf, position), np.where(missed, np.inf, rotation)
+        counted |= missed
+        objects[name] = {
+            "position_error_mm": _median_p95(position[counted]),
+            "rotation_error_deg": _median_p95(rotation[counted]),
+            "symmetric_axis": axis,
+            "visible_share": round(float(visible.mean()), 4),
+        }
+    n = record.arm_true.shape[1] // 2
+    joint_error = record.arm_estimated[:, :n] - record.arm_true[:, :n]
+    has_goal = bool(np.isfinite(record.goal_error[-1]))
+    return {
+        "seed": seed,
+        "duration_s": duration,
+        "objects": objects,
+        "arm": {
+            "joint_error_rad": {
+                "rms": _number(np.sqrt(np.mean(joint_error**2))),
+                "max": _number(np.max(np.abs(joint_error))),
+            }
+        },
+        "payload": {
+            "mass_true": payload_true,
+            "mass_estimated": _number(record.mass[-1]),
+            "mass_std": _number(record.mass_std[-1]),
+        },
+        "goal": {
+            "reached": bool(
+                has_goal and record.goal_error[-1] <= position_tolerance and record.goal_angle[-1] <= rotation_tolerance
+            ),
+            "error_mm": round(1e3 * float(record.goal_error[-1]), 3) if has_goal else None,
+        },
+        "clearance_min_mm": _finite(1e3 * float(np.min(record.clearance))),
+        "contacts": int(record.contacts.sum()),
+        "alarms": alarms(record.alarm_log),
+        "timing": dict(timing),
+    }
+
+
+def alarms(ring: Array) -> list[dict[str, Any]]:
+    """The drift monitor's ring as a list, in order of time."""
+    rows = [row for row in ring.reshape(-1, ALARM_LOG_FIELDS) if row[0] >= 0]
+    rows.sort(key=lambda row: float(row[0]))
+    return [{"time": round(float(row[0]), 4), "kind": AlarmKind(int(row[1])).name.lower()} for row in rows]
+
+
+def _median_p95(values: Array) -> dict[str, float | None]:
+    if values.size == 0:
+        return {"median": None, "p95": None}
+    median, p95 = np.percentile(values, [50, 95], method="higher")
+    return {"median": _finite(float(median)), "p95": _finite(float(p95))}
+
+
+def _number(value: Any) -> float | None:
+    """A number as JSON knows it; None where there is none."""
+    return float(value) if math.isfinite(value) else None
+
+
+def _finite(value: float) -> float | None:
+    return round(value, 4) if math.isfinite(value) else None
+
+
+def within(summary: Mapping[str, Any], *, millimetres: float = 5.0, degrees: float = 5.0) -> dict[str, bool]:
+    """Which of the bounds of the closed loop a run keeps.
+
+    Returns:
+        ``tracked`` (every object that was visible at all), ``untouched``, ``reached``, ``weighed`` (payload to 15 %).
+    """
+    tracked = True
+    for entry in summary["objects"].values():
+        if entry["visible_share"] <= 0:
+            continue
+        position, rotation = entry["position_error_mm"]["median"], entry["rotation_error_deg"]["median"]
+        tracked &= position is not None and position <= millimetres
+        tracked &= rotation is not None and rotation <= degrees
+    true, estimated = summary["payload"]["mass_true"], summary["payload"]["mass_estimated"]
+    return {
+        "tracked": tracked,
+        "untouched": summary["contacts"] == 0 and (summary["clearance_min_mm"] or 0.0) > 0.0,
+        "reached": summary["goal"]["reached"],
+        "weighed": bool(true) and estimated is not None and abs(estimated - true) <= 0.15 * true,
+    }
+
+
+def table(summary: Mapping[str, Any]) -> str:
+    """The summary as a table for the terminal."""
+
+    def figure(value: float | None, form: str) -> str:
+        return "–" if value is None else format(value, form)
+
+    lines = [f"{'object':<14}{'position [mm]':>22}{'rotation [°]':>22}{'visible':>10}"]
+    lines.append(f"{'':<14}{'median':>12}{'p95':>10}{'median':>12}{'p95':>10}{'share':>10}")
+    for name, entry in summary["objects"].items():
+        position, rotation = entry["position_error_mm"], entry["rotation_error_deg"]
+        axis = f" (about {entry['symmetric_axis']}: free)" if entry["symmetric_axis"] else ""
+        lines.append(
+            f"{name:<14}{figure(position['median'], '12.2f')}{figure(position['p95'], '10.2f')}"
+            f"{figure(rotation['median'], '12.2f')}{figure(rotation['p95'], '10.2f')}"
+            f"{entry['visible_share']:>10.0%}{axis}"
+        )
+    arm, payload, goal = summary["arm"]["joint_error_rad"], summary["payload"], summary["goal"]
+    lines.append("")
+    lines.append(f"arm        joint error {figure(arm['rms'], '.1e')} rad rms, {figure(arm['max'], '.1e')} max")
+    truth = f", true {payload['mass_true']:.3f} kg" if payload["mass_true"] is not None else ""
+    lines.append(
+        f"payload    {figure(payload['mass_estimated'], '.3f')} ± {figure(payload['mass_std'], '.3f')} kg{truth}"
+    )
+    if goal["error_mm"] is not None:
+        lines.append(f"goal       {'reached' if goal['reached'] else 'missed'}, {goal['error_mm']:.1f} mm off")
+    lines.append(
+        f"clearance  {figure(summary['clearance_min_mm'], '.0f')} mm at the least, {summary['contacts']} contacts"
+    )
+    alarms = ", ".join(f"{a['kind']} at {a['time']:.2f} s" for a in summary["alarms"])
+    lines.append(f"alarms     {alarms or 'none'}")
+    timing = summary["timing"]
+    if timing:
+        shares = ", ".join(f"{name} {share:.0%}" for name, share in timing["systems"].items())
+        lines.append(f"speed      {timing['real_time_factor']:.2f} × real time ({shares})")
+    return "\n".join(lines)

@@ -1,0 +1,63 @@
+"""How near the real arm truly came to anything: for scores, plots and tests alone."""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+from pydrake.systems.framework import Context, Diagram
+
+from twin_diagram.station import ports
+from twin_diagram.station.sim.world_plant import WorldPlant
+
+HORIZON = 0.3
+"""Distances beyond this are not told apart [m]."""
+
+
+class TrueClearance:
+    """Distance and contacts of a simulated station's arm, gripper included, with everything that is not the arm.
+
+    The base, which stands on its fixture, does not count against fixtures.
+    """
+
+    def __init__(self, station: Diagram) -> None:
+        """Sorts the geometry of a `sim` station into arm and others."""
+        world: WorldPlant = cast(Any, station).world
+        plant, self._station = world.plant, station
+        arm = world.arm.arm
+        arm_bodies = [body for instance in arm.instances for body in plant.GetBodyIndices(instance)]
+        self._arm_bodies = {int(body) for body in arm_bodies}
+        self._arm = {g for body in arm_bodies for g in plant.GetCollisionGeometriesForBody(plant.get_body(body))}
+        fixed = {int(body.index()) for body in plant.GetBodiesWeldedTo(plant.world_body())}
+        self._base = {g for body in arm_bodies if int(body) in fixed
+                      for g in plant.GetCollisionGeometriesForBody(plant.get_body(body))}  # fmt: skip
+        self._still = {g for body in fixed if body not in self._arm_bodies
+                       for g in plant.GetCollisionGeometriesForBody(plant.get_body(_index(body)))}  # fmt: skip
+
+    def evaluate(self, context: Context) -> tuple[float, int]:
+        """Least distance [m], no more than `HORIZON`, and number of contacts now.
+
+        Args:
+            context: the station's.
+        """
+        query: Any = self._station.GetOutputPort(ports.QUERY_OBJECT).Eval(context)
+        nearest = HORIZON
+        for pair in query.ComputeSignedDistancePairwiseClosestPoints(HORIZON):
+            a, b = pair.id_A, pair.id_B
+            if (a in self._arm) == (b in self._arm):
+                continue
+            mine, other = (a, b) if a in self._arm else (b, a)
+            if mine in self._base and other in self._still:
+                continue
+            nearest = min(nearest, pair.distance)
+        results: Any = self._station.GetOutputPort(ports.CONTACT_RESULTS).Eval(context)
+        contacts = 0
+        for i in range(results.num_point_pair_contacts()):
+            info = results.point_pair_contact_info(i)
+            contacts += (int(info.bodyA_index()) in self._arm_bodies) != (int(info.bodyB_index()) in self._arm_bodies)
+        return nearest, contacts
+
+
+def _index(body: int) -> Any:
+    from pydrake.multibody.tree import BodyIndex
+
+    return BodyIndex(body)

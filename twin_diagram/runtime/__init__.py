@@ -1,0 +1,1 @@
+"""What any run stands on: system libraries, timing, progress, files written whole."""

@@ -1,0 +1,273 @@
+"""Reads and writes scenario files, with overrides, and says in one line what is wrong with them."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import difflib
+import os
+import re
+import reprlib
+import sys
+import types
+import typing
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydrake.common.yaml import yaml_load_typed
+
+from twin_diagram.errors import ScenarioError
+from twin_diagram.scenario import Scenario
+from twin_diagram.scenario.resources import models_dir
+
+_brief = reprlib.Repr()
+_brief.maxstring = _brief.maxother = _brief.maxlong = 60
+
+STATIONS = ("sim", "replay", "lcm")
+
+
+class _Loader(yaml.SafeLoader):
+    """Reads 1e-3 as a number, as YAML 1.2 and everybody else does."""
+
+
+class _Dumper(yaml.SafeDumper):
+    """Puts text that reads as such a number in quotes."""
+
+
+for _class in (_Loader, _Dumper):
+    _class.add_implicit_resolver(
+        "tag:yaml.org,2002:float",
+        re.compile(r"^[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+$"),
+        list("-+.0123456789"),
+    )
+
+
+def load_scenario(path: str | Path, overrides: Iterable[str] = ()) -> Scenario:
+    """Reads a scenario.
+
+    Relative paths inside it are taken from the scenario's own folder first, then from the models that come along.
+
+    Args:
+        path: a YAML file, or the name of a scenario that comes along such as ``tabletop``.
+        overrides: ``dotted.field=value`` each, the value being YAML, e.g. ``twin.filter.rate=400``.
+
+    Raises:
+        ScenarioError: the file is missing or not YAML, or a field is unknown or of the wrong type; it names the field.
+    """
+    file = find_scenario(path)
+    try:
+        text = file.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ScenarioError(str(file), "not a text file; a scenario is YAML in UTF-8") from error
+    except OSError as error:
+        raise ScenarioError(str(file), f"cannot be read: {error.strerror}") from error
+    data = _read(text, str(file))
+    if data is None:
+        data = {}
+    if not isinstance(data, dict):
+        raise ScenarioError(str(file), f"a scenario is a mapping of fields, this is a {type(data).__name__}")
+    return _anchored(override_scenario(parse_scenario(data), overrides), file.parent)
+
+
+def override_scenario(scenario: Scenario, overrides: Iterable[str]) -> Scenario:
+    """A copy with fields set anew, as in `load_scenario`."""
+    overrides = list(overrides)
+    if not overrides:
+        return copy_scenario(scenario)
+    # Written out, so that an override may reach into what no file named.
+    data = _read(dump_scenario(scenario), "scenario")
+    for override in overrides:
+        _override(data, override)
+    return parse_scenario(data)
+
+
+def find_scenario(path: str | Path) -> Path:
+    """The scenario's file: `path` itself, or one that comes along, with or without ``.yaml``."""
+    given = Path(os.path.expanduser(path))
+    for candidate in (given, models_dir() / "scenarios" / given, models_dir() / "scenarios" / f"{given}.yaml"):
+        # Not Path.is_file, which raises for names that no file can have.
+        if os.path.isfile(candidate):
+            return candidate.resolve()
+    known = sorted(p.stem for p in (models_dir() / "scenarios").glob("*.yaml"))
+    raise ScenarioError(str(path), f"no such scenario file; those that come along: {', '.join(known) or 'none'}")
+
+
+def parse_scenario(data: Mapping[str, Any]) -> Scenario:
+    """A scenario from plain YAML data.
+
+    Raises:
+        ScenarioError: a field is unknown, has the wrong type or an impossible value.
+    """
+    _check(data, Scenario, "")
+    try:
+        scenario = yaml_load_typed(
+            schema=Scenario,
+            data=yaml.safe_dump(dict(data), sort_keys=False),
+            defaults=Scenario(),
+            retain_map_defaults=True,
+        )
+    except (RuntimeError, ValueError, TypeError) as error:  # the loader's own words, where the check above saw nothing
+        raise ScenarioError("scenario", " ".join(str(error).split())) from error
+    if scenario.station not in STATIONS:
+        raise ScenarioError("station", f"{scenario.station!r} is none of {', '.join(STATIONS)}")
+    if scenario.seed < 0:
+        raise ScenarioError("seed", f"{scenario.seed} is negative")
+    if scenario.duration <= 0:
+        raise ScenarioError("duration", f"{scenario.duration} s is not a length of time")
+    return typing.cast(Scenario, scenario)
+
+
+def dump_scenario(scenario: Scenario) -> str:
+    """The scenario as YAML, every field written out; entries keep their order, which is that of the twin's ports."""
+    return yaml.dump(
+        _plain(scenario), Dumper=_Dumper, sort_keys=False, default_flow_style=None, allow_unicode=True, width=120
+    )
+
+
+def save_scenario(scenario: Scenario, path: Path) -> None:
+    """Writes the scenario as YAML, by a temporary name."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    temporary.write_text(dump_scenario(scenario))
+    temporary.replace(path)
+
+
+def copy_scenario(scenario: Scenario) -> Scenario:
+    """A deep copy."""
+    return copy.deepcopy(scenario)
+
+
+def _read(text: str, field: str) -> Any:
+    """Plain data from YAML; `field` is named where it is none."""
+    try:
+        return yaml.load(text, _Loader)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f"line {mark.line + 1}" if mark else "it"
+        problem = getattr(error, "problem", None) or getattr(error, "reason", None) or "not readable"
+        raise ScenarioError(field, f"{where} is not YAML: {problem}") from error
+    except RecursionError as error:
+        raise ScenarioError(field, "nested too deep") from error
+    except (ValueError, OverflowError) as error:  # a date or a number that looks like one and is none
+        raise ScenarioError(field, f"holds a value that cannot be read: {error}") from error
+
+
+def _plain(value: Any) -> Any:
+    """Plain data of a scenario, also where it was made with NumPy's numbers."""
+    if dataclasses.is_dataclass(value):
+        return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): _plain(sub) for key, sub in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(sub) for sub in value]
+    return _plain(value.tolist()) if hasattr(value, "tolist") else value
+
+
+def _override(data: dict[str, Any], override: str) -> None:
+    name, equals, text = override.partition("=")
+    if not equals or not name:
+        raise ScenarioError(_key(override), "an override reads FIELD=VALUE, e.g. twin.filter.rate=400")
+    value = _read(text, name)
+    here: Any = data
+    *parents, last = name.split(".")
+    for depth, parent in enumerate(parents):
+        here = _entry(here, parent, parents[:depth])
+    if isinstance(here, dict):
+        here[last] = value
+    else:
+        _entry(here, last, parents)
+        here[int(last)] = value
+
+
+def _entry(holder: Any, key: str, parents: list[str]) -> Any:
+    """What `key` names in a mapping or a list; where a mapping has nothing there, it gets an empty mapping."""
+    if isinstance(holder, dict):
+        if holder.get(key) is None:
+            holder[key] = {}
+        return holder[key]
+    name = ".".join([*parents, key])
+    if not isinstance(holder, list):
+        raise ScenarioError(name, f"cannot be set: {'.'.join(parents)} holds {_shown(holder)}")
+    if not (key.isascii() and key.isdigit() and int(key) < len(holder)):
+        raise ScenarioError(name, f"{'.'.join(parents)} has {len(holder)} entries, numbered from 0")
+    return holder[int(key)]
+
+
+def _shown(value: Any) -> str:
+    """A value in a message, on one line and not longer than it."""
+    try:
+        return _brief.repr(value)
+    except ValueError:
+        return "a number of thousands of digits"
+
+
+def _check(value: Any, schema: Any, name: str) -> None:
+    """Holds plain YAML data against a schema of dataclasses and raises with the dotted name of what does not fit."""
+    origin, arguments = typing.get_origin(schema), typing.get_args(schema)
+    shown = name or "scenario"
+    if origin in (typing.Union, types.UnionType):
+        if value is None:
+            return
+        schema = next(a for a in arguments if a is not type(None))
+        _check(value, schema, name)
+    elif dataclasses.is_dataclass(schema):
+        if not isinstance(value, Mapping):
+            raise ScenarioError(shown, f"expected fields, got {_shown(value)}")
+        fields = {f.name: f.type for f in dataclasses.fields(schema)}
+        for key, sub in value.items():
+            dotted = f"{name}.{_key(key)}" if name else _key(key)
+            if key not in fields:
+                raise ScenarioError(dotted, f"unknown field{_nearest(str(key), fields)}")
+            _check(sub, fields[key], dotted)
+    elif origin is list:
+        if not isinstance(value, list):
+            raise ScenarioError(shown, f"expected a list, got {_shown(value)}")
+        for index, sub in enumerate(value):
+            _check(sub, arguments[0], f"{name}.{index}")
+    elif origin is dict:
+        if not isinstance(value, Mapping):
+            raise ScenarioError(shown, f"expected named entries, got {_shown(value)}")
+        for key, sub in value.items():
+            if not isinstance(key, str):
+                raise ScenarioError(f"{name}.{_key(key)}", "the name of an entry is text; put it in quotes")
+            _check(sub, arguments[1], f"{name}.{_key(key)}")
+    elif schema is float:
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= sys.float_info.max:
+            raise ScenarioError(shown, f"expected a finite number, got {_shown(value)}")
+    elif schema is int:
+        if isinstance(value, bool) or not isinstance(value, int) or abs(value) >= 2**63:
+            raise ScenarioError(shown, f"expected a whole number, got {_shown(value)}")
+    elif schema is str:
+        if not isinstance(value, str):
+            raise ScenarioError(shown, f"expected text, got {_shown(value)}")
+
+
+def _key(key: Any) -> str:
+    """A key as it stands in a dotted name."""
+    return key if isinstance(key, str) and key and key.isprintable() else _shown(key)
+
+
+def _nearest(key: str, fields: Mapping[str, Any]) -> str:
+    near = difflib.get_close_matches(key, fields, n=1)
+    return f"; did you mean {near[0]!r}?" if near else f"; it is one of {', '.join(fields)}"
+
+
+def _anchored(scenario: Scenario, folder: Path) -> Scenario:
+    """Makes relative paths that exist below the scenario's folder absolute: it may then be read anywhere."""
+
+    def anchor(name: str) -> str:
+        path = folder / name
+        return str(path.resolve()) if name and not name.startswith("package://") and os.path.exists(path) else name
+
+    arms = [scenario.world.arm, scenario.twin.arm]
+    for arm in arms:
+        arm.model = anchor(arm.model)
+    for fixture in [*scenario.world.fixtures, *scenario.twin.fixtures]:
+        fixture.model = anchor(fixture.model)
+    for item in scenario.world.objects.values():
+        item.asset = anchor(item.asset)
+    scenario.twin.library = {name: anchor(path) for name, path in scenario.twin.library.items()}
+    scenario.packages = {name: anchor(path) for name, path in scenario.packages.items()}
+    scenario.replay.log = anchor(scenario.replay.log)
+    return scenario

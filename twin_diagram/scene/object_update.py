@@ -1,0 +1,227 @@
+"""How images change what is known of an object's pose: pure functions on arrays.
+
+Two hypotheses about an object take turns. At *rest* its pose is constant (with a trace of random walk), so images
+average: a still object does not jitter. *Moving*, it has constant velocity driven by white acceleration. What decides:
+
+- a measurement within the gate updates the filter; at rest, the running mean of the whitened innovations is watched,
+  and when it leaves its band (slow motion: each step within the noise, all steps the same way) the object moves;
+- a measurement beyond the gate is not used but remembered. When the next one agrees with it, the object did move, and
+  the filter restarts on the pair, with the velocity that the pair gives. A single outlier changes nothing. A jump that
+  no object can make (a registration that flipped by half a turn) needs a longer run of agreeing measurements;
+- when the mean velocity has been small for some images, the object rests.
+
+What the numbers of a filter mean is said in `object_filter`.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from twin_diagram.scene.object_filter import (
+    NOISE_IMAGES,
+    VELOCITY_INDEX,
+    Mode,
+    Slot,
+    Tuning,
+    initial_filters,
+    propagate,
+)
+from twin_diagram.signals import rotations
+from twin_diagram.signals.layouts import NEVER, Array, PoseMeasurement
+
+GATE: Final = 24.0
+"""Largest squared Mahalanobis distance of an innovation that is used: χ² of 6, probability 0.9995."""
+TREND_GATE: Final = 30.0
+"""The same for the running mean of innovations, which is tested at every image."""
+TREND_MEMORY: Final = 0.7
+"""Weight of the past in the running mean of whitened innovations, per image."""
+VELOCITY_MEMORY: Final = 0.75
+"""Weight of the past in the running mean of velocities, per image."""
+CALM_IMAGES: Final = 4
+"""This many slow images in a row make a moving object rest."""
+REACQUIRE_IMAGES: Final = 4
+"""This many agreeing measurements make the filter believe a jump that no object can make."""
+AGREEMENT_TIME: Final = 0.5
+"""Two rejected measurements farther apart than this are not compared [s]."""
+FASTEST: Final = 2.0
+"""No object is faster [m/s]."""
+FASTEST_TURN: Final = 10.0
+"""No object turns faster [rad/s]."""
+NOISE_SCALES: Final = (0.02, 25.0)
+"""Bounds of the true scatter's variance over the variance claimed."""
+SCATTER_SHARE: Final = 0.3
+"""No measurement scatters by less than this share of the floor, that is of the error which all measurements share."""
+_SLOW_START: Final = np.array([0.5**2] * 3 + [0.1**2] * 3)
+"""Variances of a velocity that nobody has seen yet [rad²/s², m²/s²]."""
+
+
+def usable(measurement: PoseMeasurement, last_seen: float, now: float) -> bool:
+    """Whether a measurement is one: found, finite, a pose, newer than the last and not from the future."""
+    if not (measurement.quality > 0 and last_seen < measurement.time <= now + 1e-9 and measurement.time >= 0):
+        return False
+    if not (np.isfinite(measurement.pose).all() and np.isfinite(measurement.covariance).all()):
+        return False
+    if abs(np.linalg.norm(measurement.pose[:4]) - 1) > 1e-3:
+        return False
+    return bool(np.linalg.eigvalsh(_symmetric(measurement.covariance))[0] > -1e-9)
+
+
+def update(
+    filter_: Array, measurement: PoseMeasurement, now: float, tuning: Tuning, symmetric_about_z: bool = False
+) -> Array:
+    """One object's filter after a measurement; the filter itself where the measurement is unusable.
+
+    Args:
+        filter_: (FILTER_SIZE,).
+        measurement: of this object.
+        now: the present time, at or after the capture [s].
+        tuning: see `Tuning`.
+        symmetric_about_z: the object looks the same however it is turned about its own z axis.
+    """
+    if not usable(measurement, float(filter_[Slot.LAST_SEEN]), now):
+        return filter_
+    time = measurement.time
+    pose = np.concatenate([rotations.normalized(measurement.pose[:4]), measurement.pose[4:]])
+    noise = filter_[Slot.NOISE_SCALE] * _symmetric(measurement.covariance) + np.diag(tuning.floor * SCATTER_SHARE**2)
+    mode = filter_[Slot.MODE]
+    if mode == Mode.NONE or time - filter_[Slot.LAST_SEEN] > tuning.lost_after:
+        return _started(time, pose, noise)
+
+    belief = propagate(filter_[None], time, tuning)
+    predicted, velocity, covariance = belief.poses[0], belief.velocities[0], belief.covariances[0]
+    if symmetric_about_z:
+        pose[:4] = rotations.fold_about_z(pose[:4], predicted[:4])
+    innovation = pose_difference(pose, predicted)
+    factor = np.linalg.cholesky(_symmetric(covariance[:6, :6] + noise))
+    whitened = solve_triangular(factor, innovation, lower=True)
+    if whitened @ whitened > GATE:
+        return _surprised(filter_, time, pose, noise, tuning, symmetric_about_z)
+
+    gain_t = solve_triangular(factor, covariance[:6, :], lower=True)  # L⁻¹ H P, so that K ν = gain_tᵀ whitened
+    correction = gain_t.T @ whitened
+    covariance = covariance - gain_t.T @ gain_t
+    after = filter_.copy()
+    after[Slot.LAST_SEEN] = time
+    after[Slot.POSE] = moved(predicted, correction[:6])
+    after[Slot.VELOCITY] = velocity + correction[6:]
+    after[Slot.REJECTED] = 0.0
+    after[Slot.REMEMBERED_TIME] = NEVER
+    if mode == Mode.REST:
+        # The squared length of a whitened innovation is 6 on average where the scatter is what it is taken for.
+        count = min(filter_[Slot.NOISE_COUNT] + 1, NOISE_IMAGES[1])
+        ratio = 1 + ((whitened @ whitened) / 6 - 1) / count
+        after[Slot.NOISE_SCALE] = np.clip(filter_[Slot.NOISE_SCALE] * ratio, *NOISE_SCALES)
+        after[Slot.NOISE_COUNT] = count
+        covariance = _watch_rest(after, covariance, noise, whitened)
+    else:
+        covariance = _watch_motion(after, covariance, tuning)
+    after[Slot.COVARIANCE] = _symmetric(covariance).ravel()
+    return after
+
+
+def pose_difference(pose_b: Array, pose_a: Array) -> Array:
+    """(6,) perturbation (φ, δp) that takes pose a to pose b."""
+    return np.concatenate([rotations.difference(pose_b[:4], pose_a[:4]), pose_b[4:] - pose_a[4:]])
+
+
+def moved(pose: Array, perturbation: Array) -> Array:
+    """(7,) the pose with a perturbation (φ, δp) applied."""
+    q = rotations.normalized(rotations.multiply(rotations.exp(perturbation[:3]), pose[:4]))
+    return np.concatenate([q, pose[4:] + perturbation[3:]])
+
+
+def _started(time: float, pose: Array, noise: Array) -> Array:
+    """A filter on its first measurement, at rest."""
+    after = initial_filters(1)[0]
+    after[Slot.MODE] = Mode.REST
+    after[Slot.LAST_SEEN] = time
+    after[Slot.POSE] = pose
+    covariance = np.zeros((12, 12))
+    covariance[:6, :6] = noise
+    after[Slot.COVARIANCE] = covariance.ravel()
+    return after
+
+
+def _watch_rest(after: Array, covariance: Array, noise: Array, whitened: Array) -> Array:
+    """At rest: does the mean of the innovations say that it moves slowly? Returns the covariance to go on with."""
+    mean = TREND_MEMORY * after[Slot.MEAN] + (1 - TREND_MEMORY) * whitened
+    after[Slot.MEAN] = mean
+    # Variance of the running mean of unit white noise is (1 − λ)/(1 + λ).
+    if mean @ mean * (1 + TREND_MEMORY) / (1 - TREND_MEMORY) <= TREND_GATE:
+        return covariance
+    after[Slot.MODE] = Mode.MOVING
+    after[Slot.MEAN] = 0.0
+    after[Slot.CALM] = -CALM_IMAGES  # the mean velocity has to build up first
+    covariance = covariance.copy()
+    covariance[:6, :6] += noise
+    covariance[VELOCITY_INDEX, VELOCITY_INDEX] = _SLOW_START
+    return covariance
+
+
+def _watch_motion(after: Array, covariance: Array, tuning: Tuning) -> Array:
+    """Moving: has the mean velocity been small for long enough to rest? Returns the covariance to go on with."""
+    mean = VELOCITY_MEMORY * after[Slot.MEAN] + (1 - VELOCITY_MEMORY) * after[Slot.VELOCITY]
+    after[Slot.MEAN] = mean
+    slow = np.linalg.norm(mean[:3]) < tuning.slow[0] and np.linalg.norm(mean[3:]) < tuning.slow[1]
+    after[Slot.CALM] = after[Slot.CALM] + 1 if slow else 0.0
+    if after[Slot.CALM] < CALM_IMAGES:
+        return covariance
+    after[Slot.MODE] = Mode.REST
+    after[Slot.VELOCITY] = 0.0
+    after[Slot.MEAN] = 0.0
+    rested = np.zeros((12, 12))
+    rested[:6, :6] = covariance[:6, :6]
+    return rested
+
+
+def _surprised(
+    filter_: Array, time: float, pose: Array, noise: Array, tuning: Tuning, symmetric_about_z: bool
+) -> Array:
+    """A measurement beyond the gate: remember it, or restart on it where the one remembered agrees."""
+    after = filter_.copy()
+    after[Slot.REJECTED] += 1
+    after[Slot.REMEMBERED_TIME] = time
+    after[Slot.REMEMBERED_POSE] = pose
+    before, elapsed = filter_[Slot.REMEMBERED_POSE], time - filter_[Slot.REMEMBERED_TIME]
+    if filter_[Slot.REMEMBERED_TIME] < 0 or elapsed > AGREEMENT_TIME:
+        after[Slot.REJECTED] = 1.0
+        return after
+    if symmetric_about_z:
+        pose = np.concatenate([rotations.fold_about_z(pose[:4], before[:4]), pose[4:]])
+    velocity = pose_difference(pose, before) / elapsed
+    at_before = propagate(filter_[None], float(filter_[Slot.REMEMBERED_TIME]), tuning).poses[0]
+    at_now = propagate(filter_[None], time, tuning).poses[0]
+    jumps = np.array([pose_difference(before, at_before), pose_difference(pose, at_now)])
+    scaled = solve_triangular(np.linalg.cholesky(noise), jumps.T, lower=True)
+    lengths = np.linalg.norm(scaled, axis=0)
+    agree = scaled[:, 0] @ scaled[:, 1] >= 0.5 * lengths[0] * lengths[1] and _possible(velocity)
+    if not agree:
+        after[Slot.REJECTED] = 1.0
+        return after
+    since_seen = filter_[Slot.REMEMBERED_TIME] - filter_[Slot.LAST_SEEN]
+    needed = 2 if _possible(jumps[0] / since_seen) else REACQUIRE_IMAGES
+    if after[Slot.REJECTED] < needed:
+        return after
+
+    after = _started(time, pose, noise)
+    after[Slot.NOISE_SCALE : Slot.NOISE_COUNT + 1] = filter_[Slot.NOISE_SCALE : Slot.NOISE_COUNT + 1]
+    after[Slot.MODE] = Mode.MOVING
+    after[Slot.VELOCITY] = velocity
+    after[Slot.MEAN] = velocity
+    covariance = np.zeros((12, 12))
+    covariance[:6, :6] = noise
+    covariance[:6, 6:] = covariance[6:, :6] = noise / elapsed
+    covariance[6:, 6:] = 2 * noise / elapsed**2 + np.diag(tuning.acceleration_density * elapsed)
+    after[Slot.COVARIANCE] = covariance.ravel()
+    return after
+
+
+def _possible(velocity: Array) -> bool:
+    return bool(np.linalg.norm(velocity[:3]) <= FASTEST_TURN and np.linalg.norm(velocity[3:]) <= FASTEST)
+
+
+def _symmetric(matrix: Array) -> Array:
+    return (matrix + matrix.T) / 2

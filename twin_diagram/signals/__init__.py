@@ -1,0 +1,1 @@
+"""What flows between systems: the layouts of their vectors, units, and rotations."""

@@ -1,0 +1,88 @@
+"""Unit quaternions (w, x, y, z), batched over leading axes: what poses' filters need.
+
+A rotation's perturbation is a left one: R(φ) = Exp(φ) R̂ with φ [rad] expressed in W.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twin_diagram.signals.layouts import Array
+
+
+def multiply(a: Array, b: Array) -> Array:
+    """The product a b of quaternions (…, 4)."""
+    aw, ax, ay, az = np.moveaxis(a, -1, 0)
+    bw, bx, by, bz = np.moveaxis(b, -1, 0)
+    return np.stack(
+        [
+            aw * bw - ax * bx - ay * by - az * bz,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+        ],
+        axis=-1,
+    )
+
+
+def conjugate(q: Array) -> Array:
+    """The inverse rotation, (…, 4)."""
+    return q * _CONJUGATE
+
+
+def normalized(q: Array) -> Array:
+    """Unit length, and w >= 0 so that equal rotations have equal numbers; (…, 4)."""
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    return np.where(q[..., :1] < 0, -q, q)
+
+
+def exp(phi: Array) -> Array:
+    """The quaternion of a rotation vector (…, 3) [rad]."""
+    angle = np.linalg.norm(phi, axis=-1, keepdims=True)
+    # sin(x/2)/x from np.sinc, which is exact at zero.
+    return np.concatenate([np.cos(angle / 2), 0.5 * np.sinc(angle / (2 * np.pi)) * phi], axis=-1)
+
+
+def log(q: Array) -> Array:
+    """The rotation vector (…, 3) [rad] of a unit quaternion, of length up to π."""
+    q = np.where(q[..., :1] < 0, -q, q)
+    sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
+    angle = 2 * np.arctan2(sine, q[..., :1])
+    # At zero the ratio's limit is 2/w.
+    ratio = np.where(sine > 1e-12, angle / np.maximum(sine, 1e-12), 2.0)
+    return ratio * q[..., 1:]
+
+
+def matrix(q: Array) -> Array:
+    """The rotation matrix (…, 3, 3) of a unit quaternion."""
+    w, x, y, z = np.moveaxis(q, -1, 0)
+    flat = np.stack(
+        [
+            1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
+            2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+            2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
+        ],
+        axis=-1,
+    )  # fmt: skip
+    return flat.reshape(*q.shape[:-1], 3, 3)
+
+
+def difference(q_b: Array, q_a: Array) -> Array:
+    """φ with R_b = Exp(φ) R_a, (…, 3) [rad]."""
+    return log(multiply(q_b, conjugate(q_a)))
+
+
+def fold_about_z(q_measured: Array, q_near: Array) -> Array:
+    """Turns a measured rotation about its own z axis until it is as near to another as can be.
+
+    A body symmetric about its z axis looks the same after any such turn, so the turn says nothing: what stays is the
+    tilt (swing) of the axis. With the axes opposed no turn is better than another and the measurement is returned.
+    """
+    w, _, _, z = multiply(conjugate(q_near), q_measured)
+    if np.hypot(w, z) < 1e-9:
+        return q_measured
+    half = np.arctan2(-z, w)
+    return multiply(q_measured, np.array([np.cos(half), 0.0, 0.0, np.sin(half)]))
+
+
+_CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])

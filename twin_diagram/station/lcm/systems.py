@@ -1,0 +1,227 @@
+"""The systems between an LCM bus and a station's ports: an arm's messages, its commands, a camera's images."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from drake import lcmt_image_array  # type: ignore[import-untyped]
+from pydrake.common.value import Value
+from pydrake.lcm import DrakeLcmInterface
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, LeafSystem
+from pydrake.systems.sensors import ImageDepth32F, ImageRgba8U
+
+from twin_diagram.errors import StationError
+from twin_diagram.scenario import Camera
+from twin_diagram.signals.layouts import NEVER
+from twin_diagram.station.lcm.messages import Protocol, read_images
+
+SEND_OFFSET: Final = 1e-4
+"""Commands are sent this long after a multiple of the driver's period [s]: after the systems that run at that time."""
+CLOCK_TOLERANCE: Final = 1.0
+"""A camera whose clock is off the arm's by more than this is taken to have a clock of its own [s]."""
+
+
+class ArmReceiver(LeafSystem):
+    """Reads an arm's status messages.
+
+    .. pydrake_system::
+
+        name: ArmReceiver
+        input_ports:
+        - message
+        output_ports:
+        - position_measured
+        - velocity_estimated
+        - torque_measured
+        - measurement_time
+        - clock
+
+    Units and sizes as on any station; zeros and `NEVER` before the first message. `measurement_time` is the message's
+    own time stamp, on a clock that starts where the first message arrives: a constant delay of the bus is not seen,
+    its jitter is. `clock` (2): the first message's utime [µs] and when it came [s], `NEVER` before. Latency: the
+    bus's.
+    """
+
+    def __init__(self, protocol: Protocol, n: int, channel: str) -> None:
+        """`n` arm joints; `channel` for messages about errors."""
+        super().__init__()
+        self._protocol, self._n, self._channel = protocol, n, channel
+        self._message = self.DeclareAbstractInputPort("message", Value(protocol.status_type()))
+        state = self.DeclareDiscreteState(np.array([0.0, NEVER]))
+        # A message changes the state by an update of its own at some time or other; this one follows it at the same
+        # time.
+        self.DeclarePerStepDiscreteUpdateEvent(self._start_clock)
+        message, clock = self._message.ticket(), self.discrete_state_ticket(state)
+        for name in ("position", "velocity", "torque"):
+
+            def calc(context: Context, output: BasicVector, name: str = name) -> None:
+                if context.get_discrete_state_vector().value()[1] < 0:
+                    output.SetFromVector(np.zeros(n))
+                else:
+                    output.SetFromVector(getattr(self._status(context), name))
+
+            port = {"velocity": "velocity_estimated"}.get(name, f"{name}_measured")
+            self.DeclareVectorOutputPort(port, n, calc, {message, clock})
+        self.DeclareVectorOutputPort("measurement_time", 1, self._calc_time, {message, clock})
+        self.DeclareVectorOutputPort("clock", 2, self._calc_clock, {clock})
+
+    def _status(self, context: Context):  # type: ignore[no-untyped-def]
+        status = self._protocol.read_status(self._message.Eval(context))
+        if not len(status.position) == len(status.velocity) == len(status.torque) == self._n:
+            raise StationError(
+                f"{self._channel} tells of {len(status.position)} joints; the twin's arm has {self._n}: "
+                "name the arm's own joints under twin.arm.joints"
+            )
+        return status
+
+    def _start_clock(self, context: Context, discrete: DiscreteValues) -> None:
+        clock = context.get_discrete_state_vector().value()
+        if clock[1] < 0 and self._message.Eval(context).num_joints > 0:
+            clock = np.array([self._message.Eval(context).utime, context.get_time()])
+        discrete.set_value(clock)
+
+    def _calc_time(self, context: Context, output: BasicVector) -> None:
+        utime, start = context.get_discrete_state_vector().value()
+        output[0] = NEVER if start < 0 else start + (self._message.Eval(context).utime - utime) * 1e-6
+
+    def _calc_clock(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(context.get_discrete_state_vector().value())
+
+
+class CommandSender(LeafSystem):
+    """Sends commands to an arm's driver.
+
+    .. pydrake_system::
+
+        name: CommandSender
+        input_ports:
+        - position_commanded
+        - torque_commanded
+        - clock
+
+    Sent `SEND_OFFSET` after each period of the driver, with the driver's own time, which drivers check. Nothing is sent
+    before the first status message, nor while there is no command (unconnected, or a NaN in it).
+    """
+
+    def __init__(
+        self, bus: DrakeLcmInterface, channel: str, protocol: Protocol, n: int, rate: float, with_torque: bool
+    ) -> None:
+        """Builds a sender.
+
+        Args:
+            bus: where to.
+            channel: which.
+            protocol: of the arm.
+            n: number of arm joints.
+            rate: commands per second.
+            with_torque: whether the driver takes torques too.
+        """
+        super().__init__()
+        self._bus, self._channel, self._protocol, self._with_torque = bus, channel, protocol, with_torque
+        self._position = self.DeclareVectorInputPort("position_commanded", n)
+        self._torque = self.DeclareVectorInputPort("torque_commanded", n)
+        self._clock = self.DeclareVectorInputPort("clock", 2)
+        self.DeclarePeriodicPublishEvent(1.0 / rate, SEND_OFFSET, self._send)
+
+    def _send(self, context: Context) -> EventStatus:
+        utime, start = self._clock.Eval(context)
+        if start < 0 or not self._position.HasValue(context):
+            return EventStatus.DidNothing()
+        position = self._position.Eval(context)
+        if not np.all(np.isfinite(position)):
+            return EventStatus.DidNothing()
+        torque = None
+        if self._with_torque:
+            torque = np.zeros(len(position))
+            if self._torque.HasValue(context):
+                torque = np.nan_to_num(self._torque.Eval(context), nan=0.0, posinf=0.0, neginf=0.0)
+        now = int(utime) + round((context.get_time() - start) * 1e6)
+        self._bus.Publish(self._channel, self._protocol.write_command(now, position, torque).encode())
+        return EventStatus.Succeeded()
+
+
+class ImageReceiver(LeafSystem):
+    """Reads a camera's messages.
+
+    .. pydrake_system::
+
+        name: ImageReceiver
+        input_ports:
+        - message
+        - clock
+        output_ports:
+        - rgb_image
+        - depth_image
+        - image_time
+
+    As on any station; black, empty and `NEVER` before the first message. `image_time` is the message's own time stamp
+    on the arm's clock; where the camera's clock is not the arm's, the first image counts as taken `latency` before it
+    came. Latency: the camera's and the bus's.
+    """
+
+    def __init__(self, camera: Camera, depth_unit: float, channel: str) -> None:
+        """Builds a receiver.
+
+        Args:
+            camera: that the twin was told of.
+            depth_unit: depths are rounded to a whole number of these [m].
+            channel: for messages about errors.
+        """
+        super().__init__()
+        self._camera, self._unit, self._channel = camera, depth_unit, channel
+        self._message = self.DeclareAbstractInputPort("message", Value(lcmt_image_array()))
+        self._clock = self.DeclareVectorInputPort("clock", 2)
+        state = self.DeclareDiscreteState(np.array([0.0, NEVER]))
+        self.DeclarePerStepDiscreteUpdateEvent(self._start_clock)
+        tickets = {self._message.ticket(), self.discrete_state_ticket(state)}
+        rgb, depth = ImageRgba8U(camera.width, camera.height), ImageDepth32F(camera.width, camera.height)
+        self.DeclareAbstractOutputPort("rgb_image", Value(rgb).Clone, self._calc_rgb, tickets)
+        self.DeclareAbstractOutputPort("depth_image", Value(depth).Clone, self._calc_depth, tickets)
+        self.DeclareVectorOutputPort("image_time", 1, self._calc_time, tickets)
+
+    def _start_clock(self, context: Context, discrete: DiscreteValues) -> None:
+        clock = context.get_discrete_state_vector().value()
+        message = self._message.Eval(context)
+        if clock[1] < 0 and message.num_images > 0:
+            now, utime = context.get_time(), message.header.utime
+            arm_utime, arm_start = self._clock.Eval(context)
+            capture = arm_start + (utime - arm_utime) * 1e-6
+            if arm_start < 0 or abs(now - capture) > CLOCK_TOLERANCE:
+                capture = now - self._camera.latency
+            clock = np.array([utime, max(capture, 0.0)])
+        discrete.set_value(clock)
+
+    def _images(self, context: Context):  # type: ignore[no-untyped-def]
+        """Colour and depth, None before the first."""
+        if context.get_discrete_state_vector().value()[1] < 0:
+            return None
+        colour, depth = read_images(self._message.Eval(context), self._unit)
+        wanted = (self._camera.height, self._camera.width)
+        for kind, image in (("colour", colour), ("depth", depth)):
+            if image is None:
+                raise StationError(
+                    f"{self._channel}: a message without a {kind} image; the twin needs both in one message"
+                )
+            if image.shape[:2] != wanted:
+                raise StationError(
+                    f"{self._channel}: a {kind} image of {image.shape[1]}×{image.shape[0]} pixels; "
+                    f"twin.camera says {wanted[1]}×{wanted[0]}"
+                )
+        return colour, depth
+
+    def _calc_rgb(self, context: Context, output: Value) -> None:
+        image = ImageRgba8U(self._camera.width, self._camera.height)
+        images = self._images(context)
+        image.mutable_data[:] = (0, 0, 0, 255) if images is None else images[0]
+        output.set_value(image)
+
+    def _calc_depth(self, context: Context, output: Value) -> None:
+        image = ImageDepth32F(self._camera.width, self._camera.height)
+        images = self._images(context)
+        image.mutable_data[..., 0] = 0.0 if images is None else images[1]
+        output.set_value(image)
+
+    def _calc_time(self, context: Context, output: BasicVector) -> None:
+        utime, start = context.get_discrete_state_vector().value()
+        output[0] = NEVER if start < 0 else start + (self._message.Eval(context).header.utime - utime) * 1e-6

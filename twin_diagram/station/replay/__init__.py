@@ -1,0 +1,1 @@
+"""Recordings: written while a run goes on, and shown again as a station."""

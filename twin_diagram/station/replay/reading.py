@@ -1,0 +1,249 @@
+"""Reads what the replay station plays: the messages and frames of a recording, or a measured log."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram import logs
+from twin_diagram.errors import LogError, ScenarioError, StationError
+from twin_diagram.scenario import Camera
+from twin_diagram.signals.layouts import Array
+from twin_diagram.station.ports import SENSOR_SIZE
+from twin_diagram.station.replay.recording import (
+    FRAMES,
+    GRIPPER,
+    LOG,
+    MESSAGES,
+    Manifest,
+    depth_file,
+    rgb_file,
+    sensor_file,
+)
+
+
+@dataclass(frozen=True)
+class Messages:
+    """An arm's messages, one per row.
+
+    Attributes:
+        time: (N,) of the measurements [s].
+        delivery: (N,) when each came to stand on the ports [s], rising.
+        position, velocity, torque: (N, n) [rad, rad/s, N·m].
+        gripper: (N, 2g) positions then speeds [m, m/s], or None.
+    """
+
+    time: Array
+    delivery: Array
+    position: Array
+    velocity: Array
+    torque: Array
+    gripper: Array | None = None
+
+
+@dataclass(frozen=True)
+class Frames:
+    """A camera's images, which stay in their files.
+
+    Attributes:
+        folder: where they are.
+        index: (F,) numbers in their names.
+        capture: (F,) when each was taken [s].
+        delivery: (F,) when each came to stand on the ports [s], rising.
+        width, height: [pixel].
+        depth_unit: [m].
+    """
+
+    folder: Path
+    index: npt.NDArray[np.int64]
+    capture: Array
+    delivery: Array
+    width: int
+    height: int
+    depth_unit: float
+
+
+def read_columns(path: Path) -> tuple[list[str], Array]:
+    """Header and (N, columns) numbers of a CSV file, floats to the bit.
+
+    Raises:
+        StationError: missing, or not such a table.
+    """
+    try:
+        with path.open(encoding="utf-8") as file:
+            names = file.readline().rstrip("\r\n").split(",")
+            rows = file.readlines()
+        values = np.loadtxt(rows, delimiter=",", ndmin=2) if rows else np.zeros((0, len(names)))
+    except OSError as error:
+        raise StationError(f"{path}: {error.strerror}") from error
+    except ValueError as error:
+        raise StationError(f"{path}: not a table of numbers: {error}") from error
+    if values.shape[1] != len(names):
+        raise StationError(f"{path}: {len(names)} names for {values.shape[1]} columns")
+    return names, values
+
+
+def newest(delivery: Array, time: float) -> int:
+    """Index of the newest entry that stands on the ports at `time`; -1 before the first.
+
+    What is delivered at a time is seen by events after it, not by those at the same time, as it was while it was
+    recorded.
+
+    Args:
+        delivery: (N,) rising [s].
+        time: [s].
+    """
+    return int(np.searchsorted(delivery, time, side="left")) - 1
+
+
+def rising(path: Path, delivery: Array) -> None:
+    """Checks a table's delivery times.
+
+    Raises:
+        StationError: they go back.
+    """
+    if not np.all(np.isfinite(delivery)) or np.any(np.diff(delivery) < 0):
+        row = int(np.argmax(~np.isfinite(delivery) | np.r_[False, np.diff(delivery) < 0]))
+        raise StationError(f"{path}: delivery times go back at row {row + 2}")
+
+
+def read_recording(folder: Path, manifest: Manifest, joints: Sequence[str], fingers: Sequence[str]) -> Messages:
+    """The messages of a recording.
+
+    Args:
+        folder: of the recording.
+        manifest: its own.
+        joints: of the twin's arm.
+        fingers: of the twin's gripper.
+
+    Raises:
+        StationError: another arm's, or damaged.
+    """
+    if list(joints) != manifest.joints:
+        raise StationError(f"{folder}: recorded joints {manifest.joints}; the twin's arm has {list(joints)}")
+    names, values = read_columns(folder / LOG)
+    _, deliveries = read_columns(folder / MESSAGES)
+    if not len(values):
+        raise StationError(f"{folder / LOG}: no message in it")
+    if len(deliveries) != len(values):
+        raise StationError(f"{folder}: {LOG} has {len(values)} rows, {MESSAGES} {len(deliveries)}")
+    rising(folder / MESSAGES, deliveries[:, 1])
+
+    def signal(name: str) -> Array:
+        try:
+            return values[:, [names.index(f"{name}.{joint}") for joint in joints]]
+        except ValueError as error:
+            raise StationError(f"{folder / LOG}: no column {name} for each of {', '.join(joints)}") from error
+
+    gripper = None
+    if fingers and list(fingers) == manifest.gripper_joints:
+        _, table = read_columns(folder / GRIPPER)
+        if table.shape != (len(values), 1 + 2 * len(fingers)):
+            raise StationError(
+                f"{folder / GRIPPER}: {table.shape[0]} rows of {table.shape[1]} columns do not fit {LOG}"
+            )
+        gripper = table[:, 1:]
+    return Messages(
+        values[:, names.index("time")],
+        deliveries[:, 1],
+        signal("position_measured"),
+        signal("velocity_estimated"),
+        signal("torque_measured"),
+        gripper,
+    )
+
+
+def read_frames(folder: Path, manifest: Manifest | None, camera: Camera | None) -> Frames:
+    """The images of a recording; none where it has none.
+
+    Args:
+        folder: of the recording.
+        manifest: its own; None: there is none.
+        camera: that the twin was told of.
+
+    Raises:
+        ScenarioError: the twin was told of another camera.
+        StationError: an image is missing.
+    """
+    none = np.zeros(0)
+    recorded = manifest.camera if manifest is not None else None
+    if camera is None or recorded is None:
+        width, height = (camera.width, camera.height) if camera else (1, 1)
+        return Frames(folder, none.astype(np.int64), none, none, width, height, 1.0)
+    for name in ("name", "width", "height"):
+        if getattr(camera, name) != getattr(recorded, name):
+            raise ScenarioError(
+                f"twin.camera.{name}", f"{getattr(camera, name)}; recorded was {getattr(recorded, name)}"
+            )
+    images = folder / recorded.name
+    _, table = read_columns(images / FRAMES)
+    if len(table) and table.shape[1] != 3:
+        raise StationError(f"{images / FRAMES}: needs the columns index, capture, delivery")
+    rising(images / FRAMES, table[:, 2])
+    index = table[:, 0].astype(np.int64)
+    for k in index:
+        for name in (rgb_file(k), depth_file(k)):
+            if not (images / name).is_file():
+                raise StationError(f"{images / name}: missing from the recording")
+    return Frames(images, index, table[:, 1], table[:, 2], recorded.width, recorded.height, recorded.depth_unit)
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Of one further sensor, one per row.
+
+    Attributes:
+        time: (N,) when they were taken [s].
+        delivery: (N,) when each came to stand on the ports [s], rising.
+        values: (N, 6).
+    """
+
+    time: Array
+    delivery: Array
+    values: Array
+
+
+def read_sensors(folder: Path, manifest: Manifest) -> dict[str, Readings]:
+    """The readings of a recording's further sensors, by their ports.
+
+    Raises:
+        StationError: a table is missing or damaged.
+    """
+    found = {}
+    for k, name in enumerate(manifest.sensors):
+        file = folder / sensor_file(k)
+        _, table = read_columns(file)
+        if table.shape[1] != 2 + SENSOR_SIZE:
+            raise StationError(f"{file}: {table.shape[1]} columns; a sensor's table has {2 + SENSOR_SIZE}")
+        rising(file, table[:, 1])
+        found[name] = Readings(table[:, 0], table[:, 1], table[:, 2:])
+    return found
+
+
+def read_log(path: Path, joints: Sequence[str]) -> Messages:
+    """A measured log in the project's format, its times counted from its first sample.
+
+    Where it has no `velocity_estimated`, that is the backward difference of positions.
+
+    Args:
+        path: CSV or .npz.
+        joints: of the twin's arm, all of which must be in it.
+
+    Raises:
+        LogError: see `twin_diagram.logs.read_log`; a joint or the torque is missing.
+    """
+    try:
+        log = logs.read_log(path).select(joints)
+        torque = log.motor_torque
+    except LogError as error:
+        raise LogError(f"replay.log: {error}") from error
+    time = log.time - log.time[0]
+    velocity = log.velocity
+    if velocity is None:
+        steps = np.diff(log.position, axis=0) / np.diff(log.time)[:, None]
+        velocity = np.vstack([np.zeros((1, len(joints))), steps])
+    return Messages(time, time, log.position, velocity, torque)

@@ -1,0 +1,115 @@
+"""The true arm inside the world's plant: description, hidden effects and the motors of its driver."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Joint, PdControllerGains
+
+from twin_diagram.errors import ModelError, ScenarioError
+from twin_diagram.model.description import add_arm as description
+from twin_diagram.model.effects import Effect, add_to_plant, renewed
+from twin_diagram.scenario import Driver, Scenario
+from twin_diagram.signals.layouts import Array
+
+FINGER_STIFFNESS = 2000.0
+"""Of a finger's own controller [N/m]."""
+FINGER_DAMPING = 80.0
+"""[N·s/m]"""
+
+
+@dataclass(frozen=True)
+class ArmPlant:
+    """The arm's part of the world's plant.
+
+    Attributes:
+        arm: indices in the plant.
+        effects: that are realised in the plant, those among them that the twin was not told of included.
+        joints: the n arm joints.
+        fingers: the g finger joints.
+        stiffness, damping: of the motors' controllers: n arm joints, then the fingers that have a motor.
+        driven: places of the fingers with a motor among all g.
+        q0: (n + g,) positions at the start [rad, m].
+    """
+
+    arm: description.Arm
+    effects: tuple[Effect, ...]
+    joints: list[Joint]
+    fingers: list[Joint]
+    stiffness: Array
+    damping: Array
+    driven: list[int]
+    q0: Array
+
+
+def driver_gains(driver: Driver, effort_limits: Array) -> tuple[Array, Array]:
+    """Stiffness [N·m/rad] and damping [N·m·s/rad] of the arm's own controller.
+
+    Where the scenario gives none: 600 for the first four joints and 250 for the rest, which suit joints of 87 and
+    12 N·m, scaled to this arm's limits; damping twice the square root of stiffness.
+
+    Args:
+        driver: of the scenario.
+        effort_limits: (n,) [N·m]; infinite where the model gives none.
+
+    Raises:
+        ScenarioError: not one number per joint, or not positive.
+    """
+    n = len(effort_limits)
+    first = np.arange(n) < 4
+    scale = np.where(np.isfinite(effort_limits) & (effort_limits > 0), effort_limits / np.where(first, 87.0, 12.0), 1.0)
+    stiffness = np.where(first, 600.0, 250.0) * scale
+    for name, values in (("stiffness", driver.stiffness), ("damping", driver.damping)):
+        if values and (len(values) != n or not np.all(np.array(values) >= 0)):
+            raise ScenarioError(f"twin.driver.{name}", f"{values} is not one number >= 0 for each of {n} joints")
+    if driver.stiffness:
+        stiffness = np.array(driver.stiffness, dtype=float)
+    damping = np.array(driver.damping, dtype=float) if driver.damping else 2.0 * np.sqrt(stiffness)
+    return stiffness, damping
+
+
+def initial_angles(scenario: Scenario, n: int) -> Array:
+    """Where the arm stands at the start: ``world.q0``, else ``twin.home``, else zeros (n,) [rad].
+
+    Raises:
+        ScenarioError: not as many numbers as joints.
+    """
+    for name, values in (("world.q0", scenario.world.q0), ("twin.home", scenario.twin.home)):
+        if values:
+            if len(values) != n:
+                raise ScenarioError(name, f"{len(values)} numbers for {n} joints")
+            return np.array(values, dtype=float)
+    return np.zeros(n)
+
+
+def add_arm(plant: MultibodyPlant, scenario: Scenario) -> ArmPlant:
+    """Adds the true arm, its hidden effects and its driver's motors.
+
+    Raises:
+        ScenarioError: the model, a joint or an effect cannot be; it names the field.
+    """
+    try:
+        arm = description.add_arm(plant, scenario.world.arm, scenario.packages)
+        effects = add_to_plant(plant, arm)
+        arm = renewed(plant, arm)
+    except ModelError as error:
+        raise description.scenario_error("world.arm", error) from error
+    joints = [plant.get_joint(index) for index in arm.joint_indices]
+    fingers = [plant.get_joint(index) for index in arm.gripper_joint_indices]
+    motors = [plant.get_joint_actuator(index) for index in (*arm.actuator_indices, *arm.gripper_actuator_indices)]
+    limits = np.array([motor.effort_limit() for motor in motors[: len(joints)]])
+    stiffness, damping = driver_gains(scenario.twin.driver, limits)
+    more = len(motors) - len(joints)
+    stiffness = np.concatenate([stiffness, np.full(more, FINGER_STIFFNESS)])
+    damping = np.concatenate([damping, np.full(more, FINGER_DAMPING)])
+    for motor, p, d in zip(motors, stiffness, damping, strict=True):
+        motor.set_controller_gains(PdControllerGains(p=p, d=d))
+    angles = initial_angles(scenario, len(joints))
+    for joint, angle in zip(joints, angles, strict=True):
+        joint.set_default_positions([angle])
+    with_motor = {int(motor.joint().index()) for motor in motors}
+    driven = [k for k, finger in enumerate(fingers) if int(finger.index()) in with_motor]
+    q0 = np.concatenate([angles, [finger.default_positions()[0] for finger in fingers]])
+    return ArmPlant(arm, effects, joints, fingers, stiffness, damping, driven, q0)

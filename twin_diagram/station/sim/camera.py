@@ -1,0 +1,185 @@
+"""The simulated RGB-D camera: rendering, its rate and latency."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+from pydrake.geometry import (
+    ClippingRange,
+    ColorRenderCamera,
+    DepthRange,
+    DepthRenderCamera,
+    LightParameter,
+    MakeRenderEngineVtk,
+    RenderCameraCore,
+    RenderEngineVtkParams,
+    Rgba,
+)
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, DiscreteValues, LeafSystem
+from pydrake.systems.primitives import Demultiplexer
+from pydrake.systems.sensors import CameraInfo, RgbdSensor
+
+from twin_diagram.errors import ScenarioError
+from twin_diagram.runtime.native import require_egl
+from twin_diagram.scenario import Camera, Scenario
+from twin_diagram.signals.layouts import NEVER, Array
+from twin_diagram.station.add_models import transform
+from twin_diagram.station.sim.camera_defects import CameraDefectsSystem
+from twin_diagram.station.sim.merged_shapes import GREY
+from twin_diagram.station.sim.world_plant import build_appearance
+
+_RENDERER = "camera"
+
+
+def camera_info(camera: Camera) -> CameraInfo:
+    """Drake's intrinsics of a camera: square pixels, the principal point in the image's centre.
+
+    The image's centre is where pixel (u, v) has its centre at (u, v), as everywhere in computer vision:
+    ((width - 1) / 2, (height - 1) / 2). Drake's VTK renderer puts pixel centres at (u + 0.5, v + 0.5) instead, so it is
+    told a principal point half a pixel further; without that every object is seen 0.7 mm aside at 1 m.
+    """
+    return CameraInfo(camera.width, camera.height, camera.focal, camera.focal, camera.width / 2, camera.height / 2)
+
+
+def check_camera(camera: Camera, field: str = "twin.camera") -> None:
+    """Refuses a camera that cannot be.
+
+    Raises:
+        ScenarioError: names the field.
+    """
+    if not re.fullmatch(r"\w[\w-]*", camera.name):
+        raise ScenarioError(f"{field}.name", f"{camera.name!r} is not a name of letters, digits, _ and -")
+    for name in ("width", "height", "focal", "rate"):
+        if not getattr(camera, name) > 0:
+            raise ScenarioError(f"{field}.{name}", f"{getattr(camera, name)} is not positive")
+    if not 0 < camera.latency < 1.0 / camera.rate:
+        period = f"{1 / camera.rate:.4g} s"
+        raise ScenarioError(
+            f"{field}.latency", f"{camera.latency} s is not between 0 and the time between frames, {period}"
+        )
+    if len(camera.depth_range) != 2 or not 0 < camera.depth_range[0] < camera.depth_range[1]:
+        raise ScenarioError(f"{field}.depth_range", f"{camera.depth_range} is not [nearest, farthest]")
+
+
+def lights() -> list[LightParameter]:
+    """Daylight from above, softer from two sides: every face that a camera sees is lit and keeps its colour."""
+
+    def sun(direction: list[float], intensity: float) -> LightParameter:
+        return LightParameter(
+            type="directional", frame="world", direction=np.array(direction), color=Rgba(1, 1, 1), intensity=intensity
+        )
+
+    return [sun([-0.3, 0.2, -1.0], 0.75), sun([-1.0, 0.9, -0.5], 0.45), sun([-0.8, -1.0, -0.4], 0.35)]
+
+
+class Shutter(LeafSystem):
+    """Remembers where everything was when the camera last took a picture.
+
+    .. pydrake_system::
+
+        name: Shutter
+        input_ports:
+        - positions
+        output_ports:
+        - positions_shown
+        - capture_time
+
+    Positions are captured at k / rate and stand on `positions_shown` (nq) from k / rate + latency on, with their
+    `capture_time` (1) [s], `NEVER` before the first. State holds positions, not images: an image is rendered only where
+    it is asked for, and is a function of the state.
+    """
+
+    def __init__(self, positions: Array, rate: float, latency: float) -> None:
+        """Builds a shutter.
+
+        Args:
+            positions: (nq,) shown before the first capture.
+            rate: captures per second [1/s].
+            latency: less than the time between captures [s].
+        """
+        super().__init__()
+        nq = len(positions)
+        self._nq = nq
+        self._positions = self.DeclareVectorInputPort("positions", nq)
+        newest = np.concatenate([positions, [NEVER]])
+        state = self.DeclareDiscreteState(np.concatenate([newest, newest]))
+        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._capture)
+        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, latency, self._deliver)
+        ticket = {self.discrete_state_ticket(state)}
+        self.DeclareVectorOutputPort("positions_shown", nq, self._calc_positions, prerequisites_of_calc=ticket)
+        self.DeclareVectorOutputPort("capture_time", 1, self._calc_time, prerequisites_of_calc=ticket)
+
+    def _capture(self, context: Context, discrete: DiscreteValues) -> None:
+        shown = context.get_discrete_state_vector().value()[self._nq + 1 :]
+        discrete.set_value(np.concatenate([self._positions.Eval(context), [context.get_time()], shown]))
+
+    def _deliver(self, context: Context, discrete: DiscreteValues) -> None:
+        captured = context.get_discrete_state_vector().value()[: self._nq + 1]
+        discrete.set_value(np.concatenate([captured, captured]))
+
+    def _calc_positions(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(context.get_discrete_state_vector().value()[self._nq + 1 : -1])
+
+    def _calc_time(self, context: Context, output: BasicVector) -> None:
+        output[0] = context.get_discrete_state_vector().value()[-1]
+
+
+def add_camera(builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlant) -> CameraDefectsSystem:
+    """Adds the scenario's camera, which looks at the world.
+
+    It captures at k / rate and delivers `latency` later.
+
+    Args:
+        builder: of the station.
+        scenario: its ``twin.camera`` is not None.
+        plant: the world's, in `builder`.
+
+    Returns:
+        The system whose output ports are the camera's.
+
+    Raises:
+        NativeLibraryError: EGL is missing.
+        ScenarioError: a camera that cannot be.
+    """
+    camera = scenario.twin.camera
+    assert camera is not None
+    check_camera(camera)
+    require_egl()
+    X_WC = transform(scenario.world.X_WC or camera.X_WC, "world.X_WC")
+    poses, scene_graph = build_appearance(builder, scenario)
+    params = RenderEngineVtkParams(
+        default_clear_color=np.array([0.72, 0.76, 0.80]),
+        lights=lights(),
+        default_diffuse=np.array(GREY),
+    )
+    scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(params))
+    start = plant.GetPositions(plant.CreateDefaultContext())
+    shutter = builder.AddNamedSystem(f"{camera.name}_shutter", Shutter(start, camera.rate, camera.latency))
+    sizes = [plant.num_positions(), plant.num_velocities()]
+    state = builder.AddNamedSystem(f"{camera.name}_positions", Demultiplexer(sizes))
+    builder.Connect(plant.get_state_output_port(), state.get_input_port())
+    builder.Connect(state.get_output_port(0), shutter.get_input_port())
+    builder.Connect(shutter.GetOutputPort("positions_shown"), poses.get_input_port())
+    near, far = camera.depth_range
+    clipping = ClippingRange(min(0.05, near / 2), max(20.0, 2 * far))
+    core = RenderCameraCore(_RENDERER, camera_info(camera), clipping, RigidTransform())
+    sensor = builder.AddNamedSystem(
+        f"{camera.name}_renderer",
+        RgbdSensor(
+            scene_graph.world_frame_id(),
+            X_WC,
+            ColorRenderCamera(core, False),
+            DepthRenderCamera(core, DepthRange(near, far)),
+        ),
+    )
+    builder.Connect(scene_graph.get_query_output_port(), sensor.query_object_input_port())
+    spoilt = builder.AddNamedSystem(
+        f"{camera.name}_defects", CameraDefectsSystem(camera, scenario.world.camera_defects, scenario.seed)
+    )
+    builder.Connect(sensor.color_image_output_port(), spoilt.GetInputPort("rgb_rendered"))
+    builder.Connect(sensor.depth_image_32F_output_port(), spoilt.GetInputPort("depth_rendered"))
+    builder.Connect(shutter.GetOutputPort("capture_time"), spoilt.GetInputPort("time_rendered"))
+    return spoilt

@@ -1,0 +1,157 @@
+"""The plant that holds the truth: arm with its hidden effects, fixtures, free objects and objects that are moved."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path as FilePath
+
+from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
+from pydrake.multibody.plant import (
+    AddMultibodyPlantSceneGraph,
+    DiscreteContactApproximation,
+    MultibodyPlant,
+)
+from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex, RigidBody
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.rendering import MultibodyPositionToGeometryPose
+
+from twin_diagram.errors import AssetError, ModelError, ScenarioError
+from twin_diagram.scenario import Scenario, WorldObject
+from twin_diagram.scenario.resources import resolve
+from twin_diagram.station.add_models import add_model, transform, weld_roots
+from twin_diagram.station.sim.arm_plant import ArmPlant, add_arm
+from twin_diagram.station.sim.merged_shapes import merge_shapes
+from twin_diagram.station.sim.movers import Path, add_carriage
+
+
+@dataclass(frozen=True)
+class WorldPlant:
+    """The truth, finalized.
+
+    Attributes:
+        plant: discrete, at the scenario's ``world.time_step``.
+        scene_graph: its geometry.
+        arm: the arm's part of it.
+        objects: body of each object, in the scenario's order.
+        fixtures: bodies that stand still.
+        paths: of the objects that are moved, by name.
+        carriages: model instance of their carriages; None where nothing moves.
+    """
+
+    plant: MultibodyPlant
+    scene_graph: SceneGraph
+    arm: ArmPlant
+    objects: dict[str, BodyIndex]
+    fixtures: list[BodyIndex]
+    paths: dict[str, Path] = field(default_factory=dict)
+    carriages: ModelInstanceIndex | None = None
+
+
+def build_world(builder: DiagramBuilder, scenario: Scenario) -> WorldPlant:
+    """Adds plant and SceneGraph of a scenario's ``world`` to `builder`.
+
+    Raises:
+        ScenarioError, ModelError, AssetError: something in it cannot be built; the message names it.
+    """
+    if not scenario.world.time_step > 0:
+        raise ScenarioError("world.time_step", f"{scenario.world.time_step} is not positive")
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, scenario.world.time_step)
+    return _populate(plant, scene_graph, scenario)
+
+
+def build_appearance(builder: DiagramBuilder, scenario: Scenario) -> tuple[MultibodyPositionToGeometryPose, SceneGraph]:
+    """Adds a second SceneGraph that shows the world at any positions of its plant, whatever the plant itself does.
+
+    Args:
+        builder: of the station.
+        scenario: the one whose world was built.
+
+    Returns:
+        A system that takes positions (nq, as the world's plant orders them), and the SceneGraph that shows them.
+    """
+    scene_graph = builder.AddNamedSystem("appearance", SceneGraph())
+    plant = MultibodyPlant(scenario.world.time_step)
+    plant.RegisterAsSourceForSceneGraph(scene_graph)
+    _populate(plant, scene_graph, scenario)
+    source = plant.get_source_id()
+    merge_shapes(scene_graph, source)
+    poses = builder.AddNamedSystem("appearance_poses", MultibodyPositionToGeometryPose(plant))
+    builder.Connect(poses.get_output_port(), scene_graph.get_source_pose_port(source))
+    return poses, scene_graph
+
+
+def _populate(plant: MultibodyPlant, scene_graph: SceneGraph, scenario: Scenario) -> WorldPlant:
+    world = scenario.world
+    plant.set_name("world")
+    plant.set_discrete_contact_approximation(DiscreteContactApproximation.kLagged)
+    # Without sampling the plant's update is a discrete one, which copies no image that another system keeps.
+    plant.SetUseSampledOutputPorts(False)
+    arm = add_arm(plant, scenario)
+    fixtures = _add_fixtures(plant, scenario)
+    bodies: dict[str, RigidBody] = {}
+    paths: dict[str, Path] = {}
+    for name, spec in world.objects.items():
+        body = _add_object(plant, name, spec, scenario)
+        bodies[name] = body
+        if spec.path:
+            paths[name] = Path(spec.path, f"world.objects.{name}.path")
+        else:
+            plant.SetDefaultFloatingBaseBodyPose(body, transform(spec.X_WO, f"world.objects.{name}.X_WO"))
+    carriages = plant.AddModelInstance("carriages") if paths else None
+    for name, path in paths.items():
+        assert carriages is not None
+        add_carriage(plant, carriages, name, path, bodies[name])
+    plant.Finalize()
+    # What is moved on a carriage needs no table to stand on, and the arm's base stands in it.
+    standing = [plant.get_body(arm.arm.base), *(bodies[name] for name in paths)]
+    unmet = GeometrySet([g for body in standing for g in plant.GetCollisionGeometriesForBody(body)])
+    still = GeometrySet([g for body in fixtures for g in plant.GetCollisionGeometriesForBody(body)])
+    scene_graph.collision_filter_manager().Apply(CollisionFilterDeclaration().ExcludeBetween(unmet, still))
+    return WorldPlant(
+        plant,
+        scene_graph,
+        arm,
+        {name: body.index() for name, body in bodies.items()},
+        [body.index() for body in fixtures],
+        paths,
+        carriages,
+    )
+
+
+def _add_fixtures(plant: MultibodyPlant, scenario: Scenario) -> list[RigidBody]:
+    bodies: list[RigidBody] = []
+    for i, fixture in enumerate(scenario.world.fixtures):
+        field_name = f"world.fixtures[{i}]"
+        try:
+            instances = add_model(plant, f"fixture{i}", scenario.packages, fixture.model)
+        except ModelError as error:
+            raise ScenarioError(f"{field_name}.model", str(error)) from error
+        weld_roots(plant, instances, transform(fixture.X_WB, f"{field_name}.X_WB"))
+        bodies += [plant.get_body(b) for instance in instances for b in plant.GetBodyIndices(instance)]
+    return bodies
+
+
+def _add_object(plant: MultibodyPlant, name: str, spec: WorldObject, scenario: Scenario) -> RigidBody:
+    file = object_model(name, spec, scenario)
+    try:
+        instances = add_model(plant, name, scenario.packages, str(file))
+    except ModelError as error:
+        raise AssetError(f"world.objects.{name}.asset: {error}") from error
+    if len(instances) != 1 or not plant.HasBodyNamed("object", instances[0]):
+        raise AssetError(f"world.objects.{name}.asset: {file} is not one model with one link called `object`")
+    return plant.GetBodyByName("object", instances[0])
+
+
+def object_model(name: str, spec: WorldObject, scenario: Scenario) -> FilePath:
+    """The description of an object's asset.
+
+    Raises:
+        AssetError: no such asset; the message names the field.
+    """
+    try:
+        folder = resolve(spec.asset, scenario.packages) if spec.asset else None
+    except ModelError as error:
+        raise AssetError(f"world.objects.{name}.asset: {error}") from error
+    if folder is None or not (folder / "model.sdf").is_file():
+        raise AssetError(f"world.objects.{name}.asset: {spec.asset!r} is no asset: no model.sdf in {folder}")
+    return folder / "model.sdf"

@@ -1,0 +1,1 @@
+"""The twin and the closed loop: the only place where systems meet."""

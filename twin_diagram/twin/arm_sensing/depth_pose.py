@@ -1,0 +1,112 @@
+"""The twin's camera as a sensor of the arm: where a link is, by the points that are seen of it."""
+
+from __future__ import annotations
+
+from typing import Any, Final, cast
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.sensors import ImageDepth32F
+
+from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
+from twin_diagram.estimation.sensors import DepthCloud
+from twin_diagram.model.model import Model
+from twin_diagram.perception.pinhole import DepthImage, Pinhole, back_project
+from twin_diagram.runtime.timing import timed
+from twin_diagram.scenario import Camera, SensorSpec, poses
+from twin_diagram.signals.layouts import Array
+from twin_diagram.twin.arm_sensing.cloud_measurement import SIZE, measured, near
+from twin_diagram.twin.arm_sensing.link_surface import Points
+
+REACH: Final = 0.01
+"""A point farther than this from the surface is not of it, but of the next link or of the fingers [m]."""
+MOST: Final = 1000
+"""Points that are aligned, about."""
+FLOOR: Final = (0.001, 0.005)
+"""Error that all points share, where the filter is not told: of calibration and shape [m], [rad]."""
+
+
+class ArmCloud(LeafSystem):
+    """Aligns what a depth image shows of a link with the link's known surface.
+
+    .. pydrake_system::
+
+        name: ArmCloud
+        input_ports:
+        - depth_image
+        - image_time
+        - arm_state
+        output_ports:
+        - measurement
+
+    `depth_image` (ImageDepth32F, m, 0 where there is none) is the newest of the twin's camera, `image_time` (1) its
+    capture time [s], negative before the first, `arm_state` x̂ = (q, v) now. `measurement` (43): X_WO of the sensor's
+    frame on the link as quaternion wxyz and position [m], then R (36) row by row, of a rotation vector [rad] and a
+    translation in W, both as of the capture. NaN where too little is seen. Computed when asked for: no state, no rate,
+    no latency of its own. The image is older than x̂, so the search begins at q - v·(t - image_time).
+    """
+
+    def __init__(self, model: Model, spec: SensorSpec, camera: Camera, surface: Points) -> None:
+        """Builds the system.
+
+        Args:
+            model: the twin's.
+            spec: of the sensor: link, its frame there, and the errors that all points share.
+            camera: the twin's calibration.
+            surface: points (M, 3) and normals (M, 3) of the link, in its own frame.
+
+        Raises:
+            ModelError: there is no such link.
+        """
+        super().__init__()
+        terms = ArmTerms.from_model(model)
+        X_BO = poses.pose(spec.X_BS)
+        R_OB = X_BO.rotation().matrix().T
+        points, normals = ((surface[0] - X_BO.translation()) @ R_OB.T, surface[1] @ R_OB.T)
+        floor_p, floor_r = spec.std or FLOOR
+        self._sensor = DepthCloud(
+            terms, spec.body, points, normals, X_BO=X_BO, floor_p=floor_p, floor_r=floor_r, reach=REACH, name=spec.name
+        )
+        self._camera = Pinhole.from_scenario(camera)
+        self._rays = self._camera.rays()
+        self._middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+        self._radius = float(np.linalg.norm(points - self._middle, axis=1).max()) + REACH
+        n = terms.n
+        self._depth = self.DeclareAbstractInputPort("depth_image", Value[ImageDepth32F]())
+        self._time = self.DeclareVectorInputPort("image_time", 1)
+        self._arm = self.DeclareVectorInputPort("arm_state", 2 * n)
+        known = {self._depth.ticket(), self._time.ticket(), self._arm.ticket(), self.time_ticket()}
+        self.DeclareVectorOutputPort("measurement", SIZE, self._calc, prerequisites_of_calc=known)
+
+    @timed("ArmCloud")
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        def align(q: Array) -> tuple[Array, Array]:
+            return self.align(cast(ImageDepth32F, self._depth.Eval(context)).data[..., 0], q)
+
+        taken, state = float(cast(Array, self._time.Eval(context))[0]), cast(Array, self._arm.Eval(context))
+        output.SetFromVector(cast(Any, measured(taken, context.get_time(), state, align)))
+
+    def align(self, depth: DepthImage, q: Array) -> tuple[Array, Array]:
+        """Pose z (7,) and R (6, 6) from a depth image (H, W), beginning at q (n,).
+
+        Raises:
+            CloudError: too little of the link is seen.
+        """
+        R_WO, p_WO = self._sensor.frame.pose(q)
+        middle_W = p_WO + R_WO @ self._middle
+        part = self._window(middle_W)
+        seen = depth[part] > 0.0
+        points = back_project(depth[part][seen], self._rays[part][seen], self._camera.p_WC)
+        return self._sensor.align(near(points, middle_W, self._radius, MOST), self._camera.p_WC, q)
+
+    def _window(self, middle_W: Array) -> tuple[slice, slice]:
+        """The part of the image that holds a sphere of `_radius` about a point; empty where it is out of sight."""
+        camera = self._camera
+        u, v, away = (float(x) for x in camera.project(middle_W))
+        if away <= self._radius:
+            return slice(0, 0), slice(0, 0)
+        half = camera.focal * self._radius / (away - self._radius)
+        rows = np.clip([v - half, v + half + 1.0], 0, camera.height).astype(int)
+        columns = np.clip([u - half, u + half + 1.0], 0, camera.width).astype(int)
+        return slice(*rows), slice(*columns)

@@ -1,0 +1,213 @@
+"""Points on the surface of one rigid part of the arm, as its description shows it: what a depth camera sees of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, Mesh, Role, SceneGraph, Shape, Sphere
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import BodyIndex
+from scipy.spatial import ConvexHull
+
+from twin_diagram.errors import ModelError
+from twin_diagram.model.description.add_arm import add_arm
+from twin_diagram.scenario import ArmModel
+from twin_diagram.signals.layouts import Array
+
+SPACING: Final = 0.004
+"""Of the points, on average [m]."""
+COARSE: Final = 0.01
+"""Of the points of what else stands there [m]."""
+Points = tuple[Array, Array]
+"""Points (M, 3) [m] and outward normals (M, 3)."""
+
+
+def link_surface(
+    arm: ArmModel, link: str, packages: Mapping[str, str | Path] | None = None, spacing: float = SPACING
+) -> Points:
+    """The surface of a link and of all that is welded to it, in the link's frame.
+
+    Of shapes that overlap only what lies outside the others is left.
+
+    Args:
+        arm: the description.
+        link: name.
+        packages: local folders for `package://` names.
+        spacing: of the points [m].
+
+    Raises:
+        ModelError: there is no such link, or nothing to see of it.
+    """
+    points, normals = _surface(*_loaded(arm, packages), link, spacing, arm.model)
+    if not len(points):
+        raise ModelError(f"{link!r} in {arm.model} has no shape to be seen by")
+    return points, normals
+
+
+def other_surfaces(
+    arm: ArmModel, link: str, packages: Mapping[str, str | Path] | None = None, spacing: float = COARSE
+) -> dict[str, Points]:
+    """The surfaces of an arm's other rigid parts, by a link of each: what else stands beside a link.
+
+    Args:
+        arm: the description.
+        link: name of the one that is left out.
+        packages: local folders for `package://` names.
+        spacing: of the points [m].
+
+    Raises:
+        ModelError: there is no such link.
+    """
+    scene_graph, plant = _loaded(arm, packages)
+    if not plant.HasBodyNamed(link):
+        raise ModelError(f"no link {link!r} in {arm.model}")
+    done = {body.name() for body in plant.GetBodiesWeldedTo(plant.GetBodyByName(link))}
+    found = {}
+    for index in range(1, plant.num_bodies()):  # 0 is the world
+        body = plant.get_body(BodyIndex(index))
+        if body.name() in done:
+            continue
+        done |= {other.name() for other in plant.GetBodiesWeldedTo(body)}
+        surface = _surface(scene_graph, plant, body.name(), spacing, arm.model)
+        if len(surface[0]):
+            found[body.name()] = surface
+    return found
+
+
+def _loaded(arm: ArmModel, packages: Mapping[str, str | Path] | None) -> tuple[SceneGraph, MultibodyPlant]:
+    scene_graph, plant = SceneGraph(), MultibodyPlant(0.0)
+    plant.RegisterAsSourceForSceneGraph(scene_graph)
+    add_arm(plant, arm, packages)
+    plant.Finalize()
+    return scene_graph, plant
+
+
+def _surface(scene_graph: SceneGraph, plant: MultibodyPlant, link: str, spacing: float, model: str) -> Points:
+    if not plant.HasBodyNamed(link):
+        raise ModelError(f"no link {link!r} in {model}")
+    context, inspector = plant.CreateDefaultContext(), scene_graph.model_inspector()
+    X_BW = plant.GetBodyByName(link).EvalPoseInWorld(context).inverse()
+    shapes = []
+    for body in plant.GetBodiesWeldedTo(plant.GetBodyByName(link)):
+        frame, X_BL = plant.GetBodyFrameIdOrThrow(body.index()), X_BW @ body.EvalPoseInWorld(context)
+        for geometry in inspector.GetGeometries(frame, Role.kIllustration):
+            X_BG = X_BL @ inspector.GetPoseInFrame(geometry)
+            hull = inspector.GetConvexHull(geometry)
+            corners = None if hull is None else np.array([hull.vertex(i) for i in range(hull.num_vertices())])
+            shapes.append((X_BG.rotation().matrix(), X_BG.translation(), inspector.GetShape(geometry), corners))
+    rng = np.random.default_rng(0)
+    points, normals = [np.zeros((0, 3))], [np.zeros((0, 3))]
+    for k, (R, p, shape, corners) in enumerate(shapes):
+        p_G, n_G = shape_surface(shape, corners, spacing, rng)
+        p_B = p_G @ R.T + p
+        free = np.ones(len(p_B), dtype=bool)
+        for other, (R_o, p_o, shape_o, corners_o) in enumerate(shapes):
+            if other != k:
+                free &= ~inside((p_B - p_o) @ R_o, shape_o, corners_o)
+        points.append(p_B[free])
+        normals.append((n_G @ R.T)[free])
+    return np.concatenate(points), np.concatenate(normals)
+
+
+def shape_surface(shape: Shape, corners: Array | None, spacing: float, rng: np.random.Generator) -> Points:
+    """Points and normals of one shape, in its own frame, about one to every `spacing`².
+
+    Args:
+        shape: a mesh is taken as its convex hull.
+        corners: (C, 3) of that hull.
+        spacing: [m].
+        rng: draws them.
+    """
+    if isinstance(shape, Box):
+        return _box(np.asarray(shape.size(), dtype=float), spacing, rng)
+    if isinstance(shape, Cylinder):
+        side, caps = _tube(shape.radius(), shape.length(), spacing, rng), _caps(shape, spacing, rng)
+        return np.concatenate([side[0], caps[0]]), np.concatenate([side[1], caps[1]])
+    if isinstance(shape, Capsule):
+        side = _tube(shape.radius(), shape.length(), spacing, rng)
+        points, normals = _ball(np.full(3, shape.radius()), spacing, rng)
+        points[:, 2] += np.where(normals[:, 2] > 0.0, 0.5, -0.5) * shape.length()
+        return np.concatenate([side[0], points]), np.concatenate([side[1], normals])
+    if isinstance(shape, Sphere):
+        return _ball(np.full(3, shape.radius()), spacing, rng)
+    if isinstance(shape, Ellipsoid):
+        return _ball(np.array([shape.a(), shape.b(), shape.c()]), spacing, rng)
+    if corners is not None:
+        return _hull(corners, spacing, rng)
+    return np.zeros((0, 3)), np.zeros((0, 3))
+
+
+def inside(p: Array, shape: Shape, corners: Array | None) -> np.ndarray:
+    """Which of the points (N, 3), in the shape's frame, are clearly within it."""
+    margin = 1e-6
+    if isinstance(shape, Box):
+        return np.asarray(np.all(np.abs(p) < 0.5 * np.asarray(shape.size()) - margin, axis=1))
+    if isinstance(shape, (Cylinder, Capsule)):
+        r, half = shape.radius() - margin, 0.5 * shape.length()
+        if isinstance(shape, Cylinder):
+            return np.asarray((np.hypot(p[:, 0], p[:, 1]) < r) & (np.abs(p[:, 2]) < half - margin))
+        return np.asarray(p[:, 0] ** 2 + p[:, 1] ** 2 + np.maximum(np.abs(p[:, 2]) - half, 0.0) ** 2 < r**2)
+    if isinstance(shape, Sphere):
+        return np.asarray(np.linalg.norm(p, axis=1) < shape.radius() - margin)
+    if isinstance(shape, Ellipsoid):
+        return np.asarray(np.linalg.norm(p / np.array([shape.a(), shape.b(), shape.c()]), axis=1) < 1.0 - 1e-4)
+    if corners is not None and isinstance(shape, (Mesh, Convex)):
+        planes = ConvexHull(corners).equations
+        return np.asarray(np.all(p @ planes[:, :3].T + planes[:, 3] < -margin, axis=1))
+    return np.zeros(len(p), dtype=bool)
+
+
+def _count(area: float, spacing: float) -> int:
+    return int(np.ceil(area / spacing**2))
+
+
+def _box(size: Array, spacing: float, rng: np.random.Generator) -> Points:
+    points, normals = [], []
+    for axis in range(3):
+        across = [i for i in range(3) if i != axis]
+        count = _count(float(np.prod(size[across])), spacing)
+        for sign in (-1.0, 1.0):
+            p = rng.uniform(-0.5, 0.5, (count, 3)) * size
+            p[:, axis] = 0.5 * sign * size[axis]
+            points.append(p)
+            normals.append(np.broadcast_to(sign * np.eye(3)[axis], p.shape))
+    return np.concatenate(points), np.concatenate(normals)
+
+
+def _tube(radius: float, length: float, spacing: float, rng: np.random.Generator) -> Points:
+    count = _count(2.0 * np.pi * radius * length, spacing)
+    angle = rng.uniform(0.0, 2.0 * np.pi, count)
+    normals = np.stack([np.cos(angle), np.sin(angle), np.zeros(count)], axis=1)
+    points = radius * normals
+    points[:, 2] = rng.uniform(-0.5, 0.5, count) * length
+    return points, normals
+
+
+def _caps(shape: Cylinder, spacing: float, rng: np.random.Generator) -> Points:
+    count = 2 * _count(np.pi * shape.radius() ** 2, spacing)
+    angle, r = rng.uniform(0.0, 2.0 * np.pi, count), shape.radius() * np.sqrt(rng.uniform(size=count))
+    up = np.where(np.arange(count) % 2 == 0, 1.0, -1.0)
+    points = np.stack([r * np.cos(angle), r * np.sin(angle), 0.5 * up * shape.length()], axis=1)
+    return points, np.stack([np.zeros(count), np.zeros(count), up], axis=1)
+
+
+def _ball(axes: Array, spacing: float, rng: np.random.Generator) -> Points:
+    count = _count(4.0 * np.pi * float(np.max(axes)) ** 2, spacing)
+    on_sphere = rng.normal(size=(count, 3))
+    on_sphere /= np.linalg.norm(on_sphere, axis=1, keepdims=True)
+    normals = on_sphere / axes
+    return on_sphere * axes, normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
+def _hull(corners: Array, spacing: float, rng: np.random.Generator) -> Points:
+    hull = ConvexHull(corners)
+    a, b, c = (corners[hull.simplices[:, k]] for k in range(3))
+    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    which = rng.choice(len(area), size=_count(float(area.sum()), spacing), p=area / area.sum())
+    s, t = rng.uniform(size=(2, len(which), 1))
+    flip = s + t > 1.0
+    s, t = np.where(flip, 1.0 - s, s), np.where(flip, 1.0 - t, t)
+    return a[which] + s * (b - a)[which] + t * (c - a)[which], hull.equations[which, :3]

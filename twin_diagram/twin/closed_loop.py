@@ -1,0 +1,69 @@
+"""Wires a station and the twin to one closed loop, each port to its namesake."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from twin_diagram import scenario
+from twin_diagram.model.model import Model
+from twin_diagram.station import ports
+from twin_diagram.station.make_station import make_station
+from twin_diagram.twin.fused_sensors import silence
+from twin_diagram.twin.twin import Twin, make_twin
+
+
+@dataclass(frozen=True)
+class ClosedLoop:
+    """A station and the twin that watches and drives it."""
+
+    diagram: Diagram
+    scenario: scenario.Scenario
+    station: Diagram
+    twin: Twin
+
+    @property
+    def model(self) -> Model:
+        """The twin's model of the arm."""
+        return self.twin.model
+
+
+def make_closed_loop(
+    plan: scenario.Scenario, add: Callable[[DiagramBuilder, Diagram, Twin], None] | None = None
+) -> ClosedLoop:
+    """Builds the station that a scenario asks for and the twin, and connects each port to its namesake.
+
+    Args:
+        plan: the scenario.
+        add: called with the builder, the station and the twin before the Diagram is built: adds visualisers, loggers.
+
+    Raises:
+        TwinError: something that the scenario names does not exist or does not fit; the message names the field.
+    """
+    builder = DiagramBuilder()
+    twin = make_twin(plan.twin, plan.packages)
+    station = make_station(plan)
+    connect(builder, station, twin)
+    if add is not None:
+        add(builder, station, twin)
+    diagram = builder.Build()
+    diagram.set_name("twin_diagram")
+    return ClosedLoop(diagram, plan, station, twin)
+
+
+def connect(builder: DiagramBuilder, station: Diagram, twin: Twin) -> None:
+    """Adds a station and the twin to `builder` and connects namesakes; nothing of ``truth.*`` is connected.
+
+    Sensors that the filter fuses and that the station does not have are silent.
+    """
+    builder.AddNamedSystem("station", station)
+    builder.AddNamedSystem("twin", twin.diagram)
+    for name in ports.output_names(station):
+        if twin.diagram.HasInputPort(name):
+            builder.Connect(station.GetOutputPort(name), twin.diagram.GetInputPort(name))
+    for name in ports.input_names(station):
+        if twin.diagram.HasOutputPort(name):
+            builder.Connect(twin.diagram.GetOutputPort(name), station.GetInputPort(name))
+    silence(builder, twin.diagram, station, twin.fused)

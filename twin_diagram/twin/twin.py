@@ -1,0 +1,220 @@
+"""Wires the systems of the twin: with `closed_loop`, the only place where systems meet.
+
+The twin is one Diagram whose inputs are a station's outputs and whose outputs are a station's inputs, by the same
+names. It is built from the scenario's ``twin:`` alone, so it cannot know what a simulated world hides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource
+
+from twin_diagram import scenario
+from twin_diagram.assets.asset import Asset
+from twin_diagram.errors import ModelError, ScenarioError, TwinError
+from twin_diagram.estimation.drift_system import DriftMonitor
+from twin_diagram.estimation.ekf_system import AdaptiveEkf
+from twin_diagram.model.description import add_arm as description
+from twin_diagram.model.model import Model
+from twin_diagram.perception.registration.pose_system import IcpPoseEstimator
+from twin_diagram.perception.segmentation.segmentation_system import Perception
+from twin_diagram.planning.mpc_system import Mpc
+from twin_diagram.scenario import poses
+from twin_diagram.scenario.resources import resolve
+from twin_diagram.scenario.validation import check_twin
+from twin_diagram.scene.twin_scene import TwinScene, add_twin_scene
+from twin_diagram.scene.updater_system import SceneGraphUpdater
+from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER, POSE_SIZE
+from twin_diagram.station import ports
+from twin_diagram.twin.fused_sensors import Fused, export, fused_sensors
+
+Packages = Mapping[str, str | Path]
+Made = TypeVar("Made")
+
+MASS = "payload.mass"
+"""Name of the learned mass among the filter's parameters."""
+
+
+@dataclass(frozen=True)
+class Twin:
+    """The twin, built.
+
+    Attributes:
+        diagram: in and out as a station's, the other way round; besides, what it believes: `arm_state`, `parameters`,
+            `covariance`, `nis`, `object_poses`, `tracks`, `alarm`, `alarm_log`, `alarm_evidence`, `positions`, `plan`,
+            `goal`, `query_object`.
+        model: the arm's physics.
+        library: the known objects, in order.
+        scene: the twin's own plant and SceneGraph.
+        parameter_names: of `parameters`, in order.
+        mass_index: of the payload's mass in `parameters`; None where none is learned.
+        fused: sensors that the filter fuses besides the arm's own.
+        ekf, drift, mpc: the systems that use the model; a corrected one reaches them by `add_model` and `use_model`.
+    """
+
+    diagram: Diagram
+    model: Model
+    library: dict[str, Asset]
+    scene: TwinScene
+    parameter_names: tuple[str, ...]
+    mass_index: int | None
+    fused: tuple[Fused, ...]
+    ekf: AdaptiveEkf
+    drift: DriftMonitor
+    mpc: Mpc
+
+    def add_model(self, model: Model) -> int:
+        """Takes in a corrected model of the same arm; answers its number. No Context uses it yet.
+
+        Raises:
+            TwinError: the twin cannot use it.
+        """
+        numbers = {system.add_model(model) for system in (self.ekf, self.drift, self.mpc)}
+        assert len(numbers) == 1
+        return numbers.pop()
+
+    def use_model(self, context: Context, number: int) -> None:
+        """Filter, monitor and planner go on with another model; 0 is the one that the twin was built with.
+
+        Args:
+            context: of `diagram`, between two steps of a simulator; other Contexts stay as they are.
+            number: as `add_model` gave it.
+        """
+        for system in (self.ekf, self.drift, self.mpc):
+            system.use_model(self.diagram.GetMutableSubsystemContext(system, context), number)
+
+    def alarms(self, context: Context) -> list[dict[str, Any]]:
+        """What the drift monitor raised, oldest first, with evidence: see `estimation.drift.alarm_events`."""
+        return self.drift.events(self.diagram.GetSubsystemContext(self.drift, context), self.model.joints)
+
+    def parameters(self, context: Context) -> dict[str, float]:
+        """What the filter has learnt, by name."""
+        values = self.diagram.GetOutputPort("parameters").Eval(context)
+        return {name: round(float(value), 6) for name, value in zip(self.parameter_names, values, strict=True)}
+
+
+def make_twin(twin: scenario.Twin, packages: Packages | None = None) -> Twin:
+    """Builds the twin.
+
+    Raises:
+        ScenarioError: something it is told does not exist or does not fit; the message names the field.
+    """
+    check_twin(twin)
+    builder = DiagramBuilder()
+    try:
+        model = Model.load(twin.arm, packages)
+    except ModelError as error:
+        raise description.scenario_error("twin.arm", error) from error
+    if twin.home and len(twin.home) != len(model.joints):
+        raise ScenarioError(
+            "twin.home", f"{len(twin.home)} angles for {len(model.joints)} joints ({', '.join(model.joints)})"
+        )
+    library = {
+        name: _named(f"twin.library.{name}", partial(_asset, folder, packages)) for name, folder in twin.library.items()
+    }
+    for index, fixture in enumerate(twin.fixtures):
+        _named(f"twin.fixtures.{index}.model", partial(resolve, fixture.model, packages))
+    scene = _named("twin.fixtures", lambda: add_twin_scene(builder, twin, packages))
+
+    home = np.array(twin.home) if twin.home else None
+    fused = fused_sensors(twin, model.last_link)
+    tuning = replace(twin.filter, sensors=[sensor.spec for sensor in fused])
+    ekf = builder.AddNamedSystem("adaptive_ekf", _named("twin.filter", lambda: AdaptiveEkf(model, tuning, home)))
+    parameter_names = tuple(label.split(" ")[0] for label in ekf.ekf.parameters.labels(model.joints))
+    drift = builder.AddNamedSystem("drift_monitor", DriftMonitor(model, twin.drift, tuning))
+    updater = builder.AddNamedSystem("scene_graph_updater", SceneGraphUpdater(scene, twin.scene))
+    mpc = builder.AddNamedSystem("mpc", _named("twin", lambda: Mpc(model, twin, library, packages, parameter_names)))
+    goal = builder.AddNamedSystem("goal", ConstantVectorSource(goal_vector(twin.task)))
+
+    measured = {
+        ports.POSITION_MEASURED: "position_measured",
+        ports.VELOCITY_ESTIMATED: "velocity_estimated",
+        ports.TORQUE_MEASURED: "torque_measured",
+        ports.MEASUREMENT_TIME: "measurement_time",
+    }
+    for name, port in measured.items():
+        builder.ExportInput(ekf.GetInputPort(port), name)
+        for system in (drift, mpc):
+            if system.HasInputPort(port):
+                builder.ConnectInput(name, system.GetInputPort(port))
+    for port in ("arm_state", "parameters", "innovation", "nis", *(["sensor_tracks"] if fused else [])):
+        builder.Connect(ekf.GetOutputPort(port), drift.GetInputPort(port))
+    builder.Connect(drift.GetOutputPort("alarm"), ekf.GetInputPort("alarm"))
+    builder.Connect(ekf.GetOutputPort("arm_state"), updater.GetInputPort("arm_state"))
+    builder.Connect(ekf.GetOutputPort("arm_state"), mpc.GetInputPort("arm_state"))
+    builder.Connect(ekf.GetOutputPort("parameters"), mpc.GetInputPort("parameters"))
+    builder.Connect(updater.GetOutputPort("tracks"), mpc.GetInputPort("tracks"))
+    builder.Connect(goal.get_output_port(), mpc.GetInputPort("goal"))
+    builder.Connect(updater.GetOutputPort("positions"), scene.positions_input)
+
+    if twin.camera is not None:
+        camera = twin.camera
+        perception = builder.AddNamedSystem("perception", Perception(twin.arm, camera, twin.perception, packages))
+        registrar = IcpPoseEstimator(library, camera, twin.registration, twin.perception)
+        icp = builder.AddNamedSystem("icp_pose_estimator", registrar)
+        builder.ExportInput(perception.GetInputPort("rgb_image"), ports.rgb_image(camera.name))
+        builder.ExportInput(perception.GetInputPort("depth_image"), ports.depth_image(camera.name))
+        builder.ExportInput(perception.GetInputPort("image_time"), ports.image_time(camera.name))
+        builder.ConnectInput(ports.image_time(camera.name), updater.GetInputPort("image_time"))
+        builder.Connect(ekf.GetOutputPort("arm_state"), perception.GetInputPort("arm_state"))
+        builder.Connect(perception.GetOutputPort("segments"), icp.GetInputPort("segments"))
+        builder.Connect(icp.GetOutputPort("object_poses"), updater.GetInputPort("object_poses"))
+        builder.ExportOutput(icp.GetOutputPort("object_poses"), "object_poses")
+    else:
+        blind = builder.AddNamedSystem("no_camera", ConstantVectorSource(np.array([NEVER])))
+        nothing = builder.AddNamedSystem("no_poses", ConstantVectorSource(np.zeros(MEASUREMENT_SIZE * len(library))))
+        builder.Connect(blind.get_output_port(), updater.GetInputPort("image_time"))
+        builder.Connect(nothing.get_output_port(), updater.GetInputPort("object_poses"))
+
+    _named("twin.filter.sensors", lambda: export(builder, ekf, fused, twin, model, packages))
+    builder.ExportOutput(mpc.GetOutputPort("position_commanded"), ports.POSITION_COMMANDED)
+    builder.ExportOutput(mpc.GetOutputPort("torque_commanded"), ports.TORQUE_COMMANDED)
+    if scene.gripper_position_index.size:
+        builder.ExportInput(updater.GetInputPort("gripper_state"), ports.GRIPPER_MEASURED)
+    builder.ExportOutput(goal.get_output_port(), "goal")
+    fingers = scene.default_positions[scene.gripper_position_index]
+    if fingers.size:
+        grip = builder.AddNamedSystem("gripper_command", ConstantVectorSource(fingers))
+        builder.ExportOutput(grip.get_output_port(), ports.GRIPPER_COMMANDED)
+    for system, names in (
+        (ekf, ("arm_state", "parameters", "covariance", "innovation", "nis")),
+        (drift, ("alarm", "alarm_log", "alarm_evidence")),
+        (updater, ("tracks", "positions")),
+        (mpc, ("plan",)),
+    ):
+        for name in names:
+            builder.ExportOutput(system.GetOutputPort(name), name)
+    builder.ExportOutput(scene.query_output, "query_object")
+    diagram = builder.Build()
+    diagram.set_name("twin")
+    mass_index = parameter_names.index(MASS) if MASS in parameter_names else None
+    return Twin(diagram, model, library, scene, parameter_names, mass_index, tuple(fused), ekf, drift, mpc)
+
+
+def goal_vector(task: scenario.Task) -> np.ndarray:
+    """X_WG as (qw, qx, qy, qz, px, py, pz); zeros where there is no goal."""
+    if task.X_WG is None:
+        return np.zeros(POSE_SIZE)
+    X_WG = poses.pose(task.X_WG)
+    return np.concatenate([X_WG.rotation().ToQuaternion().wxyz(), X_WG.translation()])
+
+
+def _asset(folder: str, packages: Packages | None) -> Asset:
+    return Asset.load(resolve(folder, packages))
+
+
+def _named(field: str, make: Callable[[], Made]) -> Made:
+    """Runs `make`; what is wrong with the user's files is said with the scenario's field."""
+    try:
+        return make()
+    except ScenarioError:
+        raise
+    except TwinError as error:
+        raise ScenarioError(field, str(error)) from error

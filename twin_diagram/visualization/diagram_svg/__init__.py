@@ -1,0 +1,1 @@
+"""The Diagram drawn block by block, as SVG."""

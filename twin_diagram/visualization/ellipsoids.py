@@ -1,0 +1,46 @@
+"""From covariances to ellipsoids that can be drawn."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from pydrake.math import RotationMatrix
+
+from twin_diagram.signals.layouts import Array
+
+DEVIATIONS: Final = 3.0
+"""How many standard deviations an ellipsoid's surface is from its centre."""
+SMALLEST: Final = 0.002
+"""No semi-axis is drawn shorter than this: it would not be seen [m]."""
+
+
+def ellipsoid(
+    covariance: Array, deviations: float = DEVIATIONS, scale: float = 1.0, smallest: float = SMALLEST
+) -> tuple[RotationMatrix, Array]:
+    """Directions R_WE and lengths (3,) [m] of the semi-axes that draw a position's covariance (3, 3) [m²].
+
+    Args:
+        covariance: in W, symmetric; what rounding makes negative counts as zero.
+        deviations: how many standard deviations the surface is from the centre.
+        scale: further magnification, for what is too small to see.
+        smallest: no semi-axis is shorter [m].
+    """
+    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    if np.linalg.det(vectors) < 0.0:
+        vectors[:, 0] = -vectors[:, 0]
+    lengths = deviations * scale * np.sqrt(np.maximum(values, 0.0))
+    return RotationMatrix(vectors), np.maximum(lengths, smallest)
+
+
+def position_covariance(J: Array, P: Array, ahead: float = 0.0) -> Array:
+    """(3, 3) [m²] of a point on the arm, now or where it goes at the speed that it has.
+
+    Args:
+        J: (3, n) Jacobian of its velocity by the joints', there.
+        P: (2n, 2n) covariance of q and v.
+        ahead: [s].
+    """
+    n = J.shape[1]
+    by_state = np.hstack([J, ahead * J])
+    return np.asarray(by_state @ P[: 2 * n, : 2 * n] @ by_state.T)
