@@ -30,7 +30,7 @@ from twin_diagram.logs import Log, check, read_log
 from twin_diagram.model.model import Model
 from twin_diagram.model.prediction import torque_residual_rms
 from twin_diagram.scenario import ArmModel, EffectSpec, Filter, ReplayStation, Scenario, Twin
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 from twin_diagram.station import ports
 from twin_diagram.station.make_station import make_station
 

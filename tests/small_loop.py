@@ -8,7 +8,7 @@ from pydrake.systems.framework import Context
 
 from twin_diagram.scenario import Scenario
 from twin_diagram.scenario.file import load_scenario
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 from twin_diagram.twin.closed_loop import ClosedLoop
 
 ESTIMATES = ("arm_state", "parameters", "covariance", "object_poses", "tracks", "alarm_log")

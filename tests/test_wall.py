@@ -27,7 +27,8 @@ from twin_diagram.runs.outputs import Looking
 from twin_diagram.runs.run import replay_scenario, run_scenario
 from twin_diagram.scenario import Scenario, World
 from twin_diagram.scenario.file import load_scenario
-from twin_diagram.signals.layouts import Array, ObjectStatus
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import ObjectStatus
 from twin_diagram.station import make_station, ports
 from twin_diagram.twin.closed_loop import ClosedLoop, connect, make_closed_loop
 from twin_diagram.twin.twin import make_twin

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from twin_diagram.estimation.sensors.camera_noise_regressor import GOOD, camera_noise, features
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 TRAINING, HELD_BACK = 3000, 3001
 """Seeds."""

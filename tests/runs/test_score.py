@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from twin_diagram.runs.score import SETTLED, VISIBLE, RunRecord, alarms, rotation_angle, summarize, table, within
-from twin_diagram.signals.layouts import NEVER, AlarmKind, Array, ObjectStatus
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import NEVER, AlarmKind, ObjectStatus
 
 T, N = 301, 7
 TIME = np.linspace(0.0, 5.0, T)

@@ -18,15 +18,8 @@ from twin_diagram.scene import object_filter, object_update
 from twin_diagram.scene.twin_scene import PARKED_HEIGHT, TwinScene, add_twin_scene
 from twin_diagram.scene.updater_system import SceneGraphUpdater
 from twin_diagram.signals import rotations
-from twin_diagram.signals.layouts import (
-    MEASUREMENT_SIZE,
-    NEVER,
-    TRACK_SIZE,
-    Array,
-    ObjectStatus,
-    PoseMeasurement,
-    Track,
-)
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER, TRACK_SIZE, ObjectStatus, PoseMeasurement, Track
 
 TUNING = object_filter.Tuning.of(scenario.SceneUpdater())
 FRAME = 1 / 15

@@ -19,7 +19,8 @@ from twin_diagram.runs.run import summary_of
 from twin_diagram.runs.score import within
 from twin_diagram.runs.trial import Trial, run_trial
 from twin_diagram.scenario import ArmModel, Fixture, Scenario
-from twin_diagram.signals.layouts import TRACK_SIZE, Array, ObjectStatus, Track
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import TRACK_SIZE, ObjectStatus, Track
 from twin_diagram.station import ports
 from twin_diagram.station.lcm.fake_arm import LcmArm
 from twin_diagram.twin.closed_loop import ClosedLoop, make_closed_loop

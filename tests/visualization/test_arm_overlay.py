@@ -15,7 +15,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 from tests.visualization.test_replay_html import BROWSER, Browser
 from twin_diagram import scenario
 from twin_diagram.scene.twin_scene import TwinScene, add_twin_scene
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 from twin_diagram.visualization.arm_overlay import AHEAD, MAGNIFIED, ArmOverlay
 from twin_diagram.visualization.meshcat import add_meshcat, open_meshcat
 

@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from pydrake.common.yaml import yaml_load_typed
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from twin_diagram.assets.description import AssetSpec, Solid
 from twin_diagram.assets.mesh import Cloud, read_obj, read_png, sample
 from twin_diagram.errors import AssetError
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 CLOUD_POINTS = 3000
 """Points of an asset's cloud."""

@@ -5,11 +5,9 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
 from twin_diagram.assets.mesh import Mesh
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 FOOT = 0.002
 """Radius of the small spheres on which an object stands [m]."""

@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.errors import AssetError
+from twin_diagram.signals.arrays import Array
 
-Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
 
 

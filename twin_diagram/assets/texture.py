@@ -9,10 +9,9 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 PALETTE: Final[Array] = (
     np.array(

@@ -19,7 +19,8 @@ from twin_diagram.estimation.sensors.from_scenario import make_sensor
 from twin_diagram.model.model import Model
 from twin_diagram.runtime.timing import timed
 from twin_diagram.scenario import Filter
-from twin_diagram.signals.layouts import ALARM_SIZE, NEVER, Array
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import ALARM_SIZE, NEVER
 
 
 class AdaptiveEkf(LeafSystem):

@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import uniform_filter1d
 
 from twin_diagram.gap.candidates import reversal_nuisances, single_joint, user_effects, whole_arm
@@ -27,8 +26,7 @@ from twin_diagram.gap.verdict.deciding import conclude
 from twin_diagram.gap.verdict.locating import locate
 from twin_diagram.logs import Log
 from twin_diagram.model.model import Model
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 LEAST = 6.0
 """Evidence that each member must bring beyond all prices [nats]; set on clean training logs."""

@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from twin_diagram.errors import LogError
 from twin_diagram.logs.joint_limits import JointLimits
 from twin_diagram.logs.measured_log import Log
 from twin_diagram.signals import units
-
-Array = npt.NDArray[np.float64]
 
 SLOWEST = 0.25
 """Longest time between samples that a joint log can have and be of use [s]."""

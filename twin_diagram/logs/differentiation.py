@@ -10,8 +10,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
 from twin_diagram.logs import Log, uniform
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 RESIDUAL_CUTOFF = 10.0
 """Torque residuals are looked at below this [Hz]."""

@@ -7,11 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from twin_diagram.errors import LogError
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 SIGNALS = {
     "position_measured": "position",

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.errors import LogError
+from twin_diagram.signals.arrays import Array
 
-Array = npt.NDArray[np.float64]
 Index = npt.NDArray[np.int64]
 
 BACK = 1_000_000_000

@@ -12,12 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from twin_diagram.errors import LogError
 from twin_diagram.logs.measured_log import SIGNALS, Log
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 FEWEST = 10
 """Samples that make a log."""

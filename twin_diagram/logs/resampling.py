@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import make_interp_spline
 
 from twin_diagram.errors import LogError
 from twin_diagram.logs.fingerprint import fingerprint
 from twin_diagram.logs.measured_log import SIGNALS, Log
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 
 def resample(log: Log, times: Array) -> Log:

@@ -11,13 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from twin_diagram.errors import LogError
 from twin_diagram.logs.measured_log import Log
 from twin_diagram.logs.message_stamps import in_order, seconds
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 JOINT_STATES = ("sensor_msgs/msg/JointState", "sensor_msgs/JointState")
 USUAL = "/joint_states"

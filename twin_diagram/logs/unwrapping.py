@@ -11,8 +11,7 @@ from twin_diagram.logs.checking import LogWarning
 from twin_diagram.logs.fingerprint import fingerprint
 from twin_diagram.logs.joint_limits import JointLimits
 from twin_diagram.logs.measured_log import Log
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 NEARLY = 0.1
 """A jump is a turn if it is this near to one [turns]; what else jumps is a fault of the log."""

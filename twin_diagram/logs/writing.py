@@ -8,12 +8,10 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from twin_diagram.errors import LogError
 from twin_diagram.logs.measured_log import Log
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 
 def write_log(log: Log, path: str | Path) -> None:

@@ -34,8 +34,7 @@ from twin_diagram.model.effects import Effect, make
 from twin_diagram.model.rigid_body import from_plant
 from twin_diagram.model.rigid_body.arm_bodies import ArmBodies, DescribedLinks
 from twin_diagram.model.rigid_body.plant_calls import PlantCalls
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 
 class Model:

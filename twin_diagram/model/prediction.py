@@ -21,6 +21,7 @@ from twin_diagram.logs.differentiation import Motion, inner, lowpass, motion
 from twin_diagram.model.description import add_arm as description
 from twin_diagram.model.model import Model
 from twin_diagram.model.rollout import rollout, trajectory
+from twin_diagram.signals.arrays import Array
 
 __all__ = [
     "load_model_for",
@@ -33,7 +34,6 @@ __all__ = [
     "torque_residual_rms",
 ]
 
-Array = npt.NDArray[np.float64]
 
 STARTS_AT_ONCE = 4096
 """Rollouts that run side by side."""

@@ -19,12 +19,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from twin_diagram.model.dynamics.friction_impulses import Brake, Stop, solve
 from twin_diagram.model.model import Model
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 LONGEST_STEP = 0.004
 """Samples farther apart than this are integrated in several steps [s]."""

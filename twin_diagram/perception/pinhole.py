@@ -10,8 +10,8 @@ from pydrake.math import RigidTransform
 
 from twin_diagram.scenario import Camera
 from twin_diagram.scenario.poses import pose
+from twin_diagram.signals.arrays import Array
 
-Array = npt.NDArray[np.float64]
 DepthImage = npt.NDArray[np.float32]
 ColourImage = npt.NDArray[np.uint8]
 

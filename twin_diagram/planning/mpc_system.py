@@ -19,7 +19,8 @@ from twin_diagram.planning.mpc.planner import Planner
 from twin_diagram.planning.mpc.planner_state import Memory
 from twin_diagram.planning.mpc.quadratic_program import QpSolver
 from twin_diagram.runtime.timing import timed
-from twin_diagram.signals.layouts import NEVER, POSE_SIZE, TRACK_SIZE, Array
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import NEVER, POSE_SIZE, TRACK_SIZE
 
 PAYLOAD: Final = ("payload.mass", "payload.moment_x", "payload.moment_y", "payload.moment_z")
 """Names of the parameters of a payload: mass [kg] and first moment [kg·m] in the last link's frame."""

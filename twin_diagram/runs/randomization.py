@@ -17,7 +17,7 @@ from twin_diagram.model.model import Model
 from twin_diagram.scenario import Pose, Scenario, WayPoint
 from twin_diagram.scenario.file import copy_scenario
 from twin_diagram.scenario.resources import resolve
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 REGION = ((0.30, -0.46), (0.80, 0.46))
 """Lowest and highest corner (x, y) of where objects stand [m]."""

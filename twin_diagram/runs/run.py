@@ -24,7 +24,8 @@ from twin_diagram.runtime import atomic_file
 from twin_diagram.runtime.progress import Progress
 from twin_diagram.scenario import Scenario
 from twin_diagram.scenario.file import load_scenario, override_scenario
-from twin_diagram.signals.layouts import TRACK_SIZE, Array, ObjectStatus, Track
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import TRACK_SIZE, ObjectStatus, Track
 from twin_diagram.twin.closed_loop import ClosedLoop, make_closed_loop
 from twin_diagram.twin.twin import Twin
 from twin_diagram.visualization.diagram_svg.svg import write_diagram_svg

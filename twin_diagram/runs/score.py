@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from twin_diagram.signals.layouts import ALARM_LOG_FIELDS, AlarmKind, Array
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import ALARM_LOG_FIELDS, AlarmKind
 
 VISIBLE = 0.3
 """An object counts as visible in a frame that shows this share of its camera-facing surface."""

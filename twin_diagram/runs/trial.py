@@ -21,7 +21,8 @@ from twin_diagram.runs.score import RunRecord
 from twin_diagram.runs.true_clearance import TrueClearance
 from twin_diagram.runtime import timing
 from twin_diagram.scenario.poses import pose
-from twin_diagram.signals.layouts import ALARM_LOG_FIELDS, NEVER, TRACK_SIZE, Array
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import ALARM_LOG_FIELDS, NEVER, TRACK_SIZE
 from twin_diagram.station import ports
 from twin_diagram.twin.closed_loop import ClosedLoop
 

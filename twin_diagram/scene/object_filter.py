@@ -16,7 +16,8 @@ import numpy as np
 
 from twin_diagram import scenario
 from twin_diagram.signals import rotations
-from twin_diagram.signals.layouts import NEVER, Array, ObjectStatus
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import NEVER, ObjectStatus
 
 COAST: Final = 0.25
 """How long an object is taken to go on with its velocity when unseen [s]."""

@@ -30,7 +30,8 @@ from twin_diagram.scene.object_filter import (
     propagate,
 )
 from twin_diagram.signals import rotations
-from twin_diagram.signals.layouts import NEVER, Array, PoseMeasurement
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import NEVER, PoseMeasurement
 
 GATE: Final = 24.0
 """Largest squared Mahalanobis distance of an innovation that is used: χ² of 6, probability 0.9995."""

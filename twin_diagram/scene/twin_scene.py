@@ -21,7 +21,7 @@ from twin_diagram.errors import AssetError, ModelError
 from twin_diagram.model.description import add_arm as description
 from twin_diagram.scenario import poses as scenario_poses
 from twin_diagram.scenario import resources
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 PARKED_HEIGHT = -5.0
 """Where objects wait that nobody has seen yet: z in W [m]; they stand a metre apart along x."""

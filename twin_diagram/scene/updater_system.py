@@ -12,7 +12,8 @@ from twin_diagram import scenario
 from twin_diagram.runtime import timing
 from twin_diagram.scene import object_filter, object_update
 from twin_diagram.scene.twin_scene import TwinScene, parked_poses
-from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER, TRACK_SIZE, Array, ObjectStatus, PoseMeasurement
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER, TRACK_SIZE, ObjectStatus, PoseMeasurement
 
 
 class SceneGraphUpdater(LeafSystem):

@@ -10,9 +10,8 @@ from enum import IntEnum
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 NEVER: Final = -1.0
 """Value of a time port before the first message: a time port is valid when it is >= 0."""

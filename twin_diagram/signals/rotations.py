@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 
 def multiply(a: Array, b: Array) -> Array:

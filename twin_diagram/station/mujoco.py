@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, DiscreteValues, LeafSystem
 
 from twin_diagram.errors import StationError
@@ -25,7 +24,6 @@ try:
 except ImportError as error:
     raise StationError("an arm in MuJoCo needs the package mujoco: pip install 'twin-diagram[demo]'") from error
 
-Array = npt.NDArray[np.float64]
 
 PERIOD = 1e-3
 """Of the drive [s]."""

@@ -10,7 +10,7 @@ from pydrake.perception import PointCloud
 from pydrake.systems.framework import Context, LeafSystem
 
 from twin_diagram.scenario import Lidar
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 
 def beams(lidar: Lidar) -> Array:

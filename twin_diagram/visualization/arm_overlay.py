@@ -11,7 +11,7 @@ from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from twin_diagram.scene.twin_scene import TwinScene
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 from twin_diagram.visualization.ellipsoids import ellipsoid, position_covariance
 
 PATH: Final = "arm_overlay"

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from pydrake.math import RotationMatrix
 
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 DEVIATIONS: Final = 3.0
 """How many standard deviations an ellipsoid's surface is from its centre."""

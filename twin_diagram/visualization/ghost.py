@@ -31,7 +31,7 @@ from pydrake.geometry import (
 )
 
 from twin_diagram.scene.twin_scene import TwinScene
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 OBJECT_COLOUR: Final = Rgba(0.10, 0.45, 1.0, 0.40)
 SWELL: Final = 0.0015

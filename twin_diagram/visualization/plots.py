@@ -20,7 +20,8 @@ from matplotlib.patches import Patch
 from twin_diagram.model.dynamics.onsets import stretches
 from twin_diagram.runtime import atomic_file
 from twin_diagram.signals import rotations
-from twin_diagram.signals.layouts import Array, ObjectStatus
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import ObjectStatus
 
 INK: Final = "#1f2933"
 LINES: Final = ("#1864ab", "#c2410c", "#0b7285", "#5f3dc4", "#a61e4d", "#5c940d", "#846358", "#495057")

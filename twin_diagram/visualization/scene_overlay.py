@@ -10,7 +10,8 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from twin_diagram.scene.twin_scene import TwinScene
-from twin_diagram.signals.layouts import POSE_SIZE, TRACK_SIZE, Array, ObjectStatus
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import POSE_SIZE, TRACK_SIZE, ObjectStatus
 from twin_diagram.signals.rotations import matrix
 from twin_diagram.visualization.ellipsoids import ellipsoid
 

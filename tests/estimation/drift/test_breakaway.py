@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twin_diagram.estimation.drift import breakaway
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 LEVEL, INERTIA, DT = 6.0, 2.0, 0.005
 FLOOR = np.array([0.3])

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from twin_diagram.errors import ScenarioError
 from twin_diagram.estimation.drift.false_alarm_rate import BLOCK, DELAY, HIGH, WIDEST, FalseRate
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 
 def fresh(tests: int = 1, rate: float = 0.5) -> tuple[FalseRate, Array]:

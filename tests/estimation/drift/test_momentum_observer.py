@@ -12,7 +12,7 @@ from twin_diagram.estimation.drift.breakaway import LONG_ENOUGH
 from twin_diagram.estimation.drift.momentum_observer import BEGUN, LEAST, TorqueTest
 from twin_diagram.estimation.dynamics.parameters import ParameterSet
 from twin_diagram.scenario import Filter
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 TERMS = twin_terms()
 TUNING = Filter()

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from twin_diagram.estimation.drift.sensor_consistency import SETTLING, CrossCheck, newest
 from twin_diagram.estimation.filter.belief import Track
 from twin_diagram.estimation.filter.sensor_registry import note
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 LEARNING = 2.0
 DT = 0.005

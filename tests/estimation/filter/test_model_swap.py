@@ -21,7 +21,7 @@ from twin_diagram.estimation.sensors.from_scenario import make_sensor
 from twin_diagram.model.model import Model
 from twin_diagram.planning.mpc_system import Mpc
 from twin_diagram.scenario import ArmModel, Drift, EffectSpec, Filter, SensorSpec
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 DT = 0.005
 EFFECTS = [

@@ -21,7 +21,7 @@ from twin_diagram.estimation.sensors.lidar_pose import OTHER, apart, visible
 from twin_diagram.model.description.add_arm import add_arm
 from twin_diagram.scenario import ArmModel
 from twin_diagram.scenario import Lidar as Data
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.rotations import difference
 from twin_diagram.station.scan_cloud import beams
 from twin_diagram.station.sim.lidar import scan, world_solids

@@ -19,7 +19,8 @@ from twin_diagram.estimation.filter.belief import Track
 from twin_diagram.runs.run import replay_scenario, run_scenario
 from twin_diagram.scenario import ArmModel, Lidar, LidarDefects, Pose, Scenario, SensorSpec
 from twin_diagram.scenario.file import override_scenario
-from twin_diagram.signals.layouts import NEVER, Array
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import NEVER
 from twin_diagram.station import make_station, ports
 from twin_diagram.station.scan_cloud import beams
 from twin_diagram.station.sim.lidar import LidarSystem, Solid, _parts, scan

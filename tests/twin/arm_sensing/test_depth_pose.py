@@ -17,7 +17,7 @@ from twin_diagram.estimation.dynamics.link_frame import LinkFrame
 from twin_diagram.estimation.filter.belief import Track
 from twin_diagram.estimation.sensors import CloudError
 from twin_diagram.scenario import ArmModel, Pose, SensorSpec
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.rotations import difference
 from twin_diagram.station import ports
 from twin_diagram.twin.arm_sensing.depth_pose import FLOOR, ArmCloud

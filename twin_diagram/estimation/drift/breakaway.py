@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 
 from twin_diagram.estimation.drift import learned_threshold
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 FORGETTING: Final = 0.8
 """λ per message: 5 messages."""

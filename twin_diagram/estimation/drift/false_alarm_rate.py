@@ -23,7 +23,7 @@ from typing import Final
 import numpy as np
 
 from twin_diagram.errors import ScenarioError
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 BLOCK: Final = 1.0
 """Over this time the largest statistic is taken [s]."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from twin_diagram.estimation.drift import learned_threshold, likelihood_ratio
 from twin_diagram.estimation.drift.state import DriftState, Entry
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 WINDOW: Final = 0.1
 """Time over which NIS is averaged [s]."""

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 FEW: Final = 2.0
 """The threshold is wider by this many times 1/√N of its kσ: N witnesses know σ of what has a heavy tail to about √(2/N)

@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 from scipy.stats import chi2
 
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 FORGETTING: Final = np.array([0.5, 0.8, 0.95])
 """λ: 2, 5 and 20 messages."""

@@ -27,7 +27,7 @@ from twin_diagram.estimation.drift import breakaway, learned_threshold
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.dynamics.parameters import ParameterSet
 from twin_diagram.scenario import Filter
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 FORGETTING: Final = 0.85
 """λ per message: 6 messages."""

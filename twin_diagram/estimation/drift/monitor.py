@@ -30,7 +30,8 @@ from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.dynamics.parameters import ParameterSet
 from twin_diagram.estimation.filter.sensor_registry import FilterError
 from twin_diagram.scenario import Drift, Filter
-from twin_diagram.signals.layouts import ALARM_SIZE, NEVER, AlarmKind, Array
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import ALARM_SIZE, NEVER, AlarmKind
 
 __all__ = ["RING", "Entry", "Evidence", "Monitor"]
 

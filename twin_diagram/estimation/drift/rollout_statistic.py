@@ -21,7 +21,8 @@ from twin_diagram.estimation.dynamics.parameters import ParameterSet
 from twin_diagram.estimation.dynamics.short_rollout import rollout, torque_error
 from twin_diagram.estimation.filter.disturbance import disturbance_std
 from twin_diagram.scenario import Drift, Filter
-from twin_diagram.signals.layouts import NEVER, Array
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import NEVER
 
 RUNAWAY: Final = 1e6
 """Stands for the error of a rollout that ran away [N·m], [m]."""

@@ -24,7 +24,7 @@ from scipy.stats import chi, chi2
 from twin_diagram.estimation.drift.likelihood_ratio import CAP, FALSE_RATE
 from twin_diagram.estimation.filter.belief import Track
 from twin_diagram.estimation.filter.sensor_registry import MEMORY as MEAN_OF
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 FORGETTING: Final = np.array([0.5, 0.8, 0.95, 0.99])
 """λ: 2, 5, 20 and 100 readings."""

@@ -7,7 +7,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from twin_diagram.signals.layouts import ALARM_LOG_FIELDS, NEVER, Array
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import ALARM_LOG_FIELDS, NEVER
 
 RING: Final = 32
 """Alarms that are remembered."""

@@ -21,7 +21,7 @@ from pydrake.systems.framework import Context
 
 from twin_diagram.errors import ModelError
 from twin_diagram.model.model import Model
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from pydrake.multibody.tree import Frame, JacobianWrtVariable
 
 from twin_diagram.errors import ModelError
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 
 def skew(w: Array) -> Array:

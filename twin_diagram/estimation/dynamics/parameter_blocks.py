@@ -14,7 +14,7 @@ import numpy as np
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.scenario import Filter
 from twin_diagram.signals import units
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 HEAVIEST: Final = 10.0
 """A payload's mass lies between 0 and this [kg]."""

@@ -16,7 +16,7 @@ from twin_diagram.errors import ScenarioError
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.dynamics.parameter_blocks import BLOCKS, ParameterBlock, Payload
 from twin_diagram.scenario import Filter
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 
 class ParameterSet:

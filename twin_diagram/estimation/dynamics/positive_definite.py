@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import lapack
 
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 
 def solve_positive(matrix: Array, right: Array) -> Array:

@@ -22,7 +22,7 @@ import numpy as np
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.dynamics.parameters import ParameterSet
 from twin_diagram.estimation.dynamics.positive_definite import solve_positive
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 STUCK_SPEED: Final = 1e-3
 """s above: a joint creeps this fast, times load over level, while dry friction holds it [rad/s]."""

@@ -7,7 +7,7 @@ import numpy as np
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.dynamics.parameters import ParameterSet
 from twin_diagram.estimation.dynamics.process_model import step
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 
 def rollout(

@@ -16,7 +16,7 @@ from twin_diagram.estimation.filter.parameter_adaptation import open_up, refute
 from twin_diagram.estimation.filter.predict import propagate
 from twin_diagram.estimation.filter.sensor_registry import FilterError
 from twin_diagram.estimation.filter.update import REFUSALS, Update, fuse, take
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 LONGEST_GAP: Final = 0.25
 """After a longer silence the state is taken anew from the message; parameters are kept [s]."""

@@ -17,7 +17,7 @@ from twin_diagram.estimation.filter.sensor_registry import Declared, FilterError
 from twin_diagram.estimation.sensors import Instant, JointEncoder, JointState, JointVelocity, Linear, Sensor
 from twin_diagram.scenario import Filter
 from twin_diagram.scenario.validation import check_filter
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 IMPOSSIBLE: Final = 2.0
 """No joint is predicted to move faster than this many times its speed limit, unless it was measured to."""

@@ -14,7 +14,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from twin_diagram.signals.layouts import NEVER, Array
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import NEVER
 
 
 class Entry(IntEnum):

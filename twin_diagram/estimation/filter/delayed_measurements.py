@@ -18,7 +18,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from twin_diagram.estimation.dynamics.positive_definite import joseph
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 _HEADER: Final = 2
 UNKNOWN: Final = 10.0

@@ -22,7 +22,7 @@ from scipy.special import erf
 
 from twin_diagram.estimation.filter.belief import Belief
 from twin_diagram.scenario import Filter
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 FRICTION_SHARE: Final = 0.15
 """Standard deviation of a sliding joint's friction error, as a share of its dry friction."""

@@ -43,7 +43,8 @@ from twin_diagram.estimation.filter.predict import LONGEST_PREDICTION, propagate
 from twin_diagram.estimation.filter.sensor_registry import FilterError
 from twin_diagram.estimation.filter.update import REFUSALS, Update, fuse
 from twin_diagram.estimation.sensors import Sensor
-from twin_diagram.signals.layouts import AlarmKind, Array
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import AlarmKind
 
 __all__ = ["LONGEST_GAP", "REFUSALS", "Ekf", "FilterError", "Update"]
 

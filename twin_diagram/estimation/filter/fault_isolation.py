@@ -14,7 +14,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from twin_diagram.estimation.dynamics.positive_definite import solve_positive
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 FORGETTING: Final = 0.9
 """10 messages."""

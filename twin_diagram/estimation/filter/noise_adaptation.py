@@ -14,7 +14,7 @@ from twin_diagram.estimation.filter.disturbance import CREEP, follow_disturbance
 from twin_diagram.estimation.filter.noise_estimate import LARGEST_STEP, follow_sensor, follow_torque, gain, held, scaled
 from twin_diagram.estimation.filter.sensor_registry import VOUCHED
 from twin_diagram.estimation.sensors import Linear, Sensor
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 CREEPING: Final = 0.1
 """Share of a reading's variance that may be due to joints that rest or creep where it speaks for its sensor's noise."""

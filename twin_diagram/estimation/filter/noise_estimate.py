@@ -24,7 +24,7 @@ import numpy as np
 
 from twin_diagram.estimation.filter.belief import Belief, Entry
 from twin_diagram.estimation.filter.disturbance import CREEP
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 CAP: Final = 9.0
 """A squared deviation counts as this many times its mean at most."""

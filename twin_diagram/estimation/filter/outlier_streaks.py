@@ -17,7 +17,7 @@ import numpy as np
 from twin_diagram.estimation.filter.belief import Belief, Entry
 from twin_diagram.estimation.filter.noise_estimate import WIDEST
 from twin_diagram.scenario import Filter
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 SHIFTED: Final = 4.0
 """Deviations of its mean by which a reading has jumped, and not just scattered."""

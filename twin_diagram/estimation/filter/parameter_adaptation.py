@@ -9,7 +9,7 @@ import numpy as np
 from twin_diagram.estimation.filter.base import Core
 from twin_diagram.estimation.filter.belief import Entry
 from twin_diagram.estimation.filter.fault_isolation import suspects
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 QUIET_TIME: Final = 0.2
 """No second opening within this time [s]."""

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from twin_diagram.estimation.dynamics.parameters import ParameterSet
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 TOLD: Final = 0.5
 """A parameter has settled when its deviation is below this share of its prior's: readings then count three times as

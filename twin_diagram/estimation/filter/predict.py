@@ -20,7 +20,7 @@ from twin_diagram.estimation.filter.disturbance import (
 )
 from twin_diagram.estimation.filter.parameter_adaptation import release
 from twin_diagram.estimation.filter.sensor_registry import VOUCHED
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 EVERY: Final = np.array(True)
 """Of joints: they slide."""

@@ -10,7 +10,8 @@ from scipy.stats import chi2
 from twin_diagram.errors import TwinError
 from twin_diagram.estimation.filter.belief import Belief, Entry, Track
 from twin_diagram.estimation.sensors.sensor import Sensor
-from twin_diagram.signals.layouts import NEVER, Array
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import NEVER
 
 VOUCHED: Final = 0.1
 """A sensor that was used within this time vouches for the state [s]."""

@@ -14,7 +14,7 @@ from twin_diagram.estimation.filter.parameter_adaptation import gather
 from twin_diagram.estimation.filter.predict import LONGEST_PREDICTION, propagate, unmodelled
 from twin_diagram.estimation.filter.sensor_registry import FilterError, note
 from twin_diagram.estimation.sensors import Linear, Sensor, WristWrench
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 REFUSALS: Final = 10
 """After as many refused or stale messages in a row the state is taken anew from the message."""

@@ -9,7 +9,7 @@ from pydrake.multibody.tree import Frame
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.dynamics.link_frame import LinkFrame
 from twin_diagram.estimation.sensors.sensor import Instant, Linear, Sensor
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.rotations import difference, exp, multiply, normalized
 
 

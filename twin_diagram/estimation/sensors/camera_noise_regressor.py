@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 GOOD: Final = (0.0, 0.4)
 """A good look: nothing is covered, and neither dusk nor glare."""

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from twin_diagram.errors import TwinError
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.sensors.body_pose import BodyPose
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.rotations import exp
 
 FEWEST: Final = 12

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from twin_diagram.estimation.sensors.sensor import Sensor
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 
 class StateSensor(Sensor):

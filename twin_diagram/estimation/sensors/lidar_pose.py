@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.sensors.cloud_pose import FEWEST, CloudError, DepthCloud, Partners
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 Points = tuple[Array, Array]
 """Points (M, 3) [m] and outward normals (M, 3)."""

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from scipy.stats import chi2
 
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 GATE_PROBABILITY: Final = 1.0 - 1e-6
 """A good reading passes the gate with this probability."""

@@ -12,7 +12,7 @@ from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.dynamics.link_frame import LinkFrame, Motion, skew
 from twin_diagram.estimation.sensors.accelerated_sensor import AcceleratedSensor
 from twin_diagram.estimation.sensors.sensor import Instant, Linear
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 LIGHTEST: Final = 0.05
 """What weighs less has no centre to speak of [kg]."""

@@ -6,9 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 Values = dict[str, tuple[Array, Array]]
 """Parameter key → value and standard error, each (k,)."""

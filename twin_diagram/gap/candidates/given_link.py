@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
-import numpy.typing as npt
 from pydrake.math import RigidTransform
 
 from twin_diagram.model.effects.link_inertia import about_centre
 from twin_diagram.model.model import Model
 from twin_diagram.model.rigid_body import rigid_tree
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 
 def link_inertia(model: Model, link: str) -> tuple[float, Array, Array]:

@@ -8,13 +8,11 @@ friction is twenty times that. So every hypothesis may have the held torque come
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from twin_diagram.gap.candidates.candidate import Candidate, linear
 from twin_diagram.gap.residuals.prepared_logs import Record
 from twin_diagram.gap.residuals.regressors import Terms, turns
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 FEWEST = 4
 """Turns that a joint must make."""

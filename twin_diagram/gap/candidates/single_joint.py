@@ -6,13 +6,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import BSpline
 
 from twin_diagram.gap.candidates.candidate import Candidate, Values, linear, transformed
 from twin_diagram.gap.residuals.regressors import Terms
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 STRIBECK_SPEEDS = np.geomspace(0.016, 0.5, 8)
 """[rad/s]"""

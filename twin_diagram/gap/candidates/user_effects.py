@@ -15,15 +15,13 @@ that is not linear in its parameters takes part in models, but is not searched f
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from twin_diagram.gap.candidates.candidate import Candidate, linear
 from twin_diagram.gap.residuals.prepared_logs import Record
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.model.effects import REGISTRY, Effect
 from twin_diagram.scenario import EffectSpec
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 COME_ALONG = "twin_diagram.model.effects."
 """Effects of these modules have candidates of their own."""

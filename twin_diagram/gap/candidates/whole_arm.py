@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 from pydrake.math import RollPitchYaw
 
 from twin_diagram.gap.candidates.candidate import Candidate, Values, linear, transformed
@@ -16,8 +15,7 @@ from twin_diagram.gap.residuals.regressors import Terms, rate_of
 from twin_diagram.model.effects.link_inertia import about_centre, about_origin
 from twin_diagram.model.rigid_body import rigid_tree
 from twin_diagram.model.rigid_body.kinematic_tree import Kinematics
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 HELD = 2.5e-4
 WITHIN = 0.1

@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from twin_diagram.errors import ModelError
 from twin_diagram.gap.correction.equation_error import Hypothesis, by_torque
@@ -28,8 +27,8 @@ from twin_diagram.model.effects import REGISTRY
 from twin_diagram.model.model import Model
 from twin_diagram.model.prediction import torque_residual_rms
 from twin_diagram.scenario import EffectSpec
+from twin_diagram.signals.arrays import Array
 
-Array = npt.NDArray[np.float64]
 Say = Callable[[str], None]
 
 MOST_BY_MOTION = 8

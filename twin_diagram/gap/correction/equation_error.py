@@ -12,7 +12,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from twin_diagram.errors import ModelError
 from twin_diagram.gap.correction import onset_times
@@ -26,8 +25,7 @@ from twin_diagram.logs import Log, fingerprint
 from twin_diagram.logs.differentiation import lowpass
 from twin_diagram.model.model import Model
 from twin_diagram.scenario import EffectSpec
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 CLUSTER = 0.5
 """Residuals nearer than this may hang together [s]."""

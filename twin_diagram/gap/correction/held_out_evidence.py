@@ -7,7 +7,6 @@ is noise before and after, and which of the two is less is chance. Such a run is
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from twin_diagram.gap.correction.equation_error import left_by
 from twin_diagram.gap.residuals import whitening
@@ -15,8 +14,7 @@ from twin_diagram.gap.residuals.prepared_logs import SHORTEST, prepare
 from twin_diagram.logs import Log, fingerprint
 from twin_diagram.logs.differentiation import RESIDUAL_CUT
 from twin_diagram.model.model import Model
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 SPEAKS = 10.0
 """Rise of the held-out log likelihood that is no chance."""

@@ -10,15 +10,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
 from twin_diagram.logs import Log, fingerprint
 from twin_diagram.logs.differentiation import RESIDUAL_CUTOFF, Motion, inner, lowpass, motion
 from twin_diagram.model.effects import Effect
 from twin_diagram.model.model import Model
 from twin_diagram.model.prediction import torque_predicted
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 REFUTED = 60.0
 """Squared errors, in noises of independent samples, by which both other readings must be worse."""

@@ -11,13 +11,11 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from twin_diagram.errors import ModelError
 from twin_diagram.model.effects import Effect, make
 from twin_diagram.scenario import EffectSpec
 
-Array = npt.NDArray[np.float64]
 Values = dict[str, float]
 
 UNTOLD = frozenset({"loss"})

@@ -11,14 +11,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from twin_diagram.gap.residuals.prepared_logs import Record, Records
 from twin_diagram.gap.residuals.whitening import Whitener
 from twin_diagram.gap.search import golden_section
 from twin_diagram.model.model import Model
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 REACH = 0.5
 """How far from a rough time the true one is looked for [s]."""

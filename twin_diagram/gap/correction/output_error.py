@@ -21,8 +21,7 @@ from twin_diagram.logs.differentiation import Motion, motion
 from twin_diagram.model.model import Model
 from twin_diagram.model.prediction import twists
 from twin_diagram.model.rollout import trajectory
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 WINDOW = 0.25
 """Length of a rollout [s]."""

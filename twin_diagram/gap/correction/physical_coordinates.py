@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from twin_diagram.gap.candidates.given_link import link_inertia
 from twin_diagram.gap.correction.merge_effects import UNTOLD
@@ -19,8 +18,7 @@ from twin_diagram.gap.correction.onset_times import ALWAYS, When
 from twin_diagram.model.effects import REGISTRY
 from twin_diagram.model.model import Model
 from twin_diagram.scenario import EffectSpec
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 LINK_SPREAD = 0.5
 """Prior standard deviation of a link's logarithmic coordinates, about the given link."""

@@ -12,14 +12,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from twin_diagram.gap.experiments import advice
 from twin_diagram.logs import Log
 from twin_diagram.logs.differentiation import motion
 from twin_diagram.model.model import Model
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 PERIOD = 0.01
 """Between samples [s]."""

@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from html import escape
 
 import numpy as np
-import numpy.typing as npt
 
 from twin_diagram.gap.report.words import number
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 ROW = 46
 LABEL = 132

@@ -13,8 +13,7 @@ from twin_diagram.logs.differentiation import inner, lowpass, motion
 from twin_diagram.model.model import Model
 from twin_diagram.model.prediction import rollout_rms, torque_predicted
 from twin_diagram.signals import units
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 EXERCISED = 0.02
 """A run whose predicted torques change by less than this share of the noise proves nothing for or against a model."""

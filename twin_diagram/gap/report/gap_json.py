@@ -13,13 +13,11 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from twin_diagram.gap.experiments.advice import asked
 from twin_diagram.gap.findings import Estimate, Finding, Moment, Place, Verdict
 from twin_diagram.gap.report.comparison import Shown
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 DIGITS = 9
 """Significant ones that are kept."""

@@ -10,7 +10,6 @@ import io
 from html import escape
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -18,8 +17,7 @@ from matplotlib.figure import Figure
 from twin_diagram.gap.findings import Moment
 from twin_diagram.gap.report.comparison import Comparison
 from twin_diagram.signals import units
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 BEFORE = "#d9772b"
 AFTER = "#2463a6"

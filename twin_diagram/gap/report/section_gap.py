@@ -5,7 +5,6 @@ from __future__ import annotations
 from html import escape
 
 import numpy as np
-import numpy.typing as npt
 
 from twin_diagram.gap.findings import Finding
 from twin_diagram.gap.report import charts, words
@@ -13,8 +12,7 @@ from twin_diagram.gap.report.comparison import Comparison, Shown, above_noise
 from twin_diagram.gap.report.pictures import residual_pictures
 from twin_diagram.gap.report.subject import Subject
 from twin_diagram.signals import units
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 LOST = np.pi
 """How far beyond half a turn, or beyond all of a slide's travel, a model has lost a joint tells nothing [rad]."""

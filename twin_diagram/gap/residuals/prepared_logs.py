@@ -19,8 +19,7 @@ from twin_diagram.errors import LogError
 from twin_diagram.logs import Log, fingerprint, is_regular, uniform
 from twin_diagram.logs.differentiation import RESIDUAL_CUT, inner, lowpass, motion
 from twin_diagram.model.model import Model
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 BAND = 20.0
 """Torques are compared below this [Hz]; above it, position noise drowns inertial torques."""

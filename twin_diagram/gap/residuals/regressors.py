@@ -6,13 +6,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from twin_diagram.gap.residuals.prepared_logs import Record, Records
 from twin_diagram.logs.differentiation import lowpass
 from twin_diagram.model.dynamics.onsets import stretches
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 SHARP = 4.0
 """Where a torque jumps, it is smoothed at this many times the band."""

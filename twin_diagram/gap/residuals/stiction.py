@@ -17,8 +17,7 @@ from scipy.signal import convolve
 from twin_diagram.gap.residuals.prepared_logs import Record, Records
 from twin_diagram.gap.residuals.regressors import REST, Terms, spread_of, turns
 from twin_diagram.gap.residuals.whitening import Whitener
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 DWELL = 0.004
 """A joint that turns back sooner than this does not stick [s]."""

@@ -16,8 +16,7 @@ from scipy.linalg import solve_toeplitz
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from twin_diagram.logs.differentiation import RESIDUAL_CUTOFF
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 ROUNDS = 25
 MOST_FREEDOM = 0.5

@@ -9,15 +9,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
 from scipy.signal import find_peaks
 
 from twin_diagram.gap.candidates.candidate import Candidate, linear
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.search.evidence import Bench, Members
 from twin_diagram.model.dynamics.backlash import play_alone
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 GAPS = np.geomspace(0.0018, 0.035, 22)
 """[rad]"""

@@ -25,8 +25,8 @@ from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.residuals.whitening import Whitener
 from twin_diagram.gap.search.normal_equations import SCALE_PRICE, coefficients, increment, increments, smaller
 from twin_diagram.gap.search.prior_costs import compatible, price
+from twin_diagram.signals.arrays import Array
 
-Array = npt.NDArray[np.float64]
 Members = frozenset[int]
 
 PASSES = 3

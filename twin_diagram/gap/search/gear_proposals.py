@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from twin_diagram.gap.candidates.candidate import Candidate, transformed
 from twin_diagram.gap.residuals.prepared_logs import NOISE_SHARE, Record
@@ -23,8 +22,7 @@ from twin_diagram.model.effects import make
 from twin_diagram.model.effects.effect import REGISTRY, Effect
 from twin_diagram.model.model import Model
 from twin_diagram.scenario import EffectSpec
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 LEANING = (0.004, 0.01, 0.025)
 """Gaps of a gear that never turns over: they tell how far it leans [rad]."""

@@ -9,8 +9,7 @@ import numpy.typing as npt
 from scipy.linalg import cho_factor, cho_solve
 
 from twin_diagram.gap.candidates.candidate import Candidate
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 SMALLEST = 3e-3
 """An effect may be this much smaller than what its prior speaks of: a tenth of a newton metre on a joint that carries

@@ -20,8 +20,7 @@ from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.search.evidence import Bench, Members
 from twin_diagram.gap.search.normal_equations import increments
 from twin_diagram.gap.search.prior_costs import FURTHER_JOINT, NEW_NAME
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 BLOCKS = 64
 """Moments at which an effect is tried to start; refined to single samples afterwards."""

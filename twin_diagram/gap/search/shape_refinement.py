@@ -10,15 +10,13 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from twin_diagram.gap.candidates import single_joint, whole_arm
 from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.search import gear_proposals, golden_section, proposals
 from twin_diagram.gap.search.evidence import Bench, Fit
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 ROUNDS = 3
 SECTIONS = 7

@@ -7,13 +7,11 @@ the log's noise, so that regressors which are torques themselves are not correla
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
 from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.residuals.prepared_logs import Records
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 NEGLIGIBLE = 1e-5
 """Directions of the standardised regressors that are smaller than this are left out."""

@@ -17,8 +17,7 @@ from twin_diagram.gap.residuals import stiction
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.search.evidence import Bench, Fit
 from twin_diagram.model.dynamics.onsets import stretches
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 COULOMB = "coulomb_friction"
 LAWS = (COULOMB, "stribeck_friction")

@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.residuals.regressors import Terms, rate_of
 from twin_diagram.gap.residuals.whitening import Whitener
 from twin_diagram.gap.search.evidence import Bench, Fit
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 PIECES = 8
 

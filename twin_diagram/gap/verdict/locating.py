@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from twin_diagram.gap.findings import Place
 from twin_diagram.gap.residuals import stiction
@@ -18,8 +17,7 @@ from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.residuals.whitening import Whitener
 from twin_diagram.gap.search import smooth_fit
 from twin_diagram.gap.verdict.leftover_structure import hat, scaled
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 CONDITIONS = {
     "everywhere": "everywhere, the same",

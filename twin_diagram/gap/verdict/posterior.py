@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from twin_diagram.gap.candidates.candidate import GLOBAL, Candidate
 from twin_diagram.gap.experiments.advice import experiment
@@ -12,8 +11,7 @@ from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.search.evidence import Bench, Fit, Members
 from twin_diagram.gap.search.greedy_search import additions, handicaps
 from twin_diagram.model.effects import REGISTRY
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 TEMPERATURE = 2.0
 """Evidence is divided by this before it becomes a probability; set on training logs, where it makes them calibrated."""

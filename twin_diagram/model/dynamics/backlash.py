@@ -9,9 +9,9 @@ from operator import mul
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
+
 Rows = list[list[list[float]]]
 """Of a matrix per sample."""
 

@@ -22,8 +22,8 @@ from scipy.interpolate import CubicSpline
 from twin_diagram.model.dynamics.backlash import play
 from twin_diagram.model.effects.elasticity import LOSS, Gear
 from twin_diagram.model.rigid_body.rigid_tree import RigidTree
+from twin_diagram.signals.arrays import Array
 
-Array = npt.NDArray[np.float64]
 LinkLoad = Callable[[Array, Array, Array], Array]
 """(q, v, a), each (N, n), to the torque (N, n) of what lies behind the gears; `TorqueLaw.link_load`."""
 

@@ -8,9 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 SWEEPS = 60
 TOLERANCE = 1e-10

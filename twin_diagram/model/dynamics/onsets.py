@@ -9,8 +9,7 @@ import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
 from twin_diagram.model.effects import Effect
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 
 def epochs(effects: Sequence[Effect], time: Array) -> list[tuple[tuple[bool, ...], npt.NDArray[np.bool_]]]:

@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from twin_diagram.model.dynamics.elastic_gears import YieldingJoints, in_series
 from twin_diagram.model.dynamics.onsets import shifted
@@ -16,8 +15,7 @@ from twin_diagram.model.effects.friction import smooth_sign
 from twin_diagram.model.effects.friction_stribeck_load import CoupledFriction
 from twin_diagram.model.rigid_body.arm_bodies import ArmBodies
 from twin_diagram.model.rigid_body.plant_calls import PlantCalls
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 FEW = 24
 """Up to this many samples a call per sample into the plant is quicker than the vectorised tree."""

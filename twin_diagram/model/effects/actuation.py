@@ -6,14 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from twin_diagram.errors import ModelError
 from twin_diagram.model.effects.effect import Effect, register
 from twin_diagram.model.effects.parameter import ParameterKind
 from twin_diagram.model.effects.realisation import Fitting
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 WEAK = 0.2
 """Below this gain, what the motor gives says too little of what is logged."""

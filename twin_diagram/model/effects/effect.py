@@ -19,8 +19,8 @@ from twin_diagram.model.effects.parameter import Parameter, ParameterKind
 from twin_diagram.model.effects.realisation import Brake, Fitting, RigidChange
 from twin_diagram.model.rigid_body.arm_bodies import ArmBodies, DescribedLinks
 from twin_diagram.scenario import EffectSpec
+from twin_diagram.signals.arrays import Array
 
-Array = npt.NDArray[np.float64]
 E_ = TypeVar("E_", bound="type[Effect]")
 
 

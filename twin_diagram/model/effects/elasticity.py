@@ -17,8 +17,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-import numpy.typing as npt
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
     PdControllerGains,
@@ -33,8 +31,7 @@ from twin_diagram.model.effects.effect import Effect, register
 from twin_diagram.model.effects.parameter import ParameterKind
 from twin_diagram.model.effects.realisation import RigidChange
 from twin_diagram.model.rigid_body.arm_bodies import ArmBodies, DescribedLinks
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 LOSS = 1e-3
 """Usual damping of an elastic gear over its stiffness [s]: 5 % of critical at 100 rad/s, as harmonic drives have."""

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import WeldJoint
@@ -17,8 +16,7 @@ from twin_diagram.model.description.add_arm import Arm
 from twin_diagram.model.effects.effect import Effect, register
 from twin_diagram.model.effects.parameter import ParameterKind
 from twin_diagram.model.rigid_body.arm_bodies import ArmBodies
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 
 @register

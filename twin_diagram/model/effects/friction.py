@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 from pydrake.multibody.plant import MultibodyPlant
 
 from twin_diagram.errors import ModelError
@@ -19,8 +18,7 @@ from twin_diagram.model.effects.effect import Effect, register
 from twin_diagram.model.effects.parameter import ParameterKind
 from twin_diagram.model.effects.realisation import Brake, Fitting, RigidChange
 from twin_diagram.model.rigid_body.arm_bodies import ArmBodies, DescribedLinks
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 SMOOTH_VELOCITY = 0.005
 """Speed at which the smooth law of dry friction has reached three quarters of its level [rad/s]."""

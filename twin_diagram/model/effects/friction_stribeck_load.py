@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from twin_diagram.errors import ModelError
 from twin_diagram.model.effects.effect import Effect, register
@@ -14,8 +13,7 @@ from twin_diagram.model.effects.friction import HOLD, smooth_sign
 from twin_diagram.model.effects.parameter import ParameterKind
 from twin_diagram.model.effects.realisation import Brake, Fitting
 from twin_diagram.model.rigid_body.arm_bodies import ArmBodies
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 
 @register

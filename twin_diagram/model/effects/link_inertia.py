@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import SpatialInertia, UnitInertia, WeldJoint
@@ -18,8 +17,7 @@ from twin_diagram.model.effects.parameter import ParameterKind
 from twin_diagram.model.effects.realisation import RigidChange
 from twin_diagram.model.rigid_body import rigid_tree
 from twin_diagram.model.rigid_body.arm_bodies import ArmBodies, DescribedLinks
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 
 def about_origin(mass: float, centre: Array, about_centre: Array) -> Array:

@@ -6,12 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from twin_diagram.model.effects.effect import Effect, register
 from twin_diagram.model.effects.parameter import ParameterKind
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 
 @register

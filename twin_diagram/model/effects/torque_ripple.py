@@ -6,14 +6,12 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from twin_diagram.model.effects.effect import Effect, register
 from twin_diagram.model.effects.parameter import ParameterKind
 from twin_diagram.model.effects.realisation import Fitting
 from twin_diagram.model.rigid_body.arm_bodies import ArmBodies
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 
 @register

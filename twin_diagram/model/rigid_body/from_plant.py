@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
@@ -21,8 +20,7 @@ from pydrake.systems.framework import Context
 
 from twin_diagram.model.description.add_arm import Arm
 from twin_diagram.model.rigid_body.rigid_tree import RigidTree, inertia_vector
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 
 def is_whole(plant: MultibodyPlant) -> bool:

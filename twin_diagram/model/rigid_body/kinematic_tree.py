@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import SpatialInertia
 
 from twin_diagram.model.rigid_body.kinematic_tree import Kinematics, KinematicTree, cross
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 CHUNK = 4096
 """Samples worked on at a time, so that intermediate arrays stay in the cache."""

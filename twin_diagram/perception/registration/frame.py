@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from twin_diagram.perception.pinhole import DepthImage, Pinhole
 from twin_diagram.perception.segmentation.segments import ROBOT, Segments
+from twin_diagram.signals.arrays import Array
 
-Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 BLUR: Final = (3, 9)

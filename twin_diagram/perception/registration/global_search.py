@@ -21,8 +21,7 @@ from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.registration import Registration, information, refine, register
 from twin_diagram.perception.registration.residuals import COARSE, Poses, assess
 from twin_diagram.perception.registration.rotation import exp
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 YAWS: Final = 24
 COARSE_POINTS: Final = 110

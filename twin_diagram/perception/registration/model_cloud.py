@@ -10,8 +10,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from twin_diagram.assets import Asset
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 DIRECTIONS: Final = 160
 """Directions from which the visible points are worked out beforehand: one is never farther than about 10° away."""

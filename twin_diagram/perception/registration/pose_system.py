@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Final, cast
 
 import numpy as np
-import numpy.typing as npt
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
@@ -18,8 +17,6 @@ from twin_diagram.perception.registration.tracking import SLOT_SIZE, Known, Slot
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.runtime.timing import timed
 from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER
-
-Array = npt.NDArray[np.float64]
 
 AFTER_DELIVERY: Final = 0.001
 """The update comes this long after an image is delivered [s]."""

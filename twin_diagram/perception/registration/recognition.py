@@ -14,8 +14,7 @@ from twin_diagram.perception.registration.global_search import SURE, Found, sear
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.registration import claimed
 from twin_diagram.perception.segmentation.segments import Segments
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 ACCEPT: Final = 0.6
 """Least score of an object that is recognised."""

@@ -23,8 +23,7 @@ from twin_diagram.perception.registration.residuals import (
     unexplained,
 )
 from twin_diagram.perception.segmentation.segments import Segments
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 NARROW: Final = 0.007
 """Reach of the last iterations [m]."""

@@ -24,8 +24,7 @@ from twin_diagram.perception.pinhole import DEPTH_NOISE
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.rotation import cross, exp, log, skew
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 MODEL_NOISE: Final = 0.0007
 """Standard deviation of the model's surface [m]."""

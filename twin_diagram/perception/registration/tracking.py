@@ -17,9 +17,8 @@ from twin_diagram.perception.registration.recognition import recognise
 from twin_diagram.perception.registration.registration import WIDEST, Registration, claimed, information, register
 from twin_diagram.perception.registration.rotation import exp, from_quaternion, log, to_quaternion
 from twin_diagram.perception.segmentation.segments import Segments
+from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, POSE_SIZE, PoseMeasurement
-
-Array = npt.NDArray[np.float64]
 
 SLOT_SIZE: Final = 1 + POSE_SIZE + 6 + 1 + 1 + 1
 LEAST_VISIBLE: Final = 0.12

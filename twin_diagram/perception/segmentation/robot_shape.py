@@ -25,8 +25,7 @@ from scipy.spatial import ConvexHull
 
 from twin_diagram.model.description.add_arm import add_arm
 from twin_diagram.scenario import ArmModel
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ from scipy.sparse.csgraph import connected_components
 from twin_diagram import scenario
 from twin_diagram.perception.pinhole import DEPTH_NOISE, ColourImage, DepthImage, Pinhole, back_project, grid_normals
 from twin_diagram.perception.segmentation.segments import BACKGROUND, NO_DEPTH, ROBOT, Segments
+from twin_diagram.signals.arrays import Array
 
-Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 TABLE_SEARCH = 0.015

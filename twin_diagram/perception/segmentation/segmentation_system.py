@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import cast
 
 import numpy as np
-import numpy.typing as npt
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import Context, LeafSystem
 from pydrake.systems.sensors import ImageDepth32F, ImageRgba8U
@@ -18,8 +17,6 @@ from twin_diagram.perception.segmentation.robot_shape import RobotShape
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.runtime.timing import timed
-
-Array = npt.NDArray[np.float64]
 
 
 class Perception(LeafSystem):

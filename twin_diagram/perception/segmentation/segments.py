@@ -9,9 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.perception.pinhole import ColourImage, DepthImage, Pinhole
+from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER
-
-Array = npt.NDArray[np.float64]
 
 BACKGROUND: Final = -1
 """Label of the table, of all outside the workspace, and of specks."""

@@ -23,7 +23,7 @@ from twin_diagram.model.description import add_arm as description
 from twin_diagram.planning.collision.chain import Ints
 from twin_diagram.planning.collision.convex_solids import bounding_box
 from twin_diagram.planning.collision.geometry_to_solids import moved, points_of
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 OVERHANG = 0.013
 CAPSULE_OVERHANG = 0.004

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from twin_diagram.planning.collision.ball_cover import Balls
 from twin_diagram.planning.collision.chain import Chain, Ints, Placement, point_jacobian
 from twin_diagram.planning.collision.convex_solids import Solid
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 FAR = 1.0e3
 """Stands for a distance beyond reach [m]."""

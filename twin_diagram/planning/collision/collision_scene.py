@@ -17,7 +17,8 @@ from twin_diagram.planning.collision.chain import Chain, depths
 from twin_diagram.planning.collision.clearance import Body, Clearance, Surroundings
 from twin_diagram.planning.collision.convex_solids import solid_of
 from twin_diagram.planning.collision.geometry_to_solids import fixture_solids
-from twin_diagram.signals.layouts import TRACK_SIZE, Array, ObjectStatus
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import TRACK_SIZE, ObjectStatus
 
 SIGMAS = 3.0
 """Objects grow by this many standard deviations of their position …"""

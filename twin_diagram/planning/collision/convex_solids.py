@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from twin_diagram.errors import AssetError
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 _TINY = 1e-12
 

@@ -29,7 +29,7 @@ from twin_diagram.errors import ModelError
 from twin_diagram.model.description import add_arm as description
 from twin_diagram.planning.collision.convex_solids import Ball, Box, Polytope, Solid, solid_of
 from twin_diagram.scenario import poses, resources
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 _SIDES = 24
 _HALF_SPACE = 10.0

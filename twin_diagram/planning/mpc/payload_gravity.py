@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from twin_diagram.planning.collision.chain import Chain
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 
 def gravity_regressor(chain: Chain, q: Array) -> Array:

@@ -15,7 +15,8 @@ from twin_diagram.planning.mpc.trajectory import Trajectory
 from twin_diagram.planning.mpc.trajectory_optimisation import Limits, Optimiser, OptimiserTuning
 from twin_diagram.planning.paths import inverse_kinematics
 from twin_diagram.planning.paths.route import Aim, Route, Router, RouteTuning, Situation
-from twin_diagram.signals.layouts import NEVER, POSE_SIZE, Array
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import NEVER, POSE_SIZE
 
 RETRY = 30
 """Ticks after which joint goals are drawn anew while no way to one is known."""

@@ -8,7 +8,8 @@ import numpy as np
 
 from twin_diagram.planning.mpc.trajectory import Trajectory
 from twin_diagram.planning.paths.route import Aim, Route
-from twin_diagram.signals.layouts import NEVER, POSE_SIZE, Array
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import NEVER, POSE_SIZE
 
 GOALS = 8
 """Joint goals that are remembered."""

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 
 @dataclass(frozen=True)

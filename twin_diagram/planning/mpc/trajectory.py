@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ import numpy as np
 from twin_diagram.planning.collision.clearance import Clearance, Contacts, Surroundings
 from twin_diagram.planning.mpc.quadratic_program import ProxQp, QpSolver, QuadraticProgram
 from twin_diagram.planning.mpc.trajectory import Trajectory, response
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 
 @dataclass(frozen=True)

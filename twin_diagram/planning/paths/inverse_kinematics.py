@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from twin_diagram.planning.collision.chain import Chain
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from twin_diagram.planning.collision.collision_scene import Forecast, Scene
 from twin_diagram.planning.paths import rrt_connect
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 
 class Aim(IntEnum):

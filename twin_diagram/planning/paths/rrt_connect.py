@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 IsFree = Callable[[Array], npt.NDArray[np.bool_]]
 """Says of configurations (M, n) which are free, (M,)."""

@@ -22,7 +22,7 @@ from drake import (  # type: ignore[import-untyped]
 
 from twin_diagram.errors import StationError
 from twin_diagram.logs.lcm_arm_status import Status, read_iiwa, read_panda
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 from twin_diagram.station.depth_units import Colour, Depth, whole_units
 
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from twin_diagram import logs
 from twin_diagram.errors import LogError, ScenarioError, StationError
 from twin_diagram.scenario import Camera
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 from twin_diagram.station.ports import SENSOR_SIZE
 from twin_diagram.station.replay.recording import (
     FRAMES,

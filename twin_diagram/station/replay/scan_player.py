@@ -13,7 +13,8 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from twin_diagram.errors import ScenarioError, StationError
 from twin_diagram.scenario import Lidar
-from twin_diagram.signals.layouts import NEVER, Array
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import NEVER
 from twin_diagram.station.replay.reading import newest, read_columns, rising
 from twin_diagram.station.replay.recording import SCANS, Manifest, scan_file
 

@@ -14,7 +14,8 @@ from pydrake.systems.sensors import ImageDepth32F, ImageRgba8U
 
 from twin_diagram.errors import ScenarioError, StationError
 from twin_diagram.scenario import Scenario
-from twin_diagram.signals.layouts import NEVER, Array
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import NEVER
 from twin_diagram.station import ports
 from twin_diagram.station.add_models import twin_arm
 from twin_diagram.station.depth_units import units_to_depth

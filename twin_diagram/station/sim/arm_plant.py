@@ -12,7 +12,7 @@ from twin_diagram.errors import ModelError, ScenarioError
 from twin_diagram.model.description import add_arm as description
 from twin_diagram.model.effects import Effect, add_to_plant, renewed
 from twin_diagram.scenario import Driver, Scenario
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 FINGER_STIFFNESS = 2000.0
 """Of a finger's own controller [N/m]."""

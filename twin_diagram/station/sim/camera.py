@@ -25,7 +25,8 @@ from pydrake.systems.sensors import CameraInfo, RgbdSensor
 from twin_diagram.errors import ScenarioError
 from twin_diagram.runtime.native import require_egl
 from twin_diagram.scenario import Camera, Scenario
-from twin_diagram.signals.layouts import NEVER, Array
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import NEVER
 from twin_diagram.station.add_models import transform
 from twin_diagram.station.sim.camera_defects import CameraDefectsSystem
 from twin_diagram.station.sim.merged_shapes import GREY

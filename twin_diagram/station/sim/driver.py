@@ -10,7 +10,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 
 from twin_diagram.errors import ScenarioError
 from twin_diagram.scenario import Scenario
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 from twin_diagram.station.add_models import twin_arm
 from twin_diagram.station.sim.arm_plant import ArmPlant
 

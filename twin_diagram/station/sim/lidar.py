@@ -16,7 +16,8 @@ from scipy.spatial import ConvexHull
 from twin_diagram.errors import ScenarioError
 from twin_diagram.scenario import Lidar, LidarDefects, Scenario
 from twin_diagram.scenario import poses as scenario_poses
-from twin_diagram.signals.layouts import NEVER, Array
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import NEVER
 from twin_diagram.station import ports
 from twin_diagram.station.scan_cloud import beams
 from twin_diagram.station.sim.noise import Stream, generator

@@ -20,7 +20,8 @@ from twin_diagram.errors import ModelError, ScenarioError
 from twin_diagram.model.description import add_arm as description
 from twin_diagram.scenario import LinkSensor, Scenario, SensorDefects
 from twin_diagram.scenario import poses as scenario_poses
-from twin_diagram.signals.layouts import NEVER, Array
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import NEVER
 from twin_diagram.station import ports
 from twin_diagram.station.sim.arm_plant import ArmPlant
 from twin_diagram.station.sim.noise import Stream, generator

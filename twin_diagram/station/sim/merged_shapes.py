@@ -31,7 +31,7 @@ from pydrake.geometry import (
 )
 from pydrake.math import RigidTransform
 
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 SIDES: Final = 32
 """Of what is round."""

@@ -23,7 +23,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from twin_diagram.errors import ScenarioError
 from twin_diagram.scenario import WayPoint
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 from twin_diagram.station.add_models import transform
 
 STIFFNESS: Final = 2e4

@@ -11,7 +11,8 @@ from pydrake.systems.primitives import Demultiplexer
 
 from twin_diagram.estimation.ekf_system import AdaptiveEkf
 from twin_diagram.estimation.sensors import CloudError
-from twin_diagram.signals.layouts import POSE_SIZE, Array
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import POSE_SIZE
 
 SIZE: Final = POSE_SIZE + 36
 """Numbers in a measurement: the pose X_WO as quaternion wxyz and position [m], and R (6, 6) row by row."""

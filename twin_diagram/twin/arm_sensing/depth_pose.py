@@ -15,7 +15,7 @@ from twin_diagram.model.model import Model
 from twin_diagram.perception.pinhole import DepthImage, Pinhole, back_project
 from twin_diagram.runtime.timing import timed
 from twin_diagram.scenario import Camera, SensorSpec, poses
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 from twin_diagram.twin.arm_sensing.cloud_measurement import SIZE, measured, near
 from twin_diagram.twin.arm_sensing.link_surface import Points
 

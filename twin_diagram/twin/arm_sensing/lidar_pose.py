@@ -16,7 +16,7 @@ from twin_diagram.estimation.dynamics.link_frame import LinkFrame
 from twin_diagram.estimation.ekf_system import AdaptiveEkf
 from twin_diagram.estimation.sensors import Lidar
 from twin_diagram.runtime.timing import timed
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 from twin_diagram.twin.arm_sensing.cloud_measurement import SIZE, feed, measured, near
 from twin_diagram.twin.arm_sensing.link_surface import Points
 

@@ -15,7 +15,7 @@ from scipy.spatial import ConvexHull
 from twin_diagram.errors import ModelError
 from twin_diagram.model.description.add_arm import add_arm
 from twin_diagram.scenario import ArmModel
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 
 SPACING: Final = 0.004
 """Of the points, on average [m]."""

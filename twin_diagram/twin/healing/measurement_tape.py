@@ -14,7 +14,7 @@ from pydrake.systems.primitives import Multiplexer, VectorLogSink
 
 from twin_diagram.errors import LogError
 from twin_diagram.logs import Log
-from twin_diagram.signals.layouts import Array
+from twin_diagram.signals.arrays import Array
 from twin_diagram.station import ports
 
 _MEASURED = (ports.POSITION_MEASURED, ports.VELOCITY_ESTIMATED, ports.TORQUE_MEASURED)

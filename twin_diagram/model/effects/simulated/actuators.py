@@ -12,8 +12,7 @@ from pydrake.multibody.tree import JointActuatorIndex
 
 from twin_diagram.model.effects.effect import Effect
 from twin_diagram.model.effects.realisation import Fitting
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,6 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JointActuatorIndex
@@ -32,8 +31,7 @@ from twin_diagram.model.effects.friction import CoulombFriction
 from twin_diagram.model.effects.simulated.external_force import Push
 from twin_diagram.model.effects.simulated.motor_drive import Drive
 from twin_diagram.scenario import EffectSpec
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 LEAST = 1e-9
 """Less than this is nothing [N·m]."""

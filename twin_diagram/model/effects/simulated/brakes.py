@@ -12,13 +12,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from pydrake.multibody.plant import MultibodyPlant
 
 from twin_diagram.model.description.add_arm import Arm
 from twin_diagram.model.effects.effect import Effect
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 BETA = 0.7
 GAMMA = 0.3

@@ -17,8 +17,7 @@ from twin_diagram.model.effects.effect import Effect
 from twin_diagram.model.effects.simulated.actuators import Actuators
 from twin_diagram.model.effects.simulated.brakes import Brakes
 from twin_diagram.model.effects.simulated.delay_line import Line
-
-Array = npt.NDArray[np.float64]
+from twin_diagram.signals.arrays import Array
 
 
 class Drive(LeafSystem):
