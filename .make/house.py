@@ -208,6 +208,7 @@ def naming(sources: Mapping[str, Source]) -> Iterator[Measure]:
         # A filter's block of parameters and a field of scenarios are called payload as well.
         yield Measure(f"files naming {name}", len(places), None if name == "payload" else 2, places)
     classes = {name: places for name, places in defined(sources, ast.ClassDef).items() if len(places) > 1}
+    classes.pop("Tuning", None)  # each module's own constants
     yield none_of("class names of several modules", (f"{name}: {', '.join(p)}" for name, p in classes.items()))
     functions = sorted(defined(sources, (ast.FunctionDef, ast.AsyncFunctionDef)).items())
     often = tuple(f"{name}: {', '.join(p)}" for name, p in functions if len(p) > 3)
@@ -249,9 +250,11 @@ def explained(source: Source) -> set[int]:
     for token in tokenize.generate_tokens(io.StringIO(source.text).readline):
         if token.type == tokenize.COMMENT:
             (above if token.line.lstrip().startswith("#") else beside).add(token.start[0])
-    body = source.tree.body
+    tunings = [node.body for node in source.tree.body if isinstance(node, ast.ClassDef) and node.name == "Tuning"]
     lines = set()
-    for node, after in zip(body, [*body[1:], None], strict=False):
+    for node, after in (
+        pair for body in (source.tree.body, *tunings) for pair in zip(body, [*body[1:], None], strict=False)
+    ):
         said = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant) and bool(strings_in(after))
         own = set(range(node.lineno, (node.end_lineno or node.lineno) + 1))
         if said or own & (beside | above) or node.lineno - 1 in above:
@@ -261,7 +264,7 @@ def explained(source: Source) -> set[int]:
 
 def constants(sources: Mapping[str, Source]) -> Iterator[Measure]:
     """Yield the rows about what modules assign: upper-case constants and the type `Array`."""
-    every, bare, arrays = [], [], []
+    every, fields, bare, arrays = [], [], [], []
     for source in sources.values():
         reasons = explained(source)
         for name, node, _ in assigned(source.tree.body):
@@ -270,8 +273,13 @@ def constants(sources: Mapping[str, Source]) -> Iterator[Measure]:
                 arrays.append(place)
             elif CONSTANT.fullmatch(name):
                 every.append(place)
-                bare += [] if node.lineno in reasons else [place]
+                bare += [] if node.lineno in reasons or name == "TUNING" else [place]
+        for tuning in (node for node in source.tree.body if isinstance(node, ast.ClassDef) and node.name == "Tuning"):
+            for name, node, _ in assigned(tuning.body):
+                fields.append(f"{source.path}:{node.lineno}: {name}")
+                bare += [] if node.lineno in reasons else fields[-1:]
     yield Measure("upper-case constants", len(every), None, tuple(every))
+    yield Measure("constants in a Tuning", len(fields), None, tuple(fields))
     yield none_of("constants without a reason", bare)
     yield Measure("definitions of Array", len(arrays), 1, tuple(arrays))
 

@@ -39,7 +39,8 @@ from twin_diagram.model.model import Model
 from twin_diagram.model.prediction import position_predicted, torque_residual_rms
 from twin_diagram.scenario.resources import resolve
 from twin_diagram.station import ports
-from twin_diagram.station.mujoco import PERIOD, MujocoStation, Secret
+from twin_diagram.station.mujoco import TUNING as MUJOCO
+from twin_diagram.station.mujoco import MujocoStation, Secret
 
 Array = npt.NDArray[np.float64]
 
@@ -76,7 +77,7 @@ class Commands(LeafSystem):
     @staticmethod
     def _reader(table: Array):  # type: ignore[no-untyped-def]
         def read(context: Context, output: BasicVector) -> None:
-            output.SetFromVector(table[min(round(context.get_time() / PERIOD), len(table) - 1)])
+            output.SetFromVector(table[min(round(context.get_time() / MUJOCO.period), len(table) - 1)])
 
         return read
 
@@ -84,7 +85,7 @@ class Commands(LeafSystem):
 def exploring(duration: float, seed: int) -> Array:
     """A sum of sines about the home pose (N, n), at rest at both ends [rad]."""
     rng = np.random.default_rng([seed, 1])
-    time = np.arange(0.0, duration, PERIOD)
+    time = np.arange(0.0, duration, MUJOCO.period)
     harmonics = np.arange(1, 7)
     size = rng.uniform(0.3, 1.0, (6, 7)) / harmonics[:, None]
     phase = rng.uniform(0.0, 2.0 * np.pi, (6, 7))
@@ -97,7 +98,7 @@ def task(seed: int) -> Array:
     """Moves between poses with short rests (N, n) [rad]."""
     rng = np.random.default_rng([seed, 2])
     poses = [HOME, *(HOME + rng.uniform(-1.0, 1.0, (5, 7)) * REACH), HOME]
-    moving, still = np.arange(0.0, 1.6, PERIOD), round(0.3 / PERIOD)
+    moving, still = np.arange(0.0, 1.6, MUJOCO.period), round(0.3 / MUJOCO.period)
     parts = [np.repeat(HOME[None], still, axis=0)]
     for a, b in pairwise(poses):
         parts += [a + (b - a) * ease(moving / 1.6)[:, None], np.repeat(b[None], still, axis=0)]
@@ -112,8 +113,8 @@ def ease(s: Array) -> Array:
 
 def drive(station: MujocoStation, model: Model, position: Array) -> Log:
     """Lets the arm follow a motion (N, n) with a model's torques as feed-forward; answers the log."""
-    velocity = np.gradient(position, PERIOD, axis=0)
-    torque = model.inverse_dynamics(position, velocity, np.gradient(velocity, PERIOD, axis=0))
+    velocity = np.gradient(position, MUJOCO.period, axis=0)
+    torque = model.inverse_dynamics(position, velocity, np.gradient(velocity, MUJOCO.period, axis=0))
     builder = DiagramBuilder()
     builder.AddSystem(station)
     commands = builder.AddSystem(Commands(position, torque))
@@ -122,11 +123,11 @@ def drive(station: MujocoStation, model: Model, position: Array) -> Log:
     names = (ports.POSITION_MEASURED, ports.VELOCITY_ESTIMATED, ports.TORQUE_MEASURED, ports.MEASUREMENT_TIME)
     sinks = [LogVectorOutput(station.GetOutputPort(name), builder, LOG_PERIOD) for name in names]
     simulator = Simulator(builder.Build())
-    simulator.AdvanceTo(PERIOD * (len(position) - 1))
+    simulator.AdvanceTo(MUJOCO.period * (len(position) - 1))
     q, v, tau, at = (sink.FindLog(simulator.get_context()).data().T for sink in sinks)
     fresh = np.flatnonzero(at[:, 0] >= 0.0)
     fresh = fresh[np.append(True, np.diff(at[fresh, 0]) > 0.0)]
-    asked = position[np.minimum(np.round(at[fresh, 0] / PERIOD).astype(int), len(position) - 1)]
+    asked = position[np.minimum(np.round(at[fresh, 0] / MUJOCO.period).astype(int), len(position) - 1)]
     return Log(
         at[fresh, 0],
         station.joints,

@@ -18,7 +18,8 @@ import numpy as np
 from twin_diagram.errors import TwinError
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.dynamics.parameter_blocks import BLOCKS
-from twin_diagram.estimation.filter.ekf import LONGEST_GAP, Ekf
+from twin_diagram.estimation.filter.arm_messages import TUNING as ARM_MESSAGES
+from twin_diagram.estimation.filter.ekf import Ekf
 from twin_diagram.logs import Log, read_log, write_log
 from twin_diagram.model.model import Model
 from twin_diagram.model.prediction import load_model_for
@@ -38,7 +39,7 @@ def follow(model: Model, log: Log, learn: Sequence[str]) -> tuple[Ekf, np.ndarra
     for k, t in enumerate(log.time):
         if log.velocity is not None:
             ekf.observe(log.position[k], log.velocity[k], tau[k], t)
-        elif k == 0 or t - log.time[k - 1] > LONGEST_GAP:
+        elif k == 0 or t - log.time[k - 1] > ARM_MESSAGES.longest_gap:
             after = min(k + 1, len(log) - 1)
             v = (log.position[after] - log.position[k]) / max(log.time[after] - t, 1e-6)
             ekf.start(log.position[k], v, tau[k], t)

@@ -45,7 +45,8 @@ from twin_diagram.scenario import ArmModel, Filter, Healing, Planner
 from twin_diagram.scenario import Twin as Told
 from twin_diagram.scenario.resources import resolve
 from twin_diagram.station import ports
-from twin_diagram.station.mujoco import PERIOD, MujocoStation, Secret
+from twin_diagram.station.mujoco import TUNING as MUJOCO
+from twin_diagram.station.mujoco import MujocoStation, Secret
 from twin_diagram.twin.healing import Healer, Tape, sentence
 from twin_diagram.twin.twin import Twin, make_twin
 
@@ -89,8 +90,8 @@ def build(plan: Plan, seed: int, hidden: Secret) -> tuple[Diagram, Twin, Adaptiv
         builder.Connect(alone.GetOutputPort(name), watch.GetInputPort(name))
     builder.Connect(watch.GetOutputPort("alarm"), alone.GetInputPort("alarm"))
     motion = exploring(plan.duration, 10 * seed)
-    velocity = np.gradient(motion, PERIOD, axis=0)
-    torque = twin.model.inverse_dynamics(motion, velocity, np.gradient(velocity, PERIOD, axis=0))
+    velocity = np.gradient(motion, MUJOCO.period, axis=0)
+    torque = twin.model.inverse_dynamics(motion, velocity, np.gradient(velocity, MUJOCO.period, axis=0))
     commands = builder.AddNamedSystem("commands", Commands(motion, torque))
     both = builder.AddNamedSystem("feed_forward", Adder(2, motion.shape[1]))
     builder.Connect(commands.GetOutputPort("torque"), both.get_input_port(0))

@@ -36,9 +36,9 @@ OWED: dict[str, int] = {
     "class names of several modules": 24,
     "functions over 60 lines": 22,
     "constructors over 8 arguments": 4,
+    "modules over 400 lines": 2,
     "scripts of sims/ over 60 lines": 7,
     "constants without a reason": 181,
-    "definitions of Array": 101,
     "docstrings without a verb first": 886,
 }
 """Aims of `make house` not met yet: until they are, these rows must not get worse than this.
@@ -323,6 +323,7 @@ ROWS = (
     "modules over 400 lines",
     "scripts of sims/ over 60 lines",
     "upper-case constants",
+    "constants in a Tuning",
     "constants without a reason",
     "definitions of Array",
     "docstrings without a verb first",

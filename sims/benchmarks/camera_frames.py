@@ -32,7 +32,8 @@ from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.registration import claimed, register
 from twin_diagram.perception.registration.rotation import exp, log
-from twin_diagram.perception.registration.tracking import MOVING, THIN, believable
+from twin_diagram.perception.registration.tracking import MOVING, believable
+from twin_diagram.perception.registration.tracking import TUNING as TRACKING
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
 from twin_diagram.runtime.native import require_egl
 from twin_diagram.scenario.file import load_scenario
@@ -145,7 +146,7 @@ class Studio:
         colour, depth = self._render(light, rng)
         plan = self._plan
         segments = segment(colour, depth, 0.0, self._grid, plan.twin.perception)
-        thin = segments.points_W[claimed(model, segments, *start, plan.twin.registration.reach, THIN)]
+        thin = segments.points_W[claimed(model, segments, *start, plan.twin.registration.reach, TRACKING.thin)]
         found = register(model, Frame.of(segments), *start, plan.twin.registration, prior=MOVING, points_W=thin)
         if not believable(found, plan.twin.registration, *start):
             return None

@@ -20,7 +20,13 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import minimize
 
-from twin_diagram.estimation.sensors.camera_noise_regressor import GOOD, camera_noise, features
+from twin_diagram.estimation.sensors.camera_noise_regressor import (
+    TUNING as CAMERA_NOISE_REGRESSOR,
+)
+from twin_diagram.estimation.sensors.camera_noise_regressor import (
+    camera_noise,
+    features,
+)
 from twin_diagram.signals.arrays import Array
 
 TRAINING, HELD_BACK = 3000, 3001
@@ -125,7 +131,7 @@ def by_look(looks: Array, errors: Array, coefficients: Array) -> tuple[Array, Ar
             if len(inside) >= FEWEST:
                 honest[i, j] = np.sqrt(np.nanmean(np.where(inside < FAR**2, inside, np.nan), axis=0))
     table = claims * honest
-    good = table[0, int(np.searchsorted(BRIGHTNESS, GOOD[1], side="right") - 1)]
+    good = table[0, int(np.searchsorted(BRIGHTNESS, CAMERA_NOISE_REGRESSOR.good[1], side="right") - 1)]
     return covered, brightness, honest, table / good
 
 

@@ -250,7 +250,7 @@ def test_experiments_keep_to_a_short_slow_slide(model: Model, text: str) -> None
     made = trajectories.design(text, seen, ["rail"])
     assert made is not None and made.title == advice.worded(text, ["rail"], {"rail"})
     assert np.all(made.position[:, 0] >= 0.0) and np.all(made.position[:, 0] <= 0.04)
-    speed = np.diff(made.position[:, 0]) / trajectories.PERIOD
+    speed = np.diff(made.position[:, 0]) / trajectories.TUNING.period
     if text in (advice.SLOW, advice.SPEEDS, advice.STATIC, advice.FAST):
         assert np.all(np.abs(speed) <= 1.02 * 0.015)
     if text == advice.SLOW:

@@ -30,7 +30,7 @@ from twin_diagram.perception.registration.rotation import from_quaternion, log
 from twin_diagram.perception.registration.tracking import SLOT_SIZE, Known, Slot, step
 from twin_diagram.perception.segmentation.robot_shape import RobotShape
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
-from twin_diagram.perception.segmentation.segments import ROBOT
+from twin_diagram.perception.segmentation.segments import TUNING as SEGMENTS
 from twin_diagram.scenario.resources import models_dir
 from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER, PoseMeasurement
 
@@ -214,7 +214,7 @@ def test_the_robot_is_posed_when_the_image_was_taken() -> None:
     context.SetTime(1.0 + delay)
     perception.GetInputPort("arm_state").FixValue(context, np.concatenate([Q + delay * speed, speed]))
     found = perception.GetOutputPort("segments").Eval(context)
-    assert found.count == 0 and (found.label_image == ROBOT).sum() > 100
+    assert found.count == 0 and (found.label_image == SEGMENTS.robot).sum() > 100
     perception.GetInputPort("arm_state").FixValue(context, np.concatenate([Q + delay * speed, np.zeros(7)]))
     wrong = perception.GetOutputPort("segments").Eval(context)
     assert wrong.count > 0 and found.count == 0

@@ -21,10 +21,20 @@ from twin_diagram.assets import Asset
 from twin_diagram.errors import AssetError, ModelError
 from twin_diagram.model.description import add_arm as description
 from twin_diagram.model.model import Model
-from twin_diagram.planning.collision.ball_cover import OVERHANG, arm_balls, arm_plant, box_cover
+from twin_diagram.planning.collision.ball_cover import TUNING as BALL_COVER
+from twin_diagram.planning.collision.ball_cover import arm_balls, arm_plant, box_cover
 from twin_diagram.planning.collision.chain import Chain, depths
-from twin_diagram.planning.collision.clearance import FAR, Body, Clearance, Surroundings
-from twin_diagram.planning.collision.collision_scene import GROWTH_CAP, Forecast, Scene, load_scene, travel
+from twin_diagram.planning.collision.clearance import TUNING as CLEARANCE
+from twin_diagram.planning.collision.clearance import Body, Clearance, Surroundings
+from twin_diagram.planning.collision.collision_scene import (
+    TUNING as COLLISION_SCENE,
+)
+from twin_diagram.planning.collision.collision_scene import (
+    Forecast,
+    Scene,
+    load_scene,
+    travel,
+)
 from twin_diagram.planning.collision.convex_solids import Ball, Box, Drum, Polytope, solid_of
 from twin_diagram.planning.mpc.payload_gravity import gravity_regressor
 from twin_diagram.planning.mpc.quadratic_program import ProxQp, QuadraticProgram
@@ -197,7 +207,7 @@ def test_flat_pieces_are_refused() -> None:
 
 @given(st.tuples(*[st.floats(0.01, 0.4)] * 3))
 def test_balls_hold_their_box(size: tuple[float, float, float]) -> None:
-    cover = box_cover(np.array(size), OVERHANG)
+    cover = box_cover(np.array(size), BALL_COVER.overhang)
     centres, radii = np.array([c for c, _, _ in cover]), np.array([r for _, r, _ in cover])
     p = np.random.default_rng(0).uniform(-0.5, 0.5, (300, 3))
     p[:100] = np.sign(p[:100]) / 2  # corners and, below, faces
@@ -208,8 +218,10 @@ def test_balls_hold_their_box(size: tuple[float, float, float]) -> None:
 
 def test_the_cover_of_the_hand_is_tight() -> None:
     for size in ((0.064, 0.206, 0.068), (0.021, 0.024, 0.033)):
-        beyond = max((np.abs(c) + r - np.array(size) / 2).max() for c, r, _ in box_cover(np.array(size), OVERHANG))
-        assert beyond <= OVERHANG + 1e-9
+        beyond = max(
+            (np.abs(c) + r - np.array(size) / 2).max() for c, r, _ in box_cover(np.array(size), BALL_COVER.overhang)
+        )
+        assert beyond <= BALL_COVER.overhang + 1e-9
 
 
 def test_an_arm_without_shapes_is_refused(tmp_path) -> None:  # type: ignore[no-untyped-def]
@@ -315,7 +327,7 @@ def test_gradients_are_derivatives(scene: Scene) -> None:
     around = scene.around(Forecast.of_tracks(tracks), np.zeros(len(q)))
     contacts = scene.clearance.contacts(q, around, 0.3, 0.1)
     assert set(contacts.body) >= {0, 1, 2, 3, 4}
-    nearest = np.full((len(q), 5), FAR)
+    nearest = np.full((len(q), 5), CLEARANCE.far)
     np.minimum.at(nearest, (contacts.row, contacts.body), contacts.distance)
     np.testing.assert_allclose(np.minimum(nearest, 0.1), np.minimum(scene.clearance.distances(q, around, 0.3), 0.1))
     step = 1e-6
@@ -339,7 +351,7 @@ def test_links_that_cannot_leave_the_table_do_not_count(scene: Scene) -> None:
     lifted = scene.clearance.link_distances(
         HOME[None], scene.around(Forecast.of_tracks(np.zeros(3 * TRACK_SIZE)), np.zeros(1))
     )
-    assert lifted[0, 0, 0] == FAR  # the shoulder turns above the table
+    assert lifted[0, 0, 0] == CLEARANCE.far  # the shoulder turns above the table
     assert lifted[0, 6, 0] < 0.5
     # At home the arm is clear of itself.
     around = scene.around(Forecast.of_tracks(np.zeros(3 * TRACK_SIZE)), np.zeros(1))
@@ -516,7 +528,7 @@ def test_what_is_not_there_is_absent() -> None:
 
 
 def test_objects_grow_by_their_uncertainty_up_to_a_cap() -> None:
-    for std, expected in ((0.0, 0.0), (0.002, 0.006), (0.5, GROWTH_CAP)):
+    for std, expected in ((0.0, 0.0), (0.002, 0.006), (0.5, COLLISION_SCENE.growth_cap)):
         covariance = np.diag([0.1, 0.1, 0.1, std**2, (std / 2) ** 2, 0.0])
         grown = Forecast.of_tracks(packed((0.5, 0, 0.1), covariance=covariance)).grown
         np.testing.assert_allclose(grown, [expected], atol=1e-12)

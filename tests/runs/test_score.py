@@ -12,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from twin_diagram.runs.score import SETTLED, VISIBLE, RunRecord, alarms, rotation_angle, summarize, table, within
+from twin_diagram.runs.score import TUNING as SCORE
+from twin_diagram.runs.score import RunRecord, alarms, rotation_angle, summarize, table, within
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, AlarmKind, ObjectStatus
 
@@ -129,7 +130,7 @@ def test_position_error_is_the_distance_in_millimetres() -> None:
 
 
 def test_median_and_p95_are_of_the_frames_that_count() -> None:
-    counted = TIME >= SETTLED
+    counted = TIME >= SCORE.settled
     error = np.where(counted, np.arange(T) * 1e-5, 1.0)
     estimated = poses()
     estimated[:, :, 4] += error[:, None]
@@ -161,7 +162,7 @@ def test_a_quaternions_sign_means_nothing() -> None:
 def test_hidden_frames_do_not_count() -> None:
     hidden = (TIME > 1.0) & (TIME < 4.0)
     seen = np.ones((T, 2))
-    seen[hidden, 0] = VISIBLE - 0.01
+    seen[hidden, 0] = SCORE.visible - 0.01
     estimated = poses()
     estimated[hidden, 0, 4] += 1.0
     result = summary(record(seen=seen, poses_estimated=estimated))
@@ -199,7 +200,7 @@ def test_what_is_in_sight_and_never_found_is_lost_and_not_left_out() -> None:
 @pytest.mark.parametrize(("share", "tracked"), [(0.4, True), (0.6, False)])
 def test_what_is_missed_in_most_frames_is_lost(share: float, tracked: bool) -> None:
     status = np.full((T, 2), int(ObjectStatus.TRACKED))
-    status[TIME < SETTLED + share * (TIME[-1] - SETTLED), 0] = int(ObjectStatus.UNSEEN)
+    status[TIME < SCORE.settled + share * (TIME[-1] - SCORE.settled), 0] = int(ObjectStatus.UNSEEN)
     result = summary(record(status=status))
     assert within(result)["tracked"] is tracked
     assert result["objects"]["box"]["position_error_mm"]["p95"] is None
@@ -217,9 +218,9 @@ def test_the_first_half_second_in_sight_does_not_count() -> None:
     seen = np.ones((T, 2))
     seen[TIME < 2.0, 0] = 0.0
     estimated = poses()
-    estimated[(TIME < 2.0 + SETTLED - 0.05), 0, 4] += 1.0
+    estimated[(TIME < 2.0 + SCORE.settled - 0.05), 0, 4] += 1.0
     status = np.full((T, 2), int(ObjectStatus.TRACKED))
-    status[(TIME < 2.0 + SETTLED - 0.05), 0] = int(ObjectStatus.UNSEEN)
+    status[(TIME < 2.0 + SCORE.settled - 0.05), 0] = int(ObjectStatus.UNSEEN)
     result = summary(record(seen=seen, poses_estimated=estimated, status=status))
     assert result["objects"]["box"]["position_error_mm"] == {"median": 0.0, "p95": 0.0}
 

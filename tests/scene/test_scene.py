@@ -15,13 +15,14 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, Discrete
 from twin_diagram import scenario
 from twin_diagram.errors import AssetError, ModelError
 from twin_diagram.scene import object_filter, object_update
-from twin_diagram.scene.twin_scene import PARKED_HEIGHT, TwinScene, add_twin_scene
+from twin_diagram.scene.twin_scene import TUNING as TWIN_SCENE
+from twin_diagram.scene.twin_scene import TwinScene, add_twin_scene
 from twin_diagram.scene.updater_system import SceneGraphUpdater
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER, TRACK_SIZE, ObjectStatus, PoseMeasurement, Track
 
-TUNING = object_filter.Tuning.of(scenario.SceneUpdater())
+TUNING = object_filter.FilterSettings.of(scenario.SceneUpdater())
 FRAME = 1 / 15
 LATENCY = 0.04
 STILL = np.array([1.0, 0, 0, 0, 0.5, -0.1, 0.1])
@@ -353,12 +354,12 @@ def test_the_scene_follows_the_estimates_and_hides_what_was_never_seen(closed) -
     diagram.GetInputPort("gripper_state").FixValue(context, [0.03, 0.03, 0, 0])
     simulator = Simulator(diagram, context)
     simulator.Initialize()
-    assert pose_in_scene(diagram, context, scene, "object", "box").translation()[2] == PARKED_HEIGHT
+    assert pose_in_scene(diagram, context, scene, "object", "box").translation()[2] == TWIN_SCENE.parked_height
     simulator.AdvanceTo(0.05)
     for name, pose in zip(LIBRARY, AT, strict=True):
         X_WO = pose_in_scene(diagram, context, scene, "object", name)
         if name == "second_can":
-            assert X_WO.translation()[2] == PARKED_HEIGHT
+            assert X_WO.translation()[2] == TWIN_SCENE.parked_height
         else:
             expected = RigidTransform(Quaternion(pose[:4]), pose[4:])
             assert X_WO.IsNearlyEqualTo(expected, 1e-9)

@@ -28,7 +28,8 @@ from hrt_truth.motion import pick_and_place  # noqa: E402
 from hrt_truth.sensors import Case, Defects, look_factor, sense  # noqa: E402
 from hrt_truth.streams import Streams, Truth, load, save  # noqa: E402
 
-from twin_diagram.estimation.sensors.camera_noise_regressor import GOOD, WORST, camera_noise  # noqa: E402
+from twin_diagram.estimation.sensors.camera_noise_regressor import TUNING as CAMERA_NOISE_REGRESSOR  # noqa: E402
+from twin_diagram.estimation.sensors.camera_noise_regressor import camera_noise  # noqa: E402
 
 SEED = 1004
 PERFECT = Defects(
@@ -187,11 +188,11 @@ def test_recovery_latency_and_poisson_bound() -> None:
 
 
 def test_camera_noise_grows_with_cover_and_bad_light_and_was_fitted() -> None:
-    good, covered = camera_noise(*GOOD), camera_noise(0.85, 0.4)
+    good, covered = camera_noise(*CAMERA_NOISE_REGRESSOR.good), camera_noise(0.85, 0.4)
     assert np.all(covered > 3.0 * good)
-    assert np.all(camera_noise(np.nan, 0.5) == pytest.approx(WORST * good))
+    assert np.all(camera_noise(np.nan, 0.5) == pytest.approx(CAMERA_NOISE_REGRESSOR.worst * good))
     outline = np.array([0.026, 0.003])
-    np.testing.assert_allclose(camera_noise(*GOOD, good=outline), np.repeat(outline, 3))
+    np.testing.assert_allclose(camera_noise(*CAMERA_NOISE_REGRESSOR.good, good=outline), np.repeat(outline, 3))
     # The law that was fitted against what frames held back say of each look; bins of 8 to 121 frames with heavy tails
     # are known to a tenth to a third themselves.
     usual = camera_noise(sensors.LOOK_COVERED[0], sensors.LOOK_BRIGHTNESS[2])

@@ -14,8 +14,16 @@ from twin_diagram.assets.mesh import Cloud, read_obj, read_png, sample
 from twin_diagram.errors import AssetError
 from twin_diagram.signals.arrays import Array
 
-CLOUD_POINTS = 3000
-"""Points of an asset's cloud."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    cloud_points: int = 3000
+    """Points of an asset's cloud."""
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -107,7 +115,7 @@ def _cloud(folder: Path, spec: AssetSpec) -> Cloud:
             raise AssetError(f"{cached}: points, normals and colours must be finite and of one shape (M >= 100, 3)")
         return Cloud(points, normals, colours)
     mesh = folder / spec.visual
-    return sample(read_obj(mesh), read_png(mesh.with_suffix(".png")), CLOUD_POINTS)
+    return sample(read_obj(mesh), read_png(mesh.with_suffix(".png")), TUNING.cloud_points)
 
 
 def _vertices(solid: Solid, where: Path) -> Array:

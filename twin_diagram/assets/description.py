@@ -9,10 +9,19 @@ import numpy as np
 from twin_diagram.assets.mesh import Mesh
 from twin_diagram.signals.arrays import Array
 
-FOOT = 0.002
-"""Radius of the small spheres on which an object stands [m]."""
-RECESS = 0.0005
-"""How far the solid shapes stay behind the feet, so that the feet alone carry the object on a plane [m]."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    foot: float = 0.002
+    """Radius of the small spheres on which an object stands [m]."""
+
+    recess: float = 0.0005
+    """How far the solid shapes stay behind the feet, so that the feet alone carry the object on a plane [m]."""
+
+
+TUNING = Tuning()
 
 
 @dataclass
@@ -71,12 +80,12 @@ def shell_inertia(mesh: Mesh, mass: float) -> tuple[Array, Array]:
 def feet(solid: Solid) -> Array:
     """Centres (k, 3) of the spheres on which an object stands: corners of a box, eight along each rim of a cylinder."""
     if solid.kind == "box":
-        half = np.asarray(solid.size) / 2 - FOOT
+        half = np.asarray(solid.size) / 2 - TUNING.foot
         return np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).T.reshape(-1, 3) * half
     radius, length = solid.size
     angle = np.arange(8) * np.pi / 4
-    ring = np.stack([np.cos(angle) * (radius - FOOT), np.sin(angle) * (radius - FOOT)], axis=1)
-    return np.concatenate([np.insert(ring, 2, sign * (length / 2 - FOOT), axis=1) for sign in (-1.0, 1.0)])
+    ring = np.stack([np.cos(angle) * (radius - TUNING.foot), np.sin(angle) * (radius - TUNING.foot)], axis=1)
+    return np.concatenate([np.insert(ring, 2, sign * (length / 2 - TUNING.foot), axis=1) for sign in (-1.0, 1.0)])
 
 
 def _pose(translation: Array | list[float], rpy: list[float] | None = None) -> str:
@@ -108,13 +117,13 @@ def sdf(spec: AssetSpec, com: Array, inertia: Array, friction: float = 0.6) -> s
     )
     for k, solid in enumerate(spec.solids):
         if solid.kind == "box":
-            x, y, z = (edge - 2 * RECESS for edge in solid.size)
+            x, y, z = (edge - 2 * TUNING.recess for edge in solid.size)
             shape = f"<box><size>{x:.9g} {y:.9g} {z:.9g}</size></box>"
         else:
-            radius, length = solid.size[0] - RECESS, solid.size[1] - 2 * RECESS
+            radius, length = solid.size[0] - TUNING.recess, solid.size[1] - 2 * TUNING.recess
             shape = f"<cylinder><radius>{radius:.9g}</radius><length>{length:.9g}</length></cylinder>"
         text += _collision(f"solid{k}", _pose(solid.translation, solid.rpy), shape, friction)
     for k, centre in enumerate(feet(spec.solids[0])):
-        shape = f"<sphere><radius>{FOOT:g}</radius></sphere>"
+        shape = f"<sphere><radius>{TUNING.foot:g}</radius></sphere>"
         text += _collision(f"foot{k}", _pose(centre + spec.solids[0].translation), shape, friction)
     return text + "    </link>\n  </model>\n</sdf>\n"

@@ -64,9 +64,9 @@ def write_mug(
     """An open mug with its handle towards +x; O on the axis half-way up. Returns the folder."""
     _check(name, mass, radius, height)
     bow_x, bow_z = shapes.handle_reach(radius, height)
-    reach = radius + bow_x + shapes.HANDLE_TUBE
-    thick = 2 * shapes.HANDLE_TUBE
-    depth, tall = reach - 0.9 * radius, 2 * (bow_z + shapes.HANDLE_TUBE)
+    reach = radius + bow_x + shapes.TUNING.handle_tube
+    thick = 2 * shapes.TUNING.handle_tube
+    depth, tall = reach - 0.9 * radius, 2 * (bow_z + shapes.TUNING.handle_tube)
     solids = [
         Solid("cylinder", [radius, height]),
         Solid("box", [depth, thick, tall], [0.9 * radius + depth / 2, 0.0, 0.0]),

@@ -124,26 +124,36 @@ def bottle(radius: float, height: float) -> Patchwork:
     return _assemble([_turned(profile, 40)], 1, 256, 256)
 
 
-MUG_WALL = 0.004
-"""Thickness of a mug's wall [m]."""
-HANDLE_TUBE = 0.006
-"""Radius of the tube that makes a mug's handle [m]."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    mug_wall: float = 0.004
+    """Thickness of a mug's wall [m]."""
+
+    handle_tube: float = 0.006
+    """Radius of the tube that makes a mug's handle [m]."""
+
+
+TUNING = Tuning()
 
 
 def mug(radius: float, height: float) -> Patchwork:
     """An open cylinder with a handle on the +x side; O on the cylinder's axis half-way up."""
-    h, inner = height / 2, radius - MUG_WALL
-    profile = np.array([[0, -h], [radius, -h], [radius, h], [inner, h], [inner, MUG_WALL - h], [0, MUG_WALL - h]])
+    h, inner = height / 2, radius - TUNING.mug_wall
+    profile = np.array(
+        [[0, -h], [radius, -h], [radius, h], [inner, h], [inner, TUNING.mug_wall - h], [0, TUNING.mug_wall - h]]
+    )
     bow_x, bow_z = handle_reach(radius, height)
 
     def tube(s: Array, t: Array) -> tuple[Array, Array]:
         along, around = np.pi * (t - 0.5), 2 * np.pi * s
-        inward = radius - MUG_WALL / 2
+        inward = radius - TUNING.mug_wall / 2
         centre = np.stack([inward + bow_x * np.cos(along), np.zeros_like(s), bow_z * np.sin(along)], axis=-1)
         out = np.stack([bow_z * np.cos(along), np.zeros_like(s), bow_x * np.sin(along)], axis=-1)
         out = out / np.linalg.norm(out, axis=-1, keepdims=True)
         normal = out * np.cos(around)[..., None] + np.array([0.0, 1.0, 0.0]) * np.sin(around)[..., None]
-        return centre + HANDLE_TUBE * normal, normal
+        return centre + TUNING.handle_tube * normal, normal
 
     handle = _Chart(lambda s, t: tube(s, t)[0], lambda s, t: tube(s, t)[1], _spaced(12), _spaced(16))
     return _assemble([_turned(profile, 40), handle], 1, 256, 128)

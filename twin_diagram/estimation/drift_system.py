@@ -10,10 +10,12 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, LeafSystem
 
 from twin_diagram.estimation.drift.alarm_events import events
-from twin_diagram.estimation.drift.monitor import RING, Entry, Monitor
+from twin_diagram.estimation.drift.monitor import Entry, Monitor
 from twin_diagram.estimation.drift.sensor_consistency import newest
+from twin_diagram.estimation.drift.state import TUNING as STATE
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
-from twin_diagram.estimation.filter.belief import LONGEST_LOOK, Track
+from twin_diagram.estimation.filter.belief import TUNING as BELIEF
+from twin_diagram.estimation.filter.belief import Track
 from twin_diagram.estimation.sensors.from_scenario import make_sensor
 from twin_diagram.model.model import Model
 from twin_diagram.runtime.timing import timed
@@ -95,7 +97,7 @@ class DriftMonitor(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / tuning.rate, 0.0, self._update)
         for name, size, calc in (
             ("alarm", ALARM_SIZE, self._calc_alarm),
-            ("alarm_log", RING * ALARM_LOG_FIELDS, self._calc_log),
+            ("alarm_log", STATE.ring * ALARM_LOG_FIELDS, self._calc_log),
             ("alarm_evidence", self.monitor.evidence.size, self._calc_evidence),
         ):
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={self.discrete_state_ticket(state)})
@@ -147,7 +149,7 @@ class DriftMonitor(LeafSystem):
         before = context.get_discrete_state(self._message).value()
         n, message_time = len(q), float(before[-1])
         # The filter carried its state on from that message to the present.
-        ahead = min(max(context.get_time() - message_time, 0.0), LONGEST_LOOK)
+        ahead = min(max(context.get_time() - message_time, 0.0), BELIEF.longest_look)
         q_then, tau_then = before[:n], before[n : 2 * n]
         monitor.observe(state, theta, float(nis[0]), q_then, tau_then, message_time, message_time + ahead, innovation)
         if self._further is not None:

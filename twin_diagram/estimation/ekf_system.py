@@ -10,8 +10,9 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Even
 
 from twin_diagram.errors import ModelError
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
+from twin_diagram.estimation.filter.arm_messages import TUNING as ARM_MESSAGES
 from twin_diagram.estimation.filter.belief import HEADER, Belief, Entry, Track
-from twin_diagram.estimation.filter.ekf import LONGEST_GAP, Ekf
+from twin_diagram.estimation.filter.ekf import Ekf
 from twin_diagram.estimation.filter.model_swap import hand_over
 from twin_diagram.estimation.filter.sensor_registry import FilterError
 from twin_diagram.estimation.sensors import BodyPose
@@ -212,7 +213,7 @@ class AdaptiveEkf(LeafSystem):
             R = None if noise is None else cast(Array, noise.Eval(context)).reshape(sensor.size, sensor.size)
             try:
                 ahead = t - ekf.belief.time
-                if ahead > LONGEST_GAP:
+                if ahead > ARM_MESSAGES.longest_gap:
                     raise FilterError(f"{sensor.name}: a reading of the future")
                 ekf.update(sensor, cast(Array, reading.Eval(context)), t, None if R is None or not np.any(R) else R)
             except (FilterError, np.linalg.LinAlgError):

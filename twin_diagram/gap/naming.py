@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -28,22 +28,34 @@ from twin_diagram.logs import Log
 from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
 
-LEAST = 6.0
-"""Evidence that each member must bring beyond all prices [nats]; set on clean training logs."""
 
-MOST = 40
-"""Members of a hypothesis."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
 
-DOUBT = 0.03
-"""Share of what was named that its law may be wrong by."""
+    least: float = 6.0
+    """Evidence that each member must bring beyond all prices [nats]; set on clean training logs."""
 
-DOUBT_TIME = 0.3
-"""[s]"""
+    most: int = 40
+    """Members of a hypothesis."""
 
-SUSPECT = 3.0
-"""Above this, a joint's gear is looked at more closely."""
+    doubt: float = 0.03
+    """Share of what was named that its law may be wrong by."""
 
-SUSPECTS = 4
+    doubt_time: float = 0.3
+    """[s]"""
+
+    suspect: float = 3.0
+    """Above this, a joint's gear is looked at more closely."""
+
+    suspects: int = 4
+
+    uneven: float = 2.0
+    """Standard errors by which a joint differs from the others."""
+
+
+TUNING = Tuning()
+
 
 SWUNG = ("reflected_inertia", "joint_elasticity", "backlash", "torque_constant", "encoder_offset")
 """What a gear that swings looks like at first."""
@@ -51,8 +63,6 @@ SWUNG = ("reflected_inertia", "joint_elasticity", "backlash", "torque_constant",
 LATE = "time_delay"
 """Or, where joints are not equally late, this."""
 
-UNEVEN = 2.0
-"""Standard errors by which a joint differs from the others."""
 
 NOT_SMOOTH = ("joint_elasticity", "torque_saturation")
 """Candidates that the saturated fit can do without."""
@@ -109,7 +119,7 @@ def investigate(records: Records, progress: Progress | None = None) -> tuple[Ver
     say("searching for a name")
     nuisances = [whole_arm.timing_nuisance(terms), *reversal_nuisances.nuisances(terms)]
     bench = Bench(records.residual, noise, candidates, nuisances, weights, terms.torque_size)
-    fit = refine(bench, terms, search(bench, LEAST, MOST, Proposer(terms), polisher(terms)))
+    fit = refine(bench, terms, search(bench, TUNING.least, TUNING.most, Proposer(terms), polisher(terms)))
     lap("search")
 
     say("searching again with the noise that is left")
@@ -170,8 +180,8 @@ def again(records: Records, terms: Terms, bench: Bench, fit: Fit, ordinary: Arra
     knocks = Knocks(terms, second)
     gear_proposals.propose(second, terms, members, asked, knocks)
     polish, propose = polisher(terms), Proposer(terms)
-    found = climb(second, members, LEAST, MOST, propose, polish)
-    other = search(second, LEAST, MOST, propose, polish)
+    found = climb(second, members, TUNING.least, TUNING.most, propose, polish)
+    other = search(second, TUNING.least, TUNING.most, propose, polish)
     best = found if found.evidence >= other.evidence else other
     late = [j for j in suspects(records, terms, second, best.members) if j not in asked]
     plain = plainer(second, best)
@@ -181,7 +191,10 @@ def again(records: Records, terms: Terms, bench: Bench, fit: Fit, ordinary: Arra
     ]
     if offered:
         starts = dict.fromkeys((best.members, plain.members))
-        best = max((climb(second, some, LEAST, MOST, propose, polish) for some in starts), key=lambda fit: fit.evidence)
+        best = max(
+            (climb(second, some, TUNING.least, TUNING.most, propose, polish) for some in starts),
+            key=lambda fit: fit.evidence,
+        )
     best = rivals.refined(second, terms, pruned(second, plainer(second, refine(second, terms, best))))
     return terms, second, pruned(second, plainer(second, best))
 
@@ -189,8 +202,8 @@ def again(records: Records, terms: Terms, bench: Bench, fit: Fit, ordinary: Arra
 def trusted(records: Records, bench: Bench, fit: Fit) -> Array:
     """(n, R) weights of whitened samples: where much was named, no law is exact to the noise."""
     white = bench.whitener.all(contribution_of(records, bench, fit))
-    width = max(1, round(DOUBT_TIME * records.rate))
-    return np.asarray(1.0 / np.sqrt(1.0 + DOUBT**2 * uniform_filter1d(white**2, width, axis=1)))
+    width = max(1, round(TUNING.doubt_time * records.rate))
+    return np.asarray(1.0 / np.sqrt(1.0 + TUNING.doubt**2 * uniform_filter1d(white**2, width, axis=1)))
 
 
 def suspects(records: Records, terms: Terms, bench: Bench, members: Members) -> list[int]:
@@ -200,11 +213,11 @@ def suspects(records: Records, terms: Terms, bench: Bench, members: Members) -> 
     """
     fit = bench.solve(members)
     left = leftover_structure.left_over(records, terms, bench, fit).joints
-    found = [int(j) for j in np.argsort(-left)[:SUSPECTS] if left[j] > SUSPECT]
+    found = [int(j) for j in np.argsort(-left)[: TUNING.suspects] if left[j] > TUNING.suspect]
     swung = [j for k in sorted(members) if bench.candidates[k].name in SWUNG for j in bench.candidates[k].joints]
     swung += [j for k in sorted(members) if bench.candidates[k].name == LATE for j in uneven(bench, fit, k)]
     beside = [i for j in found[:1] for i in (j + 1, j - 1) if 0 <= i < records.n]
-    return list(dict.fromkeys([*found, *swung, *beside]))[:SUSPECTS]
+    return list(dict.fromkeys([*found, *swung, *beside]))[: TUNING.suspects]
 
 
 def uneven(bench: Bench, fit: Fit, member: int) -> list[int]:
@@ -215,14 +228,14 @@ def uneven(bench: Bench, fit: Fit, member: int) -> list[int]:
     told = np.sum(column * left, axis=1) / fit.variance
     others = np.sum(size) - size
     apart = np.abs(told / size - (np.sum(told) - told) / others) / np.sqrt(1.0 / size + 1.0 / others)
-    return [bench.candidates[member].rows[k] for k in np.argsort(-apart) if apart[k] > UNEVEN]
+    return [bench.candidates[member].rows[k] for k in np.argsort(-apart) if apart[k] > TUNING.uneven]
 
 
 def pruned(bench: Bench, fit: Fit) -> Fit:
     """The fit without members that do not bring `LEAST` once shapes and noise have settled."""
     while fit.members:
         without = max((bench.solve(fit.members - {k}) for k in fit.members), key=lambda other: other.evidence)
-        if not np.isfinite(without.evidence) or fit.evidence - without.evidence >= LEAST:
+        if not np.isfinite(without.evidence) or fit.evidence - without.evidence >= TUNING.least:
             return fit
         fit = without
     return fit

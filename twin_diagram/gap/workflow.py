@@ -31,16 +31,25 @@ from twin_diagram.gap.naming import name
 from twin_diagram.gap.report import gap_json, page
 from twin_diagram.gap.report.comparison import Shown, show
 from twin_diagram.gap.report.subject import Subject
-from twin_diagram.gap.residuals.prepared_logs import SHORTEST_HELD, usable
-from twin_diagram.gap.verdict.deciding import LESS_SURE
+from twin_diagram.gap.residuals.prepared_logs import TUNING as PREPARED_LOGS
+from twin_diagram.gap.residuals.prepared_logs import usable
+from twin_diagram.gap.verdict.deciding import TUNING as DECIDING
 from twin_diagram.logs import Log, read_log, write_columns
 from twin_diagram.model.model import Model
 from twin_diagram.model.prediction import as_explained, load_model_for
 
 Say = Callable[[str], None]
 
-MOST_EXPERIMENTS = 4
-"""Files that are written."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    most_experiments: int = 4
+    """Files that are written."""
+
+
+TUNING = Tuning()
 
 FOR_THE_UNKNOWN = (texts.SPEEDS, texts.SLOW, texts.LONG)
 """Experiments that show most of an effect that has no name yet."""
@@ -127,7 +136,9 @@ def run_gap(
             "the held-out run does nothing in which the two models differ, so it proves nothing: hold out a run that "
             "moves more like those that were fitted"
         )
-        less = tuple(replace(finding, confidence=finding.confidence * LESS_SURE) for finding in verdict.findings)
+        less = tuple(
+            replace(finding, confidence=finding.confidence * DECIDING.less_sure) for finding in verdict.findings
+        )
         verdict = replace(verdict, findings=less)
     experiments = _experiments(given, verdict, shown, logs)
     gap = Gap(
@@ -262,7 +273,7 @@ def _read(
     warnings += more
     for log in logs:
         usable(log)
-    usable(kept, SHORTEST_HELD)
+    usable(kept, PREPARED_LOGS.shortest_held)
     notes = [warning.message for warning in warnings]
     if any(_same(log, held) for log in raw):
         notes.append(f"{held.source}: is also a fitted run, so it proves nothing; hold out another one")
@@ -286,7 +297,7 @@ def _experiments(
     result: list[tuple[Experiment, str]] = []
     for text, joints in wanted:
         experiment = design(text, seen, joints)
-        if experiment is not None and len(result) < MOST_EXPERIMENTS:
+        if experiment is not None and len(result) < TUNING.most_experiments:
             result.append((experiment, f"experiments/{len(result) + 1}_{experiment.slug}.csv"))
     return tuple(result)
 

@@ -11,18 +11,26 @@ from twin_diagram.logs.joint_limits import JointLimits
 from twin_diagram.logs.measured_log import Log
 from twin_diagram.signals import units
 
-SLOWEST = 0.25
-"""Longest time between samples that a joint log can have and be of use [s]."""
 
-GAP = 2.5
-"""A step this many times the median is a gap."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
 
-DEGREES = 1.5
-"""Beyond its limits by more than this, a joint's position is no longer a robot that is described too tightly [rad]."""
+    slowest: float = 0.25
+    """Longest time between samples that a joint log can have and be of use [s]."""
+
+    gap: float = 2.5
+    """A step this many times the median is a gap."""
+
+    degrees: float = 1.5
+    """Beyond its limits by more than this, a joint's position is no longer a robot that is described too tightly
+    [rad]."""
+
+    millimetres: float = 3.0
+    """Beyond its limits by this many times its travel, a slide's position is likewise no metres."""
 
 
-MILLIMETRES = 3.0
-"""Beyond its limits by this many times its travel, a slide's position is likewise no metres."""
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -65,7 +73,7 @@ def check(log: Log, arm: JointLimits | None = None) -> list[LogWarning]:
 
 
 def _check_time_unit(log: Log) -> None:
-    if log.period > SLOWEST:
+    if log.period > TUNING.slowest:
         for unit, scale in (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9)):
             if 4e-4 <= log.period / scale <= 0.1:
                 raise LogError(
@@ -78,7 +86,7 @@ def _check_time_unit(log: Log) -> None:
 def _gaps(log: Log) -> list[LogWarning]:
     steps = np.diff(log.time)
     result = []
-    gaps = np.flatnonzero(steps > GAP * log.period)
+    gaps = np.flatnonzero(steps > TUNING.gap * log.period)
     if len(gaps):
         k = int(gaps[np.argmax(steps[gaps])])
         result.append(
@@ -88,7 +96,7 @@ def _gaps(log: Log) -> list[LogWarning]:
                 f"(samples are {log.period:.4g} s apart)",
             )
         )
-    jitter = float(np.std(steps[steps <= GAP * log.period]) / log.period)
+    jitter = float(np.std(steps[steps <= TUNING.gap * log.period]) / log.period)
     if jitter > 0.1:
         message = f"{log.source}: time: steps vary by {100 * jitter:.0f} % of {log.period:.4g} s"
         result.append(LogWarning("jitter", message))
@@ -156,14 +164,14 @@ def _against(log: Log, arm: JointLimits) -> list[LogWarning]:
     revolute = arm.revolute
     outside = arm.outside(own.position)
     turned = np.where(revolute, outside, 0.0)
-    if np.any(turned > DEGREES) and np.all((arm.outside(np.radians(own.position)) < 0.1) | ~revolute):
+    if np.any(turned > TUNING.degrees) and np.all((arm.outside(np.radians(own.position)) < 0.1) | ~revolute):
         k = int(np.argmax(turned))
         joint, value = own.joints[k], own.position[np.argmax(np.abs(own.position[:, k])), k]
         raise LogError(
             f"{log.source}: position_measured.{joint} reaches {value:.4g}, its limits are {arm.lower[k]:.4g} to "
             f"{arm.upper[k]:.4g} rad; it looks like degrees, the log format has radians"
         )
-    far = outside > MILLIMETRES * np.maximum(arm.upper - arm.lower, 0.01)
+    far = outside > TUNING.millimetres * np.maximum(arm.upper - arm.lower, 0.01)
     if np.any(long := ~revolute & far & (arm.outside(1e-3 * own.position) < 0.01)):
         k = int(np.argmax(long))
         raise LogError(

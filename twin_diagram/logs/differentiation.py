@@ -12,14 +12,22 @@ from scipy.signal import butter, sosfiltfilt
 from twin_diagram.logs import Log, uniform
 from twin_diagram.signals.arrays import Array
 
-RESIDUAL_CUTOFF = 10.0
-"""Torque residuals are looked at below this [Hz]."""
 
-RESIDUAL_CUT = 0.3
-"""Left out at each end of a log, where filters settle [s]."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
 
-MOTION_CUTOFF = 25.0
-"""Positions are smoothed above this before they are differentiated [Hz]."""
+    residual_cutoff: float = 10.0
+    """Torque residuals are looked at below this [Hz]."""
+
+    residual_cut: float = 0.3
+    """Left out at each end of a log, where filters settle [s]."""
+
+    motion_cutoff: float = 25.0
+    """Positions are smoothed above this before they are differentiated [Hz]."""
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -37,7 +45,7 @@ class Motion:
     acceleration: Array
 
 
-def lowpass(signal: Array, rate: float, cutoff: float = RESIDUAL_CUTOFF) -> Array:
+def lowpass(signal: Array, rate: float, cutoff: float = TUNING.residual_cutoff) -> Array:
     """4th-order Butterworth low-pass, forward and backward, so without phase.
 
     Args:
@@ -52,7 +60,7 @@ def lowpass(signal: Array, rate: float, cutoff: float = RESIDUAL_CUTOFF) -> Arra
     return filtered
 
 
-def smooth(signal: Array, rate: float, cutoff: float = MOTION_CUTOFF) -> Array:
+def smooth(signal: Array, rate: float, cutoff: float = TUNING.motion_cutoff) -> Array:
     """As `lowpass`, but faithful to slopes and curvatures at the ends.
 
     A filter must be told what lies beyond the ends. Turning the signal about its last sample, as is usual, breaks its
@@ -76,7 +84,7 @@ def differentiate(signal: Array, time: Array, order: int) -> Array:
     return derivative
 
 
-def motion(log: Log, cutoff: float = MOTION_CUTOFF) -> Motion:
+def motion(log: Log, cutoff: float = TUNING.motion_cutoff) -> Motion:
     """Position, velocity and acceleration of a log.
 
     The drives' velocity, where it is logged, is weighed against the derivative of the positions by their noise: white
@@ -100,11 +108,11 @@ def _velocity_weight(log: Log, rate: float, velocity: Array, acceleration: Array
     """(n,) weight in [0, 1] of the drives' velocity."""
     assert log.velocity is not None
     weight = np.zeros(len(log.joints))
-    if rate < 8.0 * RESIDUAL_CUTOFF:
+    if rate < 8.0 * TUNING.residual_cutoff:
         return weight
     v_low, a_low, drive_low = (lowpass(x, rate) for x in (velocity, acceleration, log.velocity))
     noise_q, noise_v = (np.std(x - lowpass(x, rate, 0.35 * rate), axis=0) for x in (log.position, log.velocity))
-    w = 2.0 * np.pi * RESIDUAL_CUTOFF
+    w = 2.0 * np.pi * TUNING.residual_cutoff
     for k in range(len(log.joints)):
         basis = np.stack([v_low[:, k], a_low[:, k]], axis=1)
         if not np.std(v_low[:, k]) > 0.0:
@@ -116,7 +124,7 @@ def _velocity_weight(log: Log, rate: float, velocity: Array, acceleration: Array
     return weight
 
 
-def inner(time: Array, cut: float = RESIDUAL_CUT) -> npt.NDArray[np.bool_]:
+def inner(time: Array, cut: float = TUNING.residual_cut) -> npt.NDArray[np.bool_]:
     """Which samples lie at least `cut` [s] from both ends."""
     edge = cut * (1.0 - 1e-9)
     return (time >= time[0] + edge) & (time <= time[-1] - edge)

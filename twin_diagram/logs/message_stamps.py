@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -12,8 +13,16 @@ from twin_diagram.signals.arrays import Array
 
 Index = npt.NDArray[np.int64]
 
-BACK = 1_000_000_000
-"""Messages overtake one another on a bus; a clock that goes back by more than this was set anew [ns]."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    back: int = 1_000_000_000
+    """Messages overtake one another on a bus; a clock that goes back by more than this was set anew [ns]."""
+
+
+TUNING = Tuning()
 
 
 def in_order(stamps: Index, source: str, where: Callable[[int], str]) -> Index:
@@ -28,7 +37,7 @@ def in_order(stamps: Index, source: str, where: Callable[[int], str]) -> Index:
         LogError: the clock goes back, as where a run started again.
     """
     latest = np.maximum.accumulate(stamps)
-    back = np.flatnonzero(latest - stamps > BACK)
+    back = np.flatnonzero(latest - stamps > TUNING.back)
     if len(back):
         k = int(back[0])
         raise LogError(

@@ -7,7 +7,7 @@ import io
 import math
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +17,16 @@ from twin_diagram.errors import LogError
 from twin_diagram.logs.measured_log import SIGNALS, Log
 from twin_diagram.signals.arrays import Array
 
-FEWEST = 10
-"""Samples that make a log."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    fewest: int = 10
+    """Samples that make a log."""
+
+
+TUNING = Tuning()
 
 TORQUES = ("torque_measured", "torque_commanded")
 BAGS = (".mcap", ".db3", ".bag")
@@ -100,8 +108,8 @@ def log_from_columns(columns: Mapping[str, Array], source: str, where: Callable[
     joints = [joint for joint in joints if joint not in idle]
     columns = {name: values for name, values in columns.items() if name.partition(".")[2] not in idle}
     time = columns["time"]
-    if len(time) < FEWEST:
-        raise LogError(f"{source}: holds {len(time)} sample(s); at least {FEWEST} are needed")
+    if len(time) < TUNING.fewest:
+        raise LogError(f"{source}: holds {len(time)} sample(s); at least {TUNING.fewest} are needed")
     for name, values in columns.items():
         if name != "time" and name.partition(".")[0] not in SIGNALS:
             continue

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -13,8 +13,16 @@ from twin_diagram.logs.joint_limits import JointLimits
 from twin_diagram.logs.measured_log import Log
 from twin_diagram.signals.arrays import Array
 
-NEARLY = 0.1
-"""A jump is a turn if it is this near to one [turns]; what else jumps is a fault of the log."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    nearly: float = 0.1
+    """A jump is a turn if it is this near to one [turns]; what else jumps is a fault of the log."""
+
+
+TUNING = Tuning()
 
 
 def unwrapped(log: Log, arm: JointLimits) -> tuple[Log, list[LogWarning]]:
@@ -47,7 +55,7 @@ def _turns(angles: Array) -> Array:
     """(N, n) turns by which each sample jumped from the one before it."""
     steps = np.diff(angles, axis=0, prepend=angles[:1]) / (2.0 * np.pi)
     whole = np.round(steps)
-    return np.where(np.abs(steps - whole) < NEARLY, whole, 0.0)
+    return np.where(np.abs(steps - whole) < TUNING.nearly, whole, 0.0)
 
 
 def _unwrap(angles: Array, which: npt.NDArray[np.bool_]) -> Array:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +35,15 @@ __all__ = [
 ]
 
 
-STARTS_AT_ONCE = 4096
-"""Rollouts that run side by side."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    starts_at_once: int = 4096
+    """Rollouts that run side by side."""
+
+
+TUNING = Tuning()
 
 
 def torque_predicted(model: Model, log: Log, smooth: Motion | None = None) -> Array:
@@ -81,8 +88,8 @@ def position_predicted(model: Model, log: Log, horizon: float = 0.2, smooth: Mot
         early = trajectory(*rolled.arguments(np.zeros(1, dtype=np.int64), steps - 1), arrived=True)
         result[1:steps] = [position[0] for position in early]
     starts = np.arange(len(regular) - steps)
-    for first in range(0, len(starts), STARTS_AT_ONCE):
-        chosen = starts[first : first + STARTS_AT_ONCE]
+    for first in range(0, len(starts), TUNING.starts_at_once):
+        chosen = starts[first : first + TUNING.starts_at_once]
         result[chosen + steps] = rollout(*rolled.arguments(chosen, steps), arrived=True)
     return _at(log.time, regular.time, result)
 

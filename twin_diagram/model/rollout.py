@@ -24,11 +24,19 @@ from twin_diagram.model.dynamics.friction_impulses import Brake, Stop, solve
 from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
 
-LONGEST_STEP = 0.004
-"""Samples farther apart than this are integrated in several steps [s]."""
 
-LIGHTEST_ROTOR = 1e-4
-"""Least share of a link's inertia that a rotor before a yielding gear has."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    longest_step: float = 0.004
+    """Samples farther apart than this are integrated in several steps [s]."""
+
+    lightest_rotor: float = 1e-4
+    """Least share of a link's inertia that a rotor before a yielding gear has."""
+
+
+TUNING = Tuning()
 
 
 @dataclass
@@ -95,7 +103,7 @@ def trajectory(
     """
     if not model.timed:
         time = None
-    parts = max(1, int(np.ceil(period / LONGEST_STEP - 1e-9)))
+    parts = max(1, int(np.ceil(period / TUNING.longest_step - 1e-9)))
     h = period / parts
     s = len(model.law.yielding)
     state = State(q, v.copy(), np.zeros((len(q), s)), np.zeros((len(q), s)), np.zeros((len(q), model.tree.n + s)))
@@ -207,7 +215,7 @@ def _yielding_step(model: Model, state: State, tau: Array, h: float) -> State:
     damping = np.concatenate([model.tree.damping, np.zeros(s)])
     whole = np.empty((len(q), n + s, n + s))
     whole[:, :n, :n] = mass
-    whole[:, joints, joints] += LIGHTEST_ROTOR * links[:, joints, joints]
+    whole[:, joints, joints] += TUNING.lightest_rotor * links[:, joints, joints]
     whole[:, :n, n:] = links[:, :, joints]
     whole[:, n:, :n] = links[:, joints, :]
     whole[:, n:, n:] = links[:, joints[:, None], joints]

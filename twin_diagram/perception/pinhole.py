@@ -15,8 +15,16 @@ from twin_diagram.signals.arrays import Array
 DepthImage = npt.NDArray[np.float32]
 ColourImage = npt.NDArray[np.uint8]
 
-DEPTH_NOISE = 0.0008
-"""Standard deviation of depth at 1 m [m] that is allowed for; it grows with depth squared, as in stereo cameras."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    depth_noise: float = 0.0008
+    """Standard deviation of depth at 1 m [m] that is allowed for; it grows with depth squared, as in stereo cameras."""
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, cast
 
@@ -24,8 +25,17 @@ from twin_diagram.signals.layouts import NEVER, POSE_SIZE, TRACK_SIZE
 
 PAYLOAD: Final = ("payload.mass", "payload.moment_x", "payload.moment_y", "payload.moment_z")
 """Names of the parameters of a payload: mass [kg] and first moment [kg·m] in the last link's frame."""
-MARGIN: Final = 1e-3
-"""A tick comes this long after the tracks that it uses [s]."""
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    margin: float = 1e-3
+    """A tick comes this long after the tracks that it uses [s]."""
+
+
+TUNING = Tuning()
 
 
 class Mpc(LeafSystem):
@@ -223,9 +233,9 @@ def _offset(twin: scenario.Twin) -> float:
     """When within a period to plan: right after the updater's tick that follows a new image's delivery [s]."""
     if twin.camera is None:
         return 0.0
-    delivered = twin.camera.latency + MARGIN
+    delivered = twin.camera.latency + TUNING.margin
     updated = np.ceil(delivered * twin.scene.rate - 1e-9) / twin.scene.rate
-    return float((updated + MARGIN) % (1.0 / twin.planner.rate))
+    return float((updated + TUNING.margin) % (1.0 / twin.planner.rate))
 
 
 def _check(params: scenario.Planner) -> None:

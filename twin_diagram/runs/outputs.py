@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
@@ -32,12 +33,23 @@ from twin_diagram.visualization.scene_overlay import MeshcatOverlay
 
 SCENARIO_FILE: Final = "scenario.yaml"
 """In a recording's folder: the scenario that was run."""
-MOST_FRAMES: Final = 300
-"""Of a page. Each takes memory, in the run and in the browser; a longer run is shown with fewer per second."""
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    most_frames: int = 300
+    """Of a page. Each takes memory, in the run and in the browser; a longer run is shown with fewer per second."""
+
+    spare: float = 5.0
+    """The tape holds this much more than a search takes [s]."""
+
+
+TUNING = Tuning()
 EVENTS: Final = "events.jsonl"
 """In a run's folder: alarms and what they led to, one JSON object to a line."""
-SPARE: Final = 5.0
-"""The tape holds this much more than a search takes [s]."""
+
 Say = Callable[[str], None]
 
 
@@ -71,7 +83,7 @@ class Looking:
     def _add_meshcat(
         self, meshcat: Meshcat, builder: DiagramBuilder, twin: Twin, query: OutputPort, real: OutputPort | None
     ) -> None:
-        rate = FRAME_RATE if self._recorded is None else min(FRAME_RATE, MOST_FRAMES / self._recorded)
+        rate = FRAME_RATE if self._recorded is None else min(FRAME_RATE, TUNING.most_frames / self._recorded)
         self.scenes = add_meshcat(builder, meshcat, query, real, rate)
         self.scenes.set_view()
         plan = twin.diagram.GetOutputPort("plan")
@@ -144,7 +156,7 @@ class Mending:
         if healing is None:
             return
         commanded = twin.diagram.GetOutputPort(ports.POSITION_COMMANDED)
-        rate, seconds = self._scenario.twin.driver.rate, healing.seconds + SPARE
+        rate, seconds = self._scenario.twin.driver.rate, healing.seconds + TUNING.spare
         self._tape = Tape(builder, station, commanded, twin.model.joints, rate=rate, seconds=seconds)
 
     def healer(self, twin: Twin) -> Healer:

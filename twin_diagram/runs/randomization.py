@@ -6,6 +6,7 @@ never the poses, the payload, the friction or the path.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,13 +22,25 @@ from twin_diagram.signals.arrays import Array
 
 REGION = ((0.30, -0.46), (0.80, 0.46))
 """Lowest and highest corner (x, y) of where objects stand [m]."""
-SPACING = 0.03
-"""Free table between any two objects [m]."""
-FREE_AROUND_TOOL = 0.10
-"""Objects stand no nearer than this to where the tool starts and where it goes [m]."""
-PAYLOAD_MASS = (0.2, 1.5)
-FRICTION_ERROR = 0.1
-"""The world's friction differs from what the twin is told by up to this share."""
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    spacing: float = 0.03
+    """Free table between any two objects [m]."""
+
+    free_around_tool: float = 0.10
+    """Objects stand no nearer than this to where the tool starts and where it goes [m]."""
+
+    payload_mass: tuple[float, float] = (0.2, 1.5)
+
+    friction_error: float = 0.1
+    """The world's friction differs from what the twin is told by up to this share."""
+
+
+TUNING = Tuning()
 
 
 def vary(base: Scenario, seed: int, folder: str | Path) -> Scenario:
@@ -65,11 +78,11 @@ def _draw_dynamics(scenario: Scenario, rng: np.random.Generator) -> None:
     told = {effect.name: effect for effect in scenario.twin.arm.effects}
     for effect in scenario.world.arm.effects:
         if effect.name == "payload":
-            effect.parameters["mass"] = [float(rng.uniform(*PAYLOAD_MASS))]
+            effect.parameters["mass"] = [float(rng.uniform(*TUNING.payload_mass))]
             effect.parameters["com"] = [*rng.uniform(-0.03, 0.03, 2).tolist(), float(rng.uniform(0.12, 0.2))]
         elif effect.name in told:
             for name, values in told[effect.name].parameters.items():
-                factors = rng.uniform(1 - FRICTION_ERROR, 1 + FRICTION_ERROR, len(values))
+                factors = rng.uniform(1 - TUNING.friction_error, 1 + TUNING.friction_error, len(values))
                 effect.parameters[name] = (np.array(values) * factors).tolist()
 
 
@@ -93,11 +106,11 @@ def _draw_places(
             else:
                 way = rng.uniform(low + radius, high - radius)[None, :]
             room = all(
-                np.min(np.linalg.norm(way[:, None] - centre[None], axis=-1)) > radius + other + SPACING
+                np.min(np.linalg.norm(way[:, None] - centre[None], axis=-1)) > radius + other + TUNING.spacing
                 for centre, other in taken
             )
             ends = min(float(np.min(np.linalg.norm(way - point, axis=-1))) for point in (start, goal))
-            if room and ends > radius + FREE_AROUND_TOOL:
+            if room and ends > radius + TUNING.free_around_tool:
                 break
         else:
             return False

@@ -16,10 +16,19 @@ import numpy.typing as npt
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import ALARM_LOG_FIELDS, AlarmKind
 
-VISIBLE = 0.3
-"""An object counts as visible in a frame that shows this share of its camera-facing surface."""
-SETTLED = 0.5
-"""Errors count from this long after an object first came in sight [s]: the camera's first frames have to arrive."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    visible: float = 0.3
+    """An object counts as visible in a frame that shows this share of its camera-facing surface."""
+
+    settled: float = 0.5
+    """Errors count from this long after an object first came in sight [s]: the camera's first frames have to arrive."""
+
+
+TUNING = Tuning()
 
 
 @dataclass
@@ -98,11 +107,11 @@ def summarize(
     objects: dict[str, Any] = {}
     for index, name in enumerate(record.objects):
         axis = record.symmetric_axis.get(name)
-        visible = record.seen[:, index] >= VISIBLE
+        visible = record.seen[:, index] >= TUNING.visible
         counted = visible & (record.status[:, index] > 0)
         if visible.any():
-            counted &= time >= time[np.argmax(visible)] + SETTLED
-        missed = visible & (time >= time[np.argmax(visible)] + SETTLED) & (record.status[:, index] == 0)
+            counted &= time >= time[np.argmax(visible)] + TUNING.settled
+        missed = visible & (time >= time[np.argmax(visible)] + TUNING.settled) & (record.status[:, index] == 0)
         difference = record.poses_estimated[:, index, 4:] - record.poses_true[:, index, 4:]
         position = 1e3 * np.linalg.norm(difference, axis=-1)
         rotation = np.degrees(

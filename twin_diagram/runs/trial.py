@@ -26,12 +26,22 @@ from twin_diagram.signals.layouts import ALARM_LOG_FIELDS, NEVER, TRACK_SIZE
 from twin_diagram.station import ports
 from twin_diagram.twin.closed_loop import ClosedLoop
 
-SAMPLE_PERIOD = 1.0 / 60.0
-"""Between two samples of clearance, contacts and arm [s]."""
-SEEN_POINTS = 300
-"""Surface points per object by which its visible share is counted."""
-DEPTH_TOLERANCE = 0.01
-"""A surface point counts as seen where the image's depth agrees this well [m]."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    sample_period: float = 1.0 / 60.0
+    """Between two samples of clearance, contacts and arm [s]."""
+
+    seen_points: int = 300
+    """Surface points per object by which its visible share is counted."""
+
+    depth_tolerance: float = 0.01
+    """A surface point counts as seen where the image's depth agrees this well [m]."""
+
+
+TUNING = Tuning()
 
 
 _COLUMNS = (
@@ -79,8 +89,8 @@ def run_trial(
     sampler = _Sampler(loop, simulator.get_mutable_context())
     before, started = timing.snapshot(), clock.perf_counter()
     sampling = 0.0
-    for tick in range(1, round(duration / SAMPLE_PERIOD) + 1):
-        simulator.AdvanceTo(min(tick * SAMPLE_PERIOD, duration))
+    for tick in range(1, round(duration / TUNING.sample_period) + 1):
+        simulator.AdvanceTo(min(tick * TUNING.sample_period, duration))
         paused = clock.perf_counter()
         sampler.sample()
         between(simulator.get_mutable_context())
@@ -106,7 +116,9 @@ class _Sampler:
         self._truth_index = [self._truth_names.index(name) for name in self._objects]
         assets = [Asset.load(loop.twin.library[name].folder) for name in self._objects]
         self._symmetric = {name: asset.symmetric_axis for name, asset in zip(self._objects, assets, strict=True)}
-        self._surfaces = [(a.points_O[:SEEN_POINTS].copy(), a.normals_O[:SEEN_POINTS].copy()) for a in assets]
+        self._surfaces = [
+            (a.points_O[: TUNING.seen_points].copy(), a.normals_O[: TUNING.seen_points].copy()) for a in assets
+        ]
         self._camera = scenario.twin.camera
         X_WC = scenario.world.X_WC or (self._camera.X_WC if self._camera else None)
         self._X_CW = pose(X_WC).inverse() if X_WC else None
@@ -199,5 +211,5 @@ def _seen_share(
     v = np.rint(focal * points[:, 1] / points[:, 2] + (height - 1) / 2).astype(int)
     inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
     seen = np.zeros(len(points), dtype=bool)
-    seen[inside] = np.abs(depth[v[inside], u[inside]] - points[inside, 2]) < DEPTH_TOLERANCE
+    seen[inside] = np.abs(depth[v[inside], u[inside]] - points[inside, 2]) < TUNING.depth_tolerance
     return float(seen.mean())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, cast
 
 from pydrake.systems.framework import Context, Diagram
@@ -9,8 +10,16 @@ from pydrake.systems.framework import Context, Diagram
 from twin_diagram.station import ports
 from twin_diagram.station.sim.world_plant import WorldPlant
 
-HORIZON = 0.3
-"""Distances beyond this are not told apart [m]."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    horizon: float = 0.3
+    """Distances beyond this are not told apart [m]."""
+
+
+TUNING = Tuning()
 
 
 class TrueClearance:
@@ -40,8 +49,8 @@ class TrueClearance:
             context: the station's.
         """
         query: Any = self._station.GetOutputPort(ports.QUERY_OBJECT).Eval(context)
-        nearest = HORIZON
-        for pair in query.ComputeSignedDistancePairwiseClosestPoints(HORIZON):
+        nearest = TUNING.horizon
+        for pair in query.ComputeSignedDistancePairwiseClosestPoints(TUNING.horizon):
             a, b = pair.id_A, pair.id_B
             if (a in self._arm) == (b in self._arm):
                 continue

@@ -67,7 +67,7 @@ FILTER_SIZE: Final = 177
 
 
 @dataclass(frozen=True)
-class Tuning:
+class FilterSettings:
     """A scenario's `SceneUpdater` as the filter uses it: variances, in the order (rotation, position)."""
 
     stale_after: float
@@ -84,13 +84,13 @@ class Tuning:
     """(2,) [rad/s, m/s]"""
 
     @staticmethod
-    def of(params: scenario.SceneUpdater) -> Tuning:
+    def of(params: scenario.SceneUpdater) -> FilterSettings:
         """From a scenario's tuning."""
 
         def pair(rotation: float, position: float) -> Array:
             return np.array([rotation] * 3 + [position] * 3)
 
-        return Tuning(
+        return FilterSettings(
             stale_after=params.stale_after,
             lost_after=params.lost_after,
             acceleration_density=2
@@ -127,7 +127,7 @@ def initial_filters(count: int) -> Array:
     return filters
 
 
-def propagate(filters: Array, now: float, tuning: Tuning) -> Belief:
+def propagate(filters: Array, now: float, tuning: FilterSettings) -> Belief:
     """Carries filters (K, FILTER_SIZE) to a time, none of them changed.
 
     The uncertainty of the pose never shrinks with time, and stops growing when nothing is known any more.
@@ -166,7 +166,7 @@ def propagate(filters: Array, now: float, tuning: Tuning) -> Belief:
     return Belief(poses, velocities, covariances)
 
 
-def statuses(filters: Array, now: float, tuning: Tuning) -> Array:
+def statuses(filters: Array, now: float, tuning: FilterSettings) -> Array:
     """(K,) `layouts.ObjectStatus` at a time."""
     mode = filters[:, Slot.MODE]
     age = now - filters[:, Slot.LAST_SEEN]
@@ -176,7 +176,7 @@ def statuses(filters: Array, now: float, tuning: Tuning) -> Array:
     return np.where(mode == Mode.NONE, float(ObjectStatus.UNSEEN), status)
 
 
-def pose_covariances(belief: Belief, axes_O: Array, tuning: Tuning) -> Array:
+def pose_covariances(belief: Belief, axes_O: Array, tuning: FilterSettings) -> Array:
     """(K, 6, 6) of the poses, with what no averaging removes.
 
     Args:

@@ -15,6 +15,7 @@ What the numbers of a filter mean is said in `object_filter`.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -23,9 +24,9 @@ from scipy.linalg import solve_triangular
 from twin_diagram.scene.object_filter import (
     NOISE_IMAGES,
     VELOCITY_INDEX,
+    FilterSettings,
     Mode,
     Slot,
-    Tuning,
     initial_filters,
     propagate,
 )
@@ -33,28 +34,49 @@ from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, PoseMeasurement
 
-GATE: Final = 24.0
-"""Largest squared Mahalanobis distance of an innovation that is used: χ² of 6, probability 0.9995."""
-TREND_GATE: Final = 30.0
-"""The same for the running mean of innovations, which is tested at every image."""
-TREND_MEMORY: Final = 0.7
-"""Weight of the past in the running mean of whitened innovations, per image."""
-VELOCITY_MEMORY: Final = 0.75
-"""Weight of the past in the running mean of velocities, per image."""
-CALM_IMAGES: Final = 4
-"""This many slow images in a row make a moving object rest."""
-REACQUIRE_IMAGES: Final = 4
-"""This many agreeing measurements make the filter believe a jump that no object can make."""
-AGREEMENT_TIME: Final = 0.5
-"""Two rejected measurements farther apart than this are not compared [s]."""
-FASTEST: Final = 2.0
-"""No object is faster [m/s]."""
-FASTEST_TURN: Final = 10.0
-"""No object turns faster [rad/s]."""
-NOISE_SCALES: Final = (0.02, 25.0)
-"""Bounds of the true scatter's variance over the variance claimed."""
-SCATTER_SHARE: Final = 0.3
-"""No measurement scatters by less than this share of the floor, that is of the error which all measurements share."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    gate: float = 24.0
+    """Largest squared Mahalanobis distance of an innovation that is used: χ² of 6, probability 0.9995."""
+
+    trend_gate: float = 30.0
+    """The same for the running mean of innovations, which is tested at every image."""
+
+    trend_memory: float = 0.7
+    """Weight of the past in the running mean of whitened innovations, per image."""
+
+    velocity_memory: float = 0.75
+    """Weight of the past in the running mean of velocities, per image."""
+
+    calm_images: int = 4
+    """This many slow images in a row make a moving object rest."""
+
+    reacquire_images: int = 4
+    """This many agreeing measurements make the filter believe a jump that no object can make."""
+
+    agreement_time: float = 0.5
+    """Two rejected measurements farther apart than this are not compared [s]."""
+
+    fastest: float = 2.0
+    """No object is faster [m/s]."""
+
+    fastest_turn: float = 10.0
+    """No object turns faster [rad/s]."""
+
+    noise_scales: tuple[float, float] = (0.02, 25.0)
+    """Bounds of the true scatter's variance over the variance claimed."""
+
+    scatter_share: float = 0.3
+    """No measurement scatters by less than this share of the floor, that is of the error which all measurements
+    share."""
+
+
+TUNING = Tuning()
+
+
 _SLOW_START: Final = np.array([0.5**2] * 3 + [0.1**2] * 3)
 """Variances of a velocity that nobody has seen yet [rad²/s², m²/s²]."""
 
@@ -71,7 +93,7 @@ def usable(measurement: PoseMeasurement, last_seen: float, now: float) -> bool:
 
 
 def update(
-    filter_: Array, measurement: PoseMeasurement, now: float, tuning: Tuning, symmetric_about_z: bool = False
+    filter_: Array, measurement: PoseMeasurement, now: float, tuning: FilterSettings, symmetric_about_z: bool = False
 ) -> Array:
     """One object's filter after a measurement; the filter itself where the measurement is unusable.
 
@@ -79,14 +101,16 @@ def update(
         filter_: (FILTER_SIZE,).
         measurement: of this object.
         now: the present time, at or after the capture [s].
-        tuning: see `Tuning`.
+        tuning: see `FilterSettings`.
         symmetric_about_z: the object looks the same however it is turned about its own z axis.
     """
     if not usable(measurement, float(filter_[Slot.LAST_SEEN]), now):
         return filter_
     time = measurement.time
     pose = np.concatenate([rotations.normalized(measurement.pose[:4]), measurement.pose[4:]])
-    noise = filter_[Slot.NOISE_SCALE] * _symmetric(measurement.covariance) + np.diag(tuning.floor * SCATTER_SHARE**2)
+    noise = filter_[Slot.NOISE_SCALE] * _symmetric(measurement.covariance) + np.diag(
+        tuning.floor * TUNING.scatter_share**2
+    )
     mode = filter_[Slot.MODE]
     if mode == Mode.NONE or time - filter_[Slot.LAST_SEEN] > tuning.lost_after:
         return _started(time, pose, noise)
@@ -98,7 +122,7 @@ def update(
     innovation = pose_difference(pose, predicted)
     factor = np.linalg.cholesky(_symmetric(covariance[:6, :6] + noise))
     whitened = solve_triangular(factor, innovation, lower=True)
-    if whitened @ whitened > GATE:
+    if whitened @ whitened > TUNING.gate:
         return _surprised(filter_, time, pose, noise, tuning, symmetric_about_z)
 
     gain_t = solve_triangular(factor, covariance[:6, :], lower=True)  # L⁻¹ H P, so that K ν = gain_tᵀ whitened
@@ -114,7 +138,7 @@ def update(
         # The squared length of a whitened innovation is 6 on average where the scatter is what it is taken for.
         count = min(filter_[Slot.NOISE_COUNT] + 1, NOISE_IMAGES[1])
         ratio = 1 + ((whitened @ whitened) / 6 - 1) / count
-        after[Slot.NOISE_SCALE] = np.clip(filter_[Slot.NOISE_SCALE] * ratio, *NOISE_SCALES)
+        after[Slot.NOISE_SCALE] = np.clip(filter_[Slot.NOISE_SCALE] * ratio, *TUNING.noise_scales)
         after[Slot.NOISE_COUNT] = count
         covariance = _watch_rest(after, covariance, noise, whitened)
     else:
@@ -148,27 +172,27 @@ def _started(time: float, pose: Array, noise: Array) -> Array:
 
 def _watch_rest(after: Array, covariance: Array, noise: Array, whitened: Array) -> Array:
     """At rest: does the mean of the innovations say that it moves slowly? Returns the covariance to go on with."""
-    mean = TREND_MEMORY * after[Slot.MEAN] + (1 - TREND_MEMORY) * whitened
+    mean = TUNING.trend_memory * after[Slot.MEAN] + (1 - TUNING.trend_memory) * whitened
     after[Slot.MEAN] = mean
     # Variance of the running mean of unit white noise is (1 − λ)/(1 + λ).
-    if mean @ mean * (1 + TREND_MEMORY) / (1 - TREND_MEMORY) <= TREND_GATE:
+    if mean @ mean * (1 + TUNING.trend_memory) / (1 - TUNING.trend_memory) <= TUNING.trend_gate:
         return covariance
     after[Slot.MODE] = Mode.MOVING
     after[Slot.MEAN] = 0.0
-    after[Slot.CALM] = -CALM_IMAGES  # the mean velocity has to build up first
+    after[Slot.CALM] = -TUNING.calm_images  # the mean velocity has to build up first
     covariance = covariance.copy()
     covariance[:6, :6] += noise
     covariance[VELOCITY_INDEX, VELOCITY_INDEX] = _SLOW_START
     return covariance
 
 
-def _watch_motion(after: Array, covariance: Array, tuning: Tuning) -> Array:
+def _watch_motion(after: Array, covariance: Array, tuning: FilterSettings) -> Array:
     """Moving: has the mean velocity been small for long enough to rest? Returns the covariance to go on with."""
-    mean = VELOCITY_MEMORY * after[Slot.MEAN] + (1 - VELOCITY_MEMORY) * after[Slot.VELOCITY]
+    mean = TUNING.velocity_memory * after[Slot.MEAN] + (1 - TUNING.velocity_memory) * after[Slot.VELOCITY]
     after[Slot.MEAN] = mean
     slow = np.linalg.norm(mean[:3]) < tuning.slow[0] and np.linalg.norm(mean[3:]) < tuning.slow[1]
     after[Slot.CALM] = after[Slot.CALM] + 1 if slow else 0.0
-    if after[Slot.CALM] < CALM_IMAGES:
+    if after[Slot.CALM] < TUNING.calm_images:
         return covariance
     after[Slot.MODE] = Mode.REST
     after[Slot.VELOCITY] = 0.0
@@ -179,7 +203,7 @@ def _watch_motion(after: Array, covariance: Array, tuning: Tuning) -> Array:
 
 
 def _surprised(
-    filter_: Array, time: float, pose: Array, noise: Array, tuning: Tuning, symmetric_about_z: bool
+    filter_: Array, time: float, pose: Array, noise: Array, tuning: FilterSettings, symmetric_about_z: bool
 ) -> Array:
     """A measurement beyond the gate: remember it, or restart on it where the one remembered agrees."""
     after = filter_.copy()
@@ -187,7 +211,7 @@ def _surprised(
     after[Slot.REMEMBERED_TIME] = time
     after[Slot.REMEMBERED_POSE] = pose
     before, elapsed = filter_[Slot.REMEMBERED_POSE], time - filter_[Slot.REMEMBERED_TIME]
-    if filter_[Slot.REMEMBERED_TIME] < 0 or elapsed > AGREEMENT_TIME:
+    if filter_[Slot.REMEMBERED_TIME] < 0 or elapsed > TUNING.agreement_time:
         after[Slot.REJECTED] = 1.0
         return after
     if symmetric_about_z:
@@ -203,7 +227,7 @@ def _surprised(
         after[Slot.REJECTED] = 1.0
         return after
     since_seen = filter_[Slot.REMEMBERED_TIME] - filter_[Slot.LAST_SEEN]
-    needed = 2 if _possible(jumps[0] / since_seen) else REACQUIRE_IMAGES
+    needed = 2 if _possible(jumps[0] / since_seen) else TUNING.reacquire_images
     if after[Slot.REJECTED] < needed:
         return after
 
@@ -221,7 +245,7 @@ def _surprised(
 
 
 def _possible(velocity: Array) -> bool:
-    return bool(np.linalg.norm(velocity[:3]) <= FASTEST_TURN and np.linalg.norm(velocity[3:]) <= FASTEST)
+    return bool(np.linalg.norm(velocity[:3]) <= TUNING.fastest_turn and np.linalg.norm(velocity[3:]) <= TUNING.fastest)
 
 
 def _symmetric(matrix: Array) -> Array:

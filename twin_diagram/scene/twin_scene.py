@@ -23,8 +23,16 @@ from twin_diagram.scenario import poses as scenario_poses
 from twin_diagram.scenario import resources
 from twin_diagram.signals.arrays import Array
 
-PARKED_HEIGHT = -5.0
-"""Where objects wait that nobody has seen yet: z in W [m]; they stand a metre apart along x."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    parked_height: float = -5.0
+    """Where objects wait that nobody has seen yet: z in W [m]; they stand a metre apart along x."""
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -115,7 +123,7 @@ def parked_poses(count: int) -> Array:
     poses = np.zeros((count, 7))
     poses[:, 0] = 1.0
     poses[:, 4] = np.arange(count)
-    poses[:, 6] = PARKED_HEIGHT
+    poses[:, 6] = TUNING.parked_height
     return poses
 
 

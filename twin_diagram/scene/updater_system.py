@@ -55,7 +55,7 @@ class SceneGraphUpdater(LeafSystem):
         """
         super().__init__()
         self.set_name("scene_graph_updater")
-        self._tuning: Final = object_filter.Tuning.of(params)
+        self._tuning: Final = object_filter.FilterSettings.of(params)
         self._scene: Final = scene
         self._symmetric: Final[npt.NDArray[np.bool_]] = scene.symmetry_axes_O[:, 2] != 0
         self._count: Final = len(scene.object_names)

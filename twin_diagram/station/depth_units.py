@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -11,8 +11,16 @@ import numpy.typing as npt
 Depth = npt.NDArray[np.float32]
 Colour = npt.NDArray[np.uint8]
 
-MOST_UNITS: Final = 65535
-"""What 16 bits hold."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    most_units: int = 65535
+    """What 16 bits hold."""
+
+
+TUNING = Tuning()
 
 
 def whole_units(depth: Depth, unit: float) -> Depth:
@@ -23,7 +31,7 @@ def whole_units(depth: Depth, unit: float) -> Depth:
 def depth_to_units(depth: Depth, unit: float) -> npt.NDArray[np.uint16]:
     """Depth [m] as a count of units, at most 65535."""
     counts = np.rint(depth * np.float32(1.0 / unit))
-    return np.minimum(counts, np.float32(MOST_UNITS)).astype(np.uint16)
+    return np.minimum(counts, np.float32(TUNING.most_units)).astype(np.uint16)
 
 
 def units_to_depth(counts: npt.NDArray[np.uint16], unit: float) -> Depth:
@@ -34,6 +42,6 @@ def units_to_depth(counts: npt.NDArray[np.uint16], unit: float) -> Depth:
 @lru_cache(maxsize=4)
 def _depths(unit: float) -> Depth:
     """The depth of each count, (65536,)."""
-    table = (np.arange(MOST_UNITS + 1) * unit).astype(np.float32)
+    table = (np.arange(TUNING.most_units + 1) * unit).astype(np.float32)
     table.setflags(write=False)
     return table

@@ -25,20 +25,29 @@ except ImportError as error:
     raise StationError("an arm in MuJoCo needs the package mujoco: pip install 'twin-diagram[demo]'") from error
 
 
-PERIOD = 1e-3
-"""Of the drive [s]."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
 
-STEPS = 2
-"""Of the integrator in one period of the drive."""
+    period: float = 1e-3
+    """Of the drive [s]."""
 
-BANDWIDTH = 2.0 * np.pi * 4.0
-"""Of the drive's position loop [rad/s]."""
+    steps: int = 2
+    """Of the integrator in one period of the drive."""
 
-KEEP = 1.0 - np.exp(-2.0 * np.pi * 60.0 * PERIOD)
+    bandwidth: float = 2.0 * np.pi * 4.0
+    """Of the drive's position loop [rad/s]."""
+
+    encoder: float = 2.0 * np.pi / 2**19
+    """Resolution [rad]."""
+
+
+TUNING = Tuning()
+
+
+KEEP = 1.0 - np.exp(-2.0 * np.pi * 60.0 * TUNING.period)
 """What a velocity filter with a corner of 60 Hz takes of each new difference."""
 
-ENCODER = 2.0 * np.pi / 2**19
-"""Resolution [rad]."""
 
 DRAKE = "{http://drake.mit.edu}"
 
@@ -63,7 +72,7 @@ class Secret:
 def compile_robot(urdf: Path, secret: Secret) -> mujoco.MjModel:
     """The description with what it does not say."""
     spec = mujoco.MjSpec.from_file(str(urdf))
-    spec.option.timestep = PERIOD / STEPS
+    spec.option.timestep = TUNING.period / TUNING.steps
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     if secret.payload > 0.0:
@@ -77,7 +86,7 @@ def compile_robot(urdf: Path, secret: Secret) -> mujoco.MjModel:
         model.dof_damping[dof] += secret.damping.get(name, 0.0)
         model.dof_frictionloss[dof] = secret.friction.get(name, 0.0)
     # MuJoCo's dry friction is soft unless told otherwise: it would look viscous up to 0.2 rad/s.
-    model.dof_solref[:] = [PERIOD, 1.0]
+    model.dof_solref[:] = [TUNING.period, 1.0]
     model.dof_solimp[:, :3] = [0.99, 0.999, 0.001]
     # How soft it is goes by the inertia that was reckoned before the rotors were added.
     mujoco.mj_setConst(model, mujoco.MjData(model))
@@ -145,20 +154,20 @@ class MujocoArm(LeafSystem):
         mujoco.mj_forward(self._model, self._data)
         inertia = np.zeros((n, n))
         mujoco.mj_fullM(self._model, self._data, inertia)
-        self.stiffness = np.diag(inertia) * BANDWIDTH**2
-        self.damping = 1.6 * np.diag(inertia) * BANDWIDTH
+        self.stiffness = np.diag(inertia) * TUNING.bandwidth**2
+        self.damping = 1.6 * np.diag(inertia) * TUNING.bandwidth
         limit = [float(joint.find("limit").get("effort", "inf")) for joint in _movable(urdf)]  # type: ignore[union-attr]
         self._limit = np.array(limit)
         rng = np.random.default_rng([seed, 7])
         self._noise = rng.normal(size=(16384, n)) * 0.003 * np.minimum(self._limit, 300.0)
 
         # qpos, qvel, MuJoCo's warm start, encoder, velocity, torque as measured, command, the command's rate, time
-        rest, counts = np.zeros(n), np.round(self._home / ENCODER) * ENCODER
+        rest, counts = np.zeros(n), np.round(self._home / TUNING.encoder) * TUNING.encoder
         start = np.concatenate([self._home, rest, rest, counts, rest, rest, self._home, rest, [NEVER]])
         state = self.DeclareDiscreteState(start)
         self._command = self.DeclareVectorInputPort(ports.POSITION_COMMANDED, n)
         self._forward = self.DeclareVectorInputPort(ports.TORQUE_COMMANDED, n)
-        self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, self._update)
+        self.DeclarePeriodicDiscreteUpdateEvent(TUNING.period, 0.0, self._update)
         ticket = {self.discrete_state_ticket(state)}
         for port, first, size in (
             (ports.POSITION_MEASURED, 3 * n, n),
@@ -181,11 +190,11 @@ class MujocoArm(LeafSystem):
         model, data = (self._later, self._later_data) if changed else (self._model, self._data)
         state = context.get_discrete_state_vector().value().copy()
         q, v, warm, encoder, velocity, _, asked, rate = state[:-1].reshape(8, n)
-        measured = np.round(q / ENCODER) * ENCODER
+        measured = np.round(q / TUNING.encoder) * TUNING.encoder
         command = self._command.Eval(context) if self._command.HasValue(context) else self._home
         # Both rates go through the same filter, so that it delays neither against the other.
-        velocity = velocity + KEEP * ((measured - encoder) / PERIOD - velocity)
-        rate = rate + KEEP * ((command - asked) / PERIOD - rate)
+        velocity = velocity + KEEP * ((measured - encoder) / TUNING.period - velocity)
+        rate = rate + KEEP * ((command - asked) / TUNING.period - rate)
         torque = self.stiffness * (command - measured) + self.damping * (rate - velocity)
         if self._forward.HasValue(context):
             torque = torque + self._forward.Eval(context)
@@ -193,9 +202,9 @@ class MujocoArm(LeafSystem):
         data.qpos[:], data.qvel[:], data.qacc_warmstart[:] = q, v, warm
         data.time = now
         data.qfrc_applied[:] = torque
-        for _ in range(STEPS):
+        for _ in range(TUNING.steps):
             mujoco.mj_step(model, data)
-        shown = torque + self._noise[round(now / PERIOD) % len(self._noise)]
+        shown = torque + self._noise[round(now / TUNING.period) % len(self._noise)]
         parts = [data.qpos, data.qvel, data.qacc_warmstart, measured, velocity, shown, command, rate, [now]]
         discrete.get_mutable_vector().SetFromVector(np.concatenate(parts))
 

@@ -22,7 +22,8 @@ from twin_diagram.signals.layouts import NEVER
 from twin_diagram.station import ports
 from twin_diagram.station.scan_cloud import ScanCloud
 from twin_diagram.twin.arm_sensing.cloud_measurement import feed
-from twin_diagram.twin.arm_sensing.depth_pose import FLOOR, ArmCloud
+from twin_diagram.twin.arm_sensing.depth_pose import TUNING as DEPTH_POSE
+from twin_diagram.twin.arm_sensing.depth_pose import ArmCloud
 from twin_diagram.twin.arm_sensing.lidar_pose import ArmScan
 from twin_diagram.twin.arm_sensing.link_surface import link_surface, other_surfaces
 
@@ -112,7 +113,7 @@ def export(
             surface = link_surface(twin.arm, sensor.spec.body, packages)
             others = other_surfaces(twin.arm, sensor.spec.body, packages)
             cloud = builder.AddNamedSystem(f"{name}_cloud", ScanCloud(twin.lidar))
-            floor = dict(zip(("floor_p", "floor_r"), sensor.spec.std or FLOOR, strict=True))
+            floor = dict(zip(("floor_p", "floor_r"), sensor.spec.std or DEPTH_POSE.floor, strict=True))
             scan = ArmScan.AddToBuilder(
                 builder, ekf, name, sensor.spec.body, surface, poses.pose(twin.lidar.X_WS), others, **floor
             )
@@ -158,7 +159,7 @@ def silence(builder: DiagramBuilder, twin: Diagram, station: Diagram, fused: Seq
 def _seen(spec: SensorSpec, camera: Camera | None, last_link: str, field: str) -> Fused:
     if camera is None:
         raise ScenarioError(field, "twin.camera is null: there is nothing to see the arm with")
-    if spec.std and (len(spec.std) != len(FLOOR) or not min(spec.std) > 0.0):
+    if spec.std and (len(spec.std) != len(DEPTH_POSE.floor) or not min(spec.std) > 0.0):
         raise ScenarioError(f"{field}.std", f"{spec.std} is not two positive numbers")
     filled = replace(spec, kind="body_pose", name=spec.name or spec.kind, body=spec.body or last_link)
     return Fused(filled, ports.depth_image(camera.name), ports.image_time(camera.name), camera=True)
@@ -169,7 +170,7 @@ def _met(spec: SensorSpec, lidar: Lidar | None, last_link: str, field: str) -> F
         raise ScenarioError(field, "twin.lidar is null: there is nothing to scan the arm with")
     if spec.X_BS != Pose():
         raise ScenarioError(f"{field}.X_BS", "a lidar finds the link's own frame")
-    if spec.std and (len(spec.std) != len(FLOOR) or not min(spec.std) > 0.0):
+    if spec.std and (len(spec.std) != len(DEPTH_POSE.floor) or not min(spec.std) > 0.0):
         raise ScenarioError(f"{field}.std", f"{spec.std} is not two positive numbers")
     filled = replace(spec, kind="body_pose", name=spec.name or spec.kind, body=spec.body or last_link)
     port = ports.lidar(lidar.name)

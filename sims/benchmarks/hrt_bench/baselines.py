@@ -8,7 +8,7 @@ from hrt_truth.hidden import Hidden
 from hrt_truth.streams import Streams
 
 from hrt_bench.estimate import AHEAD, STRIDE, Array, Estimate, Kinematics
-from twin_diagram.station.mujoco import PERIOD
+from twin_diagram.station.mujoco import TUNING as MUJOCO
 
 MEMORY = 0.6
 """Share of the old velocity that a differencing baseline keeps at each image."""
@@ -30,7 +30,7 @@ def physics_only(streams: Streams, nominal: tuple[Array, Array]) -> Estimate:
 
 def told_commands(streams: Streams) -> tuple[Array, Array]:
     """What the drive was told, at its own period, from what the messages say."""
-    t = np.arange(round(streams.time[-1] / PERIOD) + 1) * PERIOD
+    t = np.arange(round(streams.time[-1] / MUJOCO.period) + 1) * MUJOCO.period
     columns = range(streams.asked.shape[1])
     return (
         np.column_stack([np.interp(t, streams.time, streams.asked[:, j]) for j in columns]),
@@ -39,7 +39,7 @@ def told_commands(streams: Streams) -> tuple[Array, Array]:
 
 
 def _later(p: Array, horizon: float, count: int) -> Array:
-    starts = np.arange(0, count, STRIDE) + round(horizon / (world.EVERY * PERIOD))
+    starts = np.arange(0, count, STRIDE) + round(horizon / (world.EVERY * MUJOCO.period))
     result = np.full((len(starts), 3), np.nan)
     result[starts < count] = p[starts[starts < count]]
     return result

@@ -7,7 +7,7 @@ import numpy as np
 from hrt_bench.estimate import Array
 from twin_diagram.estimation.drift.monitor import Entry as Seen
 from twin_diagram.estimation.drift.monitor import Evidence, Monitor
-from twin_diagram.estimation.drift.state import RING
+from twin_diagram.estimation.drift.state import TUNING as STATE
 from twin_diagram.estimation.dynamics.positive_definite import whiten
 from twin_diagram.estimation.filter.belief import Entry
 from twin_diagram.estimation.filter.ekf import Ekf, Update
@@ -41,7 +41,7 @@ class Watch:
     def _collect(self) -> None:
         raised = int(self.monitor.header[Seen.ALARMS])
         while len(self.alarms) < raised:
-            row = len(self.alarms) % RING
+            row = len(self.alarms) % STATE.ring
             time, kind, _ = self.monitor.log[row]
             sensor = int(self.monitor.evidence[row, Evidence.SENSOR])
             what = self.monitor.sensors[sensor] if sensor >= 0 else AlarmKind(int(kind)).name.lower()

@@ -10,7 +10,7 @@ import numpy as np
 from filter_truth import COULOMB, ROTOR, URDF, VISCOUS
 
 from hrt_truth.streams import Array
-from twin_diagram.station.mujoco import PERIOD, STEPS
+from twin_diagram.station.mujoco import TUNING as MUJOCO
 
 N = 6
 LAST = "wrist_3_link"
@@ -106,7 +106,7 @@ class Hidden:
         """The MuJoCo model; its last body is the payload, which stays apart so that its wrench can be told."""
         spec = mujoco.MjSpec.from_file(str(URDF))
         spec.compiler.fusestatic = False
-        spec.option.timestep = PERIOD / STEPS
+        spec.option.timestep = MUJOCO.period / MUJOCO.steps
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
         body = spec.body(LAST).add_body(name=PAYLOAD, ipos=self.com, explicitinertial=True)
@@ -116,7 +116,7 @@ class Hidden:
         model.dof_damping[:] = self.damping
         model.dof_armature[:] = self.rotor
         # MuJoCo's dry friction is soft unless told otherwise: it would look viscous up to 0.2 rad/s.
-        model.dof_solref[:] = [PERIOD, 1.0]
+        model.dof_solref[:] = [MUJOCO.period, 1.0]
         model.dof_solimp[:, :3] = [0.99, 0.999, 0.001]
         for k in range(N):
             link = model.jnt_bodyid[k]

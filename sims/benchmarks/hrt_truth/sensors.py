@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from hrt_truth.hidden import LIMIT, Fault, Hidden, N
 from hrt_truth.streams import Array, Streams, Truth
 from hrt_truth.world import EVERY, Happened
-from twin_diagram.station.mujoco import PERIOD
+from twin_diagram.station.mujoco import TUNING as MUJOCO
 
 LIDAR_AT = np.array([1.5, 0.0, 1.0])
 
@@ -175,7 +175,7 @@ def _camera(case: Case, h: Happened, rng: np.random.Generator) -> tuple[np.ndarr
     times = np.arange(1.0 / d.camera_rate, h.time[-1], 1.0 / d.camera_rate)
     for start, end in d.covered:
         times = times[(times < start) | (times >= end)]
-    rows = np.round(times / (PERIOD * EVERY)).astype(int)
+    rows = np.round(times / (MUJOCO.period * EVERY)).astype(int)
     count = len(rows)
     # Somebody walks through now and then, and the light changes slowly.
     phase = rng.uniform(0.0, 2.0 * np.pi, 4)

@@ -10,7 +10,7 @@ from filter_truth import BANDWIDTH, HOME, URDF
 
 from hrt_truth.hidden import LAST, LIMIT, PAYLOAD, Fault, Hidden, N
 from hrt_truth.streams import Array
-from twin_diagram.station.mujoco import PERIOD
+from twin_diagram.station.mujoco import TUNING as MUJOCO
 
 EVERY = 5
 """Drive periods per message: 200 Hz."""
@@ -100,7 +100,7 @@ def run(hidden: Hidden, asked: Array, rate: Array, fault: Fault | None = None) -
     velocity, acceleration, wrench = np.zeros(6), np.zeros(6), np.zeros(6)
     mujoco.mj_forward(model, data)
     for k in range(len(asked)):
-        t = k * PERIOD
+        t = k * MUJOCO.period
         if np.isnan(began) and t >= fault.at - 1e-9 and _ready(fault, data):
             began = t
             _begin(fault, model, data, payload, away, gain, shown)
@@ -113,7 +113,7 @@ def run(hidden: Hidden, asked: Array, rate: Array, fault: Fault | None = None) -
         elif slip is not None:
             slip.move(model, data, t - began)
         elif began <= t and fault.kind == "encoder_spoofed":
-            pull += fault.size * PERIOD
+            pull += fault.size * MUJOCO.period
             shown[fault.joint] = pull
         read = np.round(data.qpos / COUNT) * COUNT + shown
         tau = drive.torque(read, data.qvel, asked[k], rate[k])

@@ -71,7 +71,7 @@ def test_a_weak_motor_is_noticed_while_its_joint_gives_way(smooth: float) -> Non
     """10 N·m of 20 are gone, 4 more than friction holds; before, a minute in which nothing is wrong."""
     joint = Joint(smooth, 1041)
     assert joint.wander(60.0) < 0.8
-    assert joint.memory[3, 0] > breakaway.LEAST
+    assert joint.memory[3, 0] > breakaway.TUNING.least
     for _ in range(400):
         joint.goal = joint.q  # the drive rests
         joint.step()

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twin_diagram.errors import ScenarioError
-from twin_diagram.estimation.drift.false_alarm_rate import BLOCK, DELAY, HIGH, WIDEST, FalseRate
+from twin_diagram.estimation.drift.false_alarm_rate import TUNING as FALSE_ALARM_RATE
+from twin_diagram.estimation.drift.false_alarm_rate import FalseRate
 from twin_diagram.signals.arrays import Array
 
 
@@ -23,7 +24,7 @@ def feed(margins: FalseRate, vector: Array, peaks: Array, start: float = 0.0) ->
     """One peak for each block, of all tests alike; answers how many alarms there were."""
     alarms = 0
     for k, peak in enumerate(peaks):
-        margins.turn_over(vector, start + k * BLOCK, True)
+        margins.turn_over(vector, start + k * FALSE_ALARM_RATE.block, True)
         alarms += sum(margins.take(vector, test, float(peak)) > 1.0 for test in range(margins.tests))
     return alarms
 
@@ -40,11 +41,11 @@ def test_the_rate_is_what_was_asked_for(scale: float) -> None:
     rate = 2.0
     margins, vector = fresh(1, rate)
     rng = np.random.default_rng(1)
-    feed(margins, vector, HIGH - 0.1 + rng.exponential(scale, 7200))
+    feed(margins, vector, FALSE_ALARM_RATE.high - 0.1 + rng.exponential(scale, 7200))
     u = margins.margin(vector, 0)
-    expected = HIGH - 0.1 + scale * np.log(3600.0 / rate)
+    expected = FALSE_ALARM_RATE.high - 0.1 + scale * np.log(3600.0 / rate)
     assert u == pytest.approx(max(expected, 1.0), rel=0.05)
-    alarms = np.sum(HIGH - 0.1 + rng.exponential(scale, 3_600_000) > u) / 1000.0
+    alarms = np.sum(FALSE_ALARM_RATE.high - 0.1 + rng.exponential(scale, 3_600_000) > u) / 1000.0
     assert alarms < 2.0 * rate
 
 
@@ -52,7 +53,7 @@ def test_the_more_tests_the_wider() -> None:
     found = []
     for tests in (1, 10):
         margins, vector = fresh(tests)
-        feed(margins, vector, HIGH + np.random.default_rng(2).exponential(0.05, 1000))
+        feed(margins, vector, FALSE_ALARM_RATE.high + np.random.default_rng(2).exponential(0.05, 1000))
         found.append(margins.margin(vector, 0))
     assert found[1] - found[0] == pytest.approx(0.05 * np.log(10.0), rel=0.15)
 
@@ -62,7 +63,7 @@ def test_an_alarm_wipes_out_what_led_to_it() -> None:
     quiet = np.full(200, 0.4)
     feed(margins, vector, quiet)
     kept = vector.copy()
-    alarms = feed(margins, vector, np.linspace(0.4, 0.99, DELAY), start=200.0)
+    alarms = feed(margins, vector, np.linspace(0.4, 0.99, FALSE_ALARM_RATE.delay), start=200.0)
     assert alarms == 0 and margins.margin(vector, 0) == margins.margin(kept, 0)
     margins.turn_over(vector, 300.0, False)
     feed(margins, vector, quiet, start=301.0)
@@ -72,7 +73,7 @@ def test_an_alarm_wipes_out_what_led_to_it() -> None:
 def test_tests_have_margins_of_their_own() -> None:
     margins, vector = fresh(2)
     for k in range(300):
-        margins.turn_over(vector, k * BLOCK, True)
+        margins.turn_over(vector, k * FALSE_ALARM_RATE.block, True)
         margins.take(vector, 0, 0.9 + 0.05 * (k % 3))
         margins.take(vector, 1, 0.3)
     assert margins.margin(vector, 0) > 1.3 and margins.margin(vector, 1) == 1.0
@@ -101,4 +102,4 @@ def test_whatever_comes_margins_stay_within_their_bounds(
         margins.turn_over(vector, t, calm)
         margins.take(vector, 1, statistic)
         assert np.all(np.isfinite(vector))
-        assert all(1.0 <= margins.margin(vector, test) <= WIDEST for test in (0, 1))
+        assert all(1.0 <= margins.margin(vector, test) <= FALSE_ALARM_RATE.widest for test in (0, 1))

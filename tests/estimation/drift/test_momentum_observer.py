@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.estimation_bench import HOME, twin_terms
-from twin_diagram.estimation.drift.breakaway import LONG_ENOUGH
-from twin_diagram.estimation.drift.momentum_observer import BEGUN, LEAST, TorqueTest
+from twin_diagram.estimation.drift.breakaway import TUNING as BREAKAWAY
+from twin_diagram.estimation.drift.momentum_observer import TUNING as MOMENTUM_OBSERVER
+from twin_diagram.estimation.drift.momentum_observer import TorqueTest
 from twin_diagram.estimation.dynamics.parameters import ParameterSet
 from twin_diagram.scenario import Filter
 from twin_diagram.signals.arrays import Array
@@ -72,14 +73,14 @@ def test_silent_at_rest_and_just_after(normal) -> None:
     still = np.tile(np.concatenate([HOME, np.zeros(7)]), (100, 1))
     t = start + DT * np.arange(1, 101)
     assert all(found == (0.0, -1, 0.0) for found in feed(vector, t, still, np.full((100, 7), 5.0)))
-    t, x, tau = moves(LONG_ENOUGH - 1, float(t[-1]))
+    t, x, tau = moves(BREAKAWAY.long_enough - 1, float(t[-1]))
     assert all(f == 0.0 for f, _, _ in feed(vector, t, x, tau + 30.0))
 
 
 def test_nothing_is_tested_before_it_is_known() -> None:
     vector = np.zeros(TEST.size)
-    t, x, tau = moves(LEAST + BEGUN - 1)
-    tau[LEAST:] += 40.0
+    t, x, tau = moves(MOMENTUM_OBSERVER.least + MOMENTUM_OBSERVER.begun - 1)
+    tau[MOMENTUM_OBSERVER.least :] += 40.0
     assert max(f for f, _, _ in feed(vector, t, x, tau)) == 0.0
 
 

@@ -14,7 +14,8 @@ from twin_diagram.estimation.drift import alarm_lifecycle
 from twin_diagram.estimation.drift import monitor as drift
 from twin_diagram.estimation.drift.alarm_events import events
 from twin_diagram.estimation.drift.likelihood_ratio import Shape
-from twin_diagram.estimation.drift.monitor import RING, Monitor
+from twin_diagram.estimation.drift.monitor import Monitor
+from twin_diagram.estimation.drift.state import TUNING as STATE
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.dynamics.parameters import ParameterSet
 from twin_diagram.estimation.dynamics.short_rollout import rollout, torque_error
@@ -100,7 +101,7 @@ def test_notices_abrupt_changes(changes, within):
     assert 5.0 < time <= 5.0 + within + 1e-9
     assert kind == AlarmKind.INNOVATION
     assert statistic > 1.0
-    assert watched.stood >= alarm_lifecycle.HOLD - PERIOD
+    assert watched.stood >= alarm_lifecycle.TUNING.hold - PERIOD
 
 
 def test_alarm_ends_and_the_filter_has_learnt():
@@ -232,10 +233,10 @@ def test_learns_only_once_parameters_have_settled():
 def test_ring_of_alarms():
     monitor = Monitor(TERMS, Drift(), Filter())
     t = feed(monitor, 600)
-    for _ in range(RING + 3):
+    for _ in range(STATE.ring + 3):
         t = feed(monitor, 40, 500.0, start=t)
         t = feed(monitor, 200, start=t)
-    assert monitor.header[drift.Entry.ALARMS] == RING + 3
+    assert monitor.header[drift.Entry.ALARMS] == STATE.ring + 3
     assert np.all(monitor.log[:, 0] > 0.0)
     assert np.all(np.diff(np.sort(monitor.log[:, 0])) > 0.5)
     assert np.argmax(monitor.log[:, 0]) == 2

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twin_diagram.estimation.drift.sensor_consistency import SETTLING, CrossCheck, newest
+from twin_diagram.estimation.drift.sensor_consistency import TUNING as SENSOR_CONSISTENCY
+from twin_diagram.estimation.drift.sensor_consistency import CrossCheck, newest
 from twin_diagram.estimation.filter.belief import Track
 from twin_diagram.estimation.filter.sensor_registry import note
 from twin_diagram.signals.arrays import Array
@@ -46,7 +47,7 @@ def normal() -> tuple[CrossCheck, Array]:
 def test_silent_while_a_sensor_agrees() -> None:
     cross, state = check(6)
     found = feed(cross, state, np.random.default_rng(1).normal(size=(20_000, 6)))
-    assert np.all(found[: round((SETTLING + LEARNING) / DT)] == 0.0)
+    assert np.all(found[: round((SENSOR_CONSISTENCY.settling + LEARNING) / DT)] == 0.0)
     assert 0.3 < found.max() < 1.0
 
 

@@ -12,9 +12,18 @@ from tests.estimation_bench import HOME, JOINTS, Recording, World, simulate, twi
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.dynamics.process_model import step
 from twin_diagram.estimation.filter.belief import Belief, Entry
-from twin_diagram.estimation.filter.disturbance import CREEP
+from twin_diagram.estimation.filter.disturbance import TUNING as DISTURBANCE
 from twin_diagram.estimation.filter.ekf import Ekf
-from twin_diagram.estimation.filter.noise_estimate import HOLD, LARGEST_STEP, WIDEST, follow_sensor, gain, held, scaled
+from twin_diagram.estimation.filter.noise_estimate import (
+    TUNING as NOISE_ESTIMATE,
+)
+from twin_diagram.estimation.filter.noise_estimate import (
+    WIDEST,
+    follow_sensor,
+    gain,
+    held,
+    scaled,
+)
 from twin_diagram.estimation.sensors import BodyPose, LinkImu
 from twin_diagram.scenario import Filter
 from twin_diagram.signals.layouts import NEVER, AlarmKind
@@ -71,7 +80,7 @@ def test_wrong_noise_is_found(wrong: float) -> None:
     run = noisy()
     follow(ekf, run)
     moved = VISIBLE
-    assert np.all(np.mean(np.abs(run.v_true[300:, moved]) > 2.0 * CREEP, axis=0) > 0.5)
+    assert np.all(np.mean(np.abs(run.v_true[300:, moved]) > 2.0 * DISTURBANCE.creep, axis=0) > 0.5)
     found = ekf.noise()
     np.testing.assert_allclose(wrong * found["encoder"][moved], 1.0, atol=0.2)
     np.testing.assert_allclose(wrong * found["velocity"][moved], 1.0, atol=0.2)
@@ -105,7 +114,7 @@ def test_noise_told_far_too_small_is_found_and_not_taken_for_torque() -> None:
 
 
 def test_first_readings_count_for_more() -> None:
-    assert gain(0.005, 2.0, 0.0) == LARGEST_STEP
+    assert gain(0.005, 2.0, 0.0) == NOISE_ESTIMATE.largest_step
     assert gain(0.005, 2.0, 1e6) == 0.005 / 2.0
     rising = [gain(0.005, 2.0, n) for n in range(2000)]
     assert np.all(np.diff(rising) <= 0.0)
@@ -129,12 +138,12 @@ def test_stands_still_by_itself_and_not_for_ever() -> None:
     belief = Belief(1, 0)
     assert not held(belief, 0.5, False)
     assert held(belief, 1.0, True)
-    assert held(belief, 1.0 + 0.9 * HOLD, False)
-    assert held(belief, 1.0 + 0.95 * HOLD, True)  # goes on, but is not made longer
-    assert not held(belief, 1.0 + 1.1 * HOLD, True)
-    assert not held(belief, 1.0 + 1.9 * HOLD, True)
-    assert held(belief, 1.0 + 2.1 * HOLD, True)
-    assert belief.header[Entry.ALARM] == pytest.approx(1.0 + 3.1 * HOLD)
+    assert held(belief, 1.0 + 0.9 * NOISE_ESTIMATE.hold, False)
+    assert held(belief, 1.0 + 0.95 * NOISE_ESTIMATE.hold, True)  # goes on, but is not made longer
+    assert not held(belief, 1.0 + 1.1 * NOISE_ESTIMATE.hold, True)
+    assert not held(belief, 1.0 + 1.9 * NOISE_ESTIMATE.hold, True)
+    assert held(belief, 1.0 + 2.1 * NOISE_ESTIMATE.hold, True)
+    assert belief.header[Entry.ALARM] == pytest.approx(1.0 + 3.1 * NOISE_ESTIMATE.hold)
 
 
 def test_alarm_is_heeded_once() -> None:

@@ -13,7 +13,8 @@ from tests.estimation.filter.test_noise_estimate import POSITION, SPEED, VISIBLE
 from twin_diagram.estimation.filter.belief import Belief, Entry
 from twin_diagram.estimation.filter.ekf import Ekf
 from twin_diagram.estimation.filter.noise_estimate import WIDEST
-from twin_diagram.estimation.filter.outlier_streaks import KNOWN, forget, gather, take_for_noise
+from twin_diagram.estimation.filter.outlier_streaks import TUNING as OUTLIER_STREAKS
+from twin_diagram.estimation.filter.outlier_streaks import forget, gather, take_for_noise
 from twin_diagram.scenario import Filter
 
 PARAMS = Filter(encoder_std=POSITION, velocity_std=SPEED)
@@ -24,7 +25,11 @@ EXPECTED = np.repeat([POSITION**2, SPEED**2], 3)
 def run_of(innovations: np.ndarray) -> Belief:
     belief = Belief(innovations.shape[1] // 2, 0)
     belief.P[:] = 1e-12 * np.eye(belief.size)
-    belief.header[Entry.TIME], belief.header[Entry.STREAK], belief.header[Entry.ACCEPTED] = 1.0, len(innovations), KNOWN
+    belief.header[Entry.TIME], belief.header[Entry.STREAK], belief.header[Entry.ACCEPTED] = (
+        1.0,
+        len(innovations),
+        OUTLIER_STREAKS.known,
+    )
     for innovation in innovations:
         gather(belief, innovation, True)
     return belief

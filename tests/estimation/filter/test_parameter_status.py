@@ -13,7 +13,8 @@ from tests.estimation_bench import COULOMB, JOINTS, VISCOUS, Recording, World, s
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.dynamics.parameters import ParameterSet
 from twin_diagram.estimation.filter.ekf import Ekf
-from twin_diagram.estimation.filter.parameter_adaptation import REFUTED, refute
+from twin_diagram.estimation.filter.parameter_adaptation import TUNING as PARAMETER_ADAPTATION
+from twin_diagram.estimation.filter.parameter_adaptation import refute
 from twin_diagram.estimation.filter.parameter_status import Standing, Status, at_bound, standings
 from twin_diagram.scenario import Filter
 
@@ -85,11 +86,11 @@ def test_a_refuted_prior_is_given_up_once_and_takes_back_what_was_learnt_beside_
     ekf.start(still, still, still, 0.0)
     belief, parameters = ekf.belief, ekf.parameters
     assert list(np.flatnonzero(parameters.freeable)) == list(range(7))  # a payload or a bias is all that its prior says
-    belief.theta[:] = 0.9 * REFUTED * parameters.scale
+    belief.theta[:] = 0.9 * PARAMETER_ADAPTATION.refuted * parameters.scale
     before = belief.vector.copy()
     refute(ekf, 0.0)
     np.testing.assert_array_equal(belief.vector, before)
-    belief.theta[3] = 1.1 * REFUTED * parameters.scale[3]
+    belief.theta[3] = 1.1 * PARAMETER_ADAPTATION.refuted * parameters.scale[3]
     kept = belief.theta.copy()
     refute(ekf, 0.0)
     at = slice(21, 21 + belief.p)

@@ -16,8 +16,9 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.sensors import CloudError, Lidar
-from twin_diagram.estimation.sensors.cloud_pose import NOTHING, SEARCH
-from twin_diagram.estimation.sensors.lidar_pose import OTHER, apart, visible
+from twin_diagram.estimation.sensors.cloud_pose import TUNING as CLOUD_POSE
+from twin_diagram.estimation.sensors.lidar_pose import TUNING as LIDAR_POSE
+from twin_diagram.estimation.sensors.lidar_pose import apart, visible
 from twin_diagram.model.description.add_arm import add_arm
 from twin_diagram.scenario import ArmModel
 from twin_diagram.scenario import Lidar as Data
@@ -91,7 +92,7 @@ def trials(link: str, seed: int, count: int) -> tuple[Array, Array, int]:
         about = np.eye(6)
         about[3:, :3] = -np.cross(arm_W, np.eye(3)).T
         told = np.linalg.inv(about @ (R - sensor.noise(np.zeros(6))) @ about.T)
-        kept = np.linalg.solve(told + np.diag(np.repeat(np.array(SEARCH) ** -2.0, 3)), told)
+        kept = np.linalg.solve(told + np.diag(np.repeat(np.array(CLOUD_POSE.search) ** -2.0, 3)), told)
         squares.append(error @ np.linalg.solve(R, error) / np.trace(told @ kept @ np.linalg.inv(told) @ kept.T))
         off.append(np.linalg.norm(error[3:]))
     return np.array(squares), np.array(off), refused
@@ -137,7 +138,7 @@ def test_noise_does_not_tell_a_turn_of_what_is_round() -> None:
         found = np.kron(np.eye(2), RotationMatrix(Quaternion(z[:4])).matrix())
         own = found.T @ cov @ found
         turn = np.sqrt(own[2, 2])
-        assert 0.9 * NOTHING[0] < turn <= NOTHING[0] * 1.001
+        assert 0.9 * CLOUD_POSE.nothing[0] < turn <= CLOUD_POSE.nothing[0] * 1.001
         assert np.sqrt(own[3, 3]) < 0.001 and np.sqrt(own[0, 0]) < 0.02 and np.sqrt(own[1, 1]) < 0.02
         assert abs((R.T @ difference(z[:4], RotationMatrix(R).ToQuaternion().wxyz()))[2]) < 0.05
 
@@ -165,7 +166,7 @@ def test_of_a_ball_half_is_visible_and_a_plate_hides_it(turn: float, up: float, 
     assert not free.any() and not met.any()
     free, met = apart(ball[seen], (behind, faces), ball[seen], origin)
     assert free.all()
-    inner = np.linalg.norm(ball[seen] @ across.T, axis=1) < 0.05 - 1.5 * OTHER
+    inner = np.linalg.norm(ball[seen] @ across.T, axis=1) < 0.05 - 1.5 * LIDAR_POSE.other
     assert met[inner].all()
 
 

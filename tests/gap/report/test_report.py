@@ -405,7 +405,7 @@ def test_experiments_stay_where_the_arm_has_been(model: Model, text: str) -> Non
     seen = trajectories.visited(model, [bench.run(model, seed=k) for k in (1, 2)])
     made = trajectories.design(text, seen, ["elbow"])
     assert made is not None and made.moved == ("elbow",)
-    q, step = made.position, trajectories.PERIOD
+    q, step = made.position, trajectories.TUNING.period
     assert np.all(q >= seen.lower - 1e-12) and np.all(q <= seen.upper + 1e-12)
     assert np.all(np.abs(np.diff(q, axis=0)) / step <= 1.02 * seen.speed + 1e-9)
     assert np.all(np.abs(np.diff(q, axis=0)) / step <= model.velocity_limit)
@@ -426,7 +426,7 @@ def test_experiments_never_jump(model: Model, tmp_path: Path, text: str, stated:
     seen = trajectories.visited(model, [run.between(moving, 7.0)])
     made = trajectories.design(text, seen, model.joints)
     assert made is not None
-    step = trajectories.PERIOD
+    step = trajectories.TUNING.period
     speed = np.diff(made.position, axis=0, prepend=made.position[:1], append=made.position[-1:]) / step
     acceleration = np.abs(np.diff(speed, axis=0)) / step
     assert np.all(acceleration < 4.0 * np.maximum(seen.acceleration, 2.0 * seen.speed))
@@ -436,7 +436,7 @@ def test_slow_reversals_are_slow_and_turn(model: Model) -> None:
     seen = trajectories.visited(model, [bench.run(model, seed=1)])
     made = trajectories.design(advice.SLOW, seen, ["elbow"])
     assert made is not None
-    speed = np.diff(made.position[:, 1]) / trajectories.PERIOD
+    speed = np.diff(made.position[:, 1]) / trajectories.TUNING.period
     crawling = np.abs(np.abs(speed) - 0.02) < 1e-6
     assert np.sum(crawling) > 1000
     assert np.sum(np.diff(np.sign(speed[crawling])) != 0) >= 15
@@ -446,7 +446,7 @@ def test_speeds_span_what_was_seen(model: Model) -> None:
     seen = trajectories.visited(model, [bench.run(model, seed=1)])
     made = trajectories.design(advice.SPEEDS, seen, ["shoulder"])
     assert made is not None
-    speed = np.abs(np.diff(made.position[:, 0])) / trajectories.PERIOD
+    speed = np.abs(np.diff(made.position[:, 0])) / trajectories.TUNING.period
     assert np.sum(np.abs(speed - 0.02) < 1e-3) > 100 and speed.max() > 0.5 * seen.speed[0]
     assert np.ptp(made.position[:, 1]) == 0.0
 

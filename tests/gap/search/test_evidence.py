@@ -16,8 +16,9 @@ from twin_diagram.gap.naming import uneven
 from twin_diagram.gap.residuals import whitening
 from twin_diagram.gap.search.evidence import Bench
 from twin_diagram.gap.search.greedy_search import handicaps, plainer, search
-from twin_diagram.gap.search.normal_equations import SCALE_PRICE
-from twin_diagram.gap.search.prior_costs import FURTHER_JOINT, HARMONIC, MIXED, NEW_NAME, compatible, price
+from twin_diagram.gap.search.normal_equations import TUNING as NORMAL_EQUATIONS
+from twin_diagram.gap.search.prior_costs import TUNING as PRIOR_COSTS
+from twin_diagram.gap.search.prior_costs import compatible, price
 from twin_diagram.gap.search.stiction_proposals import peaks_of
 from twin_diagram.gap.verdict.deciding import crowded, mostly_left, negligible, redness, trimmed
 
@@ -68,11 +69,11 @@ def test_evidence_is_the_marginal_likelihood(size: float) -> None:
 
     full, *narrower = (density(fit.variance[0], w**2 * np.outer(column, column)) for w in np.geomspace(3.0, 0.05, 60))
     none = density(empty.variance[0], np.zeros((ROWS, ROWS)))
-    best = max(full, max(narrower) - SCALE_PRICE)
+    best = max(full, max(narrower) - NORMAL_EQUATIONS.scale_price)
     assert (best > full) == (size < 1.0)
-    assert fit.evidence + NEW_NAME == pytest.approx(best - none, abs=0.02)
+    assert fit.evidence + PRIOR_COSTS.new_name == pytest.approx(best - none, abs=0.02)
     if size < 1.0:  # what is to be ranked is not worth its own noise level
-        assert bench.scores(frozenset())[0] == pytest.approx(fit.evidence + NEW_NAME, rel=0.25)
+        assert bench.scores(frozenset())[0] == pytest.approx(fit.evidence + PRIOR_COSTS.new_name, rel=0.25)
 
 
 @settings(max_examples=15, deadline=None)
@@ -110,11 +111,11 @@ def test_prices_of_names_joints_and_kinds_of_dry_friction() -> None:
     x = np.ones(ROWS)
     one, two = candidate("coulomb_friction", 0, x), candidate("coulomb_friction", 1, x, cost=1.5)
     other = candidate("stribeck_friction", 2, x)
-    assert price([one]) == NEW_NAME
-    assert price([one, two]) == NEW_NAME + FURTHER_JOINT + 1.5
-    assert price([one, other]) == 2 * NEW_NAME + MIXED
+    assert price([one]) == PRIOR_COSTS.new_name
+    assert price([one, two]) == PRIOR_COSTS.new_name + PRIOR_COSTS.further_joint + 1.5
+    assert price([one, other]) == 2 * PRIOR_COSTS.new_name + PRIOR_COSTS.mixed
     ripples = [candidate("torque_ripple", j, x, shape={"cycles": c}) for j, c in ((0, 4.0), (0, 9.0), (1, 4.0))]
-    assert price(ripples) == NEW_NAME + 2 * FURTHER_JOINT + HARMONIC
+    assert price(ripples) == PRIOR_COSTS.new_name + 2 * PRIOR_COSTS.further_joint + PRIOR_COSTS.harmonic
 
 
 def test_what_excludes_each_other_does_so_both_ways() -> None:

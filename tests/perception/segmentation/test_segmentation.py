@@ -19,7 +19,8 @@ from twin_diagram.model.description.add_arm import add_arm
 from twin_diagram.perception.pinhole import Pinhole, back_project, grid_normals
 from twin_diagram.perception.segmentation.robot_shape import RobotShape
 from twin_diagram.perception.segmentation.segmentation import Grid, connected, fit_table, segment
-from twin_diagram.perception.segmentation.segments import BACKGROUND, NO_DEPTH, ROBOT, Segments
+from twin_diagram.perception.segmentation.segments import TUNING as SEGMENTS
+from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.scenario.resources import models_dir
 
 PARAMS = scenario.Perception()
@@ -246,7 +247,7 @@ def test_the_robot_is_left_out(box: Asset, can: Asset, robot: RobotShape) -> Non
     found = segment(rgb, depth, 0.0, Grid.of(view, 2), PARAMS, near)
     assert (truth == -2).sum() > 200
     kinds = found.label_image[truth == -2]
-    assert np.isin(kinds, [ROBOT, NO_DEPTH, BACKGROUND]).all()
+    assert np.isin(kinds, [SEGMENTS.robot, SEGMENTS.no_depth, SEGMENTS.background]).all()
     assert found.count <= 3
     # Without it the balls are something unknown.
     assert segment(rgb, depth, 0.0, Grid.of(view, 2), PARAMS).count > found.count

@@ -36,7 +36,7 @@ from twin_diagram.station import make_station, ports
 from twin_diagram.station.lcm.fake_arm import LcmArm
 from twin_diagram.station.lcm.messages import PROTOCOLS, read_images, write_images
 from twin_diagram.station.lcm.station import LcmStation
-from twin_diagram.station.lcm.systems import SEND_OFFSET
+from twin_diagram.station.lcm.systems import TUNING as SYSTEMS
 from twin_diagram.twin.closed_loop import make_closed_loop
 
 HOME = [0.3, 0.2, -0.1, -2.0, 0.1, 2.2, 0.9]
@@ -133,7 +133,7 @@ def test_the_bus_shows_what_the_simulation_shows(arm: str) -> None:
     live, bus = run(scenario("sim", arm), 0.8), run(scenario("lcm", arm), 0.8)
     time, other = live[ports.MEASUREMENT_TIME][:, 0], bus[ports.MEASUREMENT_TIME][:, 0]
     assert time[0] < 0 and other[0] < 0
-    assert np.allclose(other[1:] - time[1:], SEND_OFFSET, atol=2e-6)
+    assert np.allclose(other[1:] - time[1:], SYSTEMS.send_offset, atol=2e-6)
     before = time < 0.05
     for name in (ports.POSITION_MEASURED, ports.VELOCITY_ESTIMATED, ports.TORQUE_MEASURED):
         assert np.array_equal(live[name][before], bus[name][before])

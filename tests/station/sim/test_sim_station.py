@@ -36,7 +36,8 @@ from twin_diagram.station import make_station, ports
 from twin_diagram.station.depth_units import depth_to_units, units_to_depth
 from twin_diagram.station.sim.arm_plant import driver_gains
 from twin_diagram.station.sim.camera_defects import edges, spoil_colour, spoil_depth
-from twin_diagram.station.sim.driver import BANDWIDTH, follow
+from twin_diagram.station.sim.driver import TUNING as DRIVER
+from twin_diagram.station.sim.driver import follow
 from twin_diagram.station.sim.movers import Path
 from twin_diagram.station.sim.noise import Stream, generator
 
@@ -273,7 +274,9 @@ def test_filter_of_commands_is_exact(q: float, v: float, command: float, dt: flo
     h = 1e-7
     q1, v1 = follow(q * one, v * one, command * one, limit, h)
     assert np.allclose((q1 - q) / h, v, atol=1e-2, rtol=1e-3)
-    assert np.allclose((v1 - v) / h, BANDWIDTH**2 * (command - q) - 2 * BANDWIDTH * v, atol=5.0, rtol=1e-3)
+    assert np.allclose(
+        (v1 - v) / h, DRIVER.bandwidth**2 * (command - q) - 2 * DRIVER.bandwidth * v, atol=5.0, rtol=1e-3
+    )
 
 
 def test_filter_of_commands_lags_a_ramp_by_the_stated_time() -> None:
@@ -281,7 +284,7 @@ def test_filter_of_commands_lags_a_ramp_by_the_stated_time() -> None:
     for k in range(1, 401):
         q, v = follow(q, v, np.array([0.5 * k * 0.0025]), np.array([10.0]), 0.0025)
     assert abs(v[0] - 0.5) < 0.02  # the staircase of a sampled ramp
-    assert abs((0.5 - q[0]) / 0.5 - 2 / BANDWIDTH) < 1.3e-3  # half a step
+    assert abs((0.5 - q[0]) / 0.5 - 2 / DRIVER.bandwidth) < 1.3e-3  # half a step
 
 
 def test_driver_gains() -> None:

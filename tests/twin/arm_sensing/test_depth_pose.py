@@ -20,7 +20,8 @@ from twin_diagram.scenario import ArmModel, Pose, SensorSpec
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.rotations import difference
 from twin_diagram.station import ports
-from twin_diagram.twin.arm_sensing.depth_pose import FLOOR, ArmCloud
+from twin_diagram.twin.arm_sensing.depth_pose import TUNING as DEPTH_POSE
+from twin_diagram.twin.arm_sensing.depth_pose import ArmCloud
 from twin_diagram.twin.arm_sensing.link_surface import inside, link_surface, shape_surface
 from twin_diagram.twin.closed_loop import ClosedLoop, make_closed_loop
 from twin_diagram.twin.twin import make_twin
@@ -111,7 +112,7 @@ def test_the_hand_is_found_to_a_millimetre_or_two(seen: tuple[ClosedLoop, Simula
         z, R = cloud_of(loop).align(depth, start)
         assert np.linalg.norm(z[4:] - truth[4:]) < 0.0025
         assert np.linalg.norm(difference(z[:4], truth[:4])) < 0.02
-        assert np.linalg.eigvalsh(R).min() >= 0.99 * min(FLOOR) ** 2
+        assert np.linalg.eigvalsh(R).min() >= 0.99 * min(DEPTH_POSE.floor) ** 2
 
 
 def test_an_arm_out_of_sight_has_no_pose(seen: tuple[ClosedLoop, Simulator]) -> None:

@@ -21,7 +21,7 @@ from twin_diagram.estimation.ekf_system import AdaptiveEkf
 from twin_diagram.estimation.filter.belief import Track
 from twin_diagram.estimation.filter.ekf import Ekf
 from twin_diagram.estimation.sensors import CloudError, Lidar
-from twin_diagram.estimation.sensors.cloud_pose import NOTHING
+from twin_diagram.estimation.sensors.cloud_pose import TUNING as CLOUD_POSE
 from twin_diagram.model.description.add_arm import add_arm
 from twin_diagram.scenario import ArmModel, Filter, SensorSpec
 from twin_diagram.signals.layouts import NEVER
@@ -139,7 +139,9 @@ def test_noise_grows_with_distance_squared() -> None:
     assert near[5] == pytest.approx(0.045 / np.sqrt(1000.0), rel=0.1)
     # Of a turn about its normal and of slides along it, a plate's points say nothing.
     for claimed in (near, far):
-        np.testing.assert_allclose(claimed[untold], [NOTHING[0], NOTHING[1], NOTHING[1]], rtol=0.05)
+        np.testing.assert_allclose(
+            claimed[untold], [CLOUD_POSE.nothing[0], CLOUD_POSE.nothing[1], CLOUD_POSE.nothing[1]], rtol=0.05
+        )
 
 
 def test_points_of_other_links_are_left_out() -> None:

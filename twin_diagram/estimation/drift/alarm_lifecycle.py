@@ -2,24 +2,37 @@
 
 from __future__ import annotations
 
-from typing import Final
+from dataclasses import dataclass
 
 import numpy as np
 
 from twin_diagram.estimation.drift import likelihood_ratio
-from twin_diagram.estimation.drift.state import RING, DriftState, Entry, Evidence
+from twin_diagram.estimation.drift.state import TUNING as STATE
+from twin_diagram.estimation.drift.state import DriftState, Entry, Evidence
 from twin_diagram.signals.layouts import AlarmKind
 
-HOLD: Final = 0.5
-"""An alarm ends when its test has been quiet for this long [s]."""
-TENTH: Final = 0.1
-"""Over this time the largest statistic is taken [s]."""
-STANDS_OUT: Final = 4.0
-"""A joint is named where its share of a change is this many standard deviations."""
-OF_LARGEST: Final = 0.4
-"""And this share of the largest."""
-NAMING: Final = 0.1
-"""A joint that was named keeps its name after this time: what comes later may be what a fault led to [s]."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    hold: float = 0.5
+    """An alarm ends when its test has been quiet for this long [s]."""
+
+    tenth: float = 0.1
+    """Over this time the largest statistic is taken [s]."""
+
+    stands_out: float = 4.0
+    """A joint is named where its share of a change is this many standard deviations."""
+
+    of_largest: float = 0.4
+    """And this share of the largest."""
+
+    naming: float = 0.1
+    """A joint that was named keeps its name after this time: what comes later may be what a fault led to [s]."""
+
+
+TUNING = Tuning()
 
 
 def stands(state: DriftState) -> bool:
@@ -36,7 +49,7 @@ def note(state: DriftState, statistic: float) -> None:
 def turn_over(state: DriftState, t: float) -> None:
     """Begins a new tenth of a second where one is over."""
     h = state.header
-    if t - h[Entry.FROM] < TENTH:
+    if t - h[Entry.FROM] < TUNING.tenth:
         return
     state.tenths[:-1] = state.tenths[1:]
     state.tenths[-1] = h[Entry.TENTH]
@@ -68,7 +81,7 @@ def raise_alarm(
         gained: which joint, by index, gained which torque [N·m], where that is known.
     """
     h = state.header
-    row = int(h[Entry.ALARMS] - 1) % RING
+    row = int(h[Entry.ALARMS] - 1) % STATE.ring
     share = state.sums[1] * np.sqrt(1.0 - likelihood_ratio.FORGETTING[1] ** 2)
     if t < h[Entry.QUIET] and h[Entry.ALARMS] > 0:  # the alarm that stands goes on
         worse = statistic > h[Entry.STATISTIC]
@@ -83,7 +96,7 @@ def raise_alarm(
         grown = likelihood_ratio.grows(state.tenths[len(state.tenths) - int(h[Entry.TENTHS]) :])
         h[Entry.SHAPE] = float(likelihood_ratio.Shape.TREND if grown else likelihood_ratio.Shape.STEP)
         h[Entry.ABOVE], h[Entry.MOVED], h[Entry.SENSOR], h[Entry.JOINT] = dt, 0.0, sensor, -1.0
-        row = int(h[Entry.ALARMS]) % RING
+        row = int(h[Entry.ALARMS]) % STATE.ring
         state.log[row] = t, float(kind), statistic
         state.evidence[row] = 0.0
         h[Entry.ALARMS] += 1
@@ -91,8 +104,8 @@ def raise_alarm(
     if worse:
         # Whitening by Cholesky's factor leaves what a joint's torque does in it and in those after it: the first
         # that stands out is the one.
-        clear = np.abs(share) > max(STANDS_OUT, OF_LARGEST * float(np.abs(share).max()))
-        if h[Entry.JOINT] < 0.0 or t - h[Entry.RAISED] <= NAMING:
+        clear = np.abs(share) > max(TUNING.stands_out, TUNING.of_largest * float(np.abs(share).max()))
+        if h[Entry.JOINT] < 0.0 or t - h[Entry.RAISED] <= TUNING.naming:
             h[Entry.JOINT] = float(np.argmax(clear)) if clear.any() else -1.0
         if gained is not None and h[Entry.JOINT] in (-1.0, gained[0]):
             h[Entry.JOINT], evidence[Evidence.TORQUE] = gained
@@ -106,15 +119,15 @@ def raise_alarm(
     evidence[Evidence.SENSOR] = h[Entry.SENSOR]
     evidence[Evidence.SHAPE] = h[Entry.SHAPE]
     evidence[Evidence.ABOVE] = h[Entry.ABOVE]
-    h[Entry.QUIET] = max(h[Entry.QUIET], t + HOLD + longer)
+    h[Entry.QUIET] = max(h[Entry.QUIET], t + TUNING.hold + longer)
 
 
 def reshape(state: DriftState) -> None:
     """What had grown before it crossed the threshold stays a trend; of the rest, what is gone was a spike."""
     h = state.header
-    row = int(h[Entry.ALARMS] - 1) % RING
+    row = int(h[Entry.ALARMS] - 1) % STATE.ring
     if h[Entry.SHAPE] != likelihood_ratio.Shape.TREND:
-        brief = h[Entry.ABOVE] <= likelihood_ratio.SPIKE_TIME and h[Entry.TENTH] < 1.0 and h[Entry.MOVED] == 0.0
+        brief = h[Entry.ABOVE] <= likelihood_ratio.TUNING.spike_time and h[Entry.TENTH] < 1.0 and h[Entry.MOVED] == 0.0
         h[Entry.SHAPE] = float(likelihood_ratio.Shape.SPIKE if brief else likelihood_ratio.Shape.STEP)
     state.evidence[row, Evidence.SHAPE] = h[Entry.SHAPE]
     state.evidence[row, Evidence.ABOVE] = h[Entry.ABOVE]

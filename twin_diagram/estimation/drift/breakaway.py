@@ -12,6 +12,7 @@ joint. And the joint must have come some way: where it rested or turned it yield
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -19,19 +20,34 @@ import numpy as np
 from twin_diagram.estimation.drift import learned_threshold
 from twin_diagram.signals.arrays import Array
 
-FORGETTING: Final = 0.8
-"""λ per message: 5 messages."""
-FAR_ENOUGH: Final = 3e-4
-"""Over this way dry friction has built up where a joint rested or turned round: most of it is in the motor, which turns
-a hundred times as far [rad]."""
-LONG_ENOUGH: Final = 5
-"""And it has moved for so many messages."""
-LEAST: Final = 20
-"""Slow messages of a joint before it is tested."""
-MEMORY: Final = 20_000.0
-"""Slow messages over which normal operation is averaged."""
-NEAR: Final = 0.5
-"""What is beyond this share of its threshold is no lesson."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    forgetting: float = 0.8
+    """λ per message: 5 messages."""
+
+    far_enough: float = 3e-4
+    """Over this way dry friction has built up where a joint rested or turned round: most of it is in the motor, which
+    turns a hundred times as far [rad]."""
+
+    long_enough: int = 5
+    """And it has moved for so many messages."""
+
+    least: int = 20
+    """Slow messages of a joint before it is tested."""
+
+    memory: float = 20_000.0
+    """Slow messages over which normal operation is averaged."""
+
+    near: float = 0.5
+    """What is beyond this share of its threshold is no lesson."""
+
+
+TUNING = Tuning()
+
+
 SIZE: Final = 6
 """Numbers that are remembered of each joint."""
 
@@ -69,17 +85,17 @@ def follow(
     goes_on = (way != 0.0) & (np.sign(run) == way)
     begin[:] = np.where(goes_on, begin, q)
     run[:] = np.where(goes_on, run + way, way)
-    low[:] = np.where(goes_on, FORGETTING * low + (1.0 - FORGETTING) * rho, rho)
-    moving = slow & (np.abs(run) >= LONG_ENOUGH) & ((q - begin) * way >= FAR_ENOUGH)
+    low[:] = np.where(goes_on, TUNING.forgetting * low + (1.0 - TUNING.forgetting) * rho, rho)
+    moving = slow & (np.abs(run) >= TUNING.long_enough) & ((q - begin) * way >= TUNING.far_enough)
     if not moving.any():
         return np.zeros(len(q)), low
     beyond = low * way - mean
     least = np.maximum(variance, floor**2)
-    found = np.maximum(beyond, 0.0) / learned_threshold.threshold(0.0, least, sigma, count * (1.0 - FORGETTING))
-    known = count >= LEAST
-    lesson = moving & calm & (~known | (found < NEAR))
+    found = np.maximum(beyond, 0.0) / learned_threshold.threshold(0.0, least, sigma, count * (1.0 - TUNING.forgetting))
+    known = count >= TUNING.least
+    lesson = moving & calm & (~known | (found < TUNING.near))
     if lesson.any():
-        more = np.minimum(count[lesson] + 1.0, MEMORY)
+        more = np.minimum(count[lesson] + 1.0, TUNING.memory)
         count[lesson] = more
         mean[lesson] += beyond[lesson] / more
         after = low[lesson] * way[lesson] - mean[lesson]

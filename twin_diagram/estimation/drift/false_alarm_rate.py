@@ -18,29 +18,46 @@ all where an alarm came in between, or what grows slowly would teach its own thr
 
 from __future__ import annotations
 
-from typing import Final
+from dataclasses import dataclass
 
 import numpy as np
 
 from twin_diagram.errors import ScenarioError
 from twin_diagram.signals.arrays import Array
 
-BLOCK: Final = 1.0
-"""Over this time the largest statistic is taken [s]."""
-HIGH: Final = 0.7
-"""Peaks above this share of a threshold tell its tail."""
-DELAY: Final = 16
-"""Blocks after which one is learnt from."""
-PRIOR_BLOCKS: Final = 30.0
-PRIOR_PEAKS: Final = 3.0
-PRIOR_MARGIN: Final = 1.0
-"""Before anything is known, as many blocks had as many peaks, and the margin is this."""
-WIDEST: Final = 2.0
-"""No margin is wider: a test that needs more is not worth its name, and its false alarms say so."""
-MEMORY: Final = 20_000.0
-"""Blocks over which the tail is averaged."""
-_HEAD: Final = 5  # largest in this block, blocks, peaks, sum of what peaks were above `HIGH`, the margin
-_NONE: Final = -1.0
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    block: float = 1.0
+    """Over this time the largest statistic is taken [s]."""
+
+    high: float = 0.7
+    """Peaks above this share of a threshold tell its tail."""
+
+    delay: int = 16
+    """Blocks after which one is learnt from."""
+
+    prior_blocks: float = 30.0
+
+    prior_peaks: float = 3.0
+
+    prior_margin: float = 1.0
+    """Before anything is known, as many blocks had as many peaks, and the margin is this."""
+
+    widest: float = 2.0
+    """No margin is wider: a test that needs more is not worth its name, and its false alarms say so."""
+
+    memory: float = 20_000.0
+    """Blocks over which the tail is averaged."""
+
+    head: int = 5  # largest in this block, blocks, peaks, sum of what peaks were above `HIGH`, the margin
+
+    none: float = -1.0
+
+
+TUNING = Tuning()
 
 
 class FalseRate:
@@ -63,32 +80,38 @@ class FalseRate:
         if not 0.0 < rate < np.inf:
             raise ScenarioError("twin.drift.false_alarms", f"{rate} per hour: it must be positive and finite")
         self.tests = tests
-        self.size = 1 + tests * (_HEAD + DELAY)
-        self._per_hour = 3600.0 / BLOCK * tests / rate
-        expected = max(PRIOR_PEAKS / PRIOR_BLOCKS * self._per_hour, np.e)
-        self._prior = np.array([PRIOR_BLOCKS, PRIOR_PEAKS, PRIOR_PEAKS * (PRIOR_MARGIN - HIGH) / np.log(expected)])
+        self.size = 1 + tests * (TUNING.head + TUNING.delay)
+        self._per_hour = 3600.0 / TUNING.block * tests / rate
+        expected = max(TUNING.prior_peaks / TUNING.prior_blocks * self._per_hour, np.e)
+        self._prior = np.array(
+            [
+                TUNING.prior_blocks,
+                TUNING.prior_peaks,
+                TUNING.prior_peaks * (TUNING.prior_margin - TUNING.high) / np.log(expected),
+            ]
+        )
 
     def _views(self, vector: Array) -> tuple[Array, Array]:
         """Head (tests, 5) and blocks that wait (tests, DELAY), oldest first, `_NONE` where there is none."""
-        table = vector[1:].reshape(self.tests, _HEAD + DELAY)
-        return table[:, :_HEAD], table[:, _HEAD:]
+        table = vector[1:].reshape(self.tests, TUNING.head + TUNING.delay)
+        return table[:, : TUNING.head], table[:, TUNING.head :]
 
     def begin(self, vector: Array) -> None:
         """Nothing is known yet."""
         vector[:] = 0.0
         head, waiting = self._views(vector)
-        waiting[:] = _NONE
+        waiting[:] = TUNING.none
         head[:, 4] = self._margins(head)
 
     def _margins(self, head: Array) -> Array:
         blocks, peaks, beyond = (head[:, 1:4] + self._prior).T
         wanted = np.log(np.maximum(peaks / blocks * self._per_hour, 1.0))
-        return np.asarray(np.clip(HIGH + beyond / peaks * wanted, 1.0, WIDEST))
+        return np.asarray(np.clip(TUNING.high + beyond / peaks * wanted, 1.0, TUNING.widest))
 
     def take(self, vector: Array, test: int, statistic: float) -> float:
         """Takes in a test's statistic over its threshold; answers it over its margin as well."""
-        largest = 1 + test * (_HEAD + DELAY)
-        vector[largest] = max(vector[largest], min(statistic, WIDEST))
+        largest = 1 + test * (TUNING.head + TUNING.delay)
+        vector[largest] = max(vector[largest], min(statistic, TUNING.widest))
         return statistic / float(vector[largest + 4])
 
     def margin(self, vector: Array, test: int) -> float:
@@ -103,11 +126,11 @@ class FalseRate:
             t: now [s].
             calm: whether tests are armed and no alarm stands; what was seen of late counts for nothing otherwise.
         """
-        if calm and 0.0 <= t - vector[0] < BLOCK:
+        if calm and 0.0 <= t - vector[0] < TUNING.block:
             return
         head, waiting = self._views(vector)
         if not calm:
-            head[:, 0], waiting[:], vector[0] = 0.0, _NONE, t
+            head[:, 0], waiting[:], vector[0] = 0.0, TUNING.none, t
             return
         vector[0] = t
         learnt = waiting[:, 0].copy()
@@ -116,8 +139,8 @@ class FalseRate:
         head[:, 0] = 0.0
         if learnt[0] < 0.0:
             return
-        above = np.maximum(learnt - HIGH, 0.0)
-        head[:, 1:4] *= np.where(head[:, 1:2] >= MEMORY, 1.0 - 1.0 / MEMORY, 1.0)
+        above = np.maximum(learnt - TUNING.high, 0.0)
+        head[:, 1:4] *= np.where(head[:, 1:2] >= TUNING.memory, 1.0 - 1.0 / TUNING.memory, 1.0)
         head[:, 1] += 1.0
         head[:, 2] += above > 0.0
         head[:, 3] += above

@@ -7,7 +7,7 @@ drift.
 
 from __future__ import annotations
 
-from typing import Final
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,22 +15,37 @@ from twin_diagram.estimation.drift import learned_threshold, likelihood_ratio
 from twin_diagram.estimation.drift.state import DriftState, Entry
 from twin_diagram.signals.arrays import Array
 
-WINDOW: Final = 0.1
-"""Time over which NIS is averaged [s]."""
-SPIKE: Final = 0.5
-"""One message moves the average by no more than this share of the way to its threshold: a spike alone is no drift."""
-FAR: Final = 10.0
-"""A message whose NIS is this many times what is normal is far off."""
-IN_A_ROW: Final = 1.5
-"""More messages in a row that are far off are no spike: an encoder jumped, say."""
-TOLERANCE: Final = 2.5
-"""NIS may be this many times what the filter claims, or what it was in the little time in which normal operation was
-learnt: a covariance is hardly ever better known, and quick motion strains every model. An arm that sped up in all its
-joints at once was seen at 2.1 for a third of a second."""
-SLACK: Final = 0.5
-"""The cumulative sum forgives this many standard deviations per message."""
-JUMP: Final = 2.0
-"""It alarms at this many k standard deviations."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    window: float = 0.1
+    """Time over which NIS is averaged [s]."""
+
+    spike: float = 0.5
+    """One message moves the average by no more than this share of the way to its threshold: a spike alone is no
+    drift."""
+
+    far: float = 10.0
+    """A message whose NIS is this many times what is normal is far off."""
+
+    in_a_row: float = 1.5
+    """More messages in a row that are far off are no spike: an encoder jumped, say."""
+
+    tolerance: float = 2.5
+    """NIS may be this many times what the filter claims, or what it was in the little time in which normal operation
+    was learnt: a covariance is hardly ever better known, and quick motion strains every model. An arm that sped up
+    in all its joints at once was seen at 2.1 for a third of a second."""
+
+    slack: float = 0.5
+    """The cumulative sum forgives this many standard deviations per message."""
+
+    jump: float = 2.0
+    """It alarms at this many k standard deviations."""
+
+
+TUNING = Tuning()
 
 
 def innovation_test(
@@ -52,10 +67,10 @@ def innovation_test(
     h = state.header
     n = state.sums.shape[1]
     dof = 2.0 * n
-    blend = min(dt / WINDOW, 1.0)
+    blend = min(dt / TUNING.window, 1.0)
     usual = max(dof, h[Entry.MEAN])
-    capped = min(nis, usual + SPIKE * sigma * np.sqrt(dof / blend))
-    h[Entry.LOUD] = h[Entry.LOUD] + 1.0 if nis > FAR * usual else 0.0
+    capped = min(nis, usual + TUNING.spike * sigma * np.sqrt(dof / blend))
+    h[Entry.LOUD] = h[Entry.LOUD] + 1.0 if nis > TUNING.far * usual else 0.0
     h[Entry.NIS] += blend * (capped - h[Entry.NIS])
     changes = None if white is None else likelihood_ratio.follow(state.sums, white)
     mean, squares = state.change
@@ -75,25 +90,25 @@ def innovation_test(
     count = max(h[Entry.COUNT], 1.0)
     # Averaging over a window of W messages leaves 1/(2W) of the variance; white innovations of the claimed
     # covariance have mean 2n and variance 4n.
-    claimed = TOLERANCE * dof + sigma * np.sqrt(2.0 * dof * 0.5 * blend)
-    witnesses = h[Entry.NORMAL] / learned_threshold.WITNESS
+    claimed = TUNING.tolerance * dof + sigma * np.sqrt(2.0 * dof * 0.5 * blend)
+    witnesses = h[Entry.NORMAL] / learned_threshold.TUNING.witness
     threshold = max(learned_threshold.threshold(h[Entry.MEAN], h[Entry.SQUARES] / count, sigma, witnesses), claimed)
-    level = TOLERANCE * usual
+    level = TUNING.tolerance * usual
     spread = np.sqrt(max(h[Entry.SPREAD] / count, 2.0 * dof))
-    h[Entry.SUM] = max(0.0, h[Entry.SUM] + min((nis - level) / spread, 0.5 * sigma) - SLACK)
+    h[Entry.SUM] = max(0.0, h[Entry.SUM] + min((nis - level) / spread, 0.5 * sigma) - TUNING.slack)
     if changes is not None:
         usual_change = learned_threshold.threshold(mean, squares / count, sigma, witnesses)
         h[Entry.CHANGE] = float(
             np.max(changes / np.maximum(usual_change, likelihood_ratio.WIDER * likelihood_ratio.threshold(n)))
         )
-    statistic = max(h[Entry.NIS] / threshold, h[Entry.SUM] / (JUMP * sigma), h[Entry.CHANGE])
-    h[Entry.SUM] = min(h[Entry.SUM], 2.0 * JUMP * sigma)
+    statistic = max(h[Entry.NIS] / threshold, h[Entry.SUM] / (TUNING.jump * sigma), h[Entry.CHANGE])
+    h[Entry.SUM] = min(h[Entry.SUM], 2.0 * TUNING.jump * sigma)
     return float(statistic)
 
 
 def in_a_row(state: DriftState) -> float:
     """How many messages in a row are far off, over how many may be."""
-    return float(min(state.header[Entry.LOUD] / IN_A_ROW, 2.0))
+    return float(min(state.header[Entry.LOUD] / TUNING.in_a_row, 2.0))
 
 
 def forget(state: DriftState) -> None:

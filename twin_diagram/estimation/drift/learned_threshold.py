@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
-from typing import Final
+from dataclasses import dataclass
 
 import numpy as np
 
 from twin_diagram.signals.arrays import Array
 
-FEW: Final = 2.0
-"""The threshold is wider by this many times 1/√N of its kσ: N witnesses know σ of what has a heavy tail to about √(2/N)
-of itself, and μ to 1/√N of σ."""
-WITNESS: Final = 0.1
-"""What is measured over this time is one witness: quick motion strains a model for as long [s]."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    few: float = 2.0
+    """The threshold is wider by this many times 1/√N of its kσ: N witnesses know σ of what has a heavy tail to about
+    √(2/N) of itself, and μ to 1/√N of σ."""
+
+    witness: float = 0.1
+    """What is measured over this time is one witness: quick motion strains a model for as long [s]."""
+
+
+TUNING = Tuning()
 
 
 def threshold(mean: Array | float, variance: Array | float, sigma: float, witnesses: Array | float) -> Array | float:
@@ -24,4 +33,4 @@ def threshold(mean: Array | float, variance: Array | float, sigma: float, witnes
         sigma: k.
         witnesses: N independent of one another that it was learnt from; less than one counts as one.
     """
-    return mean + sigma * (1.0 + FEW / np.sqrt(np.maximum(witnesses, 1.0))) * np.sqrt(variance)
+    return mean + sigma * (1.0 + TUNING.few / np.sqrt(np.maximum(witnesses, 1.0))) * np.sqrt(variance)

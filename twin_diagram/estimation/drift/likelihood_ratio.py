@@ -8,6 +8,7 @@ The sum is taken over innovations of momentum, which makes it a momentum observe
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import IntEnum
 from functools import cache
 from typing import Final
@@ -19,10 +20,23 @@ from twin_diagram.signals.arrays import Array
 
 FORGETTING: Final = np.array([0.5, 0.8, 0.95])
 """λ: 2, 5 and 20 messages."""
-CAP: Final = 6.0
-"""A message is shortened to this many standard deviations: a spike alone is no change."""
-FALSE_RATE: Final = 1e-9
-"""Probability that the claimed distribution exceeds its threshold in one message; 200 Hz bring 720 000 an hour."""
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    cap: float = 6.0
+    """A message is shortened to this many standard deviations: a spike alone is no change."""
+
+    false_rate: float = 1e-9
+    """Probability that the claimed distribution exceeds its threshold in one message; 200 Hz bring 720 000 an hour."""
+
+    spike_time: float = 0.06
+    """An alarm that is over within this time was a spike [s]."""
+
+
+TUNING = Tuning()
 
 
 WIDER: Final = np.array([1.0, 1.0, 2.2])
@@ -53,7 +67,7 @@ def follow(sums: Array, white: Array) -> Array:
         (L,) statistics, each χ² of n degrees of freedom while nothing changes.
     """
     sums *= FORGETTING[:, None]
-    sums += white * min(1.0, CAP / max(float(np.linalg.norm(white)), CAP))
+    sums += white * min(1.0, TUNING.cap / max(float(np.linalg.norm(white)), TUNING.cap))
     statistic: Array = (1.0 - FORGETTING**2) * np.einsum("ij,ij->i", sums, sums)
     return statistic
 
@@ -61,7 +75,7 @@ def follow(sums: Array, white: Array) -> Array:
 @cache
 def threshold(n: int) -> float:
     """Of `follow`'s statistics for innovations that are as white as the filter claims."""
-    return float(chi2.ppf(1.0 - FALSE_RATE, n))
+    return float(chi2.ppf(1.0 - TUNING.false_rate, n))
 
 
 def grows(before: Array) -> bool:
@@ -74,7 +88,3 @@ def grows(before: Array) -> bool:
         return False
     near = before[-1] > 0.4 and before[-3:].mean() > 0.4
     return bool(near and before[-6:-3].mean() < before[-3:].mean())
-
-
-SPIKE_TIME: Final = 0.06
-"""An alarm that is over within this time was a spike [s]."""

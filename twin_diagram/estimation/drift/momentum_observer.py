@@ -19,7 +19,7 @@ detection and isolation using generalized momenta", ICRA 2003.
 
 from __future__ import annotations
 
-from typing import Final
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -29,32 +29,49 @@ from twin_diagram.estimation.dynamics.parameters import ParameterSet
 from twin_diagram.scenario import Filter
 from twin_diagram.signals.arrays import Array
 
-FORGETTING: Final = 0.85
-"""λ per message: 6 messages."""
-SLIDES: Final = 0.03
-"""Joints as fast as this slide, for certain [rad/s]."""
-SURE: Final = 5.0
-"""And as fast as this many standard deviations of the speeds' sensor: a filter that hears a joint through noise finds
-out late that it has started."""
-SEEN: Final = 2.0
-"""Joints as fast as this many of those deviations move, if not for certain: an estimated speed is better than one that
-was measured."""
-BEGUN: Final = 8
-"""Messages that a joint must have slid before anything is learnt or tested: friction builds up over a small angle."""
-LEAST: Final = 100
-"""Messages of a joint and direction before it is tested."""
-MEMORY: Final = 60_000.0
-"""Messages over which normal operation is averaged."""
-NEAR: Final = 0.5
-"""What is beyond this share of its threshold is no lesson."""
-SHARE: Final = 0.04
-"""σ is never taken for less than this share of the level of dry friction."""
-WHITE: Final = 0.3
-"""Nor for less than this share of the filter's white unmodelled torque: what is left of it after low-pass."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    forgetting: float = 0.85
+    """λ per message: 6 messages."""
+
+    slides: float = 0.03
+    """Joints as fast as this slide, for certain [rad/s]."""
+
+    sure: float = 5.0
+    """And as fast as this many standard deviations of the speeds' sensor: a filter that hears a joint through noise
+    finds out late that it has started."""
+
+    seen: float = 2.0
+    """Joints as fast as this many of those deviations move, if not for certain: an estimated speed is better than one
+    that was measured."""
+
+    begun: int = 8
+    """Messages that a joint must have slid before anything is learnt or tested: friction builds up over a small
+    angle."""
+
+    least: int = 100
+    """Messages of a joint and direction before it is tested."""
+
+    memory: float = 60_000.0
+    """Messages over which normal operation is averaged."""
+
+    near: float = 0.5
+    """What is beyond this share of its threshold is no lesson."""
+
+    share: float = 0.04
+    """σ is never taken for less than this share of the level of dry friction."""
+
+    white: float = 0.3
+    """Nor for less than this share of the filter's white unmodelled torque: what is left of it after low-pass."""
+
+    largest: float = 1e6
+    """No ρ counts for more [N·m]."""
 
 
-LARGEST: Final = 1e6
-"""No ρ counts for more [N·m]."""
+TUNING = Tuning()
 
 
 class TorqueTest:
@@ -74,10 +91,10 @@ class TorqueTest:
             sigma: k.
         """
         self._terms, self._parameters, self._sigma = terms, parameters, sigma
-        self._slides = max(SLIDES, SURE * tuning.velocity_std)
-        self._floor = np.hypot(WHITE * tuning.torque_std, tuning.torque_drift_std)
+        self._slides = max(TUNING.slides, TUNING.sure * tuning.velocity_std)
+        self._floor = np.hypot(TUNING.white * tuning.torque_std, tuning.torque_drift_std)
         self._each = np.arange(terms.n)
-        self._creeps = max(tuning.excitation, SEEN * tuning.velocity_std)
+        self._creeps = max(tuning.excitation, TUNING.seen * tuning.velocity_std)
         self.size = 1 + (10 + breakaway.SIZE) * terms.n
 
     def begin(self, vector: Array) -> None:
@@ -118,9 +135,9 @@ class TorqueTest:
         past[:] = x
         way = np.where(np.abs(v) > self._slides, np.sign(v), 0.0)
         run[:] = np.where((way != 0.0) & (np.sign(run) == way), run + way, way)
-        low[:] = np.where(np.abs(run) <= 1.0, rho, FORGETTING * low + (1.0 - FORGETTING) * rho)
-        sliding = np.abs(run) >= BEGUN
-        floor = np.hypot(SHARE * level, self._floor)
+        low[:] = np.where(np.abs(run) <= 1.0, rho, TUNING.forgetting * low + (1.0 - TUNING.forgetting) * rho)
+        sliding = np.abs(run) >= TUNING.begun
+        floor = np.hypot(TUNING.share * level, self._floor)
         starts, gained = breakaway.follow(creep, x[:n], v, rho, self._creeps, ~sliding, floor, self._sigma, learning)
         if not sliding.any():
             return self._largest(starts, gained, armed)
@@ -128,12 +145,14 @@ class TorqueTest:
         beyond = low - mean[at]
         # Messages are no independent witnesses: a low pass makes them alike.
         variance = np.maximum(squares[at], floor**2)
-        found = np.abs(beyond) / learned_threshold.threshold(0.0, variance, self._sigma, count[at] * (1.0 - FORGETTING))
-        known = count[at] >= LEAST
-        lesson = sliding & learning & (~known | (found < NEAR))
+        found = np.abs(beyond) / learned_threshold.threshold(
+            0.0, variance, self._sigma, count[at] * (1.0 - TUNING.forgetting)
+        )
+        known = count[at] >= TUNING.least
+        lesson = sliding & learning & (~known | (found < TUNING.near))
         if lesson.any():
             there = (at[0][lesson], self._each[lesson])
-            count[there] = np.minimum(count[there] + 1.0, MEMORY)
+            count[there] = np.minimum(count[there] + 1.0, TUNING.memory)
             mean[there] += beyond[lesson] / count[there]
             squares[there] += (beyond[lesson] * (low[lesson] - mean[there]) - squares[there]) / count[there]
         found = np.where(sliding, np.where(known, found, 0.0), starts)
@@ -160,4 +179,4 @@ class TorqueTest:
         if terms.laws.load is not None:
             needed += terms.laws.load(q, v, tau)
         rho = needed - terms.applied(tau) - parameters.push(theta, tau)
-        return np.maximum(np.minimum(rho, LARGEST), -LARGEST), 0.5 * (forward + backward)
+        return np.maximum(np.minimum(rho, TUNING.largest), -TUNING.largest), 0.5 * (forward + backward)

@@ -16,7 +16,8 @@ lesson.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from twin_diagram.estimation.drift.false_alarm_rate import FalseRate
 from twin_diagram.estimation.drift.momentum_observer import TorqueTest
 from twin_diagram.estimation.drift.rollout_statistic import RolloutTest
 from twin_diagram.estimation.drift.sensor_consistency import CrossCheck
-from twin_diagram.estimation.drift.state import RING, DriftState, Entry, Evidence
+from twin_diagram.estimation.drift.state import DriftState, Entry, Evidence
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.dynamics.parameters import ParameterSet
 from twin_diagram.estimation.filter.sensor_registry import FilterError
@@ -33,15 +34,28 @@ from twin_diagram.scenario import Drift, Filter
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import ALARM_SIZE, NEVER, AlarmKind
 
-__all__ = ["RING", "Entry", "Evidence", "Monitor"]
+__all__ = ["Entry", "Evidence", "Monitor"]
 
-SETTLING: Final = 0.25
-"""Parameters have settled when they change by less than `SETTLED` of their prior's deviation in this time [s]."""
-SETTLED: Final = 0.05
-PATIENCE: Final = 5.0
-"""After this many learning times normal operation is taken for granted: a model may never settle."""
-LONGEST_GAP: Final = 0.25
-"""A longer silence of the sensors ends a rollout [s]."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    settling: float = 0.25
+    """Parameters have settled when they change by less than `SETTLED` of their prior's deviation in this time [s]."""
+
+    settled: float = 0.05
+
+    patience: float = 5.0
+    """After this many learning times normal operation is taken for granted: a model may never settle."""
+
+    longest_gap: float = 0.25
+    """A longer silence of the sensors ends a rollout [s]."""
+
+
+TUNING = Tuning()
+
+
 INNOVATION, TORQUE, ROLLOUT, SENSORS = range(4)
 """Tests by the numbers that their margins have; each further sensor has one of its own."""
 
@@ -130,13 +144,13 @@ class Monitor:
             return
         if h[Entry.SINCE] < 0.0:
             h[Entry.SINCE] = h[Entry.CHECKED] = t
-            h[Entry.NEXT] = t + SETTLING
+            h[Entry.NEXT] = t + TUNING.settling
             h[Entry.NIS] = min(nis, 2.0 * self.terms.n)
             self.state.checked[:] = theta
             h[Entry.TIME] = t
             return
         dt = t - h[Entry.TIME]
-        if not 0.0 < dt <= LONGEST_GAP:
+        if not 0.0 < dt <= TUNING.longest_gap:
             # A gap, or a clock set back: what came before does not join up with what comes now.
             self._resume(theta, t)
             return
@@ -204,7 +218,7 @@ class Monitor:
         h = self.header
         self._resume(self.parameters.mean, float(h[Entry.TIME]))
         h[Entry.QUIET] = min(h[Entry.QUIET], h[Entry.TIME])
-        h[Entry.NEXT] += SETTLING
+        h[Entry.NEXT] += TUNING.settling
         h[[Entry.ROLLOUT, Entry.TENTH, Entry.TENTHS]] = 0.0
         innovation_statistic.forget(self.state)
         self._cross.begin(self.state.sensors)
@@ -218,15 +232,15 @@ class Monitor:
         h[Entry.STARTED] = NEVER
         h[Entry.SETTLED] = 0.0
         h[Entry.SINCE] = min(h[Entry.SINCE], t)
-        h[Entry.QUIET] = min(h[Entry.QUIET], t + alarm_lifecycle.HOLD)
+        h[Entry.QUIET] = min(h[Entry.QUIET], t + alarm_lifecycle.TUNING.hold)
         self.state.checked[:] = theta
 
     def _settle(self, theta: Array, t: float) -> None:
         h = self.header
-        if t - h[Entry.CHECKED] < SETTLING:
+        if t - h[Entry.CHECKED] < TUNING.settling:
             return
-        calm = bool(np.all(np.abs(theta - self.state.checked) <= SETTLED * self.parameters.scale))
-        late = t - h[Entry.SINCE] > PATIENCE * self.params.learning_time
+        calm = bool(np.all(np.abs(theta - self.state.checked) <= TUNING.settled * self.parameters.scale))
+        late = t - h[Entry.SINCE] > TUNING.patience * self.params.learning_time
         h[Entry.SETTLED] = float(calm or late)
         if not calm and t < h[Entry.QUIET]:
             h[Entry.MOVED] = 1.0

@@ -8,7 +8,7 @@ filter allows its friction to be wrong by and the torque that is measured, or no
 
 from __future__ import annotations
 
-from typing import Final
+from dataclasses import dataclass
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -24,10 +24,19 @@ from twin_diagram.scenario import Drift, Filter
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER
 
-RUNAWAY: Final = 1e6
-"""Stands for the error of a rollout that ran away [N·m], [m]."""
-SMALLEST: Final = 1e-9
-"""No threshold is below it [N·m], [m]: a hand that lies on its joint's axis never moves."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    runaway: float = 1e6
+    """Stands for the error of a rollout that ran away [N·m], [m]."""
+
+    smallest: float = 1e-9
+    """No threshold is below it [N·m], [m]: a hand that lies on its joint's axis never moves."""
+
+
+TUNING = Tuning()
 
 
 class RolloutTest:
@@ -107,10 +116,10 @@ class RolloutTest:
         error: Array = np.empty(n + 1)
         error[:n] = np.abs(torque_error(terms, self._parameters, q, state.from_theta, q - end, span))
         _, p_measured, J = self._hand.jacobian(terms.true_position(q))
-        runs_away = not np.all(np.abs(end) < RUNAWAY)
+        runs_away = not np.all(np.abs(end) < TUNING.runaway)
         p_predicted = p_measured if runs_away else self._hand.pose(terms.true_position(end))[1]
-        error[n] = RUNAWAY if runs_away else np.linalg.norm(p_predicted - p_measured)
-        error = np.nan_to_num(error, nan=RUNAWAY, posinf=RUNAWAY).clip(max=RUNAWAY)
+        error[n] = TUNING.runaway if runs_away else np.linalg.norm(p_predicted - p_measured)
+        error = np.nan_to_num(error, nan=TUNING.runaway, posinf=TUNING.runaway).clip(max=TUNING.runaway)
         if learning:
             h[Entry.ROLLOUTS] += 1
             before = error - state.roll_mean
@@ -130,7 +139,7 @@ class RolloutTest:
         claimed[n] = k * np.linalg.norm(moved)
         count = max(h[Entry.ROLLOUTS], 1.0)
         usual = learned_threshold.threshold(state.roll_mean, state.roll_squares / count, k, count)
-        h[Entry.ROLLOUT] = float(np.max(error / np.maximum(np.maximum(usual, claimed), SMALLEST)))
+        h[Entry.ROLLOUT] = float(np.max(error / np.maximum(np.maximum(usual, claimed), TUNING.smallest)))
         h[Entry.HAND] = error[n]
         return float(h[Entry.ROLLOUT])
 

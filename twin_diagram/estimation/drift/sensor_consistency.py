@@ -16,14 +16,15 @@ outliers. Their share is learnt, too.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from scipy.stats import chi, chi2
 
-from twin_diagram.estimation.drift.likelihood_ratio import CAP, FALSE_RATE
+from twin_diagram.estimation.drift.likelihood_ratio import TUNING as LIKELIHOOD_RATIO
 from twin_diagram.estimation.filter.belief import Track
-from twin_diagram.estimation.filter.sensor_registry import MEMORY as MEAN_OF
+from twin_diagram.estimation.filter.sensor_registry import TUNING as SENSOR_REGISTRY
 from twin_diagram.signals.arrays import Array
 
 FORGETTING: Final = np.array([0.5, 0.8, 0.95, 0.99])
@@ -31,18 +32,32 @@ FORGETTING: Final = np.array([0.5, 0.8, 0.95, 0.99])
 WIDER: Final = np.array([1.0, 1.0, 1.5, 2.0])
 """No threshold is below so many times that of white innovations: what the model gets wrong lasts, so that the longer a
 sum goes back, the less it is like one of white noise."""
-BLOCK: Final = 3
-"""Numbers of a reading that are tested together."""
-SETTLING: Final = 2.0
-"""A sensor's own bias is found in this time; nothing is learnt or tested before [s]."""
-MEMORY: Final = 60_000.0
-"""Readings over which normal operation is averaged."""
-NEAR: Final = 0.5
-"""What is beyond this share of its threshold is no lesson."""
-BELIEVED: Final = 3.0
-"""What white innovations would do counts as much as this many independent sums."""
-OUTLIERS: Final = (2.0, 40.0)
-"""Refused readings, of so many, that are taken for granted before any has come."""
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    block: int = 3
+    """Numbers of a reading that are tested together."""
+
+    settling: float = 2.0
+    """A sensor's own bias is found in this time; nothing is learnt or tested before [s]."""
+
+    memory: float = 60_000.0
+    """Readings over which normal operation is averaged."""
+
+    near: float = 0.5
+    """What is beyond this share of its threshold is no lesson."""
+
+    believed: float = 3.0
+    """What white innovations would do counts as much as this many independent sums."""
+
+    outliers: tuple[float, ...] = (2.0, 40.0)
+    """Refused readings, of so many, that are taken for granted before any has come."""
+
+
+TUNING = Tuning()
 
 
 def newest(before: Array, after: Array) -> tuple[Array, bool] | None:
@@ -59,7 +74,7 @@ def newest(before: Array, after: Array) -> tuple[Array, bool] | None:
     if {accepted, refused} != {0.0, 1.0}:
         return None
     old, new = before[len(Track) :], after[len(Track) :]
-    return old + MEAN_OF * (new - old), bool(accepted)
+    return old + SENSOR_REGISTRY.memory * (new - old), bool(accepted)
 
 
 class CrossCheck:
@@ -79,12 +94,12 @@ class CrossCheck:
             learning_time: normal operation before the first alarm [s].
         """
         self.sizes, self._sigma, self._learning_time = tuple(sizes), sigma, learning_time
-        blocks = [-(-size // BLOCK) for size in sizes]
+        blocks = [-(-size // TUNING.block) for size in sizes]
         counts = [4 + len(FORGETTING) * (size + 2 * block) for size, block in zip(sizes, blocks, strict=True)]
         self._starts = np.concatenate([[0], np.cumsum(counts)]).astype(int)
-        self._blocks = [np.arange(0, size, BLOCK) for size in sizes]
-        claimed = chi2.ppf(1.0 - FALSE_RATE, np.arange(BLOCK + 1)[1:])
-        dofs = [np.minimum(size - at, BLOCK) for size, at in zip(sizes, self._blocks, strict=True)]
+        self._blocks = [np.arange(0, size, TUNING.block) for size in sizes]
+        claimed = chi2.ppf(1.0 - LIKELIHOOD_RATIO.false_rate, np.arange(TUNING.block + 1)[1:])
+        dofs = [np.minimum(size - at, TUNING.block) for size, at in zip(sizes, self._blocks, strict=True)]
         self._claimed = [claimed[dof - 1] for dof in dofs]
         # Mean and variance of white sums' size, over what is claimed of it.
         self._white = [
@@ -115,19 +130,19 @@ class CrossCheck:
         head, sums, mean, squares = self._views(vector, index)
         if head[0] == 0.0:
             head[0] = t
-        if t < head[0] + SETTLING or not np.all(np.isfinite(white)):
+        if t < head[0] + TUNING.settling or not np.all(np.isfinite(white)):
             return 0.0
-        armed = t >= head[0] + SETTLING + self._learning_time
+        armed = t >= head[0] + TUNING.settling + self._learning_time
         if not accepted:
             head[3] += 1.0
             if quiet:
-                head[2] = min(head[2] + 1.0, 0.5 * MEMORY)
-            share = (head[2] - head[3] * quiet + OUTLIERS[0]) / (head[1] + head[2] + OUTLIERS[1])
-            run = np.log(FALSE_RATE) / np.log(min(max(share, 1e-3), 0.5))
+                head[2] = min(head[2] + 1.0, 0.5 * TUNING.memory)
+            share = (head[2] - head[3] * quiet + TUNING.outliers[0]) / (head[1] + head[2] + TUNING.outliers[1])
+            run = np.log(LIKELIHOOD_RATIO.false_rate) / np.log(min(max(share, 1e-3), 0.5))
             return float(head[3] / run) if armed else 0.0
         head[3] = 0.0
         sums *= FORGETTING[:, None]
-        sums += white * min(1.0, CAP / max(float(np.linalg.norm(white)), CAP))
+        sums += white * min(1.0, LIKELIHOOD_RATIO.cap / max(float(np.linalg.norm(white)), LIKELIHOOD_RATIO.cap))
         statistic = np.add.reduceat(self._narrow * sums * sums, self._blocks[index], axis=1) / self._claimed[index]
         level = np.sqrt(statistic)
         count = max(head[1], 1.0)
@@ -135,14 +150,14 @@ class CrossCheck:
             found = 0.0
         else:
             seen = (count * (1.0 - FORGETTING))[:, None]
-            share = seen / (seen + BELIEVED)
+            share = seen / (seen + TUNING.believed)
             white_mean, white_squares = self._white[index]
             beyond = mean - white_mean
             spread = share * squares + (1.0 - share) * (white_squares + share * beyond**2)
             usual = white_mean + share * beyond
             found = float(np.max(level / np.maximum(usual + self._sigma * np.sqrt(spread), WIDER[:, None])))
-        if quiet and found < NEAR:
-            head[1] = min(head[1] + 1.0, MEMORY)
+        if quiet and found < TUNING.near:
+            head[1] = min(head[1] + 1.0, TUNING.memory)
             before = level - mean
             mean += before / head[1]
             squares += (before * (level - mean) - squares) / head[1]

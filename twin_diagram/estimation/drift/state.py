@@ -2,18 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import ALARM_LOG_FIELDS, NEVER
 
-RING: Final = 32
-"""Alarms that are remembered."""
-TENTHS: Final = 30
-"""Tenths of a second over which the largest statistic is remembered, to tell a jump from what grew."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    ring: int = 32
+    """Alarms that are remembered."""
+
+    tenths: int = 30
+    """Tenths of a second over which the largest statistic is remembered, to tell a jump from what grew."""
+
+
+TUNING = Tuning()
 
 
 class Evidence(IntEnum):
@@ -142,16 +152,25 @@ class DriftState:
             motors: numbers that the torque test keeps.
             margins: numbers that the margins of all tests keep.
         """
-        sizes = [len(Entry), RING * ALARM_LOG_FIELDS, RING * (len(Evidence) + n), p, n + 1, n + 1, 2 * n, p]
-        sizes += [rows * (n + 1), changes * n, 2 * changes, TENTHS, sensors, motors, margins]
+        sizes = [
+            len(Entry),
+            TUNING.ring * ALARM_LOG_FIELDS,
+            TUNING.ring * (len(Evidence) + n),
+            p,
+            n + 1,
+            n + 1,
+            2 * n,
+            p,
+        ]
+        sizes += [rows * (n + 1), changes * n, 2 * changes, TUNING.tenths, sensors, motors, margins]
         ends = np.cumsum(sizes)
         self.vector: Any = np.zeros(ends[-1])
         parts = np.split(self.vector, ends[:-1])  # views
         self.header, log, evidence, self.checked, self.roll_mean, self.roll_squares = parts[:6]
         self.from_state, self.from_theta, torques, sums, learnt, self.tenths = parts[6:12]
         self.sensors, self.motors, self.margins = parts[12:]
-        self.log: Array = log.reshape(RING, ALARM_LOG_FIELDS)
-        self.evidence: Array = evidence.reshape(RING, len(Evidence) + n)
+        self.log: Array = log.reshape(TUNING.ring, ALARM_LOG_FIELDS)
+        self.evidence: Array = evidence.reshape(TUNING.ring, len(Evidence) + n)
         self.torques: Array = torques.reshape(rows, n + 1)
         self.sums: Array = sums.reshape(changes, n)
         self.change: Array = learnt.reshape(2, changes)

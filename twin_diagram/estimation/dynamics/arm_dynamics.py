@@ -42,10 +42,19 @@ class Laws:
     true_position: Callable[[Array], Array] | None = None
 
 
-BRISK = 10.0
-"""Where the model names no effort limit: enough for twice the largest weight and for this acceleration [rad/s²]."""
-LARGEST_COM = 0.5
-"""A payload's centre lies within this distance of the last link's origin [m]; beyond it, its inertia is cut to this."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    brisk: float = 10.0
+    """Where the model names no effort limit: enough for twice the largest weight and for this acceleration [rad/s²]."""
+
+    largest_com: float = 0.5
+    """A payload's centre lies within this distance of the last link's origin [m]; beyond it, its inertia is cut to
+    this."""
+
+
+TUNING = Tuning()
 
 
 class ArmTerms:
@@ -181,7 +190,7 @@ class ArmTerms:
         poses = np.random.default_rng(0).uniform(-np.pi, np.pi, (16, self.n))
         weight = np.max([np.abs(self.inverse_dynamics(q, np.zeros(self.n), 0.0)) for q in poses], axis=0)
         inertia = np.max([self.mass_matrix(q).diagonal() for q in poses], axis=0)
-        return 2.0 * weight + BRISK * inertia
+        return 2.0 * weight + TUNING.brisk * inertia
 
     def set_payload(self, payload: Array) -> None:
         """Sets what the last link carries, for all calls that follow.
@@ -198,8 +207,8 @@ class ArmTerms:
         if mass > 0.0:
             centre = payload[1:4] / mass
             reach = float(np.linalg.norm(centre))
-            if reach > LARGEST_COM:
-                centre = centre * (LARGEST_COM / reach)
+            if reach > TUNING.largest_com:
+                centre = centre * (TUNING.largest_com / reach)
         total = max(self._mass0 + mass, np.finfo(float).tiny)
         inertia = self._inertia0 + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
         centre = (self._moment0 + mass * centre) / total

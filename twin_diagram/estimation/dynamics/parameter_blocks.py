@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import ClassVar, Final
 
 import numpy as np
@@ -16,18 +17,31 @@ from twin_diagram.scenario import Filter
 from twin_diagram.signals import units
 from twin_diagram.signals.arrays import Array
 
-HEAVIEST: Final = 10.0
-"""A payload's mass lies between 0 and this [kg]."""
-FRICTION_SHARE: Final = 0.3
-"""Prior of a friction's error, as a share of what the model has, besides a small share of the effort limit."""
-TOGETHER: Final = 0.5
-"""Correlation of the changes of the joints' friction, where it changes at once."""
-HEALTH_STD: Final = 0.02
-"""Prior of a torque constant's error: a data sheet's tolerance."""
-HEALTHIEST: Final = 1.0
-"""No torque constant is more than this above its data sheet's."""
-SMOOTHING_SPEED: Final = 1e-3
-"""Speed over which learned dry friction changes sign [rad/s]."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    heaviest: float = 10.0
+    """A payload's mass lies between 0 and this [kg]."""
+
+    friction_share: float = 0.3
+    """Prior of a friction's error, as a share of what the model has, besides a small share of the effort limit."""
+
+    together: float = 0.5
+    """Correlation of the changes of the joints' friction, where it changes at once."""
+
+    health_std: float = 0.02
+    """Prior of a torque constant's error: a data sheet's tolerance."""
+
+    healthiest: float = 1.0
+    """No torque constant is more than this above its data sheet's."""
+
+    smoothing_speed: float = 1e-3
+    """Speed over which learned dry friction changes sign [rad/s]."""
+
+
+TUNING = Tuning()
 
 
 class ParameterBlock(ABC):
@@ -120,7 +134,7 @@ class Payload(ParameterBlock):
 
     def clip(self, theta: Array) -> None:
         """0 ≤ m ≤ 10 kg, and the centre within 5 com_std of the tool frame (with slack while m is next to nothing)."""
-        mass = min(max(float(theta[0]), 0.0), HEAVIEST)
+        mass = min(max(float(theta[0]), 0.0), TUNING.heaviest)
         theta[0] = mass
         offset = theta[1:4] - mass * self._tool
         distance = float(np.linalg.norm(offset))
@@ -184,7 +198,7 @@ class JointFriction(JointBlock):
     def _about(self, level: Array, effort_limit: Array) -> None:
         self._level = level
         self.mean = np.zeros(len(level))
-        self.covariance = np.diag((0.005 * effort_limit) ** 2 + (FRICTION_SHARE * level) ** 2)
+        self.covariance = np.diag((0.005 * effort_limit) ** 2 + (TUNING.friction_share * level) ** 2)
         self.bound = np.maximum(0.1 * effort_limit, 2.0 * level)
 
     def groups(self) -> list[slice]:  # noqa: D102
@@ -195,7 +209,7 @@ class JointFriction(JointBlock):
 
     @property
     def opening(self) -> Array:  # noqa: D102
-        together: Array = np.asarray(np.outer(TOGETHER * self._level, self._level), dtype=float)
+        together: Array = np.asarray(np.outer(TUNING.together * self._level, self._level), dtype=float)
         together.flat[:: len(together) + 1] = np.maximum(self.covariance.diagonal(), self._level**2)
         return together
 
@@ -230,7 +244,7 @@ class CoulombFriction(JointFriction):
         self._about(0.5 * (forward + backward), terms.effort_limit)
 
     def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array, tau: Array) -> Array:  # noqa: D102
-        return np.diag(v / np.sqrt(v * v + SMOOTHING_SPEED**2))
+        return np.diag(v / np.sqrt(v * v + TUNING.smoothing_speed**2))
 
     def dry(self, theta: Array) -> Array | float:  # noqa: D102
         return theta
@@ -245,8 +259,8 @@ class TorqueConstant(JointBlock):
     def __init__(self, terms: ArmTerms, params: Filter) -> None:
         super().__init__(terms, params)
         self.mean = np.zeros(terms.n)
-        self.covariance = np.eye(terms.n) * HEALTH_STD**2
-        self.bound = np.full(terms.n, HEALTHIEST)
+        self.covariance = np.eye(terms.n) * TUNING.health_std**2
+        self.bound = np.full(terms.n, TUNING.healthiest)
 
     @property
     def opening(self) -> Array:

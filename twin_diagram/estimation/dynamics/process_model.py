@@ -15,7 +15,6 @@ joint instead of throwing it to the other side.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
@@ -24,9 +23,18 @@ from twin_diagram.estimation.dynamics.parameters import ParameterSet
 from twin_diagram.estimation.dynamics.positive_definite import solve_positive
 from twin_diagram.signals.arrays import Array
 
-STUCK_SPEED: Final = 1e-3
-"""s above: a joint creeps this fast, times load over level, while dry friction holds it [rad/s]."""
-_ITERATIONS: Final = 3
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    stuck_speed: float = 1e-3
+    """s above: a joint creeps this fast, times load over level, while dry friction holds it [rad/s]."""
+
+    iterations: int = 3
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -100,13 +108,13 @@ def step(
     forward, backward = np.maximum(forward + change, 0.0), np.maximum(backward + change, 0.0)
     system = mass.copy()
     at = v
-    for _ in range(_ITERATIONS):
+    for _ in range(TUNING.iterations):
         level = np.where(at > 0.0, forward, backward)
-        width = at * at + STUCK_SPEED**2
+        width = at * at + TUNING.stuck_speed**2
         secant = level / np.sqrt(width)
         system.flat[:: terms.n + 1] = mass.diagonal() + dt * (viscous + secant)
         at = solve_positive(system, push)
-    drag = viscous + secant * (STUCK_SPEED**2 / width)
+    drag = viscous + secant * (TUNING.stuck_speed**2 / width)
     return Step(q=q + (0.5 * dt) * (v + at), v=at, middle=there, a=(at - v) / dt, mass=mass, drag=drag)
 
 

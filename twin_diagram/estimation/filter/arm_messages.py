@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,17 +15,29 @@ from twin_diagram.estimation.filter.outlier_streaks import forget, gather, take_
 from twin_diagram.estimation.filter.parameter_adaptation import open_up, refute
 from twin_diagram.estimation.filter.predict import propagate
 from twin_diagram.estimation.filter.sensor_registry import FilterError
-from twin_diagram.estimation.filter.update import REFUSALS, Update, fuse, take
+from twin_diagram.estimation.filter.update import TUNING as UPDATE
+from twin_diagram.estimation.filter.update import Update, fuse, take
 from twin_diagram.signals.arrays import Array
 
-LONGEST_GAP: Final = 0.25
-"""After a longer silence the state is taken anew from the message; parameters are kept [s]."""
-ABSURD: Final = 1e4
-"""No joint angle, speed or torque share of the effort limit is larger than this."""
-NIS_TIME: Final = 0.1
-"""Over which the normalised innovations are averaged [s]."""
-START_STD: Final = 3.0
-"""A fresh state's standard deviation, in those of its sensors."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    longest_gap: float = 0.25
+    """After a longer silence the state is taken anew from the message; parameters are kept [s]."""
+
+    absurd: float = 1e4
+    """No joint angle, speed or torque share of the effort limit is larger than this."""
+
+    nis_time: float = 0.1
+    """Over which the normalised innovations are averaged [s]."""
+
+    start_std: float = 3.0
+    """A fresh state's standard deviation, in those of its sensors."""
+
+
+TUNING = Tuning()
 
 
 def start(core: Core, q: Array, v: Array, tau: Array, t: float) -> None:
@@ -71,8 +83,8 @@ def start(core: Core, q: Array, v: Array, tau: Array, t: float) -> None:
     dry = core.terms.dry(core.terms.true_position(belief.q), belief.v, belief.torque)
     diagonal = np.concatenate(
         [
-            (START_STD * core.params.encoder_std) ** 2 * np.exp(belief.noise[0]),
-            (START_STD * core.params.velocity_std) ** 2 * np.exp(belief.noise[1]),
+            (TUNING.start_std * core.params.encoder_std) ** 2 * np.exp(belief.noise[0]),
+            (TUNING.start_std * core.params.velocity_std) ** 2 * np.exp(belief.noise[1]),
             disturbance_std(core.params, np.zeros(n, dtype=bool), 0.5 * (dry[0] + dry[1])) ** 2,
         ]
     )
@@ -105,8 +117,8 @@ def observe(core: Core, q: Array, v: Array, tau: Array, t: float) -> bool:
         return False
     if t < 0.0:
         return False
-    usable = bool(np.all(np.abs(q) < ABSURD) and np.all(np.abs(v) < ABSURD))  # NaN compares false
-    heard = bool(np.all(np.abs(tau) < ABSURD * core.terms.effort_limit))
+    usable = bool(np.all(np.abs(q) < TUNING.absurd) and np.all(np.abs(v) < TUNING.absurd))  # NaN compares false
+    heard = bool(np.all(np.abs(tau) < TUNING.absurd * core.terms.effort_limit))
     if not usable or not (heard or belief.valid):
         header[Entry.INVALID] += 1
         return False
@@ -120,7 +132,7 @@ def observe(core: Core, q: Array, v: Array, tau: Array, t: float) -> bool:
             return False
         # A run of messages that go back in time is a clock that was set back.
         header[Entry.STREAK] += 1
-        if header[Entry.STREAK] < REFUSALS:
+        if header[Entry.STREAK] < UPDATE.refusals:
             if t >= core.history.oldest:
                 return fuse(core, core.joints, np.concatenate([q, v]), t).accepted
             header[Entry.STALE] += 1
@@ -128,7 +140,7 @@ def observe(core: Core, q: Array, v: Array, tau: Array, t: float) -> bool:
     if not heard:
         header[Entry.INVALID] += 1
         tau = belief.torque
-    if not 0.0 < dt <= LONGEST_GAP or header[Entry.STREAK] >= REFUSALS:
+    if not 0.0 < dt <= TUNING.longest_gap or header[Entry.STREAK] >= UPDATE.refusals:
         header[Entry.RESTARTS] += 1
         start(core, q, v, tau, t)
         return True
@@ -136,7 +148,7 @@ def observe(core: Core, q: Array, v: Array, tau: Array, t: float) -> bool:
     try:
         with np.errstate(all="ignore"):
             _next(core, q, v, tau, t, dt, heard)
-        sound = bool(np.all(np.isfinite(belief.vector))) and bool(np.all(np.abs(belief.x) < 2.0 * ABSURD))
+        sound = bool(np.all(np.isfinite(belief.vector))) and bool(np.all(np.abs(belief.x) < 2.0 * TUNING.absurd))
     except (np.linalg.LinAlgError, FilterError):
         sound = False
     if not sound:
@@ -171,7 +183,7 @@ def _next(core: Core, q: Array, v: Array, tau: Array, t: float, dt: float, heard
         _salvage(core, whole, q, v)
     nis = whole.nis
     header[Entry.NIS] = nis
-    blend = min(dt / NIS_TIME, 1.0)
+    blend = min(dt / TUNING.nis_time, 1.0)
     if whole.accepted:  # what was refused says something of a sensor, nothing of the parameters
         header[Entry.NIS_MEAN] += blend * (min(nis / (2 * n), 50.0) - header[Entry.NIS_MEAN])
     momentum = core.step_mass @ whole.innovation[n:]
@@ -188,7 +200,7 @@ def _next(core: Core, q: Array, v: Array, tau: Array, t: float, dt: float, heard
         header[Entry.REFUSED] += 1
         header[Entry.STREAK] += 1
     gather(belief, whole.innovation, whole.surprise or not whole.accepted)
-    if header[Entry.GATHERED] >= REFUSALS and header[Entry.CALM] == 0.0:
+    if header[Entry.GATHERED] >= UPDATE.refusals and header[Entry.CALM] == 0.0:
         # Where it is no noise, ten refusals make the next message begin anew.
         if take_for_noise(belief, core.params, whole.covariance.diagonal()):
             core.history.begin(t, belief.x, belief.P)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,8 +19,16 @@ from twin_diagram.scenario import Filter
 from twin_diagram.scenario.validation import check_filter
 from twin_diagram.signals.arrays import Array
 
-IMPOSSIBLE: Final = 2.0
-"""No joint is predicted to move faster than this many times its speed limit, unless it was measured to."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    impossible: float = 2.0
+    """No joint is predicted to move faster than this many times its speed limit, unless it was measured to."""
+
+
+TUNING = Tuning()
 
 
 class Core:
@@ -65,7 +73,7 @@ class Core:
         self.declared = Declared()
         self.period = 1.0 / params.rate
         self._last = LinkFrame(terms, terms.link_frame)
-        self._widest = np.concatenate([np.full(terms.n, np.pi**2), (IMPOSSIBLE * terms.velocity_limit) ** 2])
+        self._widest = np.concatenate([np.full(terms.n, np.pi**2), (TUNING.impossible * terms.velocity_limit) ** 2])
         self.resize()
 
     def resize(self) -> None:

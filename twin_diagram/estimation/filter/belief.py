@@ -8,9 +8,10 @@ covariance P, and a track record per further sensor.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import IntEnum
 from itertools import pairwise
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -95,10 +96,20 @@ class Track(IntEnum):
 
 
 HEADER = len(Entry)
-MEMORY: Final = 17
-"""Numbers kept per joint besides the state."""
-LONGEST_LOOK: Final = 0.02
-"""A state is carried on no further than this beyond its message: after it, the sensors have fallen silent [s]."""
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    memory: int = 17
+    """Numbers kept per joint besides the state."""
+
+    longest_look: float = 0.02
+    """A state is carried on no further than this beyond its message: after it, the sensors have fallen silent [s]."""
+
+
+TUNING = Tuning()
 
 
 class Belief:
@@ -139,12 +150,12 @@ class Belief:
         """
         self.n, self.p = n, p
         self.size = 3 * n + p + own
-        start = HEADER + MEMORY * n
+        start = HEADER + TUNING.memory * n
         mean = start + 3 * p + p * (p + 1)
         end = mean + self.size + self.size**2
         self.vector: Any = np.zeros(end + sum(len(Track) + 2 * size for size in sensors))
         self.header = self.vector[:HEADER]
-        memory = self.vector[HEADER:start].reshape(MEMORY, n)
+        memory = self.vector[HEADER:start].reshape(TUNING.memory, n)
         self.torque, self.drift, self.regime, self.innovation, self.before, self.acceleration = memory[:6]
         self.noise = memory[6:9]
         self.troubled = memory[9:15].reshape(3, 2 * n)
@@ -181,7 +192,7 @@ class Belief:
         Args:
             t: [s]; carried on by `LONGEST_LOOK` at most, and never back.
         """
-        ahead = min(max(t - self.time, 0.0), LONGEST_LOOK) if self.valid else 0.0
+        ahead = min(max(t - self.time, 0.0), TUNING.longest_look) if self.valid else 0.0
         v = self.v + ahead * self.acceleration
         return np.concatenate([self.q + (0.5 * ahead) * (self.v + v), v])
 

@@ -12,7 +12,8 @@ there are states.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Final
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.linalg import lapack
@@ -20,9 +21,18 @@ from scipy.linalg import lapack
 from twin_diagram.estimation.dynamics.positive_definite import joseph
 from twin_diagram.signals.arrays import Array
 
-_HEADER: Final = 2
-UNKNOWN: Final = 10.0
-"""Standard deviation of a joint's acceleration at a start, before any step was made [rad/s²]."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    header: int = 2
+
+    unknown: float = 10.0
+    """Standard deviation of a joint's acceleration at a start, before any step was made [rad/s²]."""
+
+
+TUNING = Tuning()
 
 
 class History:
@@ -46,12 +56,14 @@ class History:
         N, L = size, capacity
         shapes = [(L,), (L,), (L,), (L, n), (L, n), (L, n, N), (L, p), (L, N), (L, N), (L, N, N), (L, N, N), (L, N, N)]
         shapes.append((L, N, N + 1))
-        ends = _HEADER + np.cumsum([int(np.prod(shape)) for shape in shapes])
+        ends = TUNING.header + np.cumsum([int(np.prod(shape)) for shape in shapes])
         self.vector: Any = np.zeros(ends[-1])
-        self._at = self.vector[:_HEADER]  # newest, count
+        self._at = self.vector[: TUNING.header]  # newest, count
         parts = [
             part.reshape(shape)
-            for part, shape in zip(np.split(self.vector[_HEADER:], ends[:-1] - _HEADER), shapes, strict=True)
+            for part, shape in zip(
+                np.split(self.vector[TUNING.header :], ends[:-1] - TUNING.header), shapes, strict=True
+            )
         ]
         self._time, self._dt, self._rows = parts[:3]
         self._acceleration, self._steady, self._by, self._room, self._predicted = parts[3:8]
@@ -177,7 +189,7 @@ class History:
         at, n = self._index(back), self.n
         dt = float(self._dt[at])
         if dt <= 0.0:
-            return self._acceleration[at], np.zeros((n, self.size)), np.eye(n) * UNKNOWN**2
+            return self._acceleration[at], np.zeros((n, self.size)), np.eye(n) * TUNING.unknown**2
         return self._acceleration[at], self._by[at], self._Q[at, n : 2 * n, n : 2 * n] / dt**2
 
     def steady(self, back: int) -> Array:

@@ -15,6 +15,7 @@ rest where that is more.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -24,30 +25,48 @@ from twin_diagram.estimation.filter.belief import Belief
 from twin_diagram.scenario import Filter
 from twin_diagram.signals.arrays import Array
 
-FRICTION_SHARE: Final = 0.15
-"""Standard deviation of a sliding joint's friction error, as a share of its dry friction."""
-LEARNT_SHARE: Final = 0.05
-"""The same where its level is learnt: what is left is its dependence on speed, load and angle."""
-CREEP: Final = 0.025
-"""Below this speed dry friction may hold a joint or let it go at any moment [rad/s]."""
-CREEP_SHARE: Final = 1.0
-"""Standard deviation of friction then, from one message to the next, as a share of its level."""
-UNSURE: Final = 2.0
-"""Deviations of a speed within which it may be none."""
-STICTION_TIME: Final = 0.1
-"""In this time the torque on a resting joint may change by the level of its stiction [s]."""
-SPEED_TIME: Final = 0.02
-"""Time over which speeds and accelerations are low-passed [s]."""
 
-LARGEST: Final = 9.0
-"""The square of d counts as this many times its mean at most."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    friction_share: float = 0.15
+    """Standard deviation of a sliding joint's friction error, as a share of its dry friction."""
+
+    learnt_share: float = 0.05
+    """The same where its level is learnt: what is left is its dependence on speed, load and angle."""
+
+    creep: float = 0.025
+    """Below this speed dry friction may hold a joint or let it go at any moment [rad/s]."""
+
+    creep_share: float = 1.0
+    """Standard deviation of friction then, from one message to the next, as a share of its level."""
+
+    unsure: float = 2.0
+    """Deviations of a speed within which it may be none."""
+
+    stiction_time: float = 0.1
+    """In this time the torque on a resting joint may change by the level of its stiction [s]."""
+
+    speed_time: float = 0.02
+    """Time over which speeds and accelerations are low-passed [s]."""
+
+    largest: float = 9.0
+    """The square of d counts as this many times its mean at most."""
+
+    memory: float = 30.0
+    """Independent values of d over which its variance is averaged at most."""
+
+    sure: float = 2.0
+    """A joint slides when its low-passed speed is this many standard deviations of the velocity sensor. A resting joint
+    that seemed to slide for a moment would tell its load as if friction were known, and falsely."""
+
+
+TUNING = Tuning()
+
+
 SMALLEST: Final = -2.0 * np.log(10.0)
 """ln of its variance's factor falls no lower."""
-MEMORY: Final = 30.0
-"""Independent values of d over which its variance is averaged at most."""
-SURE: Final = 2.0
-"""A joint slides when its low-passed speed is this many standard deviations of the velocity sensor. A resting joint
-that seemed to slide for a moment would tell its load as if friction were known, and falsely."""
 
 
 def disturbance_std(params: Filter, sliding: Array, level: Array) -> Array:
@@ -58,7 +77,7 @@ def disturbance_std(params: Filter, sliding: Array, level: Array) -> Array:
         sliding: (n,) whether each joint slides.
         level: (n,) of its dry friction [N·m].
     """
-    share = LEARNT_SHARE if "coulomb_friction" in params.parameters else FRICTION_SHARE
+    share = TUNING.learnt_share if "coulomb_friction" in params.parameters else TUNING.friction_share
     return np.hypot(params.torque_drift_std, np.where(sliding, share, 1.0) * level)
 
 
@@ -76,11 +95,11 @@ def follow_disturbance(belief: Belief, params: Filter, variance: Array, elapsed:
     """
     n = belief.n
     at = np.arange(2 * n, 3 * n)
-    sliding = (belief.regime != 0.0) & (np.abs(belief.v) > 2.0 * CREEP)
+    sliding = (belief.regime != 0.0) & (np.abs(belief.v) > 2.0 * TUNING.creep)
     factor = np.exp(belief.steady)
     fresh = elapsed / params.torque_drift_time
-    surprise = np.minimum((belief.disturbance**2 + belief.P[at, at]) / (variance * factor), LARGEST) - 1.0
-    belief.told[sliding] = np.minimum(belief.told[sliding] + fresh, MEMORY)
+    surprise = np.minimum((belief.disturbance**2 + belief.P[at, at]) / (variance * factor), TUNING.largest) - 1.0
+    belief.told[sliding] = np.minimum(belief.told[sliding] + fresh, TUNING.memory)
     moved = np.log1p(fresh * surprise / (1.0 + belief.told))
     belief.steady += np.where(sliding, moved, 0.0)
     np.clip(belief.steady, SMALLEST, 0.0, out=belief.steady)
@@ -94,7 +113,7 @@ def creep_std(v: Array, level: Array, variance: Array | float = 0.0) -> Array:
         level: (n,) of dry friction [N·m].
         variance: (n,) of v: without encoders the sign of a slow joint's friction is anybody's guess [rad²/s²].
     """
-    return CREEP_SHARE * level * np.exp(-(v**2) / (CREEP**2 + UNSURE**2 * variance))
+    return TUNING.creep_share * level * np.exp(-(v**2) / (TUNING.creep**2 + TUNING.unsure**2 * variance))
 
 
 def sure_to_slide(belief: Belief) -> Array:
@@ -117,9 +136,9 @@ def follow_regimes(belief: Belief, params: Filter, dt: float, level: Array) -> t
         How much of d is kept over the prediction (n,), the variance that it gains (n,), and whether it is drawn afresh
         (n,), no longer correlated with anything.
     """
-    belief.drift += min(dt / SPEED_TIME, 1.0) * (belief.v - belief.drift)
+    belief.drift += min(dt / TUNING.speed_time, 1.0) * (belief.v - belief.drift)
     # Half as fast is still sliding for a joint that slides: noise must not toggle it.
-    threshold = max(params.excitation, SURE * params.velocity_std) * np.where(belief.regime != 0.0, 0.5, 1.0)
+    threshold = max(params.excitation, TUNING.sure * params.velocity_std) * np.where(belief.regime != 0.0, 0.5, 1.0)
     regime = np.where(np.abs(belief.drift) > threshold, np.sign(belief.drift), 0.0)
     changed = regime != belief.regime
     belief.regime[:] = regime
@@ -127,7 +146,7 @@ def follow_regimes(belief: Belief, params: Filter, dt: float, level: Array) -> t
     std = disturbance_std(params, sliding, level) * np.where(sliding, np.exp(0.5 * belief.steady), 1.0)
     forget = np.exp(-dt / params.torque_drift_time)
     keep = np.where(changed, 0.0, np.where(sliding, forget, 1.0))
-    fresh = np.where(sliding, (1.0 - forget**2) * std**2, std**2 * (dt / STICTION_TIME))
+    fresh = np.where(sliding, (1.0 - forget**2) * std**2, std**2 * (dt / TUNING.stiction_time))
     if changed.any():
         fresh[changed] = std[changed] ** 2
     return keep, fresh, changed

@@ -34,19 +34,20 @@ from collections.abc import Sequence
 import numpy as np
 
 from twin_diagram.estimation.filter import arm_messages
-from twin_diagram.estimation.filter.arm_messages import LONGEST_GAP
 from twin_diagram.estimation.filter.base import Core
-from twin_diagram.estimation.filter.belief import HEADER, MEMORY, Entry, Track
+from twin_diagram.estimation.filter.belief import HEADER, Entry, Track
+from twin_diagram.estimation.filter.belief import TUNING as BELIEF
 from twin_diagram.estimation.filter.parameter_adaptation import open_up
 from twin_diagram.estimation.filter.parameter_status import Standing, standings
-from twin_diagram.estimation.filter.predict import LONGEST_PREDICTION, propagate
+from twin_diagram.estimation.filter.predict import TUNING as PREDICT
+from twin_diagram.estimation.filter.predict import propagate
 from twin_diagram.estimation.filter.sensor_registry import FilterError
-from twin_diagram.estimation.filter.update import REFUSALS, Update, fuse
+from twin_diagram.estimation.filter.update import Update, fuse
 from twin_diagram.estimation.sensors import Sensor
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import AlarmKind
 
-__all__ = ["LONGEST_GAP", "REFUSALS", "Ekf", "FilterError", "Update"]
+__all__ = ["Ekf", "FilterError", "Update"]
 
 
 class Ekf(Core):
@@ -66,7 +67,7 @@ class Ekf(Core):
         self.declared.add(sensor, start, at)
         self.resize()
         after = self.belief
-        same = HEADER + MEMORY * before.n + before.p * (before.p + 4)
+        same = HEADER + BELIEF.memory * before.n + before.p * (before.p + 4)
         after.vector[:same] = before.vector[:same]
         after.x[: before.size] = before.x
         after.P[: before.size, : before.size] = before.P
@@ -174,7 +175,7 @@ class Ekf(Core):
             raise FilterError(f"torque {u.tolist()} is not {self.terms.n} finite numbers")
         if not 0.0 < dt < np.inf:
             raise FilterError(f"a prediction over {dt} s: the time must be positive and finite")
-        if dt > LONGEST_PREDICTION:
+        if dt > PREDICT.longest_prediction:
             raise FilterError(f"a prediction over {dt} s is no prediction: start the filter anew from a message")
         propagate(self, u, dt, self.params.torque_std if torque_std is None else torque_std)
 

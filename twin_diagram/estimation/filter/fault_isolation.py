@@ -8,7 +8,7 @@ I = Σ W_cᵀ W_c. Both sums forget exponentially, so two small matrices are all
 from __future__ import annotations
 
 import functools
-from typing import Final
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import chi2
@@ -16,17 +16,30 @@ from scipy.stats import chi2
 from twin_diagram.estimation.dynamics.positive_definite import solve_positive
 from twin_diagram.signals.arrays import Array
 
-FORGETTING: Final = 0.9
-"""10 messages."""
-CAP: Final = 20.0
-"""An innovation is shortened to this many standard deviations, its direction kept: that tells who is to blame."""
-UNDECIDED: Final = 9.0
-"""Groups whose 2 log likelihood ratio is within this of the best may have changed as well."""
-WORTH: Final = 16.0
-"""A further group must raise 2 log of the likelihood by this."""
-FALSE_RATE: Final = 1e-9
-"""Probability that what did not change exceeds its threshold, per message and group."""
-_RIDGE: Final = 1e-9
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    forgetting: float = 0.9
+    """10 messages."""
+
+    cap: float = 20.0
+    """An innovation is shortened to this many standard deviations, its direction kept: that tells who is to blame."""
+
+    undecided: float = 9.0
+    """Groups whose 2 log likelihood ratio is within this of the best may have changed as well."""
+
+    worth: float = 16.0
+    """A further group must raise 2 log of the likelihood by this."""
+
+    false_rate: float = 1e-9
+    """Probability that what did not change exceeds its threshold, per message and group."""
+
+    ridge: float = 1e-9
+
+
+TUNING = Tuning()
 
 
 def keep_score(score: Array, W: Array, white: Array) -> None:
@@ -37,9 +50,9 @@ def keep_score(score: Array, W: Array, white: Array) -> None:
         W: (n, p) derivative of the whitened innovation by θ.
         white: (n,) whitened innovation.
     """
-    score *= FORGETTING
+    score *= TUNING.forgetting
     score[:, :-1] += W.T @ W
-    score[:, -1] += W.T @ (white * min(1.0, CAP / max(float(np.linalg.norm(white)), CAP)))
+    score[:, -1] += W.T @ (white * min(1.0, TUNING.cap / max(float(np.linalg.norm(white)), TUNING.cap)))
 
 
 def alarming(score: Array, groups: list[slice]) -> bool:
@@ -52,16 +65,16 @@ def alarming(score: Array, groups: list[slice]) -> bool:
     for group in groups:
         size = group.stop - group.start
         scale = np.sqrt(np.maximum(score[group, group].diagonal(), np.finfo(float).tiny))
-        information = score[group, group] / np.outer(scale, scale) + _RIDGE * np.eye(size)
+        information = score[group, group] / np.outer(scale, scale) + TUNING.ridge * np.eye(size)
         gradient = score[group, -1] / scale
-        if (1.0 + FORGETTING) * float(gradient @ solve_positive(information, gradient)) > _threshold(size):
+        if (1.0 + TUNING.forgetting) * float(gradient @ solve_positive(information, gradient)) > _threshold(size):
             return True
     return False
 
 
 @functools.cache
 def _threshold(size: int) -> float:
-    return float(chi2.ppf(1.0 - FALSE_RATE, size))
+    return float(chi2.ppf(1.0 - TUNING.false_rate, size))
 
 
 def suspects(score: Array, groups: list[slice]) -> np.ndarray:
@@ -76,7 +89,7 @@ def suspects(score: Array, groups: list[slice]) -> np.ndarray:
     """
     p = len(score)
     scale = np.sqrt(np.maximum(score[:, :-1].diagonal(), np.finfo(float).tiny))
-    information = score[:, :-1] / np.outer(scale, scale) + _RIDGE * np.eye(p)
+    information = score[:, :-1] / np.outer(scale, scale) + TUNING.ridge * np.eye(p)
     gradient = score[:, -1] / scale
     changed = np.zeros(p, dtype=bool)
     explained = 0.0
@@ -88,13 +101,13 @@ def suspects(score: Array, groups: list[slice]) -> np.ndarray:
             at = changed.copy()
             at[group] = True
             total = gradient[at] @ np.linalg.solve(information[np.ix_(at, at)], gradient[at])
-            gains[i] = (total - explained) * (1.0 + FORGETTING) - 2.0 * (group.stop - group.start)
+            gains[i] = (total - explained) * (1.0 + TUNING.forgetting) - 2.0 * (group.stop - group.start)
         best = float(gains.max())
-        if changed.any() and best < WORTH:
+        if changed.any() and best < TUNING.worth:
             break
         for group, gain in zip(groups, gains, strict=True):
             # At the first choice, what does all but as well cannot be told apart.
-            if gain >= best - (0.0 if changed.any() and explained > 0.0 else UNDECIDED) and gain > 0.0:
+            if gain >= best - (0.0 if changed.any() and explained > 0.0 else TUNING.undecided) and gain > 0.0:
                 changed[group] = True
         if not changed.any():
             changed[groups[int(gains.argmax())]] = True

@@ -3,25 +3,45 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
 from twin_diagram.estimation.dynamics.positive_definite import solve_positive
 from twin_diagram.estimation.filter.base import Core
 from twin_diagram.estimation.filter.belief import Entry, Track
-from twin_diagram.estimation.filter.disturbance import CREEP, follow_disturbance
-from twin_diagram.estimation.filter.noise_estimate import LARGEST_STEP, follow_sensor, follow_torque, gain, held, scaled
-from twin_diagram.estimation.filter.sensor_registry import VOUCHED
+from twin_diagram.estimation.filter.disturbance import TUNING as DISTURBANCE
+from twin_diagram.estimation.filter.disturbance import follow_disturbance
+from twin_diagram.estimation.filter.noise_estimate import (
+    TUNING as NOISE_ESTIMATE,
+)
+from twin_diagram.estimation.filter.noise_estimate import (
+    follow_sensor,
+    follow_torque,
+    gain,
+    held,
+    scaled,
+)
+from twin_diagram.estimation.filter.sensor_registry import TUNING as SENSOR_REGISTRY
 from twin_diagram.estimation.sensors import Linear, Sensor
 from twin_diagram.signals.arrays import Array
 
-CREEPING: Final = 0.1
-"""Share of a reading's variance that may be due to joints that rest or creep where it speaks for its sensor's noise."""
-RUN: Final = 3
-"""Readings refused in a row that are no outliers any more."""
-WRONG: Final = 3.0
-"""Where surprises outlast a hold with innovations squared so many times their covariance, noise is found anew."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    creeping: float = 0.1
+    """Share of a reading's variance that may be due to joints that rest or creep where it speaks for its sensor's
+    noise."""
+
+    run: int = 3
+    """Readings refused in a row that are no outliers any more."""
+
+    wrong: float = 3.0
+    """Where surprises outlast a hold with innovations squared so many times their covariance, noise is found anew."""
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -83,16 +103,16 @@ def adapt(
         return
     now = max(t, belief.time)
     streak = float(belief.header[Entry.STREAK] if track is None else track[Track.STREAK])
-    trouble = result.surprise or (not result.accepted and (track is None or streak >= RUN))
+    trouble = result.surprise or (not result.accepted and (track is None or streak >= TUNING.run))
     # A message refused alone is an outlier; a run of them may well be noise that was thought too small. Of another
     # sensor it is a fault, as long as the joints vouch for the state.
-    used = result.accepted or (track is None and streak >= RUN)
+    used = result.accepted or (track is None and streak >= TUNING.run)
     # Without the joints, what the model gets wrong would be taken for noise of the sensors that are left.
-    blind = belief.header[Entry.HEARD] < now - VOUCHED
+    blind = belief.header[Entry.HEARD] < now - SENSOR_REGISTRY.vouched
     if held(belief, now, trouble) or blind or not used:
         return
     counts, counted = (belief.header, Entry.COUNTED) if track is None else (track, Track.COUNTED)
-    if trouble and (streak >= RUN or belief.header[Entry.NIS_MEAN] > WRONG):
+    if trouble and (streak >= TUNING.run or belief.header[Entry.NIS_MEAN] > TUNING.wrong):
         counts[counted] = 0.0
     elapsed = float(belief.header[Entry.SPAN]) if track is None else t - float(track[Track.LAST])
     if not 0.0 < elapsed < np.inf:
@@ -107,15 +127,15 @@ def adapt(
         variance = core.params.torque_std**2 * np.exp(belief.noise[2]) * (core.period / elapsed)
         # No haste here, at first either: what parameters have yet to learn looks like torque that no model gives, and a
         # push would hide in it later.
-        follow_torque(belief, by, variance, inverse @ by, weighted, min(elapsed / span, LARGEST_STEP))
+        follow_torque(belief, by, variance, inverse @ by, weighted, min(elapsed / span, NOISE_ESTIMATE.largest_step))
         follow_disturbance(belief, core.params, core.wander, elapsed)
         # What rests or creeps is known through its friction, and says little of a sensor.
-        moving = np.tile((belief.regime != 0.0) & (np.abs(belief.v) > 2.0 * CREEP), 2)[: 2 * n]
+        moving = np.tile((belief.regime != 0.0) & (np.abs(belief.v) > 2.0 * DISTURBANCE.creep), 2)[: 2 * n]
         follow_sensor(levels, base, inverse.diagonal(), weighted, np.where(moving, step, 0.0))
         return
     if core.by_torque is not None and not result.late:
         # What friction may do to joints that rest or creep is far more than it mostly does: beside it, a reading that
         # depends on it would seem to be finer than it is.
         creep = np.square(at.jacobian[:, : 2 * belief.n] @ core.by_torque) @ core.creep
-        step = np.where(creep < CREEPING * result.covariance.diagonal(), step, 0.0)
+        step = np.where(creep < TUNING.creeping * result.covariance.diagonal(), step, 0.0)
     follow_sensor(levels, base, inverse.diagonal(), weighted, step)

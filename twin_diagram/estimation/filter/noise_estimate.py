@@ -18,32 +18,44 @@ the noise that is wrong: after each hold it is free as long as it was held, and 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from twin_diagram.estimation.filter.belief import Belief, Entry
-from twin_diagram.estimation.filter.disturbance import CREEP
+from twin_diagram.estimation.filter.disturbance import TUNING as DISTURBANCE
 from twin_diagram.signals.arrays import Array
 
-CAP: Final = 9.0
-"""A squared deviation counts as this many times its mean at most."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    cap: float = 9.0
+    """A squared deviation counts as this many times its mean at most."""
+
+    largest_step: float = 0.05
+    """ε at most, at first and for sensors that read seldom."""
+
+    eager: float = 4.0
+    """ε is this over the readings so far while that is more. 1 would average them; but a variance that was given 25
+    times too large must come down by its logarithm, 3, and a share w of a third still takes all readings for 1."""
+
+    hold: float = 1.0
+    """How long the adaptation stands still by itself [s]."""
+
+
+TUNING = Tuning()
 WIDEST: Final = 2.0 * np.log(10.0)
 """ln σ² moves no further than this from what was given: a tenth to ten times."""
-LARGEST_STEP: Final = 0.05
-"""ε at most, at first and for sensors that read seldom."""
-EAGER: Final = 4.0
-"""ε is this over the readings so far while that is more. 1 would average them; but a variance that was given 25 times
-too large must come down by its logarithm, 3, and a share w of a third still takes all readings for 1."""
-HOLD: Final = 1.0
-"""How long the adaptation stands still by itself [s]."""
 
 
 def held(belief: Belief, t: float, trouble: bool) -> bool:
     """Whether the adaptation stands still at t [s]; trouble begins a hold where it was free as long."""
     last = float(belief.header[Entry.ALARM])
-    if trouble and (last <= 0.0 or t >= last + HOLD):
-        belief.header[Entry.ALARM] = t + HOLD
+    if trouble and (last <= 0.0 or t >= last + TUNING.hold):
+        belief.header[Entry.ALARM] = t + TUNING.hold
     return bool(t < belief.header[Entry.ALARM])
 
 
@@ -55,7 +67,7 @@ def gain(elapsed: float, span: float, readings: float) -> float:
         span: `Filter.noise_time` [s].
         readings: of that sensor before this one.
     """
-    return min(max(elapsed / span, EAGER / (readings + EAGER / LARGEST_STEP)), LARGEST_STEP)
+    return min(max(elapsed / span, TUNING.eager / (readings + TUNING.eager / TUNING.largest_step)), TUNING.largest_step)
 
 
 def scaled(noise: Array, level: Array) -> Array:
@@ -82,7 +94,7 @@ def follow_sensor(level: Array, noise: Array, inverse: Array, weighted: Array, s
         step: ε, one or (m,).
     """
     share = noise * inverse
-    surprise = np.minimum(weighted**2 / inverse, CAP) - 1.0
+    surprise = np.minimum(weighted**2 / inverse, TUNING.cap) - 1.0
     level += step * share * surprise
     np.clip(level, -WIDEST, WIDEST, out=level)
 
@@ -99,10 +111,10 @@ def follow_torque(belief: Belief, by: Array, variance: Array, solved: Array, wei
         step: ε.
     """
     expected = np.einsum("ij,ij->j", by, solved)
-    surprise = np.minimum((weighted @ by) ** 2 / expected, CAP) - 1.0
+    surprise = np.minimum((weighted @ by) ** 2 / expected, TUNING.cap) - 1.0
     # One step's share is small where many steps add up, hence the root.
     share = np.sqrt(np.minimum(variance * expected, 1.0))
-    moving = (belief.regime != 0.0) & (np.abs(belief.v) > 2.0 * CREEP)
+    moving = (belief.regime != 0.0) & (np.abs(belief.v) > 2.0 * DISTURBANCE.creep)
     level = belief.noise[2]
     level += np.where(moving, step * share * surprise, 0.0)
     np.clip(level, -WIDEST, WIDEST, out=level)

@@ -10,7 +10,7 @@ scatter as well.
 
 from __future__ import annotations
 
-from typing import Final
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,18 +19,31 @@ from twin_diagram.estimation.filter.noise_estimate import WIDEST
 from twin_diagram.scenario import Filter
 from twin_diagram.signals.arrays import Array
 
-SHIFTED: Final = 4.0
-"""Deviations of its mean by which a reading has jumped, and not just scattered."""
-GROWN: Final = 3.0
-"""A variance that is no longer that of the noise as known, over that."""
-FEWEST: Final = 3.0
-"""Messages that tell noise."""
-OVER: Final = 5.0
-"""After so many messages without it in a row trouble is over."""
-KNOWN: Final = 200.0
-"""Messages used before the noise counts as known; until then `noise_adaptation` finds it, quickly."""
-LONGEST: Final = 40.0
-"""Messages after which its sums begin anew."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    shifted: float = 4.0
+    """Deviations of its mean by which a reading has jumped, and not just scattered."""
+
+    grown: float = 3.0
+    """A variance that is no longer that of the noise as known, over that."""
+
+    fewest: float = 3.0
+    """Messages that tell noise."""
+
+    over: float = 5.0
+    """After so many messages without it in a row trouble is over."""
+
+    known: float = 200.0
+    """Messages used before the noise counts as known; until then `noise_adaptation` finds it, quickly."""
+
+    longest: float = 40.0
+    """Messages after which its sums begin anew."""
+
+
+TUNING = Tuning()
 
 
 def gather(belief: Belief, innovation: Array, trouble: bool) -> None:
@@ -45,7 +58,7 @@ def gather(belief: Belief, innovation: Array, trouble: bool) -> None:
     if not trouble and not header[Entry.GATHERED]:
         return
     header[Entry.CALM] = 0.0 if trouble else header[Entry.CALM] + 1.0
-    if header[Entry.CALM] >= OVER or header[Entry.GATHERED] >= LONGEST:
+    if header[Entry.CALM] >= TUNING.over or header[Entry.GATHERED] >= TUNING.longest:
         forget(belief)
         return
     total, differences, last = belief.troubled
@@ -76,15 +89,15 @@ def take_for_noise(belief: Belief, params: Filter, expected: Array) -> bool:
     """
     header, n = belief.header, belief.n
     count = float(header[Entry.GATHERED])
-    if count < FEWEST or header[Entry.ACCEPTED] < KNOWN or params.noise_time <= 0.0:
+    if count < TUNING.fewest or header[Entry.ACCEPTED] < TUNING.known or params.noise_time <= 0.0:
         return False
     mean, scatter = belief.troubled[0] / count, belief.troubled[1] / (2.0 * (count - 1.0))
     level = belief.noise[:2].reshape(-1)
     known = np.square(np.repeat([params.encoder_std, params.velocity_std], n)) * np.exp(level)
     state = belief.P.diagonal()[: 2 * n]
-    if np.any(mean**2 > SHIFTED**2 * (np.maximum(scatter, known) / count + state)):
+    if np.any(mean**2 > TUNING.shifted**2 * (np.maximum(scatter, known) / count + state)):
         return False
-    grown = (scatter > GROWN * expected) & (level < WIDEST)
+    grown = (scatter > TUNING.grown * expected) & (level < WIDEST)
     if not grown[:n].any():
         return False
     found = np.maximum(scatter - (expected - known), known)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,14 +11,24 @@ from twin_diagram.estimation.filter.belief import Entry
 from twin_diagram.estimation.filter.fault_isolation import suspects
 from twin_diagram.signals.arrays import Array
 
-QUIET_TIME: Final = 0.2
-"""No second opening within this time [s]."""
-REFUTED: Final = 3.5
-"""A parameter so many deviations of its prior from the prior's mean refutes it."""
-FARTHEST: Final = 0.05
-"""Share of its prior's deviation by which a parameter may part from what the physics holds: beyond, the physics takes
-it over at once. Kilograms that are learnt within a few messages do not wait: linearised about no load at all, arm and
-wrench would seem to say more of it than they do, and falsely."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    quiet_time: float = 0.2
+    """No second opening within this time [s]."""
+
+    refuted: float = 3.5
+    """A parameter so many deviations of its prior from the prior's mean refutes it."""
+
+    farthest: float = 0.05
+    """Share of its prior's deviation by which a parameter may part from what the physics holds: beyond, the physics
+    takes it over at once. Kilograms that are learnt within a few messages do not wait: linearised about no load at
+    all, arm and wrench would seem to say more of it than they do, and falsely."""
+
+
+TUNING = Tuning()
 
 
 def release(core: Core, t: float) -> None:
@@ -29,7 +39,7 @@ def release(core: Core, t: float) -> None:
         t: now [s].
     """
     belief, header, params = core.belief, core.belief.header, core.params
-    far = bool(np.any(np.abs(belief.theta - belief.model) > FARTHEST * core.parameters.scale))
+    far = bool(np.any(np.abs(belief.theta - belief.model) > TUNING.farthest * core.parameters.scale))
     if t < header[Entry.RELEASED] + 1.0 / params.parameter_rate - 1e-9 and not far:
         return
     header[Entry.RELEASED] = t
@@ -63,7 +73,7 @@ def open_up(core: Core, t: float) -> None:
     """
     belief, n = core.belief, core.terms.n
     belief.header[Entry.OPENINGS] += 1
-    belief.header[Entry.QUIET] = t + QUIET_TIME
+    belief.header[Entry.QUIET] = t + TUNING.quiet_time
     if core.params.rule == "gradient" or not belief.p:
         return
     at = slice(3 * n, 3 * n + belief.p)
@@ -95,12 +105,12 @@ def refute(core: Core, t: float) -> None:
     belief, parameters, n = core.belief, core.parameters, core.terms.n
     if core.params.rule == "gradient" or not parameters.freeable.any():
         return
-    far = np.abs(belief.theta - parameters.mean) > REFUTED * parameters.scale
+    far = np.abs(belief.theta - parameters.mean) > TUNING.refuted * parameters.scale
     far &= parameters.freeable & (belief.freed == 0.0)
     if not far.any():
         return
     belief.header[Entry.OPENINGS] += 1
-    belief.header[Entry.QUIET] = t + QUIET_TIME
+    belief.header[Entry.QUIET] = t + TUNING.quiet_time
     belief.freed[far] = 1.0
     at = slice(3 * n, 3 * n + belief.p)
     free = belief.freed > 0.0

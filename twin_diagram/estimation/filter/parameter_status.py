@@ -9,18 +9,26 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import Final
 
 import numpy as np
 
 from twin_diagram.estimation.dynamics.parameters import ParameterSet
 from twin_diagram.signals.arrays import Array
 
-TOLD: Final = 0.5
-"""A parameter has settled when its deviation is below this share of its prior's: readings then count three times as
-much as the prior."""
-STEP: Final = 1e-3
-"""How far a parameter is pushed to see whether a bound gives way, in deviations of its prior."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    told: float = 0.5
+    """A parameter has settled when its deviation is below this share of its prior's: readings then count three times as
+    much as the prior."""
+
+    step: float = 1e-3
+    """How far a parameter is pushed to see whether a bound gives way, in deviations of its prior."""
+
+
+TUNING = Tuning()
 
 
 class Status(Enum):
@@ -78,7 +86,7 @@ def standings(
         elif rule == "gradient":
             status = Status.UNKNOWN
         else:
-            status = Status.SETTLED if std[i] < TOLD * parameters.scale[i] else Status.NOT_EXCITED
+            status = Status.SETTLED if std[i] < TUNING.told * parameters.scale[i] else Status.NOT_EXCITED
         found.append(Standing(label, float(theta[i]), float(std[i]), status))
     return found
 
@@ -92,7 +100,7 @@ def at_bound(parameters: ParameterSet, theta: Array) -> np.ndarray:
     """
     held = np.zeros(parameters.size, dtype=bool)
     for i, scale in enumerate(parameters.scale):
-        for push in (-STEP * scale, STEP * scale):
+        for push in (-TUNING.step * scale, TUNING.step * scale):
             moved = theta.copy()
             moved[i] += push
             parameters.clip(moved)

@@ -2,32 +2,44 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from twin_diagram.estimation.dynamics.process_model import jacobians, step
-from twin_diagram.estimation.filter.base import IMPOSSIBLE, Core
+from twin_diagram.estimation.filter.base import TUNING as BASE
+from twin_diagram.estimation.filter.base import Core
 from twin_diagram.estimation.filter.belief import Entry
 from twin_diagram.estimation.filter.disturbance import (
-    CREEP,
-    SPEED_TIME,
+    TUNING as DISTURBANCE,
+)
+from twin_diagram.estimation.filter.disturbance import (
     creep_std,
     disturbance_std,
     follow_regimes,
     sure_to_slide,
 )
 from twin_diagram.estimation.filter.parameter_adaptation import release
-from twin_diagram.estimation.filter.sensor_registry import VOUCHED
+from twin_diagram.estimation.filter.sensor_registry import TUNING as SENSOR_REGISTRY
 from twin_diagram.signals.arrays import Array
 
 EVERY: Final = np.array(True)
 """Of joints: they slide."""
-LONGEST_STEP: Final = 0.01
-"""A longer prediction is cut into steps no longer than this [s]."""
-LONGEST_PREDICTION: Final = 2.5
-"""What is further ahead is not predicted to [s]."""
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    longest_step: float = 0.01
+    """A longer prediction is cut into steps no longer than this [s]."""
+
+    longest_prediction: float = 2.5
+    """What is further ahead is not predicted to [s]."""
+
+
+TUNING = Tuning()
 
 
 def propagate(core: Core, u: Array, dt: float, torque_std: Array | float) -> None:
@@ -39,7 +51,7 @@ def propagate(core: Core, u: Array, dt: float, torque_std: Array | float) -> Non
         dt: [s].
         torque_std: unmodelled torque, as white noise over one filter period [N·m].
     """
-    parts = int(np.ceil(dt / LONGEST_STEP - 1e-9))
+    parts = int(np.ceil(dt / TUNING.longest_step - 1e-9))
     for _ in range(parts):
         _once(core, u, dt / parts, torque_std)
 
@@ -54,7 +66,7 @@ def _once(core: Core, u: Array, dt: float, torque_std: Array | float) -> None:
     span = float(belief.header[Entry.SPAN])
     if span > 0.0:
         observed = (v - belief.before) / span
-        belief.acceleration += min(span / SPEED_TIME, 1.0) * (observed - belief.acceleration)
+        belief.acceleration += min(span / DISTURBANCE.speed_time, 1.0) * (observed - belief.acceleration)
     belief.before[:], belief.header[Entry.SPAN] = v, dt
     release(core, float(belief.header[Entry.TIME]))
     theta = belief.model
@@ -63,10 +75,12 @@ def _once(core: Core, u: Array, dt: float, torque_std: Array | float) -> None:
     start = belief.x.copy()
     start[3 * n : 3 * n + belief.p] = theta
     moved = step(terms, parameters, belief.q, v, theta, u, belief.disturbance, dt, dry)
-    blind = bool(belief.header[Entry.HEARD] < belief.header[Entry.TIME] - VOUCHED)
+    blind = bool(belief.header[Entry.HEARD] < belief.header[Entry.TIME] - SENSOR_REGISTRY.vouched)
     if blind:
         # Stiction that nobody watches may have let go: as if it held a joint no stiffer than one that creeps.
-        moved = replace(moved, drag=np.minimum(moved.drag, parameters.viscous(theta, terms.damping) + level / CREEP))
+        moved = replace(
+            moved, drag=np.minimum(moved.drag, parameters.viscous(theta, terms.damping) + level / DISTURBANCE.creep)
+        )
     sliding = sure_to_slide(belief)
     by = jacobians(terms, parameters, moved, v, theta, dt, steady, u, sliding)
     F, own = core.F, 3 * n + belief.p
@@ -103,7 +117,7 @@ def _once(core: Core, u: Array, dt: float, torque_std: Array | float) -> None:
     core.bound()
     learnt = by.parameters @ (belief.theta - theta)
     # Where the model asks for the impossible (a torque in error on a light joint), it is not followed there.
-    limit = np.maximum(IMPOSSIBLE * terms.velocity_limit, np.abs(v))
+    limit = np.maximum(BASE.impossible * terms.velocity_limit, np.abs(v))
     speed = moved.v + learnt[n:]
     belief.v[:] = np.clip(speed, -limit, limit)
     belief.q[:] = moved.q + learnt[:n] + (0.5 * dt) * (belief.v - speed)

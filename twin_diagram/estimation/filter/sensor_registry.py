@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import chi2
@@ -13,14 +13,25 @@ from twin_diagram.estimation.sensors.sensor import Sensor
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER
 
-VOUCHED: Final = 0.1
-"""A sensor that was used within this time vouches for the state [s]."""
-DISAGREEMENT: Final = 1e-8
-"""Probability that a sensor that agrees with the rest is said to contradict it, per reading."""
-FARTHEST: Final = 5.0
-"""A bias this many standard deviations of its prior from zero is no bias."""
-MEMORY: Final = 32.0
-"""Readings over which a sensor's NIS and its mean innovation are averaged."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    vouched: float = 0.1
+    """A sensor that was used within this time vouches for the state [s]."""
+
+    disagreement: float = 1e-8
+    """Probability that a sensor that agrees with the rest is said to contradict it, per reading."""
+
+    farthest: float = 5.0
+    """A bias this many standard deviations of its prior from zero is no bias."""
+
+    memory: float = 32.0
+    """Readings over which a sensor's NIS and its mean innovation are averaged."""
+
+
+TUNING = Tuning()
 
 
 class FilterError(TwinError):
@@ -91,7 +102,7 @@ class Declared:
         if sensor is not None:
             heard = [last for last, other in zip(heard, self.sensors.values(), strict=True) if other is not sensor]
             heard.append(float(belief.header[Entry.HEARD]))
-        return any(last > t - VOUCHED for last in heard if last != NEVER)
+        return any(last > t - TUNING.vouched for last in heard if last != NEVER)
 
     def suspicion(self, belief: Belief) -> dict[str, float]:
         """How strongly each sensor contradicts the rest, over the threshold: above 1 it does.
@@ -101,10 +112,10 @@ class Declared:
         """
         found = {}
         for (name, sensor), track in zip(self.sensors.items(), belief.tracks, strict=True):
-            level = float(track[Track.RUN]) / float(chi2.ppf(1.0 - DISAGREEMENT, sensor.size))
+            level = float(track[Track.RUN]) / float(chi2.ppf(1.0 - TUNING.disagreement, sensor.size))
             prior = sensor.own_std()
             if len(prior):
-                level = max(level, float(np.max(np.abs(belief.x[sensor.own]) / (FARTHEST * prior))))
+                level = max(level, float(np.max(np.abs(belief.x[sensor.own]) / (TUNING.farthest * prior))))
             found[name] = level
         return found
 
@@ -132,7 +143,7 @@ def note(track: Array, white: Array, nis: float, t: float, accepted: bool) -> No
         accepted: whether it was used.
     """
     size = len(white)
-    blend = 1.0 / MEMORY
+    blend = 1.0 / TUNING.memory
     track[Track.NIS] = nis
     mean = track[len(Track) :]
     # Capped, so that one spike is no bias. Of white noise this mean has variance blend / (2 − blend).

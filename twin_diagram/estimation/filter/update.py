@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,13 +11,22 @@ from twin_diagram.estimation.filter.base import Core
 from twin_diagram.estimation.filter.belief import Entry, Track
 from twin_diagram.estimation.filter.noise_adaptation import Update, adapt, noise_now
 from twin_diagram.estimation.filter.parameter_adaptation import gather
-from twin_diagram.estimation.filter.predict import LONGEST_PREDICTION, propagate, unmodelled
+from twin_diagram.estimation.filter.predict import TUNING as PREDICT
+from twin_diagram.estimation.filter.predict import propagate, unmodelled
 from twin_diagram.estimation.filter.sensor_registry import FilterError, note
 from twin_diagram.estimation.sensors import Linear, Sensor, WristWrench
 from twin_diagram.signals.arrays import Array
 
-REFUSALS: Final = 10
-"""After as many refused or stale messages in a row the state is taken anew from the message."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    refusals: int = 10
+    """After as many refused or stale messages in a row the state is taken anew from the message."""
+
+
+TUNING = Tuning()
 
 
 def fuse(
@@ -71,7 +80,7 @@ def take(core: Core, sensor: Sensor, z: Array, t: float | None, noise: Array | N
                     f"{min(core.history.oldest, belief.time)} to {belief.time} s"
                 )
             back = found
-        elif ahead > LONGEST_PREDICTION:
+        elif ahead > PREDICT.longest_prediction:
             raise FilterError(
                 f"{sensor.name}: its time {t} s lies {ahead} s ahead: start the filter anew from a message"
             )
@@ -175,7 +184,7 @@ def _record(core: Core, sensor: Sensor, track: Array, result: Update, t: float) 
     """Keeps a further sensor's record; a run of refusals opens what only this sensor tells."""
     belief = core.belief
     note(track, whiten(result.covariance, result.innovation), result.nis, t, result.accepted)
-    if track[Track.STREAK] < REFUSALS:
+    if track[Track.STREAK] < TUNING.refusals:
         return
     track[Track.STREAK] = 0.0
     track[Track.REACQUIRED] += 1

@@ -8,11 +8,10 @@ from twin_diagram.estimation.sensors.joints import JointEncoder, JointState, Joi
 from twin_diagram.estimation.sensors.lidar_pose import Lidar
 from twin_diagram.estimation.sensors.link_imu import LinkImu
 from twin_diagram.estimation.sensors.motor_torque import MotorTorque
-from twin_diagram.estimation.sensors.sensor import GATE_PROBABILITY, Instant, Linear, Sensor
+from twin_diagram.estimation.sensors.sensor import Instant, Linear, Sensor
 from twin_diagram.estimation.sensors.wrist_wrench import WristWrench
 
 __all__ = [
-    "GATE_PROBABILITY",
     "BodyPose",
     "CloudError",
     "DepthCloud",

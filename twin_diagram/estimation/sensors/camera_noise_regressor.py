@@ -8,14 +8,26 @@ registers them, by `sims/benchmarks/train_camera_noise.py`.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from twin_diagram.signals.arrays import Array
 
-GOOD: Final = (0.0, 0.4)
-"""A good look: nothing is covered, and neither dusk nor glare."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    good: tuple[float, ...] = (0.0, 0.4)
+    """A good look: nothing is covered, and neither dusk nor glare."""
+
+    worst: float = 20.0
+    """A look beyond those that were learnt from makes a pose at most this many times worse than a good one."""
+
+
+TUNING = Tuning()
 COEFFICIENTS: Final = np.array(
     [
         [-6.773, 0.254, 3.410, 0.569, 2.327],
@@ -23,8 +35,6 @@ COEFFICIENTS: Final = np.array(
     ]
 )
 """For rotation [log rad] and position [log m], by `features`."""
-WORST: Final = 20.0
-"""A look beyond those that were learnt from makes a pose at most this many times worse than a good one."""
 
 
 def features(covered: float, brightness: float) -> Array:
@@ -34,8 +44,8 @@ def features(covered: float, brightness: float) -> Array:
         covered: share of the body's near side that is not seen, 0 to 1.
         brightness: mean of its image, 0 to 1.
     """
-    c = float(np.clip(covered, 0.0, 1.0)) - GOOD[0]
-    b = float(np.clip(brightness, 0.0, 1.0)) - GOOD[1]
+    c = float(np.clip(covered, 0.0, 1.0)) - TUNING.good[0]
+    b = float(np.clip(brightness, 0.0, 1.0)) - TUNING.good[1]
     return np.array([1.0, c, c * c, b, b * b])
 
 
@@ -53,6 +63,6 @@ def camera_noise(
     """
     base = np.exp(coefficients[:, 0]) if good is None else np.asarray(good)
     if not (np.isfinite(covered) and np.isfinite(brightness)):
-        return np.repeat(base * WORST, 3)
+        return np.repeat(base * TUNING.worst, 3)
     worse = np.exp(coefficients[:, 1:] @ features(covered, brightness)[1:])
-    return np.repeat(base * np.clip(worse, 0.5, WORST), 3)
+    return np.repeat(base * np.clip(worse, 0.5, TUNING.worst), 3)

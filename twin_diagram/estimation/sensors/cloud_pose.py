@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
@@ -16,18 +15,31 @@ from twin_diagram.estimation.sensors.body_pose import BodyPose
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.rotations import exp
 
-FEWEST: Final = 12
-"""Points with a partner that make a pose."""
-SETTLED: Final = 1e-3
-"""Steps of less than this share of `SEARCH` end the search."""
-MEDIAN: Final = 0.4549
-"""Of the square of a normal variate."""
-SEARCH: Final = (0.2, 0.03)
-"""How far the search goes from where it began where the points say nothing [rad], [m]; a deviation."""
-NOTHING: Final = (1.0, 0.3)
-"""Deviation that is claimed where they say nothing [rad], [m]: an order above what is unknown of an arm's link."""
-STRANGE: Final = 3.0
-"""Times the noise that is told; points that lie farther off are of something else."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    fewest: int = 12
+    """Points with a partner that make a pose."""
+
+    settled: float = 1e-3
+    """Steps of less than this share of `SEARCH` end the search."""
+
+    median: float = 0.4549
+    """Of the square of a normal variate."""
+
+    search: tuple[float, ...] = (0.2, 0.03)
+    """How far the search goes from where it began where the points say nothing [rad], [m]; a deviation."""
+
+    nothing: tuple[float, ...] = (1.0, 0.3)
+    """Deviation that is claimed where they say nothing [rad], [m]: an order above what is unknown of an arm's link."""
+
+    strange: float = 3.0
+    """Times the noise that is told; points that lie farther off are of something else."""
+
+
+TUNING = Tuning()
 
 
 class CloudError(TwinError):
@@ -127,7 +139,7 @@ class DepthCloud(BodyPose):
         """
         super().__init__(terms, body, X_BO=X_BO, std_p=floor_p, std_r=floor_r, name=name)
         surface, normals = np.asarray(surface, dtype=float), np.asarray(normals, dtype=float)
-        if surface.ndim != 2 or surface.shape[1] != 3 or surface.shape != normals.shape or len(surface) < FEWEST:
+        if surface.ndim != 2 or surface.shape[1] != 3 or surface.shape != normals.shape or len(surface) < TUNING.fewest:
             raise CloudError(f"{name}: surface {surface.shape} and normals {normals.shape}: both must be (M, 3)")
         self._surface, self._normals = surface, normals
         self._tree = cKDTree(surface)
@@ -159,7 +171,7 @@ class DepthCloud(BodyPose):
 
     def _fit(self, points: Array, origin: Array, R_WO: Array, p_WO: Array, known: object) -> Fit:
         """ICP from a pose, by points (K, 3) in W; `known` is handed on to `_partners`."""
-        held, bounds = np.repeat(np.array(SEARCH) ** -2.0, 3), np.repeat(SEARCH, 3)
+        held, bounds = np.repeat(np.array(TUNING.search) ** -2.0, 3), np.repeat(TUNING.search, 3)
         p_WM = p_WO + R_WO @ self._middle
         moved: Array = np.zeros(6)
         path: list[Array] = []
@@ -170,8 +182,8 @@ class DepthCloud(BodyPose):
             p_WO = p_WM - R_WO @ self._middle
             met = self._partners((points - p_WO) @ R_WO, (origin - p_WO) @ R_WO, known)
             near, index = met.near, met.index[met.near]
-            if len(index) < FEWEST:
-                raise CloudError(f"{self.name}: {len(index)} points lie near the surface; {FEWEST} make a pose")
+            if len(index) < TUNING.fewest:
+                raise CloudError(f"{self.name}: {len(index)} points lie near the surface; {TUNING.fewest} make a pose")
             n_W = self._normals[index] @ R_WO.T
             arm = (self._surface[index] - self._middle) @ R_WO.T
             gap = np.einsum("ij,ij->i", n_W, points[near] - p_WM - arm)
@@ -184,13 +196,13 @@ class DepthCloud(BodyPose):
             moved = moved + change
             R_WO, p_WM = RotationMatrix(Quaternion(exp(change[:3]))).matrix() @ R_WO, p_WM + change[3:]
             path.append(moved)
-            if np.all(np.abs(change) < SETTLED * bounds):
+            if np.all(np.abs(change) < TUNING.settled * bounds):
                 break
         if np.any(np.abs(moved) > 3.0 * bounds):
             turn, way = (float(np.linalg.norm(part)) for part in (moved[:3], moved[3:]))
             raise CloudError(f"{self.name}: the search went astray, by {way:.3f} m and {turn:.2f} rad: begin nearer")
-        ratio = float(np.median(gap**2 / square)) / MEDIAN
-        if ratio > STRANGE**2:
+        ratio = float(np.median(gap**2 / square)) / TUNING.median
+        if ratio > TUNING.strange**2:
             off = np.sqrt(ratio)
             raise CloudError(f"{self.name}: the points lie {off:.1f} times their noise off: they are of something else")
         steps = np.array(path[len(path) // 2 :])
@@ -199,7 +211,7 @@ class DepthCloud(BodyPose):
 
     def _claim(self, fit: Fit) -> tuple[Array, Array]:
         """Pose (7,) and R (6, 6) of O: a turn about M also moves O."""
-        R_M = np.linalg.inv(fit.information + np.diag(np.repeat(np.array(NOTHING) ** -2.0, 3))) + fit.scatter
+        R_M = np.linalg.inv(fit.information + np.diag(np.repeat(np.array(TUNING.nothing) ** -2.0, 3))) + fit.scatter
         arm = fit.R_WO @ self._middle
         A = np.eye(6)
         A[3:, :3] = np.cross(arm, np.eye(3)).T

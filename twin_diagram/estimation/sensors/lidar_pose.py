@@ -2,33 +2,53 @@
 
 from __future__ import annotations
 
-from typing import Final, cast
+from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
-from twin_diagram.estimation.sensors.cloud_pose import FEWEST, CloudError, DepthCloud, Partners
+from twin_diagram.estimation.sensors.cloud_pose import TUNING as CLOUD_POSE
+from twin_diagram.estimation.sensors.cloud_pose import CloudError, DepthCloud, Partners
 from twin_diagram.signals.arrays import Array
 
 Points = tuple[Array, Array]
 """Points (M, 3) [m] and outward normals (M, 3)."""
-SPREAD: Final = 0.004
-"""How far across a beam the point of the surface lies that stands for what it met: the points' own spacing [m]."""
-OWN: Final = 0.01
-"""A beam that passes the link by less than this meets it [m]."""
-OTHER: Final = 0.015
-"""A beam that passes another link by less than this may meet that one: one and a half times its points' spacing [m]."""
-ASTRAY: Final = 0.03
-"""A beam that passes the link by more than this has no partner, wherever the search leads [m]."""
-BESIDE: Final = 0.006
-"""Of two points that lie as closely beside each other, seen from the lidar, the first may hide the second [m]."""
-BEHIND: Final = 0.005
-"""How far below the surface at the first the second must lie [m]; for points of two links, behind it: twice that."""
-STEEPEST: Final = 0.05
-"""A beam that meets a surface at a smaller cosine than this is taken to meet it at this one."""
-CANDIDATES: Final = 4
-"""Points of the surface that a beam may have met."""
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    spread: float = 0.004
+    """How far across a beam the point of the surface lies that stands for what it met: the points' own spacing [m]."""
+
+    own: float = 0.01
+    """A beam that passes the link by less than this meets it [m]."""
+
+    other: float = 0.015
+    """A beam that passes another link by less than this may meet that one: one and a half times its points' spacing
+    [m]."""
+
+    astray: float = 0.03
+    """A beam that passes the link by more than this has no partner, wherever the search leads [m]."""
+
+    beside: float = 0.006
+    """Of two points that lie as closely beside each other, seen from the lidar, the first may hide the second [m]."""
+
+    behind: float = 0.005
+    """How far below the surface at the first the second must lie [m]; for points of two links, behind it: twice
+    that."""
+
+    steepest: float = 0.05
+    """A beam that meets a surface at a smaller cosine than this is taken to meet it at this one."""
+
+    candidates: int = 4
+    """Points of the surface that a beam may have met."""
+
+
+TUNING = Tuning()
 
 
 class Lidar(DepthCloud):
@@ -78,25 +98,27 @@ class Lidar(DepthCloud):
             beside = ((others[0] - p_WO) @ R_WO, others[1] @ R_WO)
             free, own = apart(self._surface[shown], beside, (points - p_WO) @ R_WO, seat)
             shown, points = shown[free], points[own]
-        if len(shown) < FEWEST:
-            raise CloudError(f"{self.name}: of the link, {len(shown)} points of the surface can be met; {FEWEST} do")
+        if len(shown) < CLOUD_POSE.fewest:
+            raise CloudError(
+                f"{self.name}: of the link, {len(shown)} points of the surface can be met; {CLOUD_POSE.fewest} do"
+            )
         return self._claim(self._fit(points, origin, R_WO, p_WO, shown))
 
     def _square(self, variance: Array, slant: Array, doubt: Array) -> Array:
-        return np.asarray((variance + doubt**2) * slant**2 + SPREAD**2)
+        return np.asarray((variance + doubt**2) * slant**2 + TUNING.spread**2)
 
     def _partners(self, points: Array, origin: Array, known: object) -> Partners:
         shown = cast(np.ndarray, known)
         ways, far = _beams(self._surface[shown] - origin)
         beams, range_ = _beams(points - origin)
-        passes, nearest = cKDTree(ways).query(beams, k=min(CANDIDATES, len(shown)))
+        passes, nearest = cKDTree(ways).query(beams, k=min(TUNING.candidates, len(shown)))
         candidates = shown[nearest]
         normals = self._normals[candidates]
-        slant = np.minimum(np.einsum("ikj,ij->ik", normals, beams), -STEEPEST)
+        slant = np.minimum(np.einsum("ikj,ij->ik", normals, beams), -TUNING.steepest)
         meets = np.einsum("ikj,ikj->ik", normals, self._surface[candidates] - origin) / slant
         expected = far[nearest[:, 0]]
         fits = np.abs(range_ - expected) < self.reach + 3.0 * np.sqrt(self.variance(range_))
-        near = fits & (passes[:, 0] * expected < ASTRAY)
+        near = fits & (passes[:, 0] * expected < TUNING.astray)
         return Partners(near, candidates[:, 0], 0.5 * np.ptp(meets, axis=1))
 
 
@@ -108,12 +130,12 @@ def visible(points: Array, normals: Array, origin: Array) -> np.ndarray:
     if not len(facing):
         return seen
     ways, far = _beams(away[facing])
-    pairs = cKDTree(ways).query_pairs(BESIDE / float(np.median(far)), output_type="ndarray")
+    pairs = cKDTree(ways).query_pairs(TUNING.beside / float(np.median(far)), output_type="ndarray")
     turned = (far[pairs[:, 0]] > far[pairs[:, 1]]).astype(int)
     rows = np.arange(len(pairs))
     first, second = facing[pairs[rows, turned]], facing[pairs[rows, 1 - turned]]
     below = np.einsum("ij,ij->i", normals[first], points[first] - points[second])
-    seen[second[below > BEHIND]] = False
+    seen[second[below > TUNING.behind]] = False
     return seen
 
 
@@ -134,17 +156,17 @@ def apart(surface: Array, others: Points, points: Array, origin: Array) -> tuple
     away = others[0] - origin
     middle = float(np.median(own[1]))
     axis = own[0].mean(axis=0)
-    cone = np.linalg.norm(own[0] - axis, axis=1).max() + 2.0 * OTHER / middle
+    cone = np.linalg.norm(own[0] - axis, axis=1).max() + 2.0 * TUNING.other / middle
     other = _beams(away[np.einsum("ij,ij->i", others[1], away) < 0.0])
     inside = np.linalg.norm(other[0] - axis, axis=1) < cone
     other = other[0][inside], other[1][inside]
-    free = ~_hidden(own, other, OTHER / middle)
+    free = ~_hidden(own, other, TUNING.other / middle)
     if not free.any():
         return free, np.zeros(len(points), dtype=bool)
-    met = np.asarray(cKDTree(own[0][free]).query(beams)[0] < OWN / middle)
-    beside = other[0][~_hidden(other, own, 2.0 * SPREAD / middle)]
+    met = np.asarray(cKDTree(own[0][free]).query(beams)[0] < TUNING.own / middle)
+    beside = other[0][~_hidden(other, own, 2.0 * TUNING.spread / middle)]
     if len(beside):
-        met &= cKDTree(beside).query(beams)[0] > OTHER / middle
+        met &= cKDTree(beside).query(beams)[0] > TUNING.other / middle
     return free, met
 
 
@@ -152,10 +174,10 @@ def _hidden(these: Points, those: Points, angle: float) -> np.ndarray:
     """Which of points in directions (M, 3) at distances (M,) lie behind others."""
     if not len(these[0]) or not len(those[0]):
         return np.zeros(len(these[0]), dtype=bool)
-    k = min(CANDIDATES, len(those[0]))
+    k = min(TUNING.candidates, len(those[0]))
     _, index = cKDTree(those[0]).query(these[0], k=k, distance_upper_bound=angle)
     nearest = np.append(those[1], np.inf)[index].reshape(len(these[0]), k).min(axis=1)
-    return np.asarray(nearest < these[1] - 2.0 * BEHIND)
+    return np.asarray(nearest < these[1] - 2.0 * TUNING.behind)
 
 
 def _beams(away: Array) -> tuple[Array, Array]:

@@ -7,18 +7,25 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from scipy.stats import chi2
 
 from twin_diagram.signals.arrays import Array
 
-GATE_PROBABILITY: Final = 1.0 - 1e-6
-"""A good reading passes the gate with this probability."""
 
-ABSURD: Final = 1e6
-"""No reading is larger than this, in whatever SI unit."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    gate_probability: float = 1.0 - 1e-6
+    """A good reading passes the gate with this probability."""
+
+    absurd: float = 1e6
+    """No reading is larger than this, in whatever SI unit."""
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -90,7 +97,9 @@ class Sensor(ABC):
     gate: float
     own: slice
 
-    def __init__(self, name: str, size: int, *, length: int | None = None, gate: float = GATE_PROBABILITY) -> None:
+    def __init__(
+        self, name: str, size: int, *, length: int | None = None, gate: float = TUNING.gate_probability
+    ) -> None:
         self.name = name
         self.size = size
         self.length = size if length is None else length
@@ -119,7 +128,7 @@ class Sensor(ABC):
 
     def sound(self, z: Array) -> bool:
         """Whether z (length,) can be a reading at all."""
-        return bool(np.all(np.abs(z) < ABSURD))  # NaN compares false
+        return bool(np.all(np.abs(z) < TUNING.absurd))  # NaN compares false
 
     def declare(self, own: slice, payload: slice | None) -> None:
         """Is told by a filter where in x its own states lie, and the payload's mass and moment; None: not learnt."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -14,8 +15,16 @@ from twin_diagram.estimation.sensors.accelerated_sensor import AcceleratedSensor
 from twin_diagram.estimation.sensors.sensor import Instant, Linear
 from twin_diagram.signals.arrays import Array
 
-LIGHTEST: Final = 0.05
-"""What weighs less has no centre to speak of [kg]."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    lightest: float = 0.05
+    """What weighs less has no centre to speak of [kg]."""
+
+
+TUNING = Tuning()
 
 
 class WristWrench(AcceleratedSensor):
@@ -198,7 +207,7 @@ def point_moment(load: Array, turning: Array) -> tuple[Array, Array]:
     lever = turning @ centre
     per_mass = skew(centre) @ lever
     by = np.empty((3, 4))
-    by[:, 0] = -per_mass if mass > LIGHTEST else 0.0
+    by[:, 0] = -per_mass if mass > TUNING.lightest else 0.0
     by[:, 1:] = skew(centre) @ turning - skew(lever)
     return mass * per_mass, by
 
@@ -210,7 +219,7 @@ def _swing(load: Array) -> Array:
 
 
 def _point(load: Array) -> tuple[float, Array]:
-    mass = max(float(load[0]), LIGHTEST)
+    mass = max(float(load[0]), TUNING.lightest)
     return mass, load[1:] / mass
 
 

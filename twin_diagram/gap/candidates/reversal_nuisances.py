@@ -7,6 +7,8 @@ friction is twenty times that. So every hypothesis may have the held torque come
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from twin_diagram.gap.candidates.candidate import Candidate, linear
@@ -14,8 +16,16 @@ from twin_diagram.gap.residuals.prepared_logs import Record
 from twin_diagram.gap.residuals.regressors import Terms, turns
 from twin_diagram.signals.arrays import Array
 
-FEWEST = 4
-"""Turns that a joint must make."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    fewest: int = 4
+    """Turns that a joint must make."""
+
+
+TUNING = Tuning()
 
 
 def nuisances(terms: Terms) -> list[Candidate]:
@@ -27,7 +37,7 @@ def nuisances(terms: Terms) -> list[Candidate]:
 def _nuisance(terms: Terms, j: int) -> Candidate | None:
     slow = terms.resting(j)
     spans = [turns(record, j, slow) for record in terms.records.records]
-    if sum(len(some) for some in spans) < FEWEST:
+    if sum(len(some) for some in spans) < TUNING.fewest:
         return None
     pairs = zip(terms.records.records, spans, strict=True)
     return Candidate(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,47 +16,76 @@ from twin_diagram.signals.arrays import Array
 STRIBECK_SPEEDS = np.geomspace(0.016, 0.5, 8)
 """[rad/s]"""
 
-SLOWEST = 0.014
-"""Below this, a joint that sticks and one that creeps look the same [rad/s]."""
 
-NARROW = 0.03
-NARROWEST = 10.0
-"""A dip below this speed [rad/s] lies where a joint may be held and laws of dry friction are the least exact; one at
-`SLOWEST` must bring this much more [nats]."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
 
-CURVE_PIECES = (3, 6, 10)
-"""Pieces of the cubic splines that stand for a torque as a function of the angle."""
+    slowest: float = 0.014
+    """Below this, a joint that sticks and one that creeps look the same [rad/s]."""
 
-MOST_CYCLES = 320.0
-"""Ripples per turn of the joint that are looked for."""
+    narrow: float = 0.03
 
-LOWEST = 0.6
-"""A count that is moved to where data want it stays above this share of the lowest one tried."""
+    narrowest: float = 10.0
+    """A dip below this speed [rad/s] lies where a joint may be held and laws of dry friction are the least exact; one
+    at `SLOWEST` must bring this much more [nats]."""
 
-SATURATION_SHARES = (0.99, 0.97, 0.95, 0.92, 0.88, 0.83, 0.77, 0.7, 0.62, 0.53, 0.44, 0.35, 0.27, 0.2, 0.14, 0.09, 0.05)
-"""Limits that are tried, as quantiles of the absolute torque."""
+    curve_pieces: tuple[int, ...] = (3, 6, 10)
+    """Pieces of the cubic splines that stand for a torque as a function of the angle."""
 
-OF_THE_PEAK = (0.95, 0.9, 0.84, 0.78, 0.72, 0.66, 0.6, 0.54)
-"""And as shares of the largest: where torque peaks seldom, quantiles leave gaps."""
+    most_cycles: float = 320.0
+    """Ripples per turn of the joint that are looked for."""
 
-MOST_SATURATED = 0.96
-"""Share of the time that a torque may be beyond its limit."""
+    lowest: float = 0.6
+    """A count that is moved to where data want it stays above this share of the lowest one tried."""
 
-LEAST_LIMIT = 0.06
-"""A limit is at least this share of the largest torque that is logged."""
+    saturation_shares: tuple[float, ...] = (
+        0.99,
+        0.97,
+        0.95,
+        0.92,
+        0.88,
+        0.83,
+        0.77,
+        0.7,
+        0.62,
+        0.53,
+        0.44,
+        0.35,
+        0.27,
+        0.2,
+        0.14,
+        0.09,
+        0.05,
+    )
+    """Limits that are tried, as quantiles of the absolute torque."""
 
-CLEAR = 3.0
-"""Torque must exceed a limit by this many times its noise to show that it is one."""
+    of_the_peak: tuple[float, ...] = (0.95, 0.9, 0.84, 0.78, 0.72, 0.66, 0.6, 0.54)
+    """And as shares of the largest: where torque peaks seldom, quantiles leave gaps."""
 
-UNNEEDED = 0.5
-"""Share of the torque beyond a limit that the motion must not have needed: what moved the arm was no limit."""
+    most_saturated: float = 0.96
+    """Share of the time that a torque may be beyond its limit."""
 
-PLAIN = 6.0
-SELECTED = 40.0
-"""Below `PLAIN` times the noise, picking the samples beyond a limit picks their noise too: worth this much [nats]."""
+    least_limit: float = 0.06
+    """A limit is at least this share of the largest torque that is logged."""
 
-SMALL = 0.05
-"""A coefficient may cross zero by this share of what the given model has, where it takes that away."""
+    clear: float = 3.0
+    """Torque must exceed a limit by this many times its noise to show that it is one."""
+
+    unneeded: float = 0.5
+    """Share of the torque beyond a limit that the motion must not have needed: what moved the arm was no limit."""
+
+    plain: float = 6.0
+
+    selected: float = 40.0
+    """Below `PLAIN` times the noise, picking the samples beyond a limit picks their noise too: worth this much
+    [nats]."""
+
+    small: float = 0.05
+    """A coefficient may cross zero by this share of what the given model has, where it takes that away."""
+
+
+TUNING = Tuning()
 
 
 def joint_candidates(terms: Terms) -> list[Candidate]:
@@ -105,7 +135,7 @@ def single(
 
 def stribeck(terms: Terms, j: int, speed: float) -> Candidate | None:
     """Coulomb's level, and what breaking loose takes beyond it."""
-    if speed < SLOWEST:
+    if speed < TUNING.slowest:
         return None
     parts = zip(terms.signs, terms.records.records, strict=True)
     bump = terms.reduce(tuple(s[:, j] * np.exp(-((r.v[:, j] / speed) ** 2)) for s, r in parts))
@@ -122,7 +152,10 @@ def stribeck(terms: Terms, j: int, speed: float) -> Candidate | None:
         transformed(values),
         [low, -np.inf if "stribeck_friction" in terms.present.names else 0.0],
         shape={"stribeck_velocity": speed},
-        cost=float(np.log(4.0) + NARROWEST * max(0.0, np.log(NARROW / speed) / np.log(NARROW / SLOWEST))),
+        cost=float(
+            np.log(4.0)
+            + TUNING.narrowest * max(0.0, np.log(TUNING.narrow / speed) / np.log(TUNING.narrow / TUNING.slowest))
+        ),
     )
 
 
@@ -131,15 +164,15 @@ def saturation(terms: Terms, j: int, limit: float) -> Candidate | None:
     asked = [tau[:, j] for tau in terms.asked_torque]
     beyond = np.concatenate([np.abs(tau) - limit for tau in asked])
     share = float(np.mean(beyond > 0.0))
-    if not 0.0 < share < MOST_SATURATED or limit < LEAST_LIMIT * (limit + float(np.max(beyond))):
+    if not 0.0 < share < TUNING.most_saturated or limit < TUNING.least_limit * (limit + float(np.max(beyond))):
         return None
     # Where a torque is mostly beyond its limit, what is left without the limit is no noise.
     noise = max(terms.torque_noise[j], min(terms.unexplained(j), terms.unexplained(j, limit)), 1e-12)
     clear = float(np.sqrt(np.mean(beyond[beyond > 0.0] ** 2)) / noise)
-    if clear < CLEAR:
+    if clear < TUNING.clear:
         return None
     over = terms.reduce(tuple(tau - np.clip(tau, -limit, limit) for tau in asked))
-    if float(over @ terms.unneeded[:, j]) < UNNEEDED * float(over @ over):
+    if float(over @ terms.unneeded[:, j]) < TUNING.unneeded * float(over @ over):
         return None
     # Beyond the limit what was logged does not count, nor does its noise: such samples seem to fit better than any can.
     free = -0.5 * len(over) * float(np.log(1.0 - share))
@@ -156,7 +189,7 @@ def saturation(terms: Terms, j: int, limit: float) -> Candidate | None:
         [0.75],
         [1.25],
         shape={"limit": limit},
-        cost=free + float(np.log(5.0)) + (SELECTED if clear < PLAIN else 0.0),
+        cost=free + float(np.log(5.0)) + (TUNING.selected if clear < TUNING.plain else 0.0),
     )
 
 
@@ -183,8 +216,8 @@ class _Builder:
         back = t.reduce(tuple(np.minimum(s, 0.0) for s in t.signs))
         loaded = t.reduce(tuple(np.abs(load) * s for load, s in zip(t.passed_on, t.signs, strict=True)))
         for j in range(self.n):
-            self.add("viscous_friction", j, [speed[:, j]], linear("damping"), [-(1 + SMALL) * had.damping[j]])
-            lowest = -(1 + SMALL) * had.coulomb[j]
+            self.add("viscous_friction", j, [speed[:, j]], linear("damping"), [-(1 + TUNING.small) * had.damping[j]])
+            lowest = -(1 + TUNING.small) * had.coulomb[j]
             self.add("coulomb_friction", j, [sign[:, j]], linear("torque"), [lowest])
             self.add(
                 "coulomb_friction",
@@ -195,7 +228,12 @@ class _Builder:
                 variant="two-sided",
             )
             self.add(
-                "load_dependent_friction", j, [loaded[:, j]], linear("coefficient"), [-(1 + SMALL) * had.load[j]], [0.9]
+                "load_dependent_friction",
+                j,
+                [loaded[:, j]],
+                linear("coefficient"),
+                [-(1 + TUNING.small) * had.load[j]],
+                [0.9],
             )
 
     def stribeck(self) -> None:
@@ -206,7 +244,7 @@ class _Builder:
     def inertia(self) -> None:
         a = self.terms.records.reduce(lambda r: r.a)
         for j in range(self.n):
-            least = -(1 + SMALL) * self.terms.present.rotor[j]
+            least = -(1 + TUNING.small) * self.terms.present.rotor[j]
             self.add("reflected_inertia", j, [a[:, j]], linear("inertia"), [least])
 
     def spring(self) -> None:
@@ -219,7 +257,7 @@ class _Builder:
             def values(c: Array, middle: float = middle) -> dict[str, Array]:
                 return {"stiffness": c[0:1], "rest_angle": middle - c[1:2] / c[0]}
 
-            least = -(1 + SMALL) * t.present.stiffness[j]
+            least = -(1 + TUNING.small) * t.present.stiffness[j]
             columns = [angle - middle, np.ones_like(angle)]
             self.add("joint_spring", j, columns, transformed(values), [least, -np.inf], shape={"middle": middle})
             self.curves(j)
@@ -231,7 +269,7 @@ class _Builder:
         low, high = float(everything.min()), float(everything.max())
         if high - low < 0.05:
             return
-        for pieces in CURVE_PIECES:
+        for pieces in TUNING.curve_pieces:
             inner = np.linspace(low, high, pieces + 1)
             knots = np.concatenate([[low] * 3, inner, [high] * 3])
             count = len(knots) - 4
@@ -275,7 +313,10 @@ class _Builder:
     def saturation(self) -> None:
         for j in range(self.n):
             everything = np.abs(np.concatenate([tau[:, j] for tau in self.terms.asked_torque]))
-            limits = [*np.quantile(everything, SATURATION_SHARES), *(float(np.max(everything)) * np.array(OF_THE_PEAK))]
+            limits = [
+                *np.quantile(everything, TUNING.saturation_shares),
+                *(float(np.max(everything)) * np.array(TUNING.of_the_peak)),
+            ]
             for limit in limits:
                 self.take(saturation(self.terms, j, float(limit)))
 
@@ -323,7 +364,7 @@ def ripple_counts(terms: Terms, j: int) -> Array:
     if step > 10.0:
         return np.zeros(0)
     speed = float(np.median(np.concatenate([np.abs(r.v[:, j]) for r in terms.records.records])))
-    most = min(MOST_CYCLES, 2.0 * np.pi * terms.records.records[0].band / max(speed, 1e-3))
+    most = min(TUNING.most_cycles, 2.0 * np.pi * terms.records.records[0].band / max(speed, 1e-3))
     return np.arange(max(4.0, 3.75 * step), most, step, dtype=np.float64)
 
 
@@ -339,7 +380,7 @@ def ripple_columns(terms: Terms, j: int, counts: Array) -> Array:
 def ripple(terms: Terms, j: int, count: float) -> Candidate | None:
     """The candidate of one count; none below those that are tried."""
     tried = ripple_counts(terms, j)
-    if len(tried) and count < LOWEST * tried[0]:
+    if len(tried) and count < TUNING.lowest * tried[0]:
         return None
 
     def values(c: Array) -> dict[str, Array]:

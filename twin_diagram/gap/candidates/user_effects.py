@@ -14,6 +14,8 @@ that is not linear in its parameters takes part in models, but is not searched f
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from twin_diagram.gap.candidates.candidate import Candidate, linear
@@ -26,8 +28,16 @@ from twin_diagram.signals.arrays import Array
 COME_ALONG = "twin_diagram.model.effects."
 """Effects of these modules have candidates of their own."""
 
-SAMPLES = 200
-"""On which a law is tried."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    samples: int = 200
+    """On which a law is tried."""
+
+
+TUNING = Tuning()
 
 
 def own_candidates(terms: Terms) -> list[Candidate]:
@@ -87,7 +97,7 @@ def _torque(terms: Terms, cls: type[Effect], j: int, record: Record, load: Array
 def _linear(terms: Terms, cls: type[Effect], j: int) -> bool:
     """Whether torques add up and scale with the parameters, on some samples."""
     record, load = terms.records.records[0], terms.load[0]
-    chosen = np.linspace(0, len(record.time) - 1, min(SAMPLES, len(record.time))).astype(int)
+    chosen = np.linspace(0, len(record.time) - 1, min(TUNING.samples, len(record.time))).astype(int)
     some = _Some(record.q[chosen], record.v[chosen], record.a[chosen])
     count = len(cls.kinds)
     mixture = 0.3 + 0.4 * np.arange(1, count + 1)

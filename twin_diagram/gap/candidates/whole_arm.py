@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from pydrake.math import RollPitchYaw
@@ -17,25 +17,38 @@ from twin_diagram.model.rigid_body import rigid_tree
 from twin_diagram.model.rigid_body.kinematic_tree import Kinematics
 from twin_diagram.signals.arrays import Array
 
-HELD = 2.5e-4
-WITHIN = 0.1
-"""How far apart torque and position are usually stamped: a held command [s], and this share of a log's sample."""
 
-LONGEST_DELAY = 0.05
-"""Delay that is thought possible [s]."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    held: float = 2.5e-4
+
+    within: float = 0.1
+    """How far apart torque and position are usually stamped: a held command [s], and this share of a log's sample."""
+
+    longest_delay: float = 0.05
+    """Delay that is thought possible [s]."""
+
+    ten: float = 5.0
+    """Price of a link's ten numbers: of so many combinations some always suits the noise [nats]; by clean logs."""
+
+
+TUNING = Tuning()
 
 
 def arm_candidates(terms: Terms) -> list[Candidate]:
     """All of them."""
-    made: list[Candidate | None] = [payload(terms), bulky_payload(terms), tilt(terms), delay(terms, LONGEST_DELAY)]
+    made: list[Candidate | None] = [
+        payload(terms),
+        bulky_payload(terms),
+        tilt(terms),
+        delay(terms, TUNING.longest_delay),
+    ]
     made += inertial_parameters(terms)
     made += encoder_offsets(terms)
     made += elasticities(terms)
     return [candidate for candidate in made if candidate is not None]
-
-
-TEN = 5.0
-"""Price of a link's ten numbers: of so many combinations some always suits the noise [nats]; by clean logs."""
 
 
 def reach(terms: Terms) -> float:
@@ -151,7 +164,7 @@ def inertial_parameters(terms: Terms) -> list[Candidate]:
                 upper=np.concatenate([[0.0 if last else np.inf], np.full(9, np.inf)]),
                 parameters=_inertia_values(*link_inertia(model, model.tree.link[body])),
                 admits=admits,
-                cost=TEN,
+                cost=TUNING.ten,
                 # What hangs on the last link changes the torques of most motions as if it hung on the one before.
                 excludes=frozenset({"payload"}) if body == last_body(terms) - 1 else frozenset(),
             )
@@ -239,9 +252,9 @@ def timing_nuisance(terms: Terms) -> Candidate:
     """A delay below a log sample: a held command and an integrator's step look like one, and it is no effect."""
     period = max(record.period for record in terms.records.records)
     return replace(
-        delay(terms, LONGEST_DELAY),
+        delay(terms, TUNING.longest_delay),
         name="",
-        spread=np.array([HELD + WITHIN * period]),
+        spread=np.array([TUNING.held + TUNING.within * period]),
         lower=np.array([-np.inf]),
         upper=np.array([np.inf]),
     )

@@ -17,7 +17,7 @@ from twin_diagram.gap.correction.equation_error import Hypothesis, by_torque
 from twin_diagram.gap.correction.gauss_newton import Solution
 from twin_diagram.gap.correction.merge_effects import UNTOLD
 from twin_diagram.gap.correction.named_effects import specs_of
-from twin_diagram.gap.correction.onset_times import ROUGHLY
+from twin_diagram.gap.correction.onset_times import TUNING as ONSET_TIMES
 from twin_diagram.gap.correction.output_error import output_error
 from twin_diagram.gap.correction.physical_coordinates import Coordinates
 from twin_diagram.gap.findings import Estimate, Finding, Moment
@@ -31,26 +31,35 @@ from twin_diagram.signals.arrays import Array
 
 Say = Callable[[str], None]
 
-MOST_BY_MOTION = 8
-"""Coordinates up to which rollouts are tried; beyond, they take too long and tell too little of each."""
 
-WORSE = 0.05
-"""Rise of the residual's logarithm, all joints together, that other weights of samples may bring."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
 
-ALIKE = 2.5
-"""Estimates farther apart than this many of their standard errors do not speak of the same thing; torques then decide.
+    most_by_motion: int = 8
+    """Coordinates up to which rollouts are tried; beyond, they take too long and tell too little of each."""
 
-Measured torques drive the rollouts, and their noise with them: a light joint runs away, and what is fitted to it then
-is surer of itself than it should be.
-"""
+    worse: float = 0.05
+    """Rise of the residual's logarithm, all joints together, that other weights of samples may bring."""
+
+    alike: float = 2.5
+    """Estimates farther apart than this many of their standard errors do not speak of the same thing; torques then
+    decide.
+
+    Measured torques drive the rollouts, and their noise with them: a light joint runs away, and what is fitted to it
+    then is surer of itself than it should be.
+    """
+
+    sure: float = 3.0
+    """Standard errors of simulated motion are this many times what the windows' scatter says.
+
+    Their noise comes with the torques that drive them and is not that of the next window alone: measured against known
+    truths, errors were two to three times what the scatter promised, while those of the torques kept theirs.
+    """
 
 
-SURE = 3.0
-"""Standard errors of simulated motion are this many times what the windows' scatter says.
+TUNING = Tuning()
 
-Their noise comes with the torques that drive them and is not that of the next window alone: measured against known
-truths, errors were two to three times what the scatter promised, while those of the torques kept theirs.
-"""
 
 LEFT_OUT = {("time_delay", "delay"): (3e-4, 0.0), ("backlash", "gap"): (0.0, 0.02)}
 """Standard errors, absolute and relative, of what laws leave out: controllers hold a torque for a while, which looks
@@ -122,7 +131,7 @@ def _added(given: Model, logs: Sequence[Log], marks: Sequence[str], findings: Se
         return Added(rough, told(_timed_roughly(first), first.start(), torques.covariance + doubt), notes)
 
     vector, covariance, notes = torques.vector, torques.covariance, list[str]()
-    if len(vector) <= MOST_BY_MOTION:
+    if len(vector) <= TUNING.most_by_motion:
         say("refining by simulated motion")
         moved = hypothesis.at(torques.vector)
         vector, covariance, notes = chosen(hypothesis, (torques, output_error(moved, logs)))
@@ -131,10 +140,10 @@ def _added(given: Model, logs: Sequence[Log], marks: Sequence[str], findings: Se
     except ModelError:
         return kept("refined parameters cannot be; the rough ones are kept")
     least = _left(rough, logs)
-    if _left(model, logs) > least + WORSE:
+    if _left(model, logs) > least + TUNING.worse:
         say("refining by torques, all that is left counted alike")
         plain = _plain(Hypothesis.of(given, specs), logs)
-        if plain is None or _left(plain[0].model(plain[1].vector), logs) > least + WORSE:
+        if plain is None or _left(plain[0].model(plain[1].vector), logs) > least + TUNING.worse:
             return kept(*notes, "refined parameters fit the runs worse than the rough ones, which are kept")
         hypothesis, vector, covariance = plain[0], plain[1].vector, plain[1].covariance
         model = hypothesis.model(vector)
@@ -146,7 +155,7 @@ def _timed_roughly(hypothesis: Hypothesis) -> Hypothesis:
     """The same, its onsets and ends as uncertain as those of a search."""
 
     def timed(part: Coordinates) -> Coordinates:
-        return part.at(replace(part.when, onset_std=ROUGHLY, end_std=ROUGHLY))
+        return part.at(replace(part.when, onset_std=ONSET_TIMES.roughly, end_std=ONSET_TIMES.roughly))
 
     return replace(hypothesis, parts=tuple(timed(part) for part in hypothesis.parts))
 
@@ -173,10 +182,10 @@ def chosen(hypothesis: Hypothesis, solutions: Sequence[Solution]) -> tuple[Array
     vector, covariance = torques.vector.copy(), torques.covariance.copy()
     notes = []
     for part, s in zip(hypothesis.parts, hypothesis.slices(), strict=True):
-        a, b = torques.covariance[s, s], SURE**2 * motions.covariance[s, s]
+        a, b = torques.covariance[s, s], TUNING.sure**2 * motions.covariance[s, s]
         apart = motions.vector[s] - torques.vector[s]
         distance = float(np.sqrt(max(0.0, float(apart @ np.linalg.pinv(a + b, hermitian=True) @ apart))))
-        if distance > ALIKE * np.sqrt(len(apart)):
+        if distance > TUNING.alike * np.sqrt(len(apart)):
             notes.append(f"{part.spec.name}: torques and simulated motion disagree by {distance:.1f} standard errors")
             continue
         if np.linalg.slogdet(b)[1] < np.linalg.slogdet(a)[1]:

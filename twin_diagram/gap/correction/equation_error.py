@@ -27,23 +27,32 @@ from twin_diagram.model.model import Model
 from twin_diagram.scenario import EffectSpec
 from twin_diagram.signals.arrays import Array
 
-CLUSTER = 0.5
-"""Residuals nearer than this may hang together [s]."""
 
-ENOUGH = 240.0
-"""Samples per second at which laws are worked out [1/s]."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
 
-RETIMED = 2
-"""Times that onsets and parameters take turns."""
+    cluster: float = 0.5
+    """Residuals nearer than this may hang together [s]."""
 
-COLOURS = 2
-"""Times that the noise's level and colour are looked at again."""
+    enough: float = 240.0
+    """Samples per second at which laws are worked out [1/s]."""
+
+    retimed: int = 2
+    """Times that onsets and parameters take turns."""
+
+    colours: int = 2
+    """Times that the noise's level and colour are looked at again."""
+
+    factors: tuple[float, ...] = (0.6, 0.7, 0.8, 0.88, 0.94, 1.06, 1.13, 1.25, 1.45, 1.7)
+    """That are tried."""
+
+
+TUNING = Tuning()
+
 
 SCANNED = {"joint_elasticity": "stiffness", "backlash": "gap", "stribeck_friction": "stribeck_velocity"}
 """Parameters on which torques depend so steeply that a step from a rough value may lead astray."""
-
-FACTORS = (0.6, 0.7, 0.8, 0.88, 0.94, 1.06, 1.13, 1.25, 1.45, 1.7)
-"""That are tried."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +122,7 @@ def by_torque(hypothesis: Hypothesis, logs: Sequence[Log], *, coloured: bool = T
     records = whole if sharp else coarser(whole)
     marks = [fingerprint(log) for log in logs]
     solution = equation_error(hypothesis, records, marks, coloured=coloured)
-    for _ in range(RETIMED if any(part.spec.log in marks for part in hypothesis.parts) else 0):
+    for _ in range(TUNING.retimed if any(part.spec.log in marks for part in hypothesis.parts) else 0):
         before = [(part.when.onset, part.when.end) for part in hypothesis.parts]
         hypothesis = _retimed(hypothesis.at(solution.vector), solution.vector, whole, marks)
         solution = equation_error(hypothesis, records, marks, coloured=coloured)
@@ -128,7 +137,9 @@ def coarser(records: Records) -> Records:
 
     def thinned(record: Record) -> Record:
         stride = int(record.kept[1] - record.kept[0])
-        every = max(k for k in range(1, stride + 1) if stride % k == 0 and record.rate / k >= min(ENOUGH, record.rate))
+        every = max(
+            k for k in range(1, stride + 1) if stride % k == 0 and record.rate / k >= min(TUNING.enough, record.rate)
+        )
         if every == 1:
             return record
         index = np.arange(int(record.kept[0]) % every, len(record.time), every)
@@ -207,7 +218,7 @@ def equation_error(
         marks: their fingerprints.
         coloured: see `by_torque`.
     """
-    order = whitening.ORDER if coloured else 0
+    order = whitening.TUNING.order if coloured else 0
     start = hypothesis.start()
 
     def left(vector: Array) -> Array:
@@ -218,9 +229,9 @@ def equation_error(
     terms = Terms(records, given_load(records), slow_speed(records))
     rate = records.reduce(lambda record: np.gradient(record.given, 1.0 / record.rate, axis=0))
     period = max(record.period for record in records.records)
-    block = (records.times / CLUSTER).astype(np.int64) + 100_000 * records.owner
+    block = (records.times / TUNING.cluster).astype(np.int64) + 100_000 * records.owner
     solution = None
-    for _ in range(COLOURS):  # what a rough model leaves is no noise
+    for _ in range(TUNING.colours):  # what a rough model leaves is no noise
         noise = whitening.estimate(left(start), records.lengths, len(start) / records.n, order=order)
         dry = stiction.dry_joints(Records(hypothesis.model(start), records.records))
         weights = stiction.moving(records, terms, noise, dry)
@@ -256,7 +267,7 @@ def _scanned(hypothesis: Hypothesis, start: Array, residual: Callable[[Array], A
         first = s.start + sum(len(part.spec.parameters[other]) for other in keys[: keys.index(key)])
         for k in range(first, first + count):
             centre = best.copy()
-            for factor in FACTORS:
+            for factor in TUNING.factors:
                 trial = centre.copy()
                 trial[k] = trial[k] + np.log(factor) if part.logarithmic(key) else trial[k] * factor
                 cost = float(np.sum(residual(trial) ** 2))

@@ -10,9 +10,18 @@ import numpy.typing as npt
 
 from twin_diagram.signals.arrays import Array
 
-ROUNDS = 6
-SETTLED = 0.02
-"""Ends where no coordinate moves by more than this share of its standard error."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    rounds: int = 6
+
+    settled: float = 0.02
+    """Ends where no coordinate moves by more than this share of its standard error."""
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -37,7 +46,7 @@ def minimise(
     clusters: npt.NDArray[np.int64],
     prior: tuple[Array, Array],
     shared: Array | None = None,
-    rounds: int = ROUNDS,
+    rounds: int = TUNING.rounds,
 ) -> Solution:
     """Gauss-Newton with step halving.
 
@@ -88,7 +97,7 @@ def minimise(
         else:
             break
         vector, r, now = trial, r_trial, cost(r_trial, trial)
-        if np.all(np.abs(share * step) * scale < SETTLED):
+        if np.all(np.abs(share * step) * scale < TUNING.settled):
             break
         J = jacobian(vector, r)
     own = np.linalg.pinv(J.T @ without(J) + np.diag(weight), hermitian=True)

@@ -6,18 +6,29 @@ is noise before and after, and which of the two is less is chance. Such a run is
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from twin_diagram.gap.correction.equation_error import left_by
 from twin_diagram.gap.residuals import whitening
-from twin_diagram.gap.residuals.prepared_logs import SHORTEST, prepare
+from twin_diagram.gap.residuals.prepared_logs import TUNING as PREPARED_LOGS
+from twin_diagram.gap.residuals.prepared_logs import prepare
 from twin_diagram.logs import Log, fingerprint
-from twin_diagram.logs.differentiation import RESIDUAL_CUT
+from twin_diagram.logs.differentiation import TUNING as DIFFERENTIATION
 from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
 
-SPEAKS = 10.0
-"""Rise of the held-out log likelihood that is no chance."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    speaks: float = 10.0
+    """Rise of the held-out log likelihood that is no chance."""
+
+
+TUNING = Tuning()
 
 
 def confirmed(given: Model, corrected: Model, held: Log) -> bool:
@@ -25,7 +36,7 @@ def confirmed(given: Model, corrected: Model, held: Log) -> bool:
 
     Each residual is held to be noise of a colour of its own.
     """
-    if held.time[-1] - held.time[0] - 2.0 * RESIDUAL_CUT < SHORTEST:
+    if held.time[-1] - held.time[0] - 2.0 * DIFFERENTIATION.residual_cut < PREPARED_LOGS.shortest:
         return False
     records = prepare(given, [held])
     marks = [fingerprint(held)]
@@ -36,4 +47,4 @@ def confirmed(given: Model, corrected: Model, held: Log) -> bool:
         return np.asarray(0.5 * len(noise.rows) * np.log(np.mean(noise.all(residual) ** 2, axis=1) * noise.sigma**2))
 
     gain = innovation(given) - innovation(corrected)
-    return float(np.sum(gain)) > SPEAKS
+    return float(np.sum(gain)) > TUNING.speaks

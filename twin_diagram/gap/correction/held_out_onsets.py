@@ -8,24 +8,34 @@ taken from the held-out run, and only where both other readings of it (there thr
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from twin_diagram.logs import Log, fingerprint
-from twin_diagram.logs.differentiation import RESIDUAL_CUTOFF, Motion, inner, lowpass, motion
+from twin_diagram.logs.differentiation import TUNING as DIFFERENTIATION
+from twin_diagram.logs.differentiation import Motion, inner, lowpass, motion
 from twin_diagram.model.effects import Effect
 from twin_diagram.model.model import Model
 from twin_diagram.model.prediction import torque_predicted
 from twin_diagram.signals.arrays import Array
 
-REFUTED = 60.0
-"""Squared errors, in noises of independent samples, by which both other readings must be worse."""
 
-CLEARLY = 0.2
-"""... and by this share of what is left: laws that are not exact leave more than noise."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
 
-TOGETHER = 0.5
-"""Effects that start within this time start together [s]."""
+    refuted: float = 60.0
+    """Squared errors, in noises of independent samples, by which both other readings must be worse."""
+
+    clearly: float = 0.2
+    """... and by this share of what is left: laws that are not exact leave more than noise."""
+
+    together: float = 0.5
+    """Effects that start within this time start together [s]."""
+
+
+TUNING = Tuning()
 
 
 def with_held_onsets(corrected: Model, held: Log, noise_floor: Array) -> tuple[Model, list[str]]:
@@ -63,7 +73,7 @@ def _groups(effects: tuple[Effect, ...], mark: str) -> list[list[int]]:
     result: list[list[int]] = []
     last = ("", -math.inf)
     for log, when, k in sorted(timed):
-        if log != last[0] or when - last[1] > TOGETHER:
+        if log != last[0] or when - last[1] > TUNING.together:
             result.append([])
         result[-1].append(k)
         last = (log, when)
@@ -84,14 +94,14 @@ def _moment(before: Model, after: Model, smooth: Motion, noise: Array) -> float 
 
     def squares(model: Model) -> Array:
         left = lowpass(regular.motor_torque - torque_predicted(model, regular, smooth), rate)[kept] / noise
-        return np.asarray(np.sum(left**2, axis=1)) * min(1.0, 2.0 * RESIDUAL_CUTOFF / rate)
+        return np.asarray(np.sum(left**2, axis=1)) * min(1.0, 2.0 * DIFFERENTIATION.residual_cutoff / rate)
 
     first, second = squares(before), squares(after)
     # What the first model leaves until sample k, and the second from then on.
     left = float(np.sum(second)) + np.concatenate([[0.0], np.cumsum(first - second)])
     k = int(np.argmin(left))
     least = float(left[k])
-    enough = max(REFUTED, CLEARLY * least)
+    enough = max(TUNING.refuted, TUNING.clearly * least)
     if min(left[0] - least, left[-1] - least) < enough:
         return None
     return float(regular.time[kept][k])

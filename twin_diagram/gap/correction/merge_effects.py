@@ -8,7 +8,7 @@ effect can say alone.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,17 +21,26 @@ Values = dict[str, float]
 UNTOLD = frozenset({"loss"})
 """Parameters that an effect may leave to its default."""
 
-ROUNDED = 0.05
-"""A payload may be told this much heavier when it is put down than it was when it was picked up, friction likewise."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    rounded: float = 0.05
+    """A payload may be told this much heavier when it is put down than it was when it was picked up, friction
+    likewise."""
+
+    nothing: float = 1e-9
+    """What is left below this is nothing."""
+
+
+TUNING = Tuning()
 
 LEADING = (
     *("damping", "torque", "torque_positive", "torque_negative", "coulomb", "static"),
     *("inertia", "coefficient", "mass", "stiffness"),
 )
 """Parameters whose sign says whether something was added or taken away."""
-
-NOTHING = 1e-9
-"""What is left below this is nothing."""
 
 
 def merged(present: Iterable[Effect], added: Iterable[EffectSpec]) -> list[Effect]:
@@ -65,7 +74,7 @@ def _put_down(specs: list[EffectSpec], piece: EffectSpec) -> list[EffectSpec]:
         if spec.name == "payload" and spec.links in ([], piece.links) and spec.onset is None and spec.end is None
     ]
     lost = -piece.parameters["mass"][0]
-    enough = [spec for spec in there if spec.parameters["mass"][0] * (1.0 + ROUNDED) >= lost]
+    enough = [spec for spec in there if spec.parameters["mass"][0] * (1.0 + TUNING.rounded) >= lost]
     chosen = [min(enough, key=lambda spec: spec.parameters["mass"][0])] if enough else there
     masses = np.array([spec.parameters["mass"][0] for spec in chosen])
     if not np.sum(masses) > 0.0:
@@ -145,7 +154,11 @@ def _wears(spec: EffectSpec, piece: EffectSpec) -> bool:
 def _worn(here: dict[str, list[float]], more: dict[str, list[float]]) -> dict[str, list[float]]:
     lost, level = more["torque"][0], here["coulomb"][0]
     left = level + lost
-    return {**here, "coulomb": [0.0 if abs(left) < ROUNDED * level else left], "static": [here["static"][0] + lost]}
+    return {
+        **here,
+        "coulomb": [0.0 if abs(left) < TUNING.rounded * level else left],
+        "static": [here["static"][0] + lost],
+    }
 
 
 def is_less(piece: EffectSpec) -> bool:
@@ -155,7 +168,7 @@ def is_less(piece: EffectSpec) -> bool:
 
 def _something(spec: EffectSpec) -> bool:
     first = spec.parameters.get("static") or next(iter(spec.parameters.values()))
-    return spec.name not in POSITIVE or bool(np.max(np.abs(first)) > NOTHING)
+    return spec.name not in POSITIVE or bool(np.max(np.abs(first)) > TUNING.nothing)
 
 
 def _sum(here: dict[str, list[float]], more: dict[str, list[float]]) -> dict[str, list[float]]:
@@ -175,7 +188,7 @@ def _springs(here: dict[str, list[float]], more: dict[str, list[float]]) -> dict
         return None
     k = here["stiffness"][0] + more["stiffness"][0]
     moment = here["stiffness"][0] * here["rest_angle"][0] + more["stiffness"][0] * more["rest_angle"][0]
-    return {"stiffness": [k], "rest_angle": [moment / k if abs(k) > NOTHING else 0.0]}
+    return {"stiffness": [k], "rest_angle": [moment / k if abs(k) > TUNING.nothing else 0.0]}
 
 
 def _loads(here: dict[str, list[float]], more: dict[str, list[float]]) -> dict[str, list[float]] | None:
@@ -184,9 +197,9 @@ def _loads(here: dict[str, list[float]], more: dict[str, list[float]]) -> dict[s
     if lost >= 0.0:
         return None
     mass = here["mass"][0] + lost
-    if mass <= NOTHING:
-        return {"mass": [max(mass, 0.0)], "com": [0.0, 0.0, 0.0]} if mass > -ROUNDED * here["mass"][0] else None
-    if mass < ROUNDED * here["mass"][0]:  # of so little, the centre is anywhere
+    if mass <= TUNING.nothing:
+        return {"mass": [max(mass, 0.0)], "com": [0.0, 0.0, 0.0]} if mass > -TUNING.rounded * here["mass"][0] else None
+    if mass < TUNING.rounded * here["mass"][0]:  # of so little, the centre is anywhere
         return {"mass": [mass], "com": list(here["com"])}
     moment = here["mass"][0] * np.array(here["com"]) + lost * np.array(more["com"])
     return {"mass": [mass], "com": (moment / mass).tolist()}

@@ -18,20 +18,28 @@ from twin_diagram.gap.search import golden_section
 from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
 
-REACH = 0.5
-"""How far from a rough time the true one is looked for [s]."""
 
-ROUGHLY = 0.25
-"""Standard error of a rough time [s]: where the data do not care, it stays near what it was."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
 
-COARSE = 0.025
-"""Between the times that are tried first [s]."""
+    reach: float = 0.5
+    """How far from a rough time the true one is looked for [s]."""
 
-SECTIONS = 7
-"""Of the golden section, after which a time is known to a few milliseconds."""
+    roughly: float = 0.25
+    """Standard error of a rough time [s]: where the data do not care, it stays near what it was."""
 
-LEAST_STD = 0.005
-"""Filters blur what is sharper than this [s]."""
+    coarse: float = 0.025
+    """Between the times that are tried first [s]."""
+
+    sections: int = 7
+    """Of the golden section, after which a time is known to a few milliseconds."""
+
+    least_std: float = 0.005
+    """Filters blur what is sharper than this [s]."""
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -98,27 +106,27 @@ def retimed(
 
     for _ in range(2 if onset is not None and end is not None else 1):
         if onset is not None:
-            last = record.time[-1] if end is None else end - 2.0 * COARSE
+            last = record.time[-1] if end is None else end - 2.0 * TUNING.coarse
             onset, stds[0] = _least(starting, onset, record.time[0], last)
         if end is not None:
-            first = record.time[0] if onset is None else onset + 2.0 * COARSE
+            first = record.time[0] if onset is None else onset + 2.0 * TUNING.coarse
             end, stds[1] = _least(ending, end, first, record.time[-1])
     return replace(when, onset=onset, end=end, onset_std=stds[0], end_std=stds[1])
 
 
 def _least(law: Callable[[float], float], rough: float, first: float, last: float) -> tuple[float, float]:
     """Where a cost (half of a sum of squares, in units of the noise) is least near a rough time, and how surely."""
-    tries: Array = rough + np.arange(-REACH, REACH + 0.5 * COARSE, COARSE, dtype=np.float64)
+    tries: Array = rough + np.arange(-TUNING.reach, TUNING.reach + 0.5 * TUNING.coarse, TUNING.coarse, dtype=np.float64)
     tries = tries[(tries > first) & (tries < last)]
     if not len(tries):
-        return rough, REACH
+        return rough, TUNING.reach
 
     def cost(time: float) -> float:
-        return law(time) + 0.5 * ((time - rough) / ROUGHLY) ** 2
+        return law(time) + 0.5 * ((time - rough) / TUNING.roughly) ** 2
 
     costs = [cost(float(t)) for t in tries]
     best = int(np.argmin(costs))
-    found = golden_section.least(cost, tries[best] - COARSE, tries[best] + COARSE, SECTIONS)
+    found = golden_section.least(cost, tries[best] - TUNING.coarse, tries[best] + TUNING.coarse, TUNING.sections)
     found = min((costs[best], float(tries[best])), found)
     return found[1], _spread(tries, np.array(costs), *found)
 
@@ -132,4 +140,4 @@ def _spread(tries: Array, costs: Sequence[float] | Array, least: float, at: floa
     width = np.gradient(times)
     weight = likelihood * np.maximum(width, 1e-9)
     mean = float(np.sum(weight * times) / np.sum(weight))
-    return float(max(LEAST_STD, np.sqrt(np.sum(weight * (times - mean) ** 2) / np.sum(weight))))
+    return float(max(TUNING.least_std, np.sqrt(np.sum(weight * (times - mean) ** 2) / np.sum(weight))))

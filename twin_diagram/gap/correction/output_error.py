@@ -23,17 +23,25 @@ from twin_diagram.model.prediction import twists
 from twin_diagram.model.rollout import trajectory
 from twin_diagram.signals.arrays import Array
 
-WINDOW = 0.25
-"""Length of a rollout [s]."""
 
-OBSERVED = 0.0125
-"""Between looks at a rollout [s]."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
 
-MOST_WINDOWS = 160
-"""Of all runs together; more than these are thinned."""
+    window: float = 0.25
+    """Length of a rollout [s]."""
 
-RIDGE = 0.05
-"""Share of their mean that is added to all variances of a rollout's errors."""
+    observed: float = 0.0125
+    """Between looks at a rollout [s]."""
+
+    most_windows: int = 160
+    """Of all runs together; more than these are thinned."""
+
+    ridge: float = 0.05
+    """Share of their mean that is added to all variances of a rollout's errors."""
+
+
+TUNING = Tuning()
 
 
 def output_error(hypothesis: Hypothesis, logs: Sequence[Log]) -> Solution:
@@ -71,7 +79,7 @@ def _whiteners(errors: Array) -> Array:
     whiteners = []
     for j in range(n):
         covariance = errors[:, :, j].T @ errors[:, :, j] / windows
-        values, vectors = np.linalg.eigh(covariance + RIDGE * np.trace(covariance) / looks * np.eye(looks))
+        values, vectors = np.linalg.eigh(covariance + TUNING.ridge * np.trace(covariance) / looks * np.eye(looks))
         whiteners.append((vectors / np.sqrt(np.maximum(values, 1e-30))) @ vectors.T)
     return np.stack(whiteners)
 
@@ -91,13 +99,13 @@ class _Shots:
         smooth = motion(log)
         regular = smooth.log
         period = regular.period
-        steps = max(4, round(WINDOW / period))
+        steps = max(4, round(TUNING.window / period))
         first, last = int(np.ceil(0.3 / period)), len(regular) - int(np.ceil(0.3 / period)) - steps - 1
         starts = np.arange(first, last, steps)
-        most = max(20, MOST_WINDOWS // count)
+        most = max(20, TUNING.most_windows // count)
         if len(starts) > most:
             starts = starts[np.linspace(0, len(starts) - 1, most).astype(int)]
-        return _Shots(smooth, fingerprint(log), starts, steps, max(1, round(OBSERVED / period)))
+        return _Shots(smooth, fingerprint(log), starts, steps, max(1, round(TUNING.observed / period)))
 
     def errors(self, model: Model) -> Array:
         """(windows, looks, n) measured less rolled-out positions, without what start and speed could explain [rad]."""

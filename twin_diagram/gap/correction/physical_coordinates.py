@@ -20,8 +20,30 @@ from twin_diagram.model.model import Model
 from twin_diagram.scenario import EffectSpec
 from twin_diagram.signals.arrays import Array
 
-LINK_SPREAD = 0.5
-"""Prior standard deviation of a link's logarithmic coordinates, about the given link."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    link_spread: float = 0.5
+    """Prior standard deviation of a link's logarithmic coordinates, about the given link."""
+
+    smallest: float = 1e-9
+
+    about: float = 10.0
+    """Prior deviation over the size of rough values."""
+
+    least_spread: float = 0.1
+    """Rough values count as at least this large for it."""
+
+    logarithm_spread: float = 1.0
+    """Prior deviation of a logarithm of which a rough value is known."""
+
+    untold_spread: float = 1.5
+    """Prior deviation of the logarithm of what no rough value is known of."""
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -72,7 +94,7 @@ class Coordinates:
         parts = []
         for key, (numbers, free) in zip(self.spec.parameters, self._free(), strict=True):
             chosen = np.array(numbers, dtype=float)[free]
-            parts.append(np.log(np.maximum(chosen, SMALLEST)) if self.logarithmic(key) else chosen)
+            parts.append(np.log(np.maximum(chosen, TUNING.smallest)) if self.logarithmic(key) else chosen)
         return np.concatenate(parts)
 
     def prior(self) -> tuple[Array, Array]:
@@ -80,18 +102,18 @@ class Coordinates:
         if self.link is not None:
             mean = log_cholesky(*self.link)
             scale = np.concatenate([np.ones(4), np.full(6, np.exp(np.mean(mean[:4])))])
-            return mean, LINK_SPREAD * scale
+            return mean, TUNING.link_spread * scale
         start = self.start()
         mean, spread = start.copy(), np.zeros(len(start))
         begin = 0
         for key, (_, free) in zip(self.spec.parameters, self._free(), strict=True):
             end = begin + int(np.sum(free))
-            spread[begin:end] = ABOUT * max(float(np.linalg.norm(start[begin:end])), LEAST_SPREAD)
+            spread[begin:end] = TUNING.about * max(float(np.linalg.norm(start[begin:end])), TUNING.least_spread)
             if self.logarithmic(key):
-                spread[begin:end] = LOGARITHM_SPREAD
+                spread[begin:end] = TUNING.logarithm_spread
             if key in UNTOLD:
                 mean[begin:end] = np.log(REGISTRY[self.spec.name].kinds[key].default or 1.0)
-                spread[begin:end] = UNTOLD_SPREAD
+                spread[begin:end] = TUNING.untold_spread
             begin = end
         return mean, spread
 
@@ -166,20 +188,6 @@ LOGARITHMIC: frozenset[str | tuple[str, str]] = frozenset(
 
 LOST = frozenset({("actuator_fault", "gain"), ("torque_constant", "gain")})
 """Gains, which stay above half of what they were found to be."""
-
-SMALLEST = 1e-9
-
-ABOUT = 10.0
-"""Prior deviation over the size of rough values."""
-
-LEAST_SPREAD = 0.1
-"""Rough values count as at least this large for it."""
-
-LOGARITHM_SPREAD = 1.0
-"""Prior deviation of a logarithm of which a rough value is known."""
-
-UNTOLD_SPREAD = 1.5
-"""Prior deviation of the logarithm of what no rough value is known of."""
 
 
 def log_cholesky(mass: float, centre: Array, inertia: Array) -> Array:

@@ -19,15 +19,28 @@ from twin_diagram.logs.differentiation import motion
 from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
 
-PERIOD = 0.01
-"""Between samples [s]."""
 
-SLOW = 0.02
-"""Speed of slow reversals [rad/s, or m/s where the joint is prismatic]."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    period: float = 0.01
+    """Between samples [s]."""
+
+    slow: float = 0.02
+    """Speed of slow reversals [rad/s, or m/s where the joint is prismatic]."""
+
+    half: float = 0.02
+    """Half of the way between two of them [rad, or m]."""
+
+    at_rest: float = 0.02
+    """A run that begins and ends below this share of its highest speed does so at rest."""
+
+    lead: float = 1.0
+    """In which one that does not is brought to its speed, and from it [s]."""
 
 
-HALF = 0.02
-"""Half of the way between two of them [rad, or m]."""
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -53,13 +66,6 @@ class Visited:
     acceleration: Array
     run: Array
     prismatic: frozenset[str] = frozenset()
-
-
-AT_REST = 0.02
-"""A run that begins and ends below this share of its highest speed does so at rest."""
-
-LEAD = 1.0
-"""In which one that does not is brought to its speed, and from it [s]."""
 
 
 @dataclass(frozen=True)
@@ -96,14 +102,14 @@ def visited(model: Model, logs: Sequence[Log]) -> Visited:
     speed = np.max([np.abs(run.velocity).max(axis=0) for run in runs], axis=0)
     acceleration = np.max([np.quantile(np.abs(run.acceleration), 0.99, axis=0) for run in runs], axis=0)
     first = runs[0]
-    time = np.arange(first.log.time[0], first.log.time[-1], PERIOD)
+    time = np.arange(first.log.time[0], first.log.time[-1], TUNING.period)
     again = np.stack([np.interp(time, first.log.time, x) for x in first.position.T], axis=1)
     return Visited(
         joints=model.joints,
         poses=np.clip(poses[:: max(1, len(poses) // 2000)], model.lower, model.upper),
         lower=np.maximum(poses.min(axis=0), model.lower),
         upper=np.minimum(poses.max(axis=0), model.upper),
-        speed=np.minimum(np.maximum(speed, 2.0 * SLOW), 0.9 * model.velocity_limit),
+        speed=np.minimum(np.maximum(speed, 2.0 * TUNING.slow), 0.9 * model.velocity_limit),
         acceleration=np.maximum(acceleration, 0.2),
         run=np.clip(again, model.lower, model.upper),
         prismatic=model.prismatic,
@@ -126,7 +132,7 @@ def design(text: str, seen: Visited, moved: Sequence[str]) -> Experiment | None:
     position = np.clip(make(seen, chosen), seen.lower, seen.upper)
     title = advice.worded(text, names, seen.prismatic)
     slug = re.sub(r"[^a-z0-9]+", "_", title.split(":")[0].split(",")[0].lower()).strip("_")[:32]
-    time: Array = PERIOD * np.arange(len(position), dtype=float)
+    time: Array = TUNING.period * np.arange(len(position), dtype=float)
     return Experiment(title, slug, seen.joints, names, time, position)
 
 
@@ -141,7 +147,7 @@ def static_poses(seen: Visited, chosen: Sequence[int]) -> Array:
     for k, (a, b) in enumerate(zip(path, [*path[1:], path[0]], strict=True)):
         parts.append(_move(seen, a, b, 0.4))
         if k % 2:
-            parts.append(np.repeat(b[None], round(1.0 / PERIOD), axis=0))
+            parts.append(np.repeat(b[None], round(1.0 / TUNING.period), axis=0))
     del chosen
     return np.concatenate(parts)
 
@@ -152,8 +158,10 @@ def slow_reversals(seen: Visited, chosen: Sequence[int]) -> Array:
     parts = [here[None]]
     for j in chosen:
         # A short or slow slide has less room than a revolute joint.
-        half = min(HALF, 0.15 * (seen.upper[j] - seen.lower[j]))
-        turns = np.arange(0.0, 10.0, PERIOD * min(SLOW, seen.speed[j]) / max(half, 1e-6))  # in quarters of the wave
+        half = min(TUNING.half, 0.15 * (seen.upper[j] - seen.lower[j]))
+        turns = np.arange(
+            0.0, 10.0, TUNING.period * min(TUNING.slow, seen.speed[j]) / max(half, 1e-6)
+        )  # in quarters of the wave
         wave = _soften(half * 2.0 / np.pi * np.arcsin(np.sin(0.5 * np.pi * turns)), 0.06)
         for share in np.linspace(0.15, 0.85, 5):
             there = _middle(seen)
@@ -174,7 +182,7 @@ def speed_steps(seen: Visited, chosen: Sequence[int]) -> Array:
         centre = middle.copy()
         centre[j] = 0.5 * (seen.lower[j] + seen.upper[j])
         parts.append(_move(seen, middle, centre, 0.5))
-        for speed in np.geomspace(min(SLOW, 0.5 * seen.speed[j]), seen.speed[j], 7):
+        for speed in np.geomspace(min(TUNING.slow, 0.5 * seen.speed[j]), seen.speed[j], 7):
             half = min(0.45 * (seen.upper[j] - seen.lower[j]), 2.0 * speed)
             ends = [centre.copy(), centre.copy()]
             ends[0][j], ends[1][j] = centre[j] - half, centre[j] + half
@@ -194,7 +202,7 @@ def fast_sines(seen: Visited, chosen: Sequence[int]) -> Array:
             size = min(
                 0.8 * seen.acceleration[j] / w**2, 0.9 * seen.speed[j] / w, 0.3 * (seen.upper[j] - seen.lower[j])
             )
-            time = np.arange(0.0, 4.0, PERIOD, dtype=np.float64)
+            time = np.arange(0.0, 4.0, TUNING.period, dtype=np.float64)
             envelope = _ease(time / 0.8) * _ease((4.0 - time) / 0.8)
             part = np.repeat(middle[None], len(time), axis=0)
             part[:, j] += size * envelope * np.sin(w * time)
@@ -213,12 +221,12 @@ def run_many(seen: Visited, chosen: Sequence[int]) -> Array:
     run = _from_rest(seen.run)
     once = np.concatenate([run, _move(seen, run[-1], run[0], 0.5)])
     del chosen
-    return np.concatenate([once] * max(2, int(np.ceil(180.0 / (PERIOD * len(once))))))
+    return np.concatenate([once] * max(2, int(np.ceil(180.0 / (TUNING.period * len(once))))))
 
 
 def run_with_rests(seen: Visited, chosen: Sequence[int]) -> Array:
     """The first run's own motion between ten seconds of rest."""
-    still = round(10.0 / PERIOD)
+    still = round(10.0 / TUNING.period)
     del chosen
     run = _from_rest(seen.run)
     return np.concatenate([np.repeat(run[:1], still, axis=0), run, np.repeat(run[-1:], still, axis=0)])
@@ -257,11 +265,11 @@ def _middle(seen: Visited) -> Array:
 def _from_rest(run: Array) -> Array:
     """The same path, begun and ended at rest where the log was cut in motion."""
     steps = np.abs(np.diff(run, axis=0))
-    if np.all(np.maximum(steps[0], steps[-1]) <= AT_REST * np.max(steps, axis=0)):
+    if np.all(np.maximum(steps[0], steps[-1]) <= TUNING.at_rest * np.max(steps, axis=0)):
         return run
-    whole = PERIOD * (len(run) - 1)
-    time = np.arange(0.0, whole + LEAD, PERIOD)
-    rate = np.minimum(_ease(time / LEAD), _ease((time[-1] - time) / LEAD))
+    whole = TUNING.period * (len(run) - 1)
+    time = np.arange(0.0, whole + TUNING.lead, TUNING.period)
+    rate = np.minimum(_ease(time / TUNING.lead), _ease((time[-1] - time) / TUNING.lead))
     along = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]))])
     along *= (len(run) - 1) / along[-1]
     return np.stack([np.interp(along, np.arange(len(run)), x) for x in run.T], axis=1)
@@ -277,7 +285,7 @@ def _move(seen: Visited, a: Array, b: Array, share: float) -> Array:
     """From a pose to another, at a share of the speeds and accelerations that were seen."""
     away = np.abs(b - a)
     needed = np.maximum(1.875 * away / seen.speed, np.sqrt(5.78 * away / seen.acceleration)) / share
-    count = max(2, int(np.ceil(float(np.max(needed)) / PERIOD)))
+    count = max(2, int(np.ceil(float(np.max(needed)) / TUNING.period)))
     return a + (b - a) * _ease(np.arange(1, count + 1) / count)[:, None]
 
 
@@ -288,8 +296,8 @@ def _cruise(a: Array, b: Array, speed: float, acceleration: float, j: int) -> Ar
         return a[None]
     speed = min(speed, np.sqrt(away * acceleration))
     ramp, whole = speed / acceleration, away / speed + speed / acceleration
-    count = max(2, int(np.ceil(whole / PERIOD)))
-    time = np.minimum(PERIOD * np.arange(1, count + 1), whole)
+    count = max(2, int(np.ceil(whole / TUNING.period)))
+    time = np.minimum(TUNING.period * np.arange(1, count + 1), whole)
     up, down = np.minimum(time, ramp), np.maximum(time - (whole - ramp), 0.0)
     travelled = acceleration * (0.5 * up**2) + speed * np.maximum(time - ramp, 0.0) - 0.5 * acceleration * down**2
     result = np.repeat(a[None], count, axis=0)
@@ -299,6 +307,6 @@ def _cruise(a: Array, b: Array, speed: float, acceleration: float, j: int) -> Ar
 
 def _soften(wave: Array, duration: float) -> Array:
     """Rounds the corners of a wave that starts and ends at rest."""
-    width = max(3, round(duration / PERIOD) | 1)
+    width = max(3, round(duration / TUNING.period) | 1)
     padded = np.pad(wave, width // 2, mode="edge")
     return np.asarray(np.convolve(padded, np.ones(width) / width, mode="valid"), dtype=np.float64)

@@ -15,17 +15,26 @@ from twin_diagram.model.prediction import rollout_rms, torque_predicted
 from twin_diagram.signals import units
 from twin_diagram.signals.arrays import Array
 
-EXERCISED = 0.02
-"""A run whose predicted torques change by less than this share of the noise proves nothing for or against a model."""
 
-BEYOND = 1.25
-"""A residual that is less than this many times the noise is no gap: noise itself differs from run to run."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
 
-HORIZON = 0.2
-"""Length of a rollout [s]."""
+    exercised: float = 0.02
+    """A run whose predicted torques change by less than this share of the noise proves nothing for or against a
+    model."""
 
-ROLLOUTS = 1500
-"""Evenly spread over the held-out run: their error is as that of all, at a tenth of the time."""
+    beyond: float = 1.25
+    """A residual that is less than this many times the noise is no gap: noise itself differs from run to run."""
+
+    horizon: float = 0.2
+    """Length of a rollout [s]."""
+
+    rollouts: int = 1500
+    """Evenly spread over the held-out run: their error is as that of all, at a tenth of the time."""
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -95,7 +104,7 @@ class Shown:
 
     def has_gap(self) -> npt.NDArray[np.bool_]:
         """(n,) whether the given model's held-out residual is more than what noise does by chance."""
-        return np.asarray(self.holdout_rms()[0] > BEYOND * self.noise_floor)
+        return np.asarray(self.holdout_rms()[0] > TUNING.beyond * self.noise_floor)
 
     def left_over(self) -> float:
         """Share of the held-out gap above the noise that is left, all joints together; 1 where there was none.
@@ -115,12 +124,12 @@ class Shown:
     def worsens(self) -> bool:
         """Whether the held-out residual of any joint rises clearly: no truth mends one joint at another's cost."""
         before, after = self.holdout_rms()
-        return bool(np.any(after > BEYOND * np.maximum(before, BEYOND * self.noise_floor)))
+        return bool(np.any(after > TUNING.beyond * np.maximum(before, TUNING.beyond * self.noise_floor)))
 
     def is_exercised(self) -> bool:
         """Whether the held-out run does anything that tells the two models apart, beside its noise."""
         change = rms([self.holdout.after - self.holdout.before])
-        return bool(np.any(change > EXERCISED * self.noise_floor))
+        return bool(np.any(change > TUNING.exercised * self.noise_floor))
 
 
 def show(
@@ -129,7 +138,7 @@ def show(
     fit: Sequence[Log],
     holdout: Log,
     noise_floor: Array,
-    horizon: float = HORIZON,
+    horizon: float = TUNING.horizon,
     say: Callable[[str], None] | None = None,
 ) -> Shown:
     """Works out the gap of both models on all runs; rollouts on the held-out run alone.
@@ -167,7 +176,7 @@ def compare(
 
     def rolled(model: Model) -> Array:
         assert horizon is not None
-        return rollout_rms(model, log, horizon, smooth, ROLLOUTS)
+        return rollout_rms(model, log, horizon, smooth, TUNING.rollouts)
 
     before = residual(given)
     rollout = None if horizon is None else rolled(given)

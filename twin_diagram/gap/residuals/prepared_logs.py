@@ -17,34 +17,44 @@ from scipy.ndimage import uniform_filter1d
 
 from twin_diagram.errors import LogError
 from twin_diagram.logs import Log, fingerprint, is_regular, uniform
-from twin_diagram.logs.differentiation import RESIDUAL_CUT, inner, lowpass, motion
+from twin_diagram.logs.differentiation import TUNING as DIFFERENTIATION
+from twin_diagram.logs.differentiation import inner, lowpass, motion
 from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
 
-BAND = 20.0
-"""Torques are compared below this [Hz]; above it, position noise drowns inertial torques."""
 
-MOTION = 2.5
-"""Positions are smoothed at this many times the band."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
 
-THIN = 2.5
-"""Samples kept per second, times the band."""
+    band: float = 20.0
+    """Torques are compared below this [Hz]; above it, position noise drowns inertial torques."""
 
-LEAST_BAND = 8.0
-"""Motion of arms and the edges of dry friction need at least this [Hz]."""
+    motion: float = 2.5
+    """Positions are smoothed at this many times the band."""
 
-NOISE_SHARE = 0.3
-"""Inertial torque of position noise, over the torque's own, at the band's edge."""
+    thin: float = 2.5
+    """Samples kept per second, times the band."""
 
-SPELL = 0.1
-"""A joint whose encoder says the same for so long rests [s]."""
+    least_band: float = 8.0
+    """Motion of arms and the edges of dry friction need at least this [Hz]."""
 
-OUTLYING = 0.01
-"""Share of samples that may be outliers."""
+    noise_share: float = 0.3
+    """Inertial torque of position noise, over the torque's own, at the band's edge."""
 
-SHORTEST = 2.0
-SHORTEST_HELD = 1.0
-"""A log that is fitted, and one that is held out, must have this much left after its ends are cut [s]."""
+    spell: float = 0.1
+    """A joint whose encoder says the same for so long rests [s]."""
+
+    outlying: float = 0.01
+    """Share of samples that may be outliers."""
+
+    shortest: float = 2.0
+
+    shortest_held: float = 1.0
+    """A log that is fitted, and one that is held out, must have this much left after its ends are cut [s]."""
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -199,7 +209,7 @@ def prepare(model: Model, logs: Sequence[Log]) -> Records:
         raise LogError("no log to fit: give at least one")
     regular = [uniform(straightened(log)) for log in logs]
     rate = min(1.0 / log.period for log in regular)
-    band = min(BAND, 0.2 * rate, *(trusted_band(model, log) for log in regular))
+    band = min(TUNING.band, 0.2 * rate, *(trusted_band(model, log) for log in regular))
     return Records(model, tuple(_record(model, log, index, band) for index, log in enumerate(regular)))
 
 
@@ -227,7 +237,7 @@ def trusted_band(model: Model, log: Log) -> float:
     would be biased towards zero.
     """
     rate = 1.0 / log.period
-    if rate < 8.0 * LEAST_BAND:
+    if rate < 8.0 * TUNING.least_band:
         return np.inf
     density = []
     for signal in (log.position, log.motor_torque):
@@ -237,8 +247,8 @@ def trusted_band(model: Model, log: Log) -> float:
     noisy = density[0] > 0.0
     if not np.any(noisy):
         return np.inf
-    square = NOISE_SHARE * density[1][noisy] / (inertia[noisy] * density[0][noisy])
-    return float(max(LEAST_BAND, np.min(np.sqrt(square)) / (2.0 * np.pi)))
+    square = TUNING.noise_share * density[1][noisy] / (inertia[noisy] * density[0][noisy])
+    return float(max(TUNING.least_band, np.min(np.sqrt(square)) / (2.0 * np.pi)))
 
 
 def shaken(model: Model, log: Log, band: float) -> Array:
@@ -260,17 +270,17 @@ def roughness(signal: Array, period: float) -> Array:
     """
     rough = np.abs(np.diff(signal, 4, axis=0)) / np.sqrt(70.0)  # of white noise, the same variance
     told = (rough > 1e-9 * np.ptp(signal, axis=0)).astype(float)
-    heard = uniform_filter1d(told, round(SPELL / period) + 1, axis=0) > 0.0
+    heard = uniform_filter1d(told, round(TUNING.spell / period) + 1, axis=0) > 0.0
     result = np.zeros(signal.shape[1])
     for j in range(signal.shape[1]):
         part = rough[heard[:, j], j]
         if len(part):
-            usual = part[part <= np.quantile(part, 1.0 - OUTLYING)]
+            usual = part[part <= np.quantile(part, 1.0 - TUNING.outlying)]
             result[j] = np.sqrt(np.mean(usual**2))
     return result
 
 
-def usable(log: Log, shortest: float = SHORTEST) -> float:
+def usable(log: Log, shortest: float = TUNING.shortest) -> float:
     """How long a log lasts [s].
 
     Args:
@@ -281,8 +291,9 @@ def usable(log: Log, shortest: float = SHORTEST) -> float:
         LogError: it is too short, or logs no torque at all.
     """
     duration = float(log.time[-1] - log.time[0])
-    if duration - 2.0 * RESIDUAL_CUT < shortest:
-        raise LogError(f"{log.source}: lasts {duration:.3g} s; at least {shortest + 2.0 * RESIDUAL_CUT:g} s are needed")
+    if duration - 2.0 * DIFFERENTIATION.residual_cut < shortest:
+        needed = shortest + 2.0 * DIFFERENTIATION.residual_cut
+        raise LogError(f"{log.source}: lasts {duration:.3g} s; at least {needed:g} s are needed")
     if not np.any(log.motor_torque):
         raise LogError(f"{log.source}: all torques are zero throughout, so there is nothing to compare a model with")
     return duration
@@ -291,9 +302,9 @@ def usable(log: Log, shortest: float = SHORTEST) -> float:
 def _record(model: Model, log: Log, index: int, band: float) -> Record:
     duration = usable(log)
     rate = (len(log) - 1) / duration
-    smooth = motion(log, MOTION * band)
-    stride = max(1, int(rate / (THIN * band) + 1e-6))
-    kept = np.flatnonzero(inner(log.time, RESIDUAL_CUT))[::stride]
+    smooth = motion(log, TUNING.motion * band)
+    stride = max(1, int(rate / (TUNING.thin * band) + 1e-6))
+    kept = np.flatnonzero(inner(log.time, DIFFERENTIATION.residual_cut))[::stride]
     model = model.for_run(fingerprint(log))
     # Torque that is logged and never arrives cannot be told from the motion.
     seen = smooth.log.motor_torque if any(effect.loses for effect in model.effects) else None

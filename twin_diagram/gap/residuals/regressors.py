@@ -12,17 +12,25 @@ from twin_diagram.logs.differentiation import lowpass
 from twin_diagram.model.dynamics.onsets import stretches
 from twin_diagram.signals.arrays import Array
 
-SHARP = 4.0
-"""Where a torque jumps, it is smoothed at this many times the band."""
 
-JUMPS = 6.0
-"""A torque jumps where smoothing ever takes away this many times more than it usually does."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
 
-REST = 0.016
-"""Speed below which a joint may be sticking [rad/s]."""
+    sharp: float = 4.0
+    """Where a torque jumps, it is smoothed at this many times the band."""
 
-BRIEF = 0.08
-"""A joint that turns within this time sticks for a moment at most [s]."""
+    jumps: float = 6.0
+    """A torque jumps where smoothing ever takes away this many times more than it usually does."""
+
+    rest: float = 0.016
+    """Speed below which a joint may be sticking [rad/s]."""
+
+    brief: float = 0.08
+    """A joint that turns within this time sticks for a moment at most [s]."""
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -79,7 +87,7 @@ class Terms:
 
     def resting(self, j: int) -> float:
         """Speed below which a joint may be sticking, as far as its velocity is known [rad/s]."""
-        return max(REST, 2.0 * float(self.slow[j]))
+        return max(TUNING.rest, 2.0 * float(self.slow[j]))
 
     def _turned(self, record: Record) -> Array:
         signs = np.tanh(record.v / self.slow)
@@ -107,11 +115,11 @@ class Terms:
         """
         pairs = zip(self.records.records, self.smooth_torque, strict=True)
         taken = np.concatenate([lowpass(r.torque, r.rate, r.band) - s for r, s in pairs])
-        jumps = np.max(np.abs(taken), axis=0) > JUMPS * spread_of(taken)
+        jumps = np.max(np.abs(taken), axis=0) > TUNING.jumps * spread_of(taken)
         if not np.any(jumps):
             return self.smooth_torque
         pairs = zip(self.records.records, self.smooth_torque, strict=True)
-        return tuple(np.where(jumps, lowpass(r.torque, r.rate, SHARP * r.band), s) for r, s in pairs)
+        return tuple(np.where(jumps, lowpass(r.torque, r.rate, TUNING.sharp * r.band), s) for r, s in pairs)
 
     @cached_property
     def torque_noise(self) -> Array:
@@ -174,7 +182,7 @@ def turns(record: Record, j: int, slow: float) -> list[tuple[int, int]]:
     """Spans of samples in which a joint may be sticking, but not for longer than `BRIEF`, and turns."""
     rests = stretches(np.abs(record.v[:, j]) < slow)
     inside = [(a, b) for a, b in rests if 0 < a and b < len(record.v)]
-    brief = [(a, b) for a, b in inside if b - a <= BRIEF * record.rate]
+    brief = [(a, b) for a, b in inside if b - a <= TUNING.brief * record.rate]
     return [(int(a), int(b)) for a, b in brief if record.v[a - 1, j] * record.v[b, j] < 0.0]
 
 

@@ -7,6 +7,7 @@ friction is dry, samples at rest and about reversals are left out.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -15,43 +16,56 @@ from scipy.ndimage import binary_opening, maximum_filter1d, uniform_filter1d
 from scipy.signal import convolve
 
 from twin_diagram.gap.residuals.prepared_logs import Record, Records
-from twin_diagram.gap.residuals.regressors import REST, Terms, spread_of, turns
+from twin_diagram.gap.residuals.regressors import TUNING as REGRESSORS
+from twin_diagram.gap.residuals.regressors import Terms, spread_of, turns
 from twin_diagram.gap.residuals.whitening import Whitener
 from twin_diagram.signals.arrays import Array
 
-DWELL = 0.004
-"""A joint that turns back sooner than this does not stick [s]."""
 
-SPREAD = 0.9
-"""Over how many periods of the band's edge the low-pass spreads what happens at rest."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
 
-AFTER = 2
-"""Thinned samples that the prediction-error filter spreads it further."""
+    dwell: float = 0.004
+    """A joint that turns back sooner than this does not stick [s]."""
 
-CREEPS = (0.024, 0.036, 0.054)
-"""Where a joint that is held creeps, samples below these speeds are left out too, as far as they show it [rad/s]."""
+    spread: float = 0.9
+    """Over how many periods of the band's edge the low-pass spreads what happens at rest."""
 
-FAST = 0.1
-"""A joint that moves faster certainly slides [rad/s]."""
+    after: int = 2
+    """Thinned samples that the prediction-error filter spreads it further."""
 
-FEW = 6
-"""Samples that show creep at least."""
+    creeps: tuple[float, ...] = (0.024, 0.036, 0.054)
+    """Where a joint that is held creeps, samples below these speeds are left out too, as far as they show it
+    [rad/s]."""
 
-THINNED = 2.0
-"""Neighbouring samples that know about as much as one."""
+    fast: float = 0.1
+    """A joint that moves faster certainly slides [rad/s]."""
 
-SURE = 4.0
-"""Standard errors by which friction must fall short."""
+    few: int = 6
+    """Samples that show creep at least."""
 
-DOUBT_TURN = 0.7
-DOUBT_TIME = 0.6
-"""Share of dry friction, over so many seconds, that may be missed where a joint turns: how it is held is a guess."""
+    thinned: float = 2.0
+    """Neighbouring samples that know about as much as one."""
 
-FEWEST = 0.3
-"""Joints that move for less than this share of the time keep all their samples, unless they are known to stick."""
+    sure: float = 4.0
+    """Standard errors by which friction must fall short."""
 
-LEAST = 0.1
-"""The same of two joints and the sum of their speeds, which is known to stick."""
+    doubt_turn: float = 0.7
+
+    doubt_time: float = 0.6
+    """Share of dry friction, over so many seconds, that may be missed where a joint turns: how it is held is a
+    guess."""
+
+    fewest: float = 0.3
+    """Joints that move for less than this share of the time keep all their samples, unless they are known to stick."""
+
+    least: float = 0.1
+    """The same of two joints and the sum of their speeds, which is known to stick."""
+
+
+TUNING = Tuning()
+
 
 DRY = frozenset({"coulomb_friction", "stribeck_friction", "load_dependent_friction", "coupled_friction"})
 
@@ -79,20 +93,20 @@ def sliding(
     result = np.ones((sum(records.lengths), records.n))
     sticks = dry_joints(records)
     for j in joints:
-        least = REST if slowest is None else float(slowest[j])
+        least = REGRESSORS.rest if slowest is None else float(slowest[j])
         rests = [_at_rest(record, record.v[:, j], max(least, 2.0 * float(terms.slow[j]))) for record in records.records]
         if turning and j not in sticks:
             for record, still in zip(records.records, rests, strict=True):
                 for first, last in turns(record, j, terms.resting(j)):
                     still[first:last] = False
         weights = _away(records, rests)
-        if np.mean(weights) > FEWEST or j in sticks:
+        if np.mean(weights) > TUNING.fewest or j in sticks:
             result[:, j] = weights
     for i, j in {*coupled, *coupled_pairs(records)}:
-        slow = max(REST, 2.0 * float(np.hypot(terms.slow[i], terms.slow[j])))
+        slow = max(REGRESSORS.rest, 2.0 * float(np.hypot(terms.slow[i], terms.slow[j])))
         rests = [_at_rest(record, record.v[:, i] + record.v[:, j], slow) for record in records.records]
         weights = _away(records, rests)
-        if np.mean(weights) > LEAST:
+        if np.mean(weights) > TUNING.least:
             result[:, [i, j]] *= weights[:, None]
     return result
 
@@ -101,10 +115,10 @@ def _away(records: Records, rests: Sequence[npt.NDArray[np.bool_]]) -> Array:
     """(ΣD,) 0 where the filters spread what happens at rest, else 1."""
     parts = []
     for record, still in zip(records.records, rests, strict=True):
-        width = 2 * round(SPREAD * record.rate / record.band) + 1
+        width = 2 * round(TUNING.spread * record.rate / record.band) + 1
         thinned = maximum_filter1d(still.astype(float), width)[record.kept]
         after = thinned.copy()
-        for k in range(1, AFTER + 1):
+        for k in range(1, TUNING.after + 1):
             after[k:] = np.maximum(after[k:], thinned[:-k])
         parts.append(after)
     return 1.0 - np.concatenate(parts)
@@ -123,8 +137,8 @@ def turning(records: Records, terms: Terms, whitener: Whitener, dry: Array, join
     whole = sliding(records, terms, joints)
     about = sliding(records, terms, joints, turning=True) - whole
     white = whitener.all(dry)
-    width = max(1, round(DOUBT_TIME * records.rate))
-    believed = 1.0 / np.sqrt(1.0 + DOUBT_TURN**2 * uniform_filter1d(white**2, width, axis=1))
+    width = max(1, round(TUNING.doubt_time * records.rate))
+    believed = 1.0 / np.sqrt(1.0 + TUNING.doubt_turn**2 * uniform_filter1d(white**2, width, axis=1))
     return np.ascontiguousarray(np.maximum(about, 0.0)[whitener.rows].T) * believed
 
 
@@ -162,30 +176,30 @@ def creep(records: Records, terms: Terms, left: Array, joints: Iterable[int]) ->
         left: (ΣD, n) torque that a hypothesis leaves [N·m].
         joints: columns that are looked at.
     """
-    result = np.full(records.n, REST)
+    result = np.full(records.n, REGRESSORS.rest)
     speed = records.reduce(lambda r: r.v)
     for j in joints:
         weights = sliding(records, terms, [j])[:, j] > 0.0
         size = np.abs(speed[:, j])
         against = np.sign(speed[:, j]) * left[:, j]
-        fast = weights & (size > FAST)
-        if np.sum(fast) < FEW:
+        fast = weights & (size > TUNING.fast)
+        if np.sum(fast) < TUNING.few:
             continue
         level = float(np.median(against[fast]))
         noise = float(spread_of(against[fast]))
-        for low, high in pairwise((REST, *CREEPS)):
+        for low, high in pairwise((REGRESSORS.rest, *TUNING.creeps)):
             slow = weights & (size >= low) & (size < high)
             many = int(np.sum(slow))
-            if many < FEW:
+            if many < TUNING.few:
                 continue
-            if np.mean(against[slow]) - level > -SURE * noise / np.sqrt(many / THINNED):
+            if np.mean(against[slow]) - level > -TUNING.sure * noise / np.sqrt(many / TUNING.thinned):
                 break
             result[j] = high
     return result
 
 
 def _at_rest(record: Record, speed: Array, slow: float) -> npt.NDArray[np.bool_]:
-    return np.asarray(binary_opening(np.abs(speed) < slow, np.ones(max(1, round(DWELL * record.rate)))))
+    return np.asarray(binary_opening(np.abs(speed) < slow, np.ones(max(1, round(TUNING.dwell * record.rate)))))
 
 
 def moving(

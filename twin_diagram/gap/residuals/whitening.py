@@ -15,26 +15,35 @@ import numpy.typing as npt
 from scipy.linalg import solve_toeplitz
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-from twin_diagram.logs.differentiation import RESIDUAL_CUTOFF
+from twin_diagram.logs.differentiation import TUNING as DIFFERENTIATION
 from twin_diagram.signals.arrays import Array
 
-ROUNDS = 25
-MOST_FREEDOM = 0.5
-"""Share of a joint's samples that regressors may take up."""
 
-SETTLED = 1e-4
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
 
-SHARE = 0.2
-"""Weight of the noise expected beforehand, in records: no frequency is thought freer of noise than this share."""
+    rounds: int = 25
 
-SPELL = 1.0
-"""Time over which a push or a change shows in the mean [s]."""
+    most_freedom: float = 0.5
+    """Share of a joint's samples that regressors may take up."""
 
-EXTRAORDINARY = 5.0
-"""Robust standard deviations that such a mean must be off by to be no noise."""
+    settled: float = 1e-4
 
-ORDER = 8
-"""Coefficients of the noise's colour: a band-limited noise sampled at 2.5 times its edge needs about that many."""
+    share: float = 0.2
+    """Weight of the noise expected beforehand, in records: no frequency is thought freer of noise than this share."""
+
+    spell: float = 1.0
+    """Time over which a push or a change shows in the mean [s]."""
+
+    extraordinary: float = 5.0
+    """Robust standard deviations that such a mean must be off by to be no noise."""
+
+    order: int = 8
+    """Coefficients of the noise's colour: a band-limited noise sampled at 2.5 times its edge needs about that many."""
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -86,17 +95,21 @@ def ordinary(residual: Array, lengths: Sequence[int], rate: float) -> Array:
     Returns:
         (ΣD, n) 0 where the mean over a spell is far out among all such means, else 1.
     """
-    width = max(3, round(SPELL * rate))
+    width = max(3, round(TUNING.spell * rate))
     bounds = np.cumsum(lengths)[:-1]
     slow = np.concatenate([uniform_filter1d(part, width, axis=0) for part in np.split(residual, bounds)])
     off = np.abs(slow - np.median(slow, axis=0))
-    far = off > EXTRAORDINARY * 1.4826 * np.median(off, axis=0) + 1e-12
+    far = off > TUNING.extraordinary * 1.4826 * np.median(off, axis=0) + 1e-12
     wide = np.concatenate([maximum_filter1d(part.astype(float), width, axis=0) for part in np.split(far, bounds)])
     return np.asarray(1.0 - wide)
 
 
 def estimate(
-    residual: Array, lengths: Sequence[int], freedom: float = 0.0, weights: Array | None = None, order: int = ORDER
+    residual: Array,
+    lengths: Sequence[int],
+    freedom: float = 0.0,
+    weights: Array | None = None,
+    order: int = TUNING.order,
 ) -> Whitener:
     """Level and colour of the noise.
 
@@ -130,7 +143,12 @@ def estimate(
 
 
 def restricted(
-    residual: Array, columns: Sequence[Array], start: Whitener, weights: Array, white: Array, rounds: int = ROUNDS
+    residual: Array,
+    columns: Sequence[Array],
+    start: Whitener,
+    weights: Array,
+    white: Array,
+    rounds: int = TUNING.rounds,
 ) -> Whitener:
     """Level and colour of noise beside any combination of regressors: maximum restricted likelihood, by EM.
 
@@ -145,7 +163,7 @@ def restricted(
         white: (p + 1,) autocorrelation of white noise in the same band: what noise is thought to be beforehand.
         rounds: of EM.
     """
-    expected = SHARE * white[np.abs(np.subtract.outer(np.arange(start.order + 1), np.arange(start.order + 1)))]
+    expected = TUNING.share * white[np.abs(np.subtract.outer(np.arange(start.order + 1), np.arange(start.order + 1)))]
     filters, sigma = start.filters.copy(), start.sigma.copy()
     rows, order = start.rows, start.order
     for j, X in enumerate(columns):
@@ -154,7 +172,7 @@ def restricted(
         # Directions that no size which is thought possible lifts out of the noise are left out; half of the samples'
         # freedom stays with the noise, however short a log is.
         values, vectors = np.linalg.eigh(X.T @ X)
-        largest = min(int(np.sum(values > sigma[j] ** 2)), int(MOST_FREEDOM * count))
+        largest = min(int(np.sum(values > sigma[j] ** 2)), int(TUNING.most_freedom * count))
         Q = X @ vectors[:, len(values) - largest :]
         lagged = [np.column_stack([residual[rows[kept] - k, j], Q[rows[kept] - k]]) for k in range(order + 1)]
         for _ in range(rounds):
@@ -168,7 +186,7 @@ def restricted(
             believed = R + (R[0, 0] + 1e-30) * expected
             f = np.concatenate([[1.0], -np.linalg.solve(believed[1:, 1:], believed[1:, 0])])
             before, filters[j], sigma[j] = sigma[j], f, np.sqrt(max(float(f @ R @ f) / count, 1e-24))
-            if abs(sigma[j] / before - 1.0) < SETTLED:
+            if abs(sigma[j] / before - 1.0) < TUNING.settled:
                 break
     return Whitener(filters, sigma, start.lengths)
 
@@ -180,7 +198,7 @@ def effective_samples(whitener: Whitener) -> Array:
     return np.asarray(sum(whitener.lengths) * gain * white)
 
 
-def noise_below(whitener: Whitener, rate: float, cutoff: float = RESIDUAL_CUTOFF) -> Array:
+def noise_below(whitener: Whitener, rate: float, cutoff: float = DIFFERENTIATION.residual_cutoff) -> Array:
     """(n,) root mean square of coloured noise after the residual's low-pass [N·m].
 
     It is read off the noise's own spectrum, which was told from structure before anything had a name; what a corrected

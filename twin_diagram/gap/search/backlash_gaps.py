@@ -7,6 +7,7 @@ nothing shows. So a fine one is tried, by a torque that is linear in the twist a
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.signal import find_peaks
@@ -20,23 +21,31 @@ from twin_diagram.signals.arrays import Array
 GAPS = np.geomspace(0.0018, 0.035, 22)
 """[rad]"""
 
-PEAKS = 2
-"""Gaps that are worth a closer look, per hypothesis."""
 
-ABOUT = (0.93, 1.0, 1.07)
-"""The closer look: where the torque is cheap, a gap may be a little off."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
 
-LEAST = 12.0
-"""Evidence beside a rotor's inertia that makes a gap worth it [nats]."""
+    peaks: int = 2
+    """Gaps that are worth a closer look, per hypothesis."""
 
-SHARE = 0.15
-"""And this share of what the best gap of all joints explains."""
+    about: tuple[float, ...] = (0.93, 1.0, 1.07)
+    """The closer look: where the torque is cheap, a gap may be a little off."""
 
-SHOWN = 0.3
-"""Joints that show less of a knock beside their noise than this share of what the best one does are left out."""
+    least: float = 12.0
+    """Evidence beside a rotor's inertia that makes a gap worth it [nats]."""
 
-TURNED = 1e-3
-"""For the load's slope [rad]."""
+    share: float = 0.15
+    """And this share of what the best gap of all joints explains."""
+
+    shown: float = 0.3
+    """Joints that show less of a knock beside their noise than this share of what the best one does are left out."""
+
+    turned: float = 1e-3
+    """For the load's slope [rad]."""
+
+
+TUNING = Tuning()
 
 
 class Knocks:
@@ -76,9 +85,11 @@ class Knocks:
             most[members] = max(most.get(members, 0.0), float(np.max(scores)))
         peaks: dict[int, set[int]] = {j: set() for j in hypotheses}
         for (j, members), scores in more.items():
-            high, _ = find_peaks([-np.inf, *scores, -np.inf], height=max(LEAST, SHARE * most[members]))
-            peaks[j] |= set(sorted((high - 1).tolist(), key=lambda k: -scores[k])[:PEAKS])
-        return {j: [float(GAPS[k] * share) for k in sorted(some) for share in ABOUT] for j, some in peaks.items()}
+            high, _ = find_peaks([-np.inf, *scores, -np.inf], height=max(TUNING.least, TUNING.share * most[members]))
+            peaks[j] |= set(sorted((high - 1).tolist(), key=lambda k: -scores[k])[: TUNING.peaks])
+        return {
+            j: [float(GAPS[k] * share) for k in sorted(some) for share in TUNING.about] for j, some in peaks.items()
+        }
 
     def _more(self, j: int, Q: Array, told: Array) -> Array:
         """What each gap explains beside what its rotor does [nats]."""
@@ -91,12 +102,12 @@ class Knocks:
         """Of the rotor alone and of each gap, on the joints that show it best, as it is and whitened."""
         records = self.terms.records
         shown = sum(np.mean(mass[:, :, j] ** 2, axis=0) for mass in self.masses) / self.bench.whitener.sigma**2
-        rows = [i for i in range(records.n) if i == j or shown[i] > SHOWN**2 * np.max(shown)]
+        rows = [i for i in range(records.n) if i == j or shown[i] > TUNING.shown**2 * np.max(shown)]
         slopes = []
         for record, load in zip(records.records, self.loads, strict=True):
             turned = record.q.copy()
-            turned[:, j] += TURNED
-            slopes.append((records.model.law.link_load(turned, record.v, record.a) - load)[:, rows] / TURNED)
+            turned[:, j] += TUNING.turned
+            slopes.append((records.model.law.link_load(turned, record.v, record.a) - load)[:, rows] / TUNING.turned)
         rotor = records.reduce(lambda record: record.a[:, j])
         size = max(float(np.sqrt(np.mean(rotor**2))), 1e-9)
         tried = []

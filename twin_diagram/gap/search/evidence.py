@@ -23,17 +23,33 @@ from scipy.linalg import LinAlgError, solve_triangular
 
 from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.residuals.whitening import Whitener
-from twin_diagram.gap.search.normal_equations import SCALE_PRICE, coefficients, increment, increments, smaller
+from twin_diagram.gap.search.normal_equations import (
+    TUNING as NORMAL_EQUATIONS,
+)
+from twin_diagram.gap.search.normal_equations import (
+    coefficients,
+    increment,
+    increments,
+    smaller,
+)
 from twin_diagram.gap.search.prior_costs import compatible, price
 from twin_diagram.signals.arrays import Array
 
 Members = frozenset[int]
 
-PASSES = 3
-"""Times that coefficients and variances of a hypothesis are solved in turn."""
 
-FINEST = 5e-4
-"""Noise is at least this share of a joint's torque: what filters and sampling leave of a noise-free log."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    passes: int = 3
+    """Times that coefficients and variances of a hypothesis are solved in turn."""
+
+    finest: float = 5e-4
+    """Noise is at least this share of a joint's torque: what filters and sampling leave of a noise-free log."""
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +106,7 @@ class Bench:
         white = whitener.all(residual)
         self._raw = residual
         size = np.sqrt(np.mean(residual**2, axis=0)) if size is None else size
-        self.finest = (FINEST * size / whitener.sigma) ** 2 + 1e-12
+        self.finest = (TUNING.finest * size / whitener.sigma) ** 2 + 1e-12
         self.weights = np.ones_like(white) if weights is None else weights
         self.y = white * self.weights
         self.rows = white.shape[1]
@@ -195,7 +211,7 @@ class Bench:
         covariance: Array = np.zeros((0, 0))
         logdet = 0.0
         width, told = spread, 0
-        for sweep in range(PASSES):
+        for sweep in range(TUNING.passes):
             try:
                 c, covariance, logdet = coefficients(joints, variance, width)
             except LinAlgError:
@@ -203,11 +219,11 @@ class Bench:
             for j, (index, G) in enumerate(joints):
                 d = np.concatenate([[1.0], -c[index]])
                 variance[j] = max(float(d @ G @ d), 0.0) / self.counts[j] + self.finest[j]
-            if sweep < PASSES - 1:
+            if sweep < TUNING.passes - 1:
                 width, told = self._widths(order, c, np.diag(covariance), spread)
         likelihood = -0.5 * float(np.sum(self.counts * np.log(variance)))
         evidence = likelihood - 0.5 * float(np.sum((c / width) ** 2)) - 0.5 * logdet
-        evidence -= self.price(members) + SCALE_PRICE * told
+        evidence -= self.price(members) + NORMAL_EQUATIONS.scale_price * told
         if members:
             self.solve(frozenset())
             evidence -= self._zero
@@ -225,7 +241,7 @@ class Bench:
             own = slice(start, start + candidate.size)
             start += candidate.size
             scale = float(smaller(c[own], variance[own], spread[own]))
-            if candidate.name and -candidate.size * (np.log(scale) + 0.5) > SCALE_PRICE:
+            if candidate.name and -candidate.size * (np.log(scale) + 0.5) > NORMAL_EQUATIONS.scale_price:
                 result[own] *= scale
                 told += 1
         return result, told

@@ -13,40 +13,52 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin_diagram.gap.candidates.candidate import Candidate, transformed
-from twin_diagram.gap.residuals.prepared_logs import NOISE_SHARE, Record
+from twin_diagram.gap.residuals.prepared_logs import TUNING as PREPARED_LOGS
+from twin_diagram.gap.residuals.prepared_logs import Record
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.search.backlash_gaps import Knocks
 from twin_diagram.gap.search.evidence import Bench, Members
-from twin_diagram.gap.search.prior_costs import NEW_NAME
+from twin_diagram.gap.search.prior_costs import TUNING as PRIOR_COSTS
 from twin_diagram.model.effects import make
 from twin_diagram.model.effects.effect import REGISTRY, Effect
 from twin_diagram.model.model import Model
 from twin_diagram.scenario import EffectSpec
 from twin_diagram.signals.arrays import Array
 
-LEANING = (0.004, 0.01, 0.025)
-"""Gaps of a gear that never turns over: they tell how far it leans [rad]."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    leaning: tuple[float, ...] = (0.004, 0.01, 0.025)
+    """Gaps of a gear that never turns over: they tell how far it leans [rad]."""
+
+    losses: tuple[float, ...] = (3e-3, 1.2e-2)
+    """With so much of it a swing is broad enough for the grid to meet it, and forgets the encoder's noise, which drives
+    it, too; how much there is, refinement tells [s]."""
+
+    calm_loss: float = 6e-2
+
+    about_one: tuple[float, ...] = (0.6, 1.5)
+    """A shape's torque fits the residual as it stands, or the shape is wrong."""
+
+    worth: float = 10.0
+    """Evidence beyond a name's price that makes a gear worth offering [nats]."""
+
+    edge: float = 1.25
+    """Whitened, noise counts evenly up to so many times the band."""
+
+
+TUNING = Tuning()
 
 SWINGS = tuple(np.geomspace(2.5, 16.0, 10))
 """Frequencies at which a link may swing on its gear [Hz]; stiffer ones follow their load."""
 
-LOSSES = (3e-3, 1.2e-2)
-"""With so much of it a swing is broad enough for the grid to meet it, and forgets the encoder's noise, which drives it,
-too; how much there is, refinement tells [s]."""
 
-CALM_LOSS = 6e-2
 CALM = slice(1, None, 3)
 """With so much a gear follows its load and hardly swings: where noise hides the swing, this is left. Few of `SWINGS`
 are enough for it."""
 
-ABOUT_ONE = (0.6, 1.5)
-"""A shape's torque fits the residual as it stands, or the shape is wrong."""
-
-WORTH = 10.0
-"""Evidence beyond a name's price that makes a gear worth offering [nats]."""
-
-EDGE = 1.25
-"""Whitened, noise counts evenly up to so many times the band."""
 
 GEARS = ("joint_elasticity", "backlash")
 
@@ -102,8 +114,8 @@ def gear(terms: Terms, shape: Shape) -> Candidate | None:
         rows=tuple(range(records.n)),
         columns=columns,
         spread=np.array([1.0, terms.torque_size[j] / size]),
-        lower=np.array([ABOUT_ONE[0], -1.05 * terms.present.rotor[j] - 1e-9]),
-        upper=np.array([ABOUT_ONE[1], np.inf]),
+        lower=np.array([TUNING.about_one[0], -1.05 * terms.present.rotor[j] - 1e-9]),
+        upper=np.array([TUNING.about_one[1], np.inf]),
         parameters=transformed(parameters),
         shape=values,
         cost=COST[shape.name] + rattled(terms, j),
@@ -118,10 +130,10 @@ def rattled(terms: Terms, j: int) -> float:
     keeps that small beside the torque's noise; where it does not, because most of the log says nothing of it (a joint
     rests), the share x/(1 + x) of the noise's power goes to any gear, x growing with the frequency's fourth power.
     """
-    u = np.linspace(0.0, EDGE, 40)
+    u = np.linspace(0.0, TUNING.edge, 40)
     lost = 0.0
     for record in terms.records.records:
-        x = max(0.0, record.shaken[j] ** 2 - NOISE_SHARE**2) * u**4
+        x = max(0.0, record.shaken[j] ** 2 - PREPARED_LOGS.noise_share**2) * u**4
         lost += 0.5 * len(record.kept) * float(np.mean(x / (1.0 + x)))
     return lost
 
@@ -137,7 +149,7 @@ def plays(bench: Bench, members: Members, joints: Sequence[int], knocks: Knocks)
     for j in filter(knocks.turns, range(bench.n)):
         own = {k for k in members if j in bench.candidates[k].joints}
         beside[j] = [rest for rest in _rests(bench, members, j) if not rest or members - rest <= own]
-    gaps = {j: list(LEANING) for j in joints} | knocks.gaps(beside)
+    gaps = {j: list(TUNING.leaning) for j in joints} | knocks.gaps(beside)
     return {j: [Shape("backlash", j, (("gap", gap),)) for gap in some] for j, some in gaps.items()}
 
 
@@ -145,7 +157,9 @@ def springs(terms: Terms, j: int) -> list[Shape]:
     """Springs that are tried on a joint."""
     inertia = _link_inertia(terms, j)
     result: list[Shape] = []
-    swings = [(swing, loss) for swing in SWINGS for loss in LOSSES] + [(swing, CALM_LOSS) for swing in SWINGS[CALM]]
+    swings = [(swing, loss) for swing in SWINGS for loss in TUNING.losses] + [
+        (swing, TUNING.calm_loss) for swing in SWINGS[CALM]
+    ]
     for swing, loss in swings:
         stiffness = inertia * (2.0 * np.pi * float(swing)) ** 2
         result.append(Shape("joint_elasticity", j, (("stiffness", stiffness), ("loss", loss))))
@@ -191,7 +205,7 @@ def propose(bench: Bench, terms: Terms, members: Members, joints: Sequence[int],
             if candidate is None:
                 continue
             score = bench.score_once(candidate, bases[0], projected[0]) - candidate.cost
-            if score > crowded.get(shape.name, (NEW_NAME + WORTH, candidate))[0]:
+            if score > crowded.get(shape.name, (PRIOR_COSTS.new_name + TUNING.worth, candidate))[0]:
                 crowded[shape.name] = score, candidate
             for rest, Q, told in zip(rests, bases, projected, strict=True):
                 score = bench.score_once(candidate, Q, told, bounded=True)
@@ -203,7 +217,7 @@ def propose(bench: Bench, terms: Terms, members: Members, joints: Sequence[int],
             if id(candidate) not in known:
                 known[id(candidate)] = bench.add(candidate, offered=False)
             k = known[id(candidate)]
-            least = whole + WORTH if rest == members else whole if rest else alone
+            least = whole + TUNING.worth if rest == members else whole if rest else alone
             if k not in made and bench.solve(rest | {k}).evidence > least:
                 bench.offer(k)
                 made.append(k)

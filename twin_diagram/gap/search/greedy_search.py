@@ -3,28 +3,43 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from twin_diagram.gap.search.evidence import Bench, Fit, Members
-from twin_diagram.gap.search.prior_costs import FURTHER_JOINT, NEW_NAME
+from twin_diagram.gap.search.prior_costs import TUNING as PRIOR_COSTS
 
-TRIED = 8
-"""Additions that are solved exactly at each step."""
 
-STARTS = 5
-"""First members that are tried beside the best one."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
 
-BUDGET = 4_000_000
-"""Members of all hypotheses solved on a bench, times its samples, after which the best is kept: nothing simple fits."""
+    tried: int = 8
+    """Additions that are solved exactly at each step."""
+
+    starts: int = 5
+    """First members that are tried beside the best one."""
+
+    budget: int = 4_000_000
+    """Members of all hypotheses solved on a bench, times its samples, after which the best is kept: nothing simple
+    fits."""
+
+    narrowed: int = 3
+
+    crowded: int = 6
+    """With more members, nothing new is proposed for swaps."""
+
+    promising: float = 0.3
+    """A first member must bring this share of what the best one does."""
+
+
+TUNING = Tuning()
+
 
 ON_EVERY_JOINT = ("coulomb_friction", "viscous_friction", "reflected_inertia")
 """What every joint of a real arm may lack at once: joint by joint, the way there leads past better-looking errors."""
 
-NARROWED = 3
-
-CROWDED = 6
-"""With more members, nothing new is proposed for swaps."""
 
 PLAINER = {
     "stribeck_friction": "coulomb_friction",
@@ -37,8 +52,6 @@ SHARES = {"stribeck_friction": 1.5e-3, "joint_elasticity": 0.025, "backlash": 0.
 """What a law brings beyond the plainer one is none of its own below this share: of all evidence for a dip near rest, of
 what the rotor brings for a gear."""
 
-PROMISING = 0.3
-"""A first member must bring this share of what the best one does."""
 
 Propose = Callable[[Bench, Members], list[int]]
 """Makes further candidates (ripples, onsets) that suit what a hypothesis leaves; answers their indices."""
@@ -78,9 +91,9 @@ def _starts(bench: Bench) -> list[int]:
     places = set()
     for k in order:
         candidate = bench.candidates[k]
-        if not candidate.name or not np.isfinite(scores[k]) or scores[k] < NEW_NAME:
+        if not candidate.name or not np.isfinite(scores[k]) or scores[k] < PRIOR_COSTS.new_name:
             continue
-        if scores[k] < PROMISING * scores[order[0]]:
+        if scores[k] < TUNING.promising * scores[order[0]]:
             break
         # One start per name is enough for single joints; effects of the whole arm are rivals to sets of those.
         key = candidate.place if len(candidate.rows) > 1 else candidate.name
@@ -88,7 +101,7 @@ def _starts(bench: Bench) -> list[int]:
             continue
         places.add(key)
         result.append(int(k))
-        if len(result) == STARTS:
+        if len(result) == TUNING.starts:
             break
     return result
 
@@ -106,7 +119,7 @@ def climb(
     if polish is not None:
         fit = polish(bench, fit)
     for _ in range(2 * most):
-        if bench.spent > BUDGET / bench.rows:
+        if bench.spent > TUNING.budget / bench.rows:
             return fit
         step = _drop(bench, fit)
         if step is None and len(fit.members) < most:
@@ -119,12 +132,12 @@ def climb(
     return fit
 
 
-def additions(bench: Bench, members: Members, count: int = TRIED) -> list[Fit]:
+def additions(bench: Bench, members: Members, count: int = TUNING.tried) -> list[Fit]:
     """The best exact fits with one member more."""
     scores = bench.scores(members)
     names = {bench.candidates[k].name for k in members}
     for k, candidate in enumerate(bench.candidates):
-        scores[k] -= FURTHER_JOINT if candidate.name in names else NEW_NAME
+        scores[k] -= PRIOR_COSTS.further_joint if candidate.name in names else PRIOR_COSTS.new_name
         if not candidate.name:
             scores[k] = -np.inf
     result: list[Fit] = []
@@ -160,7 +173,7 @@ def everywhere(bench: Bench, fit: Fit) -> Fit | None:
             if c.name == name and c.onset is None and not c.variant and bench.is_offered(k)
             if bench.compatible(fit.members, k)
         }
-        for _ in range(NARROWED):
+        for _ in range(TUNING.narrowed):
             found = bench.solve(fit.members | new)
             wrong = {k for k in new if not bench.candidates[k].allows(bench.part(found, k)[0])}
             new -= wrong
@@ -257,7 +270,7 @@ def _swap(bench: Bench, fit: Fit, propose: Propose | None) -> Fit | None:
     groups = [frozenset({k}) for k in fit.members] + [group for group in names.values() if len(group) > 1]
     best = one_kind(bench, fit) or fit
     for group in groups:
-        if propose is not None and len(groups) <= CROWDED:
+        if propose is not None and len(groups) <= TUNING.crowded:
             propose(bench, fit.members - group)
         said = {(bench.candidates[k].place, bench.candidates[k].variant) for k in group}
         for found in additions(bench, fit.members - group, 5):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,16 +12,23 @@ from scipy.linalg import cho_factor, cho_solve
 from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.signals.arrays import Array
 
-SMALLEST = 3e-3
-"""An effect may be this much smaller than what its prior speaks of: a tenth of a newton metre on a joint that carries
-forty."""
 
-SCALE_PRICE = 1.5
-"""Price of saying how much smaller it is [nats]."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    smallest: float = 3e-3
+    """An effect may be this much smaller than what its prior speaks of: a tenth of a newton metre on a joint that
+    carries forty."""
+
+    scale_price: float = 1.5
+    """Price of saying how much smaller it is [nats]."""
+
+    simple: int = 2
+    """Of more coefficients than this, which follow any curve, it is not said."""
 
 
-SIMPLE = 2
-"""Of more coefficients than this, which follow any curve, it is not said."""
+TUNING = Tuning()
 
 
 def smaller(c: Array, variance: Array, spread: Array) -> Array:
@@ -33,9 +41,9 @@ def smaller(c: Array, variance: Array, spread: Array) -> Array:
 
     The width of most evidence, as MacKay (1992, Bayesian interpolation) finds it in turn with the coefficients.
     """
-    if c.shape[-1] > SIMPLE:
+    if c.shape[-1] > TUNING.simple:
         return np.ones(c.shape[:-1])
-    return np.sqrt(np.clip(np.mean((c**2 + variance) / spread**2, axis=-1), SMALLEST**2, 1.0))
+    return np.sqrt(np.clip(np.mean((c**2 + variance) / spread**2, axis=-1), TUNING.smallest**2, 1.0))
 
 
 def coefficients(
@@ -63,8 +71,8 @@ def solutions(G: Array, b: Array, spread: Array) -> tuple[Array, Array]:
     wide, c, variance = _solution(G, b, spread)
     scale = smaller(c, variance, spread)[:, None]
     narrow, closer, _ = _solution(G, b, spread * scale)
-    better = narrow - SCALE_PRICE > wide
-    return np.where(better, narrow - SCALE_PRICE, wide), np.where(better[:, None], closer, c)
+    better = narrow - TUNING.scale_price > wide
+    return np.where(better, narrow - TUNING.scale_price, wide), np.where(better[:, None], closer, c)
 
 
 def _solution(G: Array, b: Array, spread: Array) -> tuple[Array, Array, Array]:

@@ -3,20 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 from twin_diagram.gap.candidates.candidate import Candidate
 
-NEW_NAME = 6.0
-"""Price of naming one more effect [nats]: some twenty names, some seven places."""
 
-FURTHER_JOINT = 3.0
-"""Price of naming it on one more joint."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
 
-MIXED = 4.0
-"""Price of saying that dry friction is of one kind on some joints and of another on others."""
+    new_name: float = 6.0
+    """Price of naming one more effect [nats]: some twenty names, some seven places."""
 
-HARMONIC = 6.0
-"""Price of a further ripple on a joint that has one [nats]: a few sines follow any curve of the angle."""
+    further_joint: float = 3.0
+    """Price of naming it on one more joint."""
+
+    mixed: float = 4.0
+    """Price of saying that dry friction is of one kind on some joints and of another on others."""
+
+    harmonic: float = 6.0
+    """Price of a further ripple on a joint that has one [nats]: a few sines follow any curve of the angle."""
+
+
+TUNING = Tuning()
+
 
 EXCLUSIVE = (
     frozenset({"coulomb_friction", "stribeck_friction"}),
@@ -38,12 +48,12 @@ def price(members: Iterable[Candidate]) -> float:
     rippled: set[int] = set()
     for candidate in members:
         if candidate.name == "torque_ripple":
-            total += HARMONIC if candidate.joints[0] in rippled else 0.0
+            total += TUNING.harmonic if candidate.joints[0] in rippled else 0.0
             rippled.add(candidate.joints[0])
         counts[candidate.name] = counts.get(candidate.name, 0) + 1
         total += candidate.cost
-    mixed = MIXED if {"coulomb_friction", "stribeck_friction"} <= counts.keys() else 0.0
-    return total + mixed + sum(NEW_NAME + FURTHER_JOINT * (count - 1) for count in counts.values())
+    mixed = TUNING.mixed if {"coulomb_friction", "stribeck_friction"} <= counts.keys() else 0.0
+    return total + mixed + sum(TUNING.new_name + TUNING.further_joint * (count - 1) for count in counts.values())
 
 
 def compatible(members: Iterable[Candidate], new: Candidate) -> bool:

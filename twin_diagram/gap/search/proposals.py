@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -19,35 +19,45 @@ from twin_diagram.gap.residuals.prepared_logs import Record
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.search.evidence import Bench, Members
 from twin_diagram.gap.search.normal_equations import increments
-from twin_diagram.gap.search.prior_costs import FURTHER_JOINT, NEW_NAME
+from twin_diagram.gap.search.prior_costs import TUNING as PRIOR_COSTS
 from twin_diagram.signals.arrays import Array
 
-BLOCKS = 64
-"""Moments at which an effect is tried to start; refined to single samples afterwards."""
 
-NEARBY = (-1.5, -1.0, -0.6, -0.3, 0.0, 0.3, 0.6, 1.0, 1.5)
-"""Moments that are tried about the best sample, in thinned periods."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
 
-LONGEST = BLOCKS // 2
-"""Blocks that a push may last that ends: what goes on for most of a log and ends is no event."""
+    blocks: int = 64
+    """Moments at which an effect is tried to start; refined to single samples afterwards."""
 
-MARGIN = 3
-"""An effect must last, and be preceded by, this many blocks to count as one that starts or ends."""
+    nearby: tuple[float, ...] = (-1.5, -1.0, -0.6, -0.3, 0.0, 0.3, 0.6, 1.0, 1.5)
+    """Moments that are tried about the best sample, in thinned periods."""
 
-WORTH = 10.0
-"""Evidence beyond the price of a name that makes a candidate worth proposing [nats]."""
+    longest: int = blocks // 2
+    """Blocks that a push may last that ends: what goes on for most of a log and ends is no event."""
 
-FURTHER_WORTH = 5.0
-"""The same of a name that is there already, on a further joint [nats]."""
+    margin: int = 3
+    """An effect must last, and be preceded by, this many blocks to count as one that starts or ends."""
 
-START_WORTH = 3.0
-"""Evidence beyond that of acting all the time [nats]."""
+    worth: float = 10.0
+    """Evidence beyond the price of a name that makes a candidate worth proposing [nats]."""
 
-SEEN = 0.05
-"""Share of a candidate's information that must lie before its start: where an arm stood still, nothing could show."""
+    further_worth: float = 5.0
+    """The same of a name that is there already, on a further joint [nats]."""
 
-CROWDED = 8
-"""A hypothesis with more members is not asked what it leaves."""
+    start_worth: float = 3.0
+    """Evidence beyond that of acting all the time [nats]."""
+
+    seen: float = 0.05
+    """Share of a candidate's information that must lie before its start: where an arm stood still, nothing could
+    show."""
+
+    crowded: int = 8
+    """A hypothesis with more members is not asked what it leaves."""
+
+
+TUNING = Tuning()
+
 
 STARTING = frozenset(
     {
@@ -80,7 +90,7 @@ class Proposer:
         """See `greedy_search.Propose`; each hypothesis is looked at once."""
         # A hypothesis with other shapes says the same, and leaves much the same.
         said = frozenset(bench.candidates[k].place for k in members)
-        if said in self._asked or len(members) > CROWDED:
+        if said in self._asked or len(members) > TUNING.crowded:
             return []
         self._asked.add(said)
         Q = bench.basis(members)
@@ -95,7 +105,7 @@ class Proposer:
         """The best count of each joint; where another joint has a ripple, one more is easily believed."""
         made = []
         rippled = any(bench.candidates[k].name == "torque_ripple" for k in members)
-        least = FURTHER_JOINT + FURTHER_WORTH if rippled else NEW_NAME + WORTH
+        least = PRIOR_COSTS.further_joint + TUNING.further_worth if rippled else PRIOR_COSTS.new_name + TUNING.worth
         for j in range(bench.n):
             if not len(single_joint.ripple_counts(self.terms, j)):
                 continue
@@ -136,13 +146,13 @@ class Proposer:
             rows = list(candidate.rows)
             G, C, b = block_sums(bench.columns[k], Q[rows], bench.y[rows], edges)
             size = np.einsum("bkk,k->b", G, candidate.spread**2)
-            seen = np.cumsum(size) - size >= SEEN * np.sum(size)
+            seen = np.cumsum(size) - size >= TUNING.seen * np.sum(size)
             # Sums from each block on.
             G, C, b = (np.cumsum(x[::-1], axis=0)[::-1] for x in (G, C, b))
-            scores = _scores(G, C, b, candidate.spread, projected) - np.log(BLOCKS) - candidate.cost
-            whole = scores[0] + np.log(BLOCKS)
-            start = MARGIN + int(np.argmax(np.where(seen, scores, -np.inf)[MARGIN:-MARGIN]))
-            if scores[start] > max(whole + START_WORTH, NEW_NAME + WORTH):
+            scores = _scores(G, C, b, candidate.spread, projected) - np.log(TUNING.blocks) - candidate.cost
+            whole = scores[0] + np.log(TUNING.blocks)
+            start = TUNING.margin + int(np.argmax(np.where(seen, scores, -np.inf)[TUNING.margin : -TUNING.margin]))
+            if scores[start] > max(whole + TUNING.start_worth, PRIOR_COSTS.new_name + TUNING.worth):
                 found.append((float(scores[start]), k, start))
         made = []
         for _, k, start in sorted(found, reverse=True)[:6]:
@@ -160,7 +170,7 @@ class Proposer:
         G, C, b = (np.cumsum(x[::-1], axis=0)[::-1] for x in (G, C, b))
         at = int(fine[int(np.argmax(_scores(G, C, b, base.spread, projected)))])
         made = self._during(bench, base, at, bench.rows, Q, projected)
-        made = replace(made, cost=base.cost + float(np.log(BLOCKS)), variant="starting")
+        made = replace(made, cost=base.cost + float(np.log(TUNING.blocks)), variant="starting")
         if made.name == "torque_constant":
             made = replace(made, name="actuator_fault")
         return made
@@ -178,13 +188,13 @@ class Proposer:
         if last - first < 2:
             return base.during(active(self.terms, onset, end), onset, end)
         for _ in range(2):
-            starts = [(onset[0], onset[1] + share * period) for share in NEARBY]
+            starts = [(onset[0], onset[1] + share * period) for share in TUNING.nearby]
             made = [base.during(active(self.terms, moment, end), moment, end) for moment in starts]
             best = int(np.argmax([bench.score_once(candidate, Q, projected) for candidate in made]))
             onset = starts[best]
             if end is None:
                 break
-            ends = [(end[0], end[1] + share * period) for share in NEARBY]
+            ends = [(end[0], end[1] + share * period) for share in TUNING.nearby]
             made = [base.during(active(self.terms, onset, moment), onset, moment) for moment in ends]
             best = int(np.argmax([bench.score_once(candidate, Q, projected) for candidate in made]))
             end = ends[best]
@@ -205,8 +215,8 @@ class Proposer:
             dG, dC, db = (x[pairs[:, 1]] - x[pairs[:, 0]] for x in (G, C, b))
             scores = _scores(dG, dC, db, candidate.spread, projected)
             best = int(np.argmax(scores))
-            score = float(scores[best]) - 2.0 * np.log(BLOCKS)
-            if score > NEW_NAME + WORTH:
+            score = float(scores[best]) - 2.0 * np.log(TUNING.blocks)
+            if score > PRIOR_COSTS.new_name + TUNING.worth:
                 found.append((score, index, int(pairs[best, 0]), int(pairs[best, 1])))
         made = []
         for _, index, i, k in sorted(found, reverse=True)[:4]:
@@ -232,7 +242,7 @@ class Proposer:
             G, C, b = (np.cumsum(x, axis=0) for x in (G, C, b))
             to = int(fine[1 + int(np.argmax(_scores(G, C, b, base.spread, projected)))])
         made = self._during(bench, base, at, to, Q, projected)
-        return replace(made, cost=base.cost + 2.0 * float(np.log(BLOCKS)), variant="spanned")
+        return replace(made, cost=base.cost + 2.0 * float(np.log(TUNING.blocks)), variant="spanned")
 
 
 def active(terms: Terms, onset: tuple[int, float] | None, end: tuple[int, float] | None) -> Array:
@@ -253,8 +263,8 @@ def active(terms: Terms, onset: tuple[int, float] | None, end: tuple[int, float]
 
 def spans() -> npt.NDArray[np.int64]:
     """(P, 2) blocks at which a push may begin and end; one that goes on beyond the log may last longer."""
-    brief = [(i, k) for i in range(1, BLOCKS) for k in range(i + 2, min(i + LONGEST, BLOCKS) + 1)]
-    return np.array(brief + [(i, BLOCKS) for i in range(MARGIN, BLOCKS - LONGEST)])
+    brief = [(i, k) for i in range(1, TUNING.blocks) for k in range(i + 2, min(i + TUNING.longest, TUNING.blocks) + 1)]
+    return np.array(brief + [(i, TUNING.blocks) for i in range(TUNING.margin, TUNING.blocks - TUNING.longest)])
 
 
 def _scores(G: Array, C: Array, b: Array, spread: Array, projected: Array) -> Array:
@@ -265,7 +275,7 @@ def _scores(G: Array, C: Array, b: Array, spread: Array, projected: Array) -> Ar
 
 def block_edges(rows: int) -> npt.NDArray[np.int64]:
     """(BLOCKS + 1,) bounds of equal blocks of rows."""
-    return np.round(np.linspace(0, rows, BLOCKS + 1)).astype(np.int64)
+    return np.round(np.linspace(0, rows, TUNING.blocks + 1)).astype(np.int64)
 
 
 def block_sums(

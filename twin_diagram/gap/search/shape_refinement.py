@@ -7,7 +7,7 @@ product of Jacobian and estimate right to third order. Searched shapes move off 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,13 +18,23 @@ from twin_diagram.gap.search import gear_proposals, golden_section, proposals
 from twin_diagram.gap.search.evidence import Bench, Fit
 from twin_diagram.signals.arrays import Array
 
-ROUNDS = 3
-SECTIONS = 7
-SETTLED = 0.02
-"""Evidence that a round must change for another to be worth it [nats]."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    rounds: int = 3
+
+    sections: int = 7
+
+    settled: float = 0.02
+    """Evidence that a round must change for another to be worth it [nats]."""
 
 
-def refine(bench: Bench, terms: Terms, fit: Fit, rounds: int = ROUNDS, *, slow: bool = True) -> Fit:
+TUNING = Tuning()
+
+
+def refine(bench: Bench, terms: Terms, fit: Fit, rounds: int = TUNING.rounds, *, slow: bool = True) -> Fit:
     """Works on one member at a time, all others free; answers the best fit.
 
     Its members may be new candidates of the bench.
@@ -40,7 +50,7 @@ def refine(bench: Bench, terms: Terms, fit: Fit, rounds: int = ROUNDS, *, slow: 
         before = fit.evidence
         for member in sorted(fit.members):
             fit = moved(bench, terms, fit, member, slow=slow)
-        if abs(fit.evidence - before) < SETTLED:
+        if abs(fit.evidence - before) < TUNING.settled:
             break
     return fit
 
@@ -79,7 +89,7 @@ def recentred(terms: Terms, candidate: Candidate, coefficients: Array) -> Candid
     if candidate.name == "encoder_offset":
         return whole_arm.encoder_offset(terms, candidate.joints[0], float(coefficients[0]))
     if candidate.name == "time_delay":
-        return whole_arm.delay(terms, whole_arm.LONGEST_DELAY, float(coefficients[0]))
+        return whole_arm.delay(terms, whole_arm.TUNING.longest_delay, float(coefficients[0]))
     return None
 
 
@@ -144,5 +154,5 @@ def _line_search(
             best, at = found, index
         return -found.evidence
 
-    golden_section.least(cost, a, b, SECTIONS, ties_low=True)
+    golden_section.least(cost, a, b, TUNING.sections, ties_low=True)
     return best, at

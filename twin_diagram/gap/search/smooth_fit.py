@@ -6,6 +6,8 @@ the log's noise, so that regressors which are torques themselves are not correla
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.interpolate import CubicSpline
 
@@ -13,8 +15,16 @@ from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.signals.arrays import Array
 
-NEGLIGIBLE = 1e-5
-"""Directions of the standardised regressors that are smaller than this are left out."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    negligible: float = 1e-5
+    """Directions of the standardised regressors that are smaller than this are left out."""
+
+
+TUNING = Tuning()
 
 
 def explain(records: Records, candidates: list[Candidate]) -> tuple[Array, Array]:
@@ -35,7 +45,7 @@ def explain(records: Records, candidates: list[Candidate]) -> tuple[Array, Array
         X = np.concatenate([*parts, np.ones((len(residual), 1))], axis=1)
         size = np.sqrt(np.mean(X**2, axis=0))
         X = X[:, size > 1e-9] / size[size > 1e-9]
-        explained[:, j], spent[j] = project(X, residual[:, j], NEGLIGIBLE)
+        explained[:, j], spent[j] = project(X, residual[:, j], TUNING.negligible)
     return explained, spent
 
 

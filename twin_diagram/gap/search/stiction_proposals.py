@@ -6,7 +6,7 @@ held more than its sliding level, though, that level rises at rest: Coulomb's la
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -22,61 +22,71 @@ from twin_diagram.signals.arrays import Array
 COULOMB = "coulomb_friction"
 LAWS = (COULOMB, "stribeck_friction")
 
-MORE = 1.25
-"""A hold must exceed the sliding level by this factor, and by `CLEARLY` times the noise, to count."""
 
-CLEARLY = 2.5
-FEWEST_CLEAR = 3
-"""So many samples must say so."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
 
-MIXED = 0.05
-"""Share of a hold in a sample from which on it is looked at."""
+    more: float = 1.25
+    """A hold must exceed the sliding level by this factor, and by `CLEARLY` times the noise, to count."""
 
-ALWAYS = 0.375
-"""What a sample brings by noise alone, one and a half times, were friction always at its most [nats]."""
+    clearly: float = 2.5
 
-LEAST = 3.0
-"""Less is not worth saying [nats]."""
+    fewest_clear: int = 3
+    """So many samples must say so."""
 
-FEWEST = 8
-"""Peaks at least."""
+    mixed: float = 0.05
+    """Share of a hold in a sample from which on it is looked at."""
 
-USUAL_SPEED = 0.05
-"""Stribeck speed where nothing but the hold tells of one [rad/s]."""
+    always: float = 0.375
+    """What a sample brings by noise alone, one and a half times, were friction always at its most [nats]."""
 
-STRONGEST = 60.0
-"""Evidence that a hold brings at most [nats]."""
+    least: float = 3.0
+    """Less is not worth saying [nats]."""
 
-OVERSHOOT = 1.1
-"""Of the low-pass, beside a step."""
+    fewest: int = 8
+    """Peaks at least."""
 
-LARGEST = 0.85
-"""Expected largest of three samples of noise [standard deviations]."""
+    usual_speed: float = 0.05
+    """Stribeck speed where nothing but the hold tells of one [rad/s]."""
 
-SURE = 4.0
-"""Peaks must rise by so many standard errors of their mean."""
+    strongest: float = 60.0
+    """Evidence that a hold brings at most [nats]."""
 
-BRIEF = 8
-"""Thinned samples that a short stick lasts at most."""
+    overshoot: float = 1.1
+    """Of the low-pass, beside a step."""
 
-ABOUT = 3
-"""Thinned samples before and after a stick that tell the direction of motion."""
+    largest: float = 0.85
+    """Expected largest of three samples of noise [standard deviations]."""
 
-RESTING = 6
-"""Thinned samples that a rest lasts at least to be averaged."""
+    sure: float = 4.0
+    """Peaks must rise by so many standard errors of their mean."""
 
-FEW_RESTS = 3
-HELD_MORE = 1.15
-"""So many rests must hold this many times the sliding level on average."""
+    brief: int = 8
+    """Thinned samples that a short stick lasts at most."""
 
-HELD_SURE = 3.0
-"""And beyond it by this many standard errors: Coulomb's law never holds more."""
+    about: int = 3
+    """Thinned samples before and after a stick that tell the direction of motion."""
 
-COLOURED = 2.0
-"""Variance of a mean of neighbours, over that of as many samples that know nothing of each other."""
+    resting: int = 6
+    """Thinned samples that a rest lasts at least to be averaged."""
 
-EDGE = 2
-"""Thinned samples at each end of a hold that the low-pass mixes with the motion before and after."""
+    few_rests: int = 3
+
+    held_more: float = 1.15
+    """So many rests must hold this many times the sliding level on average."""
+
+    held_sure: float = 3.0
+    """And beyond it by this many standard errors: Coulomb's law never holds more."""
+
+    coloured: float = 2.0
+    """Variance of a mean of neighbours, over that of as many samples that know nothing of each other."""
+
+    edge: int = 2
+    """Thinned samples at each end of a hold that the low-pass mixes with the motion before and after."""
+
+
+TUNING = Tuning()
 
 
 def propose(bench: Bench, terms: Terms, fit: Fit) -> list[int]:
@@ -98,7 +108,7 @@ def propose(bench: Bench, terms: Terms, fit: Fit) -> list[int]:
         rises = [ask(bench, terms, plain, at, level) for ask in (beyond, dwells, short_holds)]
         rise = max((some for some in rises if some is not None), key=lambda some: some[1], default=None)
         if rise is not None:
-            static, evidence = rise[0], min(STRONGEST, rise[1])
+            static, evidence = rise[0], min(TUNING.strongest, rise[1])
             surer = replace(candidate, cost=candidate.cost - evidence, variant="held")
             made.append(bench.add(rising(terms, candidate, static / level, evidence) if at == k else surer))
     return made
@@ -128,15 +138,15 @@ def beyond(bench: Bench, terms: Terms, fit: Fit, k: int, level: float) -> tuple[
     noise = _noise(bench, fit, k)
     friction = _friction(bench, fit, k)
     slid, held = stiction.reach(terms.records, terms, bench.candidates[k].joints[0])
-    about = held > MIXED
+    about = held > TUNING.mixed
     size = np.abs(friction[about])
     most = level * np.maximum(np.sign(friction[about]) * slid[about] + held[about], 1.0)
     over = np.maximum(size - most, 0.0) / noise
-    clear = (over > CLEARLY) & (size > MORE * level)
-    evidence = (0.5 * float(np.sum(over**2)) - ALWAYS * len(over)) / COLOURED
-    if np.sum(clear) < FEWEST_CLEAR or evidence < LEAST:
+    clear = (over > TUNING.clearly) & (size > TUNING.more * level)
+    evidence = (0.5 * float(np.sum(over**2)) - TUNING.always * len(over)) / TUNING.coloured
+    if np.sum(clear) < TUNING.fewest_clear or evidence < TUNING.least:
         return None
-    return float(np.sort(size)[-FEWEST_CLEAR]), evidence
+    return float(np.sort(size)[-TUNING.fewest_clear]), evidence
 
 
 def dwells(bench: Bench, terms: Terms, fit: Fit, k: int, level: float) -> tuple[float, float] | None:
@@ -146,14 +156,14 @@ def dwells(bench: Bench, terms: Terms, fit: Fit, k: int, level: float) -> tuple[
     friction = _friction(bench, fit, k)
     rests = stretches(stuck)
     lengths = np.diff(rests, axis=1)[:, 0]
-    rests, lengths = rests[lengths >= RESTING], lengths[lengths >= RESTING]
-    if len(rests) < FEW_RESTS:
+    rests, lengths = rests[lengths >= TUNING.resting], lengths[lengths >= TUNING.resting]
+    if len(rests) < TUNING.few_rests:
         return None
     total = np.concatenate([[0.0], np.cumsum(friction)])
     held = np.abs(np.diff(total[rests], axis=1)[:, 0]) / lengths
     mean = float(np.mean(held))
-    error = noise * float(np.sqrt(COLOURED * np.mean(1.0 / lengths) / len(held)))
-    if mean < HELD_MORE * level or mean - level < HELD_SURE * error:
+    error = noise * float(np.sqrt(TUNING.coloured * np.mean(1.0 / lengths) / len(held)))
+    if mean < TUNING.held_more * level or mean - level < TUNING.held_sure * error:
         return None
     return float(np.quantile(held, 0.9)), 0.5 * ((mean - level) / error) ** 2
 
@@ -165,13 +175,13 @@ def short_holds(bench: Bench, terms: Terms, fit: Fit, k: int, level: float) -> t
     """
     noise = _noise(bench, fit, k)
     peaks = peaks_of(_friction(bench, fit, k), stiction.stuck(terms.records, terms, bench.candidates[k].joints[0]))
-    rise = peaks - OVERSHOOT * level - LARGEST * noise
-    if len(rise) < FEWEST:
+    rise = peaks - TUNING.overshoot * level - TUNING.largest * noise
+    if len(rise) < TUNING.fewest:
         return None
     mean, error = float(np.mean(rise)), float(np.std(rise) / np.sqrt(len(rise)))
-    if mean < (MORE - 1.0) * level or mean < SURE * error:
+    if mean < (TUNING.more - 1.0) * level or mean < TUNING.sure * error:
         return None
-    return float(np.median(peaks)) / OVERSHOOT, 0.5 * (mean / max(error, 1e-9)) ** 2
+    return float(np.median(peaks)) / TUNING.overshoot, 0.5 * (mean / max(error, 1e-9)) ** 2
 
 
 def peaks_of(friction: Array, stuck: npt.NDArray[np.bool_]) -> Array:
@@ -183,8 +193,8 @@ def peaks_of(friction: Array, stuck: npt.NDArray[np.bool_]) -> Array:
     """
     result = []
     for first, last in stretches(stuck):
-        before, after = friction[max(first - ABOUT, 0) : first], friction[last : last + ABOUT]
-        if not len(before) or not len(after) or last - first > BRIEF:
+        before, after = friction[max(first - TUNING.about, 0) : first], friction[last : last + TUNING.about]
+        if not len(before) or not len(after) or last - first > TUNING.brief:
             continue
         old, new = np.sign(np.mean(before)), np.sign(np.mean(after))
         if old == -new:
@@ -195,7 +205,7 @@ def peaks_of(friction: Array, stuck: npt.NDArray[np.bool_]) -> Array:
 
 def inner(stuck: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     """(R,) the same without `EDGE` samples at each end of a stretch."""
-    for _ in range(EDGE):
+    for _ in range(TUNING.edge):
         less = stuck.copy()
         less[1:] &= stuck[:-1]
         less[:-1] &= stuck[1:]
@@ -221,7 +231,7 @@ def rising(terms: Terms, coulomb: Candidate, ratio: float, evidence: float) -> C
     j = coulomb.joints[0]
 
     def values(c: Array) -> dict[str, Array]:
-        return {"coulomb": c[0:1], "static": ratio * c[0:1], "stribeck_velocity": np.array([USUAL_SPEED])}
+        return {"coulomb": c[0:1], "static": ratio * c[0:1], "stribeck_velocity": np.array([TUNING.usual_speed])}
 
     made = single_joint.single(
         terms,

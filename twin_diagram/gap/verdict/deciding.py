@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -16,42 +16,56 @@ from twin_diagram.gap.search.evidence import Bench, Fit, Members
 from twin_diagram.gap.verdict import leftover_structure
 from twin_diagram.gap.verdict.posterior import findings_of, groups, separations_of
 
-REMAINDER = 8.0
-"""Above this, `leftover_structure.left_over` says that structure is left; set on clean training logs."""
 
-BESIDE = 6.5
-"""The same where something was named."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
 
-MOSTLY = 0.5
-"""Where a flexible model explains more of the residual than this share of what was named, nothing is named."""
+    remainder: float = 8.0
+    """Above this, `leftover_structure.left_over` says that structure is left; set on clean training logs."""
 
-LESS_SURE = 0.75
-"""Where structure is left, names are this much less sure: more often than not they follow something without a name."""
+    beside: float = 6.5
+    """The same where something was named."""
 
-DOUBTFUL = 0.5
-SMALL = 0.3
-"""Findings of less confidence, and of less than this share of the strongest one's significance, are not named."""
+    mostly: float = 0.5
+    """Where a flexible model explains more of the residual than this share of what was named, nothing is named."""
 
-PIECE = 0.1
-"""Where structure is left, findings that explain less than this share of what was explained are not named."""
+    less_sure: float = 0.75
+    """Where structure is left, names are this much less sure: more often than not they follow something without a
+    name."""
 
-LEVEL = 1.35
-OF_FEW = 45.0
-"""Noise of a joint that is this much more than was thought possible beside any smooth law, and more by `OF_FEW` over
-its samples, is structure where something was named [variance]; what was thought possible is too little by half in some
-short clean logs."""
+    doubtful: float = 0.5
 
-FAR_ABOVE = 4.0
-"""The same where nothing was named."""
+    small: float = 0.3
+    """Findings of less confidence, and of less than this share of the strongest one's significance, are not named."""
+
+    piece: float = 0.1
+    """Where structure is left, findings that explain less than this share of what was explained are not named."""
+
+    level: float = 1.35
+
+    of_few: float = 45.0
+    """Noise of a joint that is this much more than was thought possible beside any smooth law, and more by `OF_FEW`
+    over its samples, is structure where something was named [variance]; what was thought possible is too little by
+    half in some short clean logs."""
+
+    far_above: float = 4.0
+    """The same where nothing was named."""
+
+    red: float = 6.0
+    """Noise this much denser at the slow than at the fast ones of these frequencies [Hz] is no noise where something
+    was found."""
+
+    many: int = 4
+    """So many unusual names at once rather follow something that has no name."""
+
+
+TUNING = Tuning()
+
 
 SLOW = np.linspace(0.1, 1.0, 10)
 FAST = np.linspace(2.5, 4.0, 10)
-RED = 6.0
-"""Noise this much denser at the slow than at the fast ones of these frequencies [Hz] is no noise where something was
-found."""
 
-MANY = 4
-"""So many unusual names at once rather follow something that has no name."""
 
 USUAL = frozenset({"viscous_friction", "coulomb_friction", "stribeck_friction", "reflected_inertia"})
 """What every joint may well lack at once."""
@@ -63,7 +77,7 @@ def crowded(findings: Sequence[Finding]) -> bool:
     Beside another name, one that starts within the log is unusual whatever it is: two steps follow any drift.
     """
     strange = [finding for finding in findings if finding.name not in USUAL]
-    if len(strange) >= MANY:
+    if len(strange) >= TUNING.many:
         return True
     unusual = [joint for finding in strange for joint in finding.joints]
     several = [joint for finding in findings for joint in finding.joints]
@@ -93,7 +107,7 @@ def trimmed(bench: Bench, fit: Fit) -> Fit:
     """
     weak: set[int] = set()
     for name, group in groups(bench, fit.members).items():
-        little = {k for k in group if share_of(bench, fit, frozenset({k})) < PIECE}
+        little = {k for k in group if share_of(bench, fit, frozenset({k})) < TUNING.piece}
         if name not in USUAL and len(little) < len(group):
             weak |= little
     found = bench.solve(fit.members - weak)
@@ -106,10 +120,10 @@ def negligible(finding: Finding, findings: Sequence[Finding], share: float, stru
     That is what is small beside the rest and doubtful. Where even the rest does not explain everything, what explains
     little of its joints may be a piece of what a stronger one's law follows not quite.
     """
-    if structure and finding is not findings[0] and share < PIECE:
+    if structure and finding is not findings[0] and share < TUNING.piece:
         return True
-    small = finding.significance < SMALL * findings[0].significance
-    return small and finding.confidence < DOUBTFUL and len(finding.joints) < 2 and finding.name not in USUAL
+    small = finding.significance < TUNING.small * findings[0].significance
+    return small and finding.confidence < TUNING.doubtful and len(finding.joints) < 2 and finding.name not in USUAL
 
 
 def redness(noise: whitening.Whitener, rate: float) -> float:
@@ -124,21 +138,23 @@ def mostly_left(bench: Bench, fit: Fit, joints: npt.NDArray[np.bool_]) -> bool:
     empty = bench.solve(frozenset()).variance
     noise = 1.0 + bench.finest
     left, all_there = (float(np.sum((bench.counts * (x - noise))[joints])) for x in (fit.variance, empty))
-    return left > MOSTLY * all_there and bool(np.any(joints))
+    return left > TUNING.mostly * all_there and bool(np.any(joints))
 
 
 def conclude(records: Records, terms: Terms, bench: Bench, fit: Fit) -> Verdict:
     """The verdict on a final fit."""
     left = leftover_structure.left_over(records, terms, bench, fit)
     beyond = fit.variance - bench.finest
-    raised = beyond > (LEVEL + OF_FEW / np.maximum(bench.counts, 1.0) if fit.members else FAR_ABOVE)
-    structure = left.statistic > REMAINDER or bool(np.any(raised))
+    raised = beyond > (
+        TUNING.level + TUNING.of_few / np.maximum(bench.counts, 1.0) if fit.members else TUNING.far_above
+    )
+    structure = left.statistic > TUNING.remainder or bool(np.any(raised))
     noise = whitening.noise_below(bench.whitener, records.rate)
     findings: tuple[Finding, ...] = ()
     separation: tuple[Separation, ...] = ()
     if fit.members:
-        red = redness(bench.whitener, records.rate) > RED
-        structure = structure or left.statistic > BESIDE or red
+        red = redness(bench.whitener, records.rate) > TUNING.red
+        structure = structure or left.statistic > TUNING.beside or red
         findings = findings_of(records, bench, fit)
         less = trimmed(bench, fit) if structure else fit
         if less.members != fit.members:
@@ -153,10 +169,10 @@ def conclude(records: Records, terms: Terms, bench: Bench, fit: Fit) -> Verdict:
         shares = {name: share_of(bench, fit, group) for name, group in named.items()}
         kept = tuple(f for f in findings if not negligible(f, findings, shares[f.name], structure))
         structure = structure or len(kept) < len(findings)
-        findings = tuple(replace(f, confidence=f.confidence * LESS_SURE) for f in kept) if structure else kept
+        findings = tuple(replace(f, confidence=f.confidence * TUNING.less_sure) for f in kept) if structure else kept
     touched = np.isin(np.arange(records.n), [j for k in fit.members for j in bench.candidates[k].rows])
     doubted = mostly_left(bench, fit, raised & touched)
-    unknown = structure and (not findings or left.gain > MOSTLY * bench.gain(fit) or doubted)
+    unknown = structure and (not findings or left.gain > TUNING.mostly * bench.gain(fit) or doubted)
     if unknown:
         findings, separation = (), ()
     return Verdict(

@@ -12,10 +12,18 @@ from twin_diagram.gap.residuals.whitening import Whitener
 from twin_diagram.gap.search.evidence import Bench, Fit
 from twin_diagram.signals.arrays import Array
 
-PIECES = 8
 
-ROOM = 2.0
-"""A joint of which less than this many samples per curve count tells nothing."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    pieces: int = 8
+
+    room: float = 2.0
+    """A joint of which less than this many samples per curve count tells nothing."""
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -52,7 +60,7 @@ def left_over(records: Records, terms: Terms, bench: Bench, fit: Fit) -> LeftOve
         after, more = profiled(residual[:, j], both, noise, j, bench.weights[j])
         count, k = bench.counts[j], max(1, more - spent)
         free = max(2.0, count - spent)
-        if count < ROOM * (spent + k):
+        if count < TUNING.room * (spent + k):
             continue
         ratio = count * float(np.log(before / after))
         expected = count * float(np.log(free / max(1.0, free - k)))
@@ -92,7 +100,7 @@ def features(records: Records, terms: Terms, j: int) -> Array:
     )
 
     def hats(x: Array) -> Array:
-        return hat(x, PIECES)
+        return hat(x, TUNING.pieces)
 
     parts = []
     for record, load, sign, logged in zip(records.records, terms.load, terms.signs, terms.smooth_torque, strict=True):

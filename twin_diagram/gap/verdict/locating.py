@@ -29,19 +29,27 @@ CONDITIONS = {
     "onset": "from an onset on",
 }
 
-CHEAP = 0.9
-"""A condition of fewer parameters is preferred where it explains this share of what the best one does."""
 
-PRESENT = 4.0
-"""Standard deviations above pure noise from which on a joint's residual counts."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
 
-LEAST_SHARE = 0.01
-"""Joints with less of the whole are not worth a word."""
+    cheap: float = 0.9
+    """A condition of fewer parameters is preferred where it explains this share of what the best one does."""
 
-SHARES = (0.02, 0.98)
-"""Quantiles of the residual's energy between which it is said to be in time."""
+    present: float = 4.0
+    """Standard deviations above pure noise from which on a joint's residual counts."""
 
-MAP_CELLS = 12
+    least_share: float = 0.01
+    """Joints with less of the whole are not worth a word."""
+
+    shares: tuple[float, ...] = (0.02, 0.98)
+    """Quantiles of the residual's energy between which it is said to be in time."""
+
+    map_cells: int = 12
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -73,8 +81,8 @@ def locate(records: Records, terms: Terms, whitener: Whitener) -> tuple[Place, .
     y = whitener.all(records.residual) * weights
     count = np.sum(weights > 0.0, axis=1)
     excess = np.sum(y**2, axis=1) - count
-    seen = excess > PRESENT * np.sqrt(2.0 * count)
-    seen &= excess > LEAST_SHARE * float(np.sum(excess[seen]))
+    seen = excess > TUNING.present * np.sqrt(2.0 * count)
+    seen &= excess > TUNING.least_share * float(np.sum(excess[seen]))
     total = float(np.sum(excess[seen]))
     places = []
     for j in np.argsort(-excess):
@@ -109,7 +117,7 @@ def condition(records: Records, terms: Terms, whitener: Whitener, j: int, y: Arr
         fitted, _ = smooth_fit.project(X / (np.sqrt(np.mean(X**2, axis=0)) + 1e-12), y, 1e-5)
         gains[key] = float(np.sum(fitted**2)), columns.shape[1]
     best = max(gain for gain, _ in gains.values())
-    good = [key for key, (gain, _) in gains.items() if gain >= CHEAP * best]
+    good = [key for key, (gain, _) in gains.items() if gain >= TUNING.cheap * best]
     return min(good, key=lambda key: (gains[key][1], -gains[key][0]))
 
 
@@ -139,7 +147,7 @@ def _when(records: Records, whitener: Whitener, y: Array) -> tuple[int, float, f
     log = int(np.argmax(np.bincount(owner, energy, minlength=len(records.records))))
     mine = owner == log
     share = np.cumsum(energy[mine]) / max(float(np.sum(energy[mine])), 1e-12)
-    first, last = (int(np.searchsorted(share, level)) for level in SHARES)
+    first, last = (int(np.searchsorted(share, level)) for level in TUNING.shares)
     own = times[mine]
     return log, float(own[first]), float(own[min(last, len(own) - 1)])
 
@@ -158,7 +166,7 @@ def maps(records: Records, terms: Terms, residual: Array) -> tuple[Map, ...]:
     for j, joint in enumerate(records.model.joints):
         prismatic = joint in records.model.prismatic
         for name, x in (("position" if prismatic else "angle", q), ("force" if prismatic else "torque", load)):
-            edges = tuple(np.linspace(s[:, j].min(), s[:, j].max(), MAP_CELLS + 1) for s in (x, v))
+            edges = tuple(np.linspace(s[:, j].min(), s[:, j].max(), TUNING.map_cells + 1) for s in (x, v))
             if any(e[-1] <= e[0] for e in edges):
                 continue
             total, _, _ = np.histogram2d(x[:, j], v[:, j], bins=list(edges), weights=residual[:, j])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from twin_diagram.gap.candidates.candidate import GLOBAL, Candidate
@@ -13,21 +15,33 @@ from twin_diagram.gap.search.greedy_search import additions, handicaps
 from twin_diagram.model.effects import REGISTRY
 from twin_diagram.signals.arrays import Array
 
-TEMPERATURE = 2.0
-"""Evidence is divided by this before it becomes a probability; set on training logs, where it makes them calibrated."""
 
-ALTERNATIVES = 3
-RIVALS = 12
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    temperature: float = 2.0
+    """Evidence is divided by this before it becomes a probability; set on training logs, where it makes them
+    calibrated."""
+
+    alternatives: int = 3
+
+    rivals: int = 12
+
+    more_unseen: float = 0.08
+    """The same where it is on several joints already."""
+
+    together: float = 1.0
+    """Effects of one name that start within this time start together [s]."""
+
+
+TUNING = Tuning()
+
 
 UNSEEN = {"torque_ripple": 0.006, "backlash": 0.01, "joint_elasticity": 0.03}
 """Probability, for each further joint, that a name is on it, too, and too little of it shows to be told: of laws whose
 weak ones are not among the hypotheses at all, since a shape must be found first. Set on training logs."""
 
-MORE_UNSEEN = 0.08
-"""The same where it is on several joints already."""
-
-TOGETHER = 1.0
-"""Effects of one name that start within this time start together [s]."""
 
 Claim = tuple[str, tuple[int, ...], tuple[str, ...]]
 """A name with all joints and links that it sits on."""
@@ -73,7 +87,7 @@ def posterior(bench: Bench, fit: Fit) -> dict[frozenset[Claim], float]:
     best = {
         key: value - max((less.get(name, 0.0) for name in names_of(key)), default=0.0) for key, value in best.items()
     }
-    weights = {key: float(np.exp(min(0.0, (value - top) / TEMPERATURE))) for key, value in best.items()}
+    weights = {key: float(np.exp(min(0.0, (value - top) / TUNING.temperature))) for key, value in best.items()}
     total = sum(weights.values())
     return {key: weight / total for key, weight in weights.items()}
 
@@ -83,16 +97,16 @@ def unseen(said: Claim, joints: int) -> float:
     name, named, _ = said
     if name not in UNSEEN:
         return 0.0
-    each = UNSEEN[name] if len(named) == 1 else MORE_UNSEEN
+    each = UNSEEN[name] if len(named) == 1 else TUNING.more_unseen
     return float(1.0 - (1.0 - each) ** (joints - len(named)))
 
 
 def findings_of(records: Records, bench: Bench, fit: Fit) -> tuple[Finding, ...]:
     """One finding per name, or per name and time, strongest first."""
     for group in groups(bench, fit.members).values():
-        additions(bench, fit.members - frozenset(group), RIVALS)
+        additions(bench, fit.members - frozenset(group), TUNING.rivals)
         for k in group:
-            additions(bench, fit.members - {k}, RIVALS)
+            additions(bench, fit.members - {k}, TUNING.rivals)
     probability = posterior(bench, fit)
     mine = claims(bench, fit.members)
     result = []
@@ -105,7 +119,7 @@ def findings_of(records: Records, bench: Bench, fit: Fit) -> tuple[Finding, ...]
             if said not in key:
                 for other in key - mine:
                     rivals[other] = rivals.get(other, 0.0) + p
-        ranked = sorted(rivals.items(), key=lambda item: -item[1])[:ALTERNATIVES]
+        ranked = sorted(rivals.items(), key=lambda item: -item[1])[: TUNING.alternatives]
         names = records.model.joints
         for part in together(bench, group):
             first = bench.candidates[part[0]]
@@ -135,7 +149,7 @@ def together(bench: Bench, group: list[int]) -> list[list[int]]:
     def alike(a: tuple[int, float] | None, b: tuple[int, float] | None) -> bool:
         if a is None or b is None:
             return a is b
-        return a[0] == b[0] and abs(a[1] - b[1]) < TOGETHER
+        return a[0] == b[0] and abs(a[1] - b[1]) < TUNING.together
 
     parts: list[list[int]] = []
     for k in group:
@@ -198,7 +212,7 @@ def separations_of(records: Records, bench: Bench, fit: Fit) -> tuple[Separation
             for other in others - mine:
                 distance = bench.distance(fit, tried)
                 nearest[other] = min(nearest.get(other, np.inf), distance)
-        for other, distance in sorted(nearest.items(), key=lambda item: item[1])[:ALTERNATIVES]:
+        for other, distance in sorted(nearest.items(), key=lambda item: item[1])[: TUNING.alternatives]:
             if distance < 30.0:
                 result.append(
                     Separation(_say(records, said), _say(records, other), distance, experiment(said[0], other[0]))

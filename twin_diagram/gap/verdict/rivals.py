@@ -6,17 +6,28 @@ rival that is a step of its grid off would seem hopeless beside it.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.search import shape_refinement
 from twin_diagram.gap.search.evidence import Bench, Fit, Members
 from twin_diagram.gap.search.greedy_search import additions
-from twin_diagram.gap.verdict.posterior import RIVALS, groups
+from twin_diagram.gap.verdict.posterior import TUNING as POSTERIOR
+from twin_diagram.gap.verdict.posterior import groups
 
-WITHIN = 40.0
-"""Rivals with less evidence by more than this are left as they are [nats]."""
 
-GEARS = 2
-"""Of gears that swing, whose shapes take long to work out, so many rivals are looked at."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    within: float = 40.0
+    """Rivals with less evidence by more than this are left as they are [nats]."""
+
+    gears: int = 2
+    """Of gears that swing, whose shapes take long to work out, so many rivals are looked at."""
+
+
+TUNING = Tuning()
 
 
 def refined(bench: Bench, terms: Terms, fit: Fit) -> Fit:
@@ -30,7 +41,7 @@ def refined(bench: Bench, terms: Terms, fit: Fit) -> Fit:
         for rival, new in rivals_of(bench, terms, fit, group):
             swinging = bench.candidates[new].variant == "swinging"
             gears += swinging
-            if swinging and gears > GEARS:
+            if swinging and gears > TUNING.gears:
                 continue
             found = shape_refinement.moved(bench, terms, rival, new)
             best = found if found.evidence > best.evidence else best
@@ -41,10 +52,10 @@ def rivals_of(bench: Bench, terms: Terms, fit: Fit, group: Members) -> list[tupl
     """Fits with another candidate that has shapes in the place of a group, the best of each place, and which it is."""
     result: list[tuple[Fit, int]] = []
     seen = {bench.candidates[k].place for k in group}
-    for rival in additions(bench, fit.members - group, RIVALS):
+    for rival in additions(bench, fit.members - group, POSTERIOR.rivals):
         (new,) = rival.members - (fit.members - group)
         candidate = bench.candidates[new]
-        if fit.evidence - rival.evidence > WITHIN or candidate.place in seen:
+        if fit.evidence - rival.evidence > TUNING.within or candidate.place in seen:
             continue
         seen.add(candidate.place)
         if shape_refinement.shapes(terms, candidate):

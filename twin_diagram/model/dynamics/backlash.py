@@ -5,6 +5,7 @@ Springs beside them swing in the same steps; springs alone are `elastic_gears`' 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from operator import mul
 from typing import Any
 
@@ -15,11 +16,19 @@ from twin_diagram.signals.arrays import Array
 Rows = list[list[list[float]]]
 """Of a matrix per sample."""
 
-LONGEST_STEP = 0.001
-"""Samples farther apart than this are integrated in several steps where there is play [s]."""
 
-FOLLOWED = 0.5
-"""Springs that swing through less than this in a step are followed [rad]."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    longest_step: float = 0.001
+    """Samples farther apart than this are integrated in several steps where there is play [s]."""
+
+    followed: float = 0.5
+    """Springs that swing through less than this in a step are followed [rad]."""
+
+
+TUNING = Tuning()
 
 
 def play(
@@ -58,14 +67,14 @@ def play(
     if s == 1 and hard[0]:
         alone = play_alone(mass[:, 0, 0], load[:, 0], float(half[0]), period)
         return alone[0][:, None], alone[1][:, None], alone[2][:, None]
-    parts = max(1, int(np.ceil(period / LONGEST_STEP - 1e-9)))
+    parts = max(1, int(np.ceil(period / TUNING.longest_step - 1e-9)))
     h = period / parts
     shares = [(part + 0.5) / parts for part in range(parts)]
     bounded = np.flatnonzero(hard).tolist()
     springs = np.flatnonzero(~hard & (half == 0.0)).tolist()
     both = np.flatnonzero(~hard & (half > 0.0)).tolist()
     fastest = np.where(hard, 0.0, stiffness) / np.min(np.diagonal(mass, axis1=1, axis2=2), axis=0)
-    theta = np.where((half == 0.0) & (h * np.sqrt(fastest) < FOLLOWED), 0.5, 1.0)
+    theta = np.where((half == 0.0) & (h * np.sqrt(fastest) < TUNING.followed), 0.5, 1.0)
     tables: dict[int, tuple[Rows, Rows]] = {}
 
     def table(pressing: int) -> tuple[Rows, Rows]:
@@ -131,7 +140,7 @@ def play_alone(mass: Array, load: Array, half: float, period: float) -> tuple[Ar
     Returns:
         angle, rate and acceleration, each (N,).
     """
-    parts = max(1, int(np.ceil(period / LONGEST_STEP - 1e-9)))
+    parts = max(1, int(np.ceil(period / TUNING.longest_step - 1e-9)))
     h = period / parts
     shares = [(part + 0.5) / parts for part in range(parts)]
     pull = (-h * load / mass).tolist()

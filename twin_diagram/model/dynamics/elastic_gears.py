@@ -20,34 +20,44 @@ import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
 from twin_diagram.model.dynamics.backlash import play
-from twin_diagram.model.effects.elasticity import LOSS, Gear
+from twin_diagram.model.effects.elasticity import TUNING as ELASTICITY
+from twin_diagram.model.effects.elasticity import Gear
 from twin_diagram.model.rigid_body.rigid_tree import RigidTree
 from twin_diagram.signals.arrays import Array
 
 LinkLoad = Callable[[Array, Array, Array], Array]
 """(q, v, a), each (N, n), to the torque (N, n) of what lies behind the gears; `TorqueLaw.link_load`."""
 
-PASSES = 2
-"""Gravity at the twisted gear is worked out from the pass before."""
 
-SPRING_PASSES = 3
-LINEARISED = 2
-"""Of them, those that work the load's derivatives out anew."""
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
 
-SETTLED = 3e-4
-"""Passes end where the load is what it was foreseen to be, to this part of what the gears change."""
+    passes: int = 2
+    """Gravity at the twisted gear is worked out from the pass before."""
 
-TINY = 1e-5
-"""Step of the load's derivatives [rad], [rad/s]."""
+    spring_passes: int = 3
 
-COARSEST = 0.004
-"""Steps are no longer than this [s],"""
+    linearised: int = 2
+    """Of them, those that work the load's derivatives out anew."""
 
-FINE = 0.35
-"""nor than this part of a swing [rad]."""
+    settled: float = 3e-4
+    """Passes end where the load is what it was foreseen to be, to this part of what the gears change."""
 
-FARTHEST = 0.7
-"""Twists beyond this are no gear's [rad]."""
+    tiny: float = 1e-5
+    """Step of the load's derivatives [rad], [rad/s]."""
+
+    coarsest: float = 0.004
+    """Steps are no longer than this [s],"""
+
+    fine: float = 0.35
+    """nor than this part of a swing [rad]."""
+
+    farthest: float = 0.7
+    """Twists beyond this are no gear's [rad]."""
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -99,7 +109,7 @@ def in_series(gears: list[tuple[int, Gear]]) -> YieldingJoints:
     compliance = np.array([sum(1.0 / gear.stiffness for j, gear in gears if j == joint) for joint in joints])
     half = np.array([0.5 * sum(gear.gap for j, gear in gears if j == joint) for joint in joints])
     lost = np.array([sum(gear.loss / gear.stiffness for j, gear in gears if j == joint) for joint in joints])
-    loss = np.divide(lost, compliance, out=np.full(len(joints), LOSS), where=compliance > 0.0)
+    loss = np.divide(lost, compliance, out=np.full(len(joints), ELASTICITY.loss), where=compliance > 0.0)
     with np.errstate(divide="ignore"):
         return YieldingJoints(np.array(joints, dtype=np.int64), 1.0 / compliance, half, loss)
 
@@ -147,8 +157,8 @@ def twist(
         return link_load(twisted, v, a)
 
     for k in np.flatnonzero(calm):  # gravity that turns with a link shifts the frequency at which it swings
-        slope[:, :, k] = (turned(TINY * np.eye(len(joints))[k]) - rigid) / TINY
-    for _ in range(PASSES):
+        slope[:, :, k] = (turned(TUNING.tiny * np.eye(len(joints))[k]) - rigid) / TUNING.tiny
+    for _ in range(TUNING.passes):
         at_zero = (load - _times(slope, angle))[:, joints]
         angle, rate, acceleration = play(
             block, at_zero, stiffness, half, gears.loss, period, begin, slope[:, joints] if np.any(calm) else None
@@ -172,7 +182,7 @@ def _coarsely(
     inertia = tree.mass_matrix(q[:: max(1, len(q) // 20)])
     links = np.diagonal(inertia, axis1=1, axis2=2)[:, joints] - tree.rotor[joints]
     fastest = float(np.max(np.sqrt(stiffness / np.maximum(np.min(links, axis=0), 1e-6))))
-    stride = int(min(COARSEST, FINE / fastest) / period + 1e-6)
+    stride = int(min(TUNING.coarsest, TUNING.fine / fastest) / period + 1e-6)
     if stride < 2 or len(q) < 50 * stride:
         return _springs(tree, link_load, springs, motion, period, beyond)
     index = np.arange(0, len(q), stride)
@@ -214,8 +224,8 @@ def _springs(
         return link_load(*moved)
 
     load = rigid
-    for number in range(SPRING_PASSES):
-        if number < LINEARISED:
+    for number in range(TUNING.spring_passes):
+        if number < TUNING.linearised:
             twisted = q.copy()
             twisted[:, joints] += angle
             M = tree.mass_matrix(twisted)
@@ -224,9 +234,9 @@ def _springs(
             G, C = np.empty_like(M), np.empty_like(M)
             for k in range(s):
                 more = np.zeros((len(q), s))
-                more[:, k] = TINY
-                G[:, :, k] = (link(angle + more, rate, acceleration) - load) / TINY
-                C[:, :, k] = (link(angle, rate + more, acceleration) - load) / TINY
+                more[:, k] = TUNING.tiny
+                G[:, :, k] = (link(angle + more, rate, acceleration) - load) / TUNING.tiny
+                C[:, :, k] = (link(angle, rate + more, acceleration) - load) / TUNING.tiny
             whole = G[:, joints].copy(), C[:, joints].copy()
             whole[0][:, diagonal, diagonal] += stiffness
             whole[1][:, diagonal, diagonal] += loss * stiffness
@@ -236,12 +246,12 @@ def _springs(
         torque[:, :, 0] += rest - rigid
         states = states[:, :, 0] + states[:, :, 1:] @ _start(states, torque, -load[:, joints] / stiffness, beyond)
         angle, rate, acceleration = states[:, :s], states[:, s : 2 * s], states[:, 2 * s :]
-        if np.max(np.abs(angle)) > FARTHEST:  # a gear that folds over is beyond any linearisation
-            scale = FARTHEST / np.max(np.abs(angle))
+        if np.max(np.abs(angle)) > TUNING.farthest:  # a gear that folds over is beyond any linearisation
+            scale = TUNING.farthest / np.max(np.abs(angle))
             angle, rate, acceleration = scale * angle, scale * rate, scale * acceleration
         foreseen = rest + _times(M, acceleration) + _times(C, rate) + _times(G, angle)
         load = link(angle, rate, acceleration)
-        if np.linalg.norm(load - foreseen) < SETTLED * np.linalg.norm(load - rigid):
+        if np.linalg.norm(load - foreseen) < TUNING.settled * np.linalg.norm(load - rigid):
             break
     return Twist(angle, rate, load - rigid)
 

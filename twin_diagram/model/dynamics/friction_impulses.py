@@ -11,8 +11,17 @@ import numpy as np
 
 from twin_diagram.signals.arrays import Array
 
-SWEEPS = 60
-TOLERANCE = 1e-10
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    sweeps: int = 60
+
+    tolerance: float = 1e-10
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -62,7 +71,7 @@ def solve(inverse: Array, v: Array, brakes: list[Brake], stops: list[Stop]) -> A
             pushed = inverse @ brake.direction
             rows.append((brake, pushed, pushed @ brake.direction, scale, np.zeros(len(v))))
     ends = [(stop, inverse[:, :, stop.index], np.zeros(len(v))) for stop in stops]
-    for _ in range(SWEEPS):
+    for _ in range(TUNING.sweeps):
         change = 0.0
         for brake, pushed, compliance, scale, impulse in rows:
             speed = v @ brake.direction
@@ -79,6 +88,6 @@ def solve(inverse: Array, v: Array, brakes: list[Brake], stops: list[Stop]) -> A
             impulse[:] = wanted
             v += pushed * (moved / compliance)[:, None]
             change = max(change, float(np.max(np.abs(moved))) * 1e3)
-        if change < TOLERANCE:
+        if change < TUNING.tolerance:
             break
     return v

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,8 +17,16 @@ from twin_diagram.model.rigid_body.arm_bodies import ArmBodies
 from twin_diagram.model.rigid_body.plant_calls import PlantCalls
 from twin_diagram.signals.arrays import Array
 
-FEW = 24
-"""Up to this many samples a call per sample into the plant is quicker than the vectorised tree."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    few: int = 24
+    """Up to this many samples a call per sample into the plant is quicker than the vectorised tree."""
+
+
+TUNING = Tuning()
 
 
 class TorqueLaw:
@@ -65,7 +73,7 @@ class TorqueLaw:
             return self._calls.inverse_dynamics(q, v, a)
         flat = (-1, q.shape[-1])
         q, v, a, shape = q.reshape(flat), v.reshape(flat), a.reshape(flat), q.shape
-        if self._vectorises and len(q) > FEW:
+        if self._vectorises and len(q) > TUNING.few:
             return self.bodies.tree.inverse_dynamics(q, v, a).reshape(shape)
         return np.array([self._calls.inverse_dynamics(*sample) for sample in zip(q, v, a, strict=True)]).reshape(shape)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -13,8 +14,16 @@ from twin_diagram.model.effects.parameter import ParameterKind
 from twin_diagram.model.effects.realisation import Fitting
 from twin_diagram.signals.arrays import Array
 
-WEAK = 0.2
-"""Below this gain, what the motor gives says too little of what is logged."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    weak: float = 0.2
+    """Below this gain, what the motor gives says too little of what is logged."""
+
+
+TUNING = Tuning()
 
 
 @register
@@ -57,7 +66,7 @@ class Gain(Effect):
     @property
     def loses(self) -> bool:
         """See `Effect.loses`: a motor that hardly gives anything may have been asked for much."""
-        return bool(np.any(self.value("gain") < WEAK))
+        return bool(np.any(self.value("gain") < TUNING.weak))
 
     def applied(self, joints: Sequence[str], tau: Array) -> Array:
         """See `Effect.applied`."""

@@ -33,8 +33,17 @@ from twin_diagram.model.effects.realisation import RigidChange
 from twin_diagram.model.rigid_body.arm_bodies import ArmBodies, DescribedLinks
 from twin_diagram.signals.arrays import Array
 
-LOSS = 1e-3
-"""Usual damping of an elastic gear over its stiffness [s]: 5 % of critical at 100 rad/s, as harmonic drives have."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    loss: float = 1e-3
+    """Usual damping of an elastic gear over its stiffness [s]: 5 % of critical at 100 rad/s, as harmonic drives
+    have."""
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -49,7 +58,7 @@ class Gear:
 
     stiffness: float = math.inf
     gap: float = 0.0
-    loss: float = LOSS
+    loss: float = TUNING.loss
 
 
 class YieldingGear(Effect):
@@ -88,7 +97,7 @@ class JointElasticity(YieldingGear):
     kinds: ClassVar[Mapping[str, ParameterKind]] = {
         "stiffness": ParameterKind("N·m/rad", lower=1e-3, upper=1e9),
         "rotor_inertia": ParameterKind("kg·m²", lower=0.0, default=0.0, help="beyond the description's"),
-        "loss": ParameterKind("s", lower=0.0, upper=0.1, default=LOSS, help="damping over stiffness"),
+        "loss": ParameterKind("s", lower=0.0, upper=0.1, default=TUNING.loss, help="damping over stiffness"),
     }
 
     def gears(self) -> dict[str, Gear]:

@@ -7,6 +7,7 @@ integrators, which solve for it (a smooth law stiff enough to be right would nee
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -20,19 +21,27 @@ from twin_diagram.model.effects.realisation import Brake, Fitting, RigidChange
 from twin_diagram.model.rigid_body.arm_bodies import ArmBodies, DescribedLinks
 from twin_diagram.signals.arrays import Array
 
-SMOOTH_VELOCITY = 0.005
-"""Speed at which the smooth law of dry friction has reached three quarters of its level [rad/s]."""
 
-HOLD = 1e6
-"""Damping with which a dry joint is held below its level [N·m·s/rad].
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
 
-Drake's solver softens it to some 2.5e-4 of the speed that one free step would give the joint, whatever the damping.
-"""
+    smooth_velocity: float = 0.005
+    """Speed at which the smooth law of dry friction has reached three quarters of its level [rad/s]."""
+
+    hold: float = 1e6
+    """Damping with which a dry joint is held below its level [N·m·s/rad].
+
+    Drake's solver softens it to some 2.5e-4 of the speed that one free step would give the joint, whatever the damping.
+    """
+
+
+TUNING = Tuning()
 
 
 def smooth_sign(v: Array) -> Array:
     """A sign that is smooth about zero speed."""
-    return np.tanh(v / SMOOTH_VELOCITY)
+    return np.tanh(v / TUNING.smooth_velocity)
 
 
 @register
@@ -144,7 +153,7 @@ class CoulombFriction(Effect):
         for joint, forward, backward in zip(self.joints, *self.levels(), strict=True):
             level, shift = 0.5 * (forward + backward), 0.5 * (forward - backward)
             if level > 0.0:
-                result.append(Fitting(f"{joint}_coulomb_friction", joint, limit=level, damping=HOLD))
+                result.append(Fitting(f"{joint}_coulomb_friction", joint, limit=level, damping=TUNING.hold))
             if shift != 0.0:
                 result.append(Fitting(f"{joint}_coulomb_friction_shift", joint, torque=-shift))
         return result

@@ -9,7 +9,8 @@ import numpy as np
 
 from twin_diagram.errors import ModelError
 from twin_diagram.model.effects.effect import Effect, register
-from twin_diagram.model.effects.friction import HOLD, smooth_sign
+from twin_diagram.model.effects.friction import TUNING as FRICTION
+from twin_diagram.model.effects.friction import smooth_sign
 from twin_diagram.model.effects.parameter import ParameterKind
 from twin_diagram.model.effects.realisation import Brake, Fitting
 from twin_diagram.model.rigid_body.arm_bodies import ArmBodies
@@ -68,7 +69,7 @@ class StribeckFriction(Effect):
             highest = float(max(coulomb, static))
             if highest == 0.0:
                 continue
-            result.append(Fitting(f"{joint}_stribeck_friction", joint, limit=highest, damping=HOLD))
+            result.append(Fitting(f"{joint}_stribeck_friction", joint, limit=highest, damping=FRICTION.hold))
 
             def push(v: float, c: float = coulomb, s: float = static, w: float = speed, top: float = highest) -> float:
                 return float((top - c - (s - c) * np.exp(-((v / w) ** 2))) * np.tanh(v / 0.005))

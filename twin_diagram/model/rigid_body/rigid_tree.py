@@ -16,8 +16,16 @@ from pydrake.multibody.tree import SpatialInertia
 from twin_diagram.model.rigid_body.kinematic_tree import Kinematics, KinematicTree, cross
 from twin_diagram.signals.arrays import Array
 
-CHUNK = 4096
-"""Samples worked on at a time, so that intermediate arrays stay in the cache."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    chunk: int = 4096
+    """Samples worked on at a time, so that intermediate arrays stay in the cache."""
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -94,7 +102,7 @@ class RigidTree(KinematicTree):
 
 
 def _chunks(count: int) -> list[slice]:
-    return [slice(start, start + CHUNK) for start in range(0, count, CHUNK)]
+    return [slice(start, start + TUNING.chunk) for start in range(0, count, TUNING.chunk)]
 
 
 def inertia_vector(M_BBo: SpatialInertia, X_MB: RigidTransform) -> Array:

@@ -3,21 +3,31 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, cast
+from typing import cast
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.perception.pinhole import DepthImage, Pinhole
-from twin_diagram.perception.segmentation.segments import ROBOT, Segments
+from twin_diagram.perception.segmentation.segments import TUNING as SEGMENTS
+from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.signals.arrays import Array
 
 Mask = npt.NDArray[np.bool_]
 
-BLUR: Final = (3, 9)
-"""Width of the box that blurs the colours, twice [pixel]: fine, coarse; like a Gaussian of 1.2 and 3.7 pixels."""
-_MARGIN: Final = 32
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    blur: tuple[int, ...] = (3, 9)
+    """Width of the box that blurs the colours, twice [pixel]: fine, coarse; like a Gaussian of 1.2 and 3.7 pixels."""
+
+    margin: int = 32
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -53,16 +63,19 @@ class Frame:
         standing = label >= 0
         rows, columns = np.flatnonzero(standing.any(axis=1)), np.flatnonzero(standing.any(axis=0))
         if len(rows):
-            v0, v1 = max(0, int(rows[0]) * stride - _MARGIN), min(height, int(rows[-1]) * stride + _MARGIN)
-            u0, u1 = max(0, int(columns[0]) * stride - _MARGIN), min(width, int(columns[-1]) * stride + _MARGIN)
+            v0, v1 = max(0, int(rows[0]) * stride - TUNING.margin), min(height, int(rows[-1]) * stride + TUNING.margin)
+            u0, u1 = (
+                max(0, int(columns[0]) * stride - TUNING.margin),
+                min(width, int(columns[-1]) * stride + TUNING.margin),
+            )
         else:
             v0, v1, u0, u1 = 0, 2, 0, 2
         part = segments.rgb[v0:v1, u0:u1].astype(np.float32) * np.float32(1.0 / 255.0)
         robot, object_ = (
             np.repeat(np.repeat(mask, stride, axis=0), stride, axis=1)[:height, :width]
-            for mask in (label == ROBOT, label >= 0)
+            for mask in (label == SEGMENTS.robot, label >= 0)
         )
-        colours = tuple(blur_within(part, object_[v0:v1, u0:u1].astype(np.float32), sigma) for sigma in BLUR)
+        colours = tuple(blur_within(part, object_[v0:v1, u0:u1].astype(np.float32), sigma) for sigma in TUNING.blur)
         normals = np.zeros((*label.shape, 3), dtype=np.float32)
         normals[label >= 0] = segments.normals_W
         return Frame(segments.camera, segments.depth, robot, normals, stride, colours, (u0, v0), segments.table)

@@ -23,26 +23,45 @@ from twin_diagram.perception.registration.residuals import COARSE, Poses, assess
 from twin_diagram.perception.registration.rotation import exp
 from twin_diagram.signals.arrays import Array
 
-YAWS: Final = 24
-COARSE_POINTS: Final = 110
-"""Model points per start."""
-COARSE_ITERATIONS: Final = 6
-CANDIDATES: Final = 4
-"""Starts that are refined exactly."""
-MOST_STARTS: Final = 96
-"""Of more starts, those that fit best as they are laid are kept."""
-THIN: Final = 200
-"""Points of a segment that take part in exact registration."""
-SURE: Final = 0.85
-"""A score from which nothing else is tried."""
-HOPELESS: Final = 0.6
-"""A start whose coarse score is this share of the best one's is not refined exactly."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    yaws: int = 24
+
+    coarse_points: int = 110
+    """Model points per start."""
+
+    coarse_iterations: int = 6
+
+    candidates: int = 4
+    """Starts that are refined exactly."""
+
+    most_starts: int = 96
+    """Of more starts, those that fit best as they are laid are kept."""
+
+    thin: int = 200
+    """Points of a segment that take part in exact registration."""
+
+    sure: float = 0.85
+    """A score from which nothing else is tried."""
+
+    hopeless: float = 0.6
+    """A start whose coarse score is this share of the best one's is not refined exactly."""
+
+    least_visible: float = 0.2
+    """An object of which less can be seen is not recognised."""
+
+    least_points: int = 60
+    """Nor one of which fewer model points fit."""
+
+
+TUNING = Tuning()
+
+
 RESTING: Final = np.array([0.03**-2, 0.03**-2, 0.15**-2, 0.04**-2, 0.04**-2, 0.003**-2])
 """Information of a start: what rests on a table neither tips nor floats."""
-LEAST_VISIBLE: Final = 0.2
-"""An object of which less can be seen is not recognised."""
-LEAST_POINTS: Final = 60
-"""Nor one of which fewer model points fit."""
 
 
 @dataclass(frozen=True)
@@ -117,12 +136,12 @@ def starts(model: ModelCloud, frame: Frame, points_W: Array, orientations: list[
     towards /= np.linalg.norm(towards)
     side = np.array([-towards[1], towards[0], 0.0]) / max(float(np.hypot(*towards[:2])), 1e-9)
     R_rest = np.stack([R for R, _ in orientations])
-    yaw = np.arange(YAWS) * (2 * np.pi / YAWS)
-    turn = exp(np.stack([np.zeros(YAWS), np.zeros(YAWS), yaw], axis=1))
+    yaw = np.arange(TUNING.yaws) * (2 * np.pi / TUNING.yaws)
+    turn = exp(np.stack([np.zeros(TUNING.yaws), np.zeros(TUNING.yaws), yaw], axis=1))
     R: Array = (turn[None] @ R_rest[:, None]).reshape(-1, 3, 3)
-    height = np.repeat([h for _, h in orientations], YAWS)
+    height = np.repeat([h for _, h in orientations], TUNING.yaws)
     view = np.argmax((towards @ R) @ model.directions.T, axis=1)
-    index = model.views[view, :COARSE_POINTS]
+    index = model.views[view, : TUNING.coarse_points]
     r = model.points[index] @ R.transpose(0, 2, 1)
     facing = np.maximum((model.normals[index] @ R.transpose(0, 2, 1)) @ towards, 0.05)
     offset = (r * facing[..., None]).sum(axis=1) / facing.sum(axis=1)[:, None]
@@ -173,11 +192,11 @@ def search(
     spread = np.linalg.norm(points_W - points_W.mean(axis=0), axis=1)
     if not orientations or np.median(spread) > 2.0 * model.radius + params.reach:
         return None
-    thin = points_W[:: max(1, len(points_W) // THIN)]
+    thin = points_W[:: max(1, len(points_W) // TUNING.thin)]
     laid = starts(model, frame, points_W, orientations)
-    if len(laid.p) > MOST_STARTS:
-        fit = assess(model, frame, laid, COARSE_POINTS, COARSE, slack=0.015)
-        laid = laid[np.argsort(-fit.likeness * np.minimum(fit.points, 20.0), kind="stable")[:MOST_STARTS]]
+    if len(laid.p) > TUNING.most_starts:
+        fit = assess(model, frame, laid, TUNING.coarse_points, COARSE, slack=0.015)
+        laid = laid[np.argsort(-fit.likeness * np.minimum(fit.points, 20.0), kind="stable")[: TUNING.most_starts]]
     return best_of(model, frame, laid, thin, RESTING, params)
 
 
@@ -198,7 +217,7 @@ def nearby(
     shift = np.array(np.meshgrid(step, step, [0.0])).T.reshape(-1, 3)
     turn = exp(np.array([[0.0, 0.0, a] for a in (-0.25, 0.0, 0.25)]))
     laid = Poses(np.repeat(turn @ R, len(shift), axis=0), np.tile(p + shift, (len(turn), 1)))
-    thin = points_W[:: max(1, len(points_W) // THIN)]
+    thin = points_W[:: max(1, len(points_W) // TUNING.thin)]
     return best_of(model, frame, laid, thin, information(0.2, 0.03), params)
 
 
@@ -206,16 +225,20 @@ def best_of(
     model: ModelCloud, frame: Frame, laid: Poses, points_W: Array, prior: Array, params: scenario.Registration
 ) -> Found | None:
     """Refines all starts on coarse colours and the best few exactly; the pose that explains most."""
-    poses, _ = refine(model, frame, laid, COARSE_POINTS, COARSE_ITERATIONS, prior, params, coarse_only=True)
-    fit = assess(model, frame, poses, COARSE_POINTS, COARSE, slack=0.005)
-    score = fit.likeness * np.minimum(fit.visible_share / LEAST_VISIBLE, 1.0) * np.minimum(fit.points / 20.0, 1.0)
+    poses, _ = refine(
+        model, frame, laid, TUNING.coarse_points, TUNING.coarse_iterations, prior, params, coarse_only=True
+    )
+    fit = assess(model, frame, poses, TUNING.coarse_points, COARSE, slack=0.005)
+    score = (
+        fit.likeness * np.minimum(fit.visible_share / TUNING.least_visible, 1.0) * np.minimum(fit.points / 20.0, 1.0)
+    )
     best: Found | None = None
     for k in _apart(poses, np.argsort(-score, kind="stable")):
-        if score[k] < HOPELESS * score.max() or (best is not None and best.score >= SURE):
+        if score[k] < TUNING.hopeless * score.max() or (best is not None and best.score >= TUNING.sure):
             break
         result = register(model, frame, poses.R[k], poses.p[k], params, points_W=points_W)
         share = explained(model, points_W, result)
-        visible = min(result.visible_share / LEAST_VISIBLE, 1.0) * min(result.points / LEAST_POINTS, 1.0)
+        visible = min(result.visible_share / TUNING.least_visible, 1.0) * min(result.points / TUNING.least_points, 1.0)
         rest = visible * (0.4 + 0.6 * share)
         if best is None or result.likeness * rest > best.likeness:
             best = Found(result, result.quality * rest, result.likeness * rest)
@@ -230,6 +253,6 @@ def _apart(poses: Poses, order: npt.NDArray[np.int64]) -> list[int]:
             np.linalg.norm(poses.p[k] - poses.p[j]) > 0.01 or np.trace(poses.R[k].T @ poses.R[j]) < 2.97 for j in chosen
         ):
             chosen.append(int(k))
-        if len(chosen) == CANDIDATES:
+        if len(chosen) == TUNING.candidates:
             break
     return chosen

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -12,11 +11,21 @@ from scipy.spatial import cKDTree
 from twin_diagram.assets import Asset
 from twin_diagram.signals.arrays import Array
 
-DIRECTIONS: Final = 160
-"""Directions from which the visible points are worked out beforehand: one is never farther than about 10° away."""
-BLUR: Final = (0.003, 0.008)
-"""Standard deviation of the colours' blur on the surface [m]: fine, coarse."""
-_NEIGHBOURS: Final = 24
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    directions: int = 160
+    """Directions from which the visible points are worked out beforehand: one is never farther than about 10° away."""
+
+    blur: tuple[float, ...] = (0.003, 0.008)
+    """Standard deviation of the colours' blur on the surface [m]: fine, coarse."""
+
+    neighbours: int = 24
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -57,17 +66,17 @@ class ModelCloud:
         """
         points, normals = asset.points_O, asset.normals_O
         tree = cKDTree(points)
-        distance, neighbour = tree.query(points, k=min(_NEIGHBOURS, len(points)), workers=1)
+        distance, neighbour = tree.query(points, k=min(TUNING.neighbours, len(points)), workers=1)
         spacing = float(np.median(distance[:, 1]) * 2)
         alike = np.einsum("mki,mi->mk", normals[neighbour], normals) > 0.7
-        colours = np.empty((len(BLUR), *points.shape))
-        for level, sigma in enumerate(BLUR):
+        colours = np.empty((len(TUNING.blur), *points.shape))
+        for level, sigma in enumerate(TUNING.blur):
             weight = np.exp(-0.5 * (distance / sigma) ** 2) * alike
             weight /= weight.sum(axis=1, keepdims=True)
             colours[level] = np.einsum("mk,mki->mi", weight, asset.colours[neighbour])
-        directions = fibonacci_sphere(DIRECTIONS)
-        views = np.zeros((DIRECTIONS, view_points), dtype=np.int64)
-        counts = np.zeros(DIRECTIONS, dtype=np.int64)
+        directions = fibonacci_sphere(TUNING.directions)
+        views = np.zeros((TUNING.directions, view_points), dtype=np.int64)
+        counts = np.zeros(TUNING.directions, dtype=np.int64)
         for k, direction in enumerate(directions):
             seen = np.flatnonzero(visible(points, normals, direction, 2.0 * spacing))[:view_points]
             counts[k] = len(seen)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final, cast
+from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -18,8 +19,16 @@ from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.runtime.timing import timed
 from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER
 
-AFTER_DELIVERY: Final = 0.001
-"""The update comes this long after an image is delivered [s]."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    after_delivery: float = 0.001
+    """The update comes this long after an image is delivered [s]."""
+
+
+TUNING = Tuning()
 
 
 class IcpPoseEstimator(LeafSystem):
@@ -71,7 +80,7 @@ class IcpPoseEstimator(LeafSystem):
         self._out = self.DeclareDiscreteState(empty)
         self._last = self.DeclareDiscreteState(np.array([NEVER]))
         self.DeclarePeriodicDiscreteUpdateEvent(
-            period_sec=1.0 / camera.rate, offset_sec=camera.latency + AFTER_DELIVERY, update=self._update
+            period_sec=1.0 / camera.rate, offset_sec=camera.latency + TUNING.after_delivery, update=self._update
         )
         self.DeclareVectorOutputPort(
             "object_poses",

@@ -3,22 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Final
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from twin_diagram import scenario
 from twin_diagram.perception.registration.frame import Frame
-from twin_diagram.perception.registration.global_search import SURE, Found, search
+from twin_diagram.perception.registration.global_search import TUNING as GLOBAL_SEARCH
+from twin_diagram.perception.registration.global_search import Found, search
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.registration import claimed
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.signals.arrays import Array
 
-ACCEPT: Final = 0.6
-"""Least score of an object that is recognised."""
-_BINS: Final = 12
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    accept: float = 0.6
+    """Least score of an object that is recognised."""
+
+    bins: int = 12
+
+
+TUNING = Tuning()
 
 
 def hues(colours: Array) -> Array:
@@ -26,8 +36,8 @@ def hues(colours: Array) -> Array:
     total = colours.sum(axis=1)
     bright = total > 0.1
     share = colours[bright, :2] / total[bright, None]
-    cell = np.minimum((share * _BINS).astype(np.int64), _BINS - 1)
-    count = np.bincount(cell[:, 0] * _BINS + cell[:, 1], minlength=_BINS * _BINS).astype(float)
+    cell = np.minimum((share * TUNING.bins).astype(np.int64), TUNING.bins - 1)
+    count = np.bincount(cell[:, 0] * TUNING.bins + cell[:, 1], minlength=TUNING.bins * TUNING.bins).astype(float)
     return count / max(count.sum(), 1.0)
 
 
@@ -71,15 +81,15 @@ def recognise(
             if result is None:
                 continue
             tried[k, s] = result
-            if result.score >= SURE:
+            if result.score >= GLOBAL_SEARCH.sure:
                 break
         best = max((result for (j, _), result in tried.items() if j == k), key=lambda r: r.score, default=None)
-        if best is not None and best.score >= SURE:
+        if best is not None and best.score >= GLOBAL_SEARCH.sure:
             found[k] = best
             free[_owned(model, segments, best)] = False
     # The rest in the order of their scores, each only where its segment is still there.
     for (k, _), result in sorted(tried.items(), key=lambda item: -item[1].score):
-        if k in found or result.score < ACCEPT:
+        if k in found or result.score < TUNING.accept:
             continue
         own_points = _owned(wanted[k], segments, result)
         if int(free[own_points].sum()) >= max(smallest // 2, len(own_points) // 2):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -25,19 +24,33 @@ from twin_diagram.perception.registration.residuals import (
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.signals.arrays import Array
 
-NARROW: Final = 0.007
-"""Reach of the last iterations [m]."""
-COARSE_STEPS: Final = 4
-"""At most so many iterations on coarse colours; fewer where the steps become small."""
-SMALL_STEP: Final = (1e-3, 2e-4)
-"""After a step smaller than this the next would be lost in the noise [rad], [m]."""
-COMMON_NOISE: Final = (0.004, 0.0006)
-"""Errors that all points of one image share (calibration, blur, shading): rotation [rad], translation [m]."""
-CORRELATION: Final = 4.0
-"""Neighbouring points err alike; their information counts this many times less."""
-WIDEST: Final = (1.0, 0.05)
-"""Standard deviations where the image says nothing [rad], [m]."""
-POINT_TO_POINT: Final = 0.1
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    narrow: float = 0.007
+    """Reach of the last iterations [m]."""
+
+    coarse_steps: int = 4
+    """At most so many iterations on coarse colours; fewer where the steps become small."""
+
+    small_step: tuple[float, ...] = (1e-3, 2e-4)
+    """After a step smaller than this the next would be lost in the noise [rad], [m]."""
+
+    common_noise: tuple[float, ...] = (0.004, 0.0006)
+    """Errors that all points of one image share (calibration, blur, shading): rotation [rad], translation [m]."""
+
+    correlation: float = 4.0
+    """Neighbouring points err alike; their information counts this many times less."""
+
+    widest: tuple[float, ...] = (1.0, 0.05)
+    """Standard deviations where the image says nothing [rad], [m]."""
+
+    point_to_point: float = 0.1
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -102,7 +115,7 @@ def refine(
         looked = look(model, frame, poses, count, level)
         data, _ = linearise(looked, frame, level, reach, params.colour_weight)
         if points_W is not None and len(points_W):
-            opposite = unexplained(model, points_W, poses, frame.camera.p_WC, reach, POINT_TO_POINT)
+            opposite = unexplained(model, points_W, poses, frame.camera.p_WC, reach, TUNING.point_to_point)
             data = Normal(data.H + opposite.H, data.b + opposite.b)
         held = toward(poses, start, prior)
         step = np.linalg.solve(data.H + held.H, (data.b + held.b)[..., None])[..., 0]
@@ -113,15 +126,15 @@ def refine(
         if coarse_only:
             continue
         coarse += 1
-        if level == COARSE and (coarse >= COARSE_STEPS or (turn.max() < 0.03 and shift.max() < 0.004)):
+        if level == COARSE and (coarse >= TUNING.coarse_steps or (turn.max() < 0.03 and shift.max() < 0.004)):
             level = FINE
             # A prediction that was right needs no wide reach.
             if turn.max() < 0.01 and shift.max() < 0.002:
-                reach = min(reach, NARROW)
+                reach = min(reach, TUNING.narrow)
         elif level == FINE:
-            if turn.max() < SMALL_STEP[0] and shift.max() < SMALL_STEP[1] and reach <= NARROW:
+            if turn.max() < TUNING.small_step[0] and shift.max() < TUNING.small_step[1] and reach <= TUNING.narrow:
                 break
-            reach = max(NARROW, 0.6 * reach)
+            reach = max(TUNING.narrow, 0.6 * reach)
     return poses, data
 
 
@@ -166,10 +179,10 @@ def covariance(H: Array, visible_share: float) -> Array:
 
     The less of an object is seen, the less do errors that its points share cancel.
     """
-    widest = np.diag(information(*WIDEST))
-    result = np.linalg.inv(H / CORRELATION + widest)
+    widest = np.diag(information(*TUNING.widest))
+    result = np.linalg.inv(H / TUNING.correlation + widest)
     result = 0.5 * (result + result.T)
-    common = np.repeat(np.square(COMMON_NOISE), 3) / max(visible_share, 0.1) ** 2
+    common = np.repeat(np.square(TUNING.common_noise), 3) / max(visible_share, 0.1) ** 2
     return np.asarray(result + np.diag(common))
 
 

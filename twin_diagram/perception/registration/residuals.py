@@ -15,29 +15,43 @@ towards them.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from twin_diagram.perception.pinhole import DEPTH_NOISE
+from twin_diagram.perception.pinhole import TUNING as PINHOLE
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.rotation import cross, exp, log, skew
 from twin_diagram.signals.arrays import Array
 
-MODEL_NOISE: Final = 0.0007
-"""Standard deviation of the model's surface [m]."""
-COLOUR_NOISE: Final = 0.05
-"""Standard deviation of colour (of 1) by sampling and blur."""
-TABLE_THICKNESS: Final = 0.006
-"""A point of the image this near to the table's top is the table's, unless the model point itself is as low [m]."""
-LEAST_COSINE: Final = 0.5
-"""Between the normals of a model point and of what is seen in its place."""
-DEEPEST: Final = 2.0
-"""Along the line of sight, pairs farther apart than this many reaches are cut."""
-COLOUR_CUT: Final = 0.30
-"""A colour farther off than this is another thing's."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    model_noise: float = 0.0007
+    """Standard deviation of the model's surface [m]."""
+
+    colour_noise: float = 0.05
+    """Standard deviation of colour (of 1) by sampling and blur."""
+
+    table_thickness: float = 0.006
+    """A point of the image this near to the table's top is the table's, unless the model point itself is as low [m]."""
+
+    least_cosine: float = 0.5
+    """Between the normals of a model point and of what is seen in its place."""
+
+    deepest: float = 2.0
+    """Along the line of sight, pairs farther apart than this many reaches are cut."""
+
+    colour_cut: float = 0.30
+    """A colour farther off than this is another thing's."""
+
+
+TUNING = Tuning()
+
+
 FINE, COARSE = 0, 1
 
 
@@ -112,13 +126,13 @@ def look(model: ModelCloud, frame: Frame, poses: Poses, count: int, level: int) 
     robot = frame.robot_at(u, v)
     distance = np.einsum("bpi,bpi->bp", n, y - x)
     a, b, c = frame.table
-    on_table = np.abs(y[..., 2] - (a * y[..., 0] + b * y[..., 1] + c)) < TABLE_THICKNESS
-    above = x[..., 2] - (a * x[..., 0] + b * x[..., 1] + c) > 2.0 * TABLE_THICKNESS
+    on_table = np.abs(y[..., 2] - (a * y[..., 0] + b * y[..., 1] + c)) < TUNING.table_thickness
+    above = x[..., 2] - (a * x[..., 0] + b * x[..., 1] + c) > 2.0 * TUNING.table_thickness
     seen = there & ~robot & counted & (facing > 0.1)
     near = seen & ~(on_table & above)
     normal = frame.normal_at(u, v)
     cosine = np.einsum("bpi,bpi->bp", n, normal)
-    matched = near & ((cosine > LEAST_COSINE) | (np.einsum("bpi,bpi->bp", normal, normal) == 0.0))
+    matched = near & ((cosine > TUNING.least_cosine) | (np.einsum("bpi,bpi->bp", normal, normal) == 0.0))
     return Looked(
         r=r,
         n=n,
@@ -165,8 +179,8 @@ class Normal:
 
 def linearise(looked: Looked, frame: Frame, level: int, reach: float, colour_share: float) -> tuple[Normal, Array]:
     """Normal equations of geometry and colour at the poses that were looked up; and the distances' noise (B, P)."""
-    sigma = np.hypot(DEPTH_NOISE * looked.z**2 * np.maximum(looked.facing, 0.2), MODEL_NOISE)
-    near = looked.matched & (np.abs(looked.deeper) < DEEPEST * reach)
+    sigma = np.hypot(PINHOLE.depth_noise * looked.z**2 * np.maximum(looked.facing, 0.2), TUNING.model_noise)
+    near = looked.matched & (np.abs(looked.deeper) < TUNING.deepest * reach)
     w = np.where(near, tukey(looked.distance, reach), 0.0) / sigma**2
     J = -np.concatenate([cross(looked.r, looked.n), looked.n], axis=2)
     weighted = (J * w[..., None]).transpose(0, 2, 1)
@@ -174,7 +188,7 @@ def linearise(looked: Looked, frame: Frame, level: int, reach: float, colour_sha
     b = -(weighted @ looked.distance[..., None])[..., 0]
     if colour_share > 0:
         Hc, bc = _colour_terms(looked, frame, level, reach, near)
-        factor = colour_share / max(1.0 - colour_share, 1e-3) / COLOUR_NOISE**2
+        factor = colour_share / max(1.0 - colour_share, 1e-3) / TUNING.colour_noise**2
         H = H + factor * Hc
         b = b + factor * bc
     return Normal(H, b), sigma
@@ -191,7 +205,7 @@ def _colour_terms(
     expected = np.minimum(looked.colour * gain[..., None], 1.0)
     difference = found - expected
     size = np.sqrt(np.einsum("bpi,bpi->bp", difference, difference))
-    w = on * tukey(size, COLOUR_CUT if level == FINE else 1.5 * COLOUR_CUT)
+    w = on * tukey(size, TUNING.colour_cut if level == FINE else 1.5 * TUNING.colour_cut)
     camera = frame.camera
     scale = camera.focal / looked.z
     cu, cv = camera.centre
@@ -241,7 +255,7 @@ def unexplained(model: ModelCloud, points_W: Array, poses: Poses, p_WC: Array, r
     tangent = apart - along[:, None] * n
     slide = np.linalg.norm(tangent, axis=1)
     tangent *= np.maximum(1.0 - model.spacing / np.maximum(slide, 1e-9), 0.0)[:, None]
-    w = tukey(distance[good], reach) / (2.0 * MODEL_NOISE) ** 2
+    w = tukey(distance[good], reach) / (2.0 * TUNING.model_noise) ** 2
     J = -np.concatenate([cross(r, n), n], axis=1)
     H = (J * w[:, None]).T @ J
     b = -(J * w[:, None]).T @ along
@@ -276,7 +290,7 @@ class Fit:
 def assess(model: ModelCloud, frame: Frame, poses: Poses, count: int, level: int = FINE, slack: float = 0.003) -> Fit:
     """Compares poses with the image; a surface point is in place within `slack` [m] and three times the noise."""
     looked = look(model, frame, poses, count, level)
-    sigma = np.hypot(DEPTH_NOISE * looked.z**2, MODEL_NOISE)
+    sigma = np.hypot(PINHOLE.depth_noise * looked.z**2, TUNING.model_noise)
     tolerance = slack + 3.0 * sigma
     in_place = looked.near & (np.abs(looked.distance) < tolerance) & (np.abs(looked.deeper) < 0.03)
     hidden = looked.seen & ~in_place & (looked.deeper < 0)
@@ -287,13 +301,13 @@ def assess(model: ModelCloud, frame: Frame, poses: Poses, count: int, level: int
     difference = found - np.minimum(looked.colour * gain[..., None], 1.0)
     # In proportion to the light, or else everything fits in the dark.
     size = np.sqrt(np.einsum("bpi,bpi->bp", difference, difference)) / np.maximum(gain, 0.2)
-    fits = (weight * (size < COLOUR_CUT)).sum(axis=1)
+    fits = (weight * (size < TUNING.colour_cut)).sum(axis=1)
     whole = (looked.facing * looked.counted * (looked.facing > 0.1)).sum(axis=1)
     open_ = (looked.facing * (in_place | behind)).sum(axis=1)
     lost = (looked.facing * (hidden | looked.robot) * (looked.facing > 0.1)).sum(axis=1)
     return Fit(
         quality=fits / np.maximum(open_, 1e-9),
-        likeness=(weight * tukey(size, COLOUR_CUT)).sum(axis=1) / np.maximum(open_, 1e-9),
+        likeness=(weight * tukey(size, TUNING.colour_cut)).sum(axis=1) / np.maximum(open_, 1e-9),
         visible_share=open_ / np.maximum(np.where(open_ + lost > 0.3 * whole, open_ + lost, whole), 1e-9),
-        points=(in_place & (size < COLOUR_CUT)).sum(axis=1).astype(float),
+        points=(in_place & (size < TUNING.colour_cut)).sum(axis=1).astype(float),
     )

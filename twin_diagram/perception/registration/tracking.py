@@ -14,32 +14,58 @@ from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import nearby, resting
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.recognition import recognise
-from twin_diagram.perception.registration.registration import WIDEST, Registration, claimed, information, register
+from twin_diagram.perception.registration.registration import (
+    TUNING as REGISTRATION,
+)
+from twin_diagram.perception.registration.registration import (
+    Registration,
+    claimed,
+    information,
+    register,
+)
 from twin_diagram.perception.registration.rotation import exp, from_quaternion, log, to_quaternion
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, POSE_SIZE, PoseMeasurement
 
 SLOT_SIZE: Final = 1 + POSE_SIZE + 6 + 1 + 1 + 1
-LEAST_VISIBLE: Final = 0.12
-"""An object of which less can be seen counts as hidden."""
-LEAST_POINTS: Final = 30
-LARGEST_STEP: Final = (0.7, 0.08)
-"""From one image to the next no object turns or moves farther than this [rad], [m]."""
-COAST: Final = 0.3
-"""A velocity is believed for this long [s]."""
-RESTS: Final = (0.1, 0.012)
-"""Slower than this is standing still [rad/s], [m/s]."""
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    least_visible: float = 0.12
+    """An object of which less can be seen counts as hidden."""
+
+    least_points: int = 30
+
+    largest_step: tuple[float, ...] = (0.7, 0.08)
+    """From one image to the next no object turns or moves farther than this [rad], [m]."""
+
+    coast: float = 0.3
+    """A velocity is believed for this long [s]."""
+
+    rests: tuple[float, ...] = (0.1, 0.012)
+    """Slower than this is standing still [rad/s], [m/s]."""
+
+    thin: int = 120
+    """Image points that pull on an object that is followed."""
+
+    owned: float = 0.012
+    """Points this near to an object's surface are its own [m]."""
+
+    longest_wait: int = 4
+    """A search that keeps failing is repeated after so many search periods."""
+
+
+TUNING = Tuning()
+
+
 MOVING: Final = information(0.2, 0.03)
 """How well the next pose of an object that moves is known."""
 RESTING: Final = information(0.03, 0.005)
 """And of one that stands still. Nearly hidden, it is held where it was; in the open, the image has far more to say."""
-THIN: Final = 120
-"""Image points that pull on an object that is followed."""
-OWNED: Final = 0.012
-"""Points this near to an object's surface are its own [m]."""
-LONGEST_WAIT: Final = 4
-"""A search that keeps failing is repeated after so many search periods."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +127,7 @@ class Known:
 def predict(slot: Slot, time: float) -> tuple[Array, Array]:
     """R (3, 3) and p (3,) at `time`, by constant velocity for a short while."""
     ahead = time - slot.seen
-    if not 0.0 < ahead <= COAST:
+    if not 0.0 < ahead <= TUNING.coast:
         return slot.R, slot.p
     return exp(slot.velocity[:3] * ahead) @ slot.R, slot.p + slot.velocity[3:] * ahead
 
@@ -110,10 +136,10 @@ def believable(result: Registration, params: scenario.Registration, R: Array, p:
     """Whether a registration is the object, near where it must be, and not a guess from a few pixels."""
     return bool(
         result.quality >= params.minimum_quality
-        and result.visible_share >= LEAST_VISIBLE
-        and result.points >= LEAST_POINTS
-        and np.linalg.norm(result.p - p) <= LARGEST_STEP[1]
-        and np.linalg.norm(log((result.R @ R.T)[None])) <= LARGEST_STEP[0]
+        and result.visible_share >= TUNING.least_visible
+        and result.points >= TUNING.least_points
+        and np.linalg.norm(result.p - p) <= TUNING.largest_step[1]
+        and np.linalg.norm(log((result.R @ R.T)[None])) <= TUNING.largest_step[0]
     )
 
 
@@ -126,7 +152,7 @@ def follow(
     if moves:
         guesses.append((slot.R, slot.p, MOVING))
     for R, p, prior in guesses:
-        thin = segments.points_W[claimed(known.model, segments, R, p, params.reach, THIN)]
+        thin = segments.points_W[claimed(known.model, segments, R, p, params.reach, TUNING.thin)]
         result = register(known.model, frame, R, p, params, prior=prior, points_W=thin)
         if believable(result, params, R, p):
             return result
@@ -144,7 +170,7 @@ def regain(
     """Looks around an object's last pose, among points that nothing else explains."""
     apart = segments.points_W - slot.p
     around = np.flatnonzero(free & (np.einsum("ni,ni->n", apart, apart) < (known.model.radius + 0.06) ** 2))
-    if len(around) < LEAST_POINTS:
+    if len(around) < TUNING.least_points:
         return None
     found = nearby(known.model, frame, slot.R, slot.p, segments.points_W[around], params)
     if found is None or not believable(found.registration, params, slot.R, slot.p):
@@ -156,10 +182,10 @@ def seen(slot: Slot, result: Registration, time: float) -> Slot:
     """The slot after the object was found; its velocity is not known after an empty slot or a long gap."""
     velocity = np.zeros(6)
     step = time - slot.seen
-    if slot.known and 0.0 < step <= COAST:
+    if slot.known and 0.0 < step <= TUNING.coast:
         rate = np.concatenate([log((result.R @ slot.R.T)[None])[0], result.p - slot.p]) / step
         velocity = 0.4 * slot.velocity + 0.6 * rate
-        if np.linalg.norm(velocity[:3]) < RESTS[0] and np.linalg.norm(velocity[3:]) < RESTS[1]:
+        if np.linalg.norm(velocity[:3]) < TUNING.rests[0] and np.linalg.norm(velocity[3:]) < TUNING.rests[1]:
             velocity = np.zeros(6)
     return Slot(True, result.R, result.p, velocity, time, NEVER, 0)
 
@@ -167,7 +193,7 @@ def seen(slot: Slot, result: Registration, time: float) -> Slot:
 def measurement(slot: Slot, result: Registration | None, time: float) -> PoseMeasurement:
     """What goes out: the pose found, or the last one with quality 0."""
     if result is None:
-        widest = np.diag(np.repeat(np.square(WIDEST), 3))
+        widest = np.diag(np.repeat(np.square(REGISTRATION.widest), 3))
         return PoseMeasurement(0.0, time, np.concatenate([to_quaternion(slot.R), slot.p]), widest)
     return PoseMeasurement(result.quality, time, np.concatenate([to_quaternion(result.R), result.p]), result.covariance)
 
@@ -206,12 +232,12 @@ def step(
     def take(k: int) -> None:
         result = results[k]
         if result is not None:
-            free[claimed(library[k].model, segments, result.R, result.p, OWNED)] = False
+            free[claimed(library[k].model, segments, result.R, result.p, TUNING.owned)] = False
 
     for k in range(len(library)):
         take(k)
     for k, (known, slot) in enumerate(zip(library, slots, strict=True)):
-        if slot.known and results[k] is None and time - slot.seen <= COAST:
+        if slot.known and results[k] is None and time - slot.seen <= TUNING.coast:
             results[k] = regain(known, slot, segments, frame, free, params)
             take(k)
 
@@ -234,7 +260,7 @@ def step(
                 slots = [*slots[:k], Slot(), *slots[k + 1 :]]
             else:
                 attempts = after[k].attempts + 1
-                wait = params.search_period * min(max(1, attempts // 2), LONGEST_WAIT)
+                wait = params.search_period * min(max(1, attempts // 2), TUNING.longest_wait)
                 after[k] = replace(after[k], next_search=time + wait, attempts=attempts)
     return _told(after, slots, results, time)
 

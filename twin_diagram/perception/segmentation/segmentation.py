@@ -11,16 +11,35 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from twin_diagram import scenario
-from twin_diagram.perception.pinhole import DEPTH_NOISE, ColourImage, DepthImage, Pinhole, back_project, grid_normals
-from twin_diagram.perception.segmentation.segments import BACKGROUND, NO_DEPTH, ROBOT, Segments
+from twin_diagram.perception.pinhole import (
+    TUNING as PINHOLE,
+)
+from twin_diagram.perception.pinhole import (
+    ColourImage,
+    DepthImage,
+    Pinhole,
+    back_project,
+    grid_normals,
+)
+from twin_diagram.perception.segmentation.segments import TUNING as SEGMENTS
+from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.signals.arrays import Array
 
 Mask = npt.NDArray[np.bool_]
 
-TABLE_SEARCH = 0.015
-"""The table's top is looked for within this of its known height [m]."""
-LARGEST_TILT = 0.02
-"""A refined table steeper than this is not believed [rad]."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    table_search: float = 0.015
+    """The table's top is looked for within this of its known height [m]."""
+
+    largest_tilt: float = 0.02
+    """A refined table steeper than this is not believed [rad]."""
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -49,7 +68,7 @@ def fit_table(points_W: Array, height: float) -> Array:
         too far.
     """
     level = np.array([0.0, 0.0, height])
-    near = points_W[np.abs(points_W[:, 2] - height) < TABLE_SEARCH]
+    near = points_W[np.abs(points_W[:, 2] - height) < TUNING.table_search]
     near = near[:: max(1, len(near) // 4000)]
     if len(near) < 200:
         return level
@@ -63,7 +82,7 @@ def fit_table(points_W: Array, height: float) -> Array:
         residual = near[:, 2] - A @ plane
         scale = max(1.4826 * float(np.median(np.abs(residual))), 5e-4)
         weight = np.maximum(1.0 - (residual / (4.0 * scale)) ** 2, 0.0) ** 2
-    if np.abs(plane[:2]).max() > LARGEST_TILT:
+    if np.abs(plane[:2]).max() > TUNING.largest_tilt:
         return level
     return np.array([plane[0], plane[1], plane[2] - plane[:2] @ middle])
 
@@ -133,15 +152,15 @@ def segment(
     x, y, z = points[..., 0], points[..., 1], points[..., 2]
     inside = valid & (x > low[0]) & (x < high[0]) & (y > low[1]) & (y < high[1]) & (z > low[2]) & (z < high[2])
     table = fit_table(points[inside], params.table_height)
-    clearance = np.maximum(params.table_clearance, 4.0 * DEPTH_NOISE * coarse**2)
+    clearance = np.maximum(params.table_clearance, 4.0 * PINHOLE.depth_noise * coarse**2)
     standing = inside & (z - (table[0] * x + table[1] * y + table[2]) > clearance)
 
-    label_image = np.full(coarse.shape, BACKGROUND, dtype=np.int16)
-    label_image[~valid] = NO_DEPTH
+    label_image = np.full(coarse.shape, SEGMENTS.background, dtype=np.int16)
+    label_image[~valid] = SEGMENTS.no_depth
     if near_robot is not None:
         row, column = np.nonzero(standing)
         robot = near_robot(points[row, column], params.robot_clearance)
-        label_image[row[robot], column[robot]] = ROBOT
+        label_image[row[robot], column[robot]] = SEGMENTS.robot
         standing[row[robot], column[robot]] = False
 
     part = connected(points, standing, params.cluster_gap)

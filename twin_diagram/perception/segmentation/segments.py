@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -12,10 +11,20 @@ from twin_diagram.perception.pinhole import ColourImage, DepthImage, Pinhole
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER
 
-BACKGROUND: Final = -1
-"""Label of the table, of all outside the workspace, and of specks."""
-ROBOT: Final = -2
-NO_DEPTH: Final = -3
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    background: int = -1
+    """Label of the table, of all outside the workspace, and of specks."""
+
+    robot: int = -2
+
+    no_depth: int = -3
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -62,7 +71,9 @@ class Segments:
         """Before the first image."""
         none = np.zeros((0, 3))
         shape = (camera.height, camera.width)
-        label_image = np.full(((shape[0] - 1) // stride + 1, (shape[1] - 1) // stride + 1), NO_DEPTH, dtype=np.int16)
+        label_image = np.full(
+            ((shape[0] - 1) // stride + 1, (shape[1] - 1) // stride + 1), TUNING.no_depth, dtype=np.int16
+        )
         return Segments(
             time=NEVER,
             points_W=none,

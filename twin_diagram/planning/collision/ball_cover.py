@@ -25,12 +25,23 @@ from twin_diagram.planning.collision.convex_solids import bounding_box
 from twin_diagram.planning.collision.geometry_to_solids import moved, points_of
 from twin_diagram.signals.arrays import Array
 
-OVERHANG = 0.013
-CAPSULE_OVERHANG = 0.004
-MOST_CELLS = 36
-"""Balls that cover one box, at most."""
-FEW_SHAPES = 6
-"""Each shape of a link counts as a part of its own, but not where a link has more of them than this."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    overhang: float = 0.013
+
+    capsule_overhang: float = 0.004
+
+    most_cells: int = 36
+    """Balls that cover one box, at most."""
+
+    few_shapes: int = 6
+    """Each shape of a link counts as a part of its own, but not where a link has more of them than this."""
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -94,7 +105,7 @@ def arm_balls(plant: MultibodyPlant, scene_graph: SceneGraph, arm: description.A
                 links.append(k)
                 groups.append(group + part)
                 ids.append(geometry)
-            if len(geometries) <= FEW_SHAPES:
+            if len(geometries) <= TUNING.few_shapes:
                 group = max(groups, default=0) + 1
         group = max(groups, default=0) + 1
     if not centres:
@@ -157,7 +168,7 @@ def _cover(inspector: SceneGraphInspector, geometry: GeometryId, X_LGs: list[Arr
     box = bounding_box(swept)
     return [
         (X_LGs[0][:3, :3] @ (c + box.p_GB) + X_LGs[0][:3, 3], r, part)
-        for c, r, part in box_cover(2 * box.half, OVERHANG)
+        for c, r, part in box_cover(2 * box.half, TUNING.overhang)
     ]
 
 
@@ -166,13 +177,13 @@ def _round_cover(shape: Shape) -> list[tuple[Array, float]]:
         return [(np.zeros(3), shape.radius())]
     radius, length = shape.radius(), shape.length()
     if isinstance(shape, Capsule):
-        grown = radius + min(CAPSULE_OVERHANG, 0.2 * radius)
+        grown = radius + min(TUNING.capsule_overhang, 0.2 * radius)
         spacing = 2 * np.sqrt(grown**2 - radius**2)
         count = int(np.ceil(length / spacing - 1e-9)) + 1
         grown = float(np.hypot(radius, length / (count - 1) / 2)) if count > 1 else radius
         return [(np.array([0.0, 0.0, z]), grown) for z in np.linspace(-length / 2, length / 2, count)]
     # A cylinder: slices, each in a ball through its rims.
-    count = int(np.ceil(length / (2 * np.sqrt((radius + OVERHANG) ** 2 - radius**2)) - 1e-9))
+    count = int(np.ceil(length / (2 * np.sqrt((radius + TUNING.overhang) ** 2 - radius**2)) - 1e-9))
     half = length / count / 2
     return [
         (np.array([0.0, 0.0, -length / 2 + half * (2 * i + 1)]), float(np.hypot(radius, half))) for i in range(count)
@@ -191,7 +202,7 @@ def box_cover(size: Array, overhang: float) -> list[tuple[Array, float, int]]:
     beyond = np.linalg.norm(cells, axis=1) / 2 - cells.min(axis=1) / 2
     total = counts.prod(axis=1)
     # Fewest cells where the overhang is kept, else the smallest overhang that the number of cells allows.
-    best = np.lexsort((beyond, total, np.where(beyond <= overhang, 0, beyond), total > MOST_CELLS))[0]
+    best = np.lexsort((beyond, total, np.where(beyond <= overhang, 0, beyond), total > TUNING.most_cells))[0]
     counts = counts[best]
     cell = size / counts
     radius = float(np.linalg.norm(cell) / 2)

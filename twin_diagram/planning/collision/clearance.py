@@ -13,8 +13,16 @@ from twin_diagram.planning.collision.chain import Chain, Ints, Placement, point_
 from twin_diagram.planning.collision.convex_solids import Solid
 from twin_diagram.signals.arrays import Array
 
-FAR = 1.0e3
-"""Stands for a distance beyond reach [m]."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    far: float = 1.0e3
+    """Stands for a distance beyond reach [m]."""
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -148,7 +156,7 @@ class Clearance:
         """
         placement = self.chain.place(q)
         centres = self.centres(placement)
-        result = np.full((len(q), len(self.bodies) + 1), FAR)
+        result = np.full((len(q), len(self.bodies) + 1), TUNING.far)
         for b in range(len(self.bodies)):
             row, _, distance, _ = self._near(centres, around, b, reach)
             np.minimum.at(result[:, b], row, distance)
@@ -160,9 +168,9 @@ class Clearance:
     def link_distances(self, q: Array, around: Surroundings) -> Array:
         """Smallest distance of each link (from joint 1's on) to each body, however far: (N, n, B) [m]."""
         centres = self.centres(self.chain.place(q))
-        result = np.full((len(q), self.chain.size, len(self.bodies)), FAR)
+        result = np.full((len(q), self.chain.size, len(self.bodies)), TUNING.far)
         for b in range(len(self.bodies)):
-            row, ball, distance, _ = self._near(centres, around, b, FAR)
+            row, ball, distance, _ = self._near(centres, around, b, TUNING.far)
             np.minimum.at(result[:, :, b], (row, self._links[ball] - 1), distance)
         return result
 
@@ -172,7 +180,7 @@ class Clearance:
         row, first, second, distance, _ = self._near_self(placement, self.centres(placement), reach)
         column = np.full((self._group_count, self._group_count), -1)
         column[self._group_pairs[:, 0], self._group_pairs[:, 1]] = np.arange(len(self._group_pairs))
-        result = np.full((len(q), len(self._group_pairs)), FAR)
+        result = np.full((len(q), len(self._group_pairs)), TUNING.far)
         np.minimum.at(result, (row, column[self._groups[first], self._groups[second]]), distance)
         return result
 
@@ -223,7 +231,7 @@ class Clearance:
             p_O = (p_W - p_WO[0]) @ R_WO[0]
         else:
             p_O = ((p_W - p_WO[row])[:, None, :] @ R_WO[row])[:, 0]
-        distance = np.full(len(row), FAR)
+        distance = np.full(len(row), TUNING.far)
         normal_O = np.zeros((len(row), 3))
         for solid in body.solids:
             near = np.flatnonzero(solid.lower_bound(p_O) < np.minimum(distance, reach + grown))

@@ -20,22 +20,38 @@ from twin_diagram.planning.collision.geometry_to_solids import fixture_solids
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import TRACK_SIZE, ObjectStatus
 
-SIGMAS = 3.0
-"""Objects grow by this many standard deviations of their position …"""
-GROWTH_CAP = 0.03
-"""… but by no more than this [m]."""
-STEADY = 1.0
-"""A moving object is taken to keep its velocity for this long [s] …"""
-FADE = 0.5
-"""… and to lose it with this time constant thereafter [s]."""
-REST_SPEED = 0.015
-"""Slower than this an object is taken to stand still [m/s]: so slow is the noise of tracking."""
-REST_SPIN = 0.15
-"""[rad/s]"""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    sigmas: float = 3.0
+    """Objects grow by this many standard deviations of their position …"""
+
+    growth_cap: float = 0.03
+    """… but by no more than this [m]."""
+
+    steady: float = 1.0
+    """A moving object is taken to keep its velocity for this long [s] …"""
+
+    fade: float = 0.5
+    """… and to lose it with this time constant thereafter [s]."""
+
+    rest_speed: float = 0.015
+    """Slower than this an object is taken to stand still [m/s]: so slow is the noise of tracking."""
+
+    rest_spin: float = 0.15
+    """[rad/s]"""
+
+    samples: int = 256
+
+    own_contact: float = 0.01
+
+
+TUNING = Tuning()
+
 
 _ABSENT = (ObjectStatus.UNSEEN, ObjectStatus.HELD, ObjectStatus.GONE)
-_SAMPLES = 256
-_OWN_CONTACT = 0.01
 
 
 @dataclass(frozen=True)
@@ -147,15 +163,15 @@ class Forecast:
         quaternion[norm <= 0.5] = [1.0, 0.0, 0.0, 0.0]
         R_WO = Rotation.from_quat(quaternion[:, [1, 2, 3, 0]]).as_matrix() if len(rows) else np.zeros((0, 3, 3))
         spin, velocity = rows[:, 9:12].copy(), rows[:, 12:15].copy()
-        spin[np.linalg.norm(spin, axis=1) < REST_SPIN] = 0.0
-        moving = present & (np.linalg.norm(velocity, axis=1) >= REST_SPEED)
+        spin[np.linalg.norm(spin, axis=1) < TUNING.rest_spin] = 0.0
+        moving = present & (np.linalg.norm(velocity, axis=1) >= TUNING.rest_speed)
         velocity[~moving] = 0.0
         spin[~moving] = 0.0
         covariance = rows[:, 15:].reshape(-1, 6, 6)[:, 3:, 3:]
         variance = (
             np.linalg.eigvalsh((covariance + covariance.transpose(0, 2, 1)) / 2)[:, -1] if len(rows) else rows[:, 0]
         )
-        grown = np.minimum(SIGMAS * np.sqrt(np.maximum(variance, 0.0)), GROWTH_CAP)
+        grown = np.minimum(TUNING.sigmas * np.sqrt(np.maximum(variance, 0.0)), TUNING.growth_cap)
         forecast = Forecast(present, moving, R_WO, rows[:, 6:9].copy(), spin, velocity, grown)
         if age > 0.0:
             X_WO, _ = forecast.at(np.array([age]))
@@ -177,12 +193,14 @@ class Forecast:
 
 def travel(times: Array) -> Array:
     """How many seconds' worth of its present velocity an object moves until each time [s]: ever less in the end."""
-    return np.minimum(times, STEADY) + FADE * (1.0 - np.exp(-np.maximum(times - STEADY, 0.0) / FADE))
+    return np.minimum(times, TUNING.steady) + TUNING.fade * (
+        1.0 - np.exp(-np.maximum(times - TUNING.steady, 0.0) / TUNING.fade)
+    )
 
 
 def _samples(lower: Array, upper: Array) -> Array:
     low, high = np.maximum(lower, -np.pi), np.minimum(upper, np.pi)
-    return np.random.default_rng(0).uniform(low, high, (_SAMPLES, len(lower)))
+    return np.random.default_rng(0).uniform(low, high, (TUNING.samples, len(lower)))
 
 
 def _here(clearance: Clearance, count: int, present: npt.NDArray[np.bool_]) -> Surroundings:
@@ -204,5 +222,5 @@ def _never_leaving(clearance: Clearance, q: Array, fixture_count: int) -> npt.ND
 
 def _always_touching(clearance: Clearance, q: Array) -> npt.NDArray[np.bool_]:
     """Which pairs of the arm's own parts touch in most configurations: neighbours by construction, not collisions."""
-    touching = clearance.own_distances(q, _OWN_CONTACT) < _OWN_CONTACT
+    touching = clearance.own_distances(q, TUNING.own_contact) < TUNING.own_contact
     return np.asarray(touching.mean(axis=0) > 0.5)

@@ -15,7 +15,15 @@ from scipy.spatial import ConvexHull, QhullError
 from twin_diagram.errors import AssetError
 from twin_diagram.signals.arrays import Array
 
-_TINY = 1e-12
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    tiny: float = 1e-12
+
+
+TUNING = Tuning()
 
 
 class Solid(ABC):
@@ -50,7 +58,7 @@ class Box(Solid):
         outside = np.maximum(excess, 0.0)
         norm = np.sqrt(np.einsum("mi,mi->m", outside, outside))
         depth = excess.max(axis=1)
-        out = norm > _TINY
+        out = norm > TUNING.tiny
         slope = outside / np.where(out, norm, 1.0)[:, None]
         if not out.all():
             inner = np.flatnonzero(~out)
@@ -88,7 +96,9 @@ class Ball(Solid):
         """See `Solid`."""
         offset = p_G - self.centre
         norm = np.linalg.norm(offset, axis=1)
-        slope = np.where(norm[:, None] > _TINY, offset / np.maximum(norm, _TINY)[:, None], [[0.0, 0.0, 1.0]])
+        slope = np.where(
+            norm[:, None] > TUNING.tiny, offset / np.maximum(norm, TUNING.tiny)[:, None], [[0.0, 0.0, 1.0]]
+        )
         return norm - self.size, slope
 
     def lower_bound(self, p_G: Array) -> Array:
@@ -116,12 +126,12 @@ class Drum(Solid):
         height = offset @ self.axis
         across = offset - height[:, None] * self.axis
         radius = np.sqrt(np.einsum("mi,mi->m", across, across))
-        outward = across / np.maximum(radius, _TINY)[:, None]
+        outward = across / np.maximum(radius, TUNING.tiny)[:, None]
         upward = np.where(height < 0.0, -1.0, 1.0)
         beside, beyond = radius - self.size, np.abs(height) - self.half
         out_beside, out_beyond = np.maximum(beside, 0.0), np.maximum(beyond, 0.0)
         norm = np.hypot(out_beside, out_beyond)
-        out = norm > _TINY
+        out = norm > TUNING.tiny
         safe = np.where(out, norm, 1.0)
         sideways = np.where(out, out_beside / safe, beside >= beyond)
         endways = np.where(out, out_beyond / safe, beside < beyond)
@@ -224,7 +234,7 @@ class Polytope(Solid):
         nearest = squares.argmin(axis=1)
         away = p - self._starts[nearest] - share[here, nearest][:, None] * self._spans[nearest]
         d = np.sqrt(np.einsum("mi,mi->m", away, away))
-        n = away / np.maximum(d, _TINY)[:, None]
+        n = away / np.maximum(d, TUNING.tiny)[:, None]
         # A face counts where the point is above it, within its sides and nearer to its plane than to any edge.
         which, flat = np.nonzero((height[rest] > 0.0) & (height[rest] < d[:, None]))
         sides = np.einsum("mki,mi->mk", self._side_normals[flat], p[which]) <= self._side_offsets[flat]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -31,8 +32,17 @@ from twin_diagram.planning.collision.convex_solids import Ball, Box, Polytope, S
 from twin_diagram.scenario import poses, resources
 from twin_diagram.signals.arrays import Array
 
-_SIDES = 24
-_HALF_SPACE = 10.0
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    sides: int = 24
+
+    half_space: float = 10.0
+
+
+TUNING = Tuning()
 
 
 def fixture_solids(
@@ -83,8 +93,8 @@ def _solids(inspector: SceneGraphInspector, geometry: GeometryId, X_WG: Array) -
     if isinstance(shape, BoxShape):
         return [Box(np.asarray(shape.size()) / 2, R, p)]
     if isinstance(shape, HalfSpace):
-        deep = np.full(3, _HALF_SPACE)
-        return [Box(deep, R, p - R[:, 2] * _HALF_SPACE)]
+        deep = np.full(3, TUNING.half_space)
+        return [Box(deep, R, p - R[:, 2] * TUNING.half_space)]
     if isinstance(shape, Capsule):
         ends = [Ball(p + R[:, 2] * z, shape.radius()) for z in (-shape.length() / 2, shape.length() / 2)]
         return [*ends, Polytope(moved(X_WG, _prism(shape.radius(), shape.length())))]
@@ -117,6 +127,6 @@ def moved(X: Array, points: Array) -> Array:
 
 def _prism(radius: float, length: float) -> Array:
     """Corners of a regular prism around a cylinder about z."""
-    angle = (np.arange(_SIDES) + 0.5) * 2 * np.pi / _SIDES
-    ring = np.stack([np.cos(angle), np.sin(angle)], axis=1) * radius / np.cos(np.pi / _SIDES)
+    angle = (np.arange(TUNING.sides) + 0.5) * 2 * np.pi / TUNING.sides
+    ring = np.stack([np.cos(angle), np.sin(angle)], axis=1) * radius / np.cos(np.pi / TUNING.sides)
     return np.concatenate([np.insert(ring, 2, z, axis=1) for z in (-length / 2, length / 2)])

@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from twin_diagram import scenario
 from twin_diagram.planning.collision.collision_scene import Forecast, Scene
-from twin_diagram.planning.mpc.planner_state import GOALS, WAY_POINTS, Memory
+from twin_diagram.planning.mpc.planner_state import TUNING as PLANNER_STATE
+from twin_diagram.planning.mpc.planner_state import Memory
 from twin_diagram.planning.mpc.quadratic_program import QpSolver
 from twin_diagram.planning.mpc.trajectory import Trajectory
 from twin_diagram.planning.mpc.trajectory_optimisation import Limits, Optimiser, OptimiserTuning
@@ -18,32 +19,52 @@ from twin_diagram.planning.paths.route import Aim, Route, Router, RouteTuning, S
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, POSE_SIZE
 
-RETRY = 30
-"""Ticks after which joint goals are drawn anew while no way to one is known."""
-LEAST = 0.25
-"""Share of the clearance that is always wanted, however near to a thing the goal is."""
-LEAST_AT_REST = 0.6
-"""The same where there is no goal: nobody asked to be so near."""
-APPROACH = 0.1
-"""How fast the margin grows to its full size away from a goal next to a thing [m/s of travel]."""
-OWN_CLEARANCE = 0.01
-"""The arm keeps from itself [m]."""
-STOPPING_TIME = 0.5
-"""Without anywhere to go the arm comes to rest in about this time [s]."""
-SURPRISE = 0.02
-"""How much more than the clearance plans keep from what lies ahead [m] …"""
-SURPRISE_TIME = 1.0
-"""… by this many seconds or more, and less up to there."""
-TRAVEL = 0.9
-"""Routes are travelled at this share of the speed limit, so that the motion can catch up."""
-REANCHOR = 0.25
-"""The command starts anew from the measured position where it is farther from it than this [rad]."""
-OFFSET_TIME = 0.7
-"""The lasting difference of command and position is learnt with this time constant while the arm is slow [s]."""
-OFFSET_SPEED = 0.1
-"""Slow means below this [rad/s]."""
-OFFSET_CAP = 0.05
-"""No more than this is made up for [rad]."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    retry: int = 30
+    """Ticks after which joint goals are drawn anew while no way to one is known."""
+
+    least: float = 0.25
+    """Share of the clearance that is always wanted, however near to a thing the goal is."""
+
+    least_at_rest: float = 0.6
+    """The same where there is no goal: nobody asked to be so near."""
+
+    approach: float = 0.1
+    """How fast the margin grows to its full size away from a goal next to a thing [m/s of travel]."""
+
+    own_clearance: float = 0.01
+    """The arm keeps from itself [m]."""
+
+    stopping_time: float = 0.5
+    """Without anywhere to go the arm comes to rest in about this time [s]."""
+
+    surprise: float = 0.02
+    """How much more than the clearance plans keep from what lies ahead [m] …"""
+
+    surprise_time: float = 1.0
+    """… by this many seconds or more, and less up to there."""
+
+    travel: float = 0.9
+    """Routes are travelled at this share of the speed limit, so that the motion can catch up."""
+
+    reanchor: float = 0.25
+    """The command starts anew from the measured position where it is farther from it than this [rad]."""
+
+    offset_time: float = 0.7
+    """The lasting difference of command and position is learnt with this time constant while the arm is slow [s]."""
+
+    offset_speed: float = 0.1
+    """Slow means below this [rad/s]."""
+
+    offset_cap: float = 0.05
+    """No more than this is made up for [rad]."""
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -73,7 +94,7 @@ class Planner:
         self.scene, self.params = scene, params
         velocity = params.velocity_share * np.where(np.isfinite(velocity_limit), velocity_limit, np.pi)
         self.limits = Limits(scene.lower, scene.upper, velocity, np.full(n, params.acceleration))
-        self.router = Router(scene, TRAVEL * velocity, RouteTuning())
+        self.router = Router(scene, TUNING.travel * velocity, RouteTuning())
         self.optimiser = Optimiser(
             scene.clearance,
             self.limits,
@@ -105,25 +126,30 @@ class Planner:
         rng = np.random.default_rng([self.params.seed, memory.tick])
         memory, q0, v0, a0, reanchored = self._anchor(memory, now, arm_state)
         forecast = Forecast.of_tracks(tracks)
-        memory = self._aim(memory, q0, q0 + STOPPING_TIME / 2 * v0, goal, forecast, rng)
+        memory = self._aim(memory, q0, q0 + TUNING.stopping_time / 2 * v0, goal, forecast, rng)
 
-        situation = self._situation(q0, forecast, memory.goals, LEAST if np.any(memory.goal) else LEAST_AT_REST)
+        situation = self._situation(
+            q0, forecast, memory.goals, TUNING.least if np.any(memory.goal) else TUNING.least_at_rest
+        )
         may_search = memory.tick - memory.searched >= self.router.tuning.patience
         route, failed = self.router.decide(memory.route, situation, rng, may_search=may_search)
 
         samples = self.optimiser.samples
         goal_index = situation.goal_of(route) if route.aim is Aim.GOAL else None
         # Plans keep more the farther ahead, so that there is room left when something does what was not foreseen.
-        extra = SURPRISE * np.minimum(samples / SURPRISE_TIME, 1.0)
+        extra = TUNING.surprise * np.minimum(samples / TUNING.surprise_time, 1.0)
         left = np.maximum(self.router.duration(q0, route) - samples, 0.0)
         margins = np.stack(
-            [situation.margins(goal_index, float(e), APPROACH * float(t)) for e, t in zip(extra, left, strict=True)]
+            [
+                situation.margins(goal_index, float(e), TUNING.approach * float(t))
+                for e, t in zip(extra, left, strict=True)
+            ]
         )
         around = self.scene.around(forecast, samples)
         old_q, old_v, _ = memory.trajectory.at(now + samples)
         guess = old_q - memory.offset
         if route.aim is Aim.NOTHING:
-            reference = np.repeat((q0 + STOPPING_TIME / 2 * v0)[None], len(samples), axis=0)
+            reference = np.repeat((q0 + TUNING.stopping_time / 2 * v0)[None], len(samples), axis=0)
         else:
             reference = self.router.reference(q0, route, samples)
         fallback = replace(memory.trajectory, q0=memory.trajectory.q0 - memory.offset)
@@ -132,7 +158,7 @@ class Planner:
         memory = replace(
             memory,
             trajectory=plan,
-            route=Route(route.aim, route.points[:WAY_POINTS]),
+            route=Route(route.aim, route.points[: PLANNER_STATE.way_points]),
             tick=memory.tick + 1,
             searched=memory.tick if failed else memory.searched,
         )
@@ -143,11 +169,13 @@ class Planner:
         scene, clearance = self.scene, self.params.clearance
         q_all = np.vstack([q[None], goals])
         around = scene.around(forecast, np.zeros(len(q_all)))
-        distance = scene.clearance.distances(q_all, around, clearance + max(self.router.tuning.spare, SURPRISE) + 0.01)
+        distance = scene.clearance.distances(
+            q_all, around, clearance + max(self.router.tuning.spare, TUNING.surprise) + 0.01
+        )
         still = np.ones(len(scene.clearance.bodies), dtype=bool)
         still[scene.fixture_count :] = ~forecast.moving
         return Situation(
-            q, forecast, goals, distance[0], distance[1:], still, clearance, least * clearance, OWN_CLEARANCE
+            q, forecast, goals, distance[0], distance[1:], still, clearance, least * clearance, TUNING.own_clearance
         )
 
     def _anchor(self, memory: Memory, now: float, arm_state: Array) -> tuple[Memory, Array, Array, Array, bool]:
@@ -157,7 +185,7 @@ class Planner:
         known = bool(np.isfinite(arm_state).all())
         q, v, a = (part[0] for part in memory.trajectory.at(np.array([now])))
         first = memory.trajectory.start == NEVER
-        lost = known and (first or np.abs(q - memory.offset - q_measured).max() > REANCHOR)
+        lost = known and (first or np.abs(q - memory.offset - q_measured).max() > TUNING.reanchor)
         if lost:
             v = np.zeros(n) if first else np.clip(v_measured, -self.limits.velocity, self.limits.velocity)
             trajectory = self._stop(now, q_measured, v)
@@ -167,10 +195,10 @@ class Planner:
             return memory, q_measured.copy(), v, trajectory.accelerations[0], True
         if first:
             memory = replace(memory, trajectory=replace(memory.trajectory, start=now))
-        if known and np.abs(v).max() < OFFSET_SPEED and np.abs(v_measured).max() < OFFSET_SPEED:
-            gain = min(1.0, 1.0 / (self.params.rate * OFFSET_TIME))
+        if known and np.abs(v).max() < TUNING.offset_speed and np.abs(v_measured).max() < TUNING.offset_speed:
+            gain = min(1.0, 1.0 / (self.params.rate * TUNING.offset_time))
             offset = memory.offset + gain * (q - q_measured - memory.offset)
-            memory = replace(memory, offset=np.clip(offset, -OFFSET_CAP, OFFSET_CAP))
+            memory = replace(memory, offset=np.clip(offset, -TUNING.offset_cap, TUNING.offset_cap))
         return memory, q - memory.offset, v, a, False
 
     def _stop(self, now: float, q: Array, v: Array) -> Trajectory:
@@ -210,7 +238,7 @@ class Planner:
                 return replace(memory, goals=memory.stay[None], route=Route(Aim.GOAL, memory.stay[None]))
             return memory
         same = had and np.array_equal(goal, memory.goal)
-        stuck = memory.route.aim is not Aim.GOAL and memory.tick % RETRY == 0
+        stuck = memory.route.aim is not Aim.GOAL and memory.tick % TUNING.retry == 0
         if same and not stuck:
             return memory
         X_WG = np.eye(4)
@@ -218,9 +246,9 @@ class Planner:
         X_WG[:3, 3] = goal[4:]
         found = inverse_kinematics.solve(self.scene.chain, X_WG, q0, self.scene.lower, self.scene.upper, rng)
         # Those that are clear of everything come first, the nearest first among them.
-        situation = self._situation(q0, forecast, found, LEAST)
+        situation = self._situation(q0, forecast, found, TUNING.least)
         clear = (situation.at_goals >= np.append(np.full(len(situation.still), situation.least), situation.own)).all(
             axis=1
         )
         found = found[np.argsort(~clear, kind="stable")]
-        return replace(memory, goal=goal.copy(), goals=found[:GOALS], route=Route.none(n))
+        return replace(memory, goal=goal.copy(), goals=found[: PLANNER_STATE.goals], route=Route.none(n))

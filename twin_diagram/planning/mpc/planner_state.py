@@ -11,10 +11,19 @@ from twin_diagram.planning.paths.route import Aim, Route
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, POSE_SIZE
 
-GOALS = 8
-"""Joint goals that are remembered."""
-WAY_POINTS = 12
-"""Way points that are remembered; of a longer route the first ones."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    goals: int = 8
+    """Joint goals that are remembered."""
+
+    way_points: int = 12
+    """Way points that are remembered; of a longer route the first ones."""
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -44,7 +53,7 @@ class Memory:
     @staticmethod
     def size(n: int, knots: int) -> int:
         """Length of the packed vector."""
-        return 1 + n * (2 + knots) + n + POSE_SIZE + n + 1 + GOALS * n + 2 + WAY_POINTS * n + 2
+        return 1 + n * (2 + knots) + n + POSE_SIZE + n + 1 + TUNING.goals * n + 2 + TUNING.way_points * n + 2
 
     @staticmethod
     def initial(q: Array, knots: int, step: float) -> Memory:
@@ -65,9 +74,9 @@ class Memory:
     def pack(self) -> Array:
         """As a vector."""
         t, n = self.trajectory, len(self.offset)
-        goals, points = np.zeros((GOALS, n)), np.zeros((WAY_POINTS, n))
+        goals, points = np.zeros((TUNING.goals, n)), np.zeros((TUNING.way_points, n))
         goals[: len(self.goals)] = self.goals
-        count = min(len(self.route.points), WAY_POINTS)
+        count = min(len(self.route.points), TUNING.way_points)
         points[:count] = self.route.points[:count]
         return np.concatenate(
             [
@@ -88,15 +97,15 @@ class Memory:
     @staticmethod
     def unpack(vector: Array, n: int, knots: int, step: float) -> Memory:
         """The inverse of `pack`; copies."""
-        parts = np.cumsum([1, n, n, knots * n, n, POSE_SIZE, n, 1, GOALS * n, 2, WAY_POINTS * n])
+        parts = np.cumsum([1, n, n, knots * n, n, POSE_SIZE, n, 1, TUNING.goals * n, 2, TUNING.way_points * n])
         _, _, _, _, offset, goal, stay, count, goals, route, points, last = np.split(np.array(vector), parts)
         return Memory(
             Memory.trajectory_of(vector, n, knots, step),
             offset,
             goal,
             stay,
-            goals.reshape(GOALS, n)[: int(count[0])],
-            Route(Aim(int(route[0])), points.reshape(WAY_POINTS, n)[: int(route[1])]),
+            goals.reshape(TUNING.goals, n)[: int(count[0])],
+            Route(Aim(int(route[0])), points.reshape(TUNING.way_points, n)[: int(route[1])]),
             int(last[0]),
             int(last[1]),
         )

@@ -43,7 +43,14 @@ class QpSolution:
     iterations: int
 
 
-_CURVATURE = 0.1
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    curvature: float = 0.1
+
+
+TUNING = Tuning()
 
 
 class QpSolver(ABC):
@@ -85,7 +92,7 @@ class ProxQp(QpSolver):
         settings.max_iter = self._iterations
         settings.initial_guess = self._proxqp.InitialGuess.EQUALITY_CONSTRAINED_INITIAL_GUESS
         weakest = float(np.diag(program.H).min())
-        scale = _CURVATURE / weakest if weakest > 0.0 else 1.0
+        scale = TUNING.curvature / weakest if weakest > 0.0 else 1.0
         solver.init(
             scale * program.H,
             scale * program.g,

@@ -24,7 +24,7 @@ from twin_diagram.errors import ScenarioError
 from twin_diagram.scenario import Camera, Scenario
 from twin_diagram.station import ports
 from twin_diagram.station.lcm.messages import PROTOCOLS, write_images
-from twin_diagram.station.lcm.systems import SEND_OFFSET
+from twin_diagram.station.lcm.systems import TUNING as SYSTEMS
 from twin_diagram.station.sim.station import SimStation
 
 
@@ -49,7 +49,7 @@ class ImageSender(LeafSystem):
         self._rgb = self.DeclareAbstractInputPort("rgb_image", Value(ImageRgba8U()))
         self._depth = self.DeclareAbstractInputPort("depth_image", Value(ImageDepth32F()))
         self._time = self.DeclareVectorInputPort("image_time", 1)
-        self.DeclarePeriodicPublishEvent(1.0 / camera.rate, camera.latency + SEND_OFFSET, self._send)
+        self.DeclarePeriodicPublishEvent(1.0 / camera.rate, camera.latency + SYSTEMS.send_offset, self._send)
 
     def _send(self, context: Context) -> EventStatus:
         time = float(self._time.Eval(context)[0])
@@ -132,7 +132,7 @@ class LcmArm(Diagram):
             use_cpp_serializer=True,
             publish_triggers={TriggerType.kPeriodic},
             publish_period=period,
-            publish_offset=SEND_OFFSET,
+            publish_offset=SYSTEMS.send_offset,
         )
         builder.AddNamedSystem("status_publisher", status)
         builder.Connect(sender.get_output_port(), status.get_input_port())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from dataclasses import dataclass
 
 import numpy as np
 from drake import lcmt_image_array  # type: ignore[import-untyped]
@@ -16,10 +16,20 @@ from twin_diagram.scenario import Camera
 from twin_diagram.signals.layouts import NEVER
 from twin_diagram.station.lcm.messages import Protocol, read_images
 
-SEND_OFFSET: Final = 1e-4
-"""Commands are sent this long after a multiple of the driver's period [s]: after the systems that run at that time."""
-CLOCK_TOLERANCE: Final = 1.0
-"""A camera whose clock is off the arm's by more than this is taken to have a clock of its own [s]."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    send_offset: float = 1e-4
+    """Commands are sent this long after a multiple of the driver's period [s]: after the systems that run at that
+    time."""
+
+    clock_tolerance: float = 1.0
+    """A camera whose clock is off the arm's by more than this is taken to have a clock of its own [s]."""
+
+
+TUNING = Tuning()
 
 
 class ArmReceiver(LeafSystem):
@@ -122,7 +132,7 @@ class CommandSender(LeafSystem):
         self._position = self.DeclareVectorInputPort("position_commanded", n)
         self._torque = self.DeclareVectorInputPort("torque_commanded", n)
         self._clock = self.DeclareVectorInputPort("clock", 2)
-        self.DeclarePeriodicPublishEvent(1.0 / rate, SEND_OFFSET, self._send)
+        self.DeclarePeriodicPublishEvent(1.0 / rate, TUNING.send_offset, self._send)
 
     def _send(self, context: Context) -> EventStatus:
         utime, start = self._clock.Eval(context)
@@ -187,7 +197,7 @@ class ImageReceiver(LeafSystem):
             now, utime = context.get_time(), message.header.utime
             arm_utime, arm_start = self._clock.Eval(context)
             capture = arm_start + (utime - arm_utime) * 1e-6
-            if arm_start < 0 or abs(now - capture) > CLOCK_TOLERANCE:
+            if arm_start < 0 or abs(now - capture) > TUNING.clock_tolerance:
                 capture = now - self._camera.latency
             clock = np.array([utime, max(capture, 0.0)])
         discrete.set_value(clock)

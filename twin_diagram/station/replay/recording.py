@@ -38,15 +38,24 @@ from twin_diagram.station import ports
 from twin_diagram.station.depth_units import depth_to_units
 from twin_diagram.station.ports import SENSOR_SIZE
 
-VERSION: Final = 1
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    version: int = 1
+
+    pending: int = 8
+    """Images and scans that may wait to be written."""
+
+
+TUNING = Tuning()
 MANIFEST: Final = "manifest.yaml"
 LOG: Final = "log.csv"
 MESSAGES: Final = "messages.csv"
 GRIPPER: Final = "gripper.csv"
 FRAMES: Final = "frames.csv"
 SCANS: Final = "scans.csv"
-_PENDING: Final = 8
-"""Images and scans that may wait to be written."""
 
 
 @dataclass
@@ -86,7 +95,7 @@ class Manifest:
     sensors: list[str] = field(default_factory=list)
     """Ports of further sensors."""
     lidar: RecordedLidar | None = None
-    version: int = VERSION
+    version: int = TUNING.version
 
 
 def rgb_file(k: int) -> str:
@@ -223,7 +232,7 @@ class RecordingWriter:
         self._scans.write(f"{k},{capture!r},{delivery!r}\n")
 
     def _submit(self, write: Callable[..., None], *what: Any) -> None:
-        while len(self._pending) >= _PENDING or (self._pending and self._pending[0].done()):
+        while len(self._pending) >= TUNING.pending or (self._pending and self._pending[0].done()):
             self._pending.popleft().result()
         self._pending.append(self._pool.submit(write, *what))
 
@@ -311,6 +320,6 @@ def read_manifest(folder: Path) -> Manifest:
         )
     except (yaml.YAMLError, TypeError, KeyError, AttributeError, UnicodeDecodeError) as error:
         raise StationError(f"replay.log: {file} is not a recording's manifest: {error}") from error
-    if manifest.version != VERSION:
-        raise StationError(f"replay.log: {file}: version {manifest.version}; this program reads {VERSION}")
+    if manifest.version != TUNING.version:
+        raise StationError(f"replay.log: {file}: version {manifest.version}; this program reads {TUNING.version}")
     return manifest

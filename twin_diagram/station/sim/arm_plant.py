@@ -14,10 +14,19 @@ from twin_diagram.model.effects import Effect, add_to_plant, renewed
 from twin_diagram.scenario import Driver, Scenario
 from twin_diagram.signals.arrays import Array
 
-FINGER_STIFFNESS = 2000.0
-"""Of a finger's own controller [N/m]."""
-FINGER_DAMPING = 80.0
-"""[N·s/m]"""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    finger_stiffness: float = 2000.0
+    """Of a finger's own controller [N/m]."""
+
+    finger_damping: float = 80.0
+    """[N·s/m]"""
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -102,8 +111,8 @@ def add_arm(plant: MultibodyPlant, scenario: Scenario) -> ArmPlant:
     limits = np.array([motor.effort_limit() for motor in motors[: len(joints)]])
     stiffness, damping = driver_gains(scenario.twin.driver, limits)
     more = len(motors) - len(joints)
-    stiffness = np.concatenate([stiffness, np.full(more, FINGER_STIFFNESS)])
-    damping = np.concatenate([damping, np.full(more, FINGER_DAMPING)])
+    stiffness = np.concatenate([stiffness, np.full(more, TUNING.finger_stiffness)])
+    damping = np.concatenate([damping, np.full(more, TUNING.finger_damping)])
     for motor, p, d in zip(motors, stiffness, damping, strict=True):
         motor.set_controller_gains(PdControllerGains(p=p, d=d))
     angles = initial_angles(scenario, len(joints))

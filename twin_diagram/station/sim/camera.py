@@ -29,7 +29,7 @@ from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER
 from twin_diagram.station.add_models import transform
 from twin_diagram.station.sim.camera_defects import CameraDefectsSystem
-from twin_diagram.station.sim.merged_shapes import GREY
+from twin_diagram.station.sim.merged_shapes import TUNING as MERGED_SHAPES
 from twin_diagram.station.sim.world_plant import build_appearance
 
 _RENDERER = "camera"
@@ -154,7 +154,7 @@ def add_camera(builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlan
     params = RenderEngineVtkParams(
         default_clear_color=np.array([0.72, 0.76, 0.80]),
         lights=lights(),
-        default_diffuse=np.array(GREY),
+        default_diffuse=np.array(MERGED_SHAPES.grey),
     )
     scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(params))
     start = plant.GetPositions(plant.CreateDefaultContext())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -14,11 +14,20 @@ from pydrake.systems.sensors import ImageDepth32F, ImageRgba8U
 from twin_diagram.errors import ScenarioError
 from twin_diagram.runtime.timing import timed
 from twin_diagram.scenario import Camera, CameraDefects
-from twin_diagram.station.depth_units import MOST_UNITS, Colour, Depth, whole_units
+from twin_diagram.station.depth_units import TUNING as DEPTH_UNITS
+from twin_diagram.station.depth_units import Colour, Depth, whole_units
 from twin_diagram.station.sim.noise import Stream, generator
 
-EDGE: Final = 0.015
-"""A step in depth between neighbours, as a share of the depth, at which the camera may see nothing."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    edge: float = 0.015
+    """A step in depth between neighbours, as a share of the depth, at which the camera may see nothing."""
+
+
+TUNING = Tuning()
 
 
 def edges(depth: Depth) -> npt.NDArray[np.bool_]:
@@ -31,7 +40,7 @@ def edges(depth: Depth) -> npt.NDArray[np.bool_]:
         (H, W) booleans: both sides of each step.
     """
     mask = np.zeros(depth.shape, dtype=bool)
-    reach = EDGE * depth
+    reach = TUNING.edge * depth
     columns = ((slice(None), slice(1, None)), (slice(None), slice(None, -1)))
     rows = ((slice(1, None),), (slice(None, -1),))
     for first, second in (columns, rows):
@@ -116,7 +125,7 @@ class CameraDefectsSystem(LeafSystem):
                 raise ScenarioError(f"world.camera_defects.{name}", f"{getattr(defects, name)} is negative")
         if not defects.depth_unit > 0:
             raise ScenarioError("world.camera_defects.depth_unit", f"{defects.depth_unit} is not positive")
-        if camera.depth_range[1] > MOST_UNITS * defects.depth_unit:
+        if camera.depth_range[1] > DEPTH_UNITS.most_units * defects.depth_unit:
             raise ScenarioError(
                 "world.camera_defects.depth_unit",
                 f"{defects.depth_unit} m is too fine for 16 bits to reach the depth range",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from dataclasses import dataclass
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
@@ -14,8 +14,16 @@ from twin_diagram.signals.arrays import Array
 from twin_diagram.station.add_models import twin_arm
 from twin_diagram.station.sim.arm_plant import ArmPlant
 
-BANDWIDTH: Final = 200.0
-"""Of the filter through which commands go [rad/s]: it lags a steady motion by 2 / BANDWIDTH = 10 ms."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    bandwidth: float = 200.0
+    """Of the filter through which commands go [rad/s]: it lags a steady motion by 2 / BANDWIDTH = 10 ms."""
+
+
+TUNING = Tuning()
 
 
 def follow(q: Array, v: Array, command: Array, speed_limit: Array, dt: float) -> tuple[Array, Array]:
@@ -34,7 +42,7 @@ def follow(q: Array, v: Array, command: Array, speed_limit: Array, dt: float) ->
     Returns:
         Position and rate after the step.
     """
-    w = BANDWIDTH
+    w = TUNING.bandwidth
     reach = 2.0 * speed_limit / w
     e = -np.clip(command - q, -reach, reach)
     target = q - e

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from pydrake.common.value import Value
@@ -23,8 +23,16 @@ from twin_diagram.station.scan_cloud import beams
 from twin_diagram.station.sim.noise import Stream, generator
 from twin_diagram.station.sim.world_plant import WorldPlant
 
-SIDES: Final = 64
-"""Of the prism that stands for a cylinder."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    sides: int = 64
+    """Of the prism that stands for a cylinder."""
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -123,9 +131,9 @@ def _parts(shape: Shape, corners: Array | None) -> list[tuple[Array, Array | Non
         planes = np.hstack([np.vstack([np.eye(3), -np.eye(3)]), -np.tile(half, 2)[:, None]])
         return [(centre, None, planes, float(np.linalg.norm(half)))]
     if isinstance(shape, (Cylinder, Capsule)):
-        angle = 2.0 * np.pi * np.arange(SIDES) / SIDES
+        angle = 2.0 * np.pi * np.arange(TUNING.sides) / TUNING.sides
         r, half = shape.radius(), 0.5 * shape.length()
-        side = np.stack([np.cos(angle), np.sin(angle), 0.0 * angle, np.full(SIDES, -r)], axis=1)
+        side = np.stack([np.cos(angle), np.sin(angle), 0.0 * angle, np.full(TUNING.sides, -r)], axis=1)
         planes = np.vstack([side, [0.0, 0.0, 1.0, -half], [0.0, 0.0, -1.0, -half]])
         parts = [(centre, None, planes, float(np.hypot(1.01 * r, half)))]
         if isinstance(shape, Capsule):

@@ -7,7 +7,8 @@ eleven meshes, renders in three fifths of the time. The shapes' colours become a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Final
+from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -33,12 +34,22 @@ from pydrake.math import RigidTransform
 
 from twin_diagram.signals.arrays import Array
 
-SIDES: Final = 32
-"""Of what is round."""
-SHARP: Final = 0.6
-"""An angle between faces beyond which their edge is sharp [rad]."""
-GREY: Final = (0.7, 0.7, 0.7, 1.0)
-"""Colour of a shape that has none (r, g, b, a)."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    sides: int = 32
+    """Of what is round."""
+
+    sharp: float = 0.6
+    """An angle between faces beyond which their edge is sharp [rad]."""
+
+    grey: tuple[float, ...] = (0.7, 0.7, 0.7, 1.0)
+    """Colour of a shape that has none (r, g, b, a)."""
+
+
+TUNING = Tuning()
 
 
 def tessellate(shape: Shape) -> trimesh.Trimesh | None:
@@ -46,11 +57,11 @@ def tessellate(shape: Shape) -> trimesh.Trimesh | None:
     if isinstance(shape, Box):
         return trimesh.creation.box(extents=shape.size())
     if isinstance(shape, Cylinder):
-        return trimesh.creation.cylinder(shape.radius(), shape.length(), sections=SIDES)
+        return trimesh.creation.cylinder(shape.radius(), shape.length(), sections=TUNING.sides)
     if isinstance(shape, Sphere):
-        return trimesh.creation.uv_sphere(shape.radius(), count=[SIDES // 2, SIDES])
+        return trimesh.creation.uv_sphere(shape.radius(), count=[TUNING.sides // 2, TUNING.sides])
     if isinstance(shape, Capsule):
-        capsule = trimesh.creation.capsule(shape.length(), shape.radius(), count=[SIDES // 2, SIDES])
+        capsule = trimesh.creation.capsule(shape.length(), shape.radius(), count=[TUNING.sides // 2, TUNING.sides])
         capsule.apply_translation(-capsule.bounds.mean(axis=0))  # the middle, whichever end trimesh starts at
         return capsule
     return None
@@ -66,7 +77,7 @@ def wavefront(parts: Sequence[trimesh.Trimesh], colours: Sequence[Sequence[float
     lines = ["mtllib palette.mtl", "usemtl palette"]
     first = 1
     for k, part in enumerate(parts):
-        smooth = trimesh.graph.smooth_shade(part, angle=SHARP)
+        smooth = trimesh.graph.smooth_shade(part, angle=TUNING.sharp)
         lines += [f"v {x:.7g} {y:.7g} {z:.7g}" for x, y, z in smooth.vertices]
         lines += [f"vn {x:.5g} {y:.5g} {z:.5g}" for x, y, z in smooth.vertex_normals]
         lines.append(f"vt {(k + 0.5) / len(parts):.7g} 0.5")
@@ -124,7 +135,7 @@ def _colour(properties: PerceptionProperties) -> Array | None:
     """(r, g, b) of a shape; None where one colour does not say it all."""
     if properties.HasProperty("phong", "diffuse_map"):
         return None
-    rgba = np.array(GREY)
+    rgba = np.array(TUNING.grey)
     if properties.HasProperty("phong", "diffuse"):
         diffuse: Any = properties.GetProperty("phong", "diffuse")
         rgba = np.array(diffuse.rgba if hasattr(diffuse, "rgba") else diffuse)

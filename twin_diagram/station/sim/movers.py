@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from typing import Final
+from dataclasses import dataclass
 
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
@@ -26,12 +26,22 @@ from twin_diagram.scenario import WayPoint
 from twin_diagram.signals.arrays import Array
 from twin_diagram.station.add_models import transform
 
-STIFFNESS: Final = 2e4
-"""Of a carriage [N/m; N·m/rad for yaw]. Implicit, so that it may be stiff."""
-DAMPING: Final = 4e2
-"""[N·s/m; N·m·s/rad]"""
-STRENGTH: Final = 200.0
-"""What a carriage pushes with at most [N; N·m]."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    stiffness: float = 2e4
+    """Of a carriage [N/m; N·m/rad for yaw]. Implicit, so that it may be stiff."""
+
+    damping: float = 4e2
+    """[N·s/m; N·m·s/rad]"""
+
+    strength: float = 200.0
+    """What a carriage pushes with at most [N; N·m]."""
+
+
+TUNING = Tuning()
 
 
 class Path:
@@ -110,8 +120,8 @@ def add_carriage(
             direction = np.eye(3)[k]
             joint = plant.AddJoint(PrismaticJoint(f"{name}_{axis}", parent, carriage.body_frame(), direction))
         joint.set_default_positions([path.start[k]])
-        actuator = plant.AddJointActuator(f"{name}_{axis}", joint, STRENGTH)
-        actuator.set_controller_gains(PdControllerGains(p=STIFFNESS, d=DAMPING))
+        actuator = plant.AddJointActuator(f"{name}_{axis}", joint, TUNING.strength)
+        actuator.set_controller_gains(PdControllerGains(p=TUNING.stiffness, d=TUNING.damping))
         actuators.append(actuator)
         parent = carriage.body_frame()
     R_YO = RollPitchYaw(path.rpy[0], path.rpy[1], 0.0)

@@ -6,11 +6,20 @@ starts in the middle all draw the same noise for the same message.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
 
-_MASK = (1 << 64) - 1
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    mask: int = (1 << 64) - 1
+
+
+TUNING = Tuning()
 
 
 class Stream(IntEnum):
@@ -31,6 +40,6 @@ def generator(seed: int, stream: Stream, tick: int) -> np.random.Generator:
         stream: the sensor.
         tick: number of the message.
     """
-    key = np.array([seed & _MASK, int(stream)], dtype=np.uint64)
-    counter = np.array([0, 0, 0, tick & _MASK], dtype=np.uint64)
+    key = np.array([seed & TUNING.mask, int(stream)], dtype=np.uint64)
+    counter = np.array([0, 0, 0, tick & TUNING.mask], dtype=np.uint64)
     return np.random.Generator(np.random.Philox(key=key, counter=counter))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, Final, cast
+from dataclasses import dataclass
+from typing import Any, cast
 
 import numpy as np
 from pydrake.common.value import Value
@@ -19,12 +20,22 @@ from twin_diagram.signals.arrays import Array
 from twin_diagram.twin.arm_sensing.cloud_measurement import SIZE, measured, near
 from twin_diagram.twin.arm_sensing.link_surface import Points
 
-REACH: Final = 0.01
-"""A point farther than this from the surface is not of it, but of the next link or of the fingers [m]."""
-MOST: Final = 1000
-"""Points that are aligned, about."""
-FLOOR: Final = (0.001, 0.005)
-"""Error that all points share, where the filter is not told: of calibration and shape [m], [rad]."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    reach: float = 0.01
+    """A point farther than this from the surface is not of it, but of the next link or of the fingers [m]."""
+
+    most: int = 1000
+    """Points that are aligned, about."""
+
+    floor: tuple[float, ...] = (0.001, 0.005)
+    """Error that all points share, where the filter is not told: of calibration and shape [m], [rad]."""
+
+
+TUNING = Tuning()
 
 
 class ArmCloud(LeafSystem):
@@ -64,14 +75,22 @@ class ArmCloud(LeafSystem):
         X_BO = poses.pose(spec.X_BS)
         R_OB = X_BO.rotation().matrix().T
         points, normals = ((surface[0] - X_BO.translation()) @ R_OB.T, surface[1] @ R_OB.T)
-        floor_p, floor_r = spec.std or FLOOR
+        floor_p, floor_r = spec.std or TUNING.floor
         self._sensor = DepthCloud(
-            terms, spec.body, points, normals, X_BO=X_BO, floor_p=floor_p, floor_r=floor_r, reach=REACH, name=spec.name
+            terms,
+            spec.body,
+            points,
+            normals,
+            X_BO=X_BO,
+            floor_p=floor_p,
+            floor_r=floor_r,
+            reach=TUNING.reach,
+            name=spec.name,
         )
         self._camera = Pinhole.from_scenario(camera)
         self._rays = self._camera.rays()
         self._middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-        self._radius = float(np.linalg.norm(points - self._middle, axis=1).max()) + REACH
+        self._radius = float(np.linalg.norm(points - self._middle, axis=1).max()) + TUNING.reach
         n = terms.n
         self._depth = self.DeclareAbstractInputPort("depth_image", Value[ImageDepth32F]())
         self._time = self.DeclareVectorInputPort("image_time", 1)
@@ -98,7 +117,7 @@ class ArmCloud(LeafSystem):
         part = self._window(middle_W)
         seen = depth[part] > 0.0
         points = back_project(depth[part][seen], self._rays[part][seen], self._camera.p_WC)
-        return self._sensor.align(near(points, middle_W, self._radius, MOST), self._camera.p_WC, q)
+        return self._sensor.align(near(points, middle_W, self._radius, TUNING.most), self._camera.p_WC, q)
 
     def _window(self, middle_W: Array) -> tuple[slice, slice]:
         """The part of the image that holds a sphere of `_radius` about a point; empty where it is out of sight."""

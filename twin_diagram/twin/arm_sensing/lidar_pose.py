@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final, cast
+from dataclasses import dataclass
+from typing import Any, cast
 
 import numpy as np
 from pydrake.common.value import Value
@@ -20,8 +21,16 @@ from twin_diagram.signals.arrays import Array
 from twin_diagram.twin.arm_sensing.cloud_measurement import SIZE, feed, measured, near
 from twin_diagram.twin.arm_sensing.link_surface import Points
 
-MOST: Final = 2000
-"""Points that are aligned, about."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    most: int = 2000
+    """Points that are aligned, about."""
+
+
+TUNING = Tuning()
 
 
 class ArmScan(LeafSystem):
@@ -141,7 +150,7 @@ class ArmScan(LeafSystem):
         points = np.asarray(points, dtype=float)
         points_W = points[np.isfinite(points).all(axis=1)] @ self._R_WS.T + self._p_WS
         R_WO, p_WO = self._sensor.frame.pose(q)
-        points_W = near(points_W, p_WO + R_WO @ self._middle, self._radius, MOST)
+        points_W = near(points_W, p_WO + R_WO @ self._middle, self._radius, TUNING.most)
         return self._sensor.align(points_W, self._p_WS, q, self._beside(q))
 
     def _beside(self, q: Array) -> Points | None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, Mesh, Role, SceneGraph, Shape, Sphere
@@ -17,16 +17,26 @@ from twin_diagram.model.description.add_arm import add_arm
 from twin_diagram.scenario import ArmModel
 from twin_diagram.signals.arrays import Array
 
-SPACING: Final = 0.004
-"""Of the points, on average [m]."""
-COARSE: Final = 0.01
-"""Of the points of what else stands there [m]."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    spacing: float = 0.004
+    """Of the points, on average [m]."""
+
+    coarse: float = 0.01
+    """Of the points of what else stands there [m]."""
+
+
+TUNING = Tuning()
+
 Points = tuple[Array, Array]
 """Points (M, 3) [m] and outward normals (M, 3)."""
 
 
 def link_surface(
-    arm: ArmModel, link: str, packages: Mapping[str, str | Path] | None = None, spacing: float = SPACING
+    arm: ArmModel, link: str, packages: Mapping[str, str | Path] | None = None, spacing: float = TUNING.spacing
 ) -> Points:
     """The surface of a link and of all that is welded to it, in the link's frame.
 
@@ -48,7 +58,7 @@ def link_surface(
 
 
 def other_surfaces(
-    arm: ArmModel, link: str, packages: Mapping[str, str | Path] | None = None, spacing: float = COARSE
+    arm: ArmModel, link: str, packages: Mapping[str, str | Path] | None = None, spacing: float = TUNING.coarse
 ) -> dict[str, Points]:
     """The surfaces of an arm's other rigid parts, by a link of each: what else stands beside a link.
 

@@ -22,10 +22,21 @@ REQUEST: Final = "request.json"
 """In the folder: what is asked, by the arguments of `run_gap`, and `nice`."""
 TOLD: Final = "worker.txt"
 """In the folder: what the process said."""
-BAD_INPUT: Final = 2
-"""Exit status where logs or model cannot be used, as of the command line."""
-GRACE: Final = 2.0
-"""After it was asked to end, a process has this long before it is ended [s]."""
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    bad_input: int = 2
+    """Exit status where logs or model cannot be used, as of the command line."""
+
+    grace: float = 2.0
+    """After it was asked to end, a process has this long before it is ended [s]."""
+
+
+TUNING = Tuning()
+
 WORKER: Final = (sys.executable, "-m", "twin_diagram.twin.healing.worker")
 
 
@@ -128,7 +139,7 @@ class GapProcess:
         except OSError:
             pass
         try:
-            process.wait(GRACE)
+            process.wait(TUNING.grace)
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
@@ -160,7 +171,7 @@ def why_it_failed(status: int, told: str) -> str:
     # Of a traceback, the indented lines say where, the last of the others says what.
     lines = [line for line in told.splitlines() if line.strip() and not line[0].isspace()]
     last = lines[-1].strip() if lines else ""
-    if status == BAD_INPUT and last:
+    if status == TUNING.bad_input and last:
         return last
     if status < 0:
         return f"the search was ended by a signal: {signal.strsignal(-status) or -status}"

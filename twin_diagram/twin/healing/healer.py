@@ -8,9 +8,10 @@ All that it sees are the twin's own beliefs and what the station measured.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Final
+from typing import Any
 
 from pydrake.systems.framework import Context
 
@@ -22,14 +23,26 @@ from twin_diagram.twin.healing.measurement_tape import Tape
 from twin_diagram.twin.twin import Twin
 
 Journal = Callable[[dict[str, Any]], None]
-SETTLE: Final = 0.3
-"""What changed at an alarm is left to settle for this long before the log is used [s]."""
-STRONGER: Final = 2.0
-"""An alarm this many times as strong is another one."""
-PLAIN: Final = 10.0
-"""Beyond so many times its threshold an alarm is plain: that it goes on to grow is no news [thresholds]."""
-TICK: Final = 1e-6
-"""Times that differ by less are the same [s]."""
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    settle: float = 0.3
+    """What changed at an alarm is left to settle for this long before the log is used [s]."""
+
+    stronger: float = 2.0
+    """An alarm this many times as strong is another one."""
+
+    plain: float = 10.0
+    """Beyond so many times its threshold an alarm is plain: that it goes on to grow is no news [thresholds]."""
+
+    tick: float = 1e-6
+    """Times that differ by less are the same [s]."""
+
+
+TUNING = Tuning()
 
 
 class Healer:
@@ -92,7 +105,11 @@ class Healer:
         elif self._searches < self._params.attempts:
             fresh = [record for record in alarms if record["time"] > self._answered]
             if fresh:
-                self._alarm, self._begin, self._level = fresh[-1], fresh[-1]["time"] + SETTLE, fresh[-1]["statistic"]
+                self._alarm, self._begin, self._level = (
+                    fresh[-1],
+                    fresh[-1]["time"] + TUNING.settle,
+                    fresh[-1]["statistic"],
+                )
 
     def close(self) -> None:
         """Ends what runs."""
@@ -137,10 +154,10 @@ class Healer:
         # What looked like a step may have turned out to be a spike.
         current = next((record for record in alarms if record["time"] == since), self._alarm)
         level = max([current["statistic"], *(record["statistic"] for record in alarms if record["time"] > since)])
-        if min(level, PLAIN) > STRONGER * self._level:
-            self._begin, self._level = now + SETTLE, level
+        if min(level, TUNING.plain) > TUNING.stronger * self._level:
+            self._begin, self._level = now + TUNING.settle, level
         begin = self._begin
-        if now < begin + self._params.seconds - TICK:
+        if now < begin + self._params.seconds - TUNING.tick:
             return
         self._alarm, self._answered = None, since
         if current["shape"] == "spike" and not any(record["time"] > since for record in alarms):
@@ -172,7 +189,7 @@ class Healer:
         search, due = self._search, self._params.answer_after
         assert search is not None
         patience = self._params.patience - search.age
-        if due is not None and now < self._started + due - TICK:
+        if due is not None and now < self._started + due - TUNING.tick:
             return
         outcome = search.poll() if due is None else search.wait(max(patience, 0.0))
         if outcome is None and patience > 0.0:

@@ -9,13 +9,22 @@ import json
 import os
 import sys
 import threading
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
-from twin_diagram.twin.healing.gap_process import BAD_INPUT, REQUEST
+from twin_diagram.twin.healing.gap_process import REQUEST
+from twin_diagram.twin.healing.gap_process import TUNING as GAP_PROCESS
 
-ORPHANED: Final = 3
-"""Exit status where the starter is gone."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    orphaned: int = 3
+    """Exit status where the starter is gone."""
+
+
+TUNING = Tuning()
 
 
 def main(folder: Path) -> int:
@@ -34,7 +43,7 @@ def main(folder: Path) -> int:
         run_gap(request["model"], request["fit"], request["holdout"], folder, say, request["packages"])
     except TwinError as error:
         print(" ".join(str(error).split()), file=sys.stderr)
-        return BAD_INPUT
+        return GAP_PROCESS.bad_input
     return 0
 
 
@@ -42,7 +51,7 @@ def _end_with_parent() -> None:
     # Not through sys.stdin: whoever holds its lock when the interpreter ends brings it down.
     while os.read(0, 4096):
         pass
-    os._exit(ORPHANED)
+    os._exit(TUNING.orphaned)
 
 
 if __name__ == "__main__":

@@ -33,8 +33,16 @@ from twin_diagram.model.effects.simulated.motor_drive import Drive
 from twin_diagram.scenario import EffectSpec
 from twin_diagram.signals.arrays import Array
 
-LEAST = 1e-9
-"""Less than this is nothing [N·m]."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    least: float = 1e-9
+    """Less than this is nothing [N·m]."""
+
+
+TUNING = Tuning()
 
 
 def add_to_plant(
@@ -87,7 +95,7 @@ def lessened(effects: Sequence[Effect], prismatic: Collection[str] = ()) -> list
     joints = sorted({joint for effect in dry for joint in effect.joints})
     levels = np.sum([[effect.spread(joints, level) for level in effect.levels()] for effect in dry], axis=0)
     parameters = {"torque_positive": levels[0].tolist(), "torque_negative": levels[1].tolist()}
-    if np.min(levels) < -LEAST:
+    if np.min(levels) < -TUNING.least:
         joint = joints[int(np.argmin(np.min(levels, axis=0)))]
         unit = dry[0].kinds["torque"].unit_on(joint in prismatic)
         raise ModelError(f"effects.coulomb_friction.torque: {np.min(levels):g} {unit} in all is not within [0, inf]")

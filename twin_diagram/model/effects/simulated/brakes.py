@@ -10,6 +10,7 @@ with a smaller gain γ: at rest w obeys z² − (2 − β r) z + 1 − (β − �
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
@@ -18,10 +19,20 @@ from twin_diagram.model.description.add_arm import Arm
 from twin_diagram.model.effects.effect import Effect
 from twin_diagram.signals.arrays import Array
 
-BETA = 0.7
-GAMMA = 0.3
-POSES = 12
-"""Poses over which the least inertia is looked for."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    beta: float = 0.7
+
+    gamma: float = 0.3
+
+    poses: int = 12
+    """Poses over which the least inertia is looked for."""
+
+
+TUNING = Tuning()
 
 
 class Brakes:
@@ -63,7 +74,7 @@ class Brakes:
             if motor.has_controller():
                 gains = motor.get_controller_gains()
                 implicit[place] += h * gains.d + h * h * gains.p
-        for _ in range(POSES):
+        for _ in range(TUNING.poses):
             q[places] = generator.uniform(-np.pi, np.pi, len(places))
             plant.SetPositions(context, q)
             mass = plant.CalcMassMatrix(context) + np.diag(implicit)
@@ -89,13 +100,13 @@ class Brakes:
             return held
         speed = self._along @ state[self._velocity]
         damping = np.array([brake.damping for brake in self._brakes])
-        return -(self._bounded(held + BETA * self._gain * speed, tau, time) + damping * speed * self._on(time))
+        return -(self._bounded(held + TUNING.beta * self._gain * speed, tau, time) + damping * speed * self._on(time))
 
     def held(self, state: Array, held: Array, tau: Array, time: float) -> Array:
         """What it holds with in the next step."""
         if not self.count:
             return held
-        return self._bounded(held + GAMMA * self._gain * (self._along @ state[self._velocity]), tau, time)
+        return self._bounded(held + TUNING.gamma * self._gain * (self._along @ state[self._velocity]), tau, time)
 
     def _on(self, time: float) -> Array:
         return np.array([float(effect.active(np.array(time))) for effect in self._effects])
