@@ -39,7 +39,7 @@ OWED: dict[str, int] = {
     "modules over 400 lines": 2,
     "scripts of sims/ over 60 lines": 7,
     "constants without a reason": 181,
-    "docstrings without a verb first": 886,
+    "docstrings without a verb first": 179,
 }
 """Aims of `make house` not met yet: until they are, these rows must not get worse than this.
 

@@ -17,7 +17,7 @@ from twin_diagram.errors import TwinError
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs the command; returns its exit status."""
+    """Run the command; returns its exit status."""
     arguments = _parser().parse_args(argv)
     command: Callable[[argparse.Namespace], int] = arguments.command
     # Where to look is said by the run itself; a filter stays when importing pydrake sets the level.
@@ -42,7 +42,7 @@ class _Parser(argparse.ArgumentParser):
     """Says in one line what is wrong with the command line."""
 
     def error(self, message: str) -> NoReturn:
-        """Ends the program."""
+        """End the program."""
         print(f"error: {' '.join(message.split())} (see {self.prog} --help)", file=sys.stderr)
         raise SystemExit(2)
 

@@ -59,7 +59,7 @@ class Asset:
 
     @staticmethod
     def load(folder: str | Path) -> Asset:
-        """Reads an asset's folder.
+        """Read an asset's folder.
 
         Its cloud is `cloud.npz` (points, normals, colours) where there is one, else it is sampled from the visual mesh.
 
@@ -101,7 +101,7 @@ class Asset:
 
 
 def _cloud(folder: Path, spec: AssetSpec) -> Cloud:
-    """The asset's coloured cloud, checked."""
+    """Return the asset's coloured cloud, checked."""
     cached = folder / "cloud.npz"
     if cached.is_file():
         try:
@@ -119,7 +119,7 @@ def _cloud(folder: Path, spec: AssetSpec) -> Cloud:
 
 
 def _vertices(solid: Solid, where: Path) -> Array:
-    """Vertices (m, 3) in O of a solid's convex hull; a cylinder becomes the prism of 16 sides around it."""
+    """Return vertices (m, 3) in O of a solid's convex hull; a cylinder becomes the prism of 16 sides around it."""
     expected = {"box": 3, "cylinder": 2}.get(solid.kind)
     if expected is None or len(solid.size) != expected or not (np.array(solid.size) > 0).all():
         raise AssetError(f"{where}: no such solid: {solid.kind} of size {solid.size}")

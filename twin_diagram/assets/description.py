@@ -52,7 +52,10 @@ class AssetSpec:
 
 
 def solid_inertia(spec: AssetSpec) -> Array:
-    """(3, 3) moments about the centre of mass of a full box, or else of a full upright cylinder, of uniform density."""
+    """Return (3, 3) moments about the centre of mass of a full box.
+
+    Or else of a full upright cylinder, of uniform density.
+    """
     x, y, z = spec.size
     m = spec.mass
     if spec.shape == "box":
@@ -62,7 +65,7 @@ def solid_inertia(spec: AssetSpec) -> Array:
 
 
 def shell_inertia(mesh: Mesh, mass: float) -> tuple[Array, Array]:
-    """Centre of mass p_OBcm (3,) and moments (3, 3) about it, axes of O, of a thin wall of even thickness.
+    """Return the centre of mass p_OBcm (3,) and moments (3, 3) about it, axes of O, of a thin wall of even thickness.
 
     Exact for each flat triangle: its second moment is area/12 · (Σ vᵢvᵢᵀ + 9 c cᵀ) with its centroid c.
     """
@@ -78,7 +81,10 @@ def shell_inertia(mesh: Mesh, mass: float) -> tuple[Array, Array]:
 
 
 def feet(solid: Solid) -> Array:
-    """Centres (k, 3) of the spheres on which an object stands: corners of a box, eight along each rim of a cylinder."""
+    """Return centres (k, 3) of the spheres on which an object stands.
+
+    Corners of a box, eight along each rim of a cylinder.
+    """
     if solid.kind == "box":
         half = np.asarray(solid.size) / 2 - TUNING.foot
         return np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).T.reshape(-1, 3) * half
@@ -102,7 +108,7 @@ def _collision(name: str, pose: str, shape: str, friction: float) -> str:
 
 
 def sdf(spec: AssetSpec, com: Array, inertia: Array, friction: float = 0.6) -> str:
-    """The model as SDF: one free link `object`, frame O, textured visual, primitive collision shapes.
+    """Return the model as SDF: one free link `object`, frame O, textured visual, primitive collision shapes.
 
     A box on a table has one point of contact in Drake's point contact, and rocks on it. Small spheres in the corners
     of the first solid stand a little proud of it and give the object feet.

@@ -44,7 +44,7 @@ class Cloud:
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Writes a file under a temporary name and renames it, so that no reader ever sees half of it."""
+    """Write a file under a temporary name and renames it, so that no reader ever sees half of it."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     temporary.write_bytes(content)
     os.replace(temporary, path)
@@ -59,7 +59,7 @@ def encode_png(rgb: Image) -> bytes:
 
 
 def read_png(path: Path) -> Image:
-    """(h, w, 3) RGB.
+    """Return (h, w, 3) RGB.
 
     Raises:
         AssetError: missing or not an image.
@@ -72,7 +72,7 @@ def read_png(path: Path) -> Image:
 
 
 def write_obj(mesh: Mesh, path: Path, texture: Image) -> None:
-    """Writes `path` (OBJ), and beside it the material and the texture with the same stem."""
+    """Write `path` (OBJ), and beside it the material and the texture with the same stem."""
     stem = path.stem
     write_bytes(path.with_suffix(".png"), encode_png(texture))
     material = f"newmtl surface\nKa 1 1 1\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {stem}.png\n"
@@ -86,7 +86,7 @@ def write_obj(mesh: Mesh, path: Path, texture: Image) -> None:
 
 
 def read_obj(path: Path) -> Mesh:
-    """Reads triangles (and fans of polygons) with texture coordinates; normals are computed where the file has none.
+    """Read triangles (and fans of polygons) with texture coordinates; normals are computed where the file has none.
 
     Raises:
         AssetError: missing file, no triangles, indices out of range, or values that are not finite.
@@ -126,7 +126,7 @@ def read_obj(path: Path) -> Mesh:
 
 
 def _corner(item: str, raw: dict[str, list[list[float]]]) -> tuple[int, int, int]:
-    """One `v/vt/vn` of a face as indices from zero; -1 where absent; negative ones count from the end."""
+    """Return one `v/vt/vn` of a face as indices from zero; -1 where absent; negative ones count from the end."""
     parts = [*item.split("/"), "", ""][:3]
     v, vt, vn = (
         -1 if not p else int(p) - 1 if int(p) > 0 else len(raw[k]) + int(p)
@@ -148,7 +148,10 @@ def bilinear(image: Image, uv: Array) -> Array:
 
 
 def sample(mesh: Mesh, texture: Image, count: int, seed: int = 0) -> Cloud:
-    """`count` points spread evenly over the surface, in random order, so that any prefix is an even sample too."""
+    """Return `count` points spread evenly over the surface, in random order.
+
+    So that any prefix is an even sample too.
+    """
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
     rng = np.random.default_rng(seed)

@@ -23,7 +23,7 @@ from twin_diagram.errors import AssetError
 def write_box(
     folder: str | Path, name: str, size: tuple[float, float, float], texture_seed: int = 0, mass: float = 0.4
 ) -> Path:
-    """A full box with edge lengths `size` [m]; O at its centre. Returns the folder.
+    """Return a full box with edge lengths `size` [m]; O at its centre. Returns the folder.
 
     Raises:
         AssetError: a length or the mass is not positive.
@@ -36,7 +36,7 @@ def write_box(
 def write_can(
     folder: str | Path, name: str, radius: float, height: float, texture_seed: int = 0, mass: float = 0.35
 ) -> Path:
-    """A full can, declared symmetric about z; O at its centre. Returns the folder."""
+    """Return a full can, declared symmetric about z; O at its centre. Returns the folder."""
     _check(name, mass, radius, height)
     size = [2 * radius, 2 * radius, height]
     spec = AssetSpec(name, "can", size, mass, "z", texture_seed, solids=[Solid("cylinder", [radius, height])])
@@ -46,7 +46,7 @@ def write_can(
 def write_bottle(
     folder: str | Path, name: str, radius: float, height: float, texture_seed: int = 0, mass: float = 0.5
 ) -> Path:
-    """A bottle whose texture breaks its symmetry about z; O on the axis half-way up. Returns the folder."""
+    """Return a bottle whose texture breaks its symmetry about z; O on the axis half-way up. Returns the folder."""
     _check(name, mass, radius, height)
     body, top = 0.72 * height, 0.82 * height
     solids = [
@@ -61,7 +61,7 @@ def write_bottle(
 def write_mug(
     folder: str | Path, name: str, radius: float, height: float, texture_seed: int = 0, mass: float = 0.3
 ) -> Path:
-    """An open mug with its handle towards +x; O on the axis half-way up. Returns the folder."""
+    """Return an open mug with its handle towards +x; O on the axis half-way up. Returns the folder."""
     _check(name, mass, radius, height)
     bow_x, bow_z = shapes.handle_reach(radius, height)
     reach = radius + bow_x + shapes.TUNING.handle_tube

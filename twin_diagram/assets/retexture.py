@@ -12,7 +12,7 @@ from twin_diagram.errors import AssetError
 
 
 def retexture(source: str | Path, folder: str | Path, texture_seed: int) -> Path:
-    """Writes the procedural asset in `source` to `folder` with a texture drawn from `texture_seed`. Returns `folder`.
+    """Write the procedural asset in `source` to `folder` with a texture drawn from `texture_seed`. Returns `folder`.
 
     Raises:
         AssetError: `source` is no asset, or not one of the procedural shapes.

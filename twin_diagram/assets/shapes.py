@@ -69,7 +69,7 @@ def _assemble(charts: list[_Chart], columns: int, width: int, height: int) -> Pa
 
 
 def box(size: tuple[float, float, float]) -> Patchwork:
-    """A box of `size` [m] about O: one chart per face."""
+    """Return a box of `size` [m] about O: one chart per face."""
     half = np.asarray(size) / 2
     charts = []
     for axis in range(3):
@@ -88,7 +88,7 @@ def box(size: tuple[float, float, float]) -> Patchwork:
 
 
 def _turned(profile: Array, sectors: int) -> _Chart:
-    """A body of revolution about z from its outline (n, 2) of (radius, z), from the lower pole to the upper one."""
+    """Return a body of revolution about z from its outline (N, 2) of radius and z, from the lower pole to the upper one."""
     step = np.diff(profile, axis=0)
     lengths = np.linalg.norm(step, axis=1)
     at = np.concatenate([[0.0], np.cumsum(lengths)]) / lengths.sum()
@@ -110,13 +110,13 @@ def _spaced(steps: int) -> Array:
 
 
 def can(radius: float, height: float) -> Patchwork:
-    """An upright cylinder about O."""
+    """Return an upright cylinder about O."""
     h = height / 2
     return _assemble([_turned(np.array([[0, -h], [radius, -h], [radius, h], [0, h]]), 40)], 1, 256, 192)
 
 
 def bottle(radius: float, height: float) -> Patchwork:
-    """A cylinder with a round shoulder and a narrow neck; O half-way up."""
+    """Return a cylinder with a round shoulder and a narrow neck; O half-way up."""
     h, neck = height / 2, 0.36 * radius
     turn = np.linspace(0, np.pi / 2, 7)
     shoulder = np.stack([neck + (radius - neck) * np.cos(turn), 0.12 * height + 0.2 * height * np.sin(turn)], axis=1)
@@ -139,7 +139,7 @@ TUNING = Tuning()
 
 
 def mug(radius: float, height: float) -> Patchwork:
-    """An open cylinder with a handle on the +x side; O on the cylinder's axis half-way up."""
+    """Return an open cylinder with a handle on the +x side; O on the cylinder's axis half-way up."""
     h, inner = height / 2, radius - TUNING.mug_wall
     profile = np.array(
         [[0, -h], [radius, -h], [radius, h], [inner, h], [inner, TUNING.mug_wall - h], [0, TUNING.mug_wall - h]]
@@ -160,5 +160,8 @@ def mug(radius: float, height: float) -> Patchwork:
 
 
 def handle_reach(radius: float, height: float) -> tuple[float, float]:
-    """How far a mug's handle reaches out from the wall, and half its height [m], both to the tube's centre line."""
+    """Return how far a mug's handle reaches out from the wall.
+
+    And half its height [m], both to the tube's centre line.
+    """
     return 0.62 * radius, 0.30 * height

@@ -59,7 +59,7 @@ class DriftMonitor(LeafSystem):
     """
 
     def __init__(self, model: Model | ArmTerms, params: Drift, tuning: Filter) -> None:
-        """Declares ports and state.
+        """Declare ports and state.
 
         Args:
             model: the twin's model, or the terms of any arm.
@@ -103,21 +103,21 @@ class DriftMonitor(LeafSystem):
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={self.discrete_state_ticket(state)})
 
     def header(self, context: Context) -> dict[str, float]:
-        """What the monitor knows, by `monitor.Entry`: for plots and tests."""
+        """Return what the monitor knows, by `monitor.Entry`: for plots and tests."""
         values = context.get_discrete_state(0).value()
         return {entry.name.lower(): float(values[entry]) for entry in Entry}
 
     def events(self, context: Context, joints: Sequence[str] = ()) -> list[dict[str, Any]]:
-        """All alarms still in the ring, oldest first, as records: see `alarm_events.events`."""
+        """Return all alarms still in the ring, oldest first, as records: see `alarm_events.events`."""
         return events(self._of(context), joints)
 
     def add_model(self, model: Model | ArmTerms) -> int:
-        """Takes in a corrected model; answers its number, by which `use_model` calls it."""
+        """Take in a corrected model; answer its number, by which `use_model` calls it."""
         self._monitors.append(self._make(model))
         return len(self._monitors) - 1
 
     def use_model(self, context: Context, number: int) -> None:
-        """Goes on with another model in this Context, a numeric parameter of it: see `Monitor.begin_anew`.
+        """Go on with another model in this Context, a numeric parameter of it: see `Monitor.begin_anew`.
 
         Args:
             context: this system's own, at rest: between two steps of a simulator.
@@ -130,7 +130,7 @@ class DriftMonitor(LeafSystem):
         context.get_mutable_numeric_parameter(self._model).SetAtIndex(0, float(number))
 
     def model_number(self, context: Context) -> int:
-        """Which model this Context uses."""
+        """Return which model this Context uses."""
         return int(context.get_numeric_parameter(self._model).GetAtIndex(0))
 
     def _make(self, model: Model | ArmTerms) -> Monitor:

@@ -72,7 +72,7 @@ class AdaptiveEkf(LeafSystem):
     """
 
     def __init__(self, model: Model | ArmTerms, params: Filter, home: Array | None = None) -> None:
-        """Declares ports and state.
+        """Declare ports and state.
 
         Args:
             model: the twin's model, or the terms of any arm.
@@ -135,23 +135,23 @@ class AdaptiveEkf(LeafSystem):
     def of_plant(
         plant: MultibodyPlant, joints: list[str], params: Filter, tool_frame: str | None = None
     ) -> AdaptiveEkf:
-        """A filter for n joints of any finalized plant on a fixed base, without a `Model`."""
+        """Return a filter for n joints of any finalized plant on a fixed base, without a `Model`."""
         return AdaptiveEkf(ArmTerms(plant, joints, tool_frame=tool_frame), params)
 
     def belief(self, context: Context) -> Belief:
-        """A copy of all that the filter knows, its counters included."""
+        """Return a copy of all that the filter knows, its counters included."""
         declared = self.ekf.declared
         belief = Belief(self._view.n, self._view.p, declared.own, declared.sizes)
         belief.vector[:] = context.get_discrete_state(0).value()
         return belief
 
     def counters(self, context: Context) -> dict[str, int]:
-        """How many messages were accepted, refused and so on: see `belief.Entry`."""
+        """Return how many messages were accepted, refused and so on: see `belief.Entry`."""
         header = context.get_discrete_state(0).value()[:HEADER]
         return {entry.name.lower(): int(header[entry]) for entry in Entry if entry >= Entry.ACCEPTED}
 
     def add_model(self, model: Model | ArmTerms) -> int:
-        """Takes in a corrected model; answers its number, by which `use_model` calls it. No Context uses it yet.
+        """Take in a corrected model; answer its number, by which `use_model` calls it. No Context uses it yet.
 
         Raises:
             ModelError, ScenarioError: it cannot be filtered with, or it is of another arm.
@@ -163,7 +163,7 @@ class AdaptiveEkf(LeafSystem):
         return len(self._ekfs) - 1
 
     def use_model(self, context: Context, number: int) -> None:
-        """Goes on with another model in this Context: what the filter knows is carried over, see `hand_over`.
+        """Go on with another model in this Context: what the filter knows is carried over, see `hand_over`.
 
         Args:
             context: this system's own, at rest: between two steps of a simulator.
@@ -177,7 +177,7 @@ class AdaptiveEkf(LeafSystem):
         context.get_mutable_numeric_parameter(self._model).SetAtIndex(0, float(number))
 
     def model_number(self, context: Context) -> int:
-        """Which model this Context uses."""
+        """Return which model this Context uses."""
         return int(context.get_numeric_parameter(self._model).GetAtIndex(0))
 
     def _make(self, model: Model | ArmTerms) -> Ekf:
@@ -202,7 +202,7 @@ class AdaptiveEkf(LeafSystem):
         return EventStatus.Succeeded()
 
     def _read_further(self, context: Context, ekf: Ekf) -> Array:
-        """Takes in what is new of the further sensors; (k,) times of the readings seen."""
+        """Take in what is new of the further sensors; (k,) times of the readings seen."""
         seen = np.array(context.get_discrete_state(2).value())
         for index, (name, reading, time, noise) in enumerate(self._further):
             t = float(cast(Array, time.Eval(context))[0])

@@ -76,7 +76,7 @@ Progress = Callable[[str], None]
 
 
 def name(model: Model, logs: Sequence[Log], progress: Progress | None = None) -> Verdict:
-    """Names what a model lacks.
+    """Return the names what a model lacks.
 
     Args:
         model: the given one, with the logs' joints in the logs' order.
@@ -90,7 +90,7 @@ def name(model: Model, logs: Sequence[Log], progress: Progress | None = None) ->
 
 
 def investigate(records: Records, progress: Progress | None = None) -> tuple[Verdict, Bench, Fit, Terms]:
-    """The same on prepared logs, with all that was found on the way."""
+    """Return the same on prepared logs, with all that was found on the way."""
     say = progress or (lambda text: None)
     seconds: dict[str, float] = {}
     clock = time.perf_counter()
@@ -133,7 +133,10 @@ def investigate(records: Records, progress: Progress | None = None) -> tuple[Ver
 
 
 def all_candidates(terms: Terms) -> list[Candidate]:
-    """The catalogue's, but for those that are proposed on the way, and those of effects that a user registered."""
+    """Return the catalogue's, but for those that are proposed on the way.
+
+    And those of effects that a user registered.
+    """
     return [
         *single_joint.joint_candidates(terms),
         *whole_arm.arm_candidates(terms),
@@ -142,7 +145,7 @@ def all_candidates(terms: Terms) -> list[Candidate]:
 
 
 def again(records: Records, terms: Terms, bench: Bench, fit: Fit, ordinary: Array) -> tuple[Terms, Bench, Fit]:
-    """Searches once more, with noise and transmitted torque as the first hypothesis has them.
+    """Search once more, with noise and transmitted torque as the first hypothesis has them.
 
     Args:
         records: prepared.
@@ -200,14 +203,14 @@ def again(records: Records, terms: Terms, bench: Bench, fit: Fit, ordinary: Arra
 
 
 def trusted(records: Records, bench: Bench, fit: Fit) -> Array:
-    """(n, R) weights of whitened samples: where much was named, no law is exact to the noise."""
+    """Return (n, R) weights of whitened samples: where much was named, no law is exact to the noise."""
     white = bench.whitener.all(contribution_of(records, bench, fit))
     width = max(1, round(TUNING.doubt_time * records.rate))
     return np.asarray(1.0 / np.sqrt(1.0 + TUNING.doubt**2 * uniform_filter1d(white**2, width, axis=1)))
 
 
 def suspects(records: Records, terms: Terms, bench: Bench, members: Members) -> list[int]:
-    """Joints on which curves of motion, load or time find most structure that a hypothesis leaves.
+    """Return the joints on which curves of motion, load or time find most structure that a hypothesis leaves.
 
     A gear that swings or knocks shakes the joints beside it, where it may show more.
     """
@@ -221,7 +224,10 @@ def suspects(records: Records, terms: Terms, bench: Bench, members: Members) -> 
 
 
 def uneven(bench: Bench, fit: Fit, member: int) -> list[int]:
-    """Joints whose own coefficient of a member of all joints is not that of the others together, the surest first."""
+    """Return the joints whose own coefficient of a member of all joints is not that of the others together.
+
+    The surest first.
+    """
     left = bench.whitener.all(bench.left(bench.solve(fit.members - {member}))) * bench.weights
     column = bench.columns[member][:, :, 0]
     size = np.sum(column**2, axis=1) / fit.variance + 1e-12
@@ -232,7 +238,7 @@ def uneven(bench: Bench, fit: Fit, member: int) -> list[int]:
 
 
 def pruned(bench: Bench, fit: Fit) -> Fit:
-    """The fit without members that do not bring `LEAST` once shapes and noise have settled."""
+    """Return the fit without members that do not bring `LEAST` once shapes and noise have settled."""
     while fit.members:
         without = max((bench.solve(fit.members - {k}) for k in fit.members), key=lambda other: other.evidence)
         if not np.isfinite(without.evidence) or fit.evidence - without.evidence >= TUNING.least:
@@ -242,12 +248,12 @@ def pruned(bench: Bench, fit: Fit) -> Fit:
 
 
 def polisher(terms: Terms) -> Polish:
-    """One round of `refine`."""
+    """Return one round of `refine`."""
     return lambda bench, fit: refine(bench, terms, fit, rounds=1, slow=False)
 
 
 def contribution_of(records: Records, bench: Bench, fit: Fit, without: Sequence[str] = ()) -> Array:
-    """(ΣD, n) torque that a fit adds to the given model's, reduced [N·m].
+    """Return (ΣD, n) torque that a fit adds to the given model's, reduced [N·m].
 
     Args:
         records: of the fit.

@@ -91,7 +91,7 @@ def run_gap(
     say: Say | None = None,
     packages: Mapping[str, str | Path] | None = None,
 ) -> Gap:
-    """Finds what a model lacks, adds it, and shows the gap shrink.
+    """Find what a model lacks, adds it, and shows the gap shrink.
 
     Args:
         model: a URDF, SDF or MJCF file, or the folder of a corrected model.
@@ -158,7 +158,7 @@ def run_gap(
 
 
 def _called(model: Path) -> str:
-    """What a report calls a model: its description's name, also where it was corrected before."""
+    """Return what a report calls a model: its description's name, also where it was corrected before."""
     if not model.is_dir():
         return model.name
     names = sorted(path.name for path in model.iterdir() if path.suffix in (".urdf", ".sdf", ".xml"))
@@ -166,12 +166,12 @@ def _called(model: Path) -> str:
 
 
 def _nameless(verdict: Verdict) -> Verdict:
-    """The verdict without names."""
+    """Return the verdict without names."""
     return replace(verdict, verdict="unknown", remainder=False, findings=(), separation=())
 
 
 def accepted(verdict: Verdict, shown: Shown, confirmed: Callable[[], bool] = lambda: False) -> bool:
-    """Whether the held-out run agrees: its gap shrinks, and no joint's grows.
+    """Return whether the held-out run agrees: its gap shrinks, and no joint's grows.
 
     What is over by then, or what it never exercises, cannot show there; what is too fast to show is looked for above.
 
@@ -188,7 +188,7 @@ def accepted(verdict: Verdict, shown: Shown, confirmed: Callable[[], bool] = lam
 
 
 def write(gap: Gap, out: Path, title: str) -> None:
-    """Writes everything to a temporary folder beside `out`, or in it if it exists, and then moves it into place."""
+    """Write everything to a temporary folder beside `out`, or in it if it exists, and then moves it into place."""
     out = out.absolute()
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
@@ -210,7 +210,7 @@ def write(gap: Gap, out: Path, title: str) -> None:
 
 
 def _aside(out: Path) -> Path:
-    """A folder on the same disk as `out`, which may be a link or a mount of its own."""
+    """Return a folder on the same disk as `out`, which may be a link or a mount of its own."""
     return Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out if out.exists() else out.parent))
 
 
@@ -244,7 +244,7 @@ def _subject(gap: Gap, title: str) -> Subject:
 
 
 def _writable(out: Path) -> None:
-    """Says at once what would otherwise be found out after all the work."""
+    """Say at once what would otherwise be found out after all the work."""
     if out.exists() and not out.is_dir():
         raise TwinError(f"{out}: is a file; --out names a folder")
     above = out.absolute()
@@ -287,7 +287,7 @@ def _same(a: Log, b: Log) -> bool:
 def _experiments(
     given: Model, verdict: Verdict, shown: Shown, logs: Sequence[Log]
 ) -> tuple[tuple[Experiment, str], ...]:
-    """Those that the near pairs ask for; where nothing has a name, those that show most of an unknown effect."""
+    """Return those that the near pairs ask for; where nothing has a name, those that show most of an unknown effect."""
     wanted = dict.fromkeys((near.experiment, _joints_in(near.a, given)) for near in verdict.separation)
     if verdict.verdict == "unknown" or verdict.remainder:
         before, _ = shown.holdout_rms()

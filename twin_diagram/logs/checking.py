@@ -50,7 +50,7 @@ class LogWarning:
 
 
 def check(log: Log, arm: JointLimits | None = None) -> list[LogWarning]:
-    """Looks for what makes a log useless (an error) or doubtful (a warning).
+    """Look for what makes a log useless (an error) or doubtful (a warning).
 
     Args:
         log: as `read_log` gave it.
@@ -104,7 +104,7 @@ def _gaps(log: Log) -> list[LogWarning]:
 
 
 def _velocity_scale(log: Log) -> list[LogWarning]:
-    """Compares the logged velocity with what the positions do over some samples."""
+    """Compare the logged velocity with what the positions do over some samples."""
     if log.velocity is None:
         return []
     result = []

@@ -78,14 +78,14 @@ def smooth(signal: Array, rate: float, cutoff: float = TUNING.motion_cutoff) -> 
 
 
 def differentiate(signal: Array, time: Array, order: int) -> Array:
-    """Derivative (N, …) of a smooth signal, by a quintic spline through its samples."""
+    """Return the derivative (N, …) of a smooth signal, by a quintic spline through its samples."""
     degree = min(5, len(time) - 1)
     derivative: Array = make_interp_spline(time, signal, k=degree).derivative(order)(time)
     return derivative
 
 
 def motion(log: Log, cutoff: float = TUNING.motion_cutoff) -> Motion:
-    """Position, velocity and acceleration of a log.
+    """Return the position, velocity and acceleration of a log.
 
     The drives' velocity, where it is logged, is weighed against the derivative of the positions by their noise: white
     noise of density σ_q on positions becomes ω²σ_q on accelerations, σ_v on velocities becomes ω σ_v. It is left out
@@ -105,7 +105,7 @@ def motion(log: Log, cutoff: float = TUNING.motion_cutoff) -> Motion:
 
 
 def _velocity_weight(log: Log, rate: float, velocity: Array, acceleration: Array) -> Array:
-    """(n,) weight in [0, 1] of the drives' velocity."""
+    """Return (n,) weight in [0, 1] of the drives' velocity."""
     assert log.velocity is not None
     weight = np.zeros(len(log.joints))
     if rate < 8.0 * TUNING.residual_cutoff:
@@ -125,6 +125,6 @@ def _velocity_weight(log: Log, rate: float, velocity: Array, acceleration: Array
 
 
 def inner(time: Array, cut: float = TUNING.residual_cut) -> npt.NDArray[np.bool_]:
-    """Which samples lie at least `cut` [s] from both ends."""
+    """Return which samples lie at least `cut` [s] from both ends."""
     edge = cut * (1.0 - 1e-9)
     return (time >= time[0] + edge) & (time <= time[-1] - edge)

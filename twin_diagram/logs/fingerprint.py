@@ -10,7 +10,9 @@ from twin_diagram.logs.measured_log import Log
 
 
 def fingerprint(log: Log) -> str:
-    """A short text that two logs share if they hold the same times and positions of the same joints, in any order.
+    """Return a short text that two logs share if they hold the same times and positions of the same joints.
+
+    In any order.
 
     Resampling keeps it.
     """

@@ -25,13 +25,13 @@ _FINGERPRINTS = {kind._get_packed_fingerprint(): (kind, read) for kind, read in 
 
 
 def is_lcm_log(path: Path) -> bool:
-    """Whether a file begins as LCM logs do."""
+    """Return whether a file begins as LCM logs do."""
     with path.open("rb") as file:
         return file.read(4) == SYNC
 
 
 def read_lcm_log(path: Path, channel: str = "") -> Log:
-    """The log of one arm; its joints are numbered, for the messages do not name them.
+    """Return the log of one arm; its joints are numbered, for the messages do not name them.
 
     Times are the sender's, from the first message on; torques are those of the arm's sensors.
 
@@ -92,7 +92,7 @@ def _log(source: str, channel: str, messages: list[tuple[int, Status]]) -> Log:
 
 
 def events(path: Path) -> Iterator[tuple[int, str, bytes]]:
-    """Number, channel and message of each event; what was cut off at the end is left out.
+    """Yield the number, channel and message of each event; what was cut off at the end is left out.
 
     Raises:
         LogError: an event does not begin where the one before it ends.

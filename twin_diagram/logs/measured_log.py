@@ -96,7 +96,7 @@ class Log:
         return result
 
     def select(self, joints: Sequence[str]) -> Log:
-        """The same log with these joints alone, in this order; joints that are only numbered get these names.
+        """Return the same log with these joints alone, in this order; joints that are only numbered get these names.
 
         Raises:
             LogError: it lacks one, or numbers another count of joints.
@@ -110,7 +110,7 @@ class Log:
         return self._map(lambda values: values[:, order], joints=tuple(joints))
 
     def named(self, joints: Sequence[str]) -> Log:
-        """The same log with names for joints that are only numbered.
+        """Return the same log with names for joints that are only numbered.
 
         Raises:
             LogError: these are more or fewer.
@@ -123,7 +123,7 @@ class Log:
         return replace(self, joints=tuple(joints), numbered=False)
 
     def between(self, start: float, end: float) -> Log:
-        """The samples with start ≤ time ≤ end [s]."""
+        """Return the samples with start ≤ time ≤ end [s]."""
         kept = (self.time >= start) & (self.time <= end)
         return self._map(lambda values: values[kept], time=self.time[kept])
 

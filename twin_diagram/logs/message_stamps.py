@@ -26,7 +26,7 @@ TUNING = Tuning()
 
 
 def in_order(stamps: Index, source: str, where: Callable[[int], str]) -> Index:
-    """Which messages to keep, in which order, so that their stamps rise: of those with one stamp, the first.
+    """Return which messages to keep, in which order, so that their stamps rise: of those with one stamp, the first.
 
     Args:
         stamps: (N,) [ns], as received.
@@ -48,5 +48,5 @@ def in_order(stamps: Index, source: str, where: Callable[[int], str]) -> Index:
 
 
 def seconds(stamps: Index, begin: int) -> Array:
-    """(N,) since a beginning, exact below what a sum of seconds since 1970 could hold [s]."""
+    """Return (N,) since a beginning, exact below what a sum of seconds since 1970 could hold [s]."""
     return np.asarray((stamps - begin) * 1e-9)

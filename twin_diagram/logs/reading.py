@@ -34,7 +34,7 @@ LCM_LOGS = (".lcm", ".lcmlog", ".log")
 
 
 def read_log(path: str | Path) -> Log:
-    """Reads a measured log: CSV or .npz in the log format, a ROS bag, or an LCM log.
+    """Read a measured log: CSV or .npz in the log format, a ROS bag, or an LCM log.
 
     CSV and .npz have columns `time` [s], then `<signal>.<joint>` with the signals of `measured_log.SIGNALS`; columns of
     other names are left out. Of a ROS bag (.mcap, .db3, .bag, or a bag's folder) the joint states are read (`ros_bag`),
@@ -71,7 +71,7 @@ def read_log(path: str | Path) -> Log:
 
 
 def _parted(path: Path) -> tuple[Path, str]:
-    """A file and the stream in it that is meant."""
+    """Return a file and the stream in it that is meant."""
     text = str(path)
     if "#" not in text or path.exists():
         return path, ""
@@ -80,7 +80,7 @@ def _parted(path: Path) -> tuple[Path, str]:
 
 
 def _checked(log: Log) -> Log:
-    """What every log must be, whatever it was read from."""
+    """Return what every log must be, whatever it was read from."""
     return replace(
         log_from_columns(log.columns(), log.source, lambda sample: f"sample {sample}"),
         notes=log.notes,
@@ -89,7 +89,7 @@ def _checked(log: Log) -> Log:
 
 
 def log_from_columns(columns: Mapping[str, Array], source: str, where: Callable[[int], str]) -> Log:
-    """A log from columns by the names of the log format.
+    """Return a log from columns by the names of the log format.
 
     Args:
         columns: each (N,).
@@ -127,7 +127,10 @@ def log_from_columns(columns: Mapping[str, Array], source: str, where: Callable[
 
 
 def _without_torque(columns: Mapping[str, Array], joints: Sequence[str]) -> list[str]:
-    """Joints that have none where others have some: fingers and mobile bases, which few drives tell the torque of."""
+    """Return the joints that have none where others have some.
+
+    Fingers and mobile bases, which few drives tell the torque of.
+    """
     idle = [joint for joint in joints if not any(f"{signal}.{joint}" in columns for signal in TORQUES)]
     return idle if len(idle) < len(joints) else []
 
@@ -155,7 +158,7 @@ def _check_time(time: Array, source: str, where: Callable[[int], str]) -> None:
 
 
 def read_columns(path: Path) -> dict[str, Array]:
-    """The columns of a CSV file of numbers with one line of names."""
+    """Return the columns of a CSV file of numbers with one line of names."""
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
@@ -182,7 +185,7 @@ def read_columns(path: Path) -> dict[str, Array]:
 
 
 def _slowly(path: Path, names: Sequence[str], body: str) -> Array:
-    """Reads cell by cell: quoted cells and blank lines at the end pass, anything else is named."""
+    """Read cell by cell: quoted cells and blank lines at the end pass, anything else is named."""
     rows = list(csv.reader(io.StringIO(body)))
     while rows and not any(cell.strip() for cell in rows[-1]):
         rows.pop()

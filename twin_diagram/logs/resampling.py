@@ -12,7 +12,7 @@ from twin_diagram.signals.arrays import Array
 
 
 def resample(log: Log, times: Array) -> Log:
-    """The log at other times: positions by cubic splines, torques and velocities linearly between samples.
+    """Return the log at other times: positions by cubic splines, torques and velocities linearly between samples.
 
     Nothing is filtered: low-pass a log before going to a much lower rate.
 
@@ -42,7 +42,10 @@ def resample(log: Log, times: Array) -> Log:
 
 
 def uniform(log: Log, rate: float | None = None) -> Log:
-    """The log at a constant rate [1/s]; None: its own, and the log itself where its times are regular already."""
+    """Return the log at a constant rate [1/s].
+
+    None: its own, and the log itself where its times are regular already.
+    """
     period = log.period if rate is None else 1.0 / rate
     if rate is None and is_regular(log.time):
         return log
@@ -51,6 +54,6 @@ def uniform(log: Log, rate: float | None = None) -> Log:
 
 
 def is_regular(time: Array, tolerance: float = 1e-3) -> bool:
-    """Whether all steps are the same up to a share `tolerance` of themselves."""
+    """Return whether all steps are the same up to a share `tolerance` of themselves."""
     steps = np.diff(time)
     return bool(np.all(np.abs(steps - np.median(steps)) <= tolerance * np.median(steps)))

@@ -33,7 +33,7 @@ class _Group:
 
 
 def read_ros_bag(path: Path, topic: str = "") -> Log:
-    """The log of the joints that a bag's joint states tell of; torques are its efforts [N·m].
+    """Return the log of the joints that a bag's joint states tell of; torques are its efforts [N·m].
 
     Times are the messages' own stamps, else when they were received, from the first one on. Joints whose position or
     effort is not given (NaN, or zero throughout) are left out, which the log's notes say. Where several publishers
@@ -92,7 +92,7 @@ def _read(path: Path, topic: str, source: str) -> dict[frozenset[str], _Group]:
 
 
 def _topic(path: Path, topic: str, connections: Iterable[Any]) -> str:
-    """The topic to read."""
+    """Return the topic to read."""
     everything = {connection.topic for connection in connections}
     states = sorted({c.topic for c in connections if c.msgtype in JOINT_STATES and c.msgcount})
     if topic:
@@ -126,7 +126,7 @@ def _take(groups: dict[frozenset[str], _Group], message: Any, received: int, sou
 
 
 def _part(group: _Group, source: str, notes: list[str]) -> tuple[Log, int] | None:
-    """A group's log and when it begins [ns]; None where nothing of it is of use."""
+    """Return a group's log and when it begins [ns]; None where nothing of it is of use."""
     names = ", ".join(group.joints)
     columns = {signal: _stacked(rows) for signal, rows in group.rows.items()}
     position, effort = columns["position"], columns["effort"]
@@ -163,7 +163,10 @@ def _stacked(rows: Sequence[Array | None]) -> Array | None:
 
 
 def _beside(log: Log, other: Log, later: float) -> Log:
-    """Both logs at the first one's times, where both are; `later` is the second's begin after the first's [s]."""
+    """Return both logs at the first one's times, where both are.
+
+    `later` is the second's begin after the first's [s].
+    """
     times = other.time + later
     log = log.between(float(times[0]), float(times[-1]))
 

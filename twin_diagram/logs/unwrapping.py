@@ -26,7 +26,7 @@ TUNING = Tuning()
 
 
 def unwrapped(log: Log, arm: JointLimits) -> tuple[Log, list[LogWarning]]:
-    """The log with angles that go on where they jumped by a turn, and what was done; itself where none does.
+    """Return the log with angles that go on where they jumped by a turn, and what was done; itself where none does.
 
     A step of nearly a whole turn from one sample to the next is no motion of an arm. Which turn a run begins in is not
     known, so it is the one that the log says.
@@ -52,7 +52,7 @@ def unwrapped(log: Log, arm: JointLimits) -> tuple[Log, list[LogWarning]]:
 
 
 def _turns(angles: Array) -> Array:
-    """(N, n) turns by which each sample jumped from the one before it."""
+    """Return (N, n) turns by which each sample jumped from the one before it."""
     steps = np.diff(angles, axis=0, prepend=angles[:1]) / (2.0 * np.pi)
     whole = np.round(steps)
     return np.where(np.abs(steps - whole) < TUNING.nearly, whole, 0.0)

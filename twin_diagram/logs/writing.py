@@ -15,7 +15,7 @@ from twin_diagram.signals.arrays import Array
 
 
 def write_log(log: Log, path: str | Path) -> None:
-    """Writes a log as .csv or .npz; what is read back is equal to the bit.
+    """Write a log as .csv or .npz; what is read back is equal to the bit.
 
     Raises:
         LogError: another suffix, or the folder cannot be written.
@@ -24,7 +24,7 @@ def write_log(log: Log, path: str | Path) -> None:
 
 
 def write_columns(columns: Mapping[str, Array], path: str | Path) -> None:
-    """Writes columns of numbers (N,) under their names, to a temporary name first."""
+    """Write columns of numbers (N,) under their names, to a temporary name first."""
     path = Path(path)
     if path.suffix.lower() not in (".csv", ".npz"):
         raise LogError(f"{path}: is written as .csv or .npz")

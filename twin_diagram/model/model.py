@@ -106,7 +106,7 @@ class Model:
         packages: Mapping[str, str | Path] | None = None,
         base_dir: str | Path | None = None,
     ) -> Model:
-        """Reads a description, or the folder of a corrected model.
+        """Read a description, or the folder of a corrected model.
 
         Args:
             spec_or_path: an arm of a scenario, or the path of a URDF, SDF, MJCF or .dmd.yaml file or of a folder.
@@ -126,7 +126,7 @@ class Model:
         return Model(plant, arm, effects)
 
     def for_run(self, mark: str) -> Model:
-        """The model as it holds for one run: each effect as `Effect.in_run` says.
+        """Return the model as it holds for one run: each effect as `Effect.in_run` says.
 
         Args:
             mark: `logs.fingerprint` of the run.
@@ -139,28 +139,33 @@ class Model:
         return self._runs[mark]
 
     def settled(self, marks: Collection[str]) -> Model:
-        """The model without onsets and ends in runs other than those of some marks, as it holds after these runs."""
+        """Return the model without onsets and ends in runs other than those of some marks.
+
+        As it holds after these runs.
+        """
         if all(effect.log in ("", *marks) for effect in self.effects):
             return self
         here = (e if e.log in ("", *marks) else e.in_run("") for e in self.effects)
         return self.with_effects([effect for effect in here if effect is not None])
 
     def with_effects(self, effects: Iterable[Effect]) -> Model:
-        """The same description with other effects; shares the plant, not the scratch.
+        """Return the same description with other effects; shares the plant, not the scratch.
 
         What the description itself states stays, whether it is among `effects` or not.
         """
         return Model(self.plant, self.arm, effects)
 
     def make_context(self) -> Context:
-        """A context of `plant` whose parameters hold what effects change in the rigid model (payload, rotors, dampers).
+        """Return a context of `plant` whose parameters hold what effects change in the rigid model.
+
+        Payload, rotors, dampers.
 
         For those who call the plant themselves; it is theirs.
         """
         return self._context.Clone()
 
     def save(self, folder: str | Path) -> None:
-        """Writes the description and `effects.yaml`; an existing folder is replaced once all is written.
+        """Write the description and `effects.yaml`; an existing folder is replaced once all is written.
 
         Files that the description names by relative paths are named by absolute ones in the copy.
         """
@@ -177,7 +182,7 @@ class Model:
         time: Array | None = None,
         seen: Array | None = None,
     ) -> Array:
-        """The torque that the motors must give, as their log would show it.
+        """Return the torque that the motors must give, as their log would show it.
 
         Args:
             q: (…, n) measured positions [rad].
@@ -216,7 +221,7 @@ class Model:
         return elastic_gears.twist(self.tree, self.law.link_load, self.law.yielding, motion, period, beyond)
 
     def epochs(self, time: Array) -> list[tuple[npt.NDArray[np.bool_], Model]]:
-        """Which samples (N,) each model without onsets holds for."""
+        """Return which samples (N,) each model without onsets holds for."""
         result = []
         for active, mask in epochs(self.effects, time):
             if active not in self._epochs:
@@ -226,15 +231,15 @@ class Model:
         return result
 
     def mass_matrix(self, q: Array) -> Array:
-        """(n, n) mass matrix [kg·m²] at measured positions (n,): arm, rotors, payload; fingers held rigid."""
+        """Return (n, n) mass matrix [kg·m²] at measured positions (n,): arm, rotors, payload; fingers held rigid."""
         return self.calls.mass(self.true_position(q))
 
     def bias(self, q: Array, v: Array) -> Array:
-        """(n,) torque [N·m] at velocity (n,) and position (n,) without acceleration: C v − g and effects."""
+        """Return (n,) torque [N·m] at velocity (n,) and position (n,) without acceleration: C v − g and effects."""
         return self.inverse_dynamics(q, v, np.zeros_like(q))
 
     def forward_dynamics(self, q: Array, v: Array, tau: Array) -> Array:
-        """(…, n) accelerations [rad/s²] under logged torques `tau` (…, n)."""
+        """Return (…, n) accelerations [rad/s²] under logged torques `tau` (…, n)."""
         q, tau = self.true_position(q), self.applied(tau)
         if q.ndim == 1 and not self.law.dry:
             load = self.law.joint_load(q, v, np.zeros_like(q), tau)
@@ -246,7 +251,10 @@ class Model:
         return np.asarray(acceleration.reshape(q.shape))
 
     def applied(self, tau: Array, time: Array | None = None) -> Array:
-        """The torque (…, n) that reaches the joints when `tau` is logged; `time` (N,) as in `inverse_dynamics`."""
+        """Return the torque (…, n) that reaches the joints when `tau` is logged.
+
+        `time` (N,) as in `inverse_dynamics`.
+        """
         if time is not None and self.timed:
             result = np.empty_like(tau)
             for mask, static in self.epochs(time):
@@ -257,25 +265,25 @@ class Model:
         return self.law.applied(tau)
 
     def true_position(self, q: Array) -> Array:
-        """The joint positions (…, n) when `q` is measured."""
+        """Return the joint positions (…, n) when `q` is measured."""
         return self.law.true_position(q)
 
     def measured_position(self, q: Array) -> Array:
-        """What encoders read (…, n) at joint positions `q`."""
+        """Return what encoders read (…, n) at joint positions `q`."""
         return self.law.measured_position(q)
 
     # Kinematics.
 
     def tool_pose(self, q: Array) -> RigidTransform:
-        """X_WT of the tool frame at measured positions (n,)."""
+        """Return X_WT of the tool frame at measured positions (n,)."""
         return self.calls.tool_pose(self.true_position(q))
 
     def tool_jacobian(self, q: Array) -> Array:
-        """(6, n): angular [rad/s] over linear [m/s] velocity of the tool frame in W, per joint velocity."""
+        """Return (6, n): angular [rad/s] over linear [m/s] velocity of the tool frame in W, per joint velocity."""
         return self.calls.tool_jacobian(self.true_position(q))
 
     def arm_positions(self, q_plant: Array) -> Array:
-        """The arm's part (…, n) of plant positions (…, nq)."""
+        """Return the arm's part (…, n) of plant positions (…, nq)."""
         return np.asarray(q_plant)[..., self.position_index]
 
 

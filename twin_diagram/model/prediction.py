@@ -47,7 +47,7 @@ TUNING = Tuning()
 
 
 def torque_predicted(model: Model, log: Log, smooth: Motion | None = None) -> Array:
-    """The torque (N, n) that the motors must have given for the measured motion, at the log's own times [N·m].
+    """Return the torque (N, n) that the motors must have given for the measured motion, at the log's own times [N·m].
 
     Args:
         model: with the log's joints, in the log's order.
@@ -68,7 +68,7 @@ def _torque_or_none(log: Log) -> Array | None:
 
 
 def position_predicted(model: Model, log: Log, horizon: float = 0.2, smooth: Motion | None = None) -> Array:
-    """Positions (N, n), each rolled out open loop from the measured state `horizon` seconds earlier [rad].
+    """Return the positions (N, n), each rolled out open loop from the measured state `horizon` seconds earlier [rad].
 
     The rollout starts at the measured position and the smoothed velocity, and applies the measured torques. Samples
     earlier than `horizon` after the log's begin are rolled out from its first sample.
@@ -115,7 +115,7 @@ class _Rolled:
 
 
 def twists(model: Model, smooth: Motion) -> tuple[Array, Array]:
-    """Angles and rates, each (N, s), of the gears that yield, for a measured motion [rad], [rad/s]."""
+    """Return the angles and rates, each (N, s), of the gears that yield, for a measured motion [rad], [rad/s]."""
     count = len(model.law.yielding)
     if count == 0:
         return np.zeros((len(smooth.log), 0)), np.zeros((len(smooth.log), 0))
@@ -137,7 +137,7 @@ def _at(times: Array, regular: Array, values: Array) -> Array:
 
 
 def torque_residual(model: Model, log: Log) -> Array:
-    """Measured less predicted torque, low-passed, without the log's ends (M, n) [N·m]."""
+    """Return the measured less predicted torque, low-passed, without the log's ends (M, n) [N·m]."""
     smooth = motion(log)
     regular = smooth.log
     difference = regular.motor_torque - torque_predicted(model, regular, smooth)
@@ -145,14 +145,14 @@ def torque_residual(model: Model, log: Log) -> Array:
 
 
 def torque_residual_rms(model: Model, log: Log) -> Array:
-    """Root mean square of `torque_residual` per joint (n,) [N·m]."""
+    """Return the root mean square of `torque_residual` per joint (n,) [N·m]."""
     return np.asarray(np.sqrt(np.mean(torque_residual(model, log) ** 2, axis=0)))
 
 
 def rollout_rms(
     model: Model, log: Log, horizon: float = 0.2, smooth: Motion | None = None, most: int | None = None
 ) -> Array:
-    """Root mean square per joint (n,) of measured less rolled-out positions, without the log's ends [rad].
+    """Return the root mean square per joint (n,) of measured less rolled-out positions, without the log's ends [rad].
 
     Args:
         model: as of `position_predicted`.
@@ -176,7 +176,9 @@ def rollout_rms(
 def load_model_for(
     log: Log, model: str | Path, packages: Mapping[str, str | Path] | None = None
 ) -> tuple[Model, Log, list[LogWarning]]:
-    """A model and a log that go together: the model with the log's joints, the log in the model's order, checked.
+    """Return a model and a log that go together.
+
+    The model with the log's joints, the log in the model's order, checked.
 
     Joints of the description that are driven by default must be in the log; prismatic joints become the arm's where
     the log has them.
@@ -199,7 +201,9 @@ def load_model_for(
 
 
 def as_explained(model: Model, log: Log) -> tuple[Log, list[LogWarning]]:
-    """A log as a model explains it: checked, with the model's joints in its order, angles that go on past a turn.
+    """Return a log as a model explains it: checked, with the model's joints in its order.
+
+    Angles that go on past a turn.
 
     Raises:
         LogError: see `logs.check`.
@@ -216,7 +220,7 @@ def predict(
     horizon: float = 0.2,
     packages: Mapping[str, str | Path] | None = None,
 ) -> list[LogWarning]:
-    """Reads a log, and writes `torque_predicted.<joint>` and `position_predicted.<joint>` for each of its samples.
+    """Read a log, and writes `torque_predicted.<joint>` and `position_predicted.<joint>` for each of its samples.
 
     Args:
         model: a description, or the folder of a corrected model.

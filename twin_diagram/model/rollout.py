@@ -53,7 +53,7 @@ class State:
     a: Array
 
     def rows(self, index: Any) -> State:
-        """Some of them."""
+        """Return some of them."""
         return State(self.q[index], self.v[index], self.e[index], self.rate[index], self.a[index])
 
 
@@ -68,7 +68,7 @@ def rollout(
     *,
     arrived: bool = False,
 ) -> Array:
-    """Measured positions (S, n) at the end of open-loop rollouts; arguments as of `trajectory` [rad]."""
+    """Return the measured positions (S, n) at the end of open-loop rollouts; arguments as of `trajectory` [rad]."""
     for position in trajectory(model, q, v, tau, period, time, twist, arrived=arrived):
         end = position
     return end
@@ -85,7 +85,7 @@ def trajectory(
     *,
     arrived: bool = False,
 ) -> Iterator[Array]:
-    """Open-loop rollouts, period by period.
+    """Yield open-loop rollouts, period by period.
 
     Args:
         model: whose measured positions q are.
@@ -138,7 +138,7 @@ def trajectory(
 
 
 def _groups(model: Model, time: Array | None, later: float) -> list[tuple[Any, Model]]:
-    """Which rollouts each model without onsets holds for, `later` seconds after their starts."""
+    """Return which rollouts each model without onsets holds for, `later` seconds after their starts."""
     if time is None:
         return [(slice(None), model)]
     return [(np.flatnonzero(mask), static) for mask, static in model.epochs(time + later)]
@@ -150,12 +150,12 @@ def _put(state: State, rows: Any, part: State) -> None:
 
 
 def measured(model: Model, q: Array) -> Array:
-    """What encoders read at true positions (…, n)."""
+    """Return what encoders read at true positions (…, n)."""
     return model.measured_position(q)
 
 
 def start(model: Model, state: State, tau: Array, *, at_rest: bool) -> State:
-    """Accelerations at the start, and twists where they are not known: those that carry the load.
+    """Return accelerations at the start, and twists where they are not known: those that carry the load.
 
     Where a joint rests, dry friction that would hold it is left out: it is only used to foresee half a step.
     """
@@ -173,7 +173,7 @@ def start(model: Model, state: State, tau: Array, *, at_rest: bool) -> State:
 
 
 def step(model: Model, state: State, tau: Array, h: float) -> State:
-    """One step under torques `tau` (S, n) that reach the joints in its middle [N·m], of `h` seconds."""
+    """Return one step under torques `tau` (S, n) that reach the joints in its middle [N·m], of `h` seconds."""
     if len(model.law.yielding):
         return _yielding_step(model, state, tau, h)
     damping = model.tree.damping
@@ -242,7 +242,7 @@ def _yielding_step(model: Model, state: State, tau: Array, h: float) -> State:
 def _brakes(
     model: Model, q: Array, v: Array, tau: Array, load: Array, h: float, size: int
 ) -> tuple[Array, list[Brake]]:
-    """Dry friction of a step, and the loads without what of it they hold."""
+    """Return dry friction of a step, and the loads without what of it they hold."""
     n = model.tree.n
     result = []
     if model.law.dry:

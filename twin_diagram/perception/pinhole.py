@@ -42,7 +42,7 @@ class Pinhole:
 
     @staticmethod
     def from_scenario(camera: Camera) -> Pinhole:
-        """The camera as the twin was told of it."""
+        """Return the camera as the twin was told of it."""
         X_WC = pose(camera.X_WC)
         return Pinhole(
             camera.width, camera.height, camera.focal, X_WC.rotation().matrix().copy(), X_WC.translation().copy()
@@ -61,7 +61,7 @@ class Pinhole:
         return (self.width - 1) / 2, (self.height - 1) / 2
 
     def rays(self, stride: int = 1) -> Array:
-        """(h, w, 3): the vector in W from the camera to the point at depth 1 m, for every `stride`-th pixel."""
+        """Return (h, w, 3): the vector in W from the camera to the point at depth 1 m, for every `stride`-th pixel."""
         cu, cv = self.centre
         u = (np.arange(0, self.width, stride) - cu) / self.focal
         v = (np.arange(0, self.height, stride) - cv) / self.focal
@@ -77,14 +77,17 @@ class Pinhole:
 
 
 def back_project(depth: DepthImage, rays: Array, p_WC: Array) -> Array:
-    """Points in W of a depth image (h, w) whose pixels look along `rays` (h, w, 3); p_WC where there is no depth."""
+    """Return the points in W of a depth image (h, w) whose pixels look along `rays` (h, w, 3).
+
+    p_WC where there is no depth.
+    """
     return p_WC + depth[..., None].astype(float) * rays
 
 
 def grid_normals(
     points: Array, valid: npt.NDArray[np.bool_], at: tuple[npt.NDArray[np.int64], ...], p_WC: Array
 ) -> Array:
-    """Normals of an organised cloud, towards the camera.
+    """Return the normals of an organised cloud, towards the camera.
 
     Args:
         points: (h, w, 3) in W.

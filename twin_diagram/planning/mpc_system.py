@@ -86,7 +86,7 @@ class Mpc(LeafSystem):
         parameter_names: Sequence[str] = PAYLOAD,
         solver: QpSolver | None = None,
     ) -> None:
-        """Reads the shapes of the arm, fixtures and library.
+        """Read the shapes of the arm, fixtures and library.
 
         Args:
             model: the arm.
@@ -141,16 +141,16 @@ class Mpc(LeafSystem):
         self.DeclareVectorOutputPort("plan", params.knots * n, self._calc_plan, prerequisites_of_calc={state})
 
     def memory(self, context: Context) -> Memory:
-        """A copy of what the planner remembers."""
+        """Return a copy of what the planner remembers."""
         return Memory.unpack(self._vector(context), self._n, self._knots, self._step)
 
     def add_model(self, model: Model) -> int:
-        """Takes in a corrected model of the same arm; answers its number, by which `use_model` calls it."""
+        """Take in a corrected model of the same arm; answer its number, by which `use_model` calls it."""
         self._models.append(model)
         return len(self._models) - 1
 
     def use_model(self, context: Context, number: int) -> None:
-        """Asks for the torques of another model in this Context; 0 is the model that the planner was made with.
+        """Ask for the torques of another model in this Context; 0 is the model that the planner was made with.
 
         Args:
             context: this system's own, at rest: between two steps of a simulator.
@@ -161,14 +161,14 @@ class Mpc(LeafSystem):
         context.get_mutable_numeric_parameter(self._model).SetAtIndex(0, float(number))
 
     def model_number(self, context: Context) -> int:
-        """Which model this Context uses."""
+        """Return which model this Context uses."""
         return int(context.get_numeric_parameter(self._model).GetAtIndex(0))
 
     def _vector(self, context: Context) -> Array:
         return cast(Array, context.get_discrete_state(int(self._state)).value())
 
     def _known(self, context: Context) -> bool:
-        """Whether the arm's state means anything yet."""
+        """Return whether the arm's state means anything yet."""
         if not self._time_in.HasValue(context):
             return True
         return float(cast(Array, self._time_in.Eval(context))[0]) >= 0.0
@@ -190,7 +190,7 @@ class Mpc(LeafSystem):
         return EventStatus.Succeeded()
 
     def _latch(self, context: Context, discrete: DiscreteValues) -> EventStatus:
-        """Holds the arm where it is from the first message on, before there is a plan."""
+        """Hold the arm where it is from the first message on, before there is a plan."""
         if self._vector(context)[0] != NEVER or not self._known(context):
             return EventStatus.DidNothing()
         q = np.array(self._arm_in.Eval(context))[: self._n]

@@ -57,7 +57,7 @@ class Looking:
     """Shows the real scene and the twin's: in one meshcat, live or recorded, and to Meldis."""
 
     def __init__(self, meshcat: bool = True, meldis: bool = False, recorded: float | None = None) -> None:
-        """Opens what is looked through.
+        """Open what is looked through.
 
         Args:
             meshcat: opens a server that this machine alone reaches.
@@ -70,7 +70,7 @@ class Looking:
         self.scenes: MeshcatScenes | None = None
 
     def add(self, builder: DiagramBuilder, station: Diagram, twin: Twin) -> None:
-        """Adds visualisers."""
+        """Add visualisers."""
         real = station.GetOutputPort(ports.QUERY_OBJECT) if station.HasOutputPort(ports.QUERY_OBJECT) else None
         if real is not None:
             make_ghost(twin.scene)
@@ -97,7 +97,7 @@ class Looking:
             builder.Connect(twin.diagram.GetOutputPort(name), arm.GetInputPort(name))
 
     def start(self, simulator: Simulator, live: bool, say: Say) -> None:
-        """Begins to record, where a page is kept; live, runs no faster than real time and says where to look."""
+        """Begin to record, where a page is kept; live, runs no faster than real time and says where to look."""
         if self.scenes is not None and self._recorded is not None:
             self.scenes.start_recording()
         if live:
@@ -135,7 +135,7 @@ class Keeping:
         self._writer.attach(SCENARIO_FILE, dump_scenario(scenario))
 
     def add(self, builder: DiagramBuilder, station: Diagram, twin: Twin) -> None:
-        """Adds a recorder to a loop that is being built."""
+        """Add a recorder to a loop that is being built."""
         if self._writer is not None:
             add_recorder(builder, station, self._writer, twin.diagram.GetOutputPort(ports.POSITION_COMMANDED))
 
@@ -151,7 +151,7 @@ class Mending:
             (out / EVENTS).unlink(missing_ok=True)
 
     def add(self, builder: DiagramBuilder, station: Diagram, twin: Twin) -> None:
-        """Adds a tape to a loop that is being built, where the twin is to mend its model."""
+        """Add a tape to a loop that is being built, where the twin is to mend its model."""
         healing = self._scenario.twin.healing
         if healing is None:
             return
@@ -183,7 +183,7 @@ class _Converter(AbstractContextManager[None]):
 
 
 def check_room(option: str, path: Path, folder: bool) -> None:
-    """Checks that a file or folder can be written before anything is computed for it.
+    """Check that a file or folder can be written before anything is computed for it.
 
     Raises:
         TwinError: something else is in its place, or a folder on the way is none.

@@ -44,7 +44,7 @@ TUNING = Tuning()
 
 
 def vary(base: Scenario, seed: int, folder: str | Path) -> Scenario:
-    """A new scenario from `base`.
+    """Return a new scenario from `base`.
 
     Args:
         base: a simulated scenario.
@@ -89,7 +89,7 @@ def _draw_dynamics(scenario: Scenario, rng: np.random.Generator) -> None:
 def _draw_places(
     scenario: Scenario, sizes: dict[str, Array], start: Array, goal: Array, rng: np.random.Generator
 ) -> bool:
-    """Puts every object somewhere new; False where one finds no room."""
+    """Put every object somewhere new; False where one finds no room."""
     taken: list[tuple[Array, float]] = []  # centres (m, 2) and radii
     low, high = np.array(REGION)
     # Whoever needs the most room is placed first.
@@ -130,7 +130,7 @@ def _draw_places(
 
 
 def _draw_way(start: Array, goal: Array, rng: np.random.Generator) -> Array:
-    """A straight way (m, 2) from the far side of the table into the middle third between start and goal."""
+    """Return a straight way (m, 2) from the far side of the table into the middle third between start and goal."""
     end = start + (goal - start) * rng.uniform(0.35, 0.65) + rng.uniform(-0.03, 0.06) * np.array([1.0, 0.0])
     away = np.array([rng.uniform(0.18, 0.28), rng.uniform(-0.2, 0.2)])
     return end + np.linspace(1.0, 0.0, 20)[:, None] * away

@@ -44,7 +44,7 @@ def run_scenario(
     quiet: bool = False,
     say: Say = print,
 ) -> dict[str, Any]:
-    """Runs a scenario's station and the twin in closed loop.
+    """Run a scenario's station and the twin in closed loop.
 
     Args:
         scenario: with any station; only a simulated one can be scored.
@@ -114,7 +114,7 @@ def replay_log(
     meldis: bool = False,
     say: Say = print,
 ) -> dict[str, Any]:
-    """Runs the twin on a recording (a folder of `run_scenario`) or on a bare measured log.
+    """Run the twin on a recording (a folder of `run_scenario`) or on a bare measured log.
 
     Args:
         log: the folder, or a .csv or .npz file.
@@ -133,7 +133,7 @@ def replay_log(
 
 
 def replay_scenario(log: Path, model: str | None = None, overrides: Iterable[str] = ()) -> Scenario:
-    """The scenario that replays a recording, or a bare log with a model of its arm."""
+    """Return the scenario that replays a recording, or a bare log with a model of its arm."""
     if not log.exists():
         raise TwinError(f"{log}: no such recording or log")
     overrides = list(overrides)
@@ -161,7 +161,7 @@ def _length(log: Path) -> float:
 
 
 def beliefs(loop: ClosedLoop, context: Context) -> dict[str, Any]:
-    """What the twin believes now: time, payload, objects, alarms."""
+    """Return what the twin believes now: time, payload, objects, alarms."""
     twin = loop.twin.diagram
     own = twin.GetMyContextFromRoot(context)
 
@@ -201,7 +201,7 @@ def _advance(simulator: Simulator, duration: float, progress: Progress, between:
 
 
 def summary_of(loop: ClosedLoop, trial: Trial, timing: dict[str, Any]) -> dict[str, Any]:
-    """The figures of ``summary.json``."""
+    """Return the figures of ``summary.json``."""
     scenario = loop.scenario
     payloads = [e.parameters["mass"][0] for e in scenario.world.arm.effects if e.name == "payload"]
     return summarize(

@@ -102,7 +102,7 @@ def summarize(
     rotation_tolerance: float,
     timing: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """The figures of ``summary.json``, every one computed from the record."""
+    """Return the figures of ``summary.json``, every one computed from the record."""
     time = record.time
     objects: dict[str, Any] = {}
     for index, name in enumerate(record.objects):
@@ -158,7 +158,7 @@ def summarize(
 
 
 def alarms(ring: Array) -> list[dict[str, Any]]:
-    """The drift monitor's ring as a list, in order of time."""
+    """Return the drift monitor's ring as a list, in order of time."""
     rows = [row for row in ring.reshape(-1, ALARM_LOG_FIELDS) if row[0] >= 0]
     rows.sort(key=lambda row: float(row[0]))
     return [{"time": round(float(row[0]), 4), "kind": AlarmKind(int(row[1])).name.lower()} for row in rows]
@@ -172,7 +172,7 @@ def _median_p95(values: Array) -> dict[str, float | None]:
 
 
 def _number(value: Any) -> float | None:
-    """A number as JSON knows it; None where there is none."""
+    """Return a number as JSON knows it; None where there is none."""
     return float(value) if math.isfinite(value) else None
 
 
@@ -181,7 +181,7 @@ def _finite(value: float) -> float | None:
 
 
 def within(summary: Mapping[str, Any], *, millimetres: float = 5.0, degrees: float = 5.0) -> dict[str, bool]:
-    """Which of the bounds of the closed loop a run keeps.
+    """Return which of the bounds of the closed loop a run keeps.
 
     Returns:
         ``tracked`` (every object that was visible at all), ``untouched``, ``reached``, ``weighed`` (payload to 15 %).
@@ -203,7 +203,7 @@ def within(summary: Mapping[str, Any], *, millimetres: float = 5.0, degrees: flo
 
 
 def table(summary: Mapping[str, Any]) -> str:
-    """The summary as a table for the terminal."""
+    """Return the summary as a table for the terminal."""
 
     def figure(value: float | None, form: str) -> str:
         return "–" if value is None else format(value, form)

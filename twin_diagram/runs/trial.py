@@ -77,7 +77,7 @@ def run_trial(
     progress: Progress = lambda time: None,
     between: Callable[[Context], None] = lambda context: None,
 ) -> Trial:
-    """Advances a simulated closed loop to `duration` and samples it on the way.
+    """Advance a simulated closed loop to `duration` and samples it on the way.
 
     Args:
         loop: with a `sim` station.
@@ -173,7 +173,7 @@ class _Sampler:
         return float(np.linalg.norm(X_GT.translation())), float(X_GT.rotation().ToAngleAxis().angle())
 
     def _look(self) -> None:
-        """Counts, where a new image has come, which share of each object's camera-facing surface it shows."""
+        """Count, where a new image has come, which share of each object's camera-facing surface it shows."""
         if self._camera is None or self._X_CW is None:
             return
         image_time = float(self._station(ports.image_time(self._camera.name))[0])

@@ -29,7 +29,7 @@ class TrueClearance:
     """
 
     def __init__(self, station: Diagram) -> None:
-        """Sorts the geometry of a `sim` station into arm and others."""
+        """Sort the geometry of a `sim` station into arm and others."""
         world: WorldPlant = cast(Any, station).world
         plant, self._station = world.plant, station
         arm = world.arm.arm
@@ -43,7 +43,7 @@ class TrueClearance:
                        for g in plant.GetCollisionGeometriesForBody(plant.get_body(_index(body)))}  # fmt: skip
 
     def evaluate(self, context: Context) -> tuple[float, int]:
-        """Least distance [m], no more than `HORIZON`, and number of contacts now.
+        """Return the least distance [m], no more than `HORIZON`, and number of contacts now.
 
         Args:
             context: the station's.

@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def write(path: str | Path, content: bytes | str) -> Path:
-    """Writes a file under a temporary name beside it and renames it; makes the folder where there is none."""
+    """Write a file under a temporary name beside it and renames it; makes the folder where there is none."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")

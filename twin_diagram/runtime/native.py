@@ -49,7 +49,7 @@ class NativeLibraryError(TwinError):
 
 
 def _load(name: str) -> bool:
-    """Loads a library for good; true where it is (or already was) there."""
+    """Load a library for good; true where it is (or already was) there."""
     if name not in _loaded:
         try:
             _loaded[name] = ctypes.CDLL(name, mode=ctypes.RTLD_GLOBAL)
@@ -59,7 +59,7 @@ def _load(name: str) -> bool:
 
 
 def require_libraries(*libraries: str) -> None:
-    """Checks that the dynamic loader finds libraries; may be called again.
+    """Check that the dynamic loader finds libraries; may be called again.
 
     Args:
         *libraries: their names, e.g. ``libEGL.so.1``; none: all of `PACKAGES` that no wheel brings.
@@ -74,7 +74,7 @@ def require_libraries(*libraries: str) -> None:
 
 
 def require_egl() -> None:
-    """Checks for EGL, without which a simulated camera cannot render; may be called again.
+    """Check for EGL, without which a simulated camera cannot render; may be called again.
 
     Drake's RenderEngineVtk ends the process where EGL is absent, so this comes before the camera is built.
 
@@ -85,7 +85,7 @@ def require_egl() -> None:
 
 
 def load_libusb() -> None:
-    """Makes libusb-1.0 available to ``import open3d``; may be called again.
+    """Make libusb-1.0 available to ``import open3d``; may be called again.
 
     Open3D's wheel links ``libusb-1.0.so.0`` (for cameras this package does not use) and does not contain it. The
     loader takes a library that is already loaded under that name, so the copy in the wheel ``libusb-package`` serves
@@ -107,7 +107,7 @@ def load_libusb() -> None:
 
 
 def import_open3d() -> ModuleType:
-    """Imports ``open3d`` with what it links in place; the one way in which this package imports it.
+    """Import ``open3d`` with what it links in place; the one way in which this package imports it.
 
     Raises:
         NativeLibraryError: one of the libraries that it links is missing.
@@ -118,7 +118,7 @@ def import_open3d() -> ModuleType:
 
 
 def main() -> int:
-    """Prints what is missing, if anything; the status to exit with."""
+    """Print what is missing, if anything; the status to exit with."""
     try:
         require_libraries()
     except NativeLibraryError as error:

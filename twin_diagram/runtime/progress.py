@@ -19,7 +19,7 @@ class Progress:
         self._period = 0.1 if self._terminal else QUIET_PERIOD
 
     def __call__(self, time: float) -> None:
-        """Shows that `time` [s] has been reached."""
+        """Show that `time` [s] has been reached."""
         step = int(time / self._period + 1e-9)
         if step == self._shown or self._quiet:
             return
@@ -32,6 +32,6 @@ class Progress:
             print(f"{time:.1f} of {self._duration:.1f} s simulated", file=sys.stderr, flush=True)
 
     def done(self) -> None:
-        """Ends the bar's line."""
+        """End the bar's line."""
         if self._terminal:
             print(file=sys.stderr)

@@ -19,7 +19,7 @@ _running: list[list[float]] = []
 
 
 def timed(name: str) -> Callable[[Function], Function]:
-    """Decorates a callback: its exclusive time is added to `name`."""
+    """Decorate a callback: its exclusive time is added to `name`."""
 
     def decorate(function: Function) -> Function:
         @functools.wraps(function)
@@ -42,12 +42,12 @@ def timed(name: str) -> Callable[[Function], Function]:
 
 
 def snapshot() -> dict[str, float]:
-    """Seconds spent so far in this process, by name."""
+    """Return the seconds spent so far in this process, by name."""
     return dict(_seconds)
 
 
 def since(before: dict[str, float]) -> dict[str, float]:
-    """Seconds spent since a snapshot, by name; names that spent none are left out."""
+    """Return the seconds spent since a snapshot, by name; names that spent none are left out."""
     return {
         name: seconds - before.get(name, 0.0) for name, seconds in _seconds.items() if seconds > before.get(name, 0.0)
     }

@@ -45,7 +45,7 @@ for _class in (_Loader, _Dumper):
 
 
 def load_scenario(path: str | Path, overrides: Iterable[str] = ()) -> Scenario:
-    """Reads a scenario.
+    """Read a scenario.
 
     Relative paths inside it are taken from the scenario's own folder first, then from the models that come along.
 
@@ -72,7 +72,7 @@ def load_scenario(path: str | Path, overrides: Iterable[str] = ()) -> Scenario:
 
 
 def override_scenario(scenario: Scenario, overrides: Iterable[str]) -> Scenario:
-    """A copy with fields set anew, as in `load_scenario`."""
+    """Return a copy with fields set anew, as in `load_scenario`."""
     overrides = list(overrides)
     if not overrides:
         return copy_scenario(scenario)
@@ -84,7 +84,7 @@ def override_scenario(scenario: Scenario, overrides: Iterable[str]) -> Scenario:
 
 
 def find_scenario(path: str | Path) -> Path:
-    """The scenario's file: `path` itself, or one that comes along, with or without ``.yaml``."""
+    """Return the scenario's file: `path` itself, or one that comes along, with or without ``.yaml``."""
     given = Path(os.path.expanduser(path))
     for candidate in (given, models_dir() / "scenarios" / given, models_dir() / "scenarios" / f"{given}.yaml"):
         # Not Path.is_file, which raises for names that no file can have.
@@ -95,7 +95,7 @@ def find_scenario(path: str | Path) -> Path:
 
 
 def parse_scenario(data: Mapping[str, Any]) -> Scenario:
-    """A scenario from plain YAML data.
+    """Return a scenario from plain YAML data.
 
     Raises:
         ScenarioError: a field is unknown, has the wrong type or an impossible value.
@@ -120,21 +120,24 @@ def parse_scenario(data: Mapping[str, Any]) -> Scenario:
 
 
 def dump_scenario(scenario: Scenario) -> str:
-    """The scenario as YAML, every field written out; entries keep their order, which is that of the twin's ports."""
+    """Return the scenario as YAML, every field written out.
+
+    Entries keep their order, which is that of the twin's ports.
+    """
     return yaml.dump(
         _plain(scenario), Dumper=_Dumper, sort_keys=False, default_flow_style=None, allow_unicode=True, width=120
     )
 
 
 def save_scenario(scenario: Scenario, path: Path) -> None:
-    """Writes the scenario as YAML, by a temporary name."""
+    """Write the scenario as YAML, by a temporary name."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     temporary.write_text(dump_scenario(scenario))
     temporary.replace(path)
 
 
 def copy_scenario(scenario: Scenario) -> Scenario:
-    """A deep copy."""
+    """Return a deep copy."""
     return copy.deepcopy(scenario)
 
 
@@ -181,7 +184,7 @@ def _override(data: dict[str, Any], override: str) -> None:
 
 
 def _entry(holder: Any, key: str, parents: list[str]) -> Any:
-    """What `key` names in a mapping or a list; where a mapping has nothing there, it gets an empty mapping."""
+    """Return what `key` names in a mapping or a list; where a mapping has nothing there, it gets an empty mapping."""
     if isinstance(holder, dict):
         if holder.get(key) is None:
             holder[key] = {}
@@ -195,7 +198,7 @@ def _entry(holder: Any, key: str, parents: list[str]) -> Any:
 
 
 def _shown(value: Any) -> str:
-    """A value in a message, on one line and not longer than it."""
+    """Return a value in a message, on one line and not longer than it."""
     try:
         return _brief.repr(value)
     except ValueError:
@@ -203,7 +206,7 @@ def _shown(value: Any) -> str:
 
 
 def _check(value: Any, schema: Any, name: str) -> None:
-    """Holds plain YAML data against a schema of dataclasses and raises with the dotted name of what does not fit."""
+    """Hold plain YAML data against a schema of dataclasses and raises with the dotted name of what does not fit."""
     origin, arguments = typing.get_origin(schema), typing.get_args(schema)
     shown = name or "scenario"
     if origin in (typing.Union, types.UnionType):
@@ -244,7 +247,7 @@ def _check(value: Any, schema: Any, name: str) -> None:
 
 
 def _key(key: Any) -> str:
-    """A key as it stands in a dotted name."""
+    """Return a key as it stands in a dotted name."""
     return key if isinstance(key, str) and key and key.isprintable() else _shown(key)
 
 
@@ -254,7 +257,7 @@ def _nearest(key: str, fields: Mapping[str, Any]) -> str:
 
 
 def _anchored(scenario: Scenario, folder: Path) -> Scenario:
-    """Makes relative paths that exist below the scenario's folder absolute: it may then be read anywhere."""
+    """Make relative paths that exist below the scenario's folder absolute: it may then be read anywhere."""
 
     def anchor(name: str) -> str:
         path = folder / name

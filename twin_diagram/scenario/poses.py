@@ -10,5 +10,5 @@ from twin_diagram.scenario.models import Pose
 
 
 def pose(value: Pose) -> RigidTransform:
-    """A scenario's pose as Drake's."""
+    """Return a scenario's pose as Drake's."""
     return RigidTransform(RollPitchYaw(*value.rpy), cast(Any, value.translation))

@@ -13,7 +13,7 @@ _CHECKOUT = Path(__file__).parents[2] / "models"
 
 
 def models_dir() -> Path:
-    """The folder of the models that come with the package (wheel or checkout)."""
+    """Return the folder of the models that come with the package (wheel or checkout)."""
     return _INSTALLED if _INSTALLED.is_dir() else _CHECKOUT
 
 

@@ -82,7 +82,7 @@ SHARE: dict[type, tuple[str, ...]] = {
 
 
 def check_twin(twin: Twin) -> None:
-    """Checks all that a twin is told.
+    """Check all that a twin is told.
 
     Raises:
         ScenarioError: a number that cannot be, or a list of another length; it names the field.
@@ -106,7 +106,7 @@ def _near_far(values: list[float], name: str) -> None:
 
 
 def check_filter(params: Filter) -> None:
-    """Checks a filter's tuning by itself, for filters that are made without a scenario.
+    """Check a filter's tuning by itself, for filters that are made without a scenario.
 
     Raises:
         ScenarioError: a number that cannot be; it names the field.

@@ -115,7 +115,7 @@ class Belief(NamedTuple):
 
 
 def initial_filters(count: int) -> Array:
-    """(count, FILTER_SIZE): nothing seen yet; poses are the identity."""
+    """Return (count, FILTER_SIZE): nothing seen yet; poses are the identity."""
     filters = np.zeros((count, FILTER_SIZE))
     filters[:, Slot.LAST_SEEN] = NEVER
     filters[:, Slot.REMEMBERED_TIME] = NEVER
@@ -167,7 +167,7 @@ def propagate(filters: Array, now: float, tuning: FilterSettings) -> Belief:
 
 
 def statuses(filters: Array, now: float, tuning: FilterSettings) -> Array:
-    """(K,) `layouts.ObjectStatus` at a time."""
+    """Return (K,) `layouts.ObjectStatus` at a time."""
     mode = filters[:, Slot.MODE]
     age = now - filters[:, Slot.LAST_SEEN]
     status = np.where(mode == Mode.MOVING, float(ObjectStatus.MOVING), float(ObjectStatus.TRACKED))
@@ -177,7 +177,7 @@ def statuses(filters: Array, now: float, tuning: FilterSettings) -> Array:
 
 
 def pose_covariances(belief: Belief, axes_O: Array, tuning: FilterSettings) -> Array:
-    """(K, 6, 6) of the poses, with what no averaging removes.
+    """Return (K, 6, 6) of the poses, with what no averaging removes.
 
     Args:
         belief: of K objects.

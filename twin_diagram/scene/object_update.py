@@ -82,7 +82,7 @@ _SLOW_START: Final = np.array([0.5**2] * 3 + [0.1**2] * 3)
 
 
 def usable(measurement: PoseMeasurement, last_seen: float, now: float) -> bool:
-    """Whether a measurement is one: found, finite, a pose, newer than the last and not from the future."""
+    """Return whether a measurement is one: found, finite, a pose, newer than the last and not from the future."""
     if not (measurement.quality > 0 and last_seen < measurement.time <= now + 1e-9 and measurement.time >= 0):
         return False
     if not (np.isfinite(measurement.pose).all() and np.isfinite(measurement.covariance).all()):
@@ -95,7 +95,7 @@ def usable(measurement: PoseMeasurement, last_seen: float, now: float) -> bool:
 def update(
     filter_: Array, measurement: PoseMeasurement, now: float, tuning: FilterSettings, symmetric_about_z: bool = False
 ) -> Array:
-    """One object's filter after a measurement; the filter itself where the measurement is unusable.
+    """Return one object's filter after a measurement; the filter itself where the measurement is unusable.
 
     Args:
         filter_: (FILTER_SIZE,).
@@ -148,18 +148,18 @@ def update(
 
 
 def pose_difference(pose_b: Array, pose_a: Array) -> Array:
-    """(6,) perturbation (φ, δp) that takes pose a to pose b."""
+    """Return (6,) perturbation (φ, δp) that takes pose a to pose b."""
     return np.concatenate([rotations.difference(pose_b[:4], pose_a[:4]), pose_b[4:] - pose_a[4:]])
 
 
 def moved(pose: Array, perturbation: Array) -> Array:
-    """(7,) the pose with a perturbation (φ, δp) applied."""
+    """Return (7,) the pose with a perturbation (φ, δp) applied."""
     q = rotations.normalized(rotations.multiply(rotations.exp(perturbation[:3]), pose[:4]))
     return np.concatenate([q, pose[4:] + perturbation[3:]])
 
 
 def _started(time: float, pose: Array, noise: Array) -> Array:
-    """A filter on its first measurement, at rest."""
+    """Return a filter on its first measurement, at rest."""
     after = initial_filters(1)[0]
     after[Slot.MODE] = Mode.REST
     after[Slot.LAST_SEEN] = time
@@ -205,7 +205,7 @@ def _watch_motion(after: Array, covariance: Array, tuning: FilterSettings) -> Ar
 def _surprised(
     filter_: Array, time: float, pose: Array, noise: Array, tuning: FilterSettings, symmetric_about_z: bool
 ) -> Array:
-    """A measurement beyond the gate: remember it, or restart on it where the one remembered agrees."""
+    """Return a measurement beyond the gate: remember it, or restart on it where the one remembered agrees."""
     after = filter_.copy()
     after[Slot.REJECTED] += 1
     after[Slot.REMEMBERED_TIME] = time

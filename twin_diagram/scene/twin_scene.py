@@ -70,7 +70,7 @@ class TwinScene:
 def add_twin_scene(
     builder: DiagramBuilder, twin: scenario.Twin, packages: Mapping[str, str | Path] | None = None
 ) -> TwinScene:
-    """Adds the twin's SceneGraph (`twin_scene_graph`) and what poses its frames (`twin_positions_to_poses`).
+    """Add the twin's SceneGraph (`twin_scene_graph`) and what poses its frames (`twin_positions_to_poses`).
 
     Args:
         builder: of the Diagram that will hold the twin.
@@ -119,7 +119,7 @@ def add_twin_scene(
 
 
 def parked_poses(count: int) -> Array:
-    """(count, 7) poses out of sight, below everything and clear of one another."""
+    """Return (count, 7) poses out of sight, below everything and clear of one another."""
     poses = np.zeros((count, 7))
     poses[:, 0] = 1.0
     poses[:, 4] = np.arange(count)
@@ -128,7 +128,7 @@ def parked_poses(count: int) -> Array:
 
 
 def _add_fixture(plant: MultibodyPlant, fixture: scenario.Fixture, packages: Mapping[str, str | Path] | None) -> None:
-    """Parses a fixture and welds its free root links at X_WB."""
+    """Parse a fixture and welds its free root links at X_WB."""
     path = resources.resolve(fixture.model, packages)
     try:
         instances = description.parser(plant, packages).AddModels(path)
@@ -143,7 +143,7 @@ def _add_fixture(plant: MultibodyPlant, fixture: scenario.Fixture, packages: Map
 
 
 def _add_object(plant: MultibodyPlant, name: str, folder: str, packages: Mapping[str, str | Path] | None) -> AssetSpec:
-    """Parses an asset's model as a free body in a model instance of the object's name."""
+    """Parse an asset's model as a free body in a model instance of the object's name."""
     path = resources.resolve(folder, packages)
     file = path / "asset.yaml"
     if not file.is_file():
@@ -163,7 +163,7 @@ def _add_object(plant: MultibodyPlant, name: str, folder: str, packages: Mapping
 
 
 def _free_positions(plant: MultibodyPlant, name: str) -> list[int]:
-    """The seven position indices of a free body."""
+    """Return the seven position indices of a free body."""
     instance = plant.GetModelInstanceByName(name)
     joints = [plant.get_joint(index) for index in plant.GetJointIndices(instance)]
     if len(joints) != 1 or joints[0].num_positions() != 7:

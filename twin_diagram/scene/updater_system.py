@@ -121,5 +121,5 @@ class SceneGraphUpdater(LeafSystem):
         output.SetFromVector(cast(Any, positions))
 
     def _filters_of(self, context: Context) -> Array:
-        """(K, FILTER_SIZE), not to be written to."""
+        """Return (K, FILTER_SIZE), not to be written to."""
         return np.asarray(context.get_discrete_state(int(self._filters)).value()).reshape(-1, object_filter.FILTER_SIZE)

@@ -46,7 +46,7 @@ class PoseMeasurement:
 
     @staticmethod
     def unpack(vector: Array) -> PoseMeasurement:
-        """The inverse of `pack`; copies."""
+        """Return the inverse of `pack`; copies."""
         return PoseMeasurement(
             float(vector[0]), float(vector[1]), vector[2:9].copy(), vector[9:45].reshape(6, 6).copy()
         )
@@ -88,7 +88,7 @@ class Track:
 
     @staticmethod
     def unpack(vector: Array) -> Track:
-        """The inverse of `pack`; copies."""
+        """Return the inverse of `pack`; copies."""
         return Track(
             ObjectStatus(int(vector[0])),
             float(vector[1]),

@@ -11,7 +11,7 @@ from twin_diagram.signals.arrays import Array
 
 
 def multiply(a: Array, b: Array) -> Array:
-    """The product a b of quaternions (…, 4)."""
+    """Return the product a b of quaternions (…, 4)."""
     aw, ax, ay, az = np.moveaxis(a, -1, 0)
     bw, bx, by, bz = np.moveaxis(b, -1, 0)
     return np.stack(
@@ -26,25 +26,25 @@ def multiply(a: Array, b: Array) -> Array:
 
 
 def conjugate(q: Array) -> Array:
-    """The inverse rotation, (…, 4)."""
+    """Return the inverse rotation, (…, 4)."""
     return q * _CONJUGATE
 
 
 def normalized(q: Array) -> Array:
-    """Unit length, and w >= 0 so that equal rotations have equal numbers; (…, 4)."""
+    """Return the unit length, and w >= 0 so that equal rotations have equal numbers; (…, 4)."""
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
     return np.where(q[..., :1] < 0, -q, q)
 
 
 def exp(phi: Array) -> Array:
-    """The quaternion of a rotation vector (…, 3) [rad]."""
+    """Return the quaternion of a rotation vector (…, 3) [rad]."""
     angle = np.linalg.norm(phi, axis=-1, keepdims=True)
     # sin(x/2)/x from np.sinc, which is exact at zero.
     return np.concatenate([np.cos(angle / 2), 0.5 * np.sinc(angle / (2 * np.pi)) * phi], axis=-1)
 
 
 def log(q: Array) -> Array:
-    """The rotation vector (…, 3) [rad] of a unit quaternion, of length up to π."""
+    """Return the rotation vector (…, 3) [rad] of a unit quaternion, of length up to π."""
     q = np.where(q[..., :1] < 0, -q, q)
     sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
     angle = 2 * np.arctan2(sine, q[..., :1])
@@ -54,7 +54,7 @@ def log(q: Array) -> Array:
 
 
 def matrix(q: Array) -> Array:
-    """The rotation matrix (…, 3, 3) of a unit quaternion."""
+    """Return the rotation matrix (…, 3, 3) of a unit quaternion."""
     w, x, y, z = np.moveaxis(q, -1, 0)
     flat = np.stack(
         [

@@ -20,7 +20,7 @@ _TURNING = {"rad": "m", "mrad": "mm"}
 
 
 def on_joint(unit: str, prismatic: bool = True) -> str:
-    """A quantity's unit on a joint, from its unit on a revolute joint.
+    """Return a quantity's unit on a joint, from its unit on a revolute joint.
 
     Each angle is a length, and each torque or inertia loses its lever arms: N·m is N, rad is m, kg·m² is kg, and what
     is made of them follows (N·m·s/rad is N·s/m). What holds neither stays: kg, s, a length, a pure number.
@@ -33,7 +33,7 @@ def on_joint(unit: str, prismatic: bool = True) -> str:
 
 
 def factors(unit: str) -> dict[str, int]:
-    """A product's units and their exponents, in order; a sign of division holds for what is next to it alone.
+    """Return a product's units and their exponents, in order; a sign of division holds for what is next to it alone.
 
     Raises:
         ValueError: it is no such product.

@@ -17,7 +17,7 @@ from twin_diagram.scenario.resources import resolve
 
 
 def transform(pose: Pose, field: str) -> RigidTransform:
-    """A scenario's pose as Drake's.
+    """Return a scenario's pose as Drake's.
 
     Raises:
         ScenarioError: it has not three finite numbers each; `field` names it.
@@ -29,7 +29,7 @@ def transform(pose: Pose, field: str) -> RigidTransform:
 
 
 def twin_arm(scenario: Scenario, plant: MultibodyPlant | None = None) -> description.Arm:
-    """The arm that the twin was told of: its joints' names and, in `plant`, its places.
+    """Return the arm that the twin was told of: its joints' names and, in `plant`, its places.
 
     Raises:
         ScenarioError: it cannot be loaded.
@@ -41,7 +41,7 @@ def twin_arm(scenario: Scenario, plant: MultibodyPlant | None = None) -> descrip
 
 
 def add_model(plant: MultibodyPlant, name: str, packages: Mapping[str, str], model: str) -> list[ModelInstanceIndex]:
-    """Parses one description into `plant`.
+    """Parse one description into `plant`.
 
     Args:
         plant: not yet finalized.
@@ -65,7 +65,7 @@ def add_model(plant: MultibodyPlant, name: str, packages: Mapping[str, str], mod
 
 
 def _parser(plant: MultibodyPlant, packages: Mapping[str, str], prefix: str) -> Parser:
-    """The package's own parser, with a prefix to the names of what it adds."""
+    """Return the package's own parser, with a prefix to the names of what it adds."""
     parser = Parser(plant, prefix)
     parser.SetAutoRenaming(True)
     known = description.parser(plant, packages).package_map()
@@ -77,7 +77,7 @@ def _parser(plant: MultibodyPlant, packages: Mapping[str, str], prefix: str) -> 
 
 
 def weld_roots(plant: MultibodyPlant, instances: Sequence[ModelInstanceIndex], X_WB: RigidTransform) -> list[RigidBody]:
-    """Welds the root bodies of parsed models to the world, those that their description welds there included.
+    """Weld the root bodies of parsed models to the world, those that their description welds there included.
 
     Args:
         plant: not yet finalized.

@@ -29,19 +29,19 @@ def whole_units(depth: Depth, unit: float) -> Depth:
 
 
 def depth_to_units(depth: Depth, unit: float) -> npt.NDArray[np.uint16]:
-    """Depth [m] as a count of units, at most 65535."""
+    """Return the depth [m] as a count of units, at most 65535."""
     counts = np.rint(depth * np.float32(1.0 / unit))
     return np.minimum(counts, np.float32(TUNING.most_units)).astype(np.uint16)
 
 
 def units_to_depth(counts: npt.NDArray[np.uint16], unit: float) -> Depth:
-    """The inverse of `depth_to_units`; computed in double precision, so that a recording gives the same bits."""
+    """Return the inverse of `depth_to_units`; computed in double precision, so that a recording gives the same bits."""
     return _depths(unit)[counts]
 
 
 @lru_cache(maxsize=4)
 def _depths(unit: float) -> Depth:
-    """The depth of each count, (65536,)."""
+    """Return the depth of each count, (65536,)."""
     table = (np.arange(TUNING.most_units + 1) * unit).astype(np.float32)
     table.setflags(write=False)
     return table

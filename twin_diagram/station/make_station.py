@@ -9,7 +9,7 @@ from twin_diagram.scenario import Scenario
 
 
 def make_station(scenario: Scenario) -> Diagram:
-    """Builds the station that a scenario asks for.
+    """Build the station that a scenario asks for.
 
     Args:
         scenario: ``station`` is ``sim``, ``replay`` or ``lcm``. Only ``sim`` reads ``world``.

@@ -70,7 +70,7 @@ class Secret:
 
 
 def compile_robot(urdf: Path, secret: Secret) -> mujoco.MjModel:
-    """The description with what it does not say."""
+    """Return the description with what it does not say."""
     spec = mujoco.MjSpec.from_file(str(urdf))
     spec.option.timestep = TUNING.period / TUNING.steps
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST

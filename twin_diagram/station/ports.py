@@ -37,52 +37,52 @@ TRUTH: Final = "truth."
 
 
 def rgb_image(camera: str) -> str:
-    """Name of a camera's colour port."""
+    """Return the name of a camera's colour port."""
     return f"{camera}.rgb_image"
 
 
 def depth_image(camera: str) -> str:
-    """Name of a camera's depth port."""
+    """Return the name of a camera's depth port."""
     return f"{camera}.depth_image"
 
 
 def image_time(camera: str) -> str:
-    """Name of the port that gives the capture time of a camera's newest image."""
+    """Return the name of the port that gives the capture time of a camera's newest image."""
     return f"{camera}.image_time"
 
 
 def imu(body: str) -> str:
-    """Name of the port of an IMU on a link."""
+    """Return the name of the port of an IMU on a link."""
     return f"{body}.imu"
 
 
 def lidar(name: str) -> str:
-    """Name of the port of a lidar's ranges."""
+    """Return the name of the port of a lidar's ranges."""
     return f"{name}.lidar"
 
 
 def of_sensor(sensor: LinkSensor, last_link: str) -> str:
-    """Name of the port of a further sensor; `last_link` of the arm is where one is that names no link."""
+    """Return the name of the port of a further sensor; `last_link` of the arm is where one is that names no link."""
     return imu(sensor.body or last_link) if sensor.kind == "imu" else WRENCH_MEASURED
 
 
 def time_of(port: str) -> str:
-    """Name of the port that gives when a further sensor's newest reading was taken."""
+    """Return the name of the port that gives when a further sensor's newest reading was taken."""
     return f"{port.removesuffix('_measured')}_time"
 
 
 def input_names(system: System) -> list[str]:
-    """Names of a system's input ports, in order."""
+    """Return the names of a system's input ports, in order."""
     return [system.get_input_port(i).get_name() for i in range(system.num_input_ports())]
 
 
 def output_names(system: System) -> list[str]:
-    """Names of a system's output ports, in order."""
+    """Return the names of a system's output ports, in order."""
     return [system.get_output_port(i).get_name() for i in range(system.num_output_ports())]
 
 
 def expected(arm_size: int, gripper_size: int, camera: str | None) -> tuple[dict[str, int], dict[str, int]]:
-    """The contract: input and output ports by name, with their sizes (0 for an abstract port).
+    """Return the contract: input and output ports by name, with their sizes (0 for an abstract port).
 
     Args:
         arm_size: n, number of arm joints.
@@ -103,7 +103,7 @@ def expected(arm_size: int, gripper_size: int, camera: str | None) -> tuple[dict
 def check(
     station: Diagram, arm_size: int, gripper_size: int, camera: str | None, further: Mapping[str, int] | None = None
 ) -> None:
-    """Checks a station against the contract; `truth.*` and the ports of `further` sensors, by size, may come on top.
+    """Check a station against the contract; `truth.*` and the ports of `further` sensors, by size, may come on top.
 
     Raises:
         StationError: a port is missing, surplus or of the wrong size; the message names it.

@@ -14,7 +14,10 @@ from twin_diagram.signals.arrays import Array
 
 
 def beams(lidar: Lidar) -> Array:
-    """Unit vectors (rows · columns, 3) in S, row by row from the top, from left to right; X is forward, Z up."""
+    """Return the unit vectors (rows · columns, 3) in S, row by row from the top, from left to right.
+
+    X is forward, Z up.
+    """
     azimuth = 0.5 * lidar.width * np.linspace(1.0, -1.0, lidar.columns)
     elevation = 0.5 * lidar.height * np.linspace(1.0, -1.0, lidar.rows)
     up, left = np.meshgrid(elevation, azimuth, indexing="ij")

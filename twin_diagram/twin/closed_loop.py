@@ -33,7 +33,7 @@ class ClosedLoop:
 def make_closed_loop(
     plan: scenario.Scenario, add: Callable[[DiagramBuilder, Diagram, Twin], None] | None = None
 ) -> ClosedLoop:
-    """Builds the station that a scenario asks for and the twin, and connects each port to its namesake.
+    """Build the station that a scenario asks for and the twin, and connects each port to its namesake.
 
     Args:
         plan: the scenario.
@@ -54,7 +54,7 @@ def make_closed_loop(
 
 
 def connect(builder: DiagramBuilder, station: Diagram, twin: Twin) -> None:
-    """Adds a station and the twin to `builder` and connects namesakes; nothing of ``truth.*`` is connected.
+    """Add a station and the twin to `builder` and connects namesakes; nothing of ``truth.*`` is connected.
 
     Sensors that the filter fuses and that the station does not have are silent.
     """

@@ -55,7 +55,7 @@ class Fused:
 
 
 def fused_sensors(twin: Twin, last_link: str) -> list[Fused]:
-    """The filter's further sensors, in its order.
+    """Return the filter's further sensors, in its order.
 
     Args:
         twin: what the twin is told.
@@ -92,7 +92,7 @@ def export(
     model: Model,
     packages: Packages | None,
 ) -> None:
-    """Makes the filter's further inputs those of the twin, by the station's names; call it when those of images exist.
+    """Make the filter's further inputs those of the twin, by the station's names; call it when those of images exist.
 
     Args:
         builder: of the twin.
@@ -136,7 +136,7 @@ def export(
 
 
 def silence(builder: DiagramBuilder, twin: Diagram, station: Diagram, fused: Sequence[Fused]) -> list[str]:
-    """Stands in for sensors that a station does not have, a bare log for example: they never measure anything.
+    """Stand in for sensors that a station does not have, a bare log for example: they never measure anything.
 
     Args:
         builder: holds both.

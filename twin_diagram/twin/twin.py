@@ -71,7 +71,7 @@ class Twin:
     mpc: Mpc
 
     def add_model(self, model: Model) -> int:
-        """Takes in a corrected model of the same arm; answers its number. No Context uses it yet.
+        """Take in a corrected model of the same arm; answer its number. No Context uses it yet.
 
         Raises:
             TwinError: the twin cannot use it.
@@ -91,17 +91,17 @@ class Twin:
             system.use_model(self.diagram.GetMutableSubsystemContext(system, context), number)
 
     def alarms(self, context: Context) -> list[dict[str, Any]]:
-        """What the drift monitor raised, oldest first, with evidence: see `estimation.drift.alarm_events`."""
+        """Return what the drift monitor raised, oldest first, with evidence: see `estimation.drift.alarm_events`."""
         return self.drift.events(self.diagram.GetSubsystemContext(self.drift, context), self.model.joints)
 
     def parameters(self, context: Context) -> dict[str, float]:
-        """What the filter has learnt, by name."""
+        """Return what the filter has learnt, by name."""
         values = self.diagram.GetOutputPort("parameters").Eval(context)
         return {name: round(float(value), 6) for name, value in zip(self.parameter_names, values, strict=True)}
 
 
 def make_twin(twin: scenario.Twin, packages: Packages | None = None) -> Twin:
-    """Builds the twin.
+    """Build the twin.
 
     Raises:
         ScenarioError: something it is told does not exist or does not fit; the message names the field.
@@ -199,7 +199,7 @@ def make_twin(twin: scenario.Twin, packages: Packages | None = None) -> Twin:
 
 
 def goal_vector(task: scenario.Task) -> np.ndarray:
-    """X_WG as (qw, qx, qy, qz, px, py, pz); zeros where there is no goal."""
+    """Return X_WG as (qw, qx, qy, qz, px, py, pz); zeros where there is no goal."""
     if task.X_WG is None:
         return np.zeros(POSE_SIZE)
     X_WG = poses.pose(task.X_WG)
@@ -211,7 +211,7 @@ def _asset(folder: str, packages: Packages | None) -> Asset:
 
 
 def _named(field: str, make: Callable[[], Made]) -> Made:
-    """Runs `make`; what is wrong with the user's files is said with the scenario's field."""
+    """Run `make`; what is wrong with the user's files is said with the scenario's field."""
     try:
         return make()
     except ScenarioError:

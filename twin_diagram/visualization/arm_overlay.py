@@ -46,7 +46,7 @@ class ArmOverlay(LeafSystem):
     """
 
     def __init__(self, meshcat: Meshcat, scene: TwinScene, covariance_size: int, rate: float = 15.0) -> None:
-        """Registers what is drawn.
+        """Register what is drawn.
 
         Args:
             meshcat: the server.
@@ -75,7 +75,7 @@ class ArmOverlay(LeafSystem):
         self.DeclarePeriodicPublishEvent(1.0 / rate, 0.0, self._draw)
 
     def _register(self, context: Context) -> EventStatus:
-        """Makes the shapes once per run: afterwards they only move and change their size, which is recorded."""
+        """Make the shapes once per run: afterwards they only move and change their size, which is recorded."""
         self._meshcat.Delete(PATH)
         inspector = self._scene.scene_graph.model_inspector()
         for body in self._bodies:

@@ -34,7 +34,7 @@ def ellipsoid(
 
 
 def position_covariance(J: Array, P: Array, ahead: float = 0.0) -> Array:
-    """(3, 3) [m²] of a point on the arm, now or where it goes at the speed that it has.
+    """Return (3, 3) [m²] of a point on the arm, now or where it goes at the speed that it has.
 
     Args:
         J: (3, n) Jacobian of its velocity by the joints', there.

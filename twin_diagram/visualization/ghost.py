@@ -41,7 +41,7 @@ ARM_COLOUR: Final = Rgba(0.10, 0.45, 1.0, 0.25)
 
 
 def make_ghost(scene: TwinScene) -> None:
-    """Turns the twin's arm and objects translucent blue and hides its fixtures, which would cover the real ones.
+    """Turn the twin's arm and objects translucent blue and hides its fixtures, which would cover the real ones.
 
     Only the illustration role changes. Meshes that bring their own colours (.obj with a material) lose them; other mesh
     formats keep theirs. Call before the Diagram is built, and not where there is no real scene to see.
@@ -82,7 +82,10 @@ def _recolour(
 
 
 def _swollen(shape: Shape) -> Shape:
-    """A shape a little larger, a mesh in .obj format also without its material; what is not known stays as it is."""
+    """Return a shape a little larger, a mesh in .obj format also without its material.
+
+    What is not known stays as it is.
+    """
     if isinstance(shape, Box):
         return Box(*(shape.size() + 2 * SWELL))
     if isinstance(shape, Cylinder):

@@ -30,7 +30,7 @@ def add_meldis(
     real_query: OutputPort | None = None,
     rate: float = FRAME_RATE,
 ) -> MeldisScenes:
-    """Adds a publisher for each scene.
+    """Add a publisher for each scene.
 
     Args:
         builder: of the Diagram that holds both.

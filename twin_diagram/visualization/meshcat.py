@@ -20,7 +20,7 @@ TWIN: Final = "twin"
 
 
 def open_meshcat(port: int | None = None) -> Meshcat:
-    """A meshcat server that this machine alone can reach.
+    """Return a meshcat server that this machine alone can reach.
 
     Args:
         port: TCP port; None: the first free one from 7000.
@@ -46,7 +46,7 @@ class MeshcatScenes:
     twin: MeshcatVisualizer
 
     def set_view(self, p_WV: Sequence[float] = (1.4, -0.65, 0.75), p_WT: Sequence[float] = (0.4, 0.0, 0.2)) -> None:
-        """Looks from p_WV [m] to p_WT [m] in front of a light, empty background."""
+        """Look from p_WV [m] to p_WT [m] in front of a light, empty background."""
         self.meshcat.SetProperty("/Grid", "visible", False)
         self.meshcat.SetProperty("/Axes", "visible", False)
         self.meshcat.SetProperty("/Background", "top_color", [0.93, 0.95, 0.97])
@@ -58,7 +58,7 @@ class MeshcatScenes:
         self.meshcat.StartRecording(FRAME_RATE, False)
 
     def write_replay(self, path: str | Path) -> Path:
-        """Ends the recording and writes a page that plays it in any browser, without a network."""
+        """End the recording and writes a page that plays it in any browser, without a network."""
         self.meshcat.StopRecording()
         self.meshcat.PublishRecording()
         return atomic_file.write(path, self.meshcat.StaticHtml())
@@ -71,7 +71,7 @@ def add_meshcat(
     real_query: OutputPort | None = None,
     rate: float = FRAME_RATE,
 ) -> MeshcatScenes:
-    """Adds a visualizer for each scene.
+    """Add a visualizer for each scene.
 
     Args:
         builder: of the Diagram that holds both.

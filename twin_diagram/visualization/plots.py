@@ -62,7 +62,7 @@ Plot = TypeVar("Plot", bound=Callable[..., Path])
 
 
 def _styled(plot: Plot) -> Plot:
-    """Draws in this module's style, whatever the process has set."""
+    """Draw in this module's style, whatever the process has set."""
 
     @functools.wraps(plot)
     def wrapper(*args: Any, **kwargs: Any) -> Path:
@@ -91,7 +91,7 @@ class Run(Protocol):
 
 
 def write_plots(run: Run, summary: Mapping[str, Any], folder: str | Path) -> list[Path]:
-    """Writes ``objects.png``, ``arm.png``, ``payload.png``, ``clearance.png`` and ``timing.png``.
+    """Write ``objects.png``, ``arm.png``, ``payload.png``, ``clearance.png`` and ``timing.png``.
 
     Args:
         run: the samples.
@@ -118,7 +118,10 @@ def write_plots(run: Run, summary: Mapping[str, Any], folder: str | Path) -> lis
 
 @_styled
 def objects(run: Run, path: Path) -> Path:
-    """Position and rotation error of each object over time; shaded where it moves, is stale, lost or hidden."""
+    """Return the position and rotation error of each object over time.
+
+    Shaded where it moves, is stale, lost or hidden.
+    """
     count = len(run.objects)
     figure = _figure(10, 1.0 + 1.5 * count)
     grid = figure.subplots(count, 2, sharex=True, squeeze=False)
@@ -146,7 +149,7 @@ def objects(run: Run, path: Path) -> Path:
 
 
 def object_errors(run: Run) -> tuple[Array, Array]:
-    """(T, K) position errors [mm] and rotation errors [°]; of a symmetric object, the tilt of its axis alone."""
+    """Return (T, K) position errors [mm] and rotation errors [°]; of a symmetric object, the tilt of its axis alone."""
     position = 1e3 * np.linalg.norm(run.poses_estimated[..., 4:] - run.poses_true[..., 4:], axis=-1)
     phi = rotations.difference(run.poses_estimated[..., :4], run.poses_true[..., :4])
     rotation = np.linalg.norm(phi, axis=-1)
@@ -184,7 +187,7 @@ def arm(run: Run, alarms: Sequence[tuple[float, str]], path: Path) -> Path:
 
 @_styled
 def payload(run: Run, true: float | None, path: Path) -> Path:
-    """The learned payload over time with two standard deviations either side, and the truth."""
+    """Return the learned payload over time with two standard deviations either side, and the truth."""
     figure = _figure(10, 3.4)
     axes = figure.subplots()
     axes.fill_between(
@@ -205,7 +208,7 @@ def payload(run: Run, true: float | None, path: Path) -> Path:
 
 @_styled
 def clearance(run: Run, path: Path) -> Path:
-    """True distance from the arm to anything else over time and, with a goal, the tool's distance from it."""
+    """Return true distance from the arm to anything else over time and, with a goal, the tool's distance from it."""
     with_goal = bool(np.isfinite(run.goal_error).any())
     figure = _figure(10, 5.5 if with_goal else 3.2)
     rows = figure.subplots(2 if with_goal else 1, 1, sharex=True, squeeze=False)[:, 0]
@@ -234,7 +237,7 @@ def clearance(run: Run, path: Path) -> Path:
 
 @_styled
 def timing(shares: Mapping[str, float], real_time_factor: float, path: Path) -> Path:
-    """Share of the computing time that each system took."""
+    """Return the share of the computing time that each system took."""
     ranked = sorted(shares.items(), key=lambda item: item[1])
     figure = _figure(10, 1.2 + 0.36 * len(ranked))
     axes = figure.subplots()
@@ -260,7 +263,7 @@ def _save(figure: Figure, path: Path) -> Path:
 
 
 def _shade(axes: Axes, run: Run, k: int) -> None:
-    """Marks when an object moved, was stale, lost or hidden."""
+    """Mark when an object moved, was stale, lost or hidden."""
     for status, (colour, _) in SHADES.items():
         for start, end in _spans(run.time, run.status[:, k] == status):
             axes.axvspan(start, end, color=colour, linewidth=0)

@@ -46,7 +46,7 @@ class MeshcatOverlay(LeafSystem):
     """
 
     def __init__(self, meshcat: Meshcat, scene: TwinScene, knots: int, rate: float = 15.0) -> None:
-        """Registers what is drawn.
+        """Register what is drawn.
 
         Args:
             meshcat: the server.
@@ -68,7 +68,7 @@ class MeshcatOverlay(LeafSystem):
         self.DeclarePeriodicPublishEvent(1.0 / rate, 0.0, self._draw)
 
     def _register(self, context: Context) -> EventStatus:
-        """Makes the shapes once per run; nothing shows before it has a place."""
+        """Make the shapes once per run; nothing shows before it has a place."""
         self._meshcat.Delete(PATH)
         for axis, (rpy, colour) in enumerate(_TRIAD):
             X_GA = RigidTransform(RollPitchYaw(*rpy), 0.04 * np.eye(3)[axis])
@@ -113,7 +113,7 @@ class MeshcatOverlay(LeafSystem):
         self._meshcat.SetProperty(f"{path}/{status.name.lower()}", "scale", half_axes.tolist(), time)
 
     def _tool_path(self, plan: Array) -> list[RigidTransform]:
-        """Where the tool is at each knot, in W."""
+        """Return where the tool is at each knot, in W."""
         plant, context = self._scene.plant, self._kinematics
         tool = plant.get_frame(self._scene.arm.tool_frame)
         positions = self._scene.default_positions.copy()

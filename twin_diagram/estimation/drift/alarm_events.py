@@ -15,7 +15,7 @@ from twin_diagram.signals.layouts import AlarmKind
 
 
 def events(monitor: Monitor, joints: Sequence[str] = ()) -> list[dict[str, Any]]:
-    """The alarms that a monitor remembers, oldest first.
+    """Return the alarms that a monitor remembers, oldest first.
 
     Args:
         monitor: it keeps the newest 32.
@@ -57,7 +57,7 @@ def events(monitor: Monitor, joints: Sequence[str] = ()) -> list[dict[str, Any]]
 
 
 def append_lines(path: Path, records: Iterable[dict[str, Any]]) -> None:
-    """Appends records to a JSON Lines file, in one write."""
+    """Append records to a JSON Lines file, in one write."""
     text = "".join(json.dumps(record, ensure_ascii=False, allow_nan=False) + "\n" for record in records)
     if text:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -36,18 +36,18 @@ TUNING = Tuning()
 
 
 def stands(state: DriftState) -> bool:
-    """Whether an alarm does."""
+    """Return whether an alarm does."""
     return bool(state.header[Entry.TIME] < state.header[Entry.QUIET])
 
 
 def note(state: DriftState, statistic: float) -> None:
-    """Keeps the largest statistic of each tenth of a second, from which an alarm's shape is told."""
+    """Keep the largest statistic of each tenth of a second, from which an alarm's shape is told."""
     h = state.header
     h[Entry.TENTH] = max(h[Entry.TENTH], statistic)
 
 
 def turn_over(state: DriftState, t: float) -> None:
-    """Begins a new tenth of a second where one is over."""
+    """Begin a new tenth of a second where one is over."""
     h = state.header
     if t - h[Entry.FROM] < TUNING.tenth:
         return
@@ -68,7 +68,7 @@ def raise_alarm(
     sensor: int = -1,
     gained: tuple[int, float] | None = None,
 ) -> None:
-    """Raises an alarm, or lets the one that stands go on.
+    """Raise an alarm, or lets the one that stands go on.
 
     Args:
         state: of the monitor.

@@ -63,7 +63,7 @@ def follow(
     sigma: float,
     calm: bool,
 ) -> tuple[Array, Array]:
-    """Takes in a message.
+    """Take in a message.
 
     Args:
         memory: (`SIZE`, n) in place: where the movement began [rad], messages in its direction (signed), low-passed ρ;

@@ -109,7 +109,7 @@ class FalseRate:
         return np.asarray(np.clip(TUNING.high + beyond / peaks * wanted, 1.0, TUNING.widest))
 
     def take(self, vector: Array, test: int, statistic: float) -> float:
-        """Takes in a test's statistic over its threshold; answers it over its margin as well."""
+        """Take in a test's statistic over its threshold; answer it over its margin as well."""
         largest = 1 + test * (TUNING.head + TUNING.delay)
         vector[largest] = max(vector[largest], min(statistic, TUNING.widest))
         return statistic / float(vector[largest + 4])
@@ -119,7 +119,7 @@ class FalseRate:
         return float(self._views(vector)[0][test, 4])
 
     def turn_over(self, vector: Array, t: float, calm: bool) -> None:
-        """Ends the block where it is time to.
+        """End the block where it is time to.
 
         Args:
             vector: (size,) in place.

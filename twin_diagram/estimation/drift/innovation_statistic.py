@@ -51,7 +51,7 @@ TUNING = Tuning()
 def innovation_test(
     state: DriftState, nis: float, white: Array | None, dt: float, sigma: float, learning: bool, armed: bool
 ) -> float:
-    """Takes in a message; answers the largest statistic over its threshold, 0 before normal operation is known.
+    """Take in a message; answer the largest statistic over its threshold, 0 before normal operation is known.
 
     Messages in a row that are far off are another test: see `in_a_row`.
 
@@ -107,7 +107,7 @@ def innovation_test(
 
 
 def in_a_row(state: DriftState) -> float:
-    """How many messages in a row are far off, over how many may be."""
+    """Return how many messages in a row are far off, over how many may be."""
     return float(min(state.header[Entry.LOUD] / TUNING.in_a_row, 2.0))
 
 

@@ -57,7 +57,7 @@ class Shape(IntEnum):
 
 
 def follow(sums: Array, white: Array) -> Array:
-    """Adds a message.
+    """Add a message.
 
     Args:
         sums: (L, n) m for each λ, in place.
@@ -79,7 +79,7 @@ def threshold(n: int) -> float:
 
 
 def grows(before: Array) -> bool:
-    """Whether a statistic grew towards its threshold, rather than jumped over it.
+    """Return whether a statistic grew towards its threshold, rather than jumped over it.
 
     Args:
         before: (K,) its largest value, over its threshold, in each tenth of a second before the alarm, oldest first.

@@ -82,7 +82,7 @@ class TorqueTest:
     """
 
     def __init__(self, terms: ArmTerms, parameters: ParameterSet, tuning: Filter, sigma: float) -> None:
-        """Keeps what it needs of the arm.
+        """Keep what it needs of the arm.
 
         Args:
             terms: the arm.
@@ -104,7 +104,7 @@ class TorqueTest:
     def follow(
         self, vector: Array, x: Array, theta: Array, tau: Array, t: float, learning: bool, armed: bool
     ) -> tuple[float, int, float]:
-        """Takes in a message.
+        """Take in a message.
 
         Args:
             vector: (size,) in place.

@@ -74,7 +74,7 @@ class Monitor:
     """
 
     def __init__(self, terms: ArmTerms, drift: Drift, tuning: Filter, sensors: Mapping[str, int] | None = None) -> None:
-        """Makes one that has not heard anything yet.
+        """Make one that has not heard anything yet.
 
         Args:
             terms: the arm.
@@ -107,7 +107,7 @@ class Monitor:
         return alarm_lifecycle.stands(self.state)
 
     def alarm(self) -> Array:
-        """(4,): active, `AlarmKind`, time raised [s], statistic over threshold."""
+        """Return (4,): active, `AlarmKind`, time raised [s], statistic over threshold."""
         h = self.header
         result = np.array([float(self.active), h[Entry.KIND], h[Entry.RAISED], h[Entry.STATISTIC]])
         assert len(result) == ALARM_SIZE
@@ -124,7 +124,7 @@ class Monitor:
         state_time: float | None = None,
         innovation: Array | None = None,
     ) -> None:
-        """Takes in what the filter made of a message. What is not new or not finite is left out.
+        """Take in what the filter made of a message. What is not new or not finite is left out.
 
         Args:
             state: (2n,) x̂.
@@ -183,7 +183,7 @@ class Monitor:
             alarm_lifecycle.raise_alarm(self.state, AlarmKind.ROLLOUT, t, found, longer=self.params.period)
 
     def reading(self, sensor: str, white: Array, accepted: bool) -> None:
-        """Takes in what the filter made of a further sensor's reading, after the message that came before it.
+        """Take in what the filter made of a further sensor's reading, after the message that came before it.
 
         Args:
             sensor: its name.

@@ -43,7 +43,7 @@ class RolloutTest:
     """The test of one arm; all that it remembers is in the monitor's `DriftState`."""
 
     def __init__(self, terms: ArmTerms, parameters: ParameterSet, params: Drift, tuning: Filter) -> None:
-        """Keeps what it needs of the arm.
+        """Keep what it needs of the arm.
 
         Args:
             terms: the arm; its tool is the hand.
@@ -57,7 +57,7 @@ class RolloutTest:
 
     @staticmethod
     def rows(params: Drift, tuning: Filter) -> int:
-        """Torques that a rollout holds, at twice the filter's rate."""
+        """Return torques that a rollout holds, at twice the filter's rate."""
         return int(np.ceil(params.horizon * tuning.rate * 2.0)) + 4
 
     def follow(
@@ -72,7 +72,7 @@ class RolloutTest:
         learning: bool,
         armed: bool,
     ) -> float:
-        """Takes in a message; answers a finished rollout's statistic over its threshold, else 0.
+        """Take in a message; answer a finished rollout's statistic over its threshold, else 0.
 
         Args:
             state: of the monitor.
@@ -145,7 +145,7 @@ class RolloutTest:
 
 
 def white_std(tuning: Filter, span: float) -> float:
-    """Standard deviation of the constant torque that moves a joint as far over a span as white torque does [N·m].
+    """Return the deviation of the constant torque that moves a joint as far as white torque does [N·m].
 
     White torque of σ in each of N steps h moves a joint of inertia I by Σ (N − i + ½) h² τ_i / I, with the standard
     deviation σ h² √(N³/3) / I; a constant torque moves it by ½ (N h)² τ / I.

@@ -61,7 +61,7 @@ TUNING = Tuning()
 
 
 def newest(before: Array, after: Array) -> tuple[Array, bool] | None:
-    """The reading that came between two looks at a sensor's track record, None where there was not exactly one.
+    """Return the reading that came between two looks at a sensor's track record, None where there was not exactly one.
 
     Args:
         before: (len(Track) + m,) `belief.Track`, then the mean whitened innovation.
@@ -117,7 +117,7 @@ class CrossCheck:
             sums[:] = 0.0
 
     def follow(self, vector: Array, index: int, white: Array, accepted: bool, t: float, quiet: bool) -> float:
-        """Takes in a reading; answers the largest statistic over its threshold, 0 before normal operation is known.
+        """Take in a reading; answer the largest statistic over its threshold, 0 before normal operation is known.
 
         Args:
             vector: (size,) in place.

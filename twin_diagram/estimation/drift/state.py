@@ -141,7 +141,7 @@ class DriftState:
     """
 
     def __init__(self, n: int, p: int, changes: int, rows: int, sensors: int, motors: int, margins: int) -> None:
-        """Makes an empty one.
+        """Make an empty one.
 
         Args:
             n: joints.

@@ -149,7 +149,7 @@ class ArmTerms:
 
     @staticmethod
     def from_model(model: Model) -> ArmTerms:
-        """The terms of a twin's model with its effects."""
+        """Return the terms of a twin's model with its effects."""
         laws = [effect for effect in model.present if not effect.folds]
         smooth = [effect for effect in laws if not effect.dry]
         zero = np.zeros((1, len(model.joints)))
@@ -181,19 +181,22 @@ class ArmTerms:
         self.plant.SetPositionsAndVelocities(self._context, self._x)
 
     def at(self, q: Array, v: Array | float) -> Context:
-        """The scratch Context with the joints at q, v (n,): to be read at once and not kept."""
+        """Return the scratch Context with the joints at q, v (n,): to be read at once and not kept."""
         self._set(q, v)
         return self._context
 
     def _brisk_effort(self) -> Array:
-        """(n,) torque for twice the largest weight on each joint and a brisk start, over a spread of poses [N·m]."""
+        """Return (n,) torque for twice the largest weight on each joint and a brisk start.
+
+        Over a spread of poses [N·m].
+        """
         poses = np.random.default_rng(0).uniform(-np.pi, np.pi, (16, self.n))
         weight = np.max([np.abs(self.inverse_dynamics(q, np.zeros(self.n), 0.0)) for q in poses], axis=0)
         inertia = np.max([self.mass_matrix(q).diagonal() for q in poses], axis=0)
         return 2.0 * weight + TUNING.brisk * inertia
 
     def set_payload(self, payload: Array) -> None:
-        """Sets what the last link carries, for all calls that follow.
+        """Set what the last link carries, for all calls that follow.
 
         Args:
             payload: (4,) mass m [kg] and first moment m·c [kg·m] about the last link's origin, in its frame. Its own
@@ -225,7 +228,7 @@ class ArmTerms:
         return mass
 
     def inverse_dynamics(self, q: Array, v: Array, a: Array | float) -> Array:
-        """Torque of the plant, M(q) a + b(q, v), without the laws of effects (n,) [N·m]."""
+        """Return the torque of the plant, M(q) a + b(q, v), without the laws of effects (n,) [N·m]."""
         self._set(q, v)
         self._a[self.velocity_index] = a
         self.plant.CalcForceElementsContribution(self._context, self._forces)
@@ -244,17 +247,17 @@ class ArmTerms:
         return bias if self.laws.load is None else bias + self.laws.load(q, v, tau)
 
     def dry(self, q: Array, v: Array, tau: Array) -> tuple[Array, Array]:
-        """Bounds of dry friction against positive and against negative motion, each (n,), ≥ 0 [N·m]."""
+        """Return bounds of dry friction against positive and against negative motion, each (n,), ≥ 0 [N·m]."""
         if self.laws.dry is None:
             return np.zeros(self.n), np.zeros(self.n)
         return self.laws.dry(q, v, tau)
 
     def applied(self, tau: Array) -> Array:
-        """Torque that reaches the joints when τ (n,) is measured [N·m]."""
+        """Return the torque that reaches the joints when τ (n,) is measured [N·m]."""
         return tau if self.laws.applied is None else self.laws.applied(tau)
 
     def true_position(self, q: Array) -> Array:
-        """Joint positions when q (n,) is measured [rad]."""
+        """Return the joint positions when q (n,) is measured [rad]."""
         return q if self.laws.true_position is None else self.laws.true_position(q)
 
     def derivatives(self, q: Array, v: Array, a: Array) -> tuple[Array, Array]:

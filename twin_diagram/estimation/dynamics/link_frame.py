@@ -15,7 +15,7 @@ from twin_diagram.signals.arrays import Array
 
 
 def skew(w: Array) -> Array:
-    """(3, 3) of the cross product with w."""
+    """Return (3, 3) of the cross product with w."""
     return np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
 
 
@@ -51,7 +51,7 @@ class LinkFrame:
     """
 
     def __init__(self, terms: ArmTerms, body: str | Frame, X_BF: RigidTransform | None = None) -> None:
-        """Finds the link.
+        """Find the link.
 
         Args:
             terms: the arm.
@@ -77,14 +77,14 @@ class LinkFrame:
         self._world = plant.world_frame()
 
     def pose(self, q: Array) -> tuple[Array, Array]:
-        """R_WF (3, 3), p_WF (3,) at q (n,)."""
+        """Return R_WF (3, 3), p_WF (3,) at q (n,)."""
         context = self.terms.at(q, 0.0)
         X_WB = self._frame.CalcPoseInWorld(context)
         R_WB = X_WB.rotation().matrix()
         return R_WB @ self._R_BF, X_WB.translation() + R_WB @ self._p_BF
 
     def jacobian(self, q: Array) -> tuple[Array, Array, Array]:
-        """R_WF (3, 3), p_WF (3,) and J (6, n), rotation first, of F's origin, in W, at q (n,)."""
+        """Return R_WF (3, 3), p_WF (3,) and J (6, n), rotation first, of F's origin, in W, at q (n,)."""
         context, plant = self.terms.at(q, 0.0), self.terms.plant
         J: Array = plant.CalcJacobianSpatialVelocity(
             context, JacobianWrtVariable.kV, self._frame, self._p_BF, self._world, self._world
@@ -94,7 +94,7 @@ class LinkFrame:
         return R_WB @ self._R_BF, X_WB.translation() + R_WB @ self._p_BF, J
 
     def motion(self, q: Array, v: Array) -> Motion:
-        """All of it at q, v, each (n,)."""
+        """Return all of it at q, v, each (n,)."""
         context, plant = self.terms.at(q, v), self.terms.plant
         J: Array = plant.CalcJacobianSpatialVelocity(
             context, JacobianWrtVariable.kV, self._frame, self._p_BF, self._world, self._world

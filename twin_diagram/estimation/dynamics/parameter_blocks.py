@@ -75,7 +75,7 @@ class ParameterBlock(ABC):
 
     @abstractmethod
     def labels(self, joints: Sequence[str]) -> list[str]:
-        """(p,) names with units, for tables and plots."""
+        """Return (p,) names with units, for tables and plots."""
 
     @abstractmethod
     def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array, tau: Array) -> Array:
@@ -83,7 +83,7 @@ class ParameterBlock(ABC):
 
     @abstractmethod
     def clip(self, theta: Array) -> None:
-        """Moves the parameters (p,) into their bounds, in place."""
+        """Move the parameters (p,) into their bounds, in place."""
 
     @property
     def opening(self) -> Array:
@@ -91,19 +91,19 @@ class ParameterBlock(ABC):
         return self.covariance
 
     def groups(self) -> list[slice]:
-        """The parameters that change together."""
+        """Return the parameters that change together."""
         return [slice(0, self.size)]
 
     def push(self, theta: Array, tau: Array) -> Array | float:
-        """Torque (n,) that it adds to the motors', of which τ is measured [N·m]."""
+        """Return the torque (n,) that it adds to the motors', of which τ is measured [N·m]."""
         return 0.0
 
     def viscous(self, theta: Array) -> Array | float:
-        """What it adds to the joints' viscous friction (n,) [N·m·s/rad]."""
+        """Return what it adds to the joints' viscous friction (n,) [N·m·s/rad]."""
         return 0.0
 
     def dry(self, theta: Array) -> Array | float:
-        """What it adds to the level of the joints' dry friction (n,) [N·m]."""
+        """Return what it adds to the level of the joints' dry friction (n,) [N·m]."""
         return 0.0
 
 

@@ -33,7 +33,7 @@ class ParameterSet:
     """
 
     def __init__(self, terms: ArmTerms, params: Filter) -> None:
-        """Makes the blocks.
+        """Make the blocks.
 
         Raises:
             ScenarioError: a name that no block has, or one given twice.
@@ -63,7 +63,7 @@ class ParameterSet:
         return whole
 
     def labels(self, joints: Sequence[str]) -> list[str]:
-        """(p,) names with units."""
+        """Return (p,) names with units."""
         return [label for block in self.blocks for label in block.labels(joints)]
 
     def regressor(
@@ -88,11 +88,11 @@ class ParameterSet:
         return Y
 
     def payload_of(self, theta: Array) -> Array:
-        """(4,) mass [kg] and first moment [kg·m]; zeros where no payload is learned."""
+        """Return (4,) mass [kg] and first moment [kg·m]; zeros where no payload is learned."""
         return theta[self.payload] if self.payload is not None else np.zeros(4)
 
     def push(self, theta: Array, tau: Array) -> Array | float:
-        """Torque (n,) that θ adds to the motors', of which τ is measured [N·m]."""
+        """Return the torque (n,) that θ adds to the motors', of which τ is measured [N·m]."""
         return sum(block.push(theta[part], tau) for block, part in zip(self.blocks, self.slices, strict=True))
 
     def viscous(self, theta: Array, damping: Array) -> Array:
@@ -101,11 +101,11 @@ class ParameterSet:
         return np.maximum(total, 0.0)
 
     def dry(self, theta: Array) -> Array | float:
-        """What θ adds to the level of dry friction (n,) [N·m]."""
+        """Return what θ adds to the level of dry friction (n,) [N·m]."""
         return sum(block.dry(theta[part]) for block, part in zip(self.blocks, self.slices, strict=True))
 
     def clip(self, theta: Array) -> None:
-        """Moves θ (p,) into its bounds, in place."""
+        """Move θ (p,) into its bounds, in place."""
         for block, part in zip(self.blocks, self.slices, strict=True):
             block.clip(theta[part])
 

@@ -14,7 +14,7 @@ from twin_diagram.signals.arrays import Array
 
 
 def solve_positive(matrix: Array, right: Array) -> Array:
-    """Solves matrix · x = right by Cholesky's factors; only the upper triangle of the matrix is read.
+    """Solve matrix · x = right by Cholesky's factors; only the upper triangle of the matrix is read.
 
     Args:
         matrix: (n, n) symmetric positive definite.
@@ -46,7 +46,7 @@ def whiten(covariance: Array, vector: Array) -> Array:
 
 
 def joseph(x: Array, P: Array, H: Array, R: Array, innovation: Array) -> tuple[Array, Array]:
-    """A Kalman update in Joseph's form, which keeps P positive whatever rounding does to the gain.
+    """Return a Kalman update in Joseph's form, which keeps P positive whatever rounding does to the gain.
 
     Args:
         x: (N,) mean.

@@ -83,7 +83,7 @@ def step(
     dt: float,
     dry: tuple[Array, Array] | None = None,
 ) -> Step:
-    """Moves the arm on by dt.
+    """Move the arm on by dt.
 
     Args:
         terms: the arm.

@@ -13,7 +13,7 @@ from twin_diagram.signals.arrays import Array
 def rollout(
     terms: ArmTerms, parameters: ParameterSet, state: Array, theta: Array, times: Array, torques: Array
 ) -> tuple[Array, Array]:
-    """Moves the model on from a state, sensors left out: step 1 of section 3.4 of Hybrid Reality Twins.
+    """Move the model on from a state, sensors left out: step 1 of section 3.4 of Hybrid Reality Twins.
 
     Args:
         terms: the arm.
@@ -38,7 +38,7 @@ def rollout(
 
 
 def torque_error(terms: ArmTerms, parameters: ParameterSet, q: Array, theta: Array, error: Array, span: float) -> Array:
-    """The constant joint torques (n,) that would have made a position error (n,) over a span [N·m].
+    """Return the constant joint torques (n,) that would have made a position error (n,) over a span [N·m].
 
     Error in the angles depends on each joint's inertia and on the span; as torque it compares between joints, poses and
     arms. Friction damps an error, so this is a lower bound.

@@ -41,7 +41,7 @@ TUNING = Tuning()
 
 
 def start(core: Core, q: Array, v: Array, tau: Array, t: float) -> None:
-    """Takes the state from a message; θ, its covariance and the counters are kept, at the first set to the prior.
+    """Take the state from a message; θ, its covariance and the counters are kept, at the first set to the prior.
 
     Args:
         core: its belief and history are changed.
@@ -95,7 +95,7 @@ def start(core: Core, q: Array, v: Array, tau: Array, t: float) -> None:
 
 
 def observe(core: Core, q: Array, v: Array, tau: Array, t: float) -> bool:
-    """Takes in one message of the arm, whatever it holds; the belief is never poisoned.
+    """Take in one message of the arm, whatever it holds; the belief is never poisoned.
 
     Args:
         core: its belief and history are changed.

@@ -56,7 +56,7 @@ class Core:
     history: History
 
     def __init__(self, terms: ArmTerms, params: Filter) -> None:
-        """Makes the parts.
+        """Make the parts.
 
         Raises:
             ScenarioError: a parameter or a rule that does not exist, or a figure that cannot be.
@@ -77,7 +77,7 @@ class Core:
         self.resize()
 
     def resize(self) -> None:
-        """Makes an empty belief and the scratch for it, as large as the sensors ask for."""
+        """Make an empty belief and the scratch for it, as large as the sensors ask for."""
         n, p = self.terms.n, self.parameters.size
         self.belief = Belief(n, p, self.declared.own, self.declared.sizes)
         size = self.belief.size
@@ -90,7 +90,7 @@ class Core:
         self.walk = self.declared.walk()
 
     def load(self, vector: Array, history: Array | None = None) -> None:
-        """Takes a belief's vector as its own (copied).
+        """Take a belief's vector as its own (copied).
 
         Args:
             vector: of a `Belief` of the same sensors and parameters.
@@ -106,7 +106,7 @@ class Core:
             self.history.clear()
 
     def find(self, sensor: Sensor | str) -> Sensor:
-        """The sensor of that name, or that very model.
+        """Return the sensor of that name, or that very model.
 
         Raises:
             FilterError: it was never declared.
@@ -119,7 +119,7 @@ class Core:
         return found
 
     def linear(self, sensor: Sensor, x: Array, P: Array, back: int) -> Linear:
-        """A sensor's model at x (N,) of covariance P (N, N), `back` steps ago."""
+        """Return a sensor's model at x (N,) of covariance P (N, N), `back` steps ago."""
         if sensor.name in self.own or not self.history.count:
             return Linear(sensor.reading(x), sensor.jacobian(x), sensor.noise(x))
         still, by_state, noise = self.history.motion(back)
@@ -128,7 +128,7 @@ class Core:
         return sensor.linear(Instant(x, self.terms.n, self.belief.p, acceleration, by_state, noise, P, steady))
 
     def _swing_noise(self, x: Array, P: Array, by_state: Array, noise: Array) -> Array | float:
-        """(n, n) what an unknown payload's own inertia adds to the accelerations' error: δM δv̇, of second order.
+        """Return (n, n) what an unknown payload's own inertia adds to the accelerations' error: δM δv̇, of second order.
 
         Both come from one cause, hence three times the product of their variances.
         """

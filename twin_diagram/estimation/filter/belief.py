@@ -140,7 +140,7 @@ class Belief:
     """
 
     def __init__(self, n: int, p: int, own: int = 0, sensors: tuple[int, ...] = ()) -> None:
-        """Makes an empty one.
+        """Make an empty one.
 
         Args:
             n: joints.
@@ -197,5 +197,5 @@ class Belief:
         return np.concatenate([self.q + (0.5 * ahead) * (self.v + v), v])
 
     def outside_covariance(self) -> Array:
-        """(2n + p, 2n + p) covariance of [q, v, θ]: the disturbance is nobody else's concern."""
+        """Return (2n + p, 2n + p) covariance of [q, v, θ]: the disturbance is nobody else's concern."""
         return self.P[np.ix_(self._outside, self._outside)]

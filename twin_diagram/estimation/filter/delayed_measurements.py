@@ -44,7 +44,7 @@ class History:
     """
 
     def __init__(self, n: int, p: int, size: int, capacity: int) -> None:
-        """Makes an empty one.
+        """Make an empty one.
 
         Args:
             n: joints.
@@ -70,7 +70,7 @@ class History:
         self._x, self._P, self._F, self._Q, self._z = parts[8:]
 
     def clear(self) -> None:
-        """Forgets all steps."""
+        """Forget all steps."""
         self._at[:] = 0.0
 
     @property
@@ -92,7 +92,7 @@ class History:
         return (int(self._at[0]) - back) % self.capacity
 
     def begin(self, t: float, x: Array, P: Array) -> None:
-        """Starts anew from a state."""
+        """Start anew from a state."""
         self.clear()
         self.push(t, 0.0, x, np.zeros(self.n), np.zeros(self.n), None, None, None)
         self.settle(x, P)
@@ -108,7 +108,7 @@ class History:
         F: Array | None,
         Q: Array | None,
     ) -> None:
-        """Adds a step.
+        """Add a step.
 
         Args:
             t: its end [s].
@@ -128,11 +128,11 @@ class History:
             self._by[at], self._F[at], self._Q[at] = by, F, Q
 
     def retime(self, t: float) -> None:
-        """Sets the newest step's end [s], where rounding moved it."""
+        """Set the newest step's end [s], where rounding moved it."""
         self._time[int(self._at[0])] = t
 
     def settle(self, x: Array, P: Array) -> None:
-        """Stores the mean (N,) and covariance (N, N) after all that the newest step's readings said."""
+        """Store the mean (N,) and covariance (N, N) after all that the newest step's readings said."""
         at = int(self._at[0])
         self._x[at], self._P[at] = x, P
 
@@ -145,7 +145,7 @@ class History:
         self._room[int(self._at[0])] = room
 
     def read(self, H: Array, R: Array, linear: Array, back: int = 0) -> None:
-        """Adds a reading to a step.
+        """Add a reading to a step.
 
         Args:
             H: (m, N).
@@ -165,19 +165,19 @@ class History:
         self._rows[at] = used + m
 
     def find(self, t: float) -> int | None:
-        """How many steps back the step lies that is nearest to t; None where t is older than all of them."""
+        """Return how many steps back the step lies that is nearest to t; None where t is older than all of them."""
         if not self.count or t < self.oldest - 1e-9:
             return None
         order = (int(self._at[0]) - np.arange(self.count)) % self.capacity
         return int(np.argmin(np.abs(self._time[order] - t)))
 
     def knows(self, t: float) -> bool:
-        """Whether a step ended at t already."""
+        """Return whether a step ended at t already."""
         order = (int(self._at[0]) - np.arange(self.count)) % self.capacity
         return bool(np.any(np.abs(self._time[order] - t) < 1e-6))
 
     def state(self, back: int) -> tuple[float, Array, Array]:
-        """Time [s], mean (N,) and covariance (N, N) of a step after its readings; views."""
+        """Return the time [s], mean (N,) and covariance (N, N) of a step after its readings; views."""
         at = self._index(back)
         return float(self._time[at]), self._x[at], self._P[at]
 
@@ -193,11 +193,11 @@ class History:
         return self._acceleration[at], self._by[at], self._Q[at, n : 2 * n, n : 2 * n] / dt**2
 
     def steady(self, back: int) -> Array:
-        """(n,) acceleration of a step as observed, low-passed, zero where a joint rests [rad/s²]; a view."""
+        """Return (n,) acceleration of a step as observed, low-passed, zero where a joint rests [rad/s²]; a view."""
         return self._steady[self._index(back)]
 
     def rerun(self, back: int, x: Array, P: Array, prior: Array, clip: Callable[[Array], None]) -> tuple[Array, Array]:
-        """Runs the steps after one again, from a better state of that one.
+        """Run the steps after one again, from a better state of that one.
 
         Args:
             back: the step; it gets this state.

@@ -70,7 +70,7 @@ SMALLEST: Final = -2.0 * np.log(10.0)
 
 
 def disturbance_std(params: Filter, sliding: Array, level: Array) -> Array:
-    """Standard deviation of d (n,) [N·m].
+    """Return the standard deviation of d (n,) [N·m].
 
     Args:
         params: tuning.
@@ -117,14 +117,14 @@ def creep_std(v: Array, level: Array, variance: Array | float = 0.0) -> Array:
 
 
 def sure_to_slide(belief: Belief) -> Array:
-    """How sure it is (n,) that a joint slides, and which way: mean of its speed's sign, 0 for one that rests."""
+    """Return how sure it is (n,) that a joint slides, and which way: mean of its speed's sign, 0 for one that rests."""
     n = belief.n
     deviation = np.sqrt(2.0 * np.maximum(belief.P.diagonal()[n : 2 * n], np.finfo(float).tiny))
     return np.where(belief.regime != 0.0, erf(np.abs(belief.v) / deviation), 0.0)
 
 
 def follow_regimes(belief: Belief, params: Filter, dt: float, level: Array) -> tuple[Array, Array, Array]:
-    """Decides which joints slide, and which forget their d since they started, stopped or turned round.
+    """Decide which joints slide, and which forget their d since they started, stopped or turned round.
 
     Args:
         belief: its speeds and regimes are brought up to date.

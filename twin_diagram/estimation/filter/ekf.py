@@ -54,7 +54,7 @@ class Ekf(Core):
     """An adaptive EKF of n joints and p parameters: what users call. Its attributes are those of `Core`."""
 
     def add(self, sensor: Sensor) -> None:
-        """Declares a further sensor; readings may then name it. What the filter knows already is kept.
+        """Declare a further sensor; readings may then name it. What the filter knows already is kept.
 
         Raises:
             FilterError: a sensor of that name is there already.
@@ -81,11 +81,11 @@ class Ekf(Core):
     # What the filter knows.
 
     def labels(self, joints: Sequence[str]) -> list[str]:
-        """Names with units of the parameters (p,) and of the sensors' own states, as they follow in x."""
+        """Return the names with units of the parameters (p,) and of the sensors' own states, as they follow in x."""
         return self.parameters.labels(joints) + self.declared.labels()
 
     def noise(self) -> dict[str, Array]:
-        """Standard deviations as adapted, over those that were given, of each sensor and of `torque` (n,)."""
+        """Return the deviations as adapted, over those that were given, of each sensor (N,) and of `torque`."""
         encoder, velocity, torque = np.exp(0.5 * self.belief.noise)
         found = {"encoder": encoder, "velocity": velocity, "torque": torque}
         for name, level in zip(self.declared.sensors, self.belief.levels, strict=True):
@@ -93,7 +93,7 @@ class Ekf(Core):
         return found
 
     def standings(self, joints: Sequence[str]) -> list[Standing]:
-        """How each parameter stands: settled, not excited by the motion, or held at a bound.
+        """Return how each parameter stands: settled, not excited by the motion, or held at a bound.
 
         Args:
             joints: names of the n joints, for the labels.
@@ -130,11 +130,11 @@ class Ekf(Core):
             open_up(self, belief.time)
 
     def suspicion(self) -> dict[str, float]:
-        """How strongly each further sensor contradicts the rest: above 1 it does. See `Declared.suspicion`."""
+        """Return how strongly each further sensor contradicts the rest: above 1 it does. See `Declared.suspicion`."""
         return self.declared.suspicion(self.belief)
 
     def odd_one_out(self) -> str | None:
-        """The sensor that contradicts the others, `joints` for the arm's own; None where all agree."""
+        """Return the sensor that contradicts the others, `joints` for the arm's own; None where all agree."""
         return self.declared.odd_one_out(self.belief)
 
     def counters(self) -> dict[str, dict[str, int]]:
@@ -145,7 +145,7 @@ class Ekf(Core):
         }
 
     def start(self, q: Array, v: Array, tau: Array, t: float) -> None:
-        """Takes the state from a message; θ, its covariance and the counters are kept, at the first set to the prior.
+        """Take the state from a message; θ, its covariance and the counters are kept, at the first set to the prior.
 
         Args:
             q: (n,) [rad].
@@ -158,7 +158,7 @@ class Ekf(Core):
     # The cycle.
 
     def predict(self, u: Array, dt: float, torque_std: Array | float | None = None) -> None:
-        """Moves the belief on by dt under the motors' torque.
+        """Move the belief on by dt under the motors' torque.
 
         Args:
             u: (n,) measured motor torque, mean over the step [N·m].
@@ -188,7 +188,7 @@ class Ekf(Core):
         *,
         explain: bool = True,
     ) -> Update:
-        """Takes in a reading.
+        """Take in a reading.
 
         Args:
             sensor: its name, or its model; `encoder`, `velocity` and `joints` are there, others are declared by `add`.
@@ -205,7 +205,7 @@ class Ekf(Core):
         return fuse(self, self.find(sensor), z, t, noise, explain)
 
     def observe(self, q: Array, v: Array, tau: Array, t: float) -> bool:
-        """Takes in one message of the arm, whatever it holds; the belief is never poisoned.
+        """Take in one message of the arm, whatever it holds; the belief is never poisoned.
 
         Args:
             q: (n,) measured positions [rad].

@@ -43,7 +43,7 @@ TUNING = Tuning()
 
 
 def keep_score(score: Array, W: Array, white: Array) -> None:
-    """Adds a message.
+    """Add a message.
 
     Args:
         score: (p, p + 1) information and gradient, in place.
@@ -56,7 +56,7 @@ def keep_score(score: Array, W: Array, white: Array) -> None:
 
 
 def alarming(score: Array, groups: list[slice]) -> bool:
-    """Whether some group's likelihood ratio is beyond what innovations as white as the filter claims ever make.
+    """Return whether some group's likelihood ratio is beyond what innovations as white as the filter claims ever make.
 
     Args:
         score: (p, p + 1) information and gradient.
@@ -78,7 +78,9 @@ def _threshold(size: int) -> float:
 
 
 def suspects(score: Array, groups: list[slice]) -> np.ndarray:
-    """Which groups must have changed, chosen one after the other, each by what it explains beyond those before it.
+    """Return which groups must have changed, chosen one after the other.
+
+    Each by what it explains beyond those before it.
 
     Args:
         score: (p, p + 1) information and gradient.

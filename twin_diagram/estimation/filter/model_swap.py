@@ -17,7 +17,7 @@ from twin_diagram.estimation.filter.sensor_registry import FilterError
 
 
 def hand_over(belief: Belief, to: Ekf) -> None:
-    """Makes what a filter knew the belief of another one, whose model is a corrected one.
+    """Make what a filter knew the belief of another one, whose model is a corrected one.
 
     Args:
         belief: of the old filter; not changed.

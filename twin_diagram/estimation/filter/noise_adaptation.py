@@ -86,7 +86,7 @@ def noise_now(core: Core, sensor: Sensor, track: Array | None, at: Linear, noise
 def adapt(
     core: Core, sensor: Sensor, track: Array | None, at: Linear, noise: Array | None, result: Update, t: float
 ) -> None:
-    """Lets a reading speak for its sensor's noise, and the arm's own for the torque that the model lacks.
+    """Let a reading speak for its sensor's noise, and the arm's own for the torque that the model lacks.
 
     Args:
         core: its belief is changed.

@@ -52,7 +52,7 @@ WIDEST: Final = 2.0 * np.log(10.0)
 
 
 def held(belief: Belief, t: float, trouble: bool) -> bool:
-    """Whether the adaptation stands still at t [s]; trouble begins a hold where it was free as long."""
+    """Return whether the adaptation stands still at t [s]; trouble begins a hold where it was free as long."""
     last = float(belief.header[Entry.ALARM])
     if trouble and (last <= 0.0 or t >= last + TUNING.hold):
         belief.header[Entry.ALARM] = t + TUNING.hold

@@ -47,7 +47,7 @@ TUNING = Tuning()
 
 
 def gather(belief: Belief, innovation: Array, trouble: bool) -> None:
-    """Adds a message, once trouble has begun.
+    """Add a message, once trouble has begun.
 
     Args:
         belief: `belief.troubled` is changed.
@@ -76,7 +76,7 @@ def forget(belief: Belief) -> None:
 
 
 def take_for_noise(belief: Belief, params: Filter, expected: Array) -> bool:
-    """Finds the arm's own noise anew from the messages since trouble began, where it explains them.
+    """Find the arm's own noise anew from the messages since trouble began, where it explains them.
 
     Args:
         belief: its noise is changed where it does; where a message was believed for better than it was, its positions

@@ -32,7 +32,7 @@ TUNING = Tuning()
 
 
 def release(core: Core, t: float) -> None:
-    """Lets the physics take over what has been learnt, at the parameters' own rate, or at once where that is much.
+    """Let the physics take over what has been learnt, at the parameters' own rate, or at once where that is much.
 
     Args:
         core: its belief is changed.
@@ -52,7 +52,7 @@ def release(core: Core, t: float) -> None:
 
 
 def gather(core: Core, H: Array, weighted: Array) -> None:
-    """Adds a reading's share to the gradient: how the step that led to it depends on θ, times S⁻¹ y.
+    """Add a reading's share to the gradient: how the step that led to it depends on θ, times S⁻¹ y.
 
     Args:
         core: its belief is changed.

@@ -67,7 +67,7 @@ class Standing:
 def standings(
     parameters: ParameterSet, theta: Array, covariance: Array, joints: Sequence[str], rule: str = "covariance"
 ) -> list[Standing]:
-    """How all parameters stand.
+    """Return how all parameters stand.
 
     Args:
         parameters: what θ means.
@@ -92,7 +92,7 @@ def standings(
 
 
 def at_bound(parameters: ParameterSet, theta: Array) -> np.ndarray:
-    """(p,) which parameters cannot be moved further one way or the other, the rest being as they are.
+    """Return (p,) which parameters cannot be moved further one way or the other, the rest being as they are.
 
     Args:
         parameters: with their bounds.

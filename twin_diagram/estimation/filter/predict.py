@@ -43,7 +43,7 @@ TUNING = Tuning()
 
 
 def propagate(core: Core, u: Array, dt: float, torque_std: Array | float) -> None:
-    """Moves the belief on by dt, in steps of `LONGEST_STEP` at most.
+    """Move the belief on by dt, in steps of `LONGEST_STEP` at most.
 
     Args:
         core: its belief and history are changed.
@@ -131,7 +131,7 @@ def _once(core: Core, u: Array, dt: float, torque_std: Array | float) -> None:
 
 
 def unmodelled(core: Core, jump: Array | float) -> Array:
-    """Covariance (N, N) that an unmodelled torque of the effort limits' size adds in the newest step.
+    """Return the covariance (N, N) that an unmodelled torque of the effort limits' size adds in the newest step.
 
     When within the step it began is not known: a jump of speed moves a joint by 0 to dt times that.
 

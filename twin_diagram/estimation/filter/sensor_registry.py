@@ -53,7 +53,7 @@ class Declared:
         self.sizes: tuple[int, ...] = ()
 
     def add(self, sensor: Sensor, start: int, payload: slice | None) -> None:
-        """Adds one.
+        """Add one.
 
         Args:
             sensor: its model.
@@ -72,19 +72,19 @@ class Declared:
         self.sizes = (*self.sizes, sensor.size)
 
     def prior(self) -> Array:
-        """(own,) variances that the sensors' own states start with."""
+        """Return (own,) variances that the sensors' own states start with."""
         return np.concatenate([np.zeros(0), *(sensor.own_std() ** 2 for sensor in self.sensors.values())])
 
     def walk(self) -> Array:
-        """(own,) variances that they gain per second."""
+        """Return (own,) variances that they gain per second."""
         return np.concatenate([np.zeros(0), *(sensor.own_walk() ** 2 for sensor in self.sensors.values())])
 
     def labels(self) -> list[str]:
-        """(own,) names with units."""
+        """Return (own,) names with units."""
         return [label for sensor in self.sensors.values() for label in sensor.own_labels()]
 
     def track(self, belief: Belief, sensor: Sensor) -> Array | None:
-        """The track record of a sensor, a view; None for the arm's own."""
+        """Return the track record of a sensor, a view; None for the arm's own."""
         for other, track in zip(self.sensors.values(), belief.tracks, strict=True):
             if other is sensor:
                 return track
@@ -97,7 +97,7 @@ class Declared:
             track[Track.LAST] = min(track[Track.LAST], t)
 
     def vouched(self, belief: Belief, sensor: Sensor | None, t: float) -> bool:
-        """Whether another sensor than this one told of the state within `VOUCHED` before t."""
+        """Return whether another sensor than this one told of the state within `VOUCHED` before t."""
         heard = [track[Track.LAST] for track in belief.tracks]
         if sensor is not None:
             heard = [last for last, other in zip(heard, self.sensors.values(), strict=True) if other is not sensor]
@@ -105,7 +105,7 @@ class Declared:
         return any(last > t - TUNING.vouched for last in heard if last != NEVER)
 
     def suspicion(self, belief: Belief) -> dict[str, float]:
-        """How strongly each sensor contradicts the rest, over the threshold: above 1 it does.
+        """Return how strongly each sensor contradicts the rest, over the threshold: above 1 it does.
 
         Two signs: the mean of its whitened innovations over some tens of readings, which a slow pull moves long before
         a single reading leaves its gate, and a bias that has left what its prior allows.
@@ -120,7 +120,7 @@ class Declared:
         return found
 
     def odd_one_out(self, belief: Belief) -> str | None:
-        """Which sensor is wrong, by majority; `joints` where all others agree against the arm's own.
+        """Return which sensor is wrong, by majority; `joints` where all others agree against the arm's own.
 
         With one further sensor alone two stand against each other, and no majority exists: it is the one named, since
         the state hangs on the encoders.
@@ -133,7 +133,7 @@ class Declared:
 
 
 def note(track: Array, white: Array, nis: float, t: float, accepted: bool) -> None:
-    """Brings a track record up to date.
+    """Bring a track record up to date.
 
     Args:
         track: the record, in place.

@@ -32,7 +32,7 @@ TUNING = Tuning()
 def fuse(
     core: Core, sensor: Sensor, z: Array, t: float | None = None, noise: Array | None = None, explain: bool = True
 ) -> Update:
-    """Takes in a reading: see `Ekf.update`. Where that fails the filter is as it was before.
+    """Take in a reading: see `Ekf.update`. Where that fails the filter is as it was before.
 
     Raises:
         FilterError: as there.
@@ -51,7 +51,7 @@ def fuse(
 
 
 def take(core: Core, sensor: Sensor, z: Array, t: float | None, noise: Array | None, explain: bool) -> Update:
-    """Takes in a reading; a filter that fails over it is left as it then is: see `fuse`.
+    """Take in a reading; a filter that fails over it is left as it then is: see `fuse`.
 
     Raises:
         FilterError: as there.
@@ -181,7 +181,7 @@ def _late(
 
 
 def _record(core: Core, sensor: Sensor, track: Array, result: Update, t: float) -> None:
-    """Keeps a further sensor's record; a run of refusals opens what only this sensor tells."""
+    """Keep a further sensor's record; a run of refusals opens what only this sensor tells."""
     belief = core.belief
     note(track, whiten(result.covariance, result.innovation), result.nis, t, result.accepted)
     if track[Track.STREAK] < TUNING.refusals:

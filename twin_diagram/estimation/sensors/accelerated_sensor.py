@@ -28,7 +28,7 @@ class AcceleratedSensor(Sensor):
         labels: tuple[str, str],
         figures: Array,
     ) -> None:
-        """Makes the sensor.
+        """Make the sensor.
 
         Args:
             terms: the arm.
@@ -63,7 +63,7 @@ class AcceleratedSensor(Sensor):
         return Instant(x, n, 0, np.zeros(n))
 
     def _bias(self, now: Instant, H: Array) -> Array:
-        """(6,) its bias at one moment, whose derivative is entered in H (6, N); zero where not declared."""
+        """Return (6,) its bias at one moment, whose derivative is entered in H (6, N); zero where not declared."""
         if self.own.stop <= self.own.start:
             return np.zeros(6)
         H[:, self.own] = np.eye(6)

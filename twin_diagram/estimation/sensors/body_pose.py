@@ -34,7 +34,7 @@ class BodyPose(Sensor):
         bias_walk: float = 0.01,
         name: str = "camera",
     ) -> None:
-        """Makes the sensor.
+        """Make the sensor.
 
         Args:
             terms: the arm.
@@ -96,5 +96,5 @@ class BodyPose(Sensor):
         return self._bias_walk
 
     def sound(self, z: Array) -> bool:
-        """A quaternion of length 1 to within a tenth, and all finite."""
+        """Return a quaternion of length 1 to within a tenth, and all finite."""
         return super().sound(z) and abs(float(np.linalg.norm(z[:4])) - 1.0) < 0.1

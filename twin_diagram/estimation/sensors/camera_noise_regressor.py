@@ -38,7 +38,7 @@ COEFFICIENTS: Final = np.array(
 
 
 def features(covered: float, brightness: float) -> Array:
-    """What the deviations' logarithm is linear in (5,); the first alone is not zero for a good look.
+    """Return what the deviations' logarithm is linear in (5,); the first alone is not zero for a good look.
 
     Args:
         covered: share of the body's near side that is not seen, 0 to 1.
@@ -52,7 +52,7 @@ def features(covered: float, brightness: float) -> Array:
 def camera_noise(
     covered: float, brightness: float, good: Array | None = None, coefficients: Array = COEFFICIENTS
 ) -> Array:
-    """Standard deviations (6,) of a pose, rotation [rad] then position [m], for `Ekf.update`'s `noise`.
+    """Return the standard deviations (6,) of a pose, rotation [rad] then position [m], for `Ekf.update`'s `noise`.
 
     Args:
         covered: as in `features`. A look that is not finite counts as the worst.

@@ -117,7 +117,7 @@ class DepthCloud(BodyPose):
         iterations: int = 10,
         name: str = "depth",
     ) -> None:
-        """Makes the sensor.
+        """Make the sensor.
 
         Args:
             terms: the arm.
@@ -151,7 +151,7 @@ class DepthCloud(BodyPose):
         return np.asarray(self._std_0**2 + (self._growth * range_**2) ** 2)
 
     def align(self, points: Array, sensor_origin: Array, q: Array) -> tuple[Array, Array]:
-        """Aligns a cloud, from the pose that q predicts.
+        """Align a cloud, from the pose that q predicts.
 
         Args:
             points: (K, 3) in W [m]; those that are not finite are left out.
@@ -210,7 +210,7 @@ class DepthCloud(BodyPose):
         return Fit(R_WO, p_WM, information / max(1.0, ratio), scatter)
 
     def _claim(self, fit: Fit) -> tuple[Array, Array]:
-        """Pose (7,) and R (6, 6) of O: a turn about M also moves O."""
+        """Return the pose (7,) and R (6, 6) of O: a turn about M also moves O."""
         R_M = np.linalg.inv(fit.information + np.diag(np.repeat(np.array(TUNING.nothing) ** -2.0, 3))) + fit.scatter
         arm = fit.R_WO @ self._middle
         A = np.eye(6)
@@ -219,10 +219,10 @@ class DepthCloud(BodyPose):
         return z, A @ R_M @ A.T + self._noise
 
     def _square(self, variance: Array, slant: Array, doubt: Array) -> Array:
-        """Expected squares of gaps (K,) [m²] of points with a variance, met at n · ray = slant (K,)."""
+        """Return expected squares of gaps (K,) [m²] of points with a variance, met at n · ray = slant (K,)."""
         return variance
 
     def _partners(self, points: Array, origin: Array, known: object) -> Partners:
-        """What points (K, 3) in O, seen from an origin (3,), are of."""
+        """Return what points (K, 3) in O, seen from an origin (3,), are of."""
         distance, index = self._tree.query(points, distance_upper_bound=self.reach)
         return Partners(np.isfinite(distance), index, np.zeros(len(points)))

@@ -16,7 +16,7 @@ FIGURES = {"body_pose": ("std_p", "std_r"), "imu": ("gyro_std", "accel_std"), "w
 
 
 def make_sensor(terms: ArmTerms, spec: SensorSpec) -> Sensor:
-    """Makes one.
+    """Make one.
 
     Raises:
         ScenarioError: a kind that does not exist, or figures that do not fit it.

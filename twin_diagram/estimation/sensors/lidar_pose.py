@@ -73,7 +73,7 @@ class Lidar(DepthCloud):
         super().__init__(terms, body, surface, normals, name=name, **figures)  # type: ignore[arg-type]
 
     def align(self, points: Array, sensor_origin: Array, q: Array, others: Points | None = None) -> tuple[Array, Array]:
-        """Aligns a cloud, from the pose that q predicts.
+        """Align a cloud, from the pose that q predicts.
 
         Args:
             points: (K, 3) in W [m]; those that are not finite are left out.
@@ -123,7 +123,7 @@ class Lidar(DepthCloud):
 
 
 def visible(points: Array, normals: Array, origin: Array) -> np.ndarray:
-    """Which points (M, 3) of a surface are seen from an origin (3,): they face it, and no other hides them."""
+    """Return which points (M, 3) of a surface are seen from an origin (3,): they face it, and no other hides them."""
     away = points - origin
     seen = np.asarray(np.einsum("ij,ij->i", normals, away) < 0.0)
     facing = np.flatnonzero(seen)
@@ -140,7 +140,7 @@ def visible(points: Array, normals: Array, origin: Array) -> np.ndarray:
 
 
 def apart(surface: Array, others: Points, points: Array, origin: Array) -> tuple[np.ndarray, np.ndarray]:
-    """What of a link can be met beside others, and which points are surely of it, all in one frame.
+    """Return what of a link can be met beside others, and which points are surely of it, all in one frame.
 
     Args:
         surface: (M, 3) points of the link that face the lidar and do not hide each other.
@@ -171,7 +171,7 @@ def apart(surface: Array, others: Points, points: Array, origin: Array) -> tuple
 
 
 def _hidden(these: Points, those: Points, angle: float) -> np.ndarray:
-    """Which of points in directions (M, 3) at distances (M,) lie behind others."""
+    """Return which of points in directions (M, 3) at distances (M,) lie behind others."""
     if not len(these[0]) or not len(those[0]):
         return np.zeros(len(these[0]), dtype=bool)
     k = min(TUNING.candidates, len(those[0]))

@@ -35,7 +35,7 @@ class LinkImu(AcceleratedSensor):
         accel_bias_walk: float = 1e-3,
         name: str = "imu",
     ) -> None:
-        """Makes the sensor.
+        """Make the sensor.
 
         Args:
             terms: the arm.

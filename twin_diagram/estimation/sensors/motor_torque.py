@@ -17,7 +17,7 @@ class MotorTorque(Sensor):
     """
 
     def __init__(self, n: int, std: Array | float = 0.1, model_std: Array | float = 0.3, name: str = "torque") -> None:
-        """Makes the sensor.
+        """Make the sensor.
 
         Args:
             n: number of joints.

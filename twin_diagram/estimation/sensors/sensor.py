@@ -123,11 +123,11 @@ class Sensor(ABC):
         return Linear(self.reading(now.x), self.jacobian(now.x), self.noise(now.x))
 
     def innovation(self, z: Array, reading: Array) -> Array:
-        """(m,) what z (length,) says beyond the reading expected."""
+        """Return (m,) what z (length,) says beyond the reading expected."""
         return z - reading
 
     def sound(self, z: Array) -> bool:
-        """Whether z (length,) can be a reading at all."""
+        """Return whether z (length,) can be a reading at all."""
         return bool(np.all(np.abs(z) < TUNING.absurd))  # NaN compares false
 
     def declare(self, own: slice, payload: slice | None) -> None:
@@ -137,11 +137,11 @@ class Sensor(ABC):
     # A sensor's own states.
 
     def own_labels(self) -> list[str]:
-        """Names of its own states with units."""
+        """Return the names of its own states with units."""
         return []
 
     def own_std(self) -> Array:
-        """Standard deviations that its own states start with; their mean is zero."""
+        """Return the standard deviations that its own states start with; their mean is zero."""
         return np.zeros(0)
 
     def own_walk(self) -> Array:

@@ -51,7 +51,7 @@ class WristWrench(AcceleratedSensor):
         moment_bias_walk: float = 0.0003,
         name: str = "wrench",
     ) -> None:
-        """Makes the sensor.
+        """Make the sensor.
 
         Args:
             terms: the arm.
@@ -135,13 +135,15 @@ class WristWrench(AcceleratedSensor):
         return Linear(reading, H, R)
 
     def _accelerations(self, motion: Motion, a: Array) -> tuple[Array, Array]:
-        """(3,) acceleration less gravity of S's origin and (3,) angular acceleration, in S."""
+        """Return (3,) acceleration less gravity of S's origin and (3,) angular acceleration, in S."""
         R_SW = motion.R_WF.T
         lift = R_SW @ (motion.J_v @ a + motion.bias_a - self._gravity)
         return lift, R_SW @ (motion.J_w @ a + motion.bias_alpha)
 
     def _second_order(self, J: Array, now: Instant, at: slice) -> tuple[Array, Array]:
-        """What the first order leaves out: the wrench is a load times an acceleration, and either may be unknown.
+        """Return what the first order leaves out.
+
+        The wrench is a load times an acceleration, and either may be unknown.
 
         Mean and covariance of a product of two Gaussians about their means; without them the first readings of an
         unknown load would be believed to the digit, whatever the acceleration then was.
@@ -169,7 +171,7 @@ class WristWrench(AcceleratedSensor):
 
 
 def wrench_regressor(lift: Array, alpha: Array, omega: Array) -> Array:
-    """(6, 4): moment and force about S's origin per mass and first moment of a point-like load, all in S.
+    """Return (6, 4): moment and force about S's origin per mass and first moment of a point-like load, all in S.
 
     force = m (a − g) + α × mc + ω × (ω × mc), moment = mc × (a − g); `point_moment` has the rest of it.
     """
@@ -182,7 +184,7 @@ def wrench_regressor(lift: Array, alpha: Array, omega: Array) -> Array:
 
 
 def _product() -> Array:
-    """(6, 24): how load and acceleration make a wrench; `wrench_regressor` without spin, taken apart."""
+    """Return (6, 24): how load and acceleration make a wrench; `wrench_regressor` without spin, taken apart."""
     parts = np.zeros((6, 4, 6))
     for k in range(6):
         motion = np.eye(6)[k]
@@ -194,7 +196,9 @@ PRODUCT: Final = _product()
 
 
 def point_moment(load: Array, turning: Array) -> tuple[Array, Array]:
-    """Moment (3,) about S's origin that turns a point-like load, m c × (α × c + ω × (ω × c)), and its derivative.
+    """Return the moment (3,) about S's origin that turns a point-like load, and its derivative.
+
+    The moment is m c × (α × c + ω × (ω × c)).
 
     Args:
         load: (4,) mass and first moment about S's origin.
@@ -213,7 +217,7 @@ def point_moment(load: Array, turning: Array) -> tuple[Array, Array]:
 
 
 def _swing(load: Array) -> Array:
-    """(3, 3) inertia of a point-like load about S's origin [kg·m²]."""
+    """Return (3, 3) inertia of a point-like load about S's origin [kg·m²]."""
     mass, centre = _point(load)
     return np.asarray(-mass * skew(centre) @ skew(centre))
 
@@ -224,5 +228,5 @@ def _point(load: Array) -> tuple[float, Array]:
 
 
 def _turn(motion: Motion, R_SW: Array, lift: Array) -> Array:
-    """(3, n) of lift in S by q where the link turns: R_SW (w × J_w dq), with w = lift in W."""
+    """Return (3, n) of lift in S by q where the link turns: R_SW (w × J_w dq), with w = lift in W."""
     return np.asarray(R_SW @ (skew(R_SW.T @ lift) @ motion.J_w))

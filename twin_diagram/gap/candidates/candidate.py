@@ -67,17 +67,17 @@ class Candidate:
         return self.name, self.joints, self.links
 
     def allows(self, coefficients: Array) -> bool:
-        """Whether coefficients are physical."""
+        """Return whether coefficients are physical."""
         inside = bool(np.all(coefficients >= self.lower) and np.all(coefficients <= self.upper))
         return inside and (self.admits is None or self.admits(coefficients))
 
     def during(self, active: Array, onset: tuple[int, float] | None, end: tuple[int, float] | None) -> Candidate:
-        """The same, acting only where `active` (ΣD,) is 1."""
+        """Return the same, acting only where `active` (ΣD,) is 1."""
         return replace(self, columns=self.columns * active[:, None, None], onset=onset, end=end)
 
 
 def linear(*keys: str, scale: float = 1.0) -> Callable[[Array, Array], Values]:
-    """Parameters that are the coefficients themselves, times a constant."""
+    """Return the parameters that are the coefficients themselves, times a constant."""
 
     def values(coefficients: Array, covariance: Array) -> Values:
         std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -87,7 +87,7 @@ def linear(*keys: str, scale: float = 1.0) -> Callable[[Array, Array], Values]:
 
 
 def transformed(function: Callable[[Array], dict[str, Array]]) -> Callable[[Array, Array], Values]:
-    """Parameters that are smooth functions of the coefficients; errors by the first-order law."""
+    """Return the parameters that are smooth functions of the coefficients; errors by the first-order law."""
 
     def values(coefficients: Array, covariance: Array) -> Values:
         centre = {key: np.atleast_1d(value) for key, value in function(coefficients).items()}

@@ -11,7 +11,10 @@ from twin_diagram.signals.arrays import Array
 
 
 def link_inertia(model: Model, link: str) -> tuple[float, Array, Array]:
-    """Mass, centre and inertia about it (6,) of a link alone, in its frame, with what the model adds to it."""
+    """Return the mass, centre and inertia about it of a link alone, in its frame.
+
+    Mass, centre (3,) and inertia (6,), with what the model adds to the link.
+    """
     body = model.plant.GetBodyByName(link)
     mass, centre, inertia = about_centre(rigid_tree.inertia_vector(body.default_spatial_inertia(), RigidTransform()))
     for effect in model.present:

@@ -29,7 +29,7 @@ TUNING = Tuning()
 
 
 def nuisances(terms: Terms) -> list[Candidate]:
-    """One per joint that has dry friction, as far as is known, and turns."""
+    """Return one per joint that has dry friction, as far as is known, and turns."""
     made = (_nuisance(terms, j) for j in np.flatnonzero(terms.dry_level > 0.0).tolist())
     return [candidate for candidate in made if candidate is not None]
 
@@ -54,7 +54,10 @@ def _nuisance(terms: Terms, j: int) -> Candidate | None:
 
 
 def _shapes(record: Record, j: int, spans: list[tuple[int, int]]) -> Array:
-    """(N, 2) of unit height: against the motion before a turn, all along it and in its first half less its second."""
+    """Return (N, 2) of unit height: against the motion before a turn.
+
+    All along it and in its first half less its second.
+    """
     result = np.zeros((len(record.time), 2))
     for first, last in spans:
         before = np.sign(record.v[first - 1, j])

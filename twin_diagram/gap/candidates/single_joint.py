@@ -89,7 +89,7 @@ TUNING = Tuning()
 
 
 def joint_candidates(terms: Terms) -> list[Candidate]:
-    """All of them but ripples (`ripples`), which are many."""
+    """Return all of them but ripples (`ripples`), which are many."""
     builder = _Builder(terms)
     for part in (
         builder.friction,
@@ -114,7 +114,7 @@ def single(
     upper: list[float] | None = None,
     **others: Any,
 ) -> Candidate | None:
-    """A candidate on one joint; none where its columns, (ΣD,) each, vanish."""
+    """Return a candidate on one joint; none where its columns, (ΣD,) each, vanish."""
     stacked = np.stack(columns, axis=-1)
     size = np.sqrt(np.mean(stacked**2, axis=0))
     if not np.all(size > 1e-12):
@@ -160,7 +160,7 @@ def stribeck(terms: Terms, j: int, speed: float) -> Candidate | None:
 
 
 def saturation(terms: Terms, j: int, limit: float) -> Candidate | None:
-    """Torque logged beyond a limit."""
+    """Return the torque logged beyond a limit."""
     asked = [tau[:, j] for tau in terms.asked_torque]
     beyond = np.concatenate([np.abs(tau) - limit for tau in asked])
     share = float(np.mean(beyond > 0.0))
@@ -356,7 +356,7 @@ def count_step(terms: Terms, j: int) -> float:
 
 
 def ripple_counts(terms: Terms, j: int) -> Array:
-    """Counts that are tried.
+    """Count that are tried.
 
     They begin above one ripple in the joint's range, and end where its speed takes most of a ripple out of the band.
     """
@@ -369,7 +369,7 @@ def ripple_counts(terms: Terms, j: int) -> Array:
 
 
 def ripple_columns(terms: Terms, j: int, counts: Array) -> Array:
-    """(ΣD, 2 M): sines, then cosines."""
+    """Return (ΣD, 2 M): sines, then cosines."""
     parts = []
     for record in terms.records.records:
         angle = record.q[:, j, None] * counts
@@ -378,7 +378,7 @@ def ripple_columns(terms: Terms, j: int, counts: Array) -> Array:
 
 
 def ripple(terms: Terms, j: int, count: float) -> Candidate | None:
-    """The candidate of one count; none below those that are tried."""
+    """Return the candidate of one count; none below those that are tried."""
     tried = ripple_counts(terms, j)
     if len(tried) and count < TUNING.lowest * tried[0]:
         return None

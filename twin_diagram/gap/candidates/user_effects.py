@@ -41,7 +41,7 @@ TUNING = Tuning()
 
 
 def own_candidates(terms: Terms) -> list[Candidate]:
-    """Those of every registered effect that does not come along with this package, on every joint."""
+    """Return those of every registered effect that does not come along with this package, on every joint."""
     made = []
     for cls in REGISTRY.values():
         if cls.__module__.startswith(COME_ALONG) or not cls.per_joint or not _plain(cls):
@@ -85,7 +85,7 @@ def _candidate(terms: Terms, cls: type[Effect], j: int) -> Candidate | None:
 
 
 def _torque(terms: Terms, cls: type[Effect], j: int, record: Record, load: Array, values: Array) -> Array:
-    """(N, n) of an effect with such values; bounds do not matter here."""
+    """Return (N, n) of an effect with such values; bounds do not matter here."""
     model = terms.records.model
     inside = [min(max(1.0, kind.lower), kind.upper) for kind in cls.kinds.values()]
     parameters = {key: [value] for key, value in zip(cls.kinds, inside, strict=True)}
@@ -95,7 +95,7 @@ def _torque(terms: Terms, cls: type[Effect], j: int, record: Record, load: Array
 
 
 def _linear(terms: Terms, cls: type[Effect], j: int) -> bool:
-    """Whether torques add up and scale with the parameters, on some samples."""
+    """Return whether torques add up and scale with the parameters, on some samples."""
     record, load = terms.records.records[0], terms.load[0]
     chosen = np.linspace(0, len(record.time) - 1, min(TUNING.samples, len(record.time))).astype(int)
     some = _Some(record.q[chosen], record.v[chosen], record.a[chosen])

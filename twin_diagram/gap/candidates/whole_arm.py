@@ -38,7 +38,7 @@ TUNING = Tuning()
 
 
 def arm_candidates(terms: Terms) -> list[Candidate]:
-    """All of them."""
+    """Return all of them."""
     made: list[Candidate | None] = [
         payload(terms),
         bulky_payload(terms),
@@ -52,23 +52,23 @@ def arm_candidates(terms: Terms) -> list[Candidate]:
 
 
 def reach(terms: Terms) -> float:
-    """Length of the arm [m]."""
+    """Return the length of the arm [m]."""
     return float(np.sum(np.linalg.norm(terms.records.model.tree.p_PF, axis=1))) + 0.1
 
 
 def mass_scale(terms: Terms) -> float:
-    """What a mass that is missing may weigh [kg]."""
+    """Return what a mass that is missing may weigh [kg]."""
     return 0.3 * float(np.max(terms.records.model.tree.inertia[:, 0])) + 0.5
 
 
 def inertia_spread(terms: Terms) -> Array:
-    """(10,) prior of inertial parameters."""
+    """Return (10,) prior of inertial parameters."""
     m, length = mass_scale(terms), reach(terms)
     return np.concatenate([[m], np.full(3, 0.1 * m * length), np.full(6, m * (0.12 * length) ** 2)])
 
 
 def link_spread(terms: Terms, body: int) -> Array:
-    """(10,) prior of what is wrong with one link's inertia: of the order of that inertia."""
+    """Return (10,) prior of what is wrong with one link's inertia: of the order of that inertia."""
     own = np.array(terms.records.model.tree.inertia[body], dtype=float)
     mass = 0.5 * own[0] + 0.02 * mass_scale(terms)
     size = float(np.sqrt(max(float(np.sum(own[4:7])), 0.0) / max(own[0], 1e-9)))
@@ -77,19 +77,19 @@ def link_spread(terms: Terms, body: int) -> Array:
 
 
 def in_link_frame(terms: Terms, body: int) -> Array:
-    """(ΣD, n, 10) torque per inertial parameter in the frame of the body's own link."""
+    """Return (ΣD, n, 10) torque per inertial parameter in the frame of the body's own link."""
     model = terms.records.model
     _, X_ML = model.bodies.body_of(model.tree.link[body])
     return terms.rigid_all[body] @ rigid_tree.transform_inertia(X_ML)
 
 
 def last_body(terms: Terms) -> int:
-    """Which body carries the last link."""
+    """Return which body carries the last link."""
     return int(terms.records.model.bodies.body_of(terms.records.model.last_link)[0])
 
 
 def payload(terms: Terms, centre: Array | None = None) -> Candidate:
-    """A mass at the last link: coefficients m and m·c; `centre` sets the inertia that a unit mass brings."""
+    """Return a mass at the last link: coefficients m and m·c; `centre` sets the inertia that a unit mass brings."""
     body = last_body(terms)
     full = in_link_frame(terms, body)
     columns = full[..., :4].copy()
@@ -122,7 +122,7 @@ def payload(terms: Terms, centre: Array | None = None) -> Candidate:
 
 
 def bulky_payload(terms: Terms) -> Candidate:
-    """A payload that is no point: its inertia is free, and not reported."""
+    """Return a payload that is no point: its inertia is free, and not reported."""
     point = payload(terms)
     columns = in_link_frame(terms, last_body(terms))
     return replace(
@@ -137,7 +137,7 @@ def bulky_payload(terms: Terms) -> Candidate:
 
 
 def inertial_parameters(terms: Terms) -> list[Candidate]:
-    """Ten differences per link; at the last one only what is no payload."""
+    """Return ten differences per link; at the last one only what is no payload."""
     model = terms.records.model
     far = 0.35 * reach(terms)
     result = []
@@ -173,13 +173,16 @@ def inertial_parameters(terms: Terms) -> list[Candidate]:
 
 
 def turns_only(full: Array) -> bool:
-    """Whether a body shows one number only: then it turns about one axis, like a rotor, which is the better name."""
+    """Return whether a body shows one number only.
+
+    Then it turns about one axis, like a rotor, which is the better name.
+    """
     columns = full.reshape(-1, full.shape[2])
     return int(np.linalg.matrix_rank(columns.T @ columns, tol=1e-9 * float(np.sum(columns**2)), hermitian=True)) < 2
 
 
 def _inertia_values(mass: float, centre: Array, inertia: Array) -> Callable[[Array, Array], Values]:
-    """The effect's differences, about the link's centre, from those about its origin."""
+    """Return the effect's differences, about the link's centre, from those about its origin."""
     present = about_origin(mass, centre, inertia)
 
     def values(c: Array) -> dict[str, Array]:
@@ -221,7 +224,10 @@ def tilt(terms: Terms, about: Array | None = None) -> Candidate:
 
 
 def delay_columns(terms: Terms, about: float = 0.0) -> Array:
-    """(ΣD, n, 1) rate of the transmitted torque: what a delay of a second would add, to first order about `about`/2."""
+    """Return (ΣD, n, 1) rate of the transmitted torque.
+
+    What a delay of a second would add, to first order about `about`/2.
+    """
     parts = []
     for load, record in zip(terms.load, terms.records.records, strict=True):
         if about == 0.0:
@@ -233,7 +239,7 @@ def delay_columns(terms: Terms, about: float = 0.0) -> Array:
 
 
 def delay(terms: Terms, longest: float, about: float = 0.0) -> Candidate:
-    """Logged torque that acts later: applied(t) = logged(t − d), so logged(t) = needed(t + d)."""
+    """Return the logged torque that acts later: applied(t) = logged(t − d), so logged(t) = needed(t + d)."""
     period = max(record.period for record in terms.records.records)
     return Candidate(
         name="time_delay",
@@ -249,7 +255,7 @@ def delay(terms: Terms, longest: float, about: float = 0.0) -> Candidate:
 
 
 def timing_nuisance(terms: Terms) -> Candidate:
-    """A delay below a log sample: a held command and an integrator's step look like one, and it is no effect."""
+    """Return a delay below a log sample: a held command and an integrator's step look like one, and it is no effect."""
     period = max(record.period for record in terms.records.records)
     return replace(
         delay(terms, TUNING.longest_delay),
@@ -261,7 +267,7 @@ def timing_nuisance(terms: Terms) -> Candidate:
 
 
 def encoder_offsets(terms: Terms) -> list[Candidate]:
-    """True position = measured − offset, on each joint."""
+    """Return true position = measured − offset, on each joint."""
     made = (encoder_offset(terms, j) for j in range(terms.records.n))
     return [candidate for candidate in made if candidate is not None]
 
@@ -295,7 +301,10 @@ def encoder_offset(terms: Terms, j: int, about: float = 0.0) -> Candidate | None
 
 
 def external_forces(terms: Terms) -> list[Candidate]:
-    """A constant wrench at each link's origin, world axes, force first; they act once they have a span of time."""
+    """Return a constant wrench at each link's origin, world axes, force first.
+
+    They act once they have a span of time.
+    """
     model = terms.records.model
     tree = model.tree
     weight = 9.81 * mass_scale(terms)

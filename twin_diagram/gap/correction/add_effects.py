@@ -83,7 +83,7 @@ class Added:
 
 
 def add(given: Model, logs: Sequence[Log], findings: Sequence[Finding], say: Say | None = None) -> Added:
-    """Refines named effects and adds them.
+    """Refine named effects and adds them.
 
     Args:
         given: with the logs' joints in the logs' order.
@@ -126,7 +126,7 @@ def _added(given: Model, logs: Sequence[Log], marks: Sequence[str], findings: Se
         return tuple(_told(findings[k], hypothesis, mine[k], vector, covariance) for k in range(len(findings)))
 
     def kept(*notes: str) -> Added:
-        """The rough parameters; how far the refined ones went from them counts as doubt."""
+        """Return the rough parameters; how far the refined ones went from them counts as doubt."""
         doubt = np.diag(np.square(torques.vector - first.start()))
         return Added(rough, told(_timed_roughly(first), first.start(), torques.covariance + doubt), notes)
 
@@ -152,7 +152,7 @@ def _added(given: Model, logs: Sequence[Log], marks: Sequence[str], findings: Se
 
 
 def _timed_roughly(hypothesis: Hypothesis) -> Hypothesis:
-    """The same, its onsets and ends as uncertain as those of a search."""
+    """Return the same, its onsets and ends as uncertain as those of a search."""
 
     def timed(part: Coordinates) -> Coordinates:
         return part.at(replace(part.when, onset_std=ONSET_TIMES.roughly, end_std=ONSET_TIMES.roughly))
@@ -161,7 +161,7 @@ def _timed_roughly(hypothesis: Hypothesis) -> Hypothesis:
 
 
 def _plain(rough: Hypothesis, logs: Sequence[Log]) -> tuple[Hypothesis, Solution] | None:
-    """Least squares of what is left, whatever its colour; none where no such parameters can be."""
+    """Return the least squares of what is left, whatever its colour; none where no such parameters can be."""
     try:
         hypothesis, solution = by_torque(rough, logs, coloured=False)
         hypothesis.model(solution.vector)
@@ -171,7 +171,10 @@ def _plain(rough: Hypothesis, logs: Sequence[Log]) -> tuple[Hypothesis, Solution
 
 
 def _left(model: Model, logs: Sequence[Log]) -> float:
-    """Sum over joints of the logarithm of the residual torque, all runs together: free of the joints' scales."""
+    """Return the sum over joints of the logarithm of the residual torque, all runs together.
+
+    Free of the joints' scales.
+    """
     squares = np.mean([torque_residual_rms(model, log) ** 2 for log in logs], axis=0)
     return float(0.5 * np.sum(np.log(np.maximum(squares, 1e-24))))
 
@@ -196,7 +199,7 @@ def chosen(hypothesis: Hypothesis, solutions: Sequence[Solution]) -> tuple[Array
 
 
 def _told(finding: Finding, hypothesis: Hypothesis, mine: Sequence[int], vector: Array, covariance: Array) -> Finding:
-    """A finding with the parameters of its effects."""
+    """Return a finding with the parameters of its effects."""
     told: dict[str, Estimate | dict[str, Estimate]] = {}
     slices, prismatic = hypothesis.slices(), hypothesis.given.prismatic
     for i in mine:

@@ -78,29 +78,29 @@ class Hypothesis:
         return [slice(int(a), int(b)) for a, b in itertools.pairwise(ends)]
 
     def start(self) -> Array:
-        """The rough values (p,)."""
+        """Return the rough values (p,)."""
         return np.concatenate([part.start() for part in self.parts])
 
     def prior(self) -> tuple[Array, Array]:
-        """Mean and deviation (p,)."""
+        """Return the mean and deviation (p,)."""
         both = [part.prior() for part in self.parts]
         return np.concatenate([a for a, _ in both]), np.concatenate([b for _, b in both])
 
     def steps(self) -> Array:
-        """(p,) of finite differences."""
+        """Return (p,) of finite differences."""
         return 1e-3 * np.maximum(np.abs(self.start()), 1e-2)
 
     def at(self, vector: Array) -> Hypothesis:
-        """The same, started from other coordinates; their wide priors go along."""
+        """Return the same, started from other coordinates; their wide priors go along."""
         specs = self.specs(vector)
         return replace(self, parts=tuple(part.started(spec) for part, spec in zip(self.parts, specs, strict=True)))
 
     def specs(self, vector: Array) -> list[EffectSpec]:
-        """The effects, relative to the given model."""
+        """Return the effects, relative to the given model."""
         return [part.effect(vector[s]) for part, s in zip(self.parts, self.slices(), strict=True)]
 
     def model(self, vector: Array) -> Model:
-        """The corrected model.
+        """Return the corrected model.
 
         Raises:
             ModelError: these values cannot be.
@@ -133,7 +133,7 @@ def by_torque(hypothesis: Hypothesis, logs: Sequence[Log], *, coloured: bool = T
 
 
 def coarser(records: Records) -> Records:
-    """The same at no more samples than smooth motions need; what is reduced from them is at the same times."""
+    """Return the same at no more samples than smooth motions need; what is reduced from them is at the same times."""
 
     def thinned(record: Record) -> Record:
         stride = int(record.kept[1] - record.kept[0])
@@ -161,12 +161,15 @@ def coarser(records: Records) -> Records:
 
 
 def _left(hypothesis: Hypothesis, vector: Array, records: Records, marks: Sequence[str]) -> Array:
-    """Logged less needed torque (ΣD, n)."""
+    """Return the logged less needed torque (ΣD, n)."""
     return left_by(hypothesis.model(vector), records, marks)
 
 
 def left_by(model: Model, records: Records, marks: Sequence[str]) -> Array:
-    """Logged less needed torque (ΣD, n) of a model [N·m]; `marks` are the fingerprints of the records' logs."""
+    """Return the logged less needed torque (ΣD, n) of a model [N·m].
+
+    `marks` are the fingerprints of the records' logs.
+    """
 
     def law(record: Record) -> Array:
         run = model.for_run(marks[record.index])
@@ -256,7 +259,7 @@ def equation_error(
 
 
 def _scanned(hypothesis: Hypothesis, start: Array, residual: Callable[[Array], Array]) -> Array:
-    """The start, with coordinates in which the residual rings brought near to their best."""
+    """Return the start, with coordinates in which the residual rings brought near to their best."""
     best, least = start, float(np.sum(residual(start) ** 2))
     for part, s in zip(hypothesis.parts, hypothesis.slices(), strict=True):
         key = SCANNED.get(part.spec.name)

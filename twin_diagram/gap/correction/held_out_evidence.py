@@ -32,7 +32,7 @@ TUNING = Tuning()
 
 
 def confirmed(given: Model, corrected: Model, held: Log) -> bool:
-    """Whether a run that was fitted by neither is clearly likelier with the corrected model.
+    """Return whether a run that was fitted by neither is clearly likelier with the corrected model.
 
     Each residual is held to be noise of a colour of its own.
     """

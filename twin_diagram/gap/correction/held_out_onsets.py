@@ -39,7 +39,7 @@ TUNING = Tuning()
 
 
 def with_held_onsets(corrected: Model, held: Log, noise_floor: Array) -> tuple[Model, list[str]]:
-    """The corrected model, told of onsets and ends within the held-out run; and what was told.
+    """Return the corrected model, told of onsets and ends within the held-out run; and what was told.
 
     Args:
         corrected: with effects whose onset or end is about a fitted run.
@@ -62,7 +62,7 @@ def with_held_onsets(corrected: Model, held: Log, noise_floor: Array) -> tuple[M
 
 
 def _groups(effects: tuple[Effect, ...], mark: str) -> list[list[int]]:
-    """Indices of effects that start or end together in some other run."""
+    """Return the indices of effects that start or end together in some other run."""
     timed = [
         (effect.log, when, k)
         for k, effect in enumerate(effects)

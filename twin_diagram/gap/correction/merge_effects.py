@@ -44,7 +44,7 @@ LEADING = (
 
 
 def merged(present: Iterable[Effect], added: Iterable[EffectSpec]) -> list[Effect]:
-    """The effects of a model that had `present` and lacked `added`.
+    """Return the effects of a model that had `present` and lacked `added`.
 
     Args:
         present: of the given model; those that its description states stay as they are.
@@ -62,12 +62,12 @@ def merged(present: Iterable[Effect], added: Iterable[EffectSpec]) -> list[Effec
 
 
 def _is_loss(piece: EffectSpec) -> bool:
-    """Whether a payload became less throughout."""
+    """Return whether a payload became less throughout."""
     return piece.name == "payload" and piece.onset is None and piece.end is None and piece.parameters["mass"][0] < 0.0
 
 
 def _put_down(specs: list[EffectSpec], piece: EffectSpec) -> list[EffectSpec]:
-    """Less of the lightest payload on a link that is enough, or of all of them together."""
+    """Return less of the lightest payload on a link that is enough, or of all of them together."""
     there = [
         spec
         for spec in specs
@@ -89,7 +89,7 @@ def _put_down(specs: list[EffectSpec], piece: EffectSpec) -> list[EffectSpec]:
 
 
 def _pieces(spec: EffectSpec) -> list[EffectSpec]:
-    """One per joint, where the parameters are."""
+    """Return one per joint, where the parameters are."""
     if spec.name not in PER_JOINT or len(spec.joints) < 2:
         return [spec]
     return [_on_joint(spec, k) for k in range(len(spec.joints))]
@@ -141,12 +141,12 @@ def _add(specs: list[EffectSpec], piece: EffectSpec) -> list[EffectSpec]:
 
 
 def _alike(spec: EffectSpec, piece: EffectSpec) -> bool:
-    """Whether there is friction of the same kind for a piece to be taken off."""
+    """Return whether there is friction of the same kind for a piece to be taken off."""
     return spec.name == piece.name and spec.onset is None and spec.end is None and piece.joints[0] in spec.joints
 
 
 def _wears(spec: EffectSpec, piece: EffectSpec) -> bool:
-    """Whether dry friction that became less is that of a Stribeck curve, whose level it is."""
+    """Return whether dry friction that became less is that of a Stribeck curve, whose level it is."""
     dry = piece.name == "coulomb_friction" and set(piece.parameters) == {"torque"} and is_less(piece)
     return dry and spec.name == "stribeck_friction" and piece.joints[0] in spec.joints
 
@@ -162,7 +162,7 @@ def _worn(here: dict[str, list[float]], more: dict[str, list[float]]) -> dict[st
 
 
 def is_less(piece: EffectSpec) -> bool:
-    """Whether a piece takes away, which no effect can do alone."""
+    """Return whether a piece takes away, which no effect can do alone."""
     return any(value < 0.0 for key in LEADING for value in piece.parameters.get(key, [])) and piece.name in POSITIVE
 
 
@@ -192,7 +192,10 @@ def _springs(here: dict[str, list[float]], more: dict[str, list[float]]) -> dict
 
 
 def _loads(here: dict[str, list[float]], more: dict[str, list[float]]) -> dict[str, list[float]] | None:
-    """Two payloads weigh as one; their inertia is not that of one point, so only a loss is taken off what was there."""
+    """Take a loss off a payload that was there.
+
+    Two payloads weigh as one, but their inertia is not that of one point.
+    """
     lost = more["mass"][0]
     if lost >= 0.0:
         return None

@@ -15,7 +15,7 @@ from twin_diagram.scenario import EffectSpec
 
 
 def specs_of(finding: Finding, fingerprints: Sequence[str] = ()) -> list[EffectSpec]:
-    """One specification, or several where joints hold different parameters (a curve here, a stiffness there).
+    """Return one specification, or several where joints hold different parameters (a curve here, a stiffness there).
 
     Args:
         finding: named.
@@ -62,7 +62,7 @@ def specs_of(finding: Finding, fingerprints: Sequence[str] = ()) -> list[EffectS
 
 
 def effects_of(finding: Finding, fingerprints: Sequence[str] = ()) -> list[Effect]:
-    """The same as effects.
+    """Return the same as effects.
 
     Raises:
         ModelError: parameters that do not fit the catalogue.
@@ -71,7 +71,7 @@ def effects_of(finding: Finding, fingerprints: Sequence[str] = ()) -> list[Effec
 
 
 def sentence_of(finding: Finding, prismatic: Collection[str] = ()) -> str:
-    """What a finding says: its effects' own sentences, or what is less of where the given model has too much.
+    """Return what a finding says: its effects' own sentences, or what is less of where the given model has too much.
 
     Args:
         finding: named.
@@ -88,7 +88,7 @@ def sentence_of(finding: Finding, prismatic: Collection[str] = ()) -> str:
 
 
 def amount_of(finding: Finding) -> str:
-    """Whether the arm has `more` of an effect than the given model, `less`, or more here and less there: `other`."""
+    """Return whether the arm has `more` of an effect than the given model, `less`, or, on different joints, `other`."""
     if finding.name not in POSITIVE:
         return "more"
     values = [x for spec in specs_of(finding) for key in LEADING for x in spec.parameters.get(key, [])]

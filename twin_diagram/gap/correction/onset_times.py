@@ -58,7 +58,7 @@ ALWAYS = When(None, None)
 def retimed(
     when: When, present: Model, absent: Model, record: Record, records: Records, whitener: Whitener, weights: Array
 ) -> When:
-    """The times at which switching an effect on and off leaves least.
+    """Return the times at which switching an effect on and off leaves least.
 
     Args:
         when: rough.
@@ -115,7 +115,7 @@ def retimed(
 
 
 def _least(law: Callable[[float], float], rough: float, first: float, last: float) -> tuple[float, float]:
-    """Where a cost (half of a sum of squares, in units of the noise) is least near a rough time, and how surely."""
+    """Return where a cost, half of a sum of squares over the noise, is least near a rough time, and how surely."""
     tries: Array = rough + np.arange(-TUNING.reach, TUNING.reach + 0.5 * TUNING.coarse, TUNING.coarse, dtype=np.float64)
     tries = tries[(tries > first) & (tries < last)]
     if not len(tries):
@@ -132,7 +132,7 @@ def _least(law: Callable[[float], float], rough: float, first: float, last: floa
 
 
 def _spread(tries: Array, costs: Sequence[float] | Array, least: float, at: float) -> float:
-    """Standard deviation of the times when each is as likely as its cost says."""
+    """Return the standard deviation of the times when each is as likely as its cost says."""
     times = np.append(tries, at)
     likelihood = np.exp(least - np.append(costs, least))
     order = np.argsort(times)

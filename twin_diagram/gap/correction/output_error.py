@@ -50,7 +50,7 @@ def output_error(hypothesis: Hypothesis, logs: Sequence[Log]) -> Solution:
     start = hypothesis.start()
 
     def errors(vector: Array) -> list[Array]:
-        """Those of runs that look at their rollouts equally often, put together: each (windows, looks, n)."""
+        """Return those of runs that look at their rollouts equally often, put together: each (windows, looks, n)."""
         model = hypothesis.model(vector)
         each = [shot.errors(model) for shot in shots]
         return [
@@ -74,7 +74,7 @@ def output_error(hypothesis: Hypothesis, logs: Sequence[Log]) -> Solution:
 
 
 def _whiteners(errors: Array) -> Array:
-    """(n, looks, looks) of each joint's errors (windows, looks, n) along a rollout."""
+    """Return (n, looks, looks) of each joint's errors (windows, looks, n) along a rollout."""
     windows, looks, n = errors.shape
     whiteners = []
     for j in range(n):
@@ -108,7 +108,10 @@ class _Shots:
         return _Shots(smooth, fingerprint(log), starts, steps, max(1, round(TUNING.observed / period)))
 
     def errors(self, model: Model) -> Array:
-        """(windows, looks, n) measured less rolled-out positions, without what start and speed could explain [rad]."""
+        """Return (windows, looks, n) measured less rolled-out positions.
+
+        Without what start and speed could explain [rad].
+        """
         smooth, regular = self.smooth, self.smooth.log
         model = model.for_run(self.mark)
         period = (regular.time[-1] - regular.time[0]) / (len(regular) - 1)

@@ -98,7 +98,10 @@ class Coordinates:
         return np.concatenate(parts)
 
     def prior(self) -> tuple[Array, Array]:
-        """Mean and standard deviation of the coordinates; wide, but what the data say nothing of stays what it was."""
+        """Return the mean and standard deviation of the coordinates.
+
+        Wide, but what the data say nothing of stays what it was.
+        """
         if self.link is not None:
             mean = log_cholesky(*self.link)
             scale = np.concatenate([np.ones(4), np.full(6, np.exp(np.mean(mean[:4])))])
@@ -118,7 +121,7 @@ class Coordinates:
         return mean, spread
 
     def logarithmic(self, key: str) -> bool:
-        """Whether a parameter's coordinates are logarithms."""
+        """Return whether a parameter's coordinates are logarithms."""
         return key in LOGARITHMIC or (self.spec.name, key) in LOGARITHMIC
 
     def effect(self, vector: Array) -> EffectSpec:
@@ -191,7 +194,7 @@ LOST = frozenset({("actuator_fault", "gain"), ("torque_constant", "gain")})
 
 
 def log_cholesky(mass: float, centre: Array, inertia: Array) -> Array:
-    """(10,) of a body: mass, centre (3,), inertia about the centre (6,) xx, yy, zz, xy, xz, yz."""
+    """Return (10,) of a body: mass, centre (3,), inertia about the centre (6,) xx, yy, zz, xy, xz, yz."""
     tensor = _tensor(inertia)
     second = 0.5 * np.trace(tensor) * np.eye(3) - tensor + mass * np.outer(centre, centre)
     pseudo = np.zeros((4, 4))
@@ -203,7 +206,7 @@ def log_cholesky(mass: float, centre: Array, inertia: Array) -> Array:
 
 
 def from_log_cholesky(vector: Array) -> tuple[float, Array, Array]:
-    """The inverse of `log_cholesky`."""
+    """Return the inverse of `log_cholesky`."""
     factor = np.diag(np.exp(np.clip(vector[:4], -20.0, 10.0)))
     factor[np.triu_indices(4, 1)] = vector[4:]
     pseudo = factor @ factor.T
@@ -220,7 +223,7 @@ def _tensor(inertia: Array) -> Array:
 
 
 def _physical(wanted: Array, present: Array) -> Array:
-    """The wanted inertia, or as much of the way from the present one to it as is physical."""
+    """Return the wanted inertia, or as much of the way from the present one to it as is physical."""
     for share in np.linspace(1.0, 0.0, 21):
         inertia = share * wanted + (1.0 - share) * present
         moments = np.linalg.eigvalsh(_tensor(inertia))

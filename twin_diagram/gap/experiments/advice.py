@@ -24,7 +24,7 @@ TIMED = {"external_force", "actuator_fault"}
 
 
 def experiment(a: str, b: str) -> str:
-    """The experiment that would tell two names apart."""
+    """Return the experiment that would tell two names apart."""
     pair = {a, b}
     if a == b:
         return SLOW if a in DRY else FAST if a in DYNAMIC else STATIC
@@ -44,7 +44,7 @@ def experiment(a: str, b: str) -> str:
 
 
 def worded(text: str, joints: Sequence[str], prismatic: Collection[str]) -> str:
-    """An experiment's sentence as it is said of some joints: speeds and places of prismatic ones are m/s and m.
+    """Return an experiment's sentence as it is said of some joints: speeds and places of prismatic ones are m/s and m.
 
     Args:
         text: of this module.
@@ -60,6 +60,6 @@ def worded(text: str, joints: Sequence[str], prismatic: Collection[str]) -> str:
 
 
 def asked(pair: Separation, joints: Sequence[str], prismatic: Collection[str]) -> str:
-    """The experiment of a near pair, worded for the joints that the pair names, or for all of the arm's."""
+    """Return the experiment of a near pair, worded for the joints that the pair names, or for all of the arm's."""
     places = {place for claim in (pair.a, pair.b) for place in claim.partition(" on ")[2].split(", ")}
     return worded(pair.experiment, [joint for joint in joints if joint in places] or joints, prismatic)

@@ -96,7 +96,7 @@ class Experiment:
 
 
 def visited(model: Model, logs: Sequence[Log]) -> Visited:
-    """Looks at measured runs; limits of the description count where they are tighter."""
+    """Look at measured runs; limits of the description count where they are tighter."""
     runs = [motion(log) for log in logs]
     poses = np.concatenate([run.position for run in runs])
     speed = np.max([np.abs(run.velocity).max(axis=0) for run in runs], axis=0)
@@ -117,7 +117,7 @@ def visited(model: Model, logs: Sequence[Log]) -> Visited:
 
 
 def design(text: str, seen: Visited, moved: Sequence[str]) -> Experiment | None:
-    """The motion of an experiment of `gap.experiments.advice`; None where it has none.
+    """Return the motion of an experiment of `gap.experiments.advice`; None where it has none.
 
     Args:
         text: the experiment's sentence.
@@ -175,7 +175,7 @@ def slow_reversals(seen: Visited, chosen: Sequence[int]) -> Array:
 
 
 def speed_steps(seen: Visited, chosen: Sequence[int]) -> Array:
-    """Each joint there and back at constant speeds, from a crawl to the highest that was seen."""
+    """Return each joint there and back at constant speeds, from a crawl to the highest that was seen."""
     middle = _middle(seen)
     parts = [middle[None]]
     for j in chosen:
@@ -211,13 +211,13 @@ def fast_sines(seen: Visited, chosen: Sequence[int]) -> Array:
 
 
 def run_again(seen: Visited, chosen: Sequence[int]) -> Array:
-    """The first run's own motion."""
+    """Return the first run's own motion."""
     del chosen
     return _from_rest(seen.run)
 
 
 def run_many(seen: Visited, chosen: Sequence[int]) -> Array:
-    """The first run's own motion, over and over for three minutes."""
+    """Return the first run's own motion, over and over for three minutes."""
     run = _from_rest(seen.run)
     once = np.concatenate([run, _move(seen, run[-1], run[0], 0.5)])
     del chosen
@@ -225,7 +225,7 @@ def run_many(seen: Visited, chosen: Sequence[int]) -> Array:
 
 
 def run_with_rests(seen: Visited, chosen: Sequence[int]) -> Array:
-    """The first run's own motion between ten seconds of rest."""
+    """Return the first run's own motion between ten seconds of rest."""
     still = round(10.0 / TUNING.period)
     del chosen
     run = _from_rest(seen.run)
@@ -244,7 +244,7 @@ MAKERS: dict[str, Callable[[Visited, Sequence[int]], Array]] = {
 
 
 def spread_poses(poses: Array, count: int) -> Array:
-    """Poses (count, n) that are far from one another: each next one is the farthest from those before."""
+    """Return the poses (count, n) that are far from one another: each next one is the farthest from those before."""
     size = np.ptp(poses, axis=0) + 1e-9
     scaled = poses / size
     chosen = [int(np.argmin(np.linalg.norm(scaled - np.median(scaled, axis=0), axis=1)))]
@@ -256,14 +256,14 @@ def spread_poses(poses: Array, count: int) -> Array:
 
 
 def _middle(seen: Visited) -> Array:
-    """The visited pose that is nearest to the middle of all."""
+    """Return the visited pose that is nearest to the middle of all."""
     centre = 0.5 * (seen.lower + seen.upper)
     size = seen.upper - seen.lower + 1e-9
     return np.array(seen.poses[int(np.argmin(np.linalg.norm((seen.poses - centre) / size, axis=1)))])
 
 
 def _from_rest(run: Array) -> Array:
-    """The same path, begun and ended at rest where the log was cut in motion."""
+    """Return the same path, begun and ended at rest where the log was cut in motion."""
     steps = np.abs(np.diff(run, axis=0))
     if np.all(np.maximum(steps[0], steps[-1]) <= TUNING.at_rest * np.max(steps, axis=0)):
         return run

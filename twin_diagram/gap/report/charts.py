@@ -25,7 +25,7 @@ def bars(
     changed: bool = True,
     most: float | Array = np.inf,
 ) -> str:
-    """Two bars per joint, before and after, with the noise floor as a mark.
+    """Return two bars per joint, before and after, with the noise floor as a mark.
 
     Each joint has its own scale: a shoulder's torque would hide a wrist's. Bars that have nothing beside them to be
     held against share one with those of their unit.
@@ -82,13 +82,13 @@ def bars(
 
 
 def share_bar(share: float) -> str:
-    """A filled track."""
+    """Return a filled track."""
     wide = 100.0 * min(1.0, max(0.0, share))
     return f'<span class="track"><span class="fill" style="width:{wide:.1f}%"></span></span>'
 
 
 def ring(share: float, words: str) -> str:
-    """A probability as a ring that is filled so far."""
+    """Return a probability as a ring that is filled so far."""
     small = ' style="font-size:12px"' if len(words) > 4 else ""
     radius, share = 30.0, min(1.0, max(0.0, share))
     whole = 2.0 * np.pi * radius
@@ -102,7 +102,7 @@ def ring(share: float, words: str) -> str:
 
 
 def sparkline(time: Array, position: Array, joints: Sequence[str], moved: Sequence[str]) -> str:
-    """A motion, each joint a line; those that the experiment is about in colour."""
+    """Return a motion, each joint a line; those that the experiment is about in colour."""
     wide, high = 360, 90
     keep = np.unique(np.linspace(0, len(time) - 1, min(len(time), 500)).astype(int))
     x = wide * (time[keep] - time[0]) / max(float(time[-1] - time[0]), 1e-9)

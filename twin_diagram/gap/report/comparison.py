@@ -91,23 +91,25 @@ class Shown:
     prismatic: frozenset[str] = frozenset()
 
     def units(self, unit: str) -> tuple[str, ...]:
-        """(n) of a quantity on each joint, from its unit on a revolute joint."""
+        """Return (n) of a quantity on each joint, from its unit on a revolute joint."""
         return tuple(units.on_joint(unit, joint in self.prismatic) for joint in self.joints)
 
     def fit_rms(self) -> tuple[Array, Array]:
-        """(n,) residual torque before and after over all fitted runs [N·m]."""
+        """Return (n,) residual torque before and after over all fitted runs [N·m]."""
         return rms([run.before for run in self.fit]), rms([run.after for run in self.fit])
 
     def holdout_rms(self) -> tuple[Array, Array]:
-        """(n,) residual torque before and after over the held-out run [N·m]."""
+        """Return (n,) residual torque before and after over the held-out run [N·m]."""
         return rms([self.holdout.before]), rms([self.holdout.after])
 
     def has_gap(self) -> npt.NDArray[np.bool_]:
-        """(n,) whether the given model's held-out residual is more than what noise does by chance."""
+        """Return (n,) whether the given model's held-out residual is more than what noise does by chance."""
         return np.asarray(self.holdout_rms()[0] > TUNING.beyond * self.noise_floor)
 
     def left_over(self) -> float:
-        """Share of the held-out gap above the noise that is left, all joints together; 1 where there was none.
+        """Return the share of the held-out gap above the noise that is left, all joints together.
+
+        1 where there was none.
 
         Joints count in units of their noise, so that a wrist weighs as much as a shoulder.
         """
@@ -117,17 +119,20 @@ class Shown:
         return float(np.linalg.norm(after)) / whole if whole > 0.0 else 1.0
 
     def shrinks(self) -> bool:
-        """Whether the held-out residual falls, each joint in units of its noise."""
+        """Return whether the held-out residual falls, each joint in units of its noise."""
         before, after = (x / self.noise_floor for x in self.holdout_rms())
         return float(np.sum(after**2)) < float(np.sum(before**2))
 
     def worsens(self) -> bool:
-        """Whether the held-out residual of any joint rises clearly: no truth mends one joint at another's cost."""
+        """Return whether the held-out residual of any joint rises clearly.
+
+        No truth mends one joint at another's cost.
+        """
         before, after = self.holdout_rms()
         return bool(np.any(after > TUNING.beyond * np.maximum(before, TUNING.beyond * self.noise_floor)))
 
     def is_exercised(self) -> bool:
-        """Whether the held-out run does anything that tells the two models apart, beside its noise."""
+        """Return whether the held-out run does anything that tells the two models apart, beside its noise."""
         change = rms([self.holdout.after - self.holdout.before])
         return bool(np.any(change > TUNING.exercised * self.noise_floor))
 
@@ -141,7 +146,7 @@ def show(
     horizon: float = TUNING.horizon,
     say: Callable[[str], None] | None = None,
 ) -> Shown:
-    """Works out the gap of both models on all runs; rollouts on the held-out run alone.
+    """Work out the gap of both models on all runs; rollouts on the held-out run alone.
 
     Args:
         given: with the logs' joints in the logs' order.
@@ -164,7 +169,7 @@ def show(
 def compare(
     given: Model, corrected: Model, log: Log, *, held_out: bool = False, horizon: float | None = None
 ) -> Comparison:
-    """One run against both models; rollouts where a horizon is given [s]."""
+    """Return one run against both models; rollouts where a horizon is given [s]."""
     smooth = motion(log)
     regular = smooth.log
     kept = inner(regular.time)
@@ -197,11 +202,11 @@ def compare(
 
 
 def rms(parts: Sequence[Array]) -> Array:
-    """(n,) root mean square over all samples of several (M, n)."""
+    """Return (n,) root mean square over all samples of several (M, n)."""
     squares = sum(np.sum(part**2, axis=0) for part in parts)
     return np.asarray(np.sqrt(squares / sum(len(part) for part in parts)))
 
 
 def above_noise(value: Array, noise: Array) -> Array:
-    """What is left of a root mean square (n,) when independent noise (n,) is taken out."""
+    """Return what is left of a root mean square (n,) when independent noise (n,) is taken out."""
     return np.sqrt(np.maximum(value**2 - noise**2, 0.0))

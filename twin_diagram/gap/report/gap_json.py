@@ -24,7 +24,7 @@ DIGITS = 9
 
 
 def contents(verdict: Verdict, shown: Shown) -> dict[str, Any]:
-    """Everything that the file holds, as plain dictionaries, lists, numbers and text."""
+    """Return everything that the file holds, as plain dictionaries, lists, numbers and text."""
     several = len(shown.fit) > 1
     fit_before, fit_after = shown.fit_rms()
     before, after = shown.holdout_rms()

@@ -19,7 +19,7 @@ LONG = 150
 
 
 def page(subject: Subject) -> str:
-    """The whole file."""
+    """Return the whole file."""
     verdict = subject.verdict
     badge = {"named": "effect found", "none": "no gap found", "unknown": "unknown effect"}[verdict.verdict]
     parts = [
@@ -45,7 +45,7 @@ def page(subject: Subject) -> str:
 
 
 def _size(headline: str) -> str:
-    """A headline, smaller where it is long."""
+    """Return a headline, smaller where it is long."""
     return f"{' class=long' if len(headline) > LONG else ''}>{escape(headline)}"
 
 
@@ -108,12 +108,12 @@ def _tiles(subject: Subject) -> str:
 
 
 def _lost(error: float, most: float) -> str:
-    """An error; how far beyond `most` a model has lost the arm tells nothing."""
+    """Return an error; how far beyond `most` a model has lost the arm tells nothing."""
     return words.number(error) if error < most else f"> {words.number(most)}"
 
 
 def _figure(text: str) -> str:
-    """A number in large, its unit after a bar in small."""
+    """Return a number in large, its unit after a bar in small."""
     number, _, unit = text.partition("|")
     return escape(number) + (f" <small>{escape(unit)}</small>" if unit else "")
 

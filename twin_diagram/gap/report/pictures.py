@@ -43,7 +43,7 @@ def residual_pictures(
     end: Moment | None = None,
     prismatic: bool = False,
 ) -> str:
-    """One joint of one run as an `<img>`.
+    """Return one joint of one run as an `<img>`.
 
     Args:
         run: to look at.
@@ -104,7 +104,7 @@ def residual_pictures(
 
 
 def image(figure: Figure, words: str, dpi: int = 150) -> str:
-    """A figure as an `<img>` that carries its own data."""
+    """Return a figure as an `<img>` that carries its own data."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
     data = base64.b64encode(buffer.getvalue()).decode()

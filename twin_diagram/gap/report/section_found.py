@@ -14,7 +14,7 @@ DRY = ("coulomb_friction", "stribeck_friction")
 
 
 def found(subject: Subject) -> str:
-    """The effects, each with its sentence, parameters and probability."""
+    """Return the effects, each with its sentence, parameters and probability."""
     verdict = subject.verdict
     if verdict.verdict == "none":
         body = (
@@ -82,14 +82,14 @@ def _finding(finding: Finding, several: bool, prismatic: frozenset[str]) -> str:
 
 
 def _whichever(finding: Finding) -> str:
-    """What is sure where only kinds and joints of dry friction compete."""
+    """Return what is sure where only kinds and joints of dry friction compete."""
     if finding.name not in DRY or not all(other.name in DRY for other in finding.alternatives):
         return ""
     return " In all of these there is dry friction; the doubt is of which kind it is, and on which joint."
 
 
 def _parameters(finding: Finding, prismatic: frozenset[str]) -> str:
-    """A line per joint where there are several, else one per parameter."""
+    """Return a line per joint where there are several, else one per parameter."""
     slide = [joint in prismatic for joint in finding.joints]
     kinds = {"prismatic": any(slide), "turning": not all(slide) or not slide}
     values = finding.parameters.items()
@@ -139,7 +139,7 @@ def _estimate(estimate: Estimate) -> str:
 
 
 def where(subject: Subject) -> str:
-    """Joints and conditions under which the residual appears."""
+    """Return the joints and conditions under which the residual appears."""
     places = [place for place in subject.verdict.where if place.share > 0.005][:8]
     if not places:
         return ""

@@ -22,7 +22,7 @@ MOST_PICTURES = 4
 
 
 def sizes(subject: Subject) -> str:
-    """Root mean squares per joint, before and after."""
+    """Return the root mean squares per joint, before and after."""
     shown, changed = subject.shown, subject.changed
     before, after = shown.holdout_rms()
     fit_before, fit_after = shown.fit_rms()
@@ -70,15 +70,15 @@ def sizes(subject: Subject) -> str:
 
 
 def effort(shown: Shown) -> str:
-    """What the motors give, in words."""
+    """Return what the motors give, in words."""
     turning = set(shown.joints) - shown.prismatic
     return "torque and force" if turning and shown.prismatic else "force" if shown.prismatic else "torque"
 
 
 def lost(subject: Subject) -> Array:
-    """(n,) errors beyond which a model has lost a joint, and more tells nothing [rad, or m for prismatic joints].
+    """Return (n,) errors beyond which a model has lost a joint, and more tells nothing.
 
-    A slide's is all of its travel, as the description has it, or else as the held-out run has.
+    [rad], [m] for prismatic joints. A slide's is all of its travel, as the description has it, or else as the held-out run has.
     """
     shown, given = subject.shown, subject.given
     described, seen = given.upper - given.lower, np.ptp(shown.holdout.position, axis=0)
@@ -113,7 +113,7 @@ def _table(shown: Shown, before: Array, after: Array, changed: bool) -> str:
 
 
 def pictured(subject: Subject) -> list[int]:
-    """Columns of the joints that are worth pictures, most telling first."""
+    """Return the columns of the joints that are worth pictures, most telling first."""
     shown = subject.shown
     before, _ = shown.holdout_rms()
     ratio = before / shown.noise_floor
@@ -127,7 +127,7 @@ def pictured(subject: Subject) -> list[int]:
 
 
 def pictures(subject: Subject) -> str:
-    """The residual over time, speed, angle and acceleration, for the joints that have something to show."""
+    """Return the residual over time, speed, angle and acceleration, for the joints that have something to show."""
     shown = subject.shown
     joints = pictured(subject)
     figures = []

@@ -26,7 +26,7 @@ WIDER = {("coulomb_friction", "stribeck_friction"), ("payload", "inertial_parame
 
 
 def difference(subject: Subject) -> str:
-    """The effects of both models, as a difference of two texts."""
+    """Return the effects of both models, as a difference of two texts."""
     if not subject.changed:
         return ""
     old, new = (effects_text(model) for model in (subject.given, subject.corrected))
@@ -48,7 +48,7 @@ def difference(subject: Subject) -> str:
 
 
 def effects_text(model: Model) -> list[str]:
-    """The effects of a model as lines of YAML, those that the description itself states left out."""
+    """Return the effects of a model as lines of YAML, those that the description itself states left out."""
     entries = []
     for spec in model.spec.effects:
         entry: dict[str, object] = {"name": spec.name}
@@ -123,7 +123,7 @@ def _near(pair: Separation, experiment: str) -> str:
 
 
 def _say(claim: str) -> str:
-    """`coulomb_friction on joint_2` for people."""
+    """Return `coulomb_friction on joint_2` for people."""
     name, _, place = claim.partition(" on ")
     return f"{words.title(name)} on {place}" if place else words.title(name)
 

@@ -90,14 +90,14 @@ ON_PRISMATIC = {"torque": "force", "angle": "position"}
 
 
 def of_prismatic(text: str) -> str:
-    """A text about revolute joints, as it is said of prismatic joints."""
+    """Return a text about revolute joints, as it is said of prismatic joints."""
     for turning, prismatic in ON_PRISMATIC.items():
         text = text.replace(turning, prismatic).replace(upper_first(turning), upper_first(prismatic))
     return text
 
 
 def parameter(key: str, prismatic: bool = False, turning: bool = True) -> str:
-    """A parameter's key for people, of prismatic joints, revolute ones, or both."""
+    """Return a parameter's key for people, of prismatic joints, revolute ones, or both."""
     if key == "cycles" and prismatic:
         return f"{PARAMETERS[key]}, or phase per length" if turning else "phase per length"
     text = PARAMETERS.get(key, key.replace("_", " "))
@@ -105,12 +105,15 @@ def parameter(key: str, prismatic: bool = False, turning: bool = True) -> str:
 
 
 def title(name: str) -> str:
-    """An effect's name as a headline."""
+    """Return an effect's name as a headline."""
     return TITLES[name][0] if name in TITLES else name.replace("_", " ").capitalize()
 
 
 def explanation(name: str, prismatic: bool = False) -> str:
-    """What an effect is, on revolute or prismatic joints; of a user's own effect, what its class says of itself."""
+    """Return what an effect is, on revolute or prismatic joints.
+
+    Of a user's own effect, what its class says of itself.
+    """
     if name in TITLES:
         return of_prismatic(TITLES[name][1]) if prismatic else TITLES[name][1]
     own = REGISTRY[name].__doc__ if name in REGISTRY else None
@@ -118,7 +121,7 @@ def explanation(name: str, prismatic: bool = False) -> str:
 
 
 def listed(items: Sequence[str]) -> str:
-    """A, B and C."""
+    """Return a, B and C."""
     items = list(items)
     if len(items) < 2:
         return "".join(items)
@@ -126,18 +129,18 @@ def listed(items: Sequence[str]) -> str:
 
 
 def places(joints: Sequence[str], links: Sequence[str]) -> str:
-    """Where an effect sits, in words; empty where it sits on no part in particular."""
+    """Return where an effect sits, in words; empty where it sits on no part in particular."""
     return listed([*joints, *links])
 
 
 def claim(name: str, joints: Sequence[str], links: Sequence[str]) -> str:
-    """An effect and its place on one line, for alternatives."""
+    """Return an effect and its place on one line, for alternatives."""
     where = places(joints, links)
     return f"{title(name)} on {where}" if where else title(name)
 
 
 def headline(verdict: Verdict) -> str:
-    """The verdict in one sentence."""
+    """Return the verdict in one sentence."""
     if verdict.verdict == "none":
         return "The model explains these runs. Nothing is missing that they could show."
     if verdict.verdict == "unknown":
@@ -155,7 +158,7 @@ def headline(verdict: Verdict) -> str:
 
 
 def _short(finding: Finding) -> str:
-    """An effect and, where that is short, its place."""
+    """Return an effect and, where that is short, its place."""
     where = finding.joints if len(finding.joints) <= 3 else ()
     count = f" on {len(finding.joints)} joints" if len(finding.joints) > 3 else ""
     return lower_first(title(finding.name)) + (f" on {listed(where)}" if where else count)
@@ -172,7 +175,7 @@ def upper_first(words: str) -> str:
 
 
 def sureness(confidence: float) -> str:
-    """A probability in words."""
+    """Return a probability in words."""
     for bound, word in ((0.99, "practically certain"), (0.9, "very likely"), (0.7, "likely"), (0.4, "uncertain")):
         if confidence >= bound:
             return word
@@ -180,7 +183,7 @@ def sureness(confidence: float) -> str:
 
 
 def percent(share: float) -> str:
-    """A share; not rounded up to certainty."""
+    """Return a share; not rounded up to certainty."""
     if not math.isfinite(share):
         return "–"
     if 0.99 < share < 1.0:
@@ -191,7 +194,7 @@ def percent(share: float) -> str:
 
 
 def moment(when: Moment | None, several: bool) -> str:
-    """A time, with its log where there are several."""
+    """Return a time, with its log where there are several."""
     if when is None:
         return ""
     error = f" ± {when.std:.2g}" if when.std > 0.0 else ""
@@ -207,7 +210,7 @@ def duration(finding: Finding, several: bool) -> str:
 
 
 def with_error(estimate: Estimate) -> str:
-    """A value ± its standard error, to the digits that the error leaves meaning."""
+    """Return a value ± its standard error, to the digits that the error leaves meaning."""
     if isinstance(estimate.value, (list, tuple, np.ndarray)):
         errors = np.broadcast_to(np.asarray(estimate.std, dtype=float), np.shape(estimate.value))
         inside = ", ".join(_pair(float(x), float(s)) for x, s in zip(estimate.value, errors, strict=True))
@@ -228,7 +231,7 @@ def _pair(value: float, std: float) -> str:
 
 
 def number(value: float) -> str:
-    """Three significant digits, without an exponent where one can do without."""
+    """Return three significant digits, without an exponent where one can do without."""
     if not math.isfinite(value):
         return "–"
     if value == 0.0:

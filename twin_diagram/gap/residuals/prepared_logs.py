@@ -151,7 +151,7 @@ class Records:
         return record.rate / float(record.kept[1] - record.kept[0])
 
     def white(self, order: int) -> Array:
-        """(order + 1,) autocorrelation, after filter and thinning, of noise that was white in the log."""
+        """Return (order + 1,) autocorrelation, after filter and thinning, of noise that was white in the log."""
         record = self.records[0]
         stride = int(record.kept[1] - record.kept[0])
         whole = np.correlate(record.response, record.response, "full")[len(record.response) - 1 :: stride]
@@ -160,11 +160,11 @@ class Records:
         return result / result[0]
 
     def reduce(self, law: Callable[[Record], Array]) -> Array:
-        """A law's full-rate answers (N, …) for every record, thinned and put end to end (ΣD, …)."""
+        """Return a law's full-rate answers (N, …) for every record, thinned and put end to end (ΣD, …)."""
         return np.concatenate([record.reduce(law(record)) for record in self.records])
 
     def full(self, law: Callable[[Record], Array]) -> Array:
-        """A law's full-rate answers put end to end."""
+        """Return a law's full-rate answers put end to end."""
         return np.concatenate([law(record) for record in self.records])
 
     @cached_property
@@ -196,7 +196,7 @@ class Records:
 
 
 def prepare(model: Model, logs: Sequence[Log]) -> Records:
-    """Makes logs ready.
+    """Make logs ready.
 
     Args:
         model: the given one, with the logs' joints in the logs' order.
@@ -214,7 +214,7 @@ def prepare(model: Model, logs: Sequence[Log]) -> Records:
 
 
 def straightened(log: Log) -> Log:
-    """The log with evenly spread times, where its positions are smoother that way.
+    """Return the log with evenly spread times, where its positions are smoother that way.
 
     Times that jitter are either when the samples were taken, or late stamps on even ones; the wrong reading makes
     position noise of speed times jitter.
@@ -258,13 +258,13 @@ def shaken(model: Model, log: Log, band: float) -> Array:
 
 
 def mean_inertia(model: Model, log: Log) -> Array:
-    """(n,) of what each joint moves, along a log [kg·m²]."""
+    """Return (n,) of what each joint moves, along a log [kg·m²]."""
     coarse = log.position[:: max(1, len(log) // 50)]
     return np.asarray(np.mean(np.diagonal(model.tree.mass_matrix(coarse), axis1=1, axis2=2), axis=0))
 
 
 def roughness(signal: Array, period: float) -> Array:
-    """(n,) standard deviation of the white noise in smooth signals (N, n), sampled every `period` seconds.
+    """Return (n,) standard deviation of the white noise in smooth signals (N, n), sampled every `period` seconds.
 
     Rests, in which an encoder says nothing, and the largest differences do not count.
     """
@@ -281,7 +281,7 @@ def roughness(signal: Array, period: float) -> Array:
 
 
 def usable(log: Log, shortest: float = TUNING.shortest) -> float:
-    """How long a log lasts [s].
+    """Return how long a log lasts [s].
 
     Args:
         log: checked.

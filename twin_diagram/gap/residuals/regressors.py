@@ -139,7 +139,10 @@ class Terms:
         return self.reduce(tuple(s - load for load, s in zip(self.load, self.asked_torque, strict=True)))
 
     def unexplained(self, j: int, limit: float = np.inf) -> float:
-        """What is usually left of a joint's smoothed torque, clipped to a limit, beside the transmitted one [N·m]."""
+        """Return what is usually left of a joint's smoothed torque, clipped to a limit.
+
+        Beside the transmitted one [N·m].
+        """
         parts = zip(self.load, self.asked_torque, strict=True)
         left = self.reduce(tuple(np.clip(s[:, j : j + 1], -limit, limit) - load[:, j : j + 1] for load, s in parts))
         return float(spread_of(left)[0])
@@ -163,7 +166,7 @@ class Terms:
         return present(self.records)
 
     def rigid(self, body: int) -> Array:
-        """(ΣD, n, 10) torque per inertial parameter of a body, in its moving frame."""
+        """Return (ΣD, n, 10) torque per inertial parameter of a body, in its moving frame."""
         tree = self.records.model.tree
         return self.records.reduce(lambda r: tree.regressor(r.q, r.v, r.a, body))
 
@@ -174,7 +177,7 @@ class Terms:
 
 
 def spread_of(samples: Array) -> Array:
-    """Standard deviation of samples (N, …) along their first axis, had they no outliers."""
+    """Return the standard deviation of samples (N, …) along their first axis, had they no outliers."""
     return np.asarray(1.4826 * np.median(np.abs(samples - np.median(samples, axis=0)), axis=0))
 
 
@@ -187,7 +190,7 @@ def turns(record: Record, j: int, slow: float) -> list[tuple[int, int]]:
 
 
 def slow_speed(records: Records) -> Array:
-    """(n,) twice the noise of smoothed velocities, at least 1 mrad/s [rad/s]."""
+    """Return (n,) twice the noise of smoothed velocities, at least 1 mrad/s [rad/s]."""
     result = np.zeros(records.n)
     for record in records.records:
         noise = np.std(record.v - lowpass(record.v, record.rate, 2.0 * record.band), axis=0)
@@ -196,7 +199,7 @@ def slow_speed(records: Records) -> Array:
 
 
 def present(records: Records) -> Present:
-    """Reads off the given model what it has."""
+    """Read off the given model what it has."""
     model = records.model
     n = records.n
     coulomb, stiffness, load = np.zeros(n), np.array(model.tree.stiffness, dtype=float), np.zeros(n)
@@ -229,15 +232,15 @@ def present(records: Records) -> Present:
 
 
 def given_load(records: Records) -> tuple[Array, ...]:
-    """The given model's torques, as a first guess of the transmitted ones."""
+    """Return the given model's torques, as a first guess of the transmitted ones."""
     return tuple(record.given for record in records.records)
 
 
 def rate_of(signal: Array, record: Record) -> Array:
-    """Time derivative of a full-rate signal (N, …)."""
+    """Return the time derivative of a full-rate signal (N, …)."""
     return np.gradient(signal, 1.0 / record.rate, axis=0)
 
 
 def with_load(terms: Terms, load: tuple[Array, ...], moved: tuple[Array, ...]) -> Terms:
-    """The same with another transmitted torque."""
+    """Return the same with another transmitted torque."""
     return replace(terms, load=load, moved=moved)

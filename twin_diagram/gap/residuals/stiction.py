@@ -78,7 +78,7 @@ def sliding(
     turning: bool = False,
     coupled: Iterable[tuple[int, int]] = (),
 ) -> Array:
-    """(ΣD, n) weights of reduced samples: 0 where one of `joints` may be sticking, else 1.
+    """Return (ΣD, n) weights of reduced samples: 0 where one of `joints` may be sticking, else 1.
 
     Args:
         records: of the fit.
@@ -112,7 +112,7 @@ def sliding(
 
 
 def _away(records: Records, rests: Sequence[npt.NDArray[np.bool_]]) -> Array:
-    """(ΣD,) 0 where the filters spread what happens at rest, else 1."""
+    """Return (ΣD,) 0 where the filters spread what happens at rest, else 1."""
     parts = []
     for record, still in zip(records.records, rests, strict=True):
         width = 2 * round(TUNING.spread * record.rate / record.band) + 1
@@ -125,7 +125,7 @@ def _away(records: Records, rests: Sequence[npt.NDArray[np.bool_]]) -> Array:
 
 
 def turning(records: Records, terms: Terms, whitener: Whitener, dry: Array, joints: Iterable[int]) -> Array:
-    """(n, R) weights of whitened samples about the moments at which a joint turns; 0 elsewhere.
+    """Return (n, R) weights of whitened samples about the moments at which a joint turns; 0 elsewhere.
 
     Args:
         records: of the fit.
@@ -143,13 +143,13 @@ def turning(records: Records, terms: Terms, whitener: Whitener, dry: Array, join
 
 
 def stuck(records: Records, terms: Terms, j: int) -> npt.NDArray[np.bool_]:
-    """(ΣD,) where a joint may be sticking, the low-pass left out of account."""
+    """Return (ΣD,) where a joint may be sticking, the low-pass left out of account."""
     slow = terms.resting(j)
     return np.concatenate([_at_rest(record, record.v[:, j], slow)[record.kept] for record in records.records])
 
 
 def reach(records: Records, terms: Terms, j: int) -> tuple[Array, Array]:
-    """What friction that slides on one level, and holds at most as much, can be after the low-pass.
+    """Return what friction that slides on one level, and holds at most as much, can be after the low-pass.
 
     Returns:
         (ΣD,) what slides, in units of the level; (ΣD,) how much beside it what is held may add or take, likewise.
@@ -165,7 +165,7 @@ def reach(records: Records, terms: Terms, j: int) -> tuple[Array, Array]:
 
 
 def creep(records: Records, terms: Terms, left: Array, joints: Iterable[int]) -> Array:
-    """(n,) speed below which each joint may be held [rad/s].
+    """Return (n,) speed below which each joint may be held [rad/s].
 
     A joint that is held gives way a little, the faster the harder it is pushed. Friction then falls short of the level
     that it has while the joint slides; the laws of the catalogue have at least that level at any speed.
@@ -210,19 +210,19 @@ def moving(
     slowest: Array | None = None,
     coupled: Iterable[tuple[int, int]] = (),
 ) -> Array:
-    """(n, R) the same for whitened samples."""
+    """Return (n, R) the same for whitened samples."""
     return np.ascontiguousarray(sliding(records, terms, joints, slowest, coupled=coupled)[whitener.rows].T)
 
 
 def coupled_pairs(records: Records) -> set[tuple[int, int]]:
-    """Pairs of joints on the sum of whose speeds the given model has friction."""
+    """Return pairs of joints on the sum of whose speeds the given model has friction."""
     effects = [effect for effect in records.model.effects if effect.name == "coupled_friction"]
     pairs = [[records.model.joints.index(joint) for joint in effect.joints] for effect in effects]
     return {(pair[0], pair[1]) for pair in pairs if len(pair) == 2}
 
 
 def dry_joints(records: Records) -> set[int]:
-    """Joints on which the given model has dry friction."""
+    """Return the joints on which the given model has dry friction."""
     return {
         records.model.joints.index(joint)
         for effect in records.model.effects

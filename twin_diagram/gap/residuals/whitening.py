@@ -72,7 +72,7 @@ class Whitener:
         return np.concatenate([np.arange(s + self.order, s + m) for s, m in zip(starts, self.lengths, strict=True)])
 
     def joint(self, j: int, signal: Array) -> Array:
-        """Whitens signals (ΣD, …) on joint j's torque, in standard deviations; answers the rows that are left."""
+        """Whiten signals (ΣD, …) on joint j's torque, in standard deviations; answer the rows that are left."""
         rows = self.rows
         result = signal[rows] * (self.filters[j, 0] / self.sigma[j])
         for k in range(1, self.order + 1):
@@ -80,12 +80,12 @@ class Whitener:
         return result
 
     def all(self, signal: Array) -> Array:
-        """Whitens (ΣD, n, …) to (n, R, …)."""
+        """Whiten (ΣD, n, …) to (n, R, …)."""
         return np.stack([self.joint(j, signal[:, j]) for j in range(signal.shape[1])])
 
 
 def ordinary(residual: Array, lengths: Sequence[int], rate: float) -> Array:
-    """Where what is left of a torque may be noise: a push of a few seconds must not make its colour redder.
+    """Return where what is left of a torque may be noise: a push of a few seconds must not make its colour redder.
 
     Args:
         residual: (ΣD, n) of a model that explains most structure [N·m].
@@ -111,7 +111,7 @@ def estimate(
     weights: Array | None = None,
     order: int = TUNING.order,
 ) -> Whitener:
-    """Level and colour of the noise.
+    """Return the level and colour of the noise.
 
     Args:
         residual: (ΣD, n) of a model that explains all structure [N·m].
@@ -150,7 +150,7 @@ def restricted(
     white: Array,
     rounds: int = TUNING.rounds,
 ) -> Whitener:
-    """Level and colour of noise beside any combination of regressors: maximum restricted likelihood, by EM.
+    """Return the level and colour of noise beside any combination of regressors: maximum restricted likelihood, by EM.
 
     What regressors could explain of the noise is added again at the frequencies where they would (the covariance of
     their coefficients), so that the spectrum has no hole where there are many of them.
@@ -192,14 +192,14 @@ def restricted(
 
 
 def effective_samples(whitener: Whitener) -> Array:
-    """(n,) how many independent samples would pin a constant as well as the coloured ones do."""
+    """Return (n,) how many independent samples would pin a constant as well as the coloured ones do."""
     white = np.sum(1.0 / np.sum(whitener.filters**2, axis=1, keepdims=True), axis=1)
     gain = np.sum(whitener.filters, axis=1) ** 2
     return np.asarray(sum(whitener.lengths) * gain * white)
 
 
 def noise_below(whitener: Whitener, rate: float, cutoff: float = DIFFERENTIATION.residual_cutoff) -> Array:
-    """(n,) root mean square of coloured noise after the residual's low-pass [N·m].
+    """Return (n,) root mean square of coloured noise after the residual's low-pass [N·m].
 
     It is read off the noise's own spectrum, which was told from structure before anything had a name; what a corrected
     model leaves on the runs that it was fitted to would be a floor that it cannot miss.

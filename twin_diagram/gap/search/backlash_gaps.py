@@ -52,7 +52,7 @@ class Knocks:
     """Tries gaps on a bench; what that takes is worked out once."""
 
     def __init__(self, terms: Terms, bench: Bench) -> None:
-        """Works out inertia and load along the motion, without rotors.
+        """Work out inertia and load along the motion, without rotors.
 
         Args:
             terms: of the logs.
@@ -66,7 +66,7 @@ class Knocks:
         self._tried: dict[int, list[tuple[Candidate, Array]]] = {}
 
     def turns(self, j: int) -> bool:
-        """Whether a joint's load ever turns: else its gear rests on one side, which any gap explains alike."""
+        """Return whether a joint's load ever turns: else its gear rests on one side, which any gap explains alike."""
         return any(np.ptp(np.sign(load[:, j])) > 0.0 for load in self.loads)
 
     def gaps(self, hypotheses: Mapping[int, Sequence[Members]]) -> dict[int, list[float]]:
@@ -92,7 +92,7 @@ class Knocks:
         }
 
     def _more(self, j: int, Q: Array, told: Array) -> Array:
-        """What each gap explains beside what its rotor does [nats]."""
+        """Return what each gap explains beside what its rotor does [nats]."""
         if j not in self._tried:
             self._tried[j] = self._torques(j)
         rotor, *scores = (self.bench.score_once(c, Q, told, white=white) for c, white in self._tried[j])

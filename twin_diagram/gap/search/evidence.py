@@ -91,7 +91,7 @@ class Bench:
         weights: Array | None = None,
         size: Array | None = None,
     ) -> None:
-        """Whitens.
+        """Whiten.
 
         Args:
             residual: (ΣD, n) [N·m].
@@ -127,7 +127,7 @@ class Bench:
         self._groups: list[tuple[int, int, npt.NDArray[np.int64], Array]] | None = None
 
     def add(self, candidate: Candidate, *, offered: bool = True) -> int:
-        """Takes in one more candidate; answers its index.
+        """Take in one more candidate; answer its index.
 
         Args:
             candidate: reduced like the bench's residual.
@@ -143,7 +143,7 @@ class Bench:
         return len(self.candidates) - 1
 
     def whiten(self, candidate: Candidate) -> Array:
-        """(rows, R, k) whitened, weighted columns."""
+        """Return (rows, R, k) whitened, weighted columns."""
         return np.stack(
             [
                 self.whitener.joint(j, candidate.columns[:, k]) * self.weights[j][:, None]
@@ -152,18 +152,18 @@ class Bench:
         )
 
     def is_offered(self, k: int) -> bool:
-        """Whether `scores` counts a candidate."""
+        """Return whether `scores` counts a candidate."""
         return self._offered[k]
 
     def offer(self, k: int) -> None:
-        """Lets `scores` count a candidate that was taken in without being offered."""
+        """Let `scores` count a candidate that was taken in without being offered."""
         self._offered[k] = True
         self._groups = self._several = None
 
     def score_once(
         self, candidate: Candidate, Q: Array, projected: Array, bounded: bool = False, white: Array | None = None
     ) -> float:
-        """Rise of the evidence by a candidate that is not taken in; Q and Qᵀy as `basis` has them.
+        """Return the rise of the evidence by a candidate that is not taken in; Q and Qᵀy as `basis` has them.
 
         −∞, where it is `bounded`, if it is not physical. `white`: what `whiten` gave, where it is known.
         """
@@ -177,7 +177,7 @@ class Bench:
         return float(increments(G, b[None], candidate.spread[None])[0])
 
     def find(self, name: str) -> list[int]:
-        """Indices of all candidates of a name."""
+        """Return the indices of all candidates of a name."""
         return [k for k, candidate in enumerate(self.candidates) if candidate.name == name]
 
     # Hypotheses.
@@ -195,7 +195,7 @@ class Bench:
         return self._gram[i, k]
 
     def solve(self, members: Members) -> Fit:
-        """The fit of a hypothesis; remembered."""
+        """Return the fit of a hypothesis; remembered."""
         known = self.fits.get(members)
         if known is None:
             known = self.fits[members] = self._solved(members)
@@ -274,7 +274,7 @@ class Bench:
         return self._blocks[key]
 
     def _signal(self, j: int, k: int) -> Array:
-        """(R, m) a candidate's columns on a joint, or the residual (k = −1)."""
+        """Return (R, m) a candidate's columns on a joint, or the residual (k = −1)."""
         return self.y[j][:, None] if k < 0 else self.columns[k][self.candidates[k].rows.index(j)]
 
     def _system(self, order: tuple[int, ...]) -> tuple[Array, Array, Array]:
@@ -312,7 +312,7 @@ class Bench:
         return price([self.candidates[k] for k in members])
 
     def left(self, fit: Fit) -> Array:
-        """(ΣD, n) residual of a fit [N·m]."""
+        """Return (ΣD, n) residual of a fit [N·m]."""
         result = self._raw.copy()
         start = 0
         for k in fit.order:
@@ -326,21 +326,24 @@ class Bench:
         return Whitener(self.whitener.filters, self.whitener.sigma * np.sqrt(fit.variance), self.whitener.lengths)
 
     def gain(self, fit: Fit) -> float:
-        """Twice the rise of the log likelihood over the empty hypothesis, at most infinite where that fits as well."""
+        """Return twice the rise of the log likelihood over the empty hypothesis.
+
+        At most infinite where that fits as well.
+        """
         return float(np.sum(self.counts * np.log(self.solve(frozenset()).variance / fit.variance)))
 
     def distance(self, fit: Fit, other: Fit) -> float:
-        """How much worse another hypothesis fits, in standard deviations of the noise that `fit` leaves."""
+        """Return how much worse another hypothesis fits, in standard deviations of the noise that `fit` leaves."""
         return float(np.sqrt(max(0.0, float(np.sum(self.counts * (other.variance / fit.variance - 1.0))))))
 
     def compatible(self, members: Members, k: int) -> bool:
-        """Whether a candidate may join a hypothesis."""
+        """Return whether a candidate may join a hypothesis."""
         return compatible([self.candidates[m] for m in members], self.candidates[k])
 
     # What could be added.
 
     def basis(self, members: Members) -> Array:
-        """(n, R, K) whitened columns Q of a hypothesis such that 1 − Q Qᵀ is the inverse of its covariance of y."""
+        """Return (n, R, K) whitened columns Q of a hypothesis: 1 − Q Qᵀ is the inverse of its covariance of y."""
         order = (*self.nuisances, *sorted(members))
         total = sum(self.candidates[k].size for k in order)
         stacked = np.zeros((self.n, self.rows, total))
@@ -357,7 +360,10 @@ class Bench:
         return np.ascontiguousarray(solve_triangular(L, flat.T, lower=True).T.reshape(stacked.shape))
 
     def scores(self, members: Members) -> Array:
-        """Rise of the evidence by each candidate alone, before the price of its name; −∞ where it is not physical."""
+        """Return the rise of the evidence by each candidate alone, before the price of its name.
+
+        −∞ where it is not physical.
+        """
         Q = self.basis(members)
         projected = np.einsum("jrk,jr->k", Q, self.y) if Q.shape[2] else np.zeros(0)
         result = np.full(len(self.candidates), -np.inf)
@@ -383,7 +389,7 @@ class Bench:
         return result - costs
 
     def _wide(self) -> tuple[list[int], Array]:
-        """Candidates of several rows, and their columns (n R, M) side by side."""
+        """Return candidates of several rows, and their columns (n R, M) side by side."""
         if self._several is None:
             indices = [k for k, c in enumerate(self.candidates) if len(c.rows) > 1 and self._offered[k]]
             stacked = np.zeros((self.n, self.rows, sum(self.candidates[k].size for k in indices)))
@@ -396,7 +402,7 @@ class Bench:
         return self._several
 
     def _grouped(self) -> list[tuple[int, int, npt.NDArray[np.int64], Array]]:
-        """Candidates of one row, by joint and number of coefficients, side by side."""
+        """Return candidates of one row, by joint and number of coefficients, side by side."""
         if self._groups is None:
             keys: dict[tuple[int, int], list[int]] = {}
             for k, candidate in enumerate(self.candidates):

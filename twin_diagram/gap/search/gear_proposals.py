@@ -76,7 +76,7 @@ class Shape:
 
 
 def gear(terms: Terms, shape: Shape) -> Candidate | None:
-    """The candidate of one shape: its torque, whose coefficient is about 1, and the rotor's inertia.
+    """Return the candidate of one shape: its torque, whose coefficient is about 1, and the rotor's inertia.
 
     None where the shape is not within what the effect allows, or its torque not finite.
     """
@@ -124,7 +124,7 @@ def gear(terms: Terms, shape: Shape) -> Candidate | None:
 
 
 def rattled(terms: Terms, j: int) -> float:
-    """Evidence that a gear may find in an encoder's noise alone [nats].
+    """Return evidence that a gear may find in an encoder's noise alone [nats].
 
     The given model answers the noise of positions with inertial torque, which a gear that yields takes back. The band
     keeps that small beside the torque's noise; where it does not, because most of the log says nothing of it (a joint
@@ -167,14 +167,14 @@ def springs(terms: Terms, j: int) -> list[Shape]:
 
 
 def _link_inertia(terms: Terms, j: int) -> float:
-    """Mean inertia of what a joint moves, its rotor aside [kg·m²]."""
+    """Return the mean inertia of what a joint moves, its rotor aside [kg·m²]."""
     tree = terms.records.model.tree
     q = np.concatenate([r.q[:: max(1, len(r.q) // 40)] for r in terms.records.records])
     return float(np.mean(tree.mass_matrix(q)[:, j, j]) - tree.rotor[j])
 
 
 def propose(bench: Bench, terms: Terms, members: Members, joints: Sequence[int], knocks: Knocks) -> list[int]:
-    """Offers the best spring and the best play of each joint, where they are worth it; answers their indices.
+    """Offer the best spring and the best play of each joint, where they are worth it; answer their indices.
 
     Beside all members a gear must be worth a good deal, be it with coefficients that are not physical: a crowd of other
     names may have taken so much of it. Rotors, offsets and friction may have taken all: it is offered, too, where it is
@@ -225,7 +225,10 @@ def propose(bench: Bench, terms: Terms, members: Members, joints: Sequence[int],
 
 
 def _rests(bench: Bench, members: Members, j: int) -> list[Members]:
-    """A hypothesis, what is left where a gear on joint j takes the place of its rotor and of one more, and nothing."""
+    """Return a hypothesis, what is left where a gear on joint j takes the place of its rotor and of one more.
+
+    And nothing.
+    """
     rotor = {
         k for k in members if bench.candidates[k].name == "reflected_inertia" and bench.candidates[k].joints == (j,)
     }

@@ -64,7 +64,7 @@ Polish = Callable[[Bench, Fit], Fit]
 def search(
     bench: Bench, least: float = 3.0, most: int = 40, propose: Propose | None = None, polish: Polish | None = None
 ) -> Fit:
-    """Climbs from the empty hypothesis and from each of its best first members.
+    """Climb from the empty hypothesis and from each of its best first members.
 
     Args:
         bench: data and candidates.
@@ -114,7 +114,7 @@ def climb(
     propose: Propose | None = None,
     polish: Polish | None = None,
 ) -> Fit:
-    """Adds, drops and swaps members until nothing raises the evidence."""
+    """Add, drops and swaps members until nothing raises the evidence."""
     fit = bench.solve(start)
     if polish is not None:
         fit = polish(bench, fit)
@@ -133,7 +133,7 @@ def climb(
 
 
 def additions(bench: Bench, members: Members, count: int = TUNING.tried) -> list[Fit]:
-    """The best exact fits with one member more."""
+    """Return the best exact fits with one member more."""
     scores = bench.scores(members)
     names = {bench.candidates[k].name for k in members}
     for k, candidate in enumerate(bench.candidates):
@@ -164,7 +164,7 @@ def _add(bench: Bench, fit: Fit, least: float, propose: Propose | None) -> Fit |
 
 
 def everywhere(bench: Bench, fit: Fit) -> Fit | None:
-    """The best fit with one usual name on every joint that lacks it, but where it is not physical."""
+    """Return the best fit with one usual name on every joint that lacks it, but where it is not physical."""
     best: Fit | None = None
     for name in ON_EVERY_JOINT:
         new = {
@@ -185,7 +185,10 @@ def everywhere(bench: Bench, fit: Fit) -> Fit | None:
 
 
 def one_kind(bench: Bench, fit: Fit) -> Fit | None:
-    """The fit with Stribeck's law wherever it has Coulomb's beside Stribeck's, if that is better: no single swap is."""
+    """Return the fit with Stribeck's law wherever it has Coulomb's beside Stribeck's, if that is better.
+
+    No single swap is.
+    """
     names = {bench.candidates[k].name for k in fit.members}
     dry = [k for k in fit.members if bench.candidates[k].name == "coulomb_friction"]
     if "stribeck_friction" not in names or any(bench.candidates[k].onset is not None for k in dry):
@@ -205,7 +208,7 @@ def one_kind(bench: Bench, fit: Fit) -> Fit | None:
 
 
 def plainer(bench: Bench, fit: Fit) -> Fit:
-    """The fit with the plainer law for every one that brings next to nothing beyond it.
+    """Return the fit with the plainer law for every one that brings next to nothing beyond it.
 
     No law is exact to the noise where an effect is strong: what a simulator's or a real joint's friction does within
     a hundredth of a radian per second of rest would else pass for a dip, and what smoothing does to a heavy rotor's
@@ -234,12 +237,12 @@ def plainer(bench: Bench, fit: Fit) -> Fit:
 
 
 def _explained(bench: Bench, fit: Fit, rest: Members) -> float:
-    """Evidence that a fit has beyond a part of its members [nats]."""
+    """Return evidence that a fit has beyond a part of its members [nats]."""
     return max(fit.evidence - max(bench.solve(rest).evidence, 0.0), 0.0)
 
 
 def handicaps(bench: Bench, fit: Fit) -> dict[str, float]:
-    """What a law that is finer than one of a fit's must bring beyond it [nats], see `plainer`."""
+    """Return what a law that is finer than one of a fit's must bring beyond it [nats], see `plainer`."""
     result = {}
     for law, plain in PLAINER.items():
         names = {bench.candidates[k].name for k in fit.members}
@@ -262,7 +265,7 @@ def _drop(bench: Bench, fit: Fit) -> Fit | None:
 
 
 def _swap(bench: Bench, fit: Fit, propose: Propose | None) -> Fit | None:
-    """Replaces one member, or all members of one name, by another candidate."""
+    """Replace one member, or all members of one name, by another candidate."""
     names: dict[str, Members] = {}
     for k in fit.members:
         name = bench.candidates[k].name

@@ -32,7 +32,7 @@ TUNING = Tuning()
 
 
 def smaller(c: Array, variance: Array, spread: Array) -> Array:
-    """How much smaller than its prior says an effect most likely is, along the last axis; at most 1.
+    """Return how much smaller than its prior says an effect most likely is, along the last axis; at most 1.
 
     Args:
         c: (…, k) coefficients.
@@ -62,12 +62,12 @@ def coefficients(
 
 
 def increments(G: Array, b: Array, spread: Array) -> Array:
-    """(m,) rises of the evidence, for information G (m, k, k), right sides b (m, k) and priors (m, k)."""
+    """Return (m,) rises of the evidence, for information G (m, k, k), right sides b (m, k) and priors (m, k)."""
     return solutions(G, b, spread)[0]
 
 
 def solutions(G: Array, b: Array, spread: Array) -> tuple[Array, Array]:
-    """The same, and the coefficients (m, k)."""
+    """Return the same, and the coefficients (m, k)."""
     wide, c, variance = _solution(G, b, spread)
     scale = smaller(c, variance, spread)[:, None]
     narrow, closer, _ = _solution(G, b, spread * scale)
@@ -85,7 +85,7 @@ def _solution(G: Array, b: Array, spread: Array) -> tuple[Array, Array, Array]:
 
 
 def increment(G: Array, b: Array, spread: Array, candidates: list[Candidate]) -> Array:
-    """The same, −∞ where the coefficients are not physical."""
+    """Return the same, −∞ where the coefficients are not physical."""
     result, c = solutions(G, b, spread)
     physical = [candidate.allows(own) for candidate, own in zip(candidates, c, strict=True)]
     return np.where(physical, result, -np.inf)

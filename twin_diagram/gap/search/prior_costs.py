@@ -57,7 +57,7 @@ def price(members: Iterable[Candidate]) -> float:
 
 
 def compatible(members: Iterable[Candidate], new: Candidate) -> bool:
-    """Whether a candidate may join others."""
+    """Return whether a candidate may join others."""
     for old in members:
         if (
             new.name == old.name

@@ -102,7 +102,7 @@ class Proposer:
         ]
 
     def ripples(self, bench: Bench, members: Members, Q: Array, projected: Array) -> list[int]:
-        """The best count of each joint; where another joint has a ripple, one more is easily believed."""
+        """Return the best count of each joint; where another joint has a ripple, one more is easily believed."""
         made = []
         rippled = any(bench.candidates[k].name == "torque_ripple" for k in members)
         least = PRIOR_COSTS.further_joint + TUNING.further_worth if rippled else PRIOR_COSTS.new_name + TUNING.worth
@@ -135,7 +135,7 @@ class Proposer:
         return self._ripples[j]
 
     def starts(self, bench: Bench, Q: Array, projected: Array) -> list[int]:
-        """The best start of every candidate that may start within the logs, where it is worth it."""
+        """Return the best start of every candidate that may start within the logs, where it is worth it."""
         found: list[tuple[float, int, int]] = []
         edges = block_edges(bench.rows)
         for k in range(len(bench.candidates)):
@@ -162,7 +162,7 @@ class Proposer:
     def _started(
         self, bench: Bench, Q: Array, projected: Array, k: int, start: int, edges: npt.NDArray[np.int64]
     ) -> Candidate:
-        """A candidate from its best sample on, near the start of a block."""
+        """Return a candidate from its best sample on, near the start of a block."""
         base = bench.candidates[k]
         rows = list(base.rows)
         fine = np.append(np.arange(edges[start - 1], edges[start + 1] + 1), bench.rows)
@@ -176,7 +176,10 @@ class Proposer:
         return made
 
     def _during(self, bench: Bench, base: Candidate, at: int, to: int, Q: Array, projected: Array) -> Candidate:
-        """A candidate that acts from about whitened row `at` until about row `to`, at the best moments near them."""
+        """Return a candidate that acts from about whitened row `at` until about row `to`.
+
+        At the best moments near them.
+        """
         records = self.terms.records
         rows = np.append(bench.whitener.rows, len(records.residual))
         first, last = int(rows[at]), int(rows[to])
@@ -201,7 +204,7 @@ class Proposer:
         return base.during(active(self.terms, onset, end), onset, end)
 
     def forces(self, bench: Bench, Q: Array, projected: Array) -> list[int]:
-        """The best link and span of time of a constant wrench."""
+        """Return the best link and span of time of a constant wrench."""
         if self._forces is None:
             self._forces = whole_arm.external_forces(self.terms)
             self._force_columns = [bench.whiten(candidate) for candidate in self._forces]
@@ -226,7 +229,7 @@ class Proposer:
     def _spanned(
         self, bench: Bench, Q: Array, projected: Array, index: int, edges: npt.NDArray[np.int64], i: int, k: int
     ) -> Candidate:
-        """A wrench over its best span of samples near two blocks' starts."""
+        """Return a wrench over its best span of samples near two blocks' starts."""
         assert self._forces is not None
         base = self._forces[index]
         rows = list(base.rows)
@@ -246,7 +249,7 @@ class Proposer:
 
 
 def active(terms: Terms, onset: tuple[int, float] | None, end: tuple[int, float] | None) -> Array:
-    """(ΣD,) 1 from the onset until the end, low-passed like the torque: what is switched on is seen so."""
+    """Return (ΣD,) 1 from the onset until the end, low-passed like the torque: what is switched on is seen so."""
 
     def after(record: Record, moment: tuple[int, float]) -> Array:
         if record.index != moment[0]:
@@ -262,7 +265,7 @@ def active(terms: Terms, onset: tuple[int, float] | None, end: tuple[int, float]
 
 
 def spans() -> npt.NDArray[np.int64]:
-    """(P, 2) blocks at which a push may begin and end; one that goes on beyond the log may last longer."""
+    """Return (P, 2) blocks at which a push may begin and end; one that goes on beyond the log may last longer."""
     brief = [(i, k) for i in range(1, TUNING.blocks) for k in range(i + 2, min(i + TUNING.longest, TUNING.blocks) + 1)]
     return np.array(brief + [(i, TUNING.blocks) for i in range(TUNING.margin, TUNING.blocks - TUNING.longest)])
 
@@ -274,7 +277,7 @@ def _scores(G: Array, C: Array, b: Array, spread: Array, projected: Array) -> Ar
 
 
 def block_edges(rows: int) -> npt.NDArray[np.int64]:
-    """(BLOCKS + 1,) bounds of equal blocks of rows."""
+    """Return (BLOCKS + 1,) bounds of equal blocks of rows."""
     return np.round(np.linspace(0, rows, TUNING.blocks + 1)).astype(np.int64)
 
 

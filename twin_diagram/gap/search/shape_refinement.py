@@ -35,7 +35,7 @@ TUNING = Tuning()
 
 
 def refine(bench: Bench, terms: Terms, fit: Fit, rounds: int = TUNING.rounds, *, slow: bool = True) -> Fit:
-    """Works on one member at a time, all others free; answers the best fit.
+    """Work on one member at a time, all others free; answer the best fit.
 
     Its members may be new candidates of the bench.
 
@@ -56,7 +56,7 @@ def refine(bench: Bench, terms: Terms, fit: Fit, rounds: int = TUNING.rounds, *,
 
 
 def moved(bench: Bench, terms: Terms, fit: Fit, member: int, *, slow: bool = True) -> Fit:
-    """The best fit that differs in one member's shapes or working point; see `refine`."""
+    """Return the best fit that differs in one member's shapes or working point; see `refine`."""
     candidate = bench.candidates[member]
     own, _ = bench.part(fit, member)
     if candidate.variant != "held":
@@ -81,7 +81,7 @@ def moved(bench: Bench, terms: Terms, fit: Fit, member: int, *, slow: bool = Tru
 
 
 def recentred(terms: Terms, candidate: Candidate, coefficients: Array) -> Candidate | None:
-    """The candidate linearised about half of the coefficients; none where it is linear."""
+    """Return the candidate linearised about half of the coefficients; none where it is linear."""
     if candidate.name == "payload" and candidate.variant != "bulky" and coefficients[0] != 0.0:
         return whole_arm.payload(terms, coefficients[1:4] / coefficients[0])
     if candidate.name == "gravity_tilt":
@@ -118,7 +118,7 @@ def shapes(terms: Terms, candidate: Candidate) -> list[tuple[str, float, float]]
 
 
 def _rebuild(terms: Terms, candidate: Candidate, key: str) -> Rebuild:
-    """What makes a candidate anew for another value of one of its shapes."""
+    """Return what makes a candidate anew for another value of one of its shapes."""
     j = candidate.joints[0]
 
     def rebuild(value: float) -> Candidate | None:

@@ -28,7 +28,7 @@ TUNING = Tuning()
 
 
 def explain(records: Records, candidates: list[Candidate]) -> tuple[Array, Array]:
-    """Fits all candidates to each joint's residual by itself.
+    """Fit all candidates to each joint's residual by itself.
 
     Args:
         records: of the fit.
@@ -50,7 +50,7 @@ def explain(records: Records, candidates: list[Candidate]) -> tuple[Array, Array
 
 
 def columns(records: Records, candidates: list[Candidate]) -> list[Array]:
-    """(ΣD, m) per joint: what candidates hold for it, times their priors' deviations, and a constant [N·m]."""
+    """Return (ΣD, m) per joint: what candidates hold for it, times their priors' deviations, and a constant [N·m]."""
     result = []
     for j in range(records.n):
         parts = [c.columns[:, c.rows.index(j)] * c.spread for c in candidates if j in c.rows]
@@ -60,7 +60,10 @@ def columns(records: Records, candidates: list[Candidate]) -> list[Array]:
 
 
 def project(X: Array, y: Array, negligible: float) -> tuple[Array, int]:
-    """The part of y (R,) in the span of X (R, m), less directions below a share of the largest; and its dimension."""
+    """Return the part of y (R,) in the span of X (R, m), less directions below a share of the largest.
+
+    And its dimension.
+    """
     values, vectors = np.linalg.eigh(X.T @ X)
     kept = values > max(negligible, 1e-7) ** 2 * values[-1]
     coefficients = vectors[:, kept] @ ((vectors[:, kept].T @ (X.T @ y)) / values[kept])

@@ -90,7 +90,7 @@ TUNING = Tuning()
 
 
 def propose(bench: Bench, terms: Terms, fit: Fit) -> list[int]:
-    """Offers friction that rises at rest for every joint that was held by more than Coulomb's law would.
+    """Offer friction that rises at rest for every joint that was held by more than Coulomb's law would.
 
     Where a fit has that law, it is the same torque under Stribeck's name; where it has Stribeck's, that one, the surer.
     """
@@ -124,14 +124,16 @@ def _coulomb(bench: Bench, k: int) -> int | None:
 
 
 def _drier(bench: Bench, fit: Fit, k: int) -> bool:
-    """Whether another law of dry friction, which holds more where there is load, is on a member's joint as well."""
+    """Return whether another law of dry friction, which holds more where there is load, is on a member's joint."""
     joint = bench.candidates[k].joints[0]
     others = (bench.candidates[m] for m in fit.members - {k})
     return any(other.name in stiction.DRY and joint in other.joints for other in others)
 
 
 def beyond(bench: Bench, terms: Terms, fit: Fit, k: int, level: float) -> tuple[float, float] | None:
-    """Level at rest and evidence for it where friction exceeds what Coulomb's law could hold at all; None: no rise.
+    """Return the level at rest and evidence for it where friction exceeds what Coulomb's law could hold at all.
+
+    None: no rise.
 
     Beside a stick, the low-pass mixes what is held with what slides: how much that is at most is worked out.
     """
@@ -150,7 +152,10 @@ def beyond(bench: Bench, terms: Terms, fit: Fit, k: int, level: float) -> tuple[
 
 
 def dwells(bench: Bench, terms: Terms, fit: Fit, k: int, level: float) -> tuple[float, float] | None:
-    """The same where noise hides each sample's rise, by the means over whole rests: friction holds one torque there."""
+    """Return the same where noise hides each sample's rise, by the means over whole rests.
+
+    Friction holds one torque there.
+    """
     noise = _noise(bench, fit, k)
     stuck = inner(stiction.stuck(terms.records, terms, bench.candidates[k].joints[0]))
     friction = _friction(bench, fit, k)
@@ -169,7 +174,7 @@ def dwells(bench: Bench, terms: Terms, fit: Fit, k: int, level: float) -> tuple[
 
 
 def short_holds(bench: Bench, terms: Terms, fit: Fit, k: int, level: float) -> tuple[float, float] | None:
-    """The same where a joint sticks for moments only: friction peaks before it lets go, and again when it turns.
+    """Return the same where a joint sticks for moments only: friction peaks before it lets go, and again when it turns.
 
     Coulomb's law has no peak there but for the low-pass's own overshoot and the largest of a few samples' noise.
     """
@@ -185,7 +190,9 @@ def short_holds(bench: Bench, terms: Terms, fit: Fit, k: int, level: float) -> t
 
 
 def peaks_of(friction: Array, stuck: npt.NDArray[np.bool_]) -> Array:
-    """Largest torques of friction in its old and in its new direction about each short stick (two per stick).
+    """Return the largest torques of friction in its old and in its new direction about each short stick.
+
+    Two per stick.
 
     Args:
         friction: (R,) torque that friction takes [N·m].
@@ -204,7 +211,7 @@ def peaks_of(friction: Array, stuck: npt.NDArray[np.bool_]) -> Array:
 
 
 def inner(stuck: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """(R,) the same without `EDGE` samples at each end of a stretch."""
+    """Return (R,) the same without `EDGE` samples at each end of a stretch."""
     for _ in range(TUNING.edge):
         less = stuck.copy()
         less[1:] &= stuck[:-1]
@@ -214,14 +221,14 @@ def inner(stuck: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
 
 
 def _friction(bench: Bench, fit: Fit, k: int) -> Array:
-    """(ΣD,) torque that a member and what is left of the residual make together [N·m]."""
+    """Return (ΣD,) torque that a member and what is left of the residual make together [N·m]."""
     candidate = bench.candidates[k]
     j = candidate.joints[0]
     return np.asarray(bench.left(fit)[:, j] + candidate.columns[:, candidate.rows.index(j)] @ bench.part(fit, k)[0])
 
 
 def _noise(bench: Bench, fit: Fit, k: int) -> float:
-    """Standard deviation of what is left of a member's joint where it moves [N·m]."""
+    """Return the standard deviation of what is left of a member's joint where it moves [N·m]."""
     j = bench.candidates[k].joints[0]
     return float(np.std(bench.left(fit)[bench.whitener.rows, j][bench.weights[j] > 0.0]))
 

@@ -72,7 +72,9 @@ USUAL = frozenset({"viscous_friction", "coulomb_friction", "stribeck_friction", 
 
 
 def crowded(findings: Sequence[Finding]) -> bool:
-    """Whether one joint has two unusual names, or an arm `MANY`: together they rather follow something without a name.
+    """Return whether one joint has two unusual names, or an arm `MANY`.
+
+    Together they rather follow something without a name.
 
     Beside another name, one that starts within the log is unusual whatever it is: two steps follow any drift.
     """
@@ -86,13 +88,16 @@ def crowded(findings: Sequence[Finding]) -> bool:
 
 
 def doubled(bench: Bench, fit: Fit) -> bool:
-    """Whether a joint has a second ripple, which follows something but cannot be told beside the first."""
+    """Return whether a joint has a second ripple, which follows something but cannot be told beside the first."""
     joints = [bench.candidates[k].joints for k in fit.members if bench.candidates[k].name == "torque_ripple"]
     return len(set(joints)) < len(joints)
 
 
 def share_of(bench: Bench, fit: Fit, group: Members) -> float:
-    """Share of what was explained on some members' own joints that is lost without them, as log likelihoods."""
+    """Return the share of what was explained on some members' own joints that is lost without them.
+
+    As log likelihoods.
+    """
     rows = sorted({j for k in group for j in bench.candidates[k].rows})
     empty, without = bench.solve(frozenset()).variance, bench.solve(fit.members - group).variance
     explained = float(np.sum((bench.counts * np.log(empty / fit.variance))[rows]))
@@ -101,7 +106,7 @@ def share_of(bench: Bench, fit: Fit, group: Members) -> float:
 
 
 def trimmed(bench: Bench, fit: Fit) -> Fit:
-    """The fit without the joints on which an unusual name of several explains next to nothing.
+    """Return the fit without the joints on which an unusual name of several explains next to nothing.
 
     Where structure is left, they would take the name away from the others, too.
     """
@@ -115,7 +120,7 @@ def trimmed(bench: Bench, fit: Fit) -> Fit:
 
 
 def negligible(finding: Finding, findings: Sequence[Finding], share: float, structure: bool) -> bool:
-    """Whether a name is better left as something that is there.
+    """Return whether a name is better left as something that is there.
 
     That is what is small beside the rest and doubtful. Where even the rest does not explain everything, what explains
     little of its joints may be a piece of what a stronger one's law follows not quite.
@@ -127,14 +132,14 @@ def negligible(finding: Finding, findings: Sequence[Finding], share: float, stru
 
 
 def redness(noise: whitening.Whitener, rate: float) -> float:
-    """How much denser noise is at slow motion's frequencies than above them, on the worst joint."""
+    """Return how much denser noise is at slow motion's frequencies than above them, on the worst joint."""
     z = np.exp(-2j * np.pi / rate * np.outer(np.arange(noise.order + 1), np.concatenate([SLOW, FAST])))
     density = np.abs(noise.filters @ z) ** -2.0
     return float(np.max(np.mean(density[:, : len(SLOW)], axis=1) / np.mean(density[:, len(SLOW) :], axis=1)))
 
 
 def mostly_left(bench: Bench, fit: Fit, joints: npt.NDArray[np.bool_]) -> bool:
-    """Whether more of some joints' residual is left than was explained, as energies above the noise."""
+    """Return whether more of some joints' residual is left than was explained, as energies above the noise."""
     empty = bench.solve(frozenset()).variance
     noise = 1.0 + bench.finest
     left, all_there = (float(np.sum((bench.counts * (x - noise))[joints])) for x in (fit.variance, empty))
@@ -142,7 +147,7 @@ def mostly_left(bench: Bench, fit: Fit, joints: npt.NDArray[np.bool_]) -> bool:
 
 
 def conclude(records: Records, terms: Terms, bench: Bench, fit: Fit) -> Verdict:
-    """The verdict on a final fit."""
+    """Return the verdict on a final fit."""
     left = leftover_structure.left_over(records, terms, bench, fit)
     beyond = fit.variance - bench.finest
     raised = beyond > (

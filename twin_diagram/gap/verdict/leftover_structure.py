@@ -78,7 +78,7 @@ def profiled(y: Array, X: Array, noise: Whitener, j: int, weights: Array) -> tup
 
 
 def regression(X: Array, y: Array, negligible: float) -> tuple[Array, int]:
-    """Least squares in the directions that are not negligible, and their number."""
+    """Return the least squares in the directions that are not negligible, and their number."""
     if not X.shape[1]:
         return np.zeros(0), 0
     values, vectors = np.linalg.eigh(X.T @ X)
@@ -87,7 +87,7 @@ def regression(X: Array, y: Array, negligible: float) -> tuple[Array, int]:
 
 
 def features(records: Records, terms: Terms, j: int) -> Array:
-    """(ΣD, m) curves, reduced like the torque."""
+    """Return (ΣD, m) curves, reduced like the torque."""
 
     def law(q: Array, v: Array, tau: Array, sign: Array, share: Array) -> Array:
         angle, speed, load, age = hats(q), hats(v), hats(tau), hats(share)
@@ -124,6 +124,6 @@ def scaled(x: Array, whole: Array) -> Array:
 
 
 def hat(x: Array, pieces: int) -> Array:
-    """(N, pieces + 1) piecewise linear functions that add up to 1."""
+    """Return (N, pieces + 1) piecewise linear functions that add up to 1."""
     centres = np.linspace(0.0, 1.0, pieces + 1)
     return np.maximum(0.0, 1.0 - np.abs(x[:, None] - centres) * pieces)

@@ -105,7 +105,7 @@ def locate(records: Records, terms: Terms, whitener: Whitener) -> tuple[Place, .
 
 
 def said(key: str, prismatic: bool) -> str:
-    """A condition in words, on a revolute or prismatic joint."""
+    """Return a condition in words, on a revolute or prismatic joint."""
     return "with position" if prismatic and key == "angle" else CONDITIONS[key]
 
 
@@ -140,7 +140,7 @@ def _shapes(records: Records, terms: Terms, j: int) -> dict[str, Array]:
 
 
 def _when(records: Records, whitener: Whitener, y: Array) -> tuple[int, float, float]:
-    """The log with most energy, and the times between which nearly all of it is."""
+    """Return the log with most energy, and the times between which nearly all of it is."""
     rows = whitener.rows
     owner, times = records.owner[rows], records.times[rows]
     energy = np.maximum(y**2 - 1.0, 0.0)
@@ -153,7 +153,7 @@ def _when(records: Records, whitener: Whitener, y: Array) -> tuple[int, float, f
 
 
 def maps(records: Records, terms: Terms, residual: Array) -> tuple[Map, ...]:
-    """Mean residual per joint over (angle, speed) and (torque, speed).
+    """Return the mean residual per joint over (angle, speed) and (torque, speed).
 
     Args:
         records: of the fit.

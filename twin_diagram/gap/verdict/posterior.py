@@ -48,7 +48,7 @@ Claim = tuple[str, tuple[int, ...], tuple[str, ...]]
 
 
 def groups(bench: Bench, members: Members) -> dict[str, list[int]]:
-    """Members by name, in the order of their joints."""
+    """Return the members by name, in the order of their joints."""
     result: dict[str, list[int]] = {}
     for k in sorted(members, key=lambda k: bench.candidates[k].joints):
         result.setdefault(bench.candidates[k].name, []).append(k)
@@ -56,24 +56,24 @@ def groups(bench: Bench, members: Members) -> dict[str, list[int]]:
 
 
 def claim(candidates: list[Candidate]) -> Claim:
-    """What several candidates of one name say together."""
+    """Return what several candidates of one name say together."""
     joints = sorted({j for candidate in candidates for j in candidate.joints})
     links = tuple(dict.fromkeys(link for candidate in candidates for link in candidate.links))
     return candidates[0].name, tuple(joints), links
 
 
 def claims(bench: Bench, members: Members) -> frozenset[Claim]:
-    """All that a hypothesis says."""
+    """Return all that a hypothesis says."""
     return frozenset(claim([bench.candidates[k] for k in group]) for group in groups(bench, members).values())
 
 
 def names_of(said: frozenset[Claim]) -> set[str]:
-    """Names in a set of claims."""
+    """Return the names in a set of claims."""
     return {name for name, _, _ in said}
 
 
 def posterior(bench: Bench, fit: Fit) -> dict[frozenset[Claim], float]:
-    """Probabilities of all sets of claims that were ever solved; of each set, its best shapes count.
+    """Return probabilities of all sets of claims that were ever solved; of each set, its best shapes count.
 
     A finer law is held to what `greedy_search.plainer` asks of it.
     """
@@ -93,7 +93,7 @@ def posterior(bench: Bench, fit: Fit) -> dict[frozenset[Claim], float]:
 
 
 def unseen(said: Claim, joints: int) -> float:
-    """Probability that a claim lacks a joint on which it could not be told, on an arm of so many joints."""
+    """Return the probability that a claim lacks a joint on which it could not be told, on an arm of so many joints."""
     name, named, _ = said
     if name not in UNSEEN:
         return 0.0
@@ -102,7 +102,7 @@ def unseen(said: Claim, joints: int) -> float:
 
 
 def findings_of(records: Records, bench: Bench, fit: Fit) -> tuple[Finding, ...]:
-    """One finding per name, or per name and time, strongest first."""
+    """Return one finding per name, or per name and time, strongest first."""
     for group in groups(bench, fit.members).values():
         additions(bench, fit.members - frozenset(group), TUNING.rivals)
         for k in group:
@@ -144,7 +144,7 @@ def findings_of(records: Records, bench: Bench, fit: Fit) -> tuple[Finding, ...]
 
 
 def together(bench: Bench, group: list[int]) -> list[list[int]]:
-    """Members of one name, parted where some of them start or end at other times than others."""
+    """Return the members of one name, parted where some of them start or end at other times than others."""
 
     def alike(a: tuple[int, float] | None, b: tuple[int, float] | None) -> bool:
         if a is None or b is None:
@@ -185,7 +185,7 @@ def parameters_of(
 
 
 def unit_of(name: str, key: str, prismatic: bool = False) -> str:
-    """A parameter's unit, as its effect's class states it, on a revolute or prismatic joint."""
+    """Return a parameter's unit, as its effect's class states it, on a revolute or prismatic joint."""
     return REGISTRY[name].kinds[key].unit_on(prismatic)
 
 
@@ -196,7 +196,7 @@ def _estimate(value: Array, std: Array, unit: str) -> Estimate:
 
 
 def separations_of(records: Records, bench: Bench, fit: Fit) -> tuple[Separation, ...]:
-    """Nearest rivals of each name, those farther than 30 left out."""
+    """Return nearest rivals of each name, those farther than 30 left out."""
     result = []
     mine = claims(bench, fit.members)
     for group in groups(bench, fit.members).values():

@@ -31,7 +31,7 @@ TUNING = Tuning()
 
 
 def refined(bench: Bench, terms: Terms, fit: Fit) -> Fit:
-    """Moves the shapes of what could stand in the place of each member, or of all of one name; answers the best fit.
+    """Move the shapes of what could stand in the place of each member, or of all of one name; answer the best fit.
 
     What was worked out stays on the bench, where `posterior` meets it.
     """
@@ -49,7 +49,7 @@ def refined(bench: Bench, terms: Terms, fit: Fit) -> Fit:
 
 
 def rivals_of(bench: Bench, terms: Terms, fit: Fit, group: Members) -> list[tuple[Fit, int]]:
-    """Fits with another candidate that has shapes in the place of a group, the best of each place, and which it is."""
+    """Fit with another candidate that has shapes in the place of a group, the best of each place, and which it is."""
     result: list[tuple[Fit, int]] = []
     seen = {bench.candidates[k].place for k in group}
     for rival in additions(bench, fit.members - group, POSTERIOR.rivals):

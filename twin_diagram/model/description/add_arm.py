@@ -70,17 +70,17 @@ class Arm:
     given: tuple[scenario.EffectSpec, ...] = ()
 
     def actuator(self, plant: MultibodyPlant, joint: str) -> JointActuator:
-        """The motor of an arm joint."""
+        """Return the motor of an arm joint."""
         return plant.get_joint_actuator(self.actuator_indices[self.joints.index(joint)])
 
     def prismatic(self, plant: MultibodyPlant) -> frozenset[str]:
-        """Names of the arm's prismatic joints: their positions are lengths, their torques forces."""
+        """Return the names of the arm's prismatic joints: their positions are lengths, their torques forces."""
         both = zip(self.joints, map(plant.get_joint, self.joint_indices), strict=True)
         return frozenset(name for name, joint in both if isinstance(joint, PrismaticJoint))
 
 
 def scenario_error(field: str, error: ModelError) -> ScenarioError:
-    """What is wrong with an arm, said with the scenario's field.
+    """Return what is wrong with an arm, said with the scenario's field.
 
     Args:
         field: of the arm, e.g. ``twin.arm``.
@@ -97,7 +97,7 @@ def resolve(
     packages: Mapping[str, str | Path] | None = None,
     base_dir: str | Path | None = None,
 ) -> scenario.ArmModel:
-    """Finds the description, and merges what the folder of a corrected model says.
+    """Find the description, and merges what the folder of a corrected model says.
 
     Args:
         spec: an arm of a scenario, or just the path of a description or folder.
@@ -142,7 +142,7 @@ def resolve(
 
 
 def parser(plant: MultibodyPlant, packages: Mapping[str, str | Path] | None = None) -> Parser:
-    """A parser that knows the local packages and never downloads.
+    """Return a parser that knows the local packages and never downloads.
 
     Args:
         plant: where models go; when it is registered with a SceneGraph, geometry is read too.
@@ -169,7 +169,7 @@ def add_arm(
     packages: Mapping[str, str | Path] | None = None,
     base_dir: str | Path | None = None,
 ) -> Arm:
-    """Parses an arm into a plant that is not finalized, and welds its base at X_WB where it is free.
+    """Parse an arm into a plant that is not finalized, and welds its base at X_WB where it is free.
 
     A description without any motor (most URDFs carry no transmissions) gets one on each joint that is named, or, where
     none is named, on each revolute joint; joints that are named get the motor they lack.
@@ -233,7 +233,7 @@ def _joints(plant: MultibodyPlant, instances: Iterable[ModelInstanceIndex]) -> l
 def _choose(
     spec: scenario.ArmModel, movable: Sequence[Joint], motors: Mapping[int, JointActuator]
 ) -> tuple[list[Joint], list[Joint]]:
-    """The arm's joints and the gripper's, named or by rule."""
+    """Return the arm's joints and the gripper's, named or by rule."""
     following = unparsed.mimicking(Path(spec.model))
     driven = [joint for joint in movable if (int(joint.index()) in motors if motors else joint.name() not in following)]
     fingers = [joint for joint in driven if isinstance(joint, PrismaticJoint) and _is_finger(joint, movable)]
@@ -251,7 +251,10 @@ def _choose(
 
 
 def _is_finger(joint: Joint, movable: Sequence[Joint]) -> bool:
-    """Whether a prismatic joint is a finger's: they come in pairs and carry nothing; an arm's come one by one."""
+    """Return whether a prismatic joint is a finger's: they come in pairs and carry nothing.
+
+    An arm's come one by one.
+    """
     beside = [other for other in movable if other.parent_body().index() == joint.parent_body().index()]
     beyond = [other for other in movable if other.parent_body().index() == joint.child_body().index()]
     return len(beside) > 1 and not beyond
@@ -272,7 +275,7 @@ def _by_name(names: Sequence[str], movable: Sequence[Joint], field: str) -> list
 def _weld_base(
     plant: MultibodyPlant, instances: Iterable[ModelInstanceIndex], first: Joint, spec: scenario.ArmModel
 ) -> RigidBody:
-    """Welds the free root link; answers the root link."""
+    """Weld the free root link; answer the root link."""
     to_child = {int(joint.child_body().index()): joint for joint in _joints(plant, instances)}
     world = int(plant.world_body().index())
 

@@ -20,7 +20,7 @@ _FOLDER = re.compile(rb"""(\b(?:meshdir|texturedir|assetdir)\s*=\s*["'])\s*([^"'
 
 
 def write(spec: ArmModel, folder: str | Path) -> None:
-    """Writes the description and `effects.yaml`; see `Model.save`."""
+    """Write the description and `effects.yaml`; see `Model.save`."""
     folder = Path(folder).absolute()
     folder.parent.mkdir(parents=True, exist_ok=True)
     description = Path(spec.model)
@@ -43,7 +43,7 @@ def write(spec: ArmModel, folder: str | Path) -> None:
 
 
 def _anchor_files(description: Path) -> bytes:
-    """The description's text, with the files beside it that it names named by absolute paths."""
+    """Return the description's text, with the files beside it that it names named by absolute paths."""
 
     def anchored(match: re.Match[bytes]) -> bytes:
         path = description.parent / os.fsdecode(match[2])

@@ -21,7 +21,7 @@ _PREFIX = re.compile(rb"(?<=[<\s/])(\w+):(?=\w[\w.-]*[\s=>/])")
 
 
 def unread_effects(path: Path, joints: Sequence[str]) -> list[EffectSpec]:
-    """Effects of an arm's joints that its description states.
+    """Return the effects of an arm's joints that its description states.
 
     Args:
         path: URDF, SDF or MJCF; others state none here.
@@ -55,7 +55,7 @@ def unread_effects(path: Path, joints: Sequence[str]) -> list[EffectSpec]:
 
 
 def armatures(path: Path) -> dict[str, float]:
-    """Rotor inertias of an MJCF's joints; Drake itself keeps those of joints with a `motor` or `position` alone.
+    """Return rotor inertias of an MJCF's joints; Drake itself keeps those of joints with a `motor` or `position` alone.
 
     Raises:
         ModelError: a number that cannot be read.
@@ -69,7 +69,7 @@ def armatures(path: Path) -> dict[str, float]:
 
 
 def mimicking(path: Path) -> set[str]:
-    """Names of a URDF's joints that follow another one, and so have no motor."""
+    """Return the names of a URDF's joints that follow another one, and so have no motor."""
     if path.suffix.lower() != ".urdf":
         return set()
     joints = _root(path).iter("joint")
@@ -77,7 +77,7 @@ def mimicking(path: Path) -> set[str]:
 
 
 def effort_limits(path: Path) -> dict[str, float]:
-    """Effort limits of a URDF's joints; Drake itself keeps those of joints with a transmission alone."""
+    """Return the effort limits of a URDF's joints; Drake itself keeps those of joints with a transmission alone."""
     if path.suffix.lower() != ".urdf":
         return {}
     result: dict[str, float] = {}
@@ -89,7 +89,10 @@ def effort_limits(path: Path) -> dict[str, float]:
 
 
 def _root(path: Path) -> Element:
-    """The root of a file that Drake could read: namespaces need not be declared, and what is no XML holds nothing."""
+    """Return the root of a file that Drake could read.
+
+    Namespaces need not be declared, and what is no XML holds nothing.
+    """
     text = path.read_bytes()
     try:
         return ElementTree.fromstring(text)
@@ -112,7 +115,7 @@ def _urdf_or_sdf(root: Element) -> Iterator[tuple[str, float]]:
 
 
 def _mjcf(root: Element, folder: Path) -> Iterator[tuple[str, tuple[float, float, float, float]]]:
-    """Dry friction, stiffness, rest position and rotor inertia of each joint that has a name."""
+    """Yield dry friction, stiffness, rest position and rotor inertia of each joint that has a name."""
     _include(root, folder)
     degrees = all(compiler.get("angle", "degree") == "degree" for compiler in root.iter("compiler"))
     classes: dict[str, dict[str, str]] = {"main": {}}
@@ -144,7 +147,7 @@ def _defaults(element: Element, inherited: Mapping[str, str], classes: dict[str,
 
 
 def _include(element: Element, folder: Path) -> None:
-    """Puts the contents of included files in their place."""
+    """Put the contents of included files in their place."""
     for child in list(element):
         if child.tag == "include" and (folder / child.get("file", "")).is_file():
             included = _root(folder / child.get("file", ""))

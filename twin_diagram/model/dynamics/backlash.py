@@ -41,7 +41,7 @@ def play(
     begin: Array | None = None,
     slope: Array | None = None,
 ) -> tuple[Array, Array, Array]:
-    """Twists of gears of which some have play, by steps with impulses, in plain numbers.
+    """Return twists of gears of which some have play, by steps with impulses, in plain numbers.
 
     With K the stiffness of the gears that press against their springs, a step is linear: v ← A⁻¹ (M v − h push), with
     A = M + h θ (loss + θ h) diag(K) and push = load + K e + K (1 − θ) (loss + θ h) v. Springs whose swing the steps can
@@ -129,7 +129,7 @@ def _between(steps: Array) -> Array:
 
 
 def play_alone(mass: Array, load: Array, half: float, period: float) -> tuple[Array, Array, Array]:
-    """Twist of one gear with play alone: plain numbers, which are twenty times as fast.
+    """Return the twist of one gear with play alone: plain numbers, which are twenty times as fast.
 
     Args:
         mass: (N,) inertia of what the gear moves [kg·m²].
@@ -163,7 +163,7 @@ def play_alone(mass: Array, load: Array, half: float, period: float) -> tuple[Ar
 
 
 def _keep_within(inverse: list[list[float]], v: list[float], bounds: list[tuple[int, float, float]]) -> None:
-    """Changes speeds by the impulses that keep each bounded one within its bounds.
+    """Change speeds by the impulses that keep each bounded one within its bounds.
 
     Args:
         inverse: of the inertia, or a multiple of it.

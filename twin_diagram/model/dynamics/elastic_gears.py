@@ -289,7 +289,10 @@ def _linear(M: Array, D: Array, K: Array, force: Array, h: float) -> Array:
 
 
 def _start(states: Array, torque: Array, calm: Array, beyond: Array | None) -> Array:
-    """(2s,) how the gears' motion begins: that which the measured torque asks for, else that which swings least."""
+    """Return (2s,) how the gears' motion begins.
+
+    That which the measured torque asks for, else that which swings least.
+    """
     s = calm.shape[1]
     if beyond is None:
         A, y = states[:, :s, 1:].reshape(-1, 2 * s), (calm - states[:, :s, 0]).ravel()

@@ -55,7 +55,7 @@ class Stop:
 
 
 def solve(inverse: Array, v: Array, brakes: list[Brake], stops: list[Stop]) -> Array:
-    """Speeds (S, m) after the impulses.
+    """Return speeds (S, m) after the impulses.
 
     Args:
         inverse: (S, m, m) of the mass matrices.

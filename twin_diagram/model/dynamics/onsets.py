@@ -13,7 +13,7 @@ from twin_diagram.signals.arrays import Array
 
 
 def epochs(effects: Sequence[Effect], time: Array) -> list[tuple[tuple[bool, ...], npt.NDArray[np.bool_]]]:
-    """Sets of effects that act together, and at which of the times (N,) they do."""
+    """Return sets of effects that act together, and at which of the times (N,) they do."""
     active = (
         np.stack([effect.active(time) for effect in effects], axis=1) if effects else np.zeros((len(time), 0), bool)
     )
@@ -22,13 +22,13 @@ def epochs(effects: Sequence[Effect], time: Array) -> list[tuple[tuple[bool, ...
 
 
 def shifted(signal: Array, time: Array, by: float) -> Array:
-    """A signal (N, n) of evenly spaced times (N,) as it is `by` seconds later, its ends held [s]."""
+    """Return a signal (N, n) of evenly spaced times (N,) as it is `by` seconds later, its ends held [s]."""
     if by == 0.0 or len(time) < 3:
         return signal
     return np.asarray(CubicSpline(time, signal)(np.clip(time + by, time[0], time[-1])))
 
 
 def stretches(condition: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
-    """(m, 2) first sample of each run of samples for which a condition (N,) holds, and the first one after it."""
+    """Return (m, 2) first sample of each run of samples for which a condition (N,) holds, and the next one."""
     held = np.concatenate([[False], condition, [False]])
     return np.flatnonzero(held[1:] != held[:-1]).reshape(-1, 2)

@@ -37,7 +37,7 @@ def check_places(plant: MultibodyPlant, joints: Sequence[str], effects: Iterable
 
 
 def fold(plant: MultibodyPlant, context: Context, arm: Arm, changes: Iterable[RigidChange]) -> None:
-    """Adds links' inertias, rotors and dampers.
+    """Add links' inertias, rotors and dampers.
 
     Args:
         plant: holds the arm.

@@ -43,7 +43,7 @@ class TorqueBias(Effect):
         return tau - self.spread(joints, self.value("torque"))
 
     def fittings(self) -> list[Fitting]:
-        """An actuator that always gives the same."""
+        """Return an actuator that always gives the same."""
         return [
             Fitting(f"{joint}_torque_bias", joint, torque=float(torque))
             for joint, torque in zip(self.joints, self.value("torque"), strict=True)
@@ -58,7 +58,7 @@ class Gain(Effect):
     """The joint gets the logged torque times a gain."""
 
     def gains(self, joints: Sequence[str]) -> Array:
-        """(n,) one where it does not act."""
+        """Return (n,) one where it does not act."""
         result = np.ones(len(joints))
         result[self.columns(joints)] = self.value("gain")
         return result
@@ -121,7 +121,7 @@ class TorqueSaturation(Effect):
         return True
 
     def limits(self, joints: Sequence[str]) -> Array:
-        """(n,) infinite where it does not act [N·m]."""
+        """Return (n,) infinite where it does not act [N·m]."""
         result = np.full(len(joints), np.inf)
         result[self.columns(joints)] = self.value("limit")
         return result

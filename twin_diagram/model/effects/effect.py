@@ -96,13 +96,13 @@ class Effect:
         return np.asarray((time >= after) & (time < before))
 
     def always(self) -> Effect:
-        """The same without onset and end."""
+        """Return the same without onset and end."""
         result = copy.copy(self)
         result.onset, result.end, result.log, result.elsewhere = None, None, "", {}
         return result
 
     def told(self, moments: Mapping[str, float]) -> Effect:
-        """The same, told when its onset or end came in other runs; see `EffectSpec.elsewhere`."""
+        """Return the same, told when its onset or end came in other runs; see `EffectSpec.elsewhere`."""
         result = copy.copy(self)
         result.elsewhere = {**self.elsewhere, **moments}
         return result
@@ -128,7 +128,7 @@ class Effect:
         return result
 
     def on_arm(self, prismatic: Collection[str]) -> Effect:
-        """The same, told which of an arm's joints are prismatic; itself where that is nothing new."""
+        """Return the same, told which of an arm's joints are prismatic; itself where that is nothing new."""
         own = frozenset(prismatic) & frozenset(self.joints)
         if own == self.prismatic:
             return self
@@ -138,7 +138,7 @@ class Effect:
 
     @classmethod
     def from_spec(cls, spec: EffectSpec) -> Effect:
-        """The effect of a scenario or an `effects.yaml`.
+        """Return the effect of a scenario or an `effects.yaml`.
 
         Raises:
             ModelError: an unknown or missing parameter, a wrong number of values, or a value out of bounds.
@@ -181,12 +181,12 @@ class Effect:
 
     @classmethod
     def optional(cls, key: str) -> bool:
-        """Whether a parameter without a default may be left out."""
+        """Return whether a parameter without a default may be left out."""
         del key
         return False
 
     def check(self) -> None:
-        """Raises ModelError where the parameters do not fit together."""
+        """Raise ModelError where the parameters do not fit together."""
 
     def spec(self) -> EffectSpec:
         """As a scenario or an `effects.yaml` holds it."""
@@ -203,11 +203,11 @@ class Effect:
         )
 
     def value(self, key: str) -> Array:
-        """A parameter's value."""
+        """Return a parameter's value."""
         return self.parameters[key].value
 
     def with_values(self, values: Mapping[str, Sequence[float] | Array], *, check: bool = True) -> Effect:
-        """The same effect with other values of some parameters; bounds are checked unless told otherwise."""
+        """Return the same effect with other values of some parameters; bounds are checked unless told otherwise."""
         parameters = dict(self.parameters)
         for key, value in values.items():
             where = f"effects.{self.name}.{key}"
@@ -220,12 +220,12 @@ class Effect:
         return result
 
     def vector(self) -> Array:
-        """All parameters that are not frozen, one after the other."""
+        """Return all parameters that are not frozen, one after the other."""
         free = [parameter.value for parameter in self.parameters.values() if not parameter.frozen]
         return np.concatenate(free) if free else np.zeros(0)
 
     def with_vector(self, vector: Array, *, check: bool = True) -> Effect:
-        """The inverse of `vector`."""
+        """Return the inverse of `vector`."""
         values, start = {}, 0
         for key, parameter in self.parameters.items():
             if not parameter.frozen:
@@ -236,7 +236,7 @@ class Effect:
     # The smooth laws.
 
     def torque(self, bodies: ArmBodies, q: Array, v: Array, a: Array, tau: Array) -> Array:
-        """What the motors must give in addition, joint side.
+        """Return what the motors must give in addition, joint side.
 
         Args:
             bodies: of the arm that it sits on.
@@ -252,12 +252,12 @@ class Effect:
         return np.zeros_like(q)
 
     def applied(self, joints: Sequence[str], tau: Array) -> Array:
-        """The torque (…, n) that reaches the joints of an arm when `tau` is logged."""
+        """Return the torque (…, n) that reaches the joints of an arm when `tau` is logged."""
         del joints
         return tau
 
     def logged(self, joints: Sequence[str], tau: Array) -> Array:
-        """The inverse of `applied`."""
+        """Return the inverse of `applied`."""
         del joints
         return tau
 
@@ -272,30 +272,30 @@ class Effect:
         return False
 
     def true_position(self, joints: Sequence[str], q: Array) -> Array:
-        """The positions (…, n) of an arm's joints when `q` is measured."""
+        """Return the positions (…, n) of an arm's joints when `q` is measured."""
         del joints
         return q
 
     def measured_position(self, joints: Sequence[str], q: Array) -> Array:
-        """The inverse of `true_position`."""
+        """Return the inverse of `true_position`."""
         del joints
         return q
 
     def change(self, links: DescribedLinks) -> RigidChange:
-        """Its part in the rigid model."""
+        """Return its part in the rigid model."""
         del links
         return RigidChange()
 
     def friction_level(self, bodies: ArmBodies, q: Array, v: Array, tau: Array) -> tuple[Array, Array]:
-        """Largest friction torque at each sample against positive and against negative motion, each (N, n), ≥ 0.
+        """Return the largest friction torque at each sample against positive and against negative motion.
 
-        Here `tau` is what the motors give, friction included.
+        Each (N, n), ≥ 0. Here `tau` is what the motors give, friction included.
         """
         del bodies, v, tau
         return np.zeros_like(q), np.zeros_like(q)
 
     def sensitivity(self, bodies: ArmBodies, q: Array, v: Array, a: Array, tau: Array) -> Array:
-        """Derivative (N, n, p) of the logged torque with respect to `vector`, by central differences."""
+        """Return the derivative (N, n, p) of the logged torque with respect to `vector`, by central differences."""
         theta = self.vector()
         result = np.empty((*q.shape, len(theta)))
         for k, value in enumerate(theta):
@@ -312,23 +312,23 @@ class Effect:
     # The realisation in a simulator.
 
     def fittings(self) -> list[Fitting]:
-        """The actuators that realise it in a discrete plant."""
+        """Return the actuators that realise it in a discrete plant."""
         return []
 
     def brakes(self) -> list[Brake]:
-        """Dry friction of changing level that `Drive` works out."""
+        """Return dry friction of changing level that `Drive` works out."""
         return []
 
     def marked_fittings(self) -> list[Fitting]:
-        """`fittings` under names of their own in a plant."""
+        """Return `fittings` under names of their own in a plant."""
         return [replace(fitting, name=fitting.name + self.mark) for fitting in self.fittings()]
 
     def marked_brakes(self) -> list[Brake]:
-        """`brakes` likewise."""
+        """Return `brakes` likewise."""
         return [replace(brake, name=brake.name + self.mark) for brake in self.brakes()]
 
     def before_finalize(self, plant: MultibodyPlant, arm: Arm) -> None:
-        """Changes a discrete plant that is not finalized; the default adds actuators for `fittings` and `brakes`."""
+        """Change a discrete plant that is not finalized; the default adds actuators for `fittings` and `brakes`."""
         for brake in self.marked_brakes():
             for name in brake.joints:
                 plant.AddJointActuator(
@@ -341,10 +341,10 @@ class Effect:
                 actuator.set_controller_gains(PdControllerGains(p=fitting.stiffness, d=fitting.damping))
 
     def after_finalize(self, plant: MultibodyPlant, arm: Arm) -> None:
-        """Sets what can only be set on a finalized plant."""
+        """Set what can only be set on a finalized plant."""
 
     def unit(self, key: str, joint: str = "") -> str:
-        """A parameter's unit on one of its joints."""
+        """Return a parameter's unit on one of its joints."""
         return self.kinds[key].unit_on(joint in self.prismatic)
 
     @property
@@ -354,20 +354,20 @@ class Effect:
         return "torque or force" if self.prismatic and turning else "force" if self.prismatic else "torque"
 
     def values_on_joints(self, key: str) -> str:
-        """A parameter's value on each joint, each in the joint's own unit, for `sentence`."""
+        """Return a parameter's value on each joint, each in the joint's own unit, for `sentence`."""
         values = zip(self.joints, self.value(key), strict=True)
         return ", ".join(f"{x:.4g} {self.unit(key, joint)} on {joint}" for joint, x in values)
 
     def sentence(self) -> str:
-        """Says itself, values in the units of `unit`."""
+        """Say itself, values in the units of `unit`."""
         return f"{self.name.replace('_', ' ')} on {', '.join(self.joints or self.links)}"
 
     def columns(self, joints: Sequence[str]) -> npt.NDArray[np.int64]:
-        """Its joints' columns in the arrays of an arm."""
+        """Return its joints' columns in the arrays of an arm."""
         return np.array([joints.index(joint) for joint in self.joints], dtype=np.int64)
 
     def spread(self, joints: Sequence[str], values: Array) -> Array:
-        """A value per joint of this effect as (n,), zero on the arm's other joints."""
+        """Return a value per joint of this effect as (n,), zero on the arm's other joints."""
         result = np.zeros(len(joints))
         result[self.columns(joints)] = values
         return result
@@ -382,13 +382,13 @@ REGISTRY: dict[str, type[Effect]] = {}
 
 
 def register(cls: E_) -> E_:
-    """Class decorator: makes an effect known by its name."""
+    """Return the class decorator: makes an effect known by its name."""
     REGISTRY[cls.name] = cls
     return cls
 
 
 def make(spec: EffectSpec) -> Effect:
-    """The effect that a specification names.
+    """Return the effect that a specification names.
 
     Raises:
         ModelError: unknown name, or parameters that do not fit it.

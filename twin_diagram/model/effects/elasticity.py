@@ -83,7 +83,7 @@ class YieldingGear(Effect):
         return RigidChange(rotor=dict(zip(self.joints, self.value("rotor_inertia").tolist(), strict=True)))
 
     def before_finalize(self, plant: MultibodyPlant, arm: Arm) -> None:
-        """Puts a rotor without mass between the joint's two links; its inertia is the motor's reflected one."""
+        """Put a rotor without mass between the joint's two links; its inertia is the motor's reflected one."""
         gears = self.gears()
         for name, inertia in zip(self.joints, self.value("rotor_inertia"), strict=True):
             _split(plant, arm, name, gears[name], float(inertia))
@@ -139,7 +139,7 @@ class Backlash(YieldingGear):
 
 
 def _split(plant: MultibodyPlant, arm: Arm, name: str, gear: Gear, inertia: float) -> None:
-    """Replaces a joint by one of the same name for the motor and a second one, `<name>_twist`, for the gear."""
+    """Replace a joint by one of the same name for the motor and a second one, `<name>_twist`, for the gear."""
     joint = plant.GetJointByName(name, arm.instances[0]) if len(arm.instances) == 1 else plant.GetJointByName(name)
     actuators = [plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices()]
     own = [actuator for actuator in actuators if actuator.joint().index() == joint.index()]

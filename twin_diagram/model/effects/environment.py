@@ -36,7 +36,7 @@ class GravityTilt(Effect):
     changes_plant: ClassVar[bool] = True
 
     def rotation(self) -> RollPitchYaw:
-        """The tilt, as a rotation of the base in W."""
+        """Return the tilt, as a rotation of the base in W."""
         return RollPitchYaw(float(self.value("roll")[0]), float(self.value("pitch")[0]), 0.0)
 
     def torque(self, bodies: ArmBodies, q: Array, v: Array, a: Array, tau: Array) -> Array:
@@ -49,7 +49,7 @@ class GravityTilt(Effect):
         return change.inverse_dynamics(q, zero, zero)
 
     def before_finalize(self, plant: MultibodyPlant, arm: Arm) -> None:
-        """Welds the base anew, tilted about its own origin."""
+        """Weld the base anew, tilted about its own origin."""
         base = plant.get_body(arm.base)
         weld = next(
             joint

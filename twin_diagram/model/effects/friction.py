@@ -40,7 +40,7 @@ TUNING = Tuning()
 
 
 def smooth_sign(v: Array) -> Array:
-    """A sign that is smooth about zero speed."""
+    """Return a sign that is smooth about zero speed."""
     return np.tanh(v / TUNING.smooth_velocity)
 
 
@@ -64,7 +64,7 @@ class ViscousFriction(Effect):
         return RigidChange(damping=dict(zip(self.joints, self.value("damping").tolist(), strict=True)))
 
     def fittings(self) -> list[Fitting]:
-        """Explicit dampers where it starts or ends during a run."""
+        """Return explicit dampers where it starts or ends during a run."""
         if not self.timed:
             return []
 
@@ -77,7 +77,7 @@ class ViscousFriction(Effect):
         ]
 
     def before_finalize(self, plant: MultibodyPlant, arm: Arm) -> None:
-        """Raises the joints' damping, which a discrete plant integrates implicitly."""
+        """Raise the joints' damping, which a discrete plant integrates implicitly."""
         if self.timed:
             super().before_finalize(plant, arm)
             return
@@ -137,7 +137,7 @@ class CoulombFriction(Effect):
         return np.broadcast_to(forward, q.shape), np.broadcast_to(backward, q.shape)
 
     def brakes(self) -> list[Brake]:
-        """Brakes that start or end during a run; a plant's own are there for good."""
+        """Return brakes that start or end during a run; a plant's own are there for good."""
         if not self.timed:
             return []
         return [
@@ -146,7 +146,7 @@ class CoulombFriction(Effect):
         ]
 
     def fittings(self) -> list[Fitting]:
-        """A brake per joint; where the directions differ, a constant torque shifts it."""
+        """Return a brake per joint; where the directions differ, a constant torque shifts it."""
         result: list[Fitting] = []
         if self.timed:
             return result

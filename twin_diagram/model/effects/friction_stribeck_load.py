@@ -35,7 +35,7 @@ class StribeckFriction(Effect):
     motor_side: ClassVar[bool] = True
 
     def levels(self, bodies: ArmBodies, v: Array) -> Array:
-        """Level (N, n) at speeds (N, n) [N·m]."""
+        """Return the level (N, n) at speeds (N, n) [N·m]."""
         coulomb, static = (self.spread(bodies.joints, self.value(key)) for key in ("coulomb", "static"))
         speed = self.spread(bodies.joints, self.value("stribeck_velocity"))
         speed[speed == 0.0] = 1.0
@@ -59,7 +59,7 @@ class StribeckFriction(Effect):
         raise ModelError("effects.stribeck_friction.onset: a simulator cannot start it during a run")
 
     def fittings(self) -> list[Fitting]:
-        """A brake of the higher level, and a push that takes off what is too much at speed.
+        """Return a brake of the higher level, and a push that takes off what is too much at speed.
 
         The push vanishes at rest, so that the joint sticks as it should, and is never more than the brake.
         """
@@ -118,7 +118,7 @@ class LoadDependentFriction(Effect):
         return np.where(tau >= 0.0, with_motor, against_motor), np.where(tau >= 0.0, against_motor, with_motor)
 
     def brakes(self) -> list[Brake]:
-        """One per joint, its level after the motor's torque."""
+        """Return one per joint, its level after the motor's torque."""
         return [_load_brake(joint, float(c)) for joint, c in zip(self.joints, self.value("coefficient"), strict=True)]
 
     def sentence(self) -> str:
@@ -148,7 +148,7 @@ class CoupledFriction(Effect):
             raise ModelError("effects.coupled_friction.joints: name the two or more joints that are coupled")
 
     def direction(self, bodies: ArmBodies) -> Array:
-        """(n,) 1 on the coupled joints."""
+        """Return (n,) 1 on the coupled joints."""
         return self.spread(bodies.joints, np.ones(len(self.joints)))
 
     def torque(self, bodies: ArmBodies, q: Array, v: Array, a: Array, tau: Array) -> Array:
@@ -158,12 +158,12 @@ class CoupledFriction(Effect):
         return self.value("damping")[0] * np.outer(v @ along, along) + self.dry_torque(bodies, v)
 
     def dry_torque(self, bodies: ArmBodies, v: Array) -> Array:
-        """The part of `torque` that integrators solve for."""
+        """Return the part of `torque` that integrators solve for."""
         along = self.direction(bodies)
         return self.value("torque")[0] * np.outer(smooth_sign(v @ along), along)
 
     def brakes(self) -> list[Brake]:
-        """One, on the sum."""
+        """Return one, on the sum."""
         level = float(self.value("torque")[0])
         return [Brake("coupled_friction", self.joints, lambda _: (level, level), float(self.value("damping")[0]))]
 

@@ -21,14 +21,14 @@ from twin_diagram.signals.arrays import Array
 
 
 def point_mass(mass: float, centre: Array) -> Array:
-    """(10,) inertial parameters, as in `rigid_tree.RigidTree`, of a point mass."""
+    """Return (10,) inertial parameters, as in `rigid_tree.RigidTree`, of a point mass."""
     tensor = mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
     off_diagonal = [tensor[0, 1], tensor[0, 2], tensor[1, 2]]
     return np.concatenate([[mass], mass * centre, np.diag(tensor), off_diagonal])
 
 
 def point_mass_jacobian(mass: float, centre: Array) -> Array:
-    """(10, 4): derivative of `point_mass` with respect to mass and centre."""
+    """Return (10, 4): derivative of `point_mass` with respect to mass and centre."""
     result = np.zeros((10, 4))
     result[:, 0] = point_mass(1.0, centre)
     result[1:4, 1:4] = mass * np.eye(3)
@@ -58,11 +58,11 @@ class Payload(Effect):
             raise ModelError(f"effects.payload.links: one link carries it, not {', '.join(self.links)}")
 
     def link(self, last_link: str) -> str:
-        """The link that carries it."""
+        """Return the link that carries it."""
         return self.links[0] if self.links else last_link
 
     def inertia(self) -> Array:
-        """(10,) in the carrying link's frame."""
+        """Return (10,) in the carrying link's frame."""
         return point_mass(float(self.value("mass")[0]), self.value("com"))
 
     def torque(self, bodies: ArmBodies, q: Array, v: Array, a: Array, tau: Array) -> Array:
@@ -81,11 +81,11 @@ class Payload(Effect):
         return bodies.tree.regressor(q, v, a, body) @ (rigid_tree.transform_inertia(X_ML) @ jacobian)
 
     def change(self, links: DescribedLinks) -> RigidChange:
-        """Adds to the link's inertia."""
+        """Add to the link's inertia."""
         return RigidChange(inertia={self.link(links.last_link): self.inertia()})
 
     def before_finalize(self, plant: MultibodyPlant, arm: Arm) -> None:
-        """Welds a body to the link."""
+        """Weld a body to the link."""
         mass = float(self.value("mass")[0])
         if mass == 0.0:
             return
@@ -129,7 +129,7 @@ class ReflectedInertia(Effect):
         return RigidChange(rotor=dict(zip(self.joints, self.value("inertia").tolist(), strict=True)))
 
     def before_finalize(self, plant: MultibodyPlant, arm: Arm) -> None:
-        """Adds to the rotor inertia of the motors."""
+        """Add to the rotor inertia of the motors."""
         for joint, inertia in zip(self.joints, self.value("inertia"), strict=True):
             actuator = arm.actuator(plant, joint)
             rotor = actuator.default_rotor_inertia() + float(inertia) / actuator.default_gear_ratio() ** 2

@@ -21,7 +21,7 @@ from twin_diagram.signals.arrays import Array
 
 
 def about_origin(mass: float, centre: Array, about_centre: Array) -> Array:
-    """(10,) inertial parameters about a frame's origin, of a body given as descriptions do.
+    """Return (10,) inertial parameters about a frame's origin, of a body given as descriptions do.
 
     Args:
         mass: [kg].
@@ -34,7 +34,7 @@ def about_origin(mass: float, centre: Array, about_centre: Array) -> Array:
 
 
 def about_centre(vector: Array) -> tuple[float, Array, Array]:
-    """The inverse of `about_origin`; without mass the centre is the origin."""
+    """Return the inverse of `about_origin`; without mass the centre is the origin."""
     mass = float(vector[0])
     centre = vector[1:4] / mass if mass > 0.0 else np.zeros(3)
     shift = mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
@@ -64,7 +64,7 @@ class InertialParameters(Effect):
             raise ModelError(f"effects.inertial_parameters.links: name one link, not {', '.join(self.links) or 'none'}")
 
     def whole(self, present: Array) -> Array:
-        """(10,) about the link's origin, of the link with the differences.
+        """Return (10,) about the link's origin, of the link with the differences.
 
         Args:
             present: (10,) of the link as described.
@@ -82,7 +82,7 @@ class InertialParameters(Effect):
         return about_origin(total, centre + self.value("com"), inertia + self.value("inertia"))
 
     def difference(self, links: DescribedLinks) -> Array:
-        """(10,) what is added to the link's inertial parameters, about its origin in its frame."""
+        """Return (10,) what is added to the link's inertial parameters, about its origin in its frame."""
         present = links.inertia(self.links[0])
         return self.whole(present) - present
 
@@ -97,11 +97,11 @@ class InertialParameters(Effect):
         return bodies.tree.bare(inertia).inverse_dynamics(q, v, a)
 
     def change(self, links: DescribedLinks) -> RigidChange:
-        """Adds to the link's inertia."""
+        """Add to the link's inertia."""
         return RigidChange(inertia={self.links[0]: self.difference(links)})
 
     def before_finalize(self, plant: MultibodyPlant, arm: Arm) -> None:
-        """Welds to the link itself as it is, and itself as described with a negative mass."""
+        """Weld to the link itself as it is, and itself as described with a negative mass."""
         link = plant.GetBodyByName(self.links[0])
         present = rigid_tree.inertia_vector(link.default_spatial_inertia(), RigidTransform())
         for sign, vector in ((1.0, self.whole(present)), (-1.0, present)):

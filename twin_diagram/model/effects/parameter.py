@@ -39,7 +39,7 @@ class ParameterKind:
     prismatic_unit: str | None = None
 
     def unit_on(self, prismatic: bool) -> str:
-        """Its unit on a revolute or prismatic joint; see `units.on_joint`."""
+        """Return its unit on a revolute or prismatic joint; see `units.on_joint`."""
         if prismatic and self.prismatic_unit is not None:
             return self.prismatic_unit
         return units.on_joint(self.unit, prismatic)
@@ -71,7 +71,7 @@ class Parameter:
 
     @staticmethod
     def of(kind: ParameterKind, value: Sequence[float] | Array, where: str) -> Parameter:
-        """A value of a kind, checked.
+        """Return a value of a kind, checked.
 
         Raises:
             ModelError: it is not finite or outside the bounds; `where` names it in the message.

@@ -33,7 +33,7 @@ class TorqueRipple(Effect):
         return amplitude * np.sin(cycles * q + phase)
 
     def fittings(self) -> list[Fitting]:
-        """An actuator per joint, explicit: keep amplitude × cycles × step² below the joint's inertia."""
+        """Return an actuator per joint, explicit: keep amplitude × cycles × step² below the joint's inertia."""
         result = []
         for joint, amplitude, cycles, phase in zip(self.joints, *map(self.value, self.kinds), strict=True):
 

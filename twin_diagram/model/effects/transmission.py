@@ -53,7 +53,7 @@ class JointSpring(Effect):
                 )
 
     def curve(self) -> Callable[[Array], Array]:
-        """The curve as a function of angles of any shape.
+        """Return the curve as a function of angles of any shape.
 
         Beyond its ends, the slope there gives way to the curve's mean slope within half a piece: an end's slope is the
         least sure of all, and what it says of angles far away is nothing.
@@ -87,7 +87,10 @@ class JointSpring(Effect):
         return stiffness * (q - rest)
 
     def fittings(self) -> list[Fitting]:
-        """A position-controlled actuator is a spring that the plant integrates implicitly; a curve is explicit."""
+        """Return a position-controlled actuator per joint, a spring that the plant integrates implicitly.
+
+        A curve is explicit.
+        """
         if "curve" in self.parameters:
             law = self.curve()
             return [Fitting(f"{self.joints[0]}_joint_spring", self.joints[0], curve=lambda q: -float(law(np.array(q))))]

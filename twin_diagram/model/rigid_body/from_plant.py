@@ -24,14 +24,14 @@ from twin_diagram.signals.arrays import Array
 
 
 def is_whole(plant: MultibodyPlant) -> bool:
-    """Whether gravity, dampers and joint springs are all the forces that a plant holds, as in `RigidTree`."""
+    """Return whether gravity, dampers and joint springs are all the forces that a plant holds, as in `RigidTree`."""
     known = (UniformGravityFieldElement, RevoluteSpring, PrismaticSpring)
     elements = (plant.get_force_element(ForceElementIndex(k)) for k in range(plant.num_force_elements()))
     return all(isinstance(element, known) for element in elements)
 
 
 def carrier(plant: MultibodyPlant, context: Context, arm: Arm, body: RigidBody) -> tuple[int, RigidTransform]:
-    """The arm joint that moves a body (-1: none), and the body's pose in that joint's moving frame M.
+    """Return the arm joint that moves a body (-1: none), and the body's pose in that joint's moving frame M.
 
     The positions in `context` of joints outside the arm count; the arm's own do not.
     """
@@ -48,7 +48,7 @@ def carrier(plant: MultibodyPlant, context: Context, arm: Arm, body: RigidBody) 
 
 
 def from_plant(plant: MultibodyPlant, context: Context, arm: Arm) -> RigidTree:
-    """Reads the tree of an arm off a finalized plant.
+    """Read the tree of an arm off a finalized plant.
 
     Args:
         plant: holds the arm.

@@ -123,7 +123,7 @@ class Kinematics:
         )
 
     def moments(self) -> tuple[Array, Array]:
-        """First moments (3, n, N) and inertia tensors (3, 3, n, N) about Mo, in W."""
+        """Return the first moments (3, n, N) and inertia tensors (3, 3, n, N) about Mo, in W."""
         h = np.einsum("abin,ib->ain", self.R, self.tree.inertia[:, 1:4])
         xx, yy, zz, xy, xz, yz = self.tree.inertia[:, 4:].T
         tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
@@ -131,7 +131,7 @@ class Kinematics:
         return h, np.einsum("acin,bcin->abin", RI, self.R)
 
     def accelerations(self, v: Array, a: Array | None, gravity: Array) -> tuple[Array, Array, Array]:
-        """Angular velocity, angular acceleration, and acceleration of Mo less gravity, each (3, n, N)."""
+        """Return angular velocity, angular acceleration, and acceleration of Mo less gravity, each (3, n, N)."""
         angular_rate, linear_rate = self.angular * v, self.linear * v
         w = self.ancestors @ angular_rate
         v_O = self.ancestors @ linear_rate
@@ -145,7 +145,7 @@ class Kinematics:
         return w, alpha, a_M
 
     def inverse_dynamics(self, v: Array, a: Array | None, gravity: Array) -> Array:
-        """Joint torques (n, N) of the bodies alone."""
+        """Return the joint torques (n, N) of the bodies alone."""
         w, alpha, a_M = self.accelerations(v, a, gravity)
         h, tensor = self.moments()
         force = self.tree.inertia[:, 0, None] * a_M + cross(alpha, h) + cross(w, cross(w, h))
@@ -153,11 +153,11 @@ class Kinematics:
         return self.project(self.ancestors.T @ moment, self.ancestors.T @ force)
 
     def project(self, moment: Array, force: Array) -> Array:
-        """Joint torques (n, N) of spatial forces about Wo, one per body with all that it carries."""
+        """Return the joint torques (n, N) of spatial forces about Wo, one per body with all that it carries."""
         return np.einsum("ain,ain->in", self.angular, moment) + np.einsum("ain,ain->in", self.linear, force)
 
     def mass_matrix(self) -> Array:
-        """(n, n, N), by composite bodies."""
+        """Return (n, n, N), by composite bodies."""
         m = self.tree.inertia[:, 0, None]
         h, tensor = self.moments()
         h_O = h + m * self.p
@@ -177,7 +177,7 @@ class Kinematics:
         return result
 
     def regressor(self, v: Array, a: Array, gravity: Array, body: int) -> Array:
-        """(n, 10, N) of one body."""
+        """Return (n, 10, N) of one body."""
         w, alpha, a_M = (x[:, body] for x in self.accelerations(v, a, gravity))
         R = self.R[:, :, body]
         samples = w.shape[-1]
@@ -200,7 +200,7 @@ class Kinematics:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Products of vectors (3, …)."""
+    """Return products of vectors (3, …)."""
     result = np.empty(np.broadcast_shapes(a.shape, b.shape))
     np.subtract(a[1] * b[2], a[2] * b[1], out=result[0])
     np.subtract(a[2] * b[0], a[0] * b[2], out=result[1])

@@ -22,7 +22,7 @@ class PlantCalls:
     """
 
     def __init__(self, plant: MultibodyPlant, context: Context, arm: Arm) -> None:
-        """Takes a context whose parameters hold; its state is overwritten."""
+        """Take a context whose parameters hold; its state is overwritten."""
         joints = [plant.get_joint(index) for index in arm.joint_indices]
         self.position_index = np.array([joint.position_start() for joint in joints])
         self.velocity_index = np.array([joint.velocity_start() for joint in joints])
@@ -38,13 +38,13 @@ class PlantCalls:
         self._block = np.ix_(self.velocity_index, self.velocity_index)
 
     def mass(self, q: Array) -> Array:
-        """(n, n) mass matrix [kg·m²]."""
+        """Return (n, n) mass matrix [kg·m²]."""
         self._at(q)
         mass: Array = self._plant.CalcMassMatrix(self._context)[self._block]
         return mass
 
     def inverse_dynamics(self, q: Array, v: Array, a: Array) -> Array:
-        """(n,) torques of the rigid bodies, with what the context's parameters hold [N·m]."""
+        """Return (n,) torques of the rigid bodies, with what the context's parameters hold [N·m]."""
         plant, context = self._plant, self._context
         self._v[self.velocity_index] = v
         self._a[self.velocity_index] = a
@@ -55,12 +55,12 @@ class PlantCalls:
         return result
 
     def tool_pose(self, q: Array) -> RigidTransform:
-        """X_WT of the tool frame."""
+        """Return X_WT of the tool frame."""
         self._at(q)
         return self._tool.CalcPoseInWorld(self._context)
 
     def tool_jacobian(self, q: Array) -> Array:
-        """(6, n): angular over linear velocity of the tool frame in W, per joint velocity."""
+        """Return (6, n): angular over linear velocity of the tool frame in W, per joint velocity."""
         self._at(q)
         jacobian: Array = self._plant.CalcJacobianSpatialVelocity(
             self._context, JacobianWrtVariable.kV, self._tool, self._origin, self._world, self._world

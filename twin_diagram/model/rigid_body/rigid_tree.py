@@ -33,12 +33,15 @@ class RigidTree(KinematicTree):
     """The arm as n bodies, body i moved by joint i: what forces its motions take. Attributes as of `KinematicTree`."""
 
     def bare(self, inertia: Array) -> RigidTree:
-        """The same joints with other inertias and nothing else: no rotors, dampers or springs."""
+        """Return the same joints with other inertias and nothing else: no rotors, dampers or springs."""
         zero = np.zeros(self.n)
         return replace(self, inertia=inertia, rotor=zero, damping=zero, stiffness=zero, rest=zero)
 
     def inverse_dynamics(self, q: Array, v: Array, a: Array) -> Array:
-        """Joint torques (N, n) for motions q, v, a, each (N, n): M a + C v − g + rotors, dampers and springs."""
+        """Return the joint torques (N, n) for motions q, v, a, each (N, n).
+
+        M a + C v − g + rotors, dampers and springs.
+        """
         result = np.empty_like(q)
         for part in _chunks(len(q)):
             motion = Kinematics.of(self, q[part].T)
@@ -47,7 +50,7 @@ class RigidTree(KinematicTree):
         return result
 
     def mass_matrix(self, q: Array) -> Array:
-        """Mass matrices (N, n, n) with rotors at positions (N, n)."""
+        """Return the mass matrices (N, n, n) with rotors at positions (N, n)."""
         result = np.empty((len(q), self.n, self.n))
         for part in _chunks(len(q)):
             result[part] = Kinematics.of(self, q[part].T).mass_matrix().transpose(2, 0, 1)
@@ -55,7 +58,7 @@ class RigidTree(KinematicTree):
         return result
 
     def mass_and_bias(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Mass matrices (N, n, n) and torques at zero acceleration (N, n), sharing the kinematics."""
+        """Return the mass matrices (N, n, n) and torques at zero acceleration (N, n), sharing the kinematics."""
         mass = np.empty((len(q), self.n, self.n))
         bias = np.empty_like(q)
         for part in _chunks(len(q)):
@@ -67,7 +70,7 @@ class RigidTree(KinematicTree):
         return mass, bias
 
     def pushed(self, q: Array, body: int, p: Array, force: Array, moment: Array) -> Array:
-        """Joint torques (N, n) that a wrench gives.
+        """Return the joint torques (N, n) that a wrench gives.
 
         Args:
             q: (N, n) positions [rad].
@@ -90,7 +93,9 @@ class RigidTree(KinematicTree):
         return result
 
     def regressor(self, q: Array, v: Array, a: Array, body: int) -> Array:
-        """Joint torques (N, n, 10) per unit of each inertial parameter of one body, in the order of `inertia`.
+        """Return the joint torques (N, n, 10) per unit of each inertial parameter of one body.
+
+        In the order of `inertia`.
 
         Joint torques are linear in them (Atkeson, An and Hollerbach 1986).
         """
@@ -106,7 +111,10 @@ def _chunks(count: int) -> list[slice]:
 
 
 def inertia_vector(M_BBo: SpatialInertia, X_MB: RigidTransform) -> Array:
-    """A body's ten inertial parameters in frame M (order of `RigidTree.inertia`), from its inertia about Bo in B."""
+    """Return a body's ten inertial parameters in frame M from its inertia about Bo in B.
+
+    In the order of `RigidTree.inertia`.
+    """
     mass = M_BBo.get_mass()
     R: Any = X_MB.rotation().matrix()
     centre: Any = X_MB.translation() + R @ M_BBo.get_com() if mass > 0.0 else X_MB.translation()
@@ -118,7 +126,7 @@ def inertia_vector(M_BBo: SpatialInertia, X_MB: RigidTransform) -> Array:
 
 
 def transform_inertia(X_ML: RigidTransform) -> Array:
-    """(10, 10): turns inertial parameters in frame L into those in frame M, linearly."""
+    """Return (10, 10): turns inertial parameters in frame L into those in frame M, linearly."""
     R: Any = X_ML.rotation().matrix()
     p: Any = X_ML.translation()
     result = np.zeros((10, 10))

@@ -81,7 +81,7 @@ class Frame:
         return Frame(segments.camera, segments.depth, robot, normals, stride, colours, (u0, v0), segments.table)
 
     def depth_at(self, u: Array, v: Array) -> tuple[Array, Array, Mask]:
-        """Depth at the pixels nearest to (u, v), any shape.
+        """Return the depth at the pixels nearest to (u, v), any shape.
 
         Returns:
             depth [m]; points (..., 3) in W seen there; whether there is one (inside the image, with depth).
@@ -98,14 +98,14 @@ class Frame:
         return depth, p_C @ camera.R_WC.T + camera.p_WC, inside & (depth > 0)
 
     def robot_at(self, u: Array, v: Array) -> Mask:
-        """Whether the pixels nearest to (u, v) show the robot; clamped to the image."""
+        """Return whether the pixels nearest to (u, v) show the robot; clamped to the image."""
         height, width = self.depth.shape
         column = np.clip(np.rint(u), 0, width - 1).astype(np.int64)
         row = np.clip(np.rint(v), 0, height - 1).astype(np.int64)
         return cast(Mask, self.robot[row, column])
 
     def normal_at(self, u: Array, v: Array) -> Array:
-        """Normals (..., 3) in W seen at the pixels nearest to (u, v); 0 where none is known."""
+        """Return the normals (..., 3) in W seen at the pixels nearest to (u, v); 0 where none is known."""
         height, width = self.normals.shape[:2]
         column = np.clip(np.rint(u / self.stride), 0, width - 1).astype(np.int64)
         row = np.clip(np.rint(v / self.stride), 0, height - 1).astype(np.int64)

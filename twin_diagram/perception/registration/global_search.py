@@ -115,7 +115,7 @@ def resting(asset: Asset) -> list[tuple[Array, float]]:
 
 
 def _down(normal: Array) -> Array:
-    """The smallest rotation that turns a unit vector to -z."""
+    """Return the smallest rotation that turns a unit vector to -z."""
     axis = np.cross(normal, [0.0, 0.0, -1.0])
     sine = np.linalg.norm(axis)
     angle = np.arctan2(sine, -normal[2])
@@ -125,7 +125,7 @@ def _down(normal: Array) -> Array:
 
 
 def starts(model: ModelCloud, frame: Frame, points_W: Array, orientations: list[tuple[Array, float]]) -> Poses:
-    """Poses at rest on the table whose visible points would have the segment's centre.
+    """Return the poses at rest on the table whose visible points would have the segment's centre.
 
     Where the segment is narrower than the object should appear (something hides a part of it), or wider (two things are
     in one segment), more are laid to the left and right of the line of sight.
@@ -162,7 +162,7 @@ def starts(model: ModelCloud, frame: Frame, points_W: Array, orientations: list[
 
 
 def explained(model: ModelCloud, points_W: Array, registration: Registration, reach: float = 0.008) -> float:
-    """Share of points within `reach` [m] of the object's surface."""
+    """Return the share of points within `reach` [m] of the object's surface."""
     distance, _ = model.tree.query(
         (points_W - registration.p) @ registration.R, distance_upper_bound=reach + model.spacing / 2, workers=1
     )
@@ -176,7 +176,7 @@ def search(
     orientations: list[tuple[Array, float]],
     params: scenario.Registration,
 ) -> Found | None:
-    """Looks for one object in one segment.
+    """Look for one object in one segment.
 
     Args:
         model: the object.
@@ -203,7 +203,7 @@ def search(
 def nearby(
     model: ModelCloud, frame: Frame, R: Array, p: Array, points_W: Array, params: scenario.Registration
 ) -> Found | None:
-    """Looks for an object that has slipped from its track, around its last pose.
+    """Look for an object that has slipped from its track, around its last pose.
 
     Args:
         model: the object.
@@ -224,7 +224,7 @@ def nearby(
 def best_of(
     model: ModelCloud, frame: Frame, laid: Poses, points_W: Array, prior: Array, params: scenario.Registration
 ) -> Found | None:
-    """Refines all starts on coarse colours and the best few exactly; the pose that explains most."""
+    """Refine all starts on coarse colours and the best few exactly; the pose that explains most."""
     poses, _ = refine(
         model, frame, laid, TUNING.coarse_points, TUNING.coarse_iterations, prior, params, coarse_only=True
     )
@@ -246,7 +246,7 @@ def best_of(
 
 
 def _apart(poses: Poses, order: npt.NDArray[np.int64]) -> list[int]:
-    """The first few in `order` that differ from one another by more than 10° or 1 cm."""
+    """Return the first few in `order` that differ from one another by more than 10° or 1 cm."""
     chosen: list[int] = []
     for k in order:
         if all(

@@ -58,7 +58,7 @@ class ModelCloud:
 
     @staticmethod
     def of(asset: Asset, view_points: int) -> ModelCloud:
-        """Works the tables out.
+        """Work the tables out.
 
         Args:
             asset: the object.
@@ -87,7 +87,7 @@ class ModelCloud:
 
 
 def fibonacci_sphere(count: int) -> Array:
-    """(count, 3) unit vectors spread evenly."""
+    """Return (count, 3) unit vectors spread evenly."""
     k = np.arange(count) + 0.5
     z = 1.0 - 2.0 * k / count
     angle = np.pi * (1.0 + 5.0**0.5) * k
@@ -96,7 +96,9 @@ def fibonacci_sphere(count: int) -> Array:
 
 
 def visible(points: Array, normals: Array, direction: Array, cell: float) -> npt.NDArray[np.bool_]:
-    """Which points a far camera in `direction` (from object to camera) sees: they face it and nothing is in front.
+    """Return which points a far camera in `direction` (from object to camera) sees.
+
+    They face it and nothing is in front.
 
     A depth buffer of square cells of size `cell` [m]: a point is hidden where its cell's foremost point lies more than
     12 mm nearer to the camera, and as far above the point's own tangent plane (so a convex object hides nothing of

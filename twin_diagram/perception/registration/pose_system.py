@@ -56,7 +56,7 @@ class IcpPoseEstimator(LeafSystem):
         params: scenario.Registration,
         perception: scenario.Perception | None = None,
     ) -> None:
-        """Builds the system.
+        """Build the system.
 
         Args:
             library: assets by the object's name.

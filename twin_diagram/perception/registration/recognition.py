@@ -32,7 +32,10 @@ TUNING = Tuning()
 
 
 def hues(colours: Array) -> Array:
-    """A histogram (144,) over red's and green's share in RGB colours (N, 3); light and shade hardly change it."""
+    """Return a histogram (144,) over red's and green's share in RGB colours (N, 3).
+
+    Light and shade hardly change it.
+    """
     total = colours.sum(axis=1)
     bright = total > 0.1
     share = colours[bright, :2] / total[bright, None]
@@ -55,7 +58,7 @@ def recognise(
     params: scenario.Registration,
     smallest: int,
 ) -> dict[int, Found]:
-    """Finds wanted objects in what no tracked object explains.
+    """Find wanted objects in what no tracked object explains.
 
     Args:
         wanted: models by the object's number.

@@ -148,7 +148,7 @@ def register(
     prior: Array | None = None,
     points_W: Array | None = None,
 ) -> Registration:
-    """Registers one object from a pose near the right one.
+    """Register one object from a pose near the right one.
 
     Args:
         model: the object.
@@ -175,7 +175,9 @@ def register(
 
 
 def covariance(H: Array, visible_share: float) -> Array:
-    """(6, 6) from the data's information: correlated points, shared errors, and bounds where the data say nothing.
+    """Return (6, 6) from the data's information.
+
+    Correlated points, shared errors, and bounds where the data say nothing.
 
     The less of an object is seen, the less do errors that its points share cancel.
     """
@@ -189,7 +191,10 @@ def covariance(H: Array, visible_share: float) -> Array:
 def claimed(
     model: ModelCloud, segments: Segments, R: Array, p: Array, reach: float, most: int | None = None
 ) -> npt.NDArray[np.int64]:
-    """Indices of the segments' points within `reach` [m] of the object's surface; about `most` if that is given."""
+    """Return the indices of the segments' points within `reach` [m] of the object's surface.
+
+    About `most` if that is given.
+    """
     local = segments.points_W - p
     near = np.flatnonzero(np.einsum("ni,ni->n", local, local) < (model.radius + reach) ** 2)
     if most is not None:

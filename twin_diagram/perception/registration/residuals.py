@@ -63,7 +63,7 @@ class Poses:
     p: Array
 
     def __getitem__(self, index: npt.NDArray[np.int64] | slice) -> Poses:
-        """A selection."""
+        """Return a selection."""
         return Poses(self.R[index], self.p[index])
 
     def moved(self, step: Array) -> Poses:
@@ -109,7 +109,7 @@ class Looked:
 
 
 def look(model: ModelCloud, frame: Frame, poses: Poses, count: int, level: int) -> Looked:
-    """Looks the visible points of the model, at most `count` each, up in the image."""
+    """Look the visible points of the model, at most `count` each, up in the image."""
     camera = frame.camera
     towards = np.einsum("bij,bi->bj", poses.R, camera.p_WC - poses.p)
     view = np.argmax(towards @ model.directions.T, axis=1)
@@ -178,7 +178,10 @@ class Normal:
 
 
 def linearise(looked: Looked, frame: Frame, level: int, reach: float, colour_share: float) -> tuple[Normal, Array]:
-    """Normal equations of geometry and colour at the poses that were looked up; and the distances' noise (B, P)."""
+    """Return the normal equations of geometry and colour at the poses that were looked up.
+
+    And the distances' noise (B, P).
+    """
     sigma = np.hypot(PINHOLE.depth_noise * looked.z**2 * np.maximum(looked.facing, 0.2), TUNING.model_noise)
     near = looked.matched & (np.abs(looked.deeper) < TUNING.deepest * reach)
     w = np.where(near, tukey(looked.distance, reach), 0.0) / sigma**2
@@ -197,7 +200,7 @@ def linearise(looked: Looked, frame: Frame, level: int, reach: float, colour_sha
 def _colour_terms(
     looked: Looked, frame: Frame, level: int, reach: float, near: npt.NDArray[np.bool_]
 ) -> tuple[Array, Array]:
-    """Normal equations of the colours, each of unit weight."""
+    """Return the normal equations of the colours, each of unit weight."""
     found, du, dv = frame.colour_at(looked.u, looked.v, level)
     on = (near & (looked.facing > 0.25)).astype(float) * looked.facing
     on = on * (np.abs(looked.distance) < max(0.5 * reach, 0.006))
@@ -223,13 +226,13 @@ def _colour_terms(
 
 
 def toward(poses: Poses, goal: Poses, information: Array) -> Normal:
-    """Normal equations of a prior: `information` (6,) about the poses `goal`."""
+    """Return the normal equations of a prior: `information` (6,) about the poses `goal`."""
     miss = np.concatenate([log(goal.R @ poses.R.transpose(0, 2, 1)), goal.p - poses.p], axis=1)
     return Normal(np.broadcast_to(np.diag(information), (len(miss), 6, 6)), miss * information)
 
 
 def unexplained(model: ModelCloud, points_W: Array, poses: Poses, p_WC: Array, reach: float, share: float) -> Normal:
-    """Normal equations of the opposite direction, for one pose: image points to their nearest model points.
+    """Return the normal equations of the opposite direction, for one pose: image points to their nearest model points.
 
     Point-to-plane, and with weight `share` point-to-point; a point-to-point distance within the model's own spacing is
     none. A point whose nearest model point faces away from the camera is left out: it is the other side of a thin wall.
@@ -288,7 +291,7 @@ class Fit:
 
 
 def assess(model: ModelCloud, frame: Frame, poses: Poses, count: int, level: int = FINE, slack: float = 0.003) -> Fit:
-    """Compares poses with the image; a surface point is in place within `slack` [m] and three times the noise."""
+    """Compare poses with the image; a surface point is in place within `slack` [m] and three times the noise."""
     looked = look(model, frame, poses, count, level)
     sigma = np.hypot(PINHOLE.depth_noise * looked.z**2, TUNING.model_noise)
     tolerance = slack + 3.0 * sigma

@@ -8,7 +8,7 @@ from twin_diagram.signals.arrays import Array
 
 
 def exp(vectors: Array) -> Array:
-    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) (Rodrigues)."""
+    """Return the rotation matrices (..., 3, 3) of rotation vectors (..., 3) (Rodrigues)."""
     angle = np.linalg.norm(vectors, axis=-1)[..., None, None]
     K = skew(vectors)
     a = np.sinc(angle / np.pi)
@@ -17,7 +17,7 @@ def exp(vectors: Array) -> Array:
 
 
 def log(R: Array) -> Array:
-    """Rotation vectors (..., 3) of rotation matrices, for angles below 180°."""
+    """Return the rotation vectors (..., 3) of rotation matrices, for angles below 180°."""
     half = 0.5 * np.stack([R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], -1)
     sine = np.linalg.norm(half, axis=-1, keepdims=True)
     cosine = 0.5 * (np.trace(R, axis1=-2, axis2=-1) - 1.0)[..., None]
@@ -46,7 +46,7 @@ def cross(a: Array, b: Array) -> Array:
 
 
 def to_quaternion(R: Array) -> Array:
-    """(w, x, y, z), w >= 0, of one rotation matrix (3, 3): the dominant eigenvector of Bar-Itzhack's matrix."""
+    """Return (w, x, y, z), w >= 0, of one rotation matrix (3, 3): the dominant eigenvector of Bar-Itzhack's matrix."""
     K = np.array(
         [
             [R[0, 0] + R[1, 1] + R[2, 2], 0.0, 0.0, 0.0],
@@ -61,7 +61,7 @@ def to_quaternion(R: Array) -> Array:
 
 
 def from_quaternion(q: Array) -> Array:
-    """Rotation matrix (3, 3) of (w, x, y, z), of any length but 0."""
+    """Return the rotation matrix (3, 3) of (w, x, y, z), of any length but 0."""
     w, x, y, z = np.asarray(q) / np.linalg.norm(q)
     return np.array(
         [

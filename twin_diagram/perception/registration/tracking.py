@@ -97,7 +97,7 @@ class Slot:
 
     @staticmethod
     def unpack(vector: Array) -> Slot:
-        """The inverse of `pack`."""
+        """Return the inverse of `pack`."""
         return Slot(
             known=bool(vector[0] > 0.5),
             R=from_quaternion(vector[1:5]),
@@ -133,7 +133,7 @@ def predict(slot: Slot, time: float) -> tuple[Array, Array]:
 
 
 def believable(result: Registration, params: scenario.Registration, R: Array, p: Array) -> bool:
-    """Whether a registration is the object, near where it must be, and not a guess from a few pixels."""
+    """Return whether a registration is the object, near where it must be, and not a guess from a few pixels."""
     return bool(
         result.quality >= params.minimum_quality
         and result.visible_share >= TUNING.least_visible
@@ -146,7 +146,7 @@ def believable(result: Registration, params: scenario.Registration, R: Array, p:
 def follow(
     known: Known, slot: Slot, segments: Segments, frame: Frame, params: scenario.Registration
 ) -> Registration | None:
-    """Registers an object near where it is expected; None where it is not to be seen there."""
+    """Register an object near where it is expected; None where it is not to be seen there."""
     moves = bool(np.any(slot.velocity))
     guesses = [(*predict(slot, segments.time), MOVING if moves else RESTING)]
     if moves:
@@ -167,7 +167,7 @@ def regain(
     free: npt.NDArray[np.bool_],
     params: scenario.Registration,
 ) -> Registration | None:
-    """Looks around an object's last pose, among points that nothing else explains."""
+    """Look around an object's last pose, among points that nothing else explains."""
     apart = segments.points_W - slot.p
     around = np.flatnonzero(free & (np.einsum("ni,ni->n", apart, apart) < (known.model.radius + 0.06) ** 2))
     if len(around) < TUNING.least_points:
@@ -179,7 +179,7 @@ def regain(
 
 
 def seen(slot: Slot, result: Registration, time: float) -> Slot:
-    """The slot after the object was found; its velocity is not known after an empty slot or a long gap."""
+    """Return the slot after the object was found; its velocity is not known after an empty slot or a long gap."""
     velocity = np.zeros(6)
     step = time - slot.seen
     if slot.known and 0.0 < step <= TUNING.coast:
@@ -191,7 +191,7 @@ def seen(slot: Slot, result: Registration, time: float) -> Slot:
 
 
 def measurement(slot: Slot, result: Registration | None, time: float) -> PoseMeasurement:
-    """What goes out: the pose found, or the last one with quality 0."""
+    """Return what goes out: the pose found, or the last one with quality 0."""
     if result is None:
         widest = np.diag(np.repeat(np.square(REGISTRATION.widest), 3))
         return PoseMeasurement(0.0, time, np.concatenate([to_quaternion(slot.R), slot.p]), widest)
@@ -205,7 +205,7 @@ def step(
     params: scenario.Registration,
     smallest: int,
 ) -> tuple[list[Slot], list[PoseMeasurement]]:
-    """One image: follows what is tracked, then searches for what is not.
+    """Return one image: follows what is tracked, then searches for what is not.
 
     Args:
         library: the known objects.

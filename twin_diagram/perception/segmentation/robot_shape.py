@@ -89,7 +89,7 @@ class RobotShape:
         return len(self._position_index)
 
     def near(self, points_W: Array, q: Array, margin: float) -> npt.NDArray[np.bool_]:
-        """Which of the points (N, 3) lie within `margin` [m] of the robot at joint angles `q` (n,)."""
+        """Return which of the points (N, 3) lie within `margin` [m] of the robot at joint angles `q` (n,)."""
         result = np.zeros(len(points_W), dtype=bool)
         if not len(points_W) or not self._parts:
             return result

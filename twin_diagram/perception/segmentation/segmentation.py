@@ -57,7 +57,7 @@ class Grid:
 
 
 def fit_table(points_W: Array, height: float) -> Array:
-    """The table's top from points near its known height.
+    """Return the table's top from points near its known height.
 
     Args:
         points_W: (N, 3), all sorts of points.
@@ -131,7 +131,7 @@ def segment(
     params: scenario.Perception,
     near_robot: Callable[[Array, float], Mask] | None = None,
 ) -> Segments:
-    """Finds what stands on the table and is not the robot.
+    """Find what stands on the table and is not the robot.
 
     Args:
         rgb: (H, W, 3)

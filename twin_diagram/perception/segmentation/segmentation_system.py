@@ -47,7 +47,7 @@ class Perception(LeafSystem):
         packages: Mapping[str, str | Path] | None = None,
         base_dir: str | Path | None = None,
     ) -> None:
-        """Builds the system.
+        """Build the system.
 
         Args:
             arm: the twin's arm; its collision shapes say what in the image is the robot.

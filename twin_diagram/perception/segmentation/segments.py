@@ -60,7 +60,7 @@ class Segments:
     table: Array
 
     def __post_init__(self) -> None:
-        """Makes the arrays read-only: the object is shared by all who evaluate the port."""
+        """Make the arrays read-only: the object is shared by all who evaluate the port."""
         for item in fields(self):
             value = getattr(self, item.name)
             if isinstance(value, np.ndarray):

@@ -66,7 +66,10 @@ class Balls:
 def arm_plant(
     spec: scenario.ArmModel, packages: Mapping[str, str | Path] | None = None
 ) -> tuple[MultibodyPlant, SceneGraph, description.Arm, Diagram]:
-    """An arm with its collision geometry: plant, scene graph, where the arm is, and the diagram that owns them."""
+    """Return an arm with its collision geometry.
+
+    Plant, scene graph, where the arm is, and the diagram that owns them.
+    """
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
     arm = description.add_arm(plant, spec, packages)
@@ -75,7 +78,7 @@ def arm_plant(
 
 
 def arm_balls(plant: MultibodyPlant, scene_graph: SceneGraph, arm: description.Arm, depth: Ints) -> Balls:
-    """Covers the arm's collision shapes with balls.
+    """Cover the arm's collision shapes with balls.
 
     What moves with the gripper's joints is covered wherever these joints may put it: the twin's planner is not told the
     fingers' position. What stands still with the base is left out, for it cannot be moved out of the way.
@@ -126,7 +129,7 @@ def arm_balls(plant: MultibodyPlant, scene_graph: SceneGraph, arm: description.A
 
 
 def _link_poses(plant: MultibodyPlant, arm: description.Arm, depth: Ints) -> Callable[[RigidBody], list[Array]]:
-    """Answers, for a body, its poses in the link that carries it: one, or one for each end of the gripper's travel."""
+    """Answer, for a body, its poses in the link that carries it: one, or one for each end of the gripper's travel."""
     contexts = []
     for end in range(2):
         context = plant.CreateDefaultContext()
@@ -155,7 +158,7 @@ def _link_poses(plant: MultibodyPlant, arm: description.Arm, depth: Ints) -> Cal
 
 
 def _cover(inspector: SceneGraphInspector, geometry: GeometryId, X_LGs: list[Array]) -> list[tuple[Array, float, int]]:
-    """Balls (centre in L, radius, part) that hold a shape, in one pose or in all between two."""
+    """Return balls (centre in L, radius, part) that hold a shape, in one pose or in all between two."""
     shape = inspector.GetShape(geometry)
     if len(X_LGs) == 1 and isinstance(shape, (Sphere, Capsule, Cylinder)):
         balls = _round_cover(shape)
@@ -191,7 +194,7 @@ def _round_cover(shape: Shape) -> list[tuple[Array, float]]:
 
 
 def box_cover(size: Array, overhang: float) -> list[tuple[Array, float, int]]:
-    """Balls (centre, radius, part) that hold a box of edge lengths `size` about the origin.
+    """Return balls (centre, radius, part) that hold a box of edge lengths `size` about the origin.
 
     One ball about each cell of a grid, as coarse as the overhang beyond the faces allows, but of `MOST_CELLS` cells
     at most: the cover of a large box reaches farther beyond it. `part` numbers the pieces along the longest edge.
@@ -215,7 +218,7 @@ def box_cover(size: Array, overhang: float) -> list[tuple[Array, float, int]]:
 
 
 def _not_swallowed(centres: Array, radii: Array, links: Array) -> list[int]:
-    """Indices of the balls that lie in no other ball of their link."""
+    """Return the indices of the balls that lie in no other ball of their link."""
     keep: list[int] = []
     for i in range(len(radii)):
         far = np.linalg.norm(centres - centres[i], axis=1) + radii[i]

@@ -64,7 +64,7 @@ class Chain:
 
     @staticmethod
     def from_plant(plant: MultibodyPlant, joints: Sequence[JointIndex], tool_frame: FrameIndex) -> Chain:
-        """Reads a finalized plant whose base is welded to the world.
+        """Read a finalized plant whose base is welded to the world.
 
         Args:
             plant: the arm, with or without a gripper.
@@ -138,11 +138,11 @@ class Chain:
         return Placement(X_WL, axes_W, origins_W)
 
     def tool(self, placement: Placement) -> Array:
-        """X_WT, (N, 4, 4)."""
+        """Return X_WT, (N, 4, 4)."""
         return placement.X_WL[:, -1] @ self.X_LT
 
     def tool_jacobian(self, placement: Placement) -> Array:
-        """Jacobian of the tool frame, (N, 6, n): angular above linear, in W."""
+        """Return the jacobian of the tool frame, (N, 6, n): angular above linear, in W."""
         p_WT = self.tool(placement)[:, :3, 3]
         turning = np.where(self.prismatic[:, None], 0.0, placement.axes_W)
         linear = point_jacobian(placement, p_WT, np.full(len(p_WT), self.size), np.arange(len(p_WT)), self.prismatic)
@@ -150,7 +150,7 @@ class Chain:
 
 
 def point_jacobian(placement: Placement, p_W: Array, link: Ints, row: Ints, prismatic: npt.NDArray[np.bool_]) -> Array:
-    """How fast points that are fixed to links move with the joints.
+    """Return how fast points that are fixed to links move with the joints.
 
     Args:
         placement: of N configurations.
@@ -173,7 +173,7 @@ def point_jacobian(placement: Placement, p_W: Array, link: Ints, row: Ints, pris
 
 
 def depths(plant: MultibodyPlant, joints: Sequence[JointIndex]) -> Ints:
-    """How many of the arm's joints carry each body of the plant, by the body's index."""
+    """Return how many of the arm's joints carry each body of the plant, by the body's index."""
     depth = np.zeros(plant.num_bodies(), dtype=int)
     for index in joints:
         for body in plant.GetBodiesKinematicallyAffectedBy([index]):

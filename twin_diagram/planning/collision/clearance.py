@@ -36,7 +36,7 @@ class Body:
 
     @staticmethod
     def of(name: str, solids: Sequence[Solid]) -> Body:
-        """A body made of solids."""
+        """Return a body made of solids."""
         balls = [solid.ball for solid in solids]
         centre = np.mean([c for c, _ in balls], axis=0)
         return Body(name, tuple(solids), centre, max(float(np.linalg.norm(c - centre)) + r for c, r in balls))
@@ -59,7 +59,7 @@ class Surroundings:
     still: npt.NDArray[np.bool_]
 
     def take(self, rows: Ints) -> Surroundings:
-        """The same for configurations `rows` of these, in any number and order."""
+        """Return the same for configurations `rows` of these, in any number and order."""
         return Surroundings(self.X_WO[:, rows], self.grown[:, rows], self.present, self.still)
 
 
@@ -108,7 +108,7 @@ class Clearance:
         self._prepare_self(back[balls.pairs])
 
     def _prepare_self(self, pairs: Ints) -> None:
-        """Sorts the pairs of balls by the pairs of groups they belong to, with a ball about each group."""
+        """Sort the pairs of balls by the pairs of groups they belong to, with a ball about each group."""
         self._group_link = np.zeros(self._group_count, dtype=int)
         self._group_centre, self._group_radius = np.zeros((self._group_count, 3)), np.zeros(self._group_count)
         for group in np.unique(self._groups):
@@ -125,7 +125,7 @@ class Clearance:
         self._group_pairs = np.stack([keys // self._group_count, keys % self._group_count], axis=1)
 
     def drop_group_pairs(self, drop: npt.NDArray[np.bool_]) -> None:
-        """Forgets pairs of parts of the arm, a bool for each of `group_pairs`."""
+        """Forget pairs of parts of the arm, a bool for each of `group_pairs`."""
         self._group_pairs = self._group_pairs[~drop]
         self._pair_start, self._pair_count = self._pair_start[~drop], self._pair_count[~drop]
 
@@ -135,7 +135,7 @@ class Clearance:
         return self._group_pairs
 
     def centres(self, placement: Placement) -> Array:
-        """(N, S, 3) the balls' centres in W."""
+        """Return (N, S, 3) the balls' centres in W."""
         result = np.empty((len(placement.X_WL), len(self._radii), 3))
         for k, part in self._slices:
             X_WL = placement.X_WL[:, k]
@@ -143,7 +143,7 @@ class Clearance:
         return result
 
     def distances(self, q: Array, around: Surroundings, reach: float, own: bool = True) -> Array:
-        """Smallest signed distance to each body, and to itself.
+        """Return the smallest signed distance to each body, and to itself.
 
         Args:
             q: (N, n) configurations.
@@ -166,7 +166,7 @@ class Clearance:
         return result
 
     def link_distances(self, q: Array, around: Surroundings) -> Array:
-        """Smallest distance of each link (from joint 1's on) to each body, however far: (N, n, B) [m]."""
+        """Return the smallest distance of each link (from joint 1's on) to each body, however far: (N, n, B) [m]."""
         centres = self.centres(self.chain.place(q))
         result = np.full((len(q), self.chain.size, len(self.bodies)), TUNING.far)
         for b in range(len(self.bodies)):
@@ -175,7 +175,10 @@ class Clearance:
         return result
 
     def own_distances(self, q: Array, reach: float) -> Array:
-        """Smallest distance between the two parts of each of `group_pairs`, (N, G) [m]; `FAR` beyond reach."""
+        """Return the smallest distance between the two parts of each of `group_pairs`, (N, G) [m].
+
+        `FAR` beyond reach.
+        """
         placement = self.chain.place(q)
         row, first, second, distance, _ = self._near_self(placement, self.centres(placement), reach)
         column = np.full((self._group_count, self._group_count), -1)
@@ -185,7 +188,10 @@ class Clearance:
         return result
 
     def contacts(self, q: Array, around: Surroundings, reach: float, own_reach: float) -> Contacts:
-        """Everything within reach, with gradients; arguments as in `distances`, `own_reach` for the arm to itself."""
+        """Return everything within reach, with gradients.
+
+        Arguments as in `distances`, `own_reach` for the arm to itself.
+        """
         placement = self.chain.place(q)
         centres = self.centres(placement)
         rows, bodies, distances, gradients = [], [], [], []
@@ -213,7 +219,7 @@ class Clearance:
         )
 
     def _near(self, centres: Array, around: Surroundings, b: int, reach: float) -> tuple[Ints, Ints, Array, Array]:
-        """Balls within reach of a body: row, ball, distance, normal in W away from the body."""
+        """Return balls within reach of a body: row, ball, distance, normal in W away from the body."""
         none = np.zeros(0, dtype=int)
         if not around.present[b]:
             return none, none, np.zeros(0), np.zeros((0, 3))
@@ -249,7 +255,10 @@ class Clearance:
         return row[near], ball[near], distance[near], normal
 
     def _near_self(self, placement: Placement, centres: Array, reach: float) -> tuple[Ints, Ints, Ints, Array, Array]:
-        """Pairs of balls within reach of each other: row, first, second, distance, normal from second to first."""
+        """Return pairs of balls within reach of each other.
+
+        Row, first, second, distance, normal from second to first.
+        """
         X_WL = placement.X_WL[:, self._group_link]
         middles = (X_WL[..., :3, :3] @ self._group_centre[:, :, None])[..., 0] + X_WL[..., :3, 3]
         i, j = self._group_pairs[:, 0], self._group_pairs[:, 1]

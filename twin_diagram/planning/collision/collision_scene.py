@@ -77,7 +77,10 @@ class Scene:
         return len(self.clearance.bodies) - self.fixture_count
 
     def around(self, forecast: Forecast, times: Array, *, fixtures: bool = True) -> Surroundings:
-        """Where the bodies are at `times` (N,) from the forecast's own time on [s]; the fixtures too, or absent."""
+        """Return where the bodies are at `times` (N,) from the forecast's own time on [s].
+
+        The fixtures too, or absent.
+        """
         count = len(times)
         bodies = self.fixture_count + self.object_count
         X_WO = np.zeros((bodies, count, 4, 4))
@@ -97,7 +100,7 @@ def load_scene(
     library: Mapping[str, Asset],
     packages: Mapping[str, str | Path] | None = None,
 ) -> Scene:
-    """Reads everything that the planner must know about shapes.
+    """Read everything that the planner must know about shapes.
 
     Args:
         spec: the arm.
@@ -179,7 +182,7 @@ class Forecast:
         return forecast
 
     def at(self, times: Array) -> tuple[Array, Array]:
-        """Poses (K, N, 4, 4) and growths (K, N) at `times` (N,) from now [s]."""
+        """Return the poses (K, N, 4, 4) and growths (K, N) at `times` (N,) from now [s]."""
         travelled = travel(times)
         count = len(self.present)
         X_WO = np.zeros((count, len(times), 4, 4))
@@ -192,7 +195,10 @@ class Forecast:
 
 
 def travel(times: Array) -> Array:
-    """How many seconds' worth of its present velocity an object moves until each time [s]: ever less in the end."""
+    """Return how many seconds' worth of its present velocity an object moves until each time [s].
+
+    Ever less in the end.
+    """
     return np.minimum(times, TUNING.steady) + TUNING.fade * (
         1.0 - np.exp(-np.maximum(times - TUNING.steady, 0.0) / TUNING.fade)
     )
@@ -210,7 +216,10 @@ def _here(clearance: Clearance, count: int, present: npt.NDArray[np.bool_]) -> S
 
 
 def _never_leaving(clearance: Clearance, q: Array, fixture_count: int) -> npt.NDArray[np.bool_]:
-    """(n + 1, F): links whose distance to a fixture no joint changes, such as a shoulder that turns above its table."""
+    """Return (n + 1, F): links whose distance to a fixture no joint changes.
+
+    Such as a shoulder that turns above its table.
+    """
     n = clearance.chain.size
     result = np.zeros((n + 1, fixture_count), dtype=bool)
     result[0] = True
@@ -221,6 +230,9 @@ def _never_leaving(clearance: Clearance, q: Array, fixture_count: int) -> npt.ND
 
 
 def _always_touching(clearance: Clearance, q: Array) -> npt.NDArray[np.bool_]:
-    """Which pairs of the arm's own parts touch in most configurations: neighbours by construction, not collisions."""
+    """Return which pairs of the arm's own parts touch in most configurations.
+
+    Neighbours by construction, not collisions.
+    """
     touching = clearance.own_distances(q, TUNING.own_contact) < TUNING.own_contact
     return np.asarray(touching.mean(axis=0) > 0.5)

@@ -31,11 +31,11 @@ class Solid(ABC):
 
     @abstractmethod
     def distance(self, p_G: Array) -> tuple[Array, Array]:
-        """Signed distances (M,) [m] of points (M, 3), negative inside, and their gradients (M, 3), unit and outward."""
+        """Return signed distances (M,) [m] of points (M, 3), negative inside, and outward unit gradients (M, 3)."""
 
     @abstractmethod
     def lower_bound(self, p_G: Array) -> Array:
-        """Something cheap, (M,), that is never above the distance of a point outside."""
+        """Return something cheap, (M,), that is never above the distance of a point outside."""
 
     @property
     @abstractmethod
@@ -256,13 +256,13 @@ class Polytope(Solid):
 
 
 def bounding_box(points: Array) -> Box:
-    """A box around points (V, 3), along the axes of their frame."""
+    """Return a box around points (V, 3), along the axes of their frame."""
     low, high = points.min(axis=0), points.max(axis=0)
     return Box((high - low) / 2, np.eye(3), (high + low) / 2)
 
 
 def solid_of(points: Array) -> Solid:
-    """A solid that holds points (V, 3): their hull as a `Box` or `Polytope`, or the `Drum` around a prism.
+    """Return a solid that holds points (V, 3): their hull as a `Box` or `Polytope`, or the `Drum` around a prism.
 
     Prisms of 12 sides or more stand for cylinders; the drum around one is larger by up to 3.5 % of the radius.
     """

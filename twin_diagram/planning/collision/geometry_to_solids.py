@@ -48,7 +48,7 @@ TUNING = Tuning()
 def fixture_solids(
     fixtures: Sequence[scenario.Fixture], packages: Mapping[str, str | Path] | None = None
 ) -> list[tuple[str, list[Solid]]]:
-    """What stands still, as convex solids in W, by name.
+    """Return what stands still, as convex solids in W, by name.
 
     Raises:
         ModelError: a model cannot be read, or something in it can move.
@@ -102,7 +102,7 @@ def _solids(inspector: SceneGraphInspector, geometry: GeometryId, X_WG: Array) -
 
 
 def points_of(inspector: SceneGraphInspector, geometry: GeometryId) -> Array:
-    """Points whose convex hull holds a shape."""
+    """Return the points whose convex hull holds a shape."""
     shape = inspector.GetShape(geometry)
     if isinstance(shape, BoxShape):
         return Box(np.asarray(shape.size()) / 2, np.eye(3), np.zeros(3)).vertices
@@ -121,12 +121,12 @@ def points_of(inspector: SceneGraphInspector, geometry: GeometryId) -> Array:
 
 
 def moved(X: Array, points: Array) -> Array:
-    """Points (V, 3) turned and shifted by X (4, 4)."""
+    """Return the points (V, 3) turned and shifted by X (4, 4)."""
     return points @ X[:3, :3].T + X[:3, 3]
 
 
 def _prism(radius: float, length: float) -> Array:
-    """Corners of a regular prism around a cylinder about z."""
+    """Return corners of a regular prism around a cylinder about z."""
     angle = (np.arange(TUNING.sides) + 0.5) * 2 * np.pi / TUNING.sides
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=1) * radius / np.cos(np.pi / TUNING.sides)
     return np.concatenate([np.insert(ring, 2, z, axis=1) for z in (-length / 2, length / 2)])

@@ -105,16 +105,16 @@ class Planner:
         )
 
     def initial(self, q: Array) -> Memory:
-        """Memory before the first tick, at rest at `q` (n,)."""
+        """Return the memory before the first tick, at rest at `q` (n,)."""
         return Memory.initial(q, self.params.knots, self.params.step)
 
     def hold(self, memory: Memory, now: float, q: Array) -> Memory:
-        """Memory with the arm held at `q` (n,) from `now` on."""
+        """Return the memory with the arm held at `q` (n,) from `now` on."""
         trajectory = Trajectory.at_rest(now, self.params.step, self.params.knots, q)
         return replace(memory, trajectory=trajectory, stay=trajectory.q0.copy())
 
     def tick(self, memory: Memory, now: float, arm_state: Array, tracks: Array, goal: Array) -> tuple[Memory, Report]:
-        """One replanning.
+        """Return one replanning.
 
         Args:
             memory: from the last tick.
@@ -165,7 +165,7 @@ class Planner:
         return memory, Report(route.aim, outcome.violation, outcome.solved, reanchored)
 
     def _situation(self, q: Array, forecast: Forecast, goals: Array, least: float) -> Situation:
-        """What is near, here and at the goals; `least` share of the clearance is wanted there."""
+        """Return what is near, here and at the goals; `least` share of the clearance is wanted there."""
         scene, clearance = self.scene, self.params.clearance
         q_all = np.vstack([q[None], goals])
         around = scene.around(forecast, np.zeros(len(q_all)))
@@ -179,7 +179,7 @@ class Planner:
         )
 
     def _anchor(self, memory: Memory, now: float, arm_state: Array) -> tuple[Memory, Array, Array, Array, bool]:
-        """Where the new plan starts: where the old one is now, unless the arm is somewhere else altogether."""
+        """Return where the new plan starts: where the old one is now, unless the arm is somewhere else altogether."""
         n = self.scene.chain.size
         q_measured, v_measured = arm_state[:n], arm_state[n:]
         known = bool(np.isfinite(arm_state).all())
@@ -214,7 +214,9 @@ class Planner:
     def _aim(
         self, memory: Memory, q0: Array, stop: Array, goal: Array, forecast: Forecast, rng: np.random.Generator
     ) -> Memory:
-        """Joint goals for the goal, found anew when it changes, and now and then while no way is known to any.
+        """Return the joint goals for the goal, found anew when it changes.
+
+        And now and then while no way is known to any.
 
         Args:
             memory: from the last tick.

@@ -52,7 +52,7 @@ class Memory:
 
     @staticmethod
     def size(n: int, knots: int) -> int:
-        """Length of the packed vector."""
+        """Return the length of the packed vector."""
         return 1 + n * (2 + knots) + n + POSE_SIZE + n + 1 + TUNING.goals * n + 2 + TUNING.way_points * n + 2
 
     @staticmethod
@@ -88,7 +88,7 @@ class Memory:
 
     @staticmethod
     def trajectory_of(vector: Array, n: int, knots: int, step: float) -> Trajectory:
-        """The trajectory alone of a packed vector; copies."""
+        """Return the trajectory alone of a packed vector; copies."""
         part = np.array(vector[: 1 + (2 + knots) * n])
         return Trajectory(
             float(part[0]), step, part[1 : 1 + n], part[1 + n : 1 + 2 * n], part[1 + 2 * n :].reshape(knots, n)
@@ -96,7 +96,7 @@ class Memory:
 
     @staticmethod
     def unpack(vector: Array, n: int, knots: int, step: float) -> Memory:
-        """The inverse of `pack`; copies."""
+        """Return the inverse of `pack`; copies."""
         parts = np.cumsum([1, n, n, knots * n, n, POSE_SIZE, n, 1, TUNING.goals * n, 2, TUNING.way_points * n])
         _, _, _, _, offset, goal, stay, count, goals, route, points, last = np.split(np.array(vector), parts)
         return Memory(

@@ -58,7 +58,7 @@ class QpSolver(ABC):
 
     @abstractmethod
     def solve(self, program: QuadraticProgram) -> QpSolution:
-        """Solves one program."""
+        """Solve one program."""
 
 
 class ProxQp(QpSolver):

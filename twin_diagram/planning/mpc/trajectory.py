@@ -33,7 +33,7 @@ class Trajectory:
 
     @staticmethod
     def at_rest(start: float, step: float, knots: int, q: Array) -> Trajectory:
-        """Stands still at `q` (n,)."""
+        """Stand still at `q` (n,)."""
         return Trajectory(start, step, np.array(q, dtype=float), np.zeros(len(q)), np.zeros((knots, len(q))))
 
     @property
@@ -54,7 +54,7 @@ class Trajectory:
         return np.vstack([self.q0, self.q0 + np.cumsum(rise, axis=0)]), v
 
     def at(self, times: Array) -> tuple[Array, Array, Array]:
-        """Position, velocity and acceleration at `times` (M,), each (M, n)."""
+        """Return the position, velocity and acceleration at `times` (M,), each (M, n)."""
         q, v = self._knots()
         last = len(self.accelerations) - 1
         passed = np.clip((np.asarray(times, dtype=float) - self.start) / self.step, 0.0, last)
@@ -67,7 +67,7 @@ class Trajectory:
         return position, velocity, np.where(over, 0.0, a + jerk * s)
 
     def position(self, time: float) -> Array:
-        """(n,) position at one time; quicker than `at`."""
+        """Return (n,) position at one time; quicker than `at`."""
         a, h = self.accelerations, self.step
         passed = min(max((time - self.start) / h, 0.0), len(a) - 1.0)
         i = min(int(passed), len(a) - 2)
@@ -79,7 +79,7 @@ class Trajectory:
 
 
 def response(times: Array, step: float, knots: int) -> tuple[Array, Array]:
-    """What a unit of acceleration at each knot adds to position and velocity.
+    """Return what a unit of acceleration at each knot adds to position and velocity.
 
     Args:
         times: (M,) from the first knot on, within the knots [s].

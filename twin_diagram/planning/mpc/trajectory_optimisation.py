@@ -142,7 +142,7 @@ class Optimiser:
         margins: Array,
         fallback: Trajectory,
     ) -> Outcome:
-        """Optimises one plan.
+        """Optimise one plan.
 
         Args:
             start: the plan's first time [s].
@@ -196,18 +196,18 @@ class Optimiser:
         return Outcome(fallback, kept, solved)
 
     def assess(self, q: Array, around: Surroundings, margins: Array) -> float:
-        """What positions (M, n) at the samples lack of the margins; see `Outcome.violation`."""
+        """Return what positions (M, n) at the samples lack of the margins; see `Outcome.violation`."""
         distance = self._clearance.distances(q, around, float(margins.max()) + 1e-6)
         return float(self.fading @ np.maximum(margins - distance, 0.0).max(axis=1))
 
     def _lacking(self, contacts: Contacts, margins: Array) -> float:
-        """The same from contacts."""
+        """Return the same from contacts."""
         lacking = np.zeros(len(self.samples))
         np.maximum.at(lacking, contacts.row, margins[contacts.row, contacts.body] - contacts.distance)
         return float(self.fading @ lacking)
 
     def _fitted(self, start: float, q0: Array, v0: Array, a0: Array, base: Array, q: Array) -> Trajectory | None:
-        """The trajectory nearest to positions (M, n) that ends at rest, if it keeps the acceleration limits."""
+        """Return the trajectory nearest to positions (M, n) that ends at rest, if it keeps the acceleration limits."""
         rest = self._V[-1]
         k = self._free
         system = np.zeros((k + 1, k + 1))

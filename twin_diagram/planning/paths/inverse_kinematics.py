@@ -31,7 +31,7 @@ class IkTuning:
 
 
 def pose_error(X_WT: Array, X_WG: Array) -> Array:
-    """What turns and moves T (N, 4, 4) into G (4, 4): (N, 6) rotation vector [rad] and translation [m], in W."""
+    """Return what turns and moves T (N, 4, 4) into G (4, 4): (N, 6) rotation vector [rad] and translation [m], in W."""
     turn = X_WG[:3, :3] @ X_WT[:, :3, :3].transpose(0, 2, 1)
     return np.concatenate([Rotation.from_matrix(turn).as_rotvec(), X_WG[:3, 3] - X_WT[:, :3, 3]], axis=1)
 
@@ -45,7 +45,7 @@ def solve(
     rng: np.random.Generator,
     tuning: IkTuning | None = None,
 ) -> Array:
-    """Configurations that put the tool at a pose, within the joints' limits.
+    """Return the configurations that put the tool at a pose, within the joints' limits.
 
     Half of the searches start near `near`, at growing distances, the others anywhere.
 

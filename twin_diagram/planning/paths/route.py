@@ -97,7 +97,10 @@ class Situation:
     own: float
 
     def margins(self, goal: int | None = None, extra: float = 0.0, away: float = 0.0) -> Array:
-        """(B + 1,) distances to keep on the way to a goal: less of what stands still near it, but `away` more [m]."""
+        """Return (B + 1,) distances to keep on the way to a goal.
+
+        Less of what stands still near it, but `away` more [m].
+        """
         result = np.full(len(self.here), self.clearance + extra)
         if goal is not None:
             near = np.clip(self.at_goals[goal, :-1] - 0.003 + away, self.least, self.clearance + extra)
@@ -110,7 +113,7 @@ class Situation:
         return np.maximum(np.minimum(share * margins, self.here - 0.003), 0.003)
 
     def goal_of(self, route: Route) -> int | None:
-        """Which goal a route leads to; without a route to one, the first."""
+        """Return which goal a route leads to; without a route to one, the first."""
         if not len(self.goals):
             return None
         if route.aim is Aim.GOAL and len(route.points):
@@ -134,7 +137,7 @@ class Router:
         self._lower, self._upper = np.maximum(scene.lower, -bound), np.minimum(scene.upper, bound)
 
     def timed(self, points: Array) -> tuple[Array, Array]:
-        """Configurations along straight lines between points (W, n), with the times of arrival from the first [s]."""
+        """Return the configurations along straight lines between points (W, n), and the times of arrival [s]."""
         pieces: list[Array] = [points[:1]]
         times: list[Array] = [np.zeros(1)]
         now = 0.0
@@ -147,14 +150,14 @@ class Router:
         return np.concatenate(pieces), np.concatenate(times)
 
     def reference(self, q: Array, route: Route, times: Array) -> Array:
-        """(M, n) where to be at `times` (M,) from now on, along the route."""
+        """Return (M, n) where to be at `times` (M,) from now on, along the route."""
         points = np.vstack([q, route.points])
         took = (np.abs(np.diff(points, axis=0)) / self.speed).max(axis=1, initial=0.0)
         at = np.concatenate([[0.0], np.cumsum(took)])
         return np.stack([np.interp(times, at, points[:, j]) for j in range(len(q))], axis=1)
 
     def duration(self, q: Array, route: Route) -> float:
-        """How long the route takes from where the arm is [s]."""
+        """Return how long the route takes from where the arm is [s]."""
         points = np.vstack([q, route.points])
         return float((np.abs(np.diff(points, axis=0)) / self.speed).max(axis=1, initial=0.0).sum())
 
@@ -171,12 +174,12 @@ class Router:
         return float(times[np.argmax(bad)]) if bad.any() else None
 
     def ends_free(self, now: Situation, ends: Array, margins: Array) -> npt.NDArray[np.bool_]:
-        """(G,) bool: where the arm may stay from its earliest arrival to the horizon."""
+        """Return (G,) bool: where the arm may stay from its earliest arrival to the horizon."""
         arrival = (np.abs(ends - now.q) / self.speed).max(axis=1)
         return self._free_at(now, ends, np.stack([arrival, np.maximum(arrival, self.tuning.horizon)], axis=1), margins)
 
     def decide(self, route: Route, now: Situation, rng: np.random.Generator, *, may_search: bool) -> tuple[Route, bool]:
-        """The route from here on.
+        """Return the route from here on.
 
         Args:
             route: the present one.
@@ -214,7 +217,7 @@ class Router:
         return self._aside(route, now, coarse, rng), failed
 
     def _shortcut(self, route: Route, now: Situation, margins: Array, coarse: Array) -> Route:
-        """Drops way points that are reached, or needless from here.
+        """Drop way points that are reached, or needless from here.
 
         The motion rounds off a sharp corner and may never come up to its way point, so near one it is enough that the
         way beyond is free by the `coarse` margins, by which the route itself is kept.
@@ -265,7 +268,7 @@ class Router:
         return Route.none(n)
 
     def _free_at(self, now: Situation, q: Array, times: Array, margins: Array) -> npt.NDArray[np.bool_]:
-        """(M,) bool: configurations (M, n) that keep the margins at each of their times (M, T)."""
+        """Return (M,) bool: configurations (M, n) that keep the margins at each of their times (M, T)."""
         scene = self.scene
         reach = float(margins.max()) + 1e-6
         count = len(q)

@@ -52,7 +52,7 @@ def interpolate(start: Array, end: Array, resolution: float) -> Array:
 
 
 def length(path: Array, weights: Array) -> float:
-    """Length of a path (W, n): its segments' largest weighted joint motion, summed."""
+    """Return the length of a path (W, n): its segments' largest weighted joint motion, summed."""
     return float(np.abs(np.diff(path, axis=0) * weights).max(axis=1).sum())
 
 
@@ -67,7 +67,7 @@ def plan(
     weights: Array | None = None,
     tuning: GuideTuning | None = None,
 ) -> Array | None:
-    """A free path from `start` to one of several goals.
+    """Return a free path from `start` to one of several goals.
 
     Args:
         start: (n,), taken to be free.
@@ -171,7 +171,7 @@ def _grow(
 
 
 def shorten(path: Array, is_free: IsFree, rng: np.random.Generator, tuning: GuideTuning, weights: Array) -> Array:
-    """Replaces stretches of a path (W, n) by straight lines where they are free; start and end stay."""
+    """Replace stretches of a path (W, n) by straight lines where they are free; start and end stay."""
     path = prune(path, is_free, tuning.resolution)
     for _ in range(tuning.shortcuts):
         if len(path) < 3:
@@ -194,7 +194,7 @@ def shorten(path: Array, is_free: IsFree, rng: np.random.Generator, tuning: Guid
 
 
 def prune(path: Array, is_free: IsFree, resolution: float) -> Array:
-    """Leaves out way points that a free straight line makes needless, the farthest first."""
+    """Leave out way points that a free straight line makes needless, the farthest first."""
     kept, here = [path[0]], 0
     while here < len(path) - 1:
         for there in range(len(path) - 1, here, -1):

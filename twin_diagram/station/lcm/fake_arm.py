@@ -43,7 +43,7 @@ class ImageSender(LeafSystem):
     """
 
     def __init__(self, bus: DrakeLcmInterface, channel: str, camera: Camera) -> None:
-        """Builds a sender on a channel of a bus."""
+        """Build a sender on a channel of a bus."""
         super().__init__()
         self._bus, self._channel, self._name = bus, channel, camera.name
         self._rgb = self.DeclareAbstractInputPort("rgb_image", Value(ImageRgba8U()))
@@ -74,7 +74,7 @@ class LcmArm(Diagram):
     station: SimStation
 
     def __init__(self, scenario: Scenario, bus: DrakeLcmInterface) -> None:
-        """Builds the world of `scenario` and joins `bus`.
+        """Build the world of `scenario` and joins `bus`.
 
         Raises:
             ScenarioError: as `SimStation`, or an unknown kind of arm.

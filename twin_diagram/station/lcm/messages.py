@@ -88,7 +88,7 @@ _DEPTH_TYPES: Final = {lcmt_image.CHANNEL_TYPE_UINT16: np.uint16, lcmt_image.CHA
 
 
 def _pixels(image: lcmt_image, dtype: type, channels: int) -> npt.NDArray[Any]:
-    """(H, W, channels) of an image, without its rows' padding."""
+    """Return (H, W, channels) of an image, without its rows' padding."""
     data = bytes(image.data)
     if image.compression_method == lcmt_image.COMPRESSION_METHOD_ZLIB:
         data = zlib.decompress(data)
@@ -110,7 +110,7 @@ def _pixels(image: lcmt_image, dtype: type, channels: int) -> npt.NDArray[Any]:
 
 
 def read_images(message: lcmt_image_array, depth_unit: float) -> tuple[Colour | None, Depth | None]:
-    """The first colour and the first depth image of a message.
+    """Return the first colour and the first depth image of a message.
 
     Args:
         message: depth in metres (float) or millimetres (16 bit), as Drake's own systems have it.
@@ -147,7 +147,7 @@ def read_images(message: lcmt_image_array, depth_unit: float) -> tuple[Colour | 
 
 
 def write_images(utime: int, frame: str, colour: Colour, depth: Depth) -> lcmt_image_array:
-    """A message of one colour and one depth image, not compressed.
+    """Return a message of one colour and one depth image, not compressed.
 
     Args:
         utime: capture time on the sender's clock [µs].

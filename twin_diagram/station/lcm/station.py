@@ -59,7 +59,7 @@ class LcmStation(Diagram):
     bus: DrakeLcmInterface
 
     def __init__(self, scenario: Scenario, bus: DrakeLcmInterface | None = None) -> None:
-        """Joins the bus.
+        """Join the bus.
 
         Args:
             scenario: of which `twin` and `lcm` are read.
@@ -124,7 +124,7 @@ class LcmStation(Diagram):
 
 
 def open_bus(url: str) -> DrakeLcm:
-    """A bus at an LCM URL; empty: LCM's default.
+    """Return a bus at an LCM URL; empty: LCM's default.
 
     Raises:
         ScenarioError: LCM does not take it.

@@ -117,7 +117,7 @@ class CommandSender(LeafSystem):
     def __init__(
         self, bus: DrakeLcmInterface, channel: str, protocol: Protocol, n: int, rate: float, with_torque: bool
     ) -> None:
-        """Builds a sender.
+        """Build a sender.
 
         Args:
             bus: where to.
@@ -171,7 +171,7 @@ class ImageReceiver(LeafSystem):
     """
 
     def __init__(self, camera: Camera, depth_unit: float, channel: str) -> None:
-        """Builds a receiver.
+        """Build a receiver.
 
         Args:
             camera: that the twin was told of.

@@ -101,7 +101,7 @@ def newest(delivery: Array, time: float) -> int:
 
 
 def rising(path: Path, delivery: Array) -> None:
-    """Checks a table's delivery times.
+    """Check a table's delivery times.
 
     Raises:
         StationError: they go back.
@@ -112,7 +112,7 @@ def rising(path: Path, delivery: Array) -> None:
 
 
 def read_recording(folder: Path, manifest: Manifest, joints: Sequence[str], fingers: Sequence[str]) -> Messages:
-    """The messages of a recording.
+    """Return the messages of a recording.
 
     Args:
         folder: of the recording.
@@ -158,7 +158,7 @@ def read_recording(folder: Path, manifest: Manifest, joints: Sequence[str], fing
 
 
 def read_frames(folder: Path, manifest: Manifest | None, camera: Camera | None) -> Frames:
-    """The images of a recording; none where it has none.
+    """Return the images of a recording; none where it has none.
 
     Args:
         folder: of the recording.
@@ -208,7 +208,7 @@ class Readings:
 
 
 def read_sensors(folder: Path, manifest: Manifest) -> dict[str, Readings]:
-    """The readings of a recording's further sensors, by their ports.
+    """Return the readings of a recording's further sensors, by their ports.
 
     Raises:
         StationError: a table is missing or damaged.
@@ -225,7 +225,7 @@ def read_sensors(folder: Path, manifest: Manifest) -> dict[str, Readings]:
 
 
 def read_log(path: Path, joints: Sequence[str]) -> Messages:
-    """A measured log in the project's format, its times counted from its first sample.
+    """Return a measured log in the project's format, its times counted from its first sample.
 
     Where it has no `velocity_estimated`, that is the backward difference of positions.
 

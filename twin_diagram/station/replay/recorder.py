@@ -17,7 +17,7 @@ from twin_diagram.station.replay.recording import Manifest, RecordedCamera, Reco
 
 
 def open_recording(scenario: Scenario, folder: str | Path) -> RecordingWriter:
-    """Opens a recording of what a scenario's station will show.
+    """Open a recording of what a scenario's station will show.
 
     Args:
         scenario: the one that the station is made from.
@@ -165,7 +165,7 @@ def add_recorder(
     writer: RecordingWriter,
     position_commanded: OutputPort | None = None,
 ) -> Recorder:
-    """Adds a recorder and connects it.
+    """Add a recorder and connects it.
 
     Args:
         builder: where the station is.
@@ -184,5 +184,5 @@ def add_recorder(
 
 
 def _further(recorder: Recorder, name: str) -> bool:
-    """Whether an input is a further sensor's: not every station has those."""
+    """Return whether an input is a further sensor's: not every station has those."""
     return any(name in (sensor, ports.time_of(sensor)) for sensor in recorder.sensors)

@@ -99,22 +99,22 @@ class Manifest:
 
 
 def rgb_file(k: int) -> str:
-    """Name of the k-th colour image."""
+    """Return the name of the k-th colour image."""
     return f"rgb_{k:06d}.png"
 
 
 def depth_file(k: int) -> str:
-    """Name of the k-th depth image."""
+    """Return the name of the k-th depth image."""
     return f"depth_{k:06d}.png"
 
 
 def scan_file(k: int) -> str:
-    """Name of the k-th scan."""
+    """Return the name of the k-th scan."""
     return f"scan_{k:06d}.npz"
 
 
 def sensor_file(k: int) -> str:
-    """Name of the table of the k-th further sensor."""
+    """Return the name of the table of the k-th further sensor."""
     return f"sensor_{k}.csv"
 
 
@@ -126,7 +126,7 @@ class RecordingWriter:
     """Writes one recording; a context manager that keeps it where the run ended well and drops it otherwise."""
 
     def __init__(self, folder: str | Path, manifest: Manifest) -> None:
-        """Opens a recording.
+        """Open a recording.
 
         Args:
             folder: where it goes; may exist as an earlier recording, which is replaced in the end.
@@ -181,11 +181,11 @@ class RecordingWriter:
         return file
 
     def attach(self, name: str, text: str) -> None:
-        """Puts a text file into the recording, e.g. the scenario that was run."""
+        """Put a text file into the recording, e.g. the scenario that was run."""
         (self._staging / name).write_text(text, encoding="utf-8")
 
     def message(self, time: float, delivery: float, signals: Mapping[str, npt.NDArray[np.float64]]) -> None:
-        """Writes one message of the arm.
+        """Write one message of the arm.
 
         Args:
             time: of the measurement [s].
@@ -200,13 +200,13 @@ class RecordingWriter:
             self._gripper.write(_row(np.concatenate([[time], signals["gripper"]])))
 
     def reading(self, sensor: str, time: float, delivery: float, values: npt.NDArray[np.float64]) -> None:
-        """Writes one reading (6,) of a further sensor, by its port's name; times as of `message`."""
+        """Write one reading (6,) of a further sensor, by its port's name; times as of `message`."""
         self._sensors[sensor].write(_row([time, delivery, *values]))
 
     def image(
         self, capture: float, delivery: float, rgb: npt.NDArray[np.uint8], depth: npt.NDArray[np.float32]
     ) -> None:
-        """Writes one image in the background; waits where too many are on their way.
+        """Write one image in the background; waits where too many are on their way.
 
         Args:
             capture: when it was taken [s].
@@ -224,7 +224,7 @@ class RecordingWriter:
         self._frames.write(f"{k},{capture!r},{delivery!r}\n")
 
     def scan(self, capture: float, delivery: float, ranges: npt.NDArray[np.float64]) -> None:
-        """Writes one scan (rows · columns,) [m] in the background, as `image`; copied."""
+        """Write one scan (rows · columns,) [m] in the background, as `image`; copied."""
         assert self.manifest.lidar is not None and self._scans is not None
         k = self._scan_count
         self._scan_count += 1
@@ -237,7 +237,7 @@ class RecordingWriter:
         self._pending.append(self._pool.submit(write, *what))
 
     def close(self) -> None:
-        """Finishes the recording and gives it its name; no more than once has an effect.
+        """Finish the recording and gives it its name; no more than once has an effect.
 
         Raises:
             StationError: it could not be written whole.
@@ -254,7 +254,7 @@ class RecordingWriter:
             raise StationError(f"{self._folder}: cannot be written: {error.strerror}") from error
 
     def abort(self) -> None:
-        """Drops the recording, and the folders above it that were made for it."""
+        """Drop the recording, and the folders above it that were made for it."""
         self._shut()
         shutil.rmtree(self._staging, ignore_errors=True)
         with suppress(OSError):  # somebody else uses them by now
@@ -283,7 +283,7 @@ class RecordingWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        """Keeps the recording where no exception ended it."""
+        """Keep the recording where no exception ended it."""
         if kind is None:
             self.close()
         else:
@@ -302,7 +302,7 @@ def _write_scan(file: Path, ranges: npt.NDArray[np.float64]) -> None:
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """What a recording's folder holds.
+    """Return what a recording's folder holds.
 
     Raises:
         StationError: no recording, or one of another version.

@@ -39,7 +39,7 @@ class Scans:
 
 
 def read_scans(folder: Path, manifest: Manifest, lidar: Lidar | None) -> Scans | None:
-    """The scans of a recording; None where it has none, or the twin was told of no lidar.
+    """Return the scans of a recording; None where it has none, or the twin was told of no lidar.
 
     Args:
         folder: of the recording.
@@ -106,7 +106,7 @@ class ScanPlayer(LeafSystem):
 
 
 def read_scan(file: Path, size: int) -> Array:
-    """Ranges (size,) of one scan [m].
+    """Return the ranges (size,) of one scan [m].
 
     Raises:
         StationError: missing or damaged.

@@ -134,7 +134,7 @@ class ImagePlayer(LeafSystem):
         return newest(self._frames.delivery, context.get_time())
 
     def _read(self, kind: str, name: str, k: int) -> npt.NDArray[np.uint8] | npt.NDArray[np.float32]:
-        """One of the newest frame's images; a frame's images never change, so that keeping them is no state."""
+        """Return one of the newest frame's images; a frame's images never change, so that keeping them is no state."""
         kept = self._kept.get(kind)
         if kept is not None and kept[0] == k:
             return kept[1]
@@ -211,7 +211,7 @@ class ReplayStation(Diagram):
     end: float
 
     def __init__(self, scenario: Scenario) -> None:
-        """Opens the log or recording that ``replay.log`` names.
+        """Open the log or recording that ``replay.log`` names.
 
         Raises:
             ScenarioError: no log is named.

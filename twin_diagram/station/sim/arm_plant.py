@@ -80,7 +80,7 @@ def driver_gains(driver: Driver, effort_limits: Array) -> tuple[Array, Array]:
 
 
 def initial_angles(scenario: Scenario, n: int) -> Array:
-    """Where the arm stands at the start: ``world.q0``, else ``twin.home``, else zeros (n,) [rad].
+    """Return where the arm stands at the start: ``world.q0``, else ``twin.home``, else zeros (n,) [rad].
 
     Raises:
         ScenarioError: not as many numbers as joints.
@@ -94,7 +94,7 @@ def initial_angles(scenario: Scenario, n: int) -> Array:
 
 
 def add_arm(plant: MultibodyPlant, scenario: Scenario) -> ArmPlant:
-    """Adds the true arm, its hidden effects and its driver's motors.
+    """Add the true arm, its hidden effects and its driver's motors.
 
     Raises:
         ScenarioError: the model, a joint or an effect cannot be; it names the field.

@@ -35,7 +35,7 @@ class ArmSensors(LeafSystem):
     """
 
     def __init__(self, n: int, g: int, defects: ArmDefects, rate: float, seed: int) -> None:
-        """Builds the sensors of an arm.
+        """Build the sensors of an arm.
 
         Args:
             n: number of arm joints.

@@ -46,7 +46,7 @@ def camera_info(camera: Camera) -> CameraInfo:
 
 
 def check_camera(camera: Camera, field: str = "twin.camera") -> None:
-    """Refuses a camera that cannot be.
+    """Refuse a camera that cannot be.
 
     Raises:
         ScenarioError: names the field.
@@ -94,7 +94,7 @@ class Shutter(LeafSystem):
     """
 
     def __init__(self, positions: Array, rate: float, latency: float) -> None:
-        """Builds a shutter.
+        """Build a shutter.
 
         Args:
             positions: (nq,) shown before the first capture.
@@ -129,7 +129,7 @@ class Shutter(LeafSystem):
 
 
 def add_camera(builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlant) -> CameraDefectsSystem:
-    """Adds the scenario's camera, which looks at the world.
+    """Add the scenario's camera, which looks at the world.
 
     It captures at k / rate and delivers `latency` later.
 

@@ -51,7 +51,7 @@ def edges(depth: Depth) -> npt.NDArray[np.bool_]:
 
 
 def spoil_depth(depth: Depth, defects: CameraDefects, depth_range: Sequence[float], rng: np.random.Generator) -> Depth:
-    """Depth as the camera measures it.
+    """Return the depth as the camera measures it.
 
     Args:
         depth: (H, W) true depth [m], 0 or infinite where there is none; not changed.
@@ -77,7 +77,7 @@ def spoil_depth(depth: Depth, defects: CameraDefects, depth_range: Sequence[floa
 
 
 def spoil_colour(colour: Colour, noise: npt.NDArray[np.int16], offset: int) -> Colour:
-    """Colour with noise.
+    """Return the colour with noise.
 
     Args:
         colour: (H, W, 4); not changed.
@@ -114,7 +114,7 @@ class CameraDefectsSystem(LeafSystem):
     """
 
     def __init__(self, camera: Camera, defects: CameraDefects, seed: int) -> None:
-        """Checks the defects and draws the table of colour noise.
+        """Check the defects and draws the table of colour noise.
 
         Raises:
             ScenarioError: a defect that makes no sense.

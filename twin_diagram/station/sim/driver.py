@@ -27,7 +27,7 @@ TUNING = Tuning()
 
 
 def follow(q: Array, v: Array, command: Array, speed_limit: Array, dt: float) -> tuple[Array, Array]:
-    """One exact step of the critically damped filter that smooths commands.
+    """Return one exact step of the critically damped filter that smooths commands.
 
     With e = q − command, ë + 2 w ė + w² e = 0. A command farther away than 2·speed_limit/w counts as one at that
     distance, so that a jump is followed at the speed limit.
@@ -55,7 +55,7 @@ class NominalGravity:
     """Torques that hold the arm as the driver believes it to be: the twin's description without payload or effects."""
 
     def __init__(self, scenario: Scenario) -> None:
-        """Loads ``twin.arm``.
+        """Load ``twin.arm``.
 
         Raises:
             ScenarioError: it cannot be loaded.
@@ -71,11 +71,11 @@ class NominalGravity:
         self._q = plant.GetPositions(self._context).copy()
 
     def __len__(self) -> int:
-        """Number of arm joints."""
+        """Return the number of arm joints."""
         return len(self._q_index)
 
     def torque(self, q: Array) -> Array:
-        """(n,) torques that hold the arm at (n,) joint angles `q`."""
+        """Return (n,) torques that hold the arm at (n,) joint angles `q`."""
         positions = self._q.copy()
         positions[self._q_index] = q
         self._plant.SetPositions(self._context, positions)
@@ -110,7 +110,7 @@ class ArmDriver(LeafSystem):
     """
 
     def __init__(self, arm: ArmPlant, gravity: NominalGravity, time_step: float) -> None:
-        """Builds the driver.
+        """Build the driver.
 
         Args:
             arm: of a finalized plant.
@@ -146,7 +146,7 @@ class ArmDriver(LeafSystem):
         self.DeclareVectorOutputPort("gripper_desired_state", 2 * len(driven), self._calc_gripper, {stored})
 
     def _command(self, context: Context, held: Array) -> Array:
-        """Where to go (n + g); `held` where there is no command."""
+        """Return where to go (n + g); `held` where there is no command."""
         command = held.copy()
         if self._q.HasValue(context):
             q = self._q.Eval(context)

@@ -56,7 +56,7 @@ class Solid:
 
 
 def meet_planes(origin: Array, ways: Array, planes: Array) -> Array:
-    """How far along beams (N, 3) from an origin (3,) a convex solid is met (N,) [m]; inf where it is not."""
+    """Return how far along beams (N, 3) from an origin (3,) a convex solid is met (N,) [m]; inf where it is not."""
     along, behind = ways @ planes[:, :3].T, planes[:, :3] @ origin + planes[:, 3]
     with np.errstate(divide="ignore", invalid="ignore"):
         at = -behind / along
@@ -67,7 +67,7 @@ def meet_planes(origin: Array, ways: Array, planes: Array) -> Array:
 
 
 def meet_ellipsoid(origin: Array, ways: Array, axes: Array) -> Array:
-    """The same of an ellipsoid about the frame's origin with axes (3,)."""
+    """Return the same of an ellipsoid about the frame's origin with axes (3,)."""
     o, d = origin / axes, ways / axes
     a, b, c = np.einsum("ij,ij->i", d, d), d @ o, float(o @ o) - 1.0
     root = b**2 - a * c
@@ -76,7 +76,7 @@ def meet_ellipsoid(origin: Array, ways: Array, axes: Array) -> Array:
 
 
 def scan(origin: Array, ways: Array, solids: list[Solid], poses: list[RigidTransform]) -> Array:
-    """Ranges (N,) of the first echoes [m]; inf where there is none.
+    """Return the ranges (N,) of the first echoes [m]; inf where there is none.
 
     Args:
         origin: (3,) in W [m].
@@ -101,7 +101,7 @@ def scan(origin: Array, ways: Array, solids: list[Solid], poses: list[RigidTrans
 
 
 def world_solids(world: WorldPlant) -> list[Solid]:
-    """All that can be seen of a world; a mesh as its convex hull."""
+    """Return all that can be seen of a world; a mesh as its convex hull."""
     plant, inspector = world.plant, world.scene_graph.model_inspector()
     found: list[Solid] = []
     for index in range(plant.num_bodies()):
@@ -119,7 +119,7 @@ def world_solids(world: WorldPlant) -> list[Solid]:
 
 
 def _parts(shape: Shape, corners: Array | None) -> list[tuple[Array, Array | None, Array, float]]:
-    """Where each convex part lies in G (3,), its axes or None, its planes (F, 4), and its radius."""
+    """Return where each convex part lies in G (3,), its axes or None, its planes (F, 4), and its radius."""
     centre, none = np.zeros(3), np.zeros((0, 4))
     if isinstance(shape, Sphere):
         return [(centre, np.full(3, shape.radius()), none, shape.radius())]
@@ -165,7 +165,7 @@ class LidarSystem(LeafSystem):
     """
 
     def __init__(self, lidar: Lidar, defects: LidarDefects, solids: list[Solid], seed: int) -> None:
-        """Builds the lidar.
+        """Build the lidar.
 
         Args:
             lidar: as its data sheet tells.
@@ -196,7 +196,7 @@ class LidarSystem(LeafSystem):
         self.DeclareVectorOutputPort("scan_time", 1, self._calc_time, ticket)
 
     def ranges(self, poses: list[RigidTransform], tick: int) -> Array:
-        """What scan number `tick` measures of bodies at X_WB, by their index (rows · columns,) [m]."""
+        """Return what scan number `tick` measures of bodies at X_WB, by their index (rows · columns,) [m]."""
         true = scan(self._origin, self._ways, self._solids, poses)
         rng, defects = generator(self._seed, Stream.LIDAR, tick), self._defects
         noise, lost = rng.standard_normal(len(true)), rng.uniform(size=len(true)) < defects.dropout
@@ -225,7 +225,7 @@ class LidarSystem(LeafSystem):
 
 
 def add_lidar(builder: DiagramBuilder, world: WorldPlant, plan: Scenario) -> dict[str, int]:
-    """Adds ``twin.lidar`` to a station, where there is one, and exports its ports.
+    """Add ``twin.lidar`` to a station, where there is one, and exports its ports.
 
     Returns:
         Sizes of these ports by name.

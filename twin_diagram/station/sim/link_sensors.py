@@ -62,7 +62,9 @@ def specific_force(omega: Array, alpha: Array, a: Array, p: Array, gravity: Arra
 
 
 def load_wrench(load: Load, R: Array, omega: Array, alpha: Array, a: Array, gravity: Array) -> tuple[Array, Array]:
-    """Moment about the body's origin and force, in W, that moving a body takes; by Newton's and Euler's laws.
+    """Return the moment about the body's origin and force, in W, that moving a body takes.
+
+    By Newton's and Euler's laws.
 
     Args:
         load: the body.
@@ -112,7 +114,7 @@ class LinkSensorSystem(LeafSystem):
         place: int,
         plan: Scenario,
     ) -> None:
-        """Builds the sensor.
+        """Build the sensor.
 
         Args:
             sensor: as its data sheet tells.
@@ -185,7 +187,7 @@ class LinkSensorSystem(LeafSystem):
         discrete.set_value(rows.ravel())
 
     def ideal(self, context: Context) -> Array:
-        """(6,) what a perfect sensor would read now."""
+        """Return (6,) what a perfect sensor would read now."""
         poses: Any = self._poses.Eval(context)
         velocities: Any = self._velocities.Eval(context)
         accelerations: Any = self._accelerations.Eval(context)
@@ -213,7 +215,7 @@ class LinkSensorSystem(LeafSystem):
 
 
 def add_link_sensors(builder: DiagramBuilder, plant: MultibodyPlant, arm: ArmPlant, plan: Scenario) -> dict[str, int]:
-    """Adds the sensors of ``twin.sensors`` to a station and exports their ports.
+    """Add the sensors of ``twin.sensors`` to a station and exports their ports.
 
     Returns:
         Sizes of these ports by name.
@@ -242,7 +244,7 @@ def add_link_sensors(builder: DiagramBuilder, plant: MultibodyPlant, arm: ArmPla
 
 
 def _checked(defects: SensorDefects, kind: str, name: str) -> tuple[Array, Array]:
-    """Noise and bias (6,) each."""
+    """Return the noise and bias (6,) each."""
     field = f"world.sensor_defects.{name}"
     noise = defects.noise or list(NOISE[kind])
     if len(noise) != 2 or not all(0.0 <= std < np.inf for std in noise):
@@ -256,7 +258,7 @@ def _checked(defects: SensorDefects, kind: str, name: str) -> tuple[Array, Array
 
 
 def _loads(plant: MultibodyPlant, arm: ArmPlant, plan: Scenario) -> list[Load]:
-    """All bodies beyond the last arm joint, as the twin's description has them."""
+    """Return all bodies beyond the last arm joint, as the twin's description has them."""
     told = MultibodyPlant(0.0)
     try:
         description.add_arm(told, plan.twin.arm, plan.packages)

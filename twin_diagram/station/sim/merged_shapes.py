@@ -68,7 +68,7 @@ def tessellate(shape: Shape) -> trimesh.Trimesh | None:
 
 
 def wavefront(parts: Sequence[trimesh.Trimesh], colours: Sequence[Sequence[float] | Array]) -> InMemoryMesh:
-    """One textured mesh of several parts.
+    """Return one textured mesh of several parts.
 
     Args:
         parts: in the mesh's frame.
@@ -98,7 +98,7 @@ def wavefront(parts: Sequence[trimesh.Trimesh], colours: Sequence[Sequence[float
 
 
 def merge_shapes(scene_graph: SceneGraph, source: SourceId) -> None:
-    """Merges, body by body, the plain and opaque shapes that a camera sees.
+    """Merge, body by body, the plain and opaque shapes that a camera sees.
 
     Args:
         scene_graph: before its Context is made. Its other roles stay as they are.
@@ -132,7 +132,7 @@ def merge_shapes(scene_graph: SceneGraph, source: SourceId) -> None:
 
 
 def _colour(properties: PerceptionProperties) -> Array | None:
-    """(r, g, b) of a shape; None where one colour does not say it all."""
+    """Return (r, g, b) of a shape; None where one colour does not say it all."""
     if properties.HasProperty("phong", "diffuse_map"):
         return None
     rgba = np.array(TUNING.grey)

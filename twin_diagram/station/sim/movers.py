@@ -51,7 +51,7 @@ class Path:
     """
 
     def __init__(self, waypoints: Sequence[WayPoint], field: str) -> None:
-        """Checks the way points and lays the curve.
+        """Check the way points and lays the curve.
 
         Args:
             waypoints: at least one, times strictly increasing.
@@ -86,7 +86,7 @@ class Path:
             self._curve = None
 
     def state(self, time: float) -> tuple[Array, Array]:
-        """(x, y, yaw) [m, m, rad] and its rate at `time`."""
+        """Return (x, y, yaw) [m, m, rad] and its rate at `time`."""
         if self._curve is None or time <= self._times[0]:
             return self.points[:, 0], np.zeros(3)
         if time >= self._times[-1]:
@@ -97,7 +97,7 @@ class Path:
 def add_carriage(
     plant: MultibodyPlant, instance: ModelInstanceIndex, name: str, path: Path, body: RigidBody
 ) -> list[JointActuator]:
-    """Puts a free body on a carriage that stands at the start of its path.
+    """Put a free body on a carriage that stands at the start of its path.
 
     Args:
         plant: not yet finalized.

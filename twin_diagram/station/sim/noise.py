@@ -33,7 +33,7 @@ class Stream(IntEnum):
 
 
 def generator(seed: int, stream: Stream, tick: int) -> np.random.Generator:
-    """A generator of its own for one message of one sensor (Philox, Salmon et al., SC 2011).
+    """Return a generator of its own for one message of one sensor (Philox, Salmon et al., SC 2011).
 
     Args:
         seed: of the scenario.

@@ -58,7 +58,7 @@ class SimStation(Diagram):
     world: WorldPlant
 
     def __init__(self, scenario: Scenario) -> None:
-        """Builds the world of a scenario.
+        """Build the world of a scenario.
 
         Raises:
             ScenarioError, ModelError, AssetError: what it is to be built from is missing or malformed.

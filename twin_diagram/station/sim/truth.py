@@ -35,7 +35,7 @@ class TrueState(LeafSystem):
     """
 
     def __init__(self, plant: MultibodyPlant, arm: ArmPlant) -> None:
-        """Builds it for a finalized plant."""
+        """Build it for a finalized plant."""
         super().__init__()
         self._effects, self._joints = arm.effects, arm.arm.joints
         n = len(arm.joints)
@@ -57,7 +57,7 @@ class TrueState(LeafSystem):
 
 
 def _indices(plant: MultibodyPlant, joints: Sequence[Joint]) -> npt.NDArray[np.int64]:
-    """Where joints' positions, then their speeds stand in a plant's state."""
+    """Return where joints' positions, then their speeds stand in a plant's state."""
     nq = plant.num_positions()
     return np.array([j.position_start() for j in joints] + [nq + j.velocity_start() for j in joints], dtype=np.int64)
 

@@ -48,7 +48,7 @@ class WorldPlant:
 
 
 def build_world(builder: DiagramBuilder, scenario: Scenario) -> WorldPlant:
-    """Adds plant and SceneGraph of a scenario's ``world`` to `builder`.
+    """Add plant and SceneGraph of a scenario's ``world`` to `builder`.
 
     Raises:
         ScenarioError, ModelError, AssetError: something in it cannot be built; the message names it.
@@ -60,7 +60,7 @@ def build_world(builder: DiagramBuilder, scenario: Scenario) -> WorldPlant:
 
 
 def build_appearance(builder: DiagramBuilder, scenario: Scenario) -> tuple[MultibodyPositionToGeometryPose, SceneGraph]:
-    """Adds a second SceneGraph that shows the world at any positions of its plant, whatever the plant itself does.
+    """Add a second SceneGraph that shows the world at any positions of its plant, whatever the plant itself does.
 
     Args:
         builder: of the station.
@@ -143,7 +143,7 @@ def _add_object(plant: MultibodyPlant, name: str, spec: WorldObject, scenario: S
 
 
 def object_model(name: str, spec: WorldObject, scenario: Scenario) -> FilePath:
-    """The description of an object's asset.
+    """Return the description of an object's asset.
 
     Raises:
         AssetError: no such asset; the message names the field.

@@ -19,7 +19,7 @@ SIZE: Final = POSE_SIZE + 36
 
 
 def measured(taken: float, now: float, arm_state: Array, align: Callable[[Array], tuple[Array, Array]]) -> Array:
-    """A measurement (43,): pose and R; NaN for the pose, and R zero, where there is none.
+    """Return a measurement (43,): pose and R; NaN for the pose, and R zero, where there is none.
 
     Args:
         taken: when the cloud was [s]; negative before the first.
@@ -41,14 +41,17 @@ def measured(taken: float, now: float, arm_state: Array, align: Callable[[Array]
 
 
 def near(points: Array, middle: Array, radius: float, most: int) -> Array:
-    """Points (K, 3) within a radius of a place (3,) [m]; where they are more than `most`, about so many of them."""
+    """Return the points (K, 3) within a radius of a place (3,) [m].
+
+    Where they are more than `most`, about so many of them.
+    """
     away = points - middle
     inside = points[np.einsum("ij,ij->i", away, away) < radius**2]
     return inside[:: max(1, len(inside) // most)]
 
 
 def feed(builder: DiagramBuilder, measurement: OutputPort, ekf: AdaptiveEkf, sensor: str) -> None:
-    """Gives a filter's sensor of kind `body_pose` what `measured` made.
+    """Give a filter's sensor of kind `body_pose` what `measured` made.
 
     Args:
         builder: holds both.

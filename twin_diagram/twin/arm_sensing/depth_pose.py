@@ -59,7 +59,7 @@ class ArmCloud(LeafSystem):
     """
 
     def __init__(self, model: Model, spec: SensorSpec, camera: Camera, surface: Points) -> None:
-        """Builds the system.
+        """Build the system.
 
         Args:
             model: the twin's.
@@ -107,7 +107,7 @@ class ArmCloud(LeafSystem):
         output.SetFromVector(cast(Any, measured(taken, context.get_time(), state, align)))
 
     def align(self, depth: DepthImage, q: Array) -> tuple[Array, Array]:
-        """Pose z (7,) and R (6, 6) from a depth image (H, W), beginning at q (n,).
+        """Return the pose z (7,) and R (6, 6) from a depth image (H, W), beginning at q (n,).
 
         Raises:
             CloudError: too little of the link is seen.
@@ -120,7 +120,10 @@ class ArmCloud(LeafSystem):
         return self._sensor.align(near(points, middle_W, self._radius, TUNING.most), self._camera.p_WC, q)
 
     def _window(self, middle_W: Array) -> tuple[slice, slice]:
-        """The part of the image that holds a sphere of `_radius` about a point; empty where it is out of sight."""
+        """Return the part of the image that holds a sphere of `_radius` about a point.
+
+        Empty where it is out of sight.
+        """
         camera = self._camera
         u, v, away = (float(x) for x in camera.project(middle_W))
         if away <= self._radius:

@@ -67,7 +67,7 @@ class ArmScan(LeafSystem):
         others: Mapping[str, Points] | None = None,
         **tuning: float,
     ) -> None:
-        """Builds the system.
+        """Build the system.
 
         Args:
             terms: the arm's.
@@ -110,7 +110,7 @@ class ArmScan(LeafSystem):
         others: Mapping[str, Points] | None = None,
         **tuning: float,
     ) -> ArmScan:
-        """Adds one to a Diagram and gives a filter its measurements; its first two inputs are left to connect.
+        """Add one to a Diagram and gives a filter its measurements; its first two inputs are left to connect.
 
         Args:
             builder: that holds the filter.
@@ -142,7 +142,7 @@ class ArmScan(LeafSystem):
         output.SetFromVector(cast(Array, self._time.Eval(context)))
 
     def align(self, points: Array, q: Array) -> tuple[Array, Array]:
-        """Pose z (7,) and R (6, 6) from points (K, 3) in S, beginning at q (n,).
+        """Return the pose z (7,) and R (6, 6) from points (K, 3) in S, beginning at q (n,).
 
         Raises:
             CloudError: too little of the link was met.
@@ -154,7 +154,7 @@ class ArmScan(LeafSystem):
         return self._sensor.align(points_W, self._p_WS, q, self._beside(q))
 
     def _beside(self, q: Array) -> Points | None:
-        """The other links' surfaces in W."""
+        """Return the other links' surfaces in W."""
         if not self._others:
             return None
         poses = [frame.pose(q) for frame, _ in self._others]

@@ -38,7 +38,7 @@ Points = tuple[Array, Array]
 def link_surface(
     arm: ArmModel, link: str, packages: Mapping[str, str | Path] | None = None, spacing: float = TUNING.spacing
 ) -> Points:
-    """The surface of a link and of all that is welded to it, in the link's frame.
+    """Return the surface of a link and of all that is welded to it, in the link's frame.
 
     Of shapes that overlap only what lies outside the others is left.
 
@@ -60,7 +60,7 @@ def link_surface(
 def other_surfaces(
     arm: ArmModel, link: str, packages: Mapping[str, str | Path] | None = None, spacing: float = TUNING.coarse
 ) -> dict[str, Points]:
-    """The surfaces of an arm's other rigid parts, by a link of each: what else stands beside a link.
+    """Return the surfaces of an arm's other rigid parts, by a link of each: what else stands beside a link.
 
     Args:
         arm: the description.
@@ -123,7 +123,7 @@ def _surface(scene_graph: SceneGraph, plant: MultibodyPlant, link: str, spacing:
 
 
 def shape_surface(shape: Shape, corners: Array | None, spacing: float, rng: np.random.Generator) -> Points:
-    """Points and normals of one shape, in its own frame, about one to every `spacing`².
+    """Return the points and normals of one shape, in its own frame, about one to every `spacing`².
 
     Args:
         shape: a mesh is taken as its convex hull.
@@ -151,7 +151,7 @@ def shape_surface(shape: Shape, corners: Array | None, spacing: float, rng: np.r
 
 
 def inside(p: Array, shape: Shape, corners: Array | None) -> np.ndarray:
-    """Which of the points (N, 3), in the shape's frame, are clearly within it."""
+    """Return which of the points (N, 3), in the shape's frame, are clearly within it."""
     margin = 1e-6
     if isinstance(shape, Box):
         return np.asarray(np.all(np.abs(p) < 0.5 * np.asarray(shape.size()) - margin, axis=1))

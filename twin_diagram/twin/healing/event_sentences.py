@@ -6,7 +6,7 @@ from typing import Any
 
 
 def sentence(event: dict[str, Any]) -> str:
-    """An event as `Healer` tells it, for people: one line."""
+    """Return an event as `Healer` tells it, for people: one line."""
     kind = event["event"]
     if kind == "alarm":
         what = event["joint"] or event["sensor"]

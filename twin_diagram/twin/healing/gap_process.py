@@ -75,7 +75,7 @@ class GapProcess:
         packages: Mapping[str, str | Path] | None = None,
         nice: int = 0,
     ) -> None:
-        """Writes model and logs to the folder and starts the process.
+        """Write model and logs to the folder and starts the process.
 
         Args:
             model: the one in use.
@@ -112,7 +112,7 @@ class GapProcess:
     _outcome: Outcome | None
 
     def poll(self) -> Outcome | None:
-        """What became of it; None while it runs."""
+        """Return what became of it; None while it runs."""
         if self._outcome is None and self._process.poll() is not None:
             self._outcome = self._read()
         return self._outcome
@@ -131,7 +131,7 @@ class GapProcess:
         return time.perf_counter() - self._begin
 
     def stop(self) -> None:
-        """Ends the process, if it has not ended."""
+        """End the process, if it has not ended."""
         process = self._process
         assert process.stdin is not None
         try:
@@ -162,7 +162,7 @@ class GapProcess:
 
 
 def why_it_failed(status: int, told: str) -> str:
-    """What went wrong, in one line.
+    """Return what went wrong, in one line.
 
     Args:
         status: that the process ended with; negative: the signal that ended it.

@@ -62,7 +62,7 @@ class Healer:
         folder: Path | None = None,
         packages: Mapping[str, str | Path] | None = None,
     ) -> None:
-        """Begins to watch.
+        """Begin to watch.
 
         Args:
             twin: in the Diagram that runs.
@@ -112,7 +112,7 @@ class Healer:
                 )
 
     def close(self) -> None:
-        """Ends what runs."""
+        """End what runs."""
         if self._search is not None:
             self._search.stop()
             self._tell("gap_stopped", self._now, why="the run ended before the search did")
@@ -132,7 +132,7 @@ class Healer:
         self._journal({"event": event, "time": round(time, 6), **figures})
 
     def _alarms(self, own: Context) -> list[dict[str, Any]]:
-        """All that are on record; those that are new are told of."""
+        """Return all that are on record; those that are new are told of."""
         raised = float(self._twin.diagram.GetOutputPort("alarm").Eval(own)[2])
         if raised < 0.0:
             return []
@@ -144,7 +144,7 @@ class Healer:
         return records
 
     def _gather(self, alarms: list[dict[str, Any]], now: float) -> None:
-        """Waits until the log since the alarm is long enough, and starts the search.
+        """Wait until the log since the alarm is long enough, and starts the search.
 
         An alarm that grows, or is followed by a much stronger one, is about something that only happens now: the log
         before that would tell of two robots.
@@ -185,7 +185,7 @@ class Healer:
         )
 
     def _look_after(self, own: Context, now: float) -> None:
-        """Takes the verdict when it is there."""
+        """Take the verdict when it is there."""
         search, due = self._search, self._params.answer_after
         assert search is not None
         patience = self._params.patience - search.age
@@ -245,7 +245,7 @@ class Healer:
 
 
 def smaller(gap: Mapping[str, Any]) -> bool:
-    """Whether a corrected model leaves less torque unexplained in the held-out run; `gap` as in gap.json."""
+    """Return whether a corrected model leaves less torque unexplained in the held-out run; `gap` as in gap.json."""
     held_out = gap["torque_rms"]["holdout"]
     before, after = (sum(value**2 for value in held_out[when].values()) for when in ("before", "after"))
     return bool(after < before)

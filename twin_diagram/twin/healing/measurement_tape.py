@@ -39,7 +39,7 @@ class Tape:
         rate: float,
         seconds: float,
     ) -> None:
-        """Adds a sink to a Diagram that is being built.
+        """Add a sink to a Diagram that is being built.
 
         Args:
             builder: holds the station.
@@ -73,7 +73,7 @@ class Tape:
         return float(self._rows[0, 0]) if len(self._rows) else np.inf
 
     def take(self, context: Context) -> None:
-        """Moves what came since the last time from a root Context to the tape; between two steps of a simulator."""
+        """Move what came since the last time from a root Context to the tape; between two steps of a simulator."""
         log = self._sink.FindMutableLog(context)
         rows = log.data().T
         # A message stands on the ports until the next one comes, and none stands there before the first.
@@ -87,7 +87,7 @@ class Tape:
             self._gather()
 
     def cut(self, start: float, end: float) -> Log:
-        """The messages from one time to another, the later one left out [s].
+        """Return the messages from one time to another, the later one left out [s].
 
         Raises:
             LogError: there are fewer than two of them.

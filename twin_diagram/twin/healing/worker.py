@@ -28,7 +28,7 @@ TUNING = Tuning()
 
 
 def main(folder: Path) -> int:
-    """Runs the gap workflow as asked; its report appears in the folder once it is whole."""
+    """Run the gap workflow as asked; its report appears in the folder once it is whole."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
     request = json.loads((folder / REQUEST).read_text(encoding="utf-8"))
     if hasattr(os, "nice"):

@@ -13,7 +13,7 @@ OVERLAP: Final = 100
 
 
 def order_tracks(wires: Sequence[Ends]) -> list[int]:
-    """The track of each wire, 0 being the leftmost; a track holds one wire."""
+    """Return the track of each wire, 0 being the leftmost; a track holds one wire."""
     order: list[int] = []
     for wire in sorted(range(len(wires)), key=lambda k: (-len(wires[k][0]) - len(wires[k][1]), k)):
         places = range(len(order) + 1)
@@ -42,7 +42,7 @@ def _cost_of(wire: int, left: Sequence[int], right: Sequence[int], wires: Sequen
 
 
 def crossings(first: Ends, second: Ends) -> int:
-    """How often two wires cross when the first one's track lies left of the second's.
+    """Return how often two wires cross when the first one's track lies left of the second's.
 
     The first wire's runs to the right pass the second's track, and the second's runs to the left pass the first's.
     """

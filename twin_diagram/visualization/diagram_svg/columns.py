@@ -13,7 +13,7 @@ STATION: Final = "station"
 
 
 def columns(graph: BlockGraph) -> dict[str, int]:
-    """The column of each block, by key: 0 for the station; the longest way from there for all that it feeds."""
+    """Return the column of each block, by key: 0 for the station; the longest way from there for all that it feeds."""
     inside = {b.key for b in graph.blocks if b.parent}
     start = [b.key for b in graph.blocks if b.name == STATION and not b.parent]
     following: dict[str, set[str]] = defaultdict(set)
@@ -42,7 +42,7 @@ def columns(graph: BlockGraph) -> dict[str, int]:
 
 
 def _drop_cycles(keys: Sequence[str], following: dict[str, set[str]]) -> None:
-    """Removes from `following` the edges that close a cycle, as found from the first key on."""
+    """Remove from `following` the edges that close a cycle, as found from the first key on."""
     done: set[str] = set()
     for root in keys:
         path: list[tuple[str, list[str]]] = [] if root in done else [(root, sorted(following[root]))]

@@ -44,7 +44,7 @@ class BlockGraph:
 
     @staticmethod
     def of(diagram: Diagram, opened: Collection[str] = ()) -> BlockGraph:
-        """Reads a Diagram.
+        """Read a Diagram.
 
         Args:
             diagram: the top-level Diagram.

@@ -42,7 +42,7 @@ class Item:
         return self.y + self.offset(port, is_input)
 
     def offset(self, port: str, is_input: bool) -> float:
-        """The same from the item's top."""
+        """Return the same from the item's top."""
         if self.block is None:
             return self.height / 2
         names = self.block.inputs if is_input else self.block.outputs
@@ -172,7 +172,7 @@ class Heights:
             self._straighten(c)
 
     def _swap_neighbours(self) -> None:
-        """Swaps neighbours in a column as long as that makes the picture better."""
+        """Swap neighbours in a column as long as that makes the picture better."""
         improved = True
         while improved:
             improved = False
@@ -209,7 +209,7 @@ class Heights:
     def _settle(
         self, c: int, sides: Sequence[bool], reorder: bool = True, average: Callable[[list[float]], float] = fmean
     ) -> None:
-        """Moves a column's items to where their wires on the given sides (True: left) would be straight."""
+        """Move a column's items to where their wires on the given sides (True: left) would be straight."""
         wanted: dict[int, list[float]] = defaultdict(list)
         for is_left, channel in ((True, c), (False, c + 1)):
             if is_left not in sides:
@@ -264,7 +264,7 @@ class Heights:
 
 
 def _stack(stack: list[Item], goals: list[float]) -> None:
-    """Places items below one another, as near to their goals as their order and gaps allow (least squares)."""
+    """Place items below one another, as near to their goals as their order and gaps allow (least squares)."""
     shift, shifts = 0.0, []
     for above, item in zip([None, *stack[:-1]], stack, strict=True):
         if above is not None:

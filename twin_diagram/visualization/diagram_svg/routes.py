@@ -143,7 +143,7 @@ class _Routes:
 
 
 def _branches(x: float, y0: float, ys: list[float], step: Step, bottom: float) -> list[Point]:
-    """Points on a track where more than two directions meet."""
+    """Return the points on a track where more than two directions meet."""
     ends = [y0, *ys] + ([bottom] if step.bottom and step.left is not None else [])
     if len(ends) < 3:
         return []

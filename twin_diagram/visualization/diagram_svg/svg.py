@@ -41,7 +41,7 @@ CORNER: Final = 5.0
 
 
 def write_diagram_svg(diagram: Diagram, path: str | Path, opened: Collection[str] = ("twin",)) -> Path:
-    """Draws a Diagram into an SVG file.
+    """Draw a Diagram into an SVG file.
 
     Args:
         diagram: the top-level Diagram.
@@ -52,7 +52,7 @@ def write_diagram_svg(diagram: Diagram, path: str | Path, opened: Collection[str
 
 
 def draw(graph: BlockGraph) -> str:
-    """The SVG text of a picture of blocks and wires; the same for the same graph."""
+    """Return the SVG text of a picture of blocks and wires; the same for the same graph."""
     picture = layout(graph, _block_width)
     colours = {block.key: _colour(block) for block in graph.blocks}
     used = {port for wire in graph.wires for port in wire}
@@ -71,7 +71,7 @@ def draw(graph: BlockGraph) -> str:
 
 
 def _legend(graph: BlockGraph, picture: Layout) -> list[str]:
-    """What dashes mean, where there are any."""
+    """Return what dashes mean, where there are any."""
     if not any(port.startswith(TRUTH) for (_, port), _ in graph.wires):
         return []
     y = picture.height - 12
@@ -107,7 +107,7 @@ def _wire(wire: Wire, colour: str) -> list[str]:
 
 
 def _rounded(line: list[Point]) -> str:
-    """A path through points at right angles, its corners rounded."""
+    """Return a path through points at right angles, its corners rounded."""
     points = [point for k, point in enumerate(line) if k == 0 or point != line[k - 1]]
     path = [f"M{points[0][0]:.1f} {points[0][1]:.1f}"]
     for before, corner, after in zip(points, points[1:], points[2:], strict=False):
@@ -128,7 +128,10 @@ def _towards(a: Point, b: Point, by: float) -> Point:
 
 
 def _block(placed: Placed, colour: str, used: Collection[tuple[str, str]]) -> list[str]:
-    """A block: its name on a bar, inputs along its left side, outputs along its right; unconnected ports are faint."""
+    """Return a block: its name on a bar, inputs along its left side, outputs along its right.
+
+    Unconnected ports are faint.
+    """
     block, x, y, width, height = placed.block, placed.x, placed.y, placed.width, placed.height
     bar = HEADER - 4
     place = f'x="{x:.1f}" y="{y:.1f}" width="{width:.1f}" height="{height:.1f}"'

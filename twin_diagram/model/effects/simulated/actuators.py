@@ -32,7 +32,7 @@ class Actuators:
 
     @staticmethod
     def of(plant: MultibodyPlant, indices: Sequence[JointActuatorIndex], effects: Sequence[Effect] = ()) -> Actuators:
-        """Reads them off a finalized plant; `effects` are those whose fittings may be among them."""
+        """Read them off a finalized plant; `effects` are those whose fittings may be among them."""
         fittings = {fitting.name: (fitting, effect) for effect in effects for fitting in effect.marked_fittings()}
         actuators = [plant.get_joint_actuator(index) for index in indices]
         found = [fittings.get(actuator.name(), (Fitting("", ""), None)) for actuator in actuators]
@@ -55,7 +55,7 @@ class Actuators:
         )
 
     def together(self) -> Array:
-        """(k, k) hands what actuators without a controller push on one joint to the last of them.
+        """Return (k, k) hands what actuators without a controller push on one joint to the last of them.
 
         Of several such actuators on a joint, a plant heeds the last one alone.
         """
@@ -67,14 +67,14 @@ class Actuators:
         return result
 
     def given(self, state: Array, command: Array) -> Array:
-        """The torque of a step with `command` (torque, position, velocity) that ended in `state`."""
+        """Return the torque of a step with `command` (torque, position, velocity) that ended in `state`."""
         torque, position, velocity = command
         free = torque - self.stiffness * (state[self.position] - position)
         free -= self.damping * (state[self.velocity] - velocity)
         return np.clip(free, -self.limit, self.limit)
 
     def pushes(self, state: Array, time: float) -> Array:
-        """What the fittings among them give explicitly in a state (x,) of the plant."""
+        """Return what the fittings among them give explicitly in a state (x,) of the plant."""
         result = self.torque.copy()
         for k, law in enumerate(self.law):
             if law is not None:

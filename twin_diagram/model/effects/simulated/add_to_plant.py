@@ -48,7 +48,7 @@ TUNING = Tuning()
 def add_to_plant(
     plant: MultibodyPlant, arm: Arm, effects: Iterable[Effect | EffectSpec] | None = None
 ) -> tuple[Effect, ...]:
-    """Realises effects in a discrete plant that is not finalized.
+    """Realise effects in a discrete plant that is not finalized.
 
     Args:
         plant: holds the arm.
@@ -78,7 +78,7 @@ def add_to_plant(
 
 
 def lessened(effects: Sequence[Effect], prismatic: Collection[str] = ()) -> list[Effect]:
-    """Effects of which one takes away from another made one: a brake cannot push.
+    """Return the effects of which one takes away from another made one: a brake cannot push.
 
     Args:
         effects: of one arm.
@@ -106,7 +106,7 @@ def lessened(effects: Sequence[Effect], prismatic: Collection[str] = ()) -> list
 
 
 def told_apart(effects: Sequence[Effect]) -> tuple[Effect, ...]:
-    """The same, with a mark on those whose actuators would bear a name twice."""
+    """Return the same, with a mark on those whose actuators would bear a name twice."""
     taken: set[str] = set()
     result = []
     for effect in effects:
@@ -124,7 +124,7 @@ def told_apart(effects: Sequence[Effect]) -> tuple[Effect, ...]:
 
 
 def _keep_rotors(plant: MultibodyPlant, arm: Arm) -> None:
-    """Hands each motor's rotor inertia on to the joint's last actuator: a plant takes that one's for the joint's."""
+    """Hand each motor's rotor inertia on to the joint's last actuator: a plant takes that one's for the joint's."""
     last = {}
     for actuator in map(plant.get_joint_actuator, plant.GetJointActuatorIndices()):
         last[int(actuator.joint().index())] = actuator
@@ -137,7 +137,7 @@ def _keep_rotors(plant: MultibodyPlant, arm: Arm) -> None:
 
 
 def renewed(plant: MultibodyPlant, arm: Arm) -> Arm:
-    """The same arm where joints were replaced by others of the same names, and motors likewise."""
+    """Return the same arm where joints were replaced by others of the same names, and motors likewise."""
     present = {int(index) for index in plant.GetJointIndices()}
     if all(int(index) in present for index in arm.joint_indices):
         return arm
@@ -156,7 +156,7 @@ def renewed(plant: MultibodyPlant, arm: Arm) -> Arm:
 
 
 def measured_position(effects: Sequence[Effect], joints: Sequence[str], q: Array) -> Array:
-    """What the encoders read (…, n) at true positions `q`; stations pass their positions through it."""
+    """Return what the encoders read (…, n) at true positions `q`; stations pass their positions through it."""
     for effect in reversed(effects):
         q = effect.measured_position(joints, q)
     return q
@@ -186,7 +186,7 @@ class Motors:
 
 
 def connect(builder: DiagramBuilder, plant: MultibodyPlant, arm: Arm, effects: Sequence[Effect]) -> Motors:
-    """Wires the actuators of the arm's model instances; call it once, after Finalize, with the plant in the builder.
+    """Wire the actuators of the arm's model instances; call it once, after Finalize, with the plant in the builder.
 
     Gains and limits of the motors may be changed by it: a motor that gives another torque than is logged.
     """

@@ -83,12 +83,12 @@ class Brakes:
         return least
 
     def rows(self, actuators: Sequence[str]) -> list[tuple[int, int]]:
-        """Which of some actuators belong to which brake."""
+        """Return which of some actuators belong to which brake."""
         owner = {f"{name}_{brake.name}": k for k, brake in enumerate(self._brakes) for name in brake.joints}
         return [(row, owner[name]) for row, name in enumerate(actuators) if name in owner]
 
     def torque(self, state: Array, held: Array, tau: Array, time: float) -> Array:
-        """What each brake gives to each of its joints now.
+        """Return what each brake gives to each of its joints now.
 
         Args:
             state: of the plant.
@@ -103,7 +103,7 @@ class Brakes:
         return -(self._bounded(held + TUNING.beta * self._gain * speed, tau, time) + damping * speed * self._on(time))
 
     def held(self, state: Array, held: Array, tau: Array, time: float) -> Array:
-        """What it holds with in the next step."""
+        """Return what it holds with in the next step."""
         if not self.count:
             return held
         return self._bounded(held + TUNING.gamma * self._gain * (self._along @ state[self._velocity]), tau, time)

@@ -25,19 +25,19 @@ class Line:
         return state.reshape(-1, self._n)
 
     def end(self, state: Array, now: Array) -> Array:
-        """(n,) what comes out while `now` goes in."""
+        """Return (n,) what comes out while `now` goes in."""
         rows = np.vstack([now, self._rows(state)])
         return (1.0 - self._share) * rows[self._whole] + self._share * rows[self._whole + 1]
 
     def last(self, state: Array) -> Array:
-        """(n,) what came out in the step before."""
+        """Return (n,) what came out in the step before."""
         rows = self._rows(state)
         return (1.0 - self._share) * rows[self._whole] + self._share * rows[self._whole + 1]
 
     def newest(self, state: Array) -> Array:
-        """(n,) what went in in the step before."""
+        """Return (n,) what went in in the step before."""
         return self._rows(state)[0].copy()
 
     def moved(self, state: Array, now: Array) -> Array:
-        """The state after `now` went in."""
+        """Return the state after `now` went in."""
         return np.vstack([now, self._rows(state)[:-1]]).ravel()

@@ -26,7 +26,7 @@ class Push(LeafSystem):
     """
 
     def __init__(self, plant: MultibodyPlant, arm: Arm, effects: Sequence[ExternalForce]) -> None:
-        """Builds it for a finalized plant."""
+        """Build it for a finalized plant."""
         super().__init__()
         instance = plant.get_body(arm.base).model_instance()
         self._pushes = []

@@ -54,7 +54,7 @@ class Drive(LeafSystem):
     """
 
     def __init__(self, plant: MultibodyPlant, arm: Arm, effects: Sequence[Effect]) -> None:
-        """Builds it for a finalized plant, whose motors' gains and limits it may change."""
+        """Build it for a finalized plant, whose motors' gains and limits it may change."""
         super().__init__()
         self._motors = Actuators.of(plant, arm.actuator_indices)
         self._fingers = Actuators.of(plant, arm.gripper_actuator_indices)
@@ -107,7 +107,7 @@ class Drive(LeafSystem):
         self.DeclareVectorOutputPort("gripper_torque_logged", g, self._gripper_torque_logged, logged_tickets)
 
     def _set_motors(self, plant: MultibodyPlant, arm: Arm) -> None:
-        """Puts what is always there into the motors' own gains and limits."""
+        """Put what is always there into the motors' own gains and limits."""
         for k, index in enumerate(arm.actuator_indices):
             motor = plant.get_joint_actuator(index)
             if self._line is not None:
@@ -155,7 +155,7 @@ class Drive(LeafSystem):
         self.DeclareVectorOutputPort(f"desired_state.{name}", 2 * count, desired_state, tickets)
 
     def _command(self, context: Context) -> Array:
-        """(3, n + g): torque, true position and velocity that are asked of motors and fingers."""
+        """Return (3, n + g): torque, true position and velocity that are asked of motors and fingers."""
         torque, gripper_torque, desired, gripper_desired = (
             np.asarray(port.Eval(context)) if port.HasValue(context) else np.zeros(port.size())
             for port in self._commands
@@ -177,7 +177,10 @@ class Drive(LeafSystem):
         return whole[self._parts[which] : self._parts[which + 1]]
 
     def _motor_torque(self, context: Context) -> Array:
-        """(n + g,) what is put into the motors' actuation ports, beside which their controllers in the plant work."""
+        """Return (n + g,) what is put into the motors' actuation ports.
+
+        Beside which their controllers in the plant work.
+        """
         command = self._command(context)
         torque = command[0].copy()
         motors = torque[: self._n]
@@ -191,21 +194,21 @@ class Drive(LeafSystem):
         return torque
 
     def _asked(self, context: Context, command: Array) -> Array:
-        """(n,) what the motors' controllers ask for now, worked out here."""
+        """Return (n,) what the motors' controllers ask for now, worked out here."""
         return self._motors.given(np.asarray(self._state.Eval(context)), command[:, : self._n])
 
     def _reaching(self, torque: Array) -> Array:
-        """What is left of it by gains and bounds that are always there."""
+        """Return what is left of it by gains and bounds that are always there."""
         return np.clip(torque * self._scale, -self._cap, self._cap)
 
     def _given(self, context: Context) -> Array:
-        """(n,) what the motors gave in the last step, by gains and bounds that are always there alone."""
+        """Return (n,) what the motors gave in the last step, by gains and bounds that are always there alone."""
         if self._line is not None:
             return self._reaching(self._line.last(self._part(context, 3)))
         return self._reaching(self._asked_last(context, self._motors, slice(0, self._n)))
 
     def _change(self, context: Context) -> Array:
-        """(n,) what effects that start or end change in the motors' torque, by the last step's."""
+        """Return (n,) what effects that start or end change in the motors' torque, by the last step's."""
         before = after = self._given(context) if self._changing else np.zeros(self._n)
         for effect in self._changing:
             if effect.active(np.array(context.get_time())):
