@@ -88,7 +88,7 @@ def box(size: tuple[float, float, float]) -> Patchwork:
 
 
 def _turned(profile: Array, sectors: int) -> _Chart:
-    """Return a body of revolution about z from its outline (N, 2) of radius and z, from the lower pole to the upper one."""
+    """Return a body of revolution about z from its outline (N, 2) of radius and z, lower pole to upper."""
     step = np.diff(profile, axis=0)
     lengths = np.linalg.norm(step, axis=1)
     at = np.concatenate([[0.0], np.cumsum(lengths)]) / lengths.sum()

@@ -78,7 +78,8 @@ def effort(shown: Shown) -> str:
 def lost(subject: Subject) -> Array:
     """Return (n,) errors beyond which a model has lost a joint, and more tells nothing.
 
-    [rad], [m] for prismatic joints. A slide's is all of its travel, as the description has it, or else as the held-out run has.
+    [rad], [m] for prismatic joints. A slide's is all of its travel, as the description has it, or else as the held-out
+    run has.
     """
     shown, given = subject.shown, subject.given
     described, seen = given.upper - given.lower, np.ptp(shown.holdout.position, axis=0)
