@@ -65,10 +65,12 @@ class Children:
     def __init__(self, root: Path, jobs: int):
         self.root, self.jobs = root, jobs
         self._at_work: dict[int, Running] = {}
+        self._base = Path()
 
     def run(self, jobs: Iterable[Job]) -> None:
         """Run all jobs to their ends."""
         waiting: Iterator[Job] = iter(jobs)
+        self._base = Path(tempfile.mkdtemp(prefix="mutants-"))
         before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that no child is left behind
         try:
             while True:
@@ -81,6 +83,7 @@ class Children:
         finally:
             for pid in list(self._at_work):
                 self._end(pid)
+            shutil.rmtree(self._base, ignore_errors=True)
             signal.signal(signal.SIGTERM, before)
 
     def _go_on(self, job: Job, answer: dict[str, Any] | None) -> None:
@@ -88,7 +91,7 @@ class Children:
             task = next(job) if answer is None else job.send(answer)
         except StopIteration:
             return
-        folder = Path(tempfile.mkdtemp(prefix="mutants-"))
+        folder = Path(tempfile.mkdtemp(dir=self._base))
         pid = os.fork()
         if pid == 0:
             signal.signal(signal.SIGTERM, signal.SIG_DFL)

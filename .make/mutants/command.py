@@ -29,7 +29,7 @@ def arguments(given: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--count", type=int, default=300, help="how many mutants to draw")
     parser.add_argument("--jobs", type=int, default=1, help="how many run at a time")
     parser.add_argument("--only", default="", metavar="PLACE", help="one package or file: gap, gap/search.py")
-    parser.add_argument("--budget", type=float, default=60.0, help="seconds of tests per mutant")
+    parser.add_argument("--budget", type=float, default=40.0, help="seconds of tests per mutant")
     parser.add_argument("--tests", type=int, default=60, help="most tests per mutant")
     parser.add_argument("--again", action="store_true", help="run survivors once more, after new tests")
     parser.add_argument("--list", action="store_true", help="print the drawn mutants and run nothing")
