@@ -2,8 +2,10 @@
 # PYTHON=/path/to/python3.11 picks the interpreter, JOBS=n how many tests or cases run at a time, ARGS=… is passed on.
 
 JOBS ?= 2
+SEED ?= 1
+COUNT ?= 300
 PY := .venv/bin/python
-SOURCES := twin_diagram tests $(wildcard sims) $(wildcard .make/*.py)
+SOURCES := twin_diagram tests .make $(wildcard sims)
 
 # What belongs to another environment (ROS, conda, a user's pip habits) must not leak into .venv.
 unexport PYTHONPATH PYTHONHOME PIP_USER PIP_TARGET PIP_PREFIX PIP_REQUIRE_VIRTUALENV
@@ -26,6 +28,7 @@ help:
 	echo "make lint       ruff alone"
 	echo "make typecheck  mypy alone"
 	echo "make house      the structure of the code, measured, beside its aims; ARGS='--list floors' names what counts"
+	echo "make mutants    faults put into the maths, one at a time: who survives the fast tests? SEED=1 COUNT=300; an hour"
 	echo "make bench      timings of the systems"
 	echo "make gap-benchmark  hidden effects in simulated arms, found and scored; hours; writes out/gap_benchmark/"
 	echo "make false-alarms   ten simulated hours of a healthy arm; an hour or two; writes out/false_alarms/"
@@ -73,6 +76,12 @@ pytest: install-test
 .PHONY: slow
 slow: install-test
 	$(PY) -m pytest -n $(JOBS) --dist worksteal -m slow $(ARGS)
+
+# Goes on where it stopped. ARGS='--only planning' draws from one package or file, ARGS=--list shows what is drawn,
+# ARGS=--survivors who survived so far, ARGS='--show ID' one of them, ARGS=--again runs the survivors against new tests.
+.PHONY: mutants
+mutants: install-test
+	$(PY) .make/mutants --seed $(SEED) --count $(COUNT) --jobs $(JOBS) $(ARGS)
 
 .PHONY: bench
 bench: install-bench
