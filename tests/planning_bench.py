@@ -203,7 +203,7 @@ class Run:
 
 def run(planner: Planner, scene: Scene, world: World, seed: int, duration: float = 10.0, lag: float = 0.06) -> Run:
     rng = np.random.default_rng([77, seed])
-    tuning = object_filter.Tuning.of(scenario.SceneUpdater())
+    tuning = object_filter.FilterSettings.of(scenario.SceneUpdater())
     filters = object_filter.initial_filters(len(NAMES))
     sag = rng.uniform(-0.008, 0.008, len(HOME))
     dt, period = 1 / 120, 1 / planner.params.rate
@@ -259,7 +259,7 @@ def run(planner: Planner, scene: Scene, world: World, seed: int, duration: float
     return result
 
 
-def pack_tracks(filters: np.ndarray, now: float, tuning: object_filter.Tuning) -> np.ndarray:
+def pack_tracks(filters: np.ndarray, now: float, tuning: object_filter.FilterSettings) -> np.ndarray:
     belief = object_filter.propagate(filters, now, tuning)
     tracks = np.empty((len(filters), TRACK_SIZE))
     tracks[:, 0] = object_filter.statuses(filters, now, tuning)

@@ -18,6 +18,7 @@ from tests.model.effects.test_effects_in_time import ARM, JOINTS, ROTORS, record
 from twin_diagram.errors import ModelError
 from twin_diagram.gap.candidates.given_link import link_inertia
 from twin_diagram.gap.candidates.whole_arm import _inertia_values
+from twin_diagram.gap.correction import add_effects
 from twin_diagram.gap.correction.add_effects import add
 from twin_diagram.gap.correction.equation_error import Hypothesis, by_torque
 from twin_diagram.gap.correction.gauss_newton import Solution, minimise
@@ -36,6 +37,11 @@ from twin_diagram.scenario import EffectSpec
 
 LEVEL = np.array([0.3, 0.3, 0.2, 0.2, 0.05, 0.05, 0.05])
 """Of the torque noise [N·m]."""
+
+
+def tuned(monkeypatch: pytest.MonkeyPatch, **values: float) -> None:
+    """Has constants of `add_effects` be others."""
+    monkeypatch.setattr(add_effects, "TUNING", replace(add_effects.TUNING, **values))  # type: ignore[arg-type]
 
 
 def noisy(log: Log, seed: int) -> Log:
@@ -122,7 +128,7 @@ def test_rough_values_that_are_kept_are_not_taken_for_exact(monkeypatch: pytest.
         return found, replace(solution, vector=4.0 * solution.vector)
 
     monkeypatch.setattr("twin_diagram.gap.correction.add_effects.by_torque", astray)
-    monkeypatch.setattr("twin_diagram.gap.correction.add_effects.MOST_BY_MOTION", 0)
+    tuned(monkeypatch, most_by_motion=0)
     finding = Finding(spec.name, (JOINTS[3],), (), per_joint(JOINTS[3], torque=4.2), 0.9, onset=Moment(0, 1.6))
     result = add(Model.load(ARM), [log], [finding])
     assert "kept" in result.notes[-1]
@@ -142,8 +148,8 @@ def test_a_value_at_its_bound_has_an_error_all_the_same(monkeypatch: pytest.Monk
         return hypothesis, Solution(np.array([1.0 + 1e-9]), np.array([[1e-4]]), 0.0)
 
     monkeypatch.setattr("twin_diagram.gap.correction.add_effects.by_torque", whole)
-    monkeypatch.setattr("twin_diagram.gap.correction.add_effects.MOST_BY_MOTION", 0)
-    monkeypatch.setattr("twin_diagram.gap.correction.add_effects.WORSE", np.inf)
+    tuned(monkeypatch, most_by_motion=0)
+    tuned(monkeypatch, worse=np.inf)
     finding = Finding(spec.name, (JOINTS[3],), (), per_joint(JOINTS[3], gain=0.99), 0.9, onset=Moment(0, 1.5))
     told = add(Model.load(ARM), [log], [finding]).findings[0].parameters["gain"]
     assert isinstance(told, dict)
@@ -345,7 +351,7 @@ def test_laws_that_are_not_exact_end_no_worse_than_they_began(
         found, answer = by_torque(start, logs, coloured=coloured)
         return found, replace(answer, vector=2.0 * answer.vector) if coloured else answer
 
-    monkeypatch.setattr("twin_diagram.gap.correction.add_effects.MOST_BY_MOTION", 0)
+    tuned(monkeypatch, most_by_motion=0)
     monkeypatch.setattr("twin_diagram.gap.correction.add_effects.by_torque", astray)
     finding = Finding("coulomb_friction", ("j",), (), per_joint("j", torque=1.1 * float(solution.vector[0])), 0.9)
     result = add(model, [log], [finding])

@@ -177,7 +177,7 @@ def test_a_crash_is_told_in_one_line(
 
 def test_a_process_that_does_not_end_is_ended(given: Model, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     child(monkeypatch, "import time; time.sleep(1000)")
-    monkeypatch.setattr(gap_process, "GRACE", 0.1)
+    monkeypatch.setattr(gap_process, "TUNING", replace(gap_process.TUNING, grace=0.1))
     search = begin(given, tmp_path)
     assert search.poll() is None and search.wait(0.05) is None
     search.stop()
@@ -441,7 +441,7 @@ def test_a_search_that_takes_too_long_is_stopped(
     loop: tuple[ClosedLoop, Tape], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     child(monkeypatch, "import time; time.sleep(1000)")
-    monkeypatch.setattr(gap_process, "GRACE", 0.1)
+    monkeypatch.setattr(gap_process, "TUNING", replace(gap_process.TUNING, grace=0.1))
     run = Run(loop, tmp_path / "searches", patience=0.3)
     run.go(0.3)
     run.alarm()
@@ -458,7 +458,7 @@ def test_the_run_ends_before_the_search_does(
     loop: tuple[ClosedLoop, Tape], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     child(monkeypatch, "import time; time.sleep(1000)")
-    monkeypatch.setattr(gap_process, "GRACE", 0.1)
+    monkeypatch.setattr(gap_process, "TUNING", replace(gap_process.TUNING, grace=0.1))
     run = Run(loop, tmp_path / "searches")
     with run.healer:
         run.go(0.3)
