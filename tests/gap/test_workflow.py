@@ -51,7 +51,7 @@ def arguments(model: Path, fit: list[Path], held: Path, out: Path) -> list[str]:
 @pytest.fixture
 def stub(monkeypatch: pytest.MonkeyPatch) -> None:
     """The search, which has tests of its own, answers at once."""
-    monkeypatch.setattr(workflow, "name", lambda model, logs, say: bench.verdict("named", [bench.friction_finding()]))
+    monkeypatch.setattr(workflow, "name", lambda *_: bench.verdict("named", [bench.friction_finding()]))
 
 
 # What it finds, and writes.
@@ -129,7 +129,7 @@ def test_exit_is_0_whatever_the_verdict(
 ) -> None:
     model, (fit, held, _) = runs
     for kind in ("none", "unknown"):
-        monkeypatch.setattr(workflow, "name", lambda model, logs, say, kind=kind: bench.verdict(kind))
+        monkeypatch.setattr(workflow, "name", lambda *_, kind=kind: bench.verdict(kind))
         assert cli.main(arguments(model, [fit], held, tmp_path / kind)) == 0
         answer = json.loads((tmp_path / kind / "gap.json").read_text())
         assert answer["verdict"] == kind and answer["effects"] == []

@@ -75,18 +75,21 @@ COUPLED = "coupled_friction"
 Progress = Callable[[str], None]
 
 
-def name(model: Model, logs: Sequence[Log], progress: Progress | None = None) -> Verdict:
-    """Return the names what a model lacks.
+def name(
+    model: Model, logs: Sequence[Log], progress: Progress | None = None, records: Records | None = None
+) -> Verdict:
+    """Return the verdict on what a model lacks.
 
     Args:
         model: the given one, with the logs' joints in the logs' order.
         logs: checked.
         progress: told what is being done.
+        records: `prepare(model, logs)`, where the caller has it.
 
     Raises:
         LogError: a log is too short.
     """
-    return investigate(prepare(model, logs), progress)[0]
+    return investigate(prepare(model, logs) if records is None else records, progress)[0]
 
 
 def investigate(records: Records, progress: Progress | None = None) -> tuple[Verdict, Bench, Fit, Terms]:

@@ -32,7 +32,7 @@ from twin_diagram.gap.report import gap_json, page
 from twin_diagram.gap.report.comparison import Shown, show
 from twin_diagram.gap.report.subject import Subject
 from twin_diagram.gap.residuals.prepared_logs import TUNING as PREPARED_LOGS
-from twin_diagram.gap.residuals.prepared_logs import usable
+from twin_diagram.gap.residuals.prepared_logs import prepare, usable
 from twin_diagram.gap.verdict.deciding import TUNING as DECIDING
 from twin_diagram.logs import Log, read_log, write_columns
 from twin_diagram.model.model import Model
@@ -110,13 +110,14 @@ def run_gap(
         _writable(Path(out))
     say("reading the logs")
     given, logs, held, notes = _read(model, fit, holdout, packages)
-    verdict = name(given, logs, say)
+    records = prepare(given, logs)
+    verdict = name(given, logs, say, records)
     if verdict.findings:
         say("adding what was named")
     corrected = given
     try:
         if verdict.findings:
-            added = add(given, logs, verdict.findings, say)
+            added = add(given, logs, verdict.findings, say, records)
             corrected = added.model
             # What cannot be added was no explanation.
             verdict = _nameless(verdict) if added.model is given else replace(verdict, findings=added.findings)
@@ -130,7 +131,7 @@ def run_gap(
     if corrected is not given and not accepted(verdict, shown, partial(confirmed, given, corrected, held)):
         notes.append("what was named did not shrink the gap on the held-out run on all joints, and was dropped")
         verdict, corrected = _nameless(verdict), given
-        shown = show(given, given, logs, held, verdict.noise_floor)
+        shown = shown.uncorrected()
     if corrected is not given and not shown.is_exercised():
         notes.append(
             "the held-out run does nothing in which the two models differ, so it proves nothing: hold out a run that "

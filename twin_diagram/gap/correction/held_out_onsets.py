@@ -14,10 +14,10 @@ import numpy as np
 
 from twin_diagram.logs import Log, fingerprint
 from twin_diagram.logs.differentiation import TUNING as DIFFERENTIATION
-from twin_diagram.logs.differentiation import Motion, inner, lowpass, motion
+from twin_diagram.logs.differentiation import Motion, inner, motion
 from twin_diagram.model.effects import Effect
 from twin_diagram.model.model import Model
-from twin_diagram.model.prediction import torque_predicted
+from twin_diagram.model.prediction import torque_residual
 from twin_diagram.signals.arrays import Array
 
 
@@ -93,7 +93,7 @@ def _moment(before: Model, after: Model, smooth: Motion, noise: Array) -> float 
     kept = inner(regular.time)
 
     def squares(model: Model) -> Array:
-        left = lowpass(regular.motor_torque - torque_predicted(model, regular, smooth), rate)[kept] / noise
+        left = torque_residual(model, regular, smooth) / noise
         return np.asarray(np.sum(left**2, axis=1)) * min(1.0, 2.0 * DIFFERENTIATION.residual_cutoff / rate)
 
     first, second = squares(before), squares(after)

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.logs import Log
-from twin_diagram.logs.differentiation import inner, lowpass, motion
+from twin_diagram.logs.differentiation import below_cutoff, inner, motion
 from twin_diagram.model.model import Model
-from twin_diagram.model.prediction import rollout_rms, torque_predicted
+from twin_diagram.model.prediction import rollout_rms, torque_residual
 from twin_diagram.signals import units
 from twin_diagram.signals.arrays import Array
 
@@ -71,6 +71,10 @@ class Comparison:
     rollout_before: Array | None = None
     rollout_after: Array | None = None
 
+    def uncorrected(self) -> Comparison:
+        """Return the same, as if nothing had been corrected."""
+        return replace(self, after=self.before, rollout_after=self.rollout_before)
+
 
 @dataclass(frozen=True)
 class Shown:
@@ -89,6 +93,11 @@ class Shown:
     holdout: Comparison
     noise_floor: Array
     prismatic: frozenset[str] = frozenset()
+
+    def uncorrected(self) -> Shown:
+        """Return the same, as if nothing had been corrected."""
+        runs = tuple(run.uncorrected() for run in self.fit)
+        return replace(self, fit=runs, holdout=self.holdout.uncorrected())
 
     def units(self, unit: str) -> tuple[str, ...]:
         """Return (n) of a quantity on each joint, from its unit on a revolute joint."""
@@ -175,15 +184,11 @@ def compare(
     kept = inner(regular.time)
     changed = corrected is not given
 
-    def residual(model: Model) -> Array:
-        difference = regular.motor_torque - torque_predicted(model, regular, smooth)
-        return lowpass(difference, 1.0 / regular.period)[kept]
-
     def rolled(model: Model) -> Array:
         assert horizon is not None
         return rollout_rms(model, log, horizon, smooth, TUNING.rollouts)
 
-    before = residual(given)
+    before = torque_residual(given, log, smooth)
     rollout = None if horizon is None else rolled(given)
     return Comparison(
         source=log.source,
@@ -193,9 +198,9 @@ def compare(
         position=smooth.position[kept],
         velocity=smooth.velocity[kept],
         acceleration=smooth.acceleration[kept],
-        torque=lowpass(regular.motor_torque, 1.0 / regular.period)[kept],
+        torque=below_cutoff(regular.motor_torque, regular),
         before=before,
-        after=residual(corrected) if changed else before,
+        after=torque_residual(corrected, log, smooth) if changed else before,
         rollout_before=rollout,
         rollout_after=rolled(corrected) if changed and horizon is not None else rollout,
     )

@@ -64,6 +64,7 @@ class Record:
     Attributes:
         index: of the log.
         source: what to call it.
+        mark: its log's fingerprint.
         time: (N,) regular [s].
         rate: [1/s].
         band: edge of the low-pass [Hz].
@@ -80,6 +81,7 @@ class Record:
 
     index: int
     source: str
+    mark: str
     time: Array
     rate: float
     band: float
@@ -305,7 +307,8 @@ def _record(model: Model, log: Log, index: int, band: float) -> Record:
     smooth = motion(log, TUNING.motion * band)
     stride = max(1, int(rate / (TUNING.thin * band) + 1e-6))
     kept = np.flatnonzero(inner(log.time, DIFFERENTIATION.residual_cut))[::stride]
-    model = model.for_run(fingerprint(log))
+    mark = fingerprint(log)
+    model = model.for_run(mark)
     # Torque that is logged and never arrives cannot be told from the motion.
     seen = smooth.log.motor_torque if any(effect.loses for effect in model.effects) else None
     q, v, a = smooth.position, smooth.velocity, smooth.acceleration
@@ -318,6 +321,7 @@ def _record(model: Model, log: Log, index: int, band: float) -> Record:
     return Record(
         index=index,
         source=log.source,
+        mark=mark,
         time=log.time,
         rate=rate,
         band=band,
