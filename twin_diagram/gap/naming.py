@@ -17,7 +17,8 @@ from twin_diagram.gap.residuals.prepared_logs import Records, prepare
 from twin_diagram.gap.residuals.regressors import Terms, given_load, slow_speed, with_load
 from twin_diagram.gap.search import gear_proposals, smooth_fit, stiction_proposals
 from twin_diagram.gap.search.backlash_gaps import Knocks
-from twin_diagram.gap.search.evidence import Bench, Fit, Members
+from twin_diagram.gap.search.bench import Bench
+from twin_diagram.gap.search.evidence import HypothesisFit, Members
 from twin_diagram.gap.search.greedy_search import Polish, climb, plainer, search
 from twin_diagram.gap.search.proposals import Proposer
 from twin_diagram.gap.search.shape_refinement import refine
@@ -92,7 +93,7 @@ def name(
     return investigate(prepare(model, logs) if records is None else records, progress)[0]
 
 
-def investigate(records: Records, progress: Progress | None = None) -> tuple[Verdict, Bench, Fit, Terms]:
+def investigate(records: Records, progress: Progress | None = None) -> tuple[Verdict, Bench, HypothesisFit, Terms]:
     """Return the same on prepared logs, with all that was found on the way."""
     say = progress or (lambda text: None)
     seconds: dict[str, float] = {}
@@ -147,7 +148,9 @@ def all_candidates(terms: Terms) -> list[Candidate]:
     ]
 
 
-def again(records: Records, terms: Terms, bench: Bench, fit: Fit, ordinary: Array) -> tuple[Terms, Bench, Fit]:
+def again(
+    records: Records, terms: Terms, bench: Bench, fit: HypothesisFit, ordinary: Array
+) -> tuple[Terms, Bench, HypothesisFit]:
     """Search once more, with noise and transmitted torque as the first hypothesis has them.
 
     Args:
@@ -205,7 +208,7 @@ def again(records: Records, terms: Terms, bench: Bench, fit: Fit, ordinary: Arra
     return terms, second, pruned(second, plainer(second, best))
 
 
-def trusted(records: Records, bench: Bench, fit: Fit) -> Array:
+def trusted(records: Records, bench: Bench, fit: HypothesisFit) -> Array:
     """Return (n, R) weights of whitened samples: where much was named, no law is exact to the noise."""
     white = bench.whitener.all(contribution_of(records, bench, fit))
     width = max(1, round(TUNING.doubt_time * records.rate))
@@ -226,7 +229,7 @@ def suspects(records: Records, terms: Terms, bench: Bench, members: Members) -> 
     return list(dict.fromkeys([*found, *swung, *beside]))[: TUNING.suspects]
 
 
-def uneven(bench: Bench, fit: Fit, member: int) -> list[int]:
+def uneven(bench: Bench, fit: HypothesisFit, member: int) -> list[int]:
     """Return the joints whose own coefficient of a member of all joints is not that of the others together.
 
     The surest first.
@@ -240,7 +243,7 @@ def uneven(bench: Bench, fit: Fit, member: int) -> list[int]:
     return [bench.candidates[member].rows[k] for k in np.argsort(-apart) if apart[k] > TUNING.uneven]
 
 
-def pruned(bench: Bench, fit: Fit) -> Fit:
+def pruned(bench: Bench, fit: HypothesisFit) -> HypothesisFit:
     """Return the fit without members that do not bring `LEAST` once shapes and noise have settled."""
     while fit.members:
         without = max((bench.solve(fit.members - {k}) for k in fit.members), key=lambda other: other.evidence)
@@ -255,7 +258,7 @@ def polisher(terms: Terms) -> Polish:
     return lambda bench, fit: refine(bench, terms, fit, rounds=1, slow=False)
 
 
-def contribution_of(records: Records, bench: Bench, fit: Fit, without: Sequence[str] = ()) -> Array:
+def contribution_of(records: Records, bench: Bench, fit: HypothesisFit, without: Sequence[str] = ()) -> Array:
     """Return (ΣD, n) torque that a fit adds to the given model's, reduced [N·m].
 
     Args:

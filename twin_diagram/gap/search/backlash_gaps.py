@@ -14,7 +14,9 @@ from scipy.signal import find_peaks
 
 from twin_diagram.gap.candidates.candidate import Candidate, linear
 from twin_diagram.gap.residuals.regressors import Terms
-from twin_diagram.gap.search.evidence import Bench, Members
+from twin_diagram.gap.search.bench import Bench
+from twin_diagram.gap.search.evidence import Members
+from twin_diagram.gap.search.scoring import basis, score_candidate
 from twin_diagram.model.dynamics.backlash import play_alone
 from twin_diagram.signals.arrays import Array
 
@@ -76,7 +78,7 @@ class Knocks:
         """
         more: dict[tuple[int, Members], Array] = {}
         for members in dict.fromkeys(members for some in hypotheses.values() for members in some):
-            Q = self.bench.basis(members)
+            Q = basis(self.bench, members)
             told = np.einsum("jrk,jr->k", Q, self.bench.y)
             for j in (j for j, some in hypotheses.items() if members in some):
                 more[j, members] = self._more(j, Q, told)
@@ -95,7 +97,7 @@ class Knocks:
         """Return what each gap explains beside what its rotor does [nats]."""
         if j not in self._tried:
             self._tried[j] = self._torques(j)
-        rotor, *scores = (self.bench.score_once(c, Q, told, white=white) for c, white in self._tried[j])
+        rotor, *scores = (score_candidate(self.bench, c, Q, told, white=white) for c, white in self._tried[j])
         return np.array(scores) - rotor
 
     def _torques(self, j: int) -> list[tuple[Candidate, Array]]:

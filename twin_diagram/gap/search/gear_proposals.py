@@ -17,8 +17,10 @@ from twin_diagram.gap.residuals.prepared_logs import TUNING as PREPARED_LOGS
 from twin_diagram.gap.residuals.prepared_logs import Record
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.search.backlash_gaps import Knocks
-from twin_diagram.gap.search.evidence import Bench, Members
+from twin_diagram.gap.search.bench import Bench
+from twin_diagram.gap.search.evidence import Members
 from twin_diagram.gap.search.prior_costs import TUNING as PRIOR_COSTS
+from twin_diagram.gap.search.scoring import basis, score_candidate
 from twin_diagram.model.effects import make
 from twin_diagram.model.effects.effect import REGISTRY, Effect
 from twin_diagram.model.model import Model
@@ -67,7 +69,7 @@ COST = {"joint_elasticity": 8.0, "backlash": 3.0}
 
 
 @dataclass(frozen=True)
-class Shape:
+class GearShape:
     """Of a gear: what it is called, and the numbers on which its torque depends otherwise than linearly."""
 
     name: str
@@ -75,7 +77,7 @@ class Shape:
     values: tuple[tuple[str, float], ...]
 
 
-def gear(terms: Terms, shape: Shape) -> Candidate | None:
+def gear(terms: Terms, shape: GearShape) -> Candidate | None:
     """Return the candidate of one shape: its torque, whose coefficient is about 1, and the rotor's inertia.
 
     None where the shape is not within what the effect allows, or its torque not finite.
@@ -138,31 +140,31 @@ def rattled(terms: Terms, j: int) -> float:
     return lost
 
 
-def _effect(model: Model, shape: Shape) -> Effect:
+def _effect(model: Model, shape: GearShape) -> Effect:
     parameters = {**{key: [value] for key, value in shape.values}, "rotor_inertia": [0.0]}
     return make(EffectSpec(name=shape.name, joints=[model.joints[shape.joint]], parameters=parameters))
 
 
-def plays(bench: Bench, members: Members, joints: Sequence[int], knocks: Knocks) -> dict[int, list[Shape]]:
+def plays(bench: Bench, members: Members, joints: Sequence[int], knocks: Knocks) -> dict[int, list[GearShape]]:
     """Play that is tried on each joint: beside the members, and without some that are on it."""
     beside: dict[int, list[Members]] = {}
     for j in filter(knocks.turns, range(bench.n)):
         own = {k for k in members if j in bench.candidates[k].joints}
         beside[j] = [rest for rest in _rests(bench, members, j) if not rest or members - rest <= own]
     gaps = {j: list(TUNING.leaning) for j in joints} | knocks.gaps(beside)
-    return {j: [Shape("backlash", j, (("gap", gap),)) for gap in some] for j, some in gaps.items()}
+    return {j: [GearShape("backlash", j, (("gap", gap),)) for gap in some] for j, some in gaps.items()}
 
 
-def springs(terms: Terms, j: int) -> list[Shape]:
+def springs(terms: Terms, j: int) -> list[GearShape]:
     """Springs that are tried on a joint."""
     inertia = _link_inertia(terms, j)
-    result: list[Shape] = []
+    result: list[GearShape] = []
     swings = [(swing, loss) for swing in SWINGS for loss in TUNING.losses] + [
         (swing, TUNING.calm_loss) for swing in SWINGS[CALM]
     ]
     for swing, loss in swings:
         stiffness = inertia * (2.0 * np.pi * float(swing)) ** 2
-        result.append(Shape("joint_elasticity", j, (("stiffness", stiffness), ("loss", loss))))
+        result.append(GearShape("joint_elasticity", j, (("stiffness", stiffness), ("loss", loss))))
     return result
 
 
@@ -196,7 +198,7 @@ def propose(bench: Bench, terms: Terms, members: Members, joints: Sequence[int],
         if not shapes:
             continue
         rests = _rests(bench, members, j)
-        bases = [bench.basis(rest) for rest in rests]
+        bases = [basis(bench, rest) for rest in rests]
         projected = [np.einsum("jrk,jr->k", Q, bench.y) for Q in bases]
         crowded: dict[str, tuple[float, Candidate]] = {}
         best: dict[tuple[str, Members], tuple[float, Candidate]] = {}
@@ -204,11 +206,11 @@ def propose(bench: Bench, terms: Terms, members: Members, joints: Sequence[int],
             candidate = gear(terms, shape)
             if candidate is None:
                 continue
-            score = bench.score_once(candidate, bases[0], projected[0]) - candidate.cost
+            score = score_candidate(bench, candidate, bases[0], projected[0]) - candidate.cost
             if score > crowded.get(shape.name, (PRIOR_COSTS.new_name + TUNING.worth, candidate))[0]:
                 crowded[shape.name] = score, candidate
             for rest, Q, told in zip(rests, bases, projected, strict=True):
-                score = bench.score_once(candidate, Q, told, bounded=True)
+                score = score_candidate(bench, candidate, Q, told, bounded=True)
                 if score > best.get((shape.name, rest), (0.0, candidate))[0]:
                     best[shape.name, rest] = score, candidate
         known = {id(candidate): bench.add(candidate) for _, candidate in crowded.values()}
@@ -219,7 +221,7 @@ def propose(bench: Bench, terms: Terms, members: Members, joints: Sequence[int],
             k = known[id(candidate)]
             least = whole + TUNING.worth if rest == members else whole if rest else alone
             if k not in made and bench.solve(rest | {k}).evidence > least:
-                bench.offer(k)
+                bench.offered.offer(k)
                 made.append(k)
     return made
 

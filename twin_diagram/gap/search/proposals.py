@@ -17,9 +17,11 @@ from twin_diagram.gap.candidates import single_joint, whole_arm
 from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.residuals.prepared_logs import Record
 from twin_diagram.gap.residuals.regressors import Terms
-from twin_diagram.gap.search.evidence import Bench, Members
+from twin_diagram.gap.search.bench import Bench
+from twin_diagram.gap.search.evidence import Members
 from twin_diagram.gap.search.normal_equations import increments
 from twin_diagram.gap.search.prior_costs import TUNING as PRIOR_COSTS
+from twin_diagram.gap.search.scoring import basis, score_candidate
 from twin_diagram.signals.arrays import Array
 
 
@@ -93,7 +95,7 @@ class Proposer:
         if said in self._asked or len(members) > TUNING.crowded:
             return []
         self._asked.add(said)
-        Q = bench.basis(members)
+        Q = basis(bench, members)
         projected = np.einsum("jrk,jr->k", Q, bench.y)
         return [
             *self.ripples(bench, members, Q, projected),
@@ -140,7 +142,7 @@ class Proposer:
         edges = block_edges(bench.rows)
         for k in range(len(bench.candidates)):
             candidate = bench.candidates[k]
-            plain = candidate.onset is None and candidate.variant == "" and bench.is_offered(k)
+            plain = candidate.onset is None and candidate.variant == "" and k in bench.offered
             if not plain or candidate.name not in STARTING:
                 continue
             rows = list(candidate.rows)
@@ -193,13 +195,13 @@ class Proposer:
         for _ in range(2):
             starts = [(onset[0], onset[1] + share * period) for share in TUNING.nearby]
             made = [base.during(active(self.terms, moment, end), moment, end) for moment in starts]
-            best = int(np.argmax([bench.score_once(candidate, Q, projected) for candidate in made]))
+            best = int(np.argmax([score_candidate(bench, candidate, Q, projected) for candidate in made]))
             onset = starts[best]
             if end is None:
                 break
             ends = [(end[0], end[1] + share * period) for share in TUNING.nearby]
             made = [base.during(active(self.terms, onset, moment), onset, moment) for moment in ends]
-            best = int(np.argmax([bench.score_once(candidate, Q, projected) for candidate in made]))
+            best = int(np.argmax([score_candidate(bench, candidate, Q, projected) for candidate in made]))
             end = ends[best]
         return base.during(active(self.terms, onset, end), onset, end)
 

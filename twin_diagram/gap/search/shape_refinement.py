@@ -15,7 +15,8 @@ from twin_diagram.gap.candidates import single_joint, whole_arm
 from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.search import gear_proposals, golden_section, proposals
-from twin_diagram.gap.search.evidence import Bench, Fit
+from twin_diagram.gap.search.bench import Bench
+from twin_diagram.gap.search.evidence import HypothesisFit
 from twin_diagram.signals.arrays import Array
 
 
@@ -34,7 +35,9 @@ class Tuning:
 TUNING = Tuning()
 
 
-def refine(bench: Bench, terms: Terms, fit: Fit, rounds: int = TUNING.rounds, *, slow: bool = True) -> Fit:
+def refine(
+    bench: Bench, terms: Terms, fit: HypothesisFit, rounds: int = TUNING.rounds, *, slow: bool = True
+) -> HypothesisFit:
     """Work on one member at a time, all others free; answer the best fit.
 
     Its members may be new candidates of the bench.
@@ -55,7 +58,7 @@ def refine(bench: Bench, terms: Terms, fit: Fit, rounds: int = TUNING.rounds, *,
     return fit
 
 
-def moved(bench: Bench, terms: Terms, fit: Fit, member: int, *, slow: bool = True) -> Fit:
+def moved(bench: Bench, terms: Terms, fit: HypothesisFit, member: int, *, slow: bool = True) -> HypothesisFit:
     """Return the best fit that differs in one member's shapes or working point; see `refine`."""
     candidate = bench.candidates[member]
     own, _ = bench.part(fit, member)
@@ -129,14 +132,14 @@ def _rebuild(terms: Terms, candidate: Candidate, key: str) -> Rebuild:
             return single_joint.saturation(terms, j, value)
         if candidate.name == "torque_ripple":
             return single_joint.ripple(terms, j, value)
-        return gear_proposals.gear(terms, gear_proposals.Shape(candidate.name, j, tuple(shape.items())))
+        return gear_proposals.gear(terms, gear_proposals.GearShape(candidate.name, j, tuple(shape.items())))
 
     return rebuild
 
 
 def _line_search(
-    bench: Bench, fit: Fit, member: int, key: str, rebuild: Rebuild, low: float, high: float
-) -> tuple[Fit, int]:
+    bench: Bench, fit: HypothesisFit, member: int, key: str, rebuild: Rebuild, low: float, high: float
+) -> tuple[HypothesisFit, int]:
     """Golden sections on the logarithm of a shape."""
     start = np.log(bench.candidates[member].shape[key])
     others = fit.members - {member}

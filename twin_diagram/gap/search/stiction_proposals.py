@@ -15,7 +15,8 @@ from twin_diagram.gap.candidates import single_joint
 from twin_diagram.gap.candidates.candidate import Candidate, transformed
 from twin_diagram.gap.residuals import stiction
 from twin_diagram.gap.residuals.regressors import Terms
-from twin_diagram.gap.search.evidence import Bench, Fit
+from twin_diagram.gap.search.bench import Bench
+from twin_diagram.gap.search.evidence import HypothesisFit
 from twin_diagram.model.dynamics.onsets import stretches
 from twin_diagram.signals.arrays import Array
 
@@ -89,7 +90,7 @@ class Tuning:
 TUNING = Tuning()
 
 
-def propose(bench: Bench, terms: Terms, fit: Fit) -> list[int]:
+def propose(bench: Bench, terms: Terms, fit: HypothesisFit) -> list[int]:
     """Offer friction that rises at rest for every joint that was held by more than Coulomb's law would.
 
     Where a fit has that law, it is the same torque under Stribeck's name; where it has Stribeck's, that one, the surer.
@@ -123,14 +124,14 @@ def _coulomb(bench: Bench, k: int) -> int | None:
     return next((i for i, other in places if other.joints == candidate.joints and other.onset is None), None)
 
 
-def _drier(bench: Bench, fit: Fit, k: int) -> bool:
+def _drier(bench: Bench, fit: HypothesisFit, k: int) -> bool:
     """Return whether another law of dry friction, which holds more where there is load, is on a member's joint."""
     joint = bench.candidates[k].joints[0]
     others = (bench.candidates[m] for m in fit.members - {k})
     return any(other.name in stiction.DRY and joint in other.joints for other in others)
 
 
-def beyond(bench: Bench, terms: Terms, fit: Fit, k: int, level: float) -> tuple[float, float] | None:
+def beyond(bench: Bench, terms: Terms, fit: HypothesisFit, k: int, level: float) -> tuple[float, float] | None:
     """Return the level at rest and evidence for it where friction exceeds what Coulomb's law could hold at all.
 
     None: no rise.
@@ -151,7 +152,7 @@ def beyond(bench: Bench, terms: Terms, fit: Fit, k: int, level: float) -> tuple[
     return float(np.sort(size)[-TUNING.fewest_clear]), evidence
 
 
-def dwells(bench: Bench, terms: Terms, fit: Fit, k: int, level: float) -> tuple[float, float] | None:
+def dwells(bench: Bench, terms: Terms, fit: HypothesisFit, k: int, level: float) -> tuple[float, float] | None:
     """Return the same where noise hides each sample's rise, by the means over whole rests.
 
     Friction holds one torque there.
@@ -173,7 +174,7 @@ def dwells(bench: Bench, terms: Terms, fit: Fit, k: int, level: float) -> tuple[
     return float(np.quantile(held, 0.9)), 0.5 * ((mean - level) / error) ** 2
 
 
-def short_holds(bench: Bench, terms: Terms, fit: Fit, k: int, level: float) -> tuple[float, float] | None:
+def short_holds(bench: Bench, terms: Terms, fit: HypothesisFit, k: int, level: float) -> tuple[float, float] | None:
     """Return the same where a joint sticks for moments only: friction peaks before it lets go, and again when it turns.
 
     Coulomb's law has no peak there but for the low-pass's own overshoot and the largest of a few samples' noise.
@@ -220,14 +221,14 @@ def inner(stuck: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     return stuck
 
 
-def _friction(bench: Bench, fit: Fit, k: int) -> Array:
+def _friction(bench: Bench, fit: HypothesisFit, k: int) -> Array:
     """Return (ΣD,) torque that a member and what is left of the residual make together [N·m]."""
     candidate = bench.candidates[k]
     j = candidate.joints[0]
     return np.asarray(bench.left(fit)[:, j] + candidate.columns[:, candidate.rows.index(j)] @ bench.part(fit, k)[0])
 
 
-def _noise(bench: Bench, fit: Fit, k: int) -> float:
+def _noise(bench: Bench, fit: HypothesisFit, k: int) -> float:
     """Return the standard deviation of what is left of a member's joint where it moves [N·m]."""
     j = bench.candidates[k].joints[0]
     return float(np.std(bench.left(fit)[bench.whitener.rows, j][bench.weights[j] > 0.0]))

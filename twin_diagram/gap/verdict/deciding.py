@@ -12,7 +12,8 @@ from twin_diagram.gap.findings import Finding, Separation, Verdict
 from twin_diagram.gap.residuals import whitening
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.residuals.regressors import Terms
-from twin_diagram.gap.search.evidence import Bench, Fit, Members
+from twin_diagram.gap.search.bench import Bench, likelihood_gain
+from twin_diagram.gap.search.evidence import HypothesisFit, Members
 from twin_diagram.gap.verdict import leftover_structure
 from twin_diagram.gap.verdict.posterior import findings_of, groups, separations_of
 
@@ -87,13 +88,13 @@ def crowded(findings: Sequence[Finding]) -> bool:
     return len(unusual) > len(set(unusual)) or any(several.count(joint) > 1 for joint in started)
 
 
-def doubled(bench: Bench, fit: Fit) -> bool:
+def doubled(bench: Bench, fit: HypothesisFit) -> bool:
     """Return whether a joint has a second ripple, which follows something but cannot be told beside the first."""
     joints = [bench.candidates[k].joints for k in fit.members if bench.candidates[k].name == "torque_ripple"]
     return len(set(joints)) < len(joints)
 
 
-def share_of(bench: Bench, fit: Fit, group: Members) -> float:
+def share_of(bench: Bench, fit: HypothesisFit, group: Members) -> float:
     """Return the share of what was explained on some members' own joints that is lost without them.
 
     As log likelihoods.
@@ -105,7 +106,7 @@ def share_of(bench: Bench, fit: Fit, group: Members) -> float:
     return lost / max(explained, 1e-9)
 
 
-def trimmed(bench: Bench, fit: Fit) -> Fit:
+def trimmed(bench: Bench, fit: HypothesisFit) -> HypothesisFit:
     """Return the fit without the joints on which an unusual name of several explains next to nothing.
 
     Where structure is left, they would take the name away from the others, too.
@@ -138,7 +139,7 @@ def redness(noise: whitening.Whitener, rate: float) -> float:
     return float(np.max(np.mean(density[:, : len(SLOW)], axis=1) / np.mean(density[:, len(SLOW) :], axis=1)))
 
 
-def mostly_left(bench: Bench, fit: Fit, joints: npt.NDArray[np.bool_]) -> bool:
+def mostly_left(bench: Bench, fit: HypothesisFit, joints: npt.NDArray[np.bool_]) -> bool:
     """Return whether more of some joints' residual is left than was explained, as energies above the noise."""
     empty = bench.solve(frozenset()).variance
     noise = 1.0 + bench.finest
@@ -146,7 +147,7 @@ def mostly_left(bench: Bench, fit: Fit, joints: npt.NDArray[np.bool_]) -> bool:
     return left > TUNING.mostly * all_there and bool(np.any(joints))
 
 
-def conclude(records: Records, terms: Terms, bench: Bench, fit: Fit) -> Verdict:
+def conclude(records: Records, terms: Terms, bench: Bench, fit: HypothesisFit) -> Verdict:
     """Return the verdict on a final fit."""
     left = leftover_structure.left_over(records, terms, bench, fit)
     beyond = fit.variance - bench.finest
@@ -177,7 +178,7 @@ def conclude(records: Records, terms: Terms, bench: Bench, fit: Fit) -> Verdict:
         findings = tuple(replace(f, confidence=f.confidence * TUNING.less_sure) for f in kept) if structure else kept
     touched = np.isin(np.arange(records.n), [j for k in fit.members for j in bench.candidates[k].rows])
     doubted = mostly_left(bench, fit, raised & touched)
-    unknown = structure and (not findings or left.gain > TUNING.mostly * bench.gain(fit) or doubted)
+    unknown = structure and (not findings or left.gain > TUNING.mostly * likelihood_gain(bench, fit) or doubted)
     if unknown:
         findings, separation = (), ()
     return Verdict(

@@ -9,7 +9,8 @@ import numpy as np
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.residuals.regressors import Terms, rate_of
 from twin_diagram.gap.residuals.whitening import Whitener
-from twin_diagram.gap.search.evidence import Bench, Fit
+from twin_diagram.gap.search.bench import Bench, noise_of
+from twin_diagram.gap.search.evidence import HypothesisFit
 from twin_diagram.signals.arrays import Array
 
 
@@ -41,10 +42,10 @@ class LeftOver:
     joints: Array
 
 
-def left_over(records: Records, terms: Terms, bench: Bench, fit: Fit) -> LeftOver:
+def left_over(records: Records, terms: Terms, bench: Bench, fit: HypothesisFit) -> LeftOver:
     """Regresses each joint's residual on curves of its angle, speed, torque and of time."""
     residual = bench.left(fit)
-    noise = bench.noise_of(fit)
+    noise = noise_of(bench, fit)
     statistic = np.zeros(records.n)
     gain = 0.0
     for j in range(records.n):
