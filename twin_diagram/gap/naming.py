@@ -32,7 +32,11 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module.
+
+    Those that say so were set on training cases (seeds below 10000) of `sims/benchmarks/gap_benchmark.py`, the others
+    by hand; `make gap-benchmark ARGS="--suite training"` shows what they do.
+    """
 
     least: float = 6.0
     """Evidence that each member must bring beyond all prices [nats]; set on clean training logs."""
@@ -44,12 +48,13 @@ class Tuning:
     """Share of what was named that its law may be wrong by."""
 
     doubt_time: float = 0.3
-    """[s]"""
+    """Over which the size of what was named is averaged for that doubt [s]."""
 
     suspect: float = 3.0
     """Above this, a joint's gear is looked at more closely."""
 
     suspects: int = 4
+    """Joints at most whose gears are looked at more closely: each takes a grid of shapes."""
 
     uneven: float = 2.0
     """Standard errors by which a joint differs from the others."""
@@ -137,10 +142,7 @@ def investigate(records: Records, progress: Progress | None = None) -> tuple[Ver
 
 
 def all_candidates(terms: Terms) -> list[Candidate]:
-    """Return the catalogue's, but for those that are proposed on the way.
-
-    And those of effects that a user registered.
-    """
+    """Return the catalogue's candidates but for those that are proposed on the way, and those of a user's effects."""
     return [
         *single_joint.joint_candidates(terms),
         *whole_arm.arm_candidates(terms),
@@ -244,7 +246,7 @@ def uneven(bench: Bench, fit: HypothesisFit, member: int) -> list[int]:
 
 
 def pruned(bench: Bench, fit: HypothesisFit) -> HypothesisFit:
-    """Return the fit without members that do not bring `LEAST` once shapes and noise have settled."""
+    """Return the fit without members that do not bring `TUNING.least` once shapes and noise have settled."""
     while fit.members:
         without = max((bench.solve(fit.members - {k}) for k in fit.members), key=lambda other: other.evidence)
         if not np.isfinite(without.evidence) or fit.evidence - without.evidence >= TUNING.least:

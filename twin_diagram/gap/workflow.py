@@ -43,7 +43,7 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     most_experiments: int = 4
     """Files that are written."""

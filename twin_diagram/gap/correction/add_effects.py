@@ -36,7 +36,7 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     most_by_motion: int = 8
     """Coordinates up to which rollouts are tried; beyond, they take too long and tell too little of each."""
@@ -181,16 +181,16 @@ def _plain(rough: Hypothesis, records: Records) -> tuple[Hypothesis, Solution] |
 
 
 def _left(model: Model, motions: Sequence[Motion]) -> float:
-    """Return the sum over joints of the logarithm of the residual torque, all runs together.
-
-    Free of the joints' scales.
-    """
+    """Return the sum over joints of the logarithm of the residual torque of all runs, free of the joints' scales."""
     squares = np.mean([torque_residual_rms(model, smooth.log, smooth) ** 2 for smooth in motions], axis=0)
     return float(0.5 * np.sum(np.log(np.maximum(squares, 1e-24))))
 
 
 def chosen(hypothesis: Hypothesis, solutions: Sequence[Solution]) -> tuple[Array, Array, list[str]]:
-    """Per effect, the estimate that is surer of itself; both speak of the same runs, so they are not averaged."""
+    """Return per effect the estimate that is surer of itself: coordinates, their covariance and notes.
+
+    Both speak of the same runs, so they are not averaged.
+    """
     torques, motions = solutions
     vector, covariance = torques.vector.copy(), torques.covariance.copy()
     notes = []

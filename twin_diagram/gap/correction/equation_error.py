@@ -29,7 +29,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     cluster: float = 0.5
     """Residuals nearer than this may hang together [s]."""
@@ -44,7 +44,7 @@ class Tuning:
     """Times that the noise's level and colour are looked at again."""
 
     factors: tuple[float, ...] = (0.6, 0.7, 0.8, 0.88, 0.94, 1.06, 1.13, 1.25, 1.45, 1.7)
-    """That are tried."""
+    """By which a rough value of `SCANNED` is multiplied in a first scan: denser near 1, where most are."""
 
 
 TUNING = Tuning()
@@ -68,11 +68,11 @@ class Hypothesis:
 
     @staticmethod
     def of(given: Model, specs: Sequence[EffectSpec]) -> Hypothesis:
-        """For effects relative to a model."""
+        """Return the hypothesis that effects, relative to a model, are added to it."""
         return Hypothesis(given, tuple(Coordinates.of(given, spec) for spec in specs))
 
     def slices(self) -> list[slice]:
-        """Of each part in the whole vector."""
+        """Return where each part stands in the whole vector."""
         ends = np.cumsum([0, *(len(part.start()) for part in self.parts)])
         return [slice(int(a), int(b)) for a, b in itertools.pairwise(ends)]
 
@@ -175,7 +175,7 @@ def left_by(model: Model, records: Records) -> Array:
 
 
 def _retimed(hypothesis: Hypothesis, vector: Array, records: Records) -> Hypothesis:
-    """With the times that fit best; parts that start and end together stay together."""
+    """Return the hypothesis with the times that fit best; parts that start and end together stay together."""
     marks = [record.mark for record in records.records]
     groups: dict[tuple[str, str, float | None, float | None], list[int]] = {}
     for k, part in enumerate(hypothesis.parts):

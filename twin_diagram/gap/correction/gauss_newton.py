@@ -13,7 +13,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     rounds: int = 6
     """Steps at most: `settled` ends it before, this only bounds the time."""

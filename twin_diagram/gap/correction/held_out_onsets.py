@@ -23,7 +23,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     refuted: float = 60.0
     """Squared errors, in noises of independent samples, by which both other readings must be worse."""

@@ -22,7 +22,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     period: float = 0.01
     """Between samples [s]."""
@@ -89,7 +89,7 @@ class Experiment:
     position: Array
 
     def columns(self) -> dict[str, Array]:
-        """As the log format names them."""
+        """Return the columns as the log format names them."""
         return {"time": self.time} | {
             f"position_commanded.{joint}": self.position[:, k] for k, joint in enumerate(self.joints)
         }
@@ -153,7 +153,7 @@ def static_poses(seen: Visited, chosen: Sequence[int]) -> Array:
 
 
 def slow_reversals(seen: Visited, chosen: Sequence[int]) -> Array:
-    """To and fro at a crawl about several angles of each joint."""
+    """Return the motion to and fro at a crawl about several angles of each joint."""
     here = _middle(seen)
     parts = [here[None]]
     for j in chosen:
@@ -241,6 +241,7 @@ MAKERS: dict[str, Callable[[Visited, Sequence[int]], Array]] = {
     advice.LONG: run_many,
     advice.STILL: run_with_rests,
 }
+"""What makes the motion (N, n) of each piece of advice [rad], from what was visited and the joints it is about."""
 
 
 def spread_poses(poses: Array, count: int) -> Array:

@@ -18,7 +18,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     exercised: float = 0.02
     """A run whose predicted torques change by less than this share of the noise proves nothing for or against a
@@ -118,9 +118,7 @@ class Shown:
     def left_over(self) -> float:
         """Return the share of the held-out gap above the noise that is left, all joints together.
 
-        1 where there was none.
-
-        Joints count in units of their noise, so that a wrist weighs as much as a shoulder.
+        1 where there was none. Joints count in units of their noise, so that a wrist weighs as much as a shoulder.
         """
         before, after = (above_noise(x, self.noise_floor) / self.noise_floor for x in self.holdout_rms())
         before, after = before[self.has_gap()], after[self.has_gap()]
@@ -133,10 +131,7 @@ class Shown:
         return float(np.sum(after**2)) < float(np.sum(before**2))
 
     def worsens(self) -> bool:
-        """Return whether the held-out residual of any joint rises clearly.
-
-        No truth mends one joint at another's cost.
-        """
+        """Return whether any joint's held-out residual rises clearly: no truth mends one joint at another's cost."""
         before, after = self.holdout_rms()
         return bool(np.any(after > TUNING.beyond * np.maximum(before, TUNING.beyond * self.noise_floor)))
 

@@ -61,7 +61,7 @@ def contents(verdict: Verdict, shown: Shown) -> dict[str, Any]:
 
 
 def one_per_name(findings: Sequence[Finding], order: Sequence[str]) -> list[Finding]:
-    """Findings of one name as one, with the times of the strongest: the layout has one entry per name.
+    """Return the findings of one name as one, with the times of the strongest: one entry per name is the layout.
 
     Args:
         findings: strongest first.
@@ -84,7 +84,7 @@ def one_per_name(findings: Sequence[Finding], order: Sequence[str]) -> list[Find
 
 
 def text(answer: dict[str, Any]) -> str:
-    """As the file holds it: plain JSON without NaN or infinities."""
+    """Return the contents as the file holds them: plain JSON without NaN or infinities."""
     return json.dumps(answer, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 

@@ -25,7 +25,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     band: float = 20.0
     """Torques are compared below this [Hz]; above it, position noise drowns inertial torques."""
@@ -49,9 +49,10 @@ class Tuning:
     """Share of samples that may be outliers."""
 
     shortest: float = 2.0
+    """A log that is fitted must have this much left after its ends are cut [s]."""
 
     shortest_held: float = 1.0
-    """A log that is fitted, and one that is held out, must have this much left after its ends are cut [s]."""
+    """A log that is held out must have this much left [s]: five rollouts."""
 
 
 TUNING = Tuning()
@@ -96,7 +97,7 @@ class Record:
     period: float
 
     def reduce(self, signal: Array) -> Array:
-        """Filters and thins a full-rate signal (N, …) to (D, …)."""
+        """Return a full-rate signal (N, …) filtered and thinned to (D, …)."""
         shape = signal.shape[1:]
         filtered = lowpass(signal.reshape(len(signal), -1), self.rate, self.band)
         return filtered[self.kept].reshape(-1, *shape)
@@ -233,7 +234,7 @@ def straightened(log: Log) -> Log:
 
 
 def trusted_band(model: Model, log: Log) -> float:
-    """Frequency [Hz] up to which position noise, as inertial torque, stays well below the torque's own noise.
+    """Return the frequency [Hz] up to which position noise, as inertial torque, stays well below the torque's noise.
 
     White position noise of density S becomes inertial torque of I² (2π f)⁴ S. Regressors that hold a good part of it
     would be biased towards zero.
@@ -254,7 +255,7 @@ def trusted_band(model: Model, log: Log) -> float:
 
 
 def shaken(model: Model, log: Log, band: float) -> Array:
-    """See `Record.shaken`."""
+    """Return (n,) what `Record.shaken` holds: position noise as inertial torque, over the torque's own noise."""
     noise, own = (roughness(signal, log.period) for signal in (log.position, log.motor_torque))
     return np.asarray(mean_inertia(model, log) * noise * (2.0 * np.pi * band) ** 2 / np.maximum(own, 1e-12))
 

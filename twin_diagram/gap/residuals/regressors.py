@@ -15,7 +15,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     sharp: float = 4.0
     """Where a torque jumps, it is smoothed at this many times the band."""
@@ -182,7 +182,7 @@ def spread_of(samples: Array) -> Array:
 
 
 def turns(record: Record, j: int, slow: float) -> list[tuple[int, int]]:
-    """Spans of samples in which a joint may be sticking, but not for longer than `BRIEF`, and turns."""
+    """Return the spans of samples in which a joint turns and may be sticking, for `TUNING.brief` at most."""
     rests = stretches(np.abs(record.v[:, j]) < slow)
     inside = [(a, b) for a, b in rests if 0 < a and b < len(record.v)]
     brief = [(a, b) for a, b in inside if b - a <= TUNING.brief * record.rate]

@@ -26,7 +26,7 @@ GAPS = np.geomspace(0.0018, 0.035, 22)
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     peaks: int = 2
     """Gaps that are worth a closer look, per hypothesis."""
@@ -72,7 +72,7 @@ class Knocks:
         return any(np.ptp(np.sign(load[:, j])) > 0.0 for load in self.loads)
 
     def gaps(self, hypotheses: Mapping[int, Sequence[Members]]) -> dict[int, list[float]]:
-        """Gaps [rad] of each joint that are worth a closer look, beside one of the hypotheses that are given for it.
+        """Return the gaps [rad] of each joint that are worth a closer look, beside one of the hypotheses given for it.
 
         Where play on one joint explains most, others are looked at when that is named.
         """

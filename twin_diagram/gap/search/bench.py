@@ -18,7 +18,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     finest: float = 5e-4
     """Noise is at least this share of a joint's torque: what filters and sampling leave of a noise-free log."""

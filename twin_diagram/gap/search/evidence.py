@@ -32,7 +32,7 @@ Members = frozenset[int]
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     passes: int = 3
     """Times that coefficients and variances of a hypothesis are solved in turn."""

@@ -30,7 +30,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     leaning: tuple[float, ...] = (0.004, 0.01, 0.025)
     """Gaps of a gear that never turns over: they tell how far it leans [rad]."""
@@ -40,6 +40,7 @@ class Tuning:
     it, too; how much there is, refinement tells [s]."""
 
     calm_loss: float = 6e-2
+    """With so much a gear follows its load and hardly swings: where noise hides the swing, this is left [s]."""
 
     about_one: tuple[float, ...] = (0.6, 1.5)
     """A shape's torque fits the residual as it stands, or the shape is wrong."""
@@ -58,8 +59,7 @@ SWINGS = tuple(np.geomspace(2.5, 16.0, 10))
 
 
 CALM = slice(1, None, 3)
-"""With so much a gear follows its load and hardly swings: where noise hides the swing, this is left. Few of `SWINGS`
-are enough for it."""
+"""Of `SWINGS`, those that are tried with `calm_loss`: without a swing to meet, few are enough."""
 
 
 GEARS = ("joint_elasticity", "backlash")
@@ -146,7 +146,7 @@ def _effect(model: Model, shape: GearShape) -> Effect:
 
 
 def plays(bench: Bench, members: Members, joints: Sequence[int], knocks: Knocks) -> dict[int, list[GearShape]]:
-    """Play that is tried on each joint: beside the members, and without some that are on it."""
+    """Return the play that is tried on each joint: beside the members, and without some that are on it."""
     beside: dict[int, list[Members]] = {}
     for j in filter(knocks.turns, range(bench.n)):
         own = {k for k in members if j in bench.candidates[k].joints}
@@ -156,7 +156,7 @@ def plays(bench: Bench, members: Members, joints: Sequence[int], knocks: Knocks)
 
 
 def springs(terms: Terms, j: int) -> list[GearShape]:
-    """Springs that are tried on a joint."""
+    """Return the springs that are tried on a joint."""
     inertia = _link_inertia(terms, j)
     result: list[GearShape] = []
     swings = [(swing, loss) for swing in SWINGS for loss in TUNING.losses] + [

@@ -1,8 +1,8 @@
 """The least of a function of one number by golden sections (Kiefer 1953).
 
 scipy's `minimize_scalar(method="golden")` would not give the same: of two bounds it looks for a bracket beyond them;
-three must have their middle below both ends, which a flat cost, or one that is infinite where a shape cannot be, lacks. It
-works out the ends, stops at a tolerance instead of after a number of costs, and leads ties to one side only.
+three must have their middle below both ends, which a flat cost has not, nor one that is infinite where a shape cannot
+be. It works out the ends, stops at a tolerance instead of after a number of costs, and leads ties to one side only.
 """
 
 from __future__ import annotations

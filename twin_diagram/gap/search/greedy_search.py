@@ -15,7 +15,7 @@ from twin_diagram.gap.search.scoring import score_candidates
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     tried: int = 8
     """Additions that are solved exactly at each step."""
@@ -28,6 +28,7 @@ class Tuning:
     fits."""
 
     narrowed: int = 3
+    """Times that joints whose coefficient is not physical are left out of a name that was said of all."""
 
     crowded: int = 6
     """With more members, nothing new is proposed for swaps."""

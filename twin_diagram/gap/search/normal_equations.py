@@ -15,7 +15,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     smallest: float = 3e-3
     """An effect may be this much smaller than what its prior speaks of: a tenth of a newton metre on a joint that

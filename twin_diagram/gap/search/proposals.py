@@ -27,7 +27,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     blocks: int = 64
     """Moments at which an effect is tried to start; refined to single samples afterwards."""
@@ -286,7 +286,7 @@ def block_edges(rows: int) -> npt.NDArray[np.int64]:
 def block_sums(
     X: Array, Q: Array, y: Array, edges: Sequence[int] | npt.NDArray[np.int64]
 ) -> tuple[Array, Array, Array]:
-    """Per block: information (B, k, k), products with Q (B, K, k), and with y (B, k), of columns X (rows, R, k)."""
+    """Return per block the information (B, k, k) of columns X (rows, R, k), and their products with Q and y."""
     G, C, b = [], [], []
     for first, last in itertools.pairwise(edges):
         part = X[:, first:last].reshape(-1, X.shape[2])

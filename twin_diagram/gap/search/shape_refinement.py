@@ -22,11 +22,13 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     rounds: int = 3
+    """Over all members, at most; `settled` mostly ends them before."""
 
     sections: int = 7
+    """Of the golden section, which leave a thirtieth of a shape's range: each takes a candidate and a fit."""
 
     settled: float = 0.02
     """Evidence that a round must change for another to be worth it [nats]."""
@@ -38,7 +40,7 @@ TUNING = Tuning()
 def refine(
     bench: Bench, terms: Terms, fit: HypothesisFit, rounds: int = TUNING.rounds, *, slow: bool = True
 ) -> HypothesisFit:
-    """Work on one member at a time, all others free; answer the best fit.
+    """Improve one member at a time, all others free, and return the best fit.
 
     Its members may be new candidates of the bench.
 
@@ -105,7 +107,7 @@ Rebuild = Callable[[float], Candidate | None]
 
 
 def shapes(terms: Terms, candidate: Candidate) -> list[tuple[str, float, float]]:
-    """Shapes of a candidate: key, and the ratio bounds of the search about its value."""
+    """Return the shapes of a candidate: key, and the ratio bounds of the search about its value."""
     if candidate.onset is not None or candidate.variant == "held":
         return []
     if candidate.name == "stribeck_friction":
@@ -140,7 +142,7 @@ def _rebuild(terms: Terms, candidate: Candidate, key: str) -> Rebuild:
 def _line_search(
     bench: Bench, fit: HypothesisFit, member: int, key: str, rebuild: Rebuild, low: float, high: float
 ) -> tuple[HypothesisFit, int]:
-    """Golden sections on the logarithm of a shape."""
+    """Return the best fit along one shape, by golden sections on its logarithm, and the member that has it."""
     start = np.log(bench.candidates[member].shape[key])
     others = fit.members - {member}
     a, b = start + np.log(low), start + np.log(high)

@@ -18,7 +18,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     negligible: float = 1e-5
     """Directions of the standardised regressors that are smaller than this are left out."""

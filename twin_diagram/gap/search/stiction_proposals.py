@@ -26,12 +26,17 @@ LAWS = (COULOMB, "stribeck_friction")
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand.
+
+    CHANGELOG.md says what evidence of a hold they gave on training cases of Coulomb's and Stribeck's friction;
+    `make gap-benchmark ARGS="--suite training"` shows what they do.
+    """
 
     more: float = 1.25
-    """A hold must exceed the sliding level by this factor, and by `CLEARLY` times the noise, to count."""
+    """A hold must exceed the sliding level by this factor, and by `clearly` times the noise, to count."""
 
     clearly: float = 2.5
+    """Standard deviations of the noise by which it must, too."""
 
     fewest_clear: int = 3
     """So many samples must say so."""
@@ -73,9 +78,10 @@ class Tuning:
     """Thinned samples that a rest lasts at least to be averaged."""
 
     few_rests: int = 3
+    """Rests at least that must hold more on average: one or two may be pushed."""
 
     held_more: float = 1.15
-    """So many rests must hold this many times the sliding level on average."""
+    """Times the sliding level that they must hold on average."""
 
     held_sure: float = 3.0
     """And beyond it by this many standard errors: Coulomb's law never holds more."""
@@ -235,7 +241,7 @@ def _noise(bench: Bench, fit: HypothesisFit, k: int) -> float:
 
 
 def rising(terms: Terms, coulomb: Candidate, ratio: float, evidence: float) -> Candidate:
-    """Coulomb's torque under Stribeck's name: what tells them apart is how much held, worth so many nats."""
+    """Return Coulomb's torque under Stribeck's name: what tells them apart is how much held, worth so many nats."""
     j = coulomb.joints[0]
 
     def values(c: Array) -> dict[str, Array]:

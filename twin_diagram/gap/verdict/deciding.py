@@ -20,7 +20,11 @@ from twin_diagram.gap.verdict.posterior import findings_of, groups, separations_
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module.
+
+    Those that say so were set on training cases (seeds below 10000) of `sims/benchmarks/gap_benchmark.py`, the others
+    by hand; `make gap-benchmark ARGS="--suite training"` shows what they do.
+    """
 
     remainder: float = 8.0
     """Above this, `leftover_structure.left_over` says that structure is left; set on clean training logs."""
@@ -36,19 +40,21 @@ class Tuning:
     name."""
 
     doubtful: float = 0.5
+    """Findings of less confidence than this that are `small`, too, are not named."""
 
     small: float = 0.3
-    """Findings of less confidence, and of less than this share of the strongest one's significance, are not named."""
+    """Share of the strongest finding's significance below which one is small."""
 
     piece: float = 0.1
     """Where structure is left, findings that explain less than this share of what was explained are not named."""
 
     level: float = 1.35
+    """Noise of a joint whose variance is this many times what was thought possible beside any smooth law, and
+    `of_few` over its samples more, is structure where something was named."""
 
     of_few: float = 45.0
-    """Noise of a joint that is this much more than was thought possible beside any smooth law, and more by `OF_FEW`
-    over its samples, is structure where something was named [variance]; what was thought possible is too little by
-    half in some short clean logs."""
+    """Samples over whose number that bound is raised: what was thought possible is too little by half in some short
+    clean logs."""
 
     far_above: float = 4.0
     """The same where nothing was named."""
@@ -65,7 +71,10 @@ TUNING = Tuning()
 
 
 SLOW = np.linspace(0.1, 1.0, 10)
+"""Frequencies at which what laws leave unexplained shows [Hz]; see `Tuning.red`."""
+
 FAST = np.linspace(2.5, 4.0, 10)
+"""Frequencies with which they are compared [Hz]: above most motion, below the filters' edge."""
 
 
 USUAL = frozenset({"viscous_friction", "coulomb_friction", "stribeck_friction", "reflected_inertia"})
@@ -73,7 +82,7 @@ USUAL = frozenset({"viscous_friction", "coulomb_friction", "stribeck_friction", 
 
 
 def crowded(findings: Sequence[Finding]) -> bool:
-    """Return whether one joint has two unusual names, or an arm `MANY`.
+    """Return whether one joint has two unusual names, or an arm many.
 
     Together they rather follow something without a name.
 

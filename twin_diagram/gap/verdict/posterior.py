@@ -19,18 +19,24 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module.
+
+    Those that say so were set on training cases (seeds below 10000) of `sims/benchmarks/gap_benchmark.py`, the others
+    by hand; `make gap-benchmark ARGS="--suite training"` shows what they do.
+    """
 
     temperature: float = 2.0
     """Evidence is divided by this before it becomes a probability; set on training logs, where it makes them
     calibrated."""
 
     alternatives: int = 3
+    """Told beside a finding at most: the layout of gap.json has so many."""
 
     rivals: int = 12
+    """Candidates that are solved exactly in the place of a finding, of which the best count as its rivals."""
 
     more_unseen: float = 0.08
-    """The same where it is on several joints already."""
+    """Probability, for each further joint, that a name is on it unseen, where it is on several joints already."""
 
     together: float = 1.0
     """Effects of one name that start within this time start together [s]."""
@@ -168,7 +174,7 @@ def together(bench: Bench, group: list[int]) -> list[list[int]]:
 def parameters_of(
     records: Records, bench: Bench, fit: HypothesisFit, group: list[int]
 ) -> dict[str, Estimate | dict[str, Estimate]]:
-    """In the layout of gap.json; of several ripples on one joint, the largest."""
+    """Return parameters in the layout of gap.json; of several ripples on one joint, the largest."""
     result: dict[str, Estimate | dict[str, Estimate]] = {}
     told = {k: bench.candidates[k].parameters(*bench.part(fit, k)) for k in group}
     for k in sorted(group, key=lambda k: float(np.max(told[k]["amplitude"][0])) if "amplitude" in told[k] else 0.0):

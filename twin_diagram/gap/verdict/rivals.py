@@ -19,7 +19,7 @@ from twin_diagram.gap.verdict.posterior import groups
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     within: float = 40.0
     """Rivals with less evidence by more than this are left as they are [nats]."""
