@@ -132,7 +132,7 @@ def investigate(records: Records, progress: Progress | None = None) -> tuple[Ver
     lap("search")
 
     say("searching again with the noise that is left")
-    terms, bench, fit = again(records, terms, bench, fit, ordinary)
+    terms, bench, fit = search_again(records, terms, bench, fit, ordinary)
     lap("second search")
     verdict = conclude(records, terms, bench, fit)
     # Now that it is known what is noise: the first guess of it is too low where a log is short.
@@ -150,7 +150,7 @@ def all_candidates(terms: Terms) -> list[Candidate]:
     ]
 
 
-def again(
+def search_again(
     records: Records, terms: Terms, bench: Bench, fit: HypothesisFit, ordinary: Array
 ) -> tuple[Terms, Bench, HypothesisFit]:
     """Search once more, with noise and transmitted torque as the first hypothesis has them.
@@ -232,10 +232,7 @@ def suspects(records: Records, terms: Terms, bench: Bench, members: Members) -> 
 
 
 def uneven(bench: Bench, fit: HypothesisFit, member: int) -> list[int]:
-    """Return the joints whose own coefficient of a member of all joints is not that of the others together.
-
-    The surest first.
-    """
+    """Return the joints whose own coefficient of a member of all joints is not that of the others, surest first."""
     left = bench.whitener.all(bench.left(bench.solve(fit.members - {member}))) * bench.weights
     column = bench.columns[member][:, :, 0]
     size = np.sum(column**2, axis=1) / fit.variance + 1e-12

@@ -142,10 +142,7 @@ def run_gap(
 def _corrected(
     given: Model, logs: Sequence[Log], held: Log, verdict: Verdict, records: Records, say: Say
 ) -> tuple[Verdict, Model, list[str]]:
-    """Return the verdict with refined parameters, the corrected model, and notes.
-
-    The given model, where nothing was named or nothing of it can be.
-    """
+    """Return the verdict with refined parameters, the corrected model (the given one where none can be), and notes."""
     if not verdict.findings:
         return verdict, given, []
     say("adding what was named")

@@ -81,13 +81,13 @@ def _groups(effects: tuple[Effect, ...], mark: str) -> list[list[int]]:
 
 
 def _switched(model: Model, group: list[int], moments: dict[str, float]) -> Model:
-    """With other times of a group of effects in some runs."""
+    """Return the model with other times of a group of effects in some runs."""
     changed = (e.told(moments) if k in group else e for k, e in enumerate(model.effects))
     return model.with_effects(list(changed))
 
 
 def _moment(before: Model, after: Model, smooth: Motion, noise: Array) -> float | None:
-    """When one model takes over from the other [s]; None where one of them explains the whole run."""
+    """Return when one model takes over from the other [s]; None where one of them explains the whole run."""
     regular = smooth.log
     rate = 1.0 / regular.period
     kept = inner(regular.time)

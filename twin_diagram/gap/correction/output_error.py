@@ -112,10 +112,7 @@ class _Shots:
         return _Shots(smooth, fingerprint(regular), starts, steps, max(1, round(TUNING.observed / period)))
 
     def errors(self, model: Model) -> Array:
-        """Return (windows, looks, n) measured less rolled-out positions.
-
-        Without what start and speed could explain [rad].
-        """
+        """Return (windows, looks, n) measured less rolled-out positions, less what start and speed explain [rad]."""
         smooth, regular = self.smooth, self.smooth.log
         model = model.for_run(self.mark)
         period = (regular.time[-1] - regular.time[0]) / (len(regular) - 1)

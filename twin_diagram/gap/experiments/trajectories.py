@@ -277,13 +277,13 @@ def _from_rest(run: Array) -> Array:
 
 
 def _ease(s: Array) -> Array:
-    """From 0 to 1 with speed and acceleration zero at both ends."""
+    """Return a rise from 0 to 1 with speed and acceleration zero at both ends."""
     s = np.clip(s, 0.0, 1.0)
     return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
 
 
 def _move(seen: Visited, a: Array, b: Array, share: float) -> Array:
-    """From a pose to another, at a share of the speeds and accelerations that were seen."""
+    """Return the motion from a pose to another, at a share of the speeds and accelerations that were seen."""
     away = np.abs(b - a)
     needed = np.maximum(1.875 * away / seen.speed, np.sqrt(5.78 * away / seen.acceleration)) / share
     count = max(2, int(np.ceil(float(np.max(needed)) / TUNING.period)))
@@ -291,7 +291,7 @@ def _move(seen: Visited, a: Array, b: Array, share: float) -> Array:
 
 
 def _cruise(a: Array, b: Array, speed: float, acceleration: float, j: int) -> Array:
-    """Along one joint at a constant speed, with ramps at both ends."""
+    """Return the way along one joint at a constant speed, with ramps at both ends."""
     away = float(abs(b[j] - a[j]))
     if away < 1e-9:
         return a[None]

@@ -147,7 +147,7 @@ def _value(value: Any) -> Any:
 
 
 def _time(value: float) -> float:
-    """On a log's own clock, which may count from 1970: digits after the point matter, those before it do not [s]."""
+    """Return a time [s] rounded to the microsecond: a log's own clock may count from 1970, but no log is that exact."""
     return round(float(value), 6)
 
 

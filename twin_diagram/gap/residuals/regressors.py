@@ -79,7 +79,7 @@ class Terms:
 
     @cached_property
     def signs(self) -> tuple[Array, ...]:
-        """Per record (N, n): the direction of motion, from smooth velocities, before any filter.
+        """Return per record (N, n) the direction of motion, from smooth velocities, before any filter.
 
         A joint that turns sticks for a moment: the torque that holds it goes evenly from one side to the other.
         """
@@ -108,7 +108,7 @@ class Terms:
 
     @cached_property
     def asked_torque(self) -> tuple[Array, ...]:
-        """Per record (N, n): what a motor was asked for, before any limit [N·m].
+        """Return per record (N, n) what a motor was asked for, before any limit [N·m].
 
         A controller whose motor saturates may jump from limit to limit: what is smoothed first is clipped too little.
         Where smoothing takes away more than noise, less is smoothed.
@@ -139,10 +139,7 @@ class Terms:
         return self.reduce(tuple(s - load for load, s in zip(self.load, self.asked_torque, strict=True)))
 
     def unexplained(self, j: int, limit: float = np.inf) -> float:
-        """Return what is usually left of a joint's smoothed torque, clipped to a limit.
-
-        Beside the transmitted one [N·m].
-        """
+        """Return what is usually left of a joint's smoothed torque, clipped, beside the transmitted one [N·m]."""
         parts = zip(self.load, self.asked_torque, strict=True)
         left = self.reduce(tuple(np.clip(s[:, j : j + 1], -limit, limit) - load[:, j : j + 1] for load, s in parts))
         return float(spread_of(left)[0])
@@ -162,7 +159,7 @@ class Terms:
 
     @cached_property
     def present(self) -> Present:
-        """See `Present`."""
+        """Return what the given model has already."""
         return present(self.records)
 
     def rigid(self, body: int) -> Array:

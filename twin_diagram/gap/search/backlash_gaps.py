@@ -101,7 +101,7 @@ class Knocks:
         return np.array(scores) - rotor
 
     def _torques(self, j: int) -> list[tuple[Candidate, Array]]:
-        """Of the rotor alone and of each gap, on the joints that show it best, as it is and whitened."""
+        """Return candidates of the rotor alone and of each gap on the joints that show it best, each also whitened."""
         records = self.terms.records
         shown = sum(np.mean(mass[:, :, j] ** 2, axis=0) for mass in self.masses) / self.bench.whitener.sigma**2
         rows = [i for i in range(records.n) if i == j or shown[i] > TUNING.shown**2 * np.max(shown)]

@@ -152,10 +152,7 @@ def noise_of(bench: Bench, fit: HypothesisFit) -> Whitener:
 
 
 def likelihood_gain(bench: Bench, fit: HypothesisFit) -> float:
-    """Return twice the rise of the log likelihood over the empty hypothesis.
-
-    At most infinite where that fits as well.
-    """
+    """Return twice the rise of the log likelihood over the empty hypothesis."""
     return float(np.sum(bench.counts * np.log(bench.solve(frozenset()).variance / fit.variance)))
 
 

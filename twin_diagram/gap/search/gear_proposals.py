@@ -145,7 +145,7 @@ def _effect(model: Model, shape: GearShape) -> Effect:
     return make(EffectSpec(name=shape.name, joints=[model.joints[shape.joint]], parameters=parameters))
 
 
-def plays(bench: Bench, members: Members, joints: Sequence[int], knocks: Knocks) -> dict[int, list[GearShape]]:
+def play_shapes(bench: Bench, members: Members, joints: Sequence[int], knocks: Knocks) -> dict[int, list[GearShape]]:
     """Return the play that is tried on each joint: beside the members, and without some that are on it."""
     beside: dict[int, list[Members]] = {}
     for j in filter(knocks.turns, range(bench.n)):
@@ -155,7 +155,7 @@ def plays(bench: Bench, members: Members, joints: Sequence[int], knocks: Knocks)
     return {j: [GearShape("backlash", j, (("gap", gap),)) for gap in some] for j, some in gaps.items()}
 
 
-def springs(terms: Terms, j: int) -> list[GearShape]:
+def spring_shapes(terms: Terms, j: int) -> list[GearShape]:
     """Return the springs that are tried on a joint."""
     inertia = _link_inertia(terms, j)
     result: list[GearShape] = []
@@ -192,9 +192,9 @@ def propose(bench: Bench, terms: Terms, members: Members, joints: Sequence[int],
     made: list[int] = []
     whole = bench.solve(members).evidence
     alone = max((bench.solve(frozenset({k})).evidence for k in members), default=0.0)
-    play = plays(bench, members, joints, knocks)
+    play = play_shapes(bench, members, joints, knocks)
     for j in range(bench.n):
-        shapes = [*play.get(j, ()), *(springs(terms, j) if j in joints else ())]
+        shapes = [*play.get(j, ()), *(spring_shapes(terms, j) if j in joints else ())]
         if not shapes:
             continue
         rests = _rests(bench, members, j)
@@ -227,10 +227,7 @@ def propose(bench: Bench, terms: Terms, members: Members, joints: Sequence[int],
 
 
 def _rests(bench: Bench, members: Members, j: int) -> list[Members]:
-    """Return a hypothesis, what is left where a gear on joint j takes the place of its rotor and of one more.
-
-    And nothing.
-    """
+    """Return what may stand beside a gear on joint j: all members, all but its rotor and one more, and none."""
     rotor = {
         k for k in members if bench.candidates[k].name == "reflected_inertia" and bench.candidates[k].joints == (j,)
     }

@@ -188,10 +188,7 @@ def everywhere(bench: Bench, fit: HypothesisFit) -> HypothesisFit | None:
 
 
 def one_kind(bench: Bench, fit: HypothesisFit) -> HypothesisFit | None:
-    """Return the fit with Stribeck's law wherever it has Coulomb's beside Stribeck's, if that is better.
-
-    No single swap is.
-    """
+    """Return the fit with Stribeck's law for Coulomb's wherever it has both, if better; no single swap is."""
     names = {bench.candidates[k].name for k in fit.members}
     dry = [k for k in fit.members if bench.candidates[k].name == "coulomb_friction"]
     if "stribeck_friction" not in names or any(bench.candidates[k].onset is not None for k in dry):

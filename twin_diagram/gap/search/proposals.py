@@ -89,7 +89,7 @@ class Proposer:
         self._asked: set[frozenset[tuple[str, tuple[int, ...], tuple[str, ...]]]] = set()
 
     def __call__(self, bench: Bench, members: Members) -> list[int]:
-        """See `greedy_search.Propose`; each hypothesis is looked at once."""
+        """Add candidates beside a hypothesis and return their indices; each hypothesis is looked at once."""
         # A hypothesis with other shapes says the same, and leaves much the same.
         said = frozenset(bench.candidates[k].place for k in members)
         if said in self._asked or len(members) > TUNING.crowded:
@@ -178,10 +178,7 @@ class Proposer:
         return made
 
     def _during(self, bench: Bench, base: Candidate, at: int, to: int, Q: Array, projected: Array) -> Candidate:
-        """Return a candidate that acts from about whitened row `at` until about row `to`.
-
-        At the best moments near them.
-        """
+        """Return a candidate that acts from about whitened row `at` to about row `to`, at the best moments nearby."""
         records = self.terms.records
         rows = np.append(bench.whitener.rows, len(records.residual))
         first, last = int(rows[at]), int(rows[to])

@@ -35,10 +35,7 @@ def basis(bench: Bench, members: Members) -> Array:
 
 
 def score_candidates(bench: Bench, members: Members) -> Array:
-    """Return the rise of the evidence by each candidate alone, before the price of its name.
-
-    −∞ where it is not physical.
-    """
+    """Return the rise of the evidence by each candidate alone, before its name's price; −∞ where it is not physical."""
     Q = basis(bench, members)
     projected = np.einsum("jrk,jr->k", Q, bench.y) if Q.shape[2] else np.zeros(0)
     result = np.full(len(bench.candidates), -np.inf)
@@ -78,9 +75,15 @@ def score_candidate(
     bounded: bool = False,
     white: Array | None = None,
 ) -> float:
-    """Return the rise of the evidence by a candidate that is not taken in; Q and Qᵀy as `basis` has them.
+    """Return the rise of the evidence by a candidate that is not taken in.
 
-    −∞, where it is `bounded`, if it is not physical. `white`: what `whiten` gave, where it is known.
+    Args:
+        bench: with the data.
+        candidate: reduced like the bench's residual.
+        Q: (n, R, K) of the hypothesis that it would join, as `basis` has it.
+        projected: (K,) Qᵀy.
+        bounded: whether it is −∞ where the coefficients are not physical.
+        white: what `Bench.whiten` gave, where the caller has it.
     """
     rows = list(candidate.rows)
     X = (bench.whiten(candidate) if white is None else white).reshape(-1, candidate.size)

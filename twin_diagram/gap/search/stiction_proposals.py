@@ -159,10 +159,7 @@ def beyond(bench: Bench, terms: Terms, fit: HypothesisFit, k: int, level: float)
 
 
 def dwells(bench: Bench, terms: Terms, fit: HypothesisFit, k: int, level: float) -> tuple[float, float] | None:
-    """Return the same where noise hides each sample's rise, by the means over whole rests.
-
-    Friction holds one torque there.
-    """
+    """Return the same where noise hides each sample's rise, by the means over whole rests, which hold one torque."""
     noise = _noise(bench, fit, k)
     stuck = inner(stiction.stuck(terms.records, terms, bench.candidates[k].joints[0]))
     friction = _friction(bench, fit, k)

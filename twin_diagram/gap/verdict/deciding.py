@@ -104,10 +104,7 @@ def doubled(bench: Bench, fit: HypothesisFit) -> bool:
 
 
 def share_of(bench: Bench, fit: HypothesisFit, group: Members) -> float:
-    """Return the share of what was explained on some members' own joints that is lost without them.
-
-    As log likelihoods.
-    """
+    """Return the share of the log likelihood gained on some members' own joints that is lost without them."""
     rows = sorted({j for k in group for j in bench.candidates[k].rows})
     empty, without = bench.solve(frozenset()).variance, bench.solve(fit.members - group).variance
     explained = float(np.sum((bench.counts * np.log(empty / fit.variance))[rows]))
@@ -130,9 +127,9 @@ def trimmed(bench: Bench, fit: HypothesisFit) -> HypothesisFit:
 
 
 def negligible(finding: Finding, findings: Sequence[Finding], share: float, structure: bool) -> bool:
-    """Return whether a name is better left as something that is there.
+    """Return whether a finding is small beside the rest and doubtful, so that it is better left without a name.
 
-    That is what is small beside the rest and doubtful. Where even the rest does not explain everything, what explains
+    Where even the rest does not explain everything, what explains
     little of its joints may be a piece of what a stronger one's law follows not quite.
     """
     if structure and finding is not findings[0] and share < TUNING.piece:

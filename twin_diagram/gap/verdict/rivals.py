@@ -50,10 +50,7 @@ def refined(bench: Bench, terms: Terms, fit: HypothesisFit) -> HypothesisFit:
 
 
 def rivals_of(bench: Bench, terms: Terms, fit: HypothesisFit, group: Members) -> list[tuple[HypothesisFit, int]]:
-    """Return fits with another candidate that has shapes in the place of a group, each with that candidate's index.
-
-    The best of each place.
-    """
+    """Return fits with another candidate that has shapes in a group's place, the best of each place, and its index."""
     result: list[tuple[HypothesisFit, int]] = []
     seen = {bench.candidates[k].place for k in group}
     for rival in additions(bench, fit.members - group, POSTERIOR.rivals):
