@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
@@ -16,10 +16,12 @@ import pytest
 from tests import gap_bench as bench
 from twin_diagram import cli
 from twin_diagram.errors import TwinError
-from twin_diagram.gap import workflow
+from twin_diagram.gap import naming, workflow
+from twin_diagram.gap.correction import add_effects
 from twin_diagram.gap.naming import name
+from twin_diagram.gap.residuals.prepared_logs import Records, prepare
 from twin_diagram.gap.workflow import Gap, run_gap
-from twin_diagram.logs import read_log, write_log
+from twin_diagram.logs import Log, read_log, write_log
 from twin_diagram.model.effects import REGISTRY, Effect, ParameterKind, register
 from twin_diagram.model.model import Model
 from twin_diagram.scenario import EffectSpec
@@ -51,10 +53,27 @@ def arguments(model: Path, fit: list[Path], held: Path, out: Path) -> list[str]:
 @pytest.fixture
 def stub(monkeypatch: pytest.MonkeyPatch) -> None:
     """The search, which has tests of its own, answers at once."""
-    monkeypatch.setattr(workflow, "name", lambda model, logs, say: bench.verdict("named", [bench.friction_finding()]))
+    monkeypatch.setattr(workflow, "name", lambda *_: bench.verdict("named", [bench.friction_finding()]))
 
 
 # What it finds, and writes.
+
+
+def test_fitted_logs_are_prepared_once(
+    stub: None, runs: tuple[Path, list[Path]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model, (fit, held, other) = runs
+    prepared: list[tuple[str, ...]] = []
+
+    def counted(model: Model, logs: Sequence[Log]) -> Records:
+        prepared.append(tuple(log.source for log in logs))
+        return prepare(model, logs)
+
+    for module in (workflow, naming, add_effects):
+        monkeypatch.setattr(module, "prepare", counted)
+    gap = run_gap(model, [fit, other], held)
+    assert gap.corrected is not gap.given
+    assert [len(logs) for logs in prepared] == [2]
 
 
 def test_finds_what_is_missing(found: tuple[Gap, Path]) -> None:
@@ -129,7 +148,7 @@ def test_exit_is_0_whatever_the_verdict(
 ) -> None:
     model, (fit, held, _) = runs
     for kind in ("none", "unknown"):
-        monkeypatch.setattr(workflow, "name", lambda model, logs, say, kind=kind: bench.verdict(kind))
+        monkeypatch.setattr(workflow, "name", lambda *_, kind=kind: bench.verdict(kind))
         assert cli.main(arguments(model, [fit], held, tmp_path / kind)) == 0
         answer = json.loads((tmp_path / kind / "gap.json").read_text())
         assert answer["verdict"] == kind and answer["effects"] == []

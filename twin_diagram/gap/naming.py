@@ -17,7 +17,8 @@ from twin_diagram.gap.residuals.prepared_logs import Records, prepare
 from twin_diagram.gap.residuals.regressors import Terms, given_load, slow_speed, with_load
 from twin_diagram.gap.search import gear_proposals, smooth_fit, stiction_proposals
 from twin_diagram.gap.search.backlash_gaps import Knocks
-from twin_diagram.gap.search.evidence import Bench, Fit, Members
+from twin_diagram.gap.search.bench import Bench
+from twin_diagram.gap.search.evidence import HypothesisFit, Members
 from twin_diagram.gap.search.greedy_search import Polish, climb, plainer, search
 from twin_diagram.gap.search.proposals import Proposer
 from twin_diagram.gap.search.shape_refinement import refine
@@ -31,7 +32,11 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module.
+
+    Those that say so were set on training cases (seeds below 10000) of `sims/benchmarks/gap_benchmark.py`, the others
+    by hand; `make gap-benchmark ARGS="--suite training"` shows what they do.
+    """
 
     least: float = 6.0
     """Evidence that each member must bring beyond all prices [nats]; set on clean training logs."""
@@ -43,12 +48,13 @@ class Tuning:
     """Share of what was named that its law may be wrong by."""
 
     doubt_time: float = 0.3
-    """[s]"""
+    """Over which the size of what was named is averaged for that doubt [s]."""
 
     suspect: float = 3.0
     """Above this, a joint's gear is looked at more closely."""
 
     suspects: int = 4
+    """Joints at most whose gears are looked at more closely: each takes a grid of shapes."""
 
     uneven: float = 2.0
     """Standard errors by which a joint differs from the others."""
@@ -75,21 +81,24 @@ COUPLED = "coupled_friction"
 Progress = Callable[[str], None]
 
 
-def name(model: Model, logs: Sequence[Log], progress: Progress | None = None) -> Verdict:
-    """Return the names what a model lacks.
+def name(
+    model: Model, logs: Sequence[Log], progress: Progress | None = None, records: Records | None = None
+) -> Verdict:
+    """Return the verdict on what a model lacks.
 
     Args:
         model: the given one, with the logs' joints in the logs' order.
         logs: checked.
         progress: told what is being done.
+        records: `prepare(model, logs)`, where the caller has it.
 
     Raises:
         LogError: a log is too short.
     """
-    return investigate(prepare(model, logs), progress)[0]
+    return investigate(prepare(model, logs) if records is None else records, progress)[0]
 
 
-def investigate(records: Records, progress: Progress | None = None) -> tuple[Verdict, Bench, Fit, Terms]:
+def investigate(records: Records, progress: Progress | None = None) -> tuple[Verdict, Bench, HypothesisFit, Terms]:
     """Return the same on prepared logs, with all that was found on the way."""
     say = progress or (lambda text: None)
     seconds: dict[str, float] = {}
@@ -123,7 +132,7 @@ def investigate(records: Records, progress: Progress | None = None) -> tuple[Ver
     lap("search")
 
     say("searching again with the noise that is left")
-    terms, bench, fit = again(records, terms, bench, fit, ordinary)
+    terms, bench, fit = search_again(records, terms, bench, fit, ordinary)
     lap("second search")
     verdict = conclude(records, terms, bench, fit)
     # Now that it is known what is noise: the first guess of it is too low where a log is short.
@@ -133,10 +142,7 @@ def investigate(records: Records, progress: Progress | None = None) -> tuple[Ver
 
 
 def all_candidates(terms: Terms) -> list[Candidate]:
-    """Return the catalogue's, but for those that are proposed on the way.
-
-    And those of effects that a user registered.
-    """
+    """Return the catalogue's candidates but for those that are proposed on the way, and those of a user's effects."""
     return [
         *single_joint.joint_candidates(terms),
         *whole_arm.arm_candidates(terms),
@@ -144,7 +150,9 @@ def all_candidates(terms: Terms) -> list[Candidate]:
     ]
 
 
-def again(records: Records, terms: Terms, bench: Bench, fit: Fit, ordinary: Array) -> tuple[Terms, Bench, Fit]:
+def search_again(
+    records: Records, terms: Terms, bench: Bench, fit: HypothesisFit, ordinary: Array
+) -> tuple[Terms, Bench, HypothesisFit]:
     """Search once more, with noise and transmitted torque as the first hypothesis has them.
 
     Args:
@@ -202,7 +210,7 @@ def again(records: Records, terms: Terms, bench: Bench, fit: Fit, ordinary: Arra
     return terms, second, pruned(second, plainer(second, best))
 
 
-def trusted(records: Records, bench: Bench, fit: Fit) -> Array:
+def trusted(records: Records, bench: Bench, fit: HypothesisFit) -> Array:
     """Return (n, R) weights of whitened samples: where much was named, no law is exact to the noise."""
     white = bench.whitener.all(contribution_of(records, bench, fit))
     width = max(1, round(TUNING.doubt_time * records.rate))
@@ -223,11 +231,8 @@ def suspects(records: Records, terms: Terms, bench: Bench, members: Members) -> 
     return list(dict.fromkeys([*found, *swung, *beside]))[: TUNING.suspects]
 
 
-def uneven(bench: Bench, fit: Fit, member: int) -> list[int]:
-    """Return the joints whose own coefficient of a member of all joints is not that of the others together.
-
-    The surest first.
-    """
+def uneven(bench: Bench, fit: HypothesisFit, member: int) -> list[int]:
+    """Return the joints whose own coefficient of a member of all joints is not that of the others, surest first."""
     left = bench.whitener.all(bench.left(bench.solve(fit.members - {member}))) * bench.weights
     column = bench.columns[member][:, :, 0]
     size = np.sum(column**2, axis=1) / fit.variance + 1e-12
@@ -237,8 +242,8 @@ def uneven(bench: Bench, fit: Fit, member: int) -> list[int]:
     return [bench.candidates[member].rows[k] for k in np.argsort(-apart) if apart[k] > TUNING.uneven]
 
 
-def pruned(bench: Bench, fit: Fit) -> Fit:
-    """Return the fit without members that do not bring `LEAST` once shapes and noise have settled."""
+def pruned(bench: Bench, fit: HypothesisFit) -> HypothesisFit:
+    """Return the fit without members that do not bring `TUNING.least` once shapes and noise have settled."""
     while fit.members:
         without = max((bench.solve(fit.members - {k}) for k in fit.members), key=lambda other: other.evidence)
         if not np.isfinite(without.evidence) or fit.evidence - without.evidence >= TUNING.least:
@@ -252,7 +257,7 @@ def polisher(terms: Terms) -> Polish:
     return lambda bench, fit: refine(bench, terms, fit, rounds=1, slow=False)
 
 
-def contribution_of(records: Records, bench: Bench, fit: Fit, without: Sequence[str] = ()) -> Array:
+def contribution_of(records: Records, bench: Bench, fit: HypothesisFit, without: Sequence[str] = ()) -> Array:
     """Return (ΣD, n) torque that a fit adds to the given model's, reduced [N·m].
 
     Args:

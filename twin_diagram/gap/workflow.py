@@ -32,7 +32,7 @@ from twin_diagram.gap.report import gap_json, page
 from twin_diagram.gap.report.comparison import Shown, show
 from twin_diagram.gap.report.subject import Subject
 from twin_diagram.gap.residuals.prepared_logs import TUNING as PREPARED_LOGS
-from twin_diagram.gap.residuals.prepared_logs import usable
+from twin_diagram.gap.residuals.prepared_logs import Records, prepare, usable
 from twin_diagram.gap.verdict.deciding import TUNING as DECIDING
 from twin_diagram.logs import Log, read_log, write_columns
 from twin_diagram.model.model import Model
@@ -43,7 +43,7 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     most_experiments: int = 4
     """Files that are written."""
@@ -91,7 +91,7 @@ def run_gap(
     say: Say | None = None,
     packages: Mapping[str, str | Path] | None = None,
 ) -> Gap:
-    """Find what a model lacks, adds it, and shows the gap shrink.
+    """Find what a model lacks, add it, and show the gap shrink.
 
     Args:
         model: a URDF, SDF or MJCF file, or the folder of a corrected model.
@@ -110,37 +110,19 @@ def run_gap(
         _writable(Path(out))
     say("reading the logs")
     given, logs, held, notes = _read(model, fit, holdout, packages)
-    verdict = name(given, logs, say)
-    if verdict.findings:
-        say("adding what was named")
-    corrected = given
-    try:
-        if verdict.findings:
-            added = add(given, logs, verdict.findings, say)
-            corrected = added.model
-            # What cannot be added was no explanation.
-            verdict = _nameless(verdict) if added.model is given else replace(verdict, findings=added.findings)
-            notes += added.notes
-            corrected, more = with_held_onsets(corrected, held, verdict.noise_floor)
-            notes += more
-    except ModelError as error:
-        notes.append(f"what fits the runs best is not physical, so nothing is named: {error}")
-        verdict, corrected = _nameless(verdict), given
+    records = prepare(given, logs)
+    verdict, corrected, more = _corrected(given, logs, held, name(given, logs, say, records), records, say)
+    notes += more
     shown = show(given, corrected, logs, held, verdict.noise_floor, say=say)
     if corrected is not given and not accepted(verdict, shown, partial(confirmed, given, corrected, held)):
         notes.append("what was named did not shrink the gap on the held-out run on all joints, and was dropped")
-        verdict, corrected = _nameless(verdict), given
-        shown = show(given, given, logs, held, verdict.noise_floor)
+        verdict, corrected, shown = _nameless(verdict), given, shown.uncorrected()
     if corrected is not given and not shown.is_exercised():
         notes.append(
             "the held-out run does nothing in which the two models differ, so it proves nothing: hold out a run that "
             "moves more like those that were fitted"
         )
-        less = tuple(
-            replace(finding, confidence=finding.confidence * DECIDING.less_sure) for finding in verdict.findings
-        )
-        verdict = replace(verdict, findings=less)
-    experiments = _experiments(given, verdict, shown, logs)
+        verdict = _less_sure(verdict)
     gap = Gap(
         verdict=verdict,
         given=given,
@@ -148,13 +130,33 @@ def run_gap(
         shown=shown,
         answer=gap_json.contents(verdict, shown),
         notes=tuple(notes),
-        experiments=experiments,
+        experiments=_experiments(given, verdict, shown, logs),
         seconds=time.perf_counter() - begin,
     )
     if out is not None:
         say("writing the report")
         write(gap, Path(out), _called(Path(model)))
     return gap
+
+
+def _corrected(
+    given: Model, logs: Sequence[Log], held: Log, verdict: Verdict, records: Records, say: Say
+) -> tuple[Verdict, Model, list[str]]:
+    """Return the verdict with refined parameters, the corrected model (the given one where none can be), and notes."""
+    if not verdict.findings:
+        return verdict, given, []
+    say("adding what was named")
+    notes: list[str] = []
+    try:
+        added = add(given, logs, verdict.findings, say, records)
+        notes += added.notes
+        # What cannot be added was no explanation.
+        verdict = _nameless(verdict) if added.model is given else replace(verdict, findings=added.findings)
+        corrected, more = with_held_onsets(added.model, held, verdict.noise_floor)
+    except ModelError as error:
+        notes.append(f"what fits the runs best is not physical, so nothing is named: {error}")
+        return _nameless(verdict), given, notes
+    return verdict, corrected, notes + more
 
 
 def _called(model: Path) -> str:
@@ -168,6 +170,12 @@ def _called(model: Path) -> str:
 def _nameless(verdict: Verdict) -> Verdict:
     """Return the verdict without names."""
     return replace(verdict, verdict="unknown", remainder=False, findings=(), separation=())
+
+
+def _less_sure(verdict: Verdict) -> Verdict:
+    """Return the verdict with the confidence of findings that nothing confirms."""
+    doubted = (replace(finding, confidence=finding.confidence * DECIDING.less_sure) for finding in verdict.findings)
+    return replace(verdict, findings=tuple(doubted))
 
 
 def accepted(verdict: Verdict, shown: Shown, confirmed: Callable[[], bool] = lambda: False) -> bool:
@@ -188,7 +196,7 @@ def accepted(verdict: Verdict, shown: Shown, confirmed: Callable[[], bool] = lam
 
 
 def write(gap: Gap, out: Path, title: str) -> None:
-    """Write everything to a temporary folder beside `out`, or in it if it exists, and then moves it into place."""
+    """Write everything to a temporary folder beside `out`, or in it if it exists, and then move it into place."""
     out = out.absolute()
     try:
         out.parent.mkdir(parents=True, exist_ok=True)

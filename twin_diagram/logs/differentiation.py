@@ -124,6 +124,21 @@ def _velocity_weight(log: Log, rate: float, velocity: Array, acceleration: Array
     return weight
 
 
+def below_cutoff(signal: Array, regular: Log) -> Array:
+    """Filter and cut a signal as the contract of torque residuals says.
+
+    Low-passed at `residual_cutoff`, `residual_cut` left out at each end: nothing else compares torques by other means.
+
+    Args:
+        signal: (N, …) at the log's times, of any unit.
+        regular: a log with regular times.
+
+    Returns:
+        (M, …) at the times that `inner` keeps.
+    """
+    return lowpass(signal, 1.0 / regular.period)[inner(regular.time)]
+
+
 def inner(time: Array, cut: float = TUNING.residual_cut) -> npt.NDArray[np.bool_]:
     """Return which samples lie at least `cut` [s] from both ends."""
     edge = cut * (1.0 - 1e-9)

@@ -17,7 +17,7 @@ from pydrake.multibody.tree import PrismaticJoint, RevoluteJoint
 
 from twin_diagram.errors import LogError
 from twin_diagram.logs import Log, LogWarning, check, fingerprint, read_log, unwrapped, write_columns
-from twin_diagram.logs.differentiation import Motion, inner, lowpass, motion
+from twin_diagram.logs.differentiation import Motion, below_cutoff, inner, lowpass, motion
 from twin_diagram.model.description import add_arm as description
 from twin_diagram.model.model import Model
 from twin_diagram.model.rollout import rollout, trajectory
@@ -136,17 +136,30 @@ def _at(times: Array, regular: Array, values: Array) -> Array:
     return np.stack([np.interp(times, regular, values[:, k]) for k in range(values.shape[1])], axis=1)
 
 
-def torque_residual(model: Model, log: Log) -> Array:
-    """Return the measured less predicted torque, low-passed, without the log's ends (M, n) [N·m]."""
-    smooth = motion(log)
+def torque_residual(model: Model, log: Log, smooth: Motion | None = None) -> Array:
+    """Return the measured less predicted torque, low-passed, without the log's ends (M, n) [N·m].
+
+    This is the residual of gap.json's `torque_rms` and of the report.
+
+    Args:
+        model: with the log's joints, in the log's order.
+        log: checked.
+        smooth: `motion(log)`, where the caller has it.
+    """
+    smooth = motion(log) if smooth is None else smooth
     regular = smooth.log
-    difference = regular.motor_torque - torque_predicted(model, regular, smooth)
-    return lowpass(difference, 1.0 / regular.period)[inner(regular.time)]
+    return below_cutoff(regular.motor_torque - torque_predicted(model, regular, smooth), regular)
 
 
-def torque_residual_rms(model: Model, log: Log) -> Array:
-    """Return the root mean square of `torque_residual` per joint (n,) [N·m]."""
-    return np.asarray(np.sqrt(np.mean(torque_residual(model, log) ** 2, axis=0)))
+def torque_residual_rms(model: Model, log: Log, smooth: Motion | None = None) -> Array:
+    """Return the root mean square of `torque_residual` per joint (n,) [N·m].
+
+    Args:
+        model: as of `torque_residual`.
+        log: likewise.
+        smooth: likewise.
+    """
+    return np.asarray(np.sqrt(np.mean(torque_residual(model, log, smooth) ** 2, axis=0)))
 
 
 def rollout_rms(

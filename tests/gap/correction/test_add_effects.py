@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,6 +24,7 @@ from twin_diagram.gap.correction.gauss_newton import Solution, minimise
 from twin_diagram.gap.correction.merge_effects import merged
 from twin_diagram.gap.correction.physical_coordinates import Coordinates, from_log_cholesky, log_cholesky
 from twin_diagram.gap.findings import Estimate, Finding, Moment
+from twin_diagram.gap.residuals.prepared_logs import Records, prepare
 from twin_diagram.gap.residuals.whitening import estimate, noise_below
 from twin_diagram.logs import Log, fingerprint, resample
 from twin_diagram.logs.differentiation import lowpass
@@ -123,8 +123,8 @@ def test_rough_values_that_are_kept_are_not_taken_for_exact(monkeypatch: pytest.
     spec = EffectSpec("coulomb_friction", [JOINTS[3]], [], {"torque": [4.0]}, onset=1.5)
     log = noisy(recorded(spec), 2)
 
-    def astray(hypothesis: Hypothesis, logs: Sequence[Log], *, coloured: bool = True) -> tuple[Hypothesis, Solution]:
-        found, solution = by_torque(hypothesis, logs, coloured=coloured)
+    def astray(hypothesis: Hypothesis, records: Records, *, coloured: bool = True) -> tuple[Hypothesis, Solution]:
+        found, solution = by_torque(hypothesis, records, coloured=coloured)
         return found, replace(solution, vector=4.0 * solution.vector)
 
     monkeypatch.setattr("twin_diagram.gap.correction.add_effects.by_torque", astray)
@@ -144,7 +144,7 @@ def test_a_value_at_its_bound_has_an_error_all_the_same(monkeypatch: pytest.Monk
     spec = EffectSpec("actuator_fault", [JOINTS[3]], [], {"gain": [0.6]}, onset=1.5)
     log = noisy(recorded(spec), 2)
 
-    def whole(hypothesis: Hypothesis, logs: Sequence[Log], *, coloured: bool = True) -> tuple[Hypothesis, Solution]:
+    def whole(hypothesis: Hypothesis, records: Records, *, coloured: bool = True) -> tuple[Hypothesis, Solution]:
         return hypothesis, Solution(np.array([1.0 + 1e-9]), np.array([[1e-4]]), 0.0)
 
     monkeypatch.setattr("twin_diagram.gap.correction.add_effects.by_torque", whole)
@@ -342,13 +342,13 @@ def test_laws_that_are_not_exact_end_no_worse_than_they_began(
     """Where weights by the colour of what is left lead astray, all samples count alike; rough values are the last."""
     model, log, true = swung(tmp_path / "one.urdf", nameless)
     hypothesis = Hypothesis.of(model, [EffectSpec("coulomb_friction", ["j"], [], {"torque": [1.5]})])
-    plain, solution = by_torque(hypothesis, [log], coloured=False)
+    plain, solution = by_torque(hypothesis, prepare(model, [log]), coloured=False)
     if nameless == 0.0:
         assert abs(solution.vector[0] - true) < 0.01
     least = torque_residual_rms(plain.model(solution.vector), log)
 
-    def astray(start: Hypothesis, logs: list[Log], *, coloured: bool = True) -> tuple[Hypothesis, Any]:
-        found, answer = by_torque(start, logs, coloured=coloured)
+    def astray(start: Hypothesis, records: Records, *, coloured: bool = True) -> tuple[Hypothesis, Any]:
+        found, answer = by_torque(start, records, coloured=coloured)
         return found, replace(answer, vector=2.0 * answer.vector) if coloured else answer
 
     tuned(monkeypatch, most_by_motion=0)

@@ -14,11 +14,12 @@ from twin_diagram.gap.candidates.candidate import Candidate, linear
 from twin_diagram.gap.findings import Finding, Moment
 from twin_diagram.gap.naming import uneven
 from twin_diagram.gap.residuals import whitening
-from twin_diagram.gap.search.evidence import Bench
+from twin_diagram.gap.search.bench import Bench
 from twin_diagram.gap.search.greedy_search import handicaps, plainer, search
 from twin_diagram.gap.search.normal_equations import TUNING as NORMAL_EQUATIONS
 from twin_diagram.gap.search.prior_costs import TUNING as PRIOR_COSTS
 from twin_diagram.gap.search.prior_costs import compatible, price
+from twin_diagram.gap.search.scoring import score_candidates
 from twin_diagram.gap.search.stiction_proposals import peaks_of
 from twin_diagram.gap.verdict.deciding import crowded, mostly_left, negligible, redness, trimmed
 
@@ -73,7 +74,7 @@ def test_evidence_is_the_marginal_likelihood(size: float) -> None:
     assert (best > full) == (size < 1.0)
     assert fit.evidence + PRIOR_COSTS.new_name == pytest.approx(best - none, abs=0.02)
     if size < 1.0:  # what is to be ranked is not worth its own noise level
-        assert bench.scores(frozenset())[0] == pytest.approx(fit.evidence + PRIOR_COSTS.new_name, rel=0.25)
+        assert score_candidates(bench, frozenset())[0] == pytest.approx(fit.evidence + PRIOR_COSTS.new_name, rel=0.25)
 
 
 @settings(max_examples=15, deadline=None)

@@ -13,8 +13,8 @@ from twin_diagram.gap.naming import all_candidates
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.residuals.whitening import Whitener
 from twin_diagram.gap.search.backlash_gaps import GAPS, Knocks
-from twin_diagram.gap.search.evidence import Bench
-from twin_diagram.gap.search.gear_proposals import Shape, gear, propose, rattled
+from twin_diagram.gap.search.bench import Bench
+from twin_diagram.gap.search.gear_proposals import GearShape, gear, propose, rattled
 
 Array = npt.NDArray[np.float64]
 
@@ -44,7 +44,7 @@ def bench_of(terms: Terms, torque: Array, names: frozenset[str] = frozenset()) -
 
 @pytest.mark.parametrize("stiffness", [1000.0, 5000.0])
 def test_a_spring_is_offered_whatever_its_stiffness(terms: Terms, stiffness: float) -> None:
-    true = gear(terms, Shape("joint_elasticity", PAN, (("stiffness", stiffness), ("loss", 1e-3))))
+    true = gear(terms, GearShape("joint_elasticity", PAN, (("stiffness", stiffness), ("loss", 1e-3))))
     assert true is not None
     bench = bench_of(terms, true.columns[..., 0])
     offered = [bench.candidates[k] for k in propose(bench, terms, frozenset(), [PAN], Knocks(terms, bench))]
@@ -61,13 +61,13 @@ def test_a_spring_is_offered_whatever_its_stiffness(terms: Terms, stiffness: flo
     ],
 )
 def test_no_gear_is_beyond_what_its_effect_allows(terms: Terms, name: str, values: dict[str, float]) -> None:
-    assert gear(terms, Shape(name, PAN, tuple(values.items()))) is None
+    assert gear(terms, GearShape(name, PAN, tuple(values.items()))) is None
 
 
 def test_play_takes_the_place_of_an_offset_and_a_rotor(terms: Terms) -> None:
     """A shoulder's load never turns: its play leans on one side, as an encoder that is off would."""
     assert np.all(np.abs(np.sign(terms.load[0][:, LIFT]).sum()) == len(terms.load[0]))
-    true = gear(terms, Shape("backlash", LIFT, (("gap", 0.003),)))
+    true = gear(terms, GearShape("backlash", LIFT, (("gap", 0.003),)))
     assert true is not None
     rotor = 0.25
     bench = bench_of(
@@ -92,7 +92,7 @@ def test_play_takes_the_place_of_an_offset_and_a_rotor(terms: Terms) -> None:
 @pytest.mark.parametrize("gap", [0.0023, 0.0071, 0.0123, 0.029])
 def test_play_that_knocks_is_offered_wherever_its_gap_lies(terms: Terms, gap: float) -> None:
     """On a joint that nothing suspects, and beside a hypothesis that took most of it."""
-    true = gear(terms, Shape("backlash", PAN, (("gap", gap),)))
+    true = gear(terms, GearShape("backlash", PAN, (("gap", gap),)))
     assert true is not None
     bench = bench_of(terms, true.columns[..., 0] + 0.1 * true.columns[..., 1], frozenset({"reflected_inertia"}))
     rotor = next(k for k in bench.find("reflected_inertia") if bench.candidates[k].joints == (PAN,))
@@ -104,7 +104,7 @@ def test_play_that_knocks_is_offered_wherever_its_gap_lies(terms: Terms, gap: fl
 
 def test_the_cheap_torque_of_play_is_nearly_the_true_one(terms: Terms) -> None:
     gap = float(GAPS[12])
-    true = gear(terms, Shape("backlash", PAN, (("gap", gap),)))
+    true = gear(terms, GearShape("backlash", PAN, (("gap", gap),)))
     assert true is not None
     bench = bench_of(terms, true.columns[..., 0])
     knocks = Knocks(terms, bench)

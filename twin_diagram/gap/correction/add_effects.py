@@ -21,8 +21,10 @@ from twin_diagram.gap.correction.onset_times import TUNING as ONSET_TIMES
 from twin_diagram.gap.correction.output_error import output_error
 from twin_diagram.gap.correction.physical_coordinates import Coordinates
 from twin_diagram.gap.findings import Estimate, Finding, Moment
+from twin_diagram.gap.residuals.prepared_logs import Records, prepare
 from twin_diagram.gap.verdict.posterior import unit_of
 from twin_diagram.logs import Log, fingerprint
+from twin_diagram.logs.differentiation import Motion, motion
 from twin_diagram.model.effects import REGISTRY
 from twin_diagram.model.model import Model
 from twin_diagram.model.prediction import torque_residual_rms
@@ -34,7 +36,7 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     most_by_motion: int = 8
     """Coordinates up to which rollouts are tried; beyond, they take too long and tell too little of each."""
@@ -82,14 +84,21 @@ class Added:
     notes: tuple[str, ...] = ()
 
 
-def add(given: Model, logs: Sequence[Log], findings: Sequence[Finding], say: Say | None = None) -> Added:
-    """Refine named effects and adds them.
+def add(
+    given: Model,
+    logs: Sequence[Log],
+    findings: Sequence[Finding],
+    say: Say | None = None,
+    records: Records | None = None,
+) -> Added:
+    """Refine named effects and add them to a model.
 
     Args:
         given: with the logs' joints in the logs' order.
         logs: that the effects were found in, checked.
         findings: relative to the given model, with rough parameters.
         say: told what is being done.
+        records: `prepare(given, logs)`, where the caller has it.
 
     Raises:
         ModelError: what was named cannot be added to this model.
@@ -97,19 +106,20 @@ def add(given: Model, logs: Sequence[Log], findings: Sequence[Finding], say: Say
     say = say or (lambda text: None)
     if not findings:
         return Added(given, ())
-    marks = [fingerprint(log) for log in logs]
+    marks, motions = [fingerprint(log) for log in logs], [motion(log) for log in logs]
     try:
-        return _added(given, logs, marks, findings, say)
+        return _added(prepare(given, logs) if records is None else records, motions, findings, say)
     except ModelError:
         # What began in an older run cannot become less; what was there ever since can.
         settled = given.settled(marks)
         if settled is given:
             raise
-        return _added(settled, logs, marks, findings, say)
+        return _added(prepare(settled, logs), motions, findings, say)
 
 
-def _added(given: Model, logs: Sequence[Log], marks: Sequence[str], findings: Sequence[Finding], say: Say) -> Added:
-    """See `add`."""
+def _added(records: Records, motions: Sequence[Motion], findings: Sequence[Finding], say: Say) -> Added:
+    """Return what `add` does, on prepared logs and their smoothed motions."""
+    given, marks = records.model, [record.mark for record in records.records]
     owners: list[int] = []
     specs: list[EffectSpec] = []
     for k, finding in enumerate(findings):
@@ -119,7 +129,7 @@ def _added(given: Model, logs: Sequence[Log], marks: Sequence[str], findings: Se
     first = Hypothesis.of(given, specs)
     rough = first.model(first.start())
     say("refining by torques")
-    hypothesis, torques = by_torque(first, logs)
+    hypothesis, torques = by_torque(first, records)
 
     def told(hypothesis: Hypothesis, vector: Array, covariance: Array) -> tuple[Finding, ...]:
         mine = [[i for i, owner in enumerate(owners) if owner == k] for k in range(len(findings))]
@@ -134,16 +144,16 @@ def _added(given: Model, logs: Sequence[Log], marks: Sequence[str], findings: Se
     if len(vector) <= TUNING.most_by_motion:
         say("refining by simulated motion")
         moved = hypothesis.at(torques.vector)
-        vector, covariance, notes = chosen(hypothesis, (torques, output_error(moved, logs)))
+        vector, covariance, notes = chosen(hypothesis, (torques, output_error(moved, motions)))
     try:
         model = hypothesis.model(vector)
     except ModelError:
         return kept("refined parameters cannot be; the rough ones are kept")
-    least = _left(rough, logs)
-    if _left(model, logs) > least + TUNING.worse:
+    least = _left(rough, motions)
+    if _left(model, motions) > least + TUNING.worse:
         say("refining by torques, all that is left counted alike")
-        plain = _plain(Hypothesis.of(given, specs), logs)
-        if plain is None or _left(plain[0].model(plain[1].vector), logs) > least + TUNING.worse:
+        plain = _plain(Hypothesis.of(given, specs), records)
+        if plain is None or _left(plain[0].model(plain[1].vector), motions) > least + TUNING.worse:
             return kept(*notes, "refined parameters fit the runs worse than the rough ones, which are kept")
         hypothesis, vector, covariance = plain[0], plain[1].vector, plain[1].covariance
         model = hypothesis.model(vector)
@@ -160,27 +170,27 @@ def _timed_roughly(hypothesis: Hypothesis) -> Hypothesis:
     return replace(hypothesis, parts=tuple(timed(part) for part in hypothesis.parts))
 
 
-def _plain(rough: Hypothesis, logs: Sequence[Log]) -> tuple[Hypothesis, Solution] | None:
+def _plain(rough: Hypothesis, records: Records) -> tuple[Hypothesis, Solution] | None:
     """Return the least squares of what is left, whatever its colour; none where no such parameters can be."""
     try:
-        hypothesis, solution = by_torque(rough, logs, coloured=False)
+        hypothesis, solution = by_torque(rough, records, coloured=False)
         hypothesis.model(solution.vector)
     except ModelError:
         return None
     return hypothesis, solution
 
 
-def _left(model: Model, logs: Sequence[Log]) -> float:
-    """Return the sum over joints of the logarithm of the residual torque, all runs together.
-
-    Free of the joints' scales.
-    """
-    squares = np.mean([torque_residual_rms(model, log) ** 2 for log in logs], axis=0)
+def _left(model: Model, motions: Sequence[Motion]) -> float:
+    """Return the sum over joints of the logarithm of the residual torque of all runs, free of the joints' scales."""
+    squares = np.mean([torque_residual_rms(model, smooth.log, smooth) ** 2 for smooth in motions], axis=0)
     return float(0.5 * np.sum(np.log(np.maximum(squares, 1e-24))))
 
 
 def chosen(hypothesis: Hypothesis, solutions: Sequence[Solution]) -> tuple[Array, Array, list[str]]:
-    """Per effect, the estimate that is surer of itself; both speak of the same runs, so they are not averaged."""
+    """Return per effect the estimate that is surer of itself: coordinates, their covariance and notes.
+
+    Both speak of the same runs, so they are not averaged.
+    """
     torques, motions = solutions
     vector, covariance = torques.vector.copy(), torques.covariance.copy()
     notes = []

@@ -19,9 +19,8 @@ from twin_diagram.gap.correction.gauss_newton import Solution, minimise
 from twin_diagram.gap.correction.merge_effects import merged
 from twin_diagram.gap.correction.physical_coordinates import Coordinates
 from twin_diagram.gap.residuals import stiction, whitening
-from twin_diagram.gap.residuals.prepared_logs import Record, Records, prepare
+from twin_diagram.gap.residuals.prepared_logs import Record, Records
 from twin_diagram.gap.residuals.regressors import Terms, given_load, slow_speed
-from twin_diagram.logs import Log, fingerprint
 from twin_diagram.logs.differentiation import lowpass
 from twin_diagram.model.model import Model
 from twin_diagram.scenario import EffectSpec
@@ -30,7 +29,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     cluster: float = 0.5
     """Residuals nearer than this may hang together [s]."""
@@ -45,7 +44,7 @@ class Tuning:
     """Times that the noise's level and colour are looked at again."""
 
     factors: tuple[float, ...] = (0.6, 0.7, 0.8, 0.88, 0.94, 1.06, 1.13, 1.25, 1.45, 1.7)
-    """That are tried."""
+    """By which a rough value of `SCANNED` is multiplied in a first scan: denser near 1, where most are."""
 
 
 TUNING = Tuning()
@@ -69,11 +68,11 @@ class Hypothesis:
 
     @staticmethod
     def of(given: Model, specs: Sequence[EffectSpec]) -> Hypothesis:
-        """For effects relative to a model."""
+        """Return the hypothesis that effects, relative to a model, are added to it."""
         return Hypothesis(given, tuple(Coordinates.of(given, spec) for spec in specs))
 
     def slices(self) -> list[slice]:
-        """Of each part in the whole vector."""
+        """Return where each part stands in the whole vector."""
         ends = np.cumsum([0, *(len(part.start()) for part in self.parts)])
         return [slice(int(a), int(b)) for a, b in itertools.pairwise(ends)]
 
@@ -108,24 +107,23 @@ class Hypothesis:
         return self.given.with_effects(merged(self.given.effects, self.specs(vector)))
 
 
-def by_torque(hypothesis: Hypothesis, logs: Sequence[Log], *, coloured: bool = True) -> tuple[Hypothesis, Solution]:
-    """Equation error, with the times at which effects start or end; these are in the hypothesis that is answered.
+def by_torque(hypothesis: Hypothesis, whole: Records, *, coloured: bool = True) -> tuple[Hypothesis, Solution]:
+    """Fit parameters by equation error, in turns with the times at which effects start or end.
 
     Args:
         hypothesis: with its rough values.
-        logs: that it was named in.
+        whole: the runs that it was named in, prepared with the hypothesis's given model.
         coloured: whether what is left counts as noise of a colour; where laws are not exact, what they leave is slow
             like themselves, and the colour takes their own frequencies' weight away.
     """
-    whole = prepare(hypothesis.given, logs)
     sharp = any(part.spec.name == "backlash" for part in hypothesis.parts)  # its knocks are
     records = whole if sharp else coarser(whole)
-    marks = [fingerprint(log) for log in logs]
-    solution = equation_error(hypothesis, records, marks, coloured=coloured)
+    marks = {record.mark for record in whole.records}
+    solution = equation_error(hypothesis, records, coloured=coloured)
     for _ in range(TUNING.retimed if any(part.spec.log in marks for part in hypothesis.parts) else 0):
         before = [(part.when.onset, part.when.end) for part in hypothesis.parts]
-        hypothesis = _retimed(hypothesis.at(solution.vector), solution.vector, whole, marks)
-        solution = equation_error(hypothesis, records, marks, coloured=coloured)
+        hypothesis = _retimed(hypothesis.at(solution.vector), solution.vector, whole)
+        solution = equation_error(hypothesis, records, coloured=coloured)
         after = [(part.when.onset, part.when.end) for part in hypothesis.parts]
         if after == before:
             break
@@ -160,34 +158,32 @@ def coarser(records: Records) -> Records:
     return replace(records, records=tuple(thinned(record) for record in records.records))
 
 
-def _left(hypothesis: Hypothesis, vector: Array, records: Records, marks: Sequence[str]) -> Array:
+def _left(hypothesis: Hypothesis, vector: Array, records: Records) -> Array:
     """Return the logged less needed torque (ΣD, n)."""
-    return left_by(hypothesis.model(vector), records, marks)
+    return left_by(hypothesis.model(vector), records)
 
 
-def left_by(model: Model, records: Records, marks: Sequence[str]) -> Array:
-    """Return the logged less needed torque (ΣD, n) of a model [N·m].
-
-    `marks` are the fingerprints of the records' logs.
-    """
+def left_by(model: Model, records: Records) -> Array:
+    """Return the logged less needed torque (ΣD, n) of a model, in the band of the records [N·m]."""
 
     def law(record: Record) -> Array:
-        run = model.for_run(marks[record.index])
+        run = model.for_run(record.mark)
         needed = run.inverse_dynamics(record.q, record.v, record.a, time=record.time, seen=record.torque)
         return np.asarray(record.torque - needed)
 
     return records.reduce(law)
 
 
-def _retimed(hypothesis: Hypothesis, vector: Array, records: Records, marks: Sequence[str]) -> Hypothesis:
-    """With the times that fit best; parts that start and end together stay together."""
+def _retimed(hypothesis: Hypothesis, vector: Array, records: Records) -> Hypothesis:
+    """Return the hypothesis with the times that fit best; parts that start and end together stay together."""
+    marks = [record.mark for record in records.records]
     groups: dict[tuple[str, str, float | None, float | None], list[int]] = {}
     for k, part in enumerate(hypothesis.parts):
         if part.spec.log in marks:
             groups.setdefault((part.spec.log, part.spec.name, part.spec.onset, part.spec.end), []).append(k)
     parts = list(hypothesis.parts)
     for (mark, *_), members in groups.items():
-        residual = _left(replace(hypothesis, parts=tuple(parts)), vector, records, marks)
+        residual = _left(replace(hypothesis, parts=tuple(parts)), vector, records)
         noise = whitening.estimate(residual, records.lengths, len(vector) / records.n)
         weights = np.ones((records.n, len(noise.rows)))
         specs = [part.effect(vector[s]) for part, s in zip(parts, hypothesis.slices(), strict=True)]
@@ -203,29 +199,26 @@ def _retimed(hypothesis: Hypothesis, vector: Array, records: Records, marks: Seq
             )
         except ModelError:
             continue
-        record = records.records[list(marks).index(mark)]
+        record = records.records[marks.index(mark)]
         when = onset_times.retimed(parts[members[0]].when, present, absent, record, records, noise, weights)
         for k in members:
             parts[k] = parts[k].at(when)
     return replace(hypothesis, parts=tuple(parts))
 
 
-def equation_error(
-    hypothesis: Hypothesis, records: Records, marks: Sequence[str], *, coloured: bool = True
-) -> Solution:
-    """See the module; the reference is the log's torque.
+def equation_error(hypothesis: Hypothesis, records: Records, *, coloured: bool = True) -> Solution:
+    """Fit parameters to the logged torque; see the module.
 
     Args:
         hypothesis: with its rough values.
         records: of the fitted logs.
-        marks: their fingerprints.
         coloured: see `by_torque`.
     """
     order = whitening.TUNING.order if coloured else 0
     start = hypothesis.start()
 
     def left(vector: Array) -> Array:
-        return _left(hypothesis, vector, records, marks)
+        return _left(hypothesis, vector, records)
 
     level = np.maximum(np.std(left(start), axis=0), 1e-12)
     start = _scanned(hypothesis, start, lambda vector: (left(vector) / level).ravel())

@@ -13,12 +13,19 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     rounds: int = 6
+    """Steps at most: `settled` ends it before, this only bounds the time."""
 
     settled: float = 0.02
     """Ends where no coordinate moves by more than this share of its standard error."""
+
+    shorter: float = 0.4
+    """A step that does not lower the cost is shortened to this share of itself."""
+
+    shortest_step: float = 0.02
+    """Ends where a step would have to be a smaller share than this of the whole one."""
 
 
 TUNING = Tuning()
@@ -48,62 +55,100 @@ def minimise(
     shared: Array | None = None,
     rounds: int = TUNING.rounds,
 ) -> Solution:
-    """Gauss-Newton with step halving.
+    """Minimise half a sum of squares by Gauss-Newton with shorter steps where a whole one does not help.
 
     Args:
         residual: of coordinates (p,): (R,), whitened.
         start: (p,)
         steps: (p,) of the finite differences.
-        clusters: (R,) which residuals may hang together.
+        clusters: (R,) which residuals may hang together, from 0.
         prior: mean and standard deviation (p,) of the coordinates, infinite where there is none.
         shared: (R, m) columns of nuisances that are linear and whitened likewise, each with a prior of deviation 1.
         rounds: at most.
     """
-    mean, spread = prior
-    weight = np.where(np.isfinite(spread), 1.0 / np.square(spread), 0.0)
+    problem = _Problem.of(residual, steps, prior, len(clusters), shared)
     vector, r = start.copy(), residual(start)
-    inner = np.zeros((len(r), 0)) if shared is None else shared
-    project = np.linalg.inv(np.eye(inner.shape[1]) + inner.T @ inner) @ inner.T if inner.shape[1] else inner.T
+    now = problem.cost(r, vector)
+    J = problem.jacobian(vector, r)
+    for _ in range(rounds):
+        step, scale = problem.step(J, r, vector)
+        share = 1.0
+        while share > TUNING.shortest_step:
+            trial = vector + share * step
+            r_trial = residual(trial)
+            if np.all(np.isfinite(r_trial)) and problem.cost(r_trial, trial) < now:
+                break
+            share *= TUNING.shorter
+        else:
+            break
+        vector, r, now = trial, r_trial, problem.cost(r_trial, trial)
+        if np.all(np.abs(share * step) * scale < TUNING.settled):
+            break
+        J = problem.jacobian(vector, r)
+    return Solution(vector, problem.covariance(J, r, clusters), now)
 
-    def without(x: Array) -> Array:
-        return x - inner @ (project @ x) if inner.shape[1] else x
 
-    def cost(r: Array, vector: Array) -> float:
-        return 0.5 * float(r @ without(r)) + 0.5 * float(weight @ np.square(vector - mean))
+@dataclass(frozen=True)
+class _Problem:
+    """Least squares whose linear nuisances are projected out.
 
-    def jacobian(vector: Array, r: Array) -> Array:
+    Attributes:
+        residual: of coordinates (p,): (R,), whitened.
+        steps: (p,) of the finite differences.
+        mean: (p,) of the prior.
+        weight: (p,) its precision, 0 where there is none.
+        shared: (R, m) columns of the nuisances.
+        project: (m, R) their coefficients in a residual.
+    """
+
+    residual: Callable[[Array], Array]
+    steps: Array
+    mean: Array
+    weight: Array
+    shared: Array
+    project: Array
+
+    @staticmethod
+    def of(
+        residual: Callable[[Array], Array], steps: Array, prior: tuple[Array, Array], rows: int, shared: Array | None
+    ) -> _Problem:
+        mean, spread = prior
+        weight = np.where(np.isfinite(spread), 1.0 / np.square(spread), 0.0)
+        inner = np.zeros((rows, 0)) if shared is None else shared
+        project = np.linalg.inv(np.eye(inner.shape[1]) + inner.T @ inner) @ inner.T if inner.shape[1] else inner.T
+        return _Problem(residual, steps, mean, weight, inner, project)
+
+    def without(self, x: Array) -> Array:
+        """Return columns (R, …) less what the nuisances take of them."""
+        return x - self.shared @ (self.project @ x) if self.shared.shape[1] else x
+
+    def cost(self, r: Array, vector: Array) -> float:
+        """Return half the sum of squares, the prior's counted."""
+        return 0.5 * float(r @ self.without(r)) + 0.5 * float(self.weight @ np.square(vector - self.mean))
+
+    def jacobian(self, vector: Array, r: Array) -> Array:
+        """Return (R, p) forward differences of the residual."""
         J = np.empty((len(r), len(vector)))
         for k in range(len(vector)):
             moved = vector.copy()
-            moved[k] += steps[k]
-            J[:, k] = (residual(moved) - r) / steps[k]
+            moved[k] += self.steps[k]
+            J[:, k] = (self.residual(moved) - r) / self.steps[k]
         return J
 
-    now = cost(r, vector)
-    J = jacobian(vector, r)
-    for _ in range(rounds):
-        H = J.T @ without(J) + np.diag(weight)
-        gradient = J.T @ without(r) + weight * (vector - mean)
+    def step(self, J: Array, r: Array, vector: Array) -> tuple[Array, Array]:
+        """Return the Gauss-Newton step (p,) and one over the coordinates' standard errors (p,)."""
+        H = J.T @ self.without(J) + np.diag(self.weight)
+        gradient = J.T @ self.without(r) + self.weight * (vector - self.mean)
         scale = np.sqrt(np.maximum(np.diag(H), 1e-300))
         scaled = H / np.outer(scale, scale) + 1e-10 * np.eye(len(H))
-        step = -np.linalg.solve(scaled, gradient / scale) / scale
-        share = 1.0
-        while share > 0.02:
-            trial = vector + share * step
-            r_trial = residual(trial)
-            if np.all(np.isfinite(r_trial)) and cost(r_trial, trial) < now:
-                break
-            share *= 0.4
-        else:
-            break
-        vector, r, now = trial, r_trial, cost(r_trial, trial)
-        if np.all(np.abs(share * step) * scale < TUNING.settled):
-            break
-        J = jacobian(vector, r)
-    own = np.linalg.pinv(J.T @ without(J) + np.diag(weight), hermitian=True)
-    left = without(r)
-    sums = np.zeros((int(clusters.max()) + 1, len(vector)))
-    np.add.at(sums, clusters, without(J) * left[:, None])
-    sandwich = own @ (sums.T @ sums) @ own
-    ratio = np.sqrt(np.maximum(np.diag(sandwich) / np.maximum(np.diag(own), 1e-300), 1.0))
-    return Solution(vector, own * np.outer(ratio, ratio), now)
+        return -np.linalg.solve(scaled, gradient / scale) / scale, scale
+
+    def covariance(self, J: Array, r: Array, clusters: npt.NDArray[np.int64]) -> Array:
+        """Return the larger, coordinate by coordinate, of the model's own (p, p) and the sandwich over clusters."""
+        own = np.linalg.pinv(J.T @ self.without(J) + np.diag(self.weight), hermitian=True)
+        left = self.without(r)
+        sums = np.zeros((int(clusters.max()) + 1, J.shape[1]))
+        np.add.at(sums, clusters, self.without(J) * left[:, None])
+        sandwich = own @ (sums.T @ sums) @ own
+        ratio = np.sqrt(np.maximum(np.diag(sandwich) / np.maximum(np.diag(own), 1e-300), 1.0))
+        return own * np.outer(ratio, ratio)

@@ -14,7 +14,7 @@ from twin_diagram.gap.correction.equation_error import left_by
 from twin_diagram.gap.residuals import whitening
 from twin_diagram.gap.residuals.prepared_logs import TUNING as PREPARED_LOGS
 from twin_diagram.gap.residuals.prepared_logs import prepare
-from twin_diagram.logs import Log, fingerprint
+from twin_diagram.logs import Log
 from twin_diagram.logs.differentiation import TUNING as DIFFERENTIATION
 from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
@@ -22,7 +22,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     speaks: float = 10.0
     """Rise of the held-out log likelihood that is no chance."""
@@ -39,10 +39,9 @@ def confirmed(given: Model, corrected: Model, held: Log) -> bool:
     if held.time[-1] - held.time[0] - 2.0 * DIFFERENTIATION.residual_cut < PREPARED_LOGS.shortest:
         return False
     records = prepare(given, [held])
-    marks = [fingerprint(held)]
 
     def innovation(model: Model) -> Array:
-        residual = left_by(model, records, marks)
+        residual = left_by(model, records)
         noise = whitening.estimate(residual, records.lengths)
         return np.asarray(0.5 * len(noise.rows) * np.log(np.mean(noise.all(residual) ** 2, axis=1) * noise.sigma**2))
 

@@ -14,16 +14,16 @@ import numpy as np
 
 from twin_diagram.logs import Log, fingerprint
 from twin_diagram.logs.differentiation import TUNING as DIFFERENTIATION
-from twin_diagram.logs.differentiation import Motion, inner, lowpass, motion
+from twin_diagram.logs.differentiation import Motion, inner, motion
 from twin_diagram.model.effects import Effect
 from twin_diagram.model.model import Model
-from twin_diagram.model.prediction import torque_predicted
+from twin_diagram.model.prediction import torque_residual
 from twin_diagram.signals.arrays import Array
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     refuted: float = 60.0
     """Squared errors, in noises of independent samples, by which both other readings must be worse."""
@@ -81,19 +81,19 @@ def _groups(effects: tuple[Effect, ...], mark: str) -> list[list[int]]:
 
 
 def _switched(model: Model, group: list[int], moments: dict[str, float]) -> Model:
-    """With other times of a group of effects in some runs."""
+    """Return the model with other times of a group of effects in some runs."""
     changed = (e.told(moments) if k in group else e for k, e in enumerate(model.effects))
     return model.with_effects(list(changed))
 
 
 def _moment(before: Model, after: Model, smooth: Motion, noise: Array) -> float | None:
-    """When one model takes over from the other [s]; None where one of them explains the whole run."""
+    """Return when one model takes over from the other [s]; None where one of them explains the whole run."""
     regular = smooth.log
     rate = 1.0 / regular.period
     kept = inner(regular.time)
 
     def squares(model: Model) -> Array:
-        left = lowpass(regular.motor_torque - torque_predicted(model, regular, smooth), rate)[kept] / noise
+        left = torque_residual(model, regular, smooth) / noise
         return np.asarray(np.sum(left**2, axis=1)) * min(1.0, 2.0 * DIFFERENTIATION.residual_cutoff / rate)
 
     first, second = squares(before), squares(after)

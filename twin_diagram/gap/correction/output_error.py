@@ -16,8 +16,8 @@ import numpy.typing as npt
 from twin_diagram.errors import ModelError
 from twin_diagram.gap.correction.equation_error import Hypothesis
 from twin_diagram.gap.correction.gauss_newton import Solution, minimise
-from twin_diagram.logs import Log, fingerprint
-from twin_diagram.logs.differentiation import Motion, motion
+from twin_diagram.logs import fingerprint
+from twin_diagram.logs.differentiation import Motion
 from twin_diagram.model.model import Model
 from twin_diagram.model.prediction import twists
 from twin_diagram.model.rollout import trajectory
@@ -26,7 +26,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     window: float = 0.25
     """Length of a rollout [s]."""
@@ -44,9 +44,14 @@ class Tuning:
 TUNING = Tuning()
 
 
-def output_error(hypothesis: Hypothesis, logs: Sequence[Log]) -> Solution:
-    """See the module; the reference is the log's positions."""
-    shots = [_Shots.of(log, len(logs)) for log in logs]
+def output_error(hypothesis: Hypothesis, motions: Sequence[Motion]) -> Solution:
+    """Fit parameters to the logged positions; see the module.
+
+    Args:
+        hypothesis: with its rough values.
+        motions: of the fitted logs.
+    """
+    shots = [_Shots.of(smooth, len(motions)) for smooth in motions]
     start = hypothesis.start()
 
     def errors(vector: Array) -> list[Array]:
@@ -95,8 +100,7 @@ class _Shots:
     every: int
 
     @staticmethod
-    def of(log: Log, count: int) -> _Shots:
-        smooth = motion(log)
+    def of(smooth: Motion, count: int) -> _Shots:
         regular = smooth.log
         period = regular.period
         steps = max(4, round(TUNING.window / period))
@@ -105,13 +109,10 @@ class _Shots:
         most = max(20, TUNING.most_windows // count)
         if len(starts) > most:
             starts = starts[np.linspace(0, len(starts) - 1, most).astype(int)]
-        return _Shots(smooth, fingerprint(log), starts, steps, max(1, round(TUNING.observed / period)))
+        return _Shots(smooth, fingerprint(regular), starts, steps, max(1, round(TUNING.observed / period)))
 
     def errors(self, model: Model) -> Array:
-        """Return (windows, looks, n) measured less rolled-out positions.
-
-        Without what start and speed could explain [rad].
-        """
+        """Return (windows, looks, n) measured less rolled-out positions, less what start and speed explain [rad]."""
         smooth, regular = self.smooth, self.smooth.log
         model = model.for_run(self.mark)
         period = (regular.time[-1] - regular.time[0]) / (len(regular) - 1)

@@ -23,12 +23,13 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     link_spread: float = 0.5
     """Prior standard deviation of a link's logarithmic coordinates, about the given link."""
 
     smallest: float = 1e-9
+    """Of which a logarithm is taken, in the parameter's own unit: below it a value is 0."""
 
     about: float = 10.0
     """Prior deviation over the size of rough values."""
@@ -62,7 +63,7 @@ class Coordinates:
 
     @staticmethod
     def of(model: Model, spec: EffectSpec) -> Coordinates:
-        """For an effect that is added to a model."""
+        """Return the coordinates of an effect that is added to a model."""
         if spec.name != "inertial_parameters":
             for key in sorted(UNTOLD & set(REGISTRY[spec.name].kinds) - set(spec.parameters)):
                 default = REGISTRY[spec.name].kinds[key].default
@@ -72,17 +73,17 @@ class Coordinates:
         return Coordinates(spec, link_inertia(model, spec.links[0]), When(spec.onset, spec.end))
 
     def started(self, spec: EffectSpec) -> Coordinates:
-        """From other values."""
+        """Return the same, started from other values."""
         own = self.spec
         timed = replace(spec, onset=own.onset, end=own.end, log=own.log, elsewhere=own.elsewhere)
         return replace(self, spec=timed)
 
     def at(self, when: When) -> Coordinates:
-        """At other times."""
+        """Return the same, with an onset and end of their own."""
         return replace(self, spec=replace(self.spec, onset=when.onset, end=when.end), when=when)
 
     def start(self) -> Array:
-        """Of the specification itself."""
+        """Return the coordinates of the specification itself."""
         if self.link is not None:
             mass, centre, inertia = self.link
             values = self.spec.parameters
@@ -125,7 +126,7 @@ class Coordinates:
         return key in LOGARITHMIC or (self.spec.name, key) in LOGARITHMIC
 
     def effect(self, vector: Array) -> EffectSpec:
-        """With other coordinates; bounds of the catalogue are kept where values are absolute."""
+        """Return the effect at other coordinates; bounds of the catalogue are kept where values are absolute."""
         if self.link is not None:
             mass, centre, inertia = self.link
             now = from_log_cholesky(vector)

@@ -22,7 +22,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     period: float = 0.01
     """Between samples [s]."""
@@ -89,7 +89,7 @@ class Experiment:
     position: Array
 
     def columns(self) -> dict[str, Array]:
-        """As the log format names them."""
+        """Return the columns as the log format names them."""
         return {"time": self.time} | {
             f"position_commanded.{joint}": self.position[:, k] for k, joint in enumerate(self.joints)
         }
@@ -153,7 +153,7 @@ def static_poses(seen: Visited, chosen: Sequence[int]) -> Array:
 
 
 def slow_reversals(seen: Visited, chosen: Sequence[int]) -> Array:
-    """To and fro at a crawl about several angles of each joint."""
+    """Return the motion to and fro at a crawl about several angles of each joint."""
     here = _middle(seen)
     parts = [here[None]]
     for j in chosen:
@@ -241,6 +241,7 @@ MAKERS: dict[str, Callable[[Visited, Sequence[int]], Array]] = {
     advice.LONG: run_many,
     advice.STILL: run_with_rests,
 }
+"""What makes the motion (N, n) of each piece of advice [rad], from what was visited and the joints it is about."""
 
 
 def spread_poses(poses: Array, count: int) -> Array:
@@ -276,13 +277,13 @@ def _from_rest(run: Array) -> Array:
 
 
 def _ease(s: Array) -> Array:
-    """From 0 to 1 with speed and acceleration zero at both ends."""
+    """Return a rise from 0 to 1 with speed and acceleration zero at both ends."""
     s = np.clip(s, 0.0, 1.0)
     return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
 
 
 def _move(seen: Visited, a: Array, b: Array, share: float) -> Array:
-    """From a pose to another, at a share of the speeds and accelerations that were seen."""
+    """Return the motion from a pose to another, at a share of the speeds and accelerations that were seen."""
     away = np.abs(b - a)
     needed = np.maximum(1.875 * away / seen.speed, np.sqrt(5.78 * away / seen.acceleration)) / share
     count = max(2, int(np.ceil(float(np.max(needed)) / TUNING.period)))
@@ -290,7 +291,7 @@ def _move(seen: Visited, a: Array, b: Array, share: float) -> Array:
 
 
 def _cruise(a: Array, b: Array, speed: float, acceleration: float, j: int) -> Array:
-    """Along one joint at a constant speed, with ramps at both ends."""
+    """Return the way along one joint at a constant speed, with ramps at both ends."""
     away = float(abs(b[j] - a[j]))
     if away < 1e-9:
         return a[None]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 
 import numpy as np
@@ -11,9 +11,19 @@ from twin_diagram.gap.report.words import number
 from twin_diagram.signals.arrays import Array
 
 ROW = 46
+"""Height of one joint's two bars and the gap below them [px of the drawing]."""
+
 LABEL = 132
+"""Left of the bars: 17 letters of a joint's name [px]."""
+
+VALUE = 150
+"""Right of the bars: a value and its unit [px]."""
+
 WIDTH = 560
+"""Of the whole drawing [px]; the page scales it."""
+
 BAR = 13
+"""Height of one bar [px]: that of its text."""
 
 
 def bars(
@@ -42,43 +52,49 @@ def bars(
     units = np.array([unit] * len(joints) if isinstance(unit, str) else unit)
     most = np.broadcast_to(np.asarray(most, dtype=float), len(joints))
     before, after = np.minimum(before, most), np.minimum(after, most)
-    right = 150
     row = ROW if changed else ROW - BAR - 4
-    length = WIDTH - LABEL - right
     rows = []
     for k, joint in enumerate(joints):
-        top = k * row + 8
         floor = 0.0 if noise is None else float(noise[k])
         values = {"before": float(before[k]), "after": float(after[k])}
         shared = float(np.max(before[units == units[k]]))
         largest = max(values.values()) if changed or noise is not None else shared
-        scale = length / max(largest, 1.25 * floor, 1e-300)
-        rows.append(
-            f'<text x="{LABEL - 12}" y="{top + (19 if changed else 11)}" class="joint">{escape(_short(joint))}'
-            f"<title>{escape(joint)}</title></text>"
-        )
-        for kind, y in (("before", top), ("after", top + BAR + 2)):
-            if kind == "after" and not changed:
-                continue
-            value = values[kind]
-            wide = max(1.5, value * scale)
-            text = f"{'&gt; ' if value == most[k] else ''}{number(value)} {units[k]}"
-            beside = max(wide, floor * scale) if abs(wide - floor * scale) < 60.0 else wide
-            rows.append(
-                f'<rect x="{LABEL}" y="{y}" width="{wide:.1f}" height="{BAR}" rx="2" class="{kind}"/>'
-                f'<text x="{LABEL + beside + 6:.1f}" y="{y + BAR - 2.5}" class="value">{text}</text>'
-            )
-        if floor > 0.0:
-            x, low = LABEL + floor * scale, top + (2 * BAR if changed else BAR) + 5
-            rows.append(
-                f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{top - 3}" y2="{low}" class="noise">'
-                f"<title>noise {number(floor)} {units[k]}</title></line>"
-            )
+        scale = (WIDTH - LABEL - VALUE) / max(largest, 1.25 * floor, 1e-300)
+        if not changed:
+            del values["after"]
+        rows += _joint_bars(joint, k * row + 8, values, floor, scale, units[k], most[k])
     height = row * len(joints) + 4
     return (
         f'<svg class="bars" viewBox="0 0 {WIDTH} {height}" role="img" aria-label="before and after, per joint">'
         f"{''.join(rows)}</svg>"
     )
+
+
+def _joint_bars(
+    joint: str, top: int, values: Mapping[str, float], floor: float, scale: float, unit: str, most: float
+) -> list[str]:
+    """Return the name, the bars of `values` by their class, and the noise's mark of one joint."""
+    both = len(values) > 1
+    parts = [
+        f'<text x="{LABEL - 12}" y="{top + (19 if both else 11)}" class="joint">{escape(_short(joint))}'
+        f"<title>{escape(joint)}</title></text>"
+    ]
+    for k, (kind, value) in enumerate(values.items()):
+        y = top + k * (BAR + 2)
+        wide = max(1.5, value * scale)
+        text = f"{'&gt; ' if value == most else ''}{number(value)} {unit}"
+        beside = max(wide, floor * scale) if abs(wide - floor * scale) < 60.0 else wide
+        parts.append(
+            f'<rect x="{LABEL}" y="{y}" width="{wide:.1f}" height="{BAR}" rx="2" class="{kind}"/>'
+            f'<text x="{LABEL + beside + 6:.1f}" y="{y + BAR - 2.5}" class="value">{text}</text>'
+        )
+    if floor > 0.0:
+        x, low = LABEL + floor * scale, top + (2 * BAR if both else BAR) + 5
+        parts.append(
+            f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{top - 3}" y2="{low}" class="noise">'
+            f"<title>noise {number(floor)} {unit}</title></line>"
+        )
+    return parts
 
 
 def share_bar(share: float) -> str:

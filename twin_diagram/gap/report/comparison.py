@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.logs import Log
-from twin_diagram.logs.differentiation import inner, lowpass, motion
+from twin_diagram.logs.differentiation import below_cutoff, inner, motion
 from twin_diagram.model.model import Model
-from twin_diagram.model.prediction import rollout_rms, torque_predicted
+from twin_diagram.model.prediction import rollout_rms, torque_residual
 from twin_diagram.signals import units
 from twin_diagram.signals.arrays import Array
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     exercised: float = 0.02
     """A run whose predicted torques change by less than this share of the noise proves nothing for or against a
@@ -71,6 +71,10 @@ class Comparison:
     rollout_before: Array | None = None
     rollout_after: Array | None = None
 
+    def uncorrected(self) -> Comparison:
+        """Return the same, as if nothing had been corrected."""
+        return replace(self, after=self.before, rollout_after=self.rollout_before)
+
 
 @dataclass(frozen=True)
 class Shown:
@@ -89,6 +93,11 @@ class Shown:
     holdout: Comparison
     noise_floor: Array
     prismatic: frozenset[str] = frozenset()
+
+    def uncorrected(self) -> Shown:
+        """Return the same, as if nothing had been corrected."""
+        runs = tuple(run.uncorrected() for run in self.fit)
+        return replace(self, fit=runs, holdout=self.holdout.uncorrected())
 
     def units(self, unit: str) -> tuple[str, ...]:
         """Return (n) of a quantity on each joint, from its unit on a revolute joint."""
@@ -109,9 +118,7 @@ class Shown:
     def left_over(self) -> float:
         """Return the share of the held-out gap above the noise that is left, all joints together.
 
-        1 where there was none.
-
-        Joints count in units of their noise, so that a wrist weighs as much as a shoulder.
+        1 where there was none. Joints count in units of their noise, so that a wrist weighs as much as a shoulder.
         """
         before, after = (above_noise(x, self.noise_floor) / self.noise_floor for x in self.holdout_rms())
         before, after = before[self.has_gap()], after[self.has_gap()]
@@ -124,10 +131,7 @@ class Shown:
         return float(np.sum(after**2)) < float(np.sum(before**2))
 
     def worsens(self) -> bool:
-        """Return whether the held-out residual of any joint rises clearly.
-
-        No truth mends one joint at another's cost.
-        """
+        """Return whether any joint's held-out residual rises clearly: no truth mends one joint at another's cost."""
         before, after = self.holdout_rms()
         return bool(np.any(after > TUNING.beyond * np.maximum(before, TUNING.beyond * self.noise_floor)))
 
@@ -175,15 +179,11 @@ def compare(
     kept = inner(regular.time)
     changed = corrected is not given
 
-    def residual(model: Model) -> Array:
-        difference = regular.motor_torque - torque_predicted(model, regular, smooth)
-        return lowpass(difference, 1.0 / regular.period)[kept]
-
     def rolled(model: Model) -> Array:
         assert horizon is not None
         return rollout_rms(model, log, horizon, smooth, TUNING.rollouts)
 
-    before = residual(given)
+    before = torque_residual(given, log, smooth)
     rollout = None if horizon is None else rolled(given)
     return Comparison(
         source=log.source,
@@ -193,9 +193,9 @@ def compare(
         position=smooth.position[kept],
         velocity=smooth.velocity[kept],
         acceleration=smooth.acceleration[kept],
-        torque=lowpass(regular.motor_torque, 1.0 / regular.period)[kept],
+        torque=below_cutoff(regular.motor_torque, regular),
         before=before,
-        after=residual(corrected) if changed else before,
+        after=torque_residual(corrected, log, smooth) if changed else before,
         rollout_before=rollout,
         rollout_after=rolled(corrected) if changed and horizon is not None else rollout,
     )

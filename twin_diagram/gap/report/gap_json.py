@@ -61,7 +61,7 @@ def contents(verdict: Verdict, shown: Shown) -> dict[str, Any]:
 
 
 def one_per_name(findings: Sequence[Finding], order: Sequence[str]) -> list[Finding]:
-    """Findings of one name as one, with the times of the strongest: the layout has one entry per name.
+    """Return the findings of one name as one, with the times of the strongest: one entry per name is the layout.
 
     Args:
         findings: strongest first.
@@ -84,7 +84,7 @@ def one_per_name(findings: Sequence[Finding], order: Sequence[str]) -> list[Find
 
 
 def text(answer: dict[str, Any]) -> str:
-    """As the file holds it: plain JSON without NaN or infinities."""
+    """Return the contents as the file holds them: plain JSON without NaN or infinities."""
     return json.dumps(answer, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
@@ -147,7 +147,7 @@ def _value(value: Any) -> Any:
 
 
 def _time(value: float) -> float:
-    """On a log's own clock, which may count from 1970: digits after the point matter, those before it do not [s]."""
+    """Return a time [s] rounded to the microsecond: a log's own clock may count from 1970, but no log is that exact."""
     return round(float(value), 6)
 
 

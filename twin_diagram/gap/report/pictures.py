@@ -20,16 +20,29 @@ from twin_diagram.signals import units
 from twin_diagram.signals.arrays import Array
 
 BEFORE = "#d9772b"
+"""Of the given model's residual: the page's `--before`."""
+
 AFTER = "#2463a6"
+"""Of the corrected model's: the page's `--after`."""
+
 NOISE = "#8a94a3"
+"""Of the band that noise fills, as the page's marks of it."""
+
 INK = "#253040"
+"""Of words and marks: near the page's `--ink`."""
+
 GRID = "#e4e8ee"
+"""Of lines that must not compete with the data."""
 
 POINTS = 2500
 """Dots per picture."""
 
 BINS = 32
+"""Of the line through a cloud: fine enough for friction's step at rest, with samples enough in each."""
+
 QUARTILES = (0.25, 0.75)
+"""Whose mean is a cloud's middle; see `binned`."""
+
 FEWEST = 6
 """Samples that make a bin worth a line."""
 
@@ -59,20 +72,13 @@ def residual_pictures(
     figure = Figure(figsize=(10.6, 4.9), facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(2, 3, height_ratios=(1.0, 1.1))
+    reach = 1.08 * max(float(np.quantile(np.abs(run.before[:, j]), 0.999)), 3.0 * noise, 1e-12)
     over_time = figure.add_subplot(grid[0, :])
     _dress(over_time, "time [s]", left)
-    reach = 1.08 * max(float(np.quantile(np.abs(run.before[:, j]), 0.999)), 3.0 * noise, 1e-12)
     _noise(over_time, noise)
-    over_time.plot(run.time, run.before[:, j], color=BEFORE, lw=0.9, label="given model")
-    if changed:
-        over_time.plot(run.time, run.after[:, j], color=AFTER, lw=0.9, label="corrected model")
-    over_time.set_xlim(run.time[0], run.time[-1])
-    for when, word in ((onset, "starts"), (end, "ends")):
-        if when is not None:
-            over_time.axvline(when.time, color=INK, lw=1.0, ls="--")
-            over_time.annotate(
-                f" {word}", (when.time, 0.97), xycoords=("data", "axes fraction"), va="top", fontsize=8, color=INK
-            )
+    _draw_over_time(over_time, run, j, changed)
+    _mark(over_time, onset, "starts")
+    _mark(over_time, end, "ends")
     over_time.legend(
         loc="lower right",
         bbox_to_anchor=(1.0, 1.0),
@@ -83,13 +89,12 @@ def residual_pictures(
         handlelength=1.4,
     )
     over_time.set_ylim(-reach, reach)
-    for column, (what, values) in enumerate(
-        (
-            (f"velocity [{units.on_joint(units.SPEED, prismatic)}]", run.velocity[:, j]),
-            (f"{place} [{units.on_joint(units.ANGLE, prismatic)}]", run.position[:, j]),
-            (f"acceleration [{units.on_joint(units.ACCELERATION, prismatic)}]", run.acceleration[:, j]),
-        )
-    ):
+    below = (
+        (f"velocity [{units.on_joint(units.SPEED, prismatic)}]", run.velocity[:, j]),
+        (f"{place} [{units.on_joint(units.ANGLE, prismatic)}]", run.position[:, j]),
+        (f"acceleration [{units.on_joint(units.ACCELERATION, prismatic)}]", run.acceleration[:, j]),
+    )
+    for column, (what, values) in enumerate(below):
         axes = figure.add_subplot(grid[1, column])
         _dress(axes, what, left if column == 0 else "")
         _noise(axes, noise)
@@ -101,6 +106,22 @@ def residual_pictures(
         axes.set_xlim(low - margin, high + margin)
         axes.set_ylim(-reach, reach)
     return image(figure, f"residual {effort} of {run.joints[j]}")
+
+
+def _draw_over_time(axes: Axes, run: Comparison, j: int, changed: bool) -> None:
+    axes.plot(run.time, run.before[:, j], color=BEFORE, lw=0.9, label="given model")
+    if changed:
+        axes.plot(run.time, run.after[:, j], color=AFTER, lw=0.9, label="corrected model")
+    axes.set_xlim(run.time[0], run.time[-1])
+
+
+def _mark(axes: Axes, when: Moment | None, word: str) -> None:
+    """Draw a line where an effect starts or ends, if it does."""
+    if when is not None:
+        axes.axvline(when.time, color=INK, lw=1.0, ls="--")
+        axes.annotate(
+            f" {word}", (when.time, 0.97), xycoords=("data", "axes fraction"), va="top", fontsize=8, color=INK
+        )
 
 
 def image(figure: Figure, words: str, dpi: int = 150) -> str:
@@ -128,7 +149,7 @@ def _noise(axes: Axes, noise: float) -> None:
 
 
 def _cloud(axes: Axes, x: Array, y: Array, colour: str) -> None:
-    """Dots, and the line through their middle."""
+    """Draw dots, and the line through their middle."""
     every = max(1, len(x) // POINTS)
     axes.plot(x[::every], y[::every], ".", ms=2.0, mew=0, alpha=0.28, color=colour, rasterized=True)
     centres, middles = binned(x, y)
@@ -137,7 +158,7 @@ def _cloud(axes: Axes, x: Array, y: Array, colour: str) -> None:
 
 
 def binned(x: Array, y: Array, bins: int = BINS) -> tuple[Array, Array]:
-    """Middles of y (M,) over equal steps of x (M,), where there are samples enough.
+    """Return the middles of y (M,) over equal steps of x (M,), where there are samples enough.
 
     The middle is that of the quartiles: where a cloud has two branches, a median jumps from one to the other.
     """

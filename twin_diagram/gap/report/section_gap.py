@@ -76,9 +76,9 @@ def effort(shown: Shown) -> str:
 
 
 def lost(subject: Subject) -> Array:
-    """Return (n,) errors beyond which a model has lost a joint, and more tells nothing.
+    """Return (n,) errors beyond which a model has lost a joint, and more tells nothing [rad or m].
 
-    [rad], [m] for prismatic joints. A slide's is all of its travel, as the description has it, or else as the held-out
+    A slide's is all of its travel, as the description has it, or else as the held-out
     run has.
     """
     shown, given = subject.shown, subject.given

@@ -87,3 +87,4 @@ footer { color:var(--soft); font-size:13.5px; margin-top:22px; }
 @media print { body { background:#fff; } section,.tile { break-inside:avoid; box-shadow:none; }
   header.top { color:var(--ink); background:#fff; padding-bottom:20px; } .tiles { margin-top:0; } }
 """
+"""CSS of the page; its colours are those of `pictures`, too."""

@@ -25,7 +25,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     band: float = 20.0
     """Torques are compared below this [Hz]; above it, position noise drowns inertial torques."""
@@ -49,9 +49,10 @@ class Tuning:
     """Share of samples that may be outliers."""
 
     shortest: float = 2.0
+    """A log that is fitted must have this much left after its ends are cut [s]."""
 
     shortest_held: float = 1.0
-    """A log that is fitted, and one that is held out, must have this much left after its ends are cut [s]."""
+    """A log that is held out must have this much left [s]: five rollouts."""
 
 
 TUNING = Tuning()
@@ -64,6 +65,7 @@ class Record:
     Attributes:
         index: of the log.
         source: what to call it.
+        mark: its log's fingerprint.
         time: (N,) regular [s].
         rate: [1/s].
         band: edge of the low-pass [Hz].
@@ -80,6 +82,7 @@ class Record:
 
     index: int
     source: str
+    mark: str
     time: Array
     rate: float
     band: float
@@ -94,7 +97,7 @@ class Record:
     period: float
 
     def reduce(self, signal: Array) -> Array:
-        """Filters and thins a full-rate signal (N, …) to (D, …)."""
+        """Return a full-rate signal (N, …) filtered and thinned to (D, …)."""
         shape = signal.shape[1:]
         filtered = lowpass(signal.reshape(len(signal), -1), self.rate, self.band)
         return filtered[self.kept].reshape(-1, *shape)
@@ -231,7 +234,7 @@ def straightened(log: Log) -> Log:
 
 
 def trusted_band(model: Model, log: Log) -> float:
-    """Frequency [Hz] up to which position noise, as inertial torque, stays well below the torque's own noise.
+    """Return the frequency [Hz] up to which position noise, as inertial torque, stays well below the torque's noise.
 
     White position noise of density S becomes inertial torque of I² (2π f)⁴ S. Regressors that hold a good part of it
     would be biased towards zero.
@@ -252,7 +255,7 @@ def trusted_band(model: Model, log: Log) -> float:
 
 
 def shaken(model: Model, log: Log, band: float) -> Array:
-    """See `Record.shaken`."""
+    """Return (n,) what `Record.shaken` holds: position noise as inertial torque, over the torque's own noise."""
     noise, own = (roughness(signal, log.period) for signal in (log.position, log.motor_torque))
     return np.asarray(mean_inertia(model, log) * noise * (2.0 * np.pi * band) ** 2 / np.maximum(own, 1e-12))
 
@@ -305,7 +308,8 @@ def _record(model: Model, log: Log, index: int, band: float) -> Record:
     smooth = motion(log, TUNING.motion * band)
     stride = max(1, int(rate / (TUNING.thin * band) + 1e-6))
     kept = np.flatnonzero(inner(log.time, DIFFERENTIATION.residual_cut))[::stride]
-    model = model.for_run(fingerprint(log))
+    mark = fingerprint(log)
+    model = model.for_run(mark)
     # Torque that is logged and never arrives cannot be told from the motion.
     seen = smooth.log.motor_torque if any(effect.loses for effect in model.effects) else None
     q, v, a = smooth.position, smooth.velocity, smooth.acceleration
@@ -318,6 +322,7 @@ def _record(model: Model, log: Log, index: int, band: float) -> Record:
     return Record(
         index=index,
         source=log.source,
+        mark=mark,
         time=log.time,
         rate=rate,
         band=band,

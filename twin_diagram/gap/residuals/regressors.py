@@ -15,7 +15,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     sharp: float = 4.0
     """Where a torque jumps, it is smoothed at this many times the band."""
@@ -79,7 +79,7 @@ class Terms:
 
     @cached_property
     def signs(self) -> tuple[Array, ...]:
-        """Per record (N, n): the direction of motion, from smooth velocities, before any filter.
+        """Return per record (N, n) the direction of motion, from smooth velocities, before any filter.
 
         A joint that turns sticks for a moment: the torque that holds it goes evenly from one side to the other.
         """
@@ -108,7 +108,7 @@ class Terms:
 
     @cached_property
     def asked_torque(self) -> tuple[Array, ...]:
-        """Per record (N, n): what a motor was asked for, before any limit [N·m].
+        """Return per record (N, n) what a motor was asked for, before any limit [N·m].
 
         A controller whose motor saturates may jump from limit to limit: what is smoothed first is clipped too little.
         Where smoothing takes away more than noise, less is smoothed.
@@ -139,10 +139,7 @@ class Terms:
         return self.reduce(tuple(s - load for load, s in zip(self.load, self.asked_torque, strict=True)))
 
     def unexplained(self, j: int, limit: float = np.inf) -> float:
-        """Return what is usually left of a joint's smoothed torque, clipped to a limit.
-
-        Beside the transmitted one [N·m].
-        """
+        """Return what is usually left of a joint's smoothed torque, clipped, beside the transmitted one [N·m]."""
         parts = zip(self.load, self.asked_torque, strict=True)
         left = self.reduce(tuple(np.clip(s[:, j : j + 1], -limit, limit) - load[:, j : j + 1] for load, s in parts))
         return float(spread_of(left)[0])
@@ -162,7 +159,7 @@ class Terms:
 
     @cached_property
     def present(self) -> Present:
-        """See `Present`."""
+        """Return what the given model has already."""
         return present(self.records)
 
     def rigid(self, body: int) -> Array:
@@ -182,7 +179,7 @@ def spread_of(samples: Array) -> Array:
 
 
 def turns(record: Record, j: int, slow: float) -> list[tuple[int, int]]:
-    """Spans of samples in which a joint may be sticking, but not for longer than `BRIEF`, and turns."""
+    """Return the spans of samples in which a joint turns and may be sticking, for `TUNING.brief` at most."""
     rests = stretches(np.abs(record.v[:, j]) < slow)
     inside = [(a, b) for a, b in rests if 0 < a and b < len(record.v)]
     brief = [(a, b) for a, b in inside if b - a <= TUNING.brief * record.rate]

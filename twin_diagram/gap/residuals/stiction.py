@@ -24,7 +24,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     dwell: float = 0.004
     """A joint that turns back sooner than this does not stick [s]."""
@@ -52,10 +52,10 @@ class Tuning:
     """Standard errors by which friction must fall short."""
 
     doubt_turn: float = 0.7
+    """Share of dry friction that may be missed where a joint turns: how it is held is a guess."""
 
     doubt_time: float = 0.6
-    """Share of dry friction, over so many seconds, that may be missed where a joint turns: how it is held is a
-    guess."""
+    """Over which that share counts [s]."""
 
     fewest: float = 0.3
     """Joints that move for less than this share of the time keep all their samples, unless they are known to stick."""

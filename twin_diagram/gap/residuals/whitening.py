@@ -21,14 +21,16 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     rounds: int = 25
+    """Of expectation and maximisation at most; `settled` ends them before."""
 
     most_freedom: float = 0.5
     """Share of a joint's samples that regressors may take up."""
 
     settled: float = 1e-4
+    """Ends where the noise's level changes by less than this share: a nat of evidence in ten thousand samples."""
 
     share: float = 0.2
     """Weight of the noise expected beforehand, in records: no frequency is thought freer of noise than this share."""

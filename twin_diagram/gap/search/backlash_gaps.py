@@ -14,7 +14,9 @@ from scipy.signal import find_peaks
 
 from twin_diagram.gap.candidates.candidate import Candidate, linear
 from twin_diagram.gap.residuals.regressors import Terms
-from twin_diagram.gap.search.evidence import Bench, Members
+from twin_diagram.gap.search.bench import Bench
+from twin_diagram.gap.search.evidence import Members
+from twin_diagram.gap.search.scoring import basis, score_candidate
 from twin_diagram.model.dynamics.backlash import play_alone
 from twin_diagram.signals.arrays import Array
 
@@ -24,7 +26,7 @@ GAPS = np.geomspace(0.0018, 0.035, 22)
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     peaks: int = 2
     """Gaps that are worth a closer look, per hypothesis."""
@@ -70,13 +72,13 @@ class Knocks:
         return any(np.ptp(np.sign(load[:, j])) > 0.0 for load in self.loads)
 
     def gaps(self, hypotheses: Mapping[int, Sequence[Members]]) -> dict[int, list[float]]:
-        """Gaps [rad] of each joint that are worth a closer look, beside one of the hypotheses that are given for it.
+        """Return the gaps [rad] of each joint that are worth a closer look, beside one of the hypotheses given for it.
 
         Where play on one joint explains most, others are looked at when that is named.
         """
         more: dict[tuple[int, Members], Array] = {}
         for members in dict.fromkeys(members for some in hypotheses.values() for members in some):
-            Q = self.bench.basis(members)
+            Q = basis(self.bench, members)
             told = np.einsum("jrk,jr->k", Q, self.bench.y)
             for j in (j for j, some in hypotheses.items() if members in some):
                 more[j, members] = self._more(j, Q, told)
@@ -95,11 +97,11 @@ class Knocks:
         """Return what each gap explains beside what its rotor does [nats]."""
         if j not in self._tried:
             self._tried[j] = self._torques(j)
-        rotor, *scores = (self.bench.score_once(c, Q, told, white=white) for c, white in self._tried[j])
+        rotor, *scores = (score_candidate(self.bench, c, Q, told, white=white) for c, white in self._tried[j])
         return np.array(scores) - rotor
 
     def _torques(self, j: int) -> list[tuple[Candidate, Array]]:
-        """Of the rotor alone and of each gap, on the joints that show it best, as it is and whitened."""
+        """Return candidates of the rotor alone and of each gap on the joints that show it best, each also whitened."""
         records = self.terms.records
         shown = sum(np.mean(mass[:, :, j] ** 2, axis=0) for mass in self.masses) / self.bench.whitener.sigma**2
         rows = [i for i in range(records.n) if i == j or shown[i] > TUNING.shown**2 * np.max(shown)]

@@ -17,8 +17,10 @@ from twin_diagram.gap.residuals.prepared_logs import TUNING as PREPARED_LOGS
 from twin_diagram.gap.residuals.prepared_logs import Record
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.search.backlash_gaps import Knocks
-from twin_diagram.gap.search.evidence import Bench, Members
+from twin_diagram.gap.search.bench import Bench
+from twin_diagram.gap.search.evidence import Members
 from twin_diagram.gap.search.prior_costs import TUNING as PRIOR_COSTS
+from twin_diagram.gap.search.scoring import basis, score_candidate
 from twin_diagram.model.effects import make
 from twin_diagram.model.effects.effect import REGISTRY, Effect
 from twin_diagram.model.model import Model
@@ -28,7 +30,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     leaning: tuple[float, ...] = (0.004, 0.01, 0.025)
     """Gaps of a gear that never turns over: they tell how far it leans [rad]."""
@@ -38,6 +40,7 @@ class Tuning:
     it, too; how much there is, refinement tells [s]."""
 
     calm_loss: float = 6e-2
+    """With so much a gear follows its load and hardly swings: where noise hides the swing, this is left [s]."""
 
     about_one: tuple[float, ...] = (0.6, 1.5)
     """A shape's torque fits the residual as it stands, or the shape is wrong."""
@@ -56,8 +59,7 @@ SWINGS = tuple(np.geomspace(2.5, 16.0, 10))
 
 
 CALM = slice(1, None, 3)
-"""With so much a gear follows its load and hardly swings: where noise hides the swing, this is left. Few of `SWINGS`
-are enough for it."""
+"""Of `SWINGS`, those that are tried with `calm_loss`: without a swing to meet, few are enough."""
 
 
 GEARS = ("joint_elasticity", "backlash")
@@ -67,7 +69,7 @@ COST = {"joint_elasticity": 8.0, "backlash": 3.0}
 
 
 @dataclass(frozen=True)
-class Shape:
+class GearShape:
     """Of a gear: what it is called, and the numbers on which its torque depends otherwise than linearly."""
 
     name: str
@@ -75,7 +77,7 @@ class Shape:
     values: tuple[tuple[str, float], ...]
 
 
-def gear(terms: Terms, shape: Shape) -> Candidate | None:
+def gear(terms: Terms, shape: GearShape) -> Candidate | None:
     """Return the candidate of one shape: its torque, whose coefficient is about 1, and the rotor's inertia.
 
     None where the shape is not within what the effect allows, or its torque not finite.
@@ -138,31 +140,31 @@ def rattled(terms: Terms, j: int) -> float:
     return lost
 
 
-def _effect(model: Model, shape: Shape) -> Effect:
+def _effect(model: Model, shape: GearShape) -> Effect:
     parameters = {**{key: [value] for key, value in shape.values}, "rotor_inertia": [0.0]}
     return make(EffectSpec(name=shape.name, joints=[model.joints[shape.joint]], parameters=parameters))
 
 
-def plays(bench: Bench, members: Members, joints: Sequence[int], knocks: Knocks) -> dict[int, list[Shape]]:
-    """Play that is tried on each joint: beside the members, and without some that are on it."""
+def play_shapes(bench: Bench, members: Members, joints: Sequence[int], knocks: Knocks) -> dict[int, list[GearShape]]:
+    """Return the play that is tried on each joint: beside the members, and without some that are on it."""
     beside: dict[int, list[Members]] = {}
     for j in filter(knocks.turns, range(bench.n)):
         own = {k for k in members if j in bench.candidates[k].joints}
         beside[j] = [rest for rest in _rests(bench, members, j) if not rest or members - rest <= own]
     gaps = {j: list(TUNING.leaning) for j in joints} | knocks.gaps(beside)
-    return {j: [Shape("backlash", j, (("gap", gap),)) for gap in some] for j, some in gaps.items()}
+    return {j: [GearShape("backlash", j, (("gap", gap),)) for gap in some] for j, some in gaps.items()}
 
 
-def springs(terms: Terms, j: int) -> list[Shape]:
-    """Springs that are tried on a joint."""
+def spring_shapes(terms: Terms, j: int) -> list[GearShape]:
+    """Return the springs that are tried on a joint."""
     inertia = _link_inertia(terms, j)
-    result: list[Shape] = []
+    result: list[GearShape] = []
     swings = [(swing, loss) for swing in SWINGS for loss in TUNING.losses] + [
         (swing, TUNING.calm_loss) for swing in SWINGS[CALM]
     ]
     for swing, loss in swings:
         stiffness = inertia * (2.0 * np.pi * float(swing)) ** 2
-        result.append(Shape("joint_elasticity", j, (("stiffness", stiffness), ("loss", loss))))
+        result.append(GearShape("joint_elasticity", j, (("stiffness", stiffness), ("loss", loss))))
     return result
 
 
@@ -190,13 +192,13 @@ def propose(bench: Bench, terms: Terms, members: Members, joints: Sequence[int],
     made: list[int] = []
     whole = bench.solve(members).evidence
     alone = max((bench.solve(frozenset({k})).evidence for k in members), default=0.0)
-    play = plays(bench, members, joints, knocks)
+    play = play_shapes(bench, members, joints, knocks)
     for j in range(bench.n):
-        shapes = [*play.get(j, ()), *(springs(terms, j) if j in joints else ())]
+        shapes = [*play.get(j, ()), *(spring_shapes(terms, j) if j in joints else ())]
         if not shapes:
             continue
         rests = _rests(bench, members, j)
-        bases = [bench.basis(rest) for rest in rests]
+        bases = [basis(bench, rest) for rest in rests]
         projected = [np.einsum("jrk,jr->k", Q, bench.y) for Q in bases]
         crowded: dict[str, tuple[float, Candidate]] = {}
         best: dict[tuple[str, Members], tuple[float, Candidate]] = {}
@@ -204,11 +206,11 @@ def propose(bench: Bench, terms: Terms, members: Members, joints: Sequence[int],
             candidate = gear(terms, shape)
             if candidate is None:
                 continue
-            score = bench.score_once(candidate, bases[0], projected[0]) - candidate.cost
+            score = score_candidate(bench, candidate, bases[0], projected[0]) - candidate.cost
             if score > crowded.get(shape.name, (PRIOR_COSTS.new_name + TUNING.worth, candidate))[0]:
                 crowded[shape.name] = score, candidate
             for rest, Q, told in zip(rests, bases, projected, strict=True):
-                score = bench.score_once(candidate, Q, told, bounded=True)
+                score = score_candidate(bench, candidate, Q, told, bounded=True)
                 if score > best.get((shape.name, rest), (0.0, candidate))[0]:
                     best[shape.name, rest] = score, candidate
         known = {id(candidate): bench.add(candidate) for _, candidate in crowded.values()}
@@ -219,16 +221,13 @@ def propose(bench: Bench, terms: Terms, members: Members, joints: Sequence[int],
             k = known[id(candidate)]
             least = whole + TUNING.worth if rest == members else whole if rest else alone
             if k not in made and bench.solve(rest | {k}).evidence > least:
-                bench.offer(k)
+                bench.offered.offer(k)
                 made.append(k)
     return made
 
 
 def _rests(bench: Bench, members: Members, j: int) -> list[Members]:
-    """Return a hypothesis, what is left where a gear on joint j takes the place of its rotor and of one more.
-
-    And nothing.
-    """
+    """Return what may stand beside a gear on joint j: all members, all but its rotor and one more, and none."""
     rotor = {
         k for k in members if bench.candidates[k].name == "reflected_inertia" and bench.candidates[k].joints == (j,)
     }

@@ -7,13 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin_diagram.gap.search.evidence import Bench, Fit, Members
+from twin_diagram.gap.search.bench import Bench
+from twin_diagram.gap.search.evidence import HypothesisFit, Members
 from twin_diagram.gap.search.prior_costs import TUNING as PRIOR_COSTS
+from twin_diagram.gap.search.scoring import score_candidates
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     tried: int = 8
     """Additions that are solved exactly at each step."""
@@ -26,6 +28,7 @@ class Tuning:
     fits."""
 
     narrowed: int = 3
+    """Times that joints whose coefficient is not physical are left out of a name that was said of all."""
 
     crowded: int = 6
     """With more members, nothing new is proposed for swaps."""
@@ -57,13 +60,13 @@ Propose = Callable[[Bench, Members], list[int]]
 """Makes further candidates (ripples, onsets) that suit what a hypothesis leaves; answers their indices."""
 
 
-Polish = Callable[[Bench, Fit], Fit]
+Polish = Callable[[Bench, HypothesisFit], HypothesisFit]
 """Moves a hypothesis's shapes and working points to where the data want them."""
 
 
 def search(
     bench: Bench, least: float = 3.0, most: int = 40, propose: Propose | None = None, polish: Polish | None = None
-) -> Fit:
+) -> HypothesisFit:
     """Climb from the empty hypothesis and from each of its best first members.
 
     Args:
@@ -85,7 +88,7 @@ def search(
 
 
 def _starts(bench: Bench) -> list[int]:
-    scores = bench.scores(frozenset())
+    scores = score_candidates(bench, frozenset())
     order = np.argsort(scores)[::-1]
     result: list[int] = []
     places = set()
@@ -113,13 +116,13 @@ def climb(
     most: int,
     propose: Propose | None = None,
     polish: Polish | None = None,
-) -> Fit:
+) -> HypothesisFit:
     """Add, drops and swaps members until nothing raises the evidence."""
     fit = bench.solve(start)
     if polish is not None:
         fit = polish(bench, fit)
     for _ in range(2 * most):
-        if bench.spent > TUNING.budget / bench.rows:
+        if bench.solver.spent > TUNING.budget / bench.rows:
             return fit
         step = _drop(bench, fit)
         if step is None and len(fit.members) < most:
@@ -132,15 +135,15 @@ def climb(
     return fit
 
 
-def additions(bench: Bench, members: Members, count: int = TUNING.tried) -> list[Fit]:
+def additions(bench: Bench, members: Members, count: int = TUNING.tried) -> list[HypothesisFit]:
     """Return the best exact fits with one member more."""
-    scores = bench.scores(members)
+    scores = score_candidates(bench, members)
     names = {bench.candidates[k].name for k in members}
     for k, candidate in enumerate(bench.candidates):
         scores[k] -= PRIOR_COSTS.further_joint if candidate.name in names else PRIOR_COSTS.new_name
         if not candidate.name:
             scores[k] = -np.inf
-    result: list[Fit] = []
+    result: list[HypothesisFit] = []
     for k in np.argsort(scores)[::-1]:
         if len(result) >= count or not np.isfinite(scores[k]):
             break
@@ -149,7 +152,7 @@ def additions(bench: Bench, members: Members, count: int = TUNING.tried) -> list
     return sorted(result, key=lambda fit: -fit.evidence)
 
 
-def _add(bench: Bench, fit: Fit, least: float, propose: Propose | None) -> Fit | None:
+def _add(bench: Bench, fit: HypothesisFit, least: float, propose: Propose | None) -> HypothesisFit | None:
     if propose is not None:
         propose(bench, fit.members)
     single = additions(bench, fit.members)
@@ -163,14 +166,14 @@ def _add(bench: Bench, fit: Fit, least: float, propose: Propose | None) -> Fit |
     return None
 
 
-def everywhere(bench: Bench, fit: Fit) -> Fit | None:
+def everywhere(bench: Bench, fit: HypothesisFit) -> HypothesisFit | None:
     """Return the best fit with one usual name on every joint that lacks it, but where it is not physical."""
-    best: Fit | None = None
+    best: HypothesisFit | None = None
     for name in ON_EVERY_JOINT:
         new = {
             k
             for k, c in enumerate(bench.candidates)
-            if c.name == name and c.onset is None and not c.variant and bench.is_offered(k)
+            if c.name == name and c.onset is None and not c.variant and k in bench.offered
             if bench.compatible(fit.members, k)
         }
         for _ in range(TUNING.narrowed):
@@ -184,11 +187,8 @@ def everywhere(bench: Bench, fit: Fit) -> Fit | None:
     return best
 
 
-def one_kind(bench: Bench, fit: Fit) -> Fit | None:
-    """Return the fit with Stribeck's law wherever it has Coulomb's beside Stribeck's, if that is better.
-
-    No single swap is.
-    """
+def one_kind(bench: Bench, fit: HypothesisFit) -> HypothesisFit | None:
+    """Return the fit with Stribeck's law for Coulomb's wherever it has both, if better; no single swap is."""
     names = {bench.candidates[k].name for k in fit.members}
     dry = [k for k in fit.members if bench.candidates[k].name == "coulomb_friction"]
     if "stribeck_friction" not in names or any(bench.candidates[k].onset is not None for k in dry):
@@ -200,14 +200,14 @@ def one_kind(bench: Bench, fit: Fit) -> Fit | None:
         swaps = [
             bench.solve(others | {i})
             for i in bench.find("stribeck_friction")
-            if bench.candidates[i].joints == joints and bench.is_offered(i)
+            if bench.candidates[i].joints == joints and i in bench.offered
         ]
         members = max(swaps, key=lambda option: option.evidence, default=fit).members
     found = bench.solve(members)
     return found if found.evidence > fit.evidence + 1e-6 else None
 
 
-def plainer(bench: Bench, fit: Fit) -> Fit:
+def plainer(bench: Bench, fit: HypothesisFit) -> HypothesisFit:
     """Return the fit with the plainer law for every one that brings next to nothing beyond it.
 
     No law is exact to the noise where an effect is strong: what a simulator's or a real joint's friction does within
@@ -236,12 +236,12 @@ def plainer(bench: Bench, fit: Fit) -> Fit:
     return fit
 
 
-def _explained(bench: Bench, fit: Fit, rest: Members) -> float:
+def _explained(bench: Bench, fit: HypothesisFit, rest: Members) -> float:
     """Return evidence that a fit has beyond a part of its members [nats]."""
     return max(fit.evidence - max(bench.solve(rest).evidence, 0.0), 0.0)
 
 
-def handicaps(bench: Bench, fit: Fit) -> dict[str, float]:
+def handicaps(bench: Bench, fit: HypothesisFit) -> dict[str, float]:
     """Return what a law that is finer than one of a fit's must bring beyond it [nats], see `plainer`."""
     result = {}
     for law, plain in PLAINER.items():
@@ -254,7 +254,7 @@ def handicaps(bench: Bench, fit: Fit) -> dict[str, float]:
     return result
 
 
-def _drop(bench: Bench, fit: Fit) -> Fit | None:
+def _drop(bench: Bench, fit: HypothesisFit) -> HypothesisFit | None:
     options = [bench.solve(fit.members - {k}) for k in fit.members]
     best = max(options, key=lambda option: option.evidence, default=None)
     if best is None:
@@ -264,7 +264,7 @@ def _drop(bench: Bench, fit: Fit) -> Fit | None:
     return None
 
 
-def _swap(bench: Bench, fit: Fit, propose: Propose | None) -> Fit | None:
+def _swap(bench: Bench, fit: HypothesisFit, propose: Propose | None) -> HypothesisFit | None:
     """Replace one member, or all members of one name, by another candidate."""
     names: dict[str, Members] = {}
     for k in fit.members:

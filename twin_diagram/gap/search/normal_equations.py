@@ -15,7 +15,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     smallest: float = 3e-3
     """An effect may be this much smaller than what its prior speaks of: a tenth of a newton metre on a joint that
@@ -49,7 +49,7 @@ def smaller(c: Array, variance: Array, spread: Array) -> Array:
 def coefficients(
     joints: list[tuple[npt.NDArray[np.int64], Array]], variance: Array, spread: Array
 ) -> tuple[Array, Array, float]:
-    """Generalised least squares: coefficients, their covariance, and log det of S Λ⁻¹."""
+    """Solve generalised least squares: coefficients, their covariance, and log det of S Λ⁻¹."""
     S, b = np.diag(spread**-2.0), np.zeros(len(spread))
     for (index, G), level in zip(joints, variance, strict=True):
         S[np.ix_(index, index)] += G[1:, 1:] / level
@@ -76,7 +76,7 @@ def solutions(G: Array, b: Array, spread: Array) -> tuple[Array, Array]:
 
 
 def _solution(G: Array, b: Array, spread: Array) -> tuple[Array, Array, Array]:
-    """Of one width of the prior: rises (m,), coefficients (m, k), and their variances (m, k)."""
+    """Return of one width of the prior the rises (m,), coefficients (m, k), and their variances (m, k)."""
     scaled = spread[:, :, None] * G * spread[:, None, :] + np.eye(G.shape[1])
     inverse: Any = np.linalg.inv(scaled)
     c = spread * np.einsum("mij,mj->mi", inverse, spread * b)

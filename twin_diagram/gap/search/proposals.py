@@ -17,15 +17,17 @@ from twin_diagram.gap.candidates import single_joint, whole_arm
 from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.residuals.prepared_logs import Record
 from twin_diagram.gap.residuals.regressors import Terms
-from twin_diagram.gap.search.evidence import Bench, Members
+from twin_diagram.gap.search.bench import Bench
+from twin_diagram.gap.search.evidence import Members
 from twin_diagram.gap.search.normal_equations import increments
 from twin_diagram.gap.search.prior_costs import TUNING as PRIOR_COSTS
+from twin_diagram.gap.search.scoring import basis, score_candidate
 from twin_diagram.signals.arrays import Array
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     blocks: int = 64
     """Moments at which an effect is tried to start; refined to single samples afterwards."""
@@ -87,13 +89,13 @@ class Proposer:
         self._asked: set[frozenset[tuple[str, tuple[int, ...], tuple[str, ...]]]] = set()
 
     def __call__(self, bench: Bench, members: Members) -> list[int]:
-        """See `greedy_search.Propose`; each hypothesis is looked at once."""
+        """Add candidates beside a hypothesis and return their indices; each hypothesis is looked at once."""
         # A hypothesis with other shapes says the same, and leaves much the same.
         said = frozenset(bench.candidates[k].place for k in members)
         if said in self._asked or len(members) > TUNING.crowded:
             return []
         self._asked.add(said)
-        Q = bench.basis(members)
+        Q = basis(bench, members)
         projected = np.einsum("jrk,jr->k", Q, bench.y)
         return [
             *self.ripples(bench, members, Q, projected),
@@ -140,7 +142,7 @@ class Proposer:
         edges = block_edges(bench.rows)
         for k in range(len(bench.candidates)):
             candidate = bench.candidates[k]
-            plain = candidate.onset is None and candidate.variant == "" and bench.is_offered(k)
+            plain = candidate.onset is None and candidate.variant == "" and k in bench.offered
             if not plain or candidate.name not in STARTING:
                 continue
             rows = list(candidate.rows)
@@ -176,10 +178,7 @@ class Proposer:
         return made
 
     def _during(self, bench: Bench, base: Candidate, at: int, to: int, Q: Array, projected: Array) -> Candidate:
-        """Return a candidate that acts from about whitened row `at` until about row `to`.
-
-        At the best moments near them.
-        """
+        """Return a candidate that acts from about whitened row `at` to about row `to`, at the best moments nearby."""
         records = self.terms.records
         rows = np.append(bench.whitener.rows, len(records.residual))
         first, last = int(rows[at]), int(rows[to])
@@ -193,13 +192,13 @@ class Proposer:
         for _ in range(2):
             starts = [(onset[0], onset[1] + share * period) for share in TUNING.nearby]
             made = [base.during(active(self.terms, moment, end), moment, end) for moment in starts]
-            best = int(np.argmax([bench.score_once(candidate, Q, projected) for candidate in made]))
+            best = int(np.argmax([score_candidate(bench, candidate, Q, projected) for candidate in made]))
             onset = starts[best]
             if end is None:
                 break
             ends = [(end[0], end[1] + share * period) for share in TUNING.nearby]
             made = [base.during(active(self.terms, onset, moment), onset, moment) for moment in ends]
-            best = int(np.argmax([bench.score_once(candidate, Q, projected) for candidate in made]))
+            best = int(np.argmax([score_candidate(bench, candidate, Q, projected) for candidate in made]))
             end = ends[best]
         return base.during(active(self.terms, onset, end), onset, end)
 
@@ -284,7 +283,7 @@ def block_edges(rows: int) -> npt.NDArray[np.int64]:
 def block_sums(
     X: Array, Q: Array, y: Array, edges: Sequence[int] | npt.NDArray[np.int64]
 ) -> tuple[Array, Array, Array]:
-    """Per block: information (B, k, k), products with Q (B, K, k), and with y (B, k), of columns X (rows, R, k)."""
+    """Return per block the information (B, k, k) of columns X (rows, R, k), and their products with Q and y."""
     G, C, b = [], [], []
     for first, last in itertools.pairwise(edges):
         part = X[:, first:last].reshape(-1, X.shape[2])

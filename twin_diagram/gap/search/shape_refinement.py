@@ -15,17 +15,20 @@ from twin_diagram.gap.candidates import single_joint, whole_arm
 from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.search import gear_proposals, golden_section, proposals
-from twin_diagram.gap.search.evidence import Bench, Fit
+from twin_diagram.gap.search.bench import Bench
+from twin_diagram.gap.search.evidence import HypothesisFit
 from twin_diagram.signals.arrays import Array
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     rounds: int = 3
+    """Over all members, at most; `settled` mostly ends them before."""
 
     sections: int = 7
+    """Of the golden section, which leave a thirtieth of a shape's range: each takes a candidate and a fit."""
 
     settled: float = 0.02
     """Evidence that a round must change for another to be worth it [nats]."""
@@ -34,8 +37,10 @@ class Tuning:
 TUNING = Tuning()
 
 
-def refine(bench: Bench, terms: Terms, fit: Fit, rounds: int = TUNING.rounds, *, slow: bool = True) -> Fit:
-    """Work on one member at a time, all others free; answer the best fit.
+def refine(
+    bench: Bench, terms: Terms, fit: HypothesisFit, rounds: int = TUNING.rounds, *, slow: bool = True
+) -> HypothesisFit:
+    """Improve one member at a time, all others free, and return the best fit.
 
     Its members may be new candidates of the bench.
 
@@ -55,7 +60,7 @@ def refine(bench: Bench, terms: Terms, fit: Fit, rounds: int = TUNING.rounds, *,
     return fit
 
 
-def moved(bench: Bench, terms: Terms, fit: Fit, member: int, *, slow: bool = True) -> Fit:
+def moved(bench: Bench, terms: Terms, fit: HypothesisFit, member: int, *, slow: bool = True) -> HypothesisFit:
     """Return the best fit that differs in one member's shapes or working point; see `refine`."""
     candidate = bench.candidates[member]
     own, _ = bench.part(fit, member)
@@ -102,7 +107,7 @@ Rebuild = Callable[[float], Candidate | None]
 
 
 def shapes(terms: Terms, candidate: Candidate) -> list[tuple[str, float, float]]:
-    """Shapes of a candidate: key, and the ratio bounds of the search about its value."""
+    """Return the shapes of a candidate: key, and the ratio bounds of the search about its value."""
     if candidate.onset is not None or candidate.variant == "held":
         return []
     if candidate.name == "stribeck_friction":
@@ -129,15 +134,15 @@ def _rebuild(terms: Terms, candidate: Candidate, key: str) -> Rebuild:
             return single_joint.saturation(terms, j, value)
         if candidate.name == "torque_ripple":
             return single_joint.ripple(terms, j, value)
-        return gear_proposals.gear(terms, gear_proposals.Shape(candidate.name, j, tuple(shape.items())))
+        return gear_proposals.gear(terms, gear_proposals.GearShape(candidate.name, j, tuple(shape.items())))
 
     return rebuild
 
 
 def _line_search(
-    bench: Bench, fit: Fit, member: int, key: str, rebuild: Rebuild, low: float, high: float
-) -> tuple[Fit, int]:
-    """Golden sections on the logarithm of a shape."""
+    bench: Bench, fit: HypothesisFit, member: int, key: str, rebuild: Rebuild, low: float, high: float
+) -> tuple[HypothesisFit, int]:
+    """Return the best fit along one shape, by golden sections on its logarithm, and the member that has it."""
     start = np.log(bench.candidates[member].shape[key])
     others = fit.members - {member}
     a, b = start + np.log(low), start + np.log(high)

@@ -18,7 +18,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     negligible: float = 1e-5
     """Directions of the standardised regressors that are smaller than this are left out."""
@@ -60,10 +60,7 @@ def columns(records: Records, candidates: list[Candidate]) -> list[Array]:
 
 
 def project(X: Array, y: Array, negligible: float) -> tuple[Array, int]:
-    """Return the part of y (R,) in the span of X (R, m), less directions below a share of the largest.
-
-    And its dimension.
-    """
+    """Return the part of y (R,) in the span of X (R, m) without its faintest directions, and how many are left."""
     values, vectors = np.linalg.eigh(X.T @ X)
     kept = values > max(negligible, 1e-7) ** 2 * values[-1]
     coefficients = vectors[:, kept] @ ((vectors[:, kept].T @ (X.T @ y)) / values[kept])

@@ -15,7 +15,8 @@ from twin_diagram.gap.candidates import single_joint
 from twin_diagram.gap.candidates.candidate import Candidate, transformed
 from twin_diagram.gap.residuals import stiction
 from twin_diagram.gap.residuals.regressors import Terms
-from twin_diagram.gap.search.evidence import Bench, Fit
+from twin_diagram.gap.search.bench import Bench
+from twin_diagram.gap.search.evidence import HypothesisFit
 from twin_diagram.model.dynamics.onsets import stretches
 from twin_diagram.signals.arrays import Array
 
@@ -25,12 +26,17 @@ LAWS = (COULOMB, "stribeck_friction")
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand.
+
+    CHANGELOG.md says what evidence of a hold they gave on training cases of Coulomb's and Stribeck's friction;
+    `make gap-benchmark ARGS="--suite training"` shows what they do.
+    """
 
     more: float = 1.25
-    """A hold must exceed the sliding level by this factor, and by `CLEARLY` times the noise, to count."""
+    """A hold must exceed the sliding level by this factor, and by `clearly` times the noise, to count."""
 
     clearly: float = 2.5
+    """Standard deviations of the noise by which it must, too."""
 
     fewest_clear: int = 3
     """So many samples must say so."""
@@ -72,9 +78,10 @@ class Tuning:
     """Thinned samples that a rest lasts at least to be averaged."""
 
     few_rests: int = 3
+    """Rests at least that must hold more on average: one or two may be pushed."""
 
     held_more: float = 1.15
-    """So many rests must hold this many times the sliding level on average."""
+    """Times the sliding level that they must hold on average."""
 
     held_sure: float = 3.0
     """And beyond it by this many standard errors: Coulomb's law never holds more."""
@@ -89,7 +96,7 @@ class Tuning:
 TUNING = Tuning()
 
 
-def propose(bench: Bench, terms: Terms, fit: Fit) -> list[int]:
+def propose(bench: Bench, terms: Terms, fit: HypothesisFit) -> list[int]:
     """Offer friction that rises at rest for every joint that was held by more than Coulomb's law would.
 
     Where a fit has that law, it is the same torque under Stribeck's name; where it has Stribeck's, that one, the surer.
@@ -123,14 +130,14 @@ def _coulomb(bench: Bench, k: int) -> int | None:
     return next((i for i, other in places if other.joints == candidate.joints and other.onset is None), None)
 
 
-def _drier(bench: Bench, fit: Fit, k: int) -> bool:
+def _drier(bench: Bench, fit: HypothesisFit, k: int) -> bool:
     """Return whether another law of dry friction, which holds more where there is load, is on a member's joint."""
     joint = bench.candidates[k].joints[0]
     others = (bench.candidates[m] for m in fit.members - {k})
     return any(other.name in stiction.DRY and joint in other.joints for other in others)
 
 
-def beyond(bench: Bench, terms: Terms, fit: Fit, k: int, level: float) -> tuple[float, float] | None:
+def beyond(bench: Bench, terms: Terms, fit: HypothesisFit, k: int, level: float) -> tuple[float, float] | None:
     """Return the level at rest and evidence for it where friction exceeds what Coulomb's law could hold at all.
 
     None: no rise.
@@ -151,11 +158,8 @@ def beyond(bench: Bench, terms: Terms, fit: Fit, k: int, level: float) -> tuple[
     return float(np.sort(size)[-TUNING.fewest_clear]), evidence
 
 
-def dwells(bench: Bench, terms: Terms, fit: Fit, k: int, level: float) -> tuple[float, float] | None:
-    """Return the same where noise hides each sample's rise, by the means over whole rests.
-
-    Friction holds one torque there.
-    """
+def dwells(bench: Bench, terms: Terms, fit: HypothesisFit, k: int, level: float) -> tuple[float, float] | None:
+    """Return the same where noise hides each sample's rise, by the means over whole rests, which hold one torque."""
     noise = _noise(bench, fit, k)
     stuck = inner(stiction.stuck(terms.records, terms, bench.candidates[k].joints[0]))
     friction = _friction(bench, fit, k)
@@ -173,7 +177,7 @@ def dwells(bench: Bench, terms: Terms, fit: Fit, k: int, level: float) -> tuple[
     return float(np.quantile(held, 0.9)), 0.5 * ((mean - level) / error) ** 2
 
 
-def short_holds(bench: Bench, terms: Terms, fit: Fit, k: int, level: float) -> tuple[float, float] | None:
+def short_holds(bench: Bench, terms: Terms, fit: HypothesisFit, k: int, level: float) -> tuple[float, float] | None:
     """Return the same where a joint sticks for moments only: friction peaks before it lets go, and again when it turns.
 
     Coulomb's law has no peak there but for the low-pass's own overshoot and the largest of a few samples' noise.
@@ -220,21 +224,21 @@ def inner(stuck: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     return stuck
 
 
-def _friction(bench: Bench, fit: Fit, k: int) -> Array:
+def _friction(bench: Bench, fit: HypothesisFit, k: int) -> Array:
     """Return (ΣD,) torque that a member and what is left of the residual make together [N·m]."""
     candidate = bench.candidates[k]
     j = candidate.joints[0]
     return np.asarray(bench.left(fit)[:, j] + candidate.columns[:, candidate.rows.index(j)] @ bench.part(fit, k)[0])
 
 
-def _noise(bench: Bench, fit: Fit, k: int) -> float:
+def _noise(bench: Bench, fit: HypothesisFit, k: int) -> float:
     """Return the standard deviation of what is left of a member's joint where it moves [N·m]."""
     j = bench.candidates[k].joints[0]
     return float(np.std(bench.left(fit)[bench.whitener.rows, j][bench.weights[j] > 0.0]))
 
 
 def rising(terms: Terms, coulomb: Candidate, ratio: float, evidence: float) -> Candidate:
-    """Coulomb's torque under Stribeck's name: what tells them apart is how much held, worth so many nats."""
+    """Return Coulomb's torque under Stribeck's name: what tells them apart is how much held, worth so many nats."""
     j = coulomb.joints[0]
 
     def values(c: Array) -> dict[str, Array]:

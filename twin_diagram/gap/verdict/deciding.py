@@ -12,14 +12,19 @@ from twin_diagram.gap.findings import Finding, Separation, Verdict
 from twin_diagram.gap.residuals import whitening
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.residuals.regressors import Terms
-from twin_diagram.gap.search.evidence import Bench, Fit, Members
+from twin_diagram.gap.search.bench import Bench, likelihood_gain
+from twin_diagram.gap.search.evidence import HypothesisFit, Members
 from twin_diagram.gap.verdict import leftover_structure
 from twin_diagram.gap.verdict.posterior import findings_of, groups, separations_of
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module.
+
+    Those that say so were set on training cases (seeds below 10000) of `sims/benchmarks/gap_benchmark.py`, the others
+    by hand; `make gap-benchmark ARGS="--suite training"` shows what they do.
+    """
 
     remainder: float = 8.0
     """Above this, `leftover_structure.left_over` says that structure is left; set on clean training logs."""
@@ -35,19 +40,21 @@ class Tuning:
     name."""
 
     doubtful: float = 0.5
+    """Findings of less confidence than this that are `small`, too, are not named."""
 
     small: float = 0.3
-    """Findings of less confidence, and of less than this share of the strongest one's significance, are not named."""
+    """Share of the strongest finding's significance below which one is small."""
 
     piece: float = 0.1
     """Where structure is left, findings that explain less than this share of what was explained are not named."""
 
     level: float = 1.35
+    """Noise of a joint whose variance is this many times what was thought possible beside any smooth law, and
+    `of_few` over its samples more, is structure where something was named."""
 
     of_few: float = 45.0
-    """Noise of a joint that is this much more than was thought possible beside any smooth law, and more by `OF_FEW`
-    over its samples, is structure where something was named [variance]; what was thought possible is too little by
-    half in some short clean logs."""
+    """Samples over whose number that bound is raised: what was thought possible is too little by half in some short
+    clean logs."""
 
     far_above: float = 4.0
     """The same where nothing was named."""
@@ -64,7 +71,10 @@ TUNING = Tuning()
 
 
 SLOW = np.linspace(0.1, 1.0, 10)
+"""Frequencies at which what laws leave unexplained shows [Hz]; see `Tuning.red`."""
+
 FAST = np.linspace(2.5, 4.0, 10)
+"""Frequencies with which they are compared [Hz]: above most motion, below the filters' edge."""
 
 
 USUAL = frozenset({"viscous_friction", "coulomb_friction", "stribeck_friction", "reflected_inertia"})
@@ -72,7 +82,7 @@ USUAL = frozenset({"viscous_friction", "coulomb_friction", "stribeck_friction", 
 
 
 def crowded(findings: Sequence[Finding]) -> bool:
-    """Return whether one joint has two unusual names, or an arm `MANY`.
+    """Return whether one joint has two unusual names, or an arm many.
 
     Together they rather follow something without a name.
 
@@ -87,17 +97,14 @@ def crowded(findings: Sequence[Finding]) -> bool:
     return len(unusual) > len(set(unusual)) or any(several.count(joint) > 1 for joint in started)
 
 
-def doubled(bench: Bench, fit: Fit) -> bool:
+def doubled(bench: Bench, fit: HypothesisFit) -> bool:
     """Return whether a joint has a second ripple, which follows something but cannot be told beside the first."""
     joints = [bench.candidates[k].joints for k in fit.members if bench.candidates[k].name == "torque_ripple"]
     return len(set(joints)) < len(joints)
 
 
-def share_of(bench: Bench, fit: Fit, group: Members) -> float:
-    """Return the share of what was explained on some members' own joints that is lost without them.
-
-    As log likelihoods.
-    """
+def share_of(bench: Bench, fit: HypothesisFit, group: Members) -> float:
+    """Return the share of the log likelihood gained on some members' own joints that is lost without them."""
     rows = sorted({j for k in group for j in bench.candidates[k].rows})
     empty, without = bench.solve(frozenset()).variance, bench.solve(fit.members - group).variance
     explained = float(np.sum((bench.counts * np.log(empty / fit.variance))[rows]))
@@ -105,7 +112,7 @@ def share_of(bench: Bench, fit: Fit, group: Members) -> float:
     return lost / max(explained, 1e-9)
 
 
-def trimmed(bench: Bench, fit: Fit) -> Fit:
+def trimmed(bench: Bench, fit: HypothesisFit) -> HypothesisFit:
     """Return the fit without the joints on which an unusual name of several explains next to nothing.
 
     Where structure is left, they would take the name away from the others, too.
@@ -120,9 +127,9 @@ def trimmed(bench: Bench, fit: Fit) -> Fit:
 
 
 def negligible(finding: Finding, findings: Sequence[Finding], share: float, structure: bool) -> bool:
-    """Return whether a name is better left as something that is there.
+    """Return whether a finding is small beside the rest and doubtful, so that it is better left without a name.
 
-    That is what is small beside the rest and doubtful. Where even the rest does not explain everything, what explains
+    Where even the rest does not explain everything, what explains
     little of its joints may be a piece of what a stronger one's law follows not quite.
     """
     if structure and finding is not findings[0] and share < TUNING.piece:
@@ -138,7 +145,7 @@ def redness(noise: whitening.Whitener, rate: float) -> float:
     return float(np.max(np.mean(density[:, : len(SLOW)], axis=1) / np.mean(density[:, len(SLOW) :], axis=1)))
 
 
-def mostly_left(bench: Bench, fit: Fit, joints: npt.NDArray[np.bool_]) -> bool:
+def mostly_left(bench: Bench, fit: HypothesisFit, joints: npt.NDArray[np.bool_]) -> bool:
     """Return whether more of some joints' residual is left than was explained, as energies above the noise."""
     empty = bench.solve(frozenset()).variance
     noise = 1.0 + bench.finest
@@ -146,7 +153,7 @@ def mostly_left(bench: Bench, fit: Fit, joints: npt.NDArray[np.bool_]) -> bool:
     return left > TUNING.mostly * all_there and bool(np.any(joints))
 
 
-def conclude(records: Records, terms: Terms, bench: Bench, fit: Fit) -> Verdict:
+def conclude(records: Records, terms: Terms, bench: Bench, fit: HypothesisFit) -> Verdict:
     """Return the verdict on a final fit."""
     left = leftover_structure.left_over(records, terms, bench, fit)
     beyond = fit.variance - bench.finest
@@ -177,7 +184,7 @@ def conclude(records: Records, terms: Terms, bench: Bench, fit: Fit) -> Verdict:
         findings = tuple(replace(f, confidence=f.confidence * TUNING.less_sure) for f in kept) if structure else kept
     touched = np.isin(np.arange(records.n), [j for k in fit.members for j in bench.candidates[k].rows])
     doubted = mostly_left(bench, fit, raised & touched)
-    unknown = structure and (not findings or left.gain > TUNING.mostly * bench.gain(fit) or doubted)
+    unknown = structure and (not findings or left.gain > TUNING.mostly * likelihood_gain(bench, fit) or doubted)
     if unknown:
         findings, separation = (), ()
     return Verdict(

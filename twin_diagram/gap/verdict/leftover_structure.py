@@ -9,15 +9,17 @@ import numpy as np
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.residuals.regressors import Terms, rate_of
 from twin_diagram.gap.residuals.whitening import Whitener
-from twin_diagram.gap.search.evidence import Bench, Fit
+from twin_diagram.gap.search.bench import Bench, noise_of
+from twin_diagram.gap.search.evidence import HypothesisFit
 from twin_diagram.signals.arrays import Array
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     pieces: int = 8
+    """Hats that a curve is made of: enough for the bend of a friction near rest."""
 
     room: float = 2.0
     """A joint of which less than this many samples per curve count tells nothing."""
@@ -41,10 +43,10 @@ class LeftOver:
     joints: Array
 
 
-def left_over(records: Records, terms: Terms, bench: Bench, fit: Fit) -> LeftOver:
-    """Regresses each joint's residual on curves of its angle, speed, torque and of time."""
+def left_over(records: Records, terms: Terms, bench: Bench, fit: HypothesisFit) -> LeftOver:
+    """Regress each joint's residual on curves of its angle, speed, torque and of time."""
     residual = bench.left(fit)
-    noise = bench.noise_of(fit)
+    noise = noise_of(bench, fit)
     statistic = np.zeros(records.n)
     gain = 0.0
     for j in range(records.n):
@@ -70,7 +72,7 @@ def left_over(records: Records, terms: Terms, bench: Bench, fit: Fit) -> LeftOve
 
 
 def profiled(y: Array, X: Array, noise: Whitener, j: int, weights: Array) -> tuple[float, int]:
-    """Squares that regressors X (ΣD, m) leave of y (ΣD,) on a joint, whitened, and how many of them count."""
+    """Return the squares that regressors X (ΣD, m) leave of y (ΣD,) on a joint, whitened, and how many count."""
     white = noise.joint(j, np.column_stack([y, X])) * weights[:, None]
     size = np.sqrt(np.mean(white[:, 1:] ** 2, axis=0)) + 1e-12
     c, rank = regression(white[:, 1:] / size, white[:, 0], 1e-4)
@@ -118,7 +120,7 @@ def features(records: Records, terms: Terms, j: int) -> Array:
 
 
 def scaled(x: Array, whole: Array) -> Array:
-    """To [0, 1] over the central 98 %."""
+    """Return a signal scaled to [0, 1] over its central 98 %."""
     low, high = np.quantile(whole, [0.01, 0.99])
     return np.clip((x - low) / max(high - low, 1e-9), 0.0, 1.0)
 

@@ -28,11 +28,12 @@ CONDITIONS = {
     "acceleration": "with acceleration",
     "onset": "from an onset on",
 }
+"""When a residual shows, and how the report says so."""
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     cheap: float = 0.9
     """A condition of fewer parameters is preferred where it explains this share of what the best one does."""
@@ -47,6 +48,7 @@ class Tuning:
     """Quantiles of the residual's energy between which it is said to be in time."""
 
     map_cells: int = 12
+    """Along each side of a picture's map: fine enough to see a shape, coarse enough to be visited."""
 
 
 TUNING = Tuning()
@@ -60,7 +62,7 @@ class Map:
         joint: name.
         axes: names of the two signals.
         edges: of the cells along each.
-        mean: (MAP_CELLS, MAP_CELLS) [N·m, or N where the joint is prismatic], NaN where the logs have not been.
+        mean: (C, C) [N·m, or N where the joint is prismatic], NaN where the logs have not been.
     """
 
     joint: str
@@ -70,7 +72,7 @@ class Map:
 
 
 def locate(records: Records, terms: Terms, whitener: Whitener) -> tuple[Place, ...]:
-    """Ranks joints by their share of the residual's energy above the noise.
+    """Rank joints by their share of the residual's energy above the noise.
 
     Args:
         records: of the fit.

@@ -10,7 +10,8 @@ from twin_diagram.gap.candidates.candidate import GLOBAL, Candidate
 from twin_diagram.gap.experiments.advice import experiment
 from twin_diagram.gap.findings import Alternative, Estimate, Finding, Moment, Separation
 from twin_diagram.gap.residuals.prepared_logs import Records
-from twin_diagram.gap.search.evidence import Bench, Fit, Members
+from twin_diagram.gap.search.bench import Bench, noise_distance
+from twin_diagram.gap.search.evidence import HypothesisFit, Members
 from twin_diagram.gap.search.greedy_search import additions, handicaps
 from twin_diagram.model.effects import REGISTRY
 from twin_diagram.signals.arrays import Array
@@ -18,18 +19,24 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module.
+
+    Those that say so were set on training cases (seeds below 10000) of `sims/benchmarks/gap_benchmark.py`, the others
+    by hand; `make gap-benchmark ARGS="--suite training"` shows what they do.
+    """
 
     temperature: float = 2.0
     """Evidence is divided by this before it becomes a probability; set on training logs, where it makes them
     calibrated."""
 
     alternatives: int = 3
+    """Told beside a finding at most: the layout of gap.json has so many."""
 
     rivals: int = 12
+    """Candidates that are solved exactly in the place of a finding, of which the best count as its rivals."""
 
     more_unseen: float = 0.08
-    """The same where it is on several joints already."""
+    """Probability, for each further joint, that a name is on it unseen, where it is on several joints already."""
 
     together: float = 1.0
     """Effects of one name that start within this time start together [s]."""
@@ -72,13 +79,13 @@ def names_of(said: frozenset[Claim]) -> set[str]:
     return {name for name, _, _ in said}
 
 
-def posterior(bench: Bench, fit: Fit) -> dict[frozenset[Claim], float]:
+def posterior(bench: Bench, fit: HypothesisFit) -> dict[frozenset[Claim], float]:
     """Return probabilities of all sets of claims that were ever solved; of each set, its best shapes count.
 
     A finer law is held to what `greedy_search.plainer` asks of it.
     """
     best: dict[frozenset[Claim], float] = {}
-    for members, tried in bench.fits.items():
+    for members, tried in bench.solver.fits.items():
         if np.isfinite(tried.evidence):
             key = claims(bench, members)
             best[key] = max(best.get(key, -np.inf), tried.evidence)
@@ -101,7 +108,7 @@ def unseen(said: Claim, joints: int) -> float:
     return float(1.0 - (1.0 - each) ** (joints - len(named)))
 
 
-def findings_of(records: Records, bench: Bench, fit: Fit) -> tuple[Finding, ...]:
+def findings_of(records: Records, bench: Bench, fit: HypothesisFit) -> tuple[Finding, ...]:
     """Return one finding per name, or per name and time, strongest first."""
     for group in groups(bench, fit.members).values():
         additions(bench, fit.members - frozenset(group), TUNING.rivals)
@@ -137,7 +144,7 @@ def findings_of(records: Records, bench: Bench, fit: Fit) -> tuple[Finding, ...]
                     ),
                     onset=None if first.onset is None else Moment(*first.onset),
                     end=None if first.end is None else Moment(*first.end),
-                    significance=bench.distance(fit, bench.solve(fit.members - frozenset(part))),
+                    significance=noise_distance(bench, fit, bench.solve(fit.members - frozenset(part))),
                 )
             )
     return tuple(sorted(result, key=lambda finding: -finding.significance))
@@ -165,9 +172,9 @@ def together(bench: Bench, group: list[int]) -> list[list[int]]:
 
 
 def parameters_of(
-    records: Records, bench: Bench, fit: Fit, group: list[int]
+    records: Records, bench: Bench, fit: HypothesisFit, group: list[int]
 ) -> dict[str, Estimate | dict[str, Estimate]]:
-    """In the layout of gap.json; of several ripples on one joint, the largest."""
+    """Return parameters in the layout of gap.json; of several ripples on one joint, the largest."""
     result: dict[str, Estimate | dict[str, Estimate]] = {}
     told = {k: bench.candidates[k].parameters(*bench.part(fit, k)) for k in group}
     for k in sorted(group, key=lambda k: float(np.max(told[k]["amplitude"][0])) if "amplitude" in told[k] else 0.0):
@@ -195,7 +202,7 @@ def _estimate(value: Array, std: Array, unit: str) -> Estimate:
     return Estimate([float(x) for x in value], [float(x) for x in std], unit)
 
 
-def separations_of(records: Records, bench: Bench, fit: Fit) -> tuple[Separation, ...]:
+def separations_of(records: Records, bench: Bench, fit: HypothesisFit) -> tuple[Separation, ...]:
     """Return nearest rivals of each name, those farther than 30 left out."""
     result = []
     mine = claims(bench, fit.members)
@@ -203,14 +210,14 @@ def separations_of(records: Records, bench: Bench, fit: Fit) -> tuple[Separation
         said = claim([bench.candidates[k] for k in group])
         rest = fit.members - frozenset(group)
         nearest: dict[Claim, float] = {}
-        for members, tried in bench.fits.items():
+        for members, tried in bench.solver.fits.items():
             if not np.isfinite(tried.evidence) or len(members) > len(fit.members):
                 continue
             others = claims(bench, members)
             if said in others or not rest <= members:
                 continue
             for other in others - mine:
-                distance = bench.distance(fit, tried)
+                distance = noise_distance(bench, fit, tried)
                 nearest[other] = min(nearest.get(other, np.inf), distance)
         for other, distance in sorted(nearest.items(), key=lambda item: item[1])[: TUNING.alternatives]:
             if distance < 30.0:

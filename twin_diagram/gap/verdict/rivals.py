@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.search import shape_refinement
-from twin_diagram.gap.search.evidence import Bench, Fit, Members
+from twin_diagram.gap.search.bench import Bench
+from twin_diagram.gap.search.evidence import HypothesisFit, Members
 from twin_diagram.gap.search.greedy_search import additions
 from twin_diagram.gap.verdict.posterior import TUNING as POSTERIOR
 from twin_diagram.gap.verdict.posterior import groups
@@ -18,7 +19,7 @@ from twin_diagram.gap.verdict.posterior import groups
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
     within: float = 40.0
     """Rivals with less evidence by more than this are left as they are [nats]."""
@@ -30,7 +31,7 @@ class Tuning:
 TUNING = Tuning()
 
 
-def refined(bench: Bench, terms: Terms, fit: Fit) -> Fit:
+def refined(bench: Bench, terms: Terms, fit: HypothesisFit) -> HypothesisFit:
     """Move the shapes of what could stand in the place of each member, or of all of one name; answer the best fit.
 
     What was worked out stays on the bench, where `posterior` meets it.
@@ -48,9 +49,9 @@ def refined(bench: Bench, terms: Terms, fit: Fit) -> Fit:
     return best
 
 
-def rivals_of(bench: Bench, terms: Terms, fit: Fit, group: Members) -> list[tuple[Fit, int]]:
-    """Fit with another candidate that has shapes in the place of a group, the best of each place, and which it is."""
-    result: list[tuple[Fit, int]] = []
+def rivals_of(bench: Bench, terms: Terms, fit: HypothesisFit, group: Members) -> list[tuple[HypothesisFit, int]]:
+    """Return fits with another candidate that has shapes in a group's place, the best of each place, and its index."""
+    result: list[tuple[HypothesisFit, int]] = []
     seen = {bench.candidates[k].place for k in group}
     for rival in additions(bench, fit.members - group, POSTERIOR.rivals):
         (new,) = rival.members - (fit.members - group)
