@@ -48,7 +48,7 @@ from twin_diagram.station import ports
 from twin_diagram.station.mujoco import TUNING as MUJOCO
 from twin_diagram.station.mujoco import MujocoStation, Secret
 from twin_diagram.twin.healing import Healer, Tape, sentence
-from twin_diagram.twin.twin import Twin, make_twin
+from twin_diagram.twin.twin import TwinDiagram, make_twin
 
 Array = npt.NDArray[np.float64]
 
@@ -72,7 +72,7 @@ def told(plan: Plan) -> Told:
     return Told(arm=arm, home=HOME.tolist(), camera=None, planner=planner, healing=healing, filter=TUNING)
 
 
-def build(plan: Plan, seed: int, hidden: Secret) -> tuple[Diagram, Twin, AdaptiveEkf, Tape]:
+def build(plan: Plan, seed: int, hidden: Secret) -> tuple[Diagram, TwinDiagram, AdaptiveEkf, Tape]:
     """The robot, the twin, and beside it the filter that keeps its model."""
     urdf, spec = Path(resolve("arms/iiwa7.urdf")), told(plan)
     builder = DiagramBuilder()
@@ -143,7 +143,7 @@ def score(
     events: list[dict[str, Any]],
     looks: dict[str, list[tuple[float, Array, Array, Model]]],
     log: Log,
-    twin: Twin,
+    twin: TwinDiagram,
 ) -> Run:
     """Rolls each look out under the torques that were measured after it, and compares with the encoders then."""
     terms: dict[int, tuple[ArmTerms, ParameterSet]] = {}

@@ -191,6 +191,12 @@ def test_names_shown(tmp_path: Path) -> None:
     assert rows(tmp_path, files)["names shown beside __all__"].offenders == ("errors", "native", "suppress")
 
 
+@pytest.mark.parametrize("line", ["__getattr__, __dir__ = _lazy.face(__name__)", "def __dir__(): return ['load']"])
+def test_a_face_that_tells_what_it_shows(tmp_path: Path, line: str) -> None:
+    files = {"__init__.py": f'from twin_diagram import lazy\n__all__ = ["load"]\n{line}\n', "lazy.py": ""}
+    assert rows(tmp_path, files)["names shown beside __all__"].now == 0
+
+
 EFFECT = '@register\nclass Friction(Effect):\n    """friction"""\n    name: ClassVar[str] = "friction"\n'
 
 

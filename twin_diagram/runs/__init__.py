@@ -1,1 +1,19 @@
 """A run from its scenario to its files: trial, score, outputs."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from twin_diagram import faces
+
+if TYPE_CHECKING:
+    from twin_diagram.runs.run import beliefs, replay_log, replay_scenario, run_scenario
+
+__all__ = [
+    "beliefs",
+    "replay_log",
+    "replay_scenario",
+    "run_scenario",
+]
+
+__getattr__, __dir__ = faces.lazy_face(__name__)

@@ -27,7 +27,7 @@ from twin_diagram.scenario.file import load_scenario, override_scenario
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import TRACK_SIZE, ObjectStatus, Track
 from twin_diagram.twin.closed_loop import ClosedLoop, make_closed_loop
-from twin_diagram.twin.twin import Twin
+from twin_diagram.twin.twin import TwinDiagram
 from twin_diagram.visualization.diagram_svg.svg import write_diagram_svg
 from twin_diagram.visualization.plots import write_plots
 
@@ -73,7 +73,7 @@ def run_scenario(
         keep = Keeping(scenario, record, log, stack)
         mend = Mending(scenario, out, say)
 
-        def add(builder: DiagramBuilder, station: Diagram, twin: Twin) -> None:
+        def add(builder: DiagramBuilder, station: Diagram, twin: TwinDiagram) -> None:
             keep.add(builder, station, twin)
             mend.add(builder, station, twin)
             if look is not None:

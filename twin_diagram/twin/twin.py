@@ -43,7 +43,7 @@ MASS = "payload.mass"
 
 
 @dataclass(frozen=True)
-class Twin:
+class TwinDiagram:
     """The twin, built.
 
     Attributes:
@@ -100,7 +100,7 @@ class Twin:
         return {name: round(float(value), 6) for name, value in zip(self.parameter_names, values, strict=True)}
 
 
-def make_twin(twin: scenario.Twin, packages: Packages | None = None) -> Twin:
+def make_twin(twin: scenario.Twin, packages: Packages | None = None) -> TwinDiagram:
     """Build the twin.
 
     Raises:
@@ -195,7 +195,7 @@ def make_twin(twin: scenario.Twin, packages: Packages | None = None) -> Twin:
     diagram = builder.Build()
     diagram.set_name("twin")
     mass_index = parameter_names.index(MASS) if MASS in parameter_names else None
-    return Twin(diagram, model, library, scene, parameter_names, mass_index, tuple(fused), ekf, drift, mpc)
+    return TwinDiagram(diagram, model, library, scene, parameter_names, mass_index, tuple(fused), ekf, drift, mpc)
 
 
 def goal_vector(task: scenario.Task) -> np.ndarray:

@@ -24,12 +24,12 @@ PROVIDERS: Final = ("udpm", "mpudpm", "tcpq", "memq", "file")
 """What LCM's URLs begin with."""
 
 
-class LcmStation(Diagram):
+class LcmArmStation(Diagram):
     """A real arm behind the ports of every station: its driver and a camera, on an LCM bus.
 
     .. pydrake_system::
 
-        name: LcmStation
+        name: LcmArmStation
         input_ports:
         - arm.position_commanded
         - arm.torque_commanded

@@ -174,12 +174,12 @@ class ImagePlayer(LeafSystem):
         output[0] = self._frames.capture[k] if k >= 0 else NEVER
 
 
-class ReplayStation(Diagram):
+class ReplayArmStation(Diagram):
     """A recorded run behind the ports of every station; commands are taken and ignored.
 
     .. pydrake_system::
 
-        name: ReplayStation
+        name: ReplayArmStation
         input_ports:
         - arm.position_commanded
         - arm.torque_commanded

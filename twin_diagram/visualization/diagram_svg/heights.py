@@ -50,7 +50,7 @@ class Item:
 
 
 @dataclass(frozen=True)
-class Step:
+class WireStep:
     """Part of a net in one channel: from one height on its left to heights on its right (or to a bottom lane)."""
 
     net: int
@@ -91,7 +91,7 @@ class Heights:
         for b in graph.blocks:
             self.stacks[self.column[b.key]].append(self.items[b.key])
         self.nets = self._nets()
-        self.steps: list[list[Step]] = [[] for _ in range(self.count + 1)]
+        self.steps: list[list[WireStep]] = [[] for _ in range(self.count + 1)]
         self._make_steps()
         self._place_vertically()
         self.floor = self._place_bottom_lanes()
@@ -121,16 +121,16 @@ class Heights:
                 if c in net.lanes:
                     right.append((net.lanes[c], ""))
                 down = c == first + 1 and bool(net.bottom_sinks)
-                self.steps[c].append(Step(number, left, right, down))
+                self.steps[c].append(WireStep(number, left, right, down))
                 if c in net.lanes:
                     left = (net.lanes[c], "")
             if net.bottom_sinks and last == first:
-                self.steps[first + 1].append(Step(number, left, [], True))
+                self.steps[first + 1].append(WireStep(number, left, [], True))
             for c in sorted({self.column[key] for key, _ in net.bottom_sinks}):
                 right = [(self.items[key], port) for key, port in net.bottom_sinks if self.column[key] == c]
-                self.steps[c].append(Step(number, None, right, True))
+                self.steps[c].append(WireStep(number, None, right, True))
 
-    def ends(self, step: Step) -> tuple[list[float], list[float]]:
+    def ends(self, step: WireStep) -> tuple[list[float], list[float]]:
         """Heights at which a step meets the left and the right side of its channel; a bottom lane is on both."""
         bottom = [self.nets[step.net].bottom_y] if step.bottom else []
         if step.left is None:
