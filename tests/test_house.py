@@ -81,7 +81,7 @@ def test_floors_and_arrows_of_a_plain_tree(tmp_path: Path) -> None:
         {
             "errors.py": "",
             "model.py": "from twin_diagram.errors import ModelError\nfrom twin_diagram import errors\n",
-            "gap/a.py": "from twin_diagram.model.model import Model\nfrom twin_diagram.gap import b\n",
+            "gap/a.py": "from twin_diagram.model import Model\nfrom twin_diagram.gap import b\n",
             "gap/b.py": "import twin_diagram.errors\nimport numpy.model\n",
             "__main__.py": "def main():\n    from twin_diagram.gap.a import run\n",
         },
@@ -99,7 +99,7 @@ def test_a_circle_for_type_checking_is_seen(tmp_path: Path) -> None:
         tmp_path,
         {
             "effects/law.py": "if TYPE_CHECKING:\n    from twin_diagram.model.model import Model\n",
-            "model.py": "from twin_diagram.model.effects.law import Law\nfrom twin_diagram import errors\n",
+            "model/model.py": "from twin_diagram.effects.law import Law\nfrom twin_diagram import errors\n",
             "errors.py": "",
         },
     )
@@ -124,14 +124,14 @@ def test_an_arrow_up_is_the_one_whose_turn_mends_all(tmp_path: Path) -> None:
             "errors.py": "from twin_diagram.cli import main",
             "logs.py": "from twin_diagram.errors import LogError",
             "model.py": "from twin_diagram.logs import Log\nfrom twin_diagram.errors import ModelError",
-            "cli.py": "from twin_diagram.model.model import Model\nfrom twin_diagram.errors import TwinError",
+            "cli.py": "from twin_diagram.model import Model\nfrom twin_diagram.errors import TwinError",
         },
     )
     assert found["arrows up between rooms"].offenders == ("errors → cli",)
 
 
-FACE = 'from twin_diagram.estimation.filter.ekf import Ekf\n__all__ = ["Ekf"]\n'
-LAZY_FACE = 'HOMES = {"Ekf": "twin_diagram.estimation.filter.ekf"}\ndef __getattr__(name): ...\n'
+FACE = 'from twin_diagram.estimation.ekf import Ekf\n__all__ = ["Ekf"]\n'
+LAZY_FACE = 'HOMES = {"Ekf": "twin_diagram.estimation.ekf"}\ndef __getattr__(name): ...\n'
 
 
 @pytest.mark.parametrize("face", [FACE, LAZY_FACE], ids=["eager", "lazy"])
@@ -140,9 +140,9 @@ def test_a_face_is_no_circle(tmp_path: Path, face: str) -> None:
         tmp_path,
         {
             "estimation/__init__.py": face,
-            "estimation/filter/ekf.py": "from twin_diagram.estimation.filter.noise_estimate import Noise",
-            "estimation/filter/noise_estimate.py": "",
-            "estimation/filter/arm_messages.py": "from twin_diagram.estimation import Ekf",
+            "estimation/ekf.py": "from twin_diagram.estimation.noise import Noise",
+            "estimation/noise.py": "",
+            "estimation/messages.py": "from twin_diagram.estimation import Ekf",
             "diagram.py": "from twin_diagram.estimation import Ekf",
         },
     )
@@ -157,11 +157,11 @@ def test_a_circle_is_not_hidden_by_a_face(tmp_path: Path, face: str) -> None:
         tmp_path,
         {
             "estimation/__init__.py": face,
-            "estimation/filter/ekf.py": "from twin_diagram.noise import Noise",
+            "estimation/ekf.py": "from twin_diagram.noise import Noise",
             "noise.py": "from twin_diagram.estimation import Ekf",
         },
     )
-    assert found["files in circles"].offenders == ("twin_diagram/estimation/filter/ekf.py", "twin_diagram/noise.py")
+    assert found["files in circles"].offenders == ("twin_diagram/estimation/ekf.py", "twin_diagram/noise.py")
     assert found["rooms in circles"].offenders == ("estimation", "noise")
 
 
@@ -183,7 +183,7 @@ def test_names_shown(tmp_path: Path) -> None:
         "__init__.py": (
             "from __future__ import annotations\n"
             "from contextlib import suppress\n"
-            "from twin_diagram.runtime.native import load_libusb, load as _load\n"
+            "from twin_diagram.native import load_libusb, load as _load\n"
             "if TYPE_CHECKING:\n    from twin_diagram.gap import name\n"
             '__version__ = "1"\n__all__ = ["load_libusb"]\n'
         ),
