@@ -33,13 +33,11 @@ def close(secret: str, seed: int, out: Path) -> None:
     motions = {"fit": exploring(20.0, 10 * seed), "holdout": exploring(12.0, 10 * seed + 1)}
     for run, (name, motion) in enumerate(motions.items()):
         write_log(drive(robot(secret, seed, run), given, motion), out / f"{name}.csv")
-
     print("looking for what the model lacks")
     gap = run_gap(URDF, [out / "fit.csv"], out / "holdout.csv", out / "gap", lambda text: print(f"  {text}"))
     print(f"{headline(gap.verdict)} See {out / 'gap' / 'report.html'}")
     for finding in gap.verdict.findings:
         print(f"  {sentence_of(finding, gap.given.prismatic)} ({finding.confidence:.0%} sure)")
-
     print("driving a task with each model")
     corrected = Model.load(out / "gap" / "model")  # as anyone else would load it
     first, again = (drive(robot(secret, seed, k), model, task(seed)) for k, model in ((2, given), (3, corrected)))

@@ -13,7 +13,6 @@ import pytest
 CHECKOUT = Path(__file__).resolve().parent.parent
 
 OWED: dict[str, int] = {
-    "names shown beside __all__": 5,
     "files naming actuator_fault": 6,
     "files naming backlash": 13,
     "files naming coulomb_friction": 19,
@@ -33,13 +32,12 @@ OWED: dict[str, int] = {
     "files naming torque_ripple": 9,
     "files naming torque_saturation": 7,
     "files naming viscous_friction": 10,
-    "class names of several modules": 24,
-    "functions over 60 lines": 22,
+    "class names of several modules": 19,
+    "functions over 60 lines": 16,
     "constructors over 8 arguments": 4,
     "modules over 400 lines": 2,
-    "scripts of sims/ over 60 lines": 7,
-    "constants without a reason": 181,
-    "docstrings without a verb first": 179,
+    "constants without a reason": 122,
+    "docstrings without a verb first": 166,
 }
 """Aims of `make house` not met yet: until they are, these rows must not get worse than this.
 

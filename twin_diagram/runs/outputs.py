@@ -160,7 +160,7 @@ class Mending:
         self._tape = Tape(builder, station, commanded, twin.model.joints, rate=rate, seconds=seconds)
 
     def healer(self, twin: TwinDiagram) -> Healer:
-        """For the loop, once it is built; to be polled between its steps, and closed."""
+        """Return the healer of a loop that is built; to be polled between its steps, and closed."""
         folder = None if self._out is None else self._out / "healing"
         return Healer(twin, self._scenario.twin.healing, self._journal, self._tape, folder, self._scenario.packages)
 

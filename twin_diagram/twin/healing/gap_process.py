@@ -38,6 +38,7 @@ class Tuning:
 TUNING = Tuning()
 
 WORKER: Final = (sys.executable, "-m", "twin_diagram.twin.healing.worker")
+"""The command that searches in a process of its own."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,7 @@ class GapProcess:
         return self._outcome
 
     def wait(self, seconds: float) -> SearchOutcome | None:
-        """As `poll`, but waits for so long at most."""
+        """Return what `poll` does, after waiting for it so long at most."""
         try:
             self._process.wait(seconds)
         except subprocess.TimeoutExpired:

@@ -86,7 +86,7 @@ class Healer:
         self._searches = 0
 
     def poll(self, context: Context) -> None:
-        """Does what is due; called between two steps of a simulator.
+        """Do what is due; called between two steps of a simulator.
 
         Args:
             context: of the whole Diagram, which may be changed.

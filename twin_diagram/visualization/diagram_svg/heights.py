@@ -17,15 +17,21 @@ from twin_diagram.visualization.diagram_svg.columns import columns
 from twin_diagram.visualization.diagram_svg.graph import Block, BlockGraph, Port
 
 HEADER: Final = 28.0
+"""Of a block's title [px]: a line of text and its margins."""
 ROW: Final = 20.0
+"""Of a port [px]."""
 BLOCK_GAP: Final = 40.0
+"""Between blocks of a column [px]: room for a wire's branches."""
 LANE_GAP: Final = 14.0
+"""Between wires that pass below [px]."""
 FRAME: Final = 30.0
 """Between the opened Diagram's frame and what is in it."""
 NUDGE: Final = 16.0
+"""How far an item may be moved to straighten a wire [px]."""
 NUDGED_GAP: Final = 9.0
-"""How far an item may be nudged to straighten a wire, and what has to be left to its neighbours."""
+"""What has to be left to its neighbours then [px]."""
 SWEEPS: Final = 40
+"""Over the columns, to and fro; in the second half both sides of a column count at once."""
 
 
 @dataclass
@@ -131,7 +137,7 @@ class Heights:
                 self.steps[c].append(WireStep(number, None, right, True))
 
     def ends(self, step: WireStep) -> tuple[list[float], list[float]]:
-        """Heights at which a step meets the left and the right side of its channel; a bottom lane is on both."""
+        """Return the heights at which a step meets the sides of its channel, left and right; a bottom lane is on both."""
         bottom = [self.nets[step.net].bottom_y] if step.bottom else []
         if step.left is None:
             return bottom, [item.port_y(port, True) for item, port in step.right]

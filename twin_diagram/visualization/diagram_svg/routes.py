@@ -11,7 +11,9 @@ from twin_diagram.visualization.diagram_svg.graph import Block, BlockGraph, Port
 from twin_diagram.visualization.diagram_svg.heights import FRAME, Heights, WireStep
 
 TRACK_GAP: Final = 11.0
+"""Between upright runs of wires in a channel [px]."""
 MARGIN: Final = 24.0
+"""About the picture [px]."""
 
 Point = tuple[float, float]
 
@@ -49,7 +51,7 @@ class Layout:
 
 
 def layout(graph: BlockGraph, width_of: Callable[[Block], float]) -> Layout:
-    """Places a graph.
+    """Place a graph.
 
     Args:
         graph: blocks and wires.
