@@ -137,7 +137,7 @@ class Heights:
                 self.steps[c].append(WireStep(number, None, right, True))
 
     def ends(self, step: WireStep) -> tuple[list[float], list[float]]:
-        """Return the heights at which a step meets the sides of its channel, left and right; a bottom lane is on both."""
+        """Return the heights at which a step meets its channel's left and right side; a bottom lane is on both."""
         bottom = [self.nets[step.net].bottom_y] if step.bottom else []
         if step.left is None:
             return bottom, [item.port_y(port, True) for item, port in step.right]
