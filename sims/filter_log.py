@@ -13,41 +13,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
-from twin_diagram.errors import TwinError
-from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
+from twin_diagram import Log, TwinError, read_log, write_log
 from twin_diagram.estimation.dynamics.parameter_blocks import BLOCKS
-from twin_diagram.estimation.filter.arm_messages import TUNING as ARM_MESSAGES
-from twin_diagram.estimation.filter.ekf import Ekf
-from twin_diagram.logs import Log, read_log, write_log
-from twin_diagram.model.model import Model
-from twin_diagram.model.prediction import load_model_for
-from twin_diagram.scenario import Filter
-
-
-def follow(model: Model, log: Log, learn: Sequence[str]) -> tuple[Ekf, np.ndarray]:
-    """A filter that has seen the whole log, and its x̂ = [q, v] at each sample (N, 2n).
-
-    Args:
-        model: with the log's joints, in its order.
-        log: checked.
-        learn: names of what is learnt: see `parameter_blocks.BLOCKS`.
-    """
-    ekf = Ekf(ArmTerms.from_model(model), Filter(rate=1.0 / log.period, parameters=list(learn)))
-    tau, states = log.motor_torque, np.empty((len(log), 2 * len(model.joints)))
-    for k, t in enumerate(log.time):
-        if log.velocity is not None:
-            ekf.observe(log.position[k], log.velocity[k], tau[k], t)
-        elif k == 0 or t - log.time[k - 1] > ARM_MESSAGES.longest_gap:
-            after = min(k + 1, len(log) - 1)
-            v = (log.position[after] - log.position[k]) / max(log.time[after] - t, 1e-6)
-            ekf.start(log.position[k], v, tau[k], t)
-        else:
-            ekf.predict(0.5 * (tau[k - 1] + tau[k]), t - log.time[k - 1])
-            ekf.update("encoder", log.position[k], t)
-        states[k] = ekf.belief.x[: states.shape[1]]
-    return ekf, states
+from twin_diagram.model import load_model_for
+from twin_diagram.runs import filter_log
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -62,7 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         model, log, warnings = load_model_for(read_log(given.log), given.model)
         for warning in warnings:
             print(f"warning: {warning.message}", file=sys.stderr)
-        ekf, states = follow(model, log, given.learn)
+        ekf, states = filter_log(model, log, given.learn)
         if given.out:
             n = len(model.joints)
             kept = Log(log.time, model.joints, states[:, :n], velocity=states[:, n:], torque=log.motor_torque)

@@ -13,7 +13,6 @@ import pytest
 CHECKOUT = Path(__file__).resolve().parent.parent
 
 OWED: dict[str, int] = {
-    "names shown beside __all__": 5,
     "files naming actuator_fault": 6,
     "files naming backlash": 13,
     "files naming coulomb_friction": 19,
@@ -33,13 +32,12 @@ OWED: dict[str, int] = {
     "files naming torque_ripple": 9,
     "files naming torque_saturation": 7,
     "files naming viscous_friction": 10,
-    "class names of several modules": 23,
-    "functions over 60 lines": 18,
+    "class names of several modules": 18,
+    "functions over 60 lines": 12,
     "constructors over 8 arguments": 4,
     "modules over 400 lines": 1,
-    "scripts of sims/ over 60 lines": 7,
-    "constants without a reason": 144,
-    "docstrings without a verb first": 148,
+    "constants without a reason": 85,
+    "docstrings without a verb first": 135,
 }
 """Aims of `make house` not met yet: until they are, these rows must not get worse than this.
 
@@ -189,6 +187,12 @@ def test_names_shown(tmp_path: Path) -> None:
         ),
     }
     assert rows(tmp_path, files)["names shown beside __all__"].offenders == ("errors", "native", "suppress")
+
+
+@pytest.mark.parametrize("line", ["__getattr__, __dir__ = _lazy.face(__name__)", "def __dir__(): return ['load']"])
+def test_a_face_that_tells_what_it_shows(tmp_path: Path, line: str) -> None:
+    files = {"__init__.py": f'from twin_diagram import lazy\n__all__ = ["load"]\n{line}\n', "lazy.py": ""}
+    assert rows(tmp_path, files)["names shown beside __all__"].now == 0
 
 
 EFFECT = '@register\nclass Friction(Effect):\n    """friction"""\n    name: ClassVar[str] = "friction"\n'

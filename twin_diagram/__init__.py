@@ -6,11 +6,56 @@ where only a wheel brings it along, so that ``import open3d`` works; an installe
 
 from __future__ import annotations
 
-from contextlib import suppress
+from typing import TYPE_CHECKING
 
-from twin_diagram.runtime.native import NativeLibraryError, load_libusb
+from twin_diagram import faces as _faces
+from twin_diagram.runtime import native as _native
+
+if TYPE_CHECKING:
+    from twin_diagram.errors import TwinError
+    from twin_diagram.estimation import AdaptiveEkf, DriftMonitor, Ekf, Monitor
+    from twin_diagram.gap import run_gap
+    from twin_diagram.logs import Log, read_log, write_log
+    from twin_diagram.model import Effect, Model, ParameterKind, register
+    from twin_diagram.perception import IcpPoseEstimator, Perception
+    from twin_diagram.planning import Mpc
+    from twin_diagram.runs import replay_log, run_scenario
+    from twin_diagram.scenario import Scenario, load_scenario, save_scenario
+    from twin_diagram.scene import SceneGraphUpdater
+    from twin_diagram.station.make_station import make_station
+    from twin_diagram.twin import make_closed_loop, make_twin
 
 __version__ = "0.1.0"
 
-with suppress(NativeLibraryError):  # whoever imports Open3D is told by `runtime.native.import_open3d`
-    load_libusb()
+__all__ = [
+    "AdaptiveEkf",
+    "DriftMonitor",
+    "Effect",
+    "Ekf",
+    "IcpPoseEstimator",
+    "Log",
+    "Model",
+    "Monitor",
+    "Mpc",
+    "ParameterKind",
+    "Perception",
+    "Scenario",
+    "SceneGraphUpdater",
+    "TwinError",
+    "__version__",
+    "load_scenario",
+    "make_closed_loop",
+    "make_station",
+    "make_twin",
+    "read_log",
+    "register",
+    "replay_log",
+    "run_gap",
+    "run_scenario",
+    "save_scenario",
+    "write_log",
+]
+
+__getattr__, __dir__ = _faces.lazy_face(__name__)
+
+_native.offer_libusb()

@@ -24,7 +24,7 @@ def sims(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 def made_up(swaps: list[float]) -> Any:
     """0.5 mm until 10 s, then 20 mm, for the twin 1 mm from 20 s on."""
-    import healing_report as report
+    from mujoco_robot import healing_report as report
 
     at = np.arange(1, 600) * report.LOOK
     alone = np.where(at < 10.0, 5e-4, 2e-2)
@@ -60,7 +60,7 @@ def test_a_model_that_was_never_mended(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_the_twin_heals_itself(tmp_path: Path) -> None:
     """The whole of it: alarm, search in a process of its own, corrected model in the running loop."""
-    import self_healing as sim
+    from mujoco_robot import healing as sim
 
     run = sim.heal(sim.QUICK, 1001, tmp_path, say=lambda text: None)
     names = [event["event"] for event in run.events]

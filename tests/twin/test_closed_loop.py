@@ -24,7 +24,7 @@ from twin_diagram.signals.layouts import TRACK_SIZE, ObjectStatus, Track
 from twin_diagram.station import ports
 from twin_diagram.station.lcm.fake_arm import LcmArm
 from twin_diagram.twin.closed_loop import ClosedLoop, make_closed_loop
-from twin_diagram.twin.twin import Twin
+from twin_diagram.twin.twin import TwinDiagram
 
 DURATION = 2.4
 OBJECTS = ("cracker_box", "mover", "can", "mug")
@@ -240,7 +240,7 @@ def test_the_same_twin_on_a_bus_believes_the_same(egl: None) -> None:
     live = watch(live_loop, looks)
     plan.station = "lcm"
 
-    def arm(builder: DiagramBuilder, station: Diagram, twin: Twin) -> None:
+    def arm(builder: DiagramBuilder, station: Diagram, twin: TwinDiagram) -> None:
         builder.AddNamedSystem("arm", LcmArm(plan, station.bus))  # type: ignore[attr-defined]
 
     bus_loop = make_closed_loop(plan, arm)

@@ -2,6 +2,15 @@
 
 from __future__ import annotations
 
-from twin_diagram.assets.asset import Asset
+from typing import TYPE_CHECKING
 
-__all__ = ["Asset"]
+from twin_diagram import faces
+
+if TYPE_CHECKING:
+    from twin_diagram.assets.asset import Asset
+
+__all__ = [
+    "Asset",
+]
+
+__getattr__, __dir__ = faces.lazy_face(__name__)

@@ -6,25 +6,41 @@ The steps are usable one by one, on arrays: `prepare`, `locate`, `name` here, th
 
 from __future__ import annotations
 
-from twin_diagram.gap.findings import Alternative, Estimate, Finding, Moment, Place, Separation, Verdict
-from twin_diagram.gap.naming import investigate, name
-from twin_diagram.gap.residuals.prepared_logs import Record, Records, prepare
-from twin_diagram.gap.verdict.locating import Map, locate, maps
+from typing import TYPE_CHECKING
+
+from twin_diagram import faces
+
+if TYPE_CHECKING:
+    from twin_diagram.gap.correction.add_effects import Added, add
+    from twin_diagram.gap.findings import Alternative, Estimate, Finding, Moment, Place, Separation, Verdict
+    from twin_diagram.gap.naming import investigate, name
+    from twin_diagram.gap.report.comparison import Shown, show
+    from twin_diagram.gap.residuals.prepared_logs import Record, Records, prepare
+    from twin_diagram.gap.verdict.locating import Map, locate, maps
+    from twin_diagram.gap.workflow import Gap, run_gap
 
 __all__ = [
+    "Added",
     "Alternative",
     "Estimate",
     "Finding",
+    "Gap",
     "Map",
     "Moment",
     "Place",
     "Record",
     "Records",
     "Separation",
+    "Shown",
     "Verdict",
+    "add",
     "investigate",
     "locate",
     "maps",
     "name",
     "prepare",
+    "run_gap",
+    "show",
 ]
+
+__getattr__, __dir__ = faces.lazy_face(__name__)

@@ -2,8 +2,19 @@
 
 from __future__ import annotations
 
-from twin_diagram.perception.registration.pose_system import IcpPoseEstimator
-from twin_diagram.perception.segmentation.segmentation_system import Perception
-from twin_diagram.perception.segmentation.segments import Segments
+from typing import TYPE_CHECKING
 
-__all__ = ["IcpPoseEstimator", "Perception", "Segments"]
+from twin_diagram import faces
+
+if TYPE_CHECKING:
+    from twin_diagram.perception.registration.pose_system import IcpPoseEstimator
+    from twin_diagram.perception.segmentation.segmentation_system import Perception
+    from twin_diagram.perception.segmentation.segments import Segments
+
+__all__ = [
+    "IcpPoseEstimator",
+    "Perception",
+    "Segments",
+]
+
+__getattr__, __dir__ = faces.lazy_face(__name__)

@@ -8,3 +8,20 @@ goals; `paths.rrt_connect` finds ways around; `mpc.trajectory` is a motion; `mpc
 puts these together as a function from `mpc.planner_state` to memory, and `mpc_system` makes that a system.
 `mpc.payload_gravity` gives the torque against the weight that the hand carries.
 """
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from twin_diagram import faces
+
+if TYPE_CHECKING:
+    from twin_diagram.planning.mpc.planner import Planner
+    from twin_diagram.planning.mpc_system import Mpc
+
+__all__ = [
+    "Mpc",
+    "Planner",
+]
+
+__getattr__, __dir__ = faces.lazy_face(__name__)

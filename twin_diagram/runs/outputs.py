@@ -24,7 +24,7 @@ from twin_diagram.station import ports
 from twin_diagram.station.replay.recorder import add_recorder, open_recording
 from twin_diagram.station.replay.recording import LOG, RecordingWriter
 from twin_diagram.twin.healing import Healer, Tape, sentence
-from twin_diagram.twin.twin import Twin
+from twin_diagram.twin.twin import TwinDiagram
 from twin_diagram.visualization.arm_overlay import ArmOverlay
 from twin_diagram.visualization.ghost import make_ghost
 from twin_diagram.visualization.meldis import add_meldis
@@ -69,7 +69,7 @@ class Looking:
         self._lcm = DrakeLcm() if meldis else None
         self.scenes: MeshcatScenes | None = None
 
-    def add(self, builder: DiagramBuilder, station: Diagram, twin: Twin) -> None:
+    def add(self, builder: DiagramBuilder, station: Diagram, twin: TwinDiagram) -> None:
         """Add visualisers."""
         real = station.GetOutputPort(ports.QUERY_OBJECT) if station.HasOutputPort(ports.QUERY_OBJECT) else None
         if real is not None:
@@ -81,7 +81,7 @@ class Looking:
             self._add_meshcat(self._meshcat, builder, twin, query, real)
 
     def _add_meshcat(
-        self, meshcat: Meshcat, builder: DiagramBuilder, twin: Twin, query: OutputPort, real: OutputPort | None
+        self, meshcat: Meshcat, builder: DiagramBuilder, twin: TwinDiagram, query: OutputPort, real: OutputPort | None
     ) -> None:
         rate = FRAME_RATE if self._recorded is None else min(FRAME_RATE, TUNING.most_frames / self._recorded)
         self.scenes = add_meshcat(builder, meshcat, query, real, rate)
@@ -134,7 +134,7 @@ class Keeping:
         self._writer = stack.enter_context(open_recording(scenario, record))
         self._writer.attach(SCENARIO_FILE, dump_scenario(scenario))
 
-    def add(self, builder: DiagramBuilder, station: Diagram, twin: Twin) -> None:
+    def add(self, builder: DiagramBuilder, station: Diagram, twin: TwinDiagram) -> None:
         """Add a recorder to a loop that is being built."""
         if self._writer is not None:
             add_recorder(builder, station, self._writer, twin.diagram.GetOutputPort(ports.POSITION_COMMANDED))
@@ -150,7 +150,7 @@ class Mending:
         if out is not None:
             (out / EVENTS).unlink(missing_ok=True)
 
-    def add(self, builder: DiagramBuilder, station: Diagram, twin: Twin) -> None:
+    def add(self, builder: DiagramBuilder, station: Diagram, twin: TwinDiagram) -> None:
         """Add a tape to a loop that is being built, where the twin is to mend its model."""
         healing = self._scenario.twin.healing
         if healing is None:
@@ -159,8 +159,8 @@ class Mending:
         rate, seconds = self._scenario.twin.driver.rate, healing.seconds + TUNING.spare
         self._tape = Tape(builder, station, commanded, twin.model.joints, rate=rate, seconds=seconds)
 
-    def healer(self, twin: Twin) -> Healer:
-        """For the loop, once it is built; to be polled between its steps, and closed."""
+    def healer(self, twin: TwinDiagram) -> Healer:
+        """Return the healer of a loop that is built; to be polled between its steps, and closed."""
         folder = None if self._out is None else self._out / "healing"
         return Healer(twin, self._scenario.twin.healing, self._journal, self._tape, folder, self._scenario.packages)
 

@@ -35,6 +35,7 @@ class Tuning:
     """Objects stand no nearer than this to where the tool starts and where it goes [m]."""
 
     payload_mass: tuple[float, float] = (0.2, 1.5)
+    """Between these the payload is drawn [kg]; a Panda may carry 3."""
 
     friction_error: float = 0.1
     """The world's friction differs from what the twin is told by up to this share."""

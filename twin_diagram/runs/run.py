@@ -27,7 +27,7 @@ from twin_diagram.scenario.file import load_scenario, override_scenario
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import TRACK_SIZE, ObjectStatus, Track
 from twin_diagram.twin.closed_loop import ClosedLoop, make_closed_loop
-from twin_diagram.twin.twin import Twin
+from twin_diagram.twin.twin import TwinDiagram
 from twin_diagram.visualization.diagram_svg.svg import write_diagram_svg
 from twin_diagram.visualization.plots import write_plots
 
@@ -73,7 +73,7 @@ def run_scenario(
         keep = Keeping(scenario, record, log, stack)
         mend = Mending(scenario, out, say)
 
-        def add(builder: DiagramBuilder, station: Diagram, twin: Twin) -> None:
+        def add(builder: DiagramBuilder, station: Diagram, twin: TwinDiagram) -> None:
             keep.add(builder, station, twin)
             mend.add(builder, station, twin)
             if look is not None:
@@ -85,23 +85,29 @@ def run_scenario(
             look.start(simulator, show or meldis, say)
         simulator.Initialize()
         healer = stack.enter_context(mend.healer(loop.twin))
-        trial = None
-        progress = Progress(scenario.duration, quiet)
-        if scenario.station == "sim":
-            trial = run_trial(loop, simulator, scenario.duration, progress, healer.poll)
-            timing = trial.timing()
-            summary = summary_of(loop, trial, timing)
-            progress.done()
-            say(table(summary))
-        else:
-            _advance(simulator, scenario.duration, progress, healer.poll)
-            summary = beliefs(loop, simulator.get_context())
-            progress.done()
-            say(json.dumps(summary, indent=2))
+        trial, summary = _simulate(loop, simulator, Progress(scenario.duration, quiet), healer.poll, say)
     if out is not None:
         _write(out, loop, summary, trial, look if pictures else None)
         say(f"wrote {out}/")
     return summary
+
+
+def _simulate(
+    loop: ClosedLoop, simulator: Simulator, progress: Progress, between: Callable[[Context], None], say: Say
+) -> tuple[Trial | None, dict[str, Any]]:
+    """Run to the end and say how it went; only a run of the simulated station can be scored, and is a trial."""
+    duration = loop.scenario.duration
+    if loop.scenario.station == "sim":
+        trial = run_trial(loop, simulator, duration, progress, between)
+        summary = summary_of(loop, trial, trial.timing())
+        progress.done()
+        say(table(summary))
+        return trial, summary
+    _advance(simulator, duration, progress, between)
+    summary = beliefs(loop, simulator.get_context())
+    progress.done()
+    say(json.dumps(summary, indent=2))
+    return None, summary
 
 
 def replay_log(

@@ -70,7 +70,7 @@ class RunRecord:
 
 
 def rotation_angle(first: Array, second: Array, symmetric_axis: str | None = None) -> Array:
-    """Angle between orientations.
+    """Return the angle between orientations.
 
     Args:
         first: (…, 4) unit quaternions (w, x, y, z).
@@ -103,36 +103,13 @@ def summarize(
     timing: Mapping[str, Any],
 ) -> dict[str, Any]:
     """Return the figures of ``summary.json``, every one computed from the record."""
-    time = record.time
-    objects: dict[str, Any] = {}
-    for index, name in enumerate(record.objects):
-        axis = record.symmetric_axis.get(name)
-        visible = record.seen[:, index] >= TUNING.visible
-        counted = visible & (record.status[:, index] > 0)
-        if visible.any():
-            counted &= time >= time[np.argmax(visible)] + TUNING.settled
-        missed = visible & (time >= time[np.argmax(visible)] + TUNING.settled) & (record.status[:, index] == 0)
-        difference = record.poses_estimated[:, index, 4:] - record.poses_true[:, index, 4:]
-        position = 1e3 * np.linalg.norm(difference, axis=-1)
-        rotation = np.degrees(
-            rotation_angle(record.poses_true[:, index, :4], record.poses_estimated[:, index, :4], axis)
-        )
-        # A frame in which the object is in sight but not tracked counts as an infinite error, not as no error.
-        position, rotation = np.where(missed, np.inf, position), np.where(missed, np.inf, rotation)
-        counted |= missed
-        objects[name] = {
-            "position_error_mm": _median_p95(position[counted]),
-            "rotation_error_deg": _median_p95(rotation[counted]),
-            "symmetric_axis": axis,
-            "visible_share": round(float(visible.mean()), 4),
-        }
     n = record.arm_true.shape[1] // 2
     joint_error = record.arm_estimated[:, :n] - record.arm_true[:, :n]
     has_goal = bool(np.isfinite(record.goal_error[-1]))
     return {
         "seed": seed,
         "duration_s": duration,
-        "objects": objects,
+        "objects": {name: _object_errors(record, index) for index, name in enumerate(record.objects)},
         "arm": {
             "joint_error_rad": {
                 "rms": _number(np.sqrt(np.mean(joint_error**2))),
@@ -154,6 +131,28 @@ def summarize(
         "contacts": int(record.contacts.sum()),
         "alarms": alarms(record.alarm_log),
         "timing": dict(timing),
+    }
+
+
+def _object_errors(record: RunRecord, index: int) -> dict[str, Any]:
+    """Return what is told of one object: errors of its pose while it is in sight, and how long it is."""
+    time, axis = record.time, record.symmetric_axis.get(record.objects[index])
+    visible = record.seen[:, index] >= TUNING.visible
+    counted = visible & (record.status[:, index] > 0)
+    if visible.any():
+        counted &= time >= time[np.argmax(visible)] + TUNING.settled
+    missed = visible & (time >= time[np.argmax(visible)] + TUNING.settled) & (record.status[:, index] == 0)
+    difference = record.poses_estimated[:, index, 4:] - record.poses_true[:, index, 4:]
+    position = 1e3 * np.linalg.norm(difference, axis=-1)
+    rotation = np.degrees(rotation_angle(record.poses_true[:, index, :4], record.poses_estimated[:, index, :4], axis))
+    # A frame in which the object is in sight but not tracked counts as an infinite error, not as no error.
+    position, rotation = np.where(missed, np.inf, position), np.where(missed, np.inf, rotation)
+    counted |= missed
+    return {
+        "position_error_mm": _median_p95(position[counted]),
+        "rotation_error_deg": _median_p95(rotation[counted]),
+        "symmetric_axis": axis,
+        "visible_share": round(float(visible.mean()), 4),
     }
 
 

@@ -60,7 +60,7 @@ class Trial:
     shares: dict[str, float]
 
     def timing(self) -> dict[str, Any]:
-        """As in ``summary.json``."""
+        """Return the figures of `timing` in ``summary.json``."""
         return {
             "real_time_factor": round(self.real_time_factor, 3),
             "systems": {name: round(share, 4) for name, share in self.shares.items()},

@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import importlib
 import importlib.util
+from contextlib import suppress
 from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import Final
@@ -28,6 +29,7 @@ PACKAGES: Final = MappingProxyType(
 """Debian's and Ubuntu's package by library; without those that every installation has (libc, libstdc++, libudev …)."""
 
 _LIBUSB: Final = "libusb-1.0.so.0"
+"""The one library of `PACKAGES` that a wheel can bring."""
 _loaded: dict[str, ctypes.CDLL] = {}
 
 
@@ -104,6 +106,12 @@ def load_libusb() -> None:
             _loaded[_LIBUSB] = ctypes.CDLL(str(path), mode=ctypes.RTLD_GLOBAL)
             return
     raise NativeLibraryError((_LIBUSB,))
+
+
+def offer_libusb() -> None:
+    """Make libusb-1.0 available where it is found; who imports Open3D without it is told by `import_open3d`."""
+    with suppress(NativeLibraryError):
+        load_libusb()
 
 
 def import_open3d() -> ModuleType:

@@ -6,16 +6,23 @@ that the twin knows. The twin is built from ``twin:`` alone. All units SI, angle
 
 from __future__ import annotations
 
-from twin_diagram.scenario.defects import ArmDefects, CameraDefects, LidarDefects, SensorDefects
-from twin_diagram.scenario.estimation import Drift, Filter, Healing, SensorSpec
-from twin_diagram.scenario.models import ArmModel, EffectSpec, Fixture, Pose
-from twin_diagram.scenario.perception import Perception, Registration, SceneUpdater
-from twin_diagram.scenario.planning import Planner, Task
-from twin_diagram.scenario.scenario import Scenario
-from twin_diagram.scenario.sensors import Camera, Driver, Lidar, LinkSensor
-from twin_diagram.scenario.station import LcmStation, ReplayStation
-from twin_diagram.scenario.twin import Twin
-from twin_diagram.scenario.world import WayPoint, World, WorldObject
+from typing import TYPE_CHECKING
+
+from twin_diagram import faces
+
+if TYPE_CHECKING:
+    from twin_diagram.scenario.defects import ArmDefects, CameraDefects, LidarDefects, SensorDefects
+    from twin_diagram.scenario.estimation import Drift, Filter, Healing, SensorSpec
+    from twin_diagram.scenario.file import load_scenario, override_scenario, save_scenario
+    from twin_diagram.scenario.models import ArmModel, EffectSpec, Fixture, Pose
+    from twin_diagram.scenario.perception import Perception, Registration, SceneUpdater
+    from twin_diagram.scenario.planning import Planner, Task
+    from twin_diagram.scenario.resources import models_dir, resolve
+    from twin_diagram.scenario.scenario import Scenario
+    from twin_diagram.scenario.sensors import Camera, Driver, Lidar, LinkSensor
+    from twin_diagram.scenario.station import LcmStation, ReplayStation
+    from twin_diagram.scenario.twin import Twin
+    from twin_diagram.scenario.world import WayPoint, World, WorldObject
 
 __all__ = [
     "ArmDefects",
@@ -46,4 +53,11 @@ __all__ = [
     "WayPoint",
     "World",
     "WorldObject",
+    "load_scenario",
+    "models_dir",
+    "override_scenario",
+    "resolve",
+    "save_scenario",
 ]
+
+__getattr__, __dir__ = faces.lazy_face(__name__)

@@ -24,7 +24,7 @@ TUNING = Tuning()
 
 
 def whole_units(depth: Depth, unit: float) -> Depth:
-    """Rounds depth to a whole number of units, as `units_to_depth` gives it back to the bit."""
+    """Round depth to a whole number of units, as `units_to_depth` gives it back to the bit."""
     return units_to_depth(depth_to_units(depth, unit), unit)
 
 

@@ -27,11 +27,11 @@ def make_station(scenario: Scenario) -> Diagram:
 
         return SimStation(scenario)
     if scenario.station == "replay":
-        from twin_diagram.station.replay.station import ReplayStation
+        from twin_diagram.station.replay.station import ReplayArmStation
 
-        return ReplayStation(scenario)
+        return ReplayArmStation(scenario)
     if scenario.station == "lcm":
-        from twin_diagram.station.lcm.station import LcmStation
+        from twin_diagram.station.lcm.station import LcmArmStation
 
-        return LcmStation(scenario)
+        return LcmArmStation(scenario)
     raise StationError(f"station: {scenario.station!r} is none of sim, replay, lcm")

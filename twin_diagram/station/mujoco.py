@@ -50,6 +50,7 @@ KEEP = 1.0 - np.exp(-2.0 * np.pi * 60.0 * TUNING.period)
 
 
 DRAKE = "{http://drake.mit.edu}"
+"""The namespace of Drake's own tags in a URDF, as ElementTree writes it."""
 
 
 @dataclass(frozen=True)

@@ -15,21 +15,34 @@ from twin_diagram.errors import StationError
 from twin_diagram.scenario import LinkSensor
 
 POSITION_COMMANDED: Final = "arm.position_commanded"
+"""(n,) joint angles [rad] or travel [m]."""
 TORQUE_COMMANDED: Final = "arm.torque_commanded"
+"""(n,) feed-forward torque [N·m] or force [N]."""
 GRIPPER_COMMANDED: Final = "gripper.position_commanded"
+"""(g,) travel of the fingers [m]."""
 
 POSITION_MEASURED: Final = "arm.position_measured"
+"""(n,) [rad or m]."""
 VELOCITY_ESTIMATED: Final = "arm.velocity_estimated"
+"""(n,) the driver's own estimate [rad/s or m/s]."""
 TORQUE_MEASURED: Final = "arm.torque_measured"
+"""(n,) positive along the joint, gravity's part included [N·m or N]."""
 MEASUREMENT_TIME: Final = "arm.measurement_time"
+"""When the three above were measured [s]; `NEVER` before the first message."""
 GRIPPER_MEASURED: Final = "gripper.state_measured"
+"""(2g,) positions [m], then speeds [m/s]."""
 
 WRENCH_MEASURED: Final = "wrist.wrench_measured"
+"""(6,) moment [N·m], then force [N] at the wrist sensor."""
 
 ARM_STATE: Final = "truth.arm_state"
+"""(2n,) true positions, then speeds."""
 OBJECT_POSES: Final = "truth.object_poses"
+"""(7K,) true X_WO as (qw, qx, qy, qz, px, py, pz)."""
 QUERY_OBJECT: Final = "truth.query_object"
+"""Drake's QueryObject of the true scene."""
 CONTACT_RESULTS: Final = "truth.contact_results"
+"""Drake's ContactResults of the true plant."""
 SENSOR_SIZE: Final = 6
 """Numbers in a further sensor's reading."""
 TRUTH: Final = "truth."

@@ -12,7 +12,7 @@ from twin_diagram.model.model import Model
 from twin_diagram.station import ports
 from twin_diagram.station.make_station import make_station
 from twin_diagram.twin.fused_sensors import silence
-from twin_diagram.twin.twin import Twin, make_twin
+from twin_diagram.twin.twin import TwinDiagram, make_twin
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class ClosedLoop:
     diagram: Diagram
     scenario: scenario.Scenario
     station: Diagram
-    twin: Twin
+    twin: TwinDiagram
 
     @property
     def model(self) -> Model:
@@ -31,7 +31,7 @@ class ClosedLoop:
 
 
 def make_closed_loop(
-    plan: scenario.Scenario, add: Callable[[DiagramBuilder, Diagram, Twin], None] | None = None
+    plan: scenario.Scenario, add: Callable[[DiagramBuilder, Diagram, TwinDiagram], None] | None = None
 ) -> ClosedLoop:
     """Build the station that a scenario asks for and the twin, and connects each port to its namesake.
 
@@ -53,7 +53,7 @@ def make_closed_loop(
     return ClosedLoop(diagram, plan, station, twin)
 
 
-def connect(builder: DiagramBuilder, station: Diagram, twin: Twin) -> None:
+def connect(builder: DiagramBuilder, station: Diagram, twin: TwinDiagram) -> None:
     """Add a station and the twin to `builder` and connects namesakes; nothing of ``truth.*`` is connected.
 
     Sensors that the filter fuses and that the station does not have are silent.

@@ -43,7 +43,7 @@ MASS = "payload.mass"
 
 
 @dataclass(frozen=True)
-class Twin:
+class TwinDiagram:
     """The twin, built.
 
     Attributes:
@@ -100,7 +100,7 @@ class Twin:
         return {name: round(float(value), 6) for name, value in zip(self.parameter_names, values, strict=True)}
 
 
-def make_twin(twin: scenario.Twin, packages: Packages | None = None) -> Twin:
+def make_twin(twin: scenario.Twin, packages: Packages | None = None) -> TwinDiagram:
     """Build the twin.
 
     Raises:
@@ -108,14 +108,7 @@ def make_twin(twin: scenario.Twin, packages: Packages | None = None) -> Twin:
     """
     check_twin(twin)
     builder = DiagramBuilder()
-    try:
-        model = Model.load(twin.arm, packages)
-    except ModelError as error:
-        raise description.scenario_error("twin.arm", error) from error
-    if twin.home and len(twin.home) != len(model.joints):
-        raise ScenarioError(
-            "twin.home", f"{len(twin.home)} angles for {len(model.joints)} joints ({', '.join(model.joints)})"
-        )
+    model = _model(twin, packages)
     library = {
         name: _named(f"twin.library.{name}", partial(_asset, folder, packages)) for name, folder in twin.library.items()
     }
@@ -133,6 +126,45 @@ def make_twin(twin: scenario.Twin, packages: Packages | None = None) -> Twin:
     mpc = builder.AddNamedSystem("mpc", _named("twin", lambda: Mpc(model, twin, library, packages, parameter_names)))
     goal = builder.AddNamedSystem("goal", ConstantVectorSource(goal_vector(twin.task)))
 
+    _take_measurements(builder, ekf, drift, mpc)
+    for port in ("arm_state", "parameters", "innovation", "nis", *(["sensor_tracks"] if fused else [])):
+        builder.Connect(ekf.GetOutputPort(port), drift.GetInputPort(port))
+    builder.Connect(drift.GetOutputPort("alarm"), ekf.GetInputPort("alarm"))
+    builder.Connect(ekf.GetOutputPort("arm_state"), updater.GetInputPort("arm_state"))
+    builder.Connect(ekf.GetOutputPort("arm_state"), mpc.GetInputPort("arm_state"))
+    builder.Connect(ekf.GetOutputPort("parameters"), mpc.GetInputPort("parameters"))
+    builder.Connect(updater.GetOutputPort("tracks"), mpc.GetInputPort("tracks"))
+    builder.Connect(goal.get_output_port(), mpc.GetInputPort("goal"))
+    builder.Connect(updater.GetOutputPort("positions"), scene.positions_input)
+    _add_sight(builder, twin, library, packages, ekf, updater)
+    _named("twin.filter.sensors", lambda: export(builder, ekf, fused, twin, model, packages))
+
+    builder.ExportOutput(mpc.GetOutputPort("position_commanded"), ports.POSITION_COMMANDED)
+    builder.ExportOutput(mpc.GetOutputPort("torque_commanded"), ports.TORQUE_COMMANDED)
+    _connect_gripper_and_goal(builder, scene, updater, goal)
+    _export_beliefs(builder, ekf, drift, updater, mpc)
+    builder.ExportOutput(scene.query_output, "query_object")
+    diagram = builder.Build()
+    diagram.set_name("twin")
+    mass_index = parameter_names.index(MASS) if MASS in parameter_names else None
+    return TwinDiagram(diagram, model, library, scene, parameter_names, mass_index, tuple(fused), ekf, drift, mpc)
+
+
+def _model(twin: scenario.Twin, packages: Packages | None) -> Model:
+    """Load the arm, with a home for each joint."""
+    try:
+        model = Model.load(twin.arm, packages)
+    except ModelError as error:
+        raise description.scenario_error("twin.arm", error) from error
+    if twin.home and len(twin.home) != len(model.joints):
+        raise ScenarioError(
+            "twin.home", f"{len(twin.home)} angles for {len(model.joints)} joints ({', '.join(model.joints)})"
+        )
+    return model
+
+
+def _take_measurements(builder: DiagramBuilder, ekf: AdaptiveEkf, drift: DriftMonitor, mpc: Mpc) -> None:
+    """Let the arm's messages into filter, monitor and planner, under the station's names."""
     measured = {
         ports.POSITION_MEASURED: "position_measured",
         ports.VELOCITY_ESTIMATED: "velocity_estimated",
@@ -144,38 +176,41 @@ def make_twin(twin: scenario.Twin, packages: Packages | None = None) -> Twin:
         for system in (drift, mpc):
             if system.HasInputPort(port):
                 builder.ConnectInput(name, system.GetInputPort(port))
-    for port in ("arm_state", "parameters", "innovation", "nis", *(["sensor_tracks"] if fused else [])):
-        builder.Connect(ekf.GetOutputPort(port), drift.GetInputPort(port))
-    builder.Connect(drift.GetOutputPort("alarm"), ekf.GetInputPort("alarm"))
-    builder.Connect(ekf.GetOutputPort("arm_state"), updater.GetInputPort("arm_state"))
-    builder.Connect(ekf.GetOutputPort("arm_state"), mpc.GetInputPort("arm_state"))
-    builder.Connect(ekf.GetOutputPort("parameters"), mpc.GetInputPort("parameters"))
-    builder.Connect(updater.GetOutputPort("tracks"), mpc.GetInputPort("tracks"))
-    builder.Connect(goal.get_output_port(), mpc.GetInputPort("goal"))
-    builder.Connect(updater.GetOutputPort("positions"), scene.positions_input)
 
-    if twin.camera is not None:
-        camera = twin.camera
-        perception = builder.AddNamedSystem("perception", Perception(twin.arm, camera, twin.perception, packages))
-        registrar = IcpPoseEstimator(library, camera, twin.registration, twin.perception)
-        icp = builder.AddNamedSystem("icp_pose_estimator", registrar)
-        builder.ExportInput(perception.GetInputPort("rgb_image"), ports.rgb_image(camera.name))
-        builder.ExportInput(perception.GetInputPort("depth_image"), ports.depth_image(camera.name))
-        builder.ExportInput(perception.GetInputPort("image_time"), ports.image_time(camera.name))
-        builder.ConnectInput(ports.image_time(camera.name), updater.GetInputPort("image_time"))
-        builder.Connect(ekf.GetOutputPort("arm_state"), perception.GetInputPort("arm_state"))
-        builder.Connect(perception.GetOutputPort("segments"), icp.GetInputPort("segments"))
-        builder.Connect(icp.GetOutputPort("object_poses"), updater.GetInputPort("object_poses"))
-        builder.ExportOutput(icp.GetOutputPort("object_poses"), "object_poses")
-    else:
+
+def _add_sight(
+    builder: DiagramBuilder,
+    twin: scenario.Twin,
+    library: dict[str, Asset],
+    packages: Packages | None,
+    ekf: AdaptiveEkf,
+    updater: SceneGraphUpdater,
+) -> None:
+    """Add what leads from the camera to the scene; without a camera, what says that nothing was seen."""
+    if twin.camera is None:
         blind = builder.AddNamedSystem("no_camera", ConstantVectorSource(np.array([NEVER])))
         nothing = builder.AddNamedSystem("no_poses", ConstantVectorSource(np.zeros(MEASUREMENT_SIZE * len(library))))
         builder.Connect(blind.get_output_port(), updater.GetInputPort("image_time"))
         builder.Connect(nothing.get_output_port(), updater.GetInputPort("object_poses"))
+        return
+    camera = twin.camera
+    perception = builder.AddNamedSystem("perception", Perception(twin.arm, camera, twin.perception, packages))
+    registrar = IcpPoseEstimator(library, camera, twin.registration, twin.perception)
+    icp = builder.AddNamedSystem("icp_pose_estimator", registrar)
+    builder.ExportInput(perception.GetInputPort("rgb_image"), ports.rgb_image(camera.name))
+    builder.ExportInput(perception.GetInputPort("depth_image"), ports.depth_image(camera.name))
+    builder.ExportInput(perception.GetInputPort("image_time"), ports.image_time(camera.name))
+    builder.ConnectInput(ports.image_time(camera.name), updater.GetInputPort("image_time"))
+    builder.Connect(ekf.GetOutputPort("arm_state"), perception.GetInputPort("arm_state"))
+    builder.Connect(perception.GetOutputPort("segments"), icp.GetInputPort("segments"))
+    builder.Connect(icp.GetOutputPort("object_poses"), updater.GetInputPort("object_poses"))
+    builder.ExportOutput(icp.GetOutputPort("object_poses"), "object_poses")
 
-    _named("twin.filter.sensors", lambda: export(builder, ekf, fused, twin, model, packages))
-    builder.ExportOutput(mpc.GetOutputPort("position_commanded"), ports.POSITION_COMMANDED)
-    builder.ExportOutput(mpc.GetOutputPort("torque_commanded"), ports.TORQUE_COMMANDED)
+
+def _connect_gripper_and_goal(
+    builder: DiagramBuilder, scene: TwinScene, updater: SceneGraphUpdater, goal: ConstantVectorSource
+) -> None:
+    """Show the goal, take in where the fingers are, and command them to stay as the description has them."""
     if scene.gripper_position_index.size:
         builder.ExportInput(updater.GetInputPort("gripper_state"), ports.GRIPPER_MEASURED)
     builder.ExportOutput(goal.get_output_port(), "goal")
@@ -183,6 +218,12 @@ def make_twin(twin: scenario.Twin, packages: Packages | None = None) -> Twin:
     if fingers.size:
         grip = builder.AddNamedSystem("gripper_command", ConstantVectorSource(fingers))
         builder.ExportOutput(grip.get_output_port(), ports.GRIPPER_COMMANDED)
+
+
+def _export_beliefs(
+    builder: DiagramBuilder, ekf: AdaptiveEkf, drift: DriftMonitor, updater: SceneGraphUpdater, mpc: Mpc
+) -> None:
+    """Show what the systems believe, under their own ports' names."""
     for system, names in (
         (ekf, ("arm_state", "parameters", "covariance", "innovation", "nis")),
         (drift, ("alarm", "alarm_log", "alarm_evidence")),
@@ -191,11 +232,6 @@ def make_twin(twin: scenario.Twin, packages: Packages | None = None) -> Twin:
     ):
         for name in names:
             builder.ExportOutput(system.GetOutputPort(name), name)
-    builder.ExportOutput(scene.query_output, "query_object")
-    diagram = builder.Build()
-    diagram.set_name("twin")
-    mass_index = parameter_names.index(MASS) if MASS in parameter_names else None
-    return Twin(diagram, model, library, scene, parameter_names, mass_index, tuple(fused), ekf, drift, mpc)
 
 
 def goal_vector(task: scenario.Task) -> np.ndarray:

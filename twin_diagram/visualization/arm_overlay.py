@@ -15,13 +15,17 @@ from twin_diagram.signals.arrays import Array
 from twin_diagram.visualization.ellipsoids import ellipsoid, position_covariance
 
 PATH: Final = "arm_overlay"
+"""Where meshcat's tree holds it."""
 AHEAD: Final = 0.25
 """How far the ghost is ahead [s]."""
 MAGNIFIED: Final = 20.0
 """By how much the ellipsoids are: encoders know the hand to some hundredths of a millimetre."""
 GHOST: Final = Rgba(0.55, 0.20, 0.85, 0.30)
+"""Violet, and clear enough to see the arm through it."""
 NOW: Final = Rgba(0.95, 0.55, 0.05, 0.6)
+"""Orange: the hand's covariance at present."""
 THEN: Final = Rgba(0.55, 0.20, 0.85, 0.6)
+"""The ghost's violet: the hand's covariance `AHEAD`."""
 LEAST: Final = 0.01
 """A ghost that is nearer to the arm than this in every joint is not shown [rad or m]."""
 

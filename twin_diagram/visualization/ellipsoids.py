@@ -18,7 +18,7 @@ SMALLEST: Final = 0.002
 def ellipsoid(
     covariance: Array, deviations: float = DEVIATIONS, scale: float = 1.0, smallest: float = SMALLEST
 ) -> tuple[RotationMatrix, Array]:
-    """Directions R_WE and lengths (3,) [m] of the semi-axes that draw a position's covariance (3, 3) [m²].
+    """Return directions R_WE and lengths (3,) [m] of the semi-axes that draw a position's covariance (3, 3) [m²].
 
     Args:
         covariance: in W, symmetric; what rounding makes negative counts as zero.

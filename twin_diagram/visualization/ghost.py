@@ -34,6 +34,7 @@ from twin_diagram.scene.twin_scene import TwinScene
 from twin_diagram.signals.arrays import Array
 
 OBJECT_COLOUR: Final = Rgba(0.10, 0.45, 1.0, 0.40)
+"""Blue, and clear enough to see the object in it."""
 SWELL: Final = 0.0015
 """How far a ghost stands out [m], so that one that is right does not flicker with what it coincides with."""
 ARM_COLOUR: Final = Rgba(0.10, 0.45, 1.0, 0.25)

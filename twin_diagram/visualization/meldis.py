@@ -10,7 +10,9 @@ from pydrake.lcm import DrakeLcmInterface
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 FRAME_RATE: Final = 30.0
+"""Messages per second."""
 REAL_CHANNELS: Final = ("DRAKE_VIEWER_LOAD_ROBOT", "DRAKE_VIEWER_DRAW")
+"""Those on which Meldis shows what it draws by default."""
 TWIN_CHANNELS: Final = ("DRAKE_VIEWER_LOAD_ROBOT_ILLUSTRATION", "DRAKE_VIEWER_DRAW_ILLUSTRATION")
 """Meldis shows the scene that was loaded last on each channel, so the twin's goes out on channels of its own."""
 

@@ -16,7 +16,9 @@ from twin_diagram.runtime import atomic_file
 FRAME_RATE: Final = 30.0
 """Frames per second, live and recorded."""
 REAL: Final = "real"
+"""Where meshcat's tree holds the station's scene."""
 TWIN: Final = "twin"
+"""Where it holds the twin's."""
 
 
 def open_meshcat(port: int | None = None) -> Meshcat:
@@ -54,7 +56,7 @@ class MeshcatScenes:
         self.meshcat.SetCameraPose(cast(Any, np.array(p_WV, dtype=float)), cast(Any, np.array(p_WT, dtype=float)))
 
     def start_recording(self) -> None:
-        """From now on each frame is kept."""
+        """Keep each frame from now on."""
         self.meshcat.StartRecording(FRAME_RATE, False)
 
     def write_replay(self, path: str | Path) -> Path:

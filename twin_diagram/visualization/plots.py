@@ -24,7 +24,9 @@ from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import ObjectStatus
 
 INK: Final = "#1f2933"
+"""Of text and axes."""
 LINES: Final = ("#1864ab", "#c2410c", "#0b7285", "#5f3dc4", "#a61e4d", "#5c940d", "#846358", "#495057")
+"""Colours of lines, in order."""
 STYLE: Final = {
     "font.size": 10,
     "axes.titlesize": 11,
@@ -50,11 +52,13 @@ STYLE: Final = {
     "savefig.dpi": 150,
     "font.family": ["DejaVu Sans"],
 }
+"""Matplotlib's settings while a plot is drawn."""
 SHADES: Final = {
     ObjectStatus.STALE: ("#ffc9c9", "stale"),
     ObjectStatus.LOST: ("#dee2e6", "lost"),
     ObjectStatus.MOVING: ("#fff3bf", "moving"),
 }
+"""Colour and word for the times at which an object is not simply tracked."""
 HIDDEN_SHARE: Final = 0.3
 """An object that shows less of its camera-facing surface than this counts as hidden."""
 

@@ -16,12 +16,14 @@ from twin_diagram.signals.rotations import matrix
 from twin_diagram.visualization.ellipsoids import ellipsoid
 
 PATH: Final = "overlay"
+"""Where meshcat's tree holds it."""
 COLOURS: Final = {
     ObjectStatus.TRACKED: Rgba(0.10, 0.65, 0.30, 0.5),
     ObjectStatus.MOVING: Rgba(0.95, 0.60, 0.05, 0.5),
     ObjectStatus.STALE: Rgba(0.85, 0.15, 0.15, 0.4),
     ObjectStatus.LOST: Rgba(0.45, 0.45, 0.45, 0.35),
 }
+"""Of an object's ellipsoid, by its status."""
 
 
 class MeshcatOverlay(LeafSystem):
@@ -130,3 +132,4 @@ _TRIAD: Final = (
     ([-np.pi / 2, 0.0, 0.0], Rgba(0.1, 0.7, 0.1, 1.0)),
     ([0.0, 0.0, 0.0], Rgba(0.1, 0.2, 0.9, 1.0)),
 )
+"""Axes x, y, z of the goal: roll, pitch and yaw of a cylinder that lies along its own z, and its colour."""

@@ -35,7 +35,7 @@ from twin_diagram.signals.layouts import TRACK_SIZE
 from twin_diagram.station import make_station, ports
 from twin_diagram.station.lcm.fake_arm import LcmArm
 from twin_diagram.station.lcm.messages import PROTOCOLS, read_images, write_images
-from twin_diagram.station.lcm.station import LcmStation
+from twin_diagram.station.lcm.station import LcmArmStation
 from twin_diagram.station.lcm.systems import TUNING as SYSTEMS
 from twin_diagram.twin.closed_loop import make_closed_loop
 
@@ -102,7 +102,7 @@ def run(plan: Scenario, duration: float) -> dict[str, np.ndarray]:
     builder = DiagramBuilder()
     station = make_station(plan)
     builder.AddNamedSystem("station", station)
-    if isinstance(station, LcmStation):
+    if isinstance(station, LcmArmStation):
         builder.AddNamedSystem("arm", LcmArm(plan, station.bus))
     wave, consumer = builder.AddSystem(Wave()), Consumer(station)
     builder.AddSystem(consumer)
@@ -434,7 +434,7 @@ def estimates(plan: Scenario, duration: float) -> dict[str, np.ndarray]:
     """What the twin believes every 20 ms of a closed loop."""
 
     def add(builder: DiagramBuilder, station, twin) -> None:  # type: ignore[no-untyped-def]
-        if isinstance(station, LcmStation):
+        if isinstance(station, LcmArmStation):
             builder.AddNamedSystem("arm", LcmArm(plan, station.bus))
 
     loop = make_closed_loop(plan, add)

@@ -23,7 +23,7 @@ from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER
 from twin_diagram.station import make_station, ports
 from twin_diagram.station.scan_cloud import beams
-from twin_diagram.station.sim.lidar import LidarSystem, Solid, _parts, scan
+from twin_diagram.station.sim.lidar import LidarSystem, ScannedSolid, _parts, scan
 from twin_diagram.twin.closed_loop import ClosedLoop, make_closed_loop
 from twin_diagram.twin.twin import make_twin
 
@@ -32,11 +32,11 @@ PORT = ports.lidar("room")
 POSE = Pose([1.9, 0.5, 0.9], [0.0, 0.2, -2.9])
 
 
-def solids(shape: object, corners: Array | None = None, X: RigidTransform | None = None) -> list[Solid]:
+def solids(shape: object, corners: Array | None = None, X: RigidTransform | None = None) -> list[ScannedSolid]:
     X = X or RigidTransform()
     R = X.rotation().matrix()
     return [
-        Solid(0, R, X.translation() + R @ shift, radius, axes, planes)
+        ScannedSolid(0, R, X.translation() + R @ shift, radius, axes, planes)
         for shift, axes, planes, radius in _parts(shape, corners)  # type: ignore[arg-type]
     ]
 
@@ -91,7 +91,7 @@ def test_what_stands_before_hides_what_is_behind_and_a_hull_is_its_corners() -> 
     corners = np.array([[x, y, z] for x in (-0.2, 0.2) for y in (-0.1, 0.1) for z in (-0.25, 0.25)])
     origin, ways = rays(300, 1052)
     box, hull = Box(0.4, 0.2, 0.5), solids(None, corners)
-    near, far = solids(box), [Solid(1, *(lambda s: (s.R, s.p, s.radius, s.axes, s.planes))(solids(box)[0]))]
+    near, far = solids(box), [ScannedSolid(1, *(lambda s: (s.R, s.p, s.radius, s.axes, s.planes))(solids(box)[0]))]
     poses = [RigidTransform(), RigidTransform([-1.0, 0.0, 0.0])]
     one = scan(origin, ways, near, poses)
     np.testing.assert_allclose(scan(origin, ways, hull, poses), one, rtol=1e-9)
@@ -105,7 +105,7 @@ def test_noise_grows_with_distance_squared_and_seed_and_scan_say_all() -> None:
     defects = LidarDefects(noise=0.01, growth=0.005, dropout=0.1)
     data = Lidar(columns=40, rows=40, width=0.1, height=0.1)
     for distance in (1.0, 3.0, 6.0):
-        wall = [Solid(0, np.eye(3), np.zeros(3), 1e3, None, np.array([[-1.0, 0.0, 0.0, distance]]))]
+        wall = [ScannedSolid(0, np.eye(3), np.zeros(3), 1e3, None, np.array([[-1.0, 0.0, 0.0, distance]]))]
         system = LidarSystem(data, defects, wall, 7)
         true = distance / beams(data)[:, 0]
         scans = [system.ranges([RigidTransform()], tick) for tick in (1, 2, 1)]

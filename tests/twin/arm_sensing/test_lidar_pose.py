@@ -25,7 +25,7 @@ from twin_diagram.estimation.sensors.cloud_pose import TUNING as CLOUD_POSE
 from twin_diagram.model.description.add_arm import add_arm
 from twin_diagram.scenario import ArmModel, Filter, SensorSpec
 from twin_diagram.signals.layouts import NEVER
-from twin_diagram.station.sim.lidar import Solid, world_solids
+from twin_diagram.station.sim.lidar import ScannedSolid, world_solids
 from twin_diagram.station.sim.lidar import scan as ranges_of
 from twin_diagram.twin.arm_sensing.cloud_measurement import SIZE, measured, near
 from twin_diagram.twin.arm_sensing.lidar_pose import ArmScan
@@ -46,7 +46,7 @@ def surface() -> Points:
 
 
 @functools.cache
-def shown() -> tuple[MultibodyPlant, list[Solid], list[Solid]]:
+def shown() -> tuple[MultibodyPlant, list[ScannedSolid], list[ScannedSolid]]:
     """The arm, its shapes for the simulated lidar's own ray casting, and those of the link and what is welded to it."""
     scene_graph, plant = SceneGraph(), MultibodyPlant(0.0)
     plant.RegisterAsSourceForSceneGraph(scene_graph)

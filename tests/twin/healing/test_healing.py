@@ -33,7 +33,7 @@ from twin_diagram.twin.closed_loop import ClosedLoop, make_closed_loop
 from twin_diagram.twin.healing import GapProcess, Healer, Tape, gap_process, sentence
 from twin_diagram.twin.healing.gap_process import why_it_failed
 from twin_diagram.twin.healing.healer import smaller
-from twin_diagram.twin.twin import Twin
+from twin_diagram.twin.twin import TwinDiagram
 
 # The tape.
 
@@ -245,7 +245,7 @@ def loop() -> tuple[ClosedLoop, Tape]:
     plan.world.objects, plan.world.fixtures = {}, []
     tapes: list[Tape] = []
 
-    def add(builder: DiagramBuilder, station: Diagram, twin: Twin) -> None:
+    def add(builder: DiagramBuilder, station: Diagram, twin: TwinDiagram) -> None:
         commanded = twin.diagram.GetOutputPort(ports.POSITION_COMMANDED)
         tapes.append(Tape(builder, station, commanded, twin.model.joints, rate=400.0, seconds=10.0))
 

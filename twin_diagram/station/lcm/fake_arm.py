@@ -5,6 +5,8 @@ For tests and demonstrations. The arm's side is made of Drake's own status sende
 
 from __future__ import annotations
 
+from typing import Any
+
 from pydrake.common.value import Value
 from pydrake.lcm import DrakeLcmInterface
 from pydrake.manipulation import (
@@ -15,7 +17,7 @@ from pydrake.manipulation import (
     PandaControlMode,
     PandaStatusSender,
 )
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, LeafSystem, TriggerType
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, InputPort, LeafSystem, TriggerType
 from pydrake.systems.lcm import LcmInterfaceSystem, LcmPublisherSystem, LcmSubscriberSystem
 from pydrake.systems.primitives import Demultiplexer, Gain
 from pydrake.systems.sensors import ImageDepth32F, ImageRgba8U
@@ -99,15 +101,7 @@ class LcmArm(Diagram):
         builder.AddNamedSystem("command_subscriber", command)
         state = builder.AddNamedSystem("true_position", Demultiplexer([n, n]))
         builder.Connect(station.GetOutputPort(ports.ARM_STATE), state.get_input_port())
-        if spec.arm == "panda":
-            mode = PandaControlMode.kPosition | (PandaControlMode.kTorque if with_torque else PandaControlMode.kNone)
-            receiver, sender = PandaCommandReceiver(n, mode), PandaStatusSender(n)
-            velocity, sign = sender.get_velocity_measured_input_port(), 1.0
-        else:
-            both = IiwaControlMode.kPositionAndTorque
-            receiver = IiwaCommandReceiver(n, both if with_torque else IiwaControlMode.kPositionOnly)
-            sender = IiwaStatusSender(n)
-            velocity, sign = sender.get_velocity_estimated_input_port(), -1.0
+        receiver, sender, velocity, sign = _translators(spec.arm, n, with_torque)
         builder.AddNamedSystem("command_receiver", receiver)
         builder.AddNamedSystem("status_sender", sender)
         builder.Connect(command.get_output_port(), receiver.get_message_input_port())
@@ -137,14 +131,30 @@ class LcmArm(Diagram):
         builder.AddNamedSystem("status_publisher", status)
         builder.Connect(sender.get_output_port(), status.get_input_port())
 
-        camera = scenario.twin.camera
+        self._export(builder, bus, scenario)
+        builder.BuildInto(self)
+        self.set_name("lcm_arm")
+
+    def _export(self, builder: DiagramBuilder, bus: DrakeLcmInterface, scenario: Scenario) -> None:
+        """Send the camera's images over the bus, and show what is true."""
+        station, camera = self.station, scenario.twin.camera
         if camera is not None:
-            images = builder.AddNamedSystem("image_sender", ImageSender(bus, spec.image_channel, camera))
+            images = builder.AddNamedSystem("image_sender", ImageSender(bus, scenario.lcm.image_channel, camera))
             builder.Connect(station.GetOutputPort(ports.rgb_image(camera.name)), images.GetInputPort("rgb_image"))
             builder.Connect(station.GetOutputPort(ports.depth_image(camera.name)), images.GetInputPort("depth_image"))
             builder.Connect(station.GetOutputPort(ports.image_time(camera.name)), images.GetInputPort("image_time"))
         for name in ports.output_names(station):
             if name.startswith(ports.TRUTH):
                 builder.ExportOutput(station.GetOutputPort(name), name)
-        builder.BuildInto(self)
-        self.set_name("lcm_arm")
+
+
+def _translators(arm: str, joints: int, with_torque: bool) -> tuple[Any, Any, InputPort, float]:
+    """Return Drake's systems between messages and ports: of commands, of status; its input of speeds, torque's sign."""
+    if arm == "panda":
+        mode = PandaControlMode.kPosition | (PandaControlMode.kTorque if with_torque else PandaControlMode.kNone)
+        status = PandaStatusSender(joints)
+        return PandaCommandReceiver(joints, mode), status, status.get_velocity_measured_input_port(), 1.0
+    both = IiwaControlMode.kPositionAndTorque
+    receiver = IiwaCommandReceiver(joints, both if with_torque else IiwaControlMode.kPositionOnly)
+    sender = IiwaStatusSender(joints)
+    return receiver, sender, sender.get_velocity_estimated_input_port(), -1.0

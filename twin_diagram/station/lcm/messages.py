@@ -85,6 +85,7 @@ _COLOUR: Final = {
 """Channels, and where red, green and blue are among them."""
 
 _DEPTH_TYPES: Final = {lcmt_image.CHANNEL_TYPE_UINT16: np.uint16, lcmt_image.CHANNEL_TYPE_FLOAT32: np.float32}
+"""Types of a depth image's numbers: whole units of `lcm.depth_unit`, or metres."""
 
 
 def _pixels(image: lcmt_image, dtype: type, channels: int) -> npt.NDArray[Any]:

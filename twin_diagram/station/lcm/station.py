@@ -24,12 +24,12 @@ PROVIDERS: Final = ("udpm", "mpudpm", "tcpq", "memq", "file")
 """What LCM's URLs begin with."""
 
 
-class LcmStation(Diagram):
+class LcmArmStation(Diagram):
     """A real arm behind the ports of every station: its driver and a camera, on an LCM bus.
 
     .. pydrake_system::
 
-        name: LcmStation
+        name: LcmArmStation
         input_ports:
         - arm.position_commanded
         - arm.torque_commanded
@@ -70,14 +70,7 @@ class LcmStation(Diagram):
         """
         super().__init__()
         spec = scenario.lcm
-        if spec.arm not in PROTOCOLS:
-            raise ScenarioError("lcm.arm", f"{spec.arm!r} is none of {', '.join(PROTOCOLS)}")
-        if spec.control not in ("position", "position_and_torque"):
-            raise ScenarioError("lcm.control", f"{spec.control!r} is neither position nor position_and_torque")
-        if not spec.depth_unit > 0:
-            raise ScenarioError("lcm.depth_unit", f"{spec.depth_unit} is not positive")
-        if not scenario.twin.driver.rate > 0:
-            raise ScenarioError("twin.driver.rate", f"{scenario.twin.driver.rate} is not positive")
+        _check(scenario)
         protocol = PROTOCOLS[spec.arm]
         arm = twin_arm(scenario)
         n, g = len(arm.joints), len(arm.gripper_joints)
@@ -121,6 +114,18 @@ class LcmStation(Diagram):
         builder.BuildInto(self)
         self.set_name("station")
         ports.check(self, n, g, camera.name if camera else None)
+
+
+def _check(scenario: Scenario) -> None:
+    spec = scenario.lcm
+    if spec.arm not in PROTOCOLS:
+        raise ScenarioError("lcm.arm", f"{spec.arm!r} is none of {', '.join(PROTOCOLS)}")
+    if spec.control not in ("position", "position_and_torque"):
+        raise ScenarioError("lcm.control", f"{spec.control!r} is neither position nor position_and_torque")
+    if not spec.depth_unit > 0:
+        raise ScenarioError("lcm.depth_unit", f"{spec.depth_unit} is not positive")
+    if not scenario.twin.driver.rate > 0:
+        raise ScenarioError("twin.driver.rate", f"{scenario.twin.driver.rate} is not positive")
 
 
 def open_bus(url: str) -> DrakeLcm:

@@ -45,7 +45,7 @@ def open_recording(scenario: Scenario, folder: str | Path) -> RecordingWriter:
 
 
 def depth_unit(scenario: Scenario) -> float:
-    """Of what the depths on the station's port are whole numbers [m]."""
+    """Return the length of which the depths on the station's port are whole numbers [m]."""
     if scenario.station == "lcm":
         return scenario.lcm.depth_unit
     return scenario.world.camera_defects.depth_unit

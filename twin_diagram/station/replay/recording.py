@@ -44,6 +44,7 @@ class Tuning:
     """Constants of this module, with their units and what set them."""
 
     version: int = 1
+    """Of the folder's layout; a reader refuses another."""
 
     pending: int = 8
     """Images and scans that may wait to be written."""
@@ -51,11 +52,17 @@ class Tuning:
 
 TUNING = Tuning()
 MANIFEST: Final = "manifest.yaml"
+"""Tells the version, joints, camera and sensors."""
 LOG: Final = "log.csv"
+"""The measured log, as `logs` reads it."""
 MESSAGES: Final = "messages.csv"
+"""When each message was measured and delivered [s]."""
 GRIPPER: Final = "gripper.csv"
+"""The fingers' states by message."""
 FRAMES: Final = "frames.csv"
+"""When each picture was taken and delivered [s]."""
 SCANS: Final = "scans.csv"
+"""When each scan was taken and delivered [s]."""
 
 
 @dataclass

@@ -13,7 +13,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 from pydrake.systems.sensors import ImageDepth32F, ImageRgba8U
 
 from twin_diagram.errors import ScenarioError, StationError
-from twin_diagram.scenario import Scenario
+from twin_diagram.scenario import Lidar, Scenario
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER
 from twin_diagram.station import ports
@@ -174,12 +174,12 @@ class ImagePlayer(LeafSystem):
         output[0] = self._frames.capture[k] if k >= 0 else NEVER
 
 
-class ReplayStation(Diagram):
+class ReplayArmStation(Diagram):
     """A recorded run behind the ports of every station; commands are taken and ignored.
 
     .. pydrake_system::
 
-        name: ReplayStation
+        name: ReplayArmStation
         input_ports:
         - arm.position_commanded
         - arm.torque_commanded
@@ -218,11 +218,7 @@ class ReplayStation(Diagram):
             StationError, LogError: it is missing, malformed, or of another arm or camera.
         """
         super().__init__()
-        if not scenario.replay.log:
-            raise ScenarioError("replay.log", "names no log; give a CSV or .npz file or a recording's folder")
-        path = Path(scenario.replay.log).expanduser()
-        if not path.exists():
-            raise StationError(f"replay.log: {path}: no such file or folder")
+        path = _existing(scenario.replay.log)
         arm = twin_arm(scenario)
         camera = scenario.twin.camera
         folder = path if path.is_dir() else None
@@ -262,18 +258,35 @@ class ReplayStation(Diagram):
             builder.ExportOutput(images.GetOutputPort("rgb_image"), ports.rgb_image(camera.name))
             builder.ExportOutput(images.GetOutputPort("depth_image"), ports.depth_image(camera.name))
             builder.ExportOutput(images.GetOutputPort("image_time"), ports.image_time(camera.name))
-        further: dict[str, int] = {}
-        for name, readings in sensors.items():
-            sensor = builder.AddNamedSystem(name, ReadingPlayer(readings))
-            builder.ExportOutput(sensor.GetOutputPort("reading"), name)
-            builder.ExportOutput(sensor.GetOutputPort("time"), ports.time_of(name))
-            further |= {name: ports.SENSOR_SIZE, ports.time_of(name): 1}
-        if scans is not None and scenario.twin.lidar is not None:
-            name = ports.lidar(scenario.twin.lidar.name)
-            lidar = builder.AddNamedSystem(name, ScanPlayer(scans))
-            builder.ExportOutput(lidar.GetOutputPort("ranges"), name)
-            builder.ExportOutput(lidar.GetOutputPort("scan_time"), ports.time_of(name))
-            further |= {name: scans.size, ports.time_of(name): 1}
+        further = _add_further_sensors(builder, sensors, scans, scenario.twin.lidar)
         builder.BuildInto(self)
         self.set_name("station")
         ports.check(self, n, g, camera.name if camera else None, further)
+
+
+def _existing(log: str) -> Path:
+    if not log:
+        raise ScenarioError("replay.log", "names no log; give a CSV or .npz file or a recording's folder")
+    path = Path(log).expanduser()
+    if not path.exists():
+        raise StationError(f"replay.log: {path}: no such file or folder")
+    return path
+
+
+def _add_further_sensors(
+    builder: DiagramBuilder, sensors: dict[str, Readings], scans: Scans | None, lidar: Lidar | None
+) -> dict[str, int]:
+    """Add what plays the readings of sensors on links, and scans; return the sizes of their ports by name."""
+    further: dict[str, int] = {}
+    for name, readings in sensors.items():
+        sensor = builder.AddNamedSystem(name, ReadingPlayer(readings))
+        builder.ExportOutput(sensor.GetOutputPort("reading"), name)
+        builder.ExportOutput(sensor.GetOutputPort("time"), ports.time_of(name))
+        further |= {name: ports.SENSOR_SIZE, ports.time_of(name): 1}
+    if scans is not None and lidar is not None:
+        name = ports.lidar(lidar.name)
+        player = builder.AddNamedSystem(name, ScanPlayer(scans))
+        builder.ExportOutput(player.GetOutputPort("ranges"), name)
+        builder.ExportOutput(player.GetOutputPort("scan_time"), ports.time_of(name))
+        further |= {name: scans.size, ports.time_of(name): 1}
+    return further

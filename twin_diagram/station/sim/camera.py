@@ -33,10 +33,11 @@ from twin_diagram.station.sim.merged_shapes import TUNING as MERGED_SHAPES
 from twin_diagram.station.sim.world_plant import build_appearance
 
 _RENDERER = "camera"
+"""The name under which SceneGraph knows the render engine."""
 
 
 def camera_info(camera: Camera) -> CameraInfo:
-    """Drake's intrinsics of a camera: square pixels, the principal point in the image's centre.
+    """Return Drake's intrinsics of a camera: square pixels, the principal point in the image's centre.
 
     The image's centre is where pixel (u, v) has its centre at (u, v), as everywhere in computer vision:
     ((width - 1) / 2, (height - 1) / 2). Drake's VTK renderer puts pixel centres at (u + 0.5, v + 0.5) instead, so it is

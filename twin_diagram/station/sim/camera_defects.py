@@ -31,7 +31,7 @@ TUNING = Tuning()
 
 
 def edges(depth: Depth) -> npt.NDArray[np.bool_]:
-    """Pixels next to a step in depth.
+    """Return true for the pixels next to a step in depth.
 
     Args:
         depth: (H, W) [m], 0 where there is none.

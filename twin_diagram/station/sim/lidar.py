@@ -36,7 +36,7 @@ TUNING = Tuning()
 
 
 @dataclass(frozen=True)
-class Solid:
+class ScannedSolid:
     """A convex shape fixed to a body; an ellipsoid or what lies behind all of its planes.
 
     Attributes:
@@ -75,7 +75,7 @@ def meet_ellipsoid(origin: Array, ways: Array, axes: Array) -> Array:
     return np.where((root >= 0.0) & (at > 0.0), at, np.inf)
 
 
-def scan(origin: Array, ways: Array, solids: list[Solid], poses: list[RigidTransform]) -> Array:
+def scan(origin: Array, ways: Array, solids: list[ScannedSolid], poses: list[RigidTransform]) -> Array:
     """Return the ranges (N,) of the first echoes [m]; inf where there is none.
 
     Args:
@@ -100,10 +100,10 @@ def scan(origin: Array, ways: Array, solids: list[Solid], poses: list[RigidTrans
     return nearest
 
 
-def world_solids(world: WorldPlant) -> list[Solid]:
+def world_solids(world: WorldPlant) -> list[ScannedSolid]:
     """Return all that can be seen of a world; a mesh as its convex hull."""
     plant, inspector = world.plant, world.scene_graph.model_inspector()
-    found: list[Solid] = []
+    found: list[ScannedSolid] = []
     for index in range(plant.num_bodies()):
         frame = plant.GetBodyFrameIdIfExists(BodyIndex(index))
         if frame is None:
@@ -114,7 +114,7 @@ def world_solids(world: WorldPlant) -> list[Solid]:
             corners = None if hull is None else np.array([hull.vertex(i) for i in range(hull.num_vertices())])
             for shift, axes, planes, radius in _parts(inspector.GetShape(geometry), corners):
                 R = X_BG.rotation().matrix()
-                found.append(Solid(index, R, X_BG.translation() + R @ shift, radius, axes, planes))
+                found.append(ScannedSolid(index, R, X_BG.translation() + R @ shift, radius, axes, planes))
     return found
 
 
@@ -164,7 +164,7 @@ class LidarSystem(LeafSystem):
     function of seed and scan alone.
     """
 
-    def __init__(self, lidar: Lidar, defects: LidarDefects, solids: list[Solid], seed: int) -> None:
+    def __init__(self, lidar: Lidar, defects: LidarDefects, solids: list[ScannedSolid], seed: int) -> None:
         """Build the lidar.
 
         Args:

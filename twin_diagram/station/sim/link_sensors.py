@@ -27,6 +27,7 @@ from twin_diagram.station.sim.arm_plant import ArmPlant
 from twin_diagram.station.sim.noise import Stream, generator
 
 SIZE = ports.SENSOR_SIZE
+"""Numbers in a reading: two vectors."""
 NOISE = {"imu": (1e-3, 1e-2), "wrench": (0.01, 0.1)}
 """Where the scenario says nothing: angular velocity [rad/s], specific force [m/s²]; moment [N·m], force [N]."""
 

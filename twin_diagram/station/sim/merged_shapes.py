@@ -53,7 +53,7 @@ TUNING = Tuning()
 
 
 def tessellate(shape: Shape) -> trimesh.Trimesh | None:
-    """Triangles of a plain shape in its own frame; None where it is no such shape."""
+    """Return the triangles of a plain shape in its own frame; None where it is no such shape."""
     if isinstance(shape, Box):
         return trimesh.creation.box(extents=shape.size())
     if isinstance(shape, Cylinder):

@@ -17,6 +17,7 @@ class Tuning:
     """Constants of this module, with their units and what set them."""
 
     mask: int = (1 << 64) - 1
+    """Keys of a generator are of 64 bits."""
 
 
 TUNING = Tuning()

@@ -4,8 +4,8 @@
 """
 
 from twin_diagram.twin.healing.event_sentences import sentence
-from twin_diagram.twin.healing.gap_process import GapProcess, Outcome
+from twin_diagram.twin.healing.gap_process import GapProcess, SearchOutcome
 from twin_diagram.twin.healing.healer import Healer
 from twin_diagram.twin.healing.measurement_tape import Tape
 
-__all__ = ["GapProcess", "Healer", "Outcome", "Tape", "sentence"]
+__all__ = ["GapProcess", "Healer", "SearchOutcome", "Tape", "sentence"]

@@ -38,10 +38,11 @@ class Tuning:
 TUNING = Tuning()
 
 WORKER: Final = (sys.executable, "-m", "twin_diagram.twin.healing.worker")
+"""The command that searches in a process of its own."""
 
 
 @dataclass(frozen=True)
-class Outcome:
+class SearchOutcome:
     """What became of a search.
 
     Attributes:
@@ -109,16 +110,16 @@ class GapProcess:
                 env=_environment(),
             )
 
-    _outcome: Outcome | None
+    _outcome: SearchOutcome | None
 
-    def poll(self) -> Outcome | None:
+    def poll(self) -> SearchOutcome | None:
         """Return what became of it; None while it runs."""
         if self._outcome is None and self._process.poll() is not None:
             self._outcome = self._read()
         return self._outcome
 
-    def wait(self, seconds: float) -> Outcome | None:
-        """As `poll`, but waits for so long at most."""
+    def wait(self, seconds: float) -> SearchOutcome | None:
+        """Return what `poll` does, after waiting for it so long at most."""
         try:
             self._process.wait(seconds)
         except subprocess.TimeoutExpired:
@@ -150,15 +151,15 @@ class GapProcess:
     def __exit__(self, *error: object) -> None:
         self.stop()
 
-    def _read(self) -> Outcome:
+    def _read(self) -> SearchOutcome:
         seconds, answer = self.age, self.folder / "gap.json"
         self.stop()
         if self._process.returncode != 0 or not answer.is_file():
             told = (self.folder / TOLD).read_text(encoding="utf-8", errors="replace")
-            return Outcome("failed", why=why_it_failed(self._process.returncode, told), seconds=seconds)
+            return SearchOutcome("failed", why=why_it_failed(self._process.returncode, told), seconds=seconds)
         contents = json.loads(answer.read_text(encoding="utf-8"))
         named = contents["verdict"] == "named"
-        return Outcome(contents["verdict"], contents, self.folder / "model" if named else None, seconds=seconds)
+        return SearchOutcome(contents["verdict"], contents, self.folder / "model" if named else None, seconds=seconds)
 
 
 def why_it_failed(status: int, told: str) -> str:

@@ -18,9 +18,9 @@ from pydrake.systems.framework import Context
 from twin_diagram.errors import TwinError
 from twin_diagram.model.model import Model
 from twin_diagram.scenario import Healing
-from twin_diagram.twin.healing.gap_process import GapProcess, Outcome
+from twin_diagram.twin.healing.gap_process import GapProcess, SearchOutcome
 from twin_diagram.twin.healing.measurement_tape import Tape
-from twin_diagram.twin.twin import Twin
+from twin_diagram.twin.twin import TwinDiagram
 
 Journal = Callable[[dict[str, Any]], None]
 
@@ -55,7 +55,7 @@ class Healer:
 
     def __init__(
         self,
-        twin: Twin,
+        twin: TwinDiagram,
         params: Healing | None,
         journal: Journal,
         tape: Tape | None = None,
@@ -86,7 +86,7 @@ class Healer:
         self._searches = 0
 
     def poll(self, context: Context) -> None:
-        """Does what is due; called between two steps of a simulator.
+        """Do what is due; called between two steps of a simulator.
 
         Args:
             context: of the whole Diagram, which may be changed.
@@ -204,7 +204,7 @@ class Healer:
         else:
             self._judge(own, now, outcome)
 
-    def _judge(self, own: Context, now: float, outcome: Outcome) -> None:
+    def _judge(self, own: Context, now: float, outcome: SearchOutcome) -> None:
         answer = outcome.answer
         self._tell(
             "gap_verdict",

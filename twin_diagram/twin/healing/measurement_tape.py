@@ -18,7 +18,9 @@ from twin_diagram.signals.arrays import Array
 from twin_diagram.station import ports
 
 _MEASURED = (ports.POSITION_MEASURED, ports.VELOCITY_ESTIMATED, ports.TORQUE_MEASURED)
+"""The station's ports that are kept beside the time."""
 _AS = ("position", "velocity", "torque", "position_commanded")
+"""What a `Log` calls them; the command, which is no port of the station, comes last."""
 
 
 class Tape:

@@ -17,15 +17,21 @@ from twin_diagram.visualization.diagram_svg.columns import columns
 from twin_diagram.visualization.diagram_svg.graph import Block, BlockGraph, Port
 
 HEADER: Final = 28.0
+"""Of a block's title [px]: a line of text and its margins."""
 ROW: Final = 20.0
+"""Of a port [px]."""
 BLOCK_GAP: Final = 40.0
+"""Between blocks of a column [px]: room for a wire's branches."""
 LANE_GAP: Final = 14.0
+"""Between wires that pass below [px]."""
 FRAME: Final = 30.0
 """Between the opened Diagram's frame and what is in it."""
 NUDGE: Final = 16.0
+"""How far an item may be moved to straighten a wire [px]."""
 NUDGED_GAP: Final = 9.0
-"""How far an item may be nudged to straighten a wire, and what has to be left to its neighbours."""
+"""What has to be left to its neighbours then [px]."""
 SWEEPS: Final = 40
+"""Over the columns, to and fro; in the second half both sides of a column count at once."""
 
 
 @dataclass
@@ -50,7 +56,7 @@ class Item:
 
 
 @dataclass(frozen=True)
-class Step:
+class WireStep:
     """Part of a net in one channel: from one height on its left to heights on its right (or to a bottom lane)."""
 
     net: int
@@ -91,7 +97,7 @@ class Heights:
         for b in graph.blocks:
             self.stacks[self.column[b.key]].append(self.items[b.key])
         self.nets = self._nets()
-        self.steps: list[list[Step]] = [[] for _ in range(self.count + 1)]
+        self.steps: list[list[WireStep]] = [[] for _ in range(self.count + 1)]
         self._make_steps()
         self._place_vertically()
         self.floor = self._place_bottom_lanes()
@@ -121,17 +127,17 @@ class Heights:
                 if c in net.lanes:
                     right.append((net.lanes[c], ""))
                 down = c == first + 1 and bool(net.bottom_sinks)
-                self.steps[c].append(Step(number, left, right, down))
+                self.steps[c].append(WireStep(number, left, right, down))
                 if c in net.lanes:
                     left = (net.lanes[c], "")
             if net.bottom_sinks and last == first:
-                self.steps[first + 1].append(Step(number, left, [], True))
+                self.steps[first + 1].append(WireStep(number, left, [], True))
             for c in sorted({self.column[key] for key, _ in net.bottom_sinks}):
                 right = [(self.items[key], port) for key, port in net.bottom_sinks if self.column[key] == c]
-                self.steps[c].append(Step(number, None, right, True))
+                self.steps[c].append(WireStep(number, None, right, True))
 
-    def ends(self, step: Step) -> tuple[list[float], list[float]]:
-        """Heights at which a step meets the left and the right side of its channel; a bottom lane is on both."""
+    def ends(self, step: WireStep) -> tuple[list[float], list[float]]:
+        """Return the heights at which a step meets its channel's left and right side; a bottom lane is on both."""
         bottom = [self.nets[step.net].bottom_y] if step.bottom else []
         if step.left is None:
             return bottom, [item.port_y(port, True) for item, port in step.right]

@@ -8,10 +8,12 @@ from typing import Final
 
 from twin_diagram.visualization.diagram_svg.channels import order_tracks
 from twin_diagram.visualization.diagram_svg.graph import Block, BlockGraph, Port
-from twin_diagram.visualization.diagram_svg.heights import FRAME, Heights, Step
+from twin_diagram.visualization.diagram_svg.heights import FRAME, Heights, WireStep
 
 TRACK_GAP: Final = 11.0
+"""Between upright runs of wires in a channel [px]."""
 MARGIN: Final = 24.0
+"""About the picture [px]."""
 
 Point = tuple[float, float]
 
@@ -49,7 +51,7 @@ class Layout:
 
 
 def layout(graph: BlockGraph, width_of: Callable[[Block], float]) -> Layout:
-    """Places a graph.
+    """Place a graph.
 
     Args:
         graph: blocks and wires.
@@ -142,7 +144,7 @@ class _Routes:
         return wire
 
 
-def _branches(x: float, y0: float, ys: list[float], step: Step, bottom: float) -> list[Point]:
+def _branches(x: float, y0: float, ys: list[float], step: WireStep, bottom: float) -> list[Point]:
     """Return the points on a track where more than two directions meet."""
     ends = [y0, *ys] + ([bottom] if step.bottom and step.left is not None else [])
     if len(ends) < 3:

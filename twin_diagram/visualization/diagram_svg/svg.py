@@ -23,8 +23,11 @@ FONT_FAMILY: Final = "'DejaVu Sans', Verdana, Geneva, sans-serif"
 FONT_SIZE: Final = 12.0
 """[px]; 9 pt."""
 INK: Final = "#1f2933"
+"""Of names and of ports in use."""
 MUTED: Final = "#9aa5b1"
+"""Of ports without a wire."""
 OTHERS: Final = "#616e7c"
+"""Of blocks that are not in `COLOURS`, and of the legend."""
 COLOURS: Final = {
     "Perception": "#0b7285",
     "IcpPoseEstimator": "#0b7285",
@@ -35,7 +38,9 @@ COLOURS: Final = {
     "SceneGraph": "#5f3dc4",
     "Mpc": "#c2410c",
 }
+"""By class: perception teal, estimation blue, scene violet, planning orange."""
 STATION_COLOUR: Final = "#2b3a4a"
+"""Of the station and its wires."""
 CORNER: Final = 5.0
 """Radius of the wires' corners [px]."""
 

@@ -7,14 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
-from close_the_gap import dress
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from twin_diagram.model.model import Model
-
-Array = npt.NDArray[np.float64]
+from mujoco_robot.comparison import dress
+from twin_diagram.model import Model
+from twin_diagram.signals.arrays import Array
 
 AHEAD = 0.2
 """How far is looked ahead [s]."""

@@ -1,0 +1,107 @@
+"""A scenario over many seeds: a process for each run, a line for each seed, and how many kept each bound."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+from twin_diagram.runs.randomization import vary
+from twin_diagram.runs.run import run_scenario
+from twin_diagram.runs.score import within
+from twin_diagram.scenario.file import load_scenario, save_scenario
+
+Task = tuple[str, list[str], int, str]
+"""Scenario, overrides, seed and folder, as they cross to another process."""
+
+BOUNDS = {
+    "tracked": "every visible object within 5 mm and 5° (median; about a symmetric axis excepted)",
+    "untouched": "no contact",
+    "reached": "goal reached",
+    "weighed": "payload mass within 15 %",
+}
+"""What `score.within` holds a run against, in words."""
+
+
+def _print(text: str) -> None:
+    print(text, flush=True)  # each line as soon as its run has ended, into pipes, too
+
+
+def run_seeds(
+    scenario: str, seeds: Sequence[int], out: Path, *, overrides: Sequence[str] = (), jobs: int = 2
+) -> Iterator[dict[str, Any]]:
+    """Run a scenario once per seed, with poses, textures, payload, friction and path drawn afresh.
+
+    A run whose ``summary.json`` is there already is read back, so that an interrupted call can be repeated.
+
+    Args:
+        scenario: file or name.
+        seeds: one run each, in this order.
+        out: gets a folder ``seed_0001`` for each.
+        overrides: ``dotted.field=value`` each.
+        jobs: runs at a time.
+
+    Returns:
+        The summaries, in order, each as soon as it is there.
+
+    Raises:
+        TwinError: the scenario does not fit, before `out` is made; or a run finds out that it does not.
+    """
+    load_scenario(scenario, overrides)  # what is wrong with it is said before anything starts
+    out.mkdir(parents=True, exist_ok=True)
+    tasks = [(scenario, list(overrides), seed, str(out / f"seed_{seed:04d}")) for seed in seeds]
+    return _summaries(tasks, jobs)
+
+
+def tell_seeds(summaries: Iterable[dict[str, Any]], say: Callable[[str], None] = _print) -> None:
+    """Say a line for each summary as it comes, then how many runs kept each bound."""
+    say(f"{'seed':>5} {'worst position':>22} {'worst rotation':>22} {'clear':>6} {'goal':>7} {'payload':>16}  kept")
+    results: list[dict[str, bool]] = []
+    for summary in summaries:
+        results.append(within(summary))
+        say(seed_line(summary, results[-1]))
+    say("")
+    for name, meaning in BOUNDS.items():
+        say(f"{sum(kept[name] for kept in results):>4} of {len(results)}  {meaning}")
+
+
+def seed_line(summary: Mapping[str, Any], kept: Mapping[str, bool]) -> str:
+    """Return the table's line about one run: worst objects, clearance, goal, payload, and the bounds not kept."""
+
+    def worst(kind: str) -> str:
+        medians = {
+            name: entry[kind]["median"] for name, entry in summary["objects"].items() if entry["visible_share"] > 0
+        }
+        if not medians:
+            return "–"
+        name = max(medians, key=lambda key: float("inf") if medians[key] is None else medians[key])
+        return f"{name} {'lost' if medians[name] is None else format(medians[name], '.2f')}"
+
+    payload, goal = summary["payload"], summary["goal"]
+    true, estimated = payload["mass_true"], payload["mass_estimated"]
+    weighed = "–" if not true or estimated is None else f"{true:.3f} {100 * (estimated / true - 1):>+7.1f}%"
+    return (
+        f"{summary['seed']:>5} {worst('position_error_mm') + ' mm':>22} {worst('rotation_error_deg') + ' °':>22} "
+        f"{summary['clearance_min_mm'] or 0:>6.0f} {goal['error_mm'] or 0:>7.1f} "
+        f"{weighed:>16}  " + (", ".join(name for name, good in kept.items() if not good) or "all")
+    )
+
+
+def _summaries(tasks: list[Task], jobs: int) -> Iterator[dict[str, Any]]:
+    # A process per run: Drake never frees a Diagram that holds Python systems.
+    with get_context("spawn").Pool(jobs, maxtasksperchild=1) as pool:
+        yield from pool.imap(_run_one, tasks)
+
+
+def _run_one(task: Task) -> dict[str, Any]:
+    """Run one seed, in a process of its own; a run that was finished before is read back."""
+    name, overrides, seed, folder = task
+    done = Path(folder) / "summary.json"
+    if done.is_file():
+        return dict(json.loads(done.read_text()))
+    base = load_scenario(name, overrides)
+    scenario = vary(base, seed, Path(folder) / "assets")
+    save_scenario(scenario, Path(folder) / "scenario.yaml")
+    return run_scenario(scenario, out=Path(folder), pictures=False, quiet=True, say=lambda text: None)
