@@ -24,6 +24,7 @@ import numpy.typing as npt
 from replay_kuka import GEAR_RATIO, JOINTS, ROTOR_INERTIA, data_folder
 
 from twin_diagram.errors import TwinError
+from twin_diagram.gap.candidates.records import sentence
 from twin_diagram.gap.correction.named_effects import sentence_of
 from twin_diagram.gap.report.words import headline
 from twin_diagram.gap.workflow import Gap, run_gap
@@ -75,7 +76,7 @@ def curve_in_words(model: Model, gap: Gap) -> list[str]:
                 )
                 lines.append(f"beyond its ends the spring's curve soon goes on with its mean slope: {ends}")
             else:
-                lines.append(f"{effect.sentence()}; it goes on as a straight line beyond")
+                lines.append(f"{sentence(effect)}; it goes on as a straight line beyond")
     return lines
 
 

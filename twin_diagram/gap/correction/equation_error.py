@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin_diagram.errors import ModelError
+from twin_diagram.gap.candidates.records import record_of
 from twin_diagram.gap.correction import onset_times
 from twin_diagram.gap.correction.gauss_newton import Solution, minimise
 from twin_diagram.gap.correction.merge_effects import merged
@@ -49,10 +50,6 @@ class Tuning:
 
 
 TUNING = Tuning()
-
-
-SCANNED = {"joint_elasticity": "stiffness", "backlash": "gap", "stribeck_friction": "stribeck_velocity"}
-"""Parameters on which torques depend so steeply that a step from a rough value may lead astray."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +115,7 @@ def by_torque(hypothesis: Hypothesis, logs: Sequence[Log], *, coloured: bool = T
             like themselves, and the colour takes their own frequencies' weight away.
     """
     whole = prepare(hypothesis.given, logs)
-    sharp = any(part.spec.name == "backlash" for part in hypothesis.parts)  # its knocks are
+    sharp = any(record_of(part.spec.name).sharp for part in hypothesis.parts)  # its knocks are
     records = whole if sharp else coarser(whole)
     marks = [fingerprint(log) for log in logs]
     solution = equation_error(hypothesis, records, marks, coloured=coloured)
@@ -246,7 +243,7 @@ def equation_error(
                 return np.full(weights.size, np.inf)
 
         _, clusters = np.unique(block[noise.rows], return_inverse=True)
-        waits = any(part.spec.name == "time_delay" for part in hypothesis.parts)
+        waits = any(record_of(part.spec.name).late for part in hypothesis.parts)
         late = None if waits else (noise.all(0.6 * period * rate) * weights).ravel()[:, None]
         whole = np.tile(clusters.reshape(-1), records.n)
         solution = minimise(residual, start, hypothesis.steps(), whole, hypothesis.prior(), late)
@@ -262,8 +259,8 @@ def _scanned(hypothesis: Hypothesis, start: Array, residual: Callable[[Array], A
     """Return the start, with coordinates in which the residual rings brought near to their best."""
     best, least = start, float(np.sum(residual(start) ** 2))
     for part, s in zip(hypothesis.parts, hypothesis.slices(), strict=True):
-        key = SCANNED.get(part.spec.name)
-        if key is None:
+        key = record_of(part.spec.name).scanned
+        if not key:
             continue
         count = len(part.spec.parameters[key])
         keys = list(part.spec.parameters)
