@@ -10,12 +10,12 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, LeafSystem
 
 from twin_diagram.estimation.drift.alarm_events import events
-from twin_diagram.estimation.drift.monitor import Entry, Monitor
+from twin_diagram.estimation.drift.monitor import DriftEntry, Monitor
 from twin_diagram.estimation.drift.sensor_consistency import newest
 from twin_diagram.estimation.drift.state import TUNING as STATE
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.filter.belief import TUNING as BELIEF
-from twin_diagram.estimation.filter.belief import Track
+from twin_diagram.estimation.filter.belief import SensorTrack
 from twin_diagram.estimation.sensors.from_scenario import make_sensor
 from twin_diagram.model.model import Model
 from twin_diagram.runtime.timing import timed
@@ -87,7 +87,7 @@ class DriftMonitor(LeafSystem):
             )
         ]
         sizes = self._sizes(terms)
-        ends = np.cumsum([0, *(len(Track) + size for size in sizes.values())])
+        ends = np.cumsum([0, *(len(SensorTrack) + size for size in sizes.values())])
         self._tracks = [slice(int(a), int(b)) for a, b in pairwise(ends)]
         self._further = self.DeclareVectorInputPort("sensor_tracks", int(ends[-1])) if sizes else None
         state = self.DeclareDiscreteState(self._view.vector)
@@ -103,9 +103,9 @@ class DriftMonitor(LeafSystem):
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={self.discrete_state_ticket(state)})
 
     def header(self, context: Context) -> dict[str, float]:
-        """Return what the monitor knows, by `monitor.Entry`: for plots and tests."""
+        """Return what the monitor knows, by `monitor.DriftEntry`: for plots and tests."""
         values = context.get_discrete_state(0).value()
-        return {entry.name.lower(): float(values[entry]) for entry in Entry}
+        return {entry.name.lower(): float(values[entry]) for entry in DriftEntry}
 
     def events(self, context: Context, joints: Sequence[str] = ()) -> list[dict[str, Any]]:
         """Return all alarms still in the ring, oldest first, as records: see `alarm_events.events`."""

@@ -11,7 +11,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Even
 from twin_diagram.errors import ModelError
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.filter.arm_messages import TUNING as ARM_MESSAGES
-from twin_diagram.estimation.filter.belief import HEADER, Belief, Entry, Track
+from twin_diagram.estimation.filter.belief import HEADER, Belief, Entry, SensorTrack
 from twin_diagram.estimation.filter.ekf import Ekf
 from twin_diagram.estimation.filter.model_swap import hand_over
 from twin_diagram.estimation.filter.sensor_registry import FilterError
@@ -56,8 +56,8 @@ class AdaptiveEkf(LeafSystem):
     it was taken [s], negative before the first, and for a pose `<name>.noise` (36), its R row by row, zeros for the
     sensor's own. A reading is used once, when its time has changed; what arrives late is fused at its own time.
 
-    With them comes the output `sensor_tracks`: of each in turn its record by `belief.Track`, then its mean whitened
-    innovation.
+    With them comes the output `sensor_tracks`: of each in turn its record by `belief.SensorTrack`, then its mean
+    whitened innovation.
 
     `alarm` as a `DriftMonitor` gives it may be left open; while one stands the noise is not adapted, lest a fault be
     taken for noise, and a new one about the joints opens the parameters: see `Ekf.heed`.
@@ -219,7 +219,7 @@ class AdaptiveEkf(LeafSystem):
             except (FilterError, np.linalg.LinAlgError):
                 track = ekf.declared.track(ekf.belief, sensor)
                 assert track is not None
-                track[Track.INVALID] += 1
+                track[SensorTrack.INVALID] += 1
         return seen
 
     def _of(self, context: Context) -> Belief:

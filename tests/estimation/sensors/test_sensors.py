@@ -19,7 +19,7 @@ from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.dynamics.link_frame import LinkFrame
 from twin_diagram.estimation.dynamics.positive_definite import joseph
 from twin_diagram.estimation.ekf_system import AdaptiveEkf
-from twin_diagram.estimation.filter.belief import Entry, Track
+from twin_diagram.estimation.filter.belief import Entry, SensorTrack
 from twin_diagram.estimation.filter.delayed_measurements import History
 from twin_diagram.estimation.filter.ekf import Ekf, FilterError
 from twin_diagram.estimation.sensors import (
@@ -308,7 +308,7 @@ def test_camera_alone_brings_the_state_back():
         z = camera_reading(sensor, HOME, rng)
         ekf.update("camera", z, k / 30.0)
         errors.append(np.linalg.norm(sensor.frame.pose(ekf.belief.q)[1] - sensor.frame.pose(HOME)[1]))
-    assert ekf.belief.tracks[0][Track.REACQUIRED] >= 1
+    assert ekf.belief.tracks[0][SensorTrack.REACQUIRED] >= 1
     assert errors[0] > 0.03 and np.mean(errors[-20:]) < 0.02
 
 
@@ -450,7 +450,7 @@ def test_system_with_further_sensors_equals_the_filter_alone():
             system.GetInputPort(name).FixValue(context, value)
         context.SetDiscreteState(system.EvalUniquePeriodicDiscreteUpdate(context))
     np.testing.assert_array_equal(system.belief(context).x, alone.belief.x)
-    assert system.belief(context).tracks[0][Track.LATE] == 12
+    assert system.belief(context).tracks[0][SensorTrack.LATE] == 12
 
 
 def test_sensor_specs_are_checked():

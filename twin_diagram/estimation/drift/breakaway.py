@@ -52,7 +52,7 @@ SIZE: Final = 6
 """Numbers that are remembered of each joint."""
 
 
-def follow(
+def slow_moves(
     memory: Array,
     q: Array,
     v: Array,
@@ -63,7 +63,7 @@ def follow(
     sigma: float,
     calm: bool,
 ) -> tuple[Array, Array]:
-    """Take in a message.
+    """Take in a message and say which joints move though nothing known moves them.
 
     Args:
         memory: (`SIZE`, n) in place: where the movement began [rad], messages in its direction (signed), low-passed ρ;

@@ -44,7 +44,7 @@ WIDER: Final = np.array([1.0, 1.0, 2.2])
 little wrong lasts for tens of messages."""
 
 
-class Shape(IntEnum):
+class AlarmShape(IntEnum):
     """What an alarm's statistic did."""
 
     NONE = 0
@@ -56,7 +56,7 @@ class Shape(IntEnum):
     """It grew before it crossed the threshold: wear, drift, a slow pull."""
 
 
-def follow(sums: Array, white: Array) -> Array:
+def add_message(sums: Array, white: Array) -> Array:
     """Add a message.
 
     Args:
@@ -74,7 +74,7 @@ def follow(sums: Array, white: Array) -> Array:
 
 @cache
 def threshold(n: int) -> float:
-    """Of `follow`'s statistics for innovations that are as white as the filter claims."""
+    """Return the threshold of `add_message`'s statistics for innovations that are as white as the filter claims."""
     return float(chi2.ppf(1.0 - TUNING.false_rate, n))
 
 

@@ -138,7 +138,9 @@ class TorqueTest:
         low[:] = np.where(np.abs(run) <= 1.0, rho, TUNING.forgetting * low + (1.0 - TUNING.forgetting) * rho)
         sliding = np.abs(run) >= TUNING.begun
         floor = np.hypot(TUNING.share * level, self._floor)
-        starts, gained = breakaway.follow(creep, x[:n], v, rho, self._creeps, ~sliding, floor, self._sigma, learning)
+        starts, gained = breakaway.slow_moves(
+            creep, x[:n], v, rho, self._creeps, ~sliding, floor, self._sigma, learning
+        )
         if not sliding.any():
             return self._largest(starts, gained, armed)
         at = ((run < 0.0).astype(int), self._each)

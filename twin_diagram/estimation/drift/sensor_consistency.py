@@ -23,7 +23,7 @@ import numpy as np
 from scipy.stats import chi, chi2
 
 from twin_diagram.estimation.drift.likelihood_ratio import TUNING as LIKELIHOOD_RATIO
-from twin_diagram.estimation.filter.belief import Track
+from twin_diagram.estimation.filter.belief import SensorTrack
 from twin_diagram.estimation.filter.sensor_registry import TUNING as SENSOR_REGISTRY
 from twin_diagram.signals.arrays import Array
 
@@ -64,16 +64,16 @@ def newest(before: Array, after: Array) -> tuple[Array, bool] | None:
     """Return the reading that came between two looks at a sensor's track record, None where there was not exactly one.
 
     Args:
-        before: (len(Track) + m,) `belief.Track`, then the mean whitened innovation.
+        before: (len(SensorTrack) + m,) `belief.SensorTrack`, then the mean whitened innovation.
         after: the same, later.
 
     Returns:
         Its whitened innovation (m,), within six deviations, and whether the filter used it.
     """
-    accepted, refused = (after - before)[[Track.ACCEPTED, Track.REFUSED]]
+    accepted, refused = (after - before)[[SensorTrack.ACCEPTED, SensorTrack.REFUSED]]
     if {accepted, refused} != {0.0, 1.0}:
         return None
-    old, new = before[len(Track) :], after[len(Track) :]
+    old, new = before[len(SensorTrack) :], after[len(SensorTrack) :]
     return old + SENSOR_REGISTRY.memory * (new - old), bool(accepted)
 
 

@@ -30,7 +30,7 @@ class Evidence(IntEnum):
     """What an alarm stands on; each joint's share of the change follows, in standard deviations."""
 
     SHAPE = 0
-    """`likelihood_ratio.Shape`."""
+    """`likelihood_ratio.AlarmShape`."""
     JOINT = 1
     """Whose torque changed, by index; negative where none stands out."""
     ABOVE = 2
@@ -51,7 +51,7 @@ class Evidence(IntEnum):
     """Torque that a sliding joint has gained and the model lacks [N·m]; 0 where that is not what the alarm is about."""
 
 
-class Entry(IntEnum):
+class DriftEntry(IntEnum):
     """Entries of a monitor's header."""
 
     TIME = 0
@@ -101,7 +101,7 @@ class Entry(IntEnum):
     ABOVE = 22
     """For how long the newest alarm's statistic was above its threshold [s]."""
     SHAPE = 23
-    """`Shape` of the newest alarm."""
+    """`AlarmShape` of the newest alarm."""
     JOINT = 24
     """Which joint's torque it is about, by index; negative where none stands out."""
     TENTH = 25
@@ -125,7 +125,7 @@ class DriftState:
 
     Attributes:
         vector: all of it.
-        header: by `Entry`.
+        header: by `DriftEntry`.
         log: (RING, 3) time, kind and statistic of each alarm.
         evidence: (RING, len(Evidence) + n) of each alarm.
         checked: (p,) parameters when it was last checked that they have settled.
@@ -153,7 +153,7 @@ class DriftState:
             margins: numbers that the margins of all tests keep.
         """
         sizes = [
-            len(Entry),
+            len(DriftEntry),
             TUNING.ring * ALARM_LOG_FIELDS,
             TUNING.ring * (len(Evidence) + n),
             p,
@@ -174,6 +174,8 @@ class DriftState:
         self.torques: Array = torques.reshape(rows, n + 1)
         self.sums: Array = sums.reshape(changes, n)
         self.change: Array = learnt.reshape(2, changes)
-        self.header[[Entry.TIME, Entry.SINCE, Entry.STARTED, Entry.RAISED, Entry.QUIET]] = NEVER
-        self.header[Entry.SENSOR] = -1.0
+        self.header[[DriftEntry.TIME, DriftEntry.SINCE, DriftEntry.STARTED, DriftEntry.RAISED, DriftEntry.QUIET]] = (
+            NEVER
+        )
+        self.header[DriftEntry.SENSOR] = -1.0
         self.log[:, 0] = NEVER

@@ -14,7 +14,7 @@ import numpy as np
 
 from twin_diagram.errors import ScenarioError
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
-from twin_diagram.estimation.dynamics.parameter_blocks import BLOCKS, ParameterBlock, Payload
+from twin_diagram.estimation.dynamics.parameter_blocks import BLOCKS, ParameterBlock, PayloadBlock
 from twin_diagram.scenario import Filter
 from twin_diagram.signals.arrays import Array
 
@@ -53,7 +53,8 @@ class ParameterSet:
             for group in block.groups()
         ]
         self.payload = next(
-            (part for block, part in zip(self.blocks, self.slices, strict=True) if block.name == Payload.name), None
+            (part for block, part in zip(self.blocks, self.slices, strict=True) if block.name == PayloadBlock.name),
+            None,
         )
 
     def _diagonal(self, parts: list[Array]) -> Array:

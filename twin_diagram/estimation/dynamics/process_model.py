@@ -38,7 +38,7 @@ TUNING = Tuning()
 
 
 @dataclass(frozen=True)
-class Step:
+class ArmStep:
     """A step and what its derivatives need.
 
     Attributes:
@@ -82,7 +82,7 @@ def step(
     disturbance: Array,
     dt: float,
     dry: tuple[Array, Array] | None = None,
-) -> Step:
+) -> ArmStep:
     """Move the arm on by dt.
 
     Args:
@@ -115,13 +115,13 @@ def step(
         system.flat[:: terms.n + 1] = mass.diagonal() + dt * (viscous + secant)
         at = solve_positive(system, push)
     drag = viscous + secant * (TUNING.stuck_speed**2 / width)
-    return Step(q=q + (0.5 * dt) * (v + at), v=at, middle=there, a=(at - v) / dt, mass=mass, drag=drag)
+    return ArmStep(q=q + (0.5 * dt) * (v + at), v=at, middle=there, a=(at - v) / dt, mass=mass, drag=drag)
 
 
 def jacobians(
     terms: ArmTerms,
     parameters: ParameterSet,
-    moved: Step,
+    moved: ArmStep,
     v: Array,
     theta: Array,
     dt: float,

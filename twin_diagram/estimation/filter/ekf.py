@@ -35,7 +35,7 @@ import numpy as np
 
 from twin_diagram.estimation.filter import arm_messages
 from twin_diagram.estimation.filter.base import Core
-from twin_diagram.estimation.filter.belief import HEADER, Entry, Track
+from twin_diagram.estimation.filter.belief import HEADER, Entry, SensorTrack
 from twin_diagram.estimation.filter.belief import TUNING as BELIEF
 from twin_diagram.estimation.filter.parameter_adaptation import open_up
 from twin_diagram.estimation.filter.parameter_status import Standing, standings
@@ -138,9 +138,10 @@ class Ekf(Core):
         return self.declared.odd_one_out(self.belief)
 
     def counters(self) -> dict[str, dict[str, int]]:
-        """Of each further sensor, how many readings were accepted, refused and so on: see `belief.Track`."""
+        """Count of each further sensor how many readings were accepted, refused and so on: see `belief.SensorTrack`."""
+        counts = [entry for entry in SensorTrack if SensorTrack.ACCEPTED <= entry < SensorTrack.RUN]
         return {
-            name: {entry.name.lower(): int(track[entry]) for entry in Track if Track.ACCEPTED <= entry < Track.RUN}
+            name: {entry.name.lower(): int(track[entry]) for entry in counts}
             for name, track in zip(self.declared.sensors, self.belief.tracks, strict=True)
         }
 

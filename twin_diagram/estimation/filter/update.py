@@ -8,7 +8,7 @@ import numpy as np
 
 from twin_diagram.estimation.dynamics.positive_definite import joseph, solve_positive, whiten
 from twin_diagram.estimation.filter.base import Core
-from twin_diagram.estimation.filter.belief import Entry, Track
+from twin_diagram.estimation.filter.belief import Entry, SensorTrack
 from twin_diagram.estimation.filter.noise_adaptation import Update, adapt, noise_now
 from twin_diagram.estimation.filter.parameter_adaptation import gather
 from twin_diagram.estimation.filter.predict import TUNING as PREDICT
@@ -74,7 +74,7 @@ def take(core: Core, sensor: Sensor, z: Array, t: float | None, noise: Array | N
             found = core.history.find(t)
             if found is None:
                 if track is not None:
-                    track[Track.STALE] += 1
+                    track[SensorTrack.STALE] += 1
                 raise FilterError(
                     f"{sensor.name}: its time {t} s lies before all that the filter remembers, "
                     f"{min(core.history.oldest, belief.time)} to {belief.time} s"
@@ -92,7 +92,7 @@ def take(core: Core, sensor: Sensor, z: Array, t: float | None, noise: Array | N
         if track is None:
             belief.header[Entry.INVALID] += 1
         else:
-            track[Track.INVALID] += 1
+            track[SensorTrack.INVALID] += 1
         return Update(False, False, 0.0, np.zeros(sensor.size), np.eye(sensor.size))
     if back or (ahead < -1e-9 and core.history.count):
         assert t is not None
@@ -174,7 +174,7 @@ def _late(
     adapt(core, sensor, track, at, noise, result, t)
     if track is not None:
         _record(core, sensor, track, result, t)
-        track[Track.LATE] += accepted
+        track[SensorTrack.LATE] += accepted
     else:
         belief.header[Entry.LATE] += accepted
     return result
@@ -184,10 +184,10 @@ def _record(core: Core, sensor: Sensor, track: Array, result: Update, t: float) 
     """Keep a further sensor's record; a run of refusals opens what only this sensor tells."""
     belief = core.belief
     note(track, whiten(result.covariance, result.innovation), result.nis, t, result.accepted)
-    if track[Track.STREAK] < TUNING.refusals:
+    if track[SensorTrack.STREAK] < TUNING.refusals:
         return
-    track[Track.STREAK] = 0.0
-    track[Track.REACQUIRED] += 1
+    track[SensorTrack.STREAK] = 0.0
+    track[SensorTrack.REACQUIRED] += 1
     prior = sensor.own_std() ** 2
     if len(prior):
         belief.P[sensor.own, :] = 0.0

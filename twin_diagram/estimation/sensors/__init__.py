@@ -5,7 +5,7 @@ from __future__ import annotations
 from twin_diagram.estimation.sensors.body_pose import BodyPose
 from twin_diagram.estimation.sensors.cloud_pose import CloudError, DepthCloud
 from twin_diagram.estimation.sensors.joints import JointEncoder, JointState, JointVelocity, StateSensor
-from twin_diagram.estimation.sensors.lidar_pose import Lidar
+from twin_diagram.estimation.sensors.lidar_pose import LidarPose
 from twin_diagram.estimation.sensors.link_imu import LinkImu
 from twin_diagram.estimation.sensors.motor_torque import MotorTorque
 from twin_diagram.estimation.sensors.sensor import Instant, Linear, Sensor
@@ -19,7 +19,7 @@ __all__ = [
     "JointEncoder",
     "JointState",
     "JointVelocity",
-    "Lidar",
+    "LidarPose",
     "Linear",
     "LinkImu",
     "MotorTorque",

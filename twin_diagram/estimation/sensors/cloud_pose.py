@@ -62,7 +62,7 @@ class Partners:
 
 
 @dataclass(frozen=True)
-class Fit:
+class CloudFit:
     """Where ICP ended.
 
     Attributes:
@@ -169,7 +169,7 @@ class DepthCloud(BodyPose):
         points = points[np.all(np.isfinite(points), axis=1)]
         return self._claim(self._fit(points, np.asarray(sensor_origin), *self.frame.pose(q), self._tree))
 
-    def _fit(self, points: Array, origin: Array, R_WO: Array, p_WO: Array, known: object) -> Fit:
+    def _fit(self, points: Array, origin: Array, R_WO: Array, p_WO: Array, known: object) -> CloudFit:
         """ICP from a pose, by points (K, 3) in W; `known` is handed on to `_partners`."""
         held, bounds = np.repeat(np.array(TUNING.search) ** -2.0, 3), np.repeat(TUNING.search, 3)
         p_WM = p_WO + R_WO @ self._middle
@@ -207,9 +207,9 @@ class DepthCloud(BodyPose):
             raise CloudError(f"{self.name}: the points lie {off:.1f} times their noise off: they are of something else")
         steps = np.array(path[len(path) // 2 :])
         scatter = np.zeros((6, 6)) if len(path) < self._iterations else (steps - moved).T @ (steps - moved) / len(steps)
-        return Fit(R_WO, p_WM, information / max(1.0, ratio), scatter)
+        return CloudFit(R_WO, p_WM, information / max(1.0, ratio), scatter)
 
-    def _claim(self, fit: Fit) -> tuple[Array, Array]:
+    def _claim(self, fit: CloudFit) -> tuple[Array, Array]:
         """Return the pose (7,) and R (6, 6) of O: a turn about M also moves O."""
         R_M = np.linalg.inv(fit.information + np.diag(np.repeat(np.array(TUNING.nothing) ** -2.0, 3))) + fit.scatter
         arm = fit.R_WO @ self._middle

@@ -51,7 +51,7 @@ class Tuning:
 TUNING = Tuning()
 
 
-class Lidar(DepthCloud):
+class LidarPose(DepthCloud):
     """A `DepthCloud` with a lidar's figures: 1 cm near, growing with distance squared (section 3.3).
 
     So much noise is as large as the link, and the nearest point of its surface is often not the one that was met; but a

@@ -10,7 +10,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.tree import Frame
 
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
-from twin_diagram.estimation.dynamics.link_frame import LinkFrame, Motion, skew
+from twin_diagram.estimation.dynamics.link_frame import LinkFrame, LinkMotion, skew
 from twin_diagram.estimation.sensors.accelerated_sensor import AcceleratedSensor
 from twin_diagram.estimation.sensors.sensor import Instant, Linear
 from twin_diagram.signals.arrays import Array
@@ -134,7 +134,7 @@ class WristWrench(AcceleratedSensor):
             reading, R = reading + shift, R + wide
         return Linear(reading, H, R)
 
-    def _accelerations(self, motion: Motion, a: Array) -> tuple[Array, Array]:
+    def _accelerations(self, motion: LinkMotion, a: Array) -> tuple[Array, Array]:
         """Return (3,) acceleration less gravity of S's origin and (3,) angular acceleration, in S."""
         R_SW = motion.R_WF.T
         lift = R_SW @ (motion.J_v @ a + motion.bias_a - self._gravity)
@@ -227,6 +227,6 @@ def _point(load: Array) -> tuple[float, Array]:
     return mass, load[1:] / mass
 
 
-def _turn(motion: Motion, R_SW: Array, lift: Array) -> Array:
+def _turn(motion: LinkMotion, R_SW: Array, lift: Array) -> Array:
     """Return (3, n) of lift in S by q where the link turns: R_SW (w × J_w dq), with w = lift in W."""
     return np.asarray(R_SW @ (skew(R_SW.T @ lift) @ motion.J_w))
