@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -20,7 +21,7 @@ from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.ekf_system import AdaptiveEkf
 from twin_diagram.estimation.filter.belief import SensorTrack
 from twin_diagram.estimation.filter.ekf import Ekf
-from twin_diagram.estimation.sensors import CloudError, LidarPose
+from twin_diagram.estimation.sensors import LIDAR_NOISE, CloudError, LidarPose
 from twin_diagram.estimation.sensors.cloud_pose import TUNING as CLOUD_POSE
 from twin_diagram.model.description.add_arm import add_arm
 from twin_diagram.scenario import ArmModel, Filter, SensorSpec
@@ -128,9 +129,8 @@ def test_noise_grows_with_distance_squared() -> None:
     """A plate seen from three times as far is nine times as uncertain, where that outweighs what is near."""
     rng = np.random.default_rng(1022)
     plate = np.hstack([rng.uniform(-0.2, 0.2, (10000, 2)), np.zeros((10000, 1))])
-    lidar = LidarPose(
-        terms(), LINK, plate, np.tile([0.0, 0.0, 1.0], (10000, 1)), std_0=1e-5, floor_p=1e-6, floor_r=1e-6
-    )
+    noise = replace(LIDAR_NOISE, std_0=1e-5, floor_p=1e-6, floor_r=1e-6)
+    lidar = LidarPose(terms(), LINK, plate, np.tile([0.0, 0.0, 1.0], (10000, 1)), noise=noise)
     R, p = lidar.frame.pose(HOME)
     points = plate[:1000] @ R.T + p
     near, far = (lidar.align(points, p + d * R[:, 2], HOME)[1] for d in (3.0, 9.0))

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import cast
+from typing import Final, cast
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.sensors.cloud_pose import TUNING as CLOUD_POSE
-from twin_diagram.estimation.sensors.cloud_pose import CloudError, DepthCloud, Partners
+from twin_diagram.estimation.sensors.cloud_pose import CloudError, DepthCloud, Partners, PointNoise
 from twin_diagram.signals.arrays import Array
 
 Points = tuple[Array, Array]
@@ -51,6 +51,10 @@ class Tuning:
 TUNING = Tuning()
 
 
+LIDAR_NOISE: Final = PointNoise(std_0=0.01, growth=0.005)
+"""A lidar's own figures, section 3.3: 1 cm near [m], growing with distance squared [1/m]."""
+
+
 class LidarPose(DepthCloud):
     """A `DepthCloud` with a lidar's figures: 1 cm near, growing with distance squared (section 3.3).
 
@@ -66,11 +70,18 @@ class LidarPose(DepthCloud):
     """
 
     def __init__(
-        self, terms: ArmTerms, body: str, surface: Array, normals: Array, *, name: str = "lidar", **tuning: float
+        self,
+        terms: ArmTerms,
+        body: str,
+        surface: Array,
+        normals: Array,
+        *,
+        noise: PointNoise = LIDAR_NOISE,
+        reach: float = 0.02,
+        name: str = "lidar",
     ) -> None:
-        """As `DepthCloud`, whose arguments `tuning` overrides."""
-        figures: dict[str, float] = {"std_0": 0.01, "growth": 0.005, "reach": 0.02, **tuning}
-        super().__init__(terms, body, surface, normals, name=name, **figures)  # type: ignore[arg-type]
+        """Make the sensor: as `DepthCloud`, with other figures."""
+        super().__init__(terms, body, surface, normals, noise=noise, reach=reach, name=name)
 
     def align(self, points: Array, sensor_origin: Array, q: Array, others: Points | None = None) -> tuple[Array, Array]:
         """Align a cloud, from the pose that q predicts.
