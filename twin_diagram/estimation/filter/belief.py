@@ -186,6 +186,10 @@ class Belief:
         """Whether a message was ever used."""
         return self.time >= 0.0
 
+    def sound(self, largest: float) -> bool:
+        """Return whether all of it is finite, and nothing of x larger than that."""
+        return bool(np.all(np.isfinite(self.vector))) and bool(np.all(np.abs(self.x) < largest))
+
     def state_at(self, t: float) -> Array:
         """x̂ = [q, v] (2n,) carried on from the newest message to time t [rad, rad/s].
 

@@ -100,7 +100,10 @@ def take(core: Core, sensor: Sensor, z: Array, t: float | None, noise: Array | N
     at = core.linear(sensor, belief.x, belief.P, 0)
     # It is for the joints themselves to say that a torque threw the arm. What else jumps may be a load, a contact or a
     # fault of its own, and must not move the state by all that an effort limit allows.
-    result = _fuse(core, sensor, z, at, noise_now(core, sensor, track, at, noise), explain and track is None)
+    gated = gate(core, sensor, z, at, noise_now(core, sensor, track, at, noise), explain and track is None)
+    result = gated.result
+    if result.accepted:
+        absorb(core, gated)
     adapt(core, sensor, track, at, noise, result, belief.time)
     if track is not None:
         _record(core, sensor, track, result, belief.time)
@@ -109,41 +112,79 @@ def take(core: Core, sensor: Sensor, z: Array, t: float | None, noise: Array | N
     return result
 
 
-def _fuse(core: Core, sensor: Sensor, z: Array, at: Linear, R: Array, explain: bool) -> Update:
-    belief, H = core.belief, at.jacobian
-    innovation = sensor.innovation(z, at.reading)
-    HP = H @ belief.P
-    S = HP @ H.T + R
-    right = np.concatenate([HP, innovation[:, None]], axis=1)
-    solved = solve_positive(S, right)
+@dataclass(frozen=True)
+class Gated:
+    """A reading beside what was expected of it, and what it would change.
+
+    Attributes:
+        result: whether it is accepted, and why.
+        H: (m, N) derivative of the sensor's model.
+        R: (m, m) its noise.
+        gain: (N, m) K.
+        weighted: (m,) S⁻¹ y.
+        added: (N, N) covariance of the unmodelled torque that explains it; None where none is needed.
+    """
+
+    result: Update
+    H: Array
+    R: Array
+    gain: Array
+    weighted: Array
+    added: Array | None = None
+
+
+def gate(core: Core, sensor: Sensor, z: Array, at: Linear, R: Array, explain: bool) -> Gated:
+    """Return what a reading would do now: refused, accepted, or accepted for an unmodelled torque alone.
+
+    Args:
+        core: not changed.
+        sensor: that gave it.
+        z: (length,).
+        at: the sensor's model now.
+        R: (m, m) noise.
+        explain: whether an unmodelled torque may explain it.
+    """
+    innovation, H = sensor.innovation(z, at.reading), at.jacobian
+    S, solved = _solved(core.belief.P, H, R, innovation)
     nis = float(innovation @ solved[:, -1])
-    surprise = nis > sensor.gate
-    if surprise:
-        if explain and core.by_torque is not None:
-            jumped = innovation[core.terms.n :] if sensor is core.joints else 0.0
-            added = unmodelled(core, jumped)
-            wide = belief.P + added
-            HP = H @ wide
-            solved = solve_positive(HP @ H.T + R, np.column_stack([HP, innovation]))
-            explained = float(innovation @ solved[:, -1]) <= sensor.gate
-        else:
-            explained = False
-        if not explained:
-            return Update(False, False, nis, innovation, S)
-        belief.P[:] = wide
-        core.history.widen(added)
+    surprise, added = nis > sensor.gate, None
+    accepted = not surprise
+    if surprise and explain and core.by_torque is not None:
+        added = unmodelled(core, innovation[core.terms.n :] if sensor is core.joints else 0.0)
+        _, solved = _solved(core.belief.P + added, H, R, innovation)
+        accepted = float(innovation @ solved[:, -1]) <= sensor.gate
+    result = Update(accepted, surprise and accepted, nis, innovation, S)
+    return Gated(result, H, R, solved[:, :-1].T, solved[:, -1], added)
+
+
+def _solved(P: Array, H: Array, R: Array, innovation: Array) -> tuple[Array, Array]:
+    """Return S (m, m) and S⁻¹ [H P, y] (m, N + 1)."""
+    HP = H @ P
+    S = HP @ H.T + R
+    return S, solve_positive(S, np.concatenate([HP, innovation[:, None]], axis=1))
+
+
+def absorb(core: Core, gated: Gated) -> None:
+    """Update the belief by a reading that its gate let pass.
+
+    Args:
+        core: its belief and history are changed.
+        gated: the reading.
+    """
+    belief, H, R, K, innovation = core.belief, gated.H, gated.R, gated.gain, gated.result.innovation
+    if gated.added is not None:
+        belief.P += gated.added
+        core.history.widen(gated.added)
     core.history.read(H, R, innovation + H @ belief.x)
-    K = solved[:, :-1].T
     belief.x += K @ innovation
     A = K @ -H
     A.flat[:: belief.size + 1] += 1.0
     P = A @ belief.P @ A.T + K @ R @ K.T
     belief.P[:] = 0.5 * (P + P.T)
-    if core.params.rule == "gradient" and not surprise:
-        gather(core, H, solved[:, -1])
+    if core.params.rule == "gradient" and not gated.result.surprise:
+        gather(core, H, gated.weighted)
     core.parameters.clip(belief.theta)
     core.history.settle(belief.x, belief.P)
-    return Update(True, surprise, nis, innovation, S)
 
 
 def _late(
