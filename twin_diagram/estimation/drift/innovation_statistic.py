@@ -18,7 +18,11 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """How far innovations may stray: chosen by hand.
+
+    `sims/benchmarks/false_alarms.py` shows what it costs in false alarms, `make hrt-tables` what it finds and how
+    soon.
+    """
 
     window: float = 0.1
     """Time over which NIS is averaged [s]."""
@@ -114,7 +118,7 @@ def in_a_row(state: DriftState) -> float:
 
 
 def forget(state: DriftState) -> None:
-    """What was measured against another model says nothing now; what is normal stays as it was learnt."""
+    """Forget what was measured against another model; what is normal stays as it was learnt."""
     h = state.header
     h[DriftEntry.NIS] = min(h[DriftEntry.NIS], h[DriftEntry.MEAN] if h[DriftEntry.COUNT] else 2.0 * state.sums.shape[1])
     h[[DriftEntry.SUM, DriftEntry.CHANGE, DriftEntry.LOUD]] = 0.0

@@ -24,7 +24,10 @@ FORGETTING: Final = np.array([0.5, 0.8, 0.95])
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Probabilities and caps of the change test: chosen by hand.
+
+    `sims/benchmarks/false_alarms.py` shows what is left on a model that is a little wrong.
+    """
 
     cap: float = 6.0
     """A message is shortened to this many standard deviations: a spike alone is no change."""

@@ -32,7 +32,10 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """When a joint slides and what is learnt of it: chosen by hand.
+
+    `sims/benchmarks/false_alarms.py` shows what it costs in false alarms, `make hrt-tables` what it finds.
+    """
 
     forgetting: float = 0.85
     """λ per message: 6 messages."""

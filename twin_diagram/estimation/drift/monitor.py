@@ -39,12 +39,16 @@ __all__ = ["DriftEntry", "Evidence", "Monitor"]
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """When normal operation begins: chosen by hand.
+
+    `sims/benchmarks/false_alarms.py` shows what it costs in false alarms.
+    """
 
     settling: float = 0.25
     """Parameters have settled when they change by less than `SETTLED` of their prior's deviation in this time [s]."""
 
     settled: float = 0.05
+    """Share of its prior's deviation by which a parameter that has settled still changes in that time."""
 
     patience: float = 5.0
     """After this many learning times normal operation is taken for granted: a model may never settle."""
@@ -140,19 +144,8 @@ class Monitor:
         state_time = t if state_time is None else state_time
         said = np.concatenate([state, theta, q, tau] if innovation is None else [state, theta, q, tau, innovation])
         sound = np.abs(said).max() < 1e6 and 0.0 <= nis < np.inf and 0.0 <= t < np.inf  # NaN compares false
-        if not sound or t == h[DriftEntry.TIME]:
-            return
-        if h[DriftEntry.SINCE] < 0.0:
-            h[DriftEntry.SINCE] = h[DriftEntry.CHECKED] = t
-            h[DriftEntry.NEXT] = t + TUNING.settling
-            h[DriftEntry.NIS] = min(nis, 2.0 * self.terms.n)
-            self.state.checked[:] = theta
-            h[DriftEntry.TIME] = t
-            return
-        dt = t - h[DriftEntry.TIME]
-        if not 0.0 < dt <= TUNING.longest_gap:
-            # A gap, or a clock set back: what came before does not join up with what comes now.
-            self._resume(theta, t)
+        dt = self._elapsed(theta, nis, t) if sound else None
+        if dt is None:
             return
         h[DriftEntry.TIME] = t
         self._settle(theta, t)
@@ -160,20 +153,21 @@ class Monitor:
         if learning:
             h[DriftEntry.NORMAL] += dt
         alarm_lifecycle.turn_over(self.state, t)
-        k, armed = self.params.sigma, self.armed
-        margins = self.state.margins
+        armed, margins = self.armed, self.state.margins
         self._rate.turn_over(margins, t, armed and not self.active)
-        found = innovation_statistic.innovation_test(self.state, nis, innovation, dt, k, learning, armed)
+        found = innovation_statistic.innovation_test(
+            self.state, nis, innovation, dt, self.params.sigma, learning, armed
+        )
         found = self._rate.take(margins, INNOVATION, found)
         if armed:
             found = max(found, innovation_statistic.in_a_row(self.state))
         calm = bool(h[DriftEntry.SETTLED]) and found < 1.0 and not self.active
         gained, joint, torque = self._motors.follow(self.state.motors, state, theta, tau, state_time, calm, armed)
         gained = self._rate.take(margins, TORQUE, gained)
-        named = (joint, torque) if gained > 1.0 else None
         found = max(found, gained)
         alarm_lifecycle.note(self.state, found)
         if found > 1.0:
+            named = (joint, torque) if gained > 1.0 else None
             alarm_lifecycle.raise_alarm(self.state, AlarmKind.INNOVATION, t, found, dt=dt, gained=named)
         elif armed and not learning and h[DriftEntry.ALARMS] > 0 and t < h[DriftEntry.QUIET]:
             alarm_lifecycle.reshape(self.state)
@@ -209,7 +203,7 @@ class Monitor:
             alarm_lifecycle.raise_alarm(self.state, AlarmKind.SENSOR, t, found, sensor=index)
 
     def begin_anew(self) -> None:
-        """The model was corrected: what was measured against the old one says nothing now.
+        """Begin anew with a corrected model: what was measured against the old one says nothing now.
 
         What normal operation looks like stays as it was learnt: a model that is right again is held to the same band.
         Only the torque that each joint lacks is learnt anew: it is the model's own.
@@ -225,6 +219,23 @@ class Monitor:
         self._motors.begin(self.state.motors)
 
     # Details.
+
+    def _elapsed(self, theta: Array, nis: float, t: float) -> float | None:
+        """Return the time since the message before [s]; None where there is none that this one joins up with."""
+        h = self.header
+        if t == h[DriftEntry.TIME]:
+            return None
+        if h[DriftEntry.SINCE] < 0.0:
+            h[DriftEntry.SINCE] = h[DriftEntry.CHECKED] = h[DriftEntry.TIME] = t
+            h[DriftEntry.NEXT] = t + TUNING.settling
+            h[DriftEntry.NIS] = min(nis, 2.0 * self.terms.n)
+            self.state.checked[:] = theta
+            return None
+        dt = float(t - h[DriftEntry.TIME])
+        if 0.0 < dt <= TUNING.longest_gap:
+            return dt
+        self._resume(theta, t)  # a gap, or a clock set back
+        return None
 
     def _resume(self, theta: Array, t: float) -> None:
         h = self.header

@@ -27,7 +27,7 @@ from twin_diagram.signals.layouts import NEVER
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Guards of the arithmetic, chosen by hand: no figure hangs on them."""
 
     runaway: float = 1e6
     """Stands for the error of a rollout that ran away [N·m], [m]."""

@@ -36,7 +36,10 @@ sum goes back, the less it is like one of white noise."""
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """What is normal of a further sensor: chosen by hand.
+
+    `sims/benchmarks/false_alarms.py` with `--sensors all` shows what it costs in false alarms.
+    """
 
     block: int = 3
     """Numbers of a reading that are tested together."""
@@ -110,7 +113,7 @@ class CrossCheck:
         self.size = int(self._starts[-1])
 
     def begin(self, vector: Array) -> None:
-        """What was measured against another model says nothing now; what is normal stays as it was learnt."""
+        """Forget what was measured against another model; what is normal stays as it was learnt."""
         for index in range(len(self.sizes)):
             head, sums, _, _ = self._views(vector, index)
             head[3] = 0.0

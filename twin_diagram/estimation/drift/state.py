@@ -14,7 +14,10 @@ from twin_diagram.signals.layouts import ALARM_LOG_FIELDS, NEVER
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Sizes of what is remembered, chosen by hand.
+
+    A recording holds them, so that another size makes another layout.
+    """
 
     ring: int = 32
     """Alarms that are remembered."""

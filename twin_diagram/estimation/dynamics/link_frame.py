@@ -118,7 +118,7 @@ class LinkFrame:
 
 
 def turned_rate(motion: LinkMotion, v: Array) -> Array:
-    """∂ω/∂q (3, n): joint i turns the axes of all joints after it, hence ∂ω/∂q_i = w_i × (ω − ω_i).
+    """Return ∂ω/∂q (3, n): joint i turns the axes of all joints after it, hence ∂ω/∂q_i = w_i × (ω − ω_i).
 
     w_i is the axis of joint i (a column of J_w), ω_i the angular velocity of the link that it moves.
     """

@@ -23,7 +23,10 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Priors and bounds of what is learnt, as wide as data sheets and friction models are wrong: chosen by hand.
+
+    `make hrt-tables` shows how fast and how well parameters are learnt from them.
+    """
 
     heaviest: float = 10.0
     """A payload's mass lies between 0 and this [kg]."""
@@ -82,7 +85,7 @@ class ParameterBlock(ABC):
 
     @abstractmethod
     def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array, tau: Array) -> Array:
-        """Y (n, p): what the motors must give, beyond the τ measured, per unit of each parameter."""
+        """Return Y (n, p): what the motors must give, beyond the τ measured, per unit of each parameter."""
 
     @abstractmethod
     def clip(self, theta: Array) -> None:
@@ -136,7 +139,7 @@ class PayloadBlock(ParameterBlock):
         return terms.payload_regressor(q, v, a)
 
     def clip(self, theta: Array) -> None:
-        """0 ≤ m ≤ 10 kg, and the centre within 5 com_std of the tool frame (with slack while m is next to nothing)."""
+        """Keep 0 ≤ m ≤ 10 kg, the centre within 5 com_std of the tool frame (with slack while m is next to nothing)."""
         mass = min(max(float(theta[0]), 0.0), TUNING.heaviest)
         theta[0] = mass
         offset = theta[1:4] - mass * self._tool

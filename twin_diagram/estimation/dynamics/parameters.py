@@ -70,7 +70,7 @@ class ParameterSet:
     def regressor(
         self, terms: ArmTerms, q: Array, v: Array, a: Array, tau: Array, sliding: Array | None = None
     ) -> Array:
-        """Y (n, p) of all blocks.
+        """Return Y (n, p) of all blocks.
 
         Args:
             terms: the arm.
@@ -97,7 +97,7 @@ class ParameterSet:
         return sum(block.push(theta[part], tau) for block, part in zip(self.blocks, self.slices, strict=True))
 
     def viscous(self, theta: Array, damping: Array) -> Array:
-        """Viscous friction (n,) of the plant, `damping`, and θ together; never negative [N·m·s/rad]."""
+        """Return viscous friction (n,) of the plant, `damping`, and θ together; never negative [N·m·s/rad]."""
         total = sum((block.viscous(theta[part]) for block, part in zip(self.blocks, self.slices, strict=True)), damping)
         return np.maximum(total, 0.0)
 

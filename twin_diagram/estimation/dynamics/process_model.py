@@ -26,12 +26,16 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """The implicit step's treatment of dry friction: chosen by hand.
+
+    `sims/benchmarks/filter_timing.py` shows what a step costs.
+    """
 
     stuck_speed: float = 1e-3
     """s above: a joint creeps this fast, times load over level, while dry friction holds it [rad/s]."""
 
     iterations: int = 3
+    """Secants that are taken one after the other: at v, then at the v⁺ of the one before."""
 
 
 TUNING = Tuning()
@@ -129,7 +133,7 @@ def jacobians(
     tau: Array | None = None,
     sliding: Array | None = None,
 ) -> Jacobians:
-    """Derivatives of a step by the implicit function theorem, inverse dynamics by forward differences.
+    """Differentiate a step by the implicit function theorem, inverse dynamics by forward differences.
 
     Args:
         terms: the arm.

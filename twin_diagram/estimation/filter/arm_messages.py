@@ -22,7 +22,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """What a message of the arm may be: chosen by hand, generous on purpose."""
 
     longest_gap: float = 0.25
     """After a longer silence the state is taken anew from the message; parameters are kept [s]."""

@@ -96,11 +96,12 @@ class SensorTrack(IntEnum):
 
 
 HEADER = len(Entry)
+"""Numbers of the header, which the vector begins with."""
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """The vector's layout, and how far a state is carried on: chosen by hand."""
 
     memory: int = 17
     """Numbers kept per joint besides the state."""
@@ -191,7 +192,7 @@ class Belief:
         return bool(np.all(np.isfinite(self.vector))) and bool(np.all(np.abs(self.x) < largest))
 
     def state_at(self, t: float) -> Array:
-        """x̂ = [q, v] (2n,) carried on from the newest message to time t [rad, rad/s].
+        """Return x̂ = [q, v] (2n,) carried on from the newest message to time t [rad, rad/s].
 
         Args:
             t: [s]; carried on by `LONGEST_LOOK` at most, and never back.

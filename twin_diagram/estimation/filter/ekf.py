@@ -122,12 +122,12 @@ class Ekf(Core):
         return standings(self.parameters, belief.theta, covariance, joints, self.params.rule)
 
     def hold_noise(self, until: float) -> None:
-        """An alarm stands: the noise is not adapted before this time [s]."""
+        """Hold the noise as it is until this time [s], since an alarm stands."""
         header = self.belief.header
         header[Entry.ALARM] = max(header[Entry.ALARM], until)
 
     def heed(self, alarm: Array) -> None:
-        """What a drift monitor says counts for the filter: call it before each message, with the monitor's word so far.
+        """Heed what a drift monitor says: call it before each message, with the monitor's word so far.
 
         While an alarm stands the noise is not adapted. A new one about the joints is a change of the arm: the
         parameters that recent innovations speak for open, so that they are learnt faster.

@@ -28,7 +28,10 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Which readings speak for noise: chosen by hand.
+
+    `tests/estimation/filter/test_noise_estimate.py` shows the noise found beside the noise put in.
+    """
 
     creeping: float = 0.1
     """Share of a reading's variance that may be due to joints that rest or creep where it speaks for its sensor's

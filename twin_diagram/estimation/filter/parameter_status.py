@@ -18,7 +18,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """When a parameter is an answer: chosen by hand."""
 
     told: float = 0.5
     """A parameter has settled when its deviation is below this share of its prior's: readings then count three times as

@@ -30,7 +30,7 @@ EVERY: Final = np.array(True)
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """How far a prediction may go: chosen by hand."""
 
     longest_step: float = 0.01
     """A longer prediction is cut into steps no longer than this [s]."""

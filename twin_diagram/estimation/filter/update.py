@@ -20,7 +20,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """When the state is taken anew: chosen by hand."""
 
     refusals: int = 10
     """After as many refused or stale messages in a row the state is taken anew from the message."""
@@ -190,7 +190,7 @@ def absorb(core: Core, gated: Gated) -> None:
 def _late(
     core: Core, sensor: Sensor, z: Array, t: float, noise: Array | None, track: Array | None, back: int
 ) -> Update:
-    """Fuses a reading at an earlier step, and runs the steps after it again."""
+    """Fuse a reading at an earlier step, and runs the steps after it again."""
     belief, n = core.belief, core.terms.n
     time, x, P = core.history.state(back)
     # From the step's end to the reading's own time the state moves by its speed: half a step at most.
@@ -260,7 +260,7 @@ def _open_payload(core: Core, sensor: Sensor, result: Update) -> None:
 
 
 def covariance_of(sensor: Sensor, noise: Array) -> Array:
-    """R (m, m) from a covariance or from standard deviations.
+    """Return R (m, m) from a covariance or from standard deviations.
 
     Raises:
         FilterError: it is neither.

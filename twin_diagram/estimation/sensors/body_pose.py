@@ -108,5 +108,5 @@ class BodyPose(Sensor):
         return self._bias_walk
 
     def sound(self, z: Array) -> bool:
-        """Return a quaternion of length 1 to within a tenth, and all finite."""
+        """Return whether all is finite, and the quaternion of length 1 to within a tenth."""
         return super().sound(z) and abs(float(np.linalg.norm(z[:4])) - 1.0) < 0.1

@@ -18,7 +18,10 @@ from twin_diagram.signals.rotations import exp
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """How points are aligned: chosen by hand; the median is a quantile of χ².
+
+    `tests/estimation/sensors` shows poses beside what is claimed of them.
+    """
 
     fewest: int = 12
     """Points with a partner that make a pose."""

@@ -15,6 +15,7 @@ from twin_diagram.scenario import SensorSpec
 from twin_diagram.scenario.poses import pose
 
 FIGURES = {"body_pose": ("std_p", "std_r"), "imu": ("gyro_std", "accel_std"), "wrench": ("force_std", "moment_std")}
+"""What the numbers of `SensorSpec.std` are, by kind."""
 
 
 def make_sensor(terms: ArmTerms, spec: SensorSpec) -> Sensor:

@@ -19,7 +19,10 @@ Points = tuple[Array, Array]
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """What a beam may have met, from the spacing of the links' points: chosen by hand.
+
+    `tests/twin/arm_sensing` shows poses beside what is claimed of them.
+    """
 
     spread: float = 0.004
     """How far across a beam the point of the surface lies that stands for what it met: the points' own spacing [m]."""

@@ -18,7 +18,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """When a load has a centre: chosen by hand."""
 
     lightest: float = 0.05
     """What weighs less has no centre to speak of [kg]."""
@@ -215,6 +215,7 @@ def _product() -> Array:
 
 
 PRODUCT: Final = _product()
+"""(6, 24), of a load's four numbers by the motion's six."""
 
 
 def point_moment(load: Array, turning: Array) -> tuple[Array, Array]:
