@@ -13,13 +13,11 @@ import pytest
 CHECKOUT = Path(__file__).resolve().parent.parent
 
 OWED: dict[str, int] = {
-    "files naming coulomb_friction": 5,
-    "files naming viscous_friction": 3,
-    "class names of several modules": 18,
-    "functions over 60 lines": 13,
-    "constructors over 8 arguments": 4,
-    "constants without a reason": 70,
-    "docstrings without a verb first": 113,
+    "files naming coulomb_friction": 4,
+    "class names of several modules": 7,
+    "functions over 60 lines": 8,
+    "constants without a reason": 60,
+    "docstrings without a verb first": 86,
 }
 """Aims of `make house` not met yet: until they are, these rows must not get worse than this.
 

@@ -7,7 +7,7 @@ import numpy as np
 from tests.estimation_bench import HOME, twin_terms
 from twin_diagram.estimation.drift_system import DriftMonitor
 from twin_diagram.estimation.ekf_system import AdaptiveEkf
-from twin_diagram.estimation.filter.belief import Track
+from twin_diagram.estimation.filter.belief import SensorTrack
 from twin_diagram.estimation.filter.sensor_registry import note
 from twin_diagram.scenario import Drift, Filter, SensorSpec
 from twin_diagram.signals.layouts import AlarmKind
@@ -19,7 +19,7 @@ TUNING = Filter(sensors=[SensorSpec(kind="imu", name="hand_imu"), SensorSpec(kin
 def test_ports_fit_the_filters() -> None:
     ekf, monitor = AdaptiveEkf(TERMS, TUNING), DriftMonitor(TERMS, Drift(), TUNING)
     size = ekf.GetOutputPort("sensor_tracks").size()
-    assert size == monitor.GetInputPort("sensor_tracks").size() == 2 * len(Track) + 6 + 7
+    assert size == monitor.GetInputPort("sensor_tracks").size() == 2 * len(SensorTrack) + 6 + 7
     assert not AdaptiveEkf(TERMS, Filter()).HasOutputPort("sensor_tracks")
     assert not DriftMonitor(TERMS, Drift(), Filter()).HasInputPort("sensor_tracks")
 
@@ -39,7 +39,7 @@ def test_a_sensor_that_parts_ways_is_named() -> None:
     ):
         system.GetInputPort(name).FixValue(context, value)
     rng = np.random.default_rng(0)
-    imu, torque = np.zeros(len(Track) + 6), np.zeros(len(Track) + 7)
+    imu, torque = np.zeros(len(SensorTrack) + 6), np.zeros(len(SensorTrack) + 7)
     for k in range(1200):
         t = 0.005 * (k + 1)
         white = rng.normal(size=6)

@@ -11,7 +11,7 @@ from pydrake.systems.analysis import Simulator
 
 from tests.small_loop import estimates, same
 from twin_diagram.errors import ScenarioError
-from twin_diagram.estimation.filter.belief import Track
+from twin_diagram.estimation.filter.belief import SensorTrack
 from twin_diagram.runs.run import replay_scenario, run_scenario
 from twin_diagram.scenario import ArmModel, EffectSpec, LinkSensor, Pose, Scenario, SensorDefects, SensorSpec, Twin
 from twin_diagram.scenario.file import override_scenario
@@ -119,10 +119,10 @@ def test_each_reading_is_used_once_and_the_bias_is_found(live: tuple[ClosedLoop,
     found = belief(loop, simulator)
     imu, wrench = found.tracks
     # 200 and 100 readings a second, less the first few.
-    assert 390 <= imu[Track.ACCEPTED] + imu[Track.REFUSED] <= 400
-    assert 190 <= wrench[Track.ACCEPTED] + wrench[Track.REFUSED] <= 200
-    assert imu[Track.ACCEPTED] > 0.97 * 390 and wrench[Track.ACCEPTED] > 0.97 * 190
-    assert imu[Track.INVALID] == wrench[Track.INVALID] == 0
+    assert 390 <= imu[SensorTrack.ACCEPTED] + imu[SensorTrack.REFUSED] <= 400
+    assert 190 <= wrench[SensorTrack.ACCEPTED] + wrench[SensorTrack.REFUSED] <= 200
+    assert imu[SensorTrack.ACCEPTED] > 0.97 * 390 and wrench[SensorTrack.ACCEPTED] > 0.97 * 190
+    assert imu[SensorTrack.INVALID] == wrench[SensorTrack.INVALID] == 0
     # To within the noise of the arm's speeds, which it is told from.
     np.testing.assert_allclose(found.own[:3], GYRO_BIAS, atol=loop.scenario.twin.filter.velocity_std)
 
@@ -157,14 +157,14 @@ def test_a_recording_plays_them_to_the_bit_whatever_the_world_says(tmp_path: Pat
     again.world.sensor_defects = {IMU: SensorDefects(noise=[0.5, 0.5], bias=[1.0] * 6)}
     replayed, player = run(again, 0.8)
     assert not same([expected], [estimates(replayed, player.get_context())])
-    assert belief(replayed, player).tracks[0][Track.ACCEPTED] > 100
+    assert belief(replayed, player).tracks[0][SensorTrack.ACCEPTED] > 100
     assert same([expected], [estimates(*_without(again, 0.8))]), "and they count"
 
     bare = replay_scenario(folder)
     bare.replay.log = str(log)
     silent, player = run(bare, 0.8)
     found = belief(silent, player)
-    assert found.valid and all(track[Track.ACCEPTED] == track[Track.INVALID] == 0 for track in found.tracks)
+    assert found.valid and all(track[SensorTrack.ACCEPTED] == track[SensorTrack.INVALID] == 0 for track in found.tracks)
 
 
 def _without(scenario: Scenario, until: float) -> tuple[ClosedLoop, Any]:

@@ -7,24 +7,25 @@ from itertools import pairwise
 from typing import Any, cast
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus
 
 from twin_diagram.estimation.drift.alarm_events import events
-from twin_diagram.estimation.drift.monitor import Entry, Monitor
+from twin_diagram.estimation.drift.monitor import DriftEntry, Monitor
 from twin_diagram.estimation.drift.sensor_consistency import newest
 from twin_diagram.estimation.drift.state import TUNING as STATE
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.filter.belief import TUNING as BELIEF
-from twin_diagram.estimation.filter.belief import Track
+from twin_diagram.estimation.filter.belief import SensorTrack
 from twin_diagram.estimation.sensors.from_scenario import make_sensor
 from twin_diagram.model.model import Model
+from twin_diagram.model.model_user import ModelUser
 from twin_diagram.runtime.timing import timed
 from twin_diagram.scenario import Drift, Filter
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import ALARM_LOG_FIELDS, ALARM_SIZE, NEVER
 
 
-class DriftMonitor(LeafSystem):
+class DriftMonitor(ModelUser[Monitor]):
     """Raises an alarm when model and measurement part ways.
 
     .. pydrake_system::
@@ -56,6 +57,9 @@ class DriftMonitor(LeafSystem):
     statistic over threshold; `alarm_log` (32 × 3, row by row), a ring: time raised (`NEVER` where empty), kind,
     statistic; `alarm_evidence` (32 × (10 + n)), a row for each of its rows, by `monitor.Evidence`, then each joint's
     share of the change in standard deviations. `events` makes both into records for a JSON Lines file.
+
+    A corrected model is handed on as `ModelUser` says; what was measured against the old one is forgotten: see
+    `Monitor.begin_anew`.
     """
 
     def __init__(self, model: Model | ArmTerms, params: Drift, tuning: Filter) -> None:
@@ -69,8 +73,7 @@ class DriftMonitor(LeafSystem):
         super().__init__()
         self._params, self._tuning = params, tuning
         self.monitor = self._make(model)
-        self._monitors = [self.monitor]
-        self._model = self.DeclareNumericParameter(BasicVector([0.0]))
+        self._begin_with(self.monitor)
         terms = self.monitor.terms
         self._view = self._make(terms)
         n, p = terms.n, self.monitor.parameters.size
@@ -87,7 +90,7 @@ class DriftMonitor(LeafSystem):
             )
         ]
         sizes = self._sizes(terms)
-        ends = np.cumsum([0, *(len(Track) + size for size in sizes.values())])
+        ends = np.cumsum([0, *(len(SensorTrack) + size for size in sizes.values())])
         self._tracks = [slice(int(a), int(b)) for a, b in pairwise(ends)]
         self._further = self.DeclareVectorInputPort("sensor_tracks", int(ends[-1])) if sizes else None
         state = self.DeclareDiscreteState(self._view.vector)
@@ -103,35 +106,18 @@ class DriftMonitor(LeafSystem):
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={self.discrete_state_ticket(state)})
 
     def header(self, context: Context) -> dict[str, float]:
-        """Return what the monitor knows, by `monitor.Entry`: for plots and tests."""
+        """Return what the monitor knows, by `monitor.DriftEntry`: for plots and tests."""
         values = context.get_discrete_state(0).value()
-        return {entry.name.lower(): float(values[entry]) for entry in Entry}
+        return {entry.name.lower(): float(values[entry]) for entry in DriftEntry}
 
     def events(self, context: Context, joints: Sequence[str] = ()) -> list[dict[str, Any]]:
         """Return all alarms still in the ring, oldest first, as records: see `alarm_events.events`."""
         return events(self._of(context), joints)
 
-    def add_model(self, model: Model | ArmTerms) -> int:
-        """Take in a corrected model; answer its number, by which `use_model` calls it."""
-        self._monitors.append(self._make(model))
-        return len(self._monitors) - 1
-
-    def use_model(self, context: Context, number: int) -> None:
-        """Go on with another model in this Context, a numeric parameter of it: see `Monitor.begin_anew`.
-
-        Args:
-            context: this system's own, at rest: between two steps of a simulator.
-            number: as `add_model` gave it; 0 is the model that the monitor was made with.
-        """
-        monitor = self._monitors[number]
-        monitor.vector[:] = context.get_discrete_state(0).value()
-        monitor.begin_anew()
-        context.SetDiscreteState(0, monitor.vector)
-        context.get_mutable_numeric_parameter(self._model).SetAtIndex(0, float(number))
-
-    def model_number(self, context: Context) -> int:
-        """Return which model this Context uses."""
-        return int(context.get_numeric_parameter(self._model).GetAtIndex(0))
+    def _hand_over(self, context: Context, made: Monitor) -> None:
+        made.vector[:] = context.get_discrete_state(0).value()
+        made.begin_anew()
+        context.SetDiscreteState(0, made.vector)
 
     def _make(self, model: Model | ArmTerms) -> Monitor:
         terms = model if isinstance(model, ArmTerms) else ArmTerms.from_model(model)
@@ -144,7 +130,7 @@ class DriftMonitor(LeafSystem):
     @timed("DriftMonitor")
     def _update(self, context: Context, discrete: DiscreteValues) -> EventStatus:
         state, theta, innovation, nis, q, tau, t = (cast(Array, port.Eval(context)) for port in self._inputs)
-        monitor = self._monitors[self.model_number(context)]
+        monitor = self._in_use(context)
         monitor.vector[:] = context.get_discrete_state(0).value()
         before = context.get_discrete_state(self._message).value()
         n, message_time = len(q), float(before[-1])

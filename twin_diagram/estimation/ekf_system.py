@@ -6,25 +6,26 @@ from typing import Any, cast
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, InputPort, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, InputPort
 
 from twin_diagram.errors import ModelError
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.filter.arm_messages import TUNING as ARM_MESSAGES
-from twin_diagram.estimation.filter.belief import HEADER, Belief, Entry, Track
+from twin_diagram.estimation.filter.belief import HEADER, Belief, Entry, SensorTrack
 from twin_diagram.estimation.filter.ekf import Ekf
 from twin_diagram.estimation.filter.model_swap import hand_over
 from twin_diagram.estimation.filter.sensor_registry import FilterError
 from twin_diagram.estimation.sensors import BodyPose
 from twin_diagram.estimation.sensors.from_scenario import make_sensor
 from twin_diagram.model.model import Model
+from twin_diagram.model.model_user import ModelUser
 from twin_diagram.runtime.timing import timed
 from twin_diagram.scenario import Filter
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import ALARM_SIZE, NEVER
 
 
-class AdaptiveEkf(LeafSystem):
+class AdaptiveEkf(ModelUser[Ekf]):
     """Estimates the arm's state and the parameters that the model was not told of.
 
     .. pydrake_system::
@@ -56,8 +57,8 @@ class AdaptiveEkf(LeafSystem):
     it was taken [s], negative before the first, and for a pose `<name>.noise` (36), its R row by row, zeros for the
     sensor's own. A reading is used once, when its time has changed; what arrives late is fused at its own time.
 
-    With them comes the output `sensor_tracks`: of each in turn its record by `belief.Track`, then its mean whitened
-    innovation.
+    With them comes the output `sensor_tracks`: of each in turn its record by `belief.SensorTrack`, then its mean
+    whitened innovation.
 
     `alarm` as a `DriftMonitor` gives it may be left open; while one stands the noise is not adapted, lest a fault be
     taken for noise, and a new one about the joints opens the parameters: see `Ekf.heed`.
@@ -68,7 +69,7 @@ class AdaptiveEkf(LeafSystem):
     standard normal per joint; `nis` (1), normalised innovation squared of positions and velocities, 2n on average.
 
     Which of its models a Context uses is a numeric parameter of that Context (0, the given one, at first): see
-    `add_model` and `use_model`.
+    `ModelUser`; what the filter knows is carried over to a corrected one, see `hand_over`.
     """
 
     def __init__(self, model: Model | ArmTerms, params: Filter, home: Array | None = None) -> None:
@@ -81,9 +82,8 @@ class AdaptiveEkf(LeafSystem):
         """
         super().__init__()
         self._params = params
-        self.ekf = self._make(model)
-        self._ekfs = [self.ekf]
-        self._model = self.DeclareNumericParameter(BasicVector([0.0]))
+        self.ekf = self._filter(model)
+        self._begin_with(self.ekf)
         ekf, n, p = self.ekf, self.ekf.terms.n, self.ekf.parameters.size
         declared = ekf.declared
         self._view = Belief(n, p, declared.own, declared.sizes)
@@ -150,37 +150,19 @@ class AdaptiveEkf(LeafSystem):
         header = context.get_discrete_state(0).value()[:HEADER]
         return {entry.name.lower(): int(header[entry]) for entry in Entry if entry >= Entry.ACCEPTED}
 
-    def add_model(self, model: Model | ArmTerms) -> int:
-        """Take in a corrected model; answer its number, by which `use_model` calls it. No Context uses it yet.
-
-        Raises:
-            ModelError, ScenarioError: it cannot be filtered with, or it is of another arm.
-        """
-        ekf = self._make(model)
-        if ekf.terms.n != self.ekf.terms.n:
-            raise ModelError(f"the corrected model has {ekf.terms.n} joints where the filter has {self.ekf.terms.n}")
-        self._ekfs.append(ekf)
-        return len(self._ekfs) - 1
-
-    def use_model(self, context: Context, number: int) -> None:
-        """Go on with another model in this Context: what the filter knows is carried over, see `hand_over`.
-
-        Args:
-            context: this system's own, at rest: between two steps of a simulator.
-            number: as `add_model` gave it; 0 is the model that the filter was made with.
-        """
-        ekf = self._ekfs[number]
-        hand_over(self.belief(context), ekf)
-        context.SetDiscreteState(0, ekf.belief.vector)
+    def _hand_over(self, context: Context, made: Ekf) -> None:
+        hand_over(self.belief(context), made)
+        context.SetDiscreteState(0, made.belief.vector)
         if self._further:
-            context.SetDiscreteState(1, ekf.history.vector)
-        context.get_mutable_numeric_parameter(self._model).SetAtIndex(0, float(number))
-
-    def model_number(self, context: Context) -> int:
-        """Return which model this Context uses."""
-        return int(context.get_numeric_parameter(self._model).GetAtIndex(0))
+            context.SetDiscreteState(1, made.history.vector)
 
     def _make(self, model: Model | ArmTerms) -> Ekf:
+        ekf = self._filter(model)
+        if ekf.terms.n != self.ekf.terms.n:
+            raise ModelError(f"the corrected model has {ekf.terms.n} joints where the filter has {self.ekf.terms.n}")
+        return ekf
+
+    def _filter(self, model: Model | ArmTerms) -> Ekf:
         ekf = Ekf(model if isinstance(model, ArmTerms) else ArmTerms.from_model(model), self._params)
         for spec in self._params.sensors:
             ekf.add(make_sensor(ekf.terms, spec))
@@ -189,7 +171,7 @@ class AdaptiveEkf(LeafSystem):
     @timed("AdaptiveEkf")
     def _update(self, context: Context, discrete: DiscreteValues) -> EventStatus:
         q, v, tau, t = (cast(Array, port.Eval(context)) for port in self._inputs)
-        ekf = self._ekfs[self.model_number(context)]
+        ekf = self._in_use(context)
         before = cast(Array, context.get_discrete_state(0).value())
         ekf.load(before, cast(Array, context.get_discrete_state(1).value()) if self._further else None)
         if self._alarm.HasValue(context):
@@ -219,7 +201,7 @@ class AdaptiveEkf(LeafSystem):
             except (FilterError, np.linalg.LinAlgError):
                 track = ekf.declared.track(ekf.belief, sensor)
                 assert track is not None
-                track[Track.INVALID] += 1
+                track[SensorTrack.INVALID] += 1
         return seen
 
     def _of(self, context: Context) -> Belief:

@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Final, cast
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus
 
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.errors import ScenarioError
 from twin_diagram.model.model import Model
+from twin_diagram.model.model_user import ModelUser
 from twin_diagram.planning.collision.collision_scene import load_scene
 from twin_diagram.planning.mpc.payload_gravity import gravity_regressor
 from twin_diagram.planning.mpc.planner import Planner
@@ -38,7 +39,7 @@ class Tuning:
 TUNING = Tuning()
 
 
-class Mpc(LeafSystem):
+class Mpc(ModelUser[Model]):
     """Moves the tool to a goal around the twin's objects, and out of their way.
 
     .. pydrake_system::
@@ -73,8 +74,7 @@ class Mpc(LeafSystem):
     reacts to an image as old as the camera's latency and one tick of the updater.
 
     State: one discrete vector, see `planner_state.Memory`. The goal counts from `task.start` on. Which of its models a
-        Context
-    uses is a numeric parameter of that Context: see `add_model` and `use_model`.
+    Context uses is a numeric parameter of that Context: see `ModelUser`; of a corrected one its torques alone count.
     """
 
     def __init__(
@@ -109,8 +109,7 @@ class Mpc(LeafSystem):
         scene = load_scene(model.spec, twin.fixtures, library, packages)
         self.planner: Final = Planner(scene, model.velocity_limit, params, solver)
         self._n, self._knots, self._step = n, params.knots, params.step
-        self._models = [model]
-        self._model = self.DeclareNumericParameter(BasicVector([0.0]))
+        self._begin_with(model)
         self._start = twin.task.start
         plain = [name.split(" ")[0] for name in parameter_names]
         self._payload_index = [plain.index(name) for name in PAYLOAD] if set(PAYLOAD) <= set(plain) else None
@@ -144,25 +143,8 @@ class Mpc(LeafSystem):
         """Return a copy of what the planner remembers."""
         return Memory.unpack(self._vector(context), self._n, self._knots, self._step)
 
-    def add_model(self, model: Model) -> int:
-        """Take in a corrected model of the same arm; answer its number, by which `use_model` calls it."""
-        self._models.append(model)
-        return len(self._models) - 1
-
-    def use_model(self, context: Context, number: int) -> None:
-        """Ask for the torques of another model in this Context; 0 is the model that the planner was made with.
-
-        Args:
-            context: this system's own, at rest: between two steps of a simulator.
-            number: as `add_model` gave it.
-        """
-        if not 0 <= number < len(self._models):
-            raise IndexError(f"model {number}: there are {len(self._models)}")
-        context.get_mutable_numeric_parameter(self._model).SetAtIndex(0, float(number))
-
-    def model_number(self, context: Context) -> int:
-        """Return which model this Context uses."""
-        return int(context.get_numeric_parameter(self._model).GetAtIndex(0))
+    def _make(self, model: Model) -> Model:
+        return model
 
     def _vector(self, context: Context) -> Array:
         return cast(Array, context.get_discrete_state(int(self._state)).value())
@@ -221,7 +203,7 @@ class Mpc(LeafSystem):
                 torque = gravity_regressor(self.planner.scene.chain, q) @ payload
         number, still = self.model_number(context), np.zeros(self._n)
         if number and np.isfinite(q).all():
-            torque = torque + self._models[number].bias(q, still) - self._models[0].bias(q, still)
+            torque = torque + self._made[number].bias(q, still) - self._made[0].bias(q, still)
         output.SetFromVector(torque)
 
     def _calc_plan(self, context: Context, output: BasicVector) -> None:

@@ -16,6 +16,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from twin_diagram.errors import ScenarioError
 from twin_diagram.estimation.ekf_system import AdaptiveEkf
+from twin_diagram.estimation.sensors import LIDAR_NOISE
 from twin_diagram.model.model import Model
 from twin_diagram.scenario import Camera, Lidar, LinkSensor, Pose, SensorSpec, Twin, poses
 from twin_diagram.signals.layouts import NEVER
@@ -113,9 +114,10 @@ def export(
             surface = link_surface(twin.arm, sensor.spec.body, packages)
             others = other_surfaces(twin.arm, sensor.spec.body, packages)
             cloud = builder.AddNamedSystem(f"{name}_cloud", ScanCloud(twin.lidar))
-            floor = dict(zip(("floor_p", "floor_r"), sensor.spec.std or DEPTH_POSE.floor, strict=True))
+            floor_p, floor_r = sensor.spec.std or DEPTH_POSE.floor
+            noise = replace(LIDAR_NOISE, floor_p=floor_p, floor_r=floor_r)
             scan = ArmScan.AddToBuilder(
-                builder, ekf, name, sensor.spec.body, surface, poses.pose(twin.lidar.X_WS), others, **floor
+                builder, ekf, name, sensor.spec.body, surface, poses.pose(twin.lidar.X_WS), others, noise
             )
             builder.ExportInput(cloud.get_input_port(), sensor.reading)
             builder.ExportInput(scan.GetInputPort("scan_time"), sensor.time)

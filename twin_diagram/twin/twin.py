@@ -56,7 +56,7 @@ class TwinDiagram:
         parameter_names: of `parameters`, in order.
         mass_index: of the payload's mass in `parameters`; None where none is learned.
         fused: sensors that the filter fuses besides the arm's own.
-        ekf, drift, mpc: the systems that use the model; a corrected one reaches them by `add_model` and `use_model`.
+        ekf, drift, mpc: the systems that use the model; a corrected one reaches them as `ModelUser` says.
     """
 
     diagram: Diagram

@@ -16,7 +16,7 @@ from twin_diagram.estimation.dynamics.short_rollout import rollout
 from twin_diagram.estimation.filter.belief import Entry
 from twin_diagram.estimation.filter.ekf import Ekf
 from twin_diagram.estimation.filter.sensor_registry import FilterError
-from twin_diagram.estimation.sensors import BodyPose, LinkImu, WristWrench
+from twin_diagram.estimation.sensors import BodyPose, LinkImu, WrenchBias, WristWrench
 from twin_diagram.estimation.sensors.camera_noise_regressor import camera_noise
 from twin_diagram.scenario import Filter
 
@@ -66,7 +66,7 @@ def make(setup: Setup) -> Ekf:
     if "imu" in setup.sensors:
         ekf.add(LinkImu(ekf.terms, LAST))
     if "wrench" in setup.sensors:
-        ekf.add(WristWrench(ekf.terms, LAST, force_bias_std=0.5, moment_bias_std=0.02))
+        ekf.add(WristWrench(ekf.terms, LAST, bias=WrenchBias(force_std=0.5, moment_std=0.02)))
     if "lidar" in setup.sensors:
         ekf.add(BodyPose(ekf.terms, LAST, std_p=0.01, std_r=0.02, name="lidar"))
     return ekf

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hrt_bench.estimate import Array
-from twin_diagram.estimation.drift.monitor import Entry as Seen
+from twin_diagram.estimation.drift.monitor import DriftEntry as Seen
 from twin_diagram.estimation.drift.monitor import Evidence, Monitor
 from twin_diagram.estimation.drift.state import TUNING as STATE
 from twin_diagram.estimation.dynamics.positive_definite import whiten

@@ -46,7 +46,7 @@ def watch(world: World, duration: float, params: Filter | None = None, terms: Ar
 
 def test_statistic_is_chi_squared_in_noise():
     rng, sums = np.random.default_rng(0), np.zeros((3, 6))
-    values = np.array([likelihood_ratio.follow(sums, rng.normal(size=6)) for _ in range(40_000)])[100:]
+    values = np.array([likelihood_ratio.add_message(sums, rng.normal(size=6)) for _ in range(40_000)])[100:]
     np.testing.assert_allclose(values.mean(axis=0), 6.0, rtol=0.05)
     np.testing.assert_allclose(values.var(axis=0), 12.0, rtol=0.25)
     assert values.max() < likelihood_ratio.threshold(6)
@@ -56,8 +56,8 @@ def test_statistic_is_chi_squared_in_noise():
 def test_one_message_alone_is_no_change(n, seed):
     rng, sums = np.random.default_rng(seed), np.zeros((3, n))
     for _ in range(50):
-        likelihood_ratio.follow(sums, 0.3 * rng.normal(size=n))
-    wild = likelihood_ratio.follow(sums, rng.normal(size=n) * 10.0 ** rng.uniform(0, 12))
+        likelihood_ratio.add_message(sums, 0.3 * rng.normal(size=n))
+    wild = likelihood_ratio.add_message(sums, rng.normal(size=n) * 10.0 ** rng.uniform(0, 12))
     assert wild.max() < likelihood_ratio.threshold(max(n, 6))
 
 

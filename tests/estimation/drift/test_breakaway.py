@@ -44,7 +44,7 @@ class Joint:
         q = self.q + 1e-5 * self.rng.normal()
         v, rho = self.v + 3e-4 * self.rng.normal(), rho + 0.2 * self.rng.normal()
         calm = self.gain == 1.0
-        found, _ = breakaway.follow(
+        found, _ = breakaway.slow_moves(
             self.memory,
             np.array([q]),
             np.array([v]),
@@ -89,7 +89,7 @@ def test_it_is_one_sided_and_wants_some_way() -> None:
         largest = 0.0
         for k in range(8):
             q, v = np.array([speed * DT * k]), np.array([speed])
-            found, _ = breakaway.follow(
+            found, _ = breakaway.slow_moves(
                 memory, q, v, np.array([sign * 9.0]), 0.004, np.array([True]), FLOOR, 6.0, False
             )
             largest = max(largest, float(found[0]))
@@ -101,7 +101,7 @@ def test_it_is_one_sided_and_wants_some_way() -> None:
 def test_whatever_comes_it_stays_finite(messages: list[tuple[float, float, float]], calm: bool) -> None:
     memory = np.zeros((breakaway.SIZE, 1))
     for q, v, rho in messages:
-        found, beyond = breakaway.follow(
+        found, beyond = breakaway.slow_moves(
             memory, np.array([q]), np.array([v]), np.array([rho]), 0.004, np.array([True]), FLOOR, 6.0, calm
         )
         assert np.isfinite(found).all() and np.isfinite(beyond).all() and np.isfinite(memory).all()

@@ -13,7 +13,7 @@ from tests.estimation_bench import HOME, JOINTS, World, simulate, twin_terms
 from twin_diagram.estimation.drift import alarm_lifecycle
 from twin_diagram.estimation.drift import monitor as drift
 from twin_diagram.estimation.drift.alarm_events import events
-from twin_diagram.estimation.drift.likelihood_ratio import Shape
+from twin_diagram.estimation.drift.likelihood_ratio import AlarmShape
 from twin_diagram.estimation.drift.monitor import Monitor
 from twin_diagram.estimation.drift.state import TUNING as STATE
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
@@ -66,8 +66,8 @@ def test_silent_for_a_minute():
     assert 2.0 < watched.armed_at < 6.0
     assert len(watched.log) == 0
     header = watched.monitor.header
-    assert header[drift.Entry.ROLLOUTS] >= 10
-    assert 0.0 < header[drift.Entry.ROLLOUT] < 0.5
+    assert header[drift.DriftEntry.ROLLOUTS] >= 10
+    assert 0.0 < header[drift.DriftEntry.ROLLOUT] < 0.5
     assert watched.monitor.alarm().tolist() == [0.0, AlarmKind.NONE, NEVER, 0.0]
 
 
@@ -132,9 +132,9 @@ def test_an_encoder_that_jumps_is_found_with_its_second_message():
 @pytest.mark.parametrize(
     ("nis", "shape"),
     [
-        ([5e4] * 3, Shape.SPIKE),
-        ([200.0] * 100, Shape.STEP),
-        (list(np.linspace(14.0, 50.0, 400)), Shape.TREND),
+        ([5e4] * 3, AlarmShape.SPIKE),
+        ([200.0] * 100, AlarmShape.STEP),
+        (list(np.linspace(14.0, 50.0, 400)), AlarmShape.TREND),
     ],
 )
 def test_spike_step_and_trend_are_told_apart(nis, shape):
@@ -142,7 +142,7 @@ def test_spike_step_and_trend_are_told_apart(nis, shape):
     t = feed(monitor, 700)
     for value in nis:
         t = feed(monitor, 1, value, start=t)
-    assert monitor.header[drift.Entry.ALARMS] == 1
+    assert monitor.header[drift.DriftEntry.ALARMS] == 1
     t = feed(monitor, 200, start=t)
     (record,) = events(monitor)
     assert record["shape"] == shape.name.lower()
@@ -217,7 +217,7 @@ def test_learns_only_once_parameters_have_settled():
     t = 0.0
     for k in range(20):  # 2 s in which the mass grows by 0.5 kg/s
         t = feed(monitor, 20, start=t, theta=np.array([0.05 * k, 0.0, 0.0, 0.0]))
-    assert monitor.header[drift.Entry.NORMAL] == 0.0
+    assert monitor.header[drift.DriftEntry.NORMAL] == 0.0
     t = feed(monitor, 1, 1000.0, start=t)
     assert not monitor.active
     feed(monitor, 600, start=t)
@@ -236,7 +236,7 @@ def test_ring_of_alarms():
     for _ in range(STATE.ring + 3):
         t = feed(monitor, 40, 500.0, start=t)
         t = feed(monitor, 200, start=t)
-    assert monitor.header[drift.Entry.ALARMS] == STATE.ring + 3
+    assert monitor.header[drift.DriftEntry.ALARMS] == STATE.ring + 3
     assert np.all(monitor.log[:, 0] > 0.0)
     assert np.all(np.diff(np.sort(monitor.log[:, 0])) > 0.5)
     assert np.argmax(monitor.log[:, 0]) == 2
@@ -256,7 +256,7 @@ def test_rollout_alarm():
         t += 0.005
         if monitor.active and not first:
             first = events(monitor)[0]
-    assert monitor.header[drift.Entry.KIND] == AlarmKind.ROLLOUT
+    assert monitor.header[drift.DriftEntry.KIND] == AlarmKind.ROLLOUT
     assert monitor.active
     # The hand, from the same rollout and the plant's own kinematics.
     ends = [first["time"] - Drift().horizon, first["time"]]
@@ -281,7 +281,7 @@ def test_gap_ends_a_rollout():
     assert np.all(monitor.log[:, 0] == NEVER)
     feed(monitor, 200, start=1.0)  # a clock set back
     assert np.all(monitor.log[:, 0] == NEVER)
-    assert monitor.header[drift.Entry.TIME] == pytest.approx(1.995)
+    assert monitor.header[drift.DriftEntry.TIME] == pytest.approx(1.995)
 
 
 NUMBER = st.one_of(

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from twin_diagram.estimation.drift.sensor_consistency import TUNING as SENSOR_CONSISTENCY
 from twin_diagram.estimation.drift.sensor_consistency import CrossCheck, newest
-from twin_diagram.estimation.filter.belief import Track
+from twin_diagram.estimation.filter.belief import SensorTrack
 from twin_diagram.estimation.filter.sensor_registry import note
 from twin_diagram.signals.arrays import Array
 
@@ -147,8 +147,8 @@ def test_whatever_comes_the_state_stays_finite(normal, readings: list[tuple[floa
 
 
 def test_a_reading_is_read_off_the_record_that_the_filter_keeps() -> None:
-    before = np.zeros(len(Track) + 3)
-    before[len(Track) :] = [0.1, -0.2, 0.3]
+    before = np.zeros(len(SensorTrack) + 3)
+    before[len(SensorTrack) :] = [0.1, -0.2, 0.3]
     white = np.array([1.0, -2.0, 0.5])
     for accepted in (True, False):
         after = before.copy()

@@ -15,7 +15,7 @@ from twin_diagram.estimation.dynamics.parameters import ParameterSet
 from twin_diagram.estimation.filter.ekf import Ekf
 from twin_diagram.estimation.filter.parameter_adaptation import TUNING as PARAMETER_ADAPTATION
 from twin_diagram.estimation.filter.parameter_adaptation import refute
-from twin_diagram.estimation.filter.parameter_status import Standing, Status, at_bound, standings
+from twin_diagram.estimation.filter.parameter_status import ParameterStatus, Standing, at_bound, standings
 from twin_diagram.scenario import Filter
 
 FRICTION = ["payload", "viscous_friction", "coulomb_friction"]
@@ -40,17 +40,17 @@ def test_friction_that_is_half_wrong_gets_home(share: float) -> None:
     """All 14 frictions off by half, beside a payload that nobody told of."""
     world = World(mass=0.8, seed=1011, period=4.0, coulomb=COULOMB * share, viscous=VISCOUS * share)
     found = learnt(simulate(world, 8.0), FRICTION)
-    assert found["payload.mass"].status is Status.SETTLED
+    assert found["payload.mass"].status is ParameterStatus.SETTLED
     assert found["payload.mass"].value == pytest.approx(world.mass, rel=0.03)
     for k, joint in enumerate(JOINTS):
         dry, wet = found[f"coulomb_friction.{joint}"], found[f"viscous_friction.{joint}"]
-        assert dry.status is Status.SETTLED
+        assert dry.status is ParameterStatus.SETTLED
         assert dry.value == pytest.approx((share - 1.0) * COULOMB[k], abs=3.0 * dry.std)
         if k not in MOVING:
-            assert wet.status is Status.NOT_EXCITED, "it hardly moves: nothing tells its damping"
+            assert wet.status is ParameterStatus.NOT_EXCITED, "it hardly moves: nothing tells its damping"
         assert wet.value == pytest.approx((share - 1.0) * VISCOUS[k], abs=3.0 * wet.std)
     swinging = found[f"viscous_friction.{JOINTS[0]}"]
-    assert swinging.status is Status.SETTLED
+    assert swinging.status is ParameterStatus.SETTLED
     assert swinging.value == pytest.approx((share - 1.0) * VISCOUS[0], abs=0.2 * VISCOUS[0])
 
 
@@ -64,8 +64,8 @@ def test_motor_of_half_the_strength_gets_home() -> None:
     world, run = half_a_motor()
     found = learnt(run, ["payload", "torque_constant"])
     motor, mass = found[f"torque_constant.{JOINTS[1]}"], found["payload.mass"]
-    assert motor.status is Status.SETTLED and motor.value == pytest.approx(-0.5, abs=0.02)
-    assert mass.status is Status.SETTLED and mass.value == pytest.approx(world.mass, abs=3.0 * mass.std)
+    assert motor.status is ParameterStatus.SETTLED and motor.value == pytest.approx(-0.5, abs=0.02)
+    assert mass.status is ParameterStatus.SETTLED and mass.value == pytest.approx(world.mass, abs=3.0 * mass.std)
 
 
 @pytest.mark.parametrize("joint", [0, 2])
@@ -74,7 +74,7 @@ def test_motor_that_its_data_sheet_is_far_from_is_not_paid_for_by_the_payload(jo
     world = World(mass=0.8, seed=1003, period=4.0, dead_joint=joint, dead_at=0.0, motor_left=1.5)
     found = learnt(simulate(world, 5.0), ["payload", "torque_constant"])
     mass = found["payload.mass"]
-    assert mass.status is Status.SETTLED and mass.value == pytest.approx(world.mass, abs=0.05)
+    assert mass.status is ParameterStatus.SETTLED and mass.value == pytest.approx(world.mass, abs=0.05)
     for k, name in enumerate(JOINTS):
         motor = found[f"torque_constant.{name}"]
         assert motor.value == pytest.approx(0.5 * (k == joint), abs=3.0 * motor.std)
@@ -109,7 +109,7 @@ def test_a_filter_that_may_not_learn_what_is_wrong_says_that_it_cannot() -> None
     """Half a motor looks like a payload that is not there: the one that may be learnt never settles."""
     _, run = half_a_motor()
     found = learnt(run, ["payload"])
-    assert found["payload.mass"].status is not Status.SETTLED
+    assert found["payload.mass"].status is not ParameterStatus.SETTLED
 
 
 def test_resting_arm_tells_no_damping_and_no_lies() -> None:
@@ -117,7 +117,7 @@ def test_resting_arm_tells_no_damping_and_no_lies() -> None:
     run = simulate(World(mass=0.0, seed=1013, start=1e9, coulomb=COULOMB * 1.5, viscous=VISCOUS * 1.5), 3.0)
     found = learnt(run, FRICTION)
     for k, joint in enumerate(JOINTS):
-        assert found[f"viscous_friction.{joint}"].status is Status.NOT_EXCITED
+        assert found[f"viscous_friction.{joint}"].status is ParameterStatus.NOT_EXCITED
         dry = found[f"coulomb_friction.{joint}"]
         assert dry.value == pytest.approx(0.5 * COULOMB[k], abs=3.0 * dry.std)
         assert dry.std > 0.25 * COULOMB[k]
@@ -125,17 +125,17 @@ def test_resting_arm_tells_no_damping_and_no_lies() -> None:
 
 def test_what_lies_out_of_reach_is_said_to_be_at_a_bound() -> None:
     found = learnt(simulate(World(mass=14.0, seed=1014, period=4.0), 3.0), ["payload"])
-    assert found["payload.mass"].status is Status.AT_BOUND
+    assert found["payload.mass"].status is ParameterStatus.AT_BOUND
     assert "10 ± " in str(found["payload.mass"]) and str(found["payload.mass"]).endswith("at a bound")
 
 
 def test_before_the_first_message_and_under_the_gradient_rule_nothing_is_told() -> None:
     ekf = Ekf(terms(), Filter(parameters=["payload", "coulomb_friction"]))
     prior = standings(ekf.parameters, ekf.parameters.mean, ekf.parameters.covariance, JOINTS)
-    assert {standing.status for standing in prior} == {Status.NOT_EXCITED}
-    assert {standing.status for standing in ekf.standings(JOINTS)} == {Status.NOT_EXCITED}
+    assert {standing.status for standing in prior} == {ParameterStatus.NOT_EXCITED}
+    assert {standing.status for standing in ekf.standings(JOINTS)} == {ParameterStatus.NOT_EXCITED}
     run = simulate(World(seed=1015), 0.5)
-    assert {s.status for s in learnt(run, ["coulomb_friction"], "gradient").values()} == {Status.UNKNOWN}
+    assert {s.status for s in learnt(run, ["coulomb_friction"], "gradient").values()} == {ParameterStatus.UNKNOWN}
 
 
 @given(st.lists(st.floats(-50.0, 50.0), min_size=18, max_size=18))

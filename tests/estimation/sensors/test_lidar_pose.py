@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,7 +16,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
-from twin_diagram.estimation.sensors import CloudError, Lidar
+from twin_diagram.estimation.sensors import LIDAR_NOISE, CloudError, LidarPose, PointNoise
 from twin_diagram.estimation.sensors.cloud_pose import TUNING as CLOUD_POSE
 from twin_diagram.estimation.sensors.lidar_pose import TUNING as LIDAR_POSE
 from twin_diagram.estimation.sensors.lidar_pose import apart, visible
@@ -66,7 +67,7 @@ def trials(link: str, seed: int, count: int) -> tuple[Array, Array, int]:
     solids, ways = world_solids(SimpleNamespace(plant=arm, scene_graph=scene_graph)), beams(Data(columns=240, rows=120))
     surface, others = link_surface(ARM, link), other_surfaces(ARM, link)
     context, rng = arm.CreateDefaultContext(), np.random.default_rng(seed)
-    sensor, middle = Lidar(terms(), link, *surface), 0.5 * (surface[0].min(axis=0) + surface[0].max(axis=0))
+    sensor, middle = LidarPose(terms(), link, *surface), 0.5 * (surface[0].min(axis=0) + surface[0].max(axis=0))
     squares, off, refused = [], [], 0
     for _ in range(count):
         q = HOME + rng.normal(0.0, 0.5, 6)
@@ -127,7 +128,7 @@ def cylinder(radius: float = 0.04, length: float = 0.2, spacing: float = 0.003) 
 def test_noise_does_not_tell_a_turn_of_what_is_round() -> None:
     """Of a cylinder's turn about its axis no number of noisy points says anything."""
     rng, (points, normals) = np.random.default_rng(1102), cylinder()
-    lidar = Lidar(terms(), "wrist_3_link", points, normals, floor_p=1e-6, floor_r=1e-6)
+    lidar = LidarPose(terms(), "wrist_3_link", points, normals, noise=replace(LIDAR_NOISE, floor_p=1e-6, floor_r=1e-6))
     R, p = lidar.frame.pose(HOME)
     origin = R @ np.array([1.5, 0.0, 0.1]) + p
     seen = points[visible(points, normals, (origin - p) @ R)] @ R.T + p
@@ -184,7 +185,7 @@ def test_ranges_do_not_choose_points() -> None:
 
 def test_what_tells_no_pose_is_refused_in_a_line() -> None:
     rng, (points, normals) = np.random.default_rng(1105), cylinder()
-    lidar = Lidar(terms(), "wrist_3_link", points, normals, std_0=0.002, growth=0.0, reach=0.05)
+    lidar = LidarPose(terms(), "wrist_3_link", points, normals, noise=PointNoise(0.002, 0.0), reach=0.05)
     R, p = lidar.frame.pose(HOME)
     origin = R @ np.array([1.5, 0.0, 0.0]) + p
     seen = points[visible(points, normals, (origin - p) @ R)] @ R.T + p

@@ -19,16 +19,19 @@ from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.dynamics.link_frame import LinkFrame
 from twin_diagram.estimation.dynamics.positive_definite import joseph
 from twin_diagram.estimation.ekf_system import AdaptiveEkf
-from twin_diagram.estimation.filter.belief import Entry, Track
+from twin_diagram.estimation.filter.belief import Entry, SensorTrack
 from twin_diagram.estimation.filter.delayed_measurements import History
 from twin_diagram.estimation.filter.ekf import Ekf, FilterError
 from twin_diagram.estimation.sensors import (
     BodyPose,
     CloudError,
     DepthCloud,
+    ImuBias,
     Instant,
     LinkImu,
     MotorTorque,
+    PointNoise,
+    PoseBias,
     Sensor,
     WristWrench,
 )
@@ -308,7 +311,7 @@ def test_camera_alone_brings_the_state_back():
         z = camera_reading(sensor, HOME, rng)
         ekf.update("camera", z, k / 30.0)
         errors.append(np.linalg.norm(sensor.frame.pose(ekf.belief.q)[1] - sensor.frame.pose(HOME)[1]))
-    assert ekf.belief.tracks[0][Track.REACQUIRED] >= 1
+    assert ekf.belief.tracks[0][SensorTrack.REACQUIRED] >= 1
     assert errors[0] > 0.03 and np.mean(errors[-20:]) < 0.02
 
 
@@ -373,7 +376,7 @@ def test_cloud_gives_a_pose_with_an_honest_covariance(distance):
     """Normalised errors of many clouds have their covariance, near and far."""
     rng = np.random.default_rng(3)
     surface, normals = box_surface(np.array([0.2, 0.12, 0.3]), 400, rng)
-    sensor = DepthCloud(terms(), "panda_hand", surface, normals, floor_p=1e-5, floor_r=1e-5)
+    sensor = DepthCloud(terms(), "panda_hand", surface, normals, noise=PointNoise(floor_p=1e-5, floor_r=1e-5))
     R, p = sensor.frame.pose(HOME)
     origin = p + np.array([distance, 0.0, 0.2])
     nees = []
@@ -450,7 +453,7 @@ def test_system_with_further_sensors_equals_the_filter_alone():
             system.GetInputPort(name).FixValue(context, value)
         context.SetDiscreteState(system.EvalUniquePeriodicDiscreteUpdate(context))
     np.testing.assert_array_equal(system.belief(context).x, alone.belief.x)
-    assert system.belief(context).tracks[0][Track.LATE] == 12
+    assert system.belief(context).tracks[0][SensorTrack.LATE] == 12
 
 
 def test_sensor_specs_are_checked():
@@ -514,7 +517,7 @@ def test_slow_pull_of_an_encoder_is_noticed_before_the_hand_is_off(seed):
 def test_steady_error_of_calibration_becomes_a_bias():
     _, run = recording(0, 8.0)
     ekf = Ekf(terms(), Filter())
-    sensor = BodyPose(ekf.terms, "panda_hand", std_p=0.003, std_r=0.01, bias_p=0.003, bias_r=0.01)
+    sensor = BodyPose(ekf.terms, "panda_hand", std_p=0.003, std_r=0.01, bias=PoseBias(0.003, 0.01))
     ekf.add(sensor)
     rng = np.random.default_rng(0)
     for k in range(len(run.time)):
@@ -530,7 +533,7 @@ def test_steady_error_of_calibration_becomes_a_bias():
 def test_gyro_bias_that_jumps_is_noticed():
     _, run = recording()
     ekf = Ekf(terms(), Filter())
-    ekf.add(LinkImu(ekf.terms, "panda_link7", gyro_std=1e-3, accel_std=0.05, gyro_bias_std=0.003))
+    ekf.add(LinkImu(ekf.terms, "panda_link7", gyro_std=1e-3, accel_std=0.05, bias=ImuBias(gyro_std=0.003)))
     rng = np.random.default_rng(1)
     acceleration = np.gradient(run.v_true, run.time, axis=0)
     found = np.inf

@@ -15,7 +15,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 
 from twin_diagram.errors import ScenarioError, StationError
-from twin_diagram.estimation.filter.belief import Track
+from twin_diagram.estimation.filter.belief import SensorTrack
 from twin_diagram.runs.run import replay_scenario, run_scenario
 from twin_diagram.scenario import ArmModel, Lidar, LidarDefects, Pose, Scenario, SensorSpec
 from twin_diagram.scenario.file import override_scenario
@@ -159,9 +159,9 @@ def test_scans_reach_the_filter_and_are_as_sure_as_they_say(live: tuple[ClosedLo
     root = simulator.get_context()
     found = loop.twin.ekf.belief(loop.twin.ekf.GetMyContextFromRoot(root))
     (track,) = found.tracks
-    assert track[Track.ACCEPTED] >= 9 and track[Track.REFUSED] <= 2 and track[Track.INVALID] == 0
+    assert track[SensorTrack.ACCEPTED] >= 9 and track[SensorTrack.REFUSED] <= 2 and track[SensorTrack.INVALID] == 0
     # Its mean whitened innovation, over some ten scans.
-    assert np.abs(track[len(Track) :]).max() < 2.0
+    assert np.abs(track[len(SensorTrack) :]).max() < 2.0
     station = loop.station.GetMyContextFromRoot(root)
     ranges = loop.station.GetOutputPort(PORT).Eval(station)
     taken = loop.station.GetOutputPort(ports.time_of(PORT)).Eval(station)[0]
@@ -188,7 +188,7 @@ def test_scrambling_the_world_changes_nothing_that_the_twin_is_built_of() -> Non
     assert ports.input_names(make_twin(scenario.twin).diagram) == before
     loop, simulator = run(scenario, 0.4)
     found = loop.twin.ekf.belief(loop.twin.ekf.GetMyContextFromRoot(simulator.get_context()))
-    assert found.valid and not found.tracks[0][Track.ACCEPTED]
+    assert found.valid and not found.tracks[0][SensorTrack.ACCEPTED]
     station = loop.station.GetMyContextFromRoot(simulator.get_context())
     assert loop.station.GetOutputPort(ports.time_of(PORT)).Eval(station)[0] == NEVER
 
@@ -210,7 +210,7 @@ def test_a_recording_shows_scans_again_to_the_bit(recorded: Path) -> None:
     live, replayed = run(plan(), 0.5), run(again, 0.5)
     for loop, simulator in (live, replayed):
         found = loop.twin.ekf.belief(loop.twin.ekf.GetMyContextFromRoot(simulator.get_context()))
-        assert found.tracks[0][Track.ACCEPTED] >= 3
+        assert found.tracks[0][SensorTrack.ACCEPTED] >= 3
     np.testing.assert_array_equal(believed(*live), believed(*replayed))
     ranges, times = (
         [
@@ -238,7 +238,7 @@ def test_a_recording_without_scans_is_one_in_which_the_lidar_is_silent(recorded:
     shutil.rmtree(folder / PORT)
     loop, simulator = run(replay_scenario(folder), 0.3)
     found = loop.twin.ekf.belief(loop.twin.ekf.GetMyContextFromRoot(simulator.get_context()))
-    assert found.valid and not found.tracks[0][Track.ACCEPTED] and not found.tracks[0][Track.INVALID]
+    assert found.valid and not found.tracks[0][SensorTrack.ACCEPTED] and not found.tracks[0][SensorTrack.INVALID]
     without = replay_scenario(recorded)
     without.twin.filter.sensors, without.twin.lidar = [], None
     assert PORT not in ports.output_names(make_station(without))

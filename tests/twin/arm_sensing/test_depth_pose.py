@@ -14,7 +14,7 @@ from tests.small_loop import small_scenario
 from twin_diagram.errors import ModelError, ScenarioError
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.dynamics.link_frame import LinkFrame
-from twin_diagram.estimation.filter.belief import Track
+from twin_diagram.estimation.filter.belief import SensorTrack
 from twin_diagram.estimation.sensors import CloudError
 from twin_diagram.scenario import ArmModel, Pose, SensorSpec
 from twin_diagram.signals.arrays import Array
@@ -129,9 +129,9 @@ def test_the_filter_takes_each_image_once(seen: tuple[ClosedLoop, Simulator]) ->
     ekf = loop.twin.ekf
     track = ekf.belief(ekf.GetMyContextFromRoot(simulator.get_context())).tracks[0]
     # 15 images a second, some 35 ms late; the first comes before the filter has begun.
-    assert 10 <= track[Track.ACCEPTED] <= 14 and track[Track.REFUSED] == 0
-    assert track[Track.LATE] == track[Track.ACCEPTED] and track[Track.INVALID] <= 1
-    assert 0.05 < track[Track.NIS_MEAN] < 2.5
+    assert 10 <= track[SensorTrack.ACCEPTED] <= 14 and track[SensorTrack.REFUSED] == 0
+    assert track[SensorTrack.LATE] == track[SensorTrack.ACCEPTED] and track[SensorTrack.INVALID] <= 1
+    assert 0.05 < track[SensorTrack.NIS_MEAN] < 2.5
 
 
 def test_a_lens_that_is_covered_is_a_sensor_that_is_silent(egl: None) -> None:
@@ -141,7 +141,7 @@ def test_a_lens_that_is_covered_is_a_sensor_that_is_silent(egl: None) -> None:
     simulator = Simulator(loop.diagram)
     simulator.AdvanceTo(0.3)
     belief = loop.twin.ekf.belief(loop.twin.ekf.GetMyContextFromRoot(simulator.get_context()))
-    assert belief.valid and belief.tracks[0][Track.ACCEPTED] == 0 and belief.tracks[0][Track.INVALID] >= 3
+    assert belief.valid and belief.tracks[0][SensorTrack.ACCEPTED] == 0 and belief.tracks[0][SensorTrack.INVALID] >= 3
 
 
 # Refused.

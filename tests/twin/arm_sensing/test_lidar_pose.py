@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,9 +19,9 @@ from pydrake.systems.framework import DiagramBuilder
 from tests.estimation_bench import HOME, World, simulate, twin_terms
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.ekf_system import AdaptiveEkf
-from twin_diagram.estimation.filter.belief import Track
+from twin_diagram.estimation.filter.belief import SensorTrack
 from twin_diagram.estimation.filter.ekf import Ekf
-from twin_diagram.estimation.sensors import CloudError, Lidar
+from twin_diagram.estimation.sensors import LIDAR_NOISE, CloudError, LidarPose
 from twin_diagram.estimation.sensors.cloud_pose import TUNING as CLOUD_POSE
 from twin_diagram.model.description.add_arm import add_arm
 from twin_diagram.scenario import ArmModel, Filter, SensorSpec
@@ -62,7 +63,7 @@ def scan(q: np.ndarray, rng: np.random.Generator, count: int = 400, whole: bool 
     plant, arm, link = shown()
     context = plant.CreateDefaultContext()
     plant.SetPositions(context, np.concatenate([q, np.zeros(plant.num_positions() - len(q))]))
-    R, p = Lidar(terms(), LINK, *surface()).frame.pose(q)
+    R, p = LidarPose(terms(), LINK, *surface()).frame.pose(q)
     origin = X_WS.translation()
     beams = rng.normal(0.0, 0.1, (10 * count, 3)) + surface()[0].mean(axis=0) @ R.T + p - origin
     beams /= np.linalg.norm(beams, axis=1, keepdims=True)
@@ -76,14 +77,14 @@ def scan(q: np.ndarray, rng: np.random.Generator, count: int = 400, whole: bool 
 
 
 def pose(q: np.ndarray) -> np.ndarray:
-    R, p = Lidar(terms(), LINK, *surface()).frame.pose(q)
+    R, p = LidarPose(terms(), LINK, *surface()).frame.pose(q)
     return np.concatenate([RotationMatrix(R).ToQuaternion().wxyz(), p])
 
 
 def test_poses_are_as_sure_as_they_say() -> None:
     rng = np.random.default_rng(1021)
     system = ArmScan(terms(), LINK, surface(), X_WS)
-    sensor, nees, off = Lidar(terms(), LINK, *surface()), [], []
+    sensor, nees, off = LidarPose(terms(), LINK, *surface()), [], []
     for _ in range(40):
         q = HOME + rng.normal(0.0, 0.2, 7)
         z, R = system.align(scan(q, rng), q + rng.normal(0.0, 0.004, 7))
@@ -128,7 +129,8 @@ def test_noise_grows_with_distance_squared() -> None:
     """A plate seen from three times as far is nine times as uncertain, where that outweighs what is near."""
     rng = np.random.default_rng(1022)
     plate = np.hstack([rng.uniform(-0.2, 0.2, (10000, 2)), np.zeros((10000, 1))])
-    lidar = Lidar(terms(), LINK, plate, np.tile([0.0, 0.0, 1.0], (10000, 1)), std_0=1e-5, floor_p=1e-6, floor_r=1e-6)
+    noise = replace(LIDAR_NOISE, std_0=1e-5, floor_p=1e-6, floor_r=1e-6)
+    lidar = LidarPose(terms(), LINK, plate, np.tile([0.0, 0.0, 1.0], (10000, 1)), noise=noise)
     R, p = lidar.frame.pose(HOME)
     points = plate[:1000] @ R.T + p
     near, far = (lidar.align(points, p + d * R[:, 2], HOME)[1] for d in (3.0, 9.0))
@@ -150,7 +152,7 @@ def test_points_of_other_links_are_left_out() -> None:
     others = other_surfaces(arm, LINK)
     assert {"panda_link0", "panda_link6"} <= set(others) and LINK not in others and "panda_hand" not in others
     told, alone = (ArmScan(terms(), LINK, surface(), X_WS, others=known) for known in (others, None))
-    sensor, nees = Lidar(terms(), LINK, *surface()), {"told": [], "alone": []}
+    sensor, nees = LidarPose(terms(), LINK, *surface()), {"told": [], "alone": []}
     for _ in range(15):
         q = HOME + rng.normal(0.0, 0.2, 7)
         points, start = scan(q, rng, 600, whole=True), q + rng.normal(0.0, 0.004, 7)
@@ -169,7 +171,7 @@ def test_lidar_carries_on_where_the_encoders_fall_silent() -> None:
     run = simulate(World(seed=1023, period=4.0), 4.0)
     rng = np.random.default_rng(1023)
     alone, fused = (Ekf(terms(), Filter(parameters=["payload"])) for _ in range(2))
-    lidar = Lidar(terms(), LINK, *surface())
+    lidar = LidarPose(terms(), LINK, *surface())
     fused.add(lidar)
     errors = {"alone": [], "fused": []}
     lost = 400
@@ -220,5 +222,5 @@ def test_in_a_diagram_scans_reach_the_filter() -> None:
         simulator.AdvanceTo(0.005 * (k + 1))
     belief = ekf.belief(of_ekf)
     (track,) = belief.tracks
-    assert (track[Track.ACCEPTED], track[Track.REFUSED], track[Track.INVALID]) == (3, 0, 1)
+    assert (track[SensorTrack.ACCEPTED], track[SensorTrack.REFUSED], track[SensorTrack.INVALID]) == (3, 0, 1)
     np.testing.assert_allclose(belief.q, run.q_true[99], atol=5e-5)

@@ -20,8 +20,8 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from twin_diagram.errors import LogError
 from twin_diagram.estimation.drift import alarm_lifecycle
-from twin_diagram.estimation.drift.likelihood_ratio import Shape
-from twin_diagram.estimation.drift.monitor import Entry, Evidence
+from twin_diagram.estimation.drift.likelihood_ratio import AlarmShape
+from twin_diagram.estimation.drift.monitor import DriftEntry, Evidence
 from twin_diagram.logs import Log
 from twin_diagram.model.model import Model
 from twin_diagram.runs.outputs import EVENTS
@@ -272,7 +272,7 @@ class Run:
     def own(self) -> Context:
         return self.loop.twin.diagram.GetMyMutableContextFromRoot(self.simulator.get_mutable_context())
 
-    def alarm(self, shape: Shape = Shape.STEP, statistic: float = 3.0) -> None:
+    def alarm(self, shape: AlarmShape = AlarmShape.STEP, statistic: float = 3.0) -> None:
         """Has the monitor raise one, here and now."""
         drift = self.loop.twin.drift
         context = self.loop.twin.diagram.GetMutableSubsystemContext(drift, self.own())
@@ -281,7 +281,7 @@ class Run:
         alarm_lifecycle.raise_alarm(
             monitor.state, AlarmKind.INNOVATION, self.simulator.get_context().get_time(), statistic
         )
-        monitor.evidence[int(monitor.header[Entry.ALARMS]) - 1, Evidence.SHAPE] = float(shape)
+        monitor.evidence[int(monitor.header[DriftEntry.ALARMS]) - 1, Evidence.SHAPE] = float(shape)
         context.SetDiscreteState(0, monitor.vector)
 
     def names(self) -> list[str]:
@@ -473,7 +473,7 @@ def test_the_run_ends_before_the_search_does(
 def test_a_spike_starts_no_search(loop: tuple[ClosedLoop, Tape], tmp_path: Path) -> None:
     run = Run(loop, tmp_path / "searches")
     run.go(0.3)
-    run.alarm(Shape.SPIKE)
+    run.alarm(AlarmShape.SPIKE)
     run.go(1.2)
     assert run.names() == ["alarm", "alarm_passed"] and not (tmp_path / "searches").exists()
     run.healer.close()

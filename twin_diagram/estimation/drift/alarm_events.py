@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from twin_diagram.estimation.drift.likelihood_ratio import Shape
+from twin_diagram.estimation.drift.likelihood_ratio import AlarmShape
 from twin_diagram.estimation.drift.monitor import Evidence, Monitor
 from twin_diagram.signals.layouts import AlarmKind
 
@@ -39,7 +39,7 @@ def events(monitor: Monitor, joints: Sequence[str] = ()) -> list[dict[str, Any]]
             {
                 "time": round(float(time), 6),
                 "kind": AlarmKind(int(kind)).name.lower(),
-                "shape": Shape(int(row[Evidence.SHAPE])).name.lower(),
+                "shape": AlarmShape(int(row[Evidence.SHAPE])).name.lower(),
                 "joint": None if joint < 0 else joints[joint] if joints else joint,
                 "sensor": None if sensor < 0 else monitor.sensors[sensor] if monitor.sensors else sensor,
                 "statistic": round(float(statistic), 4),

@@ -8,13 +8,17 @@ import numpy as np
 
 from twin_diagram.estimation.drift import likelihood_ratio
 from twin_diagram.estimation.drift.state import TUNING as STATE
-from twin_diagram.estimation.drift.state import DriftState, Entry, Evidence
+from twin_diagram.estimation.drift.state import DriftEntry, DriftState, Evidence
+from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import AlarmKind
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """How long an alarm lasts and when a joint is named: chosen by hand.
+
+    The tables of `make hrt-tables` show how often the joint named is the right one.
+    """
 
     hold: float = 0.5
     """An alarm ends when its test has been quiet for this long [s]."""
@@ -37,24 +41,24 @@ TUNING = Tuning()
 
 def stands(state: DriftState) -> bool:
     """Return whether an alarm does."""
-    return bool(state.header[Entry.TIME] < state.header[Entry.QUIET])
+    return bool(state.header[DriftEntry.TIME] < state.header[DriftEntry.QUIET])
 
 
 def note(state: DriftState, statistic: float) -> None:
     """Keep the largest statistic of each tenth of a second, from which an alarm's shape is told."""
     h = state.header
-    h[Entry.TENTH] = max(h[Entry.TENTH], statistic)
+    h[DriftEntry.TENTH] = max(h[DriftEntry.TENTH], statistic)
 
 
 def turn_over(state: DriftState, t: float) -> None:
     """Begin a new tenth of a second where one is over."""
     h = state.header
-    if t - h[Entry.FROM] < TUNING.tenth:
+    if t - h[DriftEntry.FROM] < TUNING.tenth:
         return
     state.tenths[:-1] = state.tenths[1:]
-    state.tenths[-1] = h[Entry.TENTH]
-    h[Entry.TENTHS] = min(h[Entry.TENTHS] + 1, len(state.tenths))
-    h[Entry.TENTH], h[Entry.FROM] = 0.0, t
+    state.tenths[-1] = h[DriftEntry.TENTH]
+    h[DriftEntry.TENTHS] = min(h[DriftEntry.TENTHS] + 1, len(state.tenths))
+    h[DriftEntry.TENTH], h[DriftEntry.FROM] = 0.0, t
 
 
 def raise_alarm(
@@ -68,7 +72,7 @@ def raise_alarm(
     sensor: int = -1,
     gained: tuple[int, float] | None = None,
 ) -> None:
-    """Raise an alarm, or lets the one that stands go on.
+    """Raise an alarm, or let the one that stands go on.
 
     Args:
         state: of the monitor.
@@ -81,53 +85,72 @@ def raise_alarm(
         gained: which joint, by index, gained which torque [N·m], where that is known.
     """
     h = state.header
-    row = int(h[Entry.ALARMS] - 1) % STATE.ring
-    share = state.sums[1] * np.sqrt(1.0 - likelihood_ratio.FORGETTING[1] ** 2)
-    if t < h[Entry.QUIET] and h[Entry.ALARMS] > 0:  # the alarm that stands goes on
-        worse = statistic > h[Entry.STATISTIC]
-        h[Entry.STATISTIC] = max(h[Entry.STATISTIC], statistic)
-        state.log[row, 2] = h[Entry.STATISTIC]
-        h[Entry.ABOVE] += dt
-        if sensor >= 0 and h[Entry.SENSOR] < 0.0:
-            h[Entry.SENSOR] = sensor
+    goes_on = t < h[DriftEntry.QUIET] and h[DriftEntry.ALARMS] > 0
+    worse = not goes_on or statistic > h[DriftEntry.STATISTIC]
+    if goes_on:
+        _go_on(state, statistic, dt, sensor)
     else:
-        worse = True
-        h[Entry.KIND], h[Entry.RAISED], h[Entry.STATISTIC] = float(kind), t, statistic
-        grown = likelihood_ratio.grows(state.tenths[len(state.tenths) - int(h[Entry.TENTHS]) :])
-        h[Entry.SHAPE] = float(likelihood_ratio.Shape.TREND if grown else likelihood_ratio.Shape.STEP)
-        h[Entry.ABOVE], h[Entry.MOVED], h[Entry.SENSOR], h[Entry.JOINT] = dt, 0.0, sensor, -1.0
-        row = int(h[Entry.ALARMS]) % STATE.ring
-        state.log[row] = t, float(kind), statistic
-        state.evidence[row] = 0.0
-        h[Entry.ALARMS] += 1
-    evidence = state.evidence[row]
+        _begin(state, kind, t, statistic, dt, sensor)
+    evidence = state.evidence[int(h[DriftEntry.ALARMS] - 1) % STATE.ring]
     if worse:
-        # Whitening by Cholesky's factor leaves what a joint's torque does in it and in those after it: the first
-        # that stands out is the one.
-        clear = np.abs(share) > max(TUNING.stands_out, TUNING.of_largest * float(np.abs(share).max()))
-        if h[Entry.JOINT] < 0.0 or t - h[Entry.RAISED] <= TUNING.naming:
-            h[Entry.JOINT] = float(np.argmax(clear)) if clear.any() else -1.0
-        if gained is not None and h[Entry.JOINT] in (-1.0, gained[0]):
-            h[Entry.JOINT], evidence[Evidence.TORQUE] = gained
-        evidence[Evidence.JOINT] = h[Entry.JOINT]
-        evidence[Evidence.NIS] = h[Entry.NIS] / (2.0 * len(share))
-        evidence[Evidence.CHANGE] = h[Entry.CHANGE]
-        evidence[Evidence.ROLLOUT] = h[Entry.ROLLOUT]
-        evidence[Evidence.SUM] = h[Entry.SUM]
-        evidence[Evidence.HAND] = h[Entry.HAND]
-        evidence[len(Evidence) :] = share
-    evidence[Evidence.SENSOR] = h[Entry.SENSOR]
-    evidence[Evidence.SHAPE] = h[Entry.SHAPE]
-    evidence[Evidence.ABOVE] = h[Entry.ABOVE]
-    h[Entry.QUIET] = max(h[Entry.QUIET], t + TUNING.hold + longer)
+        _give_evidence(state, evidence, t, gained)
+    evidence[Evidence.SENSOR] = h[DriftEntry.SENSOR]
+    evidence[Evidence.SHAPE] = h[DriftEntry.SHAPE]
+    evidence[Evidence.ABOVE] = h[DriftEntry.ABOVE]
+    h[DriftEntry.QUIET] = max(h[DriftEntry.QUIET], t + TUNING.hold + longer)
+
+
+def _go_on(state: DriftState, statistic: float, dt: float, sensor: int) -> None:
+    h = state.header
+    h[DriftEntry.STATISTIC] = max(h[DriftEntry.STATISTIC], statistic)
+    state.log[int(h[DriftEntry.ALARMS] - 1) % STATE.ring, 2] = h[DriftEntry.STATISTIC]
+    h[DriftEntry.ABOVE] += dt
+    if sensor >= 0 and h[DriftEntry.SENSOR] < 0.0:
+        h[DriftEntry.SENSOR] = sensor
+
+
+def _begin(state: DriftState, kind: AlarmKind, t: float, statistic: float, dt: float, sensor: int) -> None:
+    h = state.header
+    h[DriftEntry.KIND], h[DriftEntry.RAISED], h[DriftEntry.STATISTIC] = float(kind), t, statistic
+    grown = likelihood_ratio.grows(state.tenths[len(state.tenths) - int(h[DriftEntry.TENTHS]) :])
+    h[DriftEntry.SHAPE] = float(likelihood_ratio.AlarmShape.TREND if grown else likelihood_ratio.AlarmShape.STEP)
+    h[[DriftEntry.ABOVE, DriftEntry.MOVED, DriftEntry.SENSOR, DriftEntry.JOINT]] = dt, 0.0, sensor, -1.0
+    row = int(h[DriftEntry.ALARMS]) % STATE.ring
+    state.log[row] = t, float(kind), statistic
+    state.evidence[row] = 0.0
+    h[DriftEntry.ALARMS] += 1
+
+
+def _give_evidence(state: DriftState, evidence: Array, t: float, gained: tuple[int, float] | None) -> None:
+    """Enter what an alarm stands on in its row of evidence, and name the joint."""
+    h = state.header
+    share = state.sums[1] * np.sqrt(1.0 - likelihood_ratio.FORGETTING[1] ** 2)
+    # Whitening by Cholesky's factor leaves what a joint's torque does in it and in those after it: the first
+    # that stands out is the one.
+    clear = np.abs(share) > max(TUNING.stands_out, TUNING.of_largest * float(np.abs(share).max()))
+    if h[DriftEntry.JOINT] < 0.0 or t - h[DriftEntry.RAISED] <= TUNING.naming:
+        h[DriftEntry.JOINT] = float(np.argmax(clear)) if clear.any() else -1.0
+    if gained is not None and h[DriftEntry.JOINT] in (-1.0, gained[0]):
+        h[DriftEntry.JOINT], evidence[Evidence.TORQUE] = gained
+    evidence[Evidence.JOINT] = h[DriftEntry.JOINT]
+    evidence[Evidence.NIS] = h[DriftEntry.NIS] / (2.0 * len(share))
+    evidence[Evidence.CHANGE] = h[DriftEntry.CHANGE]
+    evidence[Evidence.ROLLOUT] = h[DriftEntry.ROLLOUT]
+    evidence[Evidence.SUM] = h[DriftEntry.SUM]
+    evidence[Evidence.HAND] = h[DriftEntry.HAND]
+    evidence[len(Evidence) :] = share
 
 
 def reshape(state: DriftState) -> None:
-    """What had grown before it crossed the threshold stays a trend; of the rest, what is gone was a spike."""
+    """Tell the newest alarm's shape anew: what had grown before it stays a trend; what is gone already was a spike."""
     h = state.header
-    row = int(h[Entry.ALARMS] - 1) % STATE.ring
-    if h[Entry.SHAPE] != likelihood_ratio.Shape.TREND:
-        brief = h[Entry.ABOVE] <= likelihood_ratio.TUNING.spike_time and h[Entry.TENTH] < 1.0 and h[Entry.MOVED] == 0.0
-        h[Entry.SHAPE] = float(likelihood_ratio.Shape.SPIKE if brief else likelihood_ratio.Shape.STEP)
-    state.evidence[row, Evidence.SHAPE] = h[Entry.SHAPE]
-    state.evidence[row, Evidence.ABOVE] = h[Entry.ABOVE]
+    row = int(h[DriftEntry.ALARMS] - 1) % STATE.ring
+    if h[DriftEntry.SHAPE] != likelihood_ratio.AlarmShape.TREND:
+        brief = (
+            h[DriftEntry.ABOVE] <= likelihood_ratio.TUNING.spike_time
+            and h[DriftEntry.TENTH] < 1.0
+            and h[DriftEntry.MOVED] == 0.0
+        )
+        h[DriftEntry.SHAPE] = float(likelihood_ratio.AlarmShape.SPIKE if brief else likelihood_ratio.AlarmShape.STEP)
+    state.evidence[row, Evidence.SHAPE] = h[DriftEntry.SHAPE]
+    state.evidence[row, Evidence.ABOVE] = h[DriftEntry.ABOVE]

@@ -23,7 +23,10 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """When a joint that creeps is tested: chosen by hand.
+
+    `sims/benchmarks/false_alarms.py` shows what it costs in false alarms, `make hrt-tables` what it finds.
+    """
 
     forgetting: float = 0.8
     """λ per message: 5 messages."""
@@ -52,7 +55,7 @@ SIZE: Final = 6
 """Numbers that are remembered of each joint."""
 
 
-def follow(
+def slow_moves(
     memory: Array,
     q: Array,
     v: Array,
@@ -63,7 +66,7 @@ def follow(
     sigma: float,
     calm: bool,
 ) -> tuple[Array, Array]:
-    """Take in a message.
+    """Take in a message and say which joints move though nothing known moves them.
 
     Args:
         memory: (`SIZE`, n) in place: where the movement began [rad], messages in its direction (signed), low-passed ρ;

@@ -28,7 +28,10 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """The prior of each test's tail and how it is learnt: chosen by hand.
+
+    `sims/benchmarks/false_alarms.py` counts the alarms that are left beside the rate that was asked for.
+    """
 
     block: float = 1.0
     """Over this time the largest statistic is taken [s]."""
@@ -40,11 +43,13 @@ class Tuning:
     """Blocks after which one is learnt from."""
 
     prior_blocks: float = 30.0
+    """Blocks that the prior is worth: half a minute of normal operation outweighs it."""
 
     prior_peaks: float = 3.0
+    """Peaks that those had."""
 
     prior_margin: float = 1.0
-    """Before anything is known, as many blocks had as many peaks, and the margin is this."""
+    """The margin before anything is known [thresholds]."""
 
     widest: float = 2.0
     """No margin is wider: a test that needs more is not worth its name, and its false alarms say so."""
@@ -55,6 +60,7 @@ class Tuning:
     head: int = 5  # largest in this block, blocks, peaks, sum of what peaks were above `HIGH`, the margin
 
     none: float = -1.0
+    """Stands for a block that is not there, among those that wait."""
 
 
 TUNING = Tuning()
@@ -92,12 +98,12 @@ class FalseRate:
         )
 
     def _views(self, vector: Array) -> tuple[Array, Array]:
-        """Head (tests, 5) and blocks that wait (tests, DELAY), oldest first, `_NONE` where there is none."""
+        """Head (tests, 5) and blocks that wait (tests, DELAY), oldest first, `Tuning.none` where there is none."""
         table = vector[1:].reshape(self.tests, TUNING.head + TUNING.delay)
         return table[:, : TUNING.head], table[:, TUNING.head :]
 
     def begin(self, vector: Array) -> None:
-        """Nothing is known yet."""
+        """Forget all: nothing is known yet."""
         vector[:] = 0.0
         head, waiting = self._views(vector)
         waiting[:] = TUNING.none
@@ -115,7 +121,7 @@ class FalseRate:
         return statistic / float(vector[largest + 4])
 
     def margin(self, vector: Array, test: int) -> float:
-        """By how much a test's threshold is widened, 1 to `WIDEST`."""
+        """Return by how much a test's threshold is widened, 1 to `Tuning.widest`."""
         return float(self._views(vector)[0][test, 4])
 
     def turn_over(self, vector: Array, t: float, calm: bool) -> None:

@@ -12,13 +12,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin_diagram.estimation.drift import learned_threshold, likelihood_ratio
-from twin_diagram.estimation.drift.state import DriftState, Entry
+from twin_diagram.estimation.drift.state import DriftEntry, DriftState
 from twin_diagram.signals.arrays import Array
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """How far innovations may stray: chosen by hand.
+
+    `sims/benchmarks/false_alarms.py` shows what it costs in false alarms, `make hrt-tables` what it finds and how
+    soon.
+    """
 
     window: float = 0.1
     """Time over which NIS is averaged [s]."""
@@ -68,52 +72,54 @@ def innovation_test(
     n = state.sums.shape[1]
     dof = 2.0 * n
     blend = min(dt / TUNING.window, 1.0)
-    usual = max(dof, h[Entry.MEAN])
+    usual = max(dof, h[DriftEntry.MEAN])
     capped = min(nis, usual + TUNING.spike * sigma * np.sqrt(dof / blend))
-    h[Entry.LOUD] = h[Entry.LOUD] + 1.0 if nis > TUNING.far * usual else 0.0
-    h[Entry.NIS] += blend * (capped - h[Entry.NIS])
-    changes = None if white is None else likelihood_ratio.follow(state.sums, white)
+    h[DriftEntry.LOUD] = h[DriftEntry.LOUD] + 1.0 if nis > TUNING.far * usual else 0.0
+    h[DriftEntry.NIS] += blend * (capped - h[DriftEntry.NIS])
+    changes = None if white is None else likelihood_ratio.add_message(state.sums, white)
     mean, squares = state.change
     if learning:
-        h[Entry.COUNT] += 1
-        before = h[Entry.NIS] - h[Entry.MEAN]
-        h[Entry.MEAN] += before / h[Entry.COUNT]
-        h[Entry.SQUARES] += before * (h[Entry.NIS] - h[Entry.MEAN])
-        h[Entry.SPREAD] += (capped - h[Entry.MEAN]) ** 2
+        h[DriftEntry.COUNT] += 1
+        before = h[DriftEntry.NIS] - h[DriftEntry.MEAN]
+        h[DriftEntry.MEAN] += before / h[DriftEntry.COUNT]
+        h[DriftEntry.SQUARES] += before * (h[DriftEntry.NIS] - h[DriftEntry.MEAN])
+        h[DriftEntry.SPREAD] += (capped - h[DriftEntry.MEAN]) ** 2
         if changes is not None:
             beyond = changes - mean
-            mean += beyond / h[Entry.COUNT]
+            mean += beyond / h[DriftEntry.COUNT]
             squares += beyond * (changes - mean)
         return 0.0
     if not armed:
         return 0.0
-    count = max(h[Entry.COUNT], 1.0)
+    count = max(h[DriftEntry.COUNT], 1.0)
     # Averaging over a window of W messages leaves 1/(2W) of the variance; white innovations of the claimed
     # covariance have mean 2n and variance 4n.
     claimed = TUNING.tolerance * dof + sigma * np.sqrt(2.0 * dof * 0.5 * blend)
-    witnesses = h[Entry.NORMAL] / learned_threshold.TUNING.witness
-    threshold = max(learned_threshold.threshold(h[Entry.MEAN], h[Entry.SQUARES] / count, sigma, witnesses), claimed)
+    witnesses = h[DriftEntry.NORMAL] / learned_threshold.TUNING.witness
+    threshold = max(
+        learned_threshold.threshold(h[DriftEntry.MEAN], h[DriftEntry.SQUARES] / count, sigma, witnesses), claimed
+    )
     level = TUNING.tolerance * usual
-    spread = np.sqrt(max(h[Entry.SPREAD] / count, 2.0 * dof))
-    h[Entry.SUM] = max(0.0, h[Entry.SUM] + min((nis - level) / spread, 0.5 * sigma) - TUNING.slack)
+    spread = np.sqrt(max(h[DriftEntry.SPREAD] / count, 2.0 * dof))
+    h[DriftEntry.SUM] = max(0.0, h[DriftEntry.SUM] + min((nis - level) / spread, 0.5 * sigma) - TUNING.slack)
     if changes is not None:
         usual_change = learned_threshold.threshold(mean, squares / count, sigma, witnesses)
-        h[Entry.CHANGE] = float(
+        h[DriftEntry.CHANGE] = float(
             np.max(changes / np.maximum(usual_change, likelihood_ratio.WIDER * likelihood_ratio.threshold(n)))
         )
-    statistic = max(h[Entry.NIS] / threshold, h[Entry.SUM] / (TUNING.jump * sigma), h[Entry.CHANGE])
-    h[Entry.SUM] = min(h[Entry.SUM], 2.0 * TUNING.jump * sigma)
+    statistic = max(h[DriftEntry.NIS] / threshold, h[DriftEntry.SUM] / (TUNING.jump * sigma), h[DriftEntry.CHANGE])
+    h[DriftEntry.SUM] = min(h[DriftEntry.SUM], 2.0 * TUNING.jump * sigma)
     return float(statistic)
 
 
 def in_a_row(state: DriftState) -> float:
     """Return how many messages in a row are far off, over how many may be."""
-    return float(min(state.header[Entry.LOUD] / TUNING.in_a_row, 2.0))
+    return float(min(state.header[DriftEntry.LOUD] / TUNING.in_a_row, 2.0))
 
 
 def forget(state: DriftState) -> None:
-    """What was measured against another model says nothing now; what is normal stays as it was learnt."""
+    """Forget what was measured against another model; what is normal stays as it was learnt."""
     h = state.header
-    h[Entry.NIS] = min(h[Entry.NIS], h[Entry.MEAN] if h[Entry.COUNT] else 2.0 * state.sums.shape[1])
-    h[[Entry.SUM, Entry.CHANGE, Entry.LOUD]] = 0.0
+    h[DriftEntry.NIS] = min(h[DriftEntry.NIS], h[DriftEntry.MEAN] if h[DriftEntry.COUNT] else 2.0 * state.sums.shape[1])
+    h[[DriftEntry.SUM, DriftEntry.CHANGE, DriftEntry.LOUD]] = 0.0
     state.sums[:] = 0.0

@@ -11,7 +11,10 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """How much wider a threshold learnt from little is: by hand, after how well a sample tells mean and deviation.
+
+    `sims/benchmarks/false_alarms.py` shows the first minutes, where it counts.
+    """
 
     few: float = 2.0
     """The threshold is wider by this many times 1/√N of its kσ: N witnesses know σ of what has a heavy tail to about

@@ -24,7 +24,10 @@ FORGETTING: Final = np.array([0.5, 0.8, 0.95])
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Probabilities and caps of the change test: chosen by hand.
+
+    `sims/benchmarks/false_alarms.py` shows what is left on a model that is a little wrong.
+    """
 
     cap: float = 6.0
     """A message is shortened to this many standard deviations: a spike alone is no change."""
@@ -44,7 +47,7 @@ WIDER: Final = np.array([1.0, 1.0, 2.2])
 little wrong lasts for tens of messages."""
 
 
-class Shape(IntEnum):
+class AlarmShape(IntEnum):
     """What an alarm's statistic did."""
 
     NONE = 0
@@ -56,7 +59,7 @@ class Shape(IntEnum):
     """It grew before it crossed the threshold: wear, drift, a slow pull."""
 
 
-def follow(sums: Array, white: Array) -> Array:
+def add_message(sums: Array, white: Array) -> Array:
     """Add a message.
 
     Args:
@@ -74,7 +77,7 @@ def follow(sums: Array, white: Array) -> Array:
 
 @cache
 def threshold(n: int) -> float:
-    """Of `follow`'s statistics for innovations that are as white as the filter claims."""
+    """Return the threshold of `add_message`'s statistics for innovations that are as white as the filter claims."""
     return float(chi2.ppf(1.0 - TUNING.false_rate, n))
 
 

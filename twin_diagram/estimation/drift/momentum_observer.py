@@ -32,7 +32,10 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """When a joint slides and what is learnt of it: chosen by hand.
+
+    `sims/benchmarks/false_alarms.py` shows what it costs in false alarms, `make hrt-tables` what it finds.
+    """
 
     forgetting: float = 0.85
     """λ per message: 6 messages."""
@@ -138,7 +141,9 @@ class TorqueTest:
         low[:] = np.where(np.abs(run) <= 1.0, rho, TUNING.forgetting * low + (1.0 - TUNING.forgetting) * rho)
         sliding = np.abs(run) >= TUNING.begun
         floor = np.hypot(TUNING.share * level, self._floor)
-        starts, gained = breakaway.follow(creep, x[:n], v, rho, self._creeps, ~sliding, floor, self._sigma, learning)
+        starts, gained = breakaway.slow_moves(
+            creep, x[:n], v, rho, self._creeps, ~sliding, floor, self._sigma, learning
+        )
         if not sliding.any():
             return self._largest(starts, gained, armed)
         at = ((run < 0.0).astype(int), self._each)

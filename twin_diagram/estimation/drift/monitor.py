@@ -26,7 +26,7 @@ from twin_diagram.estimation.drift.false_alarm_rate import FalseRate
 from twin_diagram.estimation.drift.momentum_observer import TorqueTest
 from twin_diagram.estimation.drift.rollout_statistic import RolloutTest
 from twin_diagram.estimation.drift.sensor_consistency import CrossCheck
-from twin_diagram.estimation.drift.state import DriftState, Entry, Evidence
+from twin_diagram.estimation.drift.state import DriftEntry, DriftState, Evidence
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.dynamics.parameters import ParameterSet
 from twin_diagram.estimation.filter.sensor_registry import FilterError
@@ -34,17 +34,21 @@ from twin_diagram.scenario import Drift, Filter
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import ALARM_SIZE, NEVER, AlarmKind
 
-__all__ = ["Entry", "Evidence", "Monitor"]
+__all__ = ["DriftEntry", "Evidence", "Monitor"]
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """When normal operation begins: chosen by hand.
+
+    `sims/benchmarks/false_alarms.py` shows what it costs in false alarms.
+    """
 
     settling: float = 0.25
     """Parameters have settled when they change by less than `SETTLED` of their prior's deviation in this time [s]."""
 
     settled: float = 0.05
+    """Share of its prior's deviation by which a parameter that has settled still changes in that time."""
 
     patience: float = 5.0
     """After this many learning times normal operation is taken for granted: a model may never settle."""
@@ -66,7 +70,7 @@ class Monitor:
     Attributes:
         state: all that it knows.
         vector: the same as one vector.
-        header: by `Entry`.
+        header: by `DriftEntry`.
         log: (RING, 3) time, kind and statistic of each alarm.
         evidence: (RING, len(Evidence) + n) of each alarm, by `Evidence`, then each joint's share of the change, in
             standard deviations.
@@ -99,7 +103,7 @@ class Monitor:
     @property
     def armed(self) -> bool:
         """Whether normal operation has been learnt."""
-        return bool(self.header[Entry.NORMAL] >= self.params.learning_time)
+        return bool(self.header[DriftEntry.NORMAL] >= self.params.learning_time)
 
     @property
     def active(self) -> bool:
@@ -109,7 +113,7 @@ class Monitor:
     def alarm(self) -> Array:
         """Return (4,): active, `AlarmKind`, time raised [s], statistic over threshold."""
         h = self.header
-        result = np.array([float(self.active), h[Entry.KIND], h[Entry.RAISED], h[Entry.STATISTIC]])
+        result = np.array([float(self.active), h[DriftEntry.KIND], h[DriftEntry.RAISED], h[DriftEntry.STATISTIC]])
         assert len(result) == ALARM_SIZE
         return result
 
@@ -140,42 +144,32 @@ class Monitor:
         state_time = t if state_time is None else state_time
         said = np.concatenate([state, theta, q, tau] if innovation is None else [state, theta, q, tau, innovation])
         sound = np.abs(said).max() < 1e6 and 0.0 <= nis < np.inf and 0.0 <= t < np.inf  # NaN compares false
-        if not sound or t == h[Entry.TIME]:
+        dt = self._elapsed(theta, nis, t) if sound else None
+        if dt is None:
             return
-        if h[Entry.SINCE] < 0.0:
-            h[Entry.SINCE] = h[Entry.CHECKED] = t
-            h[Entry.NEXT] = t + TUNING.settling
-            h[Entry.NIS] = min(nis, 2.0 * self.terms.n)
-            self.state.checked[:] = theta
-            h[Entry.TIME] = t
-            return
-        dt = t - h[Entry.TIME]
-        if not 0.0 < dt <= TUNING.longest_gap:
-            # A gap, or a clock set back: what came before does not join up with what comes now.
-            self._resume(theta, t)
-            return
-        h[Entry.TIME] = t
+        h[DriftEntry.TIME] = t
         self._settle(theta, t)
-        learning = bool(h[Entry.SETTLED]) and not self.armed
+        learning = bool(h[DriftEntry.SETTLED]) and not self.armed
         if learning:
-            h[Entry.NORMAL] += dt
+            h[DriftEntry.NORMAL] += dt
         alarm_lifecycle.turn_over(self.state, t)
-        k, armed = self.params.sigma, self.armed
-        margins = self.state.margins
+        armed, margins = self.armed, self.state.margins
         self._rate.turn_over(margins, t, armed and not self.active)
-        found = innovation_statistic.innovation_test(self.state, nis, innovation, dt, k, learning, armed)
+        found = innovation_statistic.innovation_test(
+            self.state, nis, innovation, dt, self.params.sigma, learning, armed
+        )
         found = self._rate.take(margins, INNOVATION, found)
         if armed:
             found = max(found, innovation_statistic.in_a_row(self.state))
-        calm = bool(h[Entry.SETTLED]) and found < 1.0 and not self.active
+        calm = bool(h[DriftEntry.SETTLED]) and found < 1.0 and not self.active
         gained, joint, torque = self._motors.follow(self.state.motors, state, theta, tau, state_time, calm, armed)
         gained = self._rate.take(margins, TORQUE, gained)
-        named = (joint, torque) if gained > 1.0 else None
         found = max(found, gained)
         alarm_lifecycle.note(self.state, found)
         if found > 1.0:
+            named = (joint, torque) if gained > 1.0 else None
             alarm_lifecycle.raise_alarm(self.state, AlarmKind.INNOVATION, t, found, dt=dt, gained=named)
-        elif armed and not learning and h[Entry.ALARMS] > 0 and t < h[Entry.QUIET]:
+        elif armed and not learning and h[DriftEntry.ALARMS] > 0 and t < h[DriftEntry.QUIET]:
             alarm_lifecycle.reshape(self.state)
         found = self._rollouts.follow(self.state, state, theta, q, tau, t, state_time, learning, armed)
         found = self._rate.take(margins, ROLLOUT, found)
@@ -199,7 +193,7 @@ class Monitor:
         index, white = self.sensors.index(sensor), np.asarray(white, dtype=float)
         if white.shape != (self._cross.sizes[index],):
             raise FilterError(f"{sensor}: {white.shape} innovations where {self._cross.sizes[index]} are expected")
-        t = float(self.header[Entry.TIME])
+        t = float(self.header[DriftEntry.TIME])
         if t <= 0.0:
             return
         found = self._cross.follow(self.state.sensors, index, white, accepted, t, not self.active)
@@ -209,40 +203,57 @@ class Monitor:
             alarm_lifecycle.raise_alarm(self.state, AlarmKind.SENSOR, t, found, sensor=index)
 
     def begin_anew(self) -> None:
-        """The model was corrected: what was measured against the old one says nothing now.
+        """Begin anew with a corrected model: what was measured against the old one says nothing now.
 
         What normal operation looks like stays as it was learnt: a model that is right again is held to the same band.
         Only the torque that each joint lacks is learnt anew: it is the model's own.
         An alarm that stands ends; one that the corrected model deserves comes back.
         """
         h = self.header
-        self._resume(self.parameters.mean, float(h[Entry.TIME]))
-        h[Entry.QUIET] = min(h[Entry.QUIET], h[Entry.TIME])
-        h[Entry.NEXT] += TUNING.settling
-        h[[Entry.ROLLOUT, Entry.TENTH, Entry.TENTHS]] = 0.0
+        self._resume(self.parameters.mean, float(h[DriftEntry.TIME]))
+        h[DriftEntry.QUIET] = min(h[DriftEntry.QUIET], h[DriftEntry.TIME])
+        h[DriftEntry.NEXT] += TUNING.settling
+        h[[DriftEntry.ROLLOUT, DriftEntry.TENTH, DriftEntry.TENTHS]] = 0.0
         innovation_statistic.forget(self.state)
         self._cross.begin(self.state.sensors)
         self._motors.begin(self.state.motors)
 
     # Details.
 
+    def _elapsed(self, theta: Array, nis: float, t: float) -> float | None:
+        """Return the time since the message before [s]; None where there is none that this one joins up with."""
+        h = self.header
+        if t == h[DriftEntry.TIME]:
+            return None
+        if h[DriftEntry.SINCE] < 0.0:
+            h[DriftEntry.SINCE] = h[DriftEntry.CHECKED] = h[DriftEntry.TIME] = t
+            h[DriftEntry.NEXT] = t + TUNING.settling
+            h[DriftEntry.NIS] = min(nis, 2.0 * self.terms.n)
+            self.state.checked[:] = theta
+            return None
+        dt = float(t - h[DriftEntry.TIME])
+        if 0.0 < dt <= TUNING.longest_gap:
+            return dt
+        self._resume(theta, t)  # a gap, or a clock set back
+        return None
+
     def _resume(self, theta: Array, t: float) -> None:
         h = self.header
-        h[[Entry.TIME, Entry.CHECKED, Entry.NEXT]] = t
-        h[Entry.STARTED] = NEVER
-        h[Entry.SETTLED] = 0.0
-        h[Entry.SINCE] = min(h[Entry.SINCE], t)
-        h[Entry.QUIET] = min(h[Entry.QUIET], t + alarm_lifecycle.TUNING.hold)
+        h[[DriftEntry.TIME, DriftEntry.CHECKED, DriftEntry.NEXT]] = t
+        h[DriftEntry.STARTED] = NEVER
+        h[DriftEntry.SETTLED] = 0.0
+        h[DriftEntry.SINCE] = min(h[DriftEntry.SINCE], t)
+        h[DriftEntry.QUIET] = min(h[DriftEntry.QUIET], t + alarm_lifecycle.TUNING.hold)
         self.state.checked[:] = theta
 
     def _settle(self, theta: Array, t: float) -> None:
         h = self.header
-        if t - h[Entry.CHECKED] < TUNING.settling:
+        if t - h[DriftEntry.CHECKED] < TUNING.settling:
             return
         calm = bool(np.all(np.abs(theta - self.state.checked) <= TUNING.settled * self.parameters.scale))
-        late = t - h[Entry.SINCE] > TUNING.patience * self.params.learning_time
-        h[Entry.SETTLED] = float(calm or late)
-        if not calm and t < h[Entry.QUIET]:
-            h[Entry.MOVED] = 1.0
-        h[Entry.CHECKED] = t
+        late = t - h[DriftEntry.SINCE] > TUNING.patience * self.params.learning_time
+        h[DriftEntry.SETTLED] = float(calm or late)
+        if not calm and t < h[DriftEntry.QUIET]:
+            h[DriftEntry.MOVED] = 1.0
+        h[DriftEntry.CHECKED] = t
         self.state.checked[:] = theta

@@ -14,7 +14,7 @@ import numpy as np
 from pydrake.math import RigidTransform
 
 from twin_diagram.estimation.drift import learned_threshold
-from twin_diagram.estimation.drift.state import DriftState, Entry
+from twin_diagram.estimation.drift.state import DriftEntry, DriftState
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.dynamics.link_frame import LinkFrame
 from twin_diagram.estimation.dynamics.parameters import ParameterSet
@@ -27,7 +27,7 @@ from twin_diagram.signals.layouts import NEVER
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Guards of the arithmetic, chosen by hand: no figure hangs on them."""
 
     runaway: float = 1e6
     """Stands for the error of a rollout that ran away [N·m], [m]."""
@@ -86,30 +86,30 @@ class RolloutTest:
             armed: whether it is known.
         """
         h, torques, found = state.header, state.torques, 0.0
-        if h[Entry.STARTED] >= 0.0 and t <= h[Entry.STARTED]:
+        if h[DriftEntry.STARTED] >= 0.0 and t <= h[DriftEntry.STARTED]:
             torques[0, 1:] = tau  # the state was carried on beyond its message
-        elif h[Entry.STARTED] >= 0.0:
-            row = int(h[Entry.FILLED])
+        elif h[DriftEntry.STARTED] >= 0.0:
+            row = int(h[DriftEntry.FILLED])
             if row >= len(torques):  # messages come faster than expected: give up this rollout
-                h[Entry.STARTED] = NEVER
+                h[DriftEntry.STARTED] = NEVER
                 return 0.0
             torques[row, 0], torques[row, 1:] = t, tau
-            h[Entry.FILLED] += 1
-            if t - h[Entry.STARTED] >= self._params.horizon - 1e-6:
+            h[DriftEntry.FILLED] += 1
+            if t - h[DriftEntry.STARTED] >= self._params.horizon - 1e-6:
                 found = self._compare(state, q, learning, armed)
-                h[Entry.STARTED] = NEVER
-        if h[Entry.STARTED] < 0.0 and t >= h[Entry.NEXT] - 1e-6:
+                h[DriftEntry.STARTED] = NEVER
+        if h[DriftEntry.STARTED] < 0.0 and t >= h[DriftEntry.NEXT] - 1e-6:
             # Until enough has been learnt, one rollout follows on the other.
             wait = self._params.period if armed else self._params.horizon
-            h[Entry.NEXT] = t + max(wait, self._params.horizon)
-            h[Entry.STARTED], h[Entry.FILLED] = state_time, 1.0
+            h[DriftEntry.NEXT] = t + max(wait, self._params.horizon)
+            h[DriftEntry.STARTED], h[DriftEntry.FILLED] = state_time, 1.0
             state.from_state[:], state.from_theta[:] = x, theta
             torques[0, 0], torques[0, 1:] = state_time, tau
         return found
 
     def _compare(self, state: DriftState, q: Array, learning: bool, armed: bool) -> float:
         h, terms = state.header, self._terms
-        n, filled = terms.n, int(h[Entry.FILLED])
+        n, filled = terms.n, int(h[DriftEntry.FILLED])
         times, torques = state.torques[:filled, 0], state.torques[:filled, 1:]
         end, speed = rollout(terms, self._parameters, state.from_state, state.from_theta, times, torques)
         span = float(times[-1] - times[0])
@@ -121,9 +121,9 @@ class RolloutTest:
         error[n] = TUNING.runaway if runs_away else np.linalg.norm(p_predicted - p_measured)
         error = np.nan_to_num(error, nan=TUNING.runaway, posinf=TUNING.runaway).clip(max=TUNING.runaway)
         if learning:
-            h[Entry.ROLLOUTS] += 1
+            h[DriftEntry.ROLLOUTS] += 1
             before = error - state.roll_mean
-            state.roll_mean += before / h[Entry.ROLLOUTS]
+            state.roll_mean += before / h[DriftEntry.ROLLOUTS]
             state.roll_squares += before * (error - state.roll_mean)
             return 0.0
         if not armed:
@@ -137,11 +137,11 @@ class RolloutTest:
         # What such torques do to the hand over the span.
         moved = J[3:] @ np.linalg.solve(terms.mass_matrix(terms.true_position(q)), np.diag(std * (0.5 * span**2)))
         claimed[n] = k * np.linalg.norm(moved)
-        count = max(h[Entry.ROLLOUTS], 1.0)
+        count = max(h[DriftEntry.ROLLOUTS], 1.0)
         usual = learned_threshold.threshold(state.roll_mean, state.roll_squares / count, k, count)
-        h[Entry.ROLLOUT] = float(np.max(error / np.maximum(np.maximum(usual, claimed), TUNING.smallest)))
-        h[Entry.HAND] = error[n]
-        return float(h[Entry.ROLLOUT])
+        h[DriftEntry.ROLLOUT] = float(np.max(error / np.maximum(np.maximum(usual, claimed), TUNING.smallest)))
+        h[DriftEntry.HAND] = error[n]
+        return float(h[DriftEntry.ROLLOUT])
 
 
 def white_std(tuning: Filter, span: float) -> float:

@@ -23,7 +23,7 @@ import numpy as np
 from scipy.stats import chi, chi2
 
 from twin_diagram.estimation.drift.likelihood_ratio import TUNING as LIKELIHOOD_RATIO
-from twin_diagram.estimation.filter.belief import Track
+from twin_diagram.estimation.filter.belief import SensorTrack
 from twin_diagram.estimation.filter.sensor_registry import TUNING as SENSOR_REGISTRY
 from twin_diagram.signals.arrays import Array
 
@@ -36,7 +36,10 @@ sum goes back, the less it is like one of white noise."""
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """What is normal of a further sensor: chosen by hand.
+
+    `sims/benchmarks/false_alarms.py` with `--sensors all` shows what it costs in false alarms.
+    """
 
     block: int = 3
     """Numbers of a reading that are tested together."""
@@ -64,16 +67,16 @@ def newest(before: Array, after: Array) -> tuple[Array, bool] | None:
     """Return the reading that came between two looks at a sensor's track record, None where there was not exactly one.
 
     Args:
-        before: (len(Track) + m,) `belief.Track`, then the mean whitened innovation.
+        before: (len(SensorTrack) + m,) `belief.SensorTrack`, then the mean whitened innovation.
         after: the same, later.
 
     Returns:
         Its whitened innovation (m,), within six deviations, and whether the filter used it.
     """
-    accepted, refused = (after - before)[[Track.ACCEPTED, Track.REFUSED]]
+    accepted, refused = (after - before)[[SensorTrack.ACCEPTED, SensorTrack.REFUSED]]
     if {accepted, refused} != {0.0, 1.0}:
         return None
-    old, new = before[len(Track) :], after[len(Track) :]
+    old, new = before[len(SensorTrack) :], after[len(SensorTrack) :]
     return old + SENSOR_REGISTRY.memory * (new - old), bool(accepted)
 
 
@@ -110,7 +113,7 @@ class CrossCheck:
         self.size = int(self._starts[-1])
 
     def begin(self, vector: Array) -> None:
-        """What was measured against another model says nothing now; what is normal stays as it was learnt."""
+        """Forget what was measured against another model; what is normal stays as it was learnt."""
         for index in range(len(self.sizes)):
             head, sums, _, _ = self._views(vector, index)
             head[3] = 0.0

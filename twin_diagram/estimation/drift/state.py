@@ -14,7 +14,10 @@ from twin_diagram.signals.layouts import ALARM_LOG_FIELDS, NEVER
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Sizes of what is remembered, chosen by hand.
+
+    A recording holds them, so that another size makes another layout.
+    """
 
     ring: int = 32
     """Alarms that are remembered."""
@@ -30,7 +33,7 @@ class Evidence(IntEnum):
     """What an alarm stands on; each joint's share of the change follows, in standard deviations."""
 
     SHAPE = 0
-    """`likelihood_ratio.Shape`."""
+    """`likelihood_ratio.AlarmShape`."""
     JOINT = 1
     """Whose torque changed, by index; negative where none stands out."""
     ABOVE = 2
@@ -51,7 +54,7 @@ class Evidence(IntEnum):
     """Torque that a sliding joint has gained and the model lacks [N·m]; 0 where that is not what the alarm is about."""
 
 
-class Entry(IntEnum):
+class DriftEntry(IntEnum):
     """Entries of a monitor's header."""
 
     TIME = 0
@@ -101,7 +104,7 @@ class Entry(IntEnum):
     ABOVE = 22
     """For how long the newest alarm's statistic was above its threshold [s]."""
     SHAPE = 23
-    """`Shape` of the newest alarm."""
+    """`AlarmShape` of the newest alarm."""
     JOINT = 24
     """Which joint's torque it is about, by index; negative where none stands out."""
     TENTH = 25
@@ -125,7 +128,7 @@ class DriftState:
 
     Attributes:
         vector: all of it.
-        header: by `Entry`.
+        header: by `DriftEntry`.
         log: (RING, 3) time, kind and statistic of each alarm.
         evidence: (RING, len(Evidence) + n) of each alarm.
         checked: (p,) parameters when it was last checked that they have settled.
@@ -153,7 +156,7 @@ class DriftState:
             margins: numbers that the margins of all tests keep.
         """
         sizes = [
-            len(Entry),
+            len(DriftEntry),
             TUNING.ring * ALARM_LOG_FIELDS,
             TUNING.ring * (len(Evidence) + n),
             p,
@@ -174,6 +177,8 @@ class DriftState:
         self.torques: Array = torques.reshape(rows, n + 1)
         self.sums: Array = sums.reshape(changes, n)
         self.change: Array = learnt.reshape(2, changes)
-        self.header[[Entry.TIME, Entry.SINCE, Entry.STARTED, Entry.RAISED, Entry.QUIET]] = NEVER
-        self.header[Entry.SENSOR] = -1.0
+        self.header[[DriftEntry.TIME, DriftEntry.SINCE, DriftEntry.STARTED, DriftEntry.RAISED, DriftEntry.QUIET]] = (
+            NEVER
+        )
+        self.header[DriftEntry.SENSOR] = -1.0
         self.log[:, 0] = NEVER

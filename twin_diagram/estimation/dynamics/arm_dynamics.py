@@ -44,7 +44,7 @@ class Laws:
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """What stands in where a model names none: chosen by hand, generous on purpose."""
 
     brisk: float = 10.0
     """Where the model names no effort limit: enough for twice the largest weight and for this acceleration [rad/s²]."""
@@ -80,7 +80,7 @@ class ArmTerms:
         laws: Laws | None = None,
         context: Context | None = None,
     ) -> None:
-        """Wraps a plant.
+        """Wrap a plant.
 
         Args:
             plant: finalized; joints of one degree of freedom each, on a fixed base.
@@ -99,26 +99,13 @@ class ArmTerms:
             raise ModelError(f"no frame {tool_frame!r} in the plant")
         self.plant = plant
         self.n = len(joints)
-        handles = []
-        for name in joints:
-            joint = _joint(plant, name)
-            if joint.num_velocities() != 1:
-                raise ModelError(
-                    f"joint {name!r} has {joint.num_velocities()} degrees of freedom; the filter takes one each"
-                )
-            handles.append(joint)
-        if not handles:
-            raise ModelError("a filter needs at least one joint")
+        self.laws = laws or Laws()
+        handles = _joints(plant, joints)
         self._joints = handles
         self.prismatic = np.array([isinstance(joint, PrismaticJoint) for joint in handles])
         self.position_index = np.array([joint.position_start() for joint in handles])
         self.velocity_index = np.array([joint.velocity_start() for joint in handles])
         self.velocity_limit = _limit([joint.velocity_upper_limits()[0] for joint in handles], 10.0)
-        effort = {joint.index(): np.inf for joint in handles}
-        for index in plant.GetJointActuatorIndices():
-            actuator = plant.get_joint_actuator(index)
-            effort[actuator.joint().index()] = actuator.effort_limit()
-        self.laws = laws or Laws()
 
         self._context: Context = plant.CreateDefaultContext() if context is None else context.Clone()
         self.damping = np.array([float(joint.GetDampingVector(self._context)[0]) for joint in handles])
@@ -132,11 +119,14 @@ class ArmTerms:
         self._origin: Any = np.zeros(3)
         self._world = plant.world_frame()
         self._gravity = plant.gravity_field().gravity_vector()
+        self._find_last_link(tool_frame)
+        self.effort_limit = _limit(_efforts(plant, handles), self._brisk_effort())
 
-        self._link = handles[-1].child_body()
+    def _find_last_link(self, tool_frame: str | None) -> None:
+        self._link = self._joints[-1].child_body()
         self.link_frame = self._link_frame = self._link.body_frame()
         self.link_name: str = self._link.name()
-        tool = plant.GetFrameByName(tool_frame) if tool_frame else self._link_frame
+        tool = self.plant.GetFrameByName(tool_frame) if tool_frame else self._link_frame
         X_WL = self._link_frame.CalcPoseInWorld(self._context)
         self.tool: Array = (X_WL.inverse() @ tool.CalcPoseInWorld(self._context)).translation().copy()
         inertia = self._link.CalcSpatialInertiaInBodyFrame(self._context)
@@ -145,7 +135,6 @@ class ArmTerms:
         self._inertia0 = inertia.CalcRotationalInertia().CopyToFullMatrix3()
         self._payload = np.full(4, np.nan)
         self.set_payload(np.zeros(4))  # as it will be set ever after: rounding must not depend on what came before
-        self.effort_limit = _limit([effort[joint.index()] for joint in handles], self._brisk_effort())
 
     @staticmethod
     def from_model(model: Model) -> ArmTerms:
@@ -222,7 +211,7 @@ class ArmTerms:
         )
 
     def mass_matrix(self, q: Array) -> Array:
-        """M(q) (n, n) [kg·m²], the plant's other joints held."""
+        """Return M(q) (n, n) [kg·m²], the plant's other joints held."""
         self._set(q, 0.0)
         mass: Array = self.plant.CalcMassMatrix(self._context)[self._rows]
         return mass
@@ -236,7 +225,7 @@ class ArmTerms:
         return torque
 
     def load(self, q: Array, v: Array, tau: Array) -> Array:
-        """b(q, v): torque of plant and smooth effects at zero acceleration (n,) [N·m].
+        """Return b(q, v): torque of plant and smooth effects at zero acceleration (n,) [N·m].
 
         Args:
             q: (n,) [rad].
@@ -261,7 +250,7 @@ class ArmTerms:
         return q if self.laws.true_position is None else self.laws.true_position(q)
 
     def derivatives(self, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
-        """Forward differences of inverse dynamics: ∂τ/∂q and ∂τ/∂v, each (n, n), at constant acceleration."""
+        """Return forward differences of inverse dynamics: ∂τ/∂q and ∂τ/∂v, each (n, n), at constant acceleration."""
         step = 1e-6
         base = self.inverse_dynamics(q, v, a)
         by_q, by_v = np.empty((self.n, self.n)), np.empty((self.n, self.n))
@@ -281,7 +270,7 @@ class ArmTerms:
         return by_q, by_v
 
     def payload_regressor(self, q: Array, v: Array, a: Array) -> Array:
-        """Y with τ_payload = Y·(m, m·c): linear in mass and first moment (n, 4) [N·m/kg, N·m/(kg·m)].
+        """Return Y with τ_payload = Y·(m, m·c): linear in mass and first moment (n, 4) [N·m/kg, N·m/(kg·m)].
 
         With the last link's origin L accelerating by a_L, angular velocity ω and acceleration α, a payload needs the
         force m (a_L − g) + α × mc + ω × (ω × mc) and about L the moment mc × (a_L − g); the inertia about L,
@@ -305,6 +294,29 @@ class ArmTerms:
         Y[:, 0] = J[3:].T @ lift
         Y[:, 1:] = (J[3:].T @ (_cross(alpha) + spin @ spin) - J[:3].T @ _cross(lift)) @ R_WL
         return Y
+
+
+def _joints(plant: MultibodyPlant, names: Sequence[str]) -> list[Any]:
+    found = []
+    for name in names:
+        joint = _joint(plant, name)
+        if joint.num_velocities() != 1:
+            raise ModelError(
+                f"joint {name!r} has {joint.num_velocities()} degrees of freedom; the filter takes one each"
+            )
+        found.append(joint)
+    if not found:
+        raise ModelError("a filter needs at least one joint")
+    return found
+
+
+def _efforts(plant: MultibodyPlant, joints: Sequence[Any]) -> list[float]:
+    """Return the effort limit of each joint's actuator [N·m]; infinite where it has none."""
+    effort = {joint.index(): np.inf for joint in joints}
+    for index in plant.GetJointActuatorIndices():
+        actuator = plant.get_joint_actuator(index)
+        effort[actuator.joint().index()] = actuator.effort_limit()
+    return [effort[joint.index()] for joint in joints]
 
 
 def _joint(plant: MultibodyPlant, name: str) -> Any:

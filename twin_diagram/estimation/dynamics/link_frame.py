@@ -20,7 +20,7 @@ def skew(w: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Motion:
+class LinkMotion:
     """A frame F on the arm at one moment; all in W.
 
     Attributes:
@@ -93,7 +93,7 @@ class LinkFrame:
         R_WB = X_WB.rotation().matrix()
         return R_WB @ self._R_BF, X_WB.translation() + R_WB @ self._p_BF, J
 
-    def motion(self, q: Array, v: Array) -> Motion:
+    def motion(self, q: Array, v: Array) -> LinkMotion:
         """Return all of it at q, v, each (n,)."""
         context, plant = self.terms.at(q, v), self.terms.plant
         J: Array = plant.CalcJacobianSpatialVelocity(
@@ -105,7 +105,7 @@ class LinkFrame:
         X_WB = self._frame.CalcPoseInWorld(context)
         R_WB = X_WB.rotation().matrix()
         moving = J @ v
-        return Motion(
+        return LinkMotion(
             R_WF=R_WB @ self._R_BF,
             p_WF=X_WB.translation() + R_WB @ self._p_BF,
             J_w=J[:3],
@@ -117,8 +117,8 @@ class LinkFrame:
         )
 
 
-def turned_rate(motion: Motion, v: Array) -> Array:
-    """∂ω/∂q (3, n): joint i turns the axes of all joints after it, hence ∂ω/∂q_i = w_i × (ω − ω_i).
+def turned_rate(motion: LinkMotion, v: Array) -> Array:
+    """Return ∂ω/∂q (3, n): joint i turns the axes of all joints after it, hence ∂ω/∂q_i = w_i × (ω − ω_i).
 
     w_i is the axis of joint i (a column of J_w), ω_i the angular velocity of the link that it moves.
     """

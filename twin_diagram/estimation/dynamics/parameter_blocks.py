@@ -13,6 +13,9 @@ from typing import ClassVar, Final
 import numpy as np
 
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
+from twin_diagram.model.effects.actuation import TorqueBias, TorqueConstant
+from twin_diagram.model.effects.friction import CoulombFriction, ViscousFriction
+from twin_diagram.model.effects.inertia import Payload
 from twin_diagram.scenario import Filter
 from twin_diagram.signals import units
 from twin_diagram.signals.arrays import Array
@@ -20,7 +23,10 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Priors and bounds of what is learnt, as wide as data sheets and friction models are wrong: chosen by hand.
+
+    `make hrt-tables` shows how fast and how well parameters are learnt from them.
+    """
 
     heaviest: float = 10.0
     """A payload's mass lies between 0 and this [kg]."""
@@ -79,7 +85,7 @@ class ParameterBlock(ABC):
 
     @abstractmethod
     def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array, tau: Array) -> Array:
-        """Y (n, p): what the motors must give, beyond the τ measured, per unit of each parameter."""
+        """Return Y (n, p): what the motors must give, beyond the τ measured, per unit of each parameter."""
 
     @abstractmethod
     def clip(self, theta: Array) -> None:
@@ -107,14 +113,14 @@ class ParameterBlock(ABC):
         return 0.0
 
 
-class Payload(ParameterBlock):
+class PayloadBlock(ParameterBlock):
     """What the last link carries: mass m [kg] and first moment m·c [kg·m] about its origin, in its frame.
 
     The prior says: mass 0 ± mass_std, centre at the tool frame ± com_std. With m and c apart independent that gives
     m·c the second moments mass_std² (t tᵀ + com_std² I) and mass_std² t with m, t being the tool frame's origin.
     """
 
-    name = "payload"
+    name = Payload.name
 
     def __init__(self, terms: ArmTerms, params: Filter) -> None:
         self._tool = terms.tool.copy()
@@ -127,13 +133,13 @@ class Payload(ParameterBlock):
         self._slack = 0.1 * params.mass_std
 
     def labels(self, joints: Sequence[str]) -> list[str]:  # noqa: D102
-        return ["payload.mass [kg]", *(f"payload.moment_{axis} [kg·m]" for axis in "xyz")]
+        return [f"{self.name}.mass [kg]", *(f"{self.name}.moment_{axis} [kg·m]" for axis in "xyz")]
 
     def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array, tau: Array) -> Array:  # noqa: D102
         return terms.payload_regressor(q, v, a)
 
     def clip(self, theta: Array) -> None:
-        """0 ≤ m ≤ 10 kg, and the centre within 5 com_std of the tool frame (with slack while m is next to nothing)."""
+        """Keep 0 ≤ m ≤ 10 kg, the centre within 5 com_std of the tool frame (with slack while m is next to nothing)."""
         mass = min(max(float(theta[0]), 0.0), TUNING.heaviest)
         theta[0] = mass
         offset = theta[1:4] - mass * self._tool
@@ -164,10 +170,10 @@ class JointBlock(ParameterBlock):
         np.clip(theta, -self.bound, self.bound, out=theta)
 
 
-class TorqueBias(JointBlock):
+class TorqueBiasBlock(JointBlock):
     """Torque applied beyond what is measured, per joint; positive drives the joint forward."""
 
-    name = "torque_bias"
+    name = TorqueBias.name
     unit = "N·m"
 
     def __init__(self, terms: ArmTerms, params: Filter) -> None:
@@ -214,10 +220,10 @@ class JointFriction(JointBlock):
         return together
 
 
-class ViscousFriction(JointFriction):
+class ViscousFrictionBlock(JointFriction):
     """Damping beyond the model's, per joint."""
 
-    name = "viscous_friction"
+    name = ViscousFriction.name
     unit = "N·m·s/rad"
 
     def __init__(self, terms: ArmTerms, params: Filter) -> None:
@@ -231,10 +237,10 @@ class ViscousFriction(JointFriction):
         return theta
 
 
-class CoulombFriction(JointFriction):
+class CoulombFrictionBlock(JointFriction):
     """Coulomb friction beyond the model's, per joint."""
 
-    name = "coulomb_friction"
+    name = CoulombFriction.name
     unit = "N·m"
 
     def __init__(self, terms: ArmTerms, params: Filter) -> None:
@@ -250,10 +256,10 @@ class CoulombFriction(JointFriction):
         return theta
 
 
-class TorqueConstant(JointBlock):
+class TorqueConstantBlock(JointBlock):
     """Health of the motors: torque applied over torque measured, less 1, per joint; −1 is a motor that is dead."""
 
-    name = "torque_constant"
+    name = TorqueConstant.name
     unit = "1"
 
     def __init__(self, terms: ArmTerms, params: Filter) -> None:
@@ -278,6 +284,7 @@ class TorqueConstant(JointBlock):
 
 
 BLOCKS: Final[dict[str, type[ParameterBlock]]] = {
-    block.name: block for block in (Payload, TorqueBias, ViscousFriction, CoulombFriction, TorqueConstant)
+    block.name: block
+    for block in (PayloadBlock, TorqueBiasBlock, ViscousFrictionBlock, CoulombFrictionBlock, TorqueConstantBlock)
 }
 """By the name that `Filter.parameters` uses."""

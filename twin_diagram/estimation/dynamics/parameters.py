@@ -14,7 +14,7 @@ import numpy as np
 
 from twin_diagram.errors import ScenarioError
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
-from twin_diagram.estimation.dynamics.parameter_blocks import BLOCKS, ParameterBlock, Payload
+from twin_diagram.estimation.dynamics.parameter_blocks import BLOCKS, ParameterBlock, PayloadBlock
 from twin_diagram.scenario import Filter
 from twin_diagram.signals.arrays import Array
 
@@ -53,7 +53,8 @@ class ParameterSet:
             for group in block.groups()
         ]
         self.payload = next(
-            (part for block, part in zip(self.blocks, self.slices, strict=True) if block.name == Payload.name), None
+            (part for block, part in zip(self.blocks, self.slices, strict=True) if block.name == PayloadBlock.name),
+            None,
         )
 
     def _diagonal(self, parts: list[Array]) -> Array:
@@ -69,7 +70,7 @@ class ParameterSet:
     def regressor(
         self, terms: ArmTerms, q: Array, v: Array, a: Array, tau: Array, sliding: Array | None = None
     ) -> Array:
-        """Y (n, p) of all blocks.
+        """Return Y (n, p) of all blocks.
 
         Args:
             terms: the arm.
@@ -96,7 +97,7 @@ class ParameterSet:
         return sum(block.push(theta[part], tau) for block, part in zip(self.blocks, self.slices, strict=True))
 
     def viscous(self, theta: Array, damping: Array) -> Array:
-        """Viscous friction (n,) of the plant, `damping`, and θ together; never negative [N·m·s/rad]."""
+        """Return viscous friction (n,) of the plant, `damping`, and θ together; never negative [N·m·s/rad]."""
         total = sum((block.viscous(theta[part]) for block, part in zip(self.blocks, self.slices, strict=True)), damping)
         return np.maximum(total, 0.0)
 

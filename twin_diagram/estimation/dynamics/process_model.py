@@ -26,19 +26,23 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """The implicit step's treatment of dry friction: chosen by hand.
+
+    `sims/benchmarks/filter_timing.py` shows what a step costs.
+    """
 
     stuck_speed: float = 1e-3
     """s above: a joint creeps this fast, times load over level, while dry friction holds it [rad/s]."""
 
     iterations: int = 3
+    """Secants that are taken one after the other: at v, then at the v⁺ of the one before."""
 
 
 TUNING = Tuning()
 
 
 @dataclass(frozen=True)
-class Step:
+class ArmStep:
     """A step and what its derivatives need.
 
     Attributes:
@@ -82,7 +86,7 @@ def step(
     disturbance: Array,
     dt: float,
     dry: tuple[Array, Array] | None = None,
-) -> Step:
+) -> ArmStep:
     """Move the arm on by dt.
 
     Args:
@@ -115,13 +119,13 @@ def step(
         system.flat[:: terms.n + 1] = mass.diagonal() + dt * (viscous + secant)
         at = solve_positive(system, push)
     drag = viscous + secant * (TUNING.stuck_speed**2 / width)
-    return Step(q=q + (0.5 * dt) * (v + at), v=at, middle=there, a=(at - v) / dt, mass=mass, drag=drag)
+    return ArmStep(q=q + (0.5 * dt) * (v + at), v=at, middle=there, a=(at - v) / dt, mass=mass, drag=drag)
 
 
 def jacobians(
     terms: ArmTerms,
     parameters: ParameterSet,
-    moved: Step,
+    moved: ArmStep,
     v: Array,
     theta: Array,
     dt: float,
@@ -129,7 +133,7 @@ def jacobians(
     tau: Array | None = None,
     sliding: Array | None = None,
 ) -> Jacobians:
-    """Derivatives of a step by the implicit function theorem, inverse dynamics by forward differences.
+    """Differentiate a step by the implicit function theorem, inverse dynamics by forward differences.
 
     Args:
         terms: the arm.

@@ -1,28 +1,28 @@
-"""The arm's own messages, whatever they hold: used, fused late, refused in part or in whole, or a fresh start."""
+"""The arm's own messages, whatever they hold: what is to become of each, a fresh start, and what is kept of it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import Enum
 
 import numpy as np
 
 from twin_diagram.estimation.dynamics.positive_definite import solve_positive, whiten
 from twin_diagram.estimation.filter.base import Core
-from twin_diagram.estimation.filter.belief import Entry
+from twin_diagram.estimation.filter.belief import Belief, Entry
 from twin_diagram.estimation.filter.disturbance import disturbance_std
-from twin_diagram.estimation.filter.fault_isolation import alarming, keep_score
-from twin_diagram.estimation.filter.outlier_streaks import forget, gather, take_for_noise
-from twin_diagram.estimation.filter.parameter_adaptation import open_up, refute
-from twin_diagram.estimation.filter.predict import propagate
+from twin_diagram.estimation.filter.fault_isolation import keep_score
+from twin_diagram.estimation.filter.noise_adaptation import Update
+from twin_diagram.estimation.filter.outlier_streaks import forget
 from twin_diagram.estimation.filter.sensor_registry import FilterError
 from twin_diagram.estimation.filter.update import TUNING as UPDATE
-from twin_diagram.estimation.filter.update import Update, fuse, take
+from twin_diagram.estimation.sensors import Sensor
 from twin_diagram.signals.arrays import Array
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """What a message of the arm may be: chosen by hand, generous on purpose."""
 
     longest_gap: float = 0.25
     """After a longer silence the state is taken anew from the message; parameters are kept [s]."""
@@ -53,7 +53,7 @@ def start(core: Core, q: Array, v: Array, tau: Array, t: float) -> None:
     Raises:
         FilterError: q, v or τ are not n finite numbers, or t is not finite.
     """
-    q, v, tau = (_sized(core, name, value) for name, value in (("q", q), ("v", v), ("torque", tau)))
+    q, v, tau = (sized(core.terms.n, name, value) for name, value in (("q", q), ("v", v), ("torque", tau)))
     if not np.all(np.isfinite([*q, *v, *tau, t])):
         raise FilterError(f"no state can be taken from q {q.tolist()}, v {v.tolist()}, torque {tau.tolist()} at {t} s")
     belief, n = core.belief, core.terms.n
@@ -94,98 +94,118 @@ def start(core: Core, q: Array, v: Array, tau: Array, t: float) -> None:
     core.history.begin(t, belief.x, belief.P)
 
 
-def observe(core: Core, q: Array, v: Array, tau: Array, t: float) -> bool:
-    """Take in one message of the arm, whatever it holds; the belief is never poisoned.
+class Course(Enum):
+    """What is to become of a message."""
+
+    NONE = "there is no message"
+    INVALID = "it holds a NaN, an infinity or an absurd value"
+    STALE = "it was seen before"
+    TOO_OLD = "it lies before all that the filter remembers"
+    LATE = "it is fused at its own time"
+    FIRST = "the state is taken from it"
+    RESTART = "the state is taken anew from it, after a gap in time or a run of refusals"
+    NEXT = "the filter moves on to it"
+
+
+def course_of(core: Core, q: Array, v: Array, t: float, heard: bool) -> Course:
+    """Return what is to become of a message.
 
     Args:
-        core: its belief and history are changed.
-        q: (n,) measured positions [rad].
-        v: (n,) estimated velocities [rad/s].
-        tau: (n,) measured motor torques [N·m].
-        t: measurement time [s]; `NEVER` or any negative, stale or non-finite time means that there is no message.
+        core: not changed.
+        q: (n,) [rad].
+        v: (n,) [rad/s].
+        t: [s].
+        heard: whether its torques can be used.
+    """
+    belief, history = core.belief, core.history
+    if not np.isfinite(t):
+        return Course.INVALID
+    if t < 0.0:
+        return Course.NONE
+    usable = bool(np.all(np.abs(q) < TUNING.absurd) and np.all(np.abs(v) < TUNING.absurd))  # NaN compares false
+    if not usable or not (heard or belief.valid):
+        return Course.INVALID
+    if not belief.valid:
+        return Course.FIRST
+    dt, streak = t - belief.time, float(belief.header[Entry.STREAK])
+    if dt <= 1e-9:
+        if history.knows(t):  # the same message seen again is no sign of trouble
+            return Course.STALE
+        # A run of messages that go back in time is a clock that was set back.
+        if streak + 1.0 < UPDATE.refusals:
+            return Course.LATE if t >= history.oldest else Course.TOO_OLD
+        return Course.RESTART
+    return Course.NEXT if dt <= TUNING.longest_gap and streak < UPDATE.refusals else Course.RESTART
 
-    Returns:
-        Whether the message was used.
+
+def count(belief: Belief, course: Course, heard: bool) -> None:
+    """Count a message that is not as it should be.
+
+    Args:
+        belief: its header is changed.
+        course: what is to become of the message.
+        heard: whether its torques can be used.
+    """
+    header = belief.header
+    if course is Course.INVALID or (not heard and course in (Course.NEXT, Course.RESTART)):
+        header[Entry.INVALID] += 1
+    if course in (Course.STALE, Course.TOO_OLD):
+        header[Entry.STALE] += 1
+    if course in (Course.LATE, Course.TOO_OLD):
+        header[Entry.STREAK] += 1
+    if course is Course.RESTART:
+        header[Entry.RESTARTS] += 1
+
+
+def sized(n: int, name: str, values: Array) -> Array:
+    """Return n numbers as an array, whatever their values.
 
     Raises:
-        FilterError: q, v or τ are not n numbers, whatever their values.
+        FilterError: they are not n numbers.
     """
-    q, v, tau = (_sized(core, name, value) for name, value in (("q", q), ("v", v), ("torque", tau)))
-    belief, header = core.belief, core.belief.header
-    if not np.isfinite(t):
-        header[Entry.INVALID] += 1
-        return False
-    if t < 0.0:
-        return False
-    usable = bool(np.all(np.abs(q) < TUNING.absurd) and np.all(np.abs(v) < TUNING.absurd))  # NaN compares false
-    heard = bool(np.all(np.abs(tau) < TUNING.absurd * core.terms.effort_limit))
-    if not usable or not (heard or belief.valid):
-        header[Entry.INVALID] += 1
-        return False
-    if not belief.valid:
-        start(core, q, v, tau, t)
-        return True
-    dt = t - belief.time
-    if dt <= 1e-9:
-        if core.history.knows(t):  # the same message seen again is no sign of trouble
-            header[Entry.STALE] += 1
-            return False
-        # A run of messages that go back in time is a clock that was set back.
-        header[Entry.STREAK] += 1
-        if header[Entry.STREAK] < UPDATE.refusals:
-            if t >= core.history.oldest:
-                return fuse(core, core.joints, np.concatenate([q, v]), t).accepted
-            header[Entry.STALE] += 1
-            return False
-    if not heard:
-        header[Entry.INVALID] += 1
-        tau = belief.torque
-    if not 0.0 < dt <= TUNING.longest_gap or header[Entry.STREAK] >= UPDATE.refusals:
-        header[Entry.RESTARTS] += 1
-        start(core, q, v, tau, t)
-        return True
-    kept = belief.vector.copy()
-    try:
-        with np.errstate(all="ignore"):
-            _next(core, q, v, tau, t, dt, heard)
-        sound = bool(np.all(np.isfinite(belief.vector))) and bool(np.all(np.abs(belief.x) < 2.0 * TUNING.absurd))
-    except (np.linalg.LinAlgError, FilterError):
-        sound = False
-    if not sound:
-        # The model ran away, as it may under absurd torques: parameters as before, state from the sensors.
-        belief.vector[:] = kept
-        header[Entry.RESTARTS] += 1
-        start(core, q, v, tau, t)
-    return True
-
-
-def _sized(core: Core, name: str, values: Array) -> Array:
     try:
         array = np.asarray(values, dtype=float)
     except (TypeError, ValueError):
-        raise FilterError(f"{name} {values!r} is not {core.terms.n} numbers") from None
-    if array.shape != (core.terms.n,):
-        raise FilterError(f"{name} has shape {array.shape} where {core.terms.n} numbers are expected")
+        raise FilterError(f"{name} {values!r} is not {n} numbers") from None
+    if array.shape != (n,):
+        raise FilterError(f"{name} has shape {array.shape} where {n} numbers are expected")
     return array
 
 
-def _next(core: Core, q: Array, v: Array, tau: Array, t: float, dt: float, heard: bool) -> None:
+def heard(tau: Array, effort_limit: Array) -> bool:
+    """Return whether torques (n,) are such as a motor can have."""
+    return bool(np.all(np.abs(tau) < TUNING.absurd * effort_limit))
+
+
+def within_own_gate(core: Core, refused: Update, q: Array, v: Array) -> tuple[Sensor, Array] | None:
+    """Return of a refused message the one sensor that is within its own gate, with its reading.
+
+    If both are, they contradict, and none is to be trusted.
+    """
+    n = core.terms.n
+    good: list[tuple[Sensor, Array]] = []
+    for sensor, z, part in ((core.encoder, q, slice(0, n)), (core.velocity, v, slice(n, 2 * n))):
+        innovation = refused.innovation[part]
+        if innovation @ solve_positive(refused.covariance[part, part], innovation) <= sensor.gate:
+            good.append((sensor, z))
+    return good[0] if len(good) == 1 else None
+
+
+def keep_record(core: Core, whole: Update, dt: float, trusted: bool) -> None:
+    """Keep what a message said: how well it agreed, as torque and by parameter, and how it was used.
+
+    Args:
+        core: its belief is changed.
+        whole: what became of the message.
+        dt: since the one before [s].
+        trusted: whether the torques over that time were known.
+    """
     belief, header, n = core.belief, core.belief.header, core.terms.n
-    # The first torque after a start may be a placeholder, so the first step's torque is as good as unknown.
-    trusted = heard and header[Entry.FRESH] == 0.0
-    header[Entry.FRESH] = 0.0
-    propagate(core, 0.5 * (belief.torque + tau), dt, core.params.torque_std if trusted else core.terms.effort_limit)
-    header[Entry.TIME] = t
-    core.history.retime(t)
-    belief.torque[:] = tau
-    whole = take(core, core.joints, np.concatenate([q, v]), None, None, True)
-    if not whole.accepted:
-        _salvage(core, whole, q, v)
-    nis = whole.nis
-    header[Entry.NIS] = nis
-    blend = min(dt / TUNING.nis_time, 1.0)
+    header[Entry.NIS] = whole.nis
     if whole.accepted:  # what was refused says something of a sensor, nothing of the parameters
-        header[Entry.NIS_MEAN] += blend * (min(nis / (2 * n), 50.0) - header[Entry.NIS_MEAN])
+        header[Entry.NIS_MEAN] += min(dt / TUNING.nis_time, 1.0) * (
+            min(whole.nis / (2 * n), 50.0) - header[Entry.NIS_MEAN]
+        )
     momentum = core.step_mass @ whole.innovation[n:]
     spread = core.step_mass @ whole.covariance[n:, n:] @ core.step_mass.T
     belief.innovation[:] = whiten(spread, momentum)
@@ -193,34 +213,6 @@ def _next(core: Core, q: Array, v: Array, tau: Array, t: float, dt: float, heard
         # Momentum's innovations by θ: what the step's velocity owes to it.
         by_theta = core.step_mass @ core.F[n : 2 * n, 3 * n : 3 * n + belief.p]
         keep_score(belief.score, whiten(spread, by_theta), belief.innovation)
-    if whole.accepted:
-        header[Entry.ACCEPTED] += 1
-        header[Entry.STREAK] = 0.0
-    else:
-        header[Entry.REFUSED] += 1
-        header[Entry.STREAK] += 1
-    gather(belief, whole.innovation, whole.surprise or not whole.accepted)
-    if header[Entry.GATHERED] >= UPDATE.refusals and header[Entry.CALM] == 0.0:
-        # Where it is no noise, ten refusals make the next message begin anew.
-        if take_for_noise(belief, core.params, whole.covariance.diagonal()):
-            core.history.begin(t, belief.x, belief.P)
+    header[Entry.ACCEPTED if whole.accepted else Entry.REFUSED] += 1
+    header[Entry.STREAK] = 0.0 if whole.accepted else header[Entry.STREAK] + 1
     header[Entry.SURPRISES] += float(whole.surprise)
-    if t >= header[Entry.QUIET] and (
-        header[Entry.NIS_MEAN] > core.params.opening
-        or (header[Entry.STREAK] == 0.0 and alarming(belief.score, core.parameters.groups))
-    ):
-        open_up(core, t)
-    elif t >= header[Entry.QUIET]:
-        refute(core, t)
-
-
-def _salvage(core: Core, whole: Update, q: Array, v: Array) -> None:
-    """Of a refused message, takes the one sensor that is within its own gate; if both are, they contradict."""
-    n = core.terms.n
-    good = []
-    for sensor, z, part in ((core.encoder, q, slice(0, n)), (core.velocity, v, slice(n, 2 * n))):
-        innovation = whole.innovation[part]
-        if innovation @ solve_positive(whole.covariance[part, part], innovation) <= sensor.gate:
-            good.append((sensor, z))
-    if len(good) == 1:
-        take(core, *good[0], None, None, False)

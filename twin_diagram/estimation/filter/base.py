@@ -22,7 +22,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """How far the model is followed: chosen by hand."""
 
     impossible: float = 2.0
     """No joint is predicted to move faster than this many times its speed limit, unless it was measured to."""
@@ -141,7 +141,7 @@ class Core:
         return 3.0 * float(P[mass, mass]) * (swing @ (by_state @ P @ by_state.T + noise) @ swing.T)
 
     def bound(self) -> None:
-        """No angle is less certain than a turn, no speed than twice its limit: blind, the covariance must not run away.
+        """Bound the covariance: no angle is less certain than a turn, no speed than twice its limit, even blind.
 
         Scaling rows and columns alike keeps it positive.
         """

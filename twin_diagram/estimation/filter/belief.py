@@ -67,7 +67,7 @@ class Entry(IntEnum):
     """Of these, the newest ones in a row that were neither refused nor a surprise."""
 
 
-class Track(IntEnum):
+class SensorTrack(IntEnum):
     """Entries of a further sensor's track record."""
 
     LAST = 0
@@ -96,11 +96,12 @@ class Track(IntEnum):
 
 
 HEADER = len(Entry)
+"""Numbers of the header, which the vector begins with."""
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """The vector's layout, and how far a state is carried on: chosen by hand."""
 
     memory: int = 17
     """Numbers kept per joint besides the state."""
@@ -135,7 +136,7 @@ class Belief:
         score: (p, p + 1) of recent innovations by θ: their information matrix and their gradient, with forgetting.
         x: (N,) mean, N = 3n + p + own; q, v, disturbance, theta, own are views of it.
         P: (N, N) covariance.
-        tracks: one record per further sensor, by `Track`, followed by its mean whitened innovation.
+        tracks: one record per further sensor, by `SensorTrack`, followed by its mean whitened innovation.
         levels: per further sensor, (m,) ln of the factors by which its variances were adapted.
     """
 
@@ -153,7 +154,7 @@ class Belief:
         start = HEADER + TUNING.memory * n
         mean = start + 3 * p + p * (p + 1)
         end = mean + self.size + self.size**2
-        self.vector: Any = np.zeros(end + sum(len(Track) + 2 * size for size in sensors))
+        self.vector: Any = np.zeros(end + sum(len(SensorTrack) + 2 * size for size in sensors))
         self.header = self.vector[:HEADER]
         memory = self.vector[HEADER:start].reshape(TUNING.memory, n)
         self.torque, self.drift, self.regime, self.innovation, self.before, self.acceleration = memory[:6]
@@ -166,14 +167,14 @@ class Belief:
         self.P = self.vector[mean + self.size : end].reshape(self.size, self.size)
         self.q, self.v, self.disturbance = self.x[:n], self.x[n : 2 * n], self.x[2 * n : 3 * n]
         self.theta, self.own = self.x[3 * n : 3 * n + p], self.x[3 * n + p :]
-        ends = end + np.cumsum([0, *(len(Track) + size for size in sensors), *sensors])
+        ends = end + np.cumsum([0, *(len(SensorTrack) + size for size in sensors), *sensors])
         parts = [self.vector[a:b] for a, b in pairwise(ends)]
         self.tracks, self.levels = parts[: len(sensors)], parts[len(sensors) :]
         self.header[Entry.TIME] = NEVER
         self.header[Entry.HEARD] = NEVER
         for track in self.tracks:
-            track[Track.LAST] = NEVER
-            track[Track.NIS_MEAN] = 1.0
+            track[SensorTrack.LAST] = NEVER
+            track[SensorTrack.NIS_MEAN] = 1.0
         self._outside: np.ndarray = np.r_[0 : 2 * n, 3 * n : 3 * n + p]
 
     @property
@@ -186,8 +187,12 @@ class Belief:
         """Whether a message was ever used."""
         return self.time >= 0.0
 
+    def sound(self, largest: float) -> bool:
+        """Return whether all of it is finite, and nothing of x larger than that."""
+        return bool(np.all(np.isfinite(self.vector))) and bool(np.all(np.abs(self.x) < largest))
+
     def state_at(self, t: float) -> Array:
-        """x̂ = [q, v] (2n,) carried on from the newest message to time t [rad, rad/s].
+        """Return x̂ = [q, v] (2n,) carried on from the newest message to time t [rad, rad/s].
 
         Args:
             t: [s]; carried on by `LONGEST_LOOK` at most, and never back.

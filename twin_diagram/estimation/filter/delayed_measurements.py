@@ -24,9 +24,10 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """The history's layout and its start: chosen by hand."""
 
     header: int = 2
+    """Numbers before the ring: index of the newest step, and steps held."""
 
     unknown: float = 10.0
     """Standard deviation of a joint's acceleration at a start, before any step was made [rad/s²]."""
@@ -137,11 +138,11 @@ class History:
         self._x[at], self._P[at] = x, P
 
     def widen(self, added: Array) -> None:
-        """More noise (N, N) in the newest step than its prediction knew."""
+        """Add noise (N, N) in the newest step than its prediction knew."""
         self._Q[int(self._at[0])] += added
 
     def opened(self, room: Array) -> None:
-        """The parameters' covariance was opened after the newest step, by prior ∘ room roomᵀ, room (p,)."""
+        """Keep that the parameters' covariance was opened after the newest step, by prior ∘ room roomᵀ, room (p,)."""
         self._room[int(self._at[0])] = room
 
     def read(self, H: Array, R: Array, linear: Array, back: int = 0) -> None:
@@ -182,7 +183,7 @@ class History:
         return float(self._time[at]), self._x[at], self._P[at]
 
     def motion(self, back: int) -> tuple[Array, Array, Array]:
-        """Of a step: acceleration (n,) at x = 0, its derivative by x (n, N), its noise (n, n); unknown at a start.
+        """Return a step's acceleration (n,) at x = 0, its derivative by x (n, N), its noise (n, n); unknown at a start.
 
         Linear like the step, so that what readings have said of θ and the disturbance since counts at once.
         """

@@ -29,7 +29,10 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """How wrong a model of friction is, and when a joint slides: chosen by hand.
+
+    `make hrt-tables` shows the filter's consistency, which hangs on them.
+    """
 
     friction_share: float = 0.15
     """Standard deviation of a sliding joint's friction error, as a share of its dry friction."""
@@ -83,7 +86,7 @@ def disturbance_std(params: Filter, sliding: Array, level: Array) -> Array:
 
 
 def follow_disturbance(belief: Belief, params: Filter, variance: Array, elapsed: float) -> None:
-    """How large d is on joints that slide: the mean of its posterior square, beside one value as large as was given.
+    """Learn how large d is on joints that slide: the mean of its posterior square, beside one value as was given.
 
     Where the readings say nothing of d its square is as large as was thought, and nothing is learnt. It is never
     thought larger than was given: a push that goes on must not become normal.
@@ -107,7 +110,7 @@ def follow_disturbance(belief: Belief, params: Filter, variance: Array, elapsed:
 
 
 def creep_std(v: Array, level: Array, variance: Array | float = 0.0) -> Array:
-    """White torque (n,) of joints that creep, or may for all that is known, on top of what is unmodelled anyway [N·m].
+    """Return the white torque (n,) of joints that creep, or may for all that is known, beside the unmodelled one [N·m].
 
     Args:
         v: (n,) [rad/s].

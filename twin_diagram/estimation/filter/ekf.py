@@ -7,6 +7,9 @@
     ekf.add(BodyPose(ekf.terms, "panda_hand"))
     ekf.update("camera", z, t)                 # fused at t, though newer readings came first
 
+`Ekf.observe` sorts a message out; `Ekf._cycle` is what it then goes through, from top to bottom. The parts are
+functions of the modules beside this one; none of them calls back.
+
 It follows the predict and update cycle of Hybrid Reality Twins (section 3.2, algorithm A-EKF, steps 1, 2 and 4).
 State and parameters are estimated together; where the outline adapts θ by a gradient, here the joint covariance
 adapts it, which weighs every reading by what it tells about θ. `standings` says which parameters are answers.
@@ -33,16 +36,30 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from twin_diagram.estimation.filter import arm_messages
+from twin_diagram.estimation.filter.arm_messages import TUNING as ARM_MESSAGES
+from twin_diagram.estimation.filter.arm_messages import (
+    Course,
+    count,
+    course_of,
+    heard,
+    keep_record,
+    sized,
+    start,
+    within_own_gate,
+)
 from twin_diagram.estimation.filter.base import Core
-from twin_diagram.estimation.filter.belief import HEADER, Entry, Track
+from twin_diagram.estimation.filter.belief import HEADER, Entry, SensorTrack
 from twin_diagram.estimation.filter.belief import TUNING as BELIEF
-from twin_diagram.estimation.filter.parameter_adaptation import open_up
+from twin_diagram.estimation.filter.fault_isolation import alarming
+from twin_diagram.estimation.filter.noise_adaptation import adapt, noise_now
+from twin_diagram.estimation.filter.outlier_streaks import gather, take_for_noise
+from twin_diagram.estimation.filter.parameter_adaptation import open_up, refute
 from twin_diagram.estimation.filter.parameter_status import Standing, standings
 from twin_diagram.estimation.filter.predict import TUNING as PREDICT
 from twin_diagram.estimation.filter.predict import propagate
 from twin_diagram.estimation.filter.sensor_registry import FilterError
-from twin_diagram.estimation.filter.update import Update, fuse
+from twin_diagram.estimation.filter.update import TUNING as UPDATE
+from twin_diagram.estimation.filter.update import Update, absorb, fuse, gate, take
 from twin_diagram.estimation.sensors import Sensor
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import AlarmKind
@@ -105,12 +122,12 @@ class Ekf(Core):
         return standings(self.parameters, belief.theta, covariance, joints, self.params.rule)
 
     def hold_noise(self, until: float) -> None:
-        """An alarm stands: the noise is not adapted before this time [s]."""
+        """Hold the noise as it is until this time [s], since an alarm stands."""
         header = self.belief.header
         header[Entry.ALARM] = max(header[Entry.ALARM], until)
 
     def heed(self, alarm: Array) -> None:
-        """What a drift monitor says counts for the filter: call it before each message, with the monitor's word so far.
+        """Heed what a drift monitor says: call it before each message, with the monitor's word so far.
 
         While an alarm stands the noise is not adapted. A new one about the joints is a change of the arm: the
         parameters that recent innovations speak for open, so that they are learnt faster.
@@ -138,9 +155,10 @@ class Ekf(Core):
         return self.declared.odd_one_out(self.belief)
 
     def counters(self) -> dict[str, dict[str, int]]:
-        """Of each further sensor, how many readings were accepted, refused and so on: see `belief.Track`."""
+        """Count of each further sensor how many readings were accepted, refused and so on: see `belief.SensorTrack`."""
+        counts = [entry for entry in SensorTrack if SensorTrack.ACCEPTED <= entry < SensorTrack.RUN]
         return {
-            name: {entry.name.lower(): int(track[entry]) for entry in Track if Track.ACCEPTED <= entry < Track.RUN}
+            name: {entry.name.lower(): int(track[entry]) for entry in counts}
             for name, track in zip(self.declared.sensors, self.belief.tracks, strict=True)
         }
 
@@ -153,7 +171,7 @@ class Ekf(Core):
             tau: (n,) [N·m].
             t: [s].
         """
-        arm_messages.start(self, q, v, tau, t)
+        start(self, q, v, tau, t)
 
     # The cycle.
 
@@ -215,5 +233,81 @@ class Ekf(Core):
 
         Returns:
             Whether the message was used.
+
+        Raises:
+            FilterError: q, v or τ are not n numbers, whatever their values.
         """
-        return arm_messages.observe(self, q, v, tau, t)
+        q, v, tau = (sized(self.terms.n, name, value) for name, value in (("q", q), ("v", v), ("torque", tau)))
+        known = heard(tau, self.terms.effort_limit)
+        course = course_of(self, q, v, t, known)
+        count(self.belief, course, known)
+        if course is Course.LATE:
+            return fuse(self, self.joints, np.concatenate([q, v]), t).accepted
+        if course not in (Course.FIRST, Course.RESTART, Course.NEXT):
+            return False
+        if not known:
+            tau = self.belief.torque
+        if course is not Course.NEXT:
+            self.start(q, v, tau, t)
+            return True
+        kept = self.belief.vector.copy()
+        try:
+            with np.errstate(all="ignore"):
+                self._cycle(q, v, tau, t, known)
+            sound = self.belief.sound(2.0 * ARM_MESSAGES.absurd)
+        except (np.linalg.LinAlgError, FilterError):
+            sound = False
+        if not sound:
+            # The model ran away, as it may under absurd torques: parameters as before, state from the sensors.
+            self.belief.vector[:] = kept
+            self.belief.header[Entry.RESTARTS] += 1
+            self.start(q, v, tau, t)
+        return True
+
+    def _cycle(self, q: Array, v: Array, tau: Array, t: float, heard: bool) -> None:
+        """Take in the next message: predict, gate, update, adapt, learn.
+
+        Args:
+            q: (n,) [rad].
+            v: (n,) [rad/s].
+            tau: (n,) [N·m].
+            t: [s].
+            heard: whether the torques are the message's own.
+        """
+        belief, header, dt = self.belief, self.belief.header, t - self.belief.time
+        # Predict. The first torque after a start may be a placeholder, so that of the first step is as good as unknown.
+        trusted = heard and header[Entry.FRESH] == 0.0
+        header[Entry.FRESH] = 0.0
+        torque_std = self.params.torque_std if trusted else self.terms.effort_limit
+        propagate(self, 0.5 * (belief.torque + tau), dt, torque_std)
+        header[Entry.TIME], belief.torque[:] = t, tau
+        self.history.retime(t)
+        # Gate.
+        at = self.linear(self.joints, belief.x, belief.P, 0)
+        R = noise_now(self, self.joints, None, at, None)
+        gated = gate(self, self.joints, np.concatenate([q, v]), at, R, explain=True)
+        whole = gated.result
+        # Update.
+        if whole.accepted:
+            absorb(self, gated)
+        # Adapt the noise. Where the message as a whole was refused, half of it may do.
+        adapt(self, self.joints, None, at, None, whole, t)
+        if whole.accepted:
+            header[Entry.HEARD] = t
+        elif half := within_own_gate(self, whole, q, v):
+            take(self, *half, None, None, False)
+        keep_record(self, whole, dt, trusted)
+        gather(belief, whole.innovation, whole.surprise or not whole.accepted)
+        if header[Entry.GATHERED] >= UPDATE.refusals and header[Entry.CALM] == 0.0:
+            # Where it is no noise, ten refusals make the next message begin anew.
+            if take_for_noise(belief, self.params, whole.covariance.diagonal()):
+                self.history.begin(t, belief.x, belief.P)
+        # Learn. The update moved θ already; what it cannot hold any more is opened, or given up.
+        if t < header[Entry.QUIET]:
+            return
+        if header[Entry.NIS_MEAN] > self.params.opening or (
+            header[Entry.STREAK] == 0.0 and alarming(belief.score, self.parameters.groups)
+        ):
+            open_up(self, t)
+        else:
+            refute(self, t)

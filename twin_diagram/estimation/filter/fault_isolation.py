@@ -19,7 +19,10 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """When a group of parameters must have changed: chosen by hand.
+
+    `make hrt-tables` shows which faults are found, and `sims/benchmarks/false_alarms.py` which are imagined.
+    """
 
     forgetting: float = 0.9
     """10 messages."""
@@ -37,6 +40,7 @@ class Tuning:
     """Probability that what did not change exceeds its threshold, per message and group."""
 
     ridge: float = 1e-9
+    """Added to the scaled information's diagonal, so that what no reading told of yet can be inverted, too."""
 
 
 TUNING = Tuning()

@@ -8,7 +8,7 @@ import numpy as np
 
 from twin_diagram.estimation.dynamics.positive_definite import solve_positive
 from twin_diagram.estimation.filter.base import Core
-from twin_diagram.estimation.filter.belief import Entry, Track
+from twin_diagram.estimation.filter.belief import Entry, SensorTrack
 from twin_diagram.estimation.filter.disturbance import TUNING as DISTURBANCE
 from twin_diagram.estimation.filter.disturbance import follow_disturbance
 from twin_diagram.estimation.filter.noise_estimate import (
@@ -28,7 +28,10 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Which readings speak for noise: chosen by hand.
+
+    `tests/estimation/filter/test_noise_estimate.py` shows the noise found beside the noise put in.
+    """
 
     creeping: float = 0.1
     """Share of a reading's variance that may be due to joints that rest or creep where it speaks for its sensor's
@@ -102,7 +105,7 @@ def adapt(
     if span <= 0.0 or levels is None:
         return
     now = max(t, belief.time)
-    streak = float(belief.header[Entry.STREAK] if track is None else track[Track.STREAK])
+    streak = float(belief.header[Entry.STREAK] if track is None else track[SensorTrack.STREAK])
     trouble = result.surprise or (not result.accepted and (track is None or streak >= TUNING.run))
     # A message refused alone is an outlier; a run of them may well be noise that was thought too small. Of another
     # sensor it is a fault, as long as the joints vouch for the state.
@@ -111,10 +114,10 @@ def adapt(
     blind = belief.header[Entry.HEARD] < now - SENSOR_REGISTRY.vouched
     if held(belief, now, trouble) or blind or not used:
         return
-    counts, counted = (belief.header, Entry.COUNTED) if track is None else (track, Track.COUNTED)
+    counts, counted = (belief.header, Entry.COUNTED) if track is None else (track, SensorTrack.COUNTED)
     if trouble and (streak >= TUNING.run or belief.header[Entry.NIS_MEAN] > TUNING.wrong):
         counts[counted] = 0.0
-    elapsed = float(belief.header[Entry.SPAN]) if track is None else t - float(track[Track.LAST])
+    elapsed = float(belief.header[Entry.SPAN]) if track is None else t - float(track[SensorTrack.LAST])
     if not 0.0 < elapsed < np.inf:
         return
     step: Array | float = gain(elapsed, span, float(counts[counted]))

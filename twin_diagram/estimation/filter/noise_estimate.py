@@ -30,7 +30,10 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """How fast noise is learnt: chosen by hand.
+
+    `tests/estimation/filter/test_noise_estimate.py` shows the noise found beside the noise put in.
+    """
 
     cap: float = 9.0
     """A squared deviation counts as this many times its mean at most."""
@@ -60,7 +63,7 @@ def held(belief: Belief, t: float, trouble: bool) -> bool:
 
 
 def gain(elapsed: float, span: float, readings: float) -> float:
-    """ε of one reading.
+    """Return ε of one reading.
 
     Args:
         elapsed: since the last one [s].
@@ -71,7 +74,7 @@ def gain(elapsed: float, span: float, readings: float) -> float:
 
 
 def scaled(noise: Array, level: Array) -> Array:
-    """R (m, m) with its deviations exp(level / 2) times as large.
+    """Return R (m, m) with its deviations exp(level / 2) times as large.
 
     Args:
         noise: (m, m).
@@ -84,7 +87,7 @@ def scaled(noise: Array, level: Array) -> Array:
 
 
 def follow_sensor(level: Array, noise: Array, inverse: Array, weighted: Array, step: Array | float) -> None:
-    """One reading's word on a sensor's noise.
+    """Take one reading's word on a sensor's noise.
 
     Args:
         level: (m,) ln of the variances' factors, in place.
@@ -100,7 +103,7 @@ def follow_sensor(level: Array, noise: Array, inverse: Array, weighted: Array, s
 
 
 def follow_torque(belief: Belief, by: Array, variance: Array, solved: Array, weighted: Array, step: float) -> None:
-    """One message's word on the white torque that the model lacks; joints that creep or rest say nothing of it.
+    """Take one message's word on the white torque that the model lacks; joints that creep or rest say nothing of it.
 
     Args:
         belief: `belief.noise[2]`, (n,), is changed.

@@ -22,7 +22,10 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """When a run of refusals is noise and when a fault: chosen by hand.
+
+    `tests/estimation/filter/test_outlier_streaks.py` shows both.
+    """
 
     shifted: float = 4.0
     """Deviations of its mean by which a reading has jumped, and not just scattered."""
@@ -70,7 +73,7 @@ def gather(belief: Belief, innovation: Array, trouble: bool) -> None:
 
 
 def forget(belief: Belief) -> None:
-    """Trouble is over, explained, or the state taken anew."""
+    """Forget trouble: it is over, explained, or the state was taken anew."""
     belief.header[[Entry.GATHERED, Entry.CALM]] = 0.0
     belief.troubled[:] = 0.0
 

@@ -14,7 +14,10 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """When θ is taken over, opened and given up: chosen by hand.
+
+    `sims/benchmarks/adaptation.py` and `make hrt-tables` show how it is learnt.
+    """
 
     quiet_time: float = 0.2
     """No second opening within this time [s]."""
@@ -65,7 +68,7 @@ def gather(core: Core, H: Array, weighted: Array) -> None:
 
 
 def open_up(core: Core, t: float) -> None:
-    """An abrupt change: what recent innovations speak for may be anything again that `opening` allows.
+    """Open after an abrupt change what recent innovations speak for: it may be anything again that `opening` allows.
 
     Args:
         core: its belief is changed.
@@ -92,7 +95,7 @@ def open_up(core: Core, t: float) -> None:
 
 
 def refute(core: Core, t: float) -> None:
-    """A prior that readings have refuted is given up, and what was learnt beside it is learnt again.
+    """Give up a prior that readings have refuted; what was learnt beside it is learnt again.
 
     A parameter that lies many of its prior's deviations from the prior's mean is not as the prior says; but held by it,
     it leaves to others what it cannot explain itself, and they settle far from the truth and look sure. So it is opened

@@ -18,7 +18,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """When a parameter is an answer: chosen by hand."""
 
     told: float = 0.5
     """A parameter has settled when its deviation is below this share of its prior's: readings then count three times as
@@ -31,7 +31,7 @@ class Tuning:
 TUNING = Tuning()
 
 
-class Status(Enum):
+class ParameterStatus(Enum):
     """Of one parameter."""
 
     SETTLED = "settled"
@@ -58,7 +58,7 @@ class Standing:
     label: str
     value: float
     std: float
-    status: Status
+    status: ParameterStatus
 
     def __str__(self) -> str:
         return f"{self.label} {self.value:.4g} ± {self.std:.2g}: {self.status.value}"
@@ -82,11 +82,13 @@ def standings(
     found = []
     for i, label in enumerate(parameters.labels(joints)):
         if held[i]:
-            status = Status.AT_BOUND
+            status = ParameterStatus.AT_BOUND
         elif rule == "gradient":
-            status = Status.UNKNOWN
+            status = ParameterStatus.UNKNOWN
         else:
-            status = Status.SETTLED if std[i] < TUNING.told * parameters.scale[i] else Status.NOT_EXCITED
+            status = (
+                ParameterStatus.SETTLED if std[i] < TUNING.told * parameters.scale[i] else ParameterStatus.NOT_EXCITED
+            )
         found.append(Standing(label, float(theta[i]), float(std[i]), status))
     return found
 

@@ -7,10 +7,10 @@ from typing import Final
 
 import numpy as np
 
-from twin_diagram.estimation.dynamics.process_model import jacobians, step
+from twin_diagram.estimation.dynamics.process_model import Jacobians, jacobians, step
 from twin_diagram.estimation.filter.base import TUNING as BASE
 from twin_diagram.estimation.filter.base import Core
-from twin_diagram.estimation.filter.belief import Entry
+from twin_diagram.estimation.filter.belief import Belief, Entry
 from twin_diagram.estimation.filter.disturbance import (
     TUNING as DISTURBANCE,
 )
@@ -30,7 +30,7 @@ EVERY: Final = np.array(True)
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """How far a prediction may go: chosen by hand."""
 
     longest_step: float = 0.01
     """A longer prediction is cut into steps no longer than this [s]."""
@@ -57,17 +57,13 @@ def propagate(core: Core, u: Array, dt: float, torque_std: Array | float) -> Non
 
 
 def _once(core: Core, u: Array, dt: float, torque_std: Array | float) -> None:
-    belief, terms, parameters, params, n = core.belief, core.terms, core.parameters, core.params, core.terms.n
+    belief, terms, parameters, n = core.belief, core.terms, core.parameters, core.terms.n
     dry = terms.dry(terms.true_position(belief.q), belief.v, u)
     level = np.maximum(0.5 * (dry[0] + dry[1]) + parameters.dry(belief.model), 0.0)
-    keep, fresh, changed = follow_regimes(belief, params, dt, level)
-    core.wander = disturbance_std(params, EVERY, level) ** 2
+    keep, fresh, changed = follow_regimes(belief, core.params, dt, level)
+    core.wander = disturbance_std(core.params, EVERY, level) ** 2
     v = belief.v.copy()
-    span = float(belief.header[Entry.SPAN])
-    if span > 0.0:
-        observed = (v - belief.before) / span
-        belief.acceleration += min(span / DISTURBANCE.speed_time, 1.0) * (observed - belief.acceleration)
-    belief.before[:], belief.header[Entry.SPAN] = v, dt
+    _follow_acceleration(belief, dt)
     release(core, float(belief.header[Entry.TIME]))
     theta = belief.model
     # A resting joint's acceleration is noise alone. In a regressor it would seem to excite what it does not.
@@ -81,38 +77,10 @@ def _once(core: Core, u: Array, dt: float, torque_std: Array | float) -> None:
         moved = replace(
             moved, drag=np.minimum(moved.drag, parameters.viscous(theta, terms.damping) + level / DISTURBANCE.creep)
         )
-    sliding = sure_to_slide(belief)
-    by = jacobians(terms, parameters, moved, v, theta, dt, steady, u, sliding)
-    F, own = core.F, 3 * n + belief.p
-    F[: 2 * n, : 2 * n] = by.state
-    F[: 2 * n, 2 * n : 3 * n] = by.torque
-    F[: 2 * n, 3 * n : own] = by.parameters
-    F.flat[2 * n * (belief.size + 1) : 3 * n * (belief.size + 1) : belief.size + 1] = keep
-    # What the readings at the step's end see of it: a disturbance drawn afresh, too.
-    by_state = F[n : 2 * n].copy()
-    by_state[:, n : 2 * n].flat[:: n + 1] -= 1.0
-    by_state /= dt
-    if changed.any():  # what is drawn afresh has nothing to do with what was
-        F[: 2 * n, 2 * n + np.flatnonzero(changed)] = 0.0
-    Q = np.zeros_like(F)
-    # White torque was found small with the joints in view, who hold the model in check. Blind it is as given.
-    adapted = np.maximum(belief.noise[2], 0.0) if blind else belief.noise[2]
-    creep = creep_std(v, level, belief.P.diagonal()[n : 2 * n])
-    core.creep = creep**2 * (core.period / dt)
-    torque_std = np.hypot(torque_std * np.exp(0.5 * adapted), creep)
-    white = by.torque * (torque_std * np.sqrt(core.period / dt))
-    Q[: 2 * n, : 2 * n] = white @ white.T
-    # When within the step it acts is not known: it moves a joint by more or less than the speeds at both ends say.
-    Q[:n, :n] += (dt * dt / 12.0) * Q[n : 2 * n, n : 2 * n]
-    at = np.arange(2 * n, 3 * n)
-    Q[at, at] = fresh
-    if params.rule == "covariance" and np.any(belief.regime != 0.0):
-        at = np.arange(3 * n, own)
-        Q[at, at] = (params.parameter_walk * parameters.scale) ** 2 * dt
-    if belief.size > own:
-        at = np.arange(own, belief.size)
-        Q[at, at] = core.walk * dt
-    P = F @ belief.P @ F.T + Q
+    by = jacobians(terms, parameters, moved, v, theta, dt, steady, u, sure_to_slide(belief))
+    by_state = _enter_transition(core.F, by, keep, changed, dt)
+    Q, core.creep = _process_noise(core, by, level, fresh, dt, torque_std, blind)
+    P = core.F @ belief.P @ core.F.T + Q
     belief.P[:] = 0.5 * (P + P.T)
     core.bound()
     learnt = by.parameters @ (belief.theta - theta)
@@ -124,10 +92,82 @@ def _once(core: Core, u: Array, dt: float, torque_std: Array | float) -> None:
     belief.disturbance *= keep
     belief.header[Entry.TIME] += dt
     still = moved.a - by_state @ start
-    core.history.push(float(belief.header[Entry.TIME]), dt, belief.x, still, steady, by_state, F, Q)
+    core.history.push(float(belief.header[Entry.TIME]), dt, belief.x, still, steady, by_state, core.F, Q)
     core.history.settle(belief.x, belief.P)
     core.by_torque = by.torque
     core.step_mass = moved.mass
+
+
+def _follow_acceleration(belief: Belief, dt: float) -> None:
+    """Low-pass the acceleration over the step before, as observed."""
+    span = float(belief.header[Entry.SPAN])
+    if span > 0.0:
+        observed = (belief.v - belief.before) / span
+        belief.acceleration += min(span / DISTURBANCE.speed_time, 1.0) * (observed - belief.acceleration)
+    belief.before[:], belief.header[Entry.SPAN] = belief.v, dt
+
+
+def _enter_transition(F: Array, by: Jacobians, keep: Array, changed: np.ndarray, dt: float) -> Array:
+    """Enter the derivative of a step in F.
+
+    Args:
+        F: (N, N), changed; its rows of θ and of the sensors' own states are those of 1.
+        by: of the arm's step.
+        keep: (n,) how much of the disturbance is kept.
+        changed: (n,) where it is drawn afresh.
+        dt: [s].
+
+    Returns:
+        (n, N) derivative of the mean acceleration over the step, as the readings at its end see it: by a disturbance
+        that is drawn afresh, too.
+    """
+    n, N = len(keep), len(F)
+    F[: 2 * n, : 2 * n] = by.state
+    F[: 2 * n, 2 * n : 3 * n] = by.torque
+    F[: 2 * n, 3 * n : 3 * n + by.parameters.shape[1]] = by.parameters
+    F.flat[2 * n * (N + 1) : 3 * n * (N + 1) : N + 1] = keep
+    by_state = F[n : 2 * n].copy()
+    by_state[:, n : 2 * n].flat[:: n + 1] -= 1.0
+    by_state /= dt
+    if changed.any():  # what is drawn afresh has nothing to do with what was
+        F[: 2 * n, 2 * n + np.flatnonzero(changed)] = 0.0
+    return by_state
+
+
+def _process_noise(
+    core: Core, by: Jacobians, level: Array, fresh: Array, dt: float, torque_std: Array | float, blind: bool
+) -> tuple[Array, Array]:
+    """Return Q (N, N) of a step, and the variance (n,) that friction brings to joints that creep [N²·m²].
+
+    Args:
+        core: not changed; its belief is that before the step.
+        by: of the arm's step.
+        level: (n,) of dry friction [N·m].
+        fresh: (n,) variance that the disturbance gains [N²·m²].
+        dt: [s].
+        torque_std: unmodelled torque, as white noise over one filter period [N·m].
+        blind: whether nobody has told of the state lately.
+    """
+    belief, params, n = core.belief, core.params, core.terms.n
+    own = 3 * n + belief.p
+    Q = np.zeros_like(core.F)
+    # White torque was found small with the joints in view, who hold the model in check. Blind it is as given.
+    adapted = np.maximum(belief.noise[2], 0.0) if blind else belief.noise[2]
+    creep = creep_std(belief.v, level, belief.P.diagonal()[n : 2 * n])
+    torque_std = np.hypot(torque_std * np.exp(0.5 * adapted), creep)
+    white = by.torque * (torque_std * np.sqrt(core.period / dt))
+    Q[: 2 * n, : 2 * n] = white @ white.T
+    # When within the step it acts is not known: it moves a joint by more or less than the speeds at both ends say.
+    Q[:n, :n] += (dt * dt / 12.0) * Q[n : 2 * n, n : 2 * n]
+    at = np.arange(2 * n, 3 * n)
+    Q[at, at] = fresh
+    if params.rule == "covariance" and np.any(belief.regime != 0.0):
+        at = np.arange(3 * n, own)
+        Q[at, at] = (params.parameter_walk * core.parameters.scale) ** 2 * dt
+    if belief.size > own:
+        at = np.arange(own, belief.size)
+        Q[at, at] = core.walk * dt
+    return Q, creep**2 * (core.period / dt)
 
 
 def unmodelled(core: Core, jump: Array | float) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from twin_diagram.errors import TwinError
-from twin_diagram.estimation.filter.belief import Belief, Entry, Track
+from twin_diagram.estimation.filter.belief import Belief, Entry, SensorTrack
 from twin_diagram.estimation.sensors.sensor import Sensor
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER
@@ -16,7 +16,10 @@ from twin_diagram.signals.layouts import NEVER
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """When a further sensor is doubted: chosen by hand.
+
+    `sims/benchmarks/false_alarms.py` with `--sensors all` shows what it costs in false alarms.
+    """
 
     vouched: float = 0.1
     """A sensor that was used within this time vouches for the state [s]."""
@@ -91,14 +94,14 @@ class Declared:
         return None
 
     def start(self, belief: Belief, t: float) -> None:
-        """The state was taken anew at t: what was refused before says nothing now."""
+        """Begin anew as the state was at t: what was refused before says nothing now."""
         for track in belief.tracks:
-            track[Track.STREAK] = 0.0
-            track[Track.LAST] = min(track[Track.LAST], t)
+            track[SensorTrack.STREAK] = 0.0
+            track[SensorTrack.LAST] = min(track[SensorTrack.LAST], t)
 
     def vouched(self, belief: Belief, sensor: Sensor | None, t: float) -> bool:
         """Return whether another sensor than this one told of the state within `VOUCHED` before t."""
-        heard = [track[Track.LAST] for track in belief.tracks]
+        heard = [track[SensorTrack.LAST] for track in belief.tracks]
         if sensor is not None:
             heard = [last for last, other in zip(heard, self.sensors.values(), strict=True) if other is not sensor]
             heard.append(float(belief.header[Entry.HEARD]))
@@ -112,7 +115,7 @@ class Declared:
         """
         found = {}
         for (name, sensor), track in zip(self.sensors.items(), belief.tracks, strict=True):
-            level = float(track[Track.RUN]) / float(chi2.ppf(1.0 - TUNING.disagreement, sensor.size))
+            level = float(track[SensorTrack.RUN]) / float(chi2.ppf(1.0 - TUNING.disagreement, sensor.size))
             prior = sensor.own_std()
             if len(prior):
                 level = max(level, float(np.max(np.abs(belief.x[sensor.own]) / (TUNING.farthest * prior))))
@@ -144,16 +147,16 @@ def note(track: Array, white: Array, nis: float, t: float, accepted: bool) -> No
     """
     size = len(white)
     blend = 1.0 / TUNING.memory
-    track[Track.NIS] = nis
-    mean = track[len(Track) :]
+    track[SensorTrack.NIS] = nis
+    mean = track[len(SensorTrack) :]
     # Capped, so that one spike is no bias. Of white noise this mean has variance blend / (2 − blend).
     mean += blend * (np.clip(white, -6.0, 6.0) - mean)
-    track[Track.RUN] = float(mean @ mean) * (2.0 - blend) / blend
+    track[SensorTrack.RUN] = float(mean @ mean) * (2.0 - blend) / blend
     if accepted:
-        track[Track.ACCEPTED] += 1
-        track[Track.STREAK] = 0.0
-        track[Track.LAST] = max(track[Track.LAST], t)
-        track[Track.NIS_MEAN] += blend * (nis / size - track[Track.NIS_MEAN])
+        track[SensorTrack.ACCEPTED] += 1
+        track[SensorTrack.STREAK] = 0.0
+        track[SensorTrack.LAST] = max(track[SensorTrack.LAST], t)
+        track[SensorTrack.NIS_MEAN] += blend * (nis / size - track[SensorTrack.NIS_MEAN])
     else:
-        track[Track.REFUSED] += 1
-        track[Track.STREAK] += 1
+        track[SensorTrack.REFUSED] += 1
+        track[SensorTrack.STREAK] += 1

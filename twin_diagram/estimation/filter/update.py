@@ -8,7 +8,7 @@ import numpy as np
 
 from twin_diagram.estimation.dynamics.positive_definite import joseph, solve_positive, whiten
 from twin_diagram.estimation.filter.base import Core
-from twin_diagram.estimation.filter.belief import Entry, Track
+from twin_diagram.estimation.filter.belief import Entry, SensorTrack
 from twin_diagram.estimation.filter.noise_adaptation import Update, adapt, noise_now
 from twin_diagram.estimation.filter.parameter_adaptation import gather
 from twin_diagram.estimation.filter.predict import TUNING as PREDICT
@@ -20,7 +20,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """When the state is taken anew: chosen by hand."""
 
     refusals: int = 10
     """After as many refused or stale messages in a row the state is taken anew from the message."""
@@ -74,7 +74,7 @@ def take(core: Core, sensor: Sensor, z: Array, t: float | None, noise: Array | N
             found = core.history.find(t)
             if found is None:
                 if track is not None:
-                    track[Track.STALE] += 1
+                    track[SensorTrack.STALE] += 1
                 raise FilterError(
                     f"{sensor.name}: its time {t} s lies before all that the filter remembers, "
                     f"{min(core.history.oldest, belief.time)} to {belief.time} s"
@@ -92,7 +92,7 @@ def take(core: Core, sensor: Sensor, z: Array, t: float | None, noise: Array | N
         if track is None:
             belief.header[Entry.INVALID] += 1
         else:
-            track[Track.INVALID] += 1
+            track[SensorTrack.INVALID] += 1
         return Update(False, False, 0.0, np.zeros(sensor.size), np.eye(sensor.size))
     if back or (ahead < -1e-9 and core.history.count):
         assert t is not None
@@ -100,7 +100,10 @@ def take(core: Core, sensor: Sensor, z: Array, t: float | None, noise: Array | N
     at = core.linear(sensor, belief.x, belief.P, 0)
     # It is for the joints themselves to say that a torque threw the arm. What else jumps may be a load, a contact or a
     # fault of its own, and must not move the state by all that an effort limit allows.
-    result = _fuse(core, sensor, z, at, noise_now(core, sensor, track, at, noise), explain and track is None)
+    gated = gate(core, sensor, z, at, noise_now(core, sensor, track, at, noise), explain and track is None)
+    result = gated.result
+    if result.accepted:
+        absorb(core, gated)
     adapt(core, sensor, track, at, noise, result, belief.time)
     if track is not None:
         _record(core, sensor, track, result, belief.time)
@@ -109,47 +112,85 @@ def take(core: Core, sensor: Sensor, z: Array, t: float | None, noise: Array | N
     return result
 
 
-def _fuse(core: Core, sensor: Sensor, z: Array, at: Linear, R: Array, explain: bool) -> Update:
-    belief, H = core.belief, at.jacobian
-    innovation = sensor.innovation(z, at.reading)
-    HP = H @ belief.P
-    S = HP @ H.T + R
-    right = np.concatenate([HP, innovation[:, None]], axis=1)
-    solved = solve_positive(S, right)
+@dataclass(frozen=True)
+class Gated:
+    """A reading beside what was expected of it, and what it would change.
+
+    Attributes:
+        result: whether it is accepted, and why.
+        H: (m, N) derivative of the sensor's model.
+        R: (m, m) its noise.
+        gain: (N, m) K.
+        weighted: (m,) S⁻¹ y.
+        added: (N, N) covariance of the unmodelled torque that explains it; None where none is needed.
+    """
+
+    result: Update
+    H: Array
+    R: Array
+    gain: Array
+    weighted: Array
+    added: Array | None = None
+
+
+def gate(core: Core, sensor: Sensor, z: Array, at: Linear, R: Array, explain: bool) -> Gated:
+    """Return what a reading would do now: refused, accepted, or accepted for an unmodelled torque alone.
+
+    Args:
+        core: not changed.
+        sensor: that gave it.
+        z: (length,).
+        at: the sensor's model now.
+        R: (m, m) noise.
+        explain: whether an unmodelled torque may explain it.
+    """
+    innovation, H = sensor.innovation(z, at.reading), at.jacobian
+    S, solved = _solved(core.belief.P, H, R, innovation)
     nis = float(innovation @ solved[:, -1])
-    surprise = nis > sensor.gate
-    if surprise:
-        if explain and core.by_torque is not None:
-            jumped = innovation[core.terms.n :] if sensor is core.joints else 0.0
-            added = unmodelled(core, jumped)
-            wide = belief.P + added
-            HP = H @ wide
-            solved = solve_positive(HP @ H.T + R, np.column_stack([HP, innovation]))
-            explained = float(innovation @ solved[:, -1]) <= sensor.gate
-        else:
-            explained = False
-        if not explained:
-            return Update(False, False, nis, innovation, S)
-        belief.P[:] = wide
-        core.history.widen(added)
+    surprise, added = nis > sensor.gate, None
+    accepted = not surprise
+    if surprise and explain and core.by_torque is not None:
+        added = unmodelled(core, innovation[core.terms.n :] if sensor is core.joints else 0.0)
+        _, solved = _solved(core.belief.P + added, H, R, innovation)
+        accepted = float(innovation @ solved[:, -1]) <= sensor.gate
+    result = Update(accepted, surprise and accepted, nis, innovation, S)
+    return Gated(result, H, R, solved[:, :-1].T, solved[:, -1], added)
+
+
+def _solved(P: Array, H: Array, R: Array, innovation: Array) -> tuple[Array, Array]:
+    """Return S (m, m) and S⁻¹ [H P, y] (m, N + 1)."""
+    HP = H @ P
+    S = HP @ H.T + R
+    return S, solve_positive(S, np.concatenate([HP, innovation[:, None]], axis=1))
+
+
+def absorb(core: Core, gated: Gated) -> None:
+    """Update the belief by a reading that its gate let pass.
+
+    Args:
+        core: its belief and history are changed.
+        gated: the reading.
+    """
+    belief, H, R, K, innovation = core.belief, gated.H, gated.R, gated.gain, gated.result.innovation
+    if gated.added is not None:
+        belief.P += gated.added
+        core.history.widen(gated.added)
     core.history.read(H, R, innovation + H @ belief.x)
-    K = solved[:, :-1].T
     belief.x += K @ innovation
     A = K @ -H
     A.flat[:: belief.size + 1] += 1.0
     P = A @ belief.P @ A.T + K @ R @ K.T
     belief.P[:] = 0.5 * (P + P.T)
-    if core.params.rule == "gradient" and not surprise:
-        gather(core, H, solved[:, -1])
+    if core.params.rule == "gradient" and not gated.result.surprise:
+        gather(core, H, gated.weighted)
     core.parameters.clip(belief.theta)
     core.history.settle(belief.x, belief.P)
-    return Update(True, surprise, nis, innovation, S)
 
 
 def _late(
     core: Core, sensor: Sensor, z: Array, t: float, noise: Array | None, track: Array | None, back: int
 ) -> Update:
-    """Fuses a reading at an earlier step, and runs the steps after it again."""
+    """Fuse a reading at an earlier step, and runs the steps after it again."""
     belief, n = core.belief, core.terms.n
     time, x, P = core.history.state(back)
     # From the step's end to the reading's own time the state moves by its speed: half a step at most.
@@ -174,7 +215,7 @@ def _late(
     adapt(core, sensor, track, at, noise, result, t)
     if track is not None:
         _record(core, sensor, track, result, t)
-        track[Track.LATE] += accepted
+        track[SensorTrack.LATE] += accepted
     else:
         belief.header[Entry.LATE] += accepted
     return result
@@ -184,10 +225,10 @@ def _record(core: Core, sensor: Sensor, track: Array, result: Update, t: float) 
     """Keep a further sensor's record; a run of refusals opens what only this sensor tells."""
     belief = core.belief
     note(track, whiten(result.covariance, result.innovation), result.nis, t, result.accepted)
-    if track[Track.STREAK] < TUNING.refusals:
+    if track[SensorTrack.STREAK] < TUNING.refusals:
         return
-    track[Track.STREAK] = 0.0
-    track[Track.REACQUIRED] += 1
+    track[SensorTrack.STREAK] = 0.0
+    track[SensorTrack.REACQUIRED] += 1
     prior = sensor.own_std() ** 2
     if len(prior):
         belief.P[sensor.own, :] = 0.0
@@ -219,7 +260,7 @@ def _open_payload(core: Core, sensor: Sensor, result: Update) -> None:
 
 
 def covariance_of(sensor: Sensor, noise: Array) -> Array:
-    """R (m, m) from a covariance or from standard deviations.
+    """Return R (m, m) from a covariance or from standard deviations.
 
     Raises:
         FilterError: it is neither.

@@ -49,7 +49,7 @@ class AcceleratedSensor(Sensor):
         self._gravity: Array = terms.plant.gravity_field().gravity_vector()
 
     def reading(self, x: Array) -> Array:
-        """As if no joint accelerated: `linear` knows how they do."""
+        """Return the reading as if no joint accelerated: `linear` knows how they do."""
         return self.linear(self._still(x)).reading
 
     def jacobian(self, x: Array) -> Array:  # noqa: D102

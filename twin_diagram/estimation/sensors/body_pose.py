@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.tree import Frame
@@ -11,6 +13,21 @@ from twin_diagram.estimation.dynamics.link_frame import LinkFrame
 from twin_diagram.estimation.sensors.sensor import Instant, Linear, Sensor
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.rotations import difference, exp, multiply, normalized
+
+
+@dataclass(frozen=True)
+class PoseBias:
+    """An error of calibration that stays, and is learnt as six own states.
+
+    Attributes:
+        std_p: prior of the position's, per axis [m].
+        std_r: prior of the orientation's, per axis [rad].
+        walk: random walk of both, as a share of these [1/√s].
+    """
+
+    std_p: float
+    std_r: float
+    walk: float = 0.01
 
 
 class BodyPose(Sensor):
@@ -29,9 +46,7 @@ class BodyPose(Sensor):
         X_BO: RigidTransform | None = None,
         std_p: float = 0.003,
         std_r: float = 0.02,
-        bias_p: float = 0.0,
-        bias_r: float = 0.0,
-        bias_walk: float = 0.01,
+        bias: PoseBias | None = None,
         name: str = "camera",
     ) -> None:
         """Make the sensor.
@@ -42,9 +57,7 @@ class BodyPose(Sensor):
             X_BO: pose of O on it; B's own frame where None.
             std_p: of the position, per axis [m].
             std_r: of the orientation, per axis [rad].
-            bias_p: of an error of calibration that stays, per axis [m]; 0: none. With one there are six own states.
-            bias_r: likewise, of the orientation [rad].
-            bias_walk: random walk of both, as a share of them [1/√s].
+            bias: an error of calibration that stays; None: there is none to learn.
             name: for messages and counters.
 
         Raises:
@@ -53,9 +66,8 @@ class BodyPose(Sensor):
         super().__init__(name, 6, length=7)
         self.frame = LinkFrame(terms, body, X_BO)
         self._noise: Array = np.diag(np.repeat([std_r**2, std_p**2], 3))
-        biased = bias_p > 0.0 and bias_r > 0.0
-        self._bias_std = np.repeat([bias_r, bias_p], 3) if biased else np.zeros(0)
-        self._bias_walk = bias_walk * self._bias_std
+        self._bias_std = np.zeros(0) if bias is None else np.repeat([bias.std_r, bias.std_p], 3)
+        self._bias_walk = self._bias_std if bias is None else bias.walk * self._bias_std
 
     def reading(self, x: Array) -> Array:  # noqa: D102
         R_WO, p_WO = self.frame.pose(x[: self.frame.terms.n])
@@ -96,5 +108,5 @@ class BodyPose(Sensor):
         return self._bias_walk
 
     def sound(self, z: Array) -> bool:
-        """Return a quaternion of length 1 to within a tenth, and all finite."""
+        """Return whether all is finite, and the quaternion of length 1 to within a tenth."""
         return super().sound(z) and abs(float(np.linalg.norm(z[:4])) - 1.0) < 0.1

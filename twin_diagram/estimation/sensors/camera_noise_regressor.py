@@ -18,7 +18,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """How far the law of noise reaches: chosen by hand, about the looks of `sims/benchmarks/train_camera_noise.py`."""
 
     good: tuple[float, ...] = (0.0, 0.4)
     """A good look: nothing is covered, and neither dusk nor glare."""

@@ -18,7 +18,10 @@ from twin_diagram.signals.rotations import exp
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """How points are aligned: chosen by hand; the median is a quantile of χ².
+
+    `tests/estimation/sensors` shows poses beside what is claimed of them.
+    """
 
     fewest: int = 12
     """Points with a partner that make a pose."""
@@ -35,6 +38,9 @@ class Tuning:
     nothing: tuple[float, ...] = (1.0, 0.3)
     """Deviation that is claimed where they say nothing [rad], [m]: an order above what is unknown of an arm's link."""
 
+    iterations: int = 10
+    """Of ICP at most: what has not settled by then gets the scatter of its last steps as noise."""
+
     strange: float = 3.0
     """Times the noise that is told; points that lie farther off are of something else."""
 
@@ -44,6 +50,23 @@ TUNING = Tuning()
 
 class CloudError(TwinError):
     """A cloud that gives no pose: too few points, or none near the model."""
+
+
+@dataclass(frozen=True)
+class PointNoise:
+    """What is known of how a sensor's points err.
+
+    Attributes:
+        std_0: deviation of a point that is near [m].
+        growth: of a point's deviation with distance squared [1/m].
+        floor_p: error that all points share [m].
+        floor_r: likewise, of the orientation [rad].
+    """
+
+    std_0: float = 0.001
+    growth: float = 0.002
+    floor_p: float = 0.0005
+    floor_r: float = 0.002
 
 
 @dataclass(frozen=True)
@@ -62,7 +85,7 @@ class Partners:
 
 
 @dataclass(frozen=True)
-class Fit:
+class CloudFit:
     """Where ICP ended.
 
     Attributes:
@@ -109,12 +132,8 @@ class DepthCloud(BodyPose):
         normals: Array,
         *,
         X_BO: RigidTransform | None = None,
-        std_0: float = 0.001,
-        growth: float = 0.002,
-        floor_p: float = 0.0005,
-        floor_r: float = 0.002,
+        noise: PointNoise = PointNoise(),
         reach: float = 0.03,
-        iterations: int = 10,
         name: str = "depth",
     ) -> None:
         """Make the sensor.
@@ -125,30 +144,26 @@ class DepthCloud(BodyPose):
             surface: (M, 3) points of the surface in O [m].
             normals: (M, 3) outward, of length 1.
             X_BO: pose of O on B; B's own frame where None.
-            std_0: of a point that is near [m].
-            growth: of a point's deviation with distance squared [1/m].
-            floor_p: error that all points share [m].
-            floor_r: likewise, of the orientation [rad].
+            noise: of the points.
             reach: a point farther than this from the surface is not of it [m].
-            iterations: of ICP at most.
             name: for messages and counters.
 
         Raises:
             ModelError: the plant has no such link or frame.
             CloudError: points and normals do not fit.
         """
-        super().__init__(terms, body, X_BO=X_BO, std_p=floor_p, std_r=floor_r, name=name)
+        super().__init__(terms, body, X_BO=X_BO, std_p=noise.floor_p, std_r=noise.floor_r, name=name)
         surface, normals = np.asarray(surface, dtype=float), np.asarray(normals, dtype=float)
         if surface.ndim != 2 or surface.shape[1] != 3 or surface.shape != normals.shape or len(surface) < TUNING.fewest:
             raise CloudError(f"{name}: surface {surface.shape} and normals {normals.shape}: both must be (M, 3)")
         self._surface, self._normals = surface, normals
         self._tree = cKDTree(surface)
         self._middle = 0.5 * (surface.min(axis=0) + surface.max(axis=0))
-        self._std_0, self._growth, self.reach, self._iterations = std_0, growth, reach, iterations
+        self._points, self.reach = noise, reach
 
     def variance(self, range_: Array) -> Array:
-        """Of points at distances (K,) [m²]."""
-        return np.asarray(self._std_0**2 + (self._growth * range_**2) ** 2)
+        """Return the variance of points at distances (K,) [m²]."""
+        return np.asarray(self._points.std_0**2 + (self._points.growth * range_**2) ** 2)
 
     def align(self, points: Array, sensor_origin: Array, q: Array) -> tuple[Array, Array]:
         """Align a cloud, from the pose that q predicts.
@@ -169,7 +184,7 @@ class DepthCloud(BodyPose):
         points = points[np.all(np.isfinite(points), axis=1)]
         return self._claim(self._fit(points, np.asarray(sensor_origin), *self.frame.pose(q), self._tree))
 
-    def _fit(self, points: Array, origin: Array, R_WO: Array, p_WO: Array, known: object) -> Fit:
+    def _fit(self, points: Array, origin: Array, R_WO: Array, p_WO: Array, known: object) -> CloudFit:
         """ICP from a pose, by points (K, 3) in W; `known` is handed on to `_partners`."""
         held, bounds = np.repeat(np.array(TUNING.search) ** -2.0, 3), np.repeat(TUNING.search, 3)
         p_WM = p_WO + R_WO @ self._middle
@@ -178,7 +193,7 @@ class DepthCloud(BodyPose):
         away = points - origin
         range_ = np.maximum(np.linalg.norm(away, axis=1), 1e-9)
         variance, rays = self.variance(range_), away / range_[:, None]
-        for _ in range(self._iterations):
+        for _ in range(TUNING.iterations):
             p_WO = p_WM - R_WO @ self._middle
             met = self._partners((points - p_WO) @ R_WO, (origin - p_WO) @ R_WO, known)
             near, index = met.near, met.index[met.near]
@@ -206,10 +221,12 @@ class DepthCloud(BodyPose):
             off = np.sqrt(ratio)
             raise CloudError(f"{self.name}: the points lie {off:.1f} times their noise off: they are of something else")
         steps = np.array(path[len(path) // 2 :])
-        scatter = np.zeros((6, 6)) if len(path) < self._iterations else (steps - moved).T @ (steps - moved) / len(steps)
-        return Fit(R_WO, p_WM, information / max(1.0, ratio), scatter)
+        scatter = (
+            np.zeros((6, 6)) if len(path) < TUNING.iterations else (steps - moved).T @ (steps - moved) / len(steps)
+        )
+        return CloudFit(R_WO, p_WM, information / max(1.0, ratio), scatter)
 
-    def _claim(self, fit: Fit) -> tuple[Array, Array]:
+    def _claim(self, fit: CloudFit) -> tuple[Array, Array]:
         """Return the pose (7,) and R (6, 6) of O: a turn about M also moves O."""
         R_M = np.linalg.inv(fit.information + np.diag(np.repeat(np.array(TUNING.nothing) ** -2.0, 3))) + fit.scatter
         arm = fit.R_WO @ self._middle

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from twin_diagram.errors import ScenarioError
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.sensors.body_pose import BodyPose
@@ -13,6 +15,7 @@ from twin_diagram.scenario import SensorSpec
 from twin_diagram.scenario.poses import pose
 
 FIGURES = {"body_pose": ("std_p", "std_r"), "imu": ("gyro_std", "accel_std"), "wrench": ("force_std", "moment_std")}
+"""What the numbers of `SensorSpec.std` are, by kind."""
 
 
 def make_sensor(terms: ArmTerms, spec: SensorSpec) -> Sensor:
@@ -28,11 +31,11 @@ def make_sensor(terms: ArmTerms, spec: SensorSpec) -> Sensor:
     if spec.std and (len(spec.std) != wanted or not all(std > 0.0 for std in spec.std)):
         raise ScenarioError("twin.filter.sensors.std", f"{spec.std} is not {wanted} positive numbers")
     name, body, X_BS = spec.name or spec.kind, spec.body or terms.link_frame, pose(spec.X_BS)
-    figures = dict(zip(FIGURES.get(spec.kind, ("std",)), spec.std, strict=False))
+    figures: dict[str, Any] = dict(zip(FIGURES.get(spec.kind, ("std",)), spec.std, strict=False))
     if spec.kind == "body_pose":
         return BodyPose(terms, body, X_BO=X_BS, name=name, **figures)
     if spec.kind == "imu":
         return LinkImu(terms, body, X_BS, name=name, **figures)
     if spec.kind == "wrench":
-        return WristWrench(terms, body, X_BS, name=name, **figures)  # type: ignore[arg-type]
+        return WristWrench(terms, body, X_BS, name=name, **figures)
     return MotorTorque(terms.n, name=name, **figures)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import cast
+from typing import Final, cast
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.sensors.cloud_pose import TUNING as CLOUD_POSE
-from twin_diagram.estimation.sensors.cloud_pose import CloudError, DepthCloud, Partners
+from twin_diagram.estimation.sensors.cloud_pose import CloudError, DepthCloud, Partners, PointNoise
 from twin_diagram.signals.arrays import Array
 
 Points = tuple[Array, Array]
@@ -19,7 +19,10 @@ Points = tuple[Array, Array]
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """What a beam may have met, from the spacing of the links' points: chosen by hand.
+
+    `tests/twin/arm_sensing` shows poses beside what is claimed of them.
+    """
 
     spread: float = 0.004
     """How far across a beam the point of the surface lies that stands for what it met: the points' own spacing [m]."""
@@ -51,7 +54,11 @@ class Tuning:
 TUNING = Tuning()
 
 
-class Lidar(DepthCloud):
+LIDAR_NOISE: Final = PointNoise(std_0=0.01, growth=0.005)
+"""A lidar's own figures, section 3.3: 1 cm near [m], growing with distance squared [1/m]."""
+
+
+class LidarPose(DepthCloud):
     """A `DepthCloud` with a lidar's figures: 1 cm near, growing with distance squared (section 3.3).
 
     So much noise is as large as the link, and the nearest point of its surface is often not the one that was met; but a
@@ -66,11 +73,18 @@ class Lidar(DepthCloud):
     """
 
     def __init__(
-        self, terms: ArmTerms, body: str, surface: Array, normals: Array, *, name: str = "lidar", **tuning: float
+        self,
+        terms: ArmTerms,
+        body: str,
+        surface: Array,
+        normals: Array,
+        *,
+        noise: PointNoise = LIDAR_NOISE,
+        reach: float = 0.02,
+        name: str = "lidar",
     ) -> None:
-        """As `DepthCloud`, whose arguments `tuning` overrides."""
-        figures: dict[str, float] = {"std_0": 0.01, "growth": 0.005, "reach": 0.02, **tuning}
-        super().__init__(terms, body, surface, normals, name=name, **figures)  # type: ignore[arg-type]
+        """Make the sensor: as `DepthCloud`, with other figures."""
+        super().__init__(terms, body, surface, normals, noise=noise, reach=reach, name=name)
 
     def align(self, points: Array, sensor_origin: Array, q: Array, others: Points | None = None) -> tuple[Array, Array]:
         """Align a cloud, from the pose that q predicts.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import Frame
@@ -10,6 +12,23 @@ from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.dynamics.link_frame import skew, turned_rate
 from twin_diagram.estimation.sensors.accelerated_sensor import AcceleratedSensor
 from twin_diagram.estimation.sensors.sensor import Instant, Linear
+
+
+@dataclass(frozen=True)
+class ImuBias:
+    """The biases of an inertial measurement unit, per axis, each a random walk.
+
+    Attributes:
+        gyro_std: prior of the gyroscope's [rad/s].
+        accel_std: prior of the accelerometer's [m/s²].
+        gyro_walk: random walk of the gyroscope's [rad/s/√s].
+        accel_walk: random walk of the accelerometer's [m/s²/√s].
+    """
+
+    gyro_std: float = 0.02
+    accel_std: float = 0.1
+    gyro_walk: float = 1e-4
+    accel_walk: float = 1e-3
 
 
 class LinkImu(AcceleratedSensor):
@@ -29,10 +48,7 @@ class LinkImu(AcceleratedSensor):
         *,
         gyro_std: float = 1e-3,
         accel_std: float = 1e-2,
-        gyro_bias_std: float = 0.02,
-        accel_bias_std: float = 0.1,
-        gyro_bias_walk: float = 1e-4,
-        accel_bias_walk: float = 1e-3,
+        bias: ImuBias = ImuBias(),
         name: str = "imu",
     ) -> None:
         """Make the sensor.
@@ -43,16 +59,13 @@ class LinkImu(AcceleratedSensor):
             X_BI: its pose there; B's own frame where None.
             gyro_std: white noise of a reading [rad/s].
             accel_std: white noise of a reading [m/s²].
-            gyro_bias_std: prior of its bias [rad/s].
-            accel_bias_std: prior of its bias [m/s²].
-            gyro_bias_walk: random walk of its bias [rad/s/√s].
-            accel_bias_walk: random walk of its bias [m/s²/√s].
+            bias: of both: what they may be at first, and how they drift.
             name: for messages and counters.
 
         Raises:
             ModelError: the plant has no such link or frame.
         """
-        figures = [[gyro_std, accel_std], [gyro_bias_std, accel_bias_std], [gyro_bias_walk, accel_bias_walk]]
+        figures = [[gyro_std, accel_std], [bias.gyro_std, bias.accel_std], [bias.gyro_walk, bias.accel_walk]]
         labels = ("gyro_bias_{a} [rad/s]", "accel_bias_{a} [m/s²]")
         super().__init__(terms, body, X_BI, name, labels, np.array(figures))
 

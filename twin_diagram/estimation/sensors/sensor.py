@@ -16,7 +16,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """What a reading may be: chosen by hand."""
 
     gate_probability: float = 1.0 - 1e-6
     """A good reading passes the gate with this probability."""
@@ -108,18 +108,18 @@ class Sensor(ABC):
 
     @abstractmethod
     def reading(self, x: Array) -> Array:
-        """h(x) (m,)."""
+        """Return h(x) (m,)."""
 
     @abstractmethod
     def jacobian(self, x: Array) -> Array:
-        """∂h/∂x (m, N)."""
+        """Return ∂h/∂x (m, N)."""
 
     @abstractmethod
     def noise(self, x: Array) -> Array:
-        """R (m, m)."""
+        """Return R (m, m)."""
 
     def linear(self, now: Instant) -> Linear:
-        """h, H and R at one moment."""
+        """Return h, H and R at one moment."""
         return Linear(self.reading(now.x), self.jacobian(now.x), self.noise(now.x))
 
     def innovation(self, z: Array, reading: Array) -> Array:
@@ -131,7 +131,7 @@ class Sensor(ABC):
         return bool(np.all(np.abs(z) < TUNING.absurd))  # NaN compares false
 
     def declare(self, own: slice, payload: slice | None) -> None:
-        """Is told by a filter where in x its own states lie, and the payload's mass and moment; None: not learnt."""
+        """Keep where in x a filter has its own states, and the payload's mass and moment; None: not learnt."""
         self.own = own
 
     # A sensor's own states.
@@ -145,5 +145,5 @@ class Sensor(ABC):
         return np.zeros(0)
 
     def own_walk(self) -> Array:
-        """Random walk of its own states [unit/√s]."""
+        """Return the random walk of its own states [unit/√s]."""
         return np.zeros(0)

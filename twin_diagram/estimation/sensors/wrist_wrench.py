@@ -10,7 +10,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.tree import Frame
 
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
-from twin_diagram.estimation.dynamics.link_frame import LinkFrame, Motion, skew
+from twin_diagram.estimation.dynamics.link_frame import LinkFrame, LinkMotion, skew
 from twin_diagram.estimation.sensors.accelerated_sensor import AcceleratedSensor
 from twin_diagram.estimation.sensors.sensor import Instant, Linear
 from twin_diagram.signals.arrays import Array
@@ -18,13 +18,43 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """When a load has a centre: chosen by hand."""
 
     lightest: float = 0.05
     """What weighs less has no centre to speak of [kg]."""
 
 
 TUNING = Tuning()
+
+
+@dataclass(frozen=True)
+class WrenchBias:
+    """The biases of a force and moment sensor, per axis, each a random walk.
+
+    Attributes:
+        force_std: prior of the forces' [N].
+        moment_std: prior of the moments' [N·m].
+        force_walk: random walk of the forces' [N/√s].
+        moment_walk: random walk of the moments' [N·m/√s].
+    """
+
+    force_std: float = 1.0
+    moment_std: float = 0.1
+    force_walk: float = 0.003
+    moment_walk: float = 0.0003
+
+
+@dataclass(frozen=True)
+class KnownTool:
+    """What lies beyond a force and moment sensor and is part of the model.
+
+    Attributes:
+        mass: [kg].
+        com: (3,) its centre in the sensor's frame [m].
+    """
+
+    mass: float
+    com: Array
 
 
 class WristWrench(AcceleratedSensor):
@@ -41,14 +71,10 @@ class WristWrench(AcceleratedSensor):
         body: str | Frame,
         X_BS: RigidTransform | None = None,
         *,
-        tool_mass: float = 0.0,
-        tool_com: Array | None = None,
+        tool: KnownTool | None = None,
         force_std: float = 0.1,
         moment_std: float = 0.01,
-        force_bias_std: float = 1.0,
-        moment_bias_std: float = 0.1,
-        force_bias_walk: float = 0.003,
-        moment_bias_walk: float = 0.0003,
+        bias: WrenchBias = WrenchBias(),
         name: str = "wrench",
     ) -> None:
         """Make the sensor.
@@ -57,20 +83,16 @@ class WristWrench(AcceleratedSensor):
             terms: the arm.
             body: the arm's last link, which the payload hangs on, or a frame fixed to it; by name, or the frame itself.
             X_BS: pose of S there; B's own frame where None.
-            tool_mass: beyond the sensor and part of the model [kg].
-            tool_com: (3,) its centre in S [m].
+            tool: what lies beyond the sensor and is part of the model; None: nothing.
             force_std: white noise of a reading [N].
             moment_std: white noise of a reading [N·m].
-            force_bias_std: prior of its bias [N].
-            moment_bias_std: prior of its bias [N·m].
-            force_bias_walk: random walk of its bias [N/√s].
-            moment_bias_walk: random walk of its bias [N·m/√s].
+            bias: of both: what they may be at first, and how they drift.
             name: for messages and counters.
 
         Raises:
             ModelError: the plant has no such link or frame.
         """
-        figures = [[moment_std, force_std], [moment_bias_std, force_bias_std], [moment_bias_walk, force_bias_walk]]
+        figures = [[moment_std, force_std], [bias.moment_std, bias.force_std], [bias.moment_walk, bias.force_walk]]
         labels = ("moment_bias_{a} [N·m]", "force_bias_{a} [N]")
         super().__init__(terms, body, X_BS, name, labels, np.array(figures))
         link = LinkFrame(terms, terms.link_frame)
@@ -79,7 +101,7 @@ class WristWrench(AcceleratedSensor):
         self._R_SL: Array = R_WS.T @ R_WL
         self._p_SL: Array = R_WS.T @ (p_WL - p_WS)
         self.payload: slice | None = None
-        self._tool: Array = np.concatenate([[tool_mass], tool_mass * (np.zeros(3) if tool_com is None else tool_com)])
+        self._tool: Array = np.zeros(4) if tool is None else np.concatenate([[tool.mass], tool.mass * tool.com])
         # From mass and first moment about Lo in L to those about So in S.
         self._to_S = np.zeros((4, 4))
         self._to_S[0, 0] = 1.0
@@ -134,7 +156,7 @@ class WristWrench(AcceleratedSensor):
             reading, R = reading + shift, R + wide
         return Linear(reading, H, R)
 
-    def _accelerations(self, motion: Motion, a: Array) -> tuple[Array, Array]:
+    def _accelerations(self, motion: LinkMotion, a: Array) -> tuple[Array, Array]:
         """Return (3,) acceleration less gravity of S's origin and (3,) angular acceleration, in S."""
         R_SW = motion.R_WF.T
         lift = R_SW @ (motion.J_v @ a + motion.bias_a - self._gravity)
@@ -193,6 +215,7 @@ def _product() -> Array:
 
 
 PRODUCT: Final = _product()
+"""(6, 24), of a load's four numbers by the motion's six."""
 
 
 def point_moment(load: Array, turning: Array) -> tuple[Array, Array]:
@@ -227,6 +250,6 @@ def _point(load: Array) -> tuple[float, Array]:
     return mass, load[1:] / mass
 
 
-def _turn(motion: Motion, R_SW: Array, lift: Array) -> Array:
+def _turn(motion: LinkMotion, R_SW: Array, lift: Array) -> Array:
     """Return (3, n) of lift in S by q where the link turns: R_SW (w × J_w dq), with w = lift in W."""
     return np.asarray(R_SW @ (skew(R_SW.T @ lift) @ motion.J_w))

@@ -11,7 +11,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from pydrake.systems.sensors import ImageDepth32F
 
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
-from twin_diagram.estimation.sensors import DepthCloud
+from twin_diagram.estimation.sensors import DepthCloud, PointNoise
 from twin_diagram.model.model import Model
 from twin_diagram.perception.pinhole import DepthImage, Pinhole, back_project
 from twin_diagram.runtime.timing import timed
@@ -82,8 +82,7 @@ class ArmCloud(LeafSystem):
             points,
             normals,
             X_BO=X_BO,
-            floor_p=floor_p,
-            floor_r=floor_r,
+            noise=PointNoise(floor_p=floor_p, floor_r=floor_r),
             reach=TUNING.reach,
             name=spec.name,
         )

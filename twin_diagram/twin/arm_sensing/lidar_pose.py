@@ -15,7 +15,7 @@ from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, Leaf
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.dynamics.link_frame import LinkFrame
 from twin_diagram.estimation.ekf_system import AdaptiveEkf
-from twin_diagram.estimation.sensors import Lidar
+from twin_diagram.estimation.sensors import LIDAR_NOISE, LidarPose, PointNoise
 from twin_diagram.runtime.timing import timed
 from twin_diagram.signals.arrays import Array
 from twin_diagram.twin.arm_sensing.cloud_measurement import SIZE, feed, measured, near
@@ -50,10 +50,10 @@ class ArmScan(LeafSystem):
     `point_cloud` (PointCloud with xyzs, m, in the lidar's frame S; points that are not finite are left out) is the
     newest scan, `scan_time` (1) when it was taken [s], negative before the first, `arm_state` x̂ = (q, v) now.
     `measurement` (43): X_WO of the link as quaternion wxyz and position [m], then R (36) row by row, of a rotation
-    vector [rad] and a translation in W, both as of the scan; its noise grows with distance squared, see `Lidar`. NaN
-    where too little of the link was met. `measurement_time` (1) is `scan_time`. Computed when asked for: no state, no
-    rate, no latency of its own. The scan is older than x̂, so the search begins at q - v·(t - scan_time); that the arm
-    moves during a scan is not reckoned with.
+    vector [rad] and a translation in W, both as of the scan; its noise grows with distance squared, see `LidarPose`.
+    NaN where too little of the link was met. `measurement_time` (1) is `scan_time`. Computed when asked for: no state,
+    no rate, no latency of its own. The scan is older than x̂, so the search begins at q - v·(t - scan_time); that the
+    arm moves during a scan is not reckoned with.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class ArmScan(LeafSystem):
         *,
         name: str = "lidar",
         others: Mapping[str, Points] | None = None,
-        **tuning: float,
+        noise: PointNoise = LIDAR_NOISE,
     ) -> None:
         """Build the system.
 
@@ -78,14 +78,14 @@ class ArmScan(LeafSystem):
             name: for messages.
             others: surfaces of the arm's other links, by their names: beams that may meet
                 one of them are left out.
-            tuning: of `Lidar`, whose figures it overrides.
+            noise: of the lidar's points.
 
         Raises:
             ModelError: there is no such link.
             CloudError: points and normals do not fit.
         """
         super().__init__()
-        self._sensor = Lidar(terms, body, surface[0], surface[1], name=name, **tuning)
+        self._sensor = LidarPose(terms, body, surface[0], surface[1], name=name, noise=noise)
         self._R_WS, self._p_WS = X_WS.rotation().matrix(), X_WS.translation()
         self._middle = 0.5 * (surface[0].min(axis=0) + surface[0].max(axis=0))
         self._radius = float(np.linalg.norm(surface[0] - self._middle, axis=1).max()) + self._sensor.reach
@@ -108,7 +108,7 @@ class ArmScan(LeafSystem):
         surface: Points,
         X_WS: RigidTransform,
         others: Mapping[str, Points] | None = None,
-        **tuning: float,
+        noise: PointNoise = LIDAR_NOISE,
     ) -> ArmScan:
         """Add one to a Diagram and gives a filter its measurements; its first two inputs are left to connect.
 
@@ -120,10 +120,10 @@ class ArmScan(LeafSystem):
             surface: of it, as for the constructor.
             X_WS: where the lidar stands.
             others: surfaces of the other links, as for the constructor.
-            tuning: of `Lidar`, whose figures it overrides.
+            noise: of the lidar's points.
         """
         scan = builder.AddNamedSystem(
-            f"{sensor}_scan", ArmScan(ekf.ekf.terms, body, surface, X_WS, name=sensor, others=others, **tuning)
+            f"{sensor}_scan", ArmScan(ekf.ekf.terms, body, surface, X_WS, name=sensor, others=others, noise=noise)
         )
         builder.Connect(ekf.GetOutputPort("arm_state"), scan.GetInputPort("arm_state"))
         feed(builder, scan.GetOutputPort("measurement"), ekf, sensor)
