@@ -33,13 +33,13 @@ OWED: dict[str, int] = {
     "files naming torque_ripple": 9,
     "files naming torque_saturation": 7,
     "files naming viscous_friction": 10,
-    "class names of several modules": 24,
-    "functions over 60 lines": 22,
+    "class names of several modules": 18,
+    "functions over 60 lines": 18,
     "constructors over 8 arguments": 4,
     "modules over 400 lines": 2,
     "scripts of sims/ over 60 lines": 7,
-    "constants without a reason": 181,
-    "docstrings without a verb first": 179,
+    "constants without a reason": 159,
+    "docstrings without a verb first": 156,
 }
 """Aims of `make house` not met yet: until they are, these rows must not get worse than this.
 

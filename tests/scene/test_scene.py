@@ -149,8 +149,8 @@ def test_covariance_is_consistent_at_rest() -> None:
         filter_ = object_filter.initial_filters(1)[0]
         for k in range(60):
             filter_ = object_update.update(filter_, measure(STILL, k * FRAME, rng), k * FRAME, TUNING)
-        error = object_update.pose_difference(filter_[object_filter.Slot.POSE], STILL)
-        covariance = filter_[object_filter.Slot.COVARIANCE].reshape(12, 12)[:6, :6]
+        error = object_update.pose_difference(filter_[object_filter.FilterLayout.POSE], STILL)
+        covariance = filter_[object_filter.FilterLayout.COVARIANCE].reshape(12, 12)[:6, :6]
         nees.append(error @ np.linalg.solve(covariance, error))
     # The walk that an object at rest is allowed and the shared floor make the filter shyer than need be, never bolder.
     assert 1.0 < np.mean(nees) < 6.5
@@ -209,7 +209,7 @@ def test_uncertainty_grows_while_unseen_and_stops_growing(seed: int, moving: boo
     filter_ = object_filter.initial_filters(1)[0]
     for k in range(int(rng.integers(1, 30))):
         filter_ = object_update.update(filter_, measure(path(k * FRAME), k * FRAME, rng), k * FRAME, TUNING)
-    seen = filter_[object_filter.Slot.LAST_SEEN]
+    seen = filter_[object_filter.FilterLayout.LAST_SEEN]
     ages = np.concatenate([np.linspace(0, 1, 20), np.linspace(1.5, 60, 40), [1e5, 1e6]])
     beliefs = [object_filter.propagate(filter_[None], seen + age, TUNING) for age in ages]
     for block in (slice(0, 3), slice(3, 6)):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from twin_diagram.perception.registration.pose_system import IcpPoseEstimator
-from twin_diagram.perception.segmentation.segmentation_system import Perception
+from twin_diagram.perception.segmentation.segmentation_system import PerceptionSystem
 from twin_diagram.perception.segmentation.segments import Segments
 
-__all__ = ["IcpPoseEstimator", "Perception", "Segments"]
+__all__ = ["IcpPoseEstimator", "PerceptionSystem", "Segments"]

@@ -1,4 +1,4 @@
-"""Registration, search, recognition and tracking on ray-cast images, where the truth is exact."""
+"""RegisteredPose, search, recognition and tracking on ray-cast images, where the truth is exact."""
 
 from __future__ import annotations
 
@@ -17,21 +17,14 @@ from tests.synthetic_scene import Thing, camera, picture, yawed
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.assets.procedural import write_box
+from twin_diagram.perception.registration.assessment import assess
+from twin_diagram.perception.registration.data_association import COARSE, FINE, Poses, look
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import resting, search
 from twin_diagram.perception.registration.model_cloud import ModelCloud, fibonacci_sphere, visible
 from twin_diagram.perception.registration.recognition import alike, hues, recognise
-from twin_diagram.perception.registration.registration import Registration, register
-from twin_diagram.perception.registration.residuals import (
-    COARSE,
-    FINE,
-    Poses,
-    assess,
-    brightness,
-    linearise,
-    look,
-    unexplained,
-)
+from twin_diagram.perception.registration.registration import RegisteredPose, register
+from twin_diagram.perception.registration.residuals import brightness, linearise, unexplained
 from twin_diagram.perception.registration.rotation import cross, exp, from_quaternion, log, skew, to_quaternion
 from twin_diagram.perception.registration.tracking import SLOT_SIZE, Known, Slot, step
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
@@ -64,7 +57,7 @@ def shot(
     return segment(rgb, depth, time, GRID, scenario.Perception())
 
 
-def errors(found: Registration | PoseMeasurement, thing: Thing) -> tuple[float, float]:
+def errors(found: RegisteredPose | PoseMeasurement, thing: Thing) -> tuple[float, float]:
     """Position error [mm] and rotation error [deg], for a symmetric object that of its axis."""
     if isinstance(found, PoseMeasurement):
         R, p = from_quaternion(found.pose[:4]), found.pose[4:]

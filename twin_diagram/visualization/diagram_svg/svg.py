@@ -26,7 +26,7 @@ INK: Final = "#1f2933"
 MUTED: Final = "#9aa5b1"
 OTHERS: Final = "#616e7c"
 COLOURS: Final = {
-    "Perception": "#0b7285",
+    "PerceptionSystem": "#0b7285",
     "IcpPoseEstimator": "#0b7285",
     "AdaptiveEkf": "#1864ab",
     "DriftMonitor": "#1864ab",
