@@ -20,7 +20,7 @@ class Tuning:
     """
 
     directions: int = 160
-    """Directions from which the visible points are worked out beforehand: one is never farther than about 10° away."""
+    """Directions from which the visible points are worked out beforehand: one is never farther than about 12° away."""
 
     blur: tuple[float, ...] = (0.003, 0.008)
     """Standard deviation of the colours' blur on the surface [m]: fine, coarse."""
