@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.planning.collision.collision_scene import Forecast, Scene, load_scene
-from twin_diagram.planning.mpc.planner import Planner, Report
+from twin_diagram.planning.mpc.planner import MotionPlanner, Report
 from twin_diagram.planning.mpc.planner_state import Memory
 from twin_diagram.planning.paths import inverse_kinematics
 from twin_diagram.scenario.resources import models_dir
@@ -201,7 +201,9 @@ class Run:
     times: list[float] = field(default_factory=list)
 
 
-def run(planner: Planner, scene: Scene, world: World, seed: int, duration: float = 10.0, lag: float = 0.06) -> Run:
+def run(
+    planner: MotionPlanner, scene: Scene, world: World, seed: int, duration: float = 10.0, lag: float = 0.06
+) -> Run:
     rng = np.random.default_rng([77, seed])
     tuning = object_filter.FilterSettings.of(scenario.SceneUpdater())
     filters = object_filter.initial_filters(len(NAMES))
@@ -263,7 +265,7 @@ def pack_tracks(filters: np.ndarray, now: float, tuning: object_filter.FilterSet
     belief = object_filter.propagate(filters, now, tuning)
     tracks = np.empty((len(filters), TRACK_SIZE))
     tracks[:, 0] = object_filter.statuses(filters, now, tuning)
-    tracks[:, 1] = filters[:, object_filter.Slot.LAST_SEEN]
+    tracks[:, 1] = filters[:, object_filter.FilterLayout.LAST_SEEN]
     tracks[:, 2:9], tracks[:, 9:15] = belief.poses, belief.velocities
     tracks[:, 15:] = belief.covariances[:, :6, :6].reshape(len(filters), 36)
     tracks[:, 15:] = _pose_covariance(belief.covariances).reshape(len(filters), 36)
@@ -284,7 +286,7 @@ def main() -> None:
     arguments = parser.parse_args()
     first, last = map(int, arguments.seeds.split(":"))
     scene, library = load()
-    planner = Planner(scene, VELOCITY_LIMIT, scenario.Planner())
+    planner = MotionPlanner(scene, VELOCITY_LIMIT, scenario.Planner())
     clearances, reached, ticks = [], [], []
     for seed in range(first, last):
         world = draw(arguments.kind, seed, scene, library)

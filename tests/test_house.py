@@ -14,10 +14,10 @@ CHECKOUT = Path(__file__).resolve().parent.parent
 
 OWED: dict[str, int] = {
     "files naming coulomb_friction": 4,
-    "class names of several modules": 7,
-    "functions over 60 lines": 8,
-    "constants without a reason": 60,
-    "docstrings without a verb first": 86,
+    "class names of several modules": 2,
+    "functions over 60 lines": 4,
+    "constants without a reason": 38,
+    "docstrings without a verb first": 63,
 }
 """Aims of `make house` not met yet: until they are, these rows must not get worse than this.
 

@@ -23,7 +23,7 @@ from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.assets.description import AssetSpec, Solid, sdf, solid_inertia
 from twin_diagram.assets.mesh import Mesh, sample
-from twin_diagram.perception import IcpPoseEstimator, Perception, Segments
+from twin_diagram.perception import IcpPoseEstimator, PerceptionSystem, Segments
 from twin_diagram.perception.pinhole import Pinhole
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.rotation import from_quaternion, log
@@ -107,7 +107,9 @@ def loop(library: dict[str, Asset], frames: list[tuple[ImageRgba8U, ImageDepth32
     builder = DiagramBuilder()
     film = builder.AddSystem(Film(frames))
     arm = builder.AddSystem(ConstantVectorSource(np.concatenate([Q, np.zeros(7)])))
-    perception = builder.AddNamedSystem("perception", Perception(scenario.ArmModel(), CAMERA, scenario.Perception()))
+    perception = builder.AddNamedSystem(
+        "perception", PerceptionSystem(scenario.ArmModel(), CAMERA, scenario.Perception())
+    )
     poses = builder.AddNamedSystem("poses", IcpPoseEstimator(library, CAMERA, scenario.Registration()))
     for name in ("rgb_image", "depth_image", "image_time"):
         builder.Connect(film.GetOutputPort(name), perception.GetInputPort(name))
@@ -198,7 +200,7 @@ def test_two_contexts_do_not_know_of_each_other(diagram: Diagram) -> None:
 
 def test_the_robot_is_posed_when_the_image_was_taken() -> None:
     """x̂ is now, the image is older: an arm that turns fast must still be cut out where it was."""
-    perception = Perception(scenario.ArmModel(), CAMERA, scenario.Perception())
+    perception = PerceptionSystem(scenario.ArmModel(), CAMERA, scenario.Perception())
     robot = perception._robot
     probe = np.random.default_rng(2).uniform([0.1, -0.4, 0.1], [0.8, 0.5, 0.6], (20000, 3))
     inside = probe[robot.near(probe, Q, -0.01)]
@@ -360,7 +362,7 @@ def test_rendered_scene_is_tracked(seed: int) -> None:
     studio = Studio({name: truth(name, 0) for name in PLACES})
     names = list(PLACES)
     estimator = IcpPoseEstimator({name: asset(name) for name in names}, CAMERA, scenario.Registration())
-    perception = Perception(scenario.ArmModel(), CAMERA, scenario.Perception())
+    perception = PerceptionSystem(scenario.ArmModel(), CAMERA, scenario.Perception())
     builder = DiagramBuilder()
     count = 6
     frames = []

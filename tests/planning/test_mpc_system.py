@@ -16,7 +16,7 @@ from twin_diagram.errors import ScenarioError
 from twin_diagram.model.model import Model
 from twin_diagram.planning.collision.collision_scene import Scene, load_scene
 from twin_diagram.planning.mpc.payload_gravity import gravity_regressor
-from twin_diagram.planning.mpc.planner import Planner
+from twin_diagram.planning.mpc.planner import MotionPlanner
 from twin_diagram.planning.mpc.planner_state import Memory
 from twin_diagram.planning.mpc.quadratic_program import QpSolution, QpSolver, QuadraticProgram
 from twin_diagram.planning.mpc_system import PAYLOAD, Mpc, _offset
@@ -36,8 +36,8 @@ def loaded() -> tuple[Scene, dict[str, Asset]]:
 
 
 @pytest.fixture(scope="module")
-def planner(loaded: tuple[Scene, dict[str, Asset]]) -> Planner:
-    return Planner(loaded[0], bench.VELOCITY_LIMIT, scenario.Planner())
+def planner(loaded: tuple[Scene, dict[str, Asset]]) -> MotionPlanner:
+    return MotionPlanner(loaded[0], bench.VELOCITY_LIMIT, scenario.Planner())
 
 
 def track_of(p: tuple[float, float, float], velocity: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
@@ -58,7 +58,7 @@ def tracks_with(mover: np.ndarray | None) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("kind", "seed"), [("demo", 2), ("cross", 3), ("near", 5), ("attack", 3)])
-def test_runs_touch_nothing_and_arrive(loaded, planner: Planner, kind: str, seed: int) -> None:  # type: ignore[no-untyped-def]
+def test_runs_touch_nothing_and_arrive(loaded, planner: MotionPlanner, kind: str, seed: int) -> None:  # type: ignore[no-untyped-def]
     scene, library = loaded
     world = bench.draw(kind, seed, scene, library)
     result = bench.run(planner, scene, world, seed, duration=7.0 if world.goal is not None else 5.0)
@@ -73,7 +73,7 @@ def test_runs_touch_nothing_and_arrive(loaded, planner: Planner, kind: str, seed
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", bench.KINDS)
-def test_many_runs_touch_nothing_and_arrive(loaded, planner: Planner, kind: str) -> None:  # type: ignore[no-untyped-def]
+def test_many_runs_touch_nothing_and_arrive(loaded, planner: MotionPlanner, kind: str) -> None:  # type: ignore[no-untyped-def]
     scene, library = loaded
     clearances, reached = [], 0
     for seed in range(100, 120):
@@ -90,7 +90,7 @@ def test_a_six_joint_arm_goes_around_too() -> None:
     library = {"mover": Asset.load(models_dir() / "objects" / "mover")}
     scene = load_scene(spec, [scenario.Fixture()], library)
     model = Model.load(spec)
-    planner = Planner(scene, model.velocity_limit, scenario.Planner())
+    planner = MotionPlanner(scene, model.velocity_limit, scenario.Planner())
     q = np.array([0.5, -1.6, 1.9, -1.9, -1.57, 0.5])
     goal_q = q - [1.0, 0, 0, 0, 0, 0]
     X_WG = scene.chain.tool(scene.chain.place(goal_q[None]))[0]
@@ -113,7 +113,7 @@ def test_a_six_joint_arm_goes_around_too() -> None:
 # Commands.
 
 
-def test_commands_are_smooth_across_ticks_and_end_at_rest(planner: Planner) -> None:
+def test_commands_are_smooth_across_ticks_and_end_at_rest(planner: MotionPlanner) -> None:
     memory = planner.initial(HOME)
     tracks = tracks_with(track_of((0.62, 0.02, 0.12), (-0.1, 0.0)))
     for tick in range(30):
@@ -134,7 +134,7 @@ def test_commands_are_smooth_across_ticks_and_end_at_rest(planner: Planner) -> N
         assert (memory.trajectory.knots >= planner.scene.lower - 1e-6).all()
 
 
-def test_without_a_goal_the_arm_stays(planner: Planner) -> None:
+def test_without_a_goal_the_arm_stays(planner: MotionPlanner) -> None:
     memory = planner.initial(HOME)
     for tick in range(10):
         memory, report = planner.tick(
@@ -144,7 +144,7 @@ def test_without_a_goal_the_arm_stays(planner: Planner) -> None:
     assert report.aim is Aim.GOAL
 
 
-def test_a_goal_that_is_taken_away_stops_the_arm(planner: Planner) -> None:
+def test_a_goal_that_is_taken_away_stops_the_arm(planner: MotionPlanner) -> None:
     memory = planner.initial(HOME)
     for tick in range(60):
         now = tick / 15
@@ -157,7 +157,7 @@ def test_a_goal_that_is_taken_away_stops_the_arm(planner: Planner) -> None:
     assert np.linalg.norm(X_WT[:3, 3] - GOAL[4:]) > 0.05
 
 
-def test_a_goal_out_of_reach_is_not_chased(planner: Planner) -> None:
+def test_a_goal_out_of_reach_is_not_chased(planner: MotionPlanner) -> None:
     memory = planner.initial(HOME)
     far = GOAL.copy()
     far[4] = 3.0
@@ -169,7 +169,7 @@ def test_a_goal_out_of_reach_is_not_chased(planner: Planner) -> None:
     np.testing.assert_allclose(memory.trajectory.position(2.0), HOME, atol=1e-6)
 
 
-def test_a_goal_that_something_stands_on_is_waited_for(planner: Planner) -> None:
+def test_a_goal_that_something_stands_on_is_waited_for(planner: MotionPlanner) -> None:
     """The arm keeps off, and goes there once the way is free."""
     memory = planner.initial(HOME)
     blocked = tracks_with(track_of((0.5, -0.25, 0.12)))
@@ -185,7 +185,7 @@ def test_a_goal_that_something_stands_on_is_waited_for(planner: Planner) -> None
     assert np.linalg.norm(X_WT[:3, 3] - GOAL[4:]) < 0.002
 
 
-def test_the_command_starts_anew_where_the_arm_is_found_elsewhere(planner: Planner) -> None:
+def test_the_command_starts_anew_where_the_arm_is_found_elsewhere(planner: MotionPlanner) -> None:
     memory = planner.initial(HOME)
     state = np.concatenate([HOME, np.zeros(7)])
     memory, first = planner.tick(memory, 0.0, state, tracks_with(None), NOTHING)
@@ -198,7 +198,7 @@ def test_the_command_starts_anew_where_the_arm_is_found_elsewhere(planner: Plann
     np.testing.assert_allclose(memory.trajectory.position(2 / 15), pushed, atol=1e-9)
 
 
-def test_a_lasting_difference_is_made_up_for(planner: Planner) -> None:
+def test_a_lasting_difference_is_made_up_for(planner: MotionPlanner) -> None:
     """An arm that hangs a little below its command still brings the tool to the goal."""
     memory = planner.initial(HOME)
     sag = np.array([0.0, 0.012, 0.0, 0.012, 0.0, -0.01, 0.0])
@@ -224,7 +224,7 @@ class Refusing(QpSolver):
 
 def test_without_a_solver_the_last_plan_is_carried_out_to_rest(loaded) -> None:  # type: ignore[no-untyped-def]
     scene, _ = loaded
-    planner = Planner(scene, bench.VELOCITY_LIMIT, scenario.Planner())
+    planner = MotionPlanner(scene, bench.VELOCITY_LIMIT, scenario.Planner())
     planner.optimiser._solver = Refusing(planner.optimiser._solver, 14)
     memory, positions, unsolved = planner.initial(HOME), [], 0
     for tick in range(60):
@@ -240,7 +240,7 @@ def test_without_a_solver_the_last_plan_is_carried_out_to_rest(loaded) -> None: 
     assert steps[-20:].max() < 1e-9
 
 
-def test_hostile_inputs_do_no_harm(planner: Planner) -> None:
+def test_hostile_inputs_do_no_harm(planner: MotionPlanner) -> None:
     memory = planner.initial(HOME)
     state = np.concatenate([HOME, np.zeros(7)])
     memory, _ = planner.tick(memory, 0.0, state, tracks_with(None), NOTHING)
@@ -260,7 +260,7 @@ def test_hostile_inputs_do_no_harm(planner: Planner) -> None:
         assert (np.abs(np.diff(knots, axis=0)) < 0.2).all()
 
 
-def test_memory_survives_packing(planner: Planner) -> None:
+def test_memory_survives_packing(planner: MotionPlanner) -> None:
     rng = np.random.default_rng(0)
     memory = planner.initial(HOME)
     memory = replace(

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+import shutil
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -14,9 +17,10 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, Discrete
 
 from twin_diagram import scenario
 from twin_diagram.errors import AssetError, ModelError
+from twin_diagram.scenario.resources import models_dir
 from twin_diagram.scene import object_filter, object_update
 from twin_diagram.scene.twin_scene import TUNING as TWIN_SCENE
-from twin_diagram.scene.twin_scene import TwinScene, add_twin_scene
+from twin_diagram.scene.twin_scene import TwinScene, add_twin_scene, parked_poses
 from twin_diagram.scene.updater_system import SceneGraphUpdater
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
@@ -149,8 +153,8 @@ def test_covariance_is_consistent_at_rest() -> None:
         filter_ = object_filter.initial_filters(1)[0]
         for k in range(60):
             filter_ = object_update.update(filter_, measure(STILL, k * FRAME, rng), k * FRAME, TUNING)
-        error = object_update.pose_difference(filter_[object_filter.Slot.POSE], STILL)
-        covariance = filter_[object_filter.Slot.COVARIANCE].reshape(12, 12)[:6, :6]
+        error = object_update.pose_difference(filter_[object_filter.FilterLayout.POSE], STILL)
+        covariance = filter_[object_filter.FilterLayout.COVARIANCE].reshape(12, 12)[:6, :6]
         nees.append(error @ np.linalg.solve(covariance, error))
     # The walk that an object at rest is allowed and the shared floor make the filter shyer than need be, never bolder.
     assert 1.0 < np.mean(nees) < 6.5
@@ -209,7 +213,7 @@ def test_uncertainty_grows_while_unseen_and_stops_growing(seed: int, moving: boo
     filter_ = object_filter.initial_filters(1)[0]
     for k in range(int(rng.integers(1, 30))):
         filter_ = object_update.update(filter_, measure(path(k * FRAME), k * FRAME, rng), k * FRAME, TUNING)
-    seen = filter_[object_filter.Slot.LAST_SEEN]
+    seen = filter_[object_filter.FilterLayout.LAST_SEEN]
     ages = np.concatenate([np.linspace(0, 1, 20), np.linspace(1.5, 60, 40), [1e5, 1e6]])
     beliefs = [object_filter.propagate(filter_[None], seen + age, TUNING) for age in ages]
     for block in (slice(0, 3), slice(3, 6)):
@@ -389,6 +393,34 @@ def test_before_the_first_image_and_message_nothing_moves(closed) -> None:
     assert {t.status for t in tracks(diagram, context)} == {ObjectStatus.UNSEEN}
 
 
+@pytest.mark.parametrize("port", ["arm_state", "gripper_state"])
+def test_a_joint_state_that_is_not_whole_is_not_used(closed, port: str) -> None:
+    diagram, scene, updater = closed
+    context = diagram.CreateDefaultContext()
+    states = {"arm_state": np.full(14, 0.2), "gripper_state": np.array([0.01, 0.02, 0, 0])}
+    states[port][-1] = np.nan
+    for name, state in states.items():
+        diagram.GetInputPort(name).FixValue(context, state)
+    diagram.GetInputPort("object_poses").FixValue(context, np.zeros(4 * MEASUREMENT_SIZE))
+    diagram.GetInputPort("image_time").FixValue(context, [NEVER])
+    positions = updater.GetOutputPort("positions").Eval(updater.GetMyContextFromRoot(context))
+    arm, fingers = scene.arm_position_index, scene.gripper_position_index
+    known = scene.default_positions.copy()
+    if port == "arm_state":
+        known[fingers] = [0.01, 0.02]
+    else:
+        known[arm] = 0.2
+    np.testing.assert_array_equal(positions, known)
+
+
+def test_what_was_never_seen_waits_upright_far_below_and_apart() -> None:
+    poses = parked_poses(5)
+    np.testing.assert_array_equal(poses[:, :4], np.tile([1.0, 0, 0, 0], (5, 1)))
+    np.testing.assert_array_equal(poses[:, 6], -5.0)
+    gaps = np.linalg.norm(poses[:, None, 4:] - poses[None, :, 4:], axis=2) + 9 * np.eye(5)
+    assert gaps.min() == 1.0
+
+
 def test_cover_the_camera_and_the_objects_go_stale_with_growing_covariance() -> None:
     diagram, _, _ = build(paths_at(*AT), covered=(2.0, 12.0))
     context = diagram.CreateDefaultContext()
@@ -466,6 +498,12 @@ def test_what_is_wrong_with_a_library_is_said(tmp_path) -> None:
         add(library={"a": "objects/nothing"})
     with pytest.raises(AssetError, match=r"asset\.yaml"):
         add(library={"a": str(tmp_path)})
+    other = tmp_path / "other"
+    shutil.copytree(models_dir() / "objects" / "can", other)
+    model = (other / "model.sdf").read_text()
+    (other / "model.sdf").write_text(re.sub(r'link name="object"', 'link name="thing"', model))
+    with pytest.raises(AssetError, match="must hold one model with the link `object`"):
+        add(library={"a": str(other)})
     with pytest.raises(AssetError, match="choose another"):
         add(library={"panda_hand": "objects/can"})
     with pytest.raises(ModelError, match=r"twin\.home: 2 angles"):

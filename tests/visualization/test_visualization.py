@@ -50,7 +50,7 @@ def system(kind: str, inputs: list[str], outputs: list[str]) -> LeafSystem:
 def small_loop() -> Diagram:
     """A station and a twin of three systems, with a viewer of each scene."""
     inner = DiagramBuilder()
-    see = inner.AddNamedSystem("see", system("Perception", ["image", "belief"], ["poses"]))
+    see = inner.AddNamedSystem("see", system("PerceptionSystem", ["image", "belief"], ["poses"]))
     think = inner.AddNamedSystem("think", system("AdaptiveEkf", ["measured"], ["belief"]))
     act = inner.AddNamedSystem("act", system("Mpc", ["poses", "belief"], ["command", "query"]))
     inner.Connect(see.GetOutputPort("poses"), act.GetInputPort("poses"))

@@ -8,12 +8,12 @@ from twin_diagram import faces
 
 if TYPE_CHECKING:
     from twin_diagram.perception.registration.pose_system import IcpPoseEstimator
-    from twin_diagram.perception.segmentation.segmentation_system import Perception
+    from twin_diagram.perception.segmentation.segmentation_system import PerceptionSystem
     from twin_diagram.perception.segmentation.segments import Segments
 
 __all__ = [
     "IcpPoseEstimator",
-    "Perception",
+    "PerceptionSystem",
     "Segments",
 ]
 

@@ -17,7 +17,7 @@ from twin_diagram.model.model import Model
 from twin_diagram.model.model_user import ModelUser
 from twin_diagram.planning.collision.collision_scene import load_scene
 from twin_diagram.planning.mpc.payload_gravity import gravity_regressor
-from twin_diagram.planning.mpc.planner import Planner
+from twin_diagram.planning.mpc.planner import MotionPlanner
 from twin_diagram.planning.mpc.planner_state import Memory
 from twin_diagram.planning.mpc.quadratic_program import QpSolver
 from twin_diagram.runtime.timing import timed
@@ -30,7 +30,7 @@ PAYLOAD: Final = ("payload.mass", "payload.moment_x", "payload.moment_y", "paylo
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """When a tick comes, chosen by hand: any time that is short beside an image's period."""
 
     margin: float = 1e-3
     """A tick comes this long after the tracks that it uses [s]."""
@@ -103,26 +103,28 @@ class Mpc(ModelUser[Model]):
         """
         super().__init__()
         self.set_name("mpc")
-        params = twin.planner
-        _check(params)
-        n = len(model.joints)
+        _check(twin.planner)
         scene = load_scene(model.spec, twin.fixtures, library, packages)
-        self.planner: Final = Planner(scene, model.velocity_limit, params, solver)
-        self._n, self._knots, self._step = n, params.knots, params.step
+        self.planner: Final = MotionPlanner(scene, model.velocity_limit, twin.planner, solver)
+        self._n, self._knots, self._step = len(model.joints), twin.planner.knots, twin.planner.step
         self._begin_with(model)
         self._start = twin.task.start
         plain = [name.split(" ")[0] for name in parameter_names]
         self._payload_index = [plain.index(name) for name in PAYLOAD] if set(PAYLOAD) <= set(plain) else None
+        self._declare(twin, len(library), len(parameter_names))
 
+    def _declare(self, twin: scenario.Twin, objects: int, parameters: int) -> None:
+        """Declare state, inputs, events and outputs, for so many library objects and learned parameters."""
+        n = self._n
         self._arm_in = self.DeclareVectorInputPort("arm_state", 2 * n)
-        self._tracks_in = self.DeclareVectorInputPort("tracks", TRACK_SIZE * len(library))
-        self._parameters_in = self.DeclareVectorInputPort("parameters", len(parameter_names))
+        self._tracks_in = self.DeclareVectorInputPort("tracks", TRACK_SIZE * objects)
+        self._parameters_in = self.DeclareVectorInputPort("parameters", parameters)
         self._goal_in = self.DeclareVectorInputPort("goal", POSE_SIZE)
         self._time_in = self.DeclareVectorInputPort("measurement_time", 1)
 
         home = np.array(twin.home, dtype=float) if twin.home else np.zeros(n)
         self._state = self.DeclareDiscreteState(self.planner.initial(home).pack())
-        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / params.rate, _offset(twin), self._tick)
+        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / twin.planner.rate, _offset(twin), self._tick)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / twin.filter.rate, 0.0, self._latch)
         state, arm = self.discrete_state_ticket(self._state), self._arm_in.ticket()
         self.DeclareVectorOutputPort(
@@ -137,7 +139,7 @@ class Mpc(ModelUser[Model]):
             self._calc_torque,
             prerequisites_of_calc={arm, self._parameters_in.ticket(), self.all_parameters_ticket()},
         )
-        self.DeclareVectorOutputPort("plan", params.knots * n, self._calc_plan, prerequisites_of_calc={state})
+        self.DeclareVectorOutputPort("plan", self._knots * n, self._calc_plan, prerequisites_of_calc={state})
 
     def memory(self, context: Context) -> Memory:
         """Return a copy of what the planner remembers."""

@@ -1,9 +1,9 @@
 """What is known of where an object is, and how that goes on with time: pure functions on arrays.
 
-A filter is a vector of `FILTER_SIZE` numbers (see `Slot`); the error state is (φ, δp, δω, δv) in W, with
+A filter is a vector of `FILTER_SIZE` numbers (see `FilterLayout`); the error state is (φ, δp, δω, δv) in W, with
 R = Exp(φ) R̂, p = p̂ + δp: the perturbation of `layouts.PoseMeasurement`. It lives at the capture time of the last
 image used; `propagate` carries it to any later time, through latency, occlusion and a covered camera alike. A velocity
-is trusted for `COAST` seconds, then the pose stays and only its covariance grows.
+is trusted for `Tuning.coast` seconds, then the pose stays and only its covariance grows.
 """
 
 from __future__ import annotations
@@ -19,20 +19,40 @@ from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, ObjectStatus
 
-COAST: Final = 0.25
-"""How long an object is taken to go on with its velocity when unseen [s]."""
-CORRELATION_TIME: Final = 0.3
-"""Of the acceleration of a moving object: makes a spectral density 2 σ² τ of its standard deviation [s]."""
-NOISE_IMAGES: Final = (1.0, 20.0)
-"""The estimate of the measurements' true scatter: how many images its first value counts for, and its memory."""
-FIRST_NOISE_SCALE: Final = 4.0
-"""Before anything was learnt."""
-UNKNOWN_VARIANCE: Final = np.array([np.pi**2 / 3] * 3 + [1.0] * 3)
-"""Variances of a pose of which nothing is known [rad², m²]: any rotation, a metre."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants that no scenario sets, chosen by hand beside its `SceneUpdater`.
+
+    `tests/scene` holds the covariances to the true scatter; `sims/closed_loop.py --seeds 20` shows the objects' errors.
+    """
+
+    coast: float = 0.25
+    """How long an object is taken to go on with its velocity when unseen [s]: nearly four images at
+    15 Hz, so that a few missed ones do not stop it."""
+
+    correlation_time: float = 0.3
+    """Of the acceleration of a moving object: makes a spectral density 2 σ² τ of its standard deviation [s]."""
+
+    noise_images: tuple[float, float] = (1.0, 20.0)
+    """The estimate of the measurements' true scatter: how many images its first value counts for, and its memory
+    [images]."""
+
+    first_noise_scale: float = 4.0
+    """Variance of the scatter over the variance claimed, before anything was learnt [1]: twice the deviation, on the
+    safe side."""
+
+    unknown_variance: tuple[float, ...] = (np.pi**2 / 3,) * 3 + (1.0,) * 3
+    """Variances of a pose of which nothing is known [rad², m²]: any rotation, a metre."""
+
+
+TUNING = Tuning()
+
 POSE_INDEX: Final = np.arange(6)
 """Of (φ, δp) in the error state."""
 VELOCITY_INDEX: Final = np.arange(6, 12)
-_ALL: Final = np.arange(12)
+"""Of (δω, δv) in the error state."""
+_ALL: Final = np.arange(12)  # of the error state
 
 
 class Mode(IntEnum):
@@ -43,7 +63,7 @@ class Mode(IntEnum):
     MOVING = 2
 
 
-class Slot:
+class FilterLayout:
     """Where a filter's numbers stand in its vector."""
 
     MODE = 0
@@ -64,6 +84,7 @@ class Slot:
 
 
 FILTER_SIZE: Final = 177
+"""Numbers of a filter, see `FilterLayout`."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +106,7 @@ class FilterSettings:
 
     @staticmethod
     def of(params: scenario.SceneUpdater) -> FilterSettings:
-        """From a scenario's tuning."""
+        """Return the settings that a scenario asks for."""
 
         def pair(rotation: float, position: float) -> Array:
             return np.array([rotation] * 3 + [position] * 3)
@@ -94,7 +115,7 @@ class FilterSettings:
             stale_after=params.stale_after,
             lost_after=params.lost_after,
             acceleration_density=2
-            * CORRELATION_TIME
+            * TUNING.correlation_time
             * pair(params.angular_acceleration_std, params.acceleration_std) ** 2,
             rest_walk=pair(params.rest_turn, params.rest_walk) ** 2,
             stale_walk=pair(params.stale_turn, params.stale_walk) ** 2,
@@ -103,7 +124,7 @@ class FilterSettings:
         )
 
 
-class Belief(NamedTuple):
+class ObjectBelief(NamedTuple):
     """What K filters say at a time."""
 
     poses: Array
@@ -117,29 +138,29 @@ class Belief(NamedTuple):
 def initial_filters(count: int) -> Array:
     """Return (count, FILTER_SIZE): nothing seen yet; poses are the identity."""
     filters = np.zeros((count, FILTER_SIZE))
-    filters[:, Slot.LAST_SEEN] = NEVER
-    filters[:, Slot.REMEMBERED_TIME] = NEVER
-    filters[:, Slot.POSE.start] = 1.0
-    filters[:, Slot.REMEMBERED_POSE.start] = 1.0
-    filters[:, Slot.NOISE_SCALE] = FIRST_NOISE_SCALE
-    filters[:, Slot.NOISE_COUNT] = NOISE_IMAGES[0]
-    filters[:, Slot.COVARIANCE].reshape(count, 12, 12)[:, POSE_INDEX, POSE_INDEX] = UNKNOWN_VARIANCE
+    filters[:, FilterLayout.LAST_SEEN] = NEVER
+    filters[:, FilterLayout.REMEMBERED_TIME] = NEVER
+    filters[:, FilterLayout.POSE.start] = 1.0
+    filters[:, FilterLayout.REMEMBERED_POSE.start] = 1.0
+    filters[:, FilterLayout.NOISE_SCALE] = TUNING.first_noise_scale
+    filters[:, FilterLayout.NOISE_COUNT] = TUNING.noise_images[0]
+    filters[:, FilterLayout.COVARIANCE].reshape(count, 12, 12)[:, POSE_INDEX, POSE_INDEX] = TUNING.unknown_variance
     return filters
 
 
-def propagate(filters: Array, now: float, tuning: FilterSettings) -> Belief:
-    """Carries filters (K, FILTER_SIZE) to a time, none of them changed.
+def propagate(filters: Array, now: float, tuning: FilterSettings) -> ObjectBelief:
+    """Carry filters (K, FILTER_SIZE) to a time, none of them changed.
 
     The uncertainty of the pose never shrinks with time, and stops growing when nothing is known any more.
     """
     count = len(filters)
-    seen = filters[:, Slot.MODE] != Mode.NONE
-    moving = filters[:, Slot.MODE] == Mode.MOVING
-    age = np.where(seen, np.maximum(now - filters[:, Slot.LAST_SEEN], 0.0), 0.0)
-    coasted = np.where(moving, np.minimum(age, COAST), 0.0)
-    poses = filters[:, Slot.POSE].copy()
-    velocities = filters[:, Slot.VELOCITY].copy()
-    covariances: Array = filters[:, Slot.COVARIANCE].reshape(count, 12, 12).copy()
+    seen = filters[:, FilterLayout.MODE] != Mode.NONE
+    moving = filters[:, FilterLayout.MODE] == Mode.MOVING
+    age = np.where(seen, np.maximum(now - filters[:, FilterLayout.LAST_SEEN], 0.0), 0.0)
+    coasted = np.where(moving, np.minimum(age, TUNING.coast), 0.0)
+    poses = filters[:, FilterLayout.POSE].copy()
+    velocities = filters[:, FilterLayout.VELOCITY].copy()
+    covariances: Array = filters[:, FilterLayout.COVARIANCE].reshape(count, 12, 12).copy()
 
     # Where the hypothesis of constant velocity moves the pose: exact mean, covariance to first order.
     turn = rotations.exp(velocities[:, :3] * coasted[:, None])
@@ -158,25 +179,25 @@ def propagate(filters: Array, now: float, tuning: FilterSettings) -> Belief:
     covariances[:, VELOCITY_INDEX, VELOCITY_INDEX] += coasted[:, None] * density
 
     # What nobody has looked at may have been moved, all the more where it was moving.
-    unseen = np.maximum(age - np.where(moving, COAST, tuning.stale_after), 0.0)
+    unseen = np.maximum(age - np.where(moving, TUNING.coast, tuning.stale_after), 0.0)
     walk = tuning.stale_walk + np.where(moving[:, None], velocities**2, 0.0)
     grown = unseen[:, None] * walk + age[:, None] * np.where(moving[:, None], 0.0, tuning.rest_walk)
-    covariances[:, POSE_INDEX, POSE_INDEX] += np.minimum(grown, UNKNOWN_VARIANCE)
-    velocities[age > COAST] = 0.0
-    return Belief(poses, velocities, covariances)
+    covariances[:, POSE_INDEX, POSE_INDEX] += np.minimum(grown, TUNING.unknown_variance)
+    velocities[age > TUNING.coast] = 0.0
+    return ObjectBelief(poses, velocities, covariances)
 
 
 def statuses(filters: Array, now: float, tuning: FilterSettings) -> Array:
     """Return (K,) `layouts.ObjectStatus` at a time."""
-    mode = filters[:, Slot.MODE]
-    age = now - filters[:, Slot.LAST_SEEN]
+    mode = filters[:, FilterLayout.MODE]
+    age = now - filters[:, FilterLayout.LAST_SEEN]
     status = np.where(mode == Mode.MOVING, float(ObjectStatus.MOVING), float(ObjectStatus.TRACKED))
     status = np.where(age > tuning.stale_after, float(ObjectStatus.STALE), status)
     status = np.where(age > tuning.lost_after, float(ObjectStatus.LOST), status)
     return np.where(mode == Mode.NONE, float(ObjectStatus.UNSEEN), status)
 
 
-def pose_covariances(belief: Belief, axes_O: Array, tuning: FilterSettings) -> Array:
+def pose_covariances(belief: ObjectBelief, axes_O: Array, tuning: FilterSettings) -> Array:
     """Return (K, 6, 6) of the poses, with what no averaging removes.
 
     Args:
@@ -187,5 +208,5 @@ def pose_covariances(belief: Belief, axes_O: Array, tuning: FilterSettings) -> A
     covariances = belief.covariances[:, :6, :6].copy()
     covariances[:, POSE_INDEX, POSE_INDEX] += tuning.floor
     axes_W = (rotations.matrix(belief.poses[:, :4]) @ axes_O[:, :, None])[:, :, 0]
-    covariances[:, :3, :3] += UNKNOWN_VARIANCE[0] * axes_W[:, :, None] * axes_W[:, None, :]
+    covariances[:, :3, :3] += TUNING.unknown_variance[0] * axes_W[:, :, None] * axes_W[:, None, :]
     return covariances

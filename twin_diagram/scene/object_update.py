@@ -21,12 +21,12 @@ from typing import Final
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from twin_diagram.scene.object_filter import TUNING as OBJECT_FILTER
 from twin_diagram.scene.object_filter import (
-    NOISE_IMAGES,
     VELOCITY_INDEX,
+    FilterLayout,
     FilterSettings,
     Mode,
-    Slot,
     initial_filters,
     propagate,
 )
@@ -37,7 +37,11 @@ from twin_diagram.signals.layouts import NEVER, PoseMeasurement
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Gates and memories of the two hypotheses.
+
+    Gates follow from χ² of 6 and how often they are asked; the others were chosen by hand at 15 images a second, where
+    `tests/scene` holds how soon a motion is followed, and `sims/closed_loop.py --seeds 20` the objects' errors.
+    """
 
     gate: float = 24.0
     """Largest squared Mahalanobis distance of an innovation that is used: χ² of 6, probability 0.9995."""
@@ -104,15 +108,15 @@ def update(
         tuning: see `FilterSettings`.
         symmetric_about_z: the object looks the same however it is turned about its own z axis.
     """
-    if not usable(measurement, float(filter_[Slot.LAST_SEEN]), now):
+    if not usable(measurement, float(filter_[FilterLayout.LAST_SEEN]), now):
         return filter_
     time = measurement.time
     pose = np.concatenate([rotations.normalized(measurement.pose[:4]), measurement.pose[4:]])
-    noise = filter_[Slot.NOISE_SCALE] * _symmetric(measurement.covariance) + np.diag(
+    noise = filter_[FilterLayout.NOISE_SCALE] * _symmetric(measurement.covariance) + np.diag(
         tuning.floor * TUNING.scatter_share**2
     )
-    mode = filter_[Slot.MODE]
-    if mode == Mode.NONE or time - filter_[Slot.LAST_SEEN] > tuning.lost_after:
+    mode = filter_[FilterLayout.MODE]
+    if mode == Mode.NONE or time - filter_[FilterLayout.LAST_SEEN] > tuning.lost_after:
         return _started(time, pose, noise)
 
     belief = propagate(filter_[None], time, tuning)
@@ -129,21 +133,21 @@ def update(
     correction = gain_t.T @ whitened
     covariance = covariance - gain_t.T @ gain_t
     after = filter_.copy()
-    after[Slot.LAST_SEEN] = time
-    after[Slot.POSE] = moved(predicted, correction[:6])
-    after[Slot.VELOCITY] = velocity + correction[6:]
-    after[Slot.REJECTED] = 0.0
-    after[Slot.REMEMBERED_TIME] = NEVER
+    after[FilterLayout.LAST_SEEN] = time
+    after[FilterLayout.POSE] = moved(predicted, correction[:6])
+    after[FilterLayout.VELOCITY] = velocity + correction[6:]
+    after[FilterLayout.REJECTED] = 0.0
+    after[FilterLayout.REMEMBERED_TIME] = NEVER
     if mode == Mode.REST:
         # The squared length of a whitened innovation is 6 on average where the scatter is what it is taken for.
-        count = min(filter_[Slot.NOISE_COUNT] + 1, NOISE_IMAGES[1])
+        count = min(filter_[FilterLayout.NOISE_COUNT] + 1, OBJECT_FILTER.noise_images[1])
         ratio = 1 + ((whitened @ whitened) / 6 - 1) / count
-        after[Slot.NOISE_SCALE] = np.clip(filter_[Slot.NOISE_SCALE] * ratio, *TUNING.noise_scales)
-        after[Slot.NOISE_COUNT] = count
+        after[FilterLayout.NOISE_SCALE] = np.clip(filter_[FilterLayout.NOISE_SCALE] * ratio, *TUNING.noise_scales)
+        after[FilterLayout.NOISE_COUNT] = count
         covariance = _watch_rest(after, covariance, noise, whitened)
     else:
         covariance = _watch_motion(after, covariance, tuning)
-    after[Slot.COVARIANCE] = _symmetric(covariance).ravel()
+    after[FilterLayout.COVARIANCE] = _symmetric(covariance).ravel()
     return after
 
 
@@ -161,25 +165,25 @@ def moved(pose: Array, perturbation: Array) -> Array:
 def _started(time: float, pose: Array, noise: Array) -> Array:
     """Return a filter on its first measurement, at rest."""
     after = initial_filters(1)[0]
-    after[Slot.MODE] = Mode.REST
-    after[Slot.LAST_SEEN] = time
-    after[Slot.POSE] = pose
+    after[FilterLayout.MODE] = Mode.REST
+    after[FilterLayout.LAST_SEEN] = time
+    after[FilterLayout.POSE] = pose
     covariance = np.zeros((12, 12))
     covariance[:6, :6] = noise
-    after[Slot.COVARIANCE] = covariance.ravel()
+    after[FilterLayout.COVARIANCE] = covariance.ravel()
     return after
 
 
 def _watch_rest(after: Array, covariance: Array, noise: Array, whitened: Array) -> Array:
     """At rest: does the mean of the innovations say that it moves slowly? Returns the covariance to go on with."""
-    mean = TUNING.trend_memory * after[Slot.MEAN] + (1 - TUNING.trend_memory) * whitened
-    after[Slot.MEAN] = mean
+    mean = TUNING.trend_memory * after[FilterLayout.MEAN] + (1 - TUNING.trend_memory) * whitened
+    after[FilterLayout.MEAN] = mean
     # Variance of the running mean of unit white noise is (1 − λ)/(1 + λ).
     if mean @ mean * (1 + TUNING.trend_memory) / (1 - TUNING.trend_memory) <= TUNING.trend_gate:
         return covariance
-    after[Slot.MODE] = Mode.MOVING
-    after[Slot.MEAN] = 0.0
-    after[Slot.CALM] = -TUNING.calm_images  # the mean velocity has to build up first
+    after[FilterLayout.MODE] = Mode.MOVING
+    after[FilterLayout.MEAN] = 0.0
+    after[FilterLayout.CALM] = -TUNING.calm_images  # the mean velocity has to build up first
     covariance = covariance.copy()
     covariance[:6, :6] += noise
     covariance[VELOCITY_INDEX, VELOCITY_INDEX] = _SLOW_START
@@ -188,15 +192,17 @@ def _watch_rest(after: Array, covariance: Array, noise: Array, whitened: Array) 
 
 def _watch_motion(after: Array, covariance: Array, tuning: FilterSettings) -> Array:
     """Moving: has the mean velocity been small for long enough to rest? Returns the covariance to go on with."""
-    mean = TUNING.velocity_memory * after[Slot.MEAN] + (1 - TUNING.velocity_memory) * after[Slot.VELOCITY]
-    after[Slot.MEAN] = mean
+    mean = (
+        TUNING.velocity_memory * after[FilterLayout.MEAN] + (1 - TUNING.velocity_memory) * after[FilterLayout.VELOCITY]
+    )
+    after[FilterLayout.MEAN] = mean
     slow = np.linalg.norm(mean[:3]) < tuning.slow[0] and np.linalg.norm(mean[3:]) < tuning.slow[1]
-    after[Slot.CALM] = after[Slot.CALM] + 1 if slow else 0.0
-    if after[Slot.CALM] < TUNING.calm_images:
+    after[FilterLayout.CALM] = after[FilterLayout.CALM] + 1 if slow else 0.0
+    if after[FilterLayout.CALM] < TUNING.calm_images:
         return covariance
-    after[Slot.MODE] = Mode.REST
-    after[Slot.VELOCITY] = 0.0
-    after[Slot.MEAN] = 0.0
+    after[FilterLayout.MODE] = Mode.REST
+    after[FilterLayout.VELOCITY] = 0.0
+    after[FilterLayout.MEAN] = 0.0
     rested = np.zeros((12, 12))
     rested[:6, :6] = covariance[:6, :6]
     return rested
@@ -205,42 +211,43 @@ def _watch_motion(after: Array, covariance: Array, tuning: FilterSettings) -> Ar
 def _surprised(
     filter_: Array, time: float, pose: Array, noise: Array, tuning: FilterSettings, symmetric_about_z: bool
 ) -> Array:
-    """Return a measurement beyond the gate: remember it, or restart on it where the one remembered agrees."""
+    """Take in a measurement beyond the gate: remember it, or restart on it where the one remembered agrees."""
     after = filter_.copy()
-    after[Slot.REJECTED] += 1
-    after[Slot.REMEMBERED_TIME] = time
-    after[Slot.REMEMBERED_POSE] = pose
-    before, elapsed = filter_[Slot.REMEMBERED_POSE], time - filter_[Slot.REMEMBERED_TIME]
-    if filter_[Slot.REMEMBERED_TIME] < 0 or elapsed > TUNING.agreement_time:
-        after[Slot.REJECTED] = 1.0
+    after[FilterLayout.REJECTED] += 1
+    after[FilterLayout.REMEMBERED_TIME] = time
+    after[FilterLayout.REMEMBERED_POSE] = pose
+    before, elapsed = filter_[FilterLayout.REMEMBERED_POSE], time - filter_[FilterLayout.REMEMBERED_TIME]
+    if filter_[FilterLayout.REMEMBERED_TIME] < 0 or elapsed > TUNING.agreement_time:
+        after[FilterLayout.REJECTED] = 1.0
         return after
     if symmetric_about_z:
         pose = np.concatenate([rotations.fold_about_z(pose[:4], before[:4]), pose[4:]])
     velocity = pose_difference(pose, before) / elapsed
-    at_before = propagate(filter_[None], float(filter_[Slot.REMEMBERED_TIME]), tuning).poses[0]
+    at_before = propagate(filter_[None], float(filter_[FilterLayout.REMEMBERED_TIME]), tuning).poses[0]
     at_now = propagate(filter_[None], time, tuning).poses[0]
     jumps = np.array([pose_difference(before, at_before), pose_difference(pose, at_now)])
     scaled = solve_triangular(np.linalg.cholesky(noise), jumps.T, lower=True)
     lengths = np.linalg.norm(scaled, axis=0)
     agree = scaled[:, 0] @ scaled[:, 1] >= 0.5 * lengths[0] * lengths[1] and _possible(velocity)
     if not agree:
-        after[Slot.REJECTED] = 1.0
+        after[FilterLayout.REJECTED] = 1.0
         return after
-    since_seen = filter_[Slot.REMEMBERED_TIME] - filter_[Slot.LAST_SEEN]
+    since_seen = filter_[FilterLayout.REMEMBERED_TIME] - filter_[FilterLayout.LAST_SEEN]
     needed = 2 if _possible(jumps[0] / since_seen) else TUNING.reacquire_images
-    if after[Slot.REJECTED] < needed:
+    if after[FilterLayout.REJECTED] < needed:
         return after
 
     after = _started(time, pose, noise)
-    after[Slot.NOISE_SCALE : Slot.NOISE_COUNT + 1] = filter_[Slot.NOISE_SCALE : Slot.NOISE_COUNT + 1]
-    after[Slot.MODE] = Mode.MOVING
-    after[Slot.VELOCITY] = velocity
-    after[Slot.MEAN] = velocity
+    learnt = slice(FilterLayout.NOISE_SCALE, FilterLayout.NOISE_COUNT + 1)
+    after[learnt] = filter_[learnt]
+    after[FilterLayout.MODE] = Mode.MOVING
+    after[FilterLayout.VELOCITY] = velocity
+    after[FilterLayout.MEAN] = velocity
     covariance = np.zeros((12, 12))
     covariance[:6, :6] = noise
     covariance[:6, 6:] = covariance[6:, :6] = noise / elapsed
     covariance[6:, 6:] = 2 * noise / elapsed**2 + np.diag(tuning.acceleration_density * elapsed)
-    after[Slot.COVARIANCE] = covariance.ravel()
+    after[FilterLayout.COVARIANCE] = covariance.ravel()
     return after
 
 

@@ -26,7 +26,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Where unseen objects wait, chosen by hand: out of every camera's sight and of the arm's reach."""
 
     parked_height: float = -5.0
     """Where objects wait that nobody has seen yet: z in W [m]; they stand a metre apart along x."""
@@ -128,7 +128,7 @@ def parked_poses(count: int) -> Array:
 
 
 def _add_fixture(plant: MultibodyPlant, fixture: scenario.Fixture, packages: Mapping[str, str | Path] | None) -> None:
-    """Parse a fixture and welds its free root links at X_WB."""
+    """Parse a fixture and weld its free root links at X_WB."""
     path = resources.resolve(fixture.model, packages)
     try:
         instances = description.parser(plant, packages).AddModels(path)

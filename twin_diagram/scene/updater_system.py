@@ -11,6 +11,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 from twin_diagram import scenario
 from twin_diagram.runtime import timing
 from twin_diagram.scene import object_filter, object_update
+from twin_diagram.scene.object_filter import FilterLayout
 from twin_diagram.scene.twin_scene import TwinScene, parked_poses
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER, TRACK_SIZE, ObjectStatus, PoseMeasurement
@@ -47,7 +48,7 @@ class SceneGraphUpdater(LeafSystem):
     """
 
     def __init__(self, scene: TwinScene, params: scenario.SceneUpdater) -> None:
-        """Sizes the ports for a scene.
+        """Size the ports for a scene.
 
         Args:
             scene: says which position belongs to what.
@@ -79,7 +80,7 @@ class SceneGraphUpdater(LeafSystem):
             return
         filters = self._filters_of(context)
         measured = cast(Array, self._poses_in.Eval(context)).reshape(self._count, MEASUREMENT_SIZE)
-        used = np.maximum(filters[:, object_filter.Slot.LAST_SEEN], filters[:, object_filter.Slot.REMEMBERED_TIME])
+        used = np.maximum(filters[:, FilterLayout.LAST_SEEN], filters[:, FilterLayout.REMEMBERED_TIME])
         fresh = np.flatnonzero((measured[:, 0] > 0) & (measured[:, 1] > used))
         if fresh.size == 0:
             return
@@ -97,7 +98,7 @@ class SceneGraphUpdater(LeafSystem):
         belief = object_filter.propagate(filters, now, self._tuning)
         tracks = np.empty((self._count, TRACK_SIZE))
         tracks[:, 0] = object_filter.statuses(filters, now, self._tuning)
-        tracks[:, 1] = filters[:, object_filter.Slot.LAST_SEEN]
+        tracks[:, 1] = filters[:, FilterLayout.LAST_SEEN]
         unseen = tracks[:, 0] == ObjectStatus.UNSEEN
         tracks[:, 2:9] = np.where(unseen[:, None], self._parked, belief.poses)
         tracks[:, 9:15] = belief.velocities

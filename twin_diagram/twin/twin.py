@@ -24,7 +24,6 @@ from twin_diagram.estimation.ekf_system import AdaptiveEkf
 from twin_diagram.model.description import add_arm as description
 from twin_diagram.model.model import Model
 from twin_diagram.perception.registration.pose_system import IcpPoseEstimator
-from twin_diagram.perception.segmentation.segmentation_system import Perception
 from twin_diagram.planning.mpc_system import Mpc
 from twin_diagram.scenario import poses
 from twin_diagram.scenario.resources import resolve
@@ -194,7 +193,7 @@ def _add_sight(
         builder.Connect(nothing.get_output_port(), updater.GetInputPort("object_poses"))
         return
     camera = twin.camera
-    perception = builder.AddNamedSystem("perception", Perception(twin.arm, camera, twin.perception, packages))
+    perception = builder.AddNamedSystem("perception", PerceptionSystem(twin.arm, camera, twin.perception, packages))
     registrar = IcpPoseEstimator(library, camera, twin.registration, twin.perception)
     icp = builder.AddNamedSystem("icp_pose_estimator", registrar)
     builder.ExportInput(perception.GetInputPort("rgb_image"), ports.rgb_image(camera.name))

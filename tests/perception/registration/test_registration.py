@@ -1,4 +1,4 @@
-"""Registration, search, recognition and tracking on ray-cast images, where the truth is exact."""
+"""RegisteredPose, search, recognition and tracking on ray-cast images, where the truth is exact."""
 
 from __future__ import annotations
 
@@ -17,21 +17,14 @@ from tests.synthetic_scene import Thing, camera, picture, yawed
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.assets.procedural import write_box
+from twin_diagram.perception.registration.assessment import assess
+from twin_diagram.perception.registration.data_association import COARSE, FINE, Poses, look
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import resting, search
 from twin_diagram.perception.registration.model_cloud import ModelCloud, fibonacci_sphere, visible
 from twin_diagram.perception.registration.recognition import alike, hues, recognise
-from twin_diagram.perception.registration.registration import Registration, register
-from twin_diagram.perception.registration.residuals import (
-    COARSE,
-    FINE,
-    Poses,
-    assess,
-    brightness,
-    linearise,
-    look,
-    unexplained,
-)
+from twin_diagram.perception.registration.registration import RegisteredPose, register
+from twin_diagram.perception.registration.residuals import brightness, linearise, unexplained
 from twin_diagram.perception.registration.rotation import cross, exp, from_quaternion, log, skew, to_quaternion
 from twin_diagram.perception.registration.tracking import SLOT_SIZE, Known, Slot, step
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
@@ -64,7 +57,7 @@ def shot(
     return segment(rgb, depth, time, GRID, scenario.Perception())
 
 
-def errors(found: Registration | PoseMeasurement, thing: Thing) -> tuple[float, float]:
+def errors(found: RegisteredPose | PoseMeasurement, thing: Thing) -> tuple[float, float]:
     """Position error [mm] and rotation error [deg], for a symmetric object that of its axis."""
     if isinstance(found, PoseMeasurement):
         R, p = from_quaternion(found.pose[:4]), found.pose[4:]
@@ -195,6 +188,27 @@ def test_covariance_covers_the_errors(library: dict[str, ModelCloud]) -> None:
         values.append(error @ np.linalg.solve(result.covariance, error))
     # Six degrees of freedom: not overconfident, and not without meaning.
     assert 0.05 < np.mean(values) < 8.0
+
+
+def test_claimed_covariance_is_the_true_scatter(library: dict[str, ModelCloud]) -> None:
+    """Of repeated registrations of noisy images by a camera that is off by as much as is allowed for.
+
+    The images' own noise is drawn anew in each, and so is what all points of one share, 4 mrad and 0.6 mm.
+    """
+    model, name = library["gelatin_box"], "gelatin_box"
+    rng = np.random.default_rng(0)
+    turned, shifted = [], []
+    for k in range(8):
+        thing = standing(model, name, 0.4 + 0.03 * k, -0.3 + 0.07 * k, 0.5 * k)
+        result = register(model, Frame.of(shot([thing], k)), thing.R, thing.p, PARAMS)
+        error = np.concatenate([log(result.R @ thing.R.T), result.p - thing.p])
+        errors_ = error + rng.standard_normal((400, 6)) * np.array([0.004] * 3 + [0.0006] * 3)
+        for part, values in ((slice(0, 3), turned), (slice(3, 6), shifted)):
+            block = np.linalg.inv(result.covariance[part, part])
+            values.append(np.einsum("ki,ij,kj->k", errors_[:, part], block, errors_[:, part]).mean())
+    # Three degrees of freedom each: at most 1.6 times too large, and hardly too small.
+    assert 1.6 < np.mean(turned) < 3.6
+    assert 2.4 < np.mean(shifted) < 3.6
 
 
 def test_weak_direction_keeps_the_prediction_and_says_so(tmp_path: Path) -> None:

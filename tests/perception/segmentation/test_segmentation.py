@@ -18,7 +18,15 @@ from twin_diagram.assets import Asset
 from twin_diagram.model.description.add_arm import add_arm
 from twin_diagram.perception.pinhole import Pinhole, back_project, grid_normals
 from twin_diagram.perception.segmentation.robot_shape import RobotShape
-from twin_diagram.perception.segmentation.segmentation import Grid, connected, fit_table, segment
+from twin_diagram.perception.segmentation.segmentation import (
+    Grid,
+    above_table,
+    connected,
+    fit_table,
+    in_workspace,
+    large_parts,
+    segment,
+)
 from twin_diagram.perception.segmentation.segments import TUNING as SEGMENTS
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.scenario.resources import models_dir
@@ -324,3 +332,34 @@ def test_real_tabletops(data_dir: Path, name: str, apart: int) -> None:
         labels = found.label_image[(truth // 10 == thing) & claimed]
         owners.add(int(np.bincount(labels).argmax()))
     assert len(owners) == apart
+
+
+# Thresholds.
+
+
+def test_the_workspace_is_open() -> None:
+    corners = [[-1.0, -0.5, 0.0], [1.0, 0.5, 0.6]]
+    middle = np.mean(corners, axis=0)
+    for axis in range(3):
+        for edge, way in ((corners[0], 1), (corners[1], -1)):
+            at, beyond, within = (middle.copy() for _ in range(3))
+            at[axis], beyond[axis], within[axis] = edge[axis], edge[axis] - way * 1e-6, edge[axis] + way * 1e-6
+            assert in_workspace(np.array([[at, beyond, within, middle]]), corners)[0].tolist() == [0, 0, 1, 1]
+
+
+def test_what_stands_out_of_a_tilted_table_is_found_by_its_height() -> None:
+    """The clearance asked for, or four standard deviations of depth where these are more: 0.8 mm at 1 m."""
+    table = np.array([0.1, -0.2, 0.3])
+    x, y = np.meshgrid(np.linspace(0.2, 0.8, 5), np.linspace(-0.4, 0.4, 5))
+    top = table[0] * x + table[1] * y + table[2]
+    for depth, least, needed in ((0.5, 0.006, 0.006), (2.0, 0.006, 0.0128), (1.0, 0.001, 0.0032)):
+        for share, found in ((0.99, False), (1.01, True)):
+            points = np.stack([x, y, top + share * needed], axis=2)
+            assert (above_table(points, np.full(x.shape, depth, np.float32), table, least) == found).all()
+
+
+def test_parts_are_numbered_anew_where_they_are_large_enough() -> None:
+    part = np.array([0, 1, 1, 2, 2, 2, 3, 1, 4, 4])
+    label, count = large_parts(part, 3)
+    assert count == 2 and label.tolist() == [-1, 0, 0, 1, 1, 1, -1, 0, -1, -1]
+    assert large_parts(np.zeros(0, dtype=np.int64), 3)[1] == 0

@@ -14,15 +14,19 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of an asset's tables, chosen by hand for the objects of `models/objects`.
+
+    `tests/perception/registration` holds what can be seen against ray casting.
+    """
 
     directions: int = 160
-    """Directions from which the visible points are worked out beforehand: one is never farther than about 10° away."""
+    """Directions from which the visible points are worked out beforehand: one is never farther than about 12° away."""
 
     blur: tuple[float, ...] = (0.003, 0.008)
     """Standard deviation of the colours' blur on the surface [m]: fine, coarse."""
 
     neighbours: int = 24
+    """Points that the blur on the surface takes in, at most: beyond them its weights are small."""
 
 
 TUNING = Tuning()
@@ -96,9 +100,7 @@ def fibonacci_sphere(count: int) -> Array:
 
 
 def visible(points: Array, normals: Array, direction: Array, cell: float) -> npt.NDArray[np.bool_]:
-    """Return which points a far camera in `direction` (from object to camera) sees.
-
-    They face it and nothing is in front.
+    """Return which points a far camera in `direction` (from object to camera) sees: they face it, nothing is in front.
 
     A depth buffer of square cells of size `cell` [m]: a point is hidden where its cell's foremost point lies more than
     12 mm nearer to the camera, and as far above the point's own tangent plane (so a convex object hides nothing of

@@ -22,7 +22,7 @@ from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """When the system updates, chosen by hand: any time after the delivery that is short beside an image's period."""
 
     after_delivery: float = 0.001
     """The update comes this long after an image is delivered [s]."""

@@ -20,12 +20,16 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of recognition, chosen by hand.
+
+    `sims/closed_loop.py --seeds 20` shows their effect: an object that is mistaken for another misses its truth by far.
+    """
 
     accept: float = 0.6
     """Least score of an object that is recognised."""
 
     bins: int = 12
+    """Cells per colour share: fine enough to tell the library apart, coarse enough for noise."""
 
 
 TUNING = Tuning()
@@ -45,7 +49,7 @@ def hues(colours: Array) -> Array:
 
 
 def alike(first: Array, second: Array) -> float:
-    """Bhattacharyya coefficient of two histograms, 0 to 1."""
+    """Return the Bhattacharyya coefficient of two histograms, 0 to 1."""
     return float(np.sqrt(first * second).sum())
 
 

@@ -26,7 +26,7 @@ def log(R: Array) -> Array:
 
 
 def skew(v: Array) -> Array:
-    """Cross-product matrices (..., 3, 3) of vectors (..., 3)."""
+    """Return the cross-product matrices (..., 3, 3) of vectors (..., 3)."""
     result = np.zeros((*v.shape[:-1], 3, 3))
     result[..., 0, 1], result[..., 0, 2], result[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
     result[..., 1, 0], result[..., 2, 0], result[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
@@ -34,7 +34,7 @@ def skew(v: Array) -> Array:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Cross products of (..., 3) and (..., 3); `numpy.cross` takes several times longer on small arrays."""
+    """Return the cross products of (..., 3) and (..., 3); `numpy.cross` takes several times longer on small arrays."""
     return np.stack(
         [
             a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1],

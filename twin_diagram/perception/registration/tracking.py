@@ -1,8 +1,8 @@
-"""Follows the known objects from image to image: the estimator's memory and one step of it, as pure functions."""
+"""Follows the known objects from image to image: the estimator's memory and one `step` of it, as pure functions."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -18,7 +18,7 @@ from twin_diagram.perception.registration.registration import (
     TUNING as REGISTRATION,
 )
 from twin_diagram.perception.registration.registration import (
-    Registration,
+    RegisteredPose,
     claimed,
     information,
     register,
@@ -28,17 +28,24 @@ from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, POSE_SIZE, PoseMeasurement
 
+Mask = npt.NDArray[np.bool_]
+
 SLOT_SIZE: Final = 1 + POSE_SIZE + 6 + 1 + 1 + 1
+"""Numbers of a packed `Slot`: known, pose, velocity, seen, next search, attempts."""
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of tracking, chosen by hand for images at 15 Hz of objects that people and arms move.
+
+    `sims/closed_loop.py --seeds 20` shows their effect: objects lost, found anew, and the errors in between.
+    """
 
     least_visible: float = 0.12
     """An object of which less can be seen counts as hidden."""
 
     least_points: int = 30
+    """A registration on fewer model points is a guess."""
 
     largest_step: tuple[float, ...] = (0.7, 0.08)
     """From one image to the next no object turns or moves farther than this [rad], [m]."""
@@ -54,6 +61,9 @@ class Tuning:
 
     owned: float = 0.012
     """Points this near to an object's surface are its own [m]."""
+
+    slipped: float = 0.06
+    """An object that was lost just now is looked for this far beyond its own radius [m]: what `largest_step` allows."""
 
     longest_wait: int = 4
     """A search that keeps failing is repeated after so many search periods."""
@@ -91,7 +101,7 @@ class Slot:
     attempts: int = 0
 
     def pack(self) -> Array:
-        """As a vector of `SLOT_SIZE`."""
+        """Return the slot as a vector (SLOT_SIZE,)."""
         tail = [self.seen, self.next_search, float(self.attempts)]
         return np.concatenate([[float(self.known)], to_quaternion(self.R), self.p, self.velocity, tail])
 
@@ -119,83 +129,26 @@ class Known:
 
     @staticmethod
     def of(model: ModelCloud) -> Known:
-        """From a model."""
+        """Return a model with the orientations in which it rests."""
         orientations = resting(model.asset)
         return Known(model, orientations[:1], orientations[1:])
 
 
-def predict(slot: Slot, time: float) -> tuple[Array, Array]:
-    """R (3, 3) and p (3,) at `time`, by constant velocity for a short while."""
-    ahead = time - slot.seen
-    if not 0.0 < ahead <= TUNING.coast:
-        return slot.R, slot.p
-    return exp(slot.velocity[:3] * ahead) @ slot.R, slot.p + slot.velocity[3:] * ahead
+@dataclass(frozen=True)
+class View:
+    """One image and what it is searched with.
 
+    Attributes:
+        segments: the image taken apart.
+        frame: the same image, ready for registration.
+        params: tuning.
+        smallest: points that make an object.
+    """
 
-def believable(result: Registration, params: scenario.Registration, R: Array, p: Array) -> bool:
-    """Return whether a registration is the object, near where it must be, and not a guess from a few pixels."""
-    return bool(
-        result.quality >= params.minimum_quality
-        and result.visible_share >= TUNING.least_visible
-        and result.points >= TUNING.least_points
-        and np.linalg.norm(result.p - p) <= TUNING.largest_step[1]
-        and np.linalg.norm(log((result.R @ R.T)[None])) <= TUNING.largest_step[0]
-    )
-
-
-def follow(
-    known: Known, slot: Slot, segments: Segments, frame: Frame, params: scenario.Registration
-) -> Registration | None:
-    """Register an object near where it is expected; None where it is not to be seen there."""
-    moves = bool(np.any(slot.velocity))
-    guesses = [(*predict(slot, segments.time), MOVING if moves else RESTING)]
-    if moves:
-        guesses.append((slot.R, slot.p, MOVING))
-    for R, p, prior in guesses:
-        thin = segments.points_W[claimed(known.model, segments, R, p, params.reach, TUNING.thin)]
-        result = register(known.model, frame, R, p, params, prior=prior, points_W=thin)
-        if believable(result, params, R, p):
-            return result
-    return None
-
-
-def regain(
-    known: Known,
-    slot: Slot,
-    segments: Segments,
-    frame: Frame,
-    free: npt.NDArray[np.bool_],
-    params: scenario.Registration,
-) -> Registration | None:
-    """Look around an object's last pose, among points that nothing else explains."""
-    apart = segments.points_W - slot.p
-    around = np.flatnonzero(free & (np.einsum("ni,ni->n", apart, apart) < (known.model.radius + 0.06) ** 2))
-    if len(around) < TUNING.least_points:
-        return None
-    found = nearby(known.model, frame, slot.R, slot.p, segments.points_W[around], params)
-    if found is None or not believable(found.registration, params, slot.R, slot.p):
-        return None
-    return found.registration
-
-
-def seen(slot: Slot, result: Registration, time: float) -> Slot:
-    """Return the slot after the object was found; its velocity is not known after an empty slot or a long gap."""
-    velocity = np.zeros(6)
-    step = time - slot.seen
-    if slot.known and 0.0 < step <= TUNING.coast:
-        rate = np.concatenate([log((result.R @ slot.R.T)[None])[0], result.p - slot.p]) / step
-        velocity = 0.4 * slot.velocity + 0.6 * rate
-        if np.linalg.norm(velocity[:3]) < TUNING.rests[0] and np.linalg.norm(velocity[3:]) < TUNING.rests[1]:
-            velocity = np.zeros(6)
-    return Slot(True, result.R, result.p, velocity, time, NEVER, 0)
-
-
-def measurement(slot: Slot, result: Registration | None, time: float) -> PoseMeasurement:
-    """Return what goes out: the pose found, or the last one with quality 0."""
-    if result is None:
-        widest = np.diag(np.repeat(np.square(REGISTRATION.widest), 3))
-        return PoseMeasurement(0.0, time, np.concatenate([to_quaternion(slot.R), slot.p]), widest)
-    return PoseMeasurement(result.quality, time, np.concatenate([to_quaternion(result.R), result.p]), result.covariance)
+    segments: Segments
+    frame: Frame
+    params: scenario.Registration
+    smallest: int
 
 
 def step(
@@ -205,7 +158,7 @@ def step(
     params: scenario.Registration,
     smallest: int,
 ) -> tuple[list[Slot], list[PoseMeasurement]]:
-    """Return one image: follows what is tracked, then searches for what is not.
+    """Find the objects in one image: follow what is tracked, then search for what is not.
 
     Args:
         library: the known objects.
@@ -218,58 +171,170 @@ def step(
         The new slots, and one measurement per object; quality 0 where it was not found in this image.
     """
     time = segments.time
-    frame = Frame.of(segments)
-    results: list[Registration | None] = [None] * len(library)
+    view = View(segments, Frame.of(segments), params, smallest)
+    tracked = follow_known(library, slots, view)
+    recognised: dict[int, RegisteredPose] = {}
+    searched: list[int] = []
+    if len(tracked) < len(library):
+        free = unexplained_by(library, tracked, segments)
+        tracked |= regain_lost(library, slots, tracked, view, free)
+        searched = [k for k, slot in enumerate(slots) if k not in tracked and time >= slot.next_search]
+        if int(free.sum()) < smallest:
+            searched = []
+        recognised = search_for(library, slots, searched, view, free)
+
     after = list(slots)
-    for k, (known, slot) in enumerate(zip(library, slots, strict=True)):
-        if slot.known:
-            results[k] = follow(known, slot, segments, frame, params)
-    if all(result is not None for result in results):
-        return _told(after, slots, results, time)
+    for k in searched:
+        # How fast it is, a search cannot say.
+        after[k] = seen(Slot(), recognised[k], time) if k in recognised else postponed(slots[k], time, params)
+    for k, pose in tracked.items():
+        after[k] = seen(slots[k], pose, time)
+    results = tracked | recognised
+    return after, [measurement(slot, results.get(k), time) for k, slot in enumerate(after)]
 
+
+def follow_known(library: Sequence[Known], slots: Sequence[Slot], view: View) -> dict[int, RegisteredPose]:
+    """Register each object that was found before near where it is expected; return those found, by number."""
+    found = {}
+    for k, (known, slot) in enumerate(zip(library, slots, strict=True)):
+        result = register_where_expected(known, slot, view) if slot.known else None
+        if result is not None:
+            found[k] = result
+    return found
+
+
+def unexplained_by(library: Sequence[Known], found: Mapping[int, RegisteredPose], segments: Segments) -> Mask:
+    """Return (N,) which of the segments' points belong to none of the objects found."""
     free = np.ones(len(segments.labels), dtype=bool)
+    for k, pose in found.items():
+        free[claimed(library[k].model, segments, pose.R, pose.p, TUNING.owned)] = False
+    return free
 
-    def take(k: int) -> None:
-        result = results[k]
-        if result is not None:
-            free[claimed(library[k].model, segments, result.R, result.p, TUNING.owned)] = False
 
-    for k in range(len(library)):
-        take(k)
+def regain_lost(
+    library: Sequence[Known], slots: Sequence[Slot], found: Mapping[int, RegisteredPose], view: View, free: Mask
+) -> dict[int, RegisteredPose]:
+    """Look around the last poses of objects that were lost just now.
+
+    Args:
+        library: the known objects.
+        slots: one per object.
+        found: those that were not lost, by number.
+        view: the image.
+        free: (N,) the segments' points that nothing explains; those of what is regained are taken out.
+
+    Returns:
+        What was regained, by the object's number.
+    """
+    segments = view.segments
+    regained = {}
     for k, (known, slot) in enumerate(zip(library, slots, strict=True)):
-        if slot.known and results[k] is None and time - slot.seen <= TUNING.coast:
-            results[k] = regain(known, slot, segments, frame, free, params)
-            take(k)
-
-    wanted = [k for k in range(len(library)) if results[k] is None and time >= after[k].next_search]
-    if wanted and int(free.sum()) >= smallest:
-        found = recognise(
-            {k: library[k].model for k in wanted},
-            # Things mostly stand: every other search tries the other orientations.
-            {k: library[k].upright if after[k].attempts % 2 == 0 else library[k].fallen for k in wanted},
-            segments,
-            frame,
-            free,
-            params,
-            smallest,
-        )
-        for k in wanted:
-            if k in found:
-                results[k] = found[k].registration
-                # How fast it is, a search cannot say.
-                slots = [*slots[:k], Slot(), *slots[k + 1 :]]
-            else:
-                attempts = after[k].attempts + 1
-                wait = params.search_period * min(max(1, attempts // 2), TUNING.longest_wait)
-                after[k] = replace(after[k], next_search=time + wait, attempts=attempts)
-    return _told(after, slots, results, time)
-
-
-def _told(
-    after: list[Slot], before: Sequence[Slot], results: Sequence[Registration | None], time: float
-) -> tuple[list[Slot], list[PoseMeasurement]]:
-    """Remembers what was found."""
-    for k, result in enumerate(results):
+        if not slot.known or k in found or segments.time - slot.seen > TUNING.coast:
+            continue
+        result = register_around(known, slot, view, free)
         if result is not None:
-            after[k] = seen(before[k], result, time)
-    return after, [measurement(slot, result, time) for slot, result in zip(after, results, strict=True)]
+            regained[k] = result
+            free[claimed(known.model, segments, result.R, result.p, TUNING.owned)] = False
+    return regained
+
+
+def search_for(
+    library: Sequence[Known], slots: Sequence[Slot], wanted: Sequence[int], view: View, free: Mask
+) -> dict[int, RegisteredPose]:
+    """Search the points that nothing explains for objects of which no pose is known.
+
+    Args:
+        library: the known objects.
+        slots: one per object.
+        wanted: numbers of those that are searched.
+        view: the image.
+        free: (N,) the segments' points that nothing explains.
+
+    Returns:
+        What was recognised, by the object's number.
+    """
+    found = recognise(
+        {k: library[k].model for k in wanted},
+        # Things mostly stand: every other search tries the other orientations.
+        {k: library[k].upright if slots[k].attempts % 2 == 0 else library[k].fallen for k in wanted},
+        view.segments,
+        view.frame,
+        free,
+        view.params,
+        view.smallest,
+    )
+    return {k: one.registration for k, one in found.items()}
+
+
+def register_where_expected(known: Known, slot: Slot, view: View) -> RegisteredPose | None:
+    """Register an object near where it is expected; None where it is not to be seen there."""
+    segments, params = view.segments, view.params
+    moves = bool(np.any(slot.velocity))
+    guesses = [(*predict(slot, segments.time), MOVING if moves else RESTING)]
+    if moves:
+        guesses.append((slot.R, slot.p, MOVING))
+    for R, p, prior in guesses:
+        thin = segments.points_W[claimed(known.model, segments, R, p, params.reach, TUNING.thin)]
+        result = register(known.model, view.frame, R, p, params, prior=prior, points_W=thin)
+        if believable(result, params, R, p):
+            return result
+    return None
+
+
+def register_around(known: Known, slot: Slot, view: View, free: Mask) -> RegisteredPose | None:
+    """Look around an object's last pose, among points (N,) `free` that nothing else explains."""
+    segments = view.segments
+    apart = segments.points_W - slot.p
+    around = np.flatnonzero(free & (np.einsum("ni,ni->n", apart, apart) < (known.model.radius + TUNING.slipped) ** 2))
+    if len(around) < TUNING.least_points:
+        return None
+    found = nearby(known.model, view.frame, slot.R, slot.p, segments.points_W[around], view.params)
+    if found is None or not believable(found.registration, view.params, slot.R, slot.p):
+        return None
+    return found.registration
+
+
+def predict(slot: Slot, time: float) -> tuple[Array, Array]:
+    """Return R (3, 3) and p (3,) at `time`, by constant velocity for a short while."""
+    ahead = time - slot.seen
+    if not 0.0 < ahead <= TUNING.coast:
+        return slot.R, slot.p
+    return exp(slot.velocity[:3] * ahead) @ slot.R, slot.p + slot.velocity[3:] * ahead
+
+
+def believable(result: RegisteredPose, params: scenario.Registration, R: Array, p: Array) -> bool:
+    """Return whether a registration is the object, near where it must be, and not a guess from a few pixels."""
+    return bool(
+        result.quality >= params.minimum_quality
+        and result.visible_share >= TUNING.least_visible
+        and result.points >= TUNING.least_points
+        and np.linalg.norm(result.p - p) <= TUNING.largest_step[1]
+        and np.linalg.norm(log((result.R @ R.T)[None])) <= TUNING.largest_step[0]
+    )
+
+
+def seen(slot: Slot, result: RegisteredPose, time: float) -> Slot:
+    """Return the slot after the object was found; its velocity is not known after an empty slot or a long gap."""
+    velocity = np.zeros(6)
+    step = time - slot.seen
+    if slot.known and 0.0 < step <= TUNING.coast:
+        rate = np.concatenate([log((result.R @ slot.R.T)[None])[0], result.p - slot.p]) / step
+        velocity = 0.4 * slot.velocity + 0.6 * rate
+        if np.linalg.norm(velocity[:3]) < TUNING.rests[0] and np.linalg.norm(velocity[3:]) < TUNING.rests[1]:
+            velocity = np.zeros(6)
+    return Slot(True, result.R, result.p, velocity, time, NEVER, 0)
+
+
+def postponed(slot: Slot, time: float, params: scenario.Registration) -> Slot:
+    """Return the slot after a search in vain: the next one waits the longer, the more have failed."""
+    attempts = slot.attempts + 1
+    wait = params.search_period * min(max(1, attempts // 2), TUNING.longest_wait)
+    return replace(slot, next_search=time + wait, attempts=attempts)
+
+
+def measurement(slot: Slot, result: RegisteredPose | None, time: float) -> PoseMeasurement:
+    """Return what goes out: the pose found, or the last one with quality 0."""
+    if result is None:
+        widest = np.diag(np.repeat(np.square(REGISTRATION.widest), 3))
+        return PoseMeasurement(0.0, time, np.concatenate([to_quaternion(slot.R), slot.p]), widest)
+    return PoseMeasurement(result.quality, time, np.concatenate([to_quaternion(result.R), result.p]), result.covariance)

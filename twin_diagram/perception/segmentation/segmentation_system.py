@@ -19,12 +19,12 @@ from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.runtime.timing import timed
 
 
-class Perception(LeafSystem):
+class PerceptionSystem(LeafSystem):
     """Segments of the newest image: what stands on the table and is not the robot.
 
     .. pydrake_system::
 
-        name: Perception
+        name: PerceptionSystem
         input_ports:
         - rgb_image
         - depth_image

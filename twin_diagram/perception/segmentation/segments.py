@@ -14,14 +14,16 @@ from twin_diagram.signals.layouts import NEVER
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Labels of what is no segment: names, not measures; any negative numbers would do."""
 
     background: int = -1
     """Label of the table, of all outside the workspace, and of specks."""
 
     robot: int = -2
+    """Label of the robot's own pixels."""
 
     no_depth: int = -3
+    """Label of pixels that the camera measured no depth at."""
 
 
 TUNING = Tuning()
@@ -68,7 +70,7 @@ class Segments:
 
     @staticmethod
     def empty(camera: Pinhole, stride: int, table_height: float = 0.0) -> Segments:
-        """Before the first image."""
+        """Return what there is before the first image."""
         none = np.zeros((0, 3))
         shape = (camera.height, camera.width)
         label_image = np.full(

@@ -1,7 +1,7 @@
 """Covers an arm with balls, from outside, so that a planned distance is never above the true one.
 
-The cover of a box or cylinder reaches at most `OVERHANG` beyond it (a large box's somewhat more), that of a capsule
-`CAPSULE_OVERHANG`.
+The cover of a box or cylinder reaches at most `Tuning.overhang` beyond it (a large box's somewhat more), that of a
+capsule `Tuning.capsule_overhang`.
 """
 
 from __future__ import annotations
@@ -28,11 +28,16 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of the cover, chosen by hand between room lost beside the arm and the time of a tick.
+
+    More balls cost time in proportion; `sims/closed_loop.py --seeds 20` shows where the arm gets through.
+    """
 
     overhang: float = 0.013
+    """A ball reaches no farther than this beyond a box or cylinder that it covers [m]."""
 
     capsule_overhang: float = 0.004
+    """Nor than this beyond a capsule, which few balls cover closely [m]."""
 
     most_cells: int = 36
     """Balls that cover one box, at most."""

@@ -122,7 +122,7 @@ class Chain:
         return Chain(constant, sine, cosine, linear, axes, origins, prismatic, X_LT, gravity)
 
     def place(self, q: Array) -> Placement:
-        """Forward kinematics of configurations `q`, (N, n) [rad or m]."""
+        """Place the links in configurations `q`, (N, n) [rad or m]."""
         angle = q[..., None, None]
         relative = self.constant + np.sin(angle) * self.sine + np.cos(angle) * self.cosine
         if self.prismatic.any():

@@ -16,7 +16,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """What stands for no distance, chosen by hand: far above any reach."""
 
     far: float = 1.0e3
     """Stands for a distance beyond reach [m]."""
@@ -148,7 +148,7 @@ class Clearance:
         Args:
             q: (N, n) configurations.
             around: the bodies then.
-            reach: distances above this are not told apart: they come out as `FAR` or as they are [m].
+            reach: distances above this are not told apart: they come out as `Tuning.far` or as they are [m].
             own: also the arm's distance to itself.
 
         Returns:
@@ -177,7 +177,7 @@ class Clearance:
     def own_distances(self, q: Array, reach: float) -> Array:
         """Return the smallest distance between the two parts of each of `group_pairs`, (N, G) [m].
 
-        `FAR` beyond reach.
+        `Tuning.far` beyond reach.
         """
         placement = self.chain.place(q)
         row, first, second, distance, _ = self._near_self(placement, self.centres(placement), reach)

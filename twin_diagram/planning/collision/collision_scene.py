@@ -23,7 +23,11 @@ from twin_diagram.signals.layouts import TRACK_SIZE, ObjectStatus
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """How objects go on and how large they are taken to be; chosen by hand.
+
+    `tests/planning_bench.py` shows their effect on an arm among things that move (touched, arrived), and
+    `sims/closed_loop.py --seeds 20` in the loop with perception.
+    """
 
     sigmas: float = 3.0
     """Objects grow by this many standard deviations of their position …"""
@@ -41,17 +45,20 @@ class Tuning:
     """Slower than this an object is taken to stand still [m/s]: so slow is the noise of tracking."""
 
     rest_spin: float = 0.15
-    """[rad/s]"""
+    """The same for turning [rad/s]."""
 
     samples: int = 256
+    """Configurations that tell which links never leave a fixture and which parts always touch: a share of one half is
+    met to 3 %."""
 
     own_contact: float = 0.01
+    """Parts of the arm nearer to each other than this count as touching [m]: `planner.Tuning.own_clearance`."""
 
 
 TUNING = Tuning()
 
 
-_ABSENT = (ObjectStatus.UNSEEN, ObjectStatus.HELD, ObjectStatus.GONE)
+_ABSENT = (ObjectStatus.UNSEEN, ObjectStatus.HELD, ObjectStatus.GONE)  # nothing stands there to keep clear of
 
 
 @dataclass(frozen=True)
@@ -77,10 +84,7 @@ class Scene:
         return len(self.clearance.bodies) - self.fixture_count
 
     def around(self, forecast: Forecast, times: Array, *, fixtures: bool = True) -> Surroundings:
-        """Return where the bodies are at `times` (N,) from the forecast's own time on [s].
-
-        The fixtures too, or absent.
-        """
+        """Return where the bodies are at `times` (N,) from the forecast's own time on [s]; fixtures too, or absent."""
         count = len(times)
         bodies = self.fixture_count + self.object_count
         X_WO = np.zeros((bodies, count, 4, 4))
@@ -153,7 +157,7 @@ class Forecast:
 
     @staticmethod
     def of_tracks(tracks: Array, age: float = 0.0) -> Forecast:
-        """From packed tracks (K · TRACK_SIZE), `age` seconds after their time.
+        """Read packed tracks (K · TRACK_SIZE), `age` seconds after their time.
 
         Objects never seen, held or gone are absent; so is one whose track is not finite.
         """
@@ -195,10 +199,7 @@ class Forecast:
 
 
 def travel(times: Array) -> Array:
-    """Return how many seconds' worth of its present velocity an object moves until each time [s].
-
-    Ever less in the end.
-    """
+    """Return how many seconds' worth of its present velocity an object moves until each time [s], ever less."""
     return np.minimum(times, TUNING.steady) + TUNING.fade * (
         1.0 - np.exp(-np.maximum(times - TUNING.steady, 0.0) / TUNING.fade)
     )
@@ -216,10 +217,7 @@ def _here(clearance: Clearance, count: int, present: npt.NDArray[np.bool_]) -> S
 
 
 def _never_leaving(clearance: Clearance, q: Array, fixture_count: int) -> npt.NDArray[np.bool_]:
-    """Return (n + 1, F): links whose distance to a fixture no joint changes.
-
-    Such as a shoulder that turns above its table.
-    """
+    """Return (n + 1, F): links whose distance to a fixture no joint changes: a shoulder that turns above its table."""
     n = clearance.chain.size
     result = np.zeros((n + 1, fixture_count), dtype=bool)
     result[0] = True

@@ -18,9 +18,10 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Bounds against division by zero, far below any length that matters."""
 
     tiny: float = 1e-12
+    """Lengths below this have no direction [m]: a picometre."""
 
 
 TUNING = Tuning()
@@ -52,7 +53,7 @@ class Box(Solid):
     p_GB: Array
 
     def distance(self, p_G: Array) -> tuple[Array, Array]:
-        """See `Solid`."""
+        """Return signed distances and gradients, see `Solid`."""
         p_B = (p_G - self.p_GB) @ self.R_GB
         excess = np.abs(p_B) - self.half
         outside = np.maximum(excess, 0.0)
@@ -68,7 +69,7 @@ class Box(Solid):
         return np.where(out, norm, depth), slope @ self.R_GB.T
 
     def lower_bound(self, p_G: Array) -> Array:
-        """See `Solid`."""
+        """Return bounds from below, see `Solid`."""
         p_B = (p_G - self.p_GB) @ self.R_GB
         outside = np.maximum(np.abs(p_B) - self.half, 0.0)
         return np.sqrt(np.einsum("mi,mi->m", outside, outside))
@@ -93,7 +94,7 @@ class Ball(Solid):
     size: float
 
     def distance(self, p_G: Array) -> tuple[Array, Array]:
-        """See `Solid`."""
+        """Return signed distances and gradients, see `Solid`."""
         offset = p_G - self.centre
         norm = np.linalg.norm(offset, axis=1)
         slope = np.where(
@@ -102,7 +103,7 @@ class Ball(Solid):
         return norm - self.size, slope
 
     def lower_bound(self, p_G: Array) -> Array:
-        """See `Solid`."""
+        """Return bounds from below, see `Solid`."""
         return np.linalg.norm(p_G - self.centre, axis=1) - self.size
 
     @property
@@ -121,7 +122,7 @@ class Drum(Solid):
     half: float
 
     def distance(self, p_G: Array) -> tuple[Array, Array]:
-        """See `Solid`."""
+        """Return signed distances and gradients, see `Solid`."""
         offset = p_G - self.centre
         height = offset @ self.axis
         across = offset - height[:, None] * self.axis
@@ -139,7 +140,7 @@ class Drum(Solid):
         return np.where(out, norm, np.maximum(beside, beyond)), slope
 
     def lower_bound(self, p_G: Array) -> Array:
-        """See `Solid`."""
+        """Return bounds from below, see `Solid`."""
         return np.linalg.norm(p_G - self.centre, axis=1) - self.ball[1]
 
     @property
@@ -211,7 +212,7 @@ class Polytope(Solid):
         self._box = bounding_box(self._points)
 
     def distance(self, p_G: Array) -> tuple[Array, Array]:
-        """See `Solid`."""
+        """Return signed distances and gradients, see `Solid`."""
         height = p_G @ self._normals.T + self._offsets
         top = height.argmax(axis=1)
         rows = np.arange(len(p_G))
@@ -245,7 +246,7 @@ class Polytope(Solid):
         return distance, slope
 
     def lower_bound(self, p_G: Array) -> Array:
-        """See `Solid`."""
+        """Return bounds from below, see `Solid`."""
         return self._box.lower_bound(p_G)
 
     @property

@@ -35,11 +35,13 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """How round and endless shapes become polytopes; chosen by hand."""
 
     sides: int = 24
+    """Sides of the prism around a cylinder: its corners stand out by 0.9 % of the radius."""
 
     half_space: float = 10.0
+    """Half the edge of the box that stands for a half space [m]: farther than any arm reaches."""
 
 
 TUNING = Tuning()

@@ -9,9 +9,7 @@ from twin_diagram.signals.arrays import Array
 
 
 def gravity_regressor(chain: Chain, q: Array) -> Array:
-    """Return what the motors give per unit of payload, (n, 4).
-
-    Mass [kg] and first moment m·c [kg·m] in the last link's frame.
+    """Return what the motors give per unit of payload, (n, 4): mass [kg], first moment m·c [kg·m] in the last link.
 
     A mass m at c pulls with m g at p = p_WL + R_WL c. Joint j with axis a through o must give −g · (a × m (p − o)), or
     −m g · a where it slides.

@@ -22,7 +22,11 @@ from twin_diagram.signals.layouts import NEVER, POSE_SIZE
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """How near, how fast and how soon; chosen by hand.
+
+    `tests/planning_bench.py` shows their effect on an arm among things that move (touched, arrived),
+    `sims/closed_loop.py --seeds 20` in the loop with perception.
+    """
 
     retry: int = 30
     """Ticks after which joint goals are drawn anew while no way to one is known."""
@@ -77,7 +81,7 @@ class Report:
     reanchored: bool
 
 
-class Planner:
+class MotionPlanner:
     """Plans an arm's motion in a scene. Holds constants alone: what changes is in `Memory`.
 
     Args:
@@ -114,7 +118,7 @@ class Planner:
         return replace(memory, trajectory=trajectory, stay=trajectory.q0.copy())
 
     def tick(self, memory: Memory, now: float, arm_state: Array, tracks: Array, goal: Array) -> tuple[Memory, Report]:
-        """Return one replanning.
+        """Plan anew.
 
         Args:
             memory: from the last tick.
@@ -202,7 +206,7 @@ class Planner:
         return memory, q - memory.offset, v, a, False
 
     def _stop(self, now: float, q: Array, v: Array) -> Trajectory:
-        """Comes to rest from a velocity, evenly within the horizon."""
+        """Come to rest from a velocity, evenly within the horizon."""
         knots, h = self.params.knots, self.params.step
         accelerations = np.zeros((knots, len(q)))
         count = max(2, int(np.ceil(np.abs(v / self.limits.acceleration).max() / h)) + 1)
@@ -214,9 +218,7 @@ class Planner:
     def _aim(
         self, memory: Memory, q0: Array, stop: Array, goal: Array, forecast: Forecast, rng: np.random.Generator
     ) -> Memory:
-        """Return the joint goals for the goal, found anew when it changes.
-
-        And now and then while no way is known to any.
+        """Find the joint goals for the goal, anew when it changes and now and then while no way is known to any.
 
         Args:
             memory: from the last tick.

@@ -14,7 +14,7 @@ from twin_diagram.signals.layouts import NEVER, POSE_SIZE
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """How much is remembered: the lengths of the system's state; chosen by hand."""
 
     goals: int = 8
     """Joint goals that are remembered."""
@@ -35,7 +35,7 @@ class Memory:
         offset: (n,) how far the command has to lead the position, as learnt at low speed [rad].
         goal: (7,) the goal that `goals` are for, all zero for none.
         stay: (n,) where to stay without a goal [rad].
-        goals: (G, n) joint goals, G <= GOALS.
+        goals: (G, n) joint goals, G <= `Tuning.goals`.
         route: the way ahead.
         tick: number of ticks.
         searched: tick at which the global planner was last asked in vain.
@@ -57,7 +57,7 @@ class Memory:
 
     @staticmethod
     def initial(q: Array, knots: int, step: float) -> Memory:
-        """Before the first tick, at rest at `q` (n,)."""
+        """Return the memory before the first tick, at rest at `q` (n,)."""
         n = len(q)
         trajectory = Trajectory.at_rest(NEVER, step, knots, q)
         return Memory(
@@ -72,7 +72,7 @@ class Memory:
         )
 
     def pack(self) -> Array:
-        """As a vector."""
+        """Return the memory as a vector."""
         t, n = self.trajectory, len(self.offset)
         goals, points = np.zeros((TUNING.goals, n)), np.zeros((TUNING.way_points, n))
         goals[: len(self.goals)] = self.goals

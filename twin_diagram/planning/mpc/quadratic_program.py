@@ -45,9 +45,13 @@ class QpSolution:
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Scaling of the objective, chosen by hand: with less, ProxQP stopped far from the optimum.
+
+    `tests/planning` compares its answers with an independent solver's.
+    """
 
     curvature: float = 0.1
+    """The objective is scaled so that its weakest curvature is this [1]."""
 
 
 TUNING = Tuning()
@@ -65,8 +69,8 @@ class ProxQp(QpSolver):
     """ProxQP's dense solver (Bambade et al., ProxQP: yet another quadratic programming solver, RSS 2022).
 
     It stops by absolute residuals, and by itself does not look at complementarity: with a weakly curved objective it
-    calls answers solved that are far off. So the objective is scaled to a curvature of at least `_CURVATURE`, and the
-    duality gap has to close.
+    calls answers solved that are far off. So the objective is scaled to a curvature of at least `Tuning.curvature`,
+    and the duality gap has to close.
 
     Args:
         tolerance: of the residuals, in the units of the constraints and of the scaled gradient.
@@ -80,7 +84,7 @@ class ProxQp(QpSolver):
         self._iterations = iterations
 
     def solve(self, program: QuadraticProgram) -> QpSolution:
-        """See `QpSolver`."""
+        """Solve one program, see `QpSolver`."""
         size = len(program.g)
         solver = self._proxqp.dense.QP(size, len(program.b), len(program.low), True)
         settings = solver.settings

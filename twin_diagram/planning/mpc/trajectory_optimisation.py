@@ -52,12 +52,15 @@ class OptimiserTuning:
     rows: int = 100
     """Most distances in one program, the smallest first."""
     iterations: int = 2
+    """Linearisations of the distances in one tick, at most: the next tick starts from this one's plan."""
     settled: float = 0.02
     """A step smaller than this needs no further iteration [rad]."""
+    worse: float = 1e-4
+    """A plan may lack this much more of the margins than the one before and be taken [m·s]: the solver's noise."""
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Optimum:
     """What the optimiser found.
 
     Attributes:
@@ -141,8 +144,8 @@ class Optimiser:
         around: Surroundings,
         margins: Array,
         fallback: Trajectory,
-    ) -> Outcome:
-        """Optimise one plan.
+    ) -> Optimum:
+        """Optimise one plan; M samples, B bodies.
 
         Args:
             start: the plan's first time [s].
@@ -150,7 +153,7 @@ class Optimiser:
             v0: (n,) velocity there, kept.
             a0: (n,) acceleration there, kept.
             guess: (M, n) positions at the samples, to linearise about.
-            guess_velocity: (M, n) velocities of the guess, whose excess over the limits is allowed.
+            guess_velocity: (M, n) of the guess; its excess over the limits is allowed.
             reference: (M, n) where to be at the samples [rad].
             around: the bodies at the samples.
             margins: (M, B + 1) distance to keep from each body, and of the arm from itself, at each sample [m].
@@ -159,55 +162,57 @@ class Optimiser:
         Returns:
             The better, by violation, of what was found and the fallback.
         """
-        t = self.tuning
         base = q0 + self.samples[:, None] * v0 + self._P0[:, None] * a0
         base_velocity = v0 + self._V0[:, None] * a0
-        best = fallback
-        present = guess
-        solved = True
-        contacts = self._clearance.contacts(present, around, t.reach, t.own_reach)
+        contacts = self._contacts(guess, around)
         kept = self._lacking(contacts, margins)
-        for iteration in range(t.iterations):
-            if iteration:
-                contacts = self._clearance.contacts(present, around, t.reach, t.own_reach)
+        inner, present, solved = None, guess, True
+        for iteration in range(self.tuning.iterations):
+            contacts = self._contacts(present, around) if iteration else contacts
             program = self._program(base, base_velocity, a0, present, guess_velocity, reference, contacts, margins)
             solution = self._solver.solve(program)
-            if not solution.solved:
-                solved = False
+            solved = solution.solved
+            if not solved:
                 break
-            accelerations = np.vstack([a0, solution.x[: self._free * self._n].reshape(self._free, self._n), 0.0 * a0])
-            best = Trajectory(start, self.step, q0, v0, accelerations)
-            moved = base + self._P @ accelerations[1:-1]
+            inner = solution.x[: self._free * self._n].reshape(self._free, self._n)
+            moved = base + self._P @ inner
             change, present = np.abs(moved - present).max(), moved
-            if change < t.settled:
+            if change < self.tuning.settled:
                 break
-        if best is fallback:
-            return Outcome(fallback, kept, solved)
-        found = self.assess(present, around, margins)
-        if found <= kept + 1e-4:
-            return Outcome(best, found, solved)
-        # The linearisation misled; half of the step is often good.
-        half = (present + guess) / 2
-        lacking = self.assess(half, around, margins)
-        if lacking < kept:
-            trajectory = self._fitted(start, q0, v0, a0, base, half)
-            if trajectory is not None:
-                return Outcome(trajectory, lacking, solved)
-        return Outcome(fallback, kept, solved)
+
+        violation = kept
+        if inner is not None:
+            violation = self.assess(present, around, margins)
+            if violation > kept + self.tuning.worse:
+                # The linearisation misled; half of the step is often good.
+                half = (present + guess) / 2
+                violation = self.assess(half, around, margins)
+                inner = self._fitted(v0, a0, base, half) if violation < kept else None
+        if inner is None:
+            return Optimum(fallback, kept, solved)
+        accelerations = np.vstack([a0, inner, 0.0 * a0])
+        return Optimum(Trajectory(start, self.step, q0, v0, accelerations), violation, solved)
+
+    def _contacts(self, q: Array, around: Surroundings) -> Contacts:
+        """Return what positions (M, n) at the samples come near to."""
+        return self._clearance.contacts(q, around, self.tuning.reach, self.tuning.own_reach)
 
     def assess(self, q: Array, around: Surroundings, margins: Array) -> float:
-        """Return what positions (M, n) at the samples lack of the margins; see `Outcome.violation`."""
+        """Return what positions (M, n) at the samples lack of the margins; see `Optimum.violation`."""
         distance = self._clearance.distances(q, around, float(margins.max()) + 1e-6)
         return float(self.fading @ np.maximum(margins - distance, 0.0).max(axis=1))
 
     def _lacking(self, contacts: Contacts, margins: Array) -> float:
-        """Return the same from contacts."""
+        """Return what contacts lack of the margins; see `Optimum.violation`."""
         lacking = np.zeros(len(self.samples))
         np.maximum.at(lacking, contacts.row, margins[contacts.row, contacts.body] - contacts.distance)
         return float(self.fading @ lacking)
 
-    def _fitted(self, start: float, q0: Array, v0: Array, a0: Array, base: Array, q: Array) -> Trajectory | None:
-        """Return the trajectory nearest to positions (M, n) that ends at rest, if it keeps the acceleration limits."""
+    def _fitted(self, v0: Array, a0: Array, base: Array, q: Array) -> Array | None:
+        """Return the free accelerations whose motion is nearest to positions (M, n) and ends at rest.
+
+        None where they do not keep the limits.
+        """
         rest = self._V[-1]
         k = self._free
         system = np.zeros((k + 1, k + 1))
@@ -217,7 +222,7 @@ class Optimiser:
         inner = np.linalg.solve(system, np.vstack([self._P.T @ (q - base), end]))[:k]
         if (np.abs(inner) > self.limits.acceleration + 1e-6).any():
             return None
-        return Trajectory(start, self.step, q0, v0, np.vstack([a0, inner, 0.0 * a0]))
+        return np.asarray(inner)
 
     def _program(
         self,

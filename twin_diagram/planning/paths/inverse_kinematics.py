@@ -16,14 +16,17 @@ class IkTuning:
     """How inverse kinematics searches."""
 
     starts: int = 96
+    """Searches, half of them near the present configuration."""
     iterations: int = 60
+    """Steps of each search; at `step` each, they cross any joint's range."""
     damping: float = 1e-3
+    """Added to J Jᵀ [m², rad²]: keeps steps finite where the arm is stretched out."""
     step: float = 0.4
     """Longest step of any joint per iteration [rad]."""
     position_tolerance: float = 1e-5
-    """[m]"""
+    """What a solution may be off by [m]: far below what an arm keeps."""
     rotation_tolerance: float = 1e-4
-    """[rad]"""
+    """The same for rotation [rad]."""
     distinct: float = 0.3
     """Solutions that differ by less than this in every joint are one [rad]."""
     limit_margin: float = 0.05

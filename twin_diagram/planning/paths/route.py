@@ -64,10 +64,11 @@ class RouteTuning:
     near_future: float = 0.8
     """A route that is blocked later than this is followed as far as it goes, for want of a better one [s]."""
     way_point_reached: float = 0.05
-    """[rad]"""
+    """A way point this near is passed [rad]: half a checked step."""
     way_point_near: float = 0.3
-    """[rad]"""
+    """From this near a way point is dropped where the way beyond is just free [rad]: the motion rounds corners off."""
     refuge_tries: int = 48
+    """Configurations that are tried as a refuge in one tick: as much time as a few checks of a route."""
 
 
 @dataclass(frozen=True)
@@ -97,10 +98,7 @@ class Situation:
     own: float
 
     def margins(self, goal: int | None = None, extra: float = 0.0, away: float = 0.0) -> Array:
-        """Return (B + 1,) distances to keep on the way to a goal.
-
-        Less of what stands still near it, but `away` more [m].
-        """
+        """Return (B + 1,) distances to keep on the way to a goal: less of what rests near it, `away` more [m]."""
         result = np.full(len(self.here), self.clearance + extra)
         if goal is not None:
             near = np.clip(self.at_goals[goal, :-1] - 0.003 + away, self.least, self.clearance + extra)
@@ -109,7 +107,7 @@ class Situation:
         return result
 
     def allowed(self, margins: Array, share: float = 1.0) -> Array:
-        """Margins for a check: what is not kept now cannot be asked of the way from here."""
+        """Loosen margins for a check: what is not kept now cannot be asked of the way from here."""
         return np.maximum(np.minimum(share * margins, self.here - 0.003), 0.003)
 
     def goal_of(self, route: Route) -> int | None:
@@ -162,7 +160,7 @@ class Router:
         return float((np.abs(np.diff(points, axis=0)) / self.speed).max(axis=1, initial=0.0).sum())
 
     def first_blocked(self, now: Situation, points: Array, margins: Array) -> float | None:
-        """When the way along `points` (W, n), from where the arm is, comes too near to something; None if never [s]."""
+        """Tell when the way from where the arm is along `points` (W, n) is blocked first [s]; None if never."""
         q, times = self.timed(np.vstack([now.q, points]))
         stay = np.arange(times[-1] + 0.4, self.tuning.horizon + 0.2, 0.4)
         q = np.vstack([q[1:], np.repeat(q[-1:], len(stay), axis=0)])
@@ -179,7 +177,7 @@ class Router:
         return self._free_at(now, ends, np.stack([arrival, np.maximum(arrival, self.tuning.horizon)], axis=1), margins)
 
     def decide(self, route: Route, now: Situation, rng: np.random.Generator, *, may_search: bool) -> tuple[Route, bool]:
-        """Return the route from here on.
+        """Choose the route from here on.
 
         Args:
             route: the present one.
@@ -252,7 +250,7 @@ class Router:
         return None if found is None else found[1:]
 
     def _aside(self, route: Route, now: Situation, margins: Array, rng: np.random.Generator) -> Route:
-        """Stays where that is safe, else goes where it is."""
+        """Stay where that is safe, else goes where it is."""
         n = len(now.q)
         if self.ends_free(now, now.q[None], margins)[0]:
             return Route.none(n)

@@ -27,6 +27,7 @@ class GuideTuning:
     extension: float = 0.8
     """Longest branch [rad]."""
     shortcuts: int = 16
+    """Straight lines that are tried between random points of a path found."""
     trials: int = 2
     """Searches, of which the shortest path is taken."""
     window: float = 1.2
@@ -46,7 +47,7 @@ class _Budget:
 
 
 def interpolate(start: Array, end: Array, resolution: float) -> Array:
-    """Evenly spaced configurations (M, n) after `start` up to and with `end`, at most `resolution` apart per joint."""
+    """Return evenly spaced configurations (M, n) after `start` through `end`, at most `resolution` apart per joint."""
     count = max(1, int(np.ceil(np.abs(end - start).max() / resolution - 1e-9)))
     return start + (np.arange(1, count + 1) / count)[:, None] * (end - start)
 
@@ -152,7 +153,7 @@ def _connect(
 def _grow(
     tree: _Tree, target: Array, budget: _Budget, weights: Array, tuning: GuideTuning, *, once: bool
 ) -> int | None:
-    """Grows a tree straight towards a target as far as is free; answers the new end, None where nothing grew."""
+    """Grow a tree straight towards a target as far as is free; answers the new end, None where nothing grew."""
     index = tree.nearest(target, weights)
     node = tree.nodes[index]
     way = target - node

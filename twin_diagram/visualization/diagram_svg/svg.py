@@ -29,7 +29,7 @@ MUTED: Final = "#9aa5b1"
 OTHERS: Final = "#616e7c"
 """Of blocks that are not in `COLOURS`, and of the legend."""
 COLOURS: Final = {
-    "Perception": "#0b7285",
+    "PerceptionSystem": "#0b7285",
     "IcpPoseEstimator": "#0b7285",
     "AdaptiveEkf": "#1864ab",
     "DriftMonitor": "#1864ab",

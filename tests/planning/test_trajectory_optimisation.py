@@ -1,0 +1,224 @@
+"""The optimiser's programs against sums over the motion itself, and what the planner takes into them."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from twin_diagram import scenario
+from twin_diagram.assets import Asset
+from twin_diagram.errors import ScenarioError
+from twin_diagram.planning.collision.clearance import Contacts
+from twin_diagram.planning.collision.collision_scene import Forecast, Scene, load_scene
+from twin_diagram.planning.mpc.planner import MotionPlanner
+from twin_diagram.planning.mpc.trajectory import Trajectory
+from twin_diagram.planning.mpc.trajectory_optimisation import Limits, Optimiser, OptimiserTuning
+from twin_diagram.planning.mpc_system import _check
+from twin_diagram.planning.paths import rrt_connect
+from twin_diagram.planning.paths.route import Aim, Route, Router, Situation
+from twin_diagram.scenario.resources import models_dir
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import ObjectStatus, Track
+
+HOME = np.array([0.55, 0.1, 0.0, -2.0, 0.0, 2.1, 1.33])
+KNOTS, STEP = 8, 0.15
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    library = {name: Asset.load(models_dir() / "objects" / name) for name in ("can", "mug")}
+    return load_scene(scenario.ArmModel(), [scenario.Fixture()], library)
+
+
+@pytest.fixture(scope="module")
+def optimiser(scene: Scene) -> Optimiser:
+    return Optimiser(scene.clearance, Limits(scene.lower, scene.upper, np.full(7, 1.5), np.full(7, 5.0)), KNOTS, STEP)
+
+
+def tracks(*places: tuple[float, float, float]) -> Array:
+    still = np.zeros(6), np.zeros((6, 6))
+    return np.concatenate(
+        [Track(ObjectStatus.TRACKED, 0.0, np.array([1.0, 0, 0, 0, *place]), *still).pack() for place in places]
+    )
+
+
+NEAR = tracks((0.5, 0.1, 0.35), (0.45, -0.2, 0.15))
+
+
+def test_contacts_are_all_that_is_within_reach(scene: Scene) -> None:
+    """Against the distances of everything, however far."""
+    q = HOME + 0.4 * np.random.default_rng(0).standard_normal((60, 7))
+    around = scene.around(Forecast.of_tracks(NEAR), np.zeros(len(q)))
+    every = scene.clearance.distances(q, around, 3.0)
+    for reach, own_reach in ((0.2, 0.05), (0.1, 0.15)):
+        contacts = scene.clearance.contacts(q, around, reach, own_reach)
+        nearest = np.full(every.shape, np.inf)
+        np.minimum.at(nearest, (contacts.row, contacts.body), contacts.distance)
+        within = every < np.append(np.full(every.shape[1] - 1, reach), own_reach)
+        assert within[:, :-1].any(axis=0).all() and within[:, -1].any()
+        assert np.array_equal(np.isfinite(nearest), within)
+        np.testing.assert_allclose(nearest[within], every[within], atol=1e-12)
+        again = scene.clearance.distances(q, around, reach)
+        np.testing.assert_allclose(again[every < reach], every[every < reach], atol=1e-12)
+        assert (again[every >= reach] >= reach).all()
+
+
+@pytest.mark.parametrize("influence", [0.1, 0.25])
+def test_the_planner_reacts_to_what_is_within_its_influence(
+    scene: Scene, influence: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each part of the arm that comes within `influence` of a body stands in a program, and no other."""
+    planner = MotionPlanner(scene, np.full(7, 2.0), scenario.Planner(influence=influence))
+    found: list[tuple[Contacts, Array]] = []
+    contacts = type(scene.clearance).contacts
+
+    def told(self, q, around, reach, own_reach):  # type: ignore[no-untyped-def]
+        found.append((contacts(self, q, around, reach, own_reach), q))
+        return found[-1][0]
+
+    monkeypatch.setattr(type(scene.clearance), "contacts", told)
+    state = np.concatenate([HOME, np.zeros(7)])
+    planner.tick(planner.initial(HOME), 0.0, state, NEAR, np.zeros(7))
+    near, q = found[0]
+    around = scene.around(Forecast.of_tracks(NEAR), planner.optimiser.samples)
+    every = scene.clearance.distances(q, around, 3.0)[:, :-1]
+    rows = {(int(r), int(b)) for r, b in zip(near.row, near.body, strict=True) if b < every.shape[1]}
+    assert rows == {(int(r), int(b)) for r, b in zip(*np.nonzero(every < influence), strict=True)}
+    assert near.distance.max() > 0.5 * influence  # half the reach would leave something out
+
+
+def test_the_objective_is_the_sum_over_the_motion(optimiser: Optimiser) -> None:
+    """Half the quadratic form plus the linear one, against tracking, proximity, accelerations, changes and slack."""
+    rng = np.random.default_rng(1)
+    t, m, n = OptimiserTuning(), len(optimiser.samples), 7
+    q0, v0, a0 = HOME, 0.3 * rng.standard_normal(n), rng.standard_normal(n)
+    reference, guess = HOME + 0.2 * rng.standard_normal((2, m, n))
+    none = Contacts(np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros(0), np.zeros((0, n)))
+    base = q0 + optimiser.samples[:, None] * v0 + optimiser._P0[:, None] * a0
+    program = optimiser._program(
+        base, v0 + optimiser._V0[:, None] * a0, a0, guess, np.zeros((m, n)), reference, none, np.zeros((m, 4))
+    )
+
+    def cost(x: Array) -> float:
+        inner, slack = x[: (KNOTS - 2) * n].reshape(-1, n), x[(KNOTS - 2) * n :]
+        accelerations = np.vstack([a0, inner, np.zeros(n)])
+        q = Trajectory(0.0, STEP, q0, v0, accelerations).at(optimiser.samples)[0]
+        weight = STEP / 2
+        late = np.exp(-optimiser.samples / (t.fade * optimiser.samples[-1])) * weight
+        return float(
+            weight * (t.tracking * np.sum((q - reference) ** 2) + t.proximity * np.sum((q - guess) ** 2)) / 2
+            + STEP * t.acceleration * np.sum(inner**2) / 2
+            + STEP * t.change * sum(np.sum((b - a) ** 2) for a, b in pairwise(accelerations)) / 2
+            + t.slack * late @ slack
+            + t.slack_square * late @ slack**2 / 2
+        )
+
+    points = rng.standard_normal((6, len(program.g)))
+    told = [x @ program.H @ x / 2 + program.g @ x for x in points]
+    expected = [cost(x) for x in points]
+    np.testing.assert_allclose(np.diff(told), np.diff(expected), rtol=1e-9)
+
+
+def test_the_constraints_are_those_of_the_motion(optimiser: Optimiser, scene: Scene) -> None:
+    """Rest at the end, limits at the knots, and distances linearised about the guess with a slack per sample."""
+    rng = np.random.default_rng(2)
+    m, n = len(optimiser.samples), 7
+    q0, v0, a0 = HOME, 0.2 * rng.standard_normal(n), rng.standard_normal(n)
+    guess = HOME + 0.05 * rng.standard_normal((m, n))
+    around = scene.around(Forecast.of_tracks(NEAR), optimiser.samples)
+    contacts = scene.clearance.contacts(guess, around, 0.2, 0.05)
+    margins = rng.uniform(0.02, 0.08, (m, len(scene.clearance.bodies) + 1))
+    base = q0 + optimiser.samples[:, None] * v0 + optimiser._P0[:, None] * a0
+    speed = v0 + optimiser._V0[:, None] * a0
+    program = optimiser._program(base, speed, a0, guess, np.zeros((m, n)), guess, contacts, margins)
+    x = rng.standard_normal(len(program.g))
+    motion = Trajectory(0.0, STEP, q0, v0, np.vstack([a0, x[: (KNOTS - 2) * n].reshape(-1, n), np.zeros(n)]))
+    slack = x[(KNOTS - 2) * n :]
+    q = motion.at(optimiser.samples)[0]
+    at_knots, end = motion.at(STEP * np.arange(1, KNOTS - 1))[1], motion.at(np.array([motion.end - 1e-9]))[1][0]
+    np.testing.assert_allclose(program.A @ x - program.b, end, atol=1e-6)
+
+    missing = contacts.distance - margins[contacts.row, contacts.body]
+    order = np.argsort(missing, kind="stable")[:100]
+    row = contacts.row[order]
+    linear = missing[order] + np.einsum("mn,mn->m", contacts.gradient[order], q[row] - guess[row]) + slack[row]
+    count = len(order)
+    assert count > 20
+    np.testing.assert_allclose((program.C @ x - program.low)[:count], linear, atol=1e-9)
+    assert (program.high[:count] == 1e20).all()
+    fast = slice(count, count + at_knots.size)
+    np.testing.assert_allclose((program.C @ x - program.low)[fast], (at_knots + 1.5).ravel(), atol=1e-9)
+    np.testing.assert_allclose((program.high - program.C @ x)[fast], (1.5 - at_knots).ravel(), atol=1e-9)
+    free = (KNOTS - 2) * n
+    assert (program.upper[:free] == 5.0).all() and (program.lower[:free] == -5.0).all()
+    assert (program.lower[free:] == 0.0).all()
+
+
+def test_a_plan_stops_within_the_limits_and_at_rest(scene: Scene) -> None:
+    planner = MotionPlanner(scene, np.full(7, 2.0), scenario.Planner())
+    for speed in (0.05, 0.5, 1.2):
+        v = speed * np.array([1.0, -0.5, 0.2, 0, 0, 0, 0])
+        stop = planner._stop(2.0, HOME, v)
+        q, speeds, _ = stop.at(np.array([2.0, stop.end - 1e-9]))
+        np.testing.assert_allclose(q[0], HOME)
+        np.testing.assert_allclose(speeds, [v, np.zeros(7)], atol=1e-9)
+        assert np.abs(stop.accelerations).max() <= planner.limits.acceleration[0] * (1 + 1e-9)
+        # No sooner than needed by more than two knots.
+        moving = np.flatnonzero(np.abs(stop.accelerations[:, 0]) > 0)
+        assert len(moving) <= max(2, np.ceil(speed / planner.limits.acceleration[0] / planner.params.step) + 1)
+
+
+@pytest.mark.parametrize(("influence", "fine"), [(0.0599, False), (0.0601, True)])
+def test_influence_is_asked_to_be_half_as_much_again_as_the_clearance(influence: float, fine: bool) -> None:
+    params = scenario.Planner(clearance=0.04, influence=influence)
+    if fine:
+        _check(params)
+    else:
+        with pytest.raises(ScenarioError, match="influence"):
+            _check(params)
+
+
+# Routes.
+
+
+def situation(scene: Scene, q: Array, here: Array, goals: Array, at_goals: Array) -> Situation:
+    still = np.ones(len(scene.clearance.bodies), dtype=bool)
+    still[-1] = False
+    return Situation(q, Forecast.of_tracks(NEAR), goals, here, at_goals, still, 0.04, 0.01, 0.012)
+
+
+def test_margins_give_way_near_a_goal_to_what_stands_still(scene: Scene) -> None:
+    here, at_goal = np.array([0.3, 0.02, 0.3, 0.3]), np.array([0.023, 0.005, 0.013, 0.2])
+    now = situation(scene, HOME, here, HOME[None], at_goal[None])
+    np.testing.assert_allclose(now.margins(), [0.04, 0.04, 0.04, 0.012])
+    np.testing.assert_allclose(now.margins(0, 0.02), [0.02, 0.01, 0.06, 0.012])
+    np.testing.assert_allclose(now.margins(0, 0.0, 0.01), [0.03, 0.012, 0.04, 0.012])
+    np.testing.assert_allclose(now.allowed(now.margins()), [0.04, 0.017, 0.04, 0.012])
+    np.testing.assert_allclose(now.allowed(now.margins(), 0.5), [0.02, 0.017, 0.02, 0.006])
+
+
+def test_routes_are_travelled_at_their_speed(scene: Scene) -> None:
+    speed = np.linspace(0.5, 1.1, 7)
+    router = Router(scene, speed)
+    rng = np.random.default_rng(0)
+    route = Route(Aim.GOAL, HOME + 0.4 * rng.standard_normal((3, 7)))
+    points = np.vstack([HOME, route.points])
+    took = [float((np.abs(b - a) / speed).max()) for a, b in pairwise(points)]
+    assert router.duration(HOME, route) == pytest.approx(sum(took))
+    times = np.linspace(0.0, sum(took) + 0.5, 400)
+    way = router.reference(HOME, route, times)
+    rate = np.abs(np.diff(way, axis=0)) / np.diff(times)[:, None] / speed
+    assert rate.max() < 1 + 1e-6 and np.median(rate.max(axis=1)[times[1:] < sum(took)]) > 1 - 1e-6
+    np.testing.assert_allclose(way[times >= sum(took)], np.broadcast_to(points[-1], way[times >= sum(took)].shape))
+    np.testing.assert_allclose(router.reference(HOME, route, np.cumsum(took)), route.points, atol=1e-9)
+
+
+def test_straight_lines_are_checked_as_densely_as_told() -> None:
+    line = rrt_connect.interpolate(np.zeros(2), np.array([0.5, -1.0]), 0.3)
+    np.testing.assert_allclose(line, np.arange(1, 5)[:, None] / 4 * [0.5, -1.0])
+    assert rrt_connect.length(np.array([[0, 0], [1, 2.0], [1, 5]]), np.array([1, 0.5])) == pytest.approx(1 + 1.5)
+    path = np.array([[0.0, 0], [0.3, 1], [0.6, 0], [1, 0]])
+    np.testing.assert_array_equal(rrt_connect.prune(path, lambda q: np.ones(len(q), dtype=bool), 0.1), path[[0, 3]])
+    np.testing.assert_array_equal(rrt_connect.prune(path, lambda q: np.zeros(len(q), dtype=bool), 0.1), path)

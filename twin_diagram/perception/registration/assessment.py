@@ -1,0 +1,61 @@
+"""How well a pose explains the image: counts of the model's points that fit, and shares of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin_diagram.perception.pinhole import TUNING as PINHOLE
+from twin_diagram.perception.registration.data_association import FINE, Poses, look
+from twin_diagram.perception.registration.frame import Frame
+from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.residuals import TUNING as RESIDUALS
+from twin_diagram.perception.registration.residuals import brightness, tukey
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class PoseFit:
+    """How well poses explain the image, (B,) each.
+
+    Attributes:
+        quality: share of the model points that should be seen, and are not hidden by something nearer, that fit in
+            place and colour.
+        likeness: the same with each point counted by how near its colour comes; tells poses apart that differ little.
+        visible_share: share of the points facing the camera that are not hidden.
+        points: how many fit.
+    """
+
+    quality: Array
+    likeness: Array
+    visible_share: Array
+    points: Array
+
+
+def assess(
+    model: ModelCloud, frame: Frame, poses: Poses, count: int, level: int = FINE, slack: float = 0.003
+) -> PoseFit:
+    """Compare poses with the image; a surface point is in place within `slack` [m] and three times the noise."""
+    looked = look(model, frame, poses, count, level)
+    sigma = np.hypot(PINHOLE.depth_noise * looked.z**2, RESIDUALS.model_noise)
+    tolerance = slack + 3.0 * sigma
+    in_place = looked.near & (np.abs(looked.distance) < tolerance) & (np.abs(looked.deeper) < 0.03)
+    hidden = looked.seen & ~in_place & (looked.deeper < 0)
+    behind = looked.seen & ~in_place & ~hidden
+    found, _, _ = frame.colour_at(looked.u, looked.v, level)
+    weight = looked.facing * in_place
+    gain = brightness(found, looked.colour, looked.n, weight)
+    difference = found - np.minimum(looked.colour * gain[..., None], 1.0)
+    # In proportion to the light, or else everything fits in the dark.
+    size = np.sqrt(np.einsum("bpi,bpi->bp", difference, difference)) / np.maximum(gain, 0.2)
+    fits = (weight * (size < RESIDUALS.colour_cut)).sum(axis=1)
+    whole = (looked.facing * looked.counted * (looked.facing > 0.1)).sum(axis=1)
+    open_ = (looked.facing * (in_place | behind)).sum(axis=1)
+    lost = (looked.facing * (hidden | looked.robot) * (looked.facing > 0.1)).sum(axis=1)
+    return PoseFit(
+        quality=fits / np.maximum(open_, 1e-9),
+        likeness=(weight * tukey(size, RESIDUALS.colour_cut)).sum(axis=1) / np.maximum(open_, 1e-9),
+        visible_share=open_ / np.maximum(np.where(open_ + lost > 0.3 * whole, open_ + lost, whole), 1e-9),
+        points=(in_place & (size < RESIDUALS.colour_cut)).sum(axis=1).astype(float),
+    )
