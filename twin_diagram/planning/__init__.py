@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING
 from twin_diagram import faces
 
 if TYPE_CHECKING:
-    from twin_diagram.planning.mpc.planner import Planner
+    from twin_diagram.planning.mpc.planner import MotionPlanner
     from twin_diagram.planning.mpc_system import Mpc
 
 __all__ = [
+    "MotionPlanner",
     "Mpc",
-    "Planner",
 ]
 
 __getattr__, __dir__ = faces.lazy_face(__name__)

@@ -24,6 +24,7 @@ from twin_diagram.estimation.ekf_system import AdaptiveEkf
 from twin_diagram.model.description import add_arm as description
 from twin_diagram.model.model import Model
 from twin_diagram.perception.registration.pose_system import IcpPoseEstimator
+from twin_diagram.perception.segmentation.segmentation_system import PerceptionSystem
 from twin_diagram.planning.mpc_system import Mpc
 from twin_diagram.scenario import poses
 from twin_diagram.scenario.resources import resolve
