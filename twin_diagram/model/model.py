@@ -30,7 +30,8 @@ from twin_diagram.model.description.add_arm import Arm, add_arm
 from twin_diagram.model.dynamics import elastic_gears, rigid_changes
 from twin_diagram.model.dynamics.onsets import epochs, shifted
 from twin_diagram.model.dynamics.torque_law import TorqueLaw
-from twin_diagram.model.effects import Effect, make
+from twin_diagram.model.effects import Effect, make, spec_of
+from twin_diagram.model.effects.timing import always, in_run
 from twin_diagram.model.rigid_body import from_plant
 from twin_diagram.model.rigid_body.arm_bodies import ArmBodies, DescribedLinks
 from twin_diagram.model.rigid_body.plant_calls import PlantCalls
@@ -70,7 +71,7 @@ class Model:
         added = tuple(effect for effect in effects if not effect.given)
         self.prismatic = arm.prismatic(plant)
         self.effects = tuple(effect.on_arm(self.prismatic) for effect in (*_given(arm), *added))
-        self.spec = replace(arm.spec, joints=list(arm.joints), effects=[effect.spec() for effect in added])
+        self.spec = replace(arm.spec, joints=list(arm.joints), effects=[spec_of(effect) for effect in added])
         joints = [plant.get_joint(index) for index in arm.joint_indices]
         actuators = [plant.get_joint_actuator(index) for index in arm.actuator_indices]
         self.lower = np.array([float(joint.position_lower_limits()[0]) for joint in joints])
@@ -83,9 +84,9 @@ class Model:
         links = DescribedLinks(plant, plant.get_body(arm.last_link).name())
         self.last_link = links.last_link
 
-        self.timed = any(effect.timed for effect in self.effects)
+        self.timed = any(effect.when.timed for effect in self.effects)
         self.present = tuple(
-            effect.always() if effect.timed else effect for effect in self.effects if effect.end is None
+            always(effect) if effect.when.timed else effect for effect in self.effects if effect.when.end is None
         )
         self._epochs: dict[tuple[bool, ...], Model] = {}
         self._runs: dict[str, Model] = {}
@@ -126,15 +127,15 @@ class Model:
         return Model(plant, arm, effects)
 
     def for_run(self, mark: str) -> Model:
-        """Return the model as it holds for one run: each effect as `Effect.in_run` says.
+        """Return the model as it holds for one run: each effect as `timing.in_run` says.
 
         Args:
             mark: `logs.fingerprint` of the run.
         """
-        if all(effect.log in ("", mark) for effect in self.effects):
+        if all(effect.when.log in ("", mark) for effect in self.effects):
             return self
         if mark not in self._runs:
-            here = (effect.in_run(mark) for effect in self.effects)
+            here = (in_run(effect, mark) for effect in self.effects)
             self._runs[mark] = self.with_effects([effect for effect in here if effect is not None])
         return self._runs[mark]
 
@@ -143,9 +144,9 @@ class Model:
 
         As it holds after these runs.
         """
-        if all(effect.log in ("", *marks) for effect in self.effects):
+        if all(effect.when.log in ("", *marks) for effect in self.effects):
             return self
-        here = (e if e.log in ("", *marks) else e.in_run("") for e in self.effects)
+        here = (e if e.when.log in ("", *marks) else in_run(e, "") for e in self.effects)
         return self.with_effects([effect for effect in here if effect is not None])
 
     def with_effects(self, effects: Iterable[Effect]) -> Model:
@@ -225,7 +226,7 @@ class Model:
         result = []
         for active, mask in epochs(self.effects, time):
             if active not in self._epochs:
-                kept = [effect.always() for effect, on in zip(self.effects, active, strict=True) if on]
+                kept = [always(effect) for effect, on in zip(self.effects, active, strict=True) if on]
                 self._epochs[active] = self.with_effects(kept)
             result.append((mask, self._epochs[active]))
         return result

@@ -20,6 +20,7 @@ from twin_diagram import scenario
 from twin_diagram.errors import ModelError
 from twin_diagram.model import effects
 from twin_diagram.model.description.add_arm import add_arm
+from twin_diagram.model.effects.parameter_vector import numeric_sensitivity, sensitivity, vector, with_vector
 from twin_diagram.model.effects.transmission import JointSpring
 from twin_diagram.model.model import Model
 from twin_diagram.scenario import EffectSpec
@@ -245,17 +246,17 @@ def test_sensitivity(name: str) -> None:
     q, v, a = rng.normal(size=(3, 30, 7))
     model = Model.load(scenario.ArmModel(model=ARM, tool_frame="", effects=[EFFECTS[name]]))
     effect, tau = model.effects[0], np.zeros_like(q)
-    numeric = effects.Effect.sensitivity(effect, model.bodies, q, v, a, tau)
-    np.testing.assert_allclose(effect.sensitivity(model.bodies, q, v, a, tau), numeric, atol=1e-6)
-    assert numeric.shape == (30, 7, len(effect.vector()))
-    np.testing.assert_array_equal(effect.with_vector(effect.vector()).vector(), effect.vector())
+    numeric = numeric_sensitivity(effect, model.bodies, q, v, a, tau)
+    np.testing.assert_allclose(sensitivity(effect, model.bodies, q, v, a, tau), numeric, atol=1e-6)
+    assert numeric.shape == (30, 7, len(vector(effect)))
+    np.testing.assert_array_equal(vector(with_vector(effect, vector(effect))), vector(effect))
 
 
 @pytest.mark.parametrize("name", EFFECTS)
 def test_spec_round_trip_and_sentence(name: str) -> None:
     effect = effects.make(EFFECTS[name])
-    again = effects.make(effect.spec())
-    assert again.spec() == effect.spec()
+    again = effects.make(effects.spec_of(effect))
+    assert effects.spec_of(again) == effects.spec_of(effect)
     assert len(effect.sentence()) > 10
     assert all(joint in effect.sentence() for joint in effect.joints)
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin_diagram.errors import ModelError
-from twin_diagram.model.effects import Effect, make
+from twin_diagram.model.effects import Effect, make, spec_of
 from twin_diagram.scenario import EffectSpec
 
 Values = dict[str, float]
@@ -54,7 +54,7 @@ def merged(present: Iterable[Effect], added: Iterable[EffectSpec]) -> list[Effec
         ModelError: more is taken away than there is.
     """
     kept = [effect for effect in present if effect.given]
-    specs = [effect.spec() for effect in present if not effect.given]
+    specs = [spec_of(effect) for effect in present if not effect.given]
     for addition in added:
         for piece in _pieces(addition):
             specs = _put_down(specs, piece) if _is_loss(piece) else _add(specs, piece)

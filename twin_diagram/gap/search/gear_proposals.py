@@ -19,8 +19,7 @@ from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.search.backlash_gaps import Knocks
 from twin_diagram.gap.search.evidence import Bench, Members
 from twin_diagram.gap.search.prior_costs import TUNING as PRIOR_COSTS
-from twin_diagram.model.effects import make
-from twin_diagram.model.effects.effect import REGISTRY, Effect
+from twin_diagram.model.effects import REGISTRY, Effect, make
 from twin_diagram.model.model import Model
 from twin_diagram.scenario import EffectSpec
 from twin_diagram.signals.arrays import Array

@@ -16,6 +16,7 @@ from typing import Any
 from pydrake.systems.framework import Context
 
 from twin_diagram.errors import TwinError
+from twin_diagram.model.effects import spec_of
 from twin_diagram.model.model import Model
 from twin_diagram.scenario import Healing
 from twin_diagram.twin.healing.gap_process import GapProcess, Outcome
@@ -223,7 +224,7 @@ class Healer:
             return
         try:
             found = Model.load(outcome.model, self._packages)
-            if [e.spec() for e in found.present] == [e.spec() for e in self.model.present]:
+            if [*map(spec_of, found.present)] == [*map(spec_of, self.model.present)]:
                 self._tell("model_kept", now, why="what was named is over")
                 return
             number = self._twin.add_model(found)

@@ -17,6 +17,7 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from twin_diagram.model.description.add_arm import Arm
 from twin_diagram.model.effects.effect import Effect
+from twin_diagram.model.effects.simulated.realisation import Realisation
 from twin_diagram.signals.arrays import Array
 
 
@@ -42,9 +43,9 @@ class Brakes:
         count: of them; one number of state each.
     """
 
-    def __init__(self, plant: MultibodyPlant, arm: Arm, effects: Sequence[Effect]) -> None:
-        """For a finalized plant."""
-        found = [(brake, effect) for effect in effects for brake in effect.marked_brakes()]
+    def __init__(self, plant: MultibodyPlant, arm: Arm, effects: Sequence[Realisation[Effect]]) -> None:
+        """Take them from a finalized plant in which the effects are realised."""
+        found = [(brake, each.effect) for each in effects for brake in each.marked_brakes()]
         self._brakes = [brake for brake, _ in found]
         self._effects = [effect for _, effect in found]
         self.count = len(found)
@@ -109,7 +110,7 @@ class Brakes:
         return self._bounded(held + TUNING.gamma * self._gain * (self._along @ state[self._velocity]), tau, time)
 
     def _on(self, time: float) -> Array:
-        return np.array([float(effect.active(np.array(time))) for effect in self._effects])
+        return np.array([float(effect.when.active(np.array(time))) for effect in self._effects])
 
     def _bounded(self, friction: Array, tau: Array, time: float) -> Array:
         on = self._on(time)
