@@ -14,10 +14,11 @@ from pydrake.common.yaml import yaml_dump_typed
 
 from twin_diagram.assets import shapes
 from twin_diagram.assets.description import AssetSpec, Solid, sdf, shell_inertia, solid_inertia
-from twin_diagram.assets.mesh import write_bytes, write_obj
+from twin_diagram.assets.mesh import write_obj
 from twin_diagram.assets.shapes import Patchwork
 from twin_diagram.assets.texture import patches
 from twin_diagram.errors import AssetError
+from twin_diagram.runtime import atomic_file
 
 
 def write_box(
@@ -91,7 +92,7 @@ def _write(folder: Path, spec: AssetSpec, patchwork: Patchwork) -> Path:
         com, inertia = shell_inertia(patchwork.mesh, spec.mass)
     else:
         com, inertia = np.zeros(3), solid_inertia(spec)
-    write_bytes(folder / "model.sdf", sdf(spec, com, inertia).encode())
+    atomic_file.write(folder / "model.sdf", sdf(spec, com, inertia).encode())
     # Last, because a folder with an `asset.yaml` counts as an asset.
-    write_bytes(folder / "asset.yaml", yaml_dump_typed(spec).encode())
+    atomic_file.write(folder / "asset.yaml", yaml_dump_typed(spec).encode())
     return folder

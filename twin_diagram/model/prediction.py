@@ -125,7 +125,7 @@ def twists(model: Model, smooth: Motion) -> tuple[Array, Array]:
     beyond = None
     if torque is not None:
         beyond = model.applied(torque, time) - model.law.joint_load(q, smooth.velocity, smooth.acceleration)
-    found = model.twist((q, smooth.velocity, smooth.acceleration), period, beyond)
+    found = model.law.twist((q, smooth.velocity, smooth.acceleration), period, beyond)
     return found.angle, found.rate
 
 

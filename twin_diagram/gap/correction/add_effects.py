@@ -24,6 +24,7 @@ from twin_diagram.gap.findings import Estimate, Finding, Moment
 from twin_diagram.gap.verdict.posterior import unit_of
 from twin_diagram.logs import Log, fingerprint
 from twin_diagram.model.effects import REGISTRY
+from twin_diagram.model.effects.timing import settled
 from twin_diagram.model.model import Model
 from twin_diagram.model.prediction import torque_residual_rms
 from twin_diagram.scenario import EffectSpec
@@ -102,10 +103,10 @@ def add(given: Model, logs: Sequence[Log], findings: Sequence[Finding], say: Say
         return _added(given, logs, marks, findings, say)
     except ModelError:
         # What began in an older run cannot become less; what was there ever since can.
-        settled = given.settled(marks)
-        if settled is given:
+        left = settled(given.effects, marks)
+        if left == list(given.effects):
             raise
-        return _added(settled, logs, marks, findings, say)
+        return _added(given.with_effects(left), logs, marks, findings, say)
 
 
 def _added(given: Model, logs: Sequence[Log], marks: Sequence[str], findings: Sequence[Finding], say: Say) -> Added:

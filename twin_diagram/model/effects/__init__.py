@@ -13,8 +13,8 @@ from twin_diagram.model.effects import (
     friction_stribeck_load,
     inertia,
     link_inertia,
+    ripple,
     sensing,
-    torque_ripple,
     transmission,
 )
 from twin_diagram.model.effects.effect import Effect
@@ -51,8 +51,8 @@ __all__ = [
     "realises",
     "register",
     "renewed",
+    "ripple",
     "sensing",
     "spec_of",
-    "torque_ripple",
     "transmission",
 ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Protocol, TypeVar
 
@@ -86,6 +86,12 @@ def in_run(effect: T_, mark: str) -> T_ | None:
     """Return an effect as it is in the run of a fingerprint (`Interval.in_run`); None: it is not there."""
     when = effect.when.in_run(mark)
     return None if when is None else effect if when is effect.when else at(effect, when)
+
+
+def settled(effects: Iterable[T_], marks: Collection[str]) -> list[T_]:
+    """Return effects as they are after all runs, without onsets and ends in others than those of some fingerprints."""
+    here = (each if each.when.log in ("", *marks) else in_run(each, "") for each in effects)
+    return [each for each in here if each is not None]
 
 
 def told(effect: T_, moments: Mapping[str, float]) -> T_:

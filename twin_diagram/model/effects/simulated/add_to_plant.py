@@ -31,6 +31,7 @@ from twin_diagram.model.effects.serialisation import effect_of, make
 from twin_diagram.model.effects.simulated.external_force import Push
 from twin_diagram.model.effects.simulated.motor_drive import Drive
 from twin_diagram.model.effects.simulated.realisation import realisations
+from twin_diagram.model.effects.stated import stated_effects
 from twin_diagram.scenario import EffectSpec
 from twin_diagram.signals.arrays import Array
 
@@ -63,7 +64,8 @@ def add_to_plant(
     Raises:
         ModelError: an effect starts or ends, and a plant cannot change it during a run.
     """
-    chosen = [*arm.given, *arm.spec.effects] if effects is None else effects
+    own: list[Effect | EffectSpec] = [*stated_effects(arm), *arm.spec.effects]
+    chosen = own if effects is None else effects
     each = [make(effect) if isinstance(effect, EffectSpec) else effect for effect in chosen]
     made = tuple(lessened(each, arm.prismatic(plant)))
     realised = realisations(made)

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from twin_diagram.model.effects.actuation import TorqueBias
+from twin_diagram.model.effects.ripple import TorqueRipple
 from twin_diagram.model.effects.simulated.realisation import Fitting, Realisation, realises
-from twin_diagram.model.effects.torque_ripple import TorqueRipple
 from twin_diagram.model.effects.transmission import JointSpring
 
 
