@@ -17,11 +17,12 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+from twin_diagram import atomic_file
 from twin_diagram.errors import TwinError
 from twin_diagram.runs.run import run_scenario
 from twin_diagram.runs.score import within
 from twin_diagram.runtime.native import require_egl
-from twin_diagram.scenario.file import load_scenario, save_scenario
+from twin_diagram.scenario.file import dump_scenario, load_scenario
 
 
 def main() -> int:
@@ -80,7 +81,7 @@ def _one(job: tuple[str, list[str], int, str]) -> dict[str, Any]:
         return dict(json.loads(done.read_text()))
     base = load_scenario(name, overrides)
     scenario = vary(base, seed, Path(folder) / "assets")
-    save_scenario(scenario, Path(folder) / "scenario.yaml")
+    atomic_file.write(Path(folder) / "scenario.yaml", dump_scenario(scenario))
     return run_scenario(scenario, out=Path(folder), pictures=False, quiet=True, say=lambda text: None)
 
 

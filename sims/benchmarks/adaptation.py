@@ -19,7 +19,7 @@ import matplotlib.pyplot as plt
 from filter_truth import Truth
 from hrt_bench.convergence import learn, measure, table
 
-from twin_diagram.runtime.atomic_file import write
+from twin_diagram.atomic_file import write
 from twin_diagram.scenario import Filter
 
 ADDED, AT = 2.0, 5.0

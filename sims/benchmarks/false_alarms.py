@@ -26,11 +26,11 @@ from filter_truth import JOINTS, Truth, told
 from hrt_tables import digest
 from scipy.stats import chi2
 
+from twin_diagram.atomic_file import write
 from twin_diagram.estimation.drift.alarm_events import events
 from twin_diagram.estimation.drift.monitor import Monitor
 from twin_diagram.estimation.filter.belief import Entry
 from twin_diagram.estimation.filter.ekf import Ekf
-from twin_diagram.runtime.atomic_file import write
 from twin_diagram.scenario import Drift, Filter
 
 RUN = 600.0

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from tests import gap_bench as bench
-from twin_diagram import cli
+from twin_diagram import atomic_file, cli
 from twin_diagram.errors import TwinError
 from twin_diagram.gap import workflow
 from twin_diagram.gap.naming import name
@@ -22,7 +22,6 @@ from twin_diagram.gap.workflow import Gap, run_gap
 from twin_diagram.logs import read_log, write_log
 from twin_diagram.model.effects import REGISTRY, Effect, ParameterKind, register
 from twin_diagram.model.model import Model
-from twin_diagram.runtime import atomic_file
 from twin_diagram.scenario import EffectSpec
 
 FRICTION = 3.0

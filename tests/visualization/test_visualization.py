@@ -20,8 +20,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource
 
-from twin_diagram import scenario
-from twin_diagram.runtime import atomic_file
+from twin_diagram import atomic_file, scenario
 from twin_diagram.scene.twin_scene import add_twin_scene
 from twin_diagram.signals.layouts import ObjectStatus
 from twin_diagram.visualization import meldis, plots

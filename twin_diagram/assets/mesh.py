@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram import atomic_file
 from twin_diagram.errors import AssetError
-from twin_diagram.runtime import atomic_file
 from twin_diagram.signals.arrays import Array
 
 Image = npt.NDArray[np.uint8]

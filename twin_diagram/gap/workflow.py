@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from twin_diagram import __version__
+from twin_diagram import __version__, atomic_file
 from twin_diagram.errors import LogError, ModelError, TwinError
 from twin_diagram.gap.correction.add_effects import add
 from twin_diagram.gap.correction.held_out_evidence import confirmed
@@ -35,7 +35,6 @@ from twin_diagram.gap.verdict.deciding import TUNING as DECIDING
 from twin_diagram.logs import Log, read_log, write_columns
 from twin_diagram.model.model import Model
 from twin_diagram.model.prediction import as_explained, load_model_for
-from twin_diagram.runtime import atomic_file
 
 Say = Callable[[str], None]
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from twin_diagram import atomic_file
 from twin_diagram.errors import LogError
 from twin_diagram.logs.measured_log import Log
-from twin_diagram.runtime import atomic_file
 from twin_diagram.signals.arrays import Array
 
 

@@ -27,7 +27,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand."""
 
     longest_step: float = 0.004
     """Samples farther apart than this are integrated in several steps [s]."""

@@ -13,6 +13,7 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
+from twin_diagram import atomic_file
 from twin_diagram import scenario as schema
 from twin_diagram.errors import TwinError
 from twin_diagram.estimation.filter.parameter_status import standings
@@ -20,7 +21,6 @@ from twin_diagram.logs import read_log
 from twin_diagram.runs.outputs import SCENARIO_FILE, Keeping, Looking, Mending, Say, check_room
 from twin_diagram.runs.score import alarms, summarize, table
 from twin_diagram.runs.trial import Trial, run_trial
-from twin_diagram.runtime import atomic_file
 from twin_diagram.runtime.progress import Progress
 from twin_diagram.scenario import Scenario
 from twin_diagram.scenario.file import load_scenario, override_scenario

@@ -28,6 +28,7 @@ PACKAGES: Final = MappingProxyType(
 """Debian's and Ubuntu's package by library; without those that every installation has (libc, libstdc++, libudev …)."""
 
 _LIBUSB: Final = "libusb-1.0.so.0"
+"""The library that `load_libusb` looks for."""
 _loaded: dict[str, ctypes.CDLL] = {}
 
 

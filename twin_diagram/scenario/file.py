@@ -19,7 +19,6 @@ import yaml
 from pydrake.common.yaml import yaml_load_typed
 
 from twin_diagram.errors import ScenarioError
-from twin_diagram.runtime import atomic_file
 from twin_diagram.scenario import Scenario
 from twin_diagram.scenario.resources import models_dir
 
@@ -27,6 +26,7 @@ _brief = reprlib.Repr()
 _brief.maxstring = _brief.maxother = _brief.maxlong = 60
 
 STATIONS = ("sim", "replay", "lcm")
+"""Values of `station`."""
 
 
 class _Loader(yaml.SafeLoader):
@@ -128,11 +128,6 @@ def dump_scenario(scenario: Scenario) -> str:
     return yaml.dump(
         _plain(scenario), Dumper=_Dumper, sort_keys=False, default_flow_style=None, allow_unicode=True, width=120
     )
-
-
-def save_scenario(scenario: Scenario, path: Path) -> None:
-    """Write the scenario as YAML, whole or not at all."""
-    atomic_file.write(path, dump_scenario(scenario))
 
 
 def copy_scenario(scenario: Scenario) -> Scenario:

@@ -68,12 +68,12 @@ def matrix(q: Array) -> Array:
 
 
 def difference(q_b: Array, q_a: Array) -> Array:
-    """φ with R_b = Exp(φ) R_a, (…, 3) [rad]."""
+    """Return φ with R_b = Exp(φ) R_a, (…, 3) [rad]."""
     return log(multiply(q_b, conjugate(q_a)))
 
 
 def fold_about_z(q_measured: Array, q_near: Array) -> Array:
-    """Turns a measured rotation about its own z axis until it is as near to another as can be.
+    """Turn a measured rotation about its own z axis until it is as near to another as can be.
 
     A body symmetric about its z axis looks the same after any such turn, so the turn says nothing: what stays is the
     tilt (swing) of the axis. With the axes opposed no turn is better than another and the measurement is returned.
@@ -86,3 +86,4 @@ def fold_about_z(q_measured: Array, q_near: Array) -> Array:
 
 
 _CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
+"""Signs of the inverse rotation."""

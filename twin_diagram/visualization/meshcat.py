@@ -11,7 +11,7 @@ import numpy as np
 from pydrake.geometry import Meshcat, MeshcatParams, MeshcatVisualizer, MeshcatVisualizerParams, Role
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
-from twin_diagram.runtime import atomic_file
+from twin_diagram import atomic_file
 
 FRAME_RATE: Final = 30.0
 """Frames per second, live and recorded."""

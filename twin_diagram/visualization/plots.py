@@ -17,8 +17,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from twin_diagram import atomic_file
 from twin_diagram.model.dynamics.onsets import stretches
-from twin_diagram.runtime import atomic_file
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import ObjectStatus

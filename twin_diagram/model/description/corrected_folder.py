@@ -9,11 +9,12 @@ from pathlib import Path
 
 from pydrake.common.yaml import yaml_dump_typed
 
+from twin_diagram import atomic_file
 from twin_diagram.model.description.add_arm import EFFECTS_FILE
-from twin_diagram.runtime import atomic_file
 from twin_diagram.scenario import ArmModel
 
 _RELATIVE_FILE = re.compile(rb"""(<uri>|filename\s*=\s*["']|\bfile\s*=\s*["'])\s*([^"'<>]+?)\s*(?=["'<])""")
+"""Of a URDF, SDF or MJCF: what stands before a file's name, and the name."""
 _FOLDER = re.compile(rb"""(\b(?:meshdir|texturedir|assetdir)\s*=\s*["'])\s*([^"']+?)\s*(?=["'])""")
 """Of an MJCF's meshes and pictures, which its files are looked up in."""
 

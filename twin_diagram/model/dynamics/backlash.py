@@ -19,7 +19,7 @@ Rows = list[list[list[float]]]
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand."""
 
     longest_step: float = 0.001
     """Samples farther apart than this are integrated in several steps where there is play [s]."""

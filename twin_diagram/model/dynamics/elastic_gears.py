@@ -31,10 +31,10 @@ LinkLoad = Callable[[Array, Array, Array], Array]
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand: fewer passes or coarser steps would show in the tests of gears."""
 
     passes: int = 2
-    """Gravity at the twisted gear is worked out from the pass before."""
+    """Passes over a motion with play: gravity at the twisted gear is that of the pass before."""
 
     spring_passes: int = 3
     """Bound on Newton's passes over a motion of springs alone."""
@@ -49,7 +49,7 @@ class Tuning:
     """Step of the load's derivatives [rad], [rad/s]."""
 
     coarsest: float = 0.004
-    """Steps are no longer than this [s],"""
+    """Steps of springs alone are no longer than this [s],"""
 
     fine: float = 0.35
     """nor than this part of a swing [rad]."""

@@ -20,7 +20,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, from the time that calls take; results do not depend on them."""
 
     few: int = 24
     """Up to this many samples a call per sample into the plant is quicker than the vectorised tree."""

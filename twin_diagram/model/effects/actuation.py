@@ -17,7 +17,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand."""
 
     weak: float = 0.2
     """Below this gain, what the motor gives says too little of what is logged."""

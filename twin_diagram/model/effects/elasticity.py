@@ -27,7 +27,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, after what harmonic drives are known for; no measurement set them."""
 
     loss: float = 1e-3
     """Usual damping of an elastic gear over its stiffness [s]: 5 % of critical at 100 rad/s, as harmonic drives
@@ -58,7 +58,7 @@ class YieldingGear(Effect):
     folds: ClassVar[bool] = True
 
     def gears(self) -> dict[str, Gear]:
-        """By joint."""
+        """Return the gears by joint."""
         raise NotImplementedError
 
     def torque(self, bodies: ArmBodies, q: Array, v: Array, a: Array, tau: Array) -> Array:
@@ -67,7 +67,7 @@ class YieldingGear(Effect):
         return self.spread(bodies.joints, self.value("rotor_inertia")) * a
 
     def change(self, links: DescribedLinks) -> RigidChange:
-        """As the motors' rotors."""
+        """Return it as the motors' rotors."""
         del links
         return RigidChange(rotor=dict(zip(self.joints, self.value("rotor_inertia").tolist(), strict=True)))
 

@@ -23,7 +23,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module; the speed was chosen by hand, of the damping nothing depends on how large it is."""
 
     smooth_velocity: float = 0.005
     """Speed at which the smooth law of dry friction has reached three quarters of its level [rad/s]."""
@@ -58,7 +58,7 @@ class ViscousFriction(Effect):
         return self.spread(bodies.joints, self.value("damping")) * v
 
     def change(self, links: DescribedLinks) -> RigidChange:
-        """As dampers of the joints."""
+        """Return it as dampers of the joints."""
         del links
         return RigidChange(damping=dict(zip(self.joints, self.value("damping").tolist(), strict=True)))
 
@@ -94,7 +94,7 @@ class CoulombFriction(Effect):
             raise ModelError("effects.coulomb_friction: give `torque`, or `torque_positive` and `torque_negative`")
 
     def levels(self) -> tuple[Array, Array]:
-        """Against positive and against negative motion, one number per joint of the effect."""
+        """Return levels against positive and against negative motion, one number per joint of the effect."""
         if "torque" in self.parameters:
             return self.value("torque"), self.value("torque")
         return self.value("torque_positive"), self.value("torque_negative")

@@ -95,7 +95,7 @@ class ReflectedInertia(Effect):
         return self.spread(bodies.joints, self.value("inertia")) * a
 
     def change(self, links: DescribedLinks) -> RigidChange:
-        """As the motors' rotors."""
+        """Return it as the motors' rotors."""
         del links
         return RigidChange(rotor=dict(zip(self.joints, self.value("inertia").tolist(), strict=True)))
 

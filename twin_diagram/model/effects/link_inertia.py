@@ -107,7 +107,7 @@ class InertialParameters(Effect):
 
 
 def spatial_inertia(vector: Array, sign: float = 1.0) -> SpatialInertia:
-    """From ten inertial parameters about the body's origin; `sign` −1 takes the body away."""
+    """Return a body from ten inertial parameters about its origin; `sign` −1 takes the body away."""
     mass = float(vector[0])
     xx, yy, zz, xy, xz, yz = vector[4:] / mass if mass > 0.0 else np.zeros(6)
     centre: Any = vector[1:4] / mass if mass > 0.0 else np.zeros(3)

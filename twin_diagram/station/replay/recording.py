@@ -31,8 +31,8 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
+from twin_diagram import atomic_file
 from twin_diagram.errors import StationError
-from twin_diagram.runtime import atomic_file
 from twin_diagram.station import ports
 from twin_diagram.station.depth_units import depth_to_units
 from twin_diagram.station.ports import SENSOR_SIZE

@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any, Final
 
 import twin_diagram
+from twin_diagram import atomic_file
 from twin_diagram.logs import Log, write_log
 from twin_diagram.model.model import Model
-from twin_diagram.runtime import atomic_file
 
 REQUEST: Final = "request.json"
 """In the folder: what is asked, by the arguments of `run_gap`, and `nice`."""

@@ -12,7 +12,7 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextPath
 from pydrake.systems.framework import Diagram
 
-from twin_diagram.runtime import atomic_file
+from twin_diagram import atomic_file
 from twin_diagram.visualization.diagram_svg.columns import STATION
 from twin_diagram.visualization.diagram_svg.graph import TRUTH, Block, BlockGraph
 from twin_diagram.visualization.diagram_svg.heights import HEADER, ROW

@@ -38,10 +38,10 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand."""
 
     least: float = 1e-9
-    """Less than this is nothing [N·m]."""
+    """Friction below zero by less than this is rounding [N·m]."""
 
 
 TUNING = Tuning()

@@ -23,14 +23,16 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand within what the roots above allow."""
 
     beta: float = 0.7
+    """Share of the speed that is left which a step takes away; beyond 1 a joint would be thrown back."""
 
     gamma: float = 0.3
+    """Share of it that is carried on to the next step: less than `beta`, so that what holds a joint settles."""
 
     poses: int = 12
-    """Poses over which the least inertia is looked for."""
+    """Random poses over which the least inertia is looked for."""
 
 
 TUNING = Tuning()

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from twin_diagram.runtime import atomic_file
+from twin_diagram import atomic_file
 
 
 def tree(path: Path) -> dict[str, str]:
