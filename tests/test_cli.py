@@ -20,7 +20,8 @@ from twin_diagram import cli
 from twin_diagram.logs import read_log
 from twin_diagram.model.model import Model
 from twin_diagram.runs.score import table
-from twin_diagram.scenario.file import load_scenario, save_scenario
+from twin_diagram.runtime import atomic_file
+from twin_diagram.scenario.file import dump_scenario, load_scenario
 
 JOINTS = [f"panda_joint{k}" for k in range(1, 8)]
 HOME = np.array([0.6, 0.2, 0.0, -2.1, 0.0, 2.3, 1.4])
@@ -289,7 +290,7 @@ def test_replay_of_a_bare_log_whose_clock_starts_anywhere(tmp_path: Path, capfd:
 def recorded(tmp_path_factory: pytest.TempPathFactory, egl: None) -> tuple[Path, dict[str, Any]]:
     """A second of the loop, recorded by the command: scenario.yaml, recording/, log.csv and out/summary.json."""
     folder = tmp_path_factory.mktemp("recorded")
-    save_scenario(small_scenario(objects=("can",)), folder / "scenario.yaml")
+    atomic_file.write(folder / "scenario.yaml", dump_scenario(small_scenario(objects=("can",))))
     argv = [
         "run",
         str(folder / "scenario.yaml"),

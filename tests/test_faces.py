@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from twin_diagram import faces
+from twin_diagram.runtime import faces
 
 CHECKOUT = Path(__file__).resolve().parent.parent
 PACKAGES = sorted(

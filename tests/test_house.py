@@ -13,11 +13,10 @@ import pytest
 CHECKOUT = Path(__file__).resolve().parent.parent
 
 OWED: dict[str, int] = {
-    "files naming coulomb_friction": 4,
-    "class names of several modules": 2,
-    "functions over 60 lines": 4,
-    "constants without a reason": 38,
-    "docstrings without a verb first": 63,
+    "floors of rooms": 9,
+    "functions over 60 lines": 1,
+    "constants without a reason": 7,
+    "docstrings without a verb first": 37,
 }
 """Aims of `make house` not met yet: until they are, these rows must not get worse than this.
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from twin_diagram import faces as _faces
+from twin_diagram.runtime import faces as _faces
 from twin_diagram.runtime import native as _native
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from twin_diagram.gap import run_gap
     from twin_diagram.logs import Log, read_log, write_log
     from twin_diagram.model import Effect, Model, ParameterKind, register
-    from twin_diagram.perception import IcpPoseEstimator, Perception
+    from twin_diagram.perception import IcpPoseEstimator, PerceptionSystem
     from twin_diagram.planning import Mpc
     from twin_diagram.runs import replay_log, run_scenario
     from twin_diagram.scenario import Scenario, load_scenario, save_scenario
@@ -38,7 +38,7 @@ __all__ = [
     "Monitor",
     "Mpc",
     "ParameterKind",
-    "Perception",
+    "PerceptionSystem",
     "Scenario",
     "SceneGraphUpdater",
     "TwinError",

@@ -20,7 +20,8 @@ from twin_diagram.gap.naming import name
 from twin_diagram.gap.report.gap_json import one_per_name
 from twin_diagram.gap.workflow import run_gap
 from twin_diagram.logs import Log, fingerprint, write_log
-from twin_diagram.model.effects import make
+from twin_diagram.model.effects import make, spec_of
+from twin_diagram.model.effects.timing import in_run
 from twin_diagram.model.model import Model
 from twin_diagram.model.prediction import predict, torque_residual_rms
 from twin_diagram.scenario import EffectSpec
@@ -71,17 +72,17 @@ def test_what_ends_in_a_later_run_was_in_those_before(model: Model) -> None:
 def test_times_in_other_runs_are_said_in_the_effect() -> None:
     spec = replace(bench.dry(), onset=2.0, log="a", elsewhere={"b": math.inf, "c": 3.0})
     effect = make(spec)
-    assert effect.spec() == spec
-    here, before, within, later = (effect.in_run(mark) for mark in "abcd")
+    assert spec_of(effect) == spec
+    here, before, within, later = (in_run(effect, mark) for mark in "abcd")
     assert here is effect and before is None
-    assert within is not None and (within.onset, within.log) == (3.0, "c")
-    assert later is not None and not later.timed
+    assert within is not None and (within.when.onset, within.when.log) == (3.0, "c")
+    assert later is not None and not later.when.timed
     ending = make(replace(spec, onset=None, end=2.0))
-    before, within, later = (ending.in_run(mark) for mark in "bcd")
-    assert before is not None and not before.timed
-    assert within is not None and (within.onset, within.end) == (None, 3.0)
+    before, within, later = (in_run(ending, mark) for mark in "bcd")
+    assert before is not None and not before.when.timed
+    assert within is not None and (within.when.onset, within.when.end) == (None, 3.0)
     assert later is None
-    assert make(replace(spec, end=4.0)).in_run("d") is None  # a push is over
+    assert in_run(make(replace(spec, end=4.0)), "d") is None  # a push is over
     with pytest.raises(ModelError, match="not a number"):
         make(replace(spec, elsewhere={"b": math.nan}))
 

@@ -24,6 +24,7 @@ from twin_diagram.gap.workflow import Gap, run_gap
 from twin_diagram.logs import Log, read_log, write_log
 from twin_diagram.model.effects import REGISTRY, Effect, ParameterKind, register
 from twin_diagram.model.model import Model
+from twin_diagram.runtime import atomic_file
 from twin_diagram.scenario import EffectSpec
 
 FRICTION = 3.0
@@ -204,9 +205,9 @@ def test_a_folder_that_is_there_may_be_a_disk_of_its_own(
     (tmp_path / "disk").mkdir()
     (tmp_path / "out").symlink_to(tmp_path / "disk")
     staged: list[Path] = []
-    make = workflow.tempfile.mkdtemp
+    make = atomic_file.tempfile.mkdtemp
     monkeypatch.setattr(
-        workflow.tempfile, "mkdtemp", lambda **options: staged.append(options["dir"]) or make(**options)
+        atomic_file.tempfile, "mkdtemp", lambda **options: staged.append(options["dir"]) or make(**options)
     )
     run_gap(model, [fit], held, tmp_path / "out")
     assert tmp_path not in staged and tmp_path / "out" in staged

@@ -15,6 +15,8 @@ from twin_diagram import scenario
 from twin_diagram.errors import LogError, ModelError
 from twin_diagram.logs import Log, check
 from twin_diagram.model.description import add_arm as description
+from twin_diagram.model.effects import realisation, spec_of
+from twin_diagram.model.effects.parameter_vector import with_values
 from twin_diagram.model.model import Model
 from twin_diagram.scenario import ArmModel, EffectSpec, Pose
 from twin_diagram.scenario.resources import models_dir
@@ -116,7 +118,7 @@ def test_payload_equals_a_welded_body() -> None:
     model = Model.load(dataclasses.replace(PANDA, effects=[LOAD]))
     plant = MultibodyPlant(0.0)
     arm = description.add_arm(plant, model.spec)
-    model.effects[0].before_finalize(plant, arm)
+    realisation(model.effects[0]).before_finalize(plant, arm)
     plant.Finalize()
     q, v, a = motion(4, 20, 7)
     welded = Model(plant, arm, [])
@@ -265,7 +267,7 @@ def test_friction_that_the_description_states(tmp_path: Path) -> None:
     (tmp_path / "arm.xml").write_text(mjcf)
     model, other = Model.load(tmp_path / "arm.xml"), Mujoco(tmp_path / "arm.xml", ("shoulder", "elbow"))
     friction = EffectSpec("coulomb_friction", ["shoulder", "elbow"], [], {"torque": [0.2, 0.7]})
-    assert model.effects[0].spec() == friction
+    assert spec_of(model.effects[0]) == friction
     q, v, a = motion(10, 40, 2)
     v += np.sign(v)
     expected = other.inverse_dynamics(q, v, a) + np.sign(v) * [0.2, 0.7]  # the other engine leaves friction out here
@@ -273,23 +275,23 @@ def test_friction_that_the_description_states(tmp_path: Path) -> None:
     assert model.spec.effects == []
     model.save(tmp_path / "saved")
     again = Model.load(tmp_path / "saved")
-    assert [effect.spec() for effect in again.effects] == [effect.spec() for effect in model.effects]
-    assert model.with_effects([]).effects[0].spec() == friction
+    assert [spec_of(effect) for effect in again.effects] == [spec_of(effect) for effect in model.effects]
+    assert spec_of(model.with_effects([]).effects[0]) == friction
     assert len(model.with_effects(model.effects).effects) == 2
 
     text = chain(tmp_path).read_text().replace('damping="0.7"', 'damping="0.7" friction="1.5"')
     (tmp_path / "chain.urdf").write_text(text)
     (stated,) = Model.load(tmp_path / "chain.urdf").effects
-    assert stated.spec() == EffectSpec("coulomb_friction", ["shoulder"], [], {"torque": [1.5]})
+    assert spec_of(stated) == EffectSpec("coulomb_friction", ["shoulder"], [], {"torque": [1.5]})
     assert stated.given
     (tmp_path / "arm.sdf").write_text(SDF.replace("</xyz>", "</xyz><dynamics><friction>2.5</friction></dynamics>"))
     (stated,) = Model.load(tmp_path / "arm.sdf").effects
-    assert stated.spec() == EffectSpec("coulomb_friction", ["turn"], [], {"torque": [2.5]})
+    assert spec_of(stated) == EffectSpec("coulomb_friction", ["turn"], [], {"torque": [2.5]})
     undeclared = text.replace('effort="50"', 'effort="50" drake:acceleration="15.0"')
     (tmp_path / "chain.urdf").write_text(
         undeclared.replace('<link name="empty"/>', '<link name="empty"/><drake:note a="b:c"/>')
     )
-    assert Model.load(tmp_path / "chain.urdf").effects[0].spec() == EffectSpec(
+    assert spec_of(Model.load(tmp_path / "chain.urdf").effects[0]) == EffectSpec(
         "coulomb_friction", ["shoulder"], [], {"torque": [1.5]}
     )
     (tmp_path / "chain.urdf").write_text(text.replace('friction="1.5"', 'friction="much"'))
@@ -341,7 +343,7 @@ def test_mimicking_joints_have_no_motor(tmp_path: Path) -> None:
 def test_save_and_load(tmp_path: Path) -> None:
     spec = dataclasses.replace(PANDA, X_WB=Pose([0.1, 0.0, 0.2], [0.0, 0.0, 0.3]), effects=[ROTORS, LOAD, DAMPERS])
     model = Model.load(spec)
-    odd = model.with_effects([model.effects[1].with_values({"mass": [1.0 / 3.0], "com": [1e-17, 0.1, 2.0 / 7.0]})])
+    odd = model.with_effects([with_values(model.effects[1], {"mass": [1.0 / 3.0], "com": [1e-17, 0.1, 2.0 / 7.0]})])
     for each, folder in ((model, tmp_path / "corrected"), (odd, tmp_path / "deep" / "corrected")):
         each.save(folder)
         again = Model.load(folder)

@@ -21,7 +21,7 @@ from pydrake.systems.sensors import ImageDepth32F, ImageRgba8U
 from tests.synthetic_scene import Thing, picture, yawed
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
-from twin_diagram.assets.description import AssetSpec, Solid, sdf, solid_inertia
+from twin_diagram.assets.description import AssetSpec, CollisionShape, sdf, solid_inertia
 from twin_diagram.assets.mesh import Mesh, sample
 from twin_diagram.perception import IcpPoseEstimator, PerceptionSystem, Segments
 from twin_diagram.perception.pinhole import Pinhole
@@ -421,7 +421,7 @@ def scan_to_asset(file: Path, folder: Path) -> Path:
     cloud = sample(mesh, texture, 3000)
     folder.mkdir()
     np.savez(folder / "cloud.npz", points=cloud.points, normals=cloud.normals, colours=cloud.colours)
-    spec = AssetSpec(folder.name, "scan", size, 0.4, None, 0, solids=[Solid("box", size)])
+    spec = AssetSpec(folder.name, "scan", size, 0.4, None, 0, solids=[CollisionShape("box", size)])
     place = "<pose>{:.6f} {:.6f} {:.6f} 0 0 0</pose>".format(*-centre)
     model = sdf(spec, np.zeros(3), solid_inertia(spec)).replace(
         f"<geometry><mesh><uri>{spec.visual}</uri>", f"{place}<geometry><mesh><uri>{file}</uri>"

@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 
 from twin_diagram import scenario as schema
 from twin_diagram.errors import ScenarioError, TwinError
+from twin_diagram.runtime import atomic_file
 from twin_diagram.scenario import Scenario
 from twin_diagram.scenario.file import (
     copy_scenario,
@@ -26,7 +27,6 @@ from twin_diagram.scenario.file import (
     load_scenario,
     override_scenario,
     parse_scenario,
-    save_scenario,
 )
 from twin_diagram.scenario.resources import models_dir
 from twin_diagram.scenario.validation import NOT_NEGATIVE, POSITIVE, SHARE, check_twin
@@ -135,7 +135,7 @@ def test_one_of_everything_is_told_apart_from_the_defaults() -> None:
 def test_one_of_everything_round_trips(tmp_path: Path) -> None:
     scenario = parse_scenario(one_of_everything())
     file = tmp_path / "all.yaml"
-    save_scenario(scenario, file)
+    atomic_file.write(file, dump_scenario(scenario))
     assert load_scenario(file) == scenario
     assert [p.name for p in tmp_path.iterdir()] == ["all.yaml"]
 
@@ -145,7 +145,7 @@ def test_each_scenario_that_comes_along_round_trips_and_can_be_true(name: str, t
     scenario = load_scenario(name)
     check_twin(scenario.twin)
     file = tmp_path / "again.yaml"
-    save_scenario(scenario, file)
+    atomic_file.write(file, dump_scenario(scenario))
     assert load_scenario(file) == scenario
 
 
@@ -214,7 +214,7 @@ def test_text_stays_text_whatever_it_looks_like(text: str, tmp_path: Path) -> No
     scenario = Scenario(packages={text: text})
     scenario.twin.camera = None
     scenario.twin.arm.joints = [text]
-    save_scenario(scenario, tmp_path / "s.yaml")
+    atomic_file.write(tmp_path / "s.yaml", dump_scenario(scenario))
     assert load_scenario(tmp_path / "s.yaml") == scenario
 
 

@@ -18,6 +18,8 @@ from twin_diagram.estimation.dynamics.parameters import ParameterSet
 from twin_diagram.gap.candidates.records import sentence
 from twin_diagram.gap.candidates.wording import values_on_joints
 from twin_diagram.model.effects import REGISTRY, Effect, ParameterKind, add_to_plant, make
+from twin_diagram.model.effects.parameter_vector import with_values
+from twin_diagram.model.effects.serialisation import effect_of
 from twin_diagram.model.model import Model
 from twin_diagram.scenario import ArmModel, EffectSpec, Filter
 from twin_diagram.signals import units
@@ -173,8 +175,10 @@ def test_laws_hold_in_other_units(model: Model, name: str) -> None:
     rng = np.random.default_rng(3)
     one = {key: value[:1] for key, value in SHAPED[name].items()}
     effect = make(on_both(name, ("rail",), **one)).on_arm(model.prismatic)
-    other = effect.with_values(
-        {key: [x * scaled(effect.unit(key, "rail"), scale) for x in value] for key, value in one.items()}, check=False
+    other = with_values(
+        effect,
+        {key: [x * scaled(effect.unit(key, "rail"), scale) for x in value] for key, value in one.items()},
+        check=False,
     )
 
     def column(unit: str, size: float) -> tuple[Array, Array]:
@@ -266,7 +270,7 @@ def test_a_users_own_effect_follows(model: Model) -> None:
         def sentence(self) -> str:
             return f"drag of {values_on_joints(self, 'drag')}"
 
-    effect = Drag.from_spec(EffectSpec("quadratic_drag", ["rail", "shoulder"], [], {"drag": [2.0, 3.0]}))
+    effect = effect_of(Drag, EffectSpec("quadratic_drag", ["rail", "shoulder"], [], {"drag": [2.0, 3.0]}))
     assert sentence(effect.on_arm(model.prismatic)) == "drag of 2 N·s²/m² on rail, 3 N·m·s²/rad² on shoulder"
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from pydrake.common.yaml import yaml_load_typed
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from twin_diagram.assets.description import AssetSpec, Solid
+from twin_diagram.assets.description import AssetSpec, CollisionShape
 from twin_diagram.assets.mesh import Cloud, read_obj, read_png, sample
 from twin_diagram.errors import AssetError
 from twin_diagram.signals.arrays import Array
@@ -17,10 +17,10 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand."""
 
     cloud_points: int = 3000
-    """Points of an asset's cloud."""
+    """Points of an asset's cloud; registration thins it further."""
 
 
 TUNING = Tuning()
@@ -118,7 +118,7 @@ def _cloud(folder: Path, spec: AssetSpec) -> Cloud:
     return sample(read_obj(mesh), read_png(mesh.with_suffix(".png")), TUNING.cloud_points)
 
 
-def _vertices(solid: Solid, where: Path) -> Array:
+def _vertices(solid: CollisionShape, where: Path) -> Array:
     """Return vertices (m, 3) in O of a solid's convex hull; a cylinder becomes the prism of 16 sides around it."""
     expected = {"box": 3, "cylinder": 2}.get(solid.kind)
     if expected is None or len(solid.size) != expected or not (np.array(solid.size) > 0).all():

@@ -12,7 +12,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand: small beside objects, large beside what contact penetrates."""
 
     foot: float = 0.002
     """Radius of the small spheres on which an object stands [m]."""
@@ -25,7 +25,7 @@ TUNING = Tuning()
 
 
 @dataclass
-class Solid:
+class CollisionShape:
     """One collision shape: a box (three edge lengths) or a cylinder about its z axis (radius, length)."""
 
     kind: str = "box"
@@ -48,7 +48,7 @@ class AssetSpec:
     """`z` where turning about that axis is not to be told apart."""
     texture_seed: int = 0
     visual: str = "visual.obj"
-    solids: list[Solid] = field(default_factory=list)
+    solids: list[CollisionShape] = field(default_factory=list)
 
 
 def solid_inertia(spec: AssetSpec) -> Array:
@@ -80,7 +80,7 @@ def shell_inertia(mesh: Mesh, mass: float) -> tuple[Array, Array]:
     return com, np.trace(second) * np.eye(3) - second
 
 
-def feet(solid: Solid) -> Array:
+def feet(solid: CollisionShape) -> Array:
     """Return centres (k, 3) of the spheres on which an object stands.
 
     Corners of a box, eight along each rim of a cylinder.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
@@ -12,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.errors import AssetError
+from twin_diagram.runtime import atomic_file
 from twin_diagram.signals.arrays import Array
 
 Image = npt.NDArray[np.uint8]
@@ -43,13 +43,6 @@ class Cloud:
     colours: Array
 
 
-def write_bytes(path: Path, content: bytes) -> None:
-    """Write a file under a temporary name and renames it, so that no reader ever sees half of it."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    temporary.write_bytes(content)
-    os.replace(temporary, path)
-
-
 def encode_png(rgb: Image) -> bytes:
     """PNG of an (h, w, 3) RGB image."""
     good, data = cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_PNG_COMPRESSION, 9])
@@ -74,15 +67,15 @@ def read_png(path: Path) -> Image:
 def write_obj(mesh: Mesh, path: Path, texture: Image) -> None:
     """Write `path` (OBJ), and beside it the material and the texture with the same stem."""
     stem = path.stem
-    write_bytes(path.with_suffix(".png"), encode_png(texture))
+    atomic_file.write(path.with_suffix(".png"), encode_png(texture))
     material = f"newmtl surface\nKa 1 1 1\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {stem}.png\n"
-    write_bytes(path.with_suffix(".mtl"), material.encode())
+    atomic_file.write(path.with_suffix(".mtl"), material.encode())
     lines = [f"mtllib {stem}.mtl", "usemtl surface"]
     lines += ["v {:.6g} {:.6g} {:.6g}".format(*row) for row in mesh.vertices]
     lines += ["vt {:.6g} {:.6g}".format(*row) for row in mesh.uv]
     lines += ["vn {:.5g} {:.5g} {:.5g}".format(*row) for row in mesh.normals]
     lines += ["f {0}/{0}/{0} {1}/{1}/{1} {2}/{2}/{2}".format(*row) for row in mesh.faces + 1]
-    write_bytes(path, ("\n".join(lines) + "\n").encode())
+    atomic_file.write(path, ("\n".join(lines) + "\n").encode())
 
 
 def read_obj(path: Path) -> Mesh:

@@ -13,11 +13,12 @@ import numpy as np
 from pydrake.common.yaml import yaml_dump_typed
 
 from twin_diagram.assets import shapes
-from twin_diagram.assets.description import AssetSpec, Solid, sdf, shell_inertia, solid_inertia
-from twin_diagram.assets.mesh import write_bytes, write_obj
+from twin_diagram.assets.description import AssetSpec, CollisionShape, sdf, shell_inertia, solid_inertia
+from twin_diagram.assets.mesh import write_obj
 from twin_diagram.assets.shapes import Patchwork
 from twin_diagram.assets.texture import patches
 from twin_diagram.errors import AssetError
+from twin_diagram.runtime import atomic_file
 
 
 def write_box(
@@ -29,7 +30,7 @@ def write_box(
         AssetError: a length or the mass is not positive.
     """
     _check(name, mass, *size)
-    spec = AssetSpec(name, "box", list(size), mass, None, texture_seed, solids=[Solid("box", list(size))])
+    spec = AssetSpec(name, "box", list(size), mass, None, texture_seed, solids=[CollisionShape("box", list(size))])
     return _write(Path(folder), spec, shapes.box(size))
 
 
@@ -39,7 +40,7 @@ def write_can(
     """Return a full can, declared symmetric about z; O at its centre. Returns the folder."""
     _check(name, mass, radius, height)
     size = [2 * radius, 2 * radius, height]
-    spec = AssetSpec(name, "can", size, mass, "z", texture_seed, solids=[Solid("cylinder", [radius, height])])
+    spec = AssetSpec(name, "can", size, mass, "z", texture_seed, solids=[CollisionShape("cylinder", [radius, height])])
     return _write(Path(folder), spec, shapes.can(radius, height))
 
 
@@ -50,9 +51,9 @@ def write_bottle(
     _check(name, mass, radius, height)
     body, top = 0.72 * height, 0.82 * height
     solids = [
-        Solid("cylinder", [radius, body], [0.0, 0.0, (body - height) / 2]),
-        Solid("cylinder", [0.92 * radius, top - body], [0.0, 0.0, (body + top - height) / 2]),
-        Solid("cylinder", [0.36 * radius, height - top], [0.0, 0.0, top / 2]),
+        CollisionShape("cylinder", [radius, body], [0.0, 0.0, (body - height) / 2]),
+        CollisionShape("cylinder", [0.92 * radius, top - body], [0.0, 0.0, (body + top - height) / 2]),
+        CollisionShape("cylinder", [0.36 * radius, height - top], [0.0, 0.0, top / 2]),
     ]
     spec = AssetSpec(name, "bottle", [2 * radius, 2 * radius, height], mass, None, texture_seed, solids=solids)
     return _write(Path(folder), spec, shapes.bottle(radius, height))
@@ -68,8 +69,8 @@ def write_mug(
     thick = 2 * shapes.TUNING.handle_tube
     depth, tall = reach - 0.9 * radius, 2 * (bow_z + shapes.TUNING.handle_tube)
     solids = [
-        Solid("cylinder", [radius, height]),
-        Solid("box", [depth, thick, tall], [0.9 * radius + depth / 2, 0.0, 0.0]),
+        CollisionShape("cylinder", [radius, height]),
+        CollisionShape("box", [depth, thick, tall], [0.9 * radius + depth / 2, 0.0, 0.0]),
     ]
     spec = AssetSpec(name, "mug", [2 * reach, 2 * radius, height], mass, None, texture_seed, solids=solids)
     return _write(Path(folder), spec, shapes.mug(radius, height))
@@ -91,7 +92,7 @@ def _write(folder: Path, spec: AssetSpec, patchwork: Patchwork) -> Path:
         com, inertia = shell_inertia(patchwork.mesh, spec.mass)
     else:
         com, inertia = np.zeros(3), solid_inertia(spec)
-    write_bytes(folder / "model.sdf", sdf(spec, com, inertia).encode())
+    atomic_file.write(folder / "model.sdf", sdf(spec, com, inertia).encode())
     # Last, because a folder with an `asset.yaml` counts as an asset.
-    write_bytes(folder / "asset.yaml", yaml_dump_typed(spec).encode())
+    atomic_file.write(folder / "asset.yaml", yaml_dump_typed(spec).encode())
     return folder

@@ -126,7 +126,7 @@ def bottle(radius: float, height: float) -> Patchwork:
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand, as mugs are."""
 
     mug_wall: float = 0.004
     """Thickness of a mug's wall [m]."""

@@ -37,7 +37,7 @@ PALETTE: Final[Array] = (
 
 
 def patches(points_O: Array, seed: int, patch: float = 0.025, colours: int = 5) -> Array:
-    """Colours of surface points.
+    """Return colours of surface points.
 
     Args:
         points_O: (M, 3) [m].

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from twin_diagram import faces
+from twin_diagram.runtime import faces
 
 if TYPE_CHECKING:
     from twin_diagram.gap.correction.add_effects import Added, add

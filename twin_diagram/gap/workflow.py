@@ -8,8 +8,6 @@ gap.verdict, gap.corrected, gap.answer      # what was found; a Model; the conte
 from __future__ import annotations
 
 import os
-import shutil
-import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -37,6 +35,7 @@ from twin_diagram.gap.verdict.deciding import TUNING as DECIDING
 from twin_diagram.logs import Log, read_log, write_columns
 from twin_diagram.model.model import Model
 from twin_diagram.model.prediction import as_explained, load_model_for
+from twin_diagram.runtime import atomic_file
 
 Say = Callable[[str], None]
 
@@ -196,45 +195,16 @@ def accepted(verdict: Verdict, shown: Shown, confirmed: Callable[[], bool] = lam
 
 
 def write(gap: Gap, out: Path, title: str) -> None:
-    """Write everything to a temporary folder beside `out`, or in it if it exists, and then move it into place."""
-    out = out.absolute()
+    """Write everything, whole or not at all; what else is in `out` stays."""
     try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        staging = _aside(out)
+        with atomic_file.folder(out, PARTS) as aside:
+            gap.corrected.save(aside / "model")
+            for experiment, file in gap.experiments:
+                write_columns(experiment.columns(), aside / file)
+            (aside / "gap.json").write_text(gap_json.text(gap.answer), encoding="utf-8")
+            (aside / "report.html").write_text(page.page(_subject(gap, title)), encoding="utf-8")
     except OSError as error:
-        raise TwinError(f"{out}: cannot be written: {error.strerror}") from error
-    try:
-        gap.corrected.save(staging / "model")
-        for experiment, file in gap.experiments:
-            write_columns(experiment.columns(), staging / file)
-        (staging / "gap.json").write_text(gap_json.text(gap.answer), encoding="utf-8")
-        (staging / "report.html").write_text(page.page(_subject(gap, title)), encoding="utf-8")
-        staging.chmod(0o755)
-        _move(staging, out)
-    except OSError as error:
-        raise TwinError(f"{out}: cannot be written: {error.strerror}") from error
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
-
-
-def _aside(out: Path) -> Path:
-    """Return a folder on the same disk as `out`, which may be a link or a mount of its own."""
-    return Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out if out.exists() else out.parent))
-
-
-def _move(staging: Path, out: Path) -> None:
-    if not out.exists():
-        os.replace(staging, out)
-        return
-    aside = _aside(out)
-    try:
-        for part in PARTS:
-            if (out / part).exists():
-                os.replace(out / part, aside / part)
-            if (staging / part).exists():
-                os.replace(staging / part, out / part)
-    finally:
-        shutil.rmtree(aside, ignore_errors=True)
+        raise TwinError(f"{out.absolute()}: cannot be written: {error.strerror}") from error
 
 
 def _subject(gap: Gap, title: str) -> Subject:

@@ -14,7 +14,7 @@ from twin_diagram.signals import units
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand, so that logs of arms as they are sold pass."""
 
     slowest: float = 0.25
     """Longest time between samples that a joint log can have and be of use [s]."""

@@ -15,16 +15,16 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand."""
 
     residual_cutoff: float = 10.0
-    """Torque residuals are looked at below this [Hz]."""
+    """Torque residuals are looked at below this [Hz]; what `gap.json` states is defined by it."""
 
     residual_cut: float = 0.3
-    """Left out at each end of a log, where filters settle [s]."""
+    """Left out at each end of a log, where filters settle: three periods of the cutoff [s]."""
 
     motion_cutoff: float = 25.0
-    """Positions are smoothed above this before they are differentiated [Hz]."""
+    """Positions are smoothed above this before they are differentiated: arms move slower, noise is white [Hz]."""
 
 
 TUNING = Tuning()
@@ -46,7 +46,7 @@ class Motion:
 
 
 def lowpass(signal: Array, rate: float, cutoff: float = TUNING.residual_cutoff) -> Array:
-    """4th-order Butterworth low-pass, forward and backward, so without phase.
+    """Filter by a 4th-order Butterworth low-pass, forward and backward, so without phase.
 
     Args:
         signal: (N, …) at a constant rate; a signal slower than twice the cutoff is answered as it is.
@@ -61,7 +61,7 @@ def lowpass(signal: Array, rate: float, cutoff: float = TUNING.residual_cutoff) 
 
 
 def smooth(signal: Array, rate: float, cutoff: float = TUNING.motion_cutoff) -> Array:
-    """As `lowpass`, but faithful to slopes and curvatures at the ends.
+    """Filter as `lowpass` does, but faithful to slopes and curvatures at the ends.
 
     A filter must be told what lies beyond the ends. Turning the signal about its last sample, as is usual, breaks its
     curvature there; this goes on along a cubic fitted to the last one and a half periods of the cutoff.

@@ -32,7 +32,7 @@ class Status:
 
 
 def read_panda(message: lcmt_panda_status) -> Status:
-    """Of a Franka arm; its torque is libfranka's tau_J: the joints' sensors behind the gears, positive along them."""
+    """Return a Franka arm's; its torque is libfranka's tau_J: joint sensors behind the gears, positive along them."""
     return Status(
         message.utime,
         np.array(message.joint_position),
@@ -43,7 +43,7 @@ def read_panda(message: lcmt_panda_status) -> Status:
 
 
 def read_iiwa(message: lcmt_iiwa_status) -> Status:
-    """Of a KUKA iiwa.
+    """Return a KUKA iiwa's.
 
     The Fast Robot Interface counts measured torques against the joint, and Drake's own simulated driver does alike.
     """

@@ -21,6 +21,7 @@ SYNC = b"\xed\xa1\xda\x01"
 """Each event begins with it."""
 
 _HEADER = struct.Struct(">4sqqII")
+"""Of an event: `SYNC`, its number, its time [µs], the lengths of its channel's name and of its data."""
 _FINGERPRINTS = {kind._get_packed_fingerprint(): (kind, read) for kind, read in READERS.items()}  # type: ignore[attr-defined]
 
 

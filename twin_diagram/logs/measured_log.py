@@ -87,7 +87,7 @@ class Log:
         return float(np.median(np.diff(self.time)))
 
     def columns(self) -> dict[str, Array]:
-        """By the names of the log format: `time`, then `<signal>.<joint>`."""
+        """Return its columns by the names of the log format: `time`, then `<signal>.<joint>`."""
         result = {"time": self.time}
         for signal, name in SIGNALS.items():
             values = getattr(self, name)

@@ -16,7 +16,7 @@ Index = npt.NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand."""
 
     back: int = 1_000_000_000
     """Messages overtake one another on a bus; a clock that goes back by more than this was set anew [ns]."""

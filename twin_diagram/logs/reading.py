@@ -20,17 +20,20 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand."""
 
     fewest: int = 10
-    """Samples that make a log."""
+    """Samples that make a log: a spline of fifth order and its ends need as many."""
 
 
 TUNING = Tuning()
 
 TORQUES = ("torque_measured", "torque_commanded")
+"""Signals of which a log needs one."""
 BAGS = (".mcap", ".db3", ".bag")
+"""Endings of ROS bags: ROS 2's two stores, and ROS 1."""
 LCM_LOGS = (".lcm", ".lcmlog", ".log")
+"""Endings of LCM logs; `lcm-logger` itself asks for none."""
 
 
 def read_log(path: str | Path) -> Log:

@@ -18,8 +18,11 @@ from twin_diagram.logs.message_stamps import in_order, seconds
 from twin_diagram.signals.arrays import Array
 
 JOINT_STATES = ("sensor_msgs/msg/JointState", "sensor_msgs/JointState")
+"""The type of joint states by ROS 2's name and by ROS 1's."""
 USUAL = "/joint_states"
+"""The topic by ROS's convention."""
 SIGNALS = ("position", "velocity", "effort")
+"""Fields of a joint state that hold a number per joint."""
 
 
 @dataclass

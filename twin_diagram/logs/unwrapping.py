@@ -16,7 +16,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand."""
 
     nearly: float = 0.1
     """A jump is a turn if it is this near to one [turns]; what else jumps is a fault of the log."""

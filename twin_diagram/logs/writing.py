@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
+import io
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import numpy as np
 
 from twin_diagram.errors import LogError
 from twin_diagram.logs.measured_log import Log
+from twin_diagram.runtime import atomic_file
 from twin_diagram.signals.arrays import Array
 
 
@@ -24,29 +24,23 @@ def write_log(log: Log, path: str | Path) -> None:
 
 
 def write_columns(columns: Mapping[str, Array], path: str | Path) -> None:
-    """Write columns of numbers (N,) under their names, to a temporary name first."""
+    """Write columns of numbers (N,) under their names, whole or not at all; raises as `write_log`."""
     path = Path(path)
     if path.suffix.lower() not in (".csv", ".npz"):
         raise LogError(f"{path}: is written as .csv or .npz")
     if path.is_dir():
         raise LogError(f"{path}: there is a folder of that name")
+    content = _npz(columns) if path.suffix.lower() == ".npz" else _csv(columns)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
+        atomic_file.write(path, content)
     except OSError as error:
         raise LogError(f"{path}: cannot be written: {error.strerror}") from error
-    temporary = Path(name)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            if path.suffix.lower() == ".npz":
-                np.savez(file, **{key: np.asarray(values) for key, values in columns.items()})  # type: ignore[arg-type]
-            else:
-                file.write(_csv(columns).encode())
-        temporary.chmod(0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
+
+
+def _npz(columns: Mapping[str, Array]) -> bytes:
+    buffer = io.BytesIO()
+    np.savez(buffer, **{key: np.asarray(values) for key, values in columns.items()})  # type: ignore[arg-type]
+    return buffer.getvalue()
 
 
 def _csv(columns: Mapping[str, Array]) -> str:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from twin_diagram import faces
+from twin_diagram.runtime import faces
 
 if TYPE_CHECKING:
-    from twin_diagram.model.effects.effect import Effect, register
+    from twin_diagram.model.effects.effect import Effect
     from twin_diagram.model.effects.parameter import Parameter, ParameterKind
+    from twin_diagram.model.effects.serialisation import register
     from twin_diagram.model.model import Model
     from twin_diagram.model.prediction import load_model_for, predict, torque_residual, torque_residual_rms
 

@@ -5,13 +5,13 @@ Simulator, filter, rollouts and gap workflow share it. The torque law reads
     logged torque = actuation⁻¹( M(q) a + C(q, v) v − g(q) + dampers + Σ effects.torque )
 
 with q the true positions behind the measured ones, and M with rotors and payloads. Effects that start or end, that wait
-(`time_delay`) or that remember (`joint_elasticity`, `backlash`) need to know of time: where samples are given with
-their times they count in full; where they are not, what is there to stay counts, nothing waits, and gears are rigid.
+(`TimeDelay`) or that remember (`YieldingGear`) need to know of time: where samples are given with their times they
+count in full; where they are not, what is there to stay counts, nothing waits, and gears are rigid.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -27,10 +27,12 @@ from twin_diagram.errors import ModelError
 from twin_diagram.logs.joint_limits import JointLimits
 from twin_diagram.model.description import corrected_folder
 from twin_diagram.model.description.add_arm import Arm, add_arm
-from twin_diagram.model.dynamics import elastic_gears, rigid_changes
+from twin_diagram.model.dynamics import rigid_changes
 from twin_diagram.model.dynamics.onsets import epochs, shifted
 from twin_diagram.model.dynamics.torque_law import TorqueLaw
-from twin_diagram.model.effects import Effect, make
+from twin_diagram.model.effects import Effect, make, spec_of
+from twin_diagram.model.effects.stated import stated_effects
+from twin_diagram.model.effects.timing import always, in_run
 from twin_diagram.model.rigid_body import from_plant
 from twin_diagram.model.rigid_body.arm_bodies import ArmBodies, DescribedLinks
 from twin_diagram.model.rigid_body.plant_calls import PlantCalls
@@ -69,8 +71,8 @@ class Model:
         self.joints = arm.joints
         added = tuple(effect for effect in effects if not effect.given)
         self.prismatic = arm.prismatic(plant)
-        self.effects = tuple(effect.on_arm(self.prismatic) for effect in (*_given(arm), *added))
-        self.spec = replace(arm.spec, joints=list(arm.joints), effects=[effect.spec() for effect in added])
+        self.effects = tuple(effect.on_arm(self.prismatic) for effect in (*stated_effects(arm), *added))
+        self.spec = replace(arm.spec, joints=list(arm.joints), effects=[spec_of(effect) for effect in added])
         joints = [plant.get_joint(index) for index in arm.joint_indices]
         actuators = [plant.get_joint_actuator(index) for index in arm.actuator_indices]
         self.lower = np.array([float(joint.position_lower_limits()[0]) for joint in joints])
@@ -83,9 +85,9 @@ class Model:
         links = DescribedLinks(plant, plant.get_body(arm.last_link).name())
         self.last_link = links.last_link
 
-        self.timed = any(effect.timed for effect in self.effects)
+        self.timed = any(effect.when.timed for effect in self.effects)
         self.present = tuple(
-            effect.always() if effect.timed else effect for effect in self.effects if effect.end is None
+            always(effect) if effect.when.timed else effect for effect in self.effects if effect.when.end is None
         )
         self._epochs: dict[tuple[bool, ...], Model] = {}
         self._runs: dict[str, Model] = {}
@@ -126,27 +128,17 @@ class Model:
         return Model(plant, arm, effects)
 
     def for_run(self, mark: str) -> Model:
-        """Return the model as it holds for one run: each effect as `Effect.in_run` says.
+        """Return the model as it holds for one run: each effect as `timing.in_run` says.
 
         Args:
             mark: `logs.fingerprint` of the run.
         """
-        if all(effect.log in ("", mark) for effect in self.effects):
+        if all(effect.when.log in ("", mark) for effect in self.effects):
             return self
         if mark not in self._runs:
-            here = (effect.in_run(mark) for effect in self.effects)
+            here = (in_run(effect, mark) for effect in self.effects)
             self._runs[mark] = self.with_effects([effect for effect in here if effect is not None])
         return self._runs[mark]
-
-    def settled(self, marks: Collection[str]) -> Model:
-        """Return the model without onsets and ends in runs other than those of some marks.
-
-        As it holds after these runs.
-        """
-        if all(effect.log in ("", *marks) for effect in self.effects):
-            return self
-        here = (e if e.log in ("", *marks) else e.in_run("") for e in self.effects)
-        return self.with_effects([effect for effect in here if effect is not None])
 
     def with_effects(self, effects: Iterable[Effect]) -> Model:
         """Return the same description with other effects; shares the plant, not the scratch.
@@ -208,24 +200,18 @@ class Model:
         if time is not None and len(law.yielding) and len(time) > 1:
             beyond = None if seen is None else self.applied(seen, time) - total
             period = (time[-1] - time[0]) / (len(time) - 1)
-            total = total + self.twist((q, v, a), period, beyond).torque
+            total = total + law.twist((q, v, a), period, beyond).torque
         if seen is not None and (law.dry or law.coupled) and q.ndim == 2:
             total = law.held(total, q, v, seen if time is None else self.applied(seen, time))
         total = law.logged(total, seen, time)
         return total if time is None else shifted(total, time, law.delay)
-
-    def twist(
-        self, motion: tuple[Array, Array, Array], period: float, beyond: Array | None = None
-    ) -> elastic_gears.Twist:
-        """Work out how the yielding gears twist; arguments as of `elastic_gears.twist`, at true positions."""
-        return elastic_gears.twist(self.tree, self.law.link_load, self.law.yielding, motion, period, beyond)
 
     def epochs(self, time: Array) -> list[tuple[npt.NDArray[np.bool_], Model]]:
         """Return which samples (N,) each model without onsets holds for."""
         result = []
         for active, mask in epochs(self.effects, time):
             if active not in self._epochs:
-                kept = [effect.always() for effect, on in zip(self.effects, active, strict=True) if on]
+                kept = [always(effect) for effect, on in zip(self.effects, active, strict=True) if on]
                 self._epochs[active] = self.with_effects(kept)
             result.append((mask, self._epochs[active]))
         return result
@@ -281,14 +267,3 @@ class Model:
     def tool_jacobian(self, q: Array) -> Array:
         """Return (6, n): angular [rad/s] over linear [m/s] velocity of the tool frame in W, per joint velocity."""
         return self.calls.tool_jacobian(self.true_position(q))
-
-    def arm_positions(self, q_plant: Array) -> Array:
-        """Return the arm's part (…, n) of plant positions (…, nq)."""
-        return np.asarray(q_plant)[..., self.position_index]
-
-
-def _given(arm: Arm) -> list[Effect]:
-    effects = [make(spec) for spec in arm.given]
-    for effect in effects:
-        effect.given = True
-    return effects

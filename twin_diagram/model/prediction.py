@@ -37,10 +37,10 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand: results do not depend on them."""
 
     starts_at_once: int = 4096
-    """Rollouts that run side by side."""
+    """Rollouts that run side by side: they share the work per step, but their arrays must stay in memory."""
 
 
 TUNING = Tuning()
@@ -125,7 +125,7 @@ def twists(model: Model, smooth: Motion) -> tuple[Array, Array]:
     beyond = None
     if torque is not None:
         beyond = model.applied(torque, time) - model.law.joint_load(q, smooth.velocity, smooth.acceleration)
-    found = model.twist((q, smooth.velocity, smooth.acceleration), period, beyond)
+    found = model.law.twist((q, smooth.velocity, smooth.acceleration), period, beyond)
     return found.angle, found.rate
 
 

@@ -20,14 +20,14 @@ from typing import Any
 
 import numpy as np
 
-from twin_diagram.model.dynamics.friction_impulses import Brake, Stop, solve
+from twin_diagram.model.dynamics.friction_impulses import DryFriction, Stop, solve
 from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand."""
 
     longest_step: float = 0.004
     """Samples farther apart than this are integrated in several steps [s]."""
@@ -105,20 +105,7 @@ def trajectory(
         time = None
     parts = max(1, int(np.ceil(period / TUNING.longest_step - 1e-9)))
     h = period / parts
-    s = len(model.law.yielding)
-    state = State(q, v.copy(), np.zeros((len(q), s)), np.zeros((len(q), s)), np.zeros((len(q), model.tree.n + s)))
-    if twist is not None:
-        state.e[:], state.rate[:] = twist
-    for rows, static in _groups(model, time, 0.0):
-        first = tau[0][rows] if arrived else static.applied(tau[0][rows])
-        group = state.rows(rows)
-        group.q = static.true_position(group.q)
-        begun = start(static, group, first, at_rest=twist is None)
-        if isinstance(rows, slice):
-            state = begun
-        else:
-            state.q = state.q.copy()
-            _put(state, rows, begun)
+    state = _begun(model, q, v, tau[0], time, twist, arrived)
     for k in range(len(tau) - 1):
         positions = np.empty_like(q)
         for part in range(parts):
@@ -135,6 +122,32 @@ def trajectory(
                 if last:
                     positions[rows] = static.measured_position(after.q)
         yield positions
+
+
+def _begun(
+    model: Model,
+    q: Array,
+    v: Array,
+    tau: Array,
+    time: Array | None,
+    twist: tuple[Array, Array] | None,
+    arrived: bool,
+) -> State:
+    """Return the state at the starts; arguments as of `trajectory`, `tau` (S, n) at the starts."""
+    s = len(model.law.yielding)
+    state = State(q, v.copy(), np.zeros((len(q), s)), np.zeros((len(q), s)), np.zeros((len(q), model.tree.n + s)))
+    if twist is not None:
+        state.e[:], state.rate[:] = twist
+    for rows, static in _groups(model, time, 0.0):
+        first = tau[rows] if arrived else static.applied(tau[rows])
+        group = state.rows(rows)
+        group.q = static.true_position(group.q)
+        begun = start(static, group, first, at_rest=twist is None)
+        if isinstance(rows, slice):
+            return begun
+        state.q = state.q.copy()
+        _put(state, rows, begun)
+    return state
 
 
 def _groups(model: Model, time: Array | None, later: float) -> list[tuple[Any, Model]]:
@@ -241,17 +254,17 @@ def _yielding_step(model: Model, state: State, tau: Array, h: float) -> State:
 
 def _brakes(
     model: Model, q: Array, v: Array, tau: Array, load: Array, h: float, size: int
-) -> tuple[Array, list[Brake]]:
+) -> tuple[Array, list[DryFriction]]:
     """Return dry friction of a step, and the loads without what of it they hold."""
     n = model.tree.n
     result = []
     if model.law.dry:
         forward, backward = model.law.friction_level(q, v, tau)
-        result = [Brake(np.eye(size)[j], h * forward[:, j], h * backward[:, j]) for j in range(n)]
+        result = [DryFriction(np.eye(size)[j], h * forward[:, j], h * backward[:, j]) for j in range(n)]
     for effect in model.law.coupled:
         level = np.full(len(q), h * float(effect.value("torque")[0]))
         direction = np.concatenate([effect.direction(model.bodies), np.zeros(size - n)])
-        result.append(Brake(direction, level, level))
+        result.append(DryFriction(direction, level, level))
         load = load - effect.dry_torque(model.bodies, v)
     return load, result
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from twin_diagram import faces
+from twin_diagram.runtime import faces
 
 if TYPE_CHECKING:
     from twin_diagram.planning.mpc.planner import MotionPlanner

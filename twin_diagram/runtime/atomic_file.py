@@ -1,13 +1,17 @@
-"""Files appear whole or not at all."""
+"""Files and folders appear whole or not at all: they are written aside, on the same disk, and then renamed."""
 
 from __future__ import annotations
 
 import os
+import shutil
+import tempfile
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 
 def write(path: str | Path, content: bytes | str) -> Path:
-    """Write a file under a temporary name beside it and renames it; makes the folder where there is none."""
+    """Write a file under a temporary name beside it and rename it; make the folder where there is none."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
@@ -17,3 +21,49 @@ def write(path: str | Path, content: bytes | str) -> Path:
     finally:
         temporary.unlink(missing_ok=True)
     return path
+
+
+@contextmanager
+def folder(path: str | Path, parts: Collection[str] = ()) -> Iterator[Path]:
+    """Yield an empty folder that takes the place of `path` at the end; an exception leaves `path` as it was.
+
+    Args:
+        path: may exist.
+        parts: files and folders that are replaced in a `path` that exists, all else in it stays; none: it goes as a
+            whole.
+    """
+    path = Path(path).absolute()
+    aside = make_aside(path, inside=bool(parts))
+    try:
+        yield aside
+        put_in_place(aside, path, parts)
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
+
+
+def make_aside(path: Path, *, inside: bool = False) -> Path:
+    """Make an empty folder beside an absolute `path`, or, where that may be a link or a disk of its own, inside it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    place = path if inside and path.exists() else path.parent
+    aside = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=place))
+    aside.chmod(0o755)
+    return aside
+
+
+def put_in_place(aside: Path, path: Path, parts: Collection[str] = ()) -> None:
+    """Give a folder that was made by `make_aside` its name; arguments as of `folder`."""
+    if not path.exists():
+        os.replace(aside, path)
+        return
+    old = make_aside(path, inside=bool(parts))
+    try:
+        for part in parts:
+            if (path / part).exists():
+                os.replace(path / part, old / part)
+            if (aside / part).exists():
+                os.replace(aside / part, path / part)
+        if not parts:
+            os.replace(path, old / path.name)
+            os.replace(aside, path)
+    finally:
+        shutil.rmtree(old, ignore_errors=True)

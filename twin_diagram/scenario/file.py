@@ -19,6 +19,7 @@ import yaml
 from pydrake.common.yaml import yaml_load_typed
 
 from twin_diagram.errors import ScenarioError
+from twin_diagram.runtime import atomic_file
 from twin_diagram.scenario import Scenario
 from twin_diagram.scenario.resources import models_dir
 
@@ -26,6 +27,7 @@ _brief = reprlib.Repr()
 _brief.maxstring = _brief.maxother = _brief.maxlong = 60
 
 STATIONS = ("sim", "replay", "lcm")
+"""Values of `station`."""
 
 
 class _Loader(yaml.SafeLoader):
@@ -130,10 +132,8 @@ def dump_scenario(scenario: Scenario) -> str:
 
 
 def save_scenario(scenario: Scenario, path: Path) -> None:
-    """Write the scenario as YAML, by a temporary name."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    temporary.write_text(dump_scenario(scenario))
-    temporary.replace(path)
+    """Write the scenario as YAML, whole or not at all."""
+    atomic_file.write(path, dump_scenario(scenario))
 
 
 def copy_scenario(scenario: Scenario) -> Scenario:

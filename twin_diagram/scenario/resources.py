@@ -9,7 +9,9 @@ from pathlib import Path
 from twin_diagram.errors import ModelError
 
 _INSTALLED = Path(__file__).parent.parent / "_models"
+"""Where a wheel has them."""
 _CHECKOUT = Path(__file__).parents[2] / "models"
+"""Where a checkout has them."""
 
 
 def models_dir() -> Path:
@@ -18,7 +20,7 @@ def models_dir() -> Path:
 
 
 def resolve(name: str, packages: Mapping[str, str | Path] | None = None) -> Path:
-    """Turns a model's name into an existing path.
+    """Turn a model's name into an existing path.
 
     Args:
         name: an absolute or relative path, ``package://PKG/rest`` with PKG in `packages` (or ``twin_diagram`` for the

@@ -51,6 +51,7 @@ POSITIVE: dict[type, tuple[str, ...]] = {
     SceneUpdater: ("rate", "stale_after", "lost_after"),
     Task: ("position_tolerance", "rotation_tolerance"),
 }
+"""Fields that must be above zero, by their dataclass."""
 NOT_NEGATIVE: dict[type, tuple[str, ...]] = {
     Camera: ("latency",),
     Filter: ("excitation", "torque_drift_std", "parameter_walk", "learning_rate", "history", "noise_time"),
@@ -73,6 +74,7 @@ NOT_NEGATIVE: dict[type, tuple[str, ...]] = {
     ),
     Task: ("start",),
 }
+"""Fields that may be zero, but not below."""
 SHARE: dict[type, tuple[str, ...]] = {
     Healing: ("held_out",),
     Planner: ("velocity_share",),

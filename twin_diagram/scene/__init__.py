@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from twin_diagram import faces
+from twin_diagram.runtime import faces
 
 if TYPE_CHECKING:
     from twin_diagram.scene.twin_scene import TwinScene, add_twin_scene

@@ -20,8 +20,11 @@ POSE_SIZE: Final = 7
 """A pose as (qw, qx, qy, qz, px, py, pz)."""
 
 MEASUREMENT_SIZE: Final = 1 + 1 + POSE_SIZE + 36
+"""A `PoseMeasurement`: quality, time, pose, covariance."""
 TRACK_SIZE: Final = 1 + 1 + POSE_SIZE + 6 + 36
+"""A `Track`: status, time, pose, velocity, covariance."""
 ALARM_SIZE: Final = 4
+"""An alarm as the drift monitor's port holds it."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,7 @@ class PoseMeasurement:
     covariance: Array
 
     def pack(self) -> Array:
-        """As a vector of `MEASUREMENT_SIZE`."""
+        """Return it as a vector of `MEASUREMENT_SIZE`."""
         return np.concatenate([[self.quality, self.time], self.pose, self.covariance.ravel()])
 
     @staticmethod
@@ -83,7 +86,7 @@ class Track:
     covariance: Array
 
     def pack(self) -> Array:
-        """As a vector of `TRACK_SIZE`."""
+        """Return it as a vector of `TRACK_SIZE`."""
         return np.concatenate([[float(self.status), self.last_seen], self.pose, self.velocity, self.covariance.ravel()])
 
     @staticmethod

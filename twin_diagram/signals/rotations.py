@@ -67,13 +67,28 @@ def matrix(q: Array) -> Array:
     return flat.reshape(*q.shape[:-1], 3, 3)
 
 
+def from_matrix(R: Array) -> Array:
+    """Return the unit quaternion, w >= 0, of one rotation matrix (3, 3): the dominant eigenvector of Bar-Itzhack's."""
+    K = np.array(
+        [
+            [R[0, 0] + R[1, 1] + R[2, 2], 0.0, 0.0, 0.0],
+            [R[2, 1] - R[1, 2], R[0, 0] - R[1, 1] - R[2, 2], 0.0, 0.0],
+            [R[0, 2] - R[2, 0], R[1, 0] + R[0, 1], R[1, 1] - R[0, 0] - R[2, 2], 0.0],
+            [R[1, 0] - R[0, 1], R[2, 0] + R[0, 2], R[2, 1] + R[1, 2], R[2, 2] - R[0, 0] - R[1, 1]],
+        ]
+    )
+    _, vectors = np.linalg.eigh(K)
+    q = vectors[:, -1]
+    return np.asarray(q if q[0] >= 0 else -q)
+
+
 def difference(q_b: Array, q_a: Array) -> Array:
-    """φ with R_b = Exp(φ) R_a, (…, 3) [rad]."""
+    """Return φ with R_b = Exp(φ) R_a, (…, 3) [rad]."""
     return log(multiply(q_b, conjugate(q_a)))
 
 
 def fold_about_z(q_measured: Array, q_near: Array) -> Array:
-    """Turns a measured rotation about its own z axis until it is as near to another as can be.
+    """Turn a measured rotation about its own z axis until it is as near to another as can be.
 
     A body symmetric about its z axis looks the same after any such turn, so the turn says nothing: what stays is the
     tilt (swing) of the axis. With the axes opposed no turn is better than another and the measurement is returned.
@@ -86,3 +101,4 @@ def fold_about_z(q_measured: Array, q_near: Array) -> Array:
 
 
 _CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
+"""Signs of the inverse rotation."""

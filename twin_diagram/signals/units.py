@@ -9,14 +9,22 @@ from __future__ import annotations
 import re
 
 TORQUE = "N·m"
+"""Of a revolute joint's effort."""
 ANGLE = "rad"
+"""Of its position."""
 SPEED = "rad/s"
+"""Of its velocity."""
 ACCELERATION = "rad/s²"
+"""Of its acceleration."""
 
 _RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
+"""From exponents to plain digits."""
 _RAISE = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+"""From plain digits to exponents."""
 _FACTOR = re.compile(r"([^\W\d_]+)(?:\^|\*\*)?(-?\d*)")
+"""A unit and its exponent."""
 _TURNING = {"rad": "m", "mrad": "mm"}
+"""What an angle's unit is on a prismatic joint."""
 
 
 def on_joint(unit: str, prismatic: bool = True) -> str:

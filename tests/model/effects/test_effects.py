@@ -21,6 +21,9 @@ from twin_diagram.errors import ModelError
 from twin_diagram.gap.candidates.records import sentence
 from twin_diagram.model import effects
 from twin_diagram.model.description.add_arm import add_arm
+from twin_diagram.model.effects.friction import CoulombFriction
+from twin_diagram.model.effects.parameter_vector import numeric_sensitivity, sensitivity, vector, with_vector
+from twin_diagram.model.effects.simulated.realisation import realisations
 from twin_diagram.model.effects.transmission import JointSpring
 from twin_diagram.model.model import Model
 from twin_diagram.scenario import EffectSpec
@@ -246,17 +249,17 @@ def test_sensitivity(name: str) -> None:
     q, v, a = rng.normal(size=(3, 30, 7))
     model = Model.load(scenario.ArmModel(model=ARM, tool_frame="", effects=[EFFECTS[name]]))
     effect, tau = model.effects[0], np.zeros_like(q)
-    numeric = effects.Effect.sensitivity(effect, model.bodies, q, v, a, tau)
-    np.testing.assert_allclose(effect.sensitivity(model.bodies, q, v, a, tau), numeric, atol=1e-6)
-    assert numeric.shape == (30, 7, len(effect.vector()))
-    np.testing.assert_array_equal(effect.with_vector(effect.vector()).vector(), effect.vector())
+    numeric = numeric_sensitivity(effect, model.bodies, q, v, a, tau)
+    np.testing.assert_allclose(sensitivity(effect, model.bodies, q, v, a, tau), numeric, atol=1e-6)
+    assert numeric.shape == (30, 7, len(vector(effect)))
+    np.testing.assert_array_equal(vector(with_vector(effect, vector(effect))), vector(effect))
 
 
 @pytest.mark.parametrize("name", EFFECTS)
 def test_spec_round_trip_and_sentence(name: str) -> None:
     effect = effects.make(EFFECTS[name])
-    again = effects.make(effect.spec())
-    assert again.spec() == effect.spec()
+    again = effects.make(effects.spec_of(effect))
+    assert effects.spec_of(again) == effects.spec_of(effect)
     assert len(sentence(effect)) > 10
     assert all(joint in sentence(effect) for joint in effect.joints)
 
@@ -326,6 +329,26 @@ def test_a_users_own_effect() -> None:
         assert not np.any(difference[:, 1:])
     finally:
         del effects.REGISTRY["quadratic_drag_of_a_test"]
+
+
+def test_a_class_is_realised_as_its_nearest_base_that_says_how() -> None:
+    class Sticky(CoulombFriction):
+        """Inherits the law and, in a plant, the actuators that hold the joint."""
+
+    class Pushed(effects.Effect):
+        """Has a realisation of its own."""
+
+    @effects.realises(Pushed)
+    class Push(effects.Realisation[Pushed]):
+        def fittings(self) -> list[effects.Fitting]:
+            return [effects.Fitting(f"{self.effect.joints[0]}_push", self.effect.joints[0], torque=1.0)]
+
+    sticky = effects.make(EFFECTS["coulomb_friction"])
+    inherited = Sticky(sticky.joints, (), sticky.parameters)
+    assert effects.realisation(inherited).fittings() == effects.realisation(sticky).fittings()
+    first, second = realisations([Pushed(["a"]), Pushed(["a"])])
+    assert isinstance(first, Push) and not effects.realisation(effects.Effect(["a"])).fittings()
+    assert [each.marked_fittings()[0].name for each in (first, second)] == ["a_push", "a_push_2"]
 
 
 def test_two_contexts_do_not_influence_each_other() -> None:

@@ -12,7 +12,7 @@ from twin_diagram.gap.candidates.merging import beside
 from twin_diagram.gap.candidates.records import EffectRecord, register
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.model.effects import Effect
-from twin_diagram.model.effects.torque_ripple import TorqueRipple
+from twin_diagram.model.effects.ripple import TorqueRipple
 from twin_diagram.signals.arrays import Array
 
 

@@ -23,6 +23,8 @@ from twin_diagram.gap.candidates.records import RECORDS
 from twin_diagram.gap.residuals.prepared_logs import Record
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.model.effects import REGISTRY, Effect
+from twin_diagram.model.effects.parameter_vector import with_values
+from twin_diagram.model.effects.serialisation import effect_of
 from twin_diagram.scenario import EffectSpec
 from twin_diagram.signals.arrays import Array
 
@@ -92,8 +94,8 @@ def _torque(terms: Terms, cls: type[Effect], j: int, record: Record, load: Array
     model = terms.records.model
     inside = [min(max(1.0, kind.lower), kind.upper) for kind in cls.kinds.values()]
     parameters = {key: [value] for key, value in zip(cls.kinds, inside, strict=True)}
-    effect = cls.from_spec(EffectSpec(cls.name, [model.joints[j]], [], parameters))
-    effect = effect.with_values({key: [value] for key, value in zip(cls.kinds, values, strict=True)}, check=False)
+    effect = effect_of(cls, EffectSpec(cls.name, [model.joints[j]], [], parameters))
+    effect = with_values(effect, {key: [value] for key, value in zip(cls.kinds, values, strict=True)}, check=False)
     return effect.torque(model.bodies, record.q, record.v, record.a, load)
 
 

@@ -26,6 +26,7 @@ from twin_diagram.gap.verdict.posterior import unit_of
 from twin_diagram.logs import Log, fingerprint
 from twin_diagram.logs.differentiation import Motion, motion
 from twin_diagram.model.effects import REGISTRY
+from twin_diagram.model.effects.timing import settled
 from twin_diagram.model.model import Model
 from twin_diagram.model.prediction import torque_residual_rms
 from twin_diagram.scenario import EffectSpec
@@ -106,10 +107,10 @@ def add(
         return _added(prepare(given, logs) if records is None else records, motions, findings, say)
     except ModelError:
         # What began in an older run cannot become less; what was there ever since can.
-        settled = given.settled(marks)
-        if settled is given:
+        left = settled(given.effects, marks)
+        if left == list(given.effects):
             raise
-        return _added(prepare(settled, logs), motions, findings, say)
+        return _added(prepare(given.with_effects(left), logs), motions, findings, say)
 
 
 def _added(records: Records, motions: Sequence[Motion], findings: Sequence[Finding], say: Say) -> Added:

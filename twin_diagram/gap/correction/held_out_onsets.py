@@ -16,6 +16,7 @@ from twin_diagram.logs import Log, fingerprint
 from twin_diagram.logs.differentiation import TUNING as DIFFERENTIATION
 from twin_diagram.logs.differentiation import Motion, inner, motion
 from twin_diagram.model.effects import Effect
+from twin_diagram.model.effects.timing import told
 from twin_diagram.model.model import Model
 from twin_diagram.model.prediction import torque_residual
 from twin_diagram.signals.arrays import Array
@@ -64,10 +65,10 @@ def with_held_onsets(corrected: Model, held: Log, noise_floor: Array) -> tuple[M
 def _groups(effects: tuple[Effect, ...], mark: str) -> list[list[int]]:
     """Return the indices of effects that start or end together in some other run."""
     timed = [
-        (effect.log, when, k)
+        (effect.when.log, when, k)
         for k, effect in enumerate(effects)
-        if effect.log not in ("", mark) and (effect.onset is None) != (effect.end is None)
-        for when in (effect.onset, effect.end)
+        if effect.when.log not in ("", mark) and (effect.when.onset is None) != (effect.when.end is None)
+        for when in (effect.when.onset, effect.when.end)
         if when is not None
     ]
     result: list[list[int]] = []
@@ -82,7 +83,7 @@ def _groups(effects: tuple[Effect, ...], mark: str) -> list[list[int]]:
 
 def _switched(model: Model, group: list[int], moments: dict[str, float]) -> Model:
     """Return the model with other times of a group of effects in some runs."""
-    changed = (e.told(moments) if k in group else e for k, e in enumerate(model.effects))
+    changed = (told(e, moments) if k in group else e for k, e in enumerate(model.effects))
     return model.with_effects(list(changed))
 
 

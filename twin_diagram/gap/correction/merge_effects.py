@@ -15,7 +15,7 @@ import numpy as np
 from twin_diagram.errors import ModelError
 from twin_diagram.gap.candidates.merging import TUNING as MERGING
 from twin_diagram.gap.candidates.records import record_of
-from twin_diagram.model.effects import Effect, make
+from twin_diagram.model.effects import Effect, make, spec_of
 from twin_diagram.scenario import EffectSpec
 
 
@@ -30,7 +30,7 @@ def merged(present: Iterable[Effect], added: Iterable[EffectSpec]) -> list[Effec
         ModelError: more is taken away than there is.
     """
     kept = [effect for effect in present if effect.given]
-    specs = [effect.spec() for effect in present if not effect.given]
+    specs = [spec_of(effect) for effect in present if not effect.given]
     for addition in added:
         for piece in _pieces(addition):
             left = _put_down(specs, piece)

@@ -23,7 +23,7 @@ from twin_diagram.gap.search.evidence import Members
 from twin_diagram.gap.search.normal_equations import increments
 from twin_diagram.gap.search.prior_costs import TUNING as PRIOR_COSTS
 from twin_diagram.gap.search.scoring import basis, score_candidate
-from twin_diagram.model.effects.torque_ripple import TorqueRipple
+from twin_diagram.model.effects.ripple import TorqueRipple
 from twin_diagram.signals.arrays import Array
 
 

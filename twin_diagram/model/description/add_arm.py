@@ -6,7 +6,7 @@ The model and every station add their arm with `add_arm`, so that both mean the 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -53,7 +53,7 @@ class Arm:
         base: the root link.
         last_link: the child link of the last arm joint that is no finger; payloads hang on it.
         tool_frame: the frame that the planner moves.
-        given: effects that the description itself states and Drake does not read.
+        stated: friction and springs that the description states and Drake does not read.
     """
 
     spec: scenario.ArmModel
@@ -67,7 +67,7 @@ class Arm:
     base: BodyIndex
     last_link: BodyIndex
     tool_frame: FrameIndex
-    given: tuple[scenario.EffectSpec, ...] = ()
+    stated: unparsed.StatedDynamics = field(default_factory=unparsed.StatedDynamics)
 
     def actuator(self, plant: MultibodyPlant, joint: str) -> JointActuator:
         """Return the motor of an arm joint."""
@@ -217,7 +217,7 @@ def add_arm(
         base=base.index(),
         last_link=last_link.index(),
         tool_frame=_tool_frame(plant, instances, spec, last_link),
-        given=tuple(unparsed.unread_effects(Path(spec.model), [joint.name() for joint in arm_joints])),
+        stated=unparsed.stated_dynamics(Path(spec.model), [joint.name() for joint in arm_joints]),
     )
 
 

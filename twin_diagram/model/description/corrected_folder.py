@@ -4,42 +4,27 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
-import tempfile
 from dataclasses import replace
 from pathlib import Path
 
 from pydrake.common.yaml import yaml_dump_typed
 
 from twin_diagram.model.description.add_arm import EFFECTS_FILE
+from twin_diagram.runtime import atomic_file
 from twin_diagram.scenario import ArmModel
 
 _RELATIVE_FILE = re.compile(rb"""(<uri>|filename\s*=\s*["']|\bfile\s*=\s*["'])\s*([^"'<>]+?)\s*(?=["'<])""")
+"""Of a URDF, SDF or MJCF: what stands before a file's name, and the name."""
 _FOLDER = re.compile(rb"""(\b(?:meshdir|texturedir|assetdir)\s*=\s*["'])\s*([^"']+?)\s*(?=["'])""")
 """Of an MJCF's meshes and pictures, which its files are looked up in."""
 
 
 def write(spec: ArmModel, folder: str | Path) -> None:
     """Write the description and `effects.yaml`; see `Model.save`."""
-    folder = Path(folder).absolute()
-    folder.parent.mkdir(parents=True, exist_ok=True)
     description = Path(spec.model)
-    saved = replace(spec, model=description.name)
-    staging = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
-    try:
-        (staging / description.name).write_bytes(_anchor_files(description))
-        yaml_dump_typed(saved, filename=str(staging / EFFECTS_FILE))
-        staging.chmod(0o755)
-        if folder.exists():
-            aside = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
-            os.replace(folder, aside / folder.name)
-            os.replace(staging, folder)
-            shutil.rmtree(aside)
-        else:
-            os.replace(staging, folder)
-    except BaseException:
-        shutil.rmtree(staging, ignore_errors=True)
-        raise
+    with atomic_file.folder(folder) as aside:
+        (aside / description.name).write_bytes(_anchor_files(description))
+        yaml_dump_typed(replace(spec, model=description.name), filename=str(aside / EFFECTS_FILE))
 
 
 def _anchor_files(description: Path) -> bytes:

@@ -10,18 +10,31 @@ import math
 import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from twin_diagram.errors import ModelError
-from twin_diagram.scenario import EffectSpec
 
 _PREFIX = re.compile(rb"(?<=[<\s/])(\w+):(?=\w[\w.-]*[\s=>/])")
 """`drake:` and its like in names of elements and attributes."""
 
 
-def unread_effects(path: Path, joints: Sequence[str]) -> list[EffectSpec]:
-    """Return the effects of an arm's joints that its description states.
+@dataclass(frozen=True)
+class StatedDynamics:
+    """What a description states of an arm's joints; those of which it states nothing are left out.
+
+    Attributes:
+        friction: level of dry friction per joint [N·m].
+        springs: stiffness [N·m/rad] and position at rest [rad] per joint.
+    """
+
+    friction: Mapping[str, float] = field(default_factory=dict)
+    springs: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+
+def stated_dynamics(path: Path, joints: Sequence[str]) -> StatedDynamics:
+    """Return the friction and springs of an arm's joints that its description states.
 
     Args:
         path: URDF, SDF or MJCF; others state none here.
@@ -32,7 +45,7 @@ def unread_effects(path: Path, joints: Sequence[str]) -> list[EffectSpec]:
     """
     suffix = path.suffix.lower()
     if suffix not in (".urdf", ".sdf", ".xml"):
-        return []
+        return StatedDynamics()
     root = _root(path)
     try:
         if suffix == ".xml":
@@ -41,17 +54,11 @@ def unread_effects(path: Path, joints: Sequence[str]) -> list[EffectSpec]:
             found = {name: (friction, 0.0, 0.0) for name, friction in _urdf_or_sdf(root)}
     except ValueError as error:
         raise ModelError(f"{path}: joint: {error}") from error
-    frictions = [(joint, found[joint][0]) for joint in joints if joint in found and found[joint][0] > 0.0]
-    springs = [(joint, *found[joint][1:]) for joint in joints if joint in found and found[joint][1] > 0.0]
-    result = []
-    if frictions:
-        names, levels = zip(*frictions, strict=True)
-        result.append(EffectSpec("coulomb_friction", list(names), [], {"torque": list(levels)}))
-    if springs:
-        names, stiffness, rest = zip(*springs, strict=True)
-        values = {"stiffness": list(stiffness), "rest_angle": list(rest)}
-        result.append(EffectSpec("joint_spring", list(names), [], values))
-    return result
+    own = {joint: found[joint] for joint in joints if joint in found}
+    return StatedDynamics(
+        {joint: friction for joint, (friction, _, _) in own.items() if friction > 0.0},
+        {joint: (stiffness, rest) for joint, (_, stiffness, rest) in own.items() if stiffness > 0.0},
+    )
 
 
 def armatures(path: Path) -> dict[str, float]:

@@ -5,7 +5,7 @@ Springs beside them swing in the same steps; springs alone are `elastic_gears`' 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from operator import mul
 from typing import Any
 
@@ -19,7 +19,7 @@ Rows = list[list[list[float]]]
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand."""
 
     longest_step: float = 0.001
     """Samples farther apart than this are integrated in several steps where there is play [s]."""
@@ -63,32 +63,15 @@ def play(
         angle, rate and acceleration, each (N, s).
     """
     samples, s = load.shape
-    hard = ~np.isfinite(stiffness)
-    if s == 1 and hard[0]:
+    if s == 1 and not np.isfinite(stiffness[0]):
         alone = play_alone(mass[:, 0, 0], load[:, 0], float(half[0]), period)
         return alone[0][:, None], alone[1][:, None], alone[2][:, None]
     parts = max(1, int(np.ceil(period / TUNING.longest_step - 1e-9)))
     h = period / parts
     shares = [(part + 0.5) / parts for part in range(parts)]
-    bounded = np.flatnonzero(hard).tolist()
-    springs = np.flatnonzero(~hard & (half == 0.0)).tolist()
-    both = np.flatnonzero(~hard & (half > 0.0)).tolist()
-    fastest = np.where(hard, 0.0, stiffness) / np.min(np.diagonal(mass, axis1=1, axis2=2), axis=0)
-    theta = np.where((half == 0.0) & (h * np.sqrt(fastest) < TUNING.followed), 0.5, 1.0)
-    tables: dict[int, tuple[Rows, Rows]] = {}
-
-    def table(pressing: int) -> tuple[Rows, Rows]:
-        """A⁻¹ M and h A⁻¹ per sample."""
-        chosen = [j in springs or bool(pressing >> j & 1) for j in range(s)]
-        firm = np.where(chosen, stiffness, 0.0)
-        inverse: Any = np.linalg.inv(mass + np.diag(h * theta * (loss + theta * h) * firm))
-        return (inverse @ mass).tolist(), (h * inverse).tolist()
-
-    K, gap, loads, new = np.where(hard, 0.0, stiffness).tolist(), half.tolist(), load.tolist(), theta.tolist()
-    slopes = None if slope is None else slope.tolist()
-    lossy = (np.where(hard, 0.0, stiffness) * (1.0 - theta) * (loss + theta * h)).tolist()
-    e = [-x / k - np.sign(x) * g if k else -np.sign(x) * g for x, k, g in zip(loads[0], K, gap, strict=True)]
-    v = [0.0] * s
+    gears = _Gears.of(mass, stiffness, half, loss, h)
+    loads, slopes = load.tolist(), None if slope is None else slope.tolist()
+    e, v = gears.at_rest(loads[0]), [0.0] * s
     if begin is not None:
         e, v = np.where(np.isnan(begin), [e, v], begin).tolist()
     angle, rate = [e], [v]
@@ -98,32 +81,96 @@ def play(
             if slopes is not None:
                 middle = [x + 0.5 * h * y for x, y in zip(e, v, strict=True)]
                 push = [x + sum(map(mul, row, middle)) for x, row in zip(push, slopes[k], strict=True)]
-            for j in springs:
-                push[j] += K[j] * e[j] + lossy[j] * v[j]
-            pressing = 0
-            for j in both:
-                ahead = e[j] + h * v[j]
-                if abs(ahead) > gap[j]:
-                    push[j] += K[j] * (e[j] - (gap[j] if ahead > 0.0 else -gap[j]))
-                    pressing |= 1 << j
-            if pressing not in tables:
-                tables[pressing] = table(pressing)
-            onward, driven = tables[pressing]
-            old = v
-            v = [
-                sum(map(mul, row, v)) - sum(map(mul, other, push))
-                for row, other in zip(onward[k], driven[k], strict=True)
-            ]
-            _keep_within(driven[k], v, [(j, (-gap[j] - e[j]) / h, (gap[j] - e[j]) / h) for j in bounded])
-            e = [x + h * (t * y + (1.0 - t) * z) for x, y, z, t in zip(e, v, old, new, strict=True)]
+            e, v = gears.step(k, push, e, v)
         angle.append(e)
         rate.append(v)
     rates = np.array(rate)
     return np.array(angle), rates, _between(np.diff(rates, axis=0) / period)
 
 
+@dataclass(frozen=True)
+class _Gears:
+    """What `play` knows of gears, in plain numbers.
+
+    Attributes:
+        mass: (N, s, s) of `play`.
+        h: the step [s].
+        springs, both, bounded: which gears have a spring alone, a spring behind play, play alone.
+        stiffness: per gear, zero where there is play alone.
+        gap: half of each.
+        theta: how far each step is implicit.
+        loss: (s,) of the springs.
+        lossy: what a gear's rate adds to its spring's push.
+        tables: steps' matrices per choice of gears with play that press against their springs.
+    """
+
+    mass: Array
+    h: float
+    springs: list[int]
+    both: list[int]
+    bounded: list[int]
+    stiffness: list[float]
+    gap: list[float]
+    theta: list[float]
+    loss: Array
+    lossy: list[float]
+    tables: dict[int, tuple[Rows, Rows]] = field(default_factory=dict)
+
+    @staticmethod
+    def of(mass: Array, stiffness: Array, half: Array, loss: Array, h: float) -> _Gears:
+        """Return them from the arguments of `play`."""
+        hard = ~np.isfinite(stiffness)
+        soft = np.where(hard, 0.0, stiffness)
+        fastest = soft / np.min(np.diagonal(mass, axis1=1, axis2=2), axis=0)
+        theta = np.where((half == 0.0) & (h * np.sqrt(fastest) < TUNING.followed), 0.5, 1.0)
+        return _Gears(
+            mass,
+            h,
+            springs=np.flatnonzero(~hard & (half == 0.0)).tolist(),
+            both=np.flatnonzero(~hard & (half > 0.0)).tolist(),
+            bounded=np.flatnonzero(hard).tolist(),
+            stiffness=soft.tolist(),
+            gap=half.tolist(),
+            theta=theta.tolist(),
+            loss=loss,
+            lossy=(soft * (1.0 - theta) * (loss + theta * h)).tolist(),
+        )
+
+    def at_rest(self, load: list[float]) -> list[float]:
+        """Return the angles to which a load has pushed them."""
+        each = zip(load, self.stiffness, self.gap, strict=True)
+        return [-x / k - np.sign(x) * g if k else -np.sign(x) * g for x, k, g in each]
+
+    def table(self, pressing: int) -> tuple[Rows, Rows]:
+        """Return A⁻¹ M and h A⁻¹ per sample; `pressing` has a bit per gear with play that presses."""
+        if pressing not in self.tables:
+            chosen = [j in self.springs or bool(pressing >> j & 1) for j in range(len(self.gap))]
+            firm, theta = np.where(chosen, self.stiffness, 0.0), np.array(self.theta)
+            inverse: Any = np.linalg.inv(self.mass + np.diag(self.h * theta * (self.loss + theta * self.h) * firm))
+            self.tables[pressing] = (inverse @ self.mass).tolist(), (self.h * inverse).tolist()
+        return self.tables[pressing]
+
+    def step(self, k: int, push: list[float], e: list[float], v: list[float]) -> tuple[list[float], list[float]]:
+        """Return angles and rates after a step before sample k, under a load `push`, which is overwritten."""
+        h, K, gap = self.h, self.stiffness, self.gap
+        for j in self.springs:
+            push[j] += K[j] * e[j] + self.lossy[j] * v[j]
+        pressing = 0
+        for j in self.both:
+            ahead = e[j] + h * v[j]
+            if abs(ahead) > gap[j]:
+                push[j] += K[j] * (e[j] - (gap[j] if ahead > 0.0 else -gap[j]))
+                pressing |= 1 << j
+        onward, driven = self.table(pressing)
+        new = [
+            sum(map(mul, row, v)) - sum(map(mul, other, push)) for row, other in zip(onward[k], driven[k], strict=True)
+        ]
+        _keep_within(driven[k], new, [(j, (-gap[j] - e[j]) / h, (gap[j] - e[j]) / h) for j in self.bounded])
+        return [x + h * (t * y + (1.0 - t) * z) for x, y, z, t in zip(e, new, v, self.theta, strict=True)], new
+
+
 def _between(steps: Array) -> Array:
-    """Means of the steps (N − 1, s) before and after each of N samples."""
+    """Return means of the steps (N − 1, s) before and after each of N samples."""
     whole = np.concatenate([steps[:1], steps, steps[-1:]])
     return np.asarray(0.5 * (whole[1:] + whole[:-1]))
 

@@ -31,12 +31,13 @@ LinkLoad = Callable[[Array, Array, Array], Array]
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand: fewer passes or coarser steps would show in the tests of gears."""
 
     passes: int = 2
-    """Gravity at the twisted gear is worked out from the pass before."""
+    """Passes over a motion with play: gravity at the twisted gear is that of the pass before."""
 
     spring_passes: int = 3
+    """Bound on Newton's passes over a motion of springs alone."""
 
     linearised: int = 2
     """Of them, those that work the load's derivatives out anew."""
@@ -48,7 +49,7 @@ class Tuning:
     """Step of the load's derivatives [rad], [rad/s]."""
 
     coarsest: float = 0.004
-    """Steps are no longer than this [s],"""
+    """Steps of springs alone are no longer than this [s],"""
 
     fine: float = 0.35
     """nor than this part of a swing [rad]."""
@@ -231,12 +232,7 @@ def _springs(
             M = tree.mass_matrix(twisted)
             M[:, range(tree.n), range(tree.n)] -= tree.rotor
             M = M[:, :, joints]
-            G, C = np.empty_like(M), np.empty_like(M)
-            for k in range(s):
-                more = np.zeros((len(q), s))
-                more[:, k] = TUNING.tiny
-                G[:, :, k] = (link(angle + more, rate, acceleration) - load) / TUNING.tiny
-                C[:, :, k] = (link(angle, rate + more, acceleration) - load) / TUNING.tiny
+            G, C = _derivatives(link, load, (angle, rate, acceleration), np.empty_like(M))
             whole = G[:, joints].copy(), C[:, joints].copy()
             whole[0][:, diagonal, diagonal] += stiffness
             whole[1][:, diagonal, diagonal] += loss * stiffness
@@ -254,6 +250,18 @@ def _springs(
         if np.linalg.norm(load - foreseen) < TUNING.settled * np.linalg.norm(load - rigid):
             break
     return Twist(angle, rate, load - rigid)
+
+
+def _derivatives(link: LinkLoad, load: Array, twist: tuple[Array, Array, Array], like: Array) -> tuple[Array, Array]:
+    """Return the links' load (N, n) differentiated by the gears' angles and rates (N, s), each as `like` (N, n, s)."""
+    angle, rate, acceleration = twist
+    G, C = np.empty_like(like), np.empty_like(like)
+    for k in range(angle.shape[1]):
+        more = np.zeros(angle.shape)
+        more[:, k] = TUNING.tiny
+        G[:, :, k] = (link(angle + more, rate, acceleration) - load) / TUNING.tiny
+        C[:, :, k] = (link(angle, rate + more, acceleration) - load) / TUNING.tiny
+    return G, C
 
 
 def _linear(M: Array, D: Array, K: Array, force: Array, h: float) -> Array:

@@ -14,18 +14,20 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand."""
 
     sweeps: int = 60
+    """Bound on the passes over all impulses; most steps end after a few."""
 
     tolerance: float = 1e-10
+    """Passes end where no impulse changes by more, as a part of the largest that friction can give."""
 
 
 TUNING = Tuning()
 
 
 @dataclass(frozen=True)
-class Brake:
+class DryFriction:
     """Dry friction on a combination of speeds.
 
     Attributes:
@@ -54,7 +56,7 @@ class Stop:
     high: Array
 
 
-def solve(inverse: Array, v: Array, brakes: list[Brake], stops: list[Stop]) -> Array:
+def solve(inverse: Array, v: Array, brakes: list[DryFriction], stops: list[Stop]) -> Array:
     """Return speeds (S, m) after the impulses.
 
     Args:

@@ -8,14 +8,16 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
-from twin_diagram.model.effects import Effect
+from twin_diagram.model.effects.effect import Effect
 from twin_diagram.signals.arrays import Array
 
 
 def epochs(effects: Sequence[Effect], time: Array) -> list[tuple[tuple[bool, ...], npt.NDArray[np.bool_]]]:
     """Return sets of effects that act together, and at which of the times (N,) they do."""
     active = (
-        np.stack([effect.active(time) for effect in effects], axis=1) if effects else np.zeros((len(time), 0), bool)
+        np.stack([effect.when.active(time) for effect in effects], axis=1)
+        if effects
+        else np.zeros((len(time), 0), bool)
     )
     kinds, which = np.unique(active, axis=0, return_inverse=True)
     return [(tuple(map(bool, kind)), which.reshape(-1) == k) for k, kind in enumerate(kinds)]

@@ -12,15 +12,16 @@ from pydrake.systems.framework import Context
 
 from twin_diagram.errors import ModelError
 from twin_diagram.model.description.add_arm import Arm
-from twin_diagram.model.effects import REGISTRY, Effect
-from twin_diagram.model.effects.friction import CoulombFriction
+from twin_diagram.model.effects.effect import Effect
+from twin_diagram.model.effects.friction import CoulombFriction, ViscousFriction
+from twin_diagram.model.effects.inertia import ReflectedInertia
 from twin_diagram.model.effects.link_inertia import spatial_inertia
-from twin_diagram.model.effects.realisation import RigidChange
+from twin_diagram.model.effects.rigid_change import RigidChange
 from twin_diagram.model.rigid_body.rigid_tree import inertia_vector
 
 
 def check_places(plant: MultibodyPlant, joints: Sequence[str], effects: Iterable[Effect]) -> None:
-    """Whether all joints and links that effects name are there.
+    """Check that all joints and links that effects name are there.
 
     Raises:
         ModelError: one is not.
@@ -64,17 +65,17 @@ def fold(plant: MultibodyPlant, context: Context, arm: Arm, changes: Iterable[Ri
     for name, reflected in rotors.items():
         actuator = arm.actuator(plant, name)
         rotor = actuator.rotor_inertia(context) + reflected / actuator.gear_ratio(context) ** 2
-        _check_whole("reflected_inertia", "inertia", name, rotor, name in prismatic)
+        _check_whole(ReflectedInertia, "inertia", name, rotor, name in prismatic)
         actuator.SetRotorInertia(context, max(rotor, 0.0))
     for name, damping in dampers.items():
         joint = plant.get_joint(arm.joint_indices[arm.joints.index(name)])
         total: Any = joint.GetDampingVector(context) + damping
-        _check_whole("viscous_friction", "damping", name, float(total[0]), name in prismatic)
+        _check_whole(ViscousFriction, "damping", name, float(total[0]), name in prismatic)
         joint.SetDampingVector(context, np.maximum(total, 0.0))
 
 
 def check_friction(joints: Sequence[str], effects: Iterable[Effect], prismatic: Collection[str] = ()) -> None:
-    """Whether dry friction is no less than none on every joint; `prismatic`: which joints are.
+    """Check that dry friction is no less than none on every joint; `prismatic`: which joints are.
 
     Raises:
         ModelError: it is.
@@ -84,11 +85,11 @@ def check_friction(joints: Sequence[str], effects: Iterable[Effect], prismatic: 
         if isinstance(effect, CoulombFriction):
             levels += [effect.spread(joints, level) for level in effect.levels()]
     for name, level in zip(joints, np.min(levels, axis=0), strict=True):
-        _check_whole("coulomb_friction", "torque", name, float(level), name in prismatic)
+        _check_whole(CoulombFriction, "torque", name, float(level), name in prismatic)
 
 
-def _check_whole(effect: str, key: str, joint: str, value: float, prismatic: bool) -> None:
-    """Effects may take away no more than the description and other effects state."""
+def _check_whole(effect: type[Effect], key: str, joint: str, value: float, prismatic: bool) -> None:
+    """Refuse effects that take away more than the description and other effects state."""
     if value < -1e-9:
-        said = f"{value:g} {REGISTRY[effect].kinds[key].unit_on(prismatic)} in all on {joint}"
-        raise ModelError(f"effects.{effect}.{key}: {said} is not within [0, inf]; take away no more than there is")
+        said = f"{value:g} {effect.kinds[key].unit_on(prismatic)} in all on {joint}"
+        raise ModelError(f"effects.{effect.name}.{key}: {said} is not within [0, inf]; take away no more than there is")

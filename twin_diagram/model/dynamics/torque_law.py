@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin_diagram.model.dynamics.elastic_gears import YieldingJoints, in_series
+from twin_diagram.model.dynamics.elastic_gears import Twist, YieldingJoints, in_series, twist
 from twin_diagram.model.dynamics.onsets import shifted
-from twin_diagram.model.effects import Effect
+from twin_diagram.model.effects.effect import Effect
 from twin_diagram.model.effects.elasticity import YieldingGear
 from twin_diagram.model.effects.friction import smooth_sign
 from twin_diagram.model.effects.friction_stribeck_load import CoupledFriction
@@ -20,7 +20,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, from the time that calls take; results do not depend on them."""
 
     few: int = 24
     """Up to this many samples a call per sample into the plant is quicker than the vectorised tree."""
@@ -107,6 +107,10 @@ class TorqueLaw:
             if not effect.motor_side:
                 total = total + effect.torque(self.bodies, q, v, a, total)
         return total
+
+    def twist(self, motion: tuple[Array, Array, Array], period: float, beyond: Array | None = None) -> Twist:
+        """Work out how the yielding gears twist; arguments as of `elastic_gears.twist`, at true positions."""
+        return twist(self.bodies.tree, self.link_load, self.yielding, motion, period, beyond)
 
     def mass_and_load(self, q: Array, v: Array, tau: Array, *, dry: bool = True) -> tuple[Array, Array]:
         """Return mass matrices (N, n, n) and loads without acceleration (N, n), for integrators.

@@ -13,23 +13,28 @@ from twin_diagram.model.effects import (
     friction_stribeck_load,
     inertia,
     link_inertia,
+    ripple,
     sensing,
-    torque_ripple,
     transmission,
 )
-from twin_diagram.model.effects.effect import REGISTRY, Effect, make, register
+from twin_diagram.model.effects.effect import Effect
 from twin_diagram.model.effects.parameter import Parameter, ParameterKind
-from twin_diagram.model.effects.realisation import Brake, Fitting, RigidChange
+from twin_diagram.model.effects.rigid_change import RigidChange
+from twin_diagram.model.effects.serialisation import REGISTRY, make, register, spec_of
 from twin_diagram.model.effects.simulated.add_to_plant import Motors, add_to_plant, connect, measured_position, renewed
+from twin_diagram.model.effects.simulated.realisation import Brake, Fitting, Realisation, realisation, realises
+from twin_diagram.model.effects.timing import Interval
 
 __all__ = [
     "REGISTRY",
     "Brake",
     "Effect",
     "Fitting",
+    "Interval",
     "Motors",
     "Parameter",
     "ParameterKind",
+    "Realisation",
     "RigidChange",
     "actuation",
     "add_to_plant",
@@ -42,9 +47,12 @@ __all__ = [
     "link_inertia",
     "make",
     "measured_position",
+    "realisation",
+    "realises",
     "register",
     "renewed",
+    "ripple",
     "sensing",
-    "torque_ripple",
+    "spec_of",
     "transmission",
 ]

@@ -9,15 +9,15 @@ from typing import ClassVar
 import numpy as np
 
 from twin_diagram.errors import ModelError
-from twin_diagram.model.effects.effect import Effect, register
+from twin_diagram.model.effects.effect import Effect
 from twin_diagram.model.effects.parameter import ParameterKind
-from twin_diagram.model.effects.realisation import Fitting
+from twin_diagram.model.effects.serialisation import register
 from twin_diagram.signals.arrays import Array
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand."""
 
     weak: float = 0.2
     """Below this gain, what the motor gives says too little of what is logged."""
@@ -41,13 +41,6 @@ class TorqueBias(Effect):
     def logged(self, joints: Sequence[str], tau: Array) -> Array:
         """See `Effect.logged`."""
         return tau - self.spread(joints, self.value("torque"))
-
-    def fittings(self) -> list[Fitting]:
-        """Return an actuator that always gives the same."""
-        return [
-            Fitting(f"{joint}_torque_bias", joint, torque=float(torque))
-            for joint, torque in zip(self.joints, self.value("torque"), strict=True)
-        ]
 
 
 class Gain(Effect):
@@ -125,7 +118,6 @@ class TimeDelay(Effect):
     name: ClassVar[str] = "time_delay"
     kinds: ClassVar[Mapping[str, ParameterKind]] = {"delay": ParameterKind("s", lower=0.0, upper=1.0)}
     per_joint: ClassVar[bool] = False
-    changes_plant: ClassVar[bool] = True
 
     def check(self) -> None:
         """See `Effect.check`."""

@@ -7,14 +7,12 @@ from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
-from pydrake.math import RigidTransform, RollPitchYaw
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import WeldJoint
+from pydrake.math import RollPitchYaw
 
 from twin_diagram.errors import ModelError
-from twin_diagram.model.description.add_arm import Arm
-from twin_diagram.model.effects.effect import Effect, register
+from twin_diagram.model.effects.effect import Effect
 from twin_diagram.model.effects.parameter import ParameterKind
+from twin_diagram.model.effects.serialisation import register
 from twin_diagram.model.rigid_body.arm_bodies import ArmBodies
 from twin_diagram.signals.arrays import Array
 
@@ -33,7 +31,6 @@ class GravityTilt(Effect):
         "pitch": ParameterKind("rad", lower=-np.pi, upper=np.pi, prismatic_unit="rad"),
     }
     per_joint: ClassVar[bool] = False
-    changes_plant: ClassVar[bool] = True
 
     def rotation(self) -> RollPitchYaw:
         """Return the tilt, as a rotation of the base in W."""
@@ -47,25 +44,6 @@ class GravityTilt(Effect):
         zero = np.zeros_like(q)
         del v
         return change.inverse_dynamics(q, zero, zero)
-
-    def before_finalize(self, plant: MultibodyPlant, arm: Arm) -> None:
-        """Weld the base anew, tilted about its own origin."""
-        base = plant.get_body(arm.base)
-        weld = next(
-            joint
-            for joint in map(plant.get_joint, plant.GetJointIndices())
-            if joint.child_body().index() == base.index()
-        )
-        if not isinstance(weld, WeldJoint) or weld.parent_body().index() != plant.world_body().index():
-            raise ModelError(f"effects.gravity_tilt: {base.name()} is not welded to the world")
-        X_WJp = weld.frame_on_parent().GetFixedPoseInBodyFrame()
-        X_BJc = weld.frame_on_child().GetFixedPoseInBodyFrame()
-        X_WB = X_WJp @ weld.X_FM() @ X_BJc.inverse()
-        name = weld.name()
-        plant.RemoveJoint(weld)
-        R = self.rotation().ToRotationMatrix()
-        tilted = RigidTransform(R @ X_WB.rotation(), X_WB.translation())
-        plant.AddJoint(WeldJoint(f"{name}_tilted", plant.world_frame(), base.body_frame(), tilted))
 
 
 @register

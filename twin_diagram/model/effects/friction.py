@@ -6,25 +6,24 @@ integrators, which solve for it (a smooth law stiff enough to be right would nee
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from pydrake.multibody.plant import MultibodyPlant
 
 from twin_diagram.errors import ModelError
-from twin_diagram.model.description.add_arm import Arm
-from twin_diagram.model.effects.effect import Effect, register
+from twin_diagram.model.effects.effect import Effect
 from twin_diagram.model.effects.parameter import ParameterKind
-from twin_diagram.model.effects.realisation import Brake, Fitting, RigidChange
+from twin_diagram.model.effects.rigid_change import RigidChange
+from twin_diagram.model.effects.serialisation import register
 from twin_diagram.model.rigid_body.arm_bodies import ArmBodies, DescribedLinks
 from twin_diagram.signals.arrays import Array
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module; the speed was chosen by hand, of the damping nothing depends on how large it is."""
 
     smooth_velocity: float = 0.005
     """Speed at which the smooth law of dry friction has reached three quarters of its level [rad/s]."""
@@ -59,31 +58,9 @@ class ViscousFriction(Effect):
         return self.spread(bodies.joints, self.value("damping")) * v
 
     def change(self, links: DescribedLinks) -> RigidChange:
-        """As dampers of the joints."""
+        """Return it as dampers of the joints."""
         del links
         return RigidChange(damping=dict(zip(self.joints, self.value("damping").tolist(), strict=True)))
-
-    def fittings(self) -> list[Fitting]:
-        """Return explicit dampers where it starts or ends during a run."""
-        if not self.timed:
-            return []
-
-        def law(damping: float) -> Callable[[float], float]:
-            return lambda v: -damping * v
-
-        return [
-            Fitting(f"{joint}_viscous_friction", joint, speed_curve=law(float(damping)))
-            for joint, damping in zip(self.joints, self.value("damping"), strict=True)
-        ]
-
-    def before_finalize(self, plant: MultibodyPlant, arm: Arm) -> None:
-        """Raise the joints' damping, which a discrete plant integrates implicitly."""
-        if self.timed:
-            super().before_finalize(plant, arm)
-            return
-        for name, damping in zip(self.joints, self.value("damping"), strict=True):
-            joint = plant.get_joint(arm.joint_indices[arm.joints.index(name)])
-            joint.set_default_damping_vector(joint.default_damping_vector() + damping)
 
 
 @register
@@ -96,18 +73,16 @@ class CoulombFriction(Effect):
 
     name: ClassVar[str] = "coulomb_friction"
     kinds: ClassVar[Mapping[str, ParameterKind]] = {
-        "torque": ParameterKind("N·m", lower=0.0, lessens=True),
-        "torque_positive": ParameterKind("N·m", lower=0.0, help="level against positive motion", lessens=True),
-        "torque_negative": ParameterKind("N·m", lower=0.0, help="level against negative motion", lessens=True),
+        "torque": ParameterKind("N·m", lower=0.0, lessens=True, optional=True),
+        "torque_positive": ParameterKind(
+            "N·m", lower=0.0, help="level against positive motion", lessens=True, optional=True
+        ),
+        "torque_negative": ParameterKind(
+            "N·m", lower=0.0, help="level against negative motion", lessens=True, optional=True
+        ),
     }
     dry: ClassVar[bool] = True
     motor_side: ClassVar[bool] = True
-
-    @classmethod
-    def optional(cls, key: str) -> bool:
-        """Either `torque` or the pair; `check` holds them together."""
-        del key
-        return True
 
     def check(self) -> None:
         """See `Effect.check`."""
@@ -115,7 +90,7 @@ class CoulombFriction(Effect):
             raise ModelError("effects.coulomb_friction: give `torque`, or `torque_positive` and `torque_negative`")
 
     def levels(self) -> tuple[Array, Array]:
-        """Against positive and against negative motion, one number per joint of the effect."""
+        """Return levels against positive and against negative motion, one number per joint of the effect."""
         if "torque" in self.parameters:
             return self.value("torque"), self.value("torque")
         return self.value("torque_positive"), self.value("torque_negative")
@@ -131,25 +106,3 @@ class CoulombFriction(Effect):
         del v, tau
         forward, backward = (self.spread(bodies.joints, level) for level in self.levels())
         return np.broadcast_to(forward, q.shape), np.broadcast_to(backward, q.shape)
-
-    def brakes(self) -> list[Brake]:
-        """Return brakes that start or end during a run; a plant's own are there for good."""
-        if not self.timed:
-            return []
-        return [
-            Brake("coulomb_friction", (joint,), lambda _, levels=(float(ahead), float(back)): levels)  # type: ignore[misc]
-            for joint, ahead, back in zip(self.joints, *self.levels(), strict=True)
-        ]
-
-    def fittings(self) -> list[Fitting]:
-        """Return a brake per joint; where the directions differ, a constant torque shifts it."""
-        result: list[Fitting] = []
-        if self.timed:
-            return result
-        for joint, forward, backward in zip(self.joints, *self.levels(), strict=True):
-            level, shift = 0.5 * (forward + backward), 0.5 * (forward - backward)
-            if level > 0.0:
-                result.append(Fitting(f"{joint}_coulomb_friction", joint, limit=level, damping=TUNING.hold))
-            if shift != 0.0:
-                result.append(Fitting(f"{joint}_coulomb_friction_shift", joint, torque=-shift))
-        return result

@@ -8,11 +8,10 @@ from typing import ClassVar
 import numpy as np
 
 from twin_diagram.errors import ModelError
-from twin_diagram.model.effects.effect import Effect, register
-from twin_diagram.model.effects.friction import TUNING as FRICTION
+from twin_diagram.model.effects.effect import Effect
 from twin_diagram.model.effects.friction import smooth_sign
 from twin_diagram.model.effects.parameter import ParameterKind
-from twin_diagram.model.effects.realisation import Brake, Fitting
+from twin_diagram.model.effects.serialisation import register
 from twin_diagram.model.rigid_body.arm_bodies import ArmBodies
 from twin_diagram.signals.arrays import Array
 
@@ -52,31 +51,6 @@ class StribeckFriction(Effect):
         level = self.levels(bodies, v)
         return level, level
 
-    def brakes(self) -> list[Brake]:
-        """See `Effect.brakes`; only where it starts or ends during a run."""
-        if not self.timed:
-            return []
-        raise ModelError("effects.stribeck_friction.onset: a simulator cannot start it during a run")
-
-    def fittings(self) -> list[Fitting]:
-        """Return a brake of the higher level, and a push that takes off what is too much at speed.
-
-        The push vanishes at rest, so that the joint sticks as it should, and is never more than the brake.
-        """
-        result = []
-        values = (self.value(key) for key in ("coulomb", "static", "stribeck_velocity"))
-        for joint, coulomb, static, speed in zip(self.joints, *values, strict=True):
-            highest = float(max(coulomb, static))
-            if highest == 0.0:
-                continue
-            result.append(Fitting(f"{joint}_stribeck_friction", joint, limit=highest, damping=FRICTION.hold))
-
-            def push(v: float, c: float = coulomb, s: float = static, w: float = speed, top: float = highest) -> float:
-                return float((top - c - (s - c) * np.exp(-((v / w) ** 2))) * np.tanh(v / 0.005))
-
-            result.append(Fitting(f"{joint}_stribeck_friction_push", joint, speed_curve=push))
-        return result
-
 
 @register
 class LoadDependentFriction(Effect):
@@ -101,10 +75,6 @@ class LoadDependentFriction(Effect):
         c = self.spread(bodies.joints, self.value("coefficient"))
         with_motor, against_motor = c * np.abs(tau) / (1.0 + c), c * np.abs(tau) / (1.0 - c)
         return np.where(tau >= 0.0, with_motor, against_motor), np.where(tau >= 0.0, against_motor, with_motor)
-
-    def brakes(self) -> list[Brake]:
-        """Return one per joint, its level after the motor's torque."""
-        return [_load_brake(joint, float(c)) for joint, c in zip(self.joints, self.value("coefficient"), strict=True)]
 
 
 @register
@@ -141,16 +111,3 @@ class CoupledFriction(Effect):
         """Return the part of `torque` that integrators solve for."""
         along = self.direction(bodies)
         return self.value("torque")[0] * np.outer(smooth_sign(v @ along), along)
-
-    def brakes(self) -> list[Brake]:
-        """Return one, on the sum."""
-        level = float(self.value("torque")[0])
-        return [Brake("coupled_friction", self.joints, lambda _: (level, level), float(self.value("damping")[0]))]
-
-
-def _load_brake(joint: str, c: float) -> Brake:
-    def level(tau: Array) -> tuple[float, float]:
-        with_motor, against_motor = c * abs(tau[0]) / (1.0 + c), c * abs(tau[0]) / (1.0 - c)
-        return (with_motor, against_motor) if tau[0] >= 0.0 else (against_motor, with_motor)
-
-    return Brake("load_dependent_friction", (joint,), level)

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-from pydrake.math import RigidTransform
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import SpatialInertia, UnitInertia, WeldJoint
 
 from twin_diagram.errors import ModelError
-from twin_diagram.model.description.add_arm import Arm
-from twin_diagram.model.effects.effect import Effect, register
+from twin_diagram.model.effects.effect import Effect
 from twin_diagram.model.effects.parameter import ParameterKind
-from twin_diagram.model.effects.realisation import RigidChange
+from twin_diagram.model.effects.rigid_change import RigidChange
+from twin_diagram.model.effects.serialisation import register
 from twin_diagram.model.rigid_body import rigid_tree
 from twin_diagram.model.rigid_body.arm_bodies import ArmBodies, DescribedLinks
 from twin_diagram.signals.arrays import Array
@@ -50,7 +47,6 @@ class Payload(Effect):
     }
     per_joint: ClassVar[bool] = False
     folds: ClassVar[bool] = True
-    changes_plant: ClassVar[bool] = True
 
     def check(self) -> None:
         """See `Effect.check`."""
@@ -73,33 +69,9 @@ class Payload(Effect):
         inertia[body] = rigid_tree.transform_inertia(X_ML) @ self.inertia()
         return bodies.tree.bare(inertia).inverse_dynamics(q, v, a)
 
-    def sensitivity(self, bodies: ArmBodies, q: Array, v: Array, a: Array, tau: Array) -> Array:
-        """See `Effect.sensitivity`; mass first, then the centre's x, y, z."""
-        del tau
-        body, X_ML = bodies.body_of(self.link(bodies.last_link))
-        jacobian = point_mass_jacobian(float(self.value("mass")[0]), self.value("com"))
-        return bodies.tree.regressor(q, v, a, body) @ (rigid_tree.transform_inertia(X_ML) @ jacobian)
-
     def change(self, links: DescribedLinks) -> RigidChange:
         """Add to the link's inertia."""
         return RigidChange(inertia={self.link(links.last_link): self.inertia()})
-
-    def before_finalize(self, plant: MultibodyPlant, arm: Arm) -> None:
-        """Weld a body to the link."""
-        mass = float(self.value("mass")[0])
-        if mass == 0.0:
-            return
-        carrier = plant.get_body(arm.last_link)
-        if self.links:
-            carrier = plant.GetBodyByName(self.links[0])
-        name = f"payload_{carrier.name()}"
-        while plant.HasBodyNamed(name):
-            name += "_"
-        here: Any = np.zeros(3)
-        there: Any = self.value("com").copy()
-        point = SpatialInertia(mass, here, UnitInertia(0.0, 0.0, 0.0))
-        body = plant.AddRigidBody(name, carrier.model_instance(), point)
-        plant.AddJoint(WeldJoint(f"{name}_weld", carrier.body_frame(), body.body_frame(), RigidTransform(there)))
 
 
 @register
@@ -109,7 +81,6 @@ class ReflectedInertia(Effect):
     name: ClassVar[str] = "reflected_inertia"
     kinds: ClassVar[Mapping[str, ParameterKind]] = {"inertia": ParameterKind("kg·m²", lower=0.0, lessens=True)}
     folds: ClassVar[bool] = True
-    changes_plant: ClassVar[bool] = True
 
     def torque(self, bodies: ArmBodies, q: Array, v: Array, a: Array, tau: Array) -> Array:
         """See `Effect.torque`."""
@@ -117,13 +88,6 @@ class ReflectedInertia(Effect):
         return self.spread(bodies.joints, self.value("inertia")) * a
 
     def change(self, links: DescribedLinks) -> RigidChange:
-        """As the motors' rotors."""
+        """Return it as the motors' rotors."""
         del links
         return RigidChange(rotor=dict(zip(self.joints, self.value("inertia").tolist(), strict=True)))
-
-    def before_finalize(self, plant: MultibodyPlant, arm: Arm) -> None:
-        """Add to the rotor inertia of the motors."""
-        for joint, inertia in zip(self.joints, self.value("inertia"), strict=True):
-            actuator = arm.actuator(plant, joint)
-            rotor = actuator.default_rotor_inertia() + float(inertia) / actuator.default_gear_ratio() ** 2
-            actuator.set_default_rotor_inertia(rotor)

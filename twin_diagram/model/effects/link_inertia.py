@@ -6,15 +6,13 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
-from pydrake.math import RigidTransform
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import SpatialInertia, UnitInertia, WeldJoint
+from pydrake.multibody.tree import SpatialInertia, UnitInertia
 
 from twin_diagram.errors import ModelError
-from twin_diagram.model.description.add_arm import Arm
-from twin_diagram.model.effects.effect import Effect, register
+from twin_diagram.model.effects.effect import Effect
 from twin_diagram.model.effects.parameter import ParameterKind
-from twin_diagram.model.effects.realisation import RigidChange
+from twin_diagram.model.effects.rigid_change import RigidChange
+from twin_diagram.model.effects.serialisation import register
 from twin_diagram.model.rigid_body import rigid_tree
 from twin_diagram.model.rigid_body.arm_bodies import ArmBodies, DescribedLinks
 from twin_diagram.signals.arrays import Array
@@ -56,7 +54,6 @@ class InertialParameters(Effect):
     }
     per_joint: ClassVar[bool] = False
     folds: ClassVar[bool] = True
-    changes_plant: ClassVar[bool] = True
 
     def check(self) -> None:
         """See `Effect.check`."""
@@ -100,20 +97,9 @@ class InertialParameters(Effect):
         """Add to the link's inertia."""
         return RigidChange(inertia={self.links[0]: self.difference(links)})
 
-    def before_finalize(self, plant: MultibodyPlant, arm: Arm) -> None:
-        """Weld to the link itself as it is, and itself as described with a negative mass."""
-        link = plant.GetBodyByName(self.links[0])
-        present = rigid_tree.inertia_vector(link.default_spatial_inertia(), RigidTransform())
-        for sign, vector in ((1.0, self.whole(present)), (-1.0, present)):
-            if vector[0] == 0.0:
-                continue
-            name = f"{link.name()}_{'actual' if sign > 0 else 'described'}"
-            body = plant.AddRigidBody(name, link.model_instance(), spatial_inertia(vector, sign))
-            plant.AddJoint(WeldJoint(f"{name}_weld", link.body_frame(), body.body_frame(), RigidTransform()))
-
 
 def spatial_inertia(vector: Array, sign: float = 1.0) -> SpatialInertia:
-    """From ten inertial parameters about the body's origin; `sign` −1 takes the body away."""
+    """Return a body from ten inertial parameters about its origin; `sign` −1 takes the body away."""
     mass = float(vector[0])
     xx, yy, zz, xy, xz, yz = vector[4:] / mass if mass > 0.0 else np.zeros(6)
     centre: Any = vector[1:4] / mass if mass > 0.0 else np.zeros(3)

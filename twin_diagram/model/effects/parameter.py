@@ -27,6 +27,7 @@ class ParameterKind:
         lessens: whether it may be below `lower`, to take away from what the arm's description states; `Model` sees to
             it that no more is taken than there is.
         prismatic_unit: on a prismatic joint, where that does not follow from `unit`: a phase, a thing of no joint's.
+        optional: whether it may be left out though it has no default; `Effect.check` holds together which are given.
     """
 
     unit: str
@@ -37,6 +38,7 @@ class ParameterKind:
     help: str = ""
     lessens: bool = False
     prismatic_unit: str | None = None
+    optional: bool = False
 
     def unit_on(self, prismatic: bool) -> str:
         """Return its unit on a revolute or prismatic joint; see `units.on_joint`."""

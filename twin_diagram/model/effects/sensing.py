@@ -7,8 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from twin_diagram.model.effects.effect import Effect, register
+from twin_diagram.model.effects.effect import Effect
 from twin_diagram.model.effects.parameter import ParameterKind
+from twin_diagram.model.effects.serialisation import register
 from twin_diagram.signals.arrays import Array
 
 
@@ -18,7 +19,6 @@ class EncoderOffset(Effect):
 
     name: ClassVar[str] = "encoder_offset"
     kinds: ClassVar[Mapping[str, ParameterKind]] = {"offset": ParameterKind("rad", lower=-np.pi, upper=np.pi)}
-    changes_plant: ClassVar[bool] = True
 
     def true_position(self, joints: Sequence[str], q: Array) -> Array:
         """See `Effect.true_position`."""

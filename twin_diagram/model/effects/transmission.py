@@ -9,9 +9,9 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from twin_diagram.errors import ModelError
-from twin_diagram.model.effects.effect import Effect, register
+from twin_diagram.model.effects.effect import Effect
 from twin_diagram.model.effects.parameter import ParameterKind
-from twin_diagram.model.effects.realisation import Fitting
+from twin_diagram.model.effects.serialisation import register
 from twin_diagram.model.rigid_body.arm_bodies import ArmBodies
 from twin_diagram.signals.arrays import Array
 
@@ -27,16 +27,10 @@ class JointSpring(Effect):
 
     name: ClassVar[str] = "joint_spring"
     kinds: ClassVar[Mapping[str, ParameterKind]] = {
-        "stiffness": ParameterKind("N·m/rad", lower=0.0),
-        "rest_angle": ParameterKind("rad"),
-        "curve": ParameterKind("rad, N·m", size=None),
+        "stiffness": ParameterKind("N·m/rad", lower=0.0, optional=True),
+        "rest_angle": ParameterKind("rad", optional=True),
+        "curve": ParameterKind("rad, N·m", size=None, optional=True),
     }
-
-    @classmethod
-    def optional(cls, key: str) -> bool:
-        """Either the pair or `curve`; `check` holds them together."""
-        del key
-        return True
 
     def check(self) -> None:
         """See `Effect.check`."""
@@ -85,28 +79,3 @@ class JointSpring(Effect):
             return result
         stiffness, rest = (self.spread(bodies.joints, self.value(key)) for key in ("stiffness", "rest_angle"))
         return stiffness * (q - rest)
-
-    def fittings(self) -> list[Fitting]:
-        """Return a position-controlled actuator per joint, a spring that the plant integrates implicitly.
-
-        A curve is explicit.
-        """
-        if "curve" in self.parameters:
-            law = self.curve()
-            return [Fitting(f"{self.joints[0]}_joint_spring", self.joints[0], curve=lambda q: -float(law(np.array(q))))]
-        if self.timed:
-
-            def linear(k: float, rest: float) -> Callable[[float], float]:
-                return lambda q: -k * (q - rest)
-
-            return [
-                Fitting(f"{joint}_joint_spring", joint, curve=linear(float(k), float(rest)))
-                for joint, k, rest in zip(self.joints, self.value("stiffness"), self.value("rest_angle"), strict=True)
-            ]
-        return [
-            Fitting(f"{joint}_joint_spring", joint, stiffness=float(stiffness), rest=float(rest))
-            for joint, stiffness, rest in zip(
-                self.joints, self.value("stiffness"), self.value("rest_angle"), strict=True
-            )
-            if stiffness > 0.0
-        ]

@@ -92,7 +92,7 @@ class Kinematics:
 
     @staticmethod
     def of(tree: KinematicTree, q: Array) -> Kinematics:
-        """At positions (n, N)."""
+        """Return a tree's kinematics at positions (n, N)."""
         n, samples = q.shape
         R = np.empty((n, 3, 3, samples))
         p: Array = np.empty((n, 3, samples))

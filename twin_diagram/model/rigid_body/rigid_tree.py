@@ -19,7 +19,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand: results do not depend on them."""
 
     chunk: int = 4096
     """Samples worked on at a time, so that intermediate arrays stay in the cache."""

@@ -1,9 +1,10 @@
-"""Rotations of many poses at once."""
+"""Rotation matrices and vectors of many poses at once; quaternions are those of `signals.rotations`."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
 
 
@@ -45,28 +46,9 @@ def cross(a: Array, b: Array) -> Array:
     )
 
 
-def to_quaternion(R: Array) -> Array:
-    """Return (w, x, y, z), w >= 0, of one rotation matrix (3, 3): the dominant eigenvector of Bar-Itzhack's matrix."""
-    K = np.array(
-        [
-            [R[0, 0] + R[1, 1] + R[2, 2], 0.0, 0.0, 0.0],
-            [R[2, 1] - R[1, 2], R[0, 0] - R[1, 1] - R[2, 2], 0.0, 0.0],
-            [R[0, 2] - R[2, 0], R[1, 0] + R[0, 1], R[1, 1] - R[0, 0] - R[2, 2], 0.0],
-            [R[1, 0] - R[0, 1], R[2, 0] + R[0, 2], R[2, 1] + R[1, 2], R[2, 2] - R[0, 0] - R[1, 1]],
-        ]
-    )
-    _, vectors = np.linalg.eigh(K)
-    q = vectors[:, -1]
-    return np.asarray(q if q[0] >= 0 else -q)
+to_quaternion = rotations.from_matrix
 
 
 def from_quaternion(q: Array) -> Array:
     """Return the rotation matrix (3, 3) of (w, x, y, z), of any length but 0."""
-    w, x, y, z = np.asarray(q) / np.linalg.norm(q)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    return rotations.matrix(np.asarray(q) / np.linalg.norm(q))

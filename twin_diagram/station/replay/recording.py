@@ -16,9 +16,7 @@ It is written under a temporary name beside its own and renamed once it is whole
 
 from __future__ import annotations
 
-import os
 import shutil
-import tempfile
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -34,6 +32,7 @@ import numpy.typing as npt
 import yaml
 
 from twin_diagram.errors import StationError
+from twin_diagram.runtime import atomic_file
 from twin_diagram.station import ports
 from twin_diagram.station.depth_units import depth_to_units
 from twin_diagram.station.ports import SENSOR_SIZE
@@ -149,9 +148,7 @@ class RecordingWriter:
                 raise StationError(f"{self._folder}: there is something that is no recording; name another folder")
         self._made = [parent for parent in self._folder.parents if not parent.exists()]
         try:
-            self._folder.parent.mkdir(parents=True, exist_ok=True)
-            self._staging = Path(tempfile.mkdtemp(prefix=f".{self._folder.name}.", dir=self._folder.parent))
-            self._staging.chmod(0o755)
+            self._staging = atomic_file.make_aside(self._folder)
         except OSError as error:
             raise StationError(f"{self._folder}: cannot be written: {error.strerror}") from error
         data = asdict(manifest)
@@ -255,7 +252,7 @@ class RecordingWriter:
             while self._pending:
                 self._pending.popleft().result()
             self._shut()
-            self._put_in_place()
+            atomic_file.put_in_place(self._staging, self._folder)
         except OSError as error:
             self.abort()
             raise StationError(f"{self._folder}: cannot be written: {error.strerror}") from error
@@ -273,15 +270,6 @@ class RecordingWriter:
         self._pool.shutdown(wait=True, cancel_futures=True)
         for file in self._files:
             file.close()
-
-    def _put_in_place(self) -> None:
-        if self._folder.exists():
-            aside = Path(tempfile.mkdtemp(prefix=f".{self._folder.name}.", dir=self._folder.parent))
-            os.replace(self._folder, aside / self._folder.name)
-            os.replace(self._staging, self._folder)
-            shutil.rmtree(aside)
-        else:
-            os.replace(self._staging, self._folder)
 
     def __enter__(self) -> RecordingWriter:
         """Itself."""

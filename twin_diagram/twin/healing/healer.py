@@ -17,6 +17,7 @@ from pydrake.systems.framework import Context
 
 from twin_diagram.errors import TwinError
 from twin_diagram.gap.candidates.records import sentence
+from twin_diagram.model.effects import spec_of
 from twin_diagram.model.model import Model
 from twin_diagram.scenario import Healing
 from twin_diagram.twin.healing.gap_process import GapProcess, SearchOutcome
@@ -224,7 +225,7 @@ class Healer:
             return
         try:
             found = Model.load(outcome.model, self._packages)
-            if [e.spec() for e in found.present] == [e.spec() for e in self.model.present]:
+            if [*map(spec_of, found.present)] == [*map(spec_of, self.model.present)]:
                 self._tell("model_kept", now, why="what was named is over")
                 return
             number = self._twin.add_model(found)

@@ -11,7 +11,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JointActuatorIndex
 
 from twin_diagram.model.effects.effect import Effect
-from twin_diagram.model.effects.realisation import Fitting
+from twin_diagram.model.effects.simulated.realisation import Fitting, Realisation
 from twin_diagram.signals.arrays import Array
 
 
@@ -31,9 +31,11 @@ class Actuators:
     effect: list[Effect | None]
 
     @staticmethod
-    def of(plant: MultibodyPlant, indices: Sequence[JointActuatorIndex], effects: Sequence[Effect] = ()) -> Actuators:
+    def of(
+        plant: MultibodyPlant, indices: Sequence[JointActuatorIndex], effects: Sequence[Realisation[Effect]] = ()
+    ) -> Actuators:
         """Read them off a finalized plant; `effects` are those whose fittings may be among them."""
-        fittings = {fitting.name: (fitting, effect) for effect in effects for fitting in effect.marked_fittings()}
+        fittings = {fitting.name: (fitting, each.effect) for each in effects for fitting in each.marked_fittings()}
         actuators = [plant.get_joint_actuator(index) for index in indices]
         found = [fittings.get(actuator.name(), (Fitting("", ""), None)) for actuator in actuators]
         extra = [fitting for fitting, _ in found]
@@ -80,7 +82,7 @@ class Actuators:
             if law is not None:
                 result[k] += law(float(state[self.position[k]]), float(state[self.velocity[k]]))
         for k, effect in enumerate(self.effect):
-            if effect is not None and effect.timed and not effect.active(np.array(time)):
+            if effect is not None and effect.when.timed and not effect.when.active(np.array(time)):
                 result[k] = 0.0
         return result
 

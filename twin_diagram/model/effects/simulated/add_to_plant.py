@@ -13,7 +13,6 @@ motors are set before `connect`.
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -25,21 +24,24 @@ from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort
 
 from twin_diagram.errors import ModelError
 from twin_diagram.model.description.add_arm import Arm
-from twin_diagram.model.effects.effect import Effect, make
+from twin_diagram.model.effects.effect import Effect
 from twin_diagram.model.effects.environment import ExternalForce
 from twin_diagram.model.effects.friction import CoulombFriction
+from twin_diagram.model.effects.serialisation import effect_of, make
 from twin_diagram.model.effects.simulated.external_force import Push
 from twin_diagram.model.effects.simulated.motor_drive import Drive
+from twin_diagram.model.effects.simulated.realisation import realisations
+from twin_diagram.model.effects.stated import stated_effects
 from twin_diagram.scenario import EffectSpec
 from twin_diagram.signals.arrays import Array
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand."""
 
     least: float = 1e-9
-    """Less than this is nothing [N·m]."""
+    """Friction below zero by less than this is rounding [N·m]."""
 
 
 TUNING = Tuning()
@@ -62,16 +64,18 @@ def add_to_plant(
     Raises:
         ModelError: an effect starts or ends, and a plant cannot change it during a run.
     """
-    chosen = [*arm.given, *arm.spec.effects] if effects is None else effects
+    own: list[Effect | EffectSpec] = [*stated_effects(arm), *arm.spec.effects]
+    chosen = own if effects is None else effects
     each = [make(effect) if isinstance(effect, EffectSpec) else effect for effect in chosen]
-    made = told_apart(lessened(each, arm.prismatic(plant)))
-    for effect in made:
-        if effect.timed and effect.changes_plant:
+    made = tuple(lessened(each, arm.prismatic(plant)))
+    realised = realisations(made)
+    for effect in realised:
+        if effect.effect.when.timed and effect.changes_plant:
             raise ModelError(
-                f"effects.{effect.name}.onset: a simulator cannot start or end it during a run; leave `onset` and "
-                "`end` out"
+                f"effects.{effect.effect.name}.onset: a simulator cannot start or end it during a run; leave `onset` "
+                "and `end` out"
             )
-    for effect in sorted(made, key=lambda each: not each.replaces_joints):
+    for effect in sorted(realised, key=lambda each: not each.replaces_joints):
         effect.before_finalize(plant, renewed(plant, arm))
     _keep_rotors(plant, renewed(plant, arm))
     return made
@@ -90,37 +94,21 @@ def lessened(effects: Sequence[Effect], prismatic: Collection[str] = ()) -> list
     dry = [effect for effect in effects if isinstance(effect, CoulombFriction)]
     if not any(np.min(effect.levels()) < 0.0 for effect in dry):
         return list(effects)
-    if any(effect.timed for effect in dry):
-        raise ModelError("effects.coulomb_friction.onset: a simulator cannot let friction become less during a run")
+    if any(effect.when.timed for effect in dry):
+        raise ModelError(
+            f"effects.{CoulombFriction.name}.onset: a simulator cannot let friction become less during a run"
+        )
     joints = sorted({joint for effect in dry for joint in effect.joints})
     levels = np.sum([[effect.spread(joints, level) for level in effect.levels()] for effect in dry], axis=0)
     parameters = {"torque_positive": levels[0].tolist(), "torque_negative": levels[1].tolist()}
     if np.min(levels) < -TUNING.least:
         joint = joints[int(np.argmin(np.min(levels, axis=0)))]
         unit = dry[0].kinds["torque"].unit_on(joint in prismatic)
-        raise ModelError(f"effects.coulomb_friction.torque: {np.min(levels):g} {unit} in all is not within [0, inf]")
-    whole = make(
-        EffectSpec("coulomb_friction", joints, [], {k: np.maximum(x, 0.0).tolist() for k, x in parameters.items()})
-    )
+        said = f"{np.min(levels):g} {unit} in all is not within [0, inf]"
+        raise ModelError(f"effects.{CoulombFriction.name}.torque: {said}")
+    left = {key: np.maximum(level, 0.0).tolist() for key, level in parameters.items()}
+    whole = effect_of(CoulombFriction, EffectSpec(CoulombFriction.name, joints, [], left))
     return [*(effect for effect in effects if effect not in dry), whole]
-
-
-def told_apart(effects: Sequence[Effect]) -> tuple[Effect, ...]:
-    """Return the same, with a mark on those whose actuators would bear a name twice."""
-    taken: set[str] = set()
-    result = []
-    for effect in effects:
-        names = {fitting.name for fitting in effect.fittings()}
-        names |= {f"{joint}_{brake.name}" for brake in effect.brakes() for joint in brake.joints}
-        count = 1
-        while any(name + ("" if count == 1 else f"_{count}") in taken for name in names):
-            count += 1
-        if count > 1:
-            effect = copy.copy(effect)
-            effect.mark = f"_{count}"
-        taken |= {name + effect.mark for name in names}
-        result.append(effect)
-    return tuple(result)
 
 
 def _keep_rotors(plant: MultibodyPlant, arm: Arm) -> None:
@@ -191,9 +179,10 @@ def connect(builder: DiagramBuilder, plant: MultibodyPlant, arm: Arm, effects: S
     Gains and limits of the motors may be changed by it: a motor that gives another torque than is logged.
     """
     arm = renewed(plant, arm)
-    _keep_from_touching(builder, plant, effects)
-    for effect in effects:
-        effect.after_finalize(plant, arm)
+    realised = realisations(effects)
+    _keep_from_touching(builder, plant, [each.effect for each in realised if each.replaces_joints])
+    for each in realised:
+        each.after_finalize(plant, arm)
     model = plant.GetModelInstanceName(plant.get_joint(arm.joint_indices[0]).model_instance())
     drive = builder.AddNamedSystem(f"{model}_drive", Drive(plant, arm, effects))
     builder.Connect(plant.get_state_output_port(), drive.GetInputPort("state"))
@@ -216,10 +205,10 @@ def connect(builder: DiagramBuilder, plant: MultibodyPlant, arm: Arm, effects: S
     )
 
 
-def _keep_from_touching(builder: DiagramBuilder, plant: MultibodyPlant, effects: Sequence[Effect]) -> None:
-    """Links on both sides of a split joint may overlap there, as those of a whole joint may."""
+def _keep_from_touching(builder: DiagramBuilder, plant: MultibodyPlant, splitting: Sequence[Effect]) -> None:
+    """Let links on both sides of a split joint overlap there, as those of a whole joint may."""
     source = plant.get_source_id()
-    names = [name for effect in effects if effect.replaces_joints for name in effect.joints]
+    names = [name for effect in splitting for name in effect.joints]
     for system in builder.GetSystems() if names and source is not None else []:
         if isinstance(system, SceneGraph) and system.model_inspector().SourceIsRegistered(source):
             for name in names:

@@ -17,19 +17,22 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from twin_diagram.model.description.add_arm import Arm
 from twin_diagram.model.effects.effect import Effect
+from twin_diagram.model.effects.simulated.realisation import Realisation
 from twin_diagram.signals.arrays import Array
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand within what the roots above allow."""
 
     beta: float = 0.7
+    """Share of the speed that is left which a step takes away; beyond 1 a joint would be thrown back."""
 
     gamma: float = 0.3
+    """Share of it that is carried on to the next step: less than `beta`, so that what holds a joint settles."""
 
     poses: int = 12
-    """Poses over which the least inertia is looked for."""
+    """Random poses over which the least inertia is looked for."""
 
 
 TUNING = Tuning()
@@ -42,9 +45,9 @@ class Brakes:
         count: of them; one number of state each.
     """
 
-    def __init__(self, plant: MultibodyPlant, arm: Arm, effects: Sequence[Effect]) -> None:
-        """For a finalized plant."""
-        found = [(brake, effect) for effect in effects for brake in effect.marked_brakes()]
+    def __init__(self, plant: MultibodyPlant, arm: Arm, effects: Sequence[Realisation[Effect]]) -> None:
+        """Take them from a finalized plant in which the effects are realised."""
+        found = [(brake, each.effect) for each in effects for brake in each.marked_brakes()]
         self._brakes = [brake for brake, _ in found]
         self._effects = [effect for _, effect in found]
         self.count = len(found)
@@ -109,7 +112,7 @@ class Brakes:
         return self._bounded(held + TUNING.gamma * self._gain * (self._along @ state[self._velocity]), tau, time)
 
     def _on(self, time: float) -> Array:
-        return np.array([float(effect.active(np.array(time))) for effect in self._effects])
+        return np.array([float(effect.when.active(np.array(time))) for effect in self._effects])
 
     def _bounded(self, friction: Array, tau: Array, time: float) -> Array:
         on = self._on(time)

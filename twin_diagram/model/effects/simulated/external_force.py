@@ -40,7 +40,7 @@ class Push(LeafSystem):
 
         def calc(context: Context, output: Any) -> None:
             time = np.array(context.get_time())
-            output.set_value([force for effect, force in self._pushes if effect.active(time)])
+            output.set_value([force for effect, force in self._pushes if effect.when.active(time)])
 
         self.DeclareAbstractOutputPort(
             "spatial_forces", lambda: Value([ExternallyAppliedSpatialForce()]), calc, {self.time_ticket()}

@@ -12,12 +12,21 @@ from pydrake.multibody.tree import PdControllerGains
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from twin_diagram.model.description.add_arm import Arm
-from twin_diagram.model.effects.actuation import Gain, TorqueSaturation
+from twin_diagram.model.effects.actuation import Gain, TimeDelay, TorqueSaturation
 from twin_diagram.model.effects.effect import Effect
+from twin_diagram.model.effects.sensing import EncoderOffset
 from twin_diagram.model.effects.simulated.actuators import Actuators
 from twin_diagram.model.effects.simulated.brakes import Brakes
 from twin_diagram.model.effects.simulated.delay_line import Line
+from twin_diagram.model.effects.simulated.realisation import Realisation, realisations, realises
 from twin_diagram.signals.arrays import Array
+
+
+@realises(TimeDelay, EncoderOffset)
+class WorkedOutByTheDrive(Realisation[Effect]):
+    """What `Drive` and `measured_position` make of torques and readings, from a run's begin to its end."""
+
+    changes_plant = True
 
 
 class Drive(LeafSystem):
@@ -63,8 +72,8 @@ class Drive(LeafSystem):
         n, g = len(self._motors.position), len(self._fingers.position)
         self._n = n
         self._step = plant.time_step()
-        steady = [e for e in effects if isinstance(e, (Gain, TorqueSaturation)) and not e.timed]
-        self._changing = [e for e in effects if isinstance(e, (Gain, TorqueSaturation)) and e.timed]
+        steady = [e for e in effects if isinstance(e, (Gain, TorqueSaturation)) and not e.when.timed]
+        self._changing = [e for e in effects if isinstance(e, (Gain, TorqueSaturation)) and e.when.timed]
         self._scale: Array = np.ones(n)
         self._cap: Array = np.full(n, np.inf)
         for effect in steady:
@@ -75,7 +84,8 @@ class Drive(LeafSystem):
         delay = sum(effect.delay for effect in effects)
         self._line = Line(delay / self._step, n) if delay > 0.0 else None
         self._set_motors(plant, arm)
-        self._brakes = Brakes(plant, arm, effects)
+        realised = realisations(effects)
+        self._brakes = Brakes(plant, arm, realised)
 
         self._commands = [
             self.DeclareVectorInputPort("torque", n),
@@ -99,7 +109,7 @@ class Drive(LeafSystem):
                 continue
             name = plant.GetModelInstanceName(instance)
             rows = [(k, own.index(int(index))) for k, index in enumerate(indices) if int(index) in own]
-            others = Actuators.of(plant, indices, effects)
+            others = Actuators.of(plant, indices, realised)
             brakes = self._brakes.rows([plant.get_joint_actuator(index).name() for index in indices])
             self._declare_commands(name, np.array(rows, dtype=int).reshape(-1, 2).T, others, brakes, tickets)
         logged_tickets = {self._state.ticket(), self.xd_ticket()}
@@ -129,7 +139,7 @@ class Drive(LeafSystem):
         """Ports of one model instance: `rows` are its actuators that are motors or fingers, and which of these."""
         changes = bool(self._changing or self._line or brakes)
         follows = changes or any(law is not None for law in others.law)
-        passing = any(effect is not None and effect.timed for effect in others.effect)
+        passing = any(effect is not None and effect.when.timed for effect in others.effect)
         more = {self._state.ticket()} if follows else set()
         together = others.together()
         more |= {self.xd_ticket(), self.time_ticket()} if changes or passing else set()
@@ -211,7 +221,7 @@ class Drive(LeafSystem):
         """Return (n,) what effects that start or end change in the motors' torque, by the last step's."""
         before = after = self._given(context) if self._changing else np.zeros(self._n)
         for effect in self._changing:
-            if effect.active(np.array(context.get_time())):
+            if effect.when.active(np.array(context.get_time())):
                 after = effect.applied(self._joints, after)
         return after - before
 
@@ -238,7 +248,7 @@ class Drive(LeafSystem):
         if self._changing:
             # The sum that reached the joints, as the laws read it: where they forget, the motor's own torque stands.
             since = np.array(context.get_time() - 0.5 * self._step)
-            acting = [effect for effect in self._changing if effect.active(since)]
+            acting = [effect for effect in self._changing if effect.when.active(since)]
             if acting and not any(effect.loses for effect in acting):
                 total = self._reaching(logged) + self._part(context, 1)
                 for effect in reversed(acting):

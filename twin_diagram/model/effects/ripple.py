@@ -7,9 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from twin_diagram.model.effects.effect import Effect, register
+from twin_diagram.model.effects.effect import Effect
 from twin_diagram.model.effects.parameter import ParameterKind
-from twin_diagram.model.effects.realisation import Fitting
+from twin_diagram.model.effects.serialisation import register
 from twin_diagram.model.rigid_body.arm_bodies import ArmBodies
 from twin_diagram.signals.arrays import Array
 
@@ -31,14 +31,3 @@ class TorqueRipple(Effect):
         del v, a, tau
         amplitude, cycles, phase = (self.spread(bodies.joints, self.value(key)) for key in self.kinds)
         return amplitude * np.sin(cycles * q + phase)
-
-    def fittings(self) -> list[Fitting]:
-        """Return an actuator per joint, explicit: keep amplitude × cycles × step² below the joint's inertia."""
-        result = []
-        for joint, amplitude, cycles, phase in zip(self.joints, *map(self.value, self.kinds), strict=True):
-
-            def curve(q: float, a: float = amplitude, c: float = cycles, p: float = phase) -> float:
-                return float(-a * np.sin(c * q + p))
-
-            result.append(Fitting(f"{joint}_torque_ripple_{cycles:g}", joint, curve=curve))
-        return result

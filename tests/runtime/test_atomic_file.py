@@ -1,0 +1,44 @@
+"""Files and folders are written whole or not at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from twin_diagram.runtime import atomic_file
+
+
+def tree(path: Path) -> dict[str, str]:
+    return {str(p.relative_to(path)): p.read_text() for p in sorted(path.rglob("*")) if p.is_file()}
+
+
+def test_a_folder_takes_the_place_of_an_old_one(tmp_path: Path) -> None:
+    place = tmp_path / "new" / "out"
+    for text in ("first", "second"):
+        with atomic_file.folder(place) as aside:
+            (aside / text).write_text(text)
+        assert tree(tmp_path) == {f"new/out/{text}": text}
+
+
+def test_only_its_parts_are_replaced_where_they_are_named(tmp_path: Path) -> None:
+    for name in ("own", "old", "kept"):
+        (tmp_path / name).write_text(name)
+    with atomic_file.folder(tmp_path, ("own", "old", "never")) as aside:
+        assert aside.parent == tmp_path
+        (aside / "own").write_text("changed")
+    assert tree(tmp_path) == {"kept": "kept", "own": "changed"}
+
+
+@pytest.mark.parametrize("parts", [(), ("a",)])
+def test_a_failure_leaves_what_was_there(tmp_path: Path, parts: tuple[str, ...]) -> None:
+    place = tmp_path / "out"
+    place.mkdir()
+    (place / "a").write_text("old")
+    with pytest.raises(RuntimeError), atomic_file.folder(place, parts) as aside:
+        (aside / "a").write_text("half")
+        raise RuntimeError
+    assert tree(tmp_path) == {"out/a": "old"}
+    with pytest.raises(IsADirectoryError):
+        atomic_file.write(place, "a file where there is a folder")
+    assert tree(tmp_path) == {"out/a": "old"}

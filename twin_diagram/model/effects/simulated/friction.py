@@ -1,0 +1,137 @@
+"""Friction in a plant: the joints' own dampers, actuators that hold a joint, and brakes of changing level."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+
+from twin_diagram.errors import ModelError
+from twin_diagram.model.description.add_arm import Arm
+from twin_diagram.model.effects.friction import TUNING as FRICTION
+from twin_diagram.model.effects.friction import CoulombFriction, ViscousFriction, smooth_sign
+from twin_diagram.model.effects.friction_stribeck_load import CoupledFriction, LoadDependentFriction, StribeckFriction
+from twin_diagram.model.effects.simulated.realisation import Brake, Fitting, Realisation, realises
+from twin_diagram.signals.arrays import Array
+
+
+@realises(ViscousFriction)
+class Dampers(Realisation[ViscousFriction]):
+    """The joints' own dampers, or explicit ones."""
+
+    def fittings(self) -> list[Fitting]:
+        """Return explicit dampers where it starts or ends during a run."""
+        if not self.effect.when.timed:
+            return []
+
+        def law(damping: float) -> Callable[[float], float]:
+            return lambda v: -damping * v
+
+        return [
+            Fitting(f"{joint}_{self.effect.name}", joint, speed_curve=law(float(damping)))
+            for joint, damping in zip(self.effect.joints, self.effect.value("damping"), strict=True)
+        ]
+
+    def before_finalize(self, plant: MultibodyPlant, arm: Arm) -> None:
+        """Raise the joints' damping, which a discrete plant integrates implicitly."""
+        if self.effect.when.timed:
+            super().before_finalize(plant, arm)
+            return
+        for name, damping in zip(self.effect.joints, self.effect.value("damping"), strict=True):
+            joint = plant.get_joint(arm.joint_indices[arm.joints.index(name)])
+            joint.set_default_damping_vector(joint.default_damping_vector() + damping)
+
+
+@realises(CoulombFriction)
+class HeldJoints(Realisation[CoulombFriction]):
+    """Actuators that hold a joint at rest, up to the level of its dry friction."""
+
+    def brakes(self) -> list[Brake]:
+        """Return brakes that start or end during a run; a plant's own are there for good."""
+        if not self.effect.when.timed:
+            return []
+
+        def level(forward: float, backward: float) -> Callable[[Array], tuple[float, float]]:
+            return lambda _: (forward, backward)
+
+        return [
+            Brake(self.effect.name, (joint,), level(float(ahead), float(back)))
+            for joint, ahead, back in zip(self.effect.joints, *self.effect.levels(), strict=True)
+        ]
+
+    def fittings(self) -> list[Fitting]:
+        """Return a brake per joint; where the directions differ, a constant torque shifts it."""
+        result: list[Fitting] = []
+        if self.effect.when.timed:
+            return result
+        for joint, forward, backward in zip(self.effect.joints, *self.effect.levels(), strict=True):
+            level, shift = 0.5 * (forward + backward), 0.5 * (forward - backward)
+            if level > 0.0:
+                result.append(Fitting(f"{joint}_{self.effect.name}", joint, limit=level, damping=FRICTION.hold))
+            if shift != 0.0:
+                result.append(Fitting(f"{joint}_{self.effect.name}_shift", joint, torque=-shift))
+        return result
+
+
+@realises(StribeckFriction)
+class HeldAndPushedJoints(Realisation[StribeckFriction]):
+    """A brake of the higher level, and a push that takes off what is too much at speed.
+
+    The push vanishes at rest, so that the joint sticks as it should, and is never more than the brake.
+    """
+
+    def brakes(self) -> list[Brake]:
+        """Return none.
+
+        Raises:
+            ModelError: it starts or ends during a run.
+        """
+        if not self.effect.when.timed:
+            return []
+        raise ModelError(f"effects.{self.effect.name}.onset: a simulator cannot start it during a run")
+
+    def fittings(self) -> list[Fitting]:
+        """Return both for each joint that has any."""
+        result = []
+        values = (self.effect.value(key) for key in ("coulomb", "static", "stribeck_velocity"))
+        for joint, coulomb, static, speed in zip(self.effect.joints, *values, strict=True):
+            highest = float(max(coulomb, static))
+            if highest == 0.0:
+                continue
+            name = f"{joint}_{self.effect.name}"
+            result.append(Fitting(name, joint, limit=highest, damping=FRICTION.hold))
+
+            def push(v: float, c: float = coulomb, s: float = static, w: float = speed, top: float = highest) -> float:
+                return float((top - c - (s - c) * np.exp(-((v / w) ** 2))) * smooth_sign(np.array(v)))
+
+            result.append(Fitting(f"{name}_push", joint, speed_curve=push))
+        return result
+
+
+@realises(LoadDependentFriction)
+class LoadedBrakes(Realisation[LoadDependentFriction]):
+    """A brake per joint, its level after the motor's torque."""
+
+    def brakes(self) -> list[Brake]:
+        """Return one per joint."""
+        coefficients = zip(self.effect.joints, self.effect.value("coefficient"), strict=True)
+        return [Brake(self.effect.name, (joint,), _levels_under_load(float(c))) for joint, c in coefficients]
+
+
+def _levels_under_load(c: float) -> Callable[[Array], tuple[float, float]]:
+    def level(tau: Array) -> tuple[float, float]:
+        with_motor, against_motor = c * abs(tau[0]) / (1.0 + c), c * abs(tau[0]) / (1.0 - c)
+        return (with_motor, against_motor) if tau[0] >= 0.0 else (against_motor, with_motor)
+
+    return level
+
+
+@realises(CoupledFriction)
+class CoupledBrake(Realisation[CoupledFriction]):
+    """A brake on the sum of the joints' speeds."""
+
+    def brakes(self) -> list[Brake]:
+        """Return one."""
+        level, damping = float(self.effect.value("torque")[0]), float(self.effect.value("damping")[0])
+        return [Brake(self.effect.name, self.effect.joints, lambda _: (level, level), damping)]
