@@ -64,6 +64,7 @@ def test_the_trend_is_tested_at_its_stated_probability() -> None:
         after[FilterLayout.MEAN] = mean
         object_update._watch_rest(after, np.zeros((12, 12)), noise(), mean)
         assert (after[FilterLayout.MODE] == Mode.REST) == rests
+        assert after[FilterLayout.CALM] == (0 if rests else -4)  # four images for the mean velocity to build up
 
 
 def test_the_scatter_is_learnt_as_a_mean_over_twenty_images() -> None:
@@ -139,6 +140,7 @@ def test_two_rejected_measurements_that_agree_start_a_motion_with_their_covarian
         filter_ = object_update.update(filter_, measured(second, 1.5 * away), 2.0, SETTINGS)
         assert (filter_[FilterLayout.MODE] == Mode.MOVING) == moves
         if not moves:
+            assert filter_[FilterLayout.REJECTED] == 1
             continue
         np.testing.assert_allclose(filter_[FilterLayout.VELOCITY], away, atol=1e-12)
         np.testing.assert_allclose(filter_[FilterLayout.POSE], object_update.moved(STILL, 1.5 * away))
@@ -148,6 +150,14 @@ def test_two_rejected_measurements_that_agree_start_a_motion_with_their_covarian
         expected = last_and_rate @ pair @ last_and_rate.T
         expected[6:, 6:] += np.diag(0.5 * SETTINGS.acceleration_density)
         np.testing.assert_allclose(found, expected, atol=1e-15)
+
+
+def test_rejected_measurements_that_disagree_begin_anew() -> None:
+    filter_ = filtered(Mode.REST, 0.9)
+    for time, side in ((1.0, 1), (1.1, -1), (1.2, 1)):
+        away = np.array([0, 0, 0, 0.1 * side, 0, 0])
+        filter_ = object_update.update(filter_, measured(time, away), 2.0, SETTINGS)
+        assert filter_[FilterLayout.MODE] == Mode.REST and filter_[FilterLayout.REJECTED] == 1
 
 
 def test_what_no_object_can_do_is_not_believed_at_once() -> None:

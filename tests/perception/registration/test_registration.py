@@ -26,7 +26,8 @@ from twin_diagram.perception.registration.recognition import alike, hues, recogn
 from twin_diagram.perception.registration.registration import RegisteredPose, register
 from twin_diagram.perception.registration.residuals import brightness, linearise, unexplained
 from twin_diagram.perception.registration.rotation import cross, exp, from_quaternion, log, skew, to_quaternion
-from twin_diagram.perception.registration.tracking import SLOT_SIZE, Known, Slot, step
+from twin_diagram.perception.registration.slots import SLOT_SIZE, Slot
+from twin_diagram.perception.registration.tracking import Known, step
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.scenario.resources import models_dir

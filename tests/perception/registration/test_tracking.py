@@ -18,7 +18,8 @@ from twin_diagram.perception.registration.recognition import hues, recognise
 from twin_diagram.perception.registration.registration import RegisteredPose, covariance
 from twin_diagram.perception.registration.residuals import tukey
 from twin_diagram.perception.registration.rotation import exp
-from twin_diagram.perception.registration.tracking import Slot, believable, measurement, postponed, predict, seen
+from twin_diagram.perception.registration.slots import Slot, measurement, postponed, predict, seen
+from twin_diagram.perception.registration.tracking import believable
 
 Array = npt.NDArray[np.float64]
 PARAMS = scenario.Registration()

@@ -14,7 +14,8 @@ from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.perception.pinhole import Pinhole
 from twin_diagram.perception.registration.model_cloud import ModelCloud
-from twin_diagram.perception.registration.tracking import SLOT_SIZE, Known, Slot, measurement, step
+from twin_diagram.perception.registration.slots import SLOT_SIZE, Slot, measurement
+from twin_diagram.perception.registration.tracking import Known, step
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.runtime.timing import timed
 from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER

@@ -1,9 +1,9 @@
-"""Follows the known objects from image to image: the estimator's memory and one `step` of it, as pure functions."""
+"""Follows the known objects from image to image: one `step` of the estimator, as pure functions on its `slots`."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -15,23 +15,19 @@ from twin_diagram.perception.registration.global_search import nearby, resting
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.recognition import recognise
 from twin_diagram.perception.registration.registration import (
-    TUNING as REGISTRATION,
-)
-from twin_diagram.perception.registration.registration import (
     RegisteredPose,
     claimed,
     information,
     register,
 )
-from twin_diagram.perception.registration.rotation import exp, from_quaternion, log, to_quaternion
+from twin_diagram.perception.registration.rotation import log
+from twin_diagram.perception.registration.slots import TUNING as SLOTS
+from twin_diagram.perception.registration.slots import Slot, measurement, postponed, predict, seen
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.signals.arrays import Array
-from twin_diagram.signals.layouts import NEVER, POSE_SIZE, PoseMeasurement
+from twin_diagram.signals.layouts import PoseMeasurement
 
 Mask = npt.NDArray[np.bool_]
-
-SLOT_SIZE: Final = 1 + POSE_SIZE + 6 + 1 + 1 + 1
-"""Numbers of a packed `Slot`: known, pose, velocity, seen, next search, attempts."""
 
 
 @dataclass(frozen=True)
@@ -50,12 +46,6 @@ class Tuning:
     largest_step: tuple[float, ...] = (0.7, 0.08)
     """From one image to the next no object turns or moves farther than this [rad], [m]."""
 
-    coast: float = 0.3
-    """A velocity is believed for this long [s]."""
-
-    rests: tuple[float, ...] = (0.1, 0.012)
-    """Slower than this is standing still [rad/s], [m/s]."""
-
     thin: int = 120
     """Image points that pull on an object that is followed."""
 
@@ -63,10 +53,7 @@ class Tuning:
     """Points this near to an object's surface are its own [m]."""
 
     slipped: float = 0.06
-    """An object that was lost just now is looked for this far beyond its own radius [m]: what `largest_step` allows."""
-
-    longest_wait: int = 4
-    """A search that keeps failing is repeated after so many search periods."""
+    """An object that was lost just now is looked for among points this far beyond its own radius [m]."""
 
 
 TUNING = Tuning()
@@ -76,47 +63,6 @@ MOVING: Final = information(0.2, 0.03)
 """How well the next pose of an object that moves is known."""
 RESTING: Final = information(0.03, 0.005)
 """And of one that stands still. Nearly hidden, it is held where it was; in the open, the image has far more to say."""
-
-
-@dataclass(frozen=True)
-class Slot:
-    """What is remembered of one object.
-
-    Attributes:
-        known: it has been found at least once.
-        R: (3, 3) last R_WO.
-        p: (3,) last p_WO [m].
-        velocity: (6,) angular [rad/s], linear [m/s] in W.
-        seen: capture time of the last image in which it was found [s].
-        next_search: when to look for it anew [s].
-        attempts: searches since it was last seen.
-    """
-
-    known: bool = False
-    R: Array = field(default_factory=lambda: np.eye(3))
-    p: Array = field(default_factory=lambda: np.zeros(3))
-    velocity: Array = field(default_factory=lambda: np.zeros(6))
-    seen: float = NEVER
-    next_search: float = NEVER
-    attempts: int = 0
-
-    def pack(self) -> Array:
-        """Return the slot as a vector (SLOT_SIZE,)."""
-        tail = [self.seen, self.next_search, float(self.attempts)]
-        return np.concatenate([[float(self.known)], to_quaternion(self.R), self.p, self.velocity, tail])
-
-    @staticmethod
-    def unpack(vector: Array) -> Slot:
-        """Return the inverse of `pack`."""
-        return Slot(
-            known=bool(vector[0] > 0.5),
-            R=from_quaternion(vector[1:5]),
-            p=vector[5:8].copy(),
-            velocity=vector[8:14].copy(),
-            seen=float(vector[14]),
-            next_search=float(vector[15]),
-            attempts=int(vector[16]),
-        )
 
 
 @dataclass(frozen=True)
@@ -229,7 +175,7 @@ def regain_lost(
     segments = view.segments
     regained = {}
     for k, (known, slot) in enumerate(zip(library, slots, strict=True)):
-        if not slot.known or k in found or segments.time - slot.seen > TUNING.coast:
+        if not slot.known or k in found or segments.time - slot.seen > SLOTS.coast:
             continue
         result = register_around(known, slot, view, free)
         if result is not None:
@@ -294,14 +240,6 @@ def register_around(known: Known, slot: Slot, view: View, free: Mask) -> Registe
     return found.registration
 
 
-def predict(slot: Slot, time: float) -> tuple[Array, Array]:
-    """Return R (3, 3) and p (3,) at `time`, by constant velocity for a short while."""
-    ahead = time - slot.seen
-    if not 0.0 < ahead <= TUNING.coast:
-        return slot.R, slot.p
-    return exp(slot.velocity[:3] * ahead) @ slot.R, slot.p + slot.velocity[3:] * ahead
-
-
 def believable(result: RegisteredPose, params: scenario.Registration, R: Array, p: Array) -> bool:
     """Return whether a registration is the object, near where it must be, and not a guess from a few pixels."""
     return bool(
@@ -311,30 +249,3 @@ def believable(result: RegisteredPose, params: scenario.Registration, R: Array, 
         and np.linalg.norm(result.p - p) <= TUNING.largest_step[1]
         and np.linalg.norm(log((result.R @ R.T)[None])) <= TUNING.largest_step[0]
     )
-
-
-def seen(slot: Slot, result: RegisteredPose, time: float) -> Slot:
-    """Return the slot after the object was found; its velocity is not known after an empty slot or a long gap."""
-    velocity = np.zeros(6)
-    step = time - slot.seen
-    if slot.known and 0.0 < step <= TUNING.coast:
-        rate = np.concatenate([log((result.R @ slot.R.T)[None])[0], result.p - slot.p]) / step
-        velocity = 0.4 * slot.velocity + 0.6 * rate
-        if np.linalg.norm(velocity[:3]) < TUNING.rests[0] and np.linalg.norm(velocity[3:]) < TUNING.rests[1]:
-            velocity = np.zeros(6)
-    return Slot(True, result.R, result.p, velocity, time, NEVER, 0)
-
-
-def postponed(slot: Slot, time: float, params: scenario.Registration) -> Slot:
-    """Return the slot after a search in vain: the next one waits the longer, the more have failed."""
-    attempts = slot.attempts + 1
-    wait = params.search_period * min(max(1, attempts // 2), TUNING.longest_wait)
-    return replace(slot, next_search=time + wait, attempts=attempts)
-
-
-def measurement(slot: Slot, result: RegisteredPose | None, time: float) -> PoseMeasurement:
-    """Return what goes out: the pose found, or the last one with quality 0."""
-    if result is None:
-        widest = np.diag(np.repeat(np.square(REGISTRATION.widest), 3))
-        return PoseMeasurement(0.0, time, np.concatenate([to_quaternion(slot.R), slot.p]), widest)
-    return PoseMeasurement(result.quality, time, np.concatenate([to_quaternion(result.R), result.p]), result.covariance)
