@@ -9,6 +9,7 @@ import numpy as np
 
 from kuka_kr300.runs import GEAR_RATIO, JOINTS, ROTOR_INERTIA
 from twin_diagram.gap import Gap
+from twin_diagram.gap.candidates.records import sentence
 from twin_diagram.model import Model
 from twin_diagram.model.effects.transmission import JointSpring
 from twin_diagram.signals.arrays import Array
@@ -55,7 +56,7 @@ def curve_in_words(model: Model, gap: Gap) -> list[str]:
                 )
                 lines.append(f"beyond its ends the spring's curve soon goes on with its mean slope: {ends}")
             else:
-                lines.append(f"{effect.sentence()}; it goes on as a straight line beyond")
+                lines.append(f"{sentence(effect)}; it goes on as a straight line beyond")
     return lines
 
 

@@ -14,6 +14,7 @@ import pytest
 from tests import gap_bench as bench
 from tests.signals.test_units import SHAPED, gantry, on_both
 from twin_diagram.errors import LogError
+from twin_diagram.gap.candidates.records import sentence
 from twin_diagram.gap.correction.named_effects import sentence_of, specs_of
 from twin_diagram.gap.experiments import advice, trajectories
 from twin_diagram.gap.findings import Estimate, Finding, Separation, Verdict
@@ -126,7 +127,7 @@ def test_the_corrected_model_says_itself_so(gap: Gap, folder: Path) -> None:
     """Also when it is read again from its folder, with its joints as they were."""
     again = Model.load(folder / "out" / "model")
     for corrected in (gap.corrected, again):
-        said = "; ".join(effect.sentence() for effect in corrected.effects)
+        said = "; ".join(sentence(effect) for effect in corrected.effects)
         assert re.search(r"dry friction of 15(\.0\d)? N on rail", said) and "N·m on shoulder" in said
 
 

@@ -15,6 +15,8 @@ from hypothesis import strategies as st
 from twin_diagram.errors import ModelError
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.dynamics.parameters import ParameterSet
+from twin_diagram.gap.candidates.records import sentence
+from twin_diagram.gap.candidates.wording import values_on_joints
 from twin_diagram.model.effects import REGISTRY, Effect, ParameterKind, add_to_plant, make
 from twin_diagram.model.model import Model
 from twin_diagram.scenario import ArmModel, EffectSpec, Filter
@@ -210,16 +212,18 @@ def test_gears_have_units_of_their_kind() -> None:
 @pytest.mark.parametrize("name", SHAPED)
 def test_a_joint_that_slides_is_told_in_newtons_and_metres(model: Model, name: str) -> None:
     """Each joint has its own units in one sentence; what turns is told as ever."""
-    both = model.with_effects([make(on_both(name))]).effects[-1].sentence()
+    both = sentence(model.with_effects([make(on_both(name))]).effects[-1])
     alone, turning = (
-        model.with_effects([make(on_both(name, (joint,), **{key: [x[k]] for key, x in SHAPED[name].items()}))])
-        .effects[-1]
-        .sentence()
+        sentence(
+            model.with_effects(
+                [make(on_both(name, (joint,), **{key: [x[k]] for key, x in SHAPED[name].items()}))]
+            ).effects[-1]
+        )
         for k, joint in enumerate(("rail", "shoulder"))
     )
     for never in ("N·m", "rad", "kg·m²", "torque", "angle", "revolution"):
         assert never not in alone.replace("torque ripple", "")
-    assert turning == make(on_both(name, ("shoulder",), **{k: [x[1]] for k, x in SHAPED[name].items()})).sentence()
+    assert turning == sentence(make(on_both(name, ("shoulder",), **{k: [x[1]] for k, x in SHAPED[name].items()})))
     assert "rail" in both and "shoulder" in both
     if any(kind.unit_on(True) != kind.unit for kind in REGISTRY[name].kinds.values()):
         assert any(unit in both for unit in ("N·m", "rad", "kg·m²"))
@@ -228,7 +232,7 @@ def test_a_joint_that_slides_is_told_in_newtons_and_metres(model: Model, name: s
 
 def test_sentences_word_by_word(model: Model) -> None:
     def told(spec: EffectSpec) -> str:
-        return model.with_effects([make(spec)]).effects[-1].sentence()
+        return sentence(model.with_effects([make(spec)]).effects[-1])
 
     assert told(on_both("coulomb_friction")) == "dry friction of 5 N on rail, 2 N·m on shoulder"
     assert told(on_both("viscous_friction")) == "viscous friction of 40 N·s/m on rail, 1.5 N·m·s/rad on shoulder"
@@ -260,10 +264,10 @@ def test_a_users_own_effect_follows(model: Model) -> None:
         kinds: ClassVar[Mapping[str, ParameterKind]] = {"drag": ParameterKind("N·m·s²/rad²", lower=0.0)}
 
         def sentence(self) -> str:
-            return f"drag of {self.values_on_joints('drag')}"
+            return f"drag of {values_on_joints(self, 'drag')}"
 
     effect = Drag.from_spec(EffectSpec("quadratic_drag", ["rail", "shoulder"], [], {"drag": [2.0, 3.0]}))
-    assert effect.on_arm(model.prismatic).sentence() == "drag of 2 N·s²/m² on rail, 3 N·m·s²/rad² on shoulder"
+    assert sentence(effect.on_arm(model.prismatic)) == "drag of 2 N·s²/m² on rail, 3 N·m·s²/rad² on shoulder"
 
 
 def test_models_tell_their_effects(model: Model) -> None:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from twin_diagram.gap.candidates import reversal_nuisances, single_joint, user_effects, whole_arm
+from twin_diagram.gap.candidates import reversal_nuisances, time_delay, user_effects
 from twin_diagram.gap.candidates.candidate import Candidate
+from twin_diagram.gap.candidates.records import catalogue_candidates, record_of
 from twin_diagram.gap.findings import Verdict
 from twin_diagram.gap.residuals import stiction, whitening
 from twin_diagram.gap.residuals.prepared_logs import Records, prepare
@@ -63,21 +64,6 @@ class Tuning:
 TUNING = Tuning()
 
 
-SWUNG = ("reflected_inertia", "joint_elasticity", "backlash", "torque_constant", "encoder_offset")
-"""What a gear that swings looks like at first."""
-
-LATE = "time_delay"
-"""Or, where joints are not equally late, this."""
-
-
-NOT_SMOOTH = ("joint_elasticity", "torque_saturation")
-"""Candidates that the saturated fit can do without."""
-
-MOTOR = ("", "time_delay", "torque_constant", "torque_bias", "torque_saturation", "actuator_fault")
-"""What stands between the logged torque and the motor's: no load of the motor."""
-
-COUPLED = "coupled_friction"
-
 Progress = Callable[[str], None]
 
 
@@ -114,7 +100,7 @@ def investigate(records: Records, progress: Progress | None = None) -> tuple[Ver
     terms = Terms(records, given_load(records), slow_speed(records))
     candidates = all_candidates(terms)
     lap("candidates")
-    smooth = [c for c in candidates if c.name not in NOT_SMOOTH]
+    smooth = [c for c in candidates if record_of(c.name).smooth]
     explained, spent = smooth_fit.explain(records, smooth)
     ordinary = whitening.ordinary(records.residual - explained, records.lengths, records.rate)
     counted = stiction.sliding(records, terms, range(records.n)) * ordinary
@@ -126,7 +112,7 @@ def investigate(records: Records, progress: Progress | None = None) -> tuple[Ver
     lap("noise")
 
     say("searching for a name")
-    nuisances = [whole_arm.timing_nuisance(terms), *reversal_nuisances.nuisances(terms)]
+    nuisances = [time_delay.timing_nuisance(terms), *reversal_nuisances.nuisances(terms)]
     bench = Bench(records.residual, noise, candidates, nuisances, weights, terms.torque_size)
     fit = refine(bench, terms, search(bench, TUNING.least, TUNING.most, Proposer(terms), polisher(terms)))
     lap("search")
@@ -144,8 +130,7 @@ def investigate(records: Records, progress: Progress | None = None) -> tuple[Ver
 def all_candidates(terms: Terms) -> list[Candidate]:
     """Return the catalogue's candidates but for those that are proposed on the way, and those of a user's effects."""
     return [
-        *single_joint.joint_candidates(terms),
-        *whole_arm.arm_candidates(terms),
+        *catalogue_candidates(terms),
         *user_effects.own_candidates(terms),
     ]
 
@@ -162,29 +147,30 @@ def search_again(
         fit: what it found.
         ordinary: see `whitening.ordinary`.
     """
-    needed = smooth_fit.at_full_rate(records, contribution_of(records, bench, fit, without=MOTOR))
-    moved = smooth_fit.at_full_rate(records, contribution_of(records, bench, fit, without=(*MOTOR, *stiction.DRY)))
+    there = [bench.candidates[k] for k in fit.members]
+    named = {candidate.name for candidate in there}
+    dry_names = {name for name in named if record_of(name).dry}
+    no_load = {"", *(name for name in named if record_of(name).motor)}
+    needed = smooth_fit.at_full_rate(records, contribution_of(records, bench, fit, without=no_load))
+    moved = smooth_fit.at_full_rate(records, contribution_of(records, bench, fit, without=no_load | dry_names))
     given = given_load(records)
     terms = with_load(
         terms,
         tuple(g + c for g, c in zip(given, needed, strict=True)),
         tuple(r.passed + c for r, c in zip(records.records, moved, strict=True)),
     )
-    dry = stiction.dry_joints(records) | {
-        j for k in fit.members if bench.candidates[k].name in stiction.DRY for j in bench.candidates[k].joints
-    }
+    dry = stiction.dry_joints(records) | {j for c in there if c.name in dry_names for j in c.joints}
     fresh = all_candidates(terms)
     left = records.residual - contribution_of(records, bench, fit)
-    coupled = [(c.joints[0], c.joints[1]) for c in map(bench.candidates.__getitem__, fit.members) if c.name == COUPLED]
+    coupled = [(c.joints[0], c.joints[1]) for c in there if record_of(c.name).coupled]
     weights = stiction.moving(records, terms, bench.whitener, dry, stiction.creep(records, terms, left, dry), coupled)
     white = records.white(bench.whitener.order)
-    smooth = [c for c in fresh if c.name not in NOT_SMOOTH] + [bench.candidates[k] for k in fit.members]
+    smooth = [c for c in fresh if record_of(c.name).smooth] + there
     quiet = weights * ordinary[bench.whitener.rows].T
     noise = whitening.restricted(records.residual, smooth_fit.columns(records, smooth), bench.whitener, quiet, white)
-    others = {bench.candidates[k].name for k in fit.members} - stiction.DRY
-    friction = contribution_of(records, bench, fit, without=tuple(others))
+    friction = contribution_of(records, bench, fit, without=named - dry_names)
     weights = np.maximum(weights, stiction.turning(records, terms, bench.whitener, friction, dry))
-    nuisances = [whole_arm.timing_nuisance(terms), *reversal_nuisances.nuisances(terms)]
+    nuisances = [time_delay.timing_nuisance(terms), *reversal_nuisances.nuisances(terms)]
     second = Bench(records.residual, noise, fresh, nuisances, weights * trusted(records, bench, fit), terms.torque_size)
     members: Members = frozenset(second.add(bench.candidates[k]) for k in fit.members)
     asked = suspects(records, terms, second, members)
@@ -225,8 +211,10 @@ def suspects(records: Records, terms: Terms, bench: Bench, members: Members) -> 
     fit = bench.solve(members)
     left = leftover_structure.left_over(records, terms, bench, fit).joints
     found = [int(j) for j in np.argsort(-left)[: TUNING.suspects] if left[j] > TUNING.suspect]
-    swung = [j for k in sorted(members) if bench.candidates[k].name in SWUNG for j in bench.candidates[k].joints]
-    swung += [j for k in sorted(members) if bench.candidates[k].name == LATE for j in uneven(bench, fit, k)]
+    swung = [
+        j for k in sorted(members) if record_of(bench.candidates[k].name).swung for j in bench.candidates[k].joints
+    ]
+    swung += [j for k in sorted(members) if record_of(bench.candidates[k].name).late for j in uneven(bench, fit, k)]
     beside = [i for j in found[:1] for i in (j + 1, j - 1) if 0 <= i < records.n]
     return list(dict.fromkeys([*found, *swung, *beside]))[: TUNING.suspects]
 
@@ -257,7 +245,7 @@ def polisher(terms: Terms) -> Polish:
     return lambda bench, fit: refine(bench, terms, fit, rounds=1, slow=False)
 
 
-def contribution_of(records: Records, bench: Bench, fit: HypothesisFit, without: Sequence[str] = ()) -> Array:
+def contribution_of(records: Records, bench: Bench, fit: HypothesisFit, without: Collection[str] = ()) -> Array:
     """Return (ΣD, n) torque that a fit adds to the given model's, reduced [N·m].
 
     Args:

@@ -16,7 +16,7 @@ from scipy.signal import lfilter
 from tests.model.effects.test_effects_in_time import ARM, JOINTS, ROTORS, recorded
 from twin_diagram.errors import ModelError
 from twin_diagram.gap.candidates.given_link import link_inertia
-from twin_diagram.gap.candidates.whole_arm import _inertia_values
+from twin_diagram.gap.candidates.inertial_parameters import inertia_values
 from twin_diagram.gap.correction import add_effects
 from twin_diagram.gap.correction.add_effects import add
 from twin_diagram.gap.correction.equation_error import Hypothesis, by_torque
@@ -287,7 +287,7 @@ def test_rough_link_parameters_are_about_the_links_own_centre() -> None:
     """What a search finds is about the link's origin; an effect made of it adds just that to the link."""
     model = Model.load(ARM)
     added = point_mass(1.0, np.array([0.1, 0.02, -0.08]))
-    values = _inertia_values(*link_inertia(model, "panda_link4"))(added, 1e-12 * np.eye(10))
+    values = inertia_values(*link_inertia(model, "panda_link4"))(added, 1e-12 * np.eye(10))
     spec = EffectSpec("inertial_parameters", [], ["panda_link4"], {key: list(x) for key, (x, _) in values.items()})
     effect = make(spec)
     assert isinstance(effect, InertialParameters)

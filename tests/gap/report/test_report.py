@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
 from tests import gap_bench as bench
+from twin_diagram.gap.candidates.records import RECORDS
 from twin_diagram.gap.correction.named_effects import effects_of, sentence_of, specs_of
 from twin_diagram.gap.experiments import advice, trajectories
 from twin_diagram.gap.findings import Alternative, Estimate, Finding, Separation, Verdict
@@ -284,7 +285,7 @@ def test_every_name_of_the_catalogue_has_words() -> None:
     from twin_diagram.model.effects import REGISTRY
 
     along = {name for name, cls in REGISTRY.items() if cls.__module__.startswith("twin_diagram.model.effects.")}
-    assert along == set(words.TITLES)
+    assert along == set(RECORDS) and all(words.title(name) and words.explanation(name) for name in along)
 
 
 def test_binned_medians_follow_a_curve() -> None:

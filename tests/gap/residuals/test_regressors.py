@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from twin_diagram.gap.candidates import reversal_nuisances, single_joint
+from twin_diagram.gap.candidates import reversal_nuisances, torque_saturation
 from twin_diagram.gap.residuals import stiction
 from twin_diagram.gap.residuals.prepared_logs import prepare, roughness
 from twin_diagram.gap.residuals.regressors import Terms, given_load, slow_speed, turns
@@ -78,12 +78,12 @@ def test_a_limit_that_is_passed_most_of_the_time_is_offered() -> None:
     limit = float(np.quantile(np.abs(needed), 0.3))
     beyond = np.where(np.abs(needed) > limit, np.sign(needed) * 40.0, 0.0)
     terms = terms_of(log_with(asked=beyond))
-    found = single_joint.saturation(terms, ELBOW, float(np.max(np.abs(needed))))
+    found = torque_saturation.saturation(terms, ELBOW, float(np.max(np.abs(needed))))
     assert found is not None
     left = terms.records.residual[:, ELBOW] - found.columns[:, 0, 0]
     assert np.sqrt(np.mean(left**2)) < 0.1 * np.sqrt(np.mean(terms.records.residual[:, ELBOW] ** 2))
     calm = terms_of(log)
-    assert single_joint.saturation(calm, ELBOW, 0.999 * float(np.max(np.abs(needed)))) is None
+    assert torque_saturation.saturation(calm, ELBOW, 0.999 * float(np.max(np.abs(needed)))) is None
 
 
 @pytest.mark.parametrize("held", [True, False], ids=["held", "slides"])

@@ -11,6 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twin_diagram.gap.candidates.candidate import Candidate, linear
+from twin_diagram.gap.candidates.stribeck_friction import TUNING as STRIBECK_FRICTION
+from twin_diagram.gap.candidates.torque_ripple import TUNING as TORQUE_RIPPLE
 from twin_diagram.gap.findings import Finding, Moment
 from twin_diagram.gap.naming import uneven
 from twin_diagram.gap.residuals import whitening
@@ -114,9 +116,9 @@ def test_prices_of_names_joints_and_kinds_of_dry_friction() -> None:
     other = candidate("stribeck_friction", 2, x)
     assert price([one]) == PRIOR_COSTS.new_name
     assert price([one, two]) == PRIOR_COSTS.new_name + PRIOR_COSTS.further_joint + 1.5
-    assert price([one, other]) == 2 * PRIOR_COSTS.new_name + PRIOR_COSTS.mixed
+    assert price([one, other]) == 2 * PRIOR_COSTS.new_name + STRIBECK_FRICTION.mixed
     ripples = [candidate("torque_ripple", j, x, shape={"cycles": c}) for j, c in ((0, 4.0), (0, 9.0), (1, 4.0))]
-    assert price(ripples) == PRIOR_COSTS.new_name + 2 * PRIOR_COSTS.further_joint + PRIOR_COSTS.harmonic
+    assert price(ripples) == PRIOR_COSTS.new_name + 2 * PRIOR_COSTS.further_joint + TORQUE_RIPPLE.harmonic
 
 
 def test_what_excludes_each_other_does_so_both_ways() -> None:

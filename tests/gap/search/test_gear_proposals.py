@@ -9,12 +9,13 @@ import numpy.typing as npt
 import pytest
 
 from tests.gap.residuals.test_regressors import log_with, terms_of
+from twin_diagram.gap.candidates.gears import GearShape, gear, rattled
 from twin_diagram.gap.naming import all_candidates
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.residuals.whitening import Whitener
 from twin_diagram.gap.search.backlash_gaps import GAPS, Knocks
 from twin_diagram.gap.search.bench import Bench
-from twin_diagram.gap.search.gear_proposals import GearShape, gear, propose, rattled
+from twin_diagram.gap.search.gear_proposals import propose
 
 Array = npt.NDArray[np.float64]
 

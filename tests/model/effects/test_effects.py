@@ -18,6 +18,7 @@ from pydrake.systems.primitives import LogVectorOutput
 
 from twin_diagram import scenario
 from twin_diagram.errors import ModelError
+from twin_diagram.gap.candidates.records import sentence
 from twin_diagram.model import effects
 from twin_diagram.model.description.add_arm import add_arm
 from twin_diagram.model.effects.transmission import JointSpring
@@ -256,8 +257,8 @@ def test_spec_round_trip_and_sentence(name: str) -> None:
     effect = effects.make(EFFECTS[name])
     again = effects.make(effect.spec())
     assert again.spec() == effect.spec()
-    assert len(effect.sentence()) > 10
-    assert all(joint in effect.sentence() for joint in effect.joints)
+    assert len(sentence(effect)) > 10
+    assert all(joint in sentence(effect) for joint in effect.joints)
 
 
 @given(

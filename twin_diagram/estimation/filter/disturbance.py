@@ -22,6 +22,7 @@ import numpy as np
 from scipy.special import erf
 
 from twin_diagram.estimation.filter.belief import Belief
+from twin_diagram.model.effects.friction import CoulombFriction
 from twin_diagram.scenario import Filter
 from twin_diagram.signals.arrays import Array
 
@@ -77,7 +78,7 @@ def disturbance_std(params: Filter, sliding: Array, level: Array) -> Array:
         sliding: (n,) whether each joint slides.
         level: (n,) of its dry friction [N·m].
     """
-    share = TUNING.learnt_share if "coulomb_friction" in params.parameters else TUNING.friction_share
+    share = TUNING.learnt_share if CoulombFriction.name in params.parameters else TUNING.friction_share
     return np.hypot(params.torque_drift_std, np.where(sliding, share, 1.0) * level)
 
 

@@ -12,9 +12,6 @@ from twin_diagram.signals.arrays import Array
 Values = dict[str, tuple[Array, Array]]
 """Parameter key → value and standard error, each (k,)."""
 
-GLOBAL = ("payload", "inertial_parameters", "gravity_tilt", "time_delay", "external_force")
-"""Names whose parameters are not one per joint."""
-
 
 @dataclass(frozen=True, eq=False)
 class Candidate:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydrake.math import RigidTransform
 
-from twin_diagram.model.effects.link_inertia import about_centre
+from twin_diagram.model.effects.link_inertia import InertialParameters, about_centre
 from twin_diagram.model.model import Model
 from twin_diagram.model.rigid_body import rigid_tree
 from twin_diagram.signals.arrays import Array
@@ -18,7 +18,7 @@ def link_inertia(model: Model, link: str) -> tuple[float, Array, Array]:
     body = model.plant.GetBodyByName(link)
     mass, centre, inertia = about_centre(rigid_tree.inertia_vector(body.default_spatial_inertia(), RigidTransform()))
     for effect in model.present:
-        if effect.name == "inertial_parameters" and effect.links == (link,):
+        if isinstance(effect, InertialParameters) and effect.links == (link,):
             mass = mass + float(effect.value("mass")[0])
             centre, inertia = centre + effect.value("com"), inertia + effect.value("inertia")
     return mass, centre, inertia

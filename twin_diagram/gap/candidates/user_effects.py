@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin_diagram.gap.candidates.candidate import Candidate, linear
+from twin_diagram.gap.candidates.records import RECORDS
 from twin_diagram.gap.residuals.prepared_logs import Record
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.model.effects import REGISTRY, Effect
@@ -45,6 +46,8 @@ def own_candidates(terms: Terms) -> list[Candidate]:
     made = []
     for cls in REGISTRY.values():
         if cls.__module__.startswith(COME_ALONG) or not cls.per_joint or not _plain(cls):
+            continue
+        if cls.name in RECORDS and RECORDS[cls.name].effect is cls:  # its record makes them
             continue
         for j in range(terms.records.n):
             candidate = _candidate(terms, cls, j)

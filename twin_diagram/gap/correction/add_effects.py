@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin_diagram.errors import ModelError
+from twin_diagram.gap.candidates.records import record_of
 from twin_diagram.gap.correction.equation_error import Hypothesis, by_torque
 from twin_diagram.gap.correction.gauss_newton import Solution
-from twin_diagram.gap.correction.merge_effects import UNTOLD
 from twin_diagram.gap.correction.named_effects import specs_of
 from twin_diagram.gap.correction.onset_times import TUNING as ONSET_TIMES
 from twin_diagram.gap.correction.output_error import output_error
@@ -61,11 +61,6 @@ class Tuning:
 
 
 TUNING = Tuning()
-
-
-LEFT_OUT = {("time_delay", "delay"): (3e-4, 0.0), ("backlash", "gap"): (0.0, 0.02)}
-"""Standard errors, absolute and relative, of what laws leave out: controllers hold a torque for a while, which looks
-like some of a delay [s]; teeth give way where they meet."""
 
 
 @dataclass(frozen=True)
@@ -228,11 +223,11 @@ def _told(finding: Finding, hypothesis: Hypothesis, mine: Sequence[int], vector:
             for key, both in slopes.items():  # at a bound of the catalogue a value moves to one side alone
                 sides[key].append(max(both, key=lambda slope: float(np.linalg.norm(slope))))
         for key, value in values.items():
-            if key in UNTOLD:
+            if key in record_of(finding.name).untold:
                 continue
             J = np.stack(sides[key], axis=1)
             std = np.sqrt(np.maximum(np.einsum("ik,kl,il->i", J, covariance[s, s], J), 0.0))
-            fixed, relative = LEFT_OUT.get((finding.name, key), (0.0, 0.0))
+            fixed, relative = record_of(finding.name).left_out.get(key, (0.0, 0.0))
             std = np.sqrt(std**2 + fixed**2 + (relative * np.array(value)) ** 2)
             before = finding.parameters.get(key)
             units = [unit_of(finding.name, key, joint in prismatic) for joint in part.spec.joints]

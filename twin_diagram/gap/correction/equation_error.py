@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin_diagram.errors import ModelError
+from twin_diagram.gap.candidates.records import record_of
 from twin_diagram.gap.correction import onset_times
 from twin_diagram.gap.correction.gauss_newton import Solution, minimise
 from twin_diagram.gap.correction.merge_effects import merged
@@ -48,10 +49,6 @@ class Tuning:
 
 
 TUNING = Tuning()
-
-
-SCANNED = {"joint_elasticity": "stiffness", "backlash": "gap", "stribeck_friction": "stribeck_velocity"}
-"""Parameters on which torques depend so steeply that a step from a rough value may lead astray."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +113,7 @@ def by_torque(hypothesis: Hypothesis, whole: Records, *, coloured: bool = True) 
         coloured: whether what is left counts as noise of a colour; where laws are not exact, what they leave is slow
             like themselves, and the colour takes their own frequencies' weight away.
     """
-    sharp = any(part.spec.name == "backlash" for part in hypothesis.parts)  # its knocks are
+    sharp = any(record_of(part.spec.name).sharp for part in hypothesis.parts)  # its knocks are
     records = whole if sharp else coarser(whole)
     marks = {record.mark for record in whole.records}
     solution = equation_error(hypothesis, records, coloured=coloured)
@@ -239,7 +236,7 @@ def equation_error(hypothesis: Hypothesis, records: Records, *, coloured: bool =
                 return np.full(weights.size, np.inf)
 
         _, clusters = np.unique(block[noise.rows], return_inverse=True)
-        waits = any(part.spec.name == "time_delay" for part in hypothesis.parts)
+        waits = any(record_of(part.spec.name).late for part in hypothesis.parts)
         late = None if waits else (noise.all(0.6 * period * rate) * weights).ravel()[:, None]
         whole = np.tile(clusters.reshape(-1), records.n)
         solution = minimise(residual, start, hypothesis.steps(), whole, hypothesis.prior(), late)
@@ -255,8 +252,8 @@ def _scanned(hypothesis: Hypothesis, start: Array, residual: Callable[[Array], A
     """Return the start, with coordinates in which the residual rings brought near to their best."""
     best, least = start, float(np.sum(residual(start) ** 2))
     for part, s in zip(hypothesis.parts, hypothesis.slices(), strict=True):
-        key = SCANNED.get(part.spec.name)
-        if key is None:
+        key = record_of(part.spec.name).scanned
+        if not key:
             continue
         count = len(part.spec.parameters[key])
         keys = list(part.spec.parameters)

@@ -8,7 +8,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from twin_diagram.errors import ModelError
-from twin_diagram.gap.correction.merge_effects import LEADING, POSITIVE
+from twin_diagram.gap.candidates.records import record_of, sentence
 from twin_diagram.gap.findings import Estimate, Finding
 from twin_diagram.model.effects import REGISTRY, Effect, make
 from twin_diagram.scenario import EffectSpec
@@ -80,7 +80,7 @@ def sentence_of(finding: Finding, prismatic: Collection[str] = ()) -> str:
     amount = amount_of(finding)
     if amount == "more":
         try:
-            return "; ".join(effect.on_arm(prismatic).sentence() for effect in effects_of(finding))
+            return "; ".join(sentence(effect.on_arm(prismatic)) for effect in effects_of(finding))
         except ModelError:
             amount = "other"
     places = ", ".join([*finding.joints, *finding.links])
@@ -89,9 +89,8 @@ def sentence_of(finding: Finding, prismatic: Collection[str] = ()) -> str:
 
 def amount_of(finding: Finding) -> str:
     """Return whether the arm has `more` of an effect than the given model, `less`, or, on different joints, `other`."""
-    if finding.name not in POSITIVE:
-        return "more"
-    values = [x for spec in specs_of(finding) for key in LEADING for x in spec.parameters.get(key, [])]
+    leading = record_of(finding.name).leading
+    values = [x for spec in specs_of(finding) for key in leading for x in spec.parameters.get(key, [])]
     below = [x < 0.0 for x in values]
     return "less" if values and all(below) else "other" if any(below) else "more"
 

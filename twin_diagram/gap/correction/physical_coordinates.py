@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from twin_diagram.gap.candidates.given_link import link_inertia
-from twin_diagram.gap.correction.merge_effects import UNTOLD
+from twin_diagram.gap.candidates.records import record_of
 from twin_diagram.gap.correction.onset_times import ALWAYS, When
 from twin_diagram.model.effects import REGISTRY
 from twin_diagram.model.model import Model
@@ -53,7 +53,7 @@ class Coordinates:
 
     Attributes:
         spec: whose values are replaced.
-        link: (10,) inertial parameters of the given link about its centre, for `inertial_parameters`.
+        link: (10,) inertial parameters of the given link about its centre, for an effect that is refined as one.
         when: its onset and end, with their standard errors.
     """
 
@@ -64,8 +64,8 @@ class Coordinates:
     @staticmethod
     def of(model: Model, spec: EffectSpec) -> Coordinates:
         """Return the coordinates of an effect that is added to a model."""
-        if spec.name != "inertial_parameters":
-            for key in sorted(UNTOLD & set(REGISTRY[spec.name].kinds) - set(spec.parameters)):
+        if not record_of(spec.name).of_link:
+            for key in sorted(record_of(spec.name).untold - set(spec.parameters)):
                 default = REGISTRY[spec.name].kinds[key].default
                 assert default is not None
                 spec = replace(spec, parameters={**spec.parameters, key: [default] * len(spec.joints)})
@@ -115,7 +115,7 @@ class Coordinates:
             spread[begin:end] = TUNING.about * max(float(np.linalg.norm(start[begin:end])), TUNING.least_spread)
             if self.logarithmic(key):
                 spread[begin:end] = TUNING.logarithm_spread
-            if key in UNTOLD:
+            if key in record_of(self.spec.name).untold:
                 mean[begin:end] = np.log(REGISTRY[self.spec.name].kinds[key].default or 1.0)
                 spread[begin:end] = TUNING.untold_spread
             begin = end
@@ -123,7 +123,7 @@ class Coordinates:
 
     def logarithmic(self, key: str) -> bool:
         """Return whether a parameter's coordinates are logarithms."""
-        return key in LOGARITHMIC or (self.spec.name, key) in LOGARITHMIC
+        return key in record_of(self.spec.name).logarithmic
 
     def effect(self, vector: Array) -> EffectSpec:
         """Return the effect at other coordinates; bounds of the catalogue are kept where values are absolute."""
@@ -138,6 +138,7 @@ class Coordinates:
                     "inertia": (now[2] - inertia).tolist(),
                 },
             )
+        law = record_of(self.spec.name)
         parameters, begin = {}, 0
         for (key, values), (_, free) in zip(self.spec.parameters.items(), self._free(), strict=True):
             changed = np.array(values, dtype=float)
@@ -146,9 +147,9 @@ class Coordinates:
             chosen = vector[begin : begin + count]
             if self.logarithmic(key):
                 chosen = np.exp(np.clip(chosen, -25.0, 25.0))
-            if key not in ADDS:
+            if key not in law.adds:
                 lower = kind.lower
-                if (self.spec.name, key) in LOST:
+                if key in law.held:
                     # A motor that gives next to nothing explains any torque that is logged: what was found must hold.
                     lower = max(lower, 0.5 * float(np.min(values)))
                 chosen = np.clip(chosen, lower, kind.upper)
@@ -165,33 +166,6 @@ class Coordinates:
                 free[: len(values) // 2] = False
             result.append((values, free))
         return result
-
-
-ADDS = frozenset(
-    {
-        "damping",
-        "torque",
-        "inertia",
-        "coefficient",
-        "mass",
-        "stiffness",
-        "torque_positive",
-        "torque_negative",
-        "coulomb",
-        "static",
-        "rotor_inertia",
-    }
-)
-"""Keys that may be negative as differences; `merge` says where they may not."""
-
-
-LOGARITHMIC: frozenset[str | tuple[str, str]] = frozenset(
-    {"loss", "stribeck_velocity", ("joint_elasticity", "stiffness")}
-)
-"""Keys, or names with keys, of which the logarithm is the coordinate: their size is what matters."""
-
-LOST = frozenset({("actuator_fault", "gain"), ("torque_constant", "gain")})
-"""Gains, which stay above half of what they were found to be."""
 
 
 def log_cholesky(mass: float, centre: Array, inertia: Array) -> Array:

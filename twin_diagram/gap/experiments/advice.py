@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
+from twin_diagram.gap.candidates.records import Wakes, record_of
 from twin_diagram.gap.findings import Separation
 from twin_diagram.signals import units
 
@@ -15,32 +16,30 @@ FAST = "accelerate hard about one pose: sines of small range at 1 to 4 Hz"
 LONG = "repeat the same motion for some minutes"
 STILL = "hold still for 10 s at the begin and at the end"
 
-GRAVITY = {"payload", "inertial_parameters", "gravity_tilt", "encoder_offset", "joint_spring", "torque_bias"}
-DRY = {"coulomb_friction", "stribeck_friction", "load_dependent_friction", "coupled_friction", "backlash"}
-SPEED = {"viscous_friction", "coupled_friction", "stribeck_friction"}
-DYNAMIC = {"reflected_inertia", "joint_elasticity", "time_delay", "inertial_parameters", "payload"}
-MOTOR = {"torque_constant", "actuator_fault", "torque_saturation", "load_dependent_friction"}
-TIMED = {"external_force", "actuator_fault"}
+FRICTION = frozenset({Wakes.REVERSAL, Wakes.SPEED})
+"""What friction is brought out by."""
 
 
 def experiment(a: str, b: str) -> str:
     """Return the experiment that would tell two names apart."""
-    pair = {a, b}
+    both = [record_of(name).wakes for name in (a, b)]
+    either = both[0] | both[1]
     if a == b:
-        return SLOW if a in DRY else FAST if a in DYNAMIC else STATIC
-    if pair & TIMED:
+        return SLOW if Wakes.REVERSAL in either else FAST if Wakes.ACCELERATION in either else STATIC
+    if Wakes.TIME in either:
         return STILL
-    if pair <= DRY | SPEED:
-        return LOAD if "load_dependent_friction" in pair else SPEEDS if pair & SPEED else SLOW
-    if pair & MOTOR:
+    if all(wakes & FRICTION for wakes in both):
+        loaded = any({Wakes.REVERSAL, Wakes.LOAD} <= wakes for wakes in both)
+        return LOAD if loaded else SPEEDS if Wakes.SPEED in either else SLOW
+    if Wakes.LOAD in either:
         return LOAD
-    if pair <= GRAVITY:
+    if all(Wakes.POSE in wakes for wakes in both):
         return STATIC
-    if pair & DYNAMIC:
+    if Wakes.ACCELERATION in either:
         return FAST
-    if pair & DRY:
+    if Wakes.REVERSAL in either:
         return SLOW
-    return STATIC if pair & GRAVITY else SPEEDS
+    return STATIC if Wakes.POSE in either else SPEEDS
 
 
 def worded(text: str, joints: Sequence[str], prismatic: Collection[str]) -> str:

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from html import escape
 
+from twin_diagram.gap.candidates.records import record_of
 from twin_diagram.gap.correction.named_effects import amount_of, sentence_of
 from twin_diagram.gap.findings import Estimate, Finding
 from twin_diagram.gap.report import charts, words
 from twin_diagram.gap.report.subject import Subject
-
-DRY = ("coulomb_friction", "stribeck_friction")
-"""Kinds of dry friction, which a run without slow reversals hardly tells apart."""
 
 
 def found(subject: Subject) -> str:
@@ -82,8 +80,11 @@ def _finding(finding: Finding, several: bool, prismatic: frozenset[str]) -> str:
 
 
 def _whichever(finding: Finding) -> str:
-    """Return what is sure where only kinds and joints of dry friction compete."""
-    if finding.name not in DRY or not all(other.name in DRY for other in finding.alternatives):
+    """Return what is sure where only kinds and joints of dry friction compete.
+
+    A run without slow reversals hardly tells them apart.
+    """
+    if not all(record_of(name).holds for name in (finding.name, *(other.name for other in finding.alternatives))):
         return ""
     return " In all of these there is dry friction; the doubt is of which kind it is, and on which joint."
 
@@ -95,7 +96,7 @@ def _parameters(finding: Finding, prismatic: frozenset[str]) -> str:
     values = finding.parameters.items()
     per_joint = {key: value for key, value in values if not isinstance(value, Estimate)}
     if len(finding.joints) > 1 and len(per_joint) == len(finding.parameters):
-        head = "".join(f"<th>{escape(words.parameter(key, **kinds))}</th>" for key in per_joint)
+        head = "".join(f"<th>{escape(words.parameter(finding.name, key, **kinds))}</th>" for key in per_joint)
         rows = "".join(
             f"<tr><td>{escape(joint)}</td>"
             + "".join(f"<td>{_estimate(value[joint]) if joint in value else ''}</td>" for value in per_joint.values())
@@ -109,7 +110,8 @@ def _parameters(finding: Finding, prismatic: frozenset[str]) -> str:
         each = [("", value)] if isinstance(value, Estimate) else list(value.items())
         for joint, estimate in each:
             place = f"<td>{escape(joint)}</td>" if per_joint else ""
-            rows += f"<tr><td>{escape(words.parameter(key, **kinds))}</td>{place}<td>{_estimate(estimate)}</td></tr>"
+            said = escape(words.parameter(finding.name, key, **kinds))
+            rows += f"<tr><td>{said}</td>{place}<td>{_estimate(estimate)}</td></tr>"
     joint = "<th>joint</th>" if per_joint else ""
     return f"<table><tr><th>parameter</th>{joint}<th>value ± standard error</th></tr>{rows}</table>"
 

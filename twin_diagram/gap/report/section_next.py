@@ -7,6 +7,7 @@ from html import escape
 
 import yaml
 
+from twin_diagram.gap.candidates.records import record_of
 from twin_diagram.gap.experiments.advice import asked
 from twin_diagram.gap.experiments.trajectories import Experiment
 from twin_diagram.gap.findings import Separation
@@ -20,9 +21,6 @@ MOST_DIFF = 120
 
 TOSS_UP = 4.0
 """Distance below which data do not tell two explanations apart."""
-
-WIDER = {("coulomb_friction", "stribeck_friction"), ("payload", "inertial_parameters")}
-"""Names, and names whose law holds theirs as a special case."""
 
 
 def difference(subject: Subject) -> str:
@@ -112,9 +110,9 @@ def _unit(model: Model) -> str:
 
 
 def _near(pair: Separation, experiment: str) -> str:
-    kinds = tuple(claim.partition(" on ")[0] for claim in (pair.a, pair.b))
+    named, other = (claim.partition(" on ")[0] for claim in (pair.a, pair.b))
     # The wider law is never worse; that it is not named says that what it has more was not worth its price.
-    within = kinds in WIDER and pair.distance < TOSS_UP
+    within = named in record_of(other).wider_than and pair.distance < TOSS_UP
     note = "holds the named law within it; what it has more is too small to show here; " if within else ""
     return (
         f"<tr><td>{escape(_say(pair.a))}</td><td>{escape(_say(pair.b))}</td>"

@@ -7,83 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from twin_diagram.gap.candidates.records import RECORDS, record_of
 from twin_diagram.gap.correction.named_effects import amount_of
 from twin_diagram.gap.findings import Estimate, Finding, Moment, Verdict
-from twin_diagram.model.effects import REGISTRY
-
-TITLES = {
-    "viscous_friction": (
-        "Viscous friction",
-        "A torque that grows with speed and works against it, as in oil or grease.",
-    ),
-    "coulomb_friction": (
-        "Dry friction",
-        "A torque of one size that works against motion at any speed. It jumps where the joint turns back.",
-    ),
-    "stribeck_friction": (
-        "Dry friction with a Stribeck dip",
-        "Dry friction that is higher at a crawl than at speed: the joint sticks, then slips.",
-    ),
-    "load_dependent_friction": (
-        "Friction that grows with load",
-        "Dry friction in proportion to the torque that the gear carries.",
-    ),
-    "coupled_friction": (
-        "Friction between coupled joints",
-        "Friction on the sum of several joints' speeds, as where one gear runs inside another.",
-    ),
-    "payload": (
-        "A payload",
-        "Mass at the last link that the model does not know of: a tool, a cable, a part in the hand.",
-    ),
-    "inertial_parameters": ("A link of other mass", "A link is heavier, lighter or balanced elsewhere than described."),
-    "reflected_inertia": (
-        "Inertia of a motor's rotor",
-        "The rotor turns faster than the joint by the gear's ratio; the joint feels it times the ratio squared.",
-    ),
-    "gravity_tilt": ("A tilted base", "The base does not stand level, so gravity pulls from another side."),
-    "joint_spring": (
-        "A spring or counterbalance",
-        "A torque that depends on the joint's angle alone: a spring, a balancer, a stiff hose.",
-    ),
-    "joint_elasticity": (
-        "An elastic gear",
-        "The gear gives like a spring: the link moves behind the motor, and swings.",
-    ),
-    "backlash": (
-        "Play in a gear",
-        "The motor turns a little before the link follows, each time the torque changes side.",
-    ),
-    "torque_ripple": ("Torque ripple", "A torque that repeats with the joint's angle, from teeth, magnets or poles."),
-    "torque_constant": (
-        "A wrong torque constant",
-        "The motor gives more or less than its log says, always by one factor.",
-    ),
-    "torque_bias": (
-        "A constant torque",
-        "A torque that is always there, beyond what is logged: an offset of the sensor.",
-    ),
-    "torque_saturation": ("Saturated torque", "The motor does not give more than a limit, whatever was asked of it."),
-    "time_delay": ("A delay", "What is logged acts later than its time says."),
-    "encoder_offset": ("A shifted encoder", "The encoder's zero is not where the model has it."),
-    "external_force": ("A push from outside", "Something pushed or pulled at a link for a while."),
-    "actuator_fault": ("A failing motor", "From some moment on, the motor gives only part of its torque."),
-}
-"""Name in the catalogue → title and explanation."""
-
-
-PARAMETERS = {
-    "com": "centre of mass",
-    "torque_positive": "torque against positive motion",
-    "torque_negative": "torque against negative motion",
-    "coulomb": "friction at speed",
-    "static": "friction at rest",
-    "gap": "total play",
-    "gain": "torque applied over torque logged",
-    "cycles": "cycles per revolution of the joint",
-}
-"""Keys that do not say enough by themselves."""
-
 
 ON_PRISMATIC = {"torque": "force", "angle": "position"}
 """What stands in the place of such words where a joint is prismatic."""
@@ -96,17 +22,19 @@ def of_prismatic(text: str) -> str:
     return text
 
 
-def parameter(key: str, prismatic: bool = False, turning: bool = True) -> str:
-    """Return a parameter's key for people, of prismatic joints, revolute ones, or both."""
-    if key == "cycles" and prismatic:
-        return f"{PARAMETERS[key]}, or phase per length" if turning else "phase per length"
-    text = PARAMETERS.get(key, key.replace("_", " "))
+def parameter(name: str, key: str, prismatic: bool = False, turning: bool = True) -> str:
+    """Return a key of an effect's parameters for people, of prismatic joints, revolute ones, or both."""
+    record = record_of(name)
+    if prismatic and key in record.keys_on_prismatic:
+        other = record.keys_on_prismatic[key]
+        return f"{record.keys[key]}, or {other}" if turning else other
+    text = record.keys.get(key, key.replace("_", " "))
     return text if turning else of_prismatic(text)
 
 
 def title(name: str) -> str:
     """Return an effect's name as a headline."""
-    return TITLES[name][0] if name in TITLES else name.replace("_", " ").capitalize()
+    return record_of(name).title
 
 
 def explanation(name: str, prismatic: bool = False) -> str:
@@ -114,10 +42,8 @@ def explanation(name: str, prismatic: bool = False) -> str:
 
     Of a user's own effect, what its class says of itself.
     """
-    if name in TITLES:
-        return of_prismatic(TITLES[name][1]) if prismatic else TITLES[name][1]
-    own = REGISTRY[name].__doc__ if name in REGISTRY else None
-    return own.strip().splitlines()[0] if own else ""
+    text = record_of(name).explanation
+    return of_prismatic(text) if prismatic and name in RECORDS else text
 
 
 def listed(items: Sequence[str]) -> str:

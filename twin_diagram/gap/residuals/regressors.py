@@ -10,6 +10,10 @@ import numpy as np
 from twin_diagram.gap.residuals.prepared_logs import Record, Records
 from twin_diagram.logs.differentiation import lowpass
 from twin_diagram.model.dynamics.onsets import stretches
+from twin_diagram.model.effects.friction import CoulombFriction
+from twin_diagram.model.effects.friction_stribeck_load import LoadDependentFriction, StribeckFriction
+from twin_diagram.model.effects.inertia import Payload
+from twin_diagram.model.effects.transmission import JointSpring
 from twin_diagram.signals.arrays import Array
 
 
@@ -204,18 +208,18 @@ def present(records: Records) -> Present:
     for effect in model.effects:
         columns = [model.joints.index(joint) for joint in effect.joints]
         values = {key: parameter.value for key, parameter in effect.parameters.items()}
-        if effect.name == "coulomb_friction":
+        if isinstance(effect, CoulombFriction):
             levels = values.get("torque")
             if levels is None:
                 levels = np.minimum(values["torque_positive"], values["torque_negative"])
             coulomb[columns] += levels
-        elif effect.name == "stribeck_friction":
+        elif isinstance(effect, StribeckFriction):
             coulomb[columns] += values["coulomb"]
-        elif effect.name == "load_dependent_friction":
+        elif isinstance(effect, LoadDependentFriction):
             load[columns] += values["coefficient"]
-        elif effect.name == "joint_spring" and "stiffness" in values:
+        elif isinstance(effect, JointSpring) and "stiffness" in values:
             stiffness[columns] += values["stiffness"]
-        elif effect.name == "payload":
+        elif isinstance(effect, Payload):
             mass += float(values["mass"][0])
     return Present(
         damping=np.array(model.tree.damping, dtype=float),

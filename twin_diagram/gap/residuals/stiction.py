@@ -19,6 +19,7 @@ from twin_diagram.gap.residuals.prepared_logs import Record, Records
 from twin_diagram.gap.residuals.regressors import TUNING as REGRESSORS
 from twin_diagram.gap.residuals.regressors import Terms, spread_of, turns
 from twin_diagram.gap.residuals.whitening import Whitener
+from twin_diagram.model.effects.friction_stribeck_load import CoupledFriction
 from twin_diagram.signals.arrays import Array
 
 
@@ -65,9 +66,6 @@ class Tuning:
 
 
 TUNING = Tuning()
-
-
-DRY = frozenset({"coulomb_friction", "stribeck_friction", "load_dependent_friction", "coupled_friction"})
 
 
 def sliding(
@@ -216,7 +214,7 @@ def moving(
 
 def coupled_pairs(records: Records) -> set[tuple[int, int]]:
     """Return pairs of joints on the sum of whose speeds the given model has friction."""
-    effects = [effect for effect in records.model.effects if effect.name == "coupled_friction"]
+    effects = [effect for effect in records.model.effects if isinstance(effect, CoupledFriction)]
     pairs = [[records.model.joints.index(joint) for joint in effect.joints] for effect in effects]
     return {(pair[0], pair[1]) for pair in pairs if len(pair) == 2}
 
@@ -226,6 +224,6 @@ def dry_joints(records: Records) -> set[int]:
     return {
         records.model.joints.index(joint)
         for effect in records.model.effects
-        if effect.name in DRY
+        if effect.dry or isinstance(effect, CoupledFriction)
         for joint in effect.joints
     }

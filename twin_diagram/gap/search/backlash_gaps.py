@@ -18,6 +18,7 @@ from twin_diagram.gap.search.bench import Bench
 from twin_diagram.gap.search.evidence import Members
 from twin_diagram.gap.search.scoring import basis, score_candidate
 from twin_diagram.model.dynamics.backlash import play_alone
+from twin_diagram.model.effects.elasticity import Backlash
 from twin_diagram.signals.arrays import Array
 
 GAPS = np.geomspace(0.0018, 0.035, 22)
@@ -122,7 +123,7 @@ class Knocks:
             columns[:, :, 0] = self.terms.reduce(tuple(parts))
             columns[:, rows.index(j), 1] = rotor
             candidate = Candidate(
-                name="backlash",
+                name=Backlash.name,
                 joints=(j,),
                 links=(),
                 rows=tuple(rows),

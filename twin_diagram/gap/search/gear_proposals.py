@@ -12,20 +12,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin_diagram.gap.candidates.candidate import Candidate, transformed
-from twin_diagram.gap.residuals.prepared_logs import TUNING as PREPARED_LOGS
-from twin_diagram.gap.residuals.prepared_logs import Record
+from twin_diagram.gap.candidates.candidate import Candidate
+from twin_diagram.gap.candidates.gears import GearShape, gear
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.search.backlash_gaps import Knocks
 from twin_diagram.gap.search.bench import Bench
 from twin_diagram.gap.search.evidence import Members
 from twin_diagram.gap.search.prior_costs import TUNING as PRIOR_COSTS
 from twin_diagram.gap.search.scoring import basis, score_candidate
-from twin_diagram.model.effects import make
-from twin_diagram.model.effects.effect import REGISTRY, Effect
-from twin_diagram.model.model import Model
-from twin_diagram.scenario import EffectSpec
-from twin_diagram.signals.arrays import Array
+from twin_diagram.model.effects.elasticity import Backlash, JointElasticity
+from twin_diagram.model.effects.inertia import ReflectedInertia
 
 
 @dataclass(frozen=True)
@@ -42,14 +38,8 @@ class Tuning:
     calm_loss: float = 6e-2
     """With so much a gear follows its load and hardly swings: where noise hides the swing, this is left [s]."""
 
-    about_one: tuple[float, ...] = (0.6, 1.5)
-    """A shape's torque fits the residual as it stands, or the shape is wrong."""
-
     worth: float = 10.0
     """Evidence beyond a name's price that makes a gear worth offering [nats]."""
-
-    edge: float = 1.25
-    """Whitened, noise counts evenly up to so many times the band."""
 
 
 TUNING = Tuning()
@@ -62,97 +52,14 @@ CALM = slice(1, None, 3)
 """Of `SWINGS`, those that are tried with `calm_loss`: without a swing to meet, few are enough."""
 
 
-GEARS = ("joint_elasticity", "backlash")
-
-COST = {"joint_elasticity": 8.0, "backlash": 3.0}
-"""Of the search for a shape, which two dozen are tried for a spring, and three numbers refined [nats]."""
-
-
-@dataclass(frozen=True)
-class GearShape:
-    """Of a gear: what it is called, and the numbers on which its torque depends otherwise than linearly."""
-
-    name: str
-    joint: int
-    values: tuple[tuple[str, float], ...]
-
-
-def gear(terms: Terms, shape: GearShape) -> Candidate | None:
-    """Return the candidate of one shape: its torque, whose coefficient is about 1, and the rotor's inertia.
-
-    None where the shape is not within what the effect allows, or its torque not finite.
-    """
-    kinds = REGISTRY[shape.name].kinds
-    if not all(kinds[key].lower <= value <= kinds[key].upper for key, value in shape.values):
-        return None
-    records = terms.records
-    j = shape.joint
-    given = records.model
-    model = given.with_effects([*(e for e in given.present if e.name not in GEARS), _effect(given, shape)])
-    rate = records.reduce(lambda r: r.a)[:, j]
-
-    def law(record: Record) -> Array:
-        beyond = record.torque - record.given
-        return model.twist((record.q, record.v, record.a), 1.0 / record.rate, beyond).torque
-
-    with np.errstate(all="ignore"):
-        torque = records.reduce(law)
-    if not np.all(np.isfinite(torque)):
-        return None
-    columns = np.zeros((*torque.shape, 2))
-    columns[..., 0] = torque
-    columns[:, j, 1] = rate
-    size = max(float(np.sqrt(np.mean(rate**2))), 1e-9)
-    values = dict(shape.values)
-
-    def parameters(c: Array) -> dict[str, Array]:
-        told = {key: np.array([value]) for key, value in values.items() if key != "loss"}
-        return {**told, "rotor_inertia": np.maximum(c[1:2], 0.0)}
-
-    return Candidate(
-        name=shape.name,
-        joints=(j,),
-        links=(),
-        rows=tuple(range(records.n)),
-        columns=columns,
-        spread=np.array([1.0, terms.torque_size[j] / size]),
-        lower=np.array([TUNING.about_one[0], -1.05 * terms.present.rotor[j] - 1e-9]),
-        upper=np.array([TUNING.about_one[1], np.inf]),
-        parameters=transformed(parameters),
-        shape=values,
-        cost=COST[shape.name] + rattled(terms, j),
-        variant="swinging",
-    )
-
-
-def rattled(terms: Terms, j: int) -> float:
-    """Return evidence that a gear may find in an encoder's noise alone [nats].
-
-    The given model answers the noise of positions with inertial torque, which a gear that yields takes back. The band
-    keeps that small beside the torque's noise; where it does not, because most of the log says nothing of it (a joint
-    rests), the share x/(1 + x) of the noise's power goes to any gear, x growing with the frequency's fourth power.
-    """
-    u = np.linspace(0.0, TUNING.edge, 40)
-    lost = 0.0
-    for record in terms.records.records:
-        x = max(0.0, record.shaken[j] ** 2 - PREPARED_LOGS.noise_share**2) * u**4
-        lost += 0.5 * len(record.kept) * float(np.mean(x / (1.0 + x)))
-    return lost
-
-
-def _effect(model: Model, shape: GearShape) -> Effect:
-    parameters = {**{key: [value] for key, value in shape.values}, "rotor_inertia": [0.0]}
-    return make(EffectSpec(name=shape.name, joints=[model.joints[shape.joint]], parameters=parameters))
-
-
 def play_shapes(bench: Bench, members: Members, joints: Sequence[int], knocks: Knocks) -> dict[int, list[GearShape]]:
-    """Return the play that is tried on each joint: beside the members, and without some that are on it."""
+    """Play that is tried on each joint: beside the members, and without some that are on it."""
     beside: dict[int, list[Members]] = {}
     for j in filter(knocks.turns, range(bench.n)):
         own = {k for k in members if j in bench.candidates[k].joints}
         beside[j] = [rest for rest in _rests(bench, members, j) if not rest or members - rest <= own]
     gaps = {j: list(TUNING.leaning) for j in joints} | knocks.gaps(beside)
-    return {j: [GearShape("backlash", j, (("gap", gap),)) for gap in some] for j, some in gaps.items()}
+    return {j: [GearShape(Backlash.name, j, (("gap", gap),)) for gap in some] for j, some in gaps.items()}
 
 
 def spring_shapes(terms: Terms, j: int) -> list[GearShape]:
@@ -164,7 +71,7 @@ def spring_shapes(terms: Terms, j: int) -> list[GearShape]:
     ]
     for swing, loss in swings:
         stiffness = inertia * (2.0 * np.pi * float(swing)) ** 2
-        result.append(GearShape("joint_elasticity", j, (("stiffness", stiffness), ("loss", loss))))
+        result.append(GearShape(JointElasticity.name, j, (("stiffness", stiffness), ("loss", loss))))
     return result
 
 
@@ -229,7 +136,7 @@ def propose(bench: Bench, terms: Terms, members: Members, joints: Sequence[int],
 def _rests(bench: Bench, members: Members, j: int) -> list[Members]:
     """Return what may stand beside a gear on joint j: all members, all but its rotor and one more, and none."""
     rotor = {
-        k for k in members if bench.candidates[k].name == "reflected_inertia" and bench.candidates[k].joints == (j,)
+        k for k in members if bench.candidates[k].name == ReflectedInertia.name and bench.candidates[k].joints == (j,)
     }
     without = members - rotor
     return list(dict.fromkeys([members, without, *(without - {k} for k in sorted(without)), frozenset()]))

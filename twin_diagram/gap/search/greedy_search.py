@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin_diagram.gap.candidates.records import EffectRecord, records
 from twin_diagram.gap.search.bench import Bench
 from twin_diagram.gap.search.evidence import HypothesisFit, Members
 from twin_diagram.gap.search.prior_costs import TUNING as PRIOR_COSTS
@@ -38,22 +39,6 @@ class Tuning:
 
 
 TUNING = Tuning()
-
-
-ON_EVERY_JOINT = ("coulomb_friction", "viscous_friction", "reflected_inertia")
-"""What every joint of a real arm may lack at once: joint by joint, the way there leads past better-looking errors."""
-
-
-PLAINER = {
-    "stribeck_friction": "coulomb_friction",
-    "joint_elasticity": "reflected_inertia",
-    "backlash": "reflected_inertia",
-}
-"""Laws and the plainer ones that they hold."""
-
-SHARES = {"stribeck_friction": 1.5e-3, "joint_elasticity": 0.025, "backlash": 0.025}
-"""What a law brings beyond the plainer one is none of its own below this share: of all evidence for a dip near rest, of
-what the rotor brings for a gear."""
 
 
 Propose = Callable[[Bench, Members], list[int]]
@@ -169,7 +154,9 @@ def _add(bench: Bench, fit: HypothesisFit, least: float, propose: Propose | None
 def everywhere(bench: Bench, fit: HypothesisFit) -> HypothesisFit | None:
     """Return the best fit with one usual name on every joint that lacks it, but where it is not physical."""
     best: HypothesisFit | None = None
-    for name in ON_EVERY_JOINT:
+    # Joint by joint, the way to what every joint of a real arm may lack leads past better-looking errors.
+    every = sorted((record for record in records() if record.everywhere), key=lambda record: record.everywhere)
+    for name in (record.name for record in every):
         new = {
             k
             for k, c in enumerate(bench.candidates)
@@ -188,10 +175,21 @@ def everywhere(bench: Bench, fit: HypothesisFit) -> HypothesisFit | None:
 
 
 def one_kind(bench: Bench, fit: HypothesisFit) -> HypothesisFit | None:
-    """Return the fit with Stribeck's law for Coulomb's wherever it has both, if better; no single swap is."""
+    """Return the fit with Stribeck's law wherever it has Coulomb's beside Stribeck's, if that is better.
+
+    No single swap is. The same of any law that has a price beside its plainer one.
+    """
+    for record in records():
+        found = _of_one_kind(bench, fit, record) if record.mixed > 0.0 else None
+        if found is not None:
+            return found
+    return None
+
+
+def _of_one_kind(bench: Bench, fit: HypothesisFit, law: EffectRecord) -> HypothesisFit | None:
     names = {bench.candidates[k].name for k in fit.members}
-    dry = [k for k in fit.members if bench.candidates[k].name == "coulomb_friction"]
-    if "stribeck_friction" not in names or any(bench.candidates[k].onset is not None for k in dry):
+    dry = [k for k in fit.members if bench.candidates[k].name == law.plainer]
+    if law.name not in names or any(bench.candidates[k].onset is not None for k in dry):
         return None
     members = fit.members
     for k in dry:
@@ -199,7 +197,7 @@ def one_kind(bench: Bench, fit: HypothesisFit) -> HypothesisFit | None:
         joints = bench.candidates[k].joints
         swaps = [
             bench.solve(others | {i})
-            for i in bench.find("stribeck_friction")
+            for i in bench.find(law.name)
             if bench.candidates[i].joints == joints and i in bench.offered
         ]
         members = max(swaps, key=lambda option: option.evidence, default=fit).members
@@ -214,8 +212,8 @@ def plainer(bench: Bench, fit: HypothesisFit) -> HypothesisFit:
     a hundredth of a radian per second of rest would else pass for a dip, and what smoothing does to a heavy rotor's
     torque for a gear that yields.
     """
-    for law, plain in PLAINER.items():
-        finer = [k for k in sorted(fit.members) if bench.candidates[k].name == law]
+    for law in _finer_laws():
+        finer = [k for k in sorted(fit.members) if bench.candidates[k].name == law.name]
         # All of them first: some here and some there would be two names.
         for some in [finer, *([k] for k in finer if len(finer) > 1)]:
             rest = fit.members - frozenset(some)
@@ -223,17 +221,22 @@ def plainer(bench: Bench, fit: HypothesisFit) -> HypothesisFit:
             for k in some:
                 same = [
                     i
-                    for i in bench.find(plain)
+                    for i in bench.find(law.plainer)
                     if bench.candidates[i].joints == bench.candidates[k].joints
                     and bench.candidates[i].onset == bench.candidates[k].onset
                     and not bench.candidates[i].variant
                 ]
                 members = members | (frozenset(same[:1]) if same else {k})
             found = bench.solve(members)
-            explained = _explained(bench, found, rest) if plain == "reflected_inertia" else fit.evidence
-            if fit.evidence - found.evidence < SHARES[law] * explained:
+            explained = _explained(bench, found, rest) if law.share_of_own else fit.evidence
+            if fit.evidence - found.evidence < law.plainer_share * explained:
                 fit = found
     return fit
+
+
+def _finer_laws() -> list[EffectRecord]:
+    """Return the records of laws that hold a plainer one."""
+    return [record for record in records() if record.plainer]
 
 
 def _explained(bench: Bench, fit: HypothesisFit, rest: Members) -> float:
@@ -244,13 +247,13 @@ def _explained(bench: Bench, fit: HypothesisFit, rest: Members) -> float:
 def handicaps(bench: Bench, fit: HypothesisFit) -> dict[str, float]:
     """Return what a law that is finer than one of a fit's must bring beyond it [nats], see `plainer`."""
     result = {}
-    for law, plain in PLAINER.items():
+    for law in _finer_laws():
         names = {bench.candidates[k].name for k in fit.members}
-        if law in names:
+        if law.name in names:
             continue
-        rest = frozenset(k for k in fit.members if bench.candidates[k].name != plain)
-        explained = _explained(bench, fit, rest) if plain == "reflected_inertia" else fit.evidence
-        result[law] = SHARES[law] * explained
+        rest = frozenset(k for k in fit.members if bench.candidates[k].name != law.plainer)
+        explained = _explained(bench, fit, rest) if law.share_of_own else fit.evidence
+        result[law.name] = law.plainer_share * explained
     return result
 
 

@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from twin_diagram.gap.candidates import single_joint, whole_arm
+from twin_diagram.gap.candidates import external_force, torque_ripple
 from twin_diagram.gap.candidates.candidate import Candidate
+from twin_diagram.gap.candidates.records import record_of
 from twin_diagram.gap.residuals.prepared_logs import Record
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.search.bench import Bench
@@ -22,6 +23,7 @@ from twin_diagram.gap.search.evidence import Members
 from twin_diagram.gap.search.normal_equations import increments
 from twin_diagram.gap.search.prior_costs import TUNING as PRIOR_COSTS
 from twin_diagram.gap.search.scoring import basis, score_candidate
+from twin_diagram.model.effects.torque_ripple import TorqueRipple
 from twin_diagram.signals.arrays import Array
 
 
@@ -61,23 +63,6 @@ class Tuning:
 TUNING = Tuning()
 
 
-STARTING = frozenset(
-    {
-        "viscous_friction",
-        "coulomb_friction",
-        "load_dependent_friction",
-        "reflected_inertia",
-        "torque_constant",
-        "torque_bias",
-        "joint_spring",
-        "encoder_offset",
-        "payload",
-        "gravity_tilt",
-    }
-)
-"""Names that are looked for as starting within a log; a torque constant that does is an actuator's fault."""
-
-
 class Proposer:
     """Proposes for one bench; keeps what does not depend on the hypothesis."""
 
@@ -106,10 +91,10 @@ class Proposer:
     def ripples(self, bench: Bench, members: Members, Q: Array, projected: Array) -> list[int]:
         """Return the best count of each joint; where another joint has a ripple, one more is easily believed."""
         made = []
-        rippled = any(bench.candidates[k].name == "torque_ripple" for k in members)
+        rippled = any(bench.candidates[k].name == TorqueRipple.name for k in members)
         least = PRIOR_COSTS.further_joint + TUNING.further_worth if rippled else PRIOR_COSTS.new_name + TUNING.worth
         for j in range(bench.n):
-            if not len(single_joint.ripple_counts(self.terms, j)):
+            if not len(torque_ripple.ripple_counts(self.terms, j)):
                 continue
             counts, X, spread = self._ripple_columns(bench, j)
             m = len(counts)
@@ -122,15 +107,15 @@ class Proposer:
                     G[:, i, k] = np.sum(X[:, one] * X[:, other], axis=0) - np.sum(C[:, one] * C[:, other], axis=0)
             scores = increments(G, np.stack([b[sine], b[cosine]], axis=1), spread)
             best = int(np.argmax(scores))
-            candidate = single_joint.ripple(self.terms, j, float(counts[best]))
+            candidate = torque_ripple.ripple(self.terms, j, float(counts[best]))
             if candidate is not None and scores[best] - candidate.cost > least:
                 made.append(bench.add(candidate))
         return made
 
     def _ripple_columns(self, bench: Bench, j: int) -> tuple[Array, Array, Array]:
         if j not in self._ripples:
-            counts = single_joint.ripple_counts(self.terms, j)
-            columns = single_joint.ripple_columns(self.terms, j, counts)
+            counts = torque_ripple.ripple_counts(self.terms, j)
+            columns = torque_ripple.ripple_columns(self.terms, j, counts)
             size = np.sqrt(np.mean(columns**2, axis=0)).reshape(2, -1).T + 1e-9
             white = bench.whitener.joint(j, columns) * bench.weights[j][:, None]
             self._ripples[j] = counts, white, self.terms.torque_size[j] / size
@@ -143,7 +128,7 @@ class Proposer:
         for k in range(len(bench.candidates)):
             candidate = bench.candidates[k]
             plain = candidate.onset is None and candidate.variant == "" and k in bench.offered
-            if not plain or candidate.name not in STARTING:
+            if not plain or not record_of(candidate.name).starts:
                 continue
             rows = list(candidate.rows)
             G, C, b = block_sums(bench.columns[k], Q[rows], bench.y[rows], edges)
@@ -173,9 +158,7 @@ class Proposer:
         at = int(fine[int(np.argmax(_scores(G, C, b, base.spread, projected)))])
         made = self._during(bench, base, at, bench.rows, Q, projected)
         made = replace(made, cost=base.cost + float(np.log(TUNING.blocks)), variant="starting")
-        if made.name == "torque_constant":
-            made = replace(made, name="actuator_fault")
-        return made
+        return replace(made, name=record_of(made.name).started or made.name)
 
     def _during(self, bench: Bench, base: Candidate, at: int, to: int, Q: Array, projected: Array) -> Candidate:
         """Return a candidate that acts from about whitened row `at` to about row `to`, at the best moments nearby."""
@@ -205,7 +188,7 @@ class Proposer:
     def forces(self, bench: Bench, Q: Array, projected: Array) -> list[int]:
         """Return the best link and span of time of a constant wrench."""
         if self._forces is None:
-            self._forces = whole_arm.external_forces(self.terms)
+            self._forces = external_force.external_forces(self.terms)
             self._force_columns = [bench.whiten(candidate) for candidate in self._forces]
         edges = block_edges(bench.rows)
         pairs = spans()

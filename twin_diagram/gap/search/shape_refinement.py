@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin_diagram.gap.candidates import single_joint, whole_arm
 from twin_diagram.gap.candidates.candidate import Candidate
+from twin_diagram.gap.candidates.records import record_of
 from twin_diagram.gap.residuals.regressors import Terms
-from twin_diagram.gap.search import gear_proposals, golden_section, proposals
+from twin_diagram.gap.search import golden_section, proposals
 from twin_diagram.gap.search.bench import Bench
 from twin_diagram.gap.search.evidence import HypothesisFit
 from twin_diagram.signals.arrays import Array
@@ -87,56 +87,26 @@ def moved(bench: Bench, terms: Terms, fit: HypothesisFit, member: int, *, slow: 
 
 def recentred(terms: Terms, candidate: Candidate, coefficients: Array) -> Candidate | None:
     """Return the candidate linearised about half of the coefficients; none where it is linear."""
-    if candidate.name == "payload" and candidate.variant != "bulky" and coefficients[0] != 0.0:
-        return whole_arm.payload(terms, coefficients[1:4] / coefficients[0])
-    if candidate.name == "gravity_tilt":
-        return whole_arm.tilt(terms, coefficients)
-    if candidate.name == "encoder_offset":
-        return whole_arm.encoder_offset(terms, candidate.joints[0], float(coefficients[0]))
-    if candidate.name == "time_delay":
-        return whole_arm.delay(terms, whole_arm.TUNING.longest_delay, float(coefficients[0]))
-    return None
+    again = record_of(candidate.name).recentred
+    return None if again is None else again(terms, candidate, coefficients)
 
-
-GEAR_SHAPES = {
-    "joint_elasticity": (("stiffness", 0.75, 1.33), ("loss", 0.25, 4.0), ("stiffness", 0.93, 1.07)),
-    "backlash": (("gap", 0.6, 1.7),),
-}
 
 Rebuild = Callable[[float], Candidate | None]
 
 
 def shapes(terms: Terms, candidate: Candidate) -> list[tuple[str, float, float]]:
     """Return the shapes of a candidate: key, and the ratio bounds of the search about its value."""
-    if candidate.onset is not None or candidate.variant == "held":
+    own = record_of(candidate.name).shapes
+    if own is None or candidate.onset is not None or candidate.variant == "held":
         return []
-    if candidate.name == "stribeck_friction":
-        return [("stribeck_velocity", 0.55, 1.8)]
-    if candidate.name == "torque_saturation":
-        return [("limit", 0.9, 1.1)]
-    if candidate.name == "torque_ripple":
-        width = min(0.3, single_joint.count_step(terms, candidate.joints[0]) / candidate.shape["cycles"])
-        return [("cycles", 1.0 - width, 1.0 + width)]
-    if candidate.variant == "swinging":
-        return list(GEAR_SHAPES[candidate.name])
-    return []
+    return own(terms, candidate)
 
 
 def _rebuild(terms: Terms, candidate: Candidate, key: str) -> Rebuild:
     """Return what makes a candidate anew for another value of one of its shapes."""
-    j = candidate.joints[0]
-
-    def rebuild(value: float) -> Candidate | None:
-        shape = {**candidate.shape, key: value}
-        if candidate.name == "stribeck_friction":
-            return single_joint.stribeck(terms, j, value)
-        if candidate.name == "torque_saturation":
-            return single_joint.saturation(terms, j, value)
-        if candidate.name == "torque_ripple":
-            return single_joint.ripple(terms, j, value)
-        return gear_proposals.gear(terms, gear_proposals.GearShape(candidate.name, j, tuple(shape.items())))
-
-    return rebuild
+    rebuilt = record_of(candidate.name).rebuilt
+    assert rebuilt is not None, candidate.name
+    return lambda value: rebuilt(terms, candidate, key, value)
 
 
 def _line_search(

@@ -11,17 +11,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from twin_diagram.gap.candidates import single_joint
 from twin_diagram.gap.candidates.candidate import Candidate, transformed
+from twin_diagram.gap.candidates.joint_candidate import single
+from twin_diagram.gap.candidates.records import record_of
 from twin_diagram.gap.residuals import stiction
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.search.bench import Bench
 from twin_diagram.gap.search.evidence import HypothesisFit
 from twin_diagram.model.dynamics.onsets import stretches
+from twin_diagram.model.effects.friction import CoulombFriction
+from twin_diagram.model.effects.friction_stribeck_load import StribeckFriction
 from twin_diagram.signals.arrays import Array
-
-COULOMB = "coulomb_friction"
-LAWS = (COULOMB, "stribeck_friction")
 
 
 @dataclass(frozen=True)
@@ -124,9 +124,13 @@ def propose(bench: Bench, terms: Terms, fit: HypothesisFit) -> list[int]:
 def _coulomb(bench: Bench, k: int) -> int | None:
     """Coulomb's law in the place of one of the two, from the begin; none where holds have spoken already."""
     candidate = bench.candidates[k]
-    if candidate.name not in LAWS or candidate.variant or candidate.onset is not None:
+    if not record_of(candidate.name).holds or candidate.variant or candidate.onset is not None:
         return None
-    places = [(i, bench.candidates[i]) for i in (k, *bench.find(COULOMB)) if bench.candidates[i].name == COULOMB]
+    places = [
+        (i, bench.candidates[i])
+        for i in (k, *bench.find(CoulombFriction.name))
+        if bench.candidates[i].name == CoulombFriction.name
+    ]
     return next((i for i, other in places if other.joints == candidate.joints and other.onset is None), None)
 
 
@@ -134,7 +138,7 @@ def _drier(bench: Bench, fit: HypothesisFit, k: int) -> bool:
     """Return whether another law of dry friction, which holds more where there is load, is on a member's joint."""
     joint = bench.candidates[k].joints[0]
     others = (bench.candidates[m] for m in fit.members - {k})
-    return any(other.name in stiction.DRY and joint in other.joints for other in others)
+    return any(record_of(other.name).dry and joint in other.joints for other in others)
 
 
 def beyond(bench: Bench, terms: Terms, fit: HypothesisFit, k: int, level: float) -> tuple[float, float] | None:
@@ -244,9 +248,9 @@ def rising(terms: Terms, coulomb: Candidate, ratio: float, evidence: float) -> C
     def values(c: Array) -> dict[str, Array]:
         return {"coulomb": c[0:1], "static": ratio * c[0:1], "stribeck_velocity": np.array([TUNING.usual_speed])}
 
-    made = single_joint.single(
+    made = single(
         terms,
-        "stribeck_friction",
+        StribeckFriction.name,
         j,
         [terms.reduced_signs[:, j]],
         transformed(values),

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram.gap.candidates.records import record_of
 from twin_diagram.gap.findings import Finding, Separation, Verdict
 from twin_diagram.gap.residuals import whitening
 from twin_diagram.gap.residuals.prepared_logs import Records
@@ -77,10 +78,6 @@ FAST = np.linspace(2.5, 4.0, 10)
 """Frequencies with which they are compared [Hz]: above most motion, below the filters' edge."""
 
 
-USUAL = frozenset({"viscous_friction", "coulomb_friction", "stribeck_friction", "reflected_inertia"})
-"""What every joint may well lack at once."""
-
-
 def crowded(findings: Sequence[Finding]) -> bool:
     """Return whether one joint has two unusual names, or an arm many.
 
@@ -88,7 +85,7 @@ def crowded(findings: Sequence[Finding]) -> bool:
 
     Beside another name, one that starts within the log is unusual whatever it is: two steps follow any drift.
     """
-    strange = [finding for finding in findings if finding.name not in USUAL]
+    strange = [finding for finding in findings if not record_of(finding.name).usual]
     if len(strange) >= TUNING.many:
         return True
     unusual = [joint for finding in strange for joint in finding.joints]
@@ -99,8 +96,8 @@ def crowded(findings: Sequence[Finding]) -> bool:
 
 def doubled(bench: Bench, fit: HypothesisFit) -> bool:
     """Return whether a joint has a second ripple, which follows something but cannot be told beside the first."""
-    joints = [bench.candidates[k].joints for k in fit.members if bench.candidates[k].name == "torque_ripple"]
-    return len(set(joints)) < len(joints)
+    places = [bench.candidates[k].place for k in fit.members if record_of(bench.candidates[k].name).apart is not None]
+    return len(set(places)) < len(places)
 
 
 def share_of(bench: Bench, fit: HypothesisFit, group: Members) -> float:
@@ -120,7 +117,7 @@ def trimmed(bench: Bench, fit: HypothesisFit) -> HypothesisFit:
     weak: set[int] = set()
     for name, group in groups(bench, fit.members).items():
         little = {k for k in group if share_of(bench, fit, frozenset({k})) < TUNING.piece}
-        if name not in USUAL and len(little) < len(group):
+        if not record_of(name).usual and len(little) < len(group):
             weak |= little
     found = bench.solve(fit.members - weak)
     return found if np.isfinite(found.evidence) else fit
@@ -135,7 +132,9 @@ def negligible(finding: Finding, findings: Sequence[Finding], share: float, stru
     if structure and finding is not findings[0] and share < TUNING.piece:
         return True
     small = finding.significance < TUNING.small * findings[0].significance
-    return small and finding.confidence < TUNING.doubtful and len(finding.joints) < 2 and finding.name not in USUAL
+    return (
+        small and finding.confidence < TUNING.doubtful and len(finding.joints) < 2 and not record_of(finding.name).usual
+    )
 
 
 def redness(noise: whitening.Whitener, rate: float) -> float:

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin_diagram.gap.candidates.candidate import GLOBAL, Candidate
+from twin_diagram.gap.candidates.candidate import Candidate
+from twin_diagram.gap.candidates.records import record_of
 from twin_diagram.gap.experiments.advice import experiment
 from twin_diagram.gap.findings import Alternative, Estimate, Finding, Moment, Separation
 from twin_diagram.gap.residuals.prepared_logs import Records
@@ -36,18 +37,14 @@ class Tuning:
     """Candidates that are solved exactly in the place of a finding, of which the best count as its rivals."""
 
     more_unseen: float = 0.08
-    """Probability, for each further joint, that a name is on it unseen, where it is on several joints already."""
+    """Probability, for each further joint, that an effect is there unseen (`EffectRecord.unseen`), where it is on
+    several joints already; set on training logs."""
 
     together: float = 1.0
     """Effects of one name that start within this time start together [s]."""
 
 
 TUNING = Tuning()
-
-
-UNSEEN = {"torque_ripple": 0.006, "backlash": 0.01, "joint_elasticity": 0.03}
-"""Probability, for each further joint, that a name is on it, too, and too little of it shows to be told: of laws whose
-weak ones are not among the hypotheses at all, since a shape must be found first. Set on training logs."""
 
 
 Claim = tuple[str, tuple[int, ...], tuple[str, ...]]
@@ -102,9 +99,10 @@ def posterior(bench: Bench, fit: HypothesisFit) -> dict[frozenset[Claim], float]
 def unseen(said: Claim, joints: int) -> float:
     """Return the probability that a claim lacks a joint on which it could not be told, on an arm of so many joints."""
     name, named, _ = said
-    if name not in UNSEEN:
+    first = record_of(name).unseen
+    if first == 0.0:
         return 0.0
-    each = UNSEEN[name] if len(named) == 1 else TUNING.more_unseen
+    each = first if len(named) == 1 else TUNING.more_unseen
     return float(1.0 - (1.0 - each) ** (joints - len(named)))
 
 
@@ -180,7 +178,7 @@ def parameters_of(
     for k in sorted(group, key=lambda k: float(np.max(told[k]["amplitude"][0])) if "amplitude" in told[k] else 0.0):
         candidate = bench.candidates[k]
         for key, (value, std) in told[k].items():
-            if candidate.name in GLOBAL:
+            if not record_of(candidate.name).per_joint:
                 result[key] = _estimate(value, std, unit_of(candidate.name, key))
                 continue
             per_joint = result.setdefault(key, {})

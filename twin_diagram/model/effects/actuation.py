@@ -49,10 +49,6 @@ class TorqueBias(Effect):
             for joint, torque in zip(self.joints, self.value("torque"), strict=True)
         ]
 
-    def sentence(self) -> str:
-        """See `Effect.sentence`."""
-        return f"a constant {self.effort} beyond the logged one of {self.values_on_joints('torque')}"
-
 
 class Gain(Effect):
     """The joint gets the logged torque times a gain."""
@@ -89,11 +85,6 @@ class TorqueConstant(Gain):
         """A constant is never so small; were it taken for a dead motor, any torque would be explained by it."""
         return False
 
-    def sentence(self) -> str:
-        """See `Effect.sentence`."""
-        parts = (f"{x:.4g} times on {j}" for j, x in zip(self.joints, self.value("gain"), strict=True))
-        return f"the motors give the logged {self.effort} {', '.join(parts)}"
-
 
 @register
 class ActuatorFault(Gain):
@@ -101,11 +92,6 @@ class ActuatorFault(Gain):
 
     name: ClassVar[str] = "actuator_fault"
     kinds: ClassVar[Mapping[str, ParameterKind]] = {"gain": ParameterKind("1", lower=0.0, upper=1.0)}
-
-    def sentence(self) -> str:
-        """See `Effect.sentence`."""
-        parts = (f"{100.0 * x:.3g} % on {j}" for j, x in zip(self.joints, self.value("gain"), strict=True))
-        return f"a fault leaves of the motors' {self.effort} {', '.join(parts)}"
 
 
 @register
@@ -131,10 +117,6 @@ class TorqueSaturation(Effect):
         limit = self.limits(joints)
         return np.clip(tau, -limit, limit)
 
-    def sentence(self) -> str:
-        """See `Effect.sentence`."""
-        return f"the {self.effort} that reaches the joints is bounded by {self.values_on_joints('limit')}"
-
 
 @register
 class TimeDelay(Effect):
@@ -154,7 +136,3 @@ class TimeDelay(Effect):
     def delay(self) -> float:
         """See `Effect.delay`."""
         return float(self.value("delay")[0])
-
-    def sentence(self) -> str:
-        """See `Effect.sentence`."""
-        return f"the logged torque acts {1e3 * self.delay:.3g} ms later"

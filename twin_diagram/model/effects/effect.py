@@ -347,21 +347,6 @@ class Effect:
         """Return a parameter's unit on one of its joints."""
         return self.kinds[key].unit_on(joint in self.prismatic)
 
-    @property
-    def effort(self) -> str:
-        """What its joints' motors give, in a word: a torque, or a force where all of them are prismatic."""
-        turning = set(self.joints) - self.prismatic
-        return "torque or force" if self.prismatic and turning else "force" if self.prismatic else "torque"
-
-    def values_on_joints(self, key: str) -> str:
-        """Return a parameter's value on each joint, each in the joint's own unit, for `sentence`."""
-        values = zip(self.joints, self.value(key), strict=True)
-        return ", ".join(f"{x:.4g} {self.unit(key, joint)} on {joint}" for joint, x in values)
-
-    def sentence(self) -> str:
-        """Say itself, values in the units of `unit`."""
-        return f"{self.name.replace('_', ' ')} on {', '.join(self.joints or self.links)}"
-
     def columns(self, joints: Sequence[str]) -> npt.NDArray[np.int64]:
         """Return its joints' columns in the arrays of an arm."""
         return np.array([joints.index(joint) for joint in self.joints], dtype=np.int64)

@@ -105,15 +105,6 @@ class JointElasticity(YieldingGear):
         both = zip(self.joints, self.value("stiffness"), self.value("loss"), strict=True)
         return {joint: Gear(stiffness=float(k), loss=float(loss)) for joint, k, loss in both}
 
-    def sentence(self) -> str:
-        """See `Effect.sentence`."""
-        parts = (
-            f"{k:.4g} {self.unit('stiffness', joint)} on {joint}"
-            + (f" behind a rotor of {b:.4g} {self.unit('rotor_inertia', joint)} more" if b > 0.0 else "")
-            for joint, k, b in zip(self.joints, self.value("stiffness"), self.value("rotor_inertia"), strict=True)
-        )
-        return f"an elastic gear of {'; '.join(parts)}"
-
 
 @register
 class Backlash(YieldingGear):
@@ -128,14 +119,6 @@ class Backlash(YieldingGear):
     def gears(self) -> dict[str, Gear]:
         """See `YieldingGear.gears`."""
         return {j: Gear(gap=float(gap)) for j, gap in zip(self.joints, self.value("gap"), strict=True)}
-
-    def sentence(self) -> str:
-        """See `Effect.sentence`."""
-        parts = (
-            f"{1e3 * gap:.4g} m{self.unit('gap', j)} on {j}"
-            for j, gap in zip(self.joints, self.value("gap"), strict=True)
-        )
-        return f"play in the gear of {', '.join(parts)}"
 
 
 def _split(plant: MultibodyPlant, arm: Arm, name: str, gear: Gear, inertia: float) -> None:

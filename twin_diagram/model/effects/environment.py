@@ -67,11 +67,6 @@ class GravityTilt(Effect):
         tilted = RigidTransform(R @ X_WB.rotation(), X_WB.translation())
         plant.AddJoint(WeldJoint(f"{name}_tilted", plant.world_frame(), base.body_frame(), tilted))
 
-    def sentence(self) -> str:
-        """See `Effect.sentence`."""
-        roll, pitch = np.degrees([self.value("roll")[0], self.value("pitch")[0]])
-        return f"the base is tilted by {roll:.3g}° about x and {pitch:.3g}° about y"
-
 
 @register
 class ExternalForce(Effect):
@@ -94,13 +89,3 @@ class ExternalForce(Effect):
         body, X_ML = bodies.body_of(self.links[0])
         force, moment = np.split(self.value("wrench"), 2)
         return -bodies.tree.pushed(q, body, np.asarray(X_ML.translation()), force, moment)
-
-    def sentence(self) -> str:
-        """See `Effect.sentence`."""
-        fx, fy, fz, mx, my, mz = self.value("wrench")
-        when = "" if self.onset is None else f" from {self.onset:.4g} s on"
-        when += "" if self.end is None else f" until {self.end:.4g} s"
-        return (
-            f"something pushes {self.links[0]} with ({fx:.4g}, {fy:.4g}, {fz:.4g}) N and turns it with "
-            f"({mx:.4g}, {my:.4g}, {mz:.4g}) N·m, in world axes{when}"
-        )

@@ -85,10 +85,6 @@ class ViscousFriction(Effect):
             joint = plant.get_joint(arm.joint_indices[arm.joints.index(name)])
             joint.set_default_damping_vector(joint.default_damping_vector() + damping)
 
-    def sentence(self) -> str:
-        """See `Effect.sentence`."""
-        return f"viscous friction of {self.values_on_joints('damping')}"
-
 
 @register
 class CoulombFriction(Effect):
@@ -157,12 +153,3 @@ class CoulombFriction(Effect):
             if shift != 0.0:
                 result.append(Fitting(f"{joint}_coulomb_friction_shift", joint, torque=-shift))
         return result
-
-    def sentence(self) -> str:
-        """See `Effect.sentence`."""
-        forward, backward = self.levels()
-        if np.array_equal(forward, backward):
-            key = "torque" if "torque" in self.parameters else "torque_positive"
-            return f"dry friction of {self.values_on_joints(key)}"
-        ahead = f"dry friction against positive motion of {self.values_on_joints('torque_positive')}"
-        return f"{ahead}; against negative motion of {self.values_on_joints('torque_negative')}"

@@ -77,21 +77,6 @@ class StribeckFriction(Effect):
             result.append(Fitting(f"{joint}_stribeck_friction_push", joint, speed_curve=push))
         return result
 
-    def sentence(self) -> str:
-        """See `Effect.sentence`."""
-        parts = (
-            f"{s:.4g} {self.unit('static', joint)} at rest, falling to {c:.4g} {self.unit('coulomb', joint)} above "
-            f"some {w:.3g} {self.unit('stribeck_velocity', joint)}, on {joint}"
-            for joint, c, s, w in zip(
-                self.joints,
-                self.value("coulomb"),
-                self.value("static"),
-                self.value("stribeck_velocity"),
-                strict=True,
-            )
-        )
-        return f"dry friction of {'; '.join(parts)}"
-
 
 @register
 class LoadDependentFriction(Effect):
@@ -120,11 +105,6 @@ class LoadDependentFriction(Effect):
     def brakes(self) -> list[Brake]:
         """Return one per joint, its level after the motor's torque."""
         return [_load_brake(joint, float(c)) for joint, c in zip(self.joints, self.value("coefficient"), strict=True)]
-
-    def sentence(self) -> str:
-        """See `Effect.sentence`."""
-        parts = (f"{100.0 * c:.3g} % on {j}" for j, c in zip(self.joints, self.value("coefficient"), strict=True))
-        return f"dry friction in proportion to the load: {', '.join(parts)}"
 
 
 @register
@@ -166,14 +146,6 @@ class CoupledFriction(Effect):
         """Return one, on the sum."""
         level = float(self.value("torque")[0])
         return [Brake("coupled_friction", self.joints, lambda _: (level, level), float(self.value("damping")[0]))]
-
-    def sentence(self) -> str:
-        """See `Effect.sentence`."""
-        damping, torque = (
-            f"{self.value(key)[0]:.4g} {' or '.join(dict.fromkeys(self.unit(key, joint) for joint in self.joints))}"
-            for key in ("damping", "torque")
-        )
-        return f"friction on the sum of the speeds of {', '.join(self.joints)}: {damping} and {torque}"
 
 
 def _load_brake(joint: str, c: float) -> Brake:

@@ -101,13 +101,6 @@ class Payload(Effect):
         body = plant.AddRigidBody(name, carrier.model_instance(), point)
         plant.AddJoint(WeldJoint(f"{name}_weld", carrier.body_frame(), body.body_frame(), RigidTransform(there)))
 
-    def sentence(self) -> str:
-        """See `Effect.sentence`."""
-        x, y, z = self.value("com")
-        where = f" on {self.links[0]}" if self.links else " at the last link"
-        mass = self.value("mass")[0]
-        return f"a payload of {mass:.4g} kg{where}, centred at ({x:.4g}, {y:.4g}, {z:.4g}) m in its frame"
-
 
 @register
 class ReflectedInertia(Effect):
@@ -134,7 +127,3 @@ class ReflectedInertia(Effect):
             actuator = arm.actuator(plant, joint)
             rotor = actuator.default_rotor_inertia() + float(inertia) / actuator.default_gear_ratio() ** 2
             actuator.set_default_rotor_inertia(rotor)
-
-    def sentence(self) -> str:
-        """See `Effect.sentence`."""
-        return f"reflected inertia of {self.values_on_joints('inertia')}"

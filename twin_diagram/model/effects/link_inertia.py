@@ -111,14 +111,6 @@ class InertialParameters(Effect):
             body = plant.AddRigidBody(name, link.model_instance(), spatial_inertia(vector, sign))
             plant.AddJoint(WeldJoint(f"{name}_weld", link.body_frame(), body.body_frame(), RigidTransform()))
 
-    def sentence(self) -> str:
-        """See `Effect.sentence`."""
-        x, y, z = self.value("com")
-        return (
-            f"{self.links[0]} has {self.value('mass')[0]:+.4g} kg, its centre is shifted by ({x:.4g}, {y:.4g}, {z:.4g})"
-            f" m and its inertia about it differs by {np.array2string(self.value('inertia'), precision=4)} kg·m²"
-        )
-
 
 def spatial_inertia(vector: Array, sign: float = 1.0) -> SpatialInertia:
     """From ten inertial parameters about the body's origin; `sign` −1 takes the body away."""

@@ -27,7 +27,3 @@ class EncoderOffset(Effect):
     def measured_position(self, joints: Sequence[str], q: Array) -> Array:
         """See `Effect.measured_position`."""
         return q + self.spread(joints, self.value("offset"))
-
-    def sentence(self) -> str:
-        """See `Effect.sentence`."""
-        return f"encoders read too much by {self.values_on_joints('offset')}"

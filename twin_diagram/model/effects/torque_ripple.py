@@ -42,16 +42,3 @@ class TorqueRipple(Effect):
 
             result.append(Fitting(f"{joint}_torque_ripple_{cycles:g}", joint, curve=curve))
         return result
-
-    def sentence(self) -> str:
-        """See `Effect.sentence`."""
-        parts = (
-            f"{a:.4g} {self.unit('amplitude', joint)}, {self._often(joint, c)}, on {joint}"
-            for joint, a, c in zip(self.joints, self.value("amplitude"), self.value("cycles"), strict=True)
-        )
-        return f"torque ripple of {'; '.join(parts)}"
-
-    def _often(self, joint: str, cycles: float) -> str:
-        if joint not in self.prismatic:
-            return f"{cycles:.4g} times per revolution"
-        return f"again every {2.0 * np.pi / cycles:.4g} m" if cycles > 0.0 else "the same everywhere"

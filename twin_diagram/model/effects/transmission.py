@@ -110,20 +110,3 @@ class JointSpring(Effect):
             )
             if stiffness > 0.0
         ]
-
-    def sentence(self) -> str:
-        """See `Effect.sentence`."""
-        if "curve" in self.parameters:
-            angles, torques = np.split(self.value("curve"), 2)
-            along, effort = self.unit("curve", self.joints[0]).split(", ")
-            return (
-                f"a spring on {self.joints[0]} whose {self.effort} follows a curve of the "
-                f"{'position' if self.prismatic else 'angle'}, {torques.min():.4g} to {torques.max():.4g} {effort} "
-                f"between {angles[0]:.4g} and {angles[-1]:.4g} {along}"
-            )
-        parts = (
-            f"{k:.4g} {self.unit('stiffness', joint)} on {joint}, at rest at {rest:.4g} "
-            f"{self.unit('rest_angle', joint)}"
-            for joint, k, rest in zip(self.joints, self.value("stiffness"), self.value("rest_angle"), strict=True)
-        )
-        return f"a spring of {'; '.join(parts)}"

@@ -16,6 +16,7 @@ from typing import Any
 from pydrake.systems.framework import Context
 
 from twin_diagram.errors import TwinError
+from twin_diagram.gap.candidates.records import sentence
 from twin_diagram.model.model import Model
 from twin_diagram.scenario import Healing
 from twin_diagram.twin.healing.gap_process import GapProcess, SearchOutcome
@@ -238,7 +239,7 @@ class Healer:
             "model_swapped",
             now,
             model=number,
-            effects=[effect.sentence() for effect in found.present if not effect.given],
+            effects=[sentence(effect) for effect in found.present if not effect.given],
             parameters_before=before,
             parameters_after=self._twin.parameters(own),
         )

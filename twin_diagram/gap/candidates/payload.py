@@ -1,0 +1,147 @@
+"""A mass at the last link: its candidates and its record."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from twin_diagram.gap.candidates.candidate import Candidate, transformed
+from twin_diagram.gap.candidates.merging import TUNING as MERGING
+from twin_diagram.gap.candidates.merging import Parameters
+from twin_diagram.gap.candidates.records import EffectRecord, Wakes, register
+from twin_diagram.gap.candidates.whole_arm import in_link_frame, inertia_spread, last_body, reach
+from twin_diagram.gap.residuals.regressors import Terms
+from twin_diagram.model.effects import Effect
+from twin_diagram.model.effects.inertia import Payload
+from twin_diagram.scenario import EffectSpec
+from twin_diagram.signals.arrays import Array
+
+
+def on_arm(terms: Terms) -> list[Candidate]:
+    """Return a point and a body at the last link."""
+    return [payload(terms), bulky_payload(terms)]
+
+
+def payload(terms: Terms, centre: Array | None = None) -> Candidate:
+    """Return a mass at the last link: coefficients m and m·c; `centre` sets the inertia that a unit mass brings."""
+    body = last_body(terms)
+    full = in_link_frame(terms, body)
+    columns = full[..., :4].copy()
+    if centre is not None:
+        tensor = centre @ centre * np.eye(3) - np.outer(centre, centre)
+        unit = np.array([*np.diag(tensor), tensor[0, 1], tensor[0, 2], tensor[1, 2]])
+        columns[..., 0] += full[..., 4:] @ unit
+    spread = inertia_spread(terms)[:4]
+    far = 0.35 * reach(terms)
+
+    def admits(c: Array) -> bool:
+        return bool(np.linalg.norm(c[1:]) <= far * abs(c[0]))
+
+    def values(c: Array) -> dict[str, Array]:
+        return {"mass": c[0:1], "com": c[1:4] / c[0]}
+
+    least = -1.05 * terms.present.mass
+    return Candidate(
+        name=Payload.name,
+        joints=(),
+        links=(terms.records.model.last_link,),
+        rows=tuple(range(terms.records.n)),
+        columns=columns,
+        spread=spread,
+        lower=np.array([least, -np.inf, -np.inf, -np.inf]),
+        upper=np.full(4, np.inf),
+        parameters=transformed(values),
+        admits=admits,
+    )
+
+
+def bulky_payload(terms: Terms) -> Candidate:
+    """Return a payload that is no point: its inertia is free, and not reported."""
+    point = payload(terms)
+    columns = in_link_frame(terms, last_body(terms))
+    return replace(
+        point,
+        columns=columns,
+        spread=inertia_spread(terms),
+        lower=np.concatenate([point.lower, np.full(6, -np.inf)]),
+        upper=np.full(10, np.inf),
+        admits=lambda c: bool(np.linalg.norm(c[1:4]) <= 0.35 * reach(terms) * abs(c[0])),
+        variant="bulky",
+    )
+
+
+def recentred(terms: Terms, candidate: Candidate, coefficients: Array) -> Candidate | None:
+    """Return a point where it was found to be."""
+    if candidate.variant == "bulky" or coefficients[0] == 0.0:
+        return None
+    return payload(terms, coefficients[1:4] / coefficients[0])
+
+
+def merge(here: Parameters, more: Parameters) -> Parameters | None:
+    """Take a loss off a payload that was there.
+
+    Two payloads weigh as one, but their inertia is not that of one point.
+    """
+    lost = more["mass"][0]
+    if lost >= 0.0:
+        return None
+    mass = here["mass"][0] + lost
+    if mass <= MERGING.nothing:
+        return {"mass": [max(mass, 0.0)], "com": [0.0, 0.0, 0.0]} if mass > -MERGING.rounded * here["mass"][0] else None
+    if mass < MERGING.rounded * here["mass"][0]:  # of so little, the centre is anywhere
+        return {"mass": [mass], "com": list(here["com"])}
+    moment = here["mass"][0] * np.array(here["com"]) + lost * np.array(more["com"])
+    return {"mass": [mass], "com": (moment / mass).tolist()}
+
+
+def put_down(specs: list[EffectSpec], piece: EffectSpec) -> list[EffectSpec]:
+    """Return less of the lightest payload on a link that is enough, or of all of them together."""
+    there = [
+        spec
+        for spec in specs
+        if spec.name == piece.name and spec.links in ([], piece.links) and spec.onset is None and spec.end is None
+    ]
+    lost = -piece.parameters["mass"][0]
+    enough = [spec for spec in there if spec.parameters["mass"][0] * (1.0 + MERGING.rounded) >= lost]
+    chosen = [min(enough, key=lambda spec: spec.parameters["mass"][0])] if enough else there
+    masses = np.array([spec.parameters["mass"][0] for spec in chosen])
+    if not np.sum(masses) > 0.0:
+        return [*specs, piece]
+    com = masses @ np.array([spec.parameters["com"] for spec in chosen]) / np.sum(masses)
+    remaining = merge({"mass": [float(np.sum(masses))], "com": com.tolist()}, piece.parameters)
+    if remaining is None:
+        return [*specs, piece]
+    left = EffectSpec(piece.name, [], list(piece.links), remaining)
+    rest = [spec for spec in specs if not any(spec is one for one in chosen)]
+    return [*rest, left] if abs(remaining["mass"][0]) > MERGING.nothing else rest
+
+
+def sentence(effect: Effect) -> str:
+    """Return its mass, link and centre."""
+    x, y, z = effect.value("com")
+    where = f" on {effect.links[0]}" if effect.links else " at the last link"
+    mass = effect.value("mass")[0]
+    return f"a payload of {mass:.4g} kg{where}, centred at ({x:.4g}, {y:.4g}, {z:.4g}) m in its frame"
+
+
+register(
+    EffectRecord(
+        effect=Payload,
+        title="A payload",
+        explanation="Mass at the last link that the model does not know of: a tool, a cable, a part in the hand.",
+        sentence=sentence,
+        keys={"com": "centre of mass"},
+        on_arm=on_arm,
+        recentred=recentred,
+        once=True,
+        merge=merge,
+        leading=("mass",),
+        on_last_link=True,
+        put_down=put_down,
+        starts=True,
+        per_joint=False,
+        adds=frozenset({"mass"}),
+        wakes=frozenset({Wakes.POSE, Wakes.ACCELERATION}),
+    )
+)
