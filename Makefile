@@ -38,7 +38,7 @@ help:
 # First of all, and before anything is made or fetched: an interpreter that fits, and the system libraries the wheels need.
 .PHONY: check
 check:
-	python=$$(.make/python.sh "$(PYTHON)") && "$$python" -c "import sys; from twin_diagram.runtime import native; sys.exit(native.main())"
+	python=$$(.make/python.sh "$(PYTHON)") && "$$python" -c "import sys; from twin_diagram import native; sys.exit(native.main())"
 
 # The package and one set of its extras, in .venv.
 .PHONY: install-demo install-test install-bench

@@ -292,6 +292,8 @@ def constants(sources: Mapping[str, Source]) -> Iterator[Measure]:
 
 def begins_with_verb(docstring: str) -> bool:
     """Guess whether a docstring's first word is a verb: no article and the like, no number, not in -s ('Returns')."""
+    if docstring.startswith("See `"):
+        return True  # an override, whose law is told where it is declared
     word = docstring.split(maxsplit=1)[0].rstrip(".,:;").lower() if docstring.strip() else ""
     if not word or not word[0].isalpha() or word in NO_VERBS:
         return False

@@ -15,8 +15,8 @@ import sys
 from pathlib import Path
 
 from twin_diagram import TwinError, load_scenario, run_scenario
+from twin_diagram.native import require_egl
 from twin_diagram.runs import run_seeds, tell_seeds
-from twin_diagram.runtime.native import require_egl
 
 
 def main() -> int:

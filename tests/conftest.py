@@ -40,7 +40,7 @@ def data_dir() -> Path:
 @pytest.fixture(scope="session")
 def egl() -> None:
     """For tests that render: they skip where the renderer's system library is absent."""
-    from twin_diagram.runtime.native import NativeLibraryError, require_egl
+    from twin_diagram.native import NativeLibraryError, require_egl
 
     try:
         require_egl()

@@ -177,7 +177,7 @@ def test_run_refuses_and_leaves_nothing_where_it_was_to_write(name: str, refused
 
 
 def test_a_missing_renderer_is_said_before_anything_starts(refused: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    from twin_diagram.runtime import native
+    from twin_diagram import native
 
     def missing() -> None:
         raise native.NativeLibraryError(["libEGL.so.1"])

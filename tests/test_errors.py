@@ -5,7 +5,7 @@ import pickle
 import pytest
 
 from twin_diagram.errors import LogError, ScenarioError, TwinError
-from twin_diagram.runtime.native import NativeLibraryError
+from twin_diagram.native import NativeLibraryError
 
 
 @pytest.mark.parametrize(

@@ -12,12 +12,7 @@ import pytest
 
 CHECKOUT = Path(__file__).resolve().parent.parent
 
-OWED: dict[str, int] = {
-    "floors of rooms": 9,
-    "functions over 60 lines": 1,
-    "constants without a reason": 7,
-    "docstrings without a verb first": 37,
-}
+OWED: dict[str, int] = {}
 """Aims of `make house` not met yet: until they are, these rows must not get worse than this.
 
 Each step of the reorganisation tightens or removes some; at its end this is empty, and the aims hold by themselves.

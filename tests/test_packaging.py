@@ -123,7 +123,7 @@ def test_changelog_has_the_version_or_work_in_progress() -> None:
 # The layers: a module imports from its own layer or from those below it.
 
 LAYERS = (
-    {"errors", "signals", "runtime"},
+    {"errors", "native", "signals", "runtime"},
     {"scenario"},
     {"logs", "assets"},
     {"model"},

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from twin_diagram import native as _native
 from twin_diagram.runtime import faces as _faces
-from twin_diagram.runtime import native as _native
 
 if TYPE_CHECKING:
     from twin_diagram.errors import TwinError

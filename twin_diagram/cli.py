@@ -114,7 +114,7 @@ def _overrides(arguments: argparse.Namespace) -> list[str]:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from twin_diagram.runtime.native import require_egl
+    from twin_diagram.native import require_egl
     from twin_diagram.scenario.file import load_scenario
 
     scenario = load_scenario(arguments.scenario, _overrides(arguments))

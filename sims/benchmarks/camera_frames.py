@@ -27,6 +27,7 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.systems.framework import DiagramBuilder
 
 from twin_diagram.assets import Asset
+from twin_diagram.native import require_egl
 from twin_diagram.perception.pinhole import Pinhole
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
@@ -35,7 +36,6 @@ from twin_diagram.perception.registration.rotation import exp, log
 from twin_diagram.perception.registration.tracking import MOVING, believable
 from twin_diagram.perception.registration.tracking import TUNING as TRACKING
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
-from twin_diagram.runtime.native import require_egl
 from twin_diagram.scenario.file import load_scenario
 from twin_diagram.scenario.resources import models_dir
 from twin_diagram.station.sim.camera import camera_info, lights

@@ -135,6 +135,41 @@ def all_candidates(terms: Terms) -> list[Candidate]:
     ]
 
 
+def second_bench(
+    records: Records, terms: Terms, bench: Bench, fit: HypothesisFit, ordinary: Array
+) -> tuple[Terms, Bench]:
+    """Return terms and bench of another search, as a first hypothesis has noise and transmitted torque.
+
+    Arguments as of `search_again`.
+    """
+    there = [bench.candidates[k] for k in fit.members]
+    named = {candidate.name for candidate in there}
+    dry_names = {name for name in named if record_of(name).dry}
+    no_load = {"", *(name for name in named if record_of(name).motor)}
+    needed = smooth_fit.at_full_rate(records, contribution_of(records, bench, fit, without=no_load))
+    moved = smooth_fit.at_full_rate(records, contribution_of(records, bench, fit, without=no_load | dry_names))
+    given = given_load(records)
+    terms = with_load(
+        terms,
+        tuple(g + c for g, c in zip(given, needed, strict=True)),
+        tuple(r.passed + c for r, c in zip(records.records, moved, strict=True)),
+    )
+    dry = stiction.dry_joints(records) | {j for c in there if c.name in dry_names for j in c.joints}
+    fresh = all_candidates(terms)
+    left = records.residual - contribution_of(records, bench, fit)
+    coupled = [(c.joints[0], c.joints[1]) for c in there if record_of(c.name).coupled]
+    weights = stiction.moving(records, terms, bench.whitener, dry, stiction.creep(records, terms, left, dry), coupled)
+    white = records.white(bench.whitener.order)
+    smooth = [c for c in fresh if record_of(c.name).smooth] + there
+    quiet = weights * ordinary[bench.whitener.rows].T
+    noise = whitening.restricted(records.residual, smooth_fit.columns(records, smooth), bench.whitener, quiet, white)
+    friction = contribution_of(records, bench, fit, without=named - dry_names)
+    weights = np.maximum(weights, stiction.turning(records, terms, bench.whitener, friction, dry))
+    nuisances = [time_delay.timing_nuisance(terms), *reversal_nuisances.nuisances(terms)]
+    weights = weights * trusted(records, bench, fit)
+    return terms, Bench(records.residual, noise, fresh, nuisances, weights, terms.torque_size)
+
+
 def search_again(
     records: Records, terms: Terms, bench: Bench, fit: HypothesisFit, ordinary: Array
 ) -> tuple[Terms, Bench, HypothesisFit]:
@@ -147,33 +182,7 @@ def search_again(
         fit: what it found.
         ordinary: see `whitening.ordinary`.
     """
-    named = {bench.candidates[k].name for k in fit.members}
-    dry_names = {name for name in named if record_of(name).dry}
-    no_load = {"", *(name for name in named if record_of(name).motor)}
-    needed = smooth_fit.at_full_rate(records, contribution_of(records, bench, fit, without=no_load))
-    moved = smooth_fit.at_full_rate(records, contribution_of(records, bench, fit, without=no_load | dry_names))
-    given = given_load(records)
-    terms = with_load(
-        terms,
-        tuple(g + c for g, c in zip(given, needed, strict=True)),
-        tuple(r.passed + c for r, c in zip(records.records, moved, strict=True)),
-    )
-    dry = stiction.dry_joints(records) | {
-        j for k in fit.members if bench.candidates[k].name in dry_names for j in bench.candidates[k].joints
-    }
-    fresh = all_candidates(terms)
-    left = records.residual - contribution_of(records, bench, fit)
-    named_there = [bench.candidates[k] for k in fit.members]
-    coupled = [(c.joints[0], c.joints[1]) for c in named_there if record_of(c.name).coupled]
-    weights = stiction.moving(records, terms, bench.whitener, dry, stiction.creep(records, terms, left, dry), coupled)
-    white = records.white(bench.whitener.order)
-    smooth = [c for c in fresh if record_of(c.name).smooth] + [bench.candidates[k] for k in fit.members]
-    quiet = weights * ordinary[bench.whitener.rows].T
-    noise = whitening.restricted(records.residual, smooth_fit.columns(records, smooth), bench.whitener, quiet, white)
-    friction = contribution_of(records, bench, fit, without=named - dry_names)
-    weights = np.maximum(weights, stiction.turning(records, terms, bench.whitener, friction, dry))
-    nuisances = [time_delay.timing_nuisance(terms), *reversal_nuisances.nuisances(terms)]
-    second = Bench(records.residual, noise, fresh, nuisances, weights * trusted(records, bench, fit), terms.torque_size)
+    terms, second = second_bench(records, terms, bench, fit, ordinary)
     members: Members = frozenset(second.add(bench.candidates[k]) for k in fit.members)
     asked = suspects(records, terms, second, members)
     knocks = Knocks(terms, second)

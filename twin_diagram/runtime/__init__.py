@@ -1,1 +1,1 @@
-"""What any run stands on: system libraries, timing, progress, files written whole."""
+"""What any run stands on: timing, progress, files written whole, lazy faces."""

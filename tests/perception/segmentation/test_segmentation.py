@@ -307,7 +307,7 @@ def test_real_tabletops(data_dir: Path, name: str, apart: int) -> None:
     file = data_dir / "kinect_tabletop" / f"{name}.pcd"
     if not file.is_file():
         pytest.skip(f"no {file}")
-    from twin_diagram.runtime.native import load_libusb
+    from twin_diagram.native import load_libusb
 
     load_libusb()
     o3d = pytest.importorskip("open3d")

@@ -662,7 +662,7 @@ def test_an_asset_must_be_one_link_called_object(tmp_path: FilePath) -> None:
 
 
 def test_nothing_is_rendered_where_egl_is_missing(monkeypatch) -> None:
-    from twin_diagram.runtime.native import NativeLibraryError
+    from twin_diagram.native import NativeLibraryError
 
     def missing() -> None:
         raise NativeLibraryError(("libEGL.so.1",))

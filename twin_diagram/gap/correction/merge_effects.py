@@ -119,5 +119,5 @@ def _something(spec: EffectSpec) -> bool:
 
 
 def names(specs: Sequence[EffectSpec]) -> str:
-    """For messages."""
+    """Name effects in a message."""
     return ", ".join(spec.name for spec in specs)

@@ -9,12 +9,19 @@ from twin_diagram.gap.findings import Separation
 from twin_diagram.signals import units
 
 STATIC = "static poses: hold many poses over the whole range, each reached once from above and once from below"
+"""Shows what depends on pose alone: gravity, springs, offsets; both ways, so that friction cancels."""
 SLOW = "reverse slowly at 0.02 rad/s, about many angles"
+"""Shows what happens at reversals: dry friction, play."""
 SPEEDS = "sweep each joint at constant speeds from 0.02 rad/s to its limit, both ways"
+"""Shows friction over speed."""
 LOAD = "repeat with a known payload"
+"""Tells what grows with load from what does not."""
 FAST = "accelerate hard about one pose: sines of small range at 1 to 4 Hz"
+"""Shows inertia, delay and elasticity."""
 LONG = "repeat the same motion for some minutes"
+"""Shows what comes and goes with time."""
 STILL = "hold still for 10 s at the begin and at the end"
+"""Shows constant torque and noise."""
 
 FRICTION = frozenset({Wakes.REVERSAL, Wakes.SPEED})
 """What friction is brought out by."""

@@ -91,12 +91,12 @@ def _short(finding: Finding) -> str:
 
 
 def lower_first(words: str) -> str:
-    """For use within a sentence."""
+    """Return words as they stand within a sentence."""
     return words[:1].lower() + words[1:]
 
 
 def upper_first(words: str) -> str:
-    """For use at its begin."""
+    """Return words as they stand at its begin."""
     return words[:1].upper() + words[1:]
 
 
@@ -128,7 +128,7 @@ def moment(when: Moment | None, several: bool) -> str:
 
 
 def duration(finding: Finding, several: bool) -> str:
-    """From when to when an effect acts; empty where it always does."""
+    """Say from when to when an effect acts; empty where it always does."""
     begin, end = moment(finding.onset, several), moment(finding.end, several)
     if begin and end:
         return f"from {begin} until {end}"

@@ -24,7 +24,7 @@ TUNING = Tuning()
 
 
 def price(members: Iterable[Candidate]) -> float:
-    """Of names, joints and searched shapes [nats]."""
+    """Return the price of names, joints and searched shapes [nats]."""
     counts: dict[str, int] = {}
     total = 0.0
     there: set[tuple[str, int]] = set()

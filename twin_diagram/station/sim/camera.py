@@ -23,7 +23,7 @@ from pydrake.systems.primitives import Demultiplexer
 from pydrake.systems.sensors import CameraInfo, RgbdSensor
 
 from twin_diagram.errors import ScenarioError
-from twin_diagram.runtime.native import require_egl
+from twin_diagram.native import require_egl
 from twin_diagram.scenario import Camera, Scenario
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER

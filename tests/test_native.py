@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
+from twin_diagram import native
 from twin_diagram.errors import TwinError
-from twin_diagram.runtime import native
 
-CHECKOUT = Path(__file__).resolve().parents[2]
+CHECKOUT = Path(__file__).resolve().parents[1]
 
 HIDING = """
 import ctypes
@@ -105,7 +105,7 @@ def test_open3d_names_what_it_links(hidden) -> None:
 
 
 def test_open3d_imports_in_a_fresh_process(egl: None) -> None:
-    done = python("from twin_diagram.runtime.native import import_open3d as o; print(o().__version__, o() is o())")
+    done = python("from twin_diagram.native import import_open3d as o; print(o().__version__, o() is o())")
     assert done.returncode == 0, done.stderr
     assert done.stdout.split()[-1] == "True"
 
@@ -115,7 +115,7 @@ def test_importing_the_package_is_enough_for_open3d(egl: None) -> None:
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("module", ["twin_diagram", "twin_diagram.runtime.native", "twin_diagram.cli"])
+@pytest.mark.parametrize("module", ["twin_diagram", "twin_diagram.native", "twin_diagram.cli"])
 def test_importing_is_light(module: str) -> None:
     heavy = {"numpy", "pydrake", "open3d", "cv2", "scipy", "matplotlib"}
     done = python(f"import {module}, sys; print(*sorted({heavy!r} & set(sys.modules)))")
@@ -130,7 +130,7 @@ def test_make_names_the_package_first_and_starts_nothing(target: str, tmp_path: 
     tree = tmp_path / "a folder"
     shutil.copytree(CHECKOUT / ".make", tree / ".make")
     (tree / "twin_diagram" / "runtime").mkdir(parents=True)
-    modules = ("__init__", "errors", "faces", "runtime/__init__", "runtime/native")
+    modules = ("__init__", "errors", "native", "runtime/__init__", "runtime/faces")
     for name in ("Makefile", "pyproject.toml", *(f"twin_diagram/{module}.py" for module in modules)):
         shutil.copy(CHECKOUT / name, tree / name)
     blind = tree / "blind"
