@@ -113,7 +113,7 @@ def test_a_held_out_run_may_have_an_onset_of_its_own(
 
 def elsewhere(corrected: Model, held: Log) -> list[float]:
     """Times that effects have in the held-out run."""
-    return [moments[fingerprint(held)] for e in corrected.effects if fingerprint(held) in (moments := e.elsewhere)]
+    return [moments[fingerprint(held)] for e in corrected.effects if fingerprint(held) in (moments := e.when.elsewhere)]
 
 
 def test_a_healthy_held_out_run_still_denies_a_name(

@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pytest
 
 from twin_diagram.gap.candidates import reversal_nuisances, torque_saturation
-from twin_diagram.gap.residuals import stiction
+from twin_diagram.gap.residuals import regressors, stiction
 from twin_diagram.gap.residuals.prepared_logs import prepare, roughness
 from twin_diagram.gap.residuals.regressors import Terms, given_load, slow_speed, turns
 from twin_diagram.gap.residuals.whitening import Whitener
@@ -97,7 +97,7 @@ def test_a_joint_that_creeps_while_it_is_held_is_no_sliding_one(held: bool) -> N
     left = 0.02 * np.random.default_rng(1).normal(size=records.residual.shape)
     left[:, WRIST] -= np.where(np.abs(v) < 0.06, 0.4 if held else -0.4, 0.0) * np.sign(v)
     slowest = stiction.creep(records, terms, left, [ELBOW, WRIST])
-    assert slowest[ELBOW] == stiction.TUNING.rest
+    assert slowest[ELBOW] == regressors.TUNING.rest
     assert (slowest[WRIST] > 0.03) == held, "friction that rises at slow speed is no creep"
     fewer, usual = (np.mean(stiction.sliding(records, terms, [WRIST], s)[:, WRIST]) for s in (slowest, None))
     assert fewer < usual - 0.2 if held else fewer == usual
@@ -107,7 +107,7 @@ def test_a_joint_that_turns_counts_the_less_the_more_friction_holds_it() -> None
     """Its sign goes evenly from one side to the other meanwhile."""
     terms = terms_of(log_with())
     record = terms.records.records[0]
-    spans = turns(record, ELBOW, stiction.TUNING.rest)
+    spans = turns(record, ELBOW, regressors.TUNING.rest)
     assert len(spans) >= 4
     for first, last in spans:
         assert last - first <= 0.08 * record.rate

@@ -82,7 +82,7 @@ def sliding(
         records: of the fit.
         terms: made of them.
         joints: columns.
-        slowest: (n,) speed below which each may be sticking, see `creep`; None: `REST` [rad/s].
+        slowest: (n,) speed below which each may be sticking, see `creep`; None: `regressors.TUNING.rest` [rad/s].
         turning: whether a joint counts as sliding while it turns, see `regressors.turns`; not where the given model has
             dry
             friction, whose law knows of no such moments.
