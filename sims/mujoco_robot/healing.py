@@ -15,7 +15,7 @@ from mujoco_robot.healing_report import AHEAD, LOOK, Plan, Run
 from twin_diagram.estimation import AdaptiveEkf, ArmTerms, DriftMonitor
 from twin_diagram.estimation.drift.alarm_events import append_lines
 from twin_diagram.estimation.dynamics.parameters import ParameterSet
-from twin_diagram.estimation.dynamics.short_rollout import rollout
+from twin_diagram.estimation.dynamics.short_rollout import short_rollout
 from twin_diagram.logs import Log
 from twin_diagram.model import Model
 from twin_diagram.scenario import ArmModel, Filter, Healing, Planner, Twin, resolve
@@ -133,7 +133,7 @@ def score(
             arm, parameters = terms[id(model)]
             at = np.linspace(t, t + AHEAD, round(AHEAD / 0.005) + 1)
             torques = np.stack([np.interp(at, log.time, column) for column in measured.T], axis=1)
-            q, _ = rollout(arm, parameters, state, theta, at, torques)
+            q, _ = short_rollout(arm, parameters, state, theta, at, torques)
             truth = np.array([np.interp(at[-1], log.time, column) for column in log.position.T])
             rows.append(truth - q)
             away = twin.model.tool_pose(truth).translation() - twin.model.tool_pose(q).translation()

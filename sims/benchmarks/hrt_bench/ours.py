@@ -12,7 +12,7 @@ from hrt_truth.hidden import LAST
 from hrt_truth.streams import Streams
 
 from hrt_bench.estimate import AHEAD, STRIDE, Array, Estimate, Kinematics
-from twin_diagram.estimation.dynamics.short_rollout import rollout
+from twin_diagram.estimation.dynamics.short_rollout import short_rollout
 from twin_diagram.estimation.filter.belief import Entry
 from twin_diagram.estimation.filter.ekf import Ekf
 from twin_diagram.estimation.filter.sensor_registry import FilterError
@@ -187,7 +187,7 @@ def _ahead(ekf: Ekf, x: Array, theta: Array, time: Array, tau: Array, kinematics
             part = slice(before, k + step + 1)
             # Message k + 1 brings the mean torque between k and k + 1.
             torque = np.vstack([tau[before + 1], tau[before + 1 : k + step + 1]])
-            q, v = rollout(ekf.terms, ekf.parameters, state, theta[k], time[part], torque)
+            q, v = short_rollout(ekf.terms, ekf.parameters, state, theta[k], time[part], torque)
             state, before = np.concatenate([q, v]), k + step
             there[j, i] = q
     for horizon, q in zip(AHEAD, there, strict=True):

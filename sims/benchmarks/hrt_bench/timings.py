@@ -14,7 +14,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from hrt_bench.estimate import Array
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms, Laws
 from twin_diagram.estimation.dynamics.parameters import ParameterSet
-from twin_diagram.estimation.dynamics.short_rollout import rollout
+from twin_diagram.estimation.dynamics.short_rollout import short_rollout
 from twin_diagram.estimation.filter.ekf import Ekf
 from twin_diagram.scenario import Filter
 from twin_diagram.scenario.resources import models_dir
@@ -93,7 +93,7 @@ def measure_size(n: int) -> dict[str, Any]:
         # The torque of a message holds until the next.
         torques = np.array([tau for _, _, tau, _ in messages[k : k + 21]])
         held = torques[np.minimum(np.ceil(at / 0.005 - 1e-6).astype(int), 20)]
-        return rollout(terms, parameters, np.concatenate(messages[k][:2]), parameters.mean, at, held)[0]
+        return short_rollout(terms, parameters, np.concatenate(messages[k][:2]), parameters.mean, at, held)[0]
 
     rolled = spent(roll, 100)
     errors = [np.abs(roll(k) - roll(k, fine)).max() for k in range(0, MESSAGES, MESSAGES // 8)]

@@ -18,7 +18,7 @@ from twin_diagram.estimation.drift.monitor import Monitor
 from twin_diagram.estimation.drift.state import TUNING as STATE
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.dynamics.parameters import ParameterSet
-from twin_diagram.estimation.dynamics.short_rollout import rollout, torque_error
+from twin_diagram.estimation.dynamics.short_rollout import short_rollout, torque_error
 from twin_diagram.estimation.filter import belief
 from twin_diagram.estimation.filter.ekf import Ekf
 from twin_diagram.estimation.filter.sensor_registry import FilterError
@@ -172,7 +172,7 @@ def test_rollout_follows_the_truth():
     start, end = 400, 420  # 0.1 s in full motion
     state = np.concatenate([run.q_true[start], run.v_true[start]])
     window = slice(start, end + 1)
-    q, v = rollout(TERMS, parameters, state, parameters.mean, run.time[window], run.tau[window])
+    q, v = short_rollout(TERMS, parameters, state, parameters.mean, run.time[window], run.tau[window])
     # The torques' noise of 0.05 N·m moves the light wrist; as torque that is nothing.
     np.testing.assert_allclose(q[:4], run.q_true[end][:4], atol=3e-4)
     np.testing.assert_allclose(v[:4], run.v_true[end][:4], atol=1e-2)
@@ -180,7 +180,7 @@ def test_rollout_follows_the_truth():
     np.testing.assert_allclose(error, 0.0, atol=0.06)
     # A kilogram that the model does not know of shows as the torque of its weight.
     heavy = np.array([1.0, 0.0, 0.0, 0.2])
-    wrong, _ = rollout(TERMS, parameters, state, heavy, run.time[window], run.tau[window])
+    wrong, _ = short_rollout(TERMS, parameters, state, heavy, run.time[window], run.tau[window])
     error = torque_error(TERMS, parameters, q, heavy, wrong - run.q_true[end], 0.1)
     TERMS.set_payload(heavy)
     loaded = TERMS.inverse_dynamics(run.q_true[start], np.zeros(7), 0.0)
@@ -193,7 +193,7 @@ def test_rollout_follows_the_truth():
 def test_rollout_that_runs_away_ends():
     parameters = ParameterSet(TERMS, Filter())
     torques = np.full((30, 7), 1e5)
-    q, v = rollout(TERMS, parameters, np.zeros(14), parameters.mean, 0.005 * np.arange(30), torques)
+    q, v = short_rollout(TERMS, parameters, np.zeros(14), parameters.mean, 0.005 * np.arange(30), torques)
     assert np.all(np.isfinite(q)) and np.all(np.isfinite(v))
 
 
@@ -263,7 +263,7 @@ def test_rollout_alarm():
     moved = [q + np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0]) * 2.0 * (at - start) ** 2 for at in ends]
     state = np.concatenate([moved[0], [0.0, 4.0 * (ends[0] - start), 0.0, 0.0, 0.0, 0.0, 0.0]])
     times = np.linspace(*ends, 21)
-    reached, _ = rollout(TERMS, ParameterSet(TERMS, Filter()), state, np.zeros(4), times, np.tile(tau, (21, 1)))
+    reached, _ = short_rollout(TERMS, ParameterSet(TERMS, Filter()), state, np.zeros(4), times, np.tile(tau, (21, 1)))
     context, frame = TERMS.plant.CreateDefaultContext(), TERMS.plant.GetFrameByName("panda_tcp")
     hands = []
     for angles in (reached, moved[1]):

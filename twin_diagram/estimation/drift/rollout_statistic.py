@@ -18,7 +18,7 @@ from twin_diagram.estimation.drift.state import DriftEntry, DriftState
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.dynamics.link_frame import LinkFrame
 from twin_diagram.estimation.dynamics.parameters import ParameterSet
-from twin_diagram.estimation.dynamics.short_rollout import rollout, torque_error
+from twin_diagram.estimation.dynamics.short_rollout import short_rollout, torque_error
 from twin_diagram.estimation.filter.disturbance import disturbance_std
 from twin_diagram.scenario import Drift, Filter
 from twin_diagram.signals.arrays import Array
@@ -111,7 +111,7 @@ class RolloutTest:
         h, terms = state.header, self._terms
         n, filled = terms.n, int(h[DriftEntry.FILLED])
         times, torques = state.torques[:filled, 0], state.torques[:filled, 1:]
-        end, speed = rollout(terms, self._parameters, state.from_state, state.from_theta, times, torques)
+        end, speed = short_rollout(terms, self._parameters, state.from_state, state.from_theta, times, torques)
         span = float(times[-1] - times[0])
         error: Array = np.empty(n + 1)
         error[:n] = np.abs(torque_error(terms, self._parameters, q, state.from_theta, q - end, span))

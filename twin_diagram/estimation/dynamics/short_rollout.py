@@ -10,7 +10,7 @@ from twin_diagram.estimation.dynamics.process_model import step
 from twin_diagram.signals.arrays import Array
 
 
-def rollout(
+def short_rollout(
     terms: ArmTerms, parameters: ParameterSet, state: Array, theta: Array, times: Array, torques: Array
 ) -> tuple[Array, Array]:
     """Move the model on from a state, sensors left out: step 1 of section 3.4 of Hybrid Reality Twins.
