@@ -130,7 +130,7 @@ def test_make_names_the_package_first_and_starts_nothing(target: str, tmp_path: 
     tree = tmp_path / "a folder"
     shutil.copytree(CHECKOUT / ".make", tree / ".make")
     (tree / "twin_diagram" / "runtime").mkdir(parents=True)
-    modules = ("__init__", "errors", "native", "runtime/__init__", "runtime/faces")
+    modules = ("__init__", "errors", "native", "runtime/__init__", "runtime/faces", "runtime/version")
     for name in ("Makefile", "pyproject.toml", *(f"twin_diagram/{module}.py" for module in modules)):
         shutil.copy(CHECKOUT / name, tree / name)
     blind = tree / "blind"

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from twin_diagram import native as _native
 from twin_diagram.runtime import faces as _faces
+from twin_diagram.runtime.version import __version__
 
 if TYPE_CHECKING:
     from twin_diagram.errors import TwinError
@@ -24,8 +25,6 @@ if TYPE_CHECKING:
     from twin_diagram.scene import SceneGraphUpdater
     from twin_diagram.station.make_station import make_station
     from twin_diagram.twin import make_closed_loop, make_twin
-
-__version__ = "0.1.0"
 
 __all__ = [
     "AdaptiveEkf",

@@ -48,7 +48,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 def _parser() -> argparse.ArgumentParser:
-    from twin_diagram import __version__
+    from twin_diagram.runtime.version import __version__
 
     parser = _Parser(prog="twin-diagram", description="A digital twin of a robot arm as a Drake Diagram.")
     parser.add_argument("--version", action="version", version=f"twin-diagram {__version__}")

@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from twin_diagram import __version__
 from twin_diagram.errors import LogError, ModelError, TwinError
 from twin_diagram.gap.correction.add_effects import add
 from twin_diagram.gap.correction.held_out_evidence import confirmed
@@ -36,6 +35,7 @@ from twin_diagram.logs import Log, read_log, write_columns
 from twin_diagram.model.model import Model
 from twin_diagram.model.prediction import as_explained, load_model_for
 from twin_diagram.runtime import atomic_file
+from twin_diagram.runtime.version import __version__
 
 Say = Callable[[str], None]
 
