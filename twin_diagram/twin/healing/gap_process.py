@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-import twin_diagram
 from twin_diagram.logs import Log, write_log
 from twin_diagram.model.model import Model
 from twin_diagram.runtime import atomic_file
@@ -181,6 +180,6 @@ def why_it_failed(status: int, told: str) -> str:
 
 def _environment() -> dict[str, str]:
     """This one's, with this package on the path, and one thread: the loop needs the other cores."""
-    here = str(Path(twin_diagram.__file__).resolve().parent.parent)
+    here = str(Path(__file__).resolve().parents[3])
     path = os.pathsep.join([here, *filter(None, [os.environ.get("PYTHONPATH")])])
     return {**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
