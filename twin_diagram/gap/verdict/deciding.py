@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,7 @@ from twin_diagram.gap.search.bench import Bench, likelihood_gain
 from twin_diagram.gap.search.evidence import HypothesisFit, Members
 from twin_diagram.gap.verdict import leftover_structure
 from twin_diagram.gap.verdict.posterior import findings_of, groups, separations_of
+from twin_diagram.gap.verdict.probabilities import less_sure, outweighed, surer
 
 
 @dataclass(frozen=True)
@@ -152,6 +153,11 @@ def mostly_left(bench: Bench, fit: HypothesisFit, joints: npt.NDArray[np.bool_])
     return left > TUNING.mostly * all_there and bool(np.any(joints))
 
 
+def guessed(findings: Sequence[Finding]) -> bool:
+    """Return whether something else is more probable than one of the names, or all of them are guesses."""
+    return any(map(outweighed, findings)) or (bool(findings) and all(map(Finding.is_guess, findings)))
+
+
 def conclude(records: Records, terms: Terms, bench: Bench, fit: HypothesisFit) -> Verdict:
     """Return the verdict on a final fit."""
     left = leftover_structure.left_over(records, terms, bench, fit)
@@ -171,19 +177,18 @@ def conclude(records: Records, terms: Terms, bench: Bench, fit: HypothesisFit) -
         if less.members != fit.members:
             sure = {f.name: f.confidence for f in findings}
             fit = less
-            findings = tuple(
-                replace(f, confidence=max(f.confidence, sure[f.name])) for f in findings_of(records, bench, fit)
-            )
+            findings = tuple(surer(f, sure[f.name]) for f in findings_of(records, bench, fit))
         separation = separations_of(records, bench, fit)
         structure = structure or crowded(findings) or doubled(bench, fit)
         named = {name: frozenset(group) for name, group in groups(bench, fit.members).items()}
         shares = {name: share_of(bench, fit, group) for name, group in named.items()}
         kept = tuple(f for f in findings if not negligible(f, findings, shares[f.name], structure))
         structure = structure or len(kept) < len(findings)
-        findings = tuple(replace(f, confidence=f.confidence * TUNING.less_sure) for f in kept) if structure else kept
+        findings = tuple(less_sure(f, TUNING.less_sure) for f in kept) if structure else kept
     touched = np.isin(np.arange(records.n), [j for k in fit.members for j in bench.candidates[k].rows])
     doubted = mostly_left(bench, fit, raised & touched)
     unknown = structure and (not findings or left.gain > TUNING.mostly * likelihood_gain(bench, fit) or doubted)
+    unknown = unknown or guessed(findings)
     if unknown:
         findings, separation = (), ()
     return Verdict(

@@ -14,6 +14,9 @@ from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.search.bench import Bench, noise_distance
 from twin_diagram.gap.search.evidence import HypothesisFit, Members
 from twin_diagram.gap.search.greedy_search import additions, handicaps
+from twin_diagram.gap.search.prior_costs import TUNING as PRIOR_COSTS
+from twin_diagram.gap.search.prior_costs import asked
+from twin_diagram.gap.verdict.probabilities import Claim, Hypothesis, normalised, shared_out
 from twin_diagram.model.effects import REGISTRY
 from twin_diagram.signals.arrays import Array
 
@@ -47,10 +50,6 @@ class Tuning:
 TUNING = Tuning()
 
 
-Claim = tuple[str, tuple[int, ...], tuple[str, ...]]
-"""A name with all joints and links that it sits on."""
-
-
 def groups(bench: Bench, members: Members) -> dict[str, list[int]]:
     """Return the members by name, in the order of their joints."""
     result: dict[str, list[int]] = {}
@@ -66,34 +65,42 @@ def claim(candidates: list[Candidate]) -> Claim:
     return candidates[0].name, tuple(joints), links
 
 
-def claims(bench: Bench, members: Members) -> frozenset[Claim]:
+def claims(bench: Bench, members: Members) -> Hypothesis:
     """Return all that a hypothesis says."""
     return frozenset(claim([bench.candidates[k] for k in group]) for group in groups(bench, members).values())
 
 
-def names_of(said: frozenset[Claim]) -> set[str]:
-    """Return the names in a set of claims."""
-    return {name for name, _, _ in said}
-
-
-def posterior(bench: Bench, fit: HypothesisFit) -> dict[frozenset[Claim], float]:
+def posterior(bench: Bench, fit: HypothesisFit) -> dict[Hypothesis, float]:
     """Return probabilities of all sets of claims that were ever solved; of each set, its best shapes count.
 
-    A finer law is held to what `greedy_search.plainer` asks of it.
+    What the search asks of a hypothesis for the sake of simplicity is asked here, too, or else what it would never
+    name would seem more probable than what it did: a finer law is held to what `greedy_search.plainer` asks of it,
+    and a larger set to what its further members must bring.
     """
-    best: dict[frozenset[Claim], float] = {}
-    for members, tried in bench.solver.fits.items():
-        if np.isfinite(tried.evidence):
-            key = claims(bench, members)
-            best[key] = max(best.get(key, -np.inf), tried.evidence)
-    top = fit.evidence
+    values = {claims(bench, tried.members): value for tried, value in reversed(_ranked(bench, fit))}
+    return normalised(values, TUNING.temperature)
+
+
+def most_probable(bench: Bench, fit: HypothesisFit) -> HypothesisFit:
+    """Return the best of all hypotheses that were ever solved, as `posterior` weighs them beside a fit."""
+    best, value = _ranked(bench, fit)[0]
+    own = next(value for tried, value in _ranked(bench, fit) if tried.members == fit.members)
+    return best if value > own + 1e-9 else fit
+
+
+def _ranked(bench: Bench, fit: HypothesisFit) -> list[tuple[HypothesisFit, float]]:
+    """Return all hypotheses that were solved, with their evidence less what is asked of them, best first."""
     less = handicaps(bench, fit)
-    best = {
-        key: value - max((less.get(name, 0.0) for name in names_of(key)), default=0.0) for key, value in best.items()
-    }
-    weights = {key: float(np.exp(min(0.0, (value - top) / TUNING.temperature))) for key, value in best.items()}
-    total = sum(weights.values())
-    return {key: weight / total for key, weight in weights.items()}
+    mine = asked([bench.candidates[k] for k in fit.members], PRIOR_COSTS.least)
+    result = []
+    for members, tried in bench.solver.fits.items():
+        if not np.isfinite(tried.evidence):
+            continue
+        there = [bench.candidates[k] for k in members]
+        more = max(0.0, asked(there, PRIOR_COSTS.least) - mine)
+        finer = max((less.get(candidate.name, 0.0) for candidate in there), default=0.0)
+        result.append((tried, tried.evidence - more - finer))
+    return sorted(result, key=lambda item: -item[1])
 
 
 def unseen(said: Claim, joints: int) -> float:
@@ -106,26 +113,24 @@ def unseen(said: Claim, joints: int) -> float:
     return float(1.0 - (1.0 - each) ** (joints - len(named)))
 
 
-def findings_of(records: Records, bench: Bench, fit: HypothesisFit) -> tuple[Finding, ...]:
-    """Return one finding per name, or per name and time, strongest first."""
+def look_around(bench: Bench, fit: HypothesisFit) -> None:
+    """Solve what could stand in the place of each member, or of all of one name; `posterior` meets it on the bench."""
     for group in groups(bench, fit.members).values():
         additions(bench, fit.members - frozenset(group), TUNING.rivals)
         for k in group:
             additions(bench, fit.members - {k}, TUNING.rivals)
+
+
+def findings_of(records: Records, bench: Bench, fit: HypothesisFit) -> tuple[Finding, ...]:
+    """Return one finding per name, or per name and time, strongest first."""
+    look_around(bench, fit)
     probability = posterior(bench, fit)
     mine = claims(bench, fit.members)
+    names = records.model.joints
     result = []
     for group in groups(bench, fit.members).values():
-        candidates = [bench.candidates[k] for k in group]
-        said = claim(candidates)
-        sure = sum(p for key, p in probability.items() if said in key)
-        rivals: dict[Claim, float] = {}
-        for key, p in probability.items():
-            if said not in key:
-                for other in key - mine:
-                    rivals[other] = rivals.get(other, 0.0) + p
-        ranked = sorted(rivals.items(), key=lambda item: -item[1])[: TUNING.alternatives]
-        names = records.model.joints
+        said = claim([bench.candidates[k] for k in group])
+        shared = shared_out(said, mine, probability, lambda other: unseen(other, records.n), TUNING.alternatives)
         for part in together(bench, group):
             first = bench.candidates[part[0]]
             _, joints, links = claim([bench.candidates[k] for k in part])
@@ -135,14 +140,15 @@ def findings_of(records: Records, bench: Bench, fit: HypothesisFit) -> tuple[Fin
                     joints=tuple(names[j] for j in joints),
                     links=links,
                     parameters=parameters_of(records, bench, fit, part),
-                    confidence=float(min(sure, 1.0)) * (1.0 - unseen(said, records.n)),
+                    confidence=shared.sure,
                     alternatives=tuple(
                         Alternative(name, tuple(names[j] for j in joints), links, float(p))
-                        for (name, joints, links), p in ranked
+                        for (name, joints, links), p in shared.others
                     ),
                     onset=None if first.onset is None else Moment(*first.onset),
                     end=None if first.end is None else Moment(*first.end),
                     significance=noise_distance(bench, fit, bench.solve(fit.members - frozenset(part))),
+                    rest=shared.rest,
                 )
             )
     return tuple(sorted(result, key=lambda finding: -finding.significance))
