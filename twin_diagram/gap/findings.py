@@ -27,11 +27,13 @@ class Estimate:
         value: a number, or a list for vectors and curves.
         std: of the same shape.
         unit: of the catalogue, for the kind of joint that it is about (`posterior.unit_of`).
+        doubt: part of the standard error that comes from what else may be there (`posterior.doubt_of`), likewise.
     """
 
     value: float | list[float]
     std: float | list[float]
     unit: str
+    doubt: float | list[float] = 0.0
 
 
 @dataclass(frozen=True)
