@@ -58,7 +58,7 @@ def _draw(name: str, count: int, chain: Chain, scale: Scale, rng: np.random.Gene
 
 def _level(j: int, chain: Chain, rng: np.random.Generator) -> float:
     """A torque, as a part of what the joint is rated for [N·m]."""
-    return log_uniform(rng, 0.012, 0.08) * float(chain.links[j].effort)
+    return log_uniform(rng, 0.02, 0.08) * float(chain.links[j].effort)
 
 
 def _sign(rng: np.random.Generator) -> float:
