@@ -16,7 +16,7 @@ from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.search.bench import Bench, likelihood_gain
 from twin_diagram.gap.search.evidence import HypothesisFit, Members
 from twin_diagram.gap.verdict import leftover_structure
-from twin_diagram.gap.verdict.posterior import findings_of, groups, separations_of
+from twin_diagram.gap.verdict.posterior import claims, findings_of, groups, most_probable, separations_of
 from twin_diagram.gap.verdict.probabilities import less_sure, outweighed, surer
 
 
@@ -158,9 +158,14 @@ def guessed(findings: Sequence[Finding]) -> bool:
     return any(map(outweighed, findings)) or (bool(findings) and all(map(Finding.is_guess, findings)))
 
 
+def outdone(bench: Bench, fit: HypothesisFit) -> bool:
+    """Return whether another set of names was solved that is more probable than what was to be named."""
+    return bool(fit.members) and claims(bench, most_probable(bench, fit).members) != claims(bench, fit.members)
+
+
 def conclude(records: Records, terms: Terms, bench: Bench, fit: HypothesisFit) -> Verdict:
     """Return the verdict on a final fit."""
-    left = leftover_structure.left_over(records, terms, bench, fit)
+    left, chosen = leftover_structure.left_over(records, terms, bench, fit), fit
     beyond = fit.variance - bench.finest
     raised = beyond > (
         TUNING.level + TUNING.of_few / np.maximum(bench.counts, 1.0) if fit.members else TUNING.far_above
@@ -188,7 +193,7 @@ def conclude(records: Records, terms: Terms, bench: Bench, fit: HypothesisFit) -
     touched = np.isin(np.arange(records.n), [j for k in fit.members for j in bench.candidates[k].rows])
     doubted = mostly_left(bench, fit, raised & touched)
     unknown = structure and (not findings or left.gain > TUNING.mostly * likelihood_gain(bench, fit) or doubted)
-    unknown = unknown or guessed(findings)
+    unknown = unknown or outdone(bench, chosen) or guessed(findings)
     if unknown:
         findings, separation = (), ()
     return Verdict(
