@@ -83,8 +83,7 @@ def saturation(terms: Terms, j: int, limit: float) -> Candidate | None:
     over = terms.reduce(tuple(tau - np.clip(tau, -limit, limit) for tau in asked))
     if float(over @ terms.unneeded[:, j]) < TUNING.unneeded * float(over @ over):
         return None
-    # Beyond the limit what was logged does not count, nor does its noise: such samples seem to fit better than any can.
-    free = -0.5 * len(over) * float(np.log(1.0 - share))
+    unheard = terms.reduce(tuple((np.abs(tau) > limit).astype(float) for tau in asked))
 
     def values(c: Array) -> dict[str, Array]:
         return {"limit": np.array([limit])}
@@ -98,7 +97,8 @@ def saturation(terms: Terms, j: int, limit: float) -> Candidate | None:
         [0.75],
         [1.25],
         shape={"limit": limit},
-        cost=free + float(np.log(5.0)) + (TUNING.selected if clear < TUNING.plain else 0.0),
+        cost=float(np.log(5.0)) + (TUNING.selected if clear < TUNING.plain else 0.0),
+        unheard=np.clip(unheard, 0.0, 1.0),
     )
 
 

@@ -69,7 +69,7 @@ def price(members: Iterable[Candidate], joints: int) -> float:
             total += again if place in there else 0.0
             there.add(place)
         counts[candidate.name] = counts.get(candidate.name, 0) + 1
-        total += candidate.cost
+        total += candidate.price
     mixed = sum(record.mixed for record in map(record_of, counts) if record.plainer in counts)
     return total + mixed + sum(TUNING.new_name + further(name, count, joints) for name, count in counts.items())
 

@@ -63,7 +63,7 @@ def score_candidates(bench: Bench, members: Members) -> Array:
         spread = np.stack([candidate.spread for candidate in candidates])
         G, b = (np.stack([part[i] for part in group]) for i in (1, 2))
         result[[k for k, _, _ in group]] = increment(G, b, spread, candidates)
-    costs = np.array([candidate.cost for candidate in bench.candidates])
+    costs = np.array([candidate.price for candidate in bench.candidates])
     return result - costs
 
 
