@@ -71,9 +71,11 @@ def one_seed(seed: int, keep: Path | None) -> Record:
 
 def again(folder: Path, first: Path, second: Path) -> Record:
     """What the workflow says of its own result on the same runs."""
-    (folder / "model.urdf").unlink()
-    shutil.copytree(first / "model", folder / "model")
-    gap_benchmark.run_workflow(folder, second)
+    corrected = folder.with_name("corrected")
+    shutil.copytree(first / "model", corrected / "model")
+    for log in ("fit.csv", "holdout.csv"):
+        shutil.copy(folder / log, corrected)
+    gap_benchmark.run_workflow(corrected, second)
     found = json.loads((second / "gap.json").read_text(encoding="utf-8"))
     names = {effect["name"]: effect["joints"] for effect in found["effects"]}
     return {"verdict": found["verdict"], "remainder": found["remainder"], "claims": names}
