@@ -10,6 +10,7 @@ import pytest
 from tests.gap.search.test_evidence import JOINTS, ROWS, candidate, white
 from twin_diagram.gap.search.bench import TUNING, Bench, unheard_price
 from twin_diagram.gap.search.prior_costs import TUNING as PRIOR_COSTS
+from twin_diagram.gap.verdict.deciding import deaf
 
 
 def taking(share: float, dropped: float = 0.0) -> tuple[Bench, float]:
@@ -43,6 +44,25 @@ def test_only_what_is_weighed_counts() -> None:
     assert bench.candidates[0].unheard_cost == pytest.approx(-0.5 * 0.9 * ROWS * np.log(1.0 / 9.0), rel=1e-3)
     assert evidence < 0.0
     assert taking(0.8, dropped=0.9)[1] == -np.inf  # next to nothing is left that could speak against it
+
+
+@pytest.mark.parametrize(
+    ("share", "name", "joint", "expected"),
+    [
+        (0.6, "torque_constant", 0, True),
+        (0.2, "torque_constant", 0, False),
+        (0.6, "torque_constant", 1, False),
+        (0.6, "coulomb_friction", 0, False),
+    ],
+    ids=["both", "mostly heard", "elsewhere", "usual"],
+)
+def test_a_pair_that_explains_whatever_was_logged_is_no_name(
+    share: float, name: str, joint: int, expected: bool
+) -> None:
+    bench, _ = taking(share)
+    other = bench.add(candidate(name, joint, np.random.default_rng(1).normal(size=ROWS)))
+    assert deaf(bench, bench.solve(frozenset({0, other}))) is expected
+    assert not deaf(bench, bench.solve(frozenset({0})))
 
 
 def test_a_law_that_says_of_everything_that_it_was_not_so_cannot_be_told() -> None:

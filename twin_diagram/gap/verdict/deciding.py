@@ -65,6 +65,10 @@ class Tuning:
     """Noise this much denser at the slow than at the fast ones of these frequencies [Hz] is no noise where something
     was found."""
 
+    heard: float = 2.0 / 3.0
+    """Share of a joint's samples whose logged torque must count for a law, where another unusual name is beside it; by
+    hand: below, the two explain whatever was logged."""
+
     many: int = 4
     """So many unusual names at once rather follow something that has no name."""
 
@@ -158,6 +162,22 @@ def guessed(findings: Sequence[Finding]) -> bool:
     return any(map(outweighed, findings)) or (bool(findings) and all(map(Finding.is_guess, findings)))
 
 
+def deaf(bench: Bench, fit: HypothesisFit) -> bool:
+    """Return whether a joint's torque hardly counts for one unusual name while another takes what is left of it.
+
+    Such a pair explains friction on a joint that carries nothing as well as friction does, what it does at rest too.
+    """
+    for k in fit.members:
+        own = bench.candidates[k]
+        limit = -0.5 * float(np.log(TUNING.heard)) * sum(float(bench.counts[j]) for j in own.rows)
+        beside = (bench.candidates[i] for i in fit.members - {k})
+        if own.unheard_cost > limit and any(
+            set(other.joints) & set(own.joints) and not record_of(other.name).usual for other in beside
+        ):
+            return True
+    return False
+
+
 def outdone(bench: Bench, fit: HypothesisFit) -> bool:
     """Return whether another set of names was solved that is more probable than what was to be named."""
     return bool(fit.members) and claims(bench, most_probable(bench, fit).members) != claims(bench, fit.members)
@@ -193,7 +213,7 @@ def conclude(records: Records, terms: Terms, bench: Bench, fit: HypothesisFit) -
     touched = np.isin(np.arange(records.n), [j for k in fit.members for j in bench.candidates[k].rows])
     doubted = mostly_left(bench, fit, raised & touched)
     unknown = structure and (not findings or left.gain > TUNING.mostly * likelihood_gain(bench, fit) or doubted)
-    unknown = unknown or outdone(bench, chosen) or guessed(findings)
+    unknown = unknown or outdone(bench, chosen) or deaf(bench, chosen) or guessed(findings)
     if unknown:
         findings, separation = (), ()
     return Verdict(
