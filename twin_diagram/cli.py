@@ -68,6 +68,7 @@ def _parser() -> argparse.ArgumentParser:
     replay.add_argument("log", type=Path, metavar="DIR_OR_LOG", help="a folder of `run --record`, or a measured log")
     replay.add_argument("--model", help="the arm's description, for a bare log: URDF, SDF, MJCF or a corrected model")
     _add_scenario_options(replay)
+    _add_columns(replay)
     replay.add_argument("--out", type=Path, metavar="DIR", help="write replay.html, diagram.svg and summary.json")
     replay.set_defaults(command=_replay)
 
@@ -76,6 +77,8 @@ def _parser() -> argparse.ArgumentParser:
     predict.add_argument("--log", required=True, type=Path, help="measured log, .csv or .npz")
     predict.add_argument("--out", required=True, type=Path, help="where the prediction is written, .csv or .npz")
     predict.add_argument("--horizon", type=float, default=0.2, help="length of a rollout [s] (default: %(default)s)")
+    _add_columns(predict)
+    _add_packages(predict)
     predict.set_defaults(command=_predict)
 
     gap = commands.add_parser("gap", help="find what a model lacks to explain measured logs, and add it")
@@ -92,14 +95,46 @@ def _parser() -> argparse.ArgumentParser:
     gap.add_argument(
         "--out", required=True, type=Path, metavar="DIR", help="write gap.json, model/, experiments/ and report.html"
     )
+    _add_columns(gap)
+    _add_packages(gap)
     gap.set_defaults(command=_gap)
     return parser
+
+
+def _add_columns(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--columns",
+        metavar="MAP",
+        help="what a foreign log's columns mean: a YAML file or a preset (libfranka, franka_ros, ur_rtde, iiwa_fri, …)",
+    )
+
+
+def _add_packages(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--packages",
+        action="append",
+        default=[],
+        metavar="NAME=DIR",
+        help="local folder for package://NAME; may be repeated",
+    )
+
+
+def _packages(arguments: argparse.Namespace) -> dict[str, str | Path]:
+    found: dict[str, str | Path] = {}
+    for given in arguments.packages:
+        name, equals, folder = given.partition("=")
+        if not (name and equals and Path(folder).is_dir()):
+            what = f"{folder!r} is no folder" if name and equals else "is not NAME=DIR"
+            raise TwinError(f"--packages {given}: {what}; it names the local folder that package://NAME stands for")
+        found[name] = Path(folder).resolve()
+    return found
 
 
 def _add_scenario_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--set", action="append", default=[], metavar="FIELD=VALUE", help="override a field, e.g. twin.filter.rate=400"
     )
+    _add_packages(parser)
     parser.add_argument("--seed", type=int, help="of everything random")
     parser.add_argument("--duration", type=float, help="[s]")
     parser.add_argument("--meshcat", action="store_true", help="look on in a browser while it runs")
@@ -110,7 +145,8 @@ def _overrides(arguments: argparse.Namespace) -> list[str]:
     named = [
         f"{name}={getattr(arguments, name)}" for name in ("seed", "duration") if getattr(arguments, name) is not None
     ]
-    return [*arguments.set, *named]
+    packages = [f"packages.{name}={folder}" for name, folder in _packages(arguments).items()]
+    return [*packages, *arguments.set, *named]
 
 
 def _run(arguments: argparse.Namespace) -> int:
@@ -145,6 +181,7 @@ def _replay(arguments: argparse.Namespace) -> int:
         arguments.log,
         model=arguments.model,
         overrides=_overrides(arguments),
+        columns=arguments.columns,
         out=arguments.out,
         show=arguments.meshcat,
         meldis=arguments.meldis,
@@ -158,7 +195,8 @@ def _predict(arguments: argparse.Namespace) -> int:
 
     if not arguments.horizon > 0:
         raise TwinError(f"--horizon {arguments.horizon}: the length of a rollout is positive [s]")
-    predict(arguments.model, arguments.log, arguments.out, arguments.horizon)
+    packages = _packages(arguments)
+    predict(arguments.model, arguments.log, arguments.out, arguments.horizon, packages, arguments.columns, say=print)
     return 0
 
 
@@ -172,7 +210,15 @@ def _gap(arguments: argparse.Namespace) -> int:
         print(text, file=sys.stderr, flush=True)
 
     try:
-        found = run_gap(arguments.model, arguments.fit, arguments.holdout, arguments.out, say)
+        found = run_gap(
+            arguments.model,
+            arguments.fit,
+            arguments.holdout,
+            arguments.out,
+            say,
+            packages=_packages(arguments),
+            columns=arguments.columns,
+        )
     except LinAlgError as error:  # more that could explain the runs than samples to tell it by
         raise TwinError(
             f"these runs are too short, or move too little, to tell noise from what a model may lack ({error}); "

@@ -89,6 +89,7 @@ def run_gap(
     out: str | Path | None = None,
     say: Say | None = None,
     packages: Mapping[str, str | Path] | None = None,
+    columns: str | Path | None = None,
 ) -> Gap:
     """Find what a model lacks, add it, and show the gap shrink.
 
@@ -99,6 +100,7 @@ def run_gap(
         out: folder for gap.json, model/, experiments/ and report.html; None: nothing is written.
         say: told what is being done.
         packages: local folders for `package://` names.
+        columns: what foreign logs' columns mean, see `read_log`.
 
     Raises:
         TwinError: model, logs or folder cannot be used; nothing is written.
@@ -108,7 +110,7 @@ def run_gap(
     if out is not None:
         _writable(Path(out))
     say("reading the logs")
-    given, logs, held, notes = _read(model, fit, holdout, packages)
+    given, logs, held, notes = _read(model, fit, holdout, packages, columns)
     records = prepare(given, logs)
     verdict, corrected, more = _corrected(given, logs, held, name(given, logs, say, records), records, say)
     notes += more
@@ -233,14 +235,18 @@ def _writable(out: Path) -> None:
 
 
 def _read(
-    model: str | Path, fit: Sequence[str | Path], holdout: str | Path, packages: Mapping[str, str | Path] | None
+    model: str | Path,
+    fit: Sequence[str | Path],
+    holdout: str | Path,
+    packages: Mapping[str, str | Path] | None,
+    columns: str | Path | None = None,
 ) -> tuple[Model, list[Log], Log, list[str]]:
     if not fit:
         raise LogError("no log to fit: give at least one with --fit")
     if not Path(model).exists():
         raise ModelError(f"{model}: no such file or folder")
-    raw = [read_log(path) for path in fit]
-    held = read_log(holdout)
+    raw = [read_log(path, columns) for path in fit]
+    held = read_log(holdout, columns)
     given, first, warnings = load_model_for(raw[0], model, packages)
     logs = [first]
     for log in raw[1:]:

@@ -115,6 +115,7 @@ def replay_log(
     *,
     model: str | None = None,
     overrides: Iterable[str] = (),
+    columns: str | Path | None = None,
     out: Path | None = None,
     show: bool = False,
     meldis: bool = False,
@@ -126,6 +127,7 @@ def replay_log(
         log: the folder, or a .csv or .npz file.
         model: the arm's description, needed for a bare log.
         overrides: ``dotted.field=value`` each.
+        columns: what a bare foreign log's columns mean, see `read_log`.
         out: as in `run_scenario`.
         show: as in `run_scenario`.
         meldis: as in `run_scenario`.
@@ -134,11 +136,13 @@ def replay_log(
     Raises:
         TwinError: no such log, or it cannot be used.
     """
-    scenario = replay_scenario(log, model, overrides)
+    scenario = replay_scenario(log, model, overrides, columns)
     return run_scenario(scenario, out=out, show=show, meldis=meldis, say=say)
 
 
-def replay_scenario(log: Path, model: str | None = None, overrides: Iterable[str] = ()) -> Scenario:
+def replay_scenario(
+    log: Path, model: str | None = None, overrides: Iterable[str] = (), columns: str | Path | None = None
+) -> Scenario:
     """Return the scenario that replays a recording, or a bare log with a model of its arm."""
     if not log.exists():
         raise TwinError(f"{log}: no such recording or log")
@@ -146,6 +150,8 @@ def replay_scenario(log: Path, model: str | None = None, overrides: Iterable[str
     if log.is_dir():
         if model is not None:
             raise TwinError(f"--model goes with a bare log; {log} is a recording and names its own")
+        if columns is not None:
+            raise TwinError(f"--columns goes with a bare log; {log} is a recording and names its own")
         if not (log / SCENARIO_FILE).is_file():
             raise TwinError(f"{log}: no recording: it has no {SCENARIO_FILE}")
         scenario = load_scenario(log / SCENARIO_FILE, overrides)
@@ -153,16 +159,18 @@ def replay_scenario(log: Path, model: str | None = None, overrides: Iterable[str
         if model is None:
             raise TwinError(f"{log}: a bare log needs --model, the arm's description")
         arm = schema.ArmModel(model=str(model), tool_frame="")
-        scenario = schema.Scenario(twin=schema.Twin(arm=arm, camera=None), duration=_length(log))
+        scenario = schema.Scenario(twin=schema.Twin(arm=arm, camera=None), duration=_length(log, columns))
+        if columns is not None:
+            scenario.replay.columns = str(Path(columns).resolve() if Path(columns).exists() else columns)
         scenario = override_scenario(scenario, overrides)
     scenario.station = "replay"
     scenario.replay.log = str(log.resolve())
     return scenario
 
 
-def _length(log: Path) -> float:
+def _length(log: Path, columns: str | Path | None) -> float:
     """Of a measured log [s]."""
-    time = read_log(log).time
+    time = read_log(log, columns).time
     return float(time[-1] - time[0])
 
 

@@ -9,6 +9,8 @@ class ReplayStation:
     """A recorded log (CSV or .npz), or a recording's folder with images."""
 
     log: str = ""
+    columns: str = ""
+    """What a foreign log's columns mean: a YAML file or a preset; empty: the log format's own names."""
 
 
 @dataclass

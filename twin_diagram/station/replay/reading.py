@@ -224,7 +224,7 @@ def read_sensors(folder: Path, manifest: Manifest) -> dict[str, Readings]:
     return found
 
 
-def read_log(path: Path, joints: Sequence[str]) -> Messages:
+def read_log(path: Path, joints: Sequence[str], columns: str = "") -> Messages:
     """Return a measured log in the project's format, its times counted from its first sample.
 
     Where it has no `velocity_estimated`, that is the backward difference of positions.
@@ -232,12 +232,13 @@ def read_log(path: Path, joints: Sequence[str]) -> Messages:
     Args:
         path: CSV or .npz.
         joints: of the twin's arm, all of which must be in it.
+        columns: what a foreign log's columns mean, as `twin_diagram.logs.read_log` takes it; empty: nothing to say.
 
     Raises:
         LogError: see `twin_diagram.logs.read_log`; a joint or the torque is missing.
     """
     try:
-        log = logs.read_log(path).select(joints)
+        log = logs.read_log(path, columns or None).select(joints)
         torque = log.motor_torque
     except LogError as error:
         raise LogError(f"replay.log: {error}") from error

@@ -231,7 +231,7 @@ class ReplayArmStation(Diagram):
             sensors = read_sensors(folder, manifest)
             scans = read_scans(folder, manifest, scenario.twin.lidar)
         else:
-            messages = read_log(path, arm.joints)
+            messages = read_log(path, arm.joints, scenario.replay.columns)
             frames = read_frames(path.parent, None, camera)
         self.end = float(messages.delivery[-1])
         n, g = len(arm.joints), len(arm.gripper_joints)
