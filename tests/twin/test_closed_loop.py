@@ -112,8 +112,8 @@ def test_the_payload_is_weighed_to_30_percent_early(alone: Run) -> None:
 
 
 def test_the_arm_is_known_to_a_twentieth_of_a_milliradian(alone: Run) -> None:
-    assert alone.summary["arm"]["joint_error_rad"]["rms"] < 5e-5
-    assert alone.summary["arm"]["joint_error_rad"]["max"] < 5e-4
+    assert alone.summary["arm"]["joint_error_rad"]["rms"] < 3e-5
+    assert alone.summary["arm"]["joint_error_rad"]["max"] < 3e-4
     assert list(alone.summary["arm"]["joints"]) == list(alone.loop.model.joints)
 
 
@@ -124,7 +124,7 @@ def test_samples_are_taken_on_the_plants_steps(alone: Run) -> None:
     assert times == pytest.approx(step * np.rint(times / step), abs=1e-12)
     assert times[-1] == pytest.approx(DURATION)
     assert np.diff(times).max() <= TRIAL.sample_period + 0.5 * step + 1e-9
-    assert sample_times(1.0, 0.0025)[:2] == [0.0175, 0.035]
+    assert sample_times(1.0, 0.003)[:2] == [0.021, 0.042]
     assert sample_times(0.0162, 0.005) == [0.015]
     assert sample_times(0.3, 0.1) == [0.1, 0.2, 3 * 0.1], "a plant of large steps: each of them"
     assert sample_times(0.01, 0.02) == [0.0], "over before the first step: the start"

@@ -31,8 +31,9 @@ from twin_diagram.twin.closed_loop import ClosedLoop
 class Tuning:
     """Constants of this module, with their units and what set them."""
 
-    sample_period: float = 1.0 / 60.0
-    """Between two samples of clearance, contacts and arm, rounded to whole steps of the plant [s]."""
+    sample_period: float = 0.02
+    """Between two samples of clearance, contacts and arm, rounded to whole steps of the plant [s]: a third of
+    an image's period, and a multiple of the usual steps."""
 
     seen_points: int = 300
     """Surface points per object by which its visible share is counted."""
