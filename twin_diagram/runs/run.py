@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from pathlib import Path
@@ -19,6 +20,7 @@ from twin_diagram.estimation.filter.parameter_status import standings
 from twin_diagram.logs import read_log
 from twin_diagram.runs.outputs import SCENARIO_FILE, Keeping, Looking, Mending, Say, check_room
 from twin_diagram.runs.score import alarms, summarize, table
+from twin_diagram.runs.trial import TUNING as TRIAL
 from twin_diagram.runs.trial import Trial, run_trial
 from twin_diagram.runtime import atomic_file
 from twin_diagram.runtime.progress import Progress
@@ -200,8 +202,9 @@ def beliefs(loop: ClosedLoop, context: Context) -> dict[str, Any]:
 
 
 def _advance(simulator: Simulator, duration: float, progress: Progress, between: Callable[[Context], None]) -> None:
-    for tick in range(1, int(np.ceil(10 * duration)) + 1):
-        simulator.AdvanceTo(min(0.1 * tick, duration))
+    # As often as a simulated run is looked at, so that a replay mends its model when the run did.
+    for tick in range(1, int(np.ceil(duration / TRIAL.sample_period)) + 1):
+        simulator.AdvanceTo(min(TRIAL.sample_period * tick, duration))
         between(simulator.get_mutable_context())
         progress(simulator.get_context().get_time())
 
@@ -209,7 +212,12 @@ def _advance(simulator: Simulator, duration: float, progress: Progress, between:
 def summary_of(loop: ClosedLoop, trial: Trial, timing: dict[str, Any]) -> dict[str, Any]:
     """Return the figures of ``summary.json``."""
     scenario = loop.scenario
-    payloads = [e.parameters["mass"][0] for e in scenario.world.arm.effects if e.name == "payload"]
+    # What it carries at the end, as the estimate beside it.
+    payloads = [
+        effect.parameters["mass"][0] if (effect.onset or 0.0) < scenario.duration <= (effect.end or math.inf) else 0.0
+        for effect in scenario.world.arm.effects
+        if effect.name == "payload"
+    ]
     return summarize(
         trial.record,
         seed=scenario.seed,

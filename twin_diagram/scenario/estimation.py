@@ -96,6 +96,6 @@ class Healing:
     """A search that takes longer is stopped [s of the clock on the wall]."""
     answer_after: float | None = None
     """A verdict is taken exactly this long after its search began, for which a simulation waits if need be, so that two
-    runs are alike; none: as soon as it is there [s]."""
+    runs are alike; none: as soon as it is there, for which a replay waits, too [s]."""
     nice: int = 5
     """How far the search stands back behind the loop: see the command `nice`."""
