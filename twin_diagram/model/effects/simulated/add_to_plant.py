@@ -86,8 +86,8 @@ def _check_times(realised: Realisation[Effect]) -> None:
         )
     if when.onset is not None and when.onset < 0.0:
         raise ModelError(
-            f"effects.{name}.onset: {when.onset:g} s is before the run, which begins at 0 s; leave `onset` out for what was "
-            "there before"
+            f"effects.{name}.onset: {when.onset:g} s is before the run, which begins at 0 s; leave `onset` out for "
+            "what was there before"
         )
     if when.end is not None and when.end <= 0.0:
         raise ModelError(f"effects.{name}.end: at {when.end:g} s the run has not begun; leave the effect out")
