@@ -120,9 +120,10 @@ def _run(arguments: argparse.Namespace) -> int:
     scenario = load_scenario(arguments.scenario, _overrides(arguments))
     if scenario.station == "sim" and scenario.twin.camera is not None:
         require_egl()
+    from twin_diagram.runs.health_watch import unheard
     from twin_diagram.runs.run import run_scenario
 
-    run_scenario(
+    summary = run_scenario(
         scenario,
         out=arguments.out,
         record=arguments.record,
@@ -131,7 +132,7 @@ def _run(arguments: argparse.Namespace) -> int:
         meldis=arguments.meldis,
         say=print,
     )
-    return 0
+    return 3 if unheard(summary) else 0
 
 
 def _replay(arguments: argparse.Namespace) -> int:

@@ -257,6 +257,9 @@ def table(summary: Mapping[str, Any]) -> str:
     )
     alarms = ", ".join(f"{a['kind']} at {a['time']:.2f} s" for a in summary["alarms"])
     lines.append(f"alarms     {alarms or 'none'}")
+    if "health" in summary:
+        lacking = ", ".join(f"{each['reason']} ({each['what']})" for each in summary["health"])
+        lines.append(f"health     {lacking or 'nothing is lacking'}")
     timing = summary["timing"]
     if timing:
         shares = ", ".join(f"{name} {share:.0%}" for name, share in timing["systems"].items())
