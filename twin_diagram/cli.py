@@ -72,6 +72,10 @@ def _parser() -> argparse.ArgumentParser:
     replay.add_argument("--out", type=Path, metavar="DIR", help="write replay.html, diagram.svg and summary.json")
     replay.set_defaults(command=_replay)
 
+    fields = commands.add_parser("fields", help="what a scenario's fields mean, with units and defaults")
+    fields.add_argument("section", nargs="?", default="", help="e.g. twin.filter; without it: the top level")
+    fields.set_defaults(command=_fields)
+
     predict = commands.add_parser("predict", help="what a model says of a measured log: torques and motion")
     predict.add_argument("--model", required=True, help="URDF, SDF, MJCF or the folder of a corrected model")
     predict.add_argument("--log", required=True, type=Path, help="measured log, .csv or .npz")
@@ -156,9 +160,10 @@ def _run(arguments: argparse.Namespace) -> int:
     scenario = load_scenario(arguments.scenario, _overrides(arguments))
     if scenario.station == "sim" and scenario.twin.camera is not None:
         require_egl()
+    from twin_diagram.runs.health_watch import unheard
     from twin_diagram.runs.run import run_scenario
 
-    run_scenario(
+    summary = run_scenario(
         scenario,
         out=arguments.out,
         record=arguments.record,
@@ -167,7 +172,7 @@ def _run(arguments: argparse.Namespace) -> int:
         meldis=arguments.meldis,
         say=print,
     )
-    return 0
+    return 3 if unheard(summary) else 0
 
 
 def _replay(arguments: argparse.Namespace) -> int:
@@ -187,6 +192,14 @@ def _replay(arguments: argparse.Namespace) -> int:
         meldis=arguments.meldis,
         say=say,
     )
+    return 0
+
+
+def _fields(arguments: argparse.Namespace) -> int:
+    from twin_diagram.scenario import Scenario
+    from twin_diagram.scenario.field_table import rows_at, table
+
+    print(table(rows_at(Scenario, arguments.section)))
     return 0
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from pathlib import Path
@@ -17,8 +18,10 @@ from twin_diagram import scenario as schema
 from twin_diagram.errors import TwinError
 from twin_diagram.estimation.filter.parameter_status import standings
 from twin_diagram.logs import read_log
+from twin_diagram.runs.health_watch import HealthWatch
 from twin_diagram.runs.outputs import SCENARIO_FILE, Keeping, Looking, Mending, Say, check_room
 from twin_diagram.runs.score import alarms, summarize, table
+from twin_diagram.runs.trial import TUNING as TRIAL
 from twin_diagram.runs.trial import Trial, run_trial
 from twin_diagram.runtime import atomic_file
 from twin_diagram.runtime.progress import Progress
@@ -80,7 +83,7 @@ def run_scenario(
                 look.add(builder, station, twin)
 
         loop = make_closed_loop(scenario, add)
-        simulator = Simulator(loop.diagram)
+        simulator = _simulator(loop)
         if look is not None:
             look.start(simulator, show or meldis, say)
         simulator.Initialize()
@@ -92,19 +95,32 @@ def run_scenario(
     return summary
 
 
+def _simulator(loop: ClosedLoop) -> Simulator:
+    """Return what runs a loop; on a real bus no faster than the clock on the wall."""
+    simulator, scenario = Simulator(loop.diagram), loop.scenario
+    if scenario.station == "lcm" and scenario.lcm.url.partition("://")[0] not in ("memq", "file"):
+        simulator.set_target_realtime_rate(1.0)
+    return simulator
+
+
 def _simulate(
     loop: ClosedLoop, simulator: Simulator, progress: Progress, between: Callable[[Context], None], say: Say
 ) -> tuple[Trial | None, dict[str, Any]]:
     """Run to the end and say how it went; only a run of the simulated station can be scored, and is a trial."""
-    duration = loop.scenario.duration
+    duration, health = loop.scenario.duration, HealthWatch(loop.twin, say)
+
+    def each(context: Context) -> None:
+        between(context)
+        health.poll(context)
+
     if loop.scenario.station == "sim":
-        trial = run_trial(loop, simulator, duration, progress, between)
-        summary = summary_of(loop, trial, trial.timing())
+        trial = run_trial(loop, simulator, duration, progress, each)
+        summary = summary_of(loop, trial, trial.timing()) | {"health": health.told(simulator.get_context())}
         progress.done()
         say(table(summary))
         return trial, summary
-    _advance(simulator, duration, progress, between)
-    summary = beliefs(loop, simulator.get_context())
+    _advance(simulator, duration, progress, each)
+    summary = beliefs(loop, simulator.get_context()) | {"health": health.told(simulator.get_context())}
     progress.done()
     say(json.dumps(summary, indent=2))
     return None, summary
@@ -159,7 +175,10 @@ def replay_scenario(
         if model is None:
             raise TwinError(f"{log}: a bare log needs --model, the arm's description")
         arm = schema.ArmModel(model=str(model), tool_frame="")
-        scenario = schema.Scenario(twin=schema.Twin(arm=arm, camera=None), duration=_length(log, columns))
+        measured = read_log(log, columns)
+        driver = schema.Driver(rate=1.0 / measured.period)
+        twin = schema.Twin(arm=arm, camera=None, driver=driver)
+        scenario = schema.Scenario(twin=twin, duration=float(measured.time[-1] - measured.time[0]))
         if columns is not None:
             scenario.replay.columns = str(Path(columns).resolve() if Path(columns).exists() else columns)
         scenario = override_scenario(scenario, overrides)
@@ -168,14 +187,8 @@ def replay_scenario(
     return scenario
 
 
-def _length(log: Path, columns: str | Path | None) -> float:
-    """Of a measured log [s]."""
-    time = read_log(log, columns).time
-    return float(time[-1] - time[0])
-
-
 def beliefs(loop: ClosedLoop, context: Context) -> dict[str, Any]:
-    """Return what the twin believes now: time, payload, objects, alarms."""
+    """Return what the twin believes now: time, joints (None before the first message), payload, objects, alarms."""
     twin = loop.twin.diagram
     own = twin.GetMyContextFromRoot(context)
 
@@ -185,11 +198,21 @@ def beliefs(loop: ClosedLoop, context: Context) -> dict[str, Any]:
     n = len(loop.model.joints)
     parameters, covariance = value("parameters"), value("covariance")
     filter_, whole = loop.twin.ekf.ekf, covariance.reshape(2 * n + parameters.size, -1)
-    learnt = standings(filter_.parameters, parameters, whole[2 * n :, 2 * n :], loop.model.joints, filter_.params.rule)
+    learnt = standings(
+        filter_.parameters,
+        parameters,
+        whole[2 * n :, 2 * n :],
+        loop.model.joints,
+        filter_.params.rule,
+        alarm=bool(value("alarm")[0] > 0.5),
+    )
+    # Before the first message the state is what the twin was told, which nobody should take for an estimate.
+    heard = loop.twin.ekf.belief(loop.twin.diagram.GetSubsystemContext(loop.twin.ekf, own)).valid
+    joints = dict(zip(loop.model.joints, value("arm_state")[:n].round(6).tolist(), strict=True))
     tracks = [Track.unpack(row) for row in value("tracks").reshape(-1, TRACK_SIZE)]
     return {
         "time_s": context.get_time(),
-        "joints": dict(zip(loop.model.joints, value("arm_state")[:n].round(6).tolist(), strict=True)),
+        "joints": joints if heard else None,
         "parameters": {
             name: {"value": found.value, "std": found.std, "status": found.status.value}
             for name, found in zip(loop.twin.parameter_names, learnt, strict=True)
@@ -208,8 +231,9 @@ def beliefs(loop: ClosedLoop, context: Context) -> dict[str, Any]:
 
 
 def _advance(simulator: Simulator, duration: float, progress: Progress, between: Callable[[Context], None]) -> None:
-    for tick in range(1, int(np.ceil(10 * duration)) + 1):
-        simulator.AdvanceTo(min(0.1 * tick, duration))
+    # As often as a simulated run is looked at, so that a replay mends its model when the run did.
+    for tick in range(1, int(np.ceil(duration / TRIAL.sample_period)) + 1):
+        simulator.AdvanceTo(min(TRIAL.sample_period * tick, duration))
         between(simulator.get_mutable_context())
         progress(simulator.get_context().get_time())
 
@@ -217,7 +241,12 @@ def _advance(simulator: Simulator, duration: float, progress: Progress, between:
 def summary_of(loop: ClosedLoop, trial: Trial, timing: dict[str, Any]) -> dict[str, Any]:
     """Return the figures of ``summary.json``."""
     scenario = loop.scenario
-    payloads = [e.parameters["mass"][0] for e in scenario.world.arm.effects if e.name == "payload"]
+    # What it carries at the end, as the estimate beside it.
+    payloads = [
+        effect.parameters["mass"][0] if (effect.onset or 0.0) < scenario.duration <= (effect.end or math.inf) else 0.0
+        for effect in scenario.world.arm.effects
+        if effect.name == "payload"
+    ]
     return summarize(
         trial.record,
         seed=scenario.seed,

@@ -31,8 +31,9 @@ from twin_diagram.twin.closed_loop import ClosedLoop
 class Tuning:
     """Constants of this module, with their units and what set them."""
 
-    sample_period: float = 1.0 / 60.0
-    """Between two samples of clearance, contacts and arm [s]."""
+    sample_period: float = 0.02
+    """Between two samples of clearance, contacts and arm, rounded to whole steps of the plant [s]: a third of
+    an image's period, and a multiple of the usual steps."""
 
     seen_points: int = 300
     """Surface points per object by which its visible share is counted."""
@@ -82,24 +83,41 @@ def run_trial(
     Args:
         loop: with a `sim` station.
         simulator: of ``loop.diagram``, at time 0.
-        duration: [s].
+        duration: [s]; the last sample is that of the plant's last step.
         progress: called with the time reached [s].
         between: called with the root context after each sample, which it may change.
     """
     sampler = _Sampler(loop, simulator.get_mutable_context())
     before, started = timing.snapshot(), clock.perf_counter()
     sampling = 0.0
-    for tick in range(1, round(duration / TUNING.sample_period) + 1):
-        simulator.AdvanceTo(min(tick * TUNING.sample_period, duration))
+    for time in sample_times(duration, loop.scenario.world.time_step):
+        simulator.AdvanceTo(time)
         paused = clock.perf_counter()
         sampler.sample()
         between(simulator.get_mutable_context())
         progress(simulator.get_context().get_time())
         sampling += clock.perf_counter() - paused
+    simulator.AdvanceTo(max(duration, simulator.get_context().get_time()))
     elapsed = clock.perf_counter() - started - sampling
     shares = {name: seconds / elapsed for name, seconds in sorted(timing.since(before).items())}
     shares["Station"] = max(0.0, 1.0 - sum(shares.values()))
     return Trial(sampler.record(), duration / elapsed, shares)
+
+
+def sample_times(duration: float, step: float) -> list[float]:
+    """Return when a run is sampled: at steps of its plant, about `Tuning.sample_period` apart, the last one included.
+
+    Between two steps the plant's state is already that of the later one, while an estimate is of the present: the two
+    would differ by as much as the arm moves in between.
+
+    Args:
+        duration: of the run [s].
+        step: of the plant [s].
+    """
+    stride = max(1, round(TUNING.sample_period / step))
+    last = int(np.floor(duration / step * (1.0 + 1e-12) + 1e-9))
+    # The products are Drake's own, so that a sample is taken before the step at that very time.
+    return [k * step for k in [*range(stride, last, stride), last]]
 
 
 class _Sampler:
@@ -157,7 +175,15 @@ class _Sampler:
         columns = [np.array(column) for column in zip(*self._rows, strict=True)]
         ring = self._twin("alarm_log").reshape(-1, ALARM_LOG_FIELDS)
         sampled: dict[str, Any] = dict(zip(_COLUMNS, columns, strict=True))
-        return RunRecord(**sampled, alarm_log=ring, objects=self._objects, symmetric_axis=self._symmetric)
+        model = self._loop.model
+        return RunRecord(
+            **sampled,
+            alarm_log=ring,
+            objects=self._objects,
+            symmetric_axis=self._symmetric,
+            joints=model.joints,
+            prismatic=model.prismatic,
+        )
 
     def _station(self, port: str) -> Array:
         return np.array(self._loop.station.GetOutputPort(port).Eval(self._station_context))

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource
 
 from twin_diagram import scenario
@@ -34,6 +34,7 @@ from twin_diagram.scene.updater_system import SceneGraphUpdater
 from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER, POSE_SIZE
 from twin_diagram.station import ports
 from twin_diagram.twin.fused_sensors import Fused, export, fused_sensors
+from twin_diagram.twin.health import HealthMonitor
 
 Packages = Mapping[str, str | Path]
 Made = TypeVar("Made")
@@ -49,7 +50,8 @@ class TwinDiagram:
     Attributes:
         diagram: in and out as a station's, the other way round; besides, what it believes: `arm_state`, `parameters`,
             `covariance`, `nis`, `object_poses`, `tracks`, `alarm`, `alarm_log`, `alarm_evidence`, `positions`, `plan`,
-            `goal`, `query_object`.
+            `goal`, `query_object`, and what it lacks: `health`, a row of three for each of `health.lacks` (see
+            `health.HealthMonitor`).
         model: the arm's physics.
         library: the known objects, in order.
         scene: the twin's own plant and SceneGraph.
@@ -57,6 +59,7 @@ class TwinDiagram:
         mass_index: of the payload's mass in `parameters`; None where none is learned.
         fused: sensors that the filter fuses besides the arm's own.
         ekf, drift, mpc: the systems that use the model; a corrected one reaches them as `ModelUser` says.
+        health: the system that says what the twin lacks.
     """
 
     diagram: Diagram
@@ -69,6 +72,7 @@ class TwinDiagram:
     ekf: AdaptiveEkf
     drift: DriftMonitor
     mpc: Mpc
+    health: HealthMonitor
 
     def add_model(self, model: Model) -> int:
         """Take in a corrected model of the same arm; answer its number. No Context uses it yet.
@@ -93,6 +97,10 @@ class TwinDiagram:
     def alarms(self, context: Context) -> list[dict[str, Any]]:
         """Return what the drift monitor raised, oldest first, with evidence: see `estimation.drift.alarm_events`."""
         return self.drift.events(self.diagram.GetSubsystemContext(self.drift, context), self.model.joints)
+
+    def lacking(self, context: Context) -> list[dict[str, Any]]:
+        """Return what the twin lacked so far: reason, what, first and last time [s]; see `health.HealthMonitor`."""
+        return self.health.told(self.diagram.GetSubsystemContext(self.health, context))
 
     def parameters(self, context: Context) -> dict[str, float]:
         """Return what the filter has learnt, by name."""
@@ -126,28 +134,33 @@ def make_twin(twin: scenario.Twin, packages: Packages | None = None) -> TwinDiag
     mpc = builder.AddNamedSystem("mpc", _named("twin", lambda: Mpc(model, twin, library, packages, parameter_names)))
     goal = builder.AddNamedSystem("goal", ConstantVectorSource(goal_vector(twin.task)))
 
-    _take_measurements(builder, ekf, drift, mpc)
-    for port in ("arm_state", "parameters", "innovation", "nis", *(["sensor_tracks"] if fused else [])):
-        builder.Connect(ekf.GetOutputPort(port), drift.GetInputPort(port))
-    builder.Connect(drift.GetOutputPort("alarm"), ekf.GetInputPort("alarm"))
-    builder.Connect(ekf.GetOutputPort("arm_state"), updater.GetInputPort("arm_state"))
-    builder.Connect(ekf.GetOutputPort("arm_state"), mpc.GetInputPort("arm_state"))
-    builder.Connect(ekf.GetOutputPort("parameters"), mpc.GetInputPort("parameters"))
-    builder.Connect(updater.GetOutputPort("tracks"), mpc.GetInputPort("tracks"))
+    health = builder.AddNamedSystem("health_monitor", HealthMonitor(twin))
+
+    _take_measurements(builder, ekf, drift, mpc, health)
+    watched = ("arm_state", "parameters", "innovation", "nis", *(["sensor_tracks"] if fused else []))
+    _connect(builder, ekf, drift, *watched)
+    _connect(builder, drift, ekf, "alarm")
+    _connect(builder, ekf, updater, "arm_state")
+    _connect(builder, ekf, mpc, "arm_state", "parameters")
+    _connect(builder, updater, mpc, "tracks")
+    _connect(builder, updater, health, "tracks")
+    _connect(builder, mpc, health, "reach")
     builder.Connect(goal.get_output_port(), mpc.GetInputPort("goal"))
     builder.Connect(updater.GetOutputPort("positions"), scene.positions_input)
-    _add_sight(builder, twin, library, packages, ekf, updater)
+    _add_sight(builder, twin, library, packages, ekf, updater, health)
     _named("twin.filter.sensors", lambda: export(builder, ekf, fused, twin, model, packages))
 
     builder.ExportOutput(mpc.GetOutputPort("position_commanded"), ports.POSITION_COMMANDED)
     builder.ExportOutput(mpc.GetOutputPort("torque_commanded"), ports.TORQUE_COMMANDED)
     _connect_gripper_and_goal(builder, scene, updater, goal)
-    _export_beliefs(builder, ekf, drift, updater, mpc)
+    _export_beliefs(builder, ekf, drift, updater, mpc, health)
     builder.ExportOutput(scene.query_output, "query_object")
     diagram = builder.Build()
     diagram.set_name("twin")
     mass_index = parameter_names.index(MASS) if MASS in parameter_names else None
-    return TwinDiagram(diagram, model, library, scene, parameter_names, mass_index, tuple(fused), ekf, drift, mpc)
+    return TwinDiagram(
+        diagram, model, library, scene, parameter_names, mass_index, tuple(fused), ekf, drift, mpc, health
+    )
 
 
 def _model(twin: scenario.Twin, packages: Packages | None) -> Model:
@@ -163,8 +176,16 @@ def _model(twin: scenario.Twin, packages: Packages | None) -> Model:
     return model
 
 
-def _take_measurements(builder: DiagramBuilder, ekf: AdaptiveEkf, drift: DriftMonitor, mpc: Mpc) -> None:
-    """Let the arm's messages into filter, monitor and planner, under the station's names."""
+def _connect(builder: DiagramBuilder, source: LeafSystem, to: LeafSystem, *names: str) -> None:
+    """Connect output ports of one system to another's input ports of the same names."""
+    for name in names:
+        builder.Connect(source.GetOutputPort(name), to.GetInputPort(name))
+
+
+def _take_measurements(
+    builder: DiagramBuilder, ekf: AdaptiveEkf, drift: DriftMonitor, mpc: Mpc, health: HealthMonitor
+) -> None:
+    """Let the arm's messages into filter, monitors and planner, under the station's names."""
     measured = {
         ports.POSITION_MEASURED: "position_measured",
         ports.VELOCITY_ESTIMATED: "velocity_estimated",
@@ -173,7 +194,7 @@ def _take_measurements(builder: DiagramBuilder, ekf: AdaptiveEkf, drift: DriftMo
     }
     for name, port in measured.items():
         builder.ExportInput(ekf.GetInputPort(port), name)
-        for system in (drift, mpc):
+        for system in (drift, mpc, health):
             if system.HasInputPort(port):
                 builder.ConnectInput(name, system.GetInputPort(port))
 
@@ -185,6 +206,7 @@ def _add_sight(
     packages: Packages | None,
     ekf: AdaptiveEkf,
     updater: SceneGraphUpdater,
+    health: HealthMonitor,
 ) -> None:
     """Add what leads from the camera to the scene; without a camera, what says that nothing was seen."""
     if twin.camera is None:
@@ -200,7 +222,8 @@ def _add_sight(
     builder.ExportInput(perception.GetInputPort("rgb_image"), ports.rgb_image(camera.name))
     builder.ExportInput(perception.GetInputPort("depth_image"), ports.depth_image(camera.name))
     builder.ExportInput(perception.GetInputPort("image_time"), ports.image_time(camera.name))
-    builder.ConnectInput(ports.image_time(camera.name), updater.GetInputPort("image_time"))
+    for system in (updater, health):
+        builder.ConnectInput(ports.image_time(camera.name), system.GetInputPort("image_time"))
     builder.Connect(ekf.GetOutputPort("arm_state"), perception.GetInputPort("arm_state"))
     builder.Connect(perception.GetOutputPort("segments"), icp.GetInputPort("segments"))
     builder.Connect(icp.GetOutputPort("object_poses"), updater.GetInputPort("object_poses"))
@@ -221,7 +244,12 @@ def _connect_gripper_and_goal(
 
 
 def _export_beliefs(
-    builder: DiagramBuilder, ekf: AdaptiveEkf, drift: DriftMonitor, updater: SceneGraphUpdater, mpc: Mpc
+    builder: DiagramBuilder,
+    ekf: AdaptiveEkf,
+    drift: DriftMonitor,
+    updater: SceneGraphUpdater,
+    mpc: Mpc,
+    health: HealthMonitor,
 ) -> None:
     """Show what the systems believe, under their own ports' names."""
     for system, names in (
@@ -229,6 +257,7 @@ def _export_beliefs(
         (drift, ("alarm", "alarm_log", "alarm_evidence")),
         (updater, ("tracks", "positions")),
         (mpc, ("plan",)),
+        (health, ("health",)),
     ):
         for name in names:
             builder.ExportOutput(system.GetOutputPort(name), name)
