@@ -1,7 +1,14 @@
 """A user's own controller or perception in the place of the twin's: which ports it may have, and what is wrong with it.
 
-A system takes part by its ports' names: it connects those inputs that it declares, and must have the outputs that the
-twin needs.
+A system takes part by its ports' names: it is fed those inputs that it declares, and must have the outputs that the
+twin needs. For an arm of n joints, p learnt parameters and K objects in the library:
+
+- a **controller** may have the inputs `arm_state` (2n) [rad, rad/s], `parameters` (p), `tracks` (K packed `Track`s),
+  `goal` (7) X_WG, `position_measured`, `velocity_estimated`, `torque_measured` (n each), `measurement_time` (1) [s]. It
+  must have the output `position_commanded` (n) [rad] and may have `torque_commanded` (n) [N·m], which is added to the
+  arm's own controller, `plan` (knots · n) [rad], which is drawn, and `reach` (1), as `Mpc` has it.
+- a **perception** may have the inputs `rgb_image` (ImageRgba8U), `depth_image` (ImageDepth32F) [m], `image_time` (1)
+  [s], `arm_state` (2n). It must have the output `object_poses` (K packed `PoseMeasurement`s).
 """
 
 from __future__ import annotations
@@ -32,7 +39,7 @@ def check(
         TwinError: an input that the twin knows nothing of, an output that is missing, or a wrong size; the message
             names the port.
     """
-    if not isinstance(system, System):
+    if not isinstance(system, System):  # a mistake that Drake would tell of in other words
         raise TwinError(f"{role}: {system!r} is no Drake System")
     for k in range(system.num_input_ports()):
         port = system.get_input_port(k)

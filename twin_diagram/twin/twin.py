@@ -127,12 +127,8 @@ def make_twin(
     Args:
         twin: what it is told.
         packages: local folders for `package://` names.
-        controller: in the place of `Mpc`. Of these inputs it may have any: `arm_state` (2n), `tracks`, `parameters`,
-            `goal` (7), `position_measured`, `velocity_estimated`, `torque_measured` (n each), `measurement_time` (1).
-            It must have the output `position_commanded` (n) [rad] and may have `torque_commanded` (n) [N·m].
-        perception: in the place of `PerceptionSystem` and `IcpPoseEstimator`, for a twin with a camera. Of these inputs
-            it may have any: `rgb_image`, `depth_image` (as a `CameraConfig`'s), `image_time` (1), `arm_state` (2n). It
-            must have the output `object_poses`, a packed `PoseMeasurement` for each object of the library.
+        controller: in the place of `Mpc`; its ports: see `own_systems`.
+        perception: in the place of `PerceptionSystem` and `IcpPoseEstimator`; its ports: see `own_systems`.
 
     Raises:
         ScenarioError: something it is told does not exist or does not fit; the message names the field.
@@ -141,11 +137,8 @@ def make_twin(
     check_twin(twin)
     builder = DiagramBuilder()
     model = _model(twin, packages)
-    library = {
-        name: _named(f"twin.library.{name}", partial(_asset, folder, packages)) for name, folder in twin.library.items()
-    }
-    for index, fixture in enumerate(twin.fixtures):
-        _named(f"twin.fixtures.{index}.model", partial(resolve, fixture.model, packages))
+    library = _library(twin, packages)
+    _check_fixtures(twin, packages)
     scene = _named("twin.fixtures", lambda: add_twin_scene(builder, twin, packages))
 
     home = np.array(twin.home) if twin.home else None
@@ -156,24 +149,18 @@ def make_twin(
     drift = builder.AddNamedSystem("drift_monitor", DriftMonitor(model, twin.drift, tuning))
     updater = builder.AddNamedSystem("scene_graph_updater", SceneGraphUpdater(scene, twin.scene))
     mpc = None if controller else _named("twin", lambda: Mpc(model, twin, library, packages, parameter_names))
-    moves = builder.AddNamedSystem("controller" if mpc is None else "mpc", controller or mpc)
+    moves: System = mpc or controller  # type: ignore[assignment]  # one of them is there
     _check_controller(moves, len(model.joints), len(library), len(parameter_names))
+    builder.AddNamedSystem("mpc" if mpc else "controller", moves)
     goal = builder.AddNamedSystem("goal", ConstantVectorSource(goal_vector(twin.task)))
-
     health = builder.AddNamedSystem("health_monitor", HealthMonitor(twin))
-
     _take_measurements(builder, ekf, drift, moves, health)
     watched = ("arm_state", "parameters", "innovation", "nis", *(["sensor_tracks"] if fused else []))
     _connect(builder, ekf, drift, *watched)
     _connect(builder, drift, ekf, "alarm")
     _connect(builder, ekf, updater, "arm_state")
-    _connect(builder, ekf, moves, *inputs_of(moves, ("arm_state", "parameters")))
-    _connect(builder, updater, moves, *inputs_of(moves, ("tracks",)))
+    _connect_controller(builder, ekf, updater, goal, moves, health)
     _connect(builder, updater, health, "tracks")
-    if moves.HasOutputPort("reach"):
-        _connect(builder, moves, health, "reach")
-    if moves.HasInputPort("goal"):
-        builder.Connect(goal.get_output_port(), moves.GetInputPort("goal"))
     builder.Connect(updater.GetOutputPort("positions"), scene.positions_input)
     _add_sight(builder, twin, library, packages, ekf, updater, health, perception)
     _named("twin.filter.sensors", lambda: export(builder, ekf, fused, twin, model, packages))
@@ -209,6 +196,23 @@ def _check_controller(system: System, n: int, objects: int, parameters: int) -> 
     inputs = {"arm_state": 2 * n, "tracks": TRACK_SIZE * objects, "parameters": parameters, "goal": POSE_SIZE}
     further = {"torque_commanded": n, "reach": 1}
     check("controller", system, {**inputs, **arm, "measurement_time": 1}, {"position_commanded": n}, further)
+
+
+def _connect_controller(
+    builder: DiagramBuilder,
+    ekf: AdaptiveEkf,
+    updater: SceneGraphUpdater,
+    goal: ConstantVectorSource,
+    controller: System,
+    health: HealthMonitor,
+) -> None:
+    """Connect what the twin believes and what it is to reach to those inputs that the controller has."""
+    _connect(builder, ekf, controller, *inputs_of(controller, ("arm_state", "parameters")))
+    _connect(builder, updater, controller, *inputs_of(controller, ("tracks",)))
+    if controller.HasInputPort("goal"):
+        builder.Connect(goal.get_output_port(), controller.GetInputPort("goal"))
+    if controller.HasOutputPort("reach"):
+        _connect(builder, controller, health, "reach")
 
 
 def _export_commands(builder: DiagramBuilder, controller: System, n: int) -> None:
@@ -327,6 +331,18 @@ def goal_vector(task: scenario.Task) -> np.ndarray:
         return np.zeros(POSE_SIZE)
     X_WG = poses.pose(task.X_WG)
     return np.concatenate([X_WG.rotation().ToQuaternion().wxyz(), X_WG.translation()])
+
+
+def _check_fixtures(twin: scenario.Twin, packages: Packages | None) -> None:
+    """Refuse a fixture whose file does not exist, by the field's name."""
+    for index, fixture in enumerate(twin.fixtures):
+        _named(f"twin.fixtures.{index}.model", partial(resolve, fixture.model, packages))
+
+
+def _library(twin: scenario.Twin, packages: Packages | None) -> dict[str, Asset]:
+    """Load the known objects' assets."""
+    named = twin.library.items()
+    return {name: _named(f"twin.library.{name}", partial(_asset, folder, packages)) for name, folder in named}
 
 
 def _asset(folder: str, packages: Packages | None) -> Asset:
