@@ -23,6 +23,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     # Where to look is said by the run itself; a filter stays when importing pydrake sets the level.
     logging.getLogger("drake").addFilter(lambda record: record.levelno >= logging.WARNING)
     try:
+        _import_effects(getattr(arguments, "imported", []))
         status = command(arguments)
         sys.stdout.flush()  # a reader that has left is noticed here, not at exit
         return status
@@ -121,6 +122,22 @@ def _add_packages(parser: argparse.ArgumentParser) -> None:
         metavar="NAME=DIR",
         help="local folder for package://NAME; may be repeated",
     )
+    parser.add_argument(
+        "--import",
+        dest="imported",
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="Python file that registers effects of one's own; may be repeated",
+    )
+
+
+def _import_effects(files: Sequence[str]) -> None:
+    if files:
+        from twin_diagram.model.effects.users_modules import import_file
+
+        for file in files:
+            import_file(file)
 
 
 def _packages(arguments: argparse.Namespace) -> dict[str, str | Path]:

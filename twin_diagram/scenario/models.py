@@ -38,6 +38,8 @@ class EffectSpec:
     """Which log `onset` and `end` are about, by its fingerprint; empty: any."""
     elsewhere: dict[str, float] = field(default_factory=dict)
     """When the same change came in other logs [s]; .inf: after their end. In those that are not listed: before them."""
+    module: str = ""
+    """Where an effect of one's own is defined, for whoever reads this without it; empty for the catalogue's."""
 
 
 @document
