@@ -21,7 +21,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = _parser().parse_args(argv)
     command: Callable[[argparse.Namespace], int] = arguments.command
     # Where to look is said by the run itself; a filter stays when importing pydrake sets the level.
-    logging.getLogger("drake").addFilter(lambda record: record.levelno >= logging.WARNING)
+    logging.getLogger("drake").addFilter(_worth_saying)
     try:
         _import_effects(getattr(arguments, "imported", []))
         status = command(arguments)
@@ -37,6 +37,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         # Whoever read the output has enough of it; keep the interpreter from complaining about it at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+
+
+def _worth_saying(record: logging.LogRecord) -> bool:
+    """Leave out what Drake says of joint friction: `model.description.unparsed` reads what Drake does not."""
+    return record.levelno >= logging.WARNING and "non-zero joint friction" not in record.getMessage()
 
 
 class _Parser(argparse.ArgumentParser):
@@ -72,6 +77,12 @@ def _parser() -> argparse.ArgumentParser:
     _add_columns(replay)
     replay.add_argument("--out", type=Path, metavar="DIR", help="write replay.html, diagram.svg and summary.json")
     replay.set_defaults(command=_replay)
+
+    init = commands.add_parser("init", help="write a first scenario for an arm of one's own")
+    init.add_argument("--arm", required=True, help="URDF, SDF or MJCF")
+    init.add_argument("--out", required=True, type=Path, metavar="YAML", help="the scenario; must not exist yet")
+    _add_packages(init)
+    init.set_defaults(command=_init)
 
     fields = commands.add_parser("fields", help="what a scenario's fields mean, with units and defaults")
     fields.add_argument("section", nargs="?", default="", help="e.g. twin.filter; without it: the top level")
@@ -209,6 +220,15 @@ def _replay(arguments: argparse.Namespace) -> int:
         meldis=arguments.meldis,
         say=say,
     )
+    return 0
+
+
+def _init(arguments: argparse.Namespace) -> int:
+    from twin_diagram.runs.first_scenario import write_first_scenario
+
+    found = write_first_scenario(arguments.arm, arguments.out, _packages(arguments))
+    print(f"{arguments.out}: {len(found.joints)} joints ({', '.join(found.joints)}), tool frame {found.frames[0]}")
+    print(f"run it: twin-diagram run {arguments.out} --out out/first")
     return 0
 
 
