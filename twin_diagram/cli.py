@@ -14,12 +14,13 @@ from pathlib import Path
 from typing import NoReturn
 
 from twin_diagram.errors import TwinError
+from twin_diagram.runtime.threads import one_thread
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns its exit status."""
     arguments = _parser().parse_args(argv)
-    command: Callable[[argparse.Namespace], int] = arguments.command
+    command: Callable[[argparse.Namespace], int] = one_thread()(arguments.command)  # before NumPy is imported
     # Where to look is said by the run itself; a filter stays when importing pydrake sets the level.
     logging.getLogger("drake").addFilter(lambda record: record.levelno >= logging.WARNING)
     try:

@@ -35,6 +35,7 @@ from twin_diagram.logs import Log, read_log, write_columns
 from twin_diagram.model.model import Model
 from twin_diagram.model.prediction import as_explained, load_model_for
 from twin_diagram.runtime import atomic_file
+from twin_diagram.runtime.threads import one_thread
 from twin_diagram.runtime.version import __version__
 
 Say = Callable[[str], None]
@@ -82,6 +83,7 @@ class Gap:
     seconds: float
 
 
+@one_thread()
 def run_gap(
     model: str | Path,
     fit: Sequence[str | Path],

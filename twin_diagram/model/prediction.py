@@ -21,6 +21,7 @@ from twin_diagram.logs.differentiation import Motion, below_cutoff, inner, lowpa
 from twin_diagram.model.description import add_arm as description
 from twin_diagram.model.model import Model
 from twin_diagram.model.rollout import rollout, trajectory
+from twin_diagram.runtime.threads import one_thread
 from twin_diagram.signals.arrays import Array
 
 __all__ = [
@@ -226,6 +227,7 @@ def as_explained(model: Model, log: Log) -> tuple[Log, list[LogWarning]]:
     return own, warnings + wrapped
 
 
+@one_thread()
 def predict(
     model: str | Path,
     log: str | Path,

@@ -11,6 +11,7 @@ from typing import Any
 from twin_diagram.runs.randomization import vary
 from twin_diagram.runs.run import run_scenario
 from twin_diagram.runs.score import within
+from twin_diagram.runtime.threads import one_thread
 from twin_diagram.scenario.file import load_scenario, save_scenario
 
 Task = tuple[str, list[str], int, str]
@@ -95,6 +96,7 @@ def _summaries(tasks: list[Task], jobs: int) -> Iterator[dict[str, Any]]:
         yield from pool.imap(_run_one, tasks)
 
 
+@one_thread()
 def _run_one(task: Task) -> dict[str, Any]:
     """Run one seed, in a process of its own; a run that was finished before is read back."""
     name, overrides, seed, folder = task

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from twin_diagram.runs.score import alarms, summarize, table
 from twin_diagram.runs.trial import Trial, run_trial
 from twin_diagram.runtime import atomic_file
 from twin_diagram.runtime.progress import Progress
+from twin_diagram.runtime.threads import one_thread
 from twin_diagram.scenario import Scenario
 from twin_diagram.scenario.file import load_scenario, override_scenario
 from twin_diagram.signals.arrays import Array
@@ -32,6 +33,7 @@ from twin_diagram.visualization.diagram_svg.svg import write_diagram_svg
 from twin_diagram.visualization.plots import write_plots
 
 
+@one_thread()
 def run_scenario(
     scenario: Scenario,
     *,
@@ -64,12 +66,12 @@ def run_scenario(
     Raises:
         TwinError: something that the scenario names does not exist or does not fit.
     """
-    cv2.setNumThreads(1)  # images are small: a second thread costs more than it gives, and p90 suffers
     if out is not None:
         check_room("--out", out, folder=True)
     page = out is not None and pictures
     look = Looking(show or page, meldis, scenario.duration if page else None) if show or page or meldis else None
     with ExitStack() as stack:
+        stack.enter_context(_one_image_thread())
         keep = Keeping(scenario, record, log, stack)
         mend = Mending(scenario, out, say)
 
@@ -92,6 +94,17 @@ def run_scenario(
     return summary
 
 
+@contextmanager
+def _one_image_thread() -> Iterator[None]:
+    """Hold OpenCV: images are small, a second thread costs more than it gives, and p90 suffers."""
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)
+
+
 def _simulate(
     loop: ClosedLoop, simulator: Simulator, progress: Progress, between: Callable[[Context], None], say: Say
 ) -> tuple[Trial | None, dict[str, Any]]:
@@ -110,6 +123,7 @@ def _simulate(
     return None, summary
 
 
+@one_thread()
 def replay_log(
     log: Path,
     *,

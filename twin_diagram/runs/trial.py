@@ -20,6 +20,7 @@ from twin_diagram.assets.asset import Asset
 from twin_diagram.runs.score import RunRecord
 from twin_diagram.runs.true_clearance import TrueClearance
 from twin_diagram.runtime import timing
+from twin_diagram.runtime.threads import one_thread
 from twin_diagram.scenario.poses import pose
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import ALARM_LOG_FIELDS, NEVER, TRACK_SIZE
@@ -70,6 +71,7 @@ class Trial:
 Progress = Callable[[float], None]
 
 
+@one_thread()
 def run_trial(
     loop: ClosedLoop,
     simulator: Simulator,

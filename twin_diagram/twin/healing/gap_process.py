@@ -16,6 +16,7 @@ from typing import Any, Final
 from twin_diagram.logs import Log, write_log
 from twin_diagram.model.model import Model
 from twin_diagram.runtime import atomic_file
+from twin_diagram.runtime.threads import one_thread_variables
 
 REQUEST: Final = "request.json"
 """In the folder: what is asked, by the arguments of `run_gap`, and `nice`."""
@@ -179,7 +180,7 @@ def why_it_failed(status: int, told: str) -> str:
 
 
 def _environment() -> dict[str, str]:
-    """This one's, with this package on the path, and one thread: the loop needs the other cores."""
+    """This one's, with this package on the path, and one thread unless the user said otherwise."""
     here = str(Path(__file__).resolve().parents[3])
     path = os.pathsep.join([here, *filter(None, [os.environ.get("PYTHONPATH")])])
-    return {**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    return {**os.environ, "PYTHONPATH": path, **one_thread_variables(os.environ)}

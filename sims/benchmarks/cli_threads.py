@@ -1,0 +1,61 @@
+"""Commands without any thread variable beside the same ones with one thread set by hand: within 1.2× of the best?
+
+Drives the tabletop's arm twice for its logs; then `gap`, `predict` and `run` by turns with and without variables, and
+the shortest of each counts, since other work on the machine only lengthens.
+
+    python sims/benchmarks/cli_threads.py --rounds 2
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from twin_diagram.runtime.threads import FOR_ALL, OWN
+
+BEST = dict.fromkeys([FOR_ALL, *(names[0] for names in OWN.values())], "1")
+FREE = {name: value for name, value in os.environ.items() if name not in {FOR_ALL, *sum(OWN.values(), ())}}
+WAYS = {"no variable": FREE, "one by variable": {**FREE, **BEST}}
+BLIND = ["--set", "twin.camera=null", "--set", "twin.library={}"]
+
+
+def seconds(folder: Path, environment: dict[str, str], *argv: str) -> float:
+    """Runs the command in a folder; how long it took [s]."""
+    begin = time.perf_counter()
+    command = [sys.executable, "-m", "twin_diagram", *argv]
+    subprocess.run(command, cwd=folder, env=environment, capture_output=True, check=True)
+    return time.perf_counter() - begin
+
+
+def main() -> int:
+    """Prints a table; status 1 where the aim is missed."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=2, help="of each command and way (default: %(default)s)")
+    rounds, worst = parser.parse_args().rounds, 0.0
+    with TemporaryDirectory() as place:
+        for seed, name in enumerate(("fit", "held"), 1):
+            argv = ["run", "tabletop", "--duration", "10", "--seed", str(seed), "--log", f"{name}.csv", *BLIND]
+            seconds(Path(place), WAYS["one by variable"], *argv)
+        model = ["--model", "arms/panda_hand.urdf"]
+        commands = {
+            "gap": [*model, "--fit", "fit.csv", "--holdout", "held.csv", "--out", "gap"],
+            "predict": [*model, "--log", "fit.csv", "--out", "predicted.csv"],
+            "run": ["tabletop", "--duration", "3"],
+        }
+        print(f"{'command':<10}" + "".join(f"{way:>18}" for way in WAYS) + f"{'ratio':>8}", flush=True)
+        for command, argv in commands.items():
+            took = [[seconds(Path(place), env, command, *argv) for env in WAYS.values()] for _ in range(rounds)]
+            free, best = map(min, zip(*took, strict=True))
+            worst = max(worst, free / best)
+            print(f"{command:<10}{free:>16.1f} s{best:>16.1f} s{free / best:>8.2f}", flush=True)
+    print(f"{'met' if worst <= 1.2 else 'missed'}: at most {worst:.2f}×, aim 1.2×")
+    return int(worst > 1.2)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
