@@ -14,25 +14,36 @@ from pathlib import Path
 from typing import NoReturn
 
 from twin_diagram.errors import TwinError
+from twin_diagram.runtime.stopping import Stopped, stoppable
 from twin_diagram.runtime.threads import one_thread
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit status."""
+    """Run the command; returns its exit status.
+
+    Args:
+        argv: what follows the program's name; None: this process's own, which ends here where a signal stops it.
+    """
     arguments = _parser().parse_args(argv)
-    command: Callable[[argparse.Namespace], int] = one_thread()(arguments.command)  # before NumPy is imported
+    command: Callable[[argparse.Namespace], int] = arguments.command
     # Where to look is said by the run itself; a filter stays when importing pydrake sets the level.
     logging.getLogger("drake").addFilter(lambda record: record.levelno >= logging.WARNING)
     try:
-        status = command(arguments)
+        with one_thread(), stoppable():  # before NumPy is imported
+            status = command(arguments)
         sys.stdout.flush()  # a reader that has left is noticed here, not at exit
         return status
     except TwinError as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stop:
         print("stopped", file=sys.stderr)
-        return 130
+        status = stop.status if isinstance(stop, Stopped) else 130
+        if argv is None:  # as a program of its own: taking Drake down takes longer than closing did
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(status)
+        return status
     except BrokenPipeError:
         # Whoever read the output has enough of it; keep the interpreter from complaining about it at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

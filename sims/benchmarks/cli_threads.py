@@ -17,6 +17,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from twin_diagram.runtime.threads import FOR_ALL, OWN
+from twin_diagram.scenario.resources import resolve
 
 BEST = dict.fromkeys([FOR_ALL, *(names[0] for names in OWN.values())], "1")
 FREE = {name: value for name, value in os.environ.items() if name not in {FOR_ALL, *sum(OWN.values(), ())}}
@@ -41,7 +42,7 @@ def main() -> int:
         for seed, name in enumerate(("fit", "held"), 1):
             argv = ["run", "tabletop", "--duration", "10", "--seed", str(seed), "--log", f"{name}.csv", *BLIND]
             seconds(Path(place), WAYS["one by variable"], *argv)
-        model = ["--model", "arms/panda_hand.urdf"]
+        model = ["--model", str(resolve("arms/panda_hand.urdf"))]
         commands = {
             "gap": [*model, "--fit", "fit.csv", "--holdout", "held.csv", "--out", "gap"],
             "predict": [*model, "--log", "fit.csv", "--out", "predicted.csv"],

@@ -7,22 +7,25 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any, Final
+from tempfile import TemporaryDirectory, TemporaryFile
+from typing import IO, Any, Final
 
+import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.lcm import DrakeLcm
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
-from twin_diagram.errors import TwinError
+from twin_diagram.errors import LogError, TwinError
 from twin_diagram.estimation.drift.alarm_events import append_lines
-from twin_diagram.logs import read_log, write_log
+from twin_diagram.logs import log_from_columns, write_log
+from twin_diagram.runtime import atomic_file
 from twin_diagram.scenario import Scenario
 from twin_diagram.scenario.file import copy_scenario, dump_scenario
 from twin_diagram.station import ports
 from twin_diagram.station.replay.recorder import add_recorder, open_recording
-from twin_diagram.station.replay.recording import LOG, RecordingWriter
+from twin_diagram.station.replay.recording import RecordingWriter
+from twin_diagram.station.replay.recording_folder import LOG, SCENARIO_FILE
 from twin_diagram.twin.healing import Healer, Tape, sentence
 from twin_diagram.twin.twin import TwinDiagram
 from twin_diagram.visualization.arm_overlay import ArmOverlay
@@ -30,9 +33,6 @@ from twin_diagram.visualization.ghost import make_ghost
 from twin_diagram.visualization.meldis import add_meldis
 from twin_diagram.visualization.meshcat import FRAME_RATE, MeshcatScenes, add_meshcat, open_meshcat
 from twin_diagram.visualization.scene_overlay import MeshcatOverlay
-
-SCENARIO_FILE: Final = "scenario.yaml"
-"""In a recording's folder: the scenario that was run."""
 
 
 @dataclass(frozen=True)
@@ -118,6 +118,8 @@ class Keeping:
             TwinError: a recording or a log cannot go where it is asked to.
         """
         self._writer: RecordingWriter | None = None
+        self._scenario = scenario
+        self._converter: _Converter | None = None
         if record is None and log is None:
             return
         if log is not None and log.suffix not in (".csv", ".npz"):
@@ -129,15 +131,27 @@ class Keeping:
             scenario = copy_scenario(scenario)
             scenario.twin.camera = None
             record = Path(stack.enter_context(TemporaryDirectory())) / "recording"
+        self._scenario = scenario
+        rows = None
         if log is not None:
-            stack.push(_Converter(record / LOG, log))
-        self._writer = stack.enter_context(open_recording(scenario, record))
+            rows = stack.enter_context(TemporaryFile())
+            self._converter = stack.enter_context(_Converter(record / LOG, rows, log))
+        self._writer = stack.enter_context(open_recording(scenario, record, rows))
         self._writer.attach(SCENARIO_FILE, dump_scenario(scenario))
 
     def add(self, builder: DiagramBuilder, station: Diagram, twin: TwinDiagram) -> None:
         """Add a recorder to a loop that is being built."""
         if self._writer is not None:
             add_recorder(builder, station, self._writer, twin.diagram.GetOutputPort(ports.POSITION_COMMANDED))
+
+    def cut(self, duration: float) -> None:
+        """Have what is kept end here: the user stopped the run after `duration` [s]."""
+        if self._converter is not None:
+            self._converter.cut = True
+        if self._writer is not None:
+            scenario = copy_scenario(self._scenario)
+            scenario.duration = duration
+            self._writer.attach(SCENARIO_FILE, dump_scenario(scenario))
 
 
 class Mending:
@@ -171,15 +185,34 @@ class Mending:
             append_lines(self._out / EVENTS, [event])
 
 
-class _Converter(AbstractContextManager[None]):
-    """Writes a recording's log as `log`, unless the run failed."""
+class _Converter(AbstractContextManager["_Converter"]):
+    """Writes a recording's log as `log`, unless the run failed; from its rows, since text takes a minute per hour.
 
-    def __init__(self, source: Path, log: Path) -> None:
-        self._source, self._log = source, log
+    Attributes:
+        cut: whether the run was stopped, perhaps before there were enough messages to make a log.
+    """
+
+    def __init__(self, source: Path, rows: IO[bytes], log: Path) -> None:
+        self._source, self._rows, self._log, self.cut = source, rows, log, False
 
     def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
-        if kind is None:
-            write_log(read_log(self._source), self._log)
+        if kind is not None:
+            return
+        with self._source.open(encoding="utf-8") as file:
+            names = file.readline().rstrip("\n").split(",")
+        self._rows.seek(0)
+        table = np.frombuffer(self._rows.read()).reshape(-1, len(names))
+        try:
+            columns = {name: np.ascontiguousarray(table[:, k]) for k, name in enumerate(names)}
+            log = log_from_columns(columns, str(self._source), lambda sample: f"line {sample + 2}")
+        except LogError:
+            if self.cut:
+                return
+            raise
+        if self._log.suffix == ".csv" and list(log.columns()) == names:
+            atomic_file.write(self._log, self._source.read_bytes())  # to the bit what `write_log` would write
+        else:
+            write_log(log, self._log)
 
 
 def check_room(option: str, path: Path, folder: bool) -> None:
