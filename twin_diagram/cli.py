@@ -46,8 +46,24 @@ def main(argv: Sequence[str] | None = None) -> int:
         return status
     except BrokenPipeError:
         # Whoever read the output has enough of it; keep the interpreter from complaining about it at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _leave_stdout()
         return 0
+    except OSError as error:
+        print(f"error: {_said(error)}", file=sys.stderr)
+        try:
+            sys.stdout.flush()
+        except OSError:  # that is what could not be written
+            _leave_stdout()
+        return 2
+
+
+def _said(error: OSError) -> str:
+    where = f"{error.filename}: " if error.filename is not None else ""
+    return " ".join(f"{where}{error.strerror or error}".split())
+
+
+def _leave_stdout() -> None:
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 class _Parser(argparse.ArgumentParser):

@@ -53,7 +53,7 @@ def main() -> int:
             wait = draw.uniform(0.0, 8.0)
             status, took = ended(Path(place), number, wait)
             fine, until = replays(Path(place))
-            good &= fine and took < 2.0
+            good &= fine and (took < 2.0 or number == signal.SIGKILL)
             print(f"{number.name:<8} after {wait:4.1f} s: status {status:>3} in {took:4.2f} s", end="", flush=True)
             print(f", {'replays' if fine else 'does NOT replay'} to {until:.2f} s", flush=True)
     return 0 if good else 1

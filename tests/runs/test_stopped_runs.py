@@ -21,7 +21,7 @@ from tests.small_loop import small_scenario
 from twin_diagram.logs import read_log
 from twin_diagram.runs import replay_log, run_scenario
 from twin_diagram.runs.many_seeds import _run_one
-from twin_diagram.runs.outputs import EVENTS
+from twin_diagram.runs.run_folder import EVENTS
 from twin_diagram.scenario import ArmModel, EffectSpec, Healing, Scenario
 from twin_diagram.scenario.file import load_scenario, save_scenario
 from twin_diagram.station.replay.recording_folder import FILES, MESSAGES, UNFINISHED

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory, TemporaryFile
-from typing import IO, Any, Final
+from typing import IO, Any
 
 import numpy as np
 from pydrake.geometry import Meshcat
@@ -17,9 +16,10 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from twin_diagram.errors import LogError, TwinError
-from twin_diagram.estimation.drift.alarm_events import append_lines
 from twin_diagram.logs import log_from_columns, write_log
+from twin_diagram.runs.run_folder import RunFolder
 from twin_diagram.runtime import atomic_file
+from twin_diagram.runtime.output_place import why_not
 from twin_diagram.scenario import Scenario
 from twin_diagram.scenario.file import copy_scenario, dump_scenario
 from twin_diagram.station import ports
@@ -47,8 +47,6 @@ class Tuning:
 
 
 TUNING = Tuning()
-EVENTS: Final = "events.jsonl"
-"""In a run's folder: alarms and what they led to, one JSON object to a line."""
 
 Say = Callable[[str], None]
 
@@ -108,6 +106,19 @@ class Looking:
                 say("watch in Meldis: python -m pydrake.visualization.meldis -w")
 
 
+def check_places(out: Path | None, record: Path | None, log: Path | None) -> None:
+    """Try whether all that is asked for can be written.
+
+    Raises:
+        TwinError: one of them cannot.
+    """
+    if log is not None and log.suffix not in (".csv", ".npz"):
+        raise TwinError(f"--log {log}: a measured log is .csv or .npz")
+    for option, path in (("--out", out), ("--record", record), ("--log", log)):
+        if path is not None and (why := why_not(path, folder=option != "--log")):
+            raise TwinError(f"{option} {path}: {why}")
+
+
 class Keeping:
     """What is recorded of the station while it runs; dropped where the run fails."""
 
@@ -122,10 +133,6 @@ class Keeping:
         self._converter: _Converter | None = None
         if record is None and log is None:
             return
-        if log is not None and log.suffix not in (".csv", ".npz"):
-            raise TwinError(f"--log {log}: a measured log is .csv or .npz")
-        if log is not None:
-            check_room("--log", log, folder=False)
         if record is None:
             # A log alone is a recording without images, made aside.
             scenario = copy_scenario(scenario)
@@ -157,12 +164,11 @@ class Keeping:
 class Mending:
     """What an alarm leads to: events in a file, and where the scenario asks for it, a model that is mended."""
 
-    def __init__(self, scenario: Scenario, out: Path | None, say: Say) -> None:
-        """`out` gets ``events.jsonl`` and ``healing/``; None: nothing is written. `say` takes what alarms lead to."""
+    def __init__(self, scenario: Scenario, out: RunFolder, say: Say) -> None:
+        """`out` gets ``events.jsonl`` and ``healing/``; `say` takes what alarms lead to."""
         self._scenario, self._out, self._say = scenario, out, say
         self._tape: Tape | None = None
-        if out is not None:
-            (out / EVENTS).unlink(missing_ok=True)
+        self._search: Path | None = None
 
     def add(self, builder: DiagramBuilder, station: Diagram, twin: TwinDiagram) -> None:
         """Add a tape to a loop that is being built, where the twin is to mend its model."""
@@ -175,14 +181,16 @@ class Mending:
 
     def healer(self, twin: TwinDiagram) -> Healer:
         """Return the healer of a loop that is built; to be polled between its steps, and closed."""
-        folder = None if self._out is None else self._out / "healing"
+        folder = None if self._out.path is None else self._out.path / "healing"
         return Healer(twin, self._scenario.twin.healing, self._journal, self._tape, folder, self._scenario.packages)
 
     def _journal(self, event: dict[str, Any]) -> None:
         if event["event"] != "alarm":  # those stand in the summary
             self._say(f"{event['time']:.2f} s: {sentence(event)}")
-        if self._out is not None:
-            append_lines(self._out / EVENTS, [event])
+        self._out.event(event)
+        self._search = Path(event["folder"]) if event.get("folder") else self._search
+        if self._search is not None:
+            self._out.note_all(self._search)  # once begun, and again when there is an answer
 
 
 class _Converter(AbstractContextManager["_Converter"]):
@@ -213,17 +221,3 @@ class _Converter(AbstractContextManager["_Converter"]):
             atomic_file.write(self._log, self._source.read_bytes())  # to the bit what `write_log` would write
         else:
             write_log(log, self._log)
-
-
-def check_room(option: str, path: Path, folder: bool) -> None:
-    """Check that a file or folder can be written before anything is computed for it.
-
-    Raises:
-        TwinError: something else is in its place, or a folder on the way is none.
-    """
-    path = path.absolute()
-    if path.exists() and path.is_dir() != folder:
-        raise TwinError(f"{option} {path}: there is a {'file' if folder else 'folder'} of that name")
-    above = next(parent for parent in path.parents if parent.exists())
-    if not above.is_dir() or not os.access(above, os.W_OK):
-        raise TwinError(f"{option} {path}: {above} is no folder that can be written to")

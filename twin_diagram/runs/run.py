@@ -19,10 +19,11 @@ from twin_diagram import scenario as schema
 from twin_diagram.errors import TwinError
 from twin_diagram.estimation.filter.parameter_status import standings
 from twin_diagram.logs import read_log
-from twin_diagram.runs.outputs import Keeping, Looking, Mending, Say, check_room
+from twin_diagram.runs.outputs import Keeping, Looking, Mending, Say, check_places
+from twin_diagram.runs.run_folder import RunFolder
 from twin_diagram.runs.score import alarms, summarize, table
 from twin_diagram.runs.trial import Trial, run_trial
-from twin_diagram.runtime import atomic_file, stopping
+from twin_diagram.runtime import stopping
 from twin_diagram.runtime.progress import Progress
 from twin_diagram.runtime.threads import one_thread
 from twin_diagram.scenario import Scenario
@@ -83,26 +84,27 @@ def run_scenario(
         KeyboardInterrupt: as Ctrl-C raises it, once recording, log, events and summary are closed; the summary says
             ``stopped``, and there are no pictures.
     """
-    if out is not None:
-        check_room("--out", out, folder=True)
+    check_places(out, record, log)
+    leave = RunFolder(out)
     page = out is not None and pictures
     look = Looking(show or page, meldis, scenario.duration if page else None) if show or page or meldis else None
     with ExitStack() as stack:
-        stack.push(partial(_note_stop, out))
+        stack.push(partial(_note_stop, leave))
         stack.enter_context(_one_image_thread())
         keep = Keeping(scenario, record, log, stack)
-        mend = Mending(scenario, out, say)
+        mend = Mending(scenario, leave, say)
         loop = make_closed_loop(scenario, _hanging(keep, mend, look))
         simulator = Simulator(loop.diagram)
         if look is not None:
             look.start(simulator, show or meldis, say)
         simulator.Initialize()
+        leave.clear()
         healer = stack.enter_context(mend.healer(loop.twin))
         stop, trial, summary = _simulate(loop, simulator, Progress(scenario.duration, quiet), healer.poll, say)
         if stop is not None:
             keep.cut(simulator.get_context().get_time())
     if out is not None:
-        _write(out, loop, summary, trial, look if pictures and stop is None else None)
+        _write(leave, out, loop, summary, trial, look if pictures and stop is None else None)
         say(f"wrote {out}/")
     if stop is not None:
         raise stop
@@ -120,11 +122,9 @@ def _hanging(*hung: Keeping | Mending | Looking | None) -> Callable[[DiagramBuil
     return add
 
 
-def _note_stop(out: Path | None, kind: type[BaseException] | None, *error: object) -> None:
-    """Write in a folder without a summary that the user ended a run before there was anything to sum up."""
-    if out is not None and kind is not None and issubclass(kind, KeyboardInterrupt):
-        if not (out / "summary.json").exists():
-            atomic_file.write(out / "summary.json", json.dumps({"stopped": True}, indent=2) + "\n")
+def _note_stop(leave: RunFolder, kind: type[BaseException] | None, *error: object) -> None:
+    if kind is not None and issubclass(kind, KeyboardInterrupt):
+        leave.stopped_early()
 
 
 @contextmanager
@@ -289,11 +289,14 @@ def summary_of(loop: ClosedLoop, trial: Trial, timing: dict[str, Any]) -> dict[s
     )
 
 
-def _write(out: Path, loop: ClosedLoop, summary: dict[str, Any], trial: Trial | None, look: Looking | None) -> None:
-    atomic_file.write(out / "summary.json", json.dumps(summary, indent=2, ensure_ascii=False) + "\n")
+def _write(
+    leave: RunFolder, out: Path, loop: ClosedLoop, summary: dict[str, Any], trial: Trial | None, look: Looking | None
+) -> None:
+    leave.summary(summary)
     if look is None or look.scenes is None:
         return
+    leave.note("replay.html", "diagram.svg")
     look.scenes.write_replay(out / "replay.html")
     write_diagram_svg(loop.diagram, out / "diagram.svg")
     if trial is not None:
-        write_plots(trial.record, summary, out)
+        leave.note(*(path.name for path in write_plots(trial.record, summary, out)))

@@ -7,10 +7,13 @@ leads out of the folder, be it through `..` or a link, is passed over, and so is
 from __future__ import annotations
 
 import os
+import shutil
 import stat
-from collections.abc import Iterable, Iterator
-from contextlib import suppress
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
+
+from twin_diagram.runtime import atomic_file
 
 
 def note(folder: Path, name: str, paths: Iterable[str]) -> None:
@@ -82,12 +85,35 @@ def files_of(folder: Path) -> Iterator[str]:
             yield Path(place, name).relative_to(folder).as_posix()
 
 
-def move(aside: Path, folder: Path, first: str = "") -> None:
-    """Move what is in one folder into another on the same disk, `first` before all else, and remove the former.
+@contextmanager
+def folder(path: str | Path, name: str, unlisted: Collection[str] = ()) -> Iterator[Path]:
+    """Yield an empty folder, whose files in the end come into `path` for those of the list; an exception leaves that.
+
+    Args:
+        path: may exist.
+        name: of the list.
+        unlisted: as of `remove`.
+    """
+    path = Path(path).absolute()
+    aside = atomic_file.make_aside(path, inside=True)
+    try:
+        yield aside
+        note(aside, name, list(files_of(aside)))
+        if path.exists():
+            remove(path, name, unlisted)
+            move(aside, path, first=name)
+        else:
+            os.replace(aside, path)
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
+
+
+def move(aside: Path, folder: Path, first: str = "", last: str = "") -> None:
+    """Move what is in one folder into another on the same disk, in an order that counts, and remove the former.
 
     A file takes the place of one of its name; other files stay.
     """
-    for entry in sorted(aside.iterdir(), key=lambda entry: (entry.name != first, entry.name)):
+    for entry in sorted(aside.iterdir(), key=lambda entry: (entry.name != first, entry.name == last, entry.name)):
         target = folder / entry.name
         if entry.is_dir() and target.is_dir() and not target.is_symlink():
             move(entry, target)

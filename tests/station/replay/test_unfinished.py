@@ -107,7 +107,7 @@ def test_a_row_tells_of_no_picture_that_is_not_there(tmp_path: Path, monkeypatch
     assert frames.read_text().count("\n") == 6
 
 
-@pytest.mark.parametrize("step", range(6))
+@pytest.mark.parametrize("step", range(7))
 def test_killed_while_its_files_move_up(step: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write(tmp_path / "r", 4).close()
     replace, moved = os.replace, []
@@ -122,12 +122,14 @@ def test_killed_while_its_files_move_up(step: int, tmp_path: Path, monkeypatch: 
         replace(source, target)
 
     writer = write(tmp_path / "r", 10)
+    writer.attach("scenario.yaml", "the newest")
     monkeypatch.setattr(written_files.os, "replace", until)
     with pytest.raises(Killed):
         writer.close()
     monkeypatch.undo()
     messages, frames = read(tmp_path / "r")
     assert len(messages.time) == 10 and len(frames.index) == 5
+    assert (place_of(tmp_path / "r") / "scenario.yaml").read_text() == "the newest"
     write(tmp_path / "r", 3).close()  # and the next one takes its place
     assert len(read(tmp_path / "r")[0].time) == 3
     assert not (tmp_path / "r" / UNFINISHED).exists()

@@ -215,7 +215,7 @@ class RecordingWriter:
                 self._pending.popleft().result()
             self._shut()
             written_files.remove(self._folder, FILES, unlisted(self._folder))
-            written_files.move(self._staging, self._folder, first=MANIFEST)
+            written_files.move(self._staging, self._folder, first=MANIFEST, last=FILES)
         except OSError as error:
             self.abort()
             self._end_full(error)

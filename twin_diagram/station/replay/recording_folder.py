@@ -143,7 +143,7 @@ def finish(folder: Path) -> None:
     """Move a recording up whose process was killed while it did so: the manifest goes first."""
     unfinished = folder / UNFINISHED
     if (folder / MANIFEST).is_file() and (unfinished / FILES).is_file() and not (unfinished / MANIFEST).is_file():
-        written_files.move(unfinished, folder)
+        written_files.move(unfinished, folder, last=FILES)
 
 
 def place_of(folder: Path) -> Path:
