@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
@@ -21,7 +22,7 @@ from twin_diagram.logs import read_log
 from twin_diagram.model.model import Model
 from twin_diagram.model.prediction import load_model_for, rollout_rms, torque_residual_rms
 from twin_diagram.runs.score import table
-from twin_diagram.runtime import atomic_file
+from twin_diagram.runtime import atomic_file, output_place
 from twin_diagram.scenario.file import dump_scenario, load_scenario
 from twin_diagram.scenario.resources import models_dir
 
@@ -160,7 +161,8 @@ RUN_CASES: dict[str, tuple[list[str], list[str]]] = {
     "out in place of a file": (["tabletop", "--out", "text.txt"], ["--out", "text.txt"]),
     "out below a file": (["tabletop", "--out", "text.txt/out"], ["--out", "text.txt"]),
     "record into something else": (["tabletop", "--record", "full"], ["full"]),
-    "record in place of a file": (["tabletop", "--record", "text.txt"], ["text.txt"]),
+    "record in place of a file": (["tabletop", "--record", "text.txt"], ["--record", "text.txt"]),
+    "record below a file": (["tabletop", "--record", "text.txt/deep/rec"], ["--record", "text.txt"]),
 }  # fmt: skip
 
 
@@ -254,6 +256,69 @@ def test_predict_refuses(changes: dict[str, str], words: list[str], refused: Run
     arguments = {"--model": "arms/panda.urdf", "--log": "good.csv", "--out": "p.csv"} | changes
     line = refused("predict", *(word for pair in arguments.items() for word in pair))
     assert all(word in line for word in words), line
+
+
+# Outputs that cannot be written.
+
+PLACES: dict[str, tuple[list[str], list[str]]] = {
+    "run": (["tabletop"], ["--out", "--log", "--record"]),
+    "replay": (["good.csv", "--model", "arms/panda.urdf"], ["--out"]),
+    "predict": (["--model", "arms/panda.urdf", "--log", "good.csv"], ["--out"]),
+    "gap": (["--model", "m.urdf", "--fit", "good.csv", "--holdout", "good.csv"], ["--out"]),
+}
+
+
+@pytest.mark.parametrize(("command", "option"), [(name, option) for name in PLACES for option in PLACES[name][1]])
+def test_outputs_are_tried_before_the_work(
+    command: str, option: str, refused: Run, egl: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(**_: object) -> None:
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    def work(*_: object) -> None:
+        pytest.fail("it has begun to work")
+
+    monkeypatch.setattr(output_place.tempfile, "NamedTemporaryFile", full)
+    for place in ("gap.workflow.read_log", "model.prediction.read_log", "runs.run.make_closed_loop"):
+        monkeypatch.setattr(f"twin_diagram.{place}", work)
+    monkeypatch.setattr("twin_diagram.runs.outputs.open_recording", work)
+    if command == "replay":
+        monkeypatch.setattr("twin_diagram.runs.run.read_log", read_log)  # how long it takes is asked first
+    target = "new/x.csv" if command == "predict" or option == "--log" else "new/x"
+    line = refused(command, *PLACES[command][0], option, target)
+    assert f"{option} {target}: cannot be written: Read-only file system" in line
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (OSError(errno.ENOSPC, "No space left on device"), "error: No space left on device\n"),
+        (PermissionError(errno.EACCES, "Permission denied", "out/x"), "error: out/x: Permission denied\n"),
+        (OSError("two\nlines"), "error: two lines\n"),
+    ],
+)
+def test_what_goes_wrong_while_it_is_written_is_one_line(
+    error: OSError, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(cli, "_predict", fail)
+    assert cli.main(["predict", "--model", "m", "--log", "l", "--out", "o"]) == 2
+    assert capsys.readouterr().err == said
+
+
+def test_output_that_nothing_takes_is_one_line(tmp_path: Path) -> None:
+    script = "import sys; from twin_diagram import cli; cli._predict = lambda _: print('x') or 0; sys.exit(cli.main())"
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-c", script, "predict", "--model", "m", "--log", "l", "--out", "o"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=60,
+        )
+    assert (done.returncode, done.stderr) == (2, "error: No space left on device\n")
 
 
 # What works.

@@ -11,32 +11,60 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from twin_diagram.errors import TwinError
+from twin_diagram.runtime.stopping import Stopped, stoppable
+from twin_diagram.runtime.threads import one_thread
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit status."""
+    """Run the command; returns its exit status.
+
+    Args:
+        argv: what follows the program's name; None: this process's own, which ends here where a signal stops it.
+    """
     arguments = _parser().parse_args(argv)
     command: Callable[[argparse.Namespace], int] = arguments.command
     # Where to look is said by the run itself; a filter stays when importing pydrake sets the level.
     logging.getLogger("drake").addFilter(_worth_saying)
     try:
-        _import_effects(getattr(arguments, "imported", []))
-        status = command(arguments)
+        with one_thread(), stoppable():  # before NumPy is imported
+            _import_effects(getattr(arguments, "imported", []))
+            status = command(arguments)
         sys.stdout.flush()  # a reader that has left is noticed here, not at exit
         return status
     except TwinError as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stop:
         print("stopped", file=sys.stderr)
-        return 130
+        status = stop.status if isinstance(stop, Stopped) else 130
+        if argv is None:  # as a program of its own: taking Drake down takes longer than closing did
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(status)
+        return status
     except BrokenPipeError:
         # Whoever read the output has enough of it; keep the interpreter from complaining about it at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _leave_stdout()
         return 0
+    except OSError as error:
+        print(f"error: {_said(error)}", file=sys.stderr)
+        try:
+            sys.stdout.flush()
+        except OSError:  # that is what could not be written
+            _leave_stdout()
+        return 2
+
+
+def _said(error: OSError) -> str:
+    where = f"{error.filename}: " if error.filename is not None else ""
+    return " ".join(f"{where}{error.strerror or error}".split())
+
+
+def _leave_stdout() -> None:
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _worth_saying(record: logging.LogRecord) -> bool:
@@ -78,6 +106,13 @@ def _parser() -> argparse.ArgumentParser:
     replay.add_argument("--out", type=Path, metavar="DIR", help="write replay.html, diagram.svg and summary.json")
     replay.set_defaults(command=_replay)
 
+    _add_scenario_commands(commands)
+    _add_log_commands(commands)
+    return parser
+
+
+def _add_scenario_commands(commands: Any) -> None:
+    """Add the commands about scenarios."""
     init = commands.add_parser("init", help="write a first scenario for an arm of one's own")
     init.add_argument("--arm", required=True, help="URDF, SDF or MJCF")
     init.add_argument("--out", required=True, type=Path, metavar="YAML", help="the scenario; must not exist yet")
@@ -88,6 +123,9 @@ def _parser() -> argparse.ArgumentParser:
     fields.add_argument("section", nargs="?", default="", help="e.g. twin.filter; without it: the top level")
     fields.set_defaults(command=_fields)
 
+
+def _add_log_commands(commands: Any) -> None:
+    """Add the commands about models and logs."""
     predict = commands.add_parser("predict", help="what a model says of a measured log: torques and motion")
     predict.add_argument("--model", required=True, help="URDF, SDF, MJCF or the folder of a corrected model")
     predict.add_argument("--log", required=True, type=Path, help="measured log, .csv or .npz")
@@ -114,7 +152,6 @@ def _parser() -> argparse.ArgumentParser:
     _add_columns(gap)
     _add_packages(gap)
     gap.set_defaults(command=_gap)
-    return parser
 
 
 def _add_columns(parser: argparse.ArgumentParser) -> None:

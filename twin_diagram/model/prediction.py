@@ -18,9 +18,12 @@ from pydrake.multibody.tree import PrismaticJoint, RevoluteJoint
 from twin_diagram.errors import LogError
 from twin_diagram.logs import Log, LogWarning, check, fingerprint, read_log, unwrapped, write_columns
 from twin_diagram.logs.differentiation import Motion, below_cutoff, inner, lowpass, motion
+from twin_diagram.logs.writing import check_kind
 from twin_diagram.model.description import add_arm as description
 from twin_diagram.model.model import Model
 from twin_diagram.model.rollout import rollout, trajectory
+from twin_diagram.runtime.output_place import why_not
+from twin_diagram.runtime.threads import one_thread
 from twin_diagram.signals.arrays import Array
 
 __all__ = [
@@ -226,6 +229,7 @@ def as_explained(model: Model, log: Log) -> tuple[Log, list[LogWarning]]:
     return own, warnings + wrapped
 
 
+@one_thread()
 def predict(
     model: str | Path,
     log: str | Path,
@@ -249,6 +253,9 @@ def predict(
     Raises:
         TwinError: the model or the log cannot be used; nothing is written.
     """
+    check_kind(Path(out))
+    if why := why_not(out, folder=False):
+        raise LogError(f"--out {out}: {why}")
     raw = read_log(log, columns)
     loaded, measured, warnings = load_model_for(raw, model, packages)
     turned = measured.position - raw.select(loaded.joints).position

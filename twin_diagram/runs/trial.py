@@ -19,7 +19,8 @@ from pydrake.systems.framework import Context
 from twin_diagram.assets.asset import Asset
 from twin_diagram.runs.score import RunRecord
 from twin_diagram.runs.true_clearance import TrueClearance
-from twin_diagram.runtime import timing
+from twin_diagram.runtime import stopping, timing
+from twin_diagram.runtime.threads import one_thread
 from twin_diagram.scenario.poses import pose
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import ALARM_LOG_FIELDS, NEVER, TRACK_SIZE
@@ -54,11 +55,12 @@ _COLUMNS = (
 
 @dataclass
 class Trial:
-    """A finished run: what the scorer needs, and what it took."""
+    """A finished run: what the scorer needs, what it took, and what ended it before its time."""
 
     record: RunRecord
     real_time_factor: float
     shares: dict[str, float]
+    stop: KeyboardInterrupt | None = None
 
     def timing(self) -> dict[str, Any]:
         """Return the figures of `timing` in ``summary.json``."""
@@ -71,6 +73,7 @@ class Trial:
 Progress = Callable[[float], None]
 
 
+@one_thread()
 def run_trial(
     loop: ClosedLoop,
     simulator: Simulator,
@@ -86,22 +89,32 @@ def run_trial(
         duration: [s]; the last sample is that of the plant's last step.
         progress: called with the time reached [s].
         between: called with the root context after each sample, which it may change.
+
+    Raises:
+        KeyboardInterrupt: the user ended it before the first sample; later, the trial is what there is until then.
     """
     sampler = _Sampler(loop, simulator.get_mutable_context())
     before, started = timing.snapshot(), clock.perf_counter()
-    sampling = 0.0
-    for time in sample_times(duration, loop.scenario.world.time_step):
-        simulator.AdvanceTo(time)
-        paused = clock.perf_counter()
-        sampler.sample()
-        between(simulator.get_mutable_context())
-        progress(simulator.get_context().get_time())
-        sampling += clock.perf_counter() - paused
-    simulator.AdvanceTo(max(duration, simulator.get_context().get_time()))
+    sampling, stop = 0.0, None
+    try:
+        with stopping.steps():
+            for time in sample_times(duration, loop.scenario.world.time_step):
+                simulator.AdvanceTo(time)
+                paused = clock.perf_counter()
+                sampler.sample()
+                between(simulator.get_mutable_context())
+                progress(simulator.get_context().get_time())
+                sampling += clock.perf_counter() - paused
+                stopping.check()
+            simulator.AdvanceTo(max(duration, simulator.get_context().get_time()))
+    except KeyboardInterrupt as ended:
+        if sampler.reached is None:
+            raise
+        stop, duration = ended, sampler.reached
     elapsed = clock.perf_counter() - started - sampling
     shares = {name: seconds / elapsed for name, seconds in sorted(timing.since(before).items())}
     shares["Station"] = max(0.0, 1.0 - sum(shares.values()))
-    return Trial(sampler.record(), duration / elapsed, shares)
+    return Trial(sampler.record(), duration / elapsed, shares, stop)
 
 
 def sample_times(duration: float, step: float) -> list[float]:
@@ -146,6 +159,11 @@ class _Sampler:
         self._past: list[tuple[float, Array]] = []
         self._goal = pose(scenario.twin.task.X_WG) if scenario.twin.task.X_WG else None
         self._rows: list[tuple[Any, ...]] = []
+
+    @property
+    def reached(self) -> float | None:
+        """Time of the newest sample [s]."""
+        return float(self._rows[-1][0]) if self._rows else None
 
     def sample(self) -> None:
         time = self._context.get_time()

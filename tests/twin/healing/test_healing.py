@@ -24,8 +24,8 @@ from twin_diagram.estimation.drift.likelihood_ratio import AlarmShape
 from twin_diagram.estimation.drift.monitor import DriftEntry, Evidence
 from twin_diagram.logs import Log
 from twin_diagram.model.model import Model
-from twin_diagram.runs.outputs import EVENTS
 from twin_diagram.runs.run import replay_scenario, run_scenario
+from twin_diagram.runs.run_folder import EVENTS
 from twin_diagram.scenario import ArmModel, EffectSpec, Healing, Scenario
 from twin_diagram.scenario.file import load_scenario
 from twin_diagram.signals.layouts import NEVER, AlarmKind
