@@ -156,11 +156,11 @@ def sample(mesh: Mesh, texture: Image, count: int, seed: int = 0) -> Cloud:
     So that any prefix is an even sample too.
     """
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
-    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    doubled = np.linalg.norm(np.cross(b - a, c - a), axis=1)  # twice the areas: shares are what counts
     rng = np.random.default_rng(seed)
     # One draw per equal share of area keeps the number of points on each face nearly exact.
-    position = (np.arange(count) + rng.random(count)) / count * area.sum()
-    face = np.minimum(np.searchsorted(np.cumsum(area), position), len(area) - 1)
+    position = (np.arange(count) + rng.random(count)) / count * doubled.sum()
+    face = np.minimum(np.searchsorted(np.cumsum(doubled), position), len(doubled) - 1)
     r1, r2 = np.sqrt(rng.random(count)), rng.random(count)
     share = np.stack([1 - r1, r1 * (1 - r2), r1 * r2], axis=1)[:, :, None]
     corner = mesh.faces[face]
