@@ -67,7 +67,7 @@ def smooth(signal: Array, rate: float, cutoff: float = TUNING.motion_cutoff) -> 
     curvature there; this goes on along a cubic fitted to the last one and a half periods of the cutoff.
     """
     window = int(np.ceil(1.5 * rate / cutoff))
-    if cutoff >= 0.5 * rate or len(signal) < window:
+    if len(signal) < window:
         return lowpass(signal, rate, cutoff)
     beyond = int(np.ceil(2.0 * rate / cutoff))
     inside = np.arange(window) / window
