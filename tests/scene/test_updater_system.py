@@ -88,6 +88,7 @@ def test_it_takes_in_each_image_once_and_tells_what_the_filters_say(run: Run) ->
         np.testing.assert_array_equal(track.covariance, covariances[row])
 
 
+@pytest.mark.filterwarnings("error")  # taken twice, it would move in no time at all
 def test_an_outlier_that_stays_on_the_wire_counts_once(run: Run) -> None:
     run.show(0.0, AT)
     run.to(0.05)
@@ -133,3 +134,19 @@ def test_positions_hold_the_poses_and_the_home(made: tuple[TwinScene, SceneGraph
     positions = run.updater.GetOutputPort("positions").Eval(run.context)
     np.testing.assert_array_equal(positions[scene.arm_position_index], np.arange(7.0))
     np.testing.assert_array_equal(positions[scene.object_position_index], [track.pose for track in tracks])
+
+
+def test_a_state_is_used_whole_or_not_at_all(made: tuple[TwinScene, SceneGraphUpdater], run: Run) -> None:
+    scene, fingers = made[0], np.array([0.01, 0.02, 5.0, 6.0])
+    run.show(0.0, AT)
+    for bad in range(-1, 4):
+        arm, gripper = np.arange(14.0), fingers.copy()
+        if bad >= 0:
+            arm[3 * bad] = gripper[bad] = np.nan
+        run.updater.GetInputPort("arm_state").FixValue(run.context, arm)
+        run.updater.GetInputPort("gripper_state").FixValue(run.context, gripper)
+        positions = run.updater.GetOutputPort("positions").Eval(run.context)
+        joints, hand = scene.arm_position_index, scene.gripper_position_index
+        expected = scene.default_positions if bad >= 0 else None
+        np.testing.assert_array_equal(positions[joints], np.arange(7.0) if expected is None else expected[joints])
+        np.testing.assert_array_equal(positions[hand], fingers[:2] if expected is None else expected[hand])
