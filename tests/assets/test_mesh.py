@@ -83,7 +83,13 @@ def test_each_corner_has_its_own_texture_coordinate_and_normal(tmp_path: Path) -
     "text",
     [
         *("f 1 2 5\n", "f 1 2 -5\n", "f 0 1 2\n", "f /1 /1 /1\n", "v inf 0 0\nf 1 2 3\n", "v nan 0 0\nf 1 2 3\n"),
-        *("vt 0 0\nf 1/2 2/1 3/1\n", "vt 0 0\nf 1/0 2/1 3/1\n", "vt 0 0\nf 1/-2 2/1 3/1\n", "f 1/1 2/1 3/1\n"),
+        *(
+            "vt 0 0\nf 1/1 /1 3/1\n",
+            "vt 0 0\nf 1/2 2/1 3/1\n",
+            "vt 0 0\nf 1/0 2/1 3/1\n",
+            "vt 0 0\nf 1/-2 2/1 3/1\n",
+            "f 1/1 2/1 3/1\n",
+        ),
         *("vn 0 0 1\nf 1//2 2//1 3//1\n", "vn 0 0 1\nf 1//0 2//1 3//1\n", "f 1//1 2//1 3//1\n"),
     ],
 )
