@@ -89,6 +89,13 @@ def test_what_finds_no_room_is_told() -> None:
     assert not randomization._draw_places(scenario, sizes, START, GOAL, np.random.default_rng(0))
 
 
+def test_a_mover_does_not_end_where_the_tool_has_no_room() -> None:
+    """Its way may begin far from the tool; here it would end within 14 cm of it, and needs 15.8."""
+    near = np.array([0.45, 0.12]), np.array([0.45, -0.12])
+    for seed in range(3):
+        assert not randomization._draw_places(table("mover"), SIZES, *near, np.random.default_rng(seed))
+
+
 @pytest.mark.parametrize("names", [("small", "large"), ("large", "small"), ("large", "mover"), ("mover", "large")])
 def test_who_needs_the_most_room_is_placed_first(names: tuple[str, str]) -> None:
     first = "mover" if "mover" in names else "large"
