@@ -10,7 +10,8 @@ import pytest
 
 from twin_diagram.errors import LogError, ModelError
 from twin_diagram.scenario import Healing
-from twin_diagram.twin.healing import Healer, healer
+from twin_diagram.twin.healing import healer
+from twin_diagram.twin.healing.healer import Healer
 
 GAP = {"torque_rms": {"holdout": {"before": {"a": 3.0, "b": 0.0}, "after": {"a": 2.0, "b": 2.0}}}}
 WORSE = {"torque_rms": {"holdout": {"before": {"a": 3.0, "b": 0.0}, "after": {"a": 2.2, "b": 2.2}}}}

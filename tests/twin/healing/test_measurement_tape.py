@@ -12,7 +12,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from twin_diagram.errors import LogError
 from twin_diagram.station import ports
-from twin_diagram.twin.healing import Tape
+from twin_diagram.twin.healing.measurement_tape import Tape
 
 N = 2
 
