@@ -105,13 +105,14 @@ class Clock(LeafSystem):
         output.SetFromVector([context.get_time(), 10.0 + context.get_time()])
 
 
-def test_a_picture_is_of_its_moment_and_is_delivered_later() -> None:
+@pytest.mark.parametrize("latency", [0.03, 0.08])
+def test_a_picture_is_of_its_moment_and_is_delivered_later(latency: float) -> None:
     builder = DiagramBuilder()
-    clock, shutter = builder.AddSystem(Clock()), builder.AddSystem(Shutter(np.array([7.0, 8.0]), 10.0, 0.03))
+    clock, shutter = builder.AddSystem(Clock()), builder.AddSystem(Shutter(np.array([7.0, 8.0]), 10.0, latency))
     builder.Connect(clock.get_output_port(), shutter.get_input_port())
     simulator = Simulator(builder.Build())
     context = shutter.GetMyContextFromRoot(simulator.get_context())
-    times = (0.001, 0.029, 0.031, 0.129, 0.131, 0.229, 0.231)
+    times = np.array([-0.029, -0.001, 0.001, 0.099, 0.101, 0.199, 0.201]) + latency
     for time, taken in zip(times, (NEVER, NEVER, 0.0, 0.0, 0.1, 0.1, 0.2), strict=True):
         simulator.AdvanceTo(time)
         shown = shutter.GetOutputPort("positions_shown").Eval(context)
