@@ -19,7 +19,7 @@ Array = npt.NDArray[np.float64]
 COUNT = 120
 """Of the model's points."""
 WIDTH, HEIGHT, FOCAL = 160, 120, 250.0
-TABLE = np.array([0.01, -0.02, 0.003])
+TABLE = np.array([0.1, -0.15, 0.003])
 
 
 def turn(*rpy: float) -> Array:

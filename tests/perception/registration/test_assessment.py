@@ -13,9 +13,9 @@ from twin_diagram.perception.registration.data_association import COARSE, FINE, 
 from twin_diagram.perception.registration.residuals import brightness
 
 
-@pytest.mark.parametrize(("level", "slack"), [(FINE, 0.003), (COARSE, 0.008)])
-def test_shares_are_counted_as_they_are_described(level: int, slack: float) -> None:
-    image, cloud = frame(), model()
+@pytest.mark.parametrize(("level", "slack", "light"), [(FINE, 0.003, 1.0), (COARSE, 0.008, 1.0), (FINE, 0.003, 0.25)])
+def test_shares_are_counted_as_they_are_described(level: int, slack: float, light: float) -> None:
+    image, cloud = replace(frame(), colours=tuple(np.float32(light) * c for c in frame().colours)), model()
     given = {} if slack == 0.003 else {"slack": slack}
     fit = assess(cloud, image, poses(), 40, level, **given)
     looked = look(cloud, image, poses(), 40, level)

@@ -148,19 +148,20 @@ def test_a_prior_pulls_towards_its_goal() -> None:
 
 @pytest.mark.parametrize("share", [0.0, 0.3])
 def test_points_that_nothing_explains_pull_the_model_towards_them(share: float) -> None:
-    cloud, camera = model(), view()
-    at = poses()[np.array([1])]
-    R, p = at.R[0], at.p[0]
+    cloud = model()
+    away = np.array([0.7, -1.1, 0.4])  # the object is not at the origin
+    at = Poses(poses().R[1:2], poses().p[1:2] + away)
+    R, p, p_WC = at.R[0], at.p[0], view().p_WC + away
     rng = np.random.default_rng(2083)
     points = p + 0.06 * rng.normal(size=(80, 3)) / 1.5
     reach = 0.03
-    found = unexplained(cloud, points, at, camera.p_WC, reach, share)
+    found = unexplained(cloud, points, at, p_WC, reach, share)
     H, right, pulled, slid = np.zeros((6, 6)), np.zeros(6), 0, 0
     for y in points:
         apart = [float(np.linalg.norm(R @ x + p - y)) for x in cloud.points]
         k = int(np.argmin(apart))
         r, n = R @ cloud.points[k], R @ cloud.normals[k]
-        if apart[k] >= reach or n @ (camera.p_WC - p - r) <= 0.0:
+        if apart[k] >= reach or n @ (p_WC - p - r) <= 0.0:
             continue
         w = weight(apart[k], reach) / (2.0 * 0.0007) ** 2
         e = y - p - r
