@@ -8,6 +8,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, PrismaticJoint, RevoluteJoint, SpatialInertia, UnitInertia
 
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms, Laws
+from twin_diagram.estimation.filter.ekf import Ekf
+from twin_diagram.scenario import Filter
 
 
 BRIDGE, CAR = 3.0, 2.0
@@ -58,3 +60,10 @@ def crank(laws: Laws | None = None, damping: float = 0.0, effort: float = 30.0) 
     return ArmTerms(plant, ["pin"], tool_frame="hand", laws=laws)
 
 
+
+
+def begun(params: Filter, laws: Laws | None = None, v: tuple[float, float] = (0.5, -0.4), t: float = 1.0) -> Ekf:
+    """Return a filter of the gantry, started while both slides move."""
+    ekf = Ekf(gantry(laws), params)
+    ekf.start(np.array([0.1, -0.2]), np.array(v), np.zeros(2), t)
+    return ekf
