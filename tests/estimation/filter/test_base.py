@@ -28,6 +28,10 @@ def test_no_angle_is_less_certain_than_a_turn_and_no_speed_than_twice_its_limit(
         np.testing.assert_allclose(after.diagonal()[:4], min(share, 1.0) * widest)
         np.testing.assert_allclose(after[4:, 4:], P[4:, 4:])
         np.testing.assert_allclose(after / np.sqrt(np.outer(after.diagonal(), after.diagonal())), correlation)
+    share = np.array([2.0, 0.9, 0.6, 3.0])  # those that are within it stay as they are
+    ekf.belief.P[:4, :4] = np.diag(share * widest)
+    ekf.bound()
+    np.testing.assert_allclose(ekf.belief.P.diagonal()[:4], np.minimum(share, 1.0) * widest)
     ekf.belief.P[:] = 1e-12 * np.eye(10)
     ekf.belief.P[3, 3] = 100.0
     ekf.bound()
