@@ -11,7 +11,6 @@ from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms, Laws
 from twin_diagram.estimation.filter.ekf import Ekf
 from twin_diagram.scenario import Filter
 
-
 BRIDGE, CAR = 3.0, 2.0
 """Masses of the gantry's bodies: the bridge moves along x and carries the car, which moves along y [kg]."""
 INERTIA, RADIUS = 0.5, 0.8
@@ -21,13 +20,13 @@ EFFORT, SPEED = (40.0, 20.0), (2.0, 1.0)
 
 
 def constant_friction(*forward: float, backward: tuple[float, ...] | None = None) -> Laws:
-    """Dry friction of these levels, whatever the arm does."""
+    """Return dry friction of these levels, whatever the arm does."""
     levels = np.array(forward), np.array(backward or forward)
     return Laws(dry=lambda q, v, tau: levels)
 
 
 def gantry(laws: Laws | None = None, damping: tuple[float, float] = (0.0, 0.0), gravity: bool = False) -> ArmTerms:
-    """Two slides, x then y: masses of 5 and 2 kg, no coupling, and no torque from gravity."""
+    """Return two slides, x then y: masses of 5 and 2 kg, no coupling, and no torque from gravity."""
     plant = MultibodyPlant(0.0)
     if not gravity:
         plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
@@ -45,7 +44,7 @@ def gantry(laws: Laws | None = None, damping: tuple[float, float] = (0.0, 0.0), 
 
 
 def crank(laws: Laws | None = None, damping: float = 0.0, effort: float = 30.0) -> ArmTerms:
-    """A crank about z, without gravity's torque; its tool is the hand."""
+    """Return a crank about z, without gravity's torque; its tool is the hand."""
     plant = MultibodyPlant(0.0)
     mass, centre = 1.0, 0.4
     about = SpatialInertia(mass, np.array([centre, 0.0, 0.0]), UnitInertia(0.01, INERTIA / mass, INERTIA / mass))
@@ -58,8 +57,6 @@ def crank(laws: Laws | None = None, damping: float = 0.0, effort: float = 30.0) 
     plant.AddFrame(FixedOffsetFrame("hand", body.body_frame(), RigidTransform([RADIUS, 0.0, 0.0])))
     plant.Finalize()
     return ArmTerms(plant, ["pin"], tool_frame="hand", laws=laws)
-
-
 
 
 def begun(params: Filter, laws: Laws | None = None, v: tuple[float, float] = (0.5, -0.4), t: float = 1.0) -> Ekf:

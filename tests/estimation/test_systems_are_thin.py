@@ -119,7 +119,9 @@ def test_readings_of_the_future_or_the_far_past_are_counted_and_left_out(
     assert (track[SensorTrack.ACCEPTED], track[SensorTrack.INVALID]) == (accepted, invalid)
     before = track.copy()
     tick(system, context, 9.0)  # the same reading is used once
-    np.testing.assert_array_equal(out(system, context, "sensor_tracks")[SensorTrack.ACCEPTED], before[SensorTrack.ACCEPTED])
+    np.testing.assert_array_equal(
+        out(system, context, "sensor_tracks")[SensorTrack.ACCEPTED], before[SensorTrack.ACCEPTED]
+    )
 
 
 def test_readings_wait_for_the_first_message_and_may_be_taken_at_time_zero() -> None:
@@ -161,11 +163,11 @@ def test_a_monitor_says_what_the_same_monitor_says_by_hand() -> None:
     rng, previous = np.random.default_rng(1390), (np.zeros(2), np.zeros(2), NEVER)
     tracks = [np.zeros(12 + 6), np.zeros(12 + 2)]
     loud = False
-    for k in range(400):
+    for k in range(260):
         q, v, tau, t = message(k)
         late = 0.003 if k % 5 else 0.03 if k % 2 else -0.002
         x, theta, white = np.concatenate([q, v]), np.full(2, 1e-4), rng.normal(size=2)
-        nis = 500.0 if k > 380 else 4.0
+        nis = 500.0 if k > 240 else 4.0
         if k % 4 == 0:
             reading = rng.normal(size=6)
             note(tracks[0], reading, float(reading @ reading), t, k % 12 != 0)

@@ -129,7 +129,9 @@ class Plain:
             self.largest = 0.0
             if len(self.waiting) > 16:
                 if self.blocks >= 20_000.0:
-                    self.blocks, self.peaks, self.sum = (x * 19_999 / 20_000 for x in (self.blocks, self.peaks, self.sum))
+                    self.blocks, self.peaks, self.sum = (
+                        x * 19_999 / 20_000 for x in (self.blocks, self.peaks, self.sum)
+                    )
                 peak = self.waiting.pop(0)
                 self.blocks += 1.0
                 self.peaks += peak > 0.7

@@ -58,13 +58,13 @@ class Plain:
 
 @pytest.mark.parametrize(("seed", "scale"), [(0, 1.0), (1, 4.0), (2, 0.2), (3, 12.0)])
 def test_is_what_plain_numbers_say(seed: int, scale: float) -> None:
-    """A filter that claims too little noise, or too much; after 250 messages it gets worse by and by, and well again."""
+    """A filter that claims too little noise, or too much; after 180 messages it gets worse and well again."""
     rng, state, plain = np.random.default_rng([1303, seed]), monitor_state(), Plain()
     state.header[DriftEntry.NIS] = plain.average = 5.0
     normal, found = 0.0, []
-    for k in range(700):
-        learning, dt = k < 250, DT * (1.0 + (k % 5 == 0))
-        worse = 1.0 + 4.0 * np.clip((k - 300) / 250, 0.0, 1.0) * (k < 600)
+    for k in range(480):
+        learning, dt = k < 180, DT * (1.0 + (k % 5 == 0))
+        worse = 1.0 + 4.0 * np.clip((k - 200) / 150, 0.0, 1.0) * (k < 420)
         nis = scale * worse * float(rng.chisquare(DOF))
         white = 0.5 * np.sqrt(scale * worse) * rng.normal(size=N)
         white *= min(1.0, 5.9 / float(np.linalg.norm(white)))
@@ -97,7 +97,7 @@ def test_nothing_is_said_before_it_is_armed() -> None:
 
 
 def test_messages_that_are_far_off_in_a_row() -> None:
-    """Ten times what is normal is far; two in a row are over the threshold of one and a half, and three count as two."""
+    """Ten times what is normal is far; two in a row are over the threshold of one and a half, three count as two."""
     state = monitor_state()
     said = []
     for nis in (61.0, 59.0, 61.0, 61.0, 61.0, 61.0, 60.0, 61.0):

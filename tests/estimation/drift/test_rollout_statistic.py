@@ -25,9 +25,6 @@ def rollout_test(terms: ArmTerms) -> tuple[RolloutTest, DriftState]:
     return rollouts, state
 
 
-
-
-
 def run(
     rollouts: RolloutTest, state: DriftState, x: Array, q_end: Array, tau: Array, start: float, learning: bool
 ) -> float:
@@ -105,7 +102,9 @@ def test_a_hand_on_its_joint_s_axis_raises_nothing() -> None:
     arm = ArmTerms(crank().plant, ["pin"])  # the tool is the link's own origin, on the pin
     rollouts, state = rollout_test(arm)
     found = run(rollouts, state, np.zeros(2), np.array([0.001]), np.zeros(1), 1.0, False)
-    assert found == pytest.approx(2.0 * INERTIA * 0.001 / SPAN**2 / (SIGMA * np.hypot(0.1, 0.3 / np.sqrt(15.0))), rel=1e-6)
+    assert found == pytest.approx(
+        2.0 * INERTIA * 0.001 / SPAN**2 / (SIGMA * np.hypot(0.1, 0.3 / np.sqrt(15.0))), rel=1e-6
+    )
 
 
 def test_a_rollout_that_runs_away_is_a_million_off() -> None:

@@ -243,7 +243,14 @@ def test_is_what_plain_numbers_say(scale: float, before: float) -> None:
 
 def test_a_reading_is_told_within_six_deviations_and_only_where_one_came() -> None:
     before = np.zeros(len(SensorTrack) + 2)
-    for counts, used in (((1, 0), True), ((0, 1), False), ((2, 0), None), ((1, 1), None), ((0, 0), None), ((-1, 0), None)):
+    for counts, used in (
+        ((1, 0), True),
+        ((0, 1), False),
+        ((2, 0), None),
+        ((1, 1), None),
+        ((0, 0), None),
+        ((-1, 0), None),
+    ):
         after = before.copy()
         after[[SensorTrack.ACCEPTED, SensorTrack.REFUSED]] = counts
         after[len(SensorTrack) :] = [0.25, -0.125]

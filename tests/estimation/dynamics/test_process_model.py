@@ -110,7 +110,9 @@ def test_derivatives_of_an_arm_that_gravity_pulls() -> None:
 
     plant = MultibodyPlant(0.0)
     body = plant.AddRigidBody("bob", SpatialInertia(2.0, np.array([0.0, 0.0, -0.5]), UnitInertia(0.26, 0.26, 0.01)))
-    plant.AddJoint(RevoluteJoint("hinge", plant.world_frame(), body.body_frame(), np.array([0.0, 1.0, 0.0]), damping=0.4))
+    plant.AddJoint(
+        RevoluteJoint("hinge", plant.world_frame(), body.body_frame(), np.array([0.0, 1.0, 0.0]), damping=0.4)
+    )
     plant.Finalize()
     arm = ArmTerms(plant, ["hinge"])
     parameters = ParameterSet(arm, Filter(parameters=[]))
@@ -145,7 +147,12 @@ def test_a_short_rollout_takes_the_mean_of_each_step_s_torques() -> None:
 def test_a_rollout_ends_where_a_joint_left_a_hundred_times_its_limit(speed: float, steps: int) -> None:
     arm = crank()
     q, _ = short_rollout(
-        arm, ParameterSet(arm, Filter(parameters=[])), np.array([0.0, speed]), np.zeros(0), 0.01 * np.arange(11), np.zeros((11, 1))
+        arm,
+        ParameterSet(arm, Filter(parameters=[])),
+        np.array([0.0, speed]),
+        np.zeros(0),
+        0.01 * np.arange(11),
+        np.zeros((11, 1)),
     )
     assert float(q[0]) == pytest.approx(0.01 * steps * speed, rel=1e-9)
 

@@ -83,7 +83,9 @@ def test_what_becomes_of_a_message(t: float, streak: float, course: Course) -> N
     assert course_of(moved(STREAK=streak), Q, V, t, True) is course
 
 
-@pytest.mark.parametrize(("value", "usable"), [(9999.0, True), (-9999.0, True), (1e4, False), (-1e4, False), (np.nan, False)])
+@pytest.mark.parametrize(
+    ("value", "usable"), [(9999.0, True), (-9999.0, True), (1e4, False), (-1e4, False), (np.nan, False)]
+)
 def test_no_angle_or_speed_is_absurd(value: float, usable: bool) -> None:
     ekf, odd = moved(), np.array([0.0, value])
     for q, v in ((odd, V), (Q, odd)):

@@ -38,7 +38,9 @@ def test_no_angle_is_less_certain_than_a_turn_and_no_speed_than_twice_its_limit(
     assert ekf.belief.P[3, 3] == pytest.approx(4.0) and np.isfinite(ekf.belief.P).all()
 
 
-@pytest.mark.parametrize(("span", "rate", "steps"), [(0.1, 200.0, 22), (0.101, 200.0, 23), (0.0, 200.0, 2), (0.5, 100.0, 52)])
+@pytest.mark.parametrize(
+    ("span", "rate", "steps"), [(0.1, 200.0, 22), (0.101, 200.0, 23), (0.0, 200.0, 2), (0.5, 100.0, 52)]
+)
 def test_the_past_reaches_back_as_far_as_it_is_asked_to(span: float, rate: float, steps: int) -> None:
     ekf = Ekf(gantry(), Filter(parameters=[], history=span, rate=rate))
     assert ekf.history.capacity == steps and ekf.period == pytest.approx(1.0 / rate)

@@ -24,7 +24,9 @@ def test_views_fill_the_vector_and_do_not_overlap() -> None:
     for k, view in enumerate(views):
         view[...] = k + 1.0
     assert [int(np.sum(belief.vector == k + 1.0)) for k in range(len(views))] == [view.size for view in views]
-    np.testing.assert_array_equal(belief.x, np.concatenate([belief.q, belief.v, belief.disturbance, belief.theta, belief.own]))
+    np.testing.assert_array_equal(
+        belief.x, np.concatenate([belief.q, belief.v, belief.disturbance, belief.theta, belief.own])
+    )
 
 
 def test_nothing_is_known_at_first() -> None:
@@ -51,7 +53,9 @@ def test_others_see_state_and_parameters() -> None:
     np.testing.assert_array_equal(belief.outside_covariance(), [[10.0 * i + j for j in seen] for i in seen])
 
 
-@pytest.mark.parametrize(("value", "sound"), [(9.9, True), (-9.9, True), (10.0, False), (-11.0, False), (np.nan, False)])
+@pytest.mark.parametrize(
+    ("value", "sound"), [(9.9, True), (-9.9, True), (10.0, False), (-11.0, False), (np.nan, False)]
+)
 def test_a_sound_belief_is_finite_and_no_state_is_larger_than_that(value: float, sound: bool) -> None:
     belief = Belief(1, 1)
     belief.x[3] = value

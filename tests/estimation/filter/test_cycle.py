@@ -127,9 +127,7 @@ def test_a_message_is_predicted_to_by_the_mean_torque_of_its_ends_and_gated_as_a
         copy.predict(np.array([mean, 0.0]), DT, ekf.terms.effort_limit if k == 0 else 0.3)
         noise = copy.history.motion(0)[2]
         z = copy.belief.x[:4] + [1e-5, -2e-5, 1e-3, 2e-3]
-        S = copy.belief.P[:4, :4] + np.diag(
-            np.repeat([2e-5, 2e-3], 2) ** 2 * np.exp(copy.belief.noise[:2]).ravel()
-        )
+        S = copy.belief.P[:4, :4] + np.diag(np.repeat([2e-5, 2e-3], 2) ** 2 * np.exp(copy.belief.noise[:2]).ravel())
         y = z - copy.belief.x[:4]
         ekf.observe(z[:2], z[2:], np.array([tau, 0.0]), 1.0 + DT * (k + 1))
         assert h[Entry.NIS] == pytest.approx(float(y @ np.linalg.solve(S, y)), rel=1e-5)
@@ -217,7 +215,13 @@ def test_a_prior_is_refuted_by_what_was_learnt() -> None:
 def test_predictions_ask_for_finite_numbers_and_a_time_ahead() -> None:
     ekf = begun(PARAMS)
     ekf.predict(np.zeros(2), 2.5)
-    for u, dt in ((np.zeros(2), 2.51), (np.zeros(2), 0.0), (np.zeros(2), -0.1), (np.zeros(3), 0.1), (np.zeros(2), np.inf)):
+    for u, dt in (
+        (np.zeros(2), 2.51),
+        (np.zeros(2), 0.0),
+        (np.zeros(2), -0.1),
+        (np.zeros(3), 0.1),
+        (np.zeros(2), np.inf),
+    ):
         with pytest.raises(FilterError):
             ekf.predict(u, dt)
     with pytest.raises(FilterError):

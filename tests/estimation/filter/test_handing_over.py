@@ -9,8 +9,8 @@ from tests.estimation.small_arms import begun, constant_friction
 from twin_diagram.estimation.filter.belief import Entry
 from twin_diagram.estimation.filter.model_swap import hand_over
 from twin_diagram.estimation.filter.sensor_registry import FilterError
-from twin_diagram.scenario import Filter
 from twin_diagram.estimation.sensors import LinkImu
+from twin_diagram.scenario import Filter
 
 NAMES = ["torque_bias"]
 

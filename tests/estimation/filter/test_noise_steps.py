@@ -19,7 +19,9 @@ def test_a_first_reading_counts_for_a_twentieth_and_later_ones_as_four_over_thei
     assert gain(1.0, 2.0, 1e9) == pytest.approx(0.05)
 
 
-@pytest.mark.parametrize(("square", "surprise"), [(0.0, -1.0), (1.0, 0.0), (4.0, 3.0), (8.9, 7.9), (9.1, 8.0), (99.0, 8.0)])
+@pytest.mark.parametrize(
+    ("square", "surprise"), [(0.0, -1.0), (1.0, 0.0), (4.0, 3.0), (8.9, 7.9), (9.1, 8.0), (99.0, 8.0)]
+)
 def test_a_level_moves_with_how_far_a_reading_is_off(square: float, surprise: float) -> None:
     """By the share that its variance has in what is seen; a square counts for nine times its mean at most."""
     level, noise, inverse = np.array([0.3]), np.array([0.02]), np.array([10.0])

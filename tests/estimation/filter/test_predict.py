@@ -181,9 +181,7 @@ def test_white_torque_that_was_found_small_counts_as_given_while_nobody_watches(
     by = ekf.by_torque
     assert by is not None
     std = 0.3 * np.array([1.0 if blind else 0.5, 2.0])
-    np.testing.assert_allclose(
-        newest_noise(ekf)[2:4, 2:4], by[2:] @ np.diag(std**2 * 0.005 / DT) @ by[2:].T, rtol=1e-6
-    )
+    np.testing.assert_allclose(newest_noise(ekf)[2:4, 2:4], by[2:] @ np.diag(std**2 * 0.005 / DT) @ by[2:].T, rtol=1e-6)
 
 
 def test_stiction_that_nobody_watches_may_have_let_go() -> None:

@@ -113,7 +113,12 @@ def test_who_is_wrong_is_told_by_majority() -> None:
     declared, belief = three()
     assert declared.odd_one_out(belief) is None
     runs = {"a": chi2.isf(1e-8, 2), "b": chi2.isf(1e-8, 3), "c": chi2.isf(1e-8, 1)}
-    for shares, wrong in (((0.9, 0.9, 0.99), None), ((1.2, 1.5, 0.9), "b"), ((1.2, 1.1, 0.9), "a"), ((2.0, 2.0, 2.0), "joints")):
+    for shares, wrong in (
+        ((0.9, 0.9, 0.99), None),
+        ((1.2, 1.5, 0.9), "b"),
+        ((1.2, 1.1, 0.9), "a"),
+        ((2.0, 2.0, 2.0), "joints"),
+    ):
         for track, share, run in zip(belief.tracks, shares, runs.values(), strict=True):
             track[SensorTrack.RUN] = share * run
         assert declared.odd_one_out(belief) == wrong

@@ -1,4 +1,4 @@
-"""Gate and update on a gantry: to the gate's border, late readings at their own time, and what a run of refusals opens."""
+"""Gate and update on a gantry: to the border; late readings at their own time; what a run of refusals opens."""
 
 from __future__ import annotations
 

@@ -146,7 +146,7 @@ def test_a_search_goes_astray_beyond_three_of_its_deviations(offset: float, astr
     sensor = cloud(surface, reach=0.3, noise=PointNoise(std_0=1e-4, growth=0.0))
     points = surface[0] + [*Q, offset]
     if astray:
-        with pytest.raises(CloudError, match="astray, by 0.09"):
+        with pytest.raises(CloudError, match=r"astray, by 0\.09"):
             sensor.align(points, ORIGIN, Q)
     else:
         assert sensor.align(points, ORIGIN, Q)[0][6] == pytest.approx(offset, rel=1e-3)
@@ -177,7 +177,7 @@ def test_a_search_that_does_not_settle_adds_the_scatter_of_its_steps(monkeypatch
 
 def test_a_search_ends_where_its_steps_are_a_thousandth_of_its_deviations(monkeypatch: pytest.MonkeyPatch) -> None:
     """Steps of 3 cm and 0.2 rad, over a thousand."""
-    surface = faces(2, count=6)
+    surface, partners = faces(2, count=6), DepthCloud._partners
     for step, settles in ((2.9e-5, True), (3.1e-5, False)):
         sensor = cloud(surface, reach=0.3, noise=PointNoise(std_0=1e-4, growth=0.0))
         count = 0
@@ -188,7 +188,6 @@ def test_a_search_ends_where_its_steps_are_a_thousandth_of_its_deviations(monkey
             self._surface = surface[0] + [0.0, 0.0, at[0, 2] - 0.05 - step]
             return partners(self, at, origin, known)
 
-        partners = DepthCloud._partners
         with monkeypatch.context() as patch:
             patch.setattr(DepthCloud, "_partners", leading)
             sensor.align(surface[0] + [*Q, 0.0], ORIGIN, Q)

@@ -157,9 +157,7 @@ def test_a_plate_is_found_where_it_is_and_needs_twelve_points() -> None:
     assert z[6] == pytest.approx(0.004, abs=1e-4)
     np.testing.assert_allclose(z[4:6], q, atol=1e-4)
     slants = 1.0 / np.linalg.norm(surface - EYE, axis=1)
-    assert cov[5, 5] == pytest.approx(
-        1.0 / np.sum(1.0 / (1.25e-4 * slants**2 + 0.004**2)) + 0.0005**2, rel=0.1
-    )
+    assert cov[5, 5] == pytest.approx(1.0 / np.sum(1.0 / (1.25e-4 * slants**2 + 0.004**2)) + 0.0005**2, rel=0.1)
     for keep, enough in ((12, True), (11, False)):
         few = lidar(plate(9, 0.06))
         lid = np.array([0.1, -0.1, 0.0]) + (plate(9, 0.06)[keep:] - EYE) * 0.7 + EYE

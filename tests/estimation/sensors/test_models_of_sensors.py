@@ -39,7 +39,9 @@ def test_a_gate_refuses_one_good_reading_in_a_million(size: int) -> None:
     assert chi2.sf(BodyPose(gantry(), "car").gate, 6) == pytest.approx(1e-6, rel=1e-6)
 
 
-@pytest.mark.parametrize(("value", "sound"), [(0.99e6, True), (-0.99e6, True), (1e6, False), (-1.1e6, False), (np.nan, False)])
+@pytest.mark.parametrize(
+    ("value", "sound"), [(0.99e6, True), (-0.99e6, True), (1e6, False), (-1.1e6, False), (np.nan, False)]
+)
 def test_a_reading_is_finite_and_below_a_million(value: float, sound: bool) -> None:
     assert MotorTorque(2).sound(np.array([0.0, value])) == sound
 
@@ -79,7 +81,9 @@ def test_a_pose_s_noise_is_the_square_of_what_is_told() -> None:
 
 
 def test_a_pose_s_bias_turns_and_moves_it_in_the_world() -> None:
-    sensor = BodyPose(gantry(), "car", X_BO=RigidTransform(RollPitchYaw(0.3, 0.2, 0.1), [0.1, 0.2, 0.3]), bias=PoseBias(0.004, 0.02))
+    sensor = BodyPose(
+        gantry(), "car", X_BO=RigidTransform(RollPitchYaw(0.3, 0.2, 0.1), [0.1, 0.2, 0.3]), bias=PoseBias(0.004, 0.02)
+    )
     np.testing.assert_allclose(sensor.own_std(), [0.02] * 3 + [0.004] * 3)
     np.testing.assert_allclose(sensor.own_walk(), 0.01 * sensor.own_std())
     assert sensor.own_labels()[0] == "camera.bias_rx [rad]" and sensor.own_labels()[5] == "camera.bias_z [m]"
@@ -99,12 +103,16 @@ def test_a_pose_s_bias_turns_and_moves_it_in_the_world() -> None:
     np.testing.assert_allclose(sensor.jacobian(X), expected[:, :6], atol=1e-12)
 
 
-@pytest.mark.parametrize(("length", "sound"), [(1.0, True), (1.099, True), (0.901, True), (1.101, False), (0.899, False)])
+@pytest.mark.parametrize(
+    ("length", "sound"), [(1.0, True), (1.099, True), (0.901, True), (1.101, False), (0.899, False)]
+)
 def test_a_quaternion_has_length_one_to_within_a_tenth(length: float, sound: bool) -> None:
     z = np.array([0.6 * length, 0.0, -0.8 * length, 0.0, 1.0, 2.0, 3.0])
     sensor = BodyPose(gantry(), "car")
     assert sensor.sound(z) == sound and not sensor.sound(np.full(7, np.nan))
-    np.testing.assert_allclose(sensor.innovation(z, np.array([0.6, 0.0, -0.8, 0.0, 0.5, 2.0, 2.0])), [0, 0, 0, 0.5, 0, 1], atol=1e-12)
+    np.testing.assert_allclose(
+        sensor.innovation(z, np.array([0.6, 0.0, -0.8, 0.0, 0.5, 2.0, 2.0])), [0, 0, 0, 0.5, 0, 1], atol=1e-12
+    )
 
 
 def test_biases_of_a_sensor_on_a_link_drift_as_told() -> None:
@@ -159,7 +167,13 @@ def test_sensors_as_a_scenario_names_them() -> None:
     assert pose.frame.pose(Q)[1] == pytest.approx([0.1, -0.2, 0.0])  # the last link
     assert imu.frame.pose(Q)[1] == pytest.approx([0.1, 0.0, 0.0])
     make_sensor(arm, SensorSpec(kind="imu"))
-    for kind, std in (("imu", [0.1]), ("imu", [0.1, 0.0]), ("imu", [0.1, -1.0]), ("torque", [0.1, 0.2]), ("wrench", [0.1, 0.2, 0.3])):
+    for kind, std in (
+        ("imu", [0.1]),
+        ("imu", [0.1, 0.0]),
+        ("imu", [0.1, -1.0]),
+        ("torque", [0.1, 0.2]),
+        ("wrench", [0.1, 0.2, 0.3]),
+    ):
         with pytest.raises(ScenarioError, match="positive numbers"):
             make_sensor(arm, SensorSpec(kind=kind, std=std))
     with pytest.raises(ScenarioError, match="'sonar'"):
@@ -191,7 +205,9 @@ def test_a_good_look_is_as_sure_as_what_was_learnt_from() -> None:
 )
 def test_a_bad_look_is_worse_by_what_was_fitted(covered: float, brightness: float, worse: tuple[float, float]) -> None:
     """The fit of `train_camera_noise.py`, worked out on paper; twenty times at most."""
-    np.testing.assert_allclose(camera_noise(covered, brightness) / camera_noise(0.0, 0.4), np.repeat(worse, 3), rtol=2e-3)
+    np.testing.assert_allclose(
+        camera_noise(covered, brightness) / camera_noise(0.0, 0.4), np.repeat(worse, 3), rtol=2e-3
+    )
 
 
 def test_a_look_is_never_half_as_good_again_and_one_of_nothing_is_the_worst() -> None:

@@ -71,7 +71,9 @@ def difference(now: Instant, index: int, by: Array | None = None) -> Array:
     for step in (1e-5, -1e-5):
         x = now.x.copy()
         x[index] += step
-        ends.append(wrench().linear(replace(now, x=x, acceleration=now.acceleration + (0.0 if by is None else step * by))))
+        ends.append(
+            wrench().linear(replace(now, x=x, acceleration=now.acceleration + (0.0 if by is None else step * by)))
+        )
     return np.asarray((ends[0].reading - ends[1].reading) / 2e-5)
 
 
