@@ -124,8 +124,9 @@ def test_twelve_points_within_reach_make_a_pose() -> None:
         else:
             with pytest.raises(CloudError, match="11 points"):
                 sensor.align(told, ORIGIN, Q)
-    for far, near in ((0.0199, True), (0.0201, False)):
-        sensor = cloud(surface, reach=0.02, noise=PointNoise(std_0=10.0, growth=0.0))
+    for far, near, reach in ((0.0199, True, 0.02), (0.0201, False, 0.02), (0.0299, True, 0.0), (0.0301, False, 0.0)):
+        more = {"reach": reach} if reach else {}  # three centimetres where none is told
+        sensor = cloud(surface, noise=PointNoise(std_0=10.0, growth=0.0), **more)
         if near:
             sensor.align(points + [0.0, 0.0, far], ORIGIN, Q)
         else:

@@ -123,6 +123,11 @@ def test_biases_of_a_sensor_on_a_link_drift_as_told() -> None:
         np.testing.assert_allclose(sensor.own_std(), np.repeat([0.3, 0.4], 3))
         np.testing.assert_allclose(sensor.own_walk(), np.repeat([0.5, 0.6], 3))
     assert imu.own_labels()[1] == "imu.gyro_bias_y [rad/s]" and wrench.own_labels()[5] == "wrench.force_bias_z [N]"
+    imu, wrench = LinkImu(gantry(), "car"), WristWrench(gantry(), "car")
+    np.testing.assert_allclose(imu.own_std(), np.repeat([0.02, 0.1], 3))
+    np.testing.assert_allclose(imu.own_walk(), np.repeat([1e-4, 1e-3], 3))
+    np.testing.assert_allclose(wrench.own_std(), np.repeat([0.1, 1.0], 3))
+    np.testing.assert_allclose(wrench.own_walk(), np.repeat([3e-4, 3e-3], 3))
     np.testing.assert_allclose(LinkImu(gantry(), "car").noise(X), np.diag(np.square(np.repeat([1e-3, 1e-2], 3))))
     np.testing.assert_allclose(WristWrench(gantry(), "car").noise(X), np.diag(np.square(np.repeat([0.01, 0.1], 3))))
 
