@@ -157,6 +157,14 @@ def test_a_rollout_ends_where_a_joint_left_a_hundred_times_its_limit(speed: floa
     assert float(q[0]) == pytest.approx(0.01 * steps * speed, rel=1e-9)
 
 
+def test_one_joint_that_ran_away_ends_it_for_all() -> None:
+    arm = gantry()  # limits of 2 and 1 m/s
+    parameters, times = ParameterSet(arm, Filter(parameters=[])), 0.01 * np.arange(11)
+    for state, steps in (([0.0, 0.0, 0.5, 101.0], 1), ([0.0, 0.0, 201.0, 0.5], 1), ([0.0, 0.0, 199.0, 99.0], 10)):
+        q, _ = short_rollout(arm, parameters, np.array(state), np.zeros(0), times, np.zeros((11, 2)))
+        np.testing.assert_allclose(q, 0.01 * steps * np.array(state[2:]))
+
+
 def test_an_error_as_torque() -> None:
     """A constant torque moves a joint by ½ τ T² / I; the payload that was learnt counts."""
     arm = gantry()
