@@ -228,3 +228,19 @@ def test_predictions_ask_for_finite_numbers_and_a_time_ahead() -> None:
         ekf.predict(np.array([0.0, np.inf]), 0.1)
     with pytest.raises(FilterError, match="no state"):
         Ekf(gantry(), PARAMS).predict(np.zeros(2), 0.1)
+
+
+def test_a_filter_that_runs_away_takes_its_state_anew_and_keeps_its_parameters() -> None:
+    ekf = begun(PARAMS)
+    t = follow(ekf, 3) + DT
+    ekf.belief.theta[:] = ekf.belief.model[:] = [0.5, -0.25]
+    P = ekf.belief.P[6:, 6:].copy()
+    ekf.belief.P[0, 0] = -1.0
+    accepted = float(ekf.belief.header[Entry.ACCEPTED])
+    assert ekf.observe(Q, V, np.array([1.0, 2.0]), t)
+    np.testing.assert_array_equal(ekf.belief.x, [*Q, *V, 0.0, 0.0, 0.5, -0.25])
+    np.testing.assert_array_equal(ekf.belief.P[6:, 6:], P)
+    np.testing.assert_array_equal(ekf.belief.torque, [1.0, 2.0])
+    h = ekf.belief.header
+    assert h[Entry.TIME] == t and h[Entry.RESTARTS] == 1.0 and h[Entry.FRESH] == 1.0
+    assert h[Entry.ACCEPTED] == accepted
