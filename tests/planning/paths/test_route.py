@@ -195,8 +195,6 @@ def test_a_route_that_is_blocked_late_is_followed_for_want_of_a_better_one() -> 
 
 
 def test_way_points_are_passed_where_they_are_near_or_needless() -> None:
-    router, _ = world(Wall())
-
     def shortened(q: Any, points: Any, wall: Wall | None = None, coarse: Array = MARGINS) -> Array:
         router, _ = world(wall or Wall())
         return router._shortcut(Route(Aim.GOAL, np.array(points)), situation(q, []), MARGINS, coarse).points
