@@ -76,7 +76,7 @@ def test_a_brake_takes_seven_tenths_of_the_speed_away_within_its_level(
     braked: tuple[Brakes, MultibodyPlant, Arm],
 ) -> None:
     """Of what the lightest of some poses needs, with dampers and controllers; three tenths are carried on."""
-    brakes, plant, arm = braked
+    brakes, plant, _ = braked
     assert brakes.count == 3
     along = np.zeros((3, 7))
     along[0, 0] = along[1, 4] = along[1, 5] = along[2, 3] = 1.0
