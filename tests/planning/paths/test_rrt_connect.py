@@ -116,7 +116,7 @@ def test_without_weights_all_joints_weigh_one() -> None:
                          np.random.default_rng(2), 5000, weights)
         for weights in (None, ONES)
     ]  # fmt: skip
-    np.testing.assert_array_equal(*paths)
+    np.testing.assert_array_equal(paths[0], paths[1])
 
 
 def test_a_zigzag_is_drawn_straight_but_not_through_what_is_in_the_way() -> None:
