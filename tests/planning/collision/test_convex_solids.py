@@ -135,3 +135,9 @@ def test_inside_a_box_or_drum_the_nearest_side_is_the_way_out() -> None:
     distance, normal = Ball(P, 0.2).distance(P[None])
     assert distance[0] == pytest.approx(-0.2)
     np.testing.assert_allclose(normal, [[0, 0, 1.0]])
+
+
+def test_where_side_and_end_are_equally_near_there_is_one_way_out() -> None:
+    drum = Drum(np.zeros(3), np.array([0.0, 0.0, 1.0]), 0.25, 0.25)
+    distance, normal = drum.distance(np.array([[0.125, 0.0, 0.125]]))
+    assert distance[0] == -0.125 and np.linalg.norm(normal[0]) == 1.0
