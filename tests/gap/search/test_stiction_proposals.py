@@ -134,7 +134,7 @@ def test_the_level_at_rest_is_what_few_rests_exceed(monkeypatch: pytest.MonkeyPa
         (np.resize([2.0, 2.2], 8), 1.0, 0.0, True),
         (np.resize([1.3, 1.38], 16), 1.0, 0.0, False),
         (np.resize([1.3, 1.42], 16), 1.0, 0.0, True),
-        (np.resize([0.6, 3.0], 16), 0.5, 0.3, True),
+        (np.resize([0.9, 3.0], 16), 0.5, 0.3, True),
         (np.resize([-0.03, 3.0], 16), 0.5, 0.4, False),
     ],
 )
