@@ -104,9 +104,7 @@ def law(terms: Terms, candidate: Candidate, values: Mapping[str, Array]) -> Arra
     joints = [given.joints[j] for j in candidate.joints]
     spec = EffectSpec(candidate.name, joints, list(candidate.links), {k: list(x) for k, x in values.items()})
     model = given.with_effects([*given.effects, make(spec)])
-    needed = terms.records.reduce(
-        lambda r: model.inverse_dynamics(r.q, r.v, r.a, time=r.time, seen=r.torque) - r.given
-    )
+    needed = terms.records.reduce(lambda r: model.inverse_dynamics(r.q, r.v, r.a, time=r.time, seen=r.torque) - r.given)
     return np.asarray(needed)
 
 

@@ -69,7 +69,9 @@ def test_where_much_was_named_no_law_is_exact() -> None:
     np.testing.assert_allclose(found[ELBOW], 1.0 / np.sqrt(1.0 + 0.03**2 * mean), rtol=1e-6)
 
 
-def asked(left: list[float], candidates: list[Any], monkeypatch: pytest.MonkeyPatch, late: list[int] | None = None) -> list[int]:
+def asked(
+    left: list[float], candidates: list[Any], monkeypatch: pytest.MonkeyPatch, late: list[int] | None = None
+) -> list[int]:
     statistic = SimpleNamespace(joints=np.array(left))
     monkeypatch.setattr(naming.leftover_structure, "left_over", lambda *arguments: statistic)
     monkeypatch.setattr(naming, "uneven", lambda bench, fit, k: late or [])

@@ -236,7 +236,10 @@ def test_a_links_given_inertia_holds_what_the_model_adds_to_it() -> None:
     link, other = ARM.tree.link[2], ARM.tree.link[3]
     more = {"mass": 0.5, "com": [0.01, 0.0, 0.02], "inertia": [0.01, 0.01, 0.01, 0.0, 0.0, 0.0]}
     heavier = ARM.with_effects(
-        [effect("inertial_parameters", links=[link], **more), effect("payload", links=[ARM.last_link], mass=1.0, com=[0, 0, 0.0])]  # type: ignore[arg-type]
+        [
+            effect("inertial_parameters", links=[link], **more),
+            effect("payload", links=[ARM.last_link], mass=1.0, com=[0, 0, 0.0]),
+        ]  # type: ignore[arg-type]
     )
     before, after = link_inertia(ARM, link), link_inertia(heavier, link)
     assert after[0] - before[0] == pytest.approx(0.5)
@@ -244,7 +247,7 @@ def test_a_links_given_inertia_holds_what_the_model_adds_to_it() -> None:
     np.testing.assert_allclose(after[2] - before[2], more["inertia"])
     for a, b in zip(link_inertia(ARM, other), link_inertia(heavier, other), strict=True):
         np.testing.assert_array_equal(a, b)
-    mass, centre, inertia = about_centre(ARM.tree.inertia[2])
+    mass, *_ = about_centre(ARM.tree.inertia[2])
     assert before[0] == pytest.approx(MASSES[2]) == pytest.approx(mass)
 
 

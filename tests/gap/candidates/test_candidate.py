@@ -45,7 +45,9 @@ def test_scaled_coefficients_have_scaled_errors() -> None:
 def test_errors_go_through_a_law_by_its_slopes() -> None:
     c = np.array([2.0, 3.0])
     covariance = np.array([[0.04, 0.01], [0.01, 0.09]])
-    values = transformed(lambda x: {"product": np.array([x[0] * x[1], x[0] ** 2]), "sum": x[0:1] + x[1:2]})(c, covariance)
+    values = transformed(lambda x: {"product": np.array([x[0] * x[1], x[0] ** 2]), "sum": x[0:1] + x[1:2]})(
+        c, covariance
+    )
     slopes = np.array([[3.0, 2.0], [4.0, 0.0]])
     np.testing.assert_allclose(values["product"][0], [6.0, 4.0])
     np.testing.assert_allclose(values["product"][1], np.sqrt(np.diag(slopes @ covariance @ slopes.T)), rtol=1e-6)

@@ -83,7 +83,10 @@ def test_an_encoders_noise_may_bring_a_gear_its_share_of_the_band(share: float) 
 
 def test_shapes_are_searched_about_what_was_found() -> None:
     terms = swinging()
-    play, spring = gear(terms, GearShape("backlash", PAN, PLAY)), gear(terms, GearShape("joint_elasticity", ELBOW, SPRING))
+    play, spring = (
+        gear(terms, GearShape("backlash", PAN, PLAY)),
+        gear(terms, GearShape("joint_elasticity", ELBOW, SPRING)),
+    )
     assert play is not None and spring is not None
     of_play, of_spring = record_of("backlash").shapes, record_of("joint_elasticity").shapes
     assert of_play is not None and of_spring is not None

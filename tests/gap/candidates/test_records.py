@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -41,8 +42,9 @@ def test_candidates_come_joint_by_joint_within_a_family_and_the_arms_last(monkey
         "c": EffectRecord(Effect, "", "", on_joints=on_joints("c")),
         "none": EffectRecord(Effect, "", ""),
     }
+
     class Named(Effect):
-        name = "c"
+        name: ClassVar[str] = "c"
 
     made["c"] = replace(made["c"], effect=Named)
     monkeypatch.setattr(records_of, "RECORDS", made)
@@ -58,8 +60,8 @@ def test_a_class_without_a_record_says_what_it_says_of_itself(monkeypatch: pytes
         More of it.
         """
 
-        name = "sticky_gear"
-        kinds = {"glue": ParameterKind("N·m")}
+        name: ClassVar[str] = "sticky_gear"
+        kinds: ClassVar[Mapping[str, ParameterKind]] = {"glue": ParameterKind("N·m")}
 
         def sentence(self) -> str:
             return "it sticks"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -16,8 +17,11 @@ from twin_diagram.model.effects import REGISTRY, Effect, ParameterKind
 class Drag(Effect):
     """A square and a cube of the speed, the latter felt by the next joint, too."""
 
-    name = "square_drag"
-    kinds = {"square": ParameterKind("", lower=0.5, upper=9.0), "cube": ParameterKind("", lower=-3.0, upper=0.25)}
+    name: ClassVar[str] = "square_drag"
+    kinds: ClassVar[Mapping[str, ParameterKind]] = {
+        "square": ParameterKind("", lower=0.5, upper=9.0),
+        "cube": ParameterKind("", lower=-3.0, upper=0.25),
+    }
 
     def torque(self, bodies: Any, q: Any, v: Any, a: Any, tau: Any) -> Any:
         own = self.spread(bodies.joints, self.value("square")) * v * np.abs(v)
@@ -26,32 +30,32 @@ class Drag(Effect):
 
 
 class Bent(Drag):
-    name = "bent_drag"
+    name: ClassVar[str] = "bent_drag"
 
     def torque(self, bodies: Any, q: Any, v: Any, a: Any, tau: Any) -> Any:
         return self.spread(bodies.joints, self.value("square") ** 2) * v
 
 
 class Nothing(Drag):
-    name = "no_drag"
+    name: ClassVar[str] = "no_drag"
 
     def torque(self, bodies: Any, q: Any, v: Any, a: Any, tau: Any) -> Any:
         return self.spread(bodies.joints, self.value("square")) * v
 
 
 class Listed(Drag):
-    name = "listed"
-    kinds = {"square": ParameterKind("", size=2), "cube": ParameterKind("")}
+    name: ClassVar[str] = "listed"
+    kinds: ClassVar[Mapping[str, ParameterKind]] = {"square": ParameterKind("", size=2), "cube": ParameterKind("")}
 
 
 class WholeArm(Drag):
-    name = "whole_arm"
-    per_joint = False
+    name: ClassVar[str] = "whole_arm"
+    per_joint: ClassVar[bool] = False
 
 
 class Plain(Drag):
-    name = "plain"
-    kinds: Any = {}
+    name: ClassVar[str] = "plain"
+    kinds: ClassVar[Mapping[str, ParameterKind]] = {}
 
 
 def made(monkeypatch: pytest.MonkeyPatch, *classes: type[Effect]) -> list[Any]:

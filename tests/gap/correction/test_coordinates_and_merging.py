@@ -135,7 +135,11 @@ def test_times_go_along() -> None:
     part = of(timed)
     assert (part.when.onset, part.when.end) == (2.0, 3.0)
     again = part.started(spec("torque_bias", torque=9.0))
-    assert again.spec.parameters["torque"] == [9.0] and (again.spec.onset, again.spec.end, again.spec.log) == (2.0, 3.0, "x")
+    assert again.spec.parameters["torque"] == [9.0] and (again.spec.onset, again.spec.end, again.spec.log) == (
+        2.0,
+        3.0,
+        "x",
+    )
     later = part.at(replace(part.when, onset=2.5))
     assert later.spec.onset == 2.5 and later.spec.end == 3.0 and later.when.onset == 2.5
 

@@ -105,7 +105,9 @@ def confirm(monkeypatch: pytest.MonkeyPatch, given: Array, corrected: Array, sec
 
 @pytest.mark.parametrize(("gain", "says"), [(9.7, False), (10.3, True)])
 @pytest.mark.parametrize("joints", [1, 3])
-def test_a_run_speaks_for_a_correction_by_ten_nats(gain: float, says: bool, joints: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_speaks_for_a_correction_by_ten_nats(
+    gain: float, says: bool, joints: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Of the innovations' likelihood, half of as many samples as there are, all joints together."""
     y = np.random.default_rng(4).normal(size=(508, joints))
     smaller = np.exp(-gain / (0.5 * 500 * joints) / 2.0)

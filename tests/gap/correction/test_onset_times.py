@@ -58,7 +58,9 @@ def test_half_a_second_to_each_side_is_tried_within_the_run() -> None:
 
 
 def test_of_two_leasts_the_lower_is_found() -> None:
-    time, _ = _least(lambda t: -30.0 * np.exp(-(((t - 5.3) / 0.03) ** 2)) - 20.0 * np.exp(-(((t - 4.9) / 0.03) ** 2)), 5.0, 0.0, 9.0)
+    time, _ = _least(
+        lambda t: -30.0 * np.exp(-(((t - 5.3) / 0.03) ** 2)) - 20.0 * np.exp(-(((t - 4.9) / 0.03) ** 2)), 5.0, 0.0, 9.0
+    )
     assert time == pytest.approx(5.3, abs=3e-3)
 
 
@@ -92,7 +94,9 @@ def test_switching_times_are_found_in_their_run(first: float, last: float | None
     assert none == rough
     deaf = retimed(rough, biased, ARM, records.records[index], records, noise, 0.0 * weights)
     assert deaf.onset == pytest.approx(rough.onset, abs=2e-3) and deaf.onset_std > 0.2
-    louder = retimed(rough, biased, ARM, records.records[index], records, replace(noise, sigma=20.0 * noise.sigma), weights)
+    louder = retimed(
+        rough, biased, ARM, records.records[index], records, replace(noise, sigma=20.0 * noise.sigma), weights
+    )
     assert louder.onset_std > found.onset_std
 
 

@@ -146,7 +146,10 @@ def test_fast_sines_are_as_hard_as_was_seen() -> None:
     """Eight tenths of the acceleration, nine of the speed, three of the range: whichever is least."""
     for changed, sizes in (
         ({}, [0.8 * 3.0 / (2 * np.pi * f) ** 2 for f in (1.0, 2.0, 4.0)]),
-        ({"acceleration": np.full(3, 1e9), "speed": np.full(3, 0.5)}, [0.9 * 0.5 / (2 * np.pi * f) for f in (1.0, 2.0, 4.0)]),
+        (
+            {"acceleration": np.full(3, 1e9), "speed": np.full(3, 0.5)},
+            [0.9 * 0.5 / (2 * np.pi * f) for f in (1.0, 2.0, 4.0)],
+        ),
         ({"acceleration": np.full(3, 1e9), "speed": np.full(3, 1e9)}, [0.3 * 2.0] * 3),
     ):
         q = trajectories.fast_sines(seen(**changed), [0])[:, 0] - middle()[0]
@@ -223,13 +226,17 @@ def test_corners_of_a_wave_are_rounded_over_their_time() -> None:
         soft = trajectories._soften(wave, duration)
         assert len(soft) == len(wave)
         np.testing.assert_allclose(soft[50], np.mean(wave[50 - width // 2 : 51 + width // 2]))
-        np.testing.assert_allclose(soft[60 + width :-width], wave[60 + width : -width], atol=1e-9)
+        np.testing.assert_allclose(soft[60 + width : -width], wave[60 + width : -width], atol=1e-9)
 
 
 def test_what_was_visited_is_within_the_description_and_at_least_a_crawl() -> None:
     time = np.arange(0.0, 6.0, 0.004)
-    q = np.array([0.2, -1.2, 1.3, -0.9, -1.0, 0.3]) + np.array([0.5, 0.4, 0.3, 0.2, 1e-4, 0.1]) * np.sin(2.0 * time[:, None])
-    found = visited(ARM, [Log(time, ARM.joints, q, torque=np.ones_like(q)), Log(time, ARM.joints, q + 0.1, torque=np.ones_like(q))])
+    q = np.array([0.2, -1.2, 1.3, -0.9, -1.0, 0.3]) + np.array([0.5, 0.4, 0.3, 0.2, 1e-4, 0.1]) * np.sin(
+        2.0 * time[:, None]
+    )
+    found = visited(
+        ARM, [Log(time, ARM.joints, q, torque=np.ones_like(q)), Log(time, ARM.joints, q + 0.1, torque=np.ones_like(q))]
+    )
     np.testing.assert_allclose(found.lower, np.min(q, axis=0), atol=2e-3)
     np.testing.assert_allclose(found.upper, np.max(q, axis=0) + 0.1, atol=2e-3)
     np.testing.assert_allclose(found.speed, [1.0, 0.8, 0.6, 0.4, 0.04, 0.2], rtol=0.01)

@@ -147,10 +147,13 @@ def test_the_size_of_a_joints_torque_is_the_models_where_none_is_logged() -> Non
     torque = np.random.default_rng(5).normal(size=(1000, 6))
     torque[:, PAN] = 0.0
     terms = changed(torque=torque)
-    given, logged = (np.sqrt(np.mean(terms.records.records[0].reduce(x) ** 2, axis=0)) for x in (
-        terms.records.records[0].given,
-        torque,
-    ))
+    given, logged = (
+        np.sqrt(np.mean(terms.records.records[0].reduce(x) ** 2, axis=0))
+        for x in (
+            terms.records.records[0].given,
+            torque,
+        )
+    )
     np.testing.assert_allclose(terms.torque_size, [given[0], *logged[1:]])
     nothing = changed(torque=0.0 * torque, given=0.0 * torque)
     np.testing.assert_allclose(nothing.torque_size, 1e-6)

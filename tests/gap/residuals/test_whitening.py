@@ -11,7 +11,14 @@ from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 from tests.gap.search.test_evidence import candidate
-from twin_diagram.gap.residuals.whitening import Whitener, effective_samples, estimate, noise_below, ordinary, restricted
+from twin_diagram.gap.residuals.whitening import (
+    Whitener,
+    effective_samples,
+    estimate,
+    noise_below,
+    ordinary,
+    restricted,
+)
 from twin_diagram.gap.search.bench import Bench
 from twin_diagram.logs.differentiation import lowpass
 

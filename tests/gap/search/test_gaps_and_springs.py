@@ -132,7 +132,9 @@ def test_springs_are_tried_by_how_their_links_would_swing() -> None:
 
 
 def test_what_may_stand_beside_a_gear() -> None:
-    bench: Any = SimpleNamespace(candidates=[at("reflected_inertia", 0), at("viscous_friction", 0), at("reflected_inertia", 1)])
+    bench: Any = SimpleNamespace(
+        candidates=[at("reflected_inertia", 0), at("viscous_friction", 0), at("reflected_inertia", 1)]
+    )
     members = frozenset({0, 1, 2})
     assert _rests(bench, members, 0) == [members, {1, 2}, {2}, {1}, frozenset()]
     assert _rests(bench, frozenset(), 0) == [frozenset()]
@@ -153,11 +155,19 @@ def test_play_is_asked_about_beside_what_is_on_its_own_joint() -> None:
 
     knocks: Any = Fake()
     found = play_shapes(bench, frozenset({0, 1, 2}), [0, 1], knocks)
-    assert {j: [shape.values[0][1] for shape in some] for j, some in found.items()} == {0: [0.005], 1: [0.004, 0.01, 0.025]}
+    assert {j: [shape.values[0][1] for shape in some] for j, some in found.items()} == {
+        0: [0.005],
+        1: [0.004, 0.01, 0.025],
+    }
     assert asked == {0: [frozenset({0, 1, 2}), frozenset({1, 2}), frozenset({2}), frozenset()]}
 
 
-def proposed(scores: dict[frozenset[int], float], monkeypatch: pytest.MonkeyPatch, evidence: dict[frozenset[int], float], members: frozenset[int] = frozenset({0})) -> bool:
+def proposed(
+    scores: dict[frozenset[int], float],
+    monkeypatch: pytest.MonkeyPatch,
+    evidence: dict[frozenset[int], float],
+    members: frozenset[int] = frozenset({0}),
+) -> bool:
     """Whether a gear is offered on a joint whose friction is named, where it scores so beside what may stand there."""
     made = replace(at("backlash"), cost=2.0)
     candidates = [at("viscous_friction", 0)]
@@ -178,12 +188,16 @@ def proposed(scores: dict[frozenset[int], float], monkeypatch: pytest.MonkeyPatc
         solve=lambda some: SimpleNamespace(evidence=evidence[frozenset(min(k, 1) for k in some)]),
     )
     monkeypatch.setattr(gear_proposals, "basis", lambda bench, rest: np.full((1, 3, 1), float(len(rest))))
-    monkeypatch.setattr(gear_proposals, "play_shapes", lambda *arguments: {0: [gear_proposals.GearShape("backlash", 0, ())]})
+    monkeypatch.setattr(
+        gear_proposals, "play_shapes", lambda *arguments: {0: [gear_proposals.GearShape("backlash", 0, ())]}
+    )
     monkeypatch.setattr(gear_proposals, "gear", lambda terms, shape: made)
     monkeypatch.setattr(
         gear_proposals,
         "score_candidate",
-        lambda bench, candidate, Q, told, bounded=False: scores[frozenset({0}) if Q[0, 0, 0] else frozenset()] if bounded else scores[frozenset({9})],
+        lambda bench, candidate, Q, told, bounded=False: (
+            scores[frozenset({0}) if Q[0, 0, 0] else frozenset()] if bounded else scores[frozenset({9})]
+        ),
     )
     some: Any = None
     found = propose(bench, some, members, [], some)

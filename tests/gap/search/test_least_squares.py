@@ -323,6 +323,7 @@ def test_a_smooth_fit_explains_each_joint_by_itself() -> None:
     bump[:, 0], bump[:, 1], bump[:, 2] = 3.0 * v[:, 0] + 1.0, 2.0, np.sin(40.0 * time)
     records = Records(ARM, (record(ARM, time, q, v, a, extra=bump),))
     speed = records.reduce(lambda r: r.v)
+
     def column(rows: tuple[int, ...], values: Array, spread: float) -> Candidate:
         one = np.full(1, spread)
         return Candidate("viscous_friction", rows, (), rows, values, one, -one, one, linear("damping"))

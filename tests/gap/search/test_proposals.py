@@ -71,7 +71,9 @@ def test_what_is_switched_on_is_seen_low_passed() -> None:
     np.testing.assert_allclose(seen[:half], lowpass(step, RATE, 20.0)[one.kept], atol=1e-9)
     np.testing.assert_allclose(seen[half:], 1.0, atol=1e-9)
     between = active(both, (0, 5.0 + 0.25 / RATE), None)
-    np.testing.assert_allclose((seen - between)[:half], 0.25 * lowpass(np.isclose(one.time, 5.0) * 1.0, RATE, 20.0)[one.kept], atol=1e-9)
+    np.testing.assert_allclose(
+        (seen - between)[:half], 0.25 * lowpass(np.isclose(one.time, 5.0) * 1.0, RATE, 20.0)[one.kept], atol=1e-9
+    )
     late = active(both, (1, 9.0), None)
     assert np.max(np.abs(late[:half])) < 1e-9 and late[-1] == pytest.approx(1.0)
     np.testing.assert_allclose(active(both, (0, 5.0), (0, 8.0)), seen - active(both, (0, 8.0), None), atol=1e-12)
@@ -128,7 +130,9 @@ def test_a_torque_constant_that_starts_is_a_failing_motor() -> None:
 
 @pytest.mark.parametrize(("beyond", "there"), [(-0.5, False), (0.5, True)])
 @pytest.mark.parametrize("bound", ["name", "whole"])
-def test_a_start_must_be_worth_its_name_and_more_than_acting_all_the_time(bound: str, beyond: float, there: bool) -> None:
+def test_a_start_must_be_worth_its_name_and_more_than_acting_all_the_time(
+    bound: str, beyond: float, there: bool
+) -> None:
     """Sixteen nats beside none, and three beyond what the same brings from the begin."""
     bias = torque_bias.on_joints(terms())[ELBOW][0]
     step = active(terms(), (0, 4.0), None)
@@ -198,7 +202,7 @@ def test_a_push_must_be_worth_its_name_and_its_span() -> None:
         edges = block_edges(bench.rows)
         best = -np.inf
         for force in forces[6:8]:
-            G, C, b = block_sums(bench.whiten(force), np.zeros((6, bench.rows, 1)), bench.y, edges)
+            G, _, b = block_sums(bench.whiten(force), np.zeros((6, bench.rows, 1)), bench.y, edges)
             G, b = (np.concatenate([np.zeros_like(x[:1]), np.cumsum(x, axis=0)]) for x in (G, b))
             dG, db = (x[pairs[:, 1]] - x[pairs[:, 0]] for x in (G, b))
             best = max(best, float(np.max(increments(dG, db, np.broadcast_to(force.spread, db.shape)))))

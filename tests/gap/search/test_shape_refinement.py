@@ -40,7 +40,9 @@ def test_a_shape_is_moved_off_its_grid_to_where_it_explains_most() -> None:
     found = moved(bench, terms, start, 0)
     (k,) = found.members
     width = min(0.3, torque_ripple.count_step(terms, PAN) / 60.0)
-    best = max((bench.solve(frozenset({bench.add(ripple(x), offered=False)})).evidence, x) for x in np.linspace(60, 62.6, 27))
+    best = max(
+        (bench.solve(frozenset({bench.add(ripple(x), offered=False)})).evidence, x) for x in np.linspace(60, 62.6, 27)
+    )
     assert bench.candidates[k].shape["cycles"] == pytest.approx(best[1], abs=2.0 * 60.0 * width / 30.0 + 0.1)
     assert found.evidence > 0.97 * best[0] and found.evidence > start.evidence + 20.0
     assert k not in bench.offered
@@ -101,7 +103,8 @@ def test_which_candidates_have_shapes() -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "rounds"), [([0.03, 0.019, 5.0], 2), ([0.03, -0.021, 5.0, 5.0], 3), ([0.0], 1), ([9.0, 9.0, 9.0, 9.0], 3)]
+    ("changes", "rounds"),
+    [([0.03, 0.019, 5.0], 2), ([0.03, -0.021, 5.0, 5.0], 3), ([0.0], 1), ([9.0, 9.0, 9.0, 9.0], 3)],
 )
 def test_rounds_end_when_evidence_settles(changes: list[float], rounds: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """At a fiftieth of a nat, and after three."""

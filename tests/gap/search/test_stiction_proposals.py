@@ -37,11 +37,17 @@ def bench_of(friction: Array, noise: float) -> Any:
 
 
 def rise_beyond(
-    friction: list[float], level: float, noise: float, monkeypatch: pytest.MonkeyPatch, slid: float = 0.0, held: float = 1.0
+    friction: list[float],
+    level: float,
+    noise: float,
+    monkeypatch: pytest.MonkeyPatch,
+    slid: float = 0.0,
+    held: float = 1.0,
 ) -> tuple[float, float] | None:
     values = np.array(friction)
-    reach = np.concatenate([np.zeros(20), np.full(len(values), slid)]), np.concatenate(
-        [np.zeros(20), np.full(len(values), held)]
+    reach = (
+        np.concatenate([np.zeros(20), np.full(len(values), slid)]),
+        np.concatenate([np.zeros(20), np.full(len(values), held)]),
     )
     monkeypatch.setattr(stiction, "reach", lambda *arguments: reach)
     return beyond(bench_of(values, noise), TERMS, FIT, 0, level)
@@ -83,9 +89,7 @@ def test_evidence_of_a_hold_is_what_it_exceeds_less_what_noise_would(monkeypatch
     assert rise_beyond(friction, 2.0, 0.5, monkeypatch, held=0.051) is not None
 
 
-def rests(
-    held: float, lengths: list[int], noise: float, monkeypatch: pytest.MonkeyPatch
-) -> tuple[float, float] | None:
+def rests(held: float, lengths: list[int], noise: float, monkeypatch: pytest.MonkeyPatch) -> tuple[float, float] | None:
     parts, stuck = [np.zeros(3)], [np.zeros(23, dtype=bool)]
     for k, length in enumerate(lengths):
         parts += [np.full(length + 4, held * (-1.0) ** k), np.zeros(5)]

@@ -14,7 +14,16 @@ from tests.gap.candidates.test_records import at
 from twin_diagram.gap.findings import Finding, Moment
 from twin_diagram.gap.residuals.whitening import Whitener
 from twin_diagram.gap.verdict import deciding, leftover_structure
-from twin_diagram.gap.verdict.deciding import conclude, crowded, doubled, mostly_left, negligible, redness, share_of, trimmed
+from twin_diagram.gap.verdict.deciding import (
+    conclude,
+    crowded,
+    doubled,
+    mostly_left,
+    negligible,
+    redness,
+    share_of,
+    trimmed,
+)
 from twin_diagram.gap.verdict.leftover_structure import LeftOver
 
 Array = npt.NDArray[np.float64]
@@ -25,7 +34,9 @@ COUNTS = np.array([900.0, 900.0, 900.0])
 class Known:
     """A bench whose hypotheses leave known variances on three joints."""
 
-    def __init__(self, candidates: list[Any], variances: dict[frozenset[int], list[float]], colour: float = 0.0) -> None:
+    def __init__(
+        self, candidates: list[Any], variances: dict[frozenset[int], list[float]], colour: float = 0.0
+    ) -> None:
         self.candidates, self.variances = candidates, variances
         self.counts, self.finest = COUNTS, np.zeros(3)
         self.whitener = Whitener(np.array([[1.0, -colour]] * 3), np.ones(3), (900,))
@@ -40,7 +51,9 @@ class Known:
         )
 
 
-def finding(name: str = "coulomb_friction", *joints: str, significance: float = 50.0, confidence: float = 0.9) -> Finding:
+def finding(
+    name: str = "coulomb_friction", *joints: str, significance: float = 50.0, confidence: float = 0.9
+) -> Finding:
     return Finding(name, joints or ("a",), (), {}, confidence, (), None, None, significance)
 
 
@@ -165,7 +178,12 @@ def test_doubtful_small_findings_are_left_out_and_leave_structure(monkeypatch: p
     strong, weak = finding(significance=100.0), finding("torque_bias", "b", significance=20.0, confidence=0.4)
     candidates = [at("coulomb_friction"), at("torque_bias", 1)]
     both = frozenset({0, 1})
-    variances = {CLEAN: [9.0, 9.0, 1.0], frozenset({0}): [1.0, 9.0, 1.0], frozenset({1}): [9.0, 1.0, 1.0], both: [1.0, 1.0, 1.0]}
+    variances = {
+        CLEAN: [9.0, 9.0, 1.0],
+        frozenset({0}): [1.0, 9.0, 1.0],
+        frozenset({1}): [9.0, 1.0, 1.0],
+        both: [1.0, 1.0, 1.0],
+    }
     found = verdict(monkeypatch, variances, findings=(strong, weak), candidates=candidates)
     assert [f.name for f in found.findings] == ["coulomb_friction"] and found.remainder
     assert found.findings[0].confidence == pytest.approx(0.675)
@@ -199,7 +217,12 @@ def test_a_finding_is_negligible_that_is_small_doubtful_and_unusual(
 
 def test_shares_are_of_the_likelihood_on_the_members_own_joints() -> None:
     candidates = [at("joint_spring", 0), at("joint_spring", 1)]
-    variances = {CLEAN: [8.0, 4.0, 9.0], frozenset({0, 1}): [1.0, 1.0, 1.0], frozenset({0}): [1.0, 2.0, 1.0], frozenset({1}): [4.0, 1.0, 1.0]}
+    variances = {
+        CLEAN: [8.0, 4.0, 9.0],
+        frozenset({0, 1}): [1.0, 1.0, 1.0],
+        frozenset({0}): [1.0, 2.0, 1.0],
+        frozenset({1}): [4.0, 1.0, 1.0],
+    }
     bench: Any = Known(candidates, variances)
     bench.counts = np.array([100.0, 300.0, 5000.0])
     fit = bench.solve(frozenset({0, 1}))
@@ -225,7 +248,12 @@ def test_joints_that_explain_less_than_a_tenth_lose_an_unusual_name(without: flo
 def test_names_that_are_trimmed_keep_the_confidence_that_they_had(monkeypatch: pytest.MonkeyPatch) -> None:
     candidates = [at("joint_spring", 0), at("joint_spring", 1)]
     whole = frozenset({0, 1})
-    variances = {CLEAN: [9.0, 9.0, 1.0], whole: [1.0, 1.0, 1.0], frozenset({0}): [1.0, 1.1, 1.0], frozenset({1}): [9.0, 1.0, 1.0]}
+    variances = {
+        CLEAN: [9.0, 9.0, 1.0],
+        whole: [1.0, 1.0, 1.0],
+        frozenset({0}): [1.0, 1.1, 1.0],
+        frozenset({1}): [9.0, 1.0, 1.0],
+    }
     found = verdict(monkeypatch, variances, statistic=7.0, candidates=candidates, findings=(finding("joint_spring"),))
     assert found.verdict == "named" and found.findings[0].confidence == pytest.approx(0.675)
 

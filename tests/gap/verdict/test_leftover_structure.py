@@ -53,7 +53,10 @@ def curves_of(j: int) -> Array:
 def test_noise_alone_has_the_statistic_of_noise() -> None:
     """A mean of nought and a deviation of one, joint by joint, beside what is named, too."""
     found = np.array(
-        [left_over(terms().records, terms(), b, b.solve(frozenset({0, 1}))).joints for b in (bench_of(0.0, s) for s in range(8))]
+        [
+            left_over(terms().records, terms(), b, b.solve(frozenset({0, 1}))).joints
+            for b in (bench_of(0.0, s) for s in range(8))
+        ]
     )
     assert abs(np.mean(found)) < 0.4 and np.std(found) == pytest.approx(1.0, abs=0.3)
 
@@ -95,7 +98,9 @@ def test_the_statistic_is_what_curves_explain_beyond_what_noise_lets_them() -> N
         (before, spent), (after, more) = sides
         count, k, free = bench.counts[j], more - spent, bench.counts[j] - spent
         ratio, expected = count * np.log(before / after), count * np.log(free / (free - k))
-        assert found.joints[j] == pytest.approx((ratio - expected) / (np.sqrt(2.0 * k) * count / (free - k)), rel=1e-3, abs=1e-3)
+        assert found.joints[j] == pytest.approx(
+            (ratio - expected) / (np.sqrt(2.0 * k) * count / (free - k)), rel=1e-3, abs=1e-3
+        )
         gain += max(0.0, ratio - expected)
     assert found.gain == pytest.approx(gain, rel=1e-3)
 
@@ -141,7 +146,9 @@ def test_hats_add_up_to_one_and_interpolate() -> None:
 
 def test_signals_are_scaled_by_their_central_98_per_cent() -> None:
     whole = np.linspace(0.0, 100.0, 10_001)
-    np.testing.assert_allclose(scaled(np.array([-5.0, 1.0, 50.0, 99.0, 200.0]), whole), [0.0, 0.0, 0.5, 1.0, 1.0], atol=1e-12)
+    np.testing.assert_allclose(
+        scaled(np.array([-5.0, 1.0, 50.0, 99.0, 200.0]), whole), [0.0, 0.0, 0.5, 1.0, 1.0], atol=1e-12
+    )
     np.testing.assert_array_equal(scaled(np.array([3.0]), np.full(5, 3.0)), 0.0)
 
 

@@ -121,7 +121,9 @@ def test_findings_come_strongest_first_and_know_what_may_be_unseen(monkeypatch: 
     some = bench({(): -999.0, (0,): 150.0, (1,): 50.0, (0, 1): 200.0}, candidates)
     found = findings_of(RECORDS, some, some.solve(frozenset({0, 1})))
     assert [f.name for f in found] == ["joint_elasticity", "payload"]
-    assert found[0].confidence == pytest.approx(0.97**2, abs=1e-6) and found[1].confidence == pytest.approx(1.0, abs=1e-6)
+    assert found[0].confidence == pytest.approx(0.97**2, abs=1e-6) and found[1].confidence == pytest.approx(
+        1.0, abs=1e-6
+    )
 
 
 def test_members_that_start_at_other_times_are_findings_of_their_own() -> None:
@@ -164,7 +166,9 @@ def test_near_rivals_are_told_with_their_distance() -> None:
         ("torque_constant on a", "time_delay on b"),
         ("torque_constant on a", "torque_bias on a"),
     ]
-    assert found[0].distance == pytest.approx(np.sqrt(100.0 * 0.01)) and found[1].distance == pytest.approx(np.sqrt(50.0))
+    assert found[0].distance == pytest.approx(np.sqrt(100.0 * 0.01)) and found[1].distance == pytest.approx(
+        np.sqrt(50.0)
+    )
     for value, told in ((-698.0, True), (-702.0, False)):
         far = bench({(0,): 200.0, (3,): value}, candidates)
         assert bool(separations_of(RECORDS, far, far.solve(frozenset({0})))) == told, "thirty deviations"
