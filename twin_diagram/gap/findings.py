@@ -9,6 +9,17 @@ from twin_diagram.signals.arrays import Array
 
 
 @dataclass(frozen=True)
+class Tuning:
+    """Constants of this module."""
+
+    guess: float = 0.4
+    """Below this probability a name is a guess: something else is more likely than it is; by hand."""
+
+
+TUNING = Tuning()
+
+
+@dataclass(frozen=True)
 class Estimate:
     """One value of a parameter with its standard error, joint-side SI units.
 
@@ -16,11 +27,13 @@ class Estimate:
         value: a number, or a list for vectors and curves.
         std: of the same shape.
         unit: of the catalogue, for the kind of joint that it is about (`posterior.unit_of`).
+        doubt: part of the standard error that comes from what else may be there (`posterior.doubt_of`), likewise.
     """
 
     value: float | list[float]
     std: float | list[float]
     unit: str
+    doubt: float | list[float] = 0.0
 
 
 @dataclass(frozen=True)
@@ -56,6 +69,23 @@ class Alternative:
 
 
 @dataclass(frozen=True)
+class Rest:
+    """Probability that neither a finding nor one of its alternatives has.
+
+    Attributes:
+        others: explanations that are each less probable than the alternatives.
+        nothing: no effect in its place.
+        unseen: it, or an alternative, sits on further joints on which this motion does not show it.
+        nameless: something that has no name in the catalogue.
+    """
+
+    others: float = 0.0
+    nothing: float = 0.0
+    unseen: float = 0.0
+    nameless: float = 0.0
+
+
+@dataclass(frozen=True)
 class Finding:
     """One named effect.
 
@@ -65,10 +95,11 @@ class Finding:
         links: that it sits on.
         parameters: by key; a joint effect has one `Estimate` per joint, any other has one `Estimate`.
         confidence: calibrated probability that name, joints and links are right.
-        alternatives: at most three, most probable first.
+        alternatives: at most three, most probable first, none more so than the finding.
         onset: when it starts, where that is within a log.
         end: when it ends, likewise.
         significance: distance in noise units between the best explanation with it and without it.
+        rest: where the probability went that neither it nor its alternatives have.
     """
 
     name: str
@@ -80,6 +111,11 @@ class Finding:
     onset: Moment | None = None
     end: Moment | None = None
     significance: float = 0.0
+    rest: Rest = Rest()
+
+    def is_guess(self) -> bool:
+        """Return whether it is too improbable to be said in a headline."""
+        return self.confidence < TUNING.guess
 
 
 @dataclass(frozen=True)

@@ -20,12 +20,14 @@ from twin_diagram.gap.search import gear_proposals, smooth_fit, stiction_proposa
 from twin_diagram.gap.search.backlash_gaps import Knocks
 from twin_diagram.gap.search.bench import Bench
 from twin_diagram.gap.search.evidence import HypothesisFit, Members
-from twin_diagram.gap.search.greedy_search import Polish, climb, plainer, search
+from twin_diagram.gap.search.greedy_search import Polish, climb, plainer, search, worth
+from twin_diagram.gap.search.prior_costs import TUNING as PRIOR_COSTS
 from twin_diagram.gap.search.proposals import Proposer
 from twin_diagram.gap.search.shape_refinement import refine
 from twin_diagram.gap.verdict import leftover_structure, rivals
 from twin_diagram.gap.verdict.deciding import conclude
 from twin_diagram.gap.verdict.locating import locate
+from twin_diagram.gap.verdict.posterior import look_around, most_probable
 from twin_diagram.logs import Log
 from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
@@ -38,9 +40,6 @@ class Tuning:
     Those that say so were set on training cases (seeds below 10000) of `sims/benchmarks/gap_benchmark.py`, the others
     by hand; `make gap-benchmark ARGS="--suite training"` shows what they do.
     """
-
-    least: float = 6.0
-    """Evidence that each member must bring beyond all prices [nats]; set on clean training logs."""
 
     most: int = 40
     """Members of a hypothesis."""
@@ -56,6 +55,9 @@ class Tuning:
 
     suspects: int = 4
     """Joints at most whose gears are looked at more closely: each takes a grid of shapes."""
+
+    turns: int = 4
+    """Times at most that a rival takes the place of what was to be named."""
 
     uneven: float = 2.0
     """Standard errors by which a joint differs from the others."""
@@ -114,7 +116,7 @@ def investigate(records: Records, progress: Progress | None = None) -> tuple[Ver
     say("searching for a name")
     nuisances = [time_delay.timing_nuisance(terms), *reversal_nuisances.nuisances(terms)]
     bench = Bench(records.residual, noise, candidates, nuisances, weights, terms.torque_size)
-    fit = refine(bench, terms, search(bench, TUNING.least, TUNING.most, Proposer(terms), polisher(terms)))
+    fit = refine(bench, terms, search(bench, PRIOR_COSTS.least, TUNING.most, Proposer(terms), polisher(terms)))
     lap("search")
 
     say("searching again with the noise that is left")
@@ -188,8 +190,8 @@ def search_again(
     knocks = Knocks(terms, second)
     gear_proposals.propose(second, terms, members, asked, knocks)
     polish, propose = polisher(terms), Proposer(terms)
-    found = climb(second, members, TUNING.least, TUNING.most, propose, polish)
-    other = search(second, TUNING.least, TUNING.most, propose, polish)
+    found = climb(second, members, PRIOR_COSTS.least, TUNING.most, propose, polish)
+    other = search(second, PRIOR_COSTS.least, TUNING.most, propose, polish)
     best = found if found.evidence >= other.evidence else other
     late = [j for j in suspects(records, terms, second, best.members) if j not in asked]
     plain = plainer(second, best)
@@ -200,11 +202,28 @@ def search_again(
     if offered:
         starts = dict.fromkeys((best.members, plain.members))
         best = max(
-            (climb(second, some, TUNING.least, TUNING.most, propose, polish) for some in starts),
+            (climb(second, some, PRIOR_COSTS.least, TUNING.most, propose, polish) for some in starts),
             key=lambda fit: fit.evidence,
         )
     best = rivals.refined(second, terms, pruned(second, plainer(second, refine(second, terms, best))))
-    return terms, second, pruned(second, plainer(second, best))
+    return terms, second, decided(second, terms, pruned(second, plainer(second, best)))
+
+
+def decided(bench: Bench, terms: Terms, fit: HypothesisFit) -> HypothesisFit:
+    """Return the most probable hypothesis, its rivals looked at as closely as itself.
+
+    To be sure of a name, what could stand in its place is worked out; where that is better, it is what is named.
+    """
+    for _ in range(TUNING.turns):
+        look_around(bench, fit)
+        best = most_probable(bench, fit)
+        if best is fit:
+            break
+        best = pruned(bench, plainer(bench, refine(bench, terms, best, rounds=1, slow=False)))
+        if worth(bench, best, PRIOR_COSTS.least) <= worth(bench, fit, PRIOR_COSTS.least):
+            break
+        fit = best
+    return fit
 
 
 def trusted(records: Records, bench: Bench, fit: HypothesisFit) -> Array:
@@ -242,10 +261,14 @@ def uneven(bench: Bench, fit: HypothesisFit, member: int) -> list[int]:
 
 
 def pruned(bench: Bench, fit: HypothesisFit) -> HypothesisFit:
-    """Return the fit without members that do not bring `TUNING.least` once shapes and noise have settled."""
+    """Return the fit without members that do not bring what is asked of them once shapes and noise have settled."""
+
+    def brings(other: HypothesisFit) -> float:
+        return worth(bench, other, PRIOR_COSTS.least)
+
     while fit.members:
-        without = max((bench.solve(fit.members - {k}) for k in fit.members), key=lambda other: other.evidence)
-        if not np.isfinite(without.evidence) or fit.evidence - without.evidence >= TUNING.least:
+        without = max((bench.solve(fit.members - {k}) for k in fit.members), key=brings)
+        if not np.isfinite(without.evidence) or brings(fit) >= brings(without):
             return fit
         fit = without
     return fit

@@ -30,6 +30,7 @@ from twin_diagram.gap.report.subject import Subject
 from twin_diagram.gap.residuals.prepared_logs import TUNING as PREPARED_LOGS
 from twin_diagram.gap.residuals.prepared_logs import Records, prepare, usable
 from twin_diagram.gap.verdict.deciding import TUNING as DECIDING
+from twin_diagram.gap.verdict.probabilities import less_sure
 from twin_diagram.logs import Log, read_log, write_columns
 from twin_diagram.model.model import Model
 from twin_diagram.model.prediction import as_explained, load_model_for
@@ -179,8 +180,7 @@ def _nameless(verdict: Verdict) -> Verdict:
 
 def _less_sure(verdict: Verdict) -> Verdict:
     """Return the verdict with the confidence of findings that nothing confirms."""
-    doubted = (replace(finding, confidence=finding.confidence * DECIDING.less_sure) for finding in verdict.findings)
-    return replace(verdict, findings=tuple(doubted))
+    return replace(verdict, findings=tuple(less_sure(finding, DECIDING.less_sure) for finding in verdict.findings))
 
 
 def accepted(verdict: Verdict, shown: Shown, confirmed: Callable[[], bool] = lambda: False) -> bool:

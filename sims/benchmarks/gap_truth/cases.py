@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.signal import lfilter
 
-from gap_truth import excitation, hidden
+from gap_truth import excitation, hidden, several_joints
 from gap_truth.chain import Chain, random_chain, read_urdf, write_urdf
 from gap_truth.hidden import Hidden, Scale
 from gap_truth.phenomena import install
@@ -21,7 +21,7 @@ from gap_truth.world import CONTROL_PERIOD, Controller, DivergedError, Nominal, 
 
 Array = npt.NDArray[np.float64]
 
-KINDS = ("clean", "single", "several", "pair", "triple", "onset", "dirty", "outside")
+KINDS = ("clean", "single", "several", "pair", "triple", "onset", "dirty", "outside", "joints")
 ARMS = Path(__file__).resolve().parents[3] / "models" / "arms"
 HOMES = {
     "ur5e": (5.0, [0.0, -1.3, 1.4, -1.6, -1.4, 0.0]),
@@ -250,6 +250,8 @@ def _draw_hidden(
     if kind == "outside":
         name = effect or hidden.OUTSIDE[seed % len(hidden.OUTSIDE)]
         return [hidden.draw(name, chain, scale, rng)]
+    if kind == "joints":
+        return several_joints.draw(seed, chain, scale, rng)
     wanted = 2 if kind == "pair" else 3
     while True:
         names = rng.choice(hidden.NAMES, wanted, replace=False)

@@ -183,6 +183,36 @@ class Comparison:
             result.append(Part(name, place, strength, best, nearest, where))
         return result
 
+    def modelled_parts(self) -> list[Part]:
+        """The same where the truth's own columns, as they fit the signature, stand for it.
+
+        Of many effects beside dry friction, what a joint does while it sticks is as large as the smallest of them, and
+        any explanation that takes a little of it would seem near.
+        """
+        true = [
+            (thing.name, place, explanation)
+            for thing in self.case.hidden
+            for place, explanation in explanations.of_truth(self.setting, thing)
+        ]
+        own = [self.columns(explanation) for _, _, explanation in true]
+        W = np.hstack(own)
+        _, sizes = _fit(self.target, W, ())
+        owner = np.repeat(np.arange(len(own)), [c.shape[1] for c in own])
+        inner, present = W.T @ W, {(name, place) for name, place, _ in true}
+        best = [(_left(inner, sizes, owner != k, (), inner[:, :0], inner[:0, :0]), "", ()) for k in range(len(own))]
+        strength = [d for d, _, _ in best]
+        for rival in explanations.everything(self.setting, list(self.case.hidden)):
+            if (rival.name, rival.place) in present:
+                continue
+            columns = self.columns(rival)
+            cross, square = W.T @ columns, columns.T @ columns
+            for k, (_, _, explanation) in enumerate(true):
+                d = _left(inner, sizes, owner != k, rival.positive, cross, square)
+                contained = rival.parameters > explanation.parameters and d < CONTAINED * strength[k]
+                if d < best[k][0] and not contained:
+                    best[k] = d, rival.name, rival.place
+        return [Part(name, place, strength[k], *best[k]) for k, (name, place, _) in enumerate(true)]
+
     def outside(self) -> Part:
         """A case beyond the catalogue: how far from its nearest explanation."""
         thing = self.case.hidden[0]
@@ -201,7 +231,39 @@ def separations(case: Case) -> list[Part]:
     if not case.hidden:
         return []
     comparison = Comparison(case)
+    if case.kind == "joints":
+        return comparison.modelled_parts()
     return [comparison.outside()] if case.kind == "outside" else comparison.parts()
+
+
+def _left(
+    inner: Array, sizes: Array, kept: npt.NDArray[np.bool_], positive: tuple[bool, ...], cross: Array, square: Array
+) -> float:
+    """What is left of columns times sizes, where some of them and a rival's are fitted to it.
+
+    Args:
+        inner: products of the columns (p, p).
+        sizes: (p,) that they have.
+        kept: (p,) which are fitted.
+        positive: which of the rival's m may not be negative.
+        cross: products of the columns with the rival's (p, m).
+        square: of the rival's (m, m).
+    """
+    right = np.concatenate([inner[kept] @ sizes, cross.T @ sizes])
+    gram = np.block([[inner[np.ix_(kept, kept)], cross[kept]], [cross[kept].T, square]])
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-24))
+    gram, right = gram / np.outer(scale, scale), right / scale
+    bound = np.concatenate([np.zeros(int(np.sum(kept)), dtype=bool), np.array(positive, dtype=bool)])
+    if len(bound) < len(right):
+        bound = np.append(bound, np.zeros(len(right) - len(bound), dtype=bool))
+    free = np.ones(len(right), dtype=bool)
+    while True:
+        index = np.flatnonzero(free)
+        x = np.zeros(len(right))
+        x[index] = np.linalg.lstsq(gram[np.ix_(index, index)], right[index], rcond=1e-10)[0]
+        if not np.any(wrong := bound & (x < 0.0)):
+            return float(np.sqrt(max(0.0, float(sizes @ inner @ sizes - x @ right))))
+        free[int(np.argmin(np.where(wrong, x, np.inf)))] = False
 
 
 def _less(distance: float, misfit: float) -> float:

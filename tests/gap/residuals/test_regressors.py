@@ -86,6 +86,23 @@ def test_a_limit_that_is_passed_most_of_the_time_is_offered() -> None:
     assert torque_saturation.saturation(calm, ELBOW, 0.999 * float(np.max(np.abs(needed)))) is None
 
 
+def test_what_was_asked_for_beyond_a_limit_is_told_by_itself() -> None:
+    """A number per tenth of a second, each to the noise: on a joint that carries nothing it would be friction."""
+    log = log_with()
+    assert log.torque is not None
+    needed = log.torque[:, ELBOW]
+    limit = float(np.quantile(np.abs(needed), 0.3))
+    terms = terms_of(log_with(asked=np.where(np.abs(needed) > limit, np.sign(needed) * 40.0, 0.0)))
+    for bound in (np.max(np.abs(needed)), 1.1 * np.max(np.abs(needed))):
+        found = torque_saturation.saturation(terms, ELBOW, float(bound))
+        assert found is not None
+        asked = np.abs(terms.asked_torque[0][:, ELBOW]) - bound
+        size = np.sqrt(np.mean(asked[asked > 0.0] ** 2)) / terms.torque_noise[ELBOW]
+        tenths = np.mean(asked > 0.0) * 12.0 / 0.1
+        assert found.cost == pytest.approx(np.log(5.0) + tenths * np.log(np.hypot(1.0, size)), rel=1e-3)
+        assert found.cost > 100.0
+
+
 @pytest.mark.parametrize("held", [True, False], ids=["held", "slides"])
 def test_a_joint_that_creeps_while_it_is_held_is_no_sliding_one(held: bool) -> None:
     time = np.arange(round(12.0 * RATE)) / RATE

@@ -114,11 +114,11 @@ def test_prices_of_names_joints_and_kinds_of_dry_friction() -> None:
     x = np.ones(ROWS)
     one, two = candidate("coulomb_friction", 0, x), candidate("coulomb_friction", 1, x, cost=1.5)
     other = candidate("stribeck_friction", 2, x)
-    assert price([one]) == PRIOR_COSTS.new_name
-    assert price([one, two]) == PRIOR_COSTS.new_name + PRIOR_COSTS.further_joint + 1.5
-    assert price([one, other]) == 2 * PRIOR_COSTS.new_name + STRIBECK_FRICTION.mixed
+    assert price([one], JOINTS) == PRIOR_COSTS.new_name
+    assert price([one, two], JOINTS) == PRIOR_COSTS.new_name + PRIOR_COSTS.further_joint + 1.5
+    assert price([one, other], JOINTS) == 2 * PRIOR_COSTS.new_name + STRIBECK_FRICTION.mixed
     ripples = [candidate("torque_ripple", j, x, shape={"cycles": c}) for j, c in ((0, 4.0), (0, 9.0), (1, 4.0))]
-    assert price(ripples) == PRIOR_COSTS.new_name + 2 * PRIOR_COSTS.further_joint + TORQUE_RIPPLE.harmonic
+    assert price(ripples, JOINTS) == PRIOR_COSTS.new_name + 2 * PRIOR_COSTS.further_joint + TORQUE_RIPPLE.harmonic
 
 
 def test_what_excludes_each_other_does_so_both_ways() -> None:

@@ -34,6 +34,9 @@ class Candidate:
         end: (record, time) until which it acts.
         variant: tells candidates of one name and place apart.
         excludes: names that are not said beside it.
+        unheard: (ΣD,) share of each sample whose logged torque does not count for it, nor the noise in it; None: all
+            count.
+        unheard_cost: what that costs on a bench, which knows the samples that are weighed [nats].
     """
 
     name: str
@@ -52,6 +55,13 @@ class Candidate:
     end: tuple[int, float] | None = None
     variant: str = ""
     excludes: frozenset[str] = frozenset()
+    unheard: Array | None = None
+    unheard_cost: float = 0.0
+
+    @property
+    def price(self) -> float:
+        """Of all that was chosen to suit the data [nats]."""
+        return self.cost + self.unheard_cost
 
     @property
     def size(self) -> int:

@@ -49,6 +49,9 @@ class Tuning:
     """Below `plain` times the noise, picking the samples beyond a limit picks their noise too: worth this much
     [nats]."""
 
+    asked_time: float = 0.1
+    """What a motor is asked for is one number more per this time [s]: twice the band of most motions."""
+
 
 TUNING = Tuning()
 
@@ -83,8 +86,13 @@ def saturation(terms: Terms, j: int, limit: float) -> Candidate | None:
     over = terms.reduce(tuple(tau - np.clip(tau, -limit, limit) for tau in asked))
     if float(over @ terms.unneeded[:, j]) < TUNING.unneeded * float(over @ over):
         return None
-    # Beyond the limit what was logged does not count, nor does its noise: such samples seem to fit better than any can.
-    free = -0.5 * len(over) * float(np.log(1.0 - share))
+    unheard = terms.reduce(tuple((np.abs(tau) > limit).astype(float) for tau in asked))
+
+    # Of what was asked for beyond the limit the motion knows nothing, so that it must be told by itself. Of a joint
+    # that carries nothing, friction is all there is: a motor that gave nothing, whatever was asked, explains it, too.
+    size = float(np.sqrt(np.mean(beyond[beyond > 0.0] ** 2))) / max(float(terms.torque_noise[j]), 1e-12)
+    duration = sum(len(r.time) / r.rate for r in terms.records.records)
+    told = 0.5 * share * duration / TUNING.asked_time * float(np.log1p(size**2))
 
     def values(c: Array) -> dict[str, Array]:
         return {"limit": np.array([limit])}
@@ -98,7 +106,8 @@ def saturation(terms: Terms, j: int, limit: float) -> Candidate | None:
         [0.75],
         [1.25],
         shape={"limit": limit},
-        cost=free + float(np.log(5.0)) + (TUNING.selected if clear < TUNING.plain else 0.0),
+        cost=told + float(np.log(5.0)) + (TUNING.selected if clear < TUNING.plain else 0.0),
+        unheard=np.clip(unheard, 0.0, 1.0),
     )
 
 

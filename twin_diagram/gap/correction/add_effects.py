@@ -231,6 +231,7 @@ def _told(finding: Finding, hypothesis: Hypothesis, mine: Sequence[int], vector:
             fixed, relative = record_of(finding.name).left_out.get(key, (0.0, 0.0))
             std = np.sqrt(std**2 + fixed**2 + (relative * np.array(value)) ** 2)
             before = finding.parameters.get(key)
+            std = np.hypot(std, _doubt(before, part.spec.joints, len(value)))
             units = [unit_of(finding.name, key, joint in prismatic) for joint in part.spec.joints]
             if isinstance(before, dict):
                 mapping = told.setdefault(key, {})
@@ -253,6 +254,14 @@ def _told(finding: Finding, hypothesis: Hypothesis, mine: Sequence[int], vector:
     if end is not None and when.end is not None:
         end = Moment(end.log, when.end, when.end_std)
     return replace(finding, parameters=told, onset=onset, end=end)
+
+
+def _doubt(before: Estimate | dict[str, Estimate] | None, joints: Sequence[str], count: int) -> Array:
+    """Return (count,) of a rough estimate's standard error that comes from what else may be there."""
+    own = [before] if isinstance(before, Estimate) else [before[j] for j in joints if j in before] if before else []
+    doubts = [np.atleast_1d(np.asarray(estimate.doubt, dtype=float)) for estimate in own]
+    flat = np.concatenate(doubts) if doubts else np.zeros(0)
+    return flat if len(flat) == count else np.zeros(count)
 
 
 def _estimate(value: Sequence[float], std: Array, unit: str) -> Estimate:

@@ -10,6 +10,7 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from decimal import ROUND_FLOOR, Context
 from typing import Any
 
 import numpy as np
@@ -99,13 +100,13 @@ def _effect(finding: Finding, several: bool) -> dict[str, Any]:
             else {joint: _estimate(each) for joint, each in value.items()}
             for key, value in finding.parameters.items()
         },
-        "confidence": _number(min(1.0, max(0.0, finding.confidence))),
+        "confidence": _probability(finding.confidence),
         "alternatives": [
             {
                 "name": other.name,
                 "joints": list(other.joints),
                 **({"links": list(other.links)} if other.links else {}),
-                "probability": _number(other.probability),
+                "probability": _probability(other.probability),
             }
             for other in finding.alternatives[:3]
         ],
@@ -149,6 +150,12 @@ def _value(value: Any) -> Any:
 def _time(value: float) -> float:
     """Return a time [s] rounded to the microsecond: a log's own clock may count from 1970, but no log is that exact."""
     return round(float(value), 6)
+
+
+def _probability(value: float) -> float:
+    """Return a probability rounded down, so that those of one effect never add up to more than 1."""
+    exact = repr(float(min(1.0, max(0.0, value))))
+    return float(Context(prec=DIGITS, rounding=ROUND_FLOOR).create_decimal(exact))
 
 
 def _number(value: Any) -> float | None:

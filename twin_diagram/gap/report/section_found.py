@@ -50,17 +50,13 @@ def found(subject: Subject) -> str:
     return f'<section id="found"><h2>What was found</h2>{body}</section>'
 
 
-WORTH_SAYING = 0.005
-"""Alternatives that are less probable are in gap.json alone."""
-
-
 def _finding(finding: Finding, several: bool, prismatic: frozenset[str]) -> str:
     sentence = sentence_of(finding, prismatic)
     only = bool(finding.joints) and prismatic.issuperset(finding.joints)
     when = words.duration(finding, several)
     when = f", {when}" if when and " from " not in sentence else ""
     others = ""
-    possible = [other for other in finding.alternatives if other.probability >= WORTH_SAYING]
+    possible = [other for other in finding.alternatives if other.probability >= words.WORTH_SAYING]
     if possible:
         said = ", ".join(
             words.lower_first(words.claim(other.name, other.joints, other.links))
@@ -68,6 +64,8 @@ def _finding(finding: Finding, several: bool, prismatic: frozenset[str]) -> str:
             for other in possible
         )
         others = f'<p class="alternatives">It could also be: {escape(said)}.{_whichever(finding)}</p>'
+    if rest := words.rest(finding):
+        others += f'<p class="alternatives">{escape(rest)}</p>'
     sure = charts.ring(finding.confidence, words.percent(finding.confidence))
     return (
         f'<div class="effect"><div><h3>{escape(words.title(finding.name))}'

@@ -15,6 +15,10 @@ ON_PRISMATIC = {"torque": "force", "angle": "position"}
 """What stands in the place of such words where a joint is prismatic."""
 
 
+WORTH_SAYING = 0.005
+"""Probabilities below this are in gap.json alone."""
+
+
 def of_prismatic(text: str) -> str:
     """Return a text about revolute joints, as it is said of prismatic joints."""
     for turning, prismatic in ON_PRISMATIC.items():
@@ -72,12 +76,16 @@ def headline(verdict: Verdict) -> str:
     if verdict.verdict == "unknown":
         return "Something is missing from the model, and no effect of the catalogue explains it."
     said = (("more", "lacks {}"), ("less", "has more than the arm of {}"), ("other", "has another amount of {}"))
+    sure = [finding for finding in verdict.findings if not finding.is_guess()]
     clauses = [
         clause.format(listed(those))
         for amount, clause in said
-        if (those := [_short(f) for f in verdict.findings if amount_of(f) == amount])
+        if (those := [_short(f) for f in sure if amount_of(f) == amount])
     ]
     text = " ".join(f"{'It' if k else 'The model'} {clause}." for k, clause in enumerate(clauses))
+    if len(sure) < len(verdict.findings):
+        more = "Something more is" if sure else "Something is"
+        text = f"{text} {more} missing that these runs allow to guess at only.".strip()
     if verdict.remainder:
         text += " Something more is there that no effect of the catalogue explains."
     return text
@@ -117,6 +125,18 @@ def percent(share: float) -> str:
     if 0.0 < share < 0.01:
         return "< 1 %"
     return f"{100.0 * share:.0f} %"
+
+
+def rest(finding: Finding) -> str:
+    """Return where the probability went that neither a finding nor its alternatives have; empty where next to none."""
+    parts = (
+        (finding.rest.others, "other explanations, each less probable"),
+        (finding.rest.nothing, "no effect in its place"),
+        (finding.rest.unseen, "more joints of the same kind, on which this motion does not show it"),
+        (finding.rest.nameless, "something that has no name in the catalogue"),
+    )
+    said = [f"{text} ({percent(share)})" for share, text in parts if share >= WORTH_SAYING]
+    return f"The rest: {listed(said)}." if said else ""
 
 
 def moment(when: Moment | None, several: bool) -> str:

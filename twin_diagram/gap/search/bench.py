@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,6 +22,9 @@ class Tuning:
 
     finest: float = 5e-4
     """Noise is at least this share of a joint's torque: what filters and sampling leave of a noise-free log."""
+
+    least_heard: float = 0.04
+    """Share of the samples that are weighed whose torque must count for a law."""
 
 
 TUNING = Tuning()
@@ -95,6 +98,10 @@ class Bench:
             offered: whether a search may choose it; otherwise it can only be put into a hypothesis by its index.
         """
         white = self.whiten(candidate)
+        if candidate.unheard is not None:
+            heard = 1.0 - candidate.unheard[self.whitener.rows]
+            costs = (unheard_price(heard[self.weights[j] > 0.0]) for j in candidate.rows)
+            candidate = replace(candidate, unheard_cost=float(sum(costs)))
         self.candidates.append(candidate)
         self.columns.append(white)
         self.right.append(np.einsum("jrk,jr->k", white, self.y[list(candidate.rows)]))
@@ -143,6 +150,20 @@ class Bench:
             result[:, list(candidate.rows)] -= candidate.columns @ fit.coefficients[start : start + candidate.size]
             start += candidate.size
         return result
+
+
+def unheard_price(heard: Array) -> float:
+    """Return the price of a law for which the logged torque of some samples does not count [nats].
+
+    Noise that does not count is explained as well: such samples seem to fit better than any can. The price is what
+    that brings where the law is nothing else: half the logarithm, per sample, of the share of noise that is left.
+    Where next to nothing is left, the law says of everything that it was not so, and cannot be told.
+
+    Args:
+        heard: (R,) how much each sample that is weighed counts, 0 to 1.
+    """
+    left = float(np.mean(heard)) if len(heard) else 0.0
+    return np.inf if left < TUNING.least_heard else -0.5 * len(heard) * float(np.log(left))
 
 
 def noise_of(bench: Bench, fit: HypothesisFit) -> Whitener:

@@ -122,7 +122,7 @@ class HypothesisSolver:
                 width, told = self._widths(order, c, np.diag(covariance), spread)
         likelihood = -0.5 * float(np.sum(self._counts * np.log(variance)))
         evidence = likelihood - 0.5 * float(np.sum((c / width) ** 2)) - 0.5 * logdet
-        evidence -= price([self._candidates[k] for k in members]) + NORMAL_EQUATIONS.scale_price * told
+        evidence -= price([self._candidates[k] for k in members], n) + NORMAL_EQUATIONS.scale_price * told
         if members:
             self.solve(frozenset())
             evidence -= self._zero

@@ -11,6 +11,7 @@ from twin_diagram.gap.candidates.records import EffectRecord, records
 from twin_diagram.gap.search.bench import Bench
 from twin_diagram.gap.search.evidence import HypothesisFit, Members
 from twin_diagram.gap.search.prior_costs import TUNING as PRIOR_COSTS
+from twin_diagram.gap.search.prior_costs import asked
 from twin_diagram.gap.search.scoring import score_candidates
 
 
@@ -137,6 +138,11 @@ def additions(bench: Bench, members: Members, count: int = TUNING.tried) -> list
     return sorted(result, key=lambda fit: -fit.evidence)
 
 
+def worth(bench: Bench, fit: HypothesisFit, least: float) -> float:
+    """Return what a hypothesis brings beyond all that is asked of it [nats]."""
+    return fit.evidence - asked([bench.candidates[k] for k in fit.members], least)
+
+
 def _add(bench: Bench, fit: HypothesisFit, least: float, propose: Propose | None) -> HypothesisFit | None:
     if propose is not None:
         propose(bench, fit.members)
@@ -144,10 +150,9 @@ def _add(bench: Bench, fit: HypothesisFit, least: float, propose: Propose | None
     together = everywhere(bench, fit)
     if together is not None and together.evidence > max([fit.evidence + least, *(found.evidence for found in single)]):
         return together
-    for found in single:
-        if found.evidence > fit.evidence + least or (not np.isfinite(fit.evidence) and np.isfinite(found.evidence)):
-            return found
-        break
+    best = max(single, key=lambda found: worth(bench, found, least), default=fit)
+    if worth(bench, best, least) > worth(bench, fit, least):
+        return best
     return None
 
 

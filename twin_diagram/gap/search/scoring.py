@@ -51,13 +51,19 @@ def score_candidates(bench: Bench, members: Members) -> Array:
     several, wide = bench.offered.wide()
     C = flat.T @ wide
     start = 0
+    of_size: dict[int, list[tuple[int, Array, Array]]] = {}
     for k in several:
         candidate = bench.candidates[k]
         own = C[:, start : start + candidate.size]
         start += candidate.size
-        G, b = bench.products.gram(k, k) - own.T @ own, bench.right[k] - own.T @ projected
-        result[k] = increment(G[None], b[None], candidate.spread[None], [candidate])[0]
-    costs = np.array([candidate.cost for candidate in bench.candidates])
+        left = bench.products.gram(k, k) - own.T @ own, bench.right[k] - own.T @ projected
+        of_size.setdefault(candidate.size, []).append((k, *left))
+    for group in of_size.values():  # side by side: one by one, calls would take longer than the work
+        candidates = [bench.candidates[k] for k, _, _ in group]
+        spread = np.stack([candidate.spread for candidate in candidates])
+        G, b = (np.stack([part[i] for part in group]) for i in (1, 2))
+        result[[k for k, _, _ in group]] = increment(G, b, spread, candidates)
+    costs = np.array([candidate.price for candidate in bench.candidates])
     return result - costs
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +16,8 @@ from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.search.bench import Bench, likelihood_gain
 from twin_diagram.gap.search.evidence import HypothesisFit, Members
 from twin_diagram.gap.verdict import leftover_structure
-from twin_diagram.gap.verdict.posterior import findings_of, groups, separations_of
+from twin_diagram.gap.verdict.posterior import claims, findings_of, groups, most_probable, separations_of
+from twin_diagram.gap.verdict.probabilities import less_sure, outweighed, surer
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,10 @@ class Tuning:
     red: float = 6.0
     """Noise this much denser at the slow than at the fast ones of these frequencies [Hz] is no noise where something
     was found."""
+
+    heard: float = 2.0 / 3.0
+    """Share of a joint's samples whose logged torque must count for a law, where another unusual name is beside it; by
+    hand: below, the two explain whatever was logged."""
 
     many: int = 4
     """So many unusual names at once rather follow something that has no name."""
@@ -152,9 +157,35 @@ def mostly_left(bench: Bench, fit: HypothesisFit, joints: npt.NDArray[np.bool_])
     return left > TUNING.mostly * all_there and bool(np.any(joints))
 
 
+def guessed(findings: Sequence[Finding]) -> bool:
+    """Return whether something else is more probable than one of the names, or all of them are guesses."""
+    return any(map(outweighed, findings)) or (bool(findings) and all(map(Finding.is_guess, findings)))
+
+
+def deaf(bench: Bench, fit: HypothesisFit) -> bool:
+    """Return whether a joint's torque hardly counts for one unusual name while another takes what is left of it.
+
+    Such a pair explains friction on a joint that carries nothing as well as friction does, what it does at rest too.
+    """
+    for k in fit.members:
+        own = bench.candidates[k]
+        limit = -0.5 * float(np.log(TUNING.heard)) * sum(float(bench.counts[j]) for j in own.rows)
+        beside = (bench.candidates[i] for i in fit.members - {k})
+        if own.unheard_cost > limit and any(
+            set(other.joints) & set(own.joints) and not record_of(other.name).usual for other in beside
+        ):
+            return True
+    return False
+
+
+def outdone(bench: Bench, fit: HypothesisFit) -> bool:
+    """Return whether another set of names was solved that is more probable than what was to be named."""
+    return bool(fit.members) and claims(bench, most_probable(bench, fit).members) != claims(bench, fit.members)
+
+
 def conclude(records: Records, terms: Terms, bench: Bench, fit: HypothesisFit) -> Verdict:
     """Return the verdict on a final fit."""
-    left = leftover_structure.left_over(records, terms, bench, fit)
+    left, chosen = leftover_structure.left_over(records, terms, bench, fit), fit
     beyond = fit.variance - bench.finest
     raised = beyond > (
         TUNING.level + TUNING.of_few / np.maximum(bench.counts, 1.0) if fit.members else TUNING.far_above
@@ -171,19 +202,18 @@ def conclude(records: Records, terms: Terms, bench: Bench, fit: HypothesisFit) -
         if less.members != fit.members:
             sure = {f.name: f.confidence for f in findings}
             fit = less
-            findings = tuple(
-                replace(f, confidence=max(f.confidence, sure[f.name])) for f in findings_of(records, bench, fit)
-            )
+            findings = tuple(surer(f, sure[f.name]) for f in findings_of(records, bench, fit))
         separation = separations_of(records, bench, fit)
         structure = structure or crowded(findings) or doubled(bench, fit)
         named = {name: frozenset(group) for name, group in groups(bench, fit.members).items()}
         shares = {name: share_of(bench, fit, group) for name, group in named.items()}
         kept = tuple(f for f in findings if not negligible(f, findings, shares[f.name], structure))
         structure = structure or len(kept) < len(findings)
-        findings = tuple(replace(f, confidence=f.confidence * TUNING.less_sure) for f in kept) if structure else kept
+        findings = tuple(less_sure(f, TUNING.less_sure) for f in kept) if structure else kept
     touched = np.isin(np.arange(records.n), [j for k in fit.members for j in bench.candidates[k].rows])
     doubted = mostly_left(bench, fit, raised & touched)
     unknown = structure and (not findings or left.gain > TUNING.mostly * likelihood_gain(bench, fit) or doubted)
+    unknown = unknown or outdone(bench, chosen) or deaf(bench, chosen) or guessed(findings)
     if unknown:
         findings, separation = (), ()
     return Verdict(
