@@ -32,6 +32,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for warning in warnings:
             print(f"warning: {warning.message}", file=sys.stderr)
         ekf, states = filter_log(model, log, given.learn)
+        for assumption in ekf.terms.assumptions():
+            print(f"note: {assumption}", file=sys.stderr)
         if given.out:
             n = len(model.joints)
             kept = Log(log.time, model.joints, states[:, :n], velocity=states[:, n:], torque=log.motor_torque)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
@@ -19,9 +20,11 @@ from tests.small_loop import small_scenario
 from twin_diagram import cli
 from twin_diagram.logs import read_log
 from twin_diagram.model.model import Model
+from twin_diagram.model.prediction import load_model_for, rollout_rms, torque_residual_rms
 from twin_diagram.runs.score import table
-from twin_diagram.runtime import atomic_file
+from twin_diagram.runtime import atomic_file, output_place
 from twin_diagram.scenario.file import dump_scenario, load_scenario
+from twin_diagram.scenario.resources import models_dir
 
 JOINTS = [f"panda_joint{k}" for k in range(1, 8)]
 HOME = np.array([0.6, 0.2, 0.0, -2.1, 0.0, 2.3, 1.4])
@@ -158,7 +161,8 @@ RUN_CASES: dict[str, tuple[list[str], list[str]]] = {
     "out in place of a file": (["tabletop", "--out", "text.txt"], ["--out", "text.txt"]),
     "out below a file": (["tabletop", "--out", "text.txt/out"], ["--out", "text.txt"]),
     "record into something else": (["tabletop", "--record", "full"], ["full"]),
-    "record in place of a file": (["tabletop", "--record", "text.txt"], ["text.txt"]),
+    "record in place of a file": (["tabletop", "--record", "text.txt"], ["--record", "text.txt"]),
+    "record below a file": (["tabletop", "--record", "text.txt/deep/rec"], ["--record", "text.txt"]),
 }  # fmt: skip
 
 
@@ -254,6 +258,69 @@ def test_predict_refuses(changes: dict[str, str], words: list[str], refused: Run
     assert all(word in line for word in words), line
 
 
+# Outputs that cannot be written.
+
+PLACES: dict[str, tuple[list[str], list[str]]] = {
+    "run": (["tabletop"], ["--out", "--log", "--record"]),
+    "replay": (["good.csv", "--model", "arms/panda.urdf"], ["--out"]),
+    "predict": (["--model", "arms/panda.urdf", "--log", "good.csv"], ["--out"]),
+    "gap": (["--model", "m.urdf", "--fit", "good.csv", "--holdout", "good.csv"], ["--out"]),
+}
+
+
+@pytest.mark.parametrize(("command", "option"), [(name, option) for name in PLACES for option in PLACES[name][1]])
+def test_outputs_are_tried_before_the_work(
+    command: str, option: str, refused: Run, egl: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(**_: object) -> None:
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    def work(*_: object) -> None:
+        pytest.fail("it has begun to work")
+
+    monkeypatch.setattr(output_place.tempfile, "NamedTemporaryFile", full)
+    for place in ("gap.workflow.read_log", "model.prediction.read_log", "runs.run.make_closed_loop"):
+        monkeypatch.setattr(f"twin_diagram.{place}", work)
+    monkeypatch.setattr("twin_diagram.runs.outputs.open_recording", work)
+    if command == "replay":
+        monkeypatch.setattr("twin_diagram.runs.run.read_log", read_log)  # how long it takes is asked first
+    target = "new/x.csv" if command == "predict" or option == "--log" else "new/x"
+    line = refused(command, *PLACES[command][0], option, target)
+    assert f"{option} {target}: cannot be written: Read-only file system" in line
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (OSError(errno.ENOSPC, "No space left on device"), "error: No space left on device\n"),
+        (PermissionError(errno.EACCES, "Permission denied", "out/x"), "error: out/x: Permission denied\n"),
+        (OSError("two\nlines"), "error: two lines\n"),
+    ],
+)
+def test_what_goes_wrong_while_it_is_written_is_one_line(
+    error: OSError, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(cli, "_predict", fail)
+    assert cli.main(["predict", "--model", "m", "--log", "l", "--out", "o"]) == 2
+    assert capsys.readouterr().err == said
+
+
+def test_output_that_nothing_takes_is_one_line(tmp_path: Path) -> None:
+    script = "import sys; from twin_diagram import cli; cli._predict = lambda _: print('x') or 0; sys.exit(cli.main())"
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-c", script, "predict", "--model", "m", "--log", "l", "--out", "o"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=60,
+        )
+    assert (done.returncode, done.stderr) == (2, "error: No space left on device\n")
+
+
 # What works.
 
 
@@ -275,6 +342,84 @@ def test_predict(suffix: str, place: Path, tmp_path: Path, capfd: pytest.Capture
     assert all(np.all(np.isfinite(values)) for values in columns.values())
     torque = np.stack([columns[f"torque_predicted.{joint}"] for joint in JOINTS], axis=1)
     assert np.abs(torque - measured.motor_torque)[20:-20].max() < 3.0
+
+
+def foreign(place: Path, folder: Path) -> tuple[Path, Path]:
+    """The good log in degrees and millinewtonmetres, in columns of other names; and the map of them."""
+    _, *rows = (place / "good.csv").read_text().splitlines()
+    values = np.array([row.split(",") for row in rows], dtype=float)
+    values[:, 1:8] *= 180.0 / np.pi
+    values[:, 8:] *= 1e3
+    head = ",".join(["clock", *(f"{letter}{k}" for letter in "qt" for k in range(7))])
+    log, meaning = folder / "foreign.csv", folder / "map.yaml"
+    log.write_text("\n".join([head, *(",".join(map(repr, row)) for row in values.tolist())]) + "\n")
+    meaning.write_text(
+        "time: {column: clock}\nposition_measured: {column: 'q{i}', unit: deg}\n"
+        f"torque_measured: {{column: 't{{i}}', unit: mN·m}}\njoints: [{', '.join(JOINTS)}]\n"
+    )
+    return log, meaning
+
+
+def test_predict_of_a_foreign_log_says_each_joints_misfit(
+    place: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    log, meaning = foreign(place, tmp_path)
+    plain = [
+        "predict",
+        "--model",
+        "arms/panda.urdf",
+        "--log",
+        str(place / "good.csv"),
+        "--out",
+        str(tmp_path / "a.csv"),
+    ]
+    assert cli.main(plain) == 0
+    said = capfd.readouterr().out
+    given = ["--log", str(log), "--columns", str(meaning), "--out", str(tmp_path / "b.csv")]
+    assert cli.main(["predict", "--model", "arms/panda.urdf", *given]) == 0
+    assert capfd.readouterr().out == said
+    lines = said.splitlines()
+    assert [line.split()[0] for line in lines[1:]] == JOINTS
+    assert all(line.split()[2] == "N·m" and line.split()[4] == "mrad" for line in lines[1:])
+    loaded, measured, _ = load_model_for(read_log(place / "good.csv"), "arms/panda.urdf")
+    rms = [float(line.split()[1]) for line in lines[1:]]
+    assert rms == pytest.approx(torque_residual_rms(loaded, measured), rel=1e-3)
+    away = [1e-3 * float(line.split()[3]) for line in lines[1:]]
+    assert away == pytest.approx(rollout_rms(loaded, measured), rel=1e-3)
+
+
+def test_replay_of_a_foreign_log(place: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    log, meaning = foreign(place, tmp_path)
+    assert cli.main(["replay", str(log), "--model", "arms/panda.urdf", "--columns", str(meaning)]) == 0
+    beliefs = json.loads(capfd.readouterr().out)
+    assert np.array(list(beliefs["joints"].values())) == pytest.approx(
+        read_log(place / "good.csv").position[-1], abs=5e-3
+    )
+
+
+@pytest.mark.parametrize("given", ["my_arm", "my_arm=nowhere", "=."])
+def test_packages_that_cannot_be_are_named(
+    given: str, place: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    log = str(place / "good.csv")
+    out = tmp_path / "p.csv"
+    assert cli.main(["predict", "--model", "m.urdf", "--log", log, "--out", str(out), "--packages", given]) == 2
+    assert f"--packages {given}" in capfd.readouterr().err
+    assert not out.exists()
+
+
+def test_a_package_is_found_where_the_flag_says_and_asked_for_by_both_its_names(
+    place: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "arm").mkdir()
+    shutil.copy(models_dir() / "arms" / "panda.urdf", tmp_path / "arm" / "own.urdf")
+    command = ["predict", "--model", "package://own_arm/own.urdf", "--log", str(place / "good.csv")]
+    command += ["--out", str(tmp_path / "p.csv")]
+    assert cli.main(command) == 2
+    said = capfd.readouterr().err
+    assert "packages: {own_arm: DIR}" in said and "--packages own_arm=DIR" in said
+    assert cli.main([*command, "--packages", f"own_arm={tmp_path / 'arm'}"]) == 0
+    assert (tmp_path / "p.csv").is_file()
 
 
 def test_replay_of_a_bare_log_whose_clock_starts_anywhere(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -461,7 +606,7 @@ def test_a_reader_that_has_enough_is_no_error(tmp_path: Path) -> None:
 def test_runs_that_tell_too_little_are_refused_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def too_short(*arguments: Any) -> Any:
+    def too_short(*arguments: Any, **more: Any) -> Any:
         raise np.linalg.LinAlgError("Matrix is not positive definite")
 
     monkeypatch.setattr("twin_diagram.gap.workflow.run_gap", too_short)

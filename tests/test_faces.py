@@ -27,6 +27,7 @@ ROOT = [
     "DriftMonitor",
     "Effect",
     "Ekf",
+    "Filter",
     "IcpPoseEstimator",
     "Log",
     "Model",

@@ -12,6 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from tests.estimation_bench import JOINTS, World, simulate
+from twin_diagram.logs import Log, write_log
+
 CHECKOUT = Path(__file__).resolve().parent.parent
 README = (CHECKOUT / "README.md").read_text()
 CONTRIBUTING = (CHECKOUT / "CONTRIBUTING.md").read_text()
@@ -48,7 +51,7 @@ def test_example_runs(tmp_path: Path, egl: None) -> None:
 
 
 def test_example_of_the_filter_runs() -> None:
-    first, second = blocks()
+    first, second, _ = blocks()
     assert "Ekf" not in first
     done = subprocess.run(
         [sys.executable, "-c", second],
@@ -60,6 +63,23 @@ def test_example_of_the_filter_runs() -> None:
     )
     assert done.returncode == 0, done.stderr
     assert "nan" not in done.stdout and "payload" in done.stdout
+
+
+def test_example_of_the_monitor_runs(tmp_path: Path) -> None:
+    run = simulate(World.draw(5, period=4.0), 0.5)
+    write_log(Log(run.time, JOINTS, run.q, velocity=run.v, torque=run.tau), tmp_path / "run.csv")
+    example = blocks()[2]
+    assert "Monitor(terms)" in example
+    done = subprocess.run(
+        [sys.executable, "-c", example],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(CHECKOUT)},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == "[]"
 
 
 def test_commands_take_what_is_said_of_them() -> None:

@@ -201,7 +201,7 @@ def test_the_wall_test_sees_a_hole() -> None:
 # Values.
 
 DURATION = 1.6
-LOOKS = [0.25, 0.75, 1.2, DURATION]
+LOOKS = [0.24, 0.8, 1.2, DURATION]
 """Some at the very times at which filter, camera and updater tick."""
 
 

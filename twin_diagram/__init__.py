@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from twin_diagram.perception import IcpPoseEstimator, PerceptionSystem
     from twin_diagram.planning import Mpc
     from twin_diagram.runs import replay_log, run_scenario
-    from twin_diagram.scenario import Scenario, load_scenario, save_scenario
+    from twin_diagram.scenario import Filter, Scenario, load_scenario, save_scenario
     from twin_diagram.scene import SceneGraphUpdater
     from twin_diagram.station.make_station import make_station
     from twin_diagram.twin import make_closed_loop, make_twin
@@ -31,6 +31,7 @@ __all__ = [
     "DriftMonitor",
     "Effect",
     "Ekf",
+    "Filter",
     "IcpPoseEstimator",
     "Log",
     "Model",

@@ -11,31 +11,65 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from twin_diagram.errors import TwinError
+from twin_diagram.runtime.stopping import Stopped, stoppable
+from twin_diagram.runtime.threads import one_thread
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit status."""
+    """Run the command; returns its exit status.
+
+    Args:
+        argv: what follows the program's name; None: this process's own, which ends here where a signal stops it.
+    """
     arguments = _parser().parse_args(argv)
     command: Callable[[argparse.Namespace], int] = arguments.command
     # Where to look is said by the run itself; a filter stays when importing pydrake sets the level.
-    logging.getLogger("drake").addFilter(lambda record: record.levelno >= logging.WARNING)
+    logging.getLogger("drake").addFilter(_worth_saying)
     try:
-        status = command(arguments)
+        with one_thread(), stoppable():  # before NumPy is imported
+            _import_effects(getattr(arguments, "imported", []))
+            status = command(arguments)
         sys.stdout.flush()  # a reader that has left is noticed here, not at exit
         return status
     except TwinError as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stop:
         print("stopped", file=sys.stderr)
-        return 130
+        status = stop.status if isinstance(stop, Stopped) else 130
+        if argv is None:  # as a program of its own: taking Drake down takes longer than closing did
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(status)
+        return status
     except BrokenPipeError:
         # Whoever read the output has enough of it; keep the interpreter from complaining about it at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _leave_stdout()
         return 0
+    except OSError as error:
+        print(f"error: {_said(error)}", file=sys.stderr)
+        try:
+            sys.stdout.flush()
+        except OSError:  # that is what could not be written
+            _leave_stdout()
+        return 2
+
+
+def _said(error: OSError) -> str:
+    where = f"{error.filename}: " if error.filename is not None else ""
+    return " ".join(f"{where}{error.strerror or error}".split())
+
+
+def _leave_stdout() -> None:
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _worth_saying(record: logging.LogRecord) -> bool:
+    """Leave out what Drake says of joint friction: `model.description.unparsed` reads what Drake does not."""
+    return record.levelno >= logging.WARNING and "non-zero joint friction" not in record.getMessage()
 
 
 class _Parser(argparse.ArgumentParser):
@@ -68,14 +102,37 @@ def _parser() -> argparse.ArgumentParser:
     replay.add_argument("log", type=Path, metavar="DIR_OR_LOG", help="a folder of `run --record`, or a measured log")
     replay.add_argument("--model", help="the arm's description, for a bare log: URDF, SDF, MJCF or a corrected model")
     _add_scenario_options(replay)
+    _add_columns(replay)
     replay.add_argument("--out", type=Path, metavar="DIR", help="write replay.html, diagram.svg and summary.json")
     replay.set_defaults(command=_replay)
 
+    _add_scenario_commands(commands)
+    _add_log_commands(commands)
+    return parser
+
+
+def _add_scenario_commands(commands: Any) -> None:
+    """Add the commands about scenarios."""
+    init = commands.add_parser("init", help="write a first scenario for an arm of one's own")
+    init.add_argument("--arm", required=True, help="URDF, SDF or MJCF")
+    init.add_argument("--out", required=True, type=Path, metavar="YAML", help="the scenario; must not exist yet")
+    _add_packages(init)
+    init.set_defaults(command=_init)
+
+    fields = commands.add_parser("fields", help="what a scenario's fields mean, with units and defaults")
+    fields.add_argument("section", nargs="?", default="", help="e.g. twin.filter; without it: the top level")
+    fields.set_defaults(command=_fields)
+
+
+def _add_log_commands(commands: Any) -> None:
+    """Add the commands about models and logs."""
     predict = commands.add_parser("predict", help="what a model says of a measured log: torques and motion")
     predict.add_argument("--model", required=True, help="URDF, SDF, MJCF or the folder of a corrected model")
     predict.add_argument("--log", required=True, type=Path, help="measured log, .csv or .npz")
     predict.add_argument("--out", required=True, type=Path, help="where the prediction is written, .csv or .npz")
     predict.add_argument("--horizon", type=float, default=0.2, help="length of a rollout [s] (default: %(default)s)")
+    _add_columns(predict)
+    _add_packages(predict)
     predict.set_defaults(command=_predict)
 
     gap = commands.add_parser("gap", help="find what a model lacks to explain measured logs, and add it")
@@ -92,14 +149,61 @@ def _parser() -> argparse.ArgumentParser:
     gap.add_argument(
         "--out", required=True, type=Path, metavar="DIR", help="write gap.json, model/, experiments/ and report.html"
     )
+    _add_columns(gap)
+    _add_packages(gap)
     gap.set_defaults(command=_gap)
-    return parser
+
+
+def _add_columns(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--columns",
+        metavar="MAP",
+        help="what a foreign log's columns mean: a YAML file or a preset (libfranka, franka_ros, ur_rtde, iiwa_fri, …)",
+    )
+
+
+def _add_packages(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--packages",
+        action="append",
+        default=[],
+        metavar="NAME=DIR",
+        help="local folder for package://NAME; may be repeated",
+    )
+    parser.add_argument(
+        "--import",
+        dest="imported",
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="Python file that registers effects of one's own; may be repeated",
+    )
+
+
+def _import_effects(files: Sequence[str]) -> None:
+    if files:
+        from twin_diagram.model.effects.users_modules import import_file
+
+        for file in files:
+            import_file(file)
+
+
+def _packages(arguments: argparse.Namespace) -> dict[str, str | Path]:
+    found: dict[str, str | Path] = {}
+    for given in arguments.packages:
+        name, equals, folder = given.partition("=")
+        if not (name and equals and Path(folder).is_dir()):
+            what = f"{folder!r} is no folder" if name and equals else "is not NAME=DIR"
+            raise TwinError(f"--packages {given}: {what}; it names the local folder that package://NAME stands for")
+        found[name] = Path(folder).resolve()
+    return found
 
 
 def _add_scenario_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--set", action="append", default=[], metavar="FIELD=VALUE", help="override a field, e.g. twin.filter.rate=400"
     )
+    _add_packages(parser)
     parser.add_argument("--seed", type=int, help="of everything random")
     parser.add_argument("--duration", type=float, help="[s]")
     parser.add_argument("--meshcat", action="store_true", help="look on in a browser while it runs")
@@ -110,7 +214,8 @@ def _overrides(arguments: argparse.Namespace) -> list[str]:
     named = [
         f"{name}={getattr(arguments, name)}" for name in ("seed", "duration") if getattr(arguments, name) is not None
     ]
-    return [*arguments.set, *named]
+    packages = [f"packages.{name}={folder}" for name, folder in _packages(arguments).items()]
+    return [*packages, *arguments.set, *named]
 
 
 def _run(arguments: argparse.Namespace) -> int:
@@ -120,9 +225,10 @@ def _run(arguments: argparse.Namespace) -> int:
     scenario = load_scenario(arguments.scenario, _overrides(arguments))
     if scenario.station == "sim" and scenario.twin.camera is not None:
         require_egl()
+    from twin_diagram.runs.health_watch import unheard
     from twin_diagram.runs.run import run_scenario
 
-    run_scenario(
+    summary = run_scenario(
         scenario,
         out=arguments.out,
         record=arguments.record,
@@ -131,7 +237,7 @@ def _run(arguments: argparse.Namespace) -> int:
         meldis=arguments.meldis,
         say=print,
     )
-    return 0
+    return 3 if unheard(summary) else 0
 
 
 def _replay(arguments: argparse.Namespace) -> int:
@@ -145,6 +251,7 @@ def _replay(arguments: argparse.Namespace) -> int:
         arguments.log,
         model=arguments.model,
         overrides=_overrides(arguments),
+        columns=arguments.columns,
         out=arguments.out,
         show=arguments.meshcat,
         meldis=arguments.meldis,
@@ -153,12 +260,30 @@ def _replay(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _init(arguments: argparse.Namespace) -> int:
+    from twin_diagram.runs.first_scenario import write_first_scenario
+
+    found = write_first_scenario(arguments.arm, arguments.out, _packages(arguments))
+    print(f"{arguments.out}: {len(found.joints)} joints ({', '.join(found.joints)}), tool frame {found.frames[0]}")
+    print(f"run it: twin-diagram run {arguments.out} --out out/first")
+    return 0
+
+
+def _fields(arguments: argparse.Namespace) -> int:
+    from twin_diagram.scenario import Scenario
+    from twin_diagram.scenario.field_table import rows_at, table
+
+    print(table(rows_at(Scenario, arguments.section)))
+    return 0
+
+
 def _predict(arguments: argparse.Namespace) -> int:
     from twin_diagram.model.prediction import predict
 
     if not arguments.horizon > 0:
         raise TwinError(f"--horizon {arguments.horizon}: the length of a rollout is positive [s]")
-    predict(arguments.model, arguments.log, arguments.out, arguments.horizon)
+    packages = _packages(arguments)
+    predict(arguments.model, arguments.log, arguments.out, arguments.horizon, packages, arguments.columns, say=print)
     return 0
 
 
@@ -172,7 +297,15 @@ def _gap(arguments: argparse.Namespace) -> int:
         print(text, file=sys.stderr, flush=True)
 
     try:
-        found = run_gap(arguments.model, arguments.fit, arguments.holdout, arguments.out, say)
+        found = run_gap(
+            arguments.model,
+            arguments.fit,
+            arguments.holdout,
+            arguments.out,
+            say,
+            packages=_packages(arguments),
+            columns=arguments.columns,
+        )
     except LinAlgError as error:  # more that could explain the runs than samples to tell it by
         raise TwinError(
             f"these runs are too short, or move too little, to tell noise from what a model may lack ({error}); "

@@ -24,7 +24,7 @@ from twin_diagram.gap.workflow import Gap, run_gap
 from twin_diagram.logs import Log, read_log, write_log
 from twin_diagram.model.effects import REGISTRY, Effect, ParameterKind, register
 from twin_diagram.model.model import Model
-from twin_diagram.runtime import atomic_file
+from twin_diagram.runtime import atomic_file, written_files
 from twin_diagram.scenario import EffectSpec
 
 FRICTION = 3.0
@@ -90,8 +90,8 @@ def test_finds_what_is_missing(found: tuple[Gap, Path]) -> None:
     assert torque["after"]["elbow"] < 0.05 * torque["before"]["elbow"]
     assert position["after"]["elbow"] < 0.2 * position["before"]["elbow"]
     assert sorted(path.name for path in out.iterdir()) in (
-        ["gap.json", "model", "report.html"],
-        ["experiments", "gap.json", "model", "report.html"],
+        ["gap.json", "gap_files.txt", "model", "report.html"],
+        ["experiments", "gap.json", "gap_files.txt", "model", "report.html"],
     )
     assert "The model lacks dry friction on elbow." in (out / "report.html").read_text()
 
@@ -195,6 +195,51 @@ def test_what_else_is_in_the_folder_stays(stub: None, runs: tuple[Path, list[Pat
     assert not (out / "experiments" / "old.csv").exists()
     assert json.loads((out / "gap.json").read_text())["verdict"] == "named"
     assert [path.name for path in tmp_path.iterdir()] == ["out"]  # nothing temporary is left
+
+
+def test_a_second_run_removes_what_the_first_one_wrote(
+    stub: None, runs: tuple[Path, list[Path]], tmp_path: Path
+) -> None:
+    model, (fit, held, _) = runs
+    out = tmp_path / "out"
+    mine = (
+        "notes.txt",
+        "model/mine.urdf",
+        "experiments/mine.csv",
+        "experiments/1/x",
+        "report.html.bak",
+        "summary.json",
+    )
+    for file in mine:
+        (out / file).parent.mkdir(parents=True, exist_ok=True)
+        (out / file).write_text("mine")
+    run_gap(model, [fit], held, out)
+    listed = written_files.listed(out, workflow.FILES)
+    assert {*listed, workflow.FILES, *mine} == set(written_files.files_of(out))
+    assert {"gap.json", "report.html", "model/arm.urdf", "model/effects.yaml"} <= set(listed)
+    for file in ("experiments/9_old.csv", "model/old.urdf"):  # which another run would not write
+        (out / file).write_text("of the first run")
+    written_files.note(out, workflow.FILES, ["experiments/9_old.csv", "model/old.urdf", "../precious", "mine.lnk/x"])
+    (tmp_path / "precious").write_text("")
+    run_gap(out / "model", [fit], held, out)
+    assert {*written_files.listed(out, workflow.FILES), workflow.FILES, *mine} == set(written_files.files_of(out))
+    assert not (out / "model" / "old.urdf").exists() and (tmp_path / "precious").exists()
+    assert all((out / file).read_text() == "mine" for file in mine)
+    Model.load(out / "model")
+
+
+def test_ctrl_c_leaves_what_was_there(
+    stub: None, runs: tuple[Path, list[Path]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(*_: object) -> str:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(workflow.page, "page", interrupt)
+    model, (fit, held, _) = runs
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "gap.json").write_text("old")
+    assert cli.main(arguments(model, [fit], held, tmp_path / "out")) == 130
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["gap.json"]
 
 
 def test_a_folder_that_is_there_may_be_a_disk_of_its_own(

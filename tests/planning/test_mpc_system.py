@@ -19,7 +19,7 @@ from twin_diagram.planning.mpc.payload_gravity import gravity_regressor
 from twin_diagram.planning.mpc.planner import MotionPlanner
 from twin_diagram.planning.mpc.planner_state import Memory
 from twin_diagram.planning.mpc.quadratic_program import QpSolution, QpSolver, QuadraticProgram
-from twin_diagram.planning.mpc_system import PAYLOAD, Mpc, _offset
+from twin_diagram.planning.mpc_system import PAYLOAD, Mpc, _check, _offset
 from twin_diagram.planning.paths import inverse_kinematics
 from twin_diagram.planning.paths.route import Aim, Route
 from twin_diagram.scenario.resources import models_dir
@@ -417,3 +417,87 @@ def test_ticks_follow_the_updater() -> None:
     # The image of time 0 is delivered at 35 ms, is in the tracks at the updater's tick at 50 ms, and is used then.
     assert offset == pytest.approx(0.051)
     assert _offset(told(camera=None)) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("latency", "scene_rate", "rate", "offset"),
+    [(0.12, 40.0, 10.0, 0.026), (0.049, 40.0, 10.0, 0.051), (0.0495, 40.0, 10.0, 0.076), (0.03, 100.0, 50.0, 0.001)],
+)
+def test_a_tick_comes_a_millisecond_after_the_updaters(
+    latency: float, scene_rate: float, rate: float, offset: float
+) -> None:
+    """Which comes with the first of its ticks that is a millisecond after an image's delivery."""
+    twin = told()
+    assert twin.camera is not None
+    twin = replace(
+        twin,
+        camera=replace(twin.camera, latency=latency),
+        scene=replace(twin.scene, rate=scene_rate),
+        planner=replace(twin.planner, rate=rate),
+    )
+    assert _offset(twin) == pytest.approx(offset, abs=1e-9)
+
+
+def test_plans_are_made_at_the_planners_rate_and_the_arm_is_held_at_the_filters(model: Model) -> None:
+    twin = told(camera=None, planner=replace(scenario.Planner(), rate=8.0))
+    mpc = Mpc(model, replace(twin, filter=replace(twin.filter, rate=125.0)), {})
+    simulator = Simulator(mpc)
+    context = simulator.get_mutable_context()
+    mpc.GetInputPort("arm_state").FixValue(context, np.concatenate([HOME, np.zeros(7)]))
+    mpc.GetInputPort("tracks").FixValue(context, np.zeros(0))
+    mpc.GetInputPort("parameters").FixValue(context, np.zeros(4))
+    mpc.GetInputPort("goal").FixValue(context, NOTHING)
+    mpc.GetInputPort("measurement_time").FixValue(context, np.array([NEVER]))
+    simulator.Initialize()
+    simulator.AdvanceTo(0.0161)
+    mpc.GetInputPort("measurement_time").FixValue(context, np.array([0.016]))
+    simulator.AdvanceTo(0.0239)
+    assert mpc.memory(context).trajectory.start == NEVER
+    simulator.AdvanceTo(0.0241)
+    assert mpc.memory(context).trajectory.start == pytest.approx(0.024)
+    for until, ticks in ((0.124, 0), (0.126, 1), (0.24, 1), (0.26, 2)):
+        simulator.AdvanceTo(until)
+        assert mpc.memory(context).tick == ticks
+
+
+def test_tuning_is_fine_up_to_its_bounds() -> None:
+    least = {"rate": 1e-6, "step": 1e-6, "clearance": 1e-6, "velocity_share": 1e-6, "acceleration": 1e-6}
+    _check(replace(scenario.Planner(), **least, knots=4))  # type: ignore[arg-type]
+    _check(replace(scenario.Planner(), velocity_share=1.0))
+    for field in least:
+        for value in (0.0, -1.0, float("inf")):
+            with pytest.raises(ScenarioError, match=f"twin.planner.{field}"):
+                _check(replace(scenario.Planner(), **{field: value}))  # type: ignore[arg-type]
+
+
+def test_a_goal_counts_from_the_tasks_start_on_and_a_payload_needs_all_its_parts(model: Model) -> None:
+    for start, moves in ((1 / 15, True), (1 / 15 + 1e-3, False)):
+        twin = told(camera=None)
+        twin.task.start = start
+        mpc = Mpc(model, twin, {}, parameter_names=PAYLOAD[:3])
+        simulator = Simulator(mpc)
+        context = simulator.get_mutable_context()
+        mpc.GetInputPort("arm_state").FixValue(context, np.concatenate([HOME, np.zeros(7)]))
+        mpc.GetInputPort("tracks").FixValue(context, np.zeros(0))
+        mpc.GetInputPort("parameters").FixValue(context, np.array([1.0, 0.1, 0.1]))
+        mpc.GetInputPort("goal").FixValue(context, GOAL)
+        simulator.Initialize()
+        simulator.AdvanceTo(0.07)
+        assert bool(mpc.memory(context).goal.any()) == moves
+        assert not np.any(mpc.GetOutputPort("torque_commanded").Eval(context))
+
+
+def test_a_corrected_models_torque_is_added_beside_the_payloads(model: Model) -> None:
+    mpc = Mpc(model, told(), {}, parameter_names=PAYLOAD)
+    spring = scenario.EffectSpec("joint_spring", ["panda_joint2"], [], {"stiffness": [20.0], "rest_angle": [-0.2]})
+    context = mpc.CreateDefaultContext()
+    connect_all = np.array([0.8, 0.01, -0.02, 0.1])
+    mpc.GetInputPort("arm_state").FixValue(context, np.concatenate([HOME, np.full(7, 0.3)]))
+    mpc.GetInputPort("parameters").FixValue(context, connect_all)
+    before = np.array(mpc.GetOutputPort("torque_commanded").Eval(context))
+    mpc.use_model(context, mpc.add_model(Model.load(replace(scenario.ArmModel(), effects=[spring]))))
+    after = np.array(mpc.GetOutputPort("torque_commanded").Eval(context))
+    np.testing.assert_allclose(after - before, 20.0 * (HOME[1] + 0.2) * np.eye(7)[1], atol=1e-9)
+    mpc.use_model(context, 0)
+    np.testing.assert_allclose(mpc.GetOutputPort("torque_commanded").Eval(context), before)
+    assert np.abs(before).max() > 1.0

@@ -224,7 +224,7 @@ def test_the_cover_of_the_hand_is_tight() -> None:
         assert beyond <= BALL_COVER.overhang + 1e-9
 
 
-def test_an_arm_without_shapes_is_refused(tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_an_arm_without_shapes_is_covered_along_its_joints(tmp_path, caplog) -> None:  # type: ignore[no-untyped-def]
     text = (models_dir() / "arms" / "panda.urdf").read_text()
     bare = tmp_path / "bare.urdf"
     while "<collision>" in text:
@@ -232,8 +232,21 @@ def test_an_arm_without_shapes_is_refused(tmp_path) -> None:  # type: ignore[no-
         text = head + rest.partition("</collision>")[2]
     bare.write_text(text)
     plant, scene_graph, arm, _ = arm_plant(scenario.ArmModel(model=str(bare), tool_frame=""))
-    with pytest.raises(ModelError, match="no collision geometry"):
-        arm_balls(plant, scene_graph, arm, depths(plant, arm.joint_indices))
+    balls = arm_balls(plant, scene_graph, arm, depths(plant, arm.joint_indices))
+    assert "no collision geometry" in caplog.text
+    context = plant.CreateDefaultContext()
+    poses = [plant.get_joint(index).child_body().EvalPoseInWorld(context) for index in arm.joint_indices]
+    origins = np.array([X_WL.translation() for X_WL in poses])
+    lengths = np.linalg.norm(np.diff(origins, axis=0), axis=1)
+    np.testing.assert_allclose(balls.radii, 0.05 * lengths.sum())
+    assert len(balls.pairs) == 0
+    for k, X_WL in enumerate(poses):
+        centres = np.array([X_WL.multiply(c) for c in balls.centres_L[balls.links == k + 1]])
+        np.testing.assert_allclose(centres[0], origins[k], atol=1e-12)
+        if k < 6:  # the balls overlap all along the line to the next joint
+            np.testing.assert_allclose(centres[-1], origins[k + 1], atol=1e-12)
+            gaps = np.linalg.norm(np.diff(centres, axis=0), axis=1)
+            assert np.all(gaps <= balls.radii[0]) and gaps.sum() == pytest.approx(lengths[k])
 
 
 # Clearance.

@@ -116,7 +116,10 @@ def test_a_faultless_run() -> None:
             "symmetric_axis": axis,
             "visible_share": 1.0,
         }
-    assert result["arm"] == {"joint_error_rad": {"rms": 0.0, "max": 0.0}}
+    assert result["arm"] == {
+        "joint_error_rad": {"rms": 0.0, "max": 0.0},
+        "joints": {f"joint {k}": {"rms": 0.0, "max": 0.0, "unit": "rad"} for k in range(1, N + 1)},
+    }
     assert result["payload"] == {"mass_true": 0.8, "mass_estimated": 0.8, "mass_std": 0.01}
     assert result["goal"] == {"reached": True, "error_mm": 2.0}
     assert (result["seed"], result["duration_s"]) == (3, 5.0)
@@ -243,6 +246,33 @@ def test_joint_error_is_of_positions_alone() -> None:
     error = summary(record(arm_estimated=estimated))["arm"]["joint_error_rad"]
     assert error["max"] == pytest.approx(0.02)
     assert error["rms"] == pytest.approx(0.02 / math.sqrt(T * N))
+
+
+def test_joints_are_told_by_name_and_a_prismatic_one_in_millimetres() -> None:
+    estimated = np.zeros((T, 2 * N))
+    estimated[:, 1], estimated[10, 2] = 3e-5, -0.02
+    names = ["turn", "slide", "wrist", "a", "b", "c", "d"]
+    result = summary(record(arm_estimated=estimated, joints=names, prismatic={"slide"}))
+    assert list(result["arm"]["joints"]) == names
+    assert result["arm"]["joints"]["slide"] == {
+        "rms": pytest.approx(0.03), "max": pytest.approx(0.03), "unit": "mm"
+    }  # fmt: skip
+    assert result["arm"]["joints"]["wrist"] == {
+        "rms": pytest.approx(0.02 / math.sqrt(T)), "max": pytest.approx(0.02), "unit": "rad"
+    }  # fmt: skip
+    # A length is no angle: what is said of all angles together leaves it out.
+    assert result["arm"]["joint_error_rad"]["rms"] == pytest.approx(0.02 / math.sqrt(T * (N - 1)))
+    rows = {line.split()[0]: line.split()[1:] for line in table(result).splitlines() if line.strip()}
+    assert rows["slide"] == ["3.0e-02", "3.0e-02", "mm"]
+    assert rows["wrist"] == ["1.2e-03", "2.0e-02", "rad"]
+
+
+def test_an_arm_of_prismatic_joints_alone_has_no_error_in_radians() -> None:
+    names = [f"slide{k}" for k in range(N)]
+    result = summary(record(joints=names, prismatic=set(names)))
+    assert result["arm"]["joint_error_rad"] == {"rms": None, "max": None}
+    assert "rad rms" not in table(result)
+    json.dumps(result, allow_nan=False)
 
 
 @pytest.mark.parametrize(

@@ -182,3 +182,101 @@ def test_statuses_change_at_the_scenarios_ages() -> None:
         [status.STALE, status.STALE, status.UNSEEN],
         [status.LOST, status.LOST, status.UNSEEN],
     ]
+
+
+def test_nothing_is_known_at_first() -> None:
+    """Any rotation, a metre: the variance of an angle that is even over a turn is π²/3."""
+    filters = object_filter.initial_filters(2)
+    belief = object_filter.propagate(filters, 7.0, SETTINGS)
+    np.testing.assert_array_equal(belief.poses, np.tile([1.0, 0, 0, 0, 0, 0, 0], (2, 1)))
+    even = np.linspace(-np.pi, np.pi, 100_001)
+    expected = np.diag([np.var(even)] * 3 + [1.0] * 3 + [0.0] * 6)
+    np.testing.assert_allclose(belief.covariances[1], expected, rtol=1e-4)
+    np.testing.assert_array_equal(filters[:, FilterLayout.REMEMBERED_POSE], belief.poses)
+    assert (filters[:, FilterLayout.REMEMBERED_TIME] < 0).all() and (filters[:, FilterLayout.LAST_SEEN] < 0).all()
+
+
+def test_settings_are_a_scenarios_deviations_squared() -> None:
+    params = scenario.SceneUpdater(
+        stale_after=0.7, lost_after=8.0, acceleration_std=0.5, angular_acceleration_std=2.0, position_floor=0.003,
+        rotation_floor=0.04, rest_walk=0.02, rest_turn=0.06, stale_walk=0.11, stale_turn=0.13, rest_speed=0.017,
+        rest_spin=0.19,
+    )  # fmt: skip
+    settings = object_filter.FilterSettings.of(params)
+    assert (settings.stale_after, settings.lost_after) == (0.7, 8.0)
+    # An acceleration that forgets itself within 0.3 s: the integral of σ² exp(−|t| / 0.3 s).
+    t = np.linspace(-6.0, 6.0, 200_001)
+    forgets = float(np.sum(np.exp(-np.abs(t) / 0.3)) * (t[1] - t[0]))
+    np.testing.assert_allclose(settings.acceleration_density, forgets * np.array([4.0] * 3 + [0.25] * 3), rtol=1e-4)
+    np.testing.assert_allclose(settings.rest_walk, [0.0036] * 3 + [0.0004] * 3)
+    np.testing.assert_allclose(settings.stale_walk, [0.0169] * 3 + [0.0121] * 3)
+    np.testing.assert_allclose(settings.floor, [0.0016] * 3 + [9e-6] * 3)
+    np.testing.assert_array_equal(settings.slow, [0.19, 0.017])
+
+
+def test_time_does_not_run_backwards() -> None:
+    filter_ = filtered(Mode.MOVING)
+    filter_[FilterLayout.VELOCITY] = [0, 0, 0.2, 0.1, 0, 0]
+    then, before = (object_filter.propagate(filter_[None], now, SETTINGS) for now in (1.0, 0.5))
+    for one, two in zip(then, before, strict=True):
+        np.testing.assert_array_equal(one, two)
+    np.testing.assert_array_equal(before.poses[0], STILL)
+
+
+def test_a_turning_objects_errors_turn_with_it() -> None:
+    """The share of the covariance that comes from the pose, against differences of perturbed filters."""
+    filter_ = filtered(Mode.MOVING)
+    filter_[FilterLayout.VELOCITY] = [1.0, -2.0, 3.0, 0.3, 0.1, -0.2]
+    step, age = 1e-6, 0.2
+    columns = []
+    for axis in range(6):
+        poses = []
+        for side in (step, -step):
+            other = filter_.copy()
+            other[FilterLayout.POSE] = object_update.moved(STILL, side * np.eye(6)[axis])
+            poses.append(object_filter.propagate(other[None], 1.0 + age, SETTINGS).poses[0])
+        columns.append(object_update.pose_difference(*poses) / (2 * step))
+    transition = np.array(columns).T
+    root = 0.1 * np.random.default_rng(1).normal(size=(6, 6))
+    known = np.zeros((12, 12))
+    known[:6, :6] = root @ root.T
+    filter_[FilterLayout.COVARIANCE] = known.ravel()
+    later = object_filter.propagate(filter_[None], 1.0 + age, SETTINGS)
+    filter_[FilterLayout.COVARIANCE] = 0.0
+    driven = object_filter.propagate(filter_[None], 1.0 + age, SETTINGS).covariances[0]
+    found = later.covariances[0] - driven
+    np.testing.assert_allclose(found[:6, :6], transition @ root @ root.T @ transition.T, atol=1e-8)
+    np.testing.assert_allclose(later.poses[0, 4:], STILL[4:] + age * filter_[FilterLayout.VELOCITY][3:])
+
+
+def test_ignorance_has_an_end() -> None:
+    for mode in (Mode.REST, Mode.MOVING):
+        filter_ = filtered(mode)
+        later = object_filter.propagate(filter_[None], 1e7, SETTINGS).covariances[0]
+        coasted = object_filter.propagate(filter_[None], 1.25, SETTINGS).covariances[0] if mode == Mode.MOVING else 0.0
+        expected = np.diag([np.pi**2 / 3] * 3 + [1.0] * 3)
+        np.testing.assert_allclose((later - coasted)[:6, :6], expected, atol=1e-9)
+
+
+def test_statuses_are_kept_up_to_the_age_itself() -> None:
+    """Half a second, five seconds: to the bit."""
+    status = object_filter.ObjectStatus
+    filters = np.stack([filtered(Mode.REST), filtered(Mode.MOVING)])
+    for now, told in ((1.5, [status.TRACKED, status.MOVING]), (6.0, [status.STALE, status.STALE])):
+        assert object_filter.statuses(filters, now, SETTINGS).tolist() == told
+
+
+def test_what_averaging_does_not_remove_is_added() -> None:
+    filters = np.stack([filtered(Mode.REST), filtered(Mode.REST)])
+    leaning = np.array([np.cos(0.3), np.sin(0.3), 0, 0])  # by 0.6 rad about x
+    filters[:, FilterLayout.POSE.start : FilterLayout.POSE.start + 4] = leaning
+    belief = object_filter.propagate(filters, 1.0, SETTINGS)
+    known = 1e-4 * np.eye(12)
+    belief = belief._replace(covariances=np.stack([known, known]))
+    plain, round_ = object_filter.pose_covariances(belief, np.array([[0, 0, 0.0], [0, 0, 1.0]]), SETTINGS)
+    expected = np.diag(1e-4 + np.array([0.005] * 3 + [0.0005] * 3) ** 2)
+    np.testing.assert_allclose(plain, expected, atol=1e-15)
+    axis = np.array([0.0, -np.sin(0.6), np.cos(0.6)])
+    expected[:3, :3] += np.pi**2 / 3 * np.outer(axis, axis)
+    np.testing.assert_allclose(round_, expected, atol=1e-12)
+    np.testing.assert_array_equal(belief.covariances[0], known)

@@ -17,7 +17,8 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from tests.small_loop import BLIND, estimates, same, small_scenario, watch
 from twin_diagram.runs.run import summary_of
 from twin_diagram.runs.score import within
-from twin_diagram.runs.trial import Trial, run_trial
+from twin_diagram.runs.trial import TUNING as TRIAL
+from twin_diagram.runs.trial import Trial, run_trial, sample_times
 from twin_diagram.scenario import ArmModel, Fixture, Scenario
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import TRACK_SIZE, ObjectStatus, Track
@@ -110,9 +111,23 @@ def test_the_payload_is_weighed_to_30_percent_early(alone: Run) -> None:
     assert record.mass_std[-1] < record.mass_std[0]
 
 
-def test_the_arm_is_known_to_a_milliradian_or_two(alone: Run) -> None:
-    assert alone.summary["arm"]["joint_error_rad"]["rms"] < 2e-3
-    assert alone.summary["arm"]["joint_error_rad"]["max"] < 1e-2
+def test_the_arm_is_known_to_a_twentieth_of_a_milliradian(alone: Run) -> None:
+    assert alone.summary["arm"]["joint_error_rad"]["rms"] < 3e-5
+    assert alone.summary["arm"]["joint_error_rad"]["max"] < 3e-4
+    assert list(alone.summary["arm"]["joints"]) == list(alone.loop.model.joints)
+
+
+def test_samples_are_taken_on_the_plants_steps(alone: Run) -> None:
+    """In between, truth is already that of the next step and the estimate of the present."""
+    step = alone.loop.scenario.world.time_step
+    times = alone.trial.record.time
+    assert times == pytest.approx(step * np.rint(times / step), abs=1e-12)
+    assert times[-1] == pytest.approx(DURATION)
+    assert np.diff(times).max() <= TRIAL.sample_period + 0.5 * step + 1e-9
+    assert sample_times(1.0, 0.003)[:2] == [0.021, 0.042]
+    assert sample_times(0.0162, 0.005) == [0.015]
+    assert sample_times(0.3, 0.1) == [0.1, 0.2, 3 * 0.1], "a plant of large steps: each of them"
+    assert sample_times(0.01, 0.02) == [0.0], "over before the first step: the start"
 
 
 def test_a_healthy_run_raises_no_alarm(alone: Run) -> None:
@@ -288,4 +303,4 @@ def test_without_a_camera_objects_stay_unseen_and_the_arm_is_known() -> None:
     summary = summary_of(loop, done, {})
     assert summary["objects"]["can"]["visible_share"] == 0.0
     assert np.all(done.record.status == ObjectStatus.UNSEEN)
-    assert summary["arm"]["joint_error_rad"]["rms"] < 2e-3
+    assert summary["arm"]["joint_error_rad"]["rms"] < 5e-5

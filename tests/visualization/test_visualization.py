@@ -7,6 +7,7 @@ import re
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -198,6 +199,10 @@ class Samples:
     goal_error: np.ndarray
     objects: list
     symmetric_axis: dict
+    prismatic: tuple[str, ...] = ()
+
+    def joint_names(self) -> list[str]:
+        return [f"axis_{k}" for k in range(self.arm_true.shape[1] // 2)]
 
 
 def samples(objects: int = 2, count: int = 60) -> Samples:
@@ -244,6 +249,27 @@ def test_plots_of_a_run_that_saw_weighed_and_wanted_nothing(tmp_path: Path) -> N
     run = samples()
     run.status[:] = ObjectStatus.UNSEEN
     assert len(plots.write_plots(run, summary(payload={"mass_true": None}), tmp_path)) == 5
+
+
+def test_the_arms_plot_names_joints_and_shows_prismatic_ones_in_millimetres(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[Any] = []
+    monkeypatch.setattr(plots, "_save", lambda figure, path: drawn.append(figure) or path)
+
+    def words(prismatic: tuple[str, ...]) -> tuple[list[str], list[str]]:
+        run = samples()
+        run.prismatic = prismatic
+        plots.arm(run, [], tmp_path / "arm.png")
+        legend = [text.get_text() for text in drawn[-1].legends[0].get_texts()]
+        return legend, [axes.get_ylabel() for axes in drawn[-1].axes]
+
+    names = samples().joint_names()
+    assert words(()) == (names, ["[mrad]", "[mrad/s]"])
+    legend, units = words(("axis_2",))
+    assert legend[1:3] == ["axis_1 [mrad]", "axis_2 [mm]"]
+    assert units == ["[mrad], [mm]", "[mrad/s], [mm/s]"]
+    assert words(tuple(names)) == (names, ["[mm]", "[mm/s]"])
 
 
 def test_errors_leave_out_the_turn_about_an_axis_of_symmetry() -> None:

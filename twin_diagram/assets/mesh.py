@@ -103,7 +103,8 @@ def read_obj(path: Path) -> Mesh:
     unique, inverse = np.unique(np.array(corners), axis=0, return_inverse=True)
     faces = inverse.reshape(-1, 3)
     v = np.array([row[:3] for row in raw["v"]], dtype=float)
-    if unique[:, 0].max() >= len(v) or unique[:, 0].min() < 0 or not np.isfinite(v).all():
+    there = [len(raw[key]) for key in ("v", "vt", "vn")]
+    if (unique >= there).any() or unique[:, 0].min() < 0 or not np.isfinite(v).all():
         raise AssetError(f"{path}: a face names a vertex that is not there, or a vertex is not finite")
     vertices = v[unique[:, 0]]
     uv = np.array([row[:2] for row in raw["vt"]] or [[0.0, 0.0]])[np.maximum(unique[:, 1], 0)]
@@ -119,13 +120,22 @@ def read_obj(path: Path) -> Mesh:
 
 
 def _corner(item: str, raw: dict[str, list[list[float]]]) -> tuple[int, int, int]:
-    """Return one `v/vt/vn` of a face as indices from zero; -1 where absent; negative ones count from the end."""
+    """Return one `v/vt/vn` of a face as indices from zero; -1 where absent."""
     parts = [*item.split("/"), "", ""][:3]
-    v, vt, vn = (
-        -1 if not p else int(p) - 1 if int(p) > 0 else len(raw[k]) + int(p)
-        for p, k in zip(parts, ("v", "vt", "vn"), strict=True)
-    )
+    v, vt, vn = (_index(part, len(raw[key])) for part, key in zip(parts, ("v", "vt", "vn"), strict=True))
     return v, vt, vn
+
+
+def _index(part: str, count: int) -> int:
+    """Return an index from zero, -1 where `part` is empty; negative ones count back from the `count` read so far."""
+    if not part:
+        return -1
+    number = int(part)
+    if number > 0:
+        return number - 1
+    if not -count <= number < 0:
+        raise ValueError(f"a face names {number}, counted back from {count}")
+    return count + number
 
 
 def bilinear(image: Image, uv: Array) -> Array:
@@ -146,11 +156,11 @@ def sample(mesh: Mesh, texture: Image, count: int, seed: int = 0) -> Cloud:
     So that any prefix is an even sample too.
     """
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
-    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    doubled = np.linalg.norm(np.cross(b - a, c - a), axis=1)  # twice the areas: shares are what counts
     rng = np.random.default_rng(seed)
     # One draw per equal share of area keeps the number of points on each face nearly exact.
-    position = (np.arange(count) + rng.random(count)) / count * area.sum()
-    face = np.minimum(np.searchsorted(np.cumsum(area), position), len(area) - 1)
+    position = (np.arange(count) + rng.random(count)) / count * doubled.sum()
+    face = np.minimum(np.searchsorted(np.cumsum(doubled), position), len(doubled) - 1)
     r1, r2 = np.sqrt(rng.random(count)), rng.random(count)
     share = np.stack([1 - r1, r1 * (1 - r2), r1 * r2], axis=1)[:, :, None]
     corner = mesh.faces[face]

@@ -7,7 +7,6 @@ gap.verdict, gap.corrected, gap.answer      # what was found; a Model; the conte
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -35,7 +34,9 @@ from twin_diagram.gap.verdict.probabilities import less_sure
 from twin_diagram.logs import Log, read_log, write_columns
 from twin_diagram.model.model import Model
 from twin_diagram.model.prediction import as_explained, load_model_for
-from twin_diagram.runtime import atomic_file
+from twin_diagram.runtime import written_files
+from twin_diagram.runtime.output_place import why_not
+from twin_diagram.runtime.threads import one_thread
 from twin_diagram.runtime.version import __version__
 
 Say = Callable[[str], None]
@@ -55,7 +56,9 @@ FOR_THE_UNKNOWN = (texts.SPEEDS, texts.SLOW, texts.LONG)
 """Experiments that show most of an effect that has no name yet."""
 
 PARTS = ("model", "experiments", "gap.json", "report.html")
-"""What is written, in the order in which it appears; what else is in the folder is left alone."""
+"""What is written; what else is in the folder, and in those folders, is left alone."""
+FILES = "gap_files.txt"
+"""Tells what was written; see `written_files`."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +86,7 @@ class Gap:
     seconds: float
 
 
+@one_thread()
 def run_gap(
     model: str | Path,
     fit: Sequence[str | Path],
@@ -90,6 +94,7 @@ def run_gap(
     out: str | Path | None = None,
     say: Say | None = None,
     packages: Mapping[str, str | Path] | None = None,
+    columns: str | Path | None = None,
 ) -> Gap:
     """Find what a model lacks, add it, and show the gap shrink.
 
@@ -100,16 +105,17 @@ def run_gap(
         out: folder for gap.json, model/, experiments/ and report.html; None: nothing is written.
         say: told what is being done.
         packages: local folders for `package://` names.
+        columns: what foreign logs' columns mean, see `read_log`.
 
     Raises:
         TwinError: model, logs or folder cannot be used; nothing is written.
     """
     say = say or (lambda text: None)
     begin = time.perf_counter()
-    if out is not None:
-        _writable(Path(out))
+    if out is not None and (why := why_not(out, folder=True)):
+        raise TwinError(f"--out {out}: {why}")
     say("reading the logs")
-    given, logs, held, notes = _read(model, fit, holdout, packages)
+    given, logs, held, notes = _read(model, fit, holdout, packages, columns)
     records = prepare(given, logs)
     verdict, corrected, more = _corrected(given, logs, held, name(given, logs, say, records), records, say)
     notes += more
@@ -195,9 +201,9 @@ def accepted(verdict: Verdict, shown: Shown, confirmed: Callable[[], bool] = lam
 
 
 def write(gap: Gap, out: Path, title: str) -> None:
-    """Write everything, whole or not at all; what else is in `out` stays."""
+    """Write everything, whole or not at all, for what was written there before; what else is in `out` stays."""
     try:
-        with atomic_file.folder(out, PARTS) as aside:
+        with written_files.folder(out, FILES, _unlisted(out)) as aside:
             gap.corrected.save(aside / "model")
             for experiment, file in gap.experiments:
                 write_columns(experiment.columns(), aside / file)
@@ -221,26 +227,26 @@ def _subject(gap: Gap, title: str) -> Subject:
     )
 
 
-def _writable(out: Path) -> None:
-    """Say at once what would otherwise be found out after all the work."""
-    if out.exists() and not out.is_dir():
-        raise TwinError(f"{out}: is a file; --out names a folder")
-    above = out.absolute()
-    while not above.exists():
-        above = above.parent
-    if not above.is_dir() or not os.access(above, os.W_OK):
-        raise TwinError(f"{out}: cannot be written: {above} is not a folder that may be written to")
+def _unlisted(out: Path) -> list[str]:
+    """Return what versions that left no list may have written: all in the folders that they called their own."""
+    if not (out / "gap.json").is_file():
+        return []
+    return [path for path in written_files.files_of(out) if path.split("/")[0] in PARTS]
 
 
 def _read(
-    model: str | Path, fit: Sequence[str | Path], holdout: str | Path, packages: Mapping[str, str | Path] | None
+    model: str | Path,
+    fit: Sequence[str | Path],
+    holdout: str | Path,
+    packages: Mapping[str, str | Path] | None,
+    columns: str | Path | None = None,
 ) -> tuple[Model, list[Log], Log, list[str]]:
     if not fit:
         raise LogError("no log to fit: give at least one with --fit")
     if not Path(model).exists():
         raise ModelError(f"{model}: no such file or folder")
-    raw = [read_log(path) for path in fit]
-    held = read_log(holdout)
+    raw = [read_log(path, columns) for path in fit]
+    held = read_log(holdout, columns)
     given, first, warnings = load_model_for(raw[0], model, packages)
     logs = [first]
     for log in raw[1:]:

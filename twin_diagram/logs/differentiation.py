@@ -67,7 +67,7 @@ def smooth(signal: Array, rate: float, cutoff: float = TUNING.motion_cutoff) -> 
     curvature there; this goes on along a cubic fitted to the last one and a half periods of the cutoff.
     """
     window = int(np.ceil(1.5 * rate / cutoff))
-    if cutoff >= 0.5 * rate or len(signal) < window:
+    if len(signal) < window:
         return lowpass(signal, rate, cutoff)
     beyond = int(np.ceil(2.0 * rate / cutoff))
     inside = np.arange(window) / window
@@ -115,9 +115,7 @@ def _velocity_weight(log: Log, rate: float, velocity: Array, acceleration: Array
     w = 2.0 * np.pi * TUNING.residual_cutoff
     for k in range(len(log.joints)):
         basis = np.stack([v_low[:, k], a_low[:, k]], axis=1)
-        if not np.std(v_low[:, k]) > 0.0:
-            continue
-        scale, lag = np.linalg.lstsq(basis, drive_low[:, k], rcond=None)[0]
+        scale, lag = np.linalg.lstsq(basis, drive_low[:, k], rcond=None)[0]  # zeros for a joint at rest
         if abs(scale - 1.0) < 0.005 and abs(lag) * rate < 0.25:
             noise = (w * noise_q[k]) ** 2 + noise_v[k] ** 2
             weight[k] = (w * noise_q[k]) ** 2 / noise if noise > 0.0 else 0.0

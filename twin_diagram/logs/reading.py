@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from twin_diagram.errors import LogError
+from twin_diagram.logs.column_map import column_map
 from twin_diagram.logs.measured_log import SIGNALS, Log
 from twin_diagram.signals.arrays import Array
 
@@ -36,7 +37,7 @@ LCM_LOGS = (".lcm", ".lcmlog", ".log")
 """Endings of LCM logs; `lcm-logger` itself asks for none."""
 
 
-def read_log(path: str | Path) -> Log:
+def read_log(path: str | Path, columns: str | Path | None = None) -> Log:
     """Read a measured log: CSV or .npz in the log format, a ROS bag, or an LCM log.
 
     CSV and .npz have columns `time` [s], then `<signal>.<joint>` with the signals of `measured_log.SIGNALS`; columns of
@@ -45,6 +46,10 @@ def read_log(path: str | Path) -> Log:
     there are several. The values are taken as they are, but for what no one could use; `checking.check` looks at their
     sense.
 
+    Args:
+        path: the file.
+        columns: what the columns of a foreign CSV or .npz mean: a YAML file or a preset (`column_map`).
+
     Raises:
         LogError: missing, empty, unreadable or ragged file; text where a number must be; a value that is missing or not
             finite; a signal that lacks a joint; time that does not rise. The message names column and line. A joint
@@ -52,6 +57,8 @@ def read_log(path: str | Path) -> Log:
     """
     path, stream = _parted(Path(path))
     suffix = path.suffix.lower()
+    if columns is not None:
+        return _foreign(path, columns)
     bag = suffix in BAGS or (path.is_dir() and (path / "metadata.yaml").is_file())
     if not path.exists() or (path.is_dir() and not bag):
         raise LogError(f"{path}: no such log file")
@@ -66,11 +73,26 @@ def read_log(path: str | Path) -> Log:
     if stream:
         raise LogError(f"{path}#{stream}: only ROS bags and LCM logs hold several streams")
     if suffix == ".csv":
-        columns = read_columns(path)
-        return log_from_columns(columns, str(path), lambda sample: f"line {sample + 2}")
+        return log_from_columns(read_columns(path), str(path), lambda sample: f"line {sample + 2}")
     if suffix == ".npz":
         return log_from_columns(_read_npz(path), str(path), lambda sample: f"sample {sample}")
     raise LogError(f"{path}: is none of .csv, .npz, a ROS bag (.mcap, .db3, .bag) and an LCM log")
+
+
+def _foreign(path: Path, columns: str | Path) -> Log:
+    """Return the log in a file whose columns have names and units of their own."""
+    meaning = column_map(columns)
+    if not path.is_file():
+        raise LogError(f"{path}: no such log file")
+    suffix = path.suffix.lower()
+    if suffix not in (".csv", ".npz", ".txt"):
+        raise LogError(f"{path}: a map of columns goes with a .csv or .npz log; bags and LCM logs name their signals")
+    found = _read_npz(path) if suffix == ".npz" else read_foreign_columns(path, meaning.names())
+    place = "sample" if suffix == ".npz" else "line"
+    offset = 0 if suffix == ".npz" else 2
+    translated = meaning.translated(found, str(path))
+    log = log_from_columns(translated, str(path), lambda sample: f"{place} {sample + offset}")
+    return replace(log, numbered=meaning.numbered)
 
 
 def _parted(path: Path) -> tuple[Path, str]:
@@ -185,6 +207,52 @@ def read_columns(path: Path) -> dict[str, Array]:
         table = _slowly(path, names, body)
     table = table.reshape(-1, len(names))
     return {name: np.ascontiguousarray(table[:, k]) for k, name in enumerate(names)}
+
+
+def read_foreign_columns(path: Path, wanted: Sequence[str]) -> dict[str, Array]:
+    """Return those of the wanted columns that a foreign CSV file has; what else stands in it may be text.
+
+    Cells are separated by commas, semicolons, tabs or spaces, whichever the first line shows.
+
+    Raises:
+        LogError: as `read_log`.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except UnicodeDecodeError as error:
+        raise LogError(f"{path}: not a text file; a .csv log is UTF-8 text") from error
+    if not lines or not lines[0].strip():
+        raise LogError(f"{path}: is empty; its first line must name the columns")
+    mark = next((mark for mark in ",;\t" if mark in lines[0]), "")
+    parted = csv.reader(lines, delimiter=mark, skipinitialspace=True) if mark else [line.split() for line in lines]
+    rows = [[cell.strip() for cell in row] for row in parted]
+    names, rows = rows[0], rows[1:]
+    while rows and not any(rows[-1]):
+        rows.pop()
+    for k, row in enumerate(rows):
+        if len(row) != len(names):
+            raise LogError(f"{path}: line {k + 2} has {len(row)} cell(s), the first line names {len(names)} columns")
+    columns: dict[str, Array] = {}
+    for name in dict.fromkeys(wanted):
+        if names.count(name) > 1:
+            raise LogError(f"{path}: column {name!r} is there {names.count(name)} times")
+        if name in names:
+            cells = [row[names.index(name)] for row in rows]
+            columns[name] = _numbers_of(cells, path, name)
+    if not columns:
+        raise LogError(f"{path}: has none of the columns {_few(list(wanted))}; its columns are {_few(names)}")
+    return columns
+
+
+def _numbers_of(cells: Sequence[str], path: Path, name: str) -> Array:
+    values: Array = np.empty(len(cells))
+    for k, cell in enumerate(cells):
+        try:
+            values[k] = float(cell)
+        except ValueError:
+            shown = "is empty" if not cell else f"is {cell[:40]!r}, not a number"
+            raise LogError(f"{path}: line {k + 2}: {name} {shown}") from None
+    return values
 
 
 def _slowly(path: Path, names: Sequence[str], body: str) -> Array:

@@ -26,15 +26,24 @@ def write_log(log: Log, path: str | Path) -> None:
 def write_columns(columns: Mapping[str, Array], path: str | Path) -> None:
     """Write columns of numbers (N,) under their names, whole or not at all; raises as `write_log`."""
     path = Path(path)
-    if path.suffix.lower() not in (".csv", ".npz"):
-        raise LogError(f"{path}: is written as .csv or .npz")
-    if path.is_dir():
-        raise LogError(f"{path}: there is a folder of that name")
+    check_kind(path)
     content = _npz(columns) if path.suffix.lower() == ".npz" else _csv(columns)
     try:
         atomic_file.write(path, content)
     except OSError as error:
         raise LogError(f"{path}: cannot be written: {error.strerror}") from error
+
+
+def check_kind(path: Path) -> None:
+    """Check that a table can be written under this name.
+
+    Raises:
+        LogError: another suffix, or a folder.
+    """
+    if path.suffix.lower() not in (".csv", ".npz"):
+        raise LogError(f"{path}: is written as .csv or .npz")
+    if path.is_dir():
+        raise LogError(f"{path}: there is a folder of that name")
 
 
 def _npz(columns: Mapping[str, Array]) -> bytes:

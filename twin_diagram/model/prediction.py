@@ -6,7 +6,7 @@ The gap between model and measurement is computed from these alone.
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,9 +18,12 @@ from pydrake.multibody.tree import PrismaticJoint, RevoluteJoint
 from twin_diagram.errors import LogError
 from twin_diagram.logs import Log, LogWarning, check, fingerprint, read_log, unwrapped, write_columns
 from twin_diagram.logs.differentiation import Motion, below_cutoff, inner, lowpass, motion
+from twin_diagram.logs.writing import check_kind
 from twin_diagram.model.description import add_arm as description
 from twin_diagram.model.model import Model
 from twin_diagram.model.rollout import rollout, trajectory
+from twin_diagram.runtime.output_place import why_not
+from twin_diagram.runtime.threads import one_thread
 from twin_diagram.signals.arrays import Array
 
 __all__ = [
@@ -226,12 +229,15 @@ def as_explained(model: Model, log: Log) -> tuple[Log, list[LogWarning]]:
     return own, warnings + wrapped
 
 
+@one_thread()
 def predict(
     model: str | Path,
     log: str | Path,
     out: str | Path,
     horizon: float = 0.2,
     packages: Mapping[str, str | Path] | None = None,
+    columns: str | Path | None = None,
+    say: Callable[[str], None] | None = None,
 ) -> list[LogWarning]:
     """Read a log, and writes `torque_predicted.<joint>` and `position_predicted.<joint>` for each of its samples.
 
@@ -241,21 +247,43 @@ def predict(
         out: .csv or .npz; appears once it is whole.
         horizon: length of the rollouts [s].
         packages: local folders for `package://` names.
+        columns: what a foreign log's columns mean, see `read_log`.
+        say: told each joint's root mean square of measured less predicted torque and position, without the log's ends.
 
     Raises:
         TwinError: the model or the log cannot be used; nothing is written.
     """
-    raw = read_log(log)
+    check_kind(Path(out))
+    if why := why_not(out, folder=False):
+        raise LogError(f"--out {out}: {why}")
+    raw = read_log(log, columns)
     loaded, measured, warnings = load_model_for(raw, model, packages)
     turned = measured.position - raw.select(loaded.joints).position
     for warning in warnings:
         logging.getLogger("twin_diagram").warning("%s (%s)", warning.message, warning.code)
     smooth = motion(measured)
-    columns = {"time": measured.time}
+    predicted = {"time": measured.time}
+    arrived = position_predicted(loaded, measured, horizon, smooth)
     for name, values in (
         ("torque_predicted", torque_predicted(loaded, measured, smooth)),
-        ("position_predicted", position_predicted(loaded, measured, horizon, smooth) - turned),
+        ("position_predicted", arrived - turned),
     ):
-        columns |= {f"{name}.{joint}": values[:, k] for k, joint in enumerate(loaded.joints)}
-    write_columns(columns, out)
+        predicted |= {f"{name}.{joint}": values[:, k] for k, joint in enumerate(loaded.joints)}
+    write_columns(predicted, out)
+    if say is not None:
+        for line in _misfit(loaded, measured, smooth, arrived, horizon):
+            say(line)
     return warnings
+
+
+def _misfit(model: Model, log: Log, smooth: Motion, arrived: Array, horizon: float) -> list[str]:
+    """Return a table of each joint's root mean square of measured less predicted, as lines of text."""
+    kept = inner(log.time)
+    position = np.sqrt(np.mean((log.position - arrived)[kept] ** 2, axis=0))
+    torque = torque_residual_rms(model, log, smooth)
+    wide = max(len(joint) for joint in model.joints)
+    lines = [f"{'RMS, measured less predicted':<{wide}}  torque (to 10 Hz)  position ({horizon:g} s ahead)"]
+    for k, joint in enumerate(model.joints):
+        force, length = ("N·m", "mrad") if model.limits.revolute[k] else ("N", "mm")
+        lines.append(f"{joint:<{wide}}  {torque[k]:12.4g} {force:<4}  {1e3 * position[k]:12.4g} {length}")
+    return lines

@@ -55,6 +55,7 @@ class Mpc(ModelUser[Model]):
         - position_commanded
         - torque_commanded
         - plan
+        - reach
 
     Ports:
         arm_state: (2n) estimated joint angles [rad] and speeds [rad/s].
@@ -68,6 +69,7 @@ class Mpc(ModelUser[Model]):
         torque_commanded: (n) [N·m] to add to the arm's own controller: the weight of the payload as learned, and what
             a corrected model needs beyond the given one to hold still.
         plan: (knots · n) the plan's knots from now on, row by row [rad].
+        reach: (1) how many joint positions are known that put the tool at the goal; `NEVER` where there is none.
 
     Rate: plans at `planner.rate`, a periodic discrete update. It comes right after the scene-graph updater's tick that
     first holds a new image's poses. Latency: commands follow the plan at any time that they are asked for; a plan
@@ -140,6 +142,7 @@ class Mpc(ModelUser[Model]):
             prerequisites_of_calc={arm, self._parameters_in.ticket(), self.all_parameters_ticket()},
         )
         self.DeclareVectorOutputPort("plan", self._knots * n, self._calc_plan, prerequisites_of_calc={state})
+        self.DeclareVectorOutputPort("reach", 1, self._calc_reach, prerequisites_of_calc={state})
 
     def memory(self, context: Context) -> Memory:
         """Return a copy of what the planner remembers."""
@@ -211,6 +214,10 @@ class Mpc(ModelUser[Model]):
     def _calc_plan(self, context: Context, output: BasicVector) -> None:
         trajectory = Memory.trajectory_of(self._vector(context), self._n, self._knots, self._step)
         output.SetFromVector(trajectory.knots.ravel())
+
+    def _calc_reach(self, context: Context, output: BasicVector) -> None:
+        memory = self.memory(context)
+        output[0] = len(memory.goals) if np.linalg.norm(memory.goal[:4]) > 0.5 else NEVER
 
 
 def _offset(twin: scenario.Twin) -> float:

@@ -11,10 +11,12 @@ from twin_diagram.estimation.filter.arm_messages import TUNING as ARM_MESSAGES
 from twin_diagram.estimation.filter.ekf import Ekf
 from twin_diagram.logs import Log
 from twin_diagram.model.model import Model
+from twin_diagram.runtime.threads import one_thread
 from twin_diagram.scenario import Filter
 from twin_diagram.signals.arrays import Array
 
 
+@one_thread()
 def filter_log(model: Model, log: Log, learn: Sequence[str]) -> tuple[Ekf, Array]:
     """Return a filter that has seen the whole log, and its x̂ = [q, v] at each sample (N, 2n).
 

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 from twin_diagram.runs.randomization import vary
 from twin_diagram.runs.run import run_scenario
 from twin_diagram.runs.score import within
+from twin_diagram.runtime.threads import one_thread
 from twin_diagram.scenario.file import load_scenario, save_scenario
 
 Task = tuple[str, list[str], int, str]
@@ -95,12 +98,24 @@ def _summaries(tasks: list[Task], jobs: int) -> Iterator[dict[str, Any]]:
         yield from pool.imap(_run_one, tasks)
 
 
+def _end_with_parent() -> None:
+    """End this process where the one that started it was killed, which then could not say so."""
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+@one_thread()
 def _run_one(task: Task) -> dict[str, Any]:
     """Run one seed, in a process of its own; a run that was finished before is read back."""
+    Thread(target=_end_with_parent, daemon=True).start()
     name, overrides, seed, folder = task
     done = Path(folder) / "summary.json"
     if done.is_file():
-        return dict(json.loads(done.read_text()))
+        summary = dict(json.loads(done.read_text()))
+        if not summary.get("stopped"):
+            return summary
     base = load_scenario(name, overrides)
     scenario = vary(base, seed, Path(folder) / "assets")
     save_scenario(scenario, Path(folder) / "scenario.yaml")

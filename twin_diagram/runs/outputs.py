@@ -2,27 +2,30 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any, Final
+from tempfile import TemporaryDirectory, TemporaryFile
+from typing import IO, Any
 
+import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.lcm import DrakeLcm
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
-from twin_diagram.errors import TwinError
-from twin_diagram.estimation.drift.alarm_events import append_lines
-from twin_diagram.logs import read_log, write_log
+from twin_diagram.errors import LogError, TwinError
+from twin_diagram.logs import log_from_columns, write_log
+from twin_diagram.runs.run_folder import RunFolder
+from twin_diagram.runtime import atomic_file
+from twin_diagram.runtime.output_place import why_not
 from twin_diagram.scenario import Scenario
 from twin_diagram.scenario.file import copy_scenario, dump_scenario
 from twin_diagram.station import ports
 from twin_diagram.station.replay.recorder import add_recorder, open_recording
-from twin_diagram.station.replay.recording import LOG, RecordingWriter
+from twin_diagram.station.replay.recording import RecordingWriter
+from twin_diagram.station.replay.recording_folder import LOG, SCENARIO_FILE
 from twin_diagram.twin.healing import Healer, Tape, sentence
 from twin_diagram.twin.twin import TwinDiagram
 from twin_diagram.visualization.arm_overlay import ArmOverlay
@@ -30,9 +33,6 @@ from twin_diagram.visualization.ghost import make_ghost
 from twin_diagram.visualization.meldis import add_meldis
 from twin_diagram.visualization.meshcat import FRAME_RATE, MeshcatScenes, add_meshcat, open_meshcat
 from twin_diagram.visualization.scene_overlay import MeshcatOverlay
-
-SCENARIO_FILE: Final = "scenario.yaml"
-"""In a recording's folder: the scenario that was run."""
 
 
 @dataclass(frozen=True)
@@ -47,8 +47,6 @@ class Tuning:
 
 
 TUNING = Tuning()
-EVENTS: Final = "events.jsonl"
-"""In a run's folder: alarms and what they led to, one JSON object to a line."""
 
 Say = Callable[[str], None]
 
@@ -108,6 +106,19 @@ class Looking:
                 say("watch in Meldis: python -m pydrake.visualization.meldis -w")
 
 
+def check_places(out: Path | None, record: Path | None, log: Path | None) -> None:
+    """Try whether all that is asked for can be written.
+
+    Raises:
+        TwinError: one of them cannot.
+    """
+    if log is not None and log.suffix not in (".csv", ".npz"):
+        raise TwinError(f"--log {log}: a measured log is .csv or .npz")
+    for option, path in (("--out", out), ("--record", record), ("--log", log)):
+        if path is not None and (why := why_not(path, folder=option != "--log")):
+            raise TwinError(f"{option} {path}: {why}")
+
+
 class Keeping:
     """What is recorded of the station while it runs; dropped where the run fails."""
 
@@ -118,20 +129,21 @@ class Keeping:
             TwinError: a recording or a log cannot go where it is asked to.
         """
         self._writer: RecordingWriter | None = None
+        self._scenario = scenario
+        self._converter: _Converter | None = None
         if record is None and log is None:
             return
-        if log is not None and log.suffix not in (".csv", ".npz"):
-            raise TwinError(f"--log {log}: a measured log is .csv or .npz")
-        if log is not None:
-            check_room("--log", log, folder=False)
         if record is None:
             # A log alone is a recording without images, made aside.
             scenario = copy_scenario(scenario)
             scenario.twin.camera = None
             record = Path(stack.enter_context(TemporaryDirectory())) / "recording"
+        self._scenario = scenario
+        rows = None
         if log is not None:
-            stack.push(_Converter(record / LOG, log))
-        self._writer = stack.enter_context(open_recording(scenario, record))
+            rows = stack.enter_context(TemporaryFile())
+            self._converter = stack.enter_context(_Converter(record / LOG, rows, log))
+        self._writer = stack.enter_context(open_recording(scenario, record, rows))
         self._writer.attach(SCENARIO_FILE, dump_scenario(scenario))
 
     def add(self, builder: DiagramBuilder, station: Diagram, twin: TwinDiagram) -> None:
@@ -139,16 +151,24 @@ class Keeping:
         if self._writer is not None:
             add_recorder(builder, station, self._writer, twin.diagram.GetOutputPort(ports.POSITION_COMMANDED))
 
+    def cut(self, duration: float) -> None:
+        """Have what is kept end here: the user stopped the run after `duration` [s]."""
+        if self._converter is not None:
+            self._converter.cut = True
+        if self._writer is not None:
+            scenario = copy_scenario(self._scenario)
+            scenario.duration = duration
+            self._writer.attach(SCENARIO_FILE, dump_scenario(scenario))
+
 
 class Mending:
     """What an alarm leads to: events in a file, and where the scenario asks for it, a model that is mended."""
 
-    def __init__(self, scenario: Scenario, out: Path | None, say: Say) -> None:
-        """`out` gets ``events.jsonl`` and ``healing/``; None: nothing is written. `say` takes what alarms lead to."""
+    def __init__(self, scenario: Scenario, out: RunFolder, say: Say) -> None:
+        """`out` gets ``events.jsonl`` and ``healing/``; `say` takes what alarms lead to."""
         self._scenario, self._out, self._say = scenario, out, say
         self._tape: Tape | None = None
-        if out is not None:
-            (out / EVENTS).unlink(missing_ok=True)
+        self._search: Path | None = None
 
     def add(self, builder: DiagramBuilder, station: Diagram, twin: TwinDiagram) -> None:
         """Add a tape to a loop that is being built, where the twin is to mend its model."""
@@ -161,36 +181,47 @@ class Mending:
 
     def healer(self, twin: TwinDiagram) -> Healer:
         """Return the healer of a loop that is built; to be polled between its steps, and closed."""
-        folder = None if self._out is None else self._out / "healing"
-        return Healer(twin, self._scenario.twin.healing, self._journal, self._tape, folder, self._scenario.packages)
+        folder = None if self._out.path is None else self._out.path / "healing"
+        healing = self._scenario.twin.healing
+        if healing is not None and healing.answer_after is None and self._scenario.station == "replay":
+            # A recording does not wait; run faster than it was made it would be over before the search is.
+            healing = replace(healing, answer_after=0.0)
+        return Healer(twin, healing, self._journal, self._tape, folder, self._scenario.packages)
 
     def _journal(self, event: dict[str, Any]) -> None:
         if event["event"] != "alarm":  # those stand in the summary
             self._say(f"{event['time']:.2f} s: {sentence(event)}")
-        if self._out is not None:
-            append_lines(self._out / EVENTS, [event])
+        self._out.event(event)
+        self._search = Path(event["folder"]) if event.get("folder") else self._search
+        if self._search is not None:
+            self._out.note_all(self._search)  # once begun, and again when there is an answer
 
 
-class _Converter(AbstractContextManager[None]):
-    """Writes a recording's log as `log`, unless the run failed."""
+class _Converter(AbstractContextManager["_Converter"]):
+    """Writes a recording's log as `log`, unless the run failed; from its rows, since text takes a minute per hour.
 
-    def __init__(self, source: Path, log: Path) -> None:
-        self._source, self._log = source, log
+    Attributes:
+        cut: whether the run was stopped, perhaps before there were enough messages to make a log.
+    """
+
+    def __init__(self, source: Path, rows: IO[bytes], log: Path) -> None:
+        self._source, self._rows, self._log, self.cut = source, rows, log, False
 
     def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
-        if kind is None:
-            write_log(read_log(self._source), self._log)
-
-
-def check_room(option: str, path: Path, folder: bool) -> None:
-    """Check that a file or folder can be written before anything is computed for it.
-
-    Raises:
-        TwinError: something else is in its place, or a folder on the way is none.
-    """
-    path = path.absolute()
-    if path.exists() and path.is_dir() != folder:
-        raise TwinError(f"{option} {path}: there is a {'file' if folder else 'folder'} of that name")
-    above = next(parent for parent in path.parents if parent.exists())
-    if not above.is_dir() or not os.access(above, os.W_OK):
-        raise TwinError(f"{option} {path}: {above} is no folder that can be written to")
+        if kind is not None:
+            return
+        with self._source.open(encoding="utf-8") as file:
+            names = file.readline().rstrip("\n").split(",")
+        self._rows.seek(0)
+        table = np.frombuffer(self._rows.read()).reshape(-1, len(names))
+        try:
+            columns = {name: np.ascontiguousarray(table[:, k]) for k, name in enumerate(names)}
+            log = log_from_columns(columns, str(self._source), lambda sample: f"line {sample + 2}")
+        except LogError:
+            if self.cut:
+                return
+            raise
+        if self._log.suffix == ".csv" and list(log.columns()) == names:
+            atomic_file.write(self._log, self._source.read_bytes())  # to the bit what `write_log` would write
+        else:
+            write_log(log, self._log)

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable
-from contextlib import ExitStack
+import math
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,21 +20,39 @@ from twin_diagram import scenario as schema
 from twin_diagram.errors import TwinError
 from twin_diagram.estimation.filter.parameter_status import standings
 from twin_diagram.logs import read_log
-from twin_diagram.runs.outputs import SCENARIO_FILE, Keeping, Looking, Mending, Say, check_room
+from twin_diagram.runs.health_watch import HealthWatch
+from twin_diagram.runs.outputs import Keeping, Looking, Mending, Say, check_places
+from twin_diagram.runs.run_folder import RunFolder
 from twin_diagram.runs.score import alarms, summarize, table
+from twin_diagram.runs.trial import TUNING as TRIAL
 from twin_diagram.runs.trial import Trial, run_trial
-from twin_diagram.runtime import atomic_file
+from twin_diagram.runtime import stopping
 from twin_diagram.runtime.progress import Progress
+from twin_diagram.runtime.threads import one_thread
 from twin_diagram.scenario import Scenario
 from twin_diagram.scenario.file import load_scenario, override_scenario
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import TRACK_SIZE, ObjectStatus, Track
+from twin_diagram.station.replay.reading import recorded_until
+from twin_diagram.station.replay.recording_folder import SCENARIO_FILE, place_of
 from twin_diagram.twin.closed_loop import ClosedLoop, make_closed_loop
 from twin_diagram.twin.twin import TwinDiagram
 from twin_diagram.visualization.diagram_svg.svg import write_diagram_svg
 from twin_diagram.visualization.plots import write_plots
 
 
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    shortest: float = 1e-3
+    """Run of a recording that was killed at its first message [s]: a scenario lasts for some time."""
+
+
+TUNING = Tuning()
+
+
+@one_thread()
 def run_scenario(
     scenario: Scenario,
     *,
@@ -63,58 +84,111 @@ def run_scenario(
 
     Raises:
         TwinError: something that the scenario names does not exist or does not fit.
+        KeyboardInterrupt: as Ctrl-C raises it, once recording, log, events and summary are closed; the summary says
+            ``stopped``, and there are no pictures.
     """
-    cv2.setNumThreads(1)  # images are small: a second thread costs more than it gives, and p90 suffers
-    if out is not None:
-        check_room("--out", out, folder=True)
+    check_places(out, record, log)
+    leave = RunFolder(out)
     page = out is not None and pictures
     look = Looking(show or page, meldis, scenario.duration if page else None) if show or page or meldis else None
     with ExitStack() as stack:
+        stack.push(partial(_note_stop, leave))
+        stack.enter_context(_one_image_thread())
         keep = Keeping(scenario, record, log, stack)
-        mend = Mending(scenario, out, say)
-
-        def add(builder: DiagramBuilder, station: Diagram, twin: TwinDiagram) -> None:
-            keep.add(builder, station, twin)
-            mend.add(builder, station, twin)
-            if look is not None:
-                look.add(builder, station, twin)
-
-        loop = make_closed_loop(scenario, add)
-        simulator = Simulator(loop.diagram)
+        mend = Mending(scenario, leave, say)
+        loop = make_closed_loop(scenario, _hanging(keep, mend, look))
+        simulator = _simulator(loop)
         if look is not None:
             look.start(simulator, show or meldis, say)
         simulator.Initialize()
+        leave.clear()
         healer = stack.enter_context(mend.healer(loop.twin))
-        trial, summary = _simulate(loop, simulator, Progress(scenario.duration, quiet), healer.poll, say)
+        stop, trial, summary = _simulate(loop, simulator, Progress(scenario.duration, quiet), healer.poll, say)
+        if stop is not None:
+            keep.cut(simulator.get_context().get_time())
     if out is not None:
-        _write(out, loop, summary, trial, look if pictures else None)
+        _write(leave, out, loop, summary, trial, look if pictures and stop is None else None)
         say(f"wrote {out}/")
+    if stop is not None:
+        raise stop
     return summary
+
+
+def _simulator(loop: ClosedLoop) -> Simulator:
+    """Return what runs a loop; on a real bus no faster than the clock on the wall."""
+    simulator, scenario = Simulator(loop.diagram), loop.scenario
+    if scenario.station == "lcm" and scenario.lcm.url.partition("://")[0] not in ("memq", "file"):
+        simulator.set_target_realtime_rate(1.0)
+    return simulator
+
+
+def _hanging(*hung: Keeping | Mending | Looking | None) -> Callable[[DiagramBuilder, Diagram, TwinDiagram], None]:
+    """Return what hangs all of these on a loop that is being built."""
+
+    def add(builder: DiagramBuilder, station: Diagram, twin: TwinDiagram) -> None:
+        for each in hung:
+            if each is not None:
+                each.add(builder, station, twin)
+
+    return add
+
+
+def _note_stop(leave: RunFolder, kind: type[BaseException] | None, *error: object) -> None:
+    if kind is not None and issubclass(kind, KeyboardInterrupt):
+        leave.stopped_early()
+
+
+@contextmanager
+def _one_image_thread() -> Iterator[None]:
+    """Hold OpenCV: images are small, a second thread costs more than it gives, and p90 suffers."""
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)
 
 
 def _simulate(
     loop: ClosedLoop, simulator: Simulator, progress: Progress, between: Callable[[Context], None], say: Say
-) -> tuple[Trial | None, dict[str, Any]]:
-    """Run to the end and say how it went; only a run of the simulated station can be scored, and is a trial."""
-    duration = loop.scenario.duration
+) -> tuple[KeyboardInterrupt | None, Trial | None, dict[str, Any]]:
+    """Run to the end and say how it went; only a run of the simulated station can be scored, and is a trial.
+
+    Returns:
+        What ended it before its time, the trial, the summary.
+    """
+    duration, health = loop.scenario.duration, HealthWatch(loop.twin, say)
+
+    def each(context: Context) -> None:
+        between(context)
+        health.poll(context)
+
     if loop.scenario.station == "sim":
-        trial = run_trial(loop, simulator, duration, progress, between)
-        summary = summary_of(loop, trial, trial.timing())
+        trial = run_trial(loop, simulator, duration, progress, each)
+        told = {"health": health.told(simulator.get_context())}
+        summary = summary_of(loop, trial, trial.timing()) | told | _stopped(trial.stop)
         progress.done()
         say(table(summary))
-        return trial, summary
-    _advance(simulator, duration, progress, between)
-    summary = beliefs(loop, simulator.get_context())
+        return trial.stop, trial, summary
+    stop = _advance(simulator, duration, progress, each)
+    told = {"health": health.told(simulator.get_context())}
+    summary = beliefs(loop, simulator.get_context()) | told | _stopped(stop)
     progress.done()
     say(json.dumps(summary, indent=2))
-    return None, summary
+    return stop, None, summary
 
 
+def _stopped(stop: KeyboardInterrupt | None) -> dict[str, Any]:
+    return {} if stop is None else {"stopped": True}
+
+
+@one_thread()
 def replay_log(
     log: Path,
     *,
     model: str | None = None,
     overrides: Iterable[str] = (),
+    columns: str | Path | None = None,
     out: Path | None = None,
     show: bool = False,
     meldis: bool = False,
@@ -126,6 +200,7 @@ def replay_log(
         log: the folder, or a .csv or .npz file.
         model: the arm's description, needed for a bare log.
         overrides: ``dotted.field=value`` each.
+        columns: what a bare foreign log's columns mean, see `read_log`.
         out: as in `run_scenario`.
         show: as in `run_scenario`.
         meldis: as in `run_scenario`.
@@ -134,11 +209,13 @@ def replay_log(
     Raises:
         TwinError: no such log, or it cannot be used.
     """
-    scenario = replay_scenario(log, model, overrides)
+    scenario = replay_scenario(log, model, overrides, columns)
     return run_scenario(scenario, out=out, show=show, meldis=meldis, say=say)
 
 
-def replay_scenario(log: Path, model: str | None = None, overrides: Iterable[str] = ()) -> Scenario:
+def replay_scenario(
+    log: Path, model: str | None = None, overrides: Iterable[str] = (), columns: str | Path | None = None
+) -> Scenario:
     """Return the scenario that replays a recording, or a bare log with a model of its arm."""
     if not log.exists():
         raise TwinError(f"{log}: no such recording or log")
@@ -146,28 +223,33 @@ def replay_scenario(log: Path, model: str | None = None, overrides: Iterable[str
     if log.is_dir():
         if model is not None:
             raise TwinError(f"--model goes with a bare log; {log} is a recording and names its own")
-        if not (log / SCENARIO_FILE).is_file():
+        if columns is not None:
+            raise TwinError(f"--columns goes with a bare log; {log} is a recording and names its own")
+        place = place_of(log)
+        if not (place / SCENARIO_FILE).is_file():
             raise TwinError(f"{log}: no recording: it has no {SCENARIO_FILE}")
-        scenario = load_scenario(log / SCENARIO_FILE, overrides)
+        scenario = load_scenario(place / SCENARIO_FILE)
+        if place != log:  # its run was killed
+            scenario.duration = min(scenario.duration, max(recorded_until(place), TUNING.shortest))
+        scenario = override_scenario(scenario, overrides)
     else:
         if model is None:
             raise TwinError(f"{log}: a bare log needs --model, the arm's description")
         arm = schema.ArmModel(model=str(model), tool_frame="")
-        scenario = schema.Scenario(twin=schema.Twin(arm=arm, camera=None), duration=_length(log))
+        measured = read_log(log, columns)
+        driver = schema.Driver(rate=1.0 / measured.period)
+        twin = schema.Twin(arm=arm, camera=None, driver=driver)
+        scenario = schema.Scenario(twin=twin, duration=float(measured.time[-1] - measured.time[0]))
+        if columns is not None:
+            scenario.replay.columns = str(Path(columns).resolve() if Path(columns).exists() else columns)
         scenario = override_scenario(scenario, overrides)
     scenario.station = "replay"
     scenario.replay.log = str(log.resolve())
     return scenario
 
 
-def _length(log: Path) -> float:
-    """Of a measured log [s]."""
-    time = read_log(log).time
-    return float(time[-1] - time[0])
-
-
 def beliefs(loop: ClosedLoop, context: Context) -> dict[str, Any]:
-    """Return what the twin believes now: time, payload, objects, alarms."""
+    """Return what the twin believes now: time, joints (None before the first message), payload, objects, alarms."""
     twin = loop.twin.diagram
     own = twin.GetMyContextFromRoot(context)
 
@@ -177,11 +259,21 @@ def beliefs(loop: ClosedLoop, context: Context) -> dict[str, Any]:
     n = len(loop.model.joints)
     parameters, covariance = value("parameters"), value("covariance")
     filter_, whole = loop.twin.ekf.ekf, covariance.reshape(2 * n + parameters.size, -1)
-    learnt = standings(filter_.parameters, parameters, whole[2 * n :, 2 * n :], loop.model.joints, filter_.params.rule)
+    learnt = standings(
+        filter_.parameters,
+        parameters,
+        whole[2 * n :, 2 * n :],
+        loop.model.joints,
+        filter_.params.rule,
+        alarm=bool(value("alarm")[0] > 0.5),
+    )
+    # Before the first message the state is what the twin was told, which nobody should take for an estimate.
+    heard = loop.twin.ekf.belief(loop.twin.diagram.GetSubsystemContext(loop.twin.ekf, own)).valid
+    joints = dict(zip(loop.model.joints, value("arm_state")[:n].round(6).tolist(), strict=True))
     tracks = [Track.unpack(row) for row in value("tracks").reshape(-1, TRACK_SIZE)]
     return {
         "time_s": context.get_time(),
-        "joints": dict(zip(loop.model.joints, value("arm_state")[:n].round(6).tolist(), strict=True)),
+        "joints": joints if heard else None,
         "parameters": {
             name: {"value": found.value, "std": found.std, "status": found.status.value}
             for name, found in zip(loop.twin.parameter_names, learnt, strict=True)
@@ -199,21 +291,36 @@ def beliefs(loop: ClosedLoop, context: Context) -> dict[str, Any]:
     }
 
 
-def _advance(simulator: Simulator, duration: float, progress: Progress, between: Callable[[Context], None]) -> None:
-    for tick in range(1, int(np.ceil(10 * duration)) + 1):
-        simulator.AdvanceTo(min(0.1 * tick, duration))
-        between(simulator.get_mutable_context())
-        progress(simulator.get_context().get_time())
+def _advance(
+    simulator: Simulator, duration: float, progress: Progress, between: Callable[[Context], None]
+) -> KeyboardInterrupt | None:
+    """Run to `duration`; returns what ended it before."""
+    try:
+        with stopping.steps():
+            # As often as a simulated run is looked at, so that a replay mends its model when the run did.
+            for tick in range(1, int(np.ceil(duration / TRIAL.sample_period)) + 1):
+                simulator.AdvanceTo(min(TRIAL.sample_period * tick, duration))
+                between(simulator.get_mutable_context())
+                progress(simulator.get_context().get_time())
+                stopping.check()
+    except KeyboardInterrupt as stop:
+        return stop
+    return None
 
 
 def summary_of(loop: ClosedLoop, trial: Trial, timing: dict[str, Any]) -> dict[str, Any]:
     """Return the figures of ``summary.json``."""
     scenario = loop.scenario
-    payloads = [e.parameters["mass"][0] for e in scenario.world.arm.effects if e.name == "payload"]
+    # What it carries at the end, as the estimate beside it.
+    payloads = [
+        effect.parameters["mass"][0] if (effect.onset or 0.0) < scenario.duration <= (effect.end or math.inf) else 0.0
+        for effect in scenario.world.arm.effects
+        if effect.name == "payload"
+    ]
     return summarize(
         trial.record,
         seed=scenario.seed,
-        duration=scenario.duration,
+        duration=scenario.duration if trial.stop is None else float(trial.record.time[-1]),
         payload_true=sum(payloads) if payloads else None,
         position_tolerance=scenario.twin.task.position_tolerance,
         rotation_tolerance=scenario.twin.task.rotation_tolerance,
@@ -221,11 +328,14 @@ def summary_of(loop: ClosedLoop, trial: Trial, timing: dict[str, Any]) -> dict[s
     )
 
 
-def _write(out: Path, loop: ClosedLoop, summary: dict[str, Any], trial: Trial | None, look: Looking | None) -> None:
-    atomic_file.write(out / "summary.json", json.dumps(summary, indent=2, ensure_ascii=False) + "\n")
+def _write(
+    leave: RunFolder, out: Path, loop: ClosedLoop, summary: dict[str, Any], trial: Trial | None, look: Looking | None
+) -> None:
+    leave.summary(summary)
     if look is None or look.scenes is None:
         return
+    leave.note("replay.html", "diagram.svg")
     look.scenes.write_replay(out / "replay.html")
     write_diagram_svg(loop.diagram, out / "diagram.svg")
     if trial is not None:
-        write_plots(trial.record, summary, out)
+        leave.note(*(path.name for path in write_plots(trial.record, summary, out)))

@@ -6,13 +6,14 @@ The only module outside `station` that reads truth, and nothing of the twin impo
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram.signals import units
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import ALARM_LOG_FIELDS, AlarmKind
 
@@ -41,7 +42,7 @@ class RunRecord:
         poses_true: (T, K, 7) X_WO, (qw, qx, qy, qz, px, py, pz).
         poses_estimated: (T, K, 7).
         status: (T, K) `ObjectStatus`.
-        arm_true: (T, 2n) joint angles [rad] and speeds [rad/s].
+        arm_true: (T, 2n) joint positions [rad, m] and speeds [rad/s, m/s].
         arm_estimated: (T, 2n).
         mass, mass_std: (T,) the learned payload [kg].
         clearance: (T,) true distance from the arm to anything else [m].
@@ -49,6 +50,8 @@ class RunRecord:
         goal_error: (T,) distance of the tool from its goal [m], NaN without one.
         goal_angle: (T,) the same for its orientation [rad].
         alarm_log: (32, 3) the drift monitor's ring at the end.
+        joints: names of the n joints, in the order of `arm_true`; empty: they are numbered from 1.
+        prismatic: which of them are.
     """
 
     time: Array
@@ -67,6 +70,12 @@ class RunRecord:
     alarm_log: Array
     objects: Sequence[str] = field(default_factory=list)
     symmetric_axis: Mapping[str, str | None] = field(default_factory=dict)
+    joints: Sequence[str] = ()
+    prismatic: Collection[str] = ()
+
+    def joint_names(self) -> list[str]:
+        """Return the joints' names."""
+        return list(self.joints) or [f"joint {k + 1}" for k in range(self.arm_true.shape[1] // 2)]
 
 
 def rotation_angle(first: Array, second: Array, symmetric_axis: str | None = None) -> Array:
@@ -103,19 +112,12 @@ def summarize(
     timing: Mapping[str, Any],
 ) -> dict[str, Any]:
     """Return the figures of ``summary.json``, every one computed from the record."""
-    n = record.arm_true.shape[1] // 2
-    joint_error = record.arm_estimated[:, :n] - record.arm_true[:, :n]
     has_goal = bool(np.isfinite(record.goal_error[-1]))
     return {
         "seed": seed,
         "duration_s": duration,
         "objects": {name: _object_errors(record, index) for index, name in enumerate(record.objects)},
-        "arm": {
-            "joint_error_rad": {
-                "rms": _number(np.sqrt(np.mean(joint_error**2))),
-                "max": _number(np.max(np.abs(joint_error))),
-            }
-        },
+        "arm": _joint_errors(record),
         "payload": {
             "mass_true": payload_true,
             "mass_estimated": _number(record.mass[-1]),
@@ -132,6 +134,24 @@ def summarize(
         "alarms": alarms(record.alarm_log),
         "timing": dict(timing),
     }
+
+
+def _joint_errors(record: RunRecord) -> dict[str, Any]:
+    """Return the errors of all turning joints together [rad], then of each joint in its own unit: rad, or mm."""
+    names = record.joint_names()
+    error = record.arm_estimated[:, : len(names)] - record.arm_true[:, : len(names)]
+    turning = np.array([name not in record.prismatic for name in names])
+
+    def rms_max(values: Array) -> dict[str, float | None]:
+        if values.size == 0:
+            return {"rms": None, "max": None}
+        return {"rms": _number(np.sqrt(np.mean(values**2))), "max": _number(np.max(np.abs(values)))}
+
+    each = {
+        name: rms_max(error[:, k] if turns else 1e3 * error[:, k]) | {"unit": units.ANGLE if turns else "mm"}
+        for k, (name, turns) in enumerate(zip(names, turning, strict=True))
+    }
+    return {"joint_error_rad": rms_max(error[:, turning]), "joints": each}
 
 
 def _object_errors(record: RunRecord, index: int) -> dict[str, Any]:
@@ -205,7 +225,7 @@ def table(summary: Mapping[str, Any]) -> str:
     """Return the summary as a table for the terminal."""
 
     def figure(value: float | None, form: str) -> str:
-        return "–" if value is None else format(value, form)
+        return "–".rjust(int(form.split(".")[0] or 0)) if value is None else format(value, form)
 
     lines = [f"{'object':<14}{'position [mm]':>22}{'rotation [°]':>22}{'visible':>10}"]
     lines.append(f"{'':<14}{'median':>12}{'p95':>10}{'median':>12}{'p95':>10}{'share':>10}")
@@ -217,9 +237,15 @@ def table(summary: Mapping[str, Any]) -> str:
             f"{figure(rotation['median'], '12.2f')}{figure(rotation['p95'], '10.2f')}"
             f"{entry['visible_share']:>10.0%}{axis}"
         )
-    arm, payload, goal = summary["arm"]["joint_error_rad"], summary["payload"], summary["goal"]
+    payload, goal = summary["payload"], summary["goal"]
+    lines += ["", f"{'joint error':<22}{'rms':>10}{'max':>10}"]
+    for name, entry in summary["arm"]["joints"].items():
+        rms, most = (figure(entry[key], ".1e") for key in ("rms", "max"))
+        lines.append(f"{name:<22}{rms:>10}{most:>10} {entry['unit']}")
+    arm = summary["arm"]["joint_error_rad"]
     lines.append("")
-    lines.append(f"arm        joint error {figure(arm['rms'], '.1e')} rad rms, {figure(arm['max'], '.1e')} max")
+    if arm["rms"] is not None:
+        lines.append(f"arm        joint error {figure(arm['rms'], '.1e')} rad rms, {figure(arm['max'], '.1e')} max")
     truth = f", true {payload['mass_true']:.3f} kg" if payload["mass_true"] is not None else ""
     lines.append(
         f"payload    {figure(payload['mass_estimated'], '.3f')} ± {figure(payload['mass_std'], '.3f')} kg{truth}"
@@ -231,6 +257,9 @@ def table(summary: Mapping[str, Any]) -> str:
     )
     alarms = ", ".join(f"{a['kind']} at {a['time']:.2f} s" for a in summary["alarms"])
     lines.append(f"alarms     {alarms or 'none'}")
+    if "health" in summary:
+        lacking = ", ".join(f"{each['reason']} ({each['what']})" for each in summary["health"])
+        lines.append(f"health     {lacking or 'nothing is lacking'}")
     timing = summary["timing"]
     if timing:
         shares = ", ".join(f"{name} {share:.0%}" for name, share in timing["systems"].items())

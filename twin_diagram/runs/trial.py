@@ -19,7 +19,8 @@ from pydrake.systems.framework import Context
 from twin_diagram.assets.asset import Asset
 from twin_diagram.runs.score import RunRecord
 from twin_diagram.runs.true_clearance import TrueClearance
-from twin_diagram.runtime import timing
+from twin_diagram.runtime import stopping, timing
+from twin_diagram.runtime.threads import one_thread
 from twin_diagram.scenario.poses import pose
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import ALARM_LOG_FIELDS, NEVER, TRACK_SIZE
@@ -31,8 +32,9 @@ from twin_diagram.twin.closed_loop import ClosedLoop
 class Tuning:
     """Constants of this module, with their units and what set them."""
 
-    sample_period: float = 1.0 / 60.0
-    """Between two samples of clearance, contacts and arm [s]."""
+    sample_period: float = 0.02
+    """Between two samples of clearance, contacts and arm, rounded to whole steps of the plant [s]: a third of
+    an image's period, and a multiple of the usual steps."""
 
     seen_points: int = 300
     """Surface points per object by which its visible share is counted."""
@@ -53,11 +55,12 @@ _COLUMNS = (
 
 @dataclass
 class Trial:
-    """A finished run: what the scorer needs, and what it took."""
+    """A finished run: what the scorer needs, what it took, and what ended it before its time."""
 
     record: RunRecord
     real_time_factor: float
     shares: dict[str, float]
+    stop: KeyboardInterrupt | None = None
 
     def timing(self) -> dict[str, Any]:
         """Return the figures of `timing` in ``summary.json``."""
@@ -70,6 +73,7 @@ class Trial:
 Progress = Callable[[float], None]
 
 
+@one_thread()
 def run_trial(
     loop: ClosedLoop,
     simulator: Simulator,
@@ -82,24 +86,51 @@ def run_trial(
     Args:
         loop: with a `sim` station.
         simulator: of ``loop.diagram``, at time 0.
-        duration: [s].
+        duration: [s]; the last sample is that of the plant's last step.
         progress: called with the time reached [s].
         between: called with the root context after each sample, which it may change.
+
+    Raises:
+        KeyboardInterrupt: the user ended it before the first sample; later, the trial is what there is until then.
     """
     sampler = _Sampler(loop, simulator.get_mutable_context())
     before, started = timing.snapshot(), clock.perf_counter()
-    sampling = 0.0
-    for tick in range(1, round(duration / TUNING.sample_period) + 1):
-        simulator.AdvanceTo(min(tick * TUNING.sample_period, duration))
-        paused = clock.perf_counter()
-        sampler.sample()
-        between(simulator.get_mutable_context())
-        progress(simulator.get_context().get_time())
-        sampling += clock.perf_counter() - paused
+    sampling, stop = 0.0, None
+    try:
+        with stopping.steps():
+            for time in sample_times(duration, loop.scenario.world.time_step):
+                simulator.AdvanceTo(time)
+                paused = clock.perf_counter()
+                sampler.sample()
+                between(simulator.get_mutable_context())
+                progress(simulator.get_context().get_time())
+                sampling += clock.perf_counter() - paused
+                stopping.check()
+            simulator.AdvanceTo(max(duration, simulator.get_context().get_time()))
+    except KeyboardInterrupt as ended:
+        if sampler.reached is None:
+            raise
+        stop, duration = ended, sampler.reached
     elapsed = clock.perf_counter() - started - sampling
     shares = {name: seconds / elapsed for name, seconds in sorted(timing.since(before).items())}
     shares["Station"] = max(0.0, 1.0 - sum(shares.values()))
-    return Trial(sampler.record(), duration / elapsed, shares)
+    return Trial(sampler.record(), duration / elapsed, shares, stop)
+
+
+def sample_times(duration: float, step: float) -> list[float]:
+    """Return when a run is sampled: at steps of its plant, about `Tuning.sample_period` apart, the last one included.
+
+    Between two steps the plant's state is already that of the later one, while an estimate is of the present: the two
+    would differ by as much as the arm moves in between.
+
+    Args:
+        duration: of the run [s].
+        step: of the plant [s].
+    """
+    stride = max(1, round(TUNING.sample_period / step))
+    last = int(np.floor(duration / step * (1.0 + 1e-12) + 1e-9))
+    # The products are Drake's own, so that a sample is taken before the step at that very time.
+    return [k * step for k in [*range(stride, last, stride), last]]
 
 
 class _Sampler:
@@ -129,6 +160,11 @@ class _Sampler:
         self._goal = pose(scenario.twin.task.X_WG) if scenario.twin.task.X_WG else None
         self._rows: list[tuple[Any, ...]] = []
 
+    @property
+    def reached(self) -> float | None:
+        """Time of the newest sample [s]."""
+        return float(self._rows[-1][0]) if self._rows else None
+
     def sample(self) -> None:
         time = self._context.get_time()
         truth = self._station(ports.OBJECT_POSES).reshape(-1, 7)[self._truth_index]
@@ -157,7 +193,15 @@ class _Sampler:
         columns = [np.array(column) for column in zip(*self._rows, strict=True)]
         ring = self._twin("alarm_log").reshape(-1, ALARM_LOG_FIELDS)
         sampled: dict[str, Any] = dict(zip(_COLUMNS, columns, strict=True))
-        return RunRecord(**sampled, alarm_log=ring, objects=self._objects, symmetric_axis=self._symmetric)
+        model = self._loop.model
+        return RunRecord(
+            **sampled,
+            alarm_log=ring,
+            objects=self._objects,
+            symmetric_axis=self._symmetric,
+            joints=model.joints,
+            prismatic=model.prismatic,
+        )
 
     def _station(self, port: str) -> Array:
         return np.array(self._loop.station.GetOutputPort(port).Eval(self._station_context))

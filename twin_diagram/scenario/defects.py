@@ -3,7 +3,10 @@
 # No `from __future__ import annotations`: Drake's YAML loader reads the fields' types themselves, not strings.
 from dataclasses import dataclass, field
 
+from twin_diagram.scenario.field_table import document
 
+
+@document
 @dataclass
 class CameraDefects:
     """What the simulated camera does to its images."""
@@ -20,6 +23,7 @@ class CameraDefects:
     """Intervals [start, end] in which the lens is covered [s]."""
 
 
+@document
 @dataclass
 class ArmDefects:
     """What the simulated arm's sensors do to their signals."""
@@ -34,6 +38,7 @@ class ArmDefects:
     """Constant error of the measured torque per joint [N·m]; empty: none."""
 
 
+@document
 @dataclass
 class LidarDefects:
     """What the simulated lidar does to its ranges."""
@@ -48,6 +53,7 @@ class LidarDefects:
     """Intervals [start, end] without scans [s]."""
 
 
+@document
 @dataclass
 class SensorDefects:
     """What a further sensor of the simulated arm does to its readings."""

@@ -3,9 +3,11 @@
 # No `from __future__ import annotations`: Drake's YAML loader reads the fields' types themselves, not strings.
 from dataclasses import dataclass, field
 
+from twin_diagram.scenario.field_table import document
 from twin_diagram.scenario.models import Pose
 
 
+@document
 @dataclass
 class SensorSpec:
     """A further sensor for the filter; its readings come in by ports of its name."""
@@ -18,18 +20,23 @@ class SensorSpec:
     body: str = ""
     """Link or frame that it is fixed to; for `body_pose` the one whose pose it gives. Empty: the last link."""
     X_BS: Pose = field(default_factory=Pose)
+    """Where the sensor S sits on that body B [m]."""
     std: list[float] = field(default_factory=list)
     """`body_pose`, `depth`, `lidar`: position [m], rotation [rad]; `imu`: gyroscope [rad/s], accelerometer [m/s²];
     `wrench`: force [N], moment [N·m]; `torque`: [N·m]. Empty: the kind's own."""
 
 
+@document
 @dataclass
 class Filter:
     """Tuning of the adaptive EKF."""
 
     rate: float = 200.0
+    """How often the filter takes a message of the arm [Hz]."""
     encoder_std: float = 2e-5
+    """Noise of the joint encoders [rad], of prismatic joints [m]."""
     velocity_std: float = 2e-3
+    """Noise of the estimated joint velocities [rad/s], of prismatic joints [m/s]."""
     torque_std: float = 0.3
     """Unmodelled joint torque, as white noise over one filter step [N·m]."""
     parameters: list[str] = field(default_factory=lambda: ["payload"])
@@ -66,6 +73,7 @@ class Filter:
     """Further sensors, besides the arm's own."""
 
 
+@document
 @dataclass
 class Drift:
     """Tuning of the drift monitor."""
@@ -82,6 +90,7 @@ class Drift:
     """How many are accepted where nothing is wrong: thresholds are widened as what was seen then asks for [1/h]."""
 
 
+@document
 @dataclass
 class Healing:
     """How the twin mends its own model while it runs: after an alarm it looks for what the model lacks."""
@@ -96,6 +105,6 @@ class Healing:
     """A search that takes longer is stopped [s of the clock on the wall]."""
     answer_after: float | None = None
     """A verdict is taken exactly this long after its search began, for which a simulation waits if need be, so that two
-    runs are alike; none: as soon as it is there [s]."""
+    runs are alike; none: as soon as it is there, for which a replay waits, too [s]."""
     nice: int = 5
     """How far the search stands back behind the loop: see the command `nice`."""

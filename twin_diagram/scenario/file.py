@@ -273,4 +273,5 @@ def _anchored(scenario: Scenario, folder: Path) -> Scenario:
     scenario.twin.library = {name: anchor(path) for name, path in scenario.twin.library.items()}
     scenario.packages = {name: anchor(path) for name, path in scenario.packages.items()}
     scenario.replay.log = anchor(scenario.replay.log)
+    scenario.replay.columns = anchor(scenario.replay.columns)
     return scenario

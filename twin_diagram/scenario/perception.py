@@ -3,7 +3,10 @@
 # No `from __future__ import annotations`: Drake's YAML loader reads the fields' types themselves, not strings.
 from dataclasses import dataclass, field
 
+from twin_diagram.scenario.field_table import document
 
+
+@document
 @dataclass
 class Perception:
     """Tuning of segmentation."""
@@ -24,29 +27,36 @@ class Perception:
     """Points that make an object."""
 
 
+@document
 @dataclass
 class Registration:
     """Tuning of the ICP pose estimator."""
 
     model_points: int = 600
+    """Points of an object that are registered at most."""
     iterations: int = 12
+    """Steps of a registration at most."""
     reach: float = 0.02
     """Correspondences farther apart than this are cut [m]."""
     colour_weight: float = 0.3
     """Share of the colour term."""
     minimum_quality: float = 0.5
+    """Share of an object's visible points that must fit for its pose to be believed [0 to 1]."""
     search_period: float = 0.2
     """An object not found is searched for again after this long [s]."""
 
 
+@document
 @dataclass
 class SceneUpdater:
     """Tuning of the scene-graph updater."""
 
     rate: float = 60.0
+    """How often the twin's scene is brought up to date [Hz]."""
     stale_after: float = 0.5
     """Unseen for this long while it should be visible [s]."""
     lost_after: float = 5.0
+    """An object in view that is not found for so long is lost [s]."""
     acceleration_std: float = 0.3
     """Of an object that moves [m/s²]."""
     angular_acceleration_std: float = 1.0

@@ -3,15 +3,19 @@
 # No `from __future__ import annotations`: Drake's YAML loader reads the fields' types themselves, not strings.
 from dataclasses import dataclass
 
+from twin_diagram.scenario.field_table import document
 from twin_diagram.scenario.models import Pose
 
 
+@document
 @dataclass
 class Planner:
     """Tuning of the MPC."""
 
     rate: float = 15.0
+    """How often a plan is made [Hz]."""
     knots: int = 16
+    """Points in time of a plan."""
     step: float = 0.12
     """Time between knots [s]."""
     clearance: float = 0.04
@@ -23,8 +27,10 @@ class Planner:
     acceleration: float = 4.0
     """[rad/s²]"""
     seed: int = 0
+    """Of the search for routes around obstacles."""
 
 
+@document
 @dataclass
 class Task:
     """What the arm is to do."""

@@ -19,6 +19,11 @@ def models_dir() -> Path:
     return _INSTALLED if _INSTALLED.is_dir() else _CHECKOUT
 
 
+def name_package(package: str) -> str:
+    """Return what to do about a package of which no folder is given."""
+    return f"name it in the scenario (packages: {{{package}: DIR}}) or with --packages {package}=DIR"
+
+
 def resolve(name: str, packages: Mapping[str, str | Path] | None = None) -> Path:
     """Turn a model's name into an existing path.
 
@@ -35,7 +40,7 @@ def resolve(name: str, packages: Mapping[str, str | Path] | None = None) -> Path
         package, _, rest = name.removeprefix("package://").partition("/")
         folders = {"twin_diagram": models_dir(), **(packages or {})}
         if package not in folders:
-            raise ModelError(f"{name}: no folder is given for package {package!r}; add it under `packages:`")
+            raise ModelError(f"{name}: no folder is given for package {package!r}; {name_package(package)}")
         tried.append(Path(folders[package]) / rest)
     else:
         path = Path(os.path.expanduser(name))

@@ -3,17 +3,23 @@
 # No `from __future__ import annotations`: Drake's YAML loader reads the fields' types themselves, not strings.
 from dataclasses import dataclass, field
 
+from twin_diagram.scenario.field_table import document
 from twin_diagram.scenario.models import Pose
 
 
+@document
 @dataclass
 class Camera:
     """A pinhole RGB-D camera; optical frame C: X right, Y down, Z forward."""
 
     name: str = "camera"
+    """Its ports are called after it."""
     X_WC: Pose = field(default_factory=Pose)
+    """Where its optical frame C stands in the world, X right, Y down, Z forward [m]."""
     width: int = 640
+    """Of its images [px]."""
     height: int = 480
+    """Of its images [px]."""
     focal: float = 600.0
     """Focal length [pixel], the same in x and y; the principal point is the image's centre."""
     rate: float = 15.0
@@ -24,6 +30,7 @@ class Camera:
     """Nearest and farthest depth that is measured [m]."""
 
 
+@document
 @dataclass
 class Lidar:
     """A lidar that stands in the room; its frame S: X forward, Z up. The simulated station has a port for it."""
@@ -31,6 +38,7 @@ class Lidar:
     name: str = "room"
     """Its ports are `<name>.lidar` and `<name>.lidar_time`."""
     X_WS: Pose = field(default_factory=Pose)
+    """Where it stands in the world [m]."""
     columns: int = 180
     """Beams from left to right."""
     rows: int = 32
@@ -47,6 +55,7 @@ class Lidar:
     """From scan to delivery [s]."""
 
 
+@document
 @dataclass
 class Driver:
     """The arm's own controller, as its data sheet tells: joint impedance about the commanded position."""
@@ -59,6 +68,7 @@ class Driver:
     """Status messages per second [1/s]."""
 
 
+@document
 @dataclass
 class LinkSensor:
     """A sensor on the arm besides its own, as its data sheet tells; the simulated station has a port for it."""
@@ -68,6 +78,7 @@ class LinkSensor:
     body: str = ""
     """Link that it is fixed to; empty: the last one."""
     X_BS: Pose = field(default_factory=Pose)
+    """Where the sensor S sits on that body B [m]."""
     rate: float = 200.0
     """Readings per second [1/s]."""
     latency: float = 0.0

@@ -4,34 +4,47 @@
 from dataclasses import dataclass, field
 
 from twin_diagram.scenario.estimation import Drift, Filter, Healing
+from twin_diagram.scenario.field_table import document
 from twin_diagram.scenario.models import ArmModel, Fixture
 from twin_diagram.scenario.perception import Perception, Registration, SceneUpdater
 from twin_diagram.scenario.planning import Planner, Task
 from twin_diagram.scenario.sensors import Camera, Driver, Lidar, LinkSensor
 
 
+@document
 @dataclass
 class Twin:
     """All that the twin is told."""
 
     arm: ArmModel = field(default_factory=ArmModel)
+    """The arm as the twin is told of it."""
     home: list[float] = field(default_factory=list)
     """Joint angles at rest [rad]; empty: zeros."""
     driver: Driver = field(default_factory=Driver)
+    """Gains of the driver that moves it."""
     sensors: list[LinkSensor] = field(default_factory=list)
     """On the arm, besides its own; what the filter makes of them is said in ``filter.sensors``."""
     fixtures: list[Fixture] = field(default_factory=list)
+    """What never moves around it."""
     library: dict[str, str] = field(default_factory=dict)
     """Folders of the known objects' assets, by the name of the object."""
     camera: Camera | None = field(default_factory=Camera)
+    """The camera as calibrated; null: none."""
     lidar: Lidar | None = None
     """Its clouds reach the filter where ``filter.sensors`` says so, kind `lidar`."""
     task: Task = field(default_factory=Task)
+    """What the arm is to do."""
     perception: Perception = field(default_factory=Perception)
+    """How images become clouds."""
     registration: Registration = field(default_factory=Registration)
+    """How clouds become poses."""
     filter: Filter = field(default_factory=Filter)
+    """Tuning of the adaptive EKF."""
     drift: Drift = field(default_factory=Drift)
+    """Tuning of the drift monitor."""
     healing: Healing | None = None
     """None: alarms are told, and nothing more."""
     scene: SceneUpdater = field(default_factory=SceneUpdater)
+    """How objects live and are forgotten."""
     planner: Planner = field(default_factory=Planner)
+    """Tuning of the planner."""

@@ -4,17 +4,22 @@
 from dataclasses import dataclass, field
 
 from twin_diagram.scenario.defects import ArmDefects, CameraDefects, LidarDefects, SensorDefects
+from twin_diagram.scenario.field_table import document
 from twin_diagram.scenario.models import ArmModel, Fixture, Pose
 
 
+@document
 @dataclass
 class WayPoint:
     """Where a moving object is at a time; between way points it moves on a smooth curve."""
 
     time: float = 0.0
+    """When the object is there [s]."""
     X_WO: Pose = field(default_factory=Pose)
+    """Its pose then [m]."""
 
 
+@document
 @dataclass
 class WorldObject:
     """A real object of a simulated world."""
@@ -22,24 +27,33 @@ class WorldObject:
     asset: str = ""
     """Folder of the asset."""
     X_WO: Pose = field(default_factory=Pose)
+    """Its true pose at the start [m]."""
     path: list[WayPoint] = field(default_factory=list)
     """Empty: it lies free on the table. Otherwise it is pushed along (x, y and yaw only)."""
 
 
+@document
 @dataclass
 class World:
     """What a simulated station needs, and nobody else may know."""
 
     arm: ArmModel = field(default_factory=ArmModel)
+    """The true arm."""
     q0: list[float] = field(default_factory=list)
     """Joint angles at the start [rad]; empty: the twin's `home`."""
     time_step: float = 0.0025
+    """Of the simulated plant [s]."""
     objects: dict[str, WorldObject] = field(default_factory=dict)
+    """What stands about, by name."""
     fixtures: list[Fixture] = field(default_factory=list)
+    """What never moves."""
     X_WC: Pose | None = None
     """The camera's true pose, where it differs from the twin's calibration."""
     camera_defects: CameraDefects = field(default_factory=CameraDefects)
+    """How the camera falls short."""
     arm_defects: ArmDefects = field(default_factory=ArmDefects)
+    """How the arm's sensors fall short."""
     lidar_defects: LidarDefects = field(default_factory=LidarDefects)
+    """How the lidar falls short."""
     sensor_defects: dict[str, SensorDefects] = field(default_factory=dict)
     """By the port of a sensor of ``twin.sensors``; those that are not listed have their kind's usual noise alone."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from twin_diagram import scenario
 from twin_diagram.model.model import Model
@@ -31,19 +31,25 @@ class ClosedLoop:
 
 
 def make_closed_loop(
-    plan: scenario.Scenario, add: Callable[[DiagramBuilder, Diagram, TwinDiagram], None] | None = None
+    plan: scenario.Scenario,
+    add: Callable[[DiagramBuilder, Diagram, TwinDiagram], None] | None = None,
+    *,
+    controller: System | None = None,
+    perception: System | None = None,
 ) -> ClosedLoop:
     """Build the station that a scenario asks for and the twin, and connects each port to its namesake.
 
     Args:
         plan: the scenario.
         add: called with the builder, the station and the twin before the Diagram is built: adds visualisers, loggers.
+        controller: one's own in the place of `Mpc`: see `make_twin`.
+        perception: one's own in the place of the twin's: see `make_twin`.
 
     Raises:
         TwinError: something that the scenario names does not exist or does not fit; the message names the field.
     """
     builder = DiagramBuilder()
-    twin = make_twin(plan.twin, plan.packages)
+    twin = make_twin(plan.twin, plan.packages, controller=controller, perception=perception)
     station = make_station(plan)
     connect(builder, station, twin)
     if add is not None:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import ConstantVectorSource
 
 from twin_diagram import scenario
@@ -31,9 +31,11 @@ from twin_diagram.scenario.resources import resolve
 from twin_diagram.scenario.validation import check_twin
 from twin_diagram.scene.twin_scene import TwinScene, add_twin_scene
 from twin_diagram.scene.updater_system import SceneGraphUpdater
-from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER, POSE_SIZE
+from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER, POSE_SIZE, TRACK_SIZE
 from twin_diagram.station import ports
 from twin_diagram.twin.fused_sensors import Fused, export, fused_sensors
+from twin_diagram.twin.health import HealthMonitor
+from twin_diagram.twin.own_systems import VALUE, check, inputs_of
 
 Packages = Mapping[str, str | Path]
 Made = TypeVar("Made")
@@ -49,14 +51,17 @@ class TwinDiagram:
     Attributes:
         diagram: in and out as a station's, the other way round; besides, what it believes: `arm_state`, `parameters`,
             `covariance`, `nis`, `object_poses`, `tracks`, `alarm`, `alarm_log`, `alarm_evidence`, `positions`, `plan`,
-            `goal`, `query_object`.
+            `goal`, `query_object`, and what it lacks: `health`, a row of three for each of `health.lacks` (see
+            `health.HealthMonitor`).
         model: the arm's physics.
         library: the known objects, in order.
         scene: the twin's own plant and SceneGraph.
         parameter_names: of `parameters`, in order.
         mass_index: of the payload's mass in `parameters`; None where none is learned.
         fused: sensors that the filter fuses besides the arm's own.
-        ekf, drift, mpc: the systems that use the model; a corrected one reaches them as `ModelUser` says.
+        ekf, drift, mpc: the systems that use the model; a corrected one reaches them as `ModelUser` says. `mpc` is None
+            where a controller of the user's own stands in its place.
+        health: the system that says what the twin lacks.
     """
 
     diagram: Diagram
@@ -68,7 +73,13 @@ class TwinDiagram:
     fused: tuple[Fused, ...]
     ekf: AdaptiveEkf
     drift: DriftMonitor
-    mpc: Mpc
+    mpc: Mpc | None
+    health: HealthMonitor
+
+    @property
+    def _model_users(self) -> list[AdaptiveEkf | DriftMonitor | Mpc]:
+        """The systems that a corrected model reaches; a user's own controller is not one of them."""
+        return [self.ekf, self.drift, *([self.mpc] if self.mpc is not None else [])]
 
     def add_model(self, model: Model) -> int:
         """Take in a corrected model of the same arm; answer its number. No Context uses it yet.
@@ -76,7 +87,7 @@ class TwinDiagram:
         Raises:
             TwinError: the twin cannot use it.
         """
-        numbers = {system.add_model(model) for system in (self.ekf, self.drift, self.mpc)}
+        numbers = {system.add_model(model) for system in self._model_users}
         assert len(numbers) == 1
         return numbers.pop()
 
@@ -87,12 +98,16 @@ class TwinDiagram:
             context: of `diagram`, between two steps of a simulator; other Contexts stay as they are.
             number: as `add_model` gave it.
         """
-        for system in (self.ekf, self.drift, self.mpc):
+        for system in self._model_users:
             system.use_model(self.diagram.GetMutableSubsystemContext(system, context), number)
 
     def alarms(self, context: Context) -> list[dict[str, Any]]:
         """Return what the drift monitor raised, oldest first, with evidence: see `estimation.drift.alarm_events`."""
         return self.drift.events(self.diagram.GetSubsystemContext(self.drift, context), self.model.joints)
+
+    def lacking(self, context: Context) -> list[dict[str, Any]]:
+        """Return what the twin lacked so far: reason, what, first and last time [s]; see `health.HealthMonitor`."""
+        return self.health.told(self.diagram.GetSubsystemContext(self.health, context))
 
     def parameters(self, context: Context) -> dict[str, float]:
         """Return what the filter has learnt, by name."""
@@ -100,20 +115,30 @@ class TwinDiagram:
         return {name: round(float(value), 6) for name, value in zip(self.parameter_names, values, strict=True)}
 
 
-def make_twin(twin: scenario.Twin, packages: Packages | None = None) -> TwinDiagram:
+def make_twin(
+    twin: scenario.Twin,
+    packages: Packages | None = None,
+    *,
+    controller: System | None = None,
+    perception: System | None = None,
+) -> TwinDiagram:
     """Build the twin.
+
+    Args:
+        twin: what it is told.
+        packages: local folders for `package://` names.
+        controller: in the place of `Mpc`; its ports: see `own_systems`.
+        perception: in the place of `PerceptionSystem` and `IcpPoseEstimator`; its ports: see `own_systems`.
 
     Raises:
         ScenarioError: something it is told does not exist or does not fit; the message names the field.
+        TwinError: a controller or perception that does not fit; the message names the port.
     """
     check_twin(twin)
     builder = DiagramBuilder()
     model = _model(twin, packages)
-    library = {
-        name: _named(f"twin.library.{name}", partial(_asset, folder, packages)) for name, folder in twin.library.items()
-    }
-    for index, fixture in enumerate(twin.fixtures):
-        _named(f"twin.fixtures.{index}.model", partial(resolve, fixture.model, packages))
+    library = _library(twin, packages)
+    _check_fixtures(twin, packages)
     scene = _named("twin.fixtures", lambda: add_twin_scene(builder, twin, packages))
 
     home = np.array(twin.home) if twin.home else None
@@ -123,31 +148,33 @@ def make_twin(twin: scenario.Twin, packages: Packages | None = None) -> TwinDiag
     parameter_names = tuple(label.split(" ")[0] for label in ekf.ekf.parameters.labels(model.joints))
     drift = builder.AddNamedSystem("drift_monitor", DriftMonitor(model, twin.drift, tuning))
     updater = builder.AddNamedSystem("scene_graph_updater", SceneGraphUpdater(scene, twin.scene))
-    mpc = builder.AddNamedSystem("mpc", _named("twin", lambda: Mpc(model, twin, library, packages, parameter_names)))
+    mpc = None if controller else _named("twin", lambda: Mpc(model, twin, library, packages, parameter_names))
+    moves: System = mpc or controller  # type: ignore[assignment]  # one of them is there
+    _check_controller(moves, len(model.joints), len(library), len(parameter_names))
+    builder.AddNamedSystem("mpc" if mpc else "controller", moves)
     goal = builder.AddNamedSystem("goal", ConstantVectorSource(goal_vector(twin.task)))
-
-    _take_measurements(builder, ekf, drift, mpc)
-    for port in ("arm_state", "parameters", "innovation", "nis", *(["sensor_tracks"] if fused else [])):
-        builder.Connect(ekf.GetOutputPort(port), drift.GetInputPort(port))
-    builder.Connect(drift.GetOutputPort("alarm"), ekf.GetInputPort("alarm"))
-    builder.Connect(ekf.GetOutputPort("arm_state"), updater.GetInputPort("arm_state"))
-    builder.Connect(ekf.GetOutputPort("arm_state"), mpc.GetInputPort("arm_state"))
-    builder.Connect(ekf.GetOutputPort("parameters"), mpc.GetInputPort("parameters"))
-    builder.Connect(updater.GetOutputPort("tracks"), mpc.GetInputPort("tracks"))
-    builder.Connect(goal.get_output_port(), mpc.GetInputPort("goal"))
+    health = builder.AddNamedSystem("health_monitor", HealthMonitor(twin))
+    _take_measurements(builder, ekf, drift, moves, health)
+    watched = ("arm_state", "parameters", "innovation", "nis", *(["sensor_tracks"] if fused else []))
+    _connect(builder, ekf, drift, *watched)
+    _connect(builder, drift, ekf, "alarm")
+    _connect(builder, ekf, updater, "arm_state")
+    _connect_controller(builder, ekf, updater, goal, moves, health)
+    _connect(builder, updater, health, "tracks")
     builder.Connect(updater.GetOutputPort("positions"), scene.positions_input)
-    _add_sight(builder, twin, library, packages, ekf, updater)
+    _add_sight(builder, twin, library, packages, ekf, updater, health, perception)
     _named("twin.filter.sensors", lambda: export(builder, ekf, fused, twin, model, packages))
 
-    builder.ExportOutput(mpc.GetOutputPort("position_commanded"), ports.POSITION_COMMANDED)
-    builder.ExportOutput(mpc.GetOutputPort("torque_commanded"), ports.TORQUE_COMMANDED)
+    _export_commands(builder, moves, len(model.joints))
     _connect_gripper_and_goal(builder, scene, updater, goal)
-    _export_beliefs(builder, ekf, drift, updater, mpc)
+    _export_beliefs(builder, ekf, drift, updater, moves, health)
     builder.ExportOutput(scene.query_output, "query_object")
     diagram = builder.Build()
     diagram.set_name("twin")
     mass_index = parameter_names.index(MASS) if MASS in parameter_names else None
-    return TwinDiagram(diagram, model, library, scene, parameter_names, mass_index, tuple(fused), ekf, drift, mpc)
+    return TwinDiagram(
+        diagram, model, library, scene, parameter_names, mass_index, tuple(fused), ekf, drift, mpc, health
+    )
 
 
 def _model(twin: scenario.Twin, packages: Packages | None) -> Model:
@@ -163,8 +190,51 @@ def _model(twin: scenario.Twin, packages: Packages | None) -> Model:
     return model
 
 
-def _take_measurements(builder: DiagramBuilder, ekf: AdaptiveEkf, drift: DriftMonitor, mpc: Mpc) -> None:
-    """Let the arm's messages into filter, monitor and planner, under the station's names."""
+def _check_controller(system: System, n: int, objects: int, parameters: int) -> None:
+    """Refuse a controller of n joints that does not fit; raises TwinError."""
+    arm = dict.fromkeys(("position_measured", "velocity_estimated", "torque_measured"), n)
+    inputs = {"arm_state": 2 * n, "tracks": TRACK_SIZE * objects, "parameters": parameters, "goal": POSE_SIZE}
+    further = {"torque_commanded": n, "reach": 1}
+    check("controller", system, {**inputs, **arm, "measurement_time": 1}, {"position_commanded": n}, further)
+
+
+def _connect_controller(
+    builder: DiagramBuilder,
+    ekf: AdaptiveEkf,
+    updater: SceneGraphUpdater,
+    goal: ConstantVectorSource,
+    controller: System,
+    health: HealthMonitor,
+) -> None:
+    """Connect what the twin believes and what it is to reach to those inputs that the controller has."""
+    _connect(builder, ekf, controller, *inputs_of(controller, ("arm_state", "parameters")))
+    _connect(builder, updater, controller, *inputs_of(controller, ("tracks",)))
+    if controller.HasInputPort("goal"):
+        builder.Connect(goal.get_output_port(), controller.GetInputPort("goal"))
+    if controller.HasOutputPort("reach"):
+        _connect(builder, controller, health, "reach")
+
+
+def _export_commands(builder: DiagramBuilder, controller: System, n: int) -> None:
+    """Show what the controller of n joints commands."""
+    builder.ExportOutput(controller.GetOutputPort("position_commanded"), ports.POSITION_COMMANDED)
+    if controller.HasOutputPort("torque_commanded"):
+        torque = controller.GetOutputPort("torque_commanded")
+    else:
+        torque = builder.AddNamedSystem("no_torque", ConstantVectorSource(np.zeros(n))).get_output_port()
+    builder.ExportOutput(torque, ports.TORQUE_COMMANDED)
+
+
+def _connect(builder: DiagramBuilder, source: System, to: System, *names: str) -> None:
+    """Connect output ports of one system to another's input ports of the same names."""
+    for name in names:
+        builder.Connect(source.GetOutputPort(name), to.GetInputPort(name))
+
+
+def _take_measurements(
+    builder: DiagramBuilder, ekf: AdaptiveEkf, drift: DriftMonitor, controller: System, health: HealthMonitor
+) -> None:
+    """Let the arm's messages into filter, monitors and controller, under the station's names."""
     measured = {
         ports.POSITION_MEASURED: "position_measured",
         ports.VELOCITY_ESTIMATED: "velocity_estimated",
@@ -173,7 +243,7 @@ def _take_measurements(builder: DiagramBuilder, ekf: AdaptiveEkf, drift: DriftMo
     }
     for name, port in measured.items():
         builder.ExportInput(ekf.GetInputPort(port), name)
-        for system in (drift, mpc):
+        for system in (drift, controller, health):
             if system.HasInputPort(port):
                 builder.ConnectInput(name, system.GetInputPort(port))
 
@@ -185,26 +255,41 @@ def _add_sight(
     packages: Packages | None,
     ekf: AdaptiveEkf,
     updater: SceneGraphUpdater,
+    health: HealthMonitor,
+    own: System | None,
 ) -> None:
     """Add what leads from the camera to the scene; without a camera, what says that nothing was seen."""
     if twin.camera is None:
+        if own is not None:
+            raise TwinError("perception: the twin has no camera for it: twin.camera is null")
         blind = builder.AddNamedSystem("no_camera", ConstantVectorSource(np.array([NEVER])))
         nothing = builder.AddNamedSystem("no_poses", ConstantVectorSource(np.zeros(MEASUREMENT_SIZE * len(library))))
         builder.Connect(blind.get_output_port(), updater.GetInputPort("image_time"))
         builder.Connect(nothing.get_output_port(), updater.GetInputPort("object_poses"))
         return
     camera = twin.camera
-    perception = builder.AddNamedSystem("perception", PerceptionSystem(twin.arm, camera, twin.perception, packages))
-    registrar = IcpPoseEstimator(library, camera, twin.registration, twin.perception)
-    icp = builder.AddNamedSystem("icp_pose_estimator", registrar)
-    builder.ExportInput(perception.GetInputPort("rgb_image"), ports.rgb_image(camera.name))
-    builder.ExportInput(perception.GetInputPort("depth_image"), ports.depth_image(camera.name))
-    builder.ExportInput(perception.GetInputPort("image_time"), ports.image_time(camera.name))
-    builder.ConnectInput(ports.image_time(camera.name), updater.GetInputPort("image_time"))
-    builder.Connect(ekf.GetOutputPort("arm_state"), perception.GetInputPort("arm_state"))
-    builder.Connect(perception.GetOutputPort("segments"), icp.GetInputPort("segments"))
-    builder.Connect(icp.GetOutputPort("object_poses"), updater.GetInputPort("object_poses"))
-    builder.ExportOutput(icp.GetOutputPort("object_poses"), "object_poses")
+    if own is None:
+        first: System = PerceptionSystem(twin.arm, camera, twin.perception, packages)
+        registrar = IcpPoseEstimator(library, camera, twin.registration, twin.perception)
+        last: System = builder.AddNamedSystem("icp_pose_estimator", registrar)
+    else:
+        images = {"rgb_image": VALUE, "depth_image": VALUE, "image_time": 1}
+        state = ekf.GetOutputPort("arm_state").size()
+        check("perception", own, {**images, "arm_state": state}, {"object_poses": MEASUREMENT_SIZE * len(library)}, {})
+        first = last = own
+    builder.AddNamedSystem("perception", first)
+    for port, name in (("rgb_image", ports.rgb_image(camera.name)), ("depth_image", ports.depth_image(camera.name))):
+        if first.HasInputPort(port):
+            builder.ExportInput(first.GetInputPort(port), name)
+    timed = [system for system in (first, updater, health) if system.HasInputPort("image_time")]
+    image_time = builder.ExportInput(timed[0].GetInputPort("image_time"), ports.image_time(camera.name))
+    for system in timed[1:]:
+        builder.ConnectInput(image_time, system.GetInputPort("image_time"))
+    _connect(builder, ekf, first, *inputs_of(first, ("arm_state",)))
+    if own is None:
+        _connect(builder, first, last, "segments")
+    _connect(builder, last, updater, "object_poses")
+    builder.ExportOutput(last.GetOutputPort("object_poses"), "object_poses")
 
 
 def _connect_gripper_and_goal(
@@ -221,17 +306,23 @@ def _connect_gripper_and_goal(
 
 
 def _export_beliefs(
-    builder: DiagramBuilder, ekf: AdaptiveEkf, drift: DriftMonitor, updater: SceneGraphUpdater, mpc: Mpc
+    builder: DiagramBuilder,
+    ekf: AdaptiveEkf,
+    drift: DriftMonitor,
+    updater: SceneGraphUpdater,
+    controller: System,
+    health: HealthMonitor,
 ) -> None:
-    """Show what the systems believe, under their own ports' names."""
+    """Show what the systems believe, under their own ports' names; a controller's command is a plan of one knot."""
     for system, names in (
         (ekf, ("arm_state", "parameters", "covariance", "innovation", "nis")),
         (drift, ("alarm", "alarm_log", "alarm_evidence")),
         (updater, ("tracks", "positions")),
-        (mpc, ("plan",)),
+        (controller, ("plan" if controller.HasOutputPort("plan") else "position_commanded",)),
+        (health, ("health",)),
     ):
         for name in names:
-            builder.ExportOutput(system.GetOutputPort(name), name)
+            builder.ExportOutput(system.GetOutputPort(name), "plan" if system is controller else name)
 
 
 def goal_vector(task: scenario.Task) -> np.ndarray:
@@ -240,6 +331,18 @@ def goal_vector(task: scenario.Task) -> np.ndarray:
         return np.zeros(POSE_SIZE)
     X_WG = poses.pose(task.X_WG)
     return np.concatenate([X_WG.rotation().ToQuaternion().wxyz(), X_WG.translation()])
+
+
+def _check_fixtures(twin: scenario.Twin, packages: Packages | None) -> None:
+    """Refuse a fixture whose file does not exist, by the field's name."""
+    for index, fixture in enumerate(twin.fixtures):
+        _named(f"twin.fixtures.{index}.model", partial(resolve, fixture.model, packages))
+
+
+def _library(twin: scenario.Twin, packages: Packages | None) -> dict[str, Asset]:
+    """Load the known objects' assets."""
+    named = twin.library.items()
+    return {name: _named(f"twin.library.{name}", partial(_asset, folder, packages)) for name, folder in named}
 
 
 def _asset(folder: str, packages: Packages | None) -> Asset:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Final, Protocol, TypeVar, cast
@@ -19,7 +19,7 @@ from matplotlib.patches import Patch
 
 from twin_diagram.model.dynamics.onsets import stretches
 from twin_diagram.runtime import atomic_file
-from twin_diagram.signals import rotations
+from twin_diagram.signals import rotations, units
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import ObjectStatus
 
@@ -92,6 +92,10 @@ class Run(Protocol):
     goal_error: Array
     objects: Sequence[str]
     symmetric_axis: Mapping[str, str | None]
+    prismatic: Collection[str]
+
+    def joint_names(self) -> list[str]:
+        """Return the joints' names."""
 
 
 def write_plots(run: Run, summary: Mapping[str, Any], folder: str | Path) -> list[Path]:
@@ -166,26 +170,32 @@ def object_errors(run: Run) -> tuple[Array, Array]:
 
 @_styled
 def arm(run: Run, alarms: Sequence[tuple[float, str]], path: Path) -> Path:
-    """Error of each joint angle and speed over time, and the drift monitor's alarms."""
+    """Draw the error of each joint's position and speed over time, and the drift monitor's alarms."""
     figure = _figure(10, 5.5)
     upper, lower = figure.subplots(2, 1, sharex=True)
-    n = run.arm_true.shape[1] // 2
+    names = run.joint_names()
+    n = len(names)
     error = run.arm_estimated - run.arm_true
-    for joint in range(n):
+    slide = [name in run.prismatic for name in names]
+    # A thousandth of either unit: mrad, and mm where the joint is prismatic.
+    several = any(slide) and not all(slide)
+    for joint, name in enumerate(names):
         colour = LINES[joint % len(LINES)]
-        upper.plot(run.time, 1e3 * error[:, joint], color=colour, label=f"joint {joint + 1}", linewidth=1.2)
+        label = f"{name} [{units.on_joint('mrad', slide[joint])}]" if several else name
+        upper.plot(run.time, 1e3 * error[:, joint], color=colour, label=label, linewidth=1.2)
         lower.plot(run.time, 1e3 * error[:, n + joint], color=colour, linewidth=1.2)
     for k, (time, kind) in enumerate(alarms):
         for axes in (upper, lower):
             axes.axvline(
                 time, color="#e03131", linewidth=1.0, label=f"alarm: {kind}" if k == 0 and axes is upper else None
             )
-    upper.set_title("Joint angle: estimated − true")
-    upper.set_ylabel("[mrad]")
+    both = [each for each, there in ((False, not all(slide)), (True, any(slide))) if there]
+    upper.set_title("Joint position: estimated − true")
+    upper.set_ylabel(", ".join(f"[{units.on_joint('mrad', each)}]" for each in both))
     lower.set_title("Joint speed: estimated − true")
-    lower.set_ylabel("[mrad/s]")
+    lower.set_ylabel(", ".join(f"[{units.on_joint('mrad/s', each)}]" for each in both))
     lower.set_xlabel("time [s]")
-    figure.legend(loc="outside lower center", ncols=min(n + 1, 8))
+    figure.legend(loc="outside lower center", ncols=min(n + 1, 5))
     return _save(figure, path)
 
 

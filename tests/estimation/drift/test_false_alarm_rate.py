@@ -103,3 +103,74 @@ def test_whatever_comes_margins_stay_within_their_bounds(
         margins.take(vector, 1, statistic)
         assert np.all(np.isfinite(vector))
         assert all(1.0 <= margins.margin(vector, test) <= FALSE_ALARM_RATE.widest for test in (0, 1))
+
+
+class Plain:
+    """One test's tail: 30 blocks with 3 peaks beforehand, peaks beyond 0.7, learnt from 16 blocks later."""
+
+    def __init__(self, tests: int, rate: float) -> None:
+        self.wanted = rate / tests / 3600.0
+        self.prior = 3.0 * 0.3 / np.log(max(3.0 / 30.0 / self.wanted, np.e))
+        self.blocks = self.peaks = self.sum = 0.0
+        self.waiting: list[float] = []
+        self.began, self.largest = 0.0, 0.0
+
+    @property
+    def margin(self) -> float:
+        blocks, peaks, beyond = self.blocks + 30.0, self.peaks + 3.0, self.sum + self.prior
+        return float(np.clip(0.7 + beyond / peaks * np.log(max(peaks / blocks / self.wanted, 1.0)), 1.0, 2.0))
+
+    def turn_over(self, t: float, calm: bool) -> None:
+        if not calm:
+            self.waiting, self.largest, self.began = [], 0.0, t
+        elif not 0.0 <= t - self.began < 1.0:
+            self.began = t
+            self.waiting.append(self.largest)
+            self.largest = 0.0
+            if len(self.waiting) > 16:
+                if self.blocks >= 20_000.0:
+                    self.blocks, self.peaks, self.sum = (
+                        x * 19_999 / 20_000 for x in (self.blocks, self.peaks, self.sum)
+                    )
+                peak = self.waiting.pop(0)
+                self.blocks += 1.0
+                self.peaks += peak > 0.7
+                self.sum += max(peak - 0.7, 0.0)
+
+    def take(self, statistic: float) -> float:
+        self.largest = max(self.largest, min(statistic, 2.0))
+        return statistic / self.margin
+
+
+@pytest.mark.parametrize(("scale", "rate", "before"), [(0.05, 0.5, 0.0), (0.3, 1e4, 0.0), (0.1, 2.0, 19_995.0)])
+def test_is_what_peaks_over_threshold_say(scale: float, rate: float, before: float) -> None:
+    rng = np.random.default_rng(1304)
+    margins, vector = fresh(2, rate)
+    plain = Plain(2, rate)
+    assert margins.margin(vector, 1) == pytest.approx(plain.margin)
+    if before:
+        plain.blocks, plain.peaks, plain.sum = before, 0.1 * before, 0.01 * before
+        vector.reshape(-1)[1 + 21 + 1 : 1 + 21 + 4] = plain.blocks, plain.peaks, plain.sum
+        vector[1 + 21 + 4] = plain.margin
+    t, found = 0.0, []
+    for k in range(600):
+        t += float(rng.choice([0.25, 0.5, 1.0])) - 2.0 * (k % 97 == 96)
+        calm = k % 149 != 148
+        margins.turn_over(vector, t, calm)
+        plain.turn_over(t, calm)
+        for _ in range(2):
+            statistic = float(rng.choice([0.7, 0.6 + rng.exponential(scale), 3.0 * (k % 61 == 0)]))
+            found.append((margins.take(vector, 1, statistic), plain.take(statistic)))
+        found.append((margins.margin(vector, 1), plain.margin))
+    np.testing.assert_allclose(*np.transpose(found), rtol=1e-9)
+    assert plain.blocks > 100.0
+
+
+def test_what_is_known_beforehand_gives_no_margin() -> None:
+    """Three peaks in half a minute, as large on average as makes their share of the rate one at the threshold."""
+    for tests, rate in ((1, 0.5), (10, 0.1), (4, 2.0)):
+        margins, vector = fresh(tests, rate)
+        assert margins.margin(vector, 0) == pytest.approx(1.0, abs=1e-9)
+        beyond = 0.3 / np.log(0.1 * 3600.0 * tests / rate)
+        feed(margins, vector, np.full(16 + 30, 0.7 + 2.0 * beyond))
+        assert margins.margin(vector, 0) > 1.2

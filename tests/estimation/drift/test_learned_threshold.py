@@ -44,3 +44,9 @@ def test_white_torque_moves_a_joint_as_far_as_it_is_said_to() -> None:
     moved = np.sum((v - torque * h) * h + 0.5 * torque * h**2, axis=1)
     alike = np.std(moved) * 2.0 / (steps * h) ** 2
     assert white_std(tuning, steps * h) == pytest.approx(alike, rel=0.02)
+
+
+@pytest.mark.parametrize(("witnesses", "wider"), [(1.0, 3.0), (0.2, 3.0), (4.0, 2.0), (16.0, 1.5), (1e12, 1.0)])
+def test_a_threshold_is_wider_by_twice_the_root_of_its_witnesses(witnesses: float, wider: float) -> None:
+    found = learned_threshold.threshold(np.array([1.0, -2.0]), np.array([4.0, 0.25]), 3.0, witnesses)
+    np.testing.assert_allclose(found, [1.0 + 3.0 * wider * 2.0, -2.0 + 3.0 * wider * 0.5], rtol=1e-5)

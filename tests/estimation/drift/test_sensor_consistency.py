@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import chi, chi2
 
 from twin_diagram.estimation.drift.sensor_consistency import TUNING as SENSOR_CONSISTENCY
 from twin_diagram.estimation.drift.sensor_consistency import CrossCheck, newest
@@ -159,3 +160,102 @@ def test_a_reading_is_read_off_the_record_that_the_filter_keeps() -> None:
     twice = after.copy()
     note(twice, white, 5.0, 1.005, True)
     assert newest(before, before) is None and newest(before, twice) is None
+
+
+class Plain:
+    """The cross-check of a sensor of five numbers: three, then two; each λ of its own."""
+
+    forgetting, wider = (0.5, 0.8, 0.95, 0.99), (1.0, 1.0, 1.5, 2.0)
+
+    def __init__(self, sigma: float) -> None:
+        self.sigma, self.since = sigma, 0.0
+        self.learnt = self.refused = self.row = 0.0
+        self.sums, self.mean, self.square = np.zeros((4, 5)), np.zeros((4, 2)), np.zeros((4, 2))
+
+    def take(self, white: Array, accepted: bool, t: float, quiet: bool) -> float:
+        self.since = self.since or t
+        if t < self.since + 2.0:
+            return 0.0
+        armed = t >= self.since + 2.0 + LEARNING
+        if not accepted:
+            self.row += 1.0
+            self.refused = min(self.refused + quiet, 30_000.0)
+            share = (self.refused - self.row * quiet + 2.0) / (self.learnt + self.refused + 40.0)
+            needed = np.log(1e-9) / np.log(np.clip(share, 1e-3, 0.5))
+            return self.row / needed if armed else 0.0
+        self.row = 0.0
+        length = float(np.linalg.norm(white))
+        level, found = np.zeros((4, 2)), 0.0
+        for i, forgetting in enumerate(self.forgetting):
+            self.sums[i] = forgetting * self.sums[i] + white * (6.0 / length if length > 6.0 else 1.0)
+            for j, (part, dof) in enumerate(((slice(0, 3), 3), (slice(3, 5), 2))):
+                limit = float(CLAIMED[dof])
+                level[i, j] = np.sqrt((1.0 - forgetting**2) * float(np.sum(self.sums[i, part] ** 2)) / limit)
+                white_mean, white_square = MEANS[dof] / np.sqrt(limit), VARIANCES[dof] / limit
+                seen = max(self.learnt, 1.0) * (1.0 - forgetting)
+                share = seen / (seen + 3.0)
+                beyond = self.mean[i, j] - white_mean
+                spread = share * self.square[i, j] + (1.0 - share) * (white_square + share * beyond**2)
+                usual = (1.0 - share) * white_mean + share * self.mean[i, j] + self.sigma * np.sqrt(spread)
+                found = max(found, level[i, j] / max(usual, self.wider[i]))
+        found *= armed
+        if quiet and found < 0.5:
+            self.learnt = min(self.learnt + 1.0, 60_000.0)
+            one = 1.0 / self.learnt
+            beyond = level - self.mean
+            self.mean = self.mean + one * beyond
+            self.square = (1.0 - one) * (self.square + one * beyond**2)
+        return float(found)
+
+
+CLAIMED = {dof: chi2.isf(1e-9, dof) for dof in (2, 3)}
+MEANS = {dof: chi.mean(dof) for dof in (2, 3)}
+VARIANCES = {dof: chi.var(dof) for dof in (2, 3)}
+
+
+@pytest.mark.parametrize(("scale", "before"), [(1.0, 0.0), (4.0, 0.0), (1.0, 59_950.0)])
+def test_is_what_plain_numbers_say(scale: float, before: float) -> None:
+    """A sensor that agrees, one that is four times as noisy as it claims, and one that was watched for long."""
+    rng, plain = np.random.default_rng(1306), Plain(6.0)
+    cross, state = check(6, 5)
+    at = 4 + 4 * (6 + 2 * 2)
+    part = state[at:]
+    if before:
+        plain.learnt, plain.refused, plain.mean[:], plain.square[:] = before, 29_998.0, 0.25, 0.02
+        part[1:3] = plain.learnt, plain.refused
+        part[4 + 20 : 4 + 28], part[4 + 28 :] = 0.25, 0.02
+    said, said_plain = [], []
+    for k in range(1100):
+        t = 1.0 + DT * k
+        white = scale * rng.normal(size=5) * (3.0 if k % 40 == 0 else 1.0) + (1.5 * (k > 1000))
+        accepted, quiet = bool(k % 90 < 85), k % 7 != 3
+        said.append(cross.follow(state, 1, white, accepted, t, quiet))
+        said_plain.append(plain.take(white, accepted, t, quiet))
+    np.testing.assert_allclose(said, said_plain, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(part[1:4], [plain.learnt, plain.refused, plain.row])
+    np.testing.assert_allclose(part[4:24].reshape(4, 5), plain.sums, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(part[24:32].reshape(4, 2), plain.mean, rtol=1e-7)
+    np.testing.assert_allclose(part[32:].reshape(4, 2), plain.square, rtol=1e-7)
+    assert not state[:at].any() and max(said[1000:]) > 0.6
+    cross.begin(state)
+    assert part[3] == 0.0 and not part[4:24].any() and part[1] == plain.learnt
+
+
+def test_a_reading_is_told_within_six_deviations_and_only_where_one_came() -> None:
+    before = np.zeros(len(SensorTrack) + 2)
+    for counts, used in (
+        ((1, 0), True),
+        ((0, 1), False),
+        ((2, 0), None),
+        ((1, 1), None),
+        ((0, 0), None),
+        ((-1, 0), None),
+    ):
+        after = before.copy()
+        after[[SensorTrack.ACCEPTED, SensorTrack.REFUSED]] = counts
+        after[len(SensorTrack) :] = [0.25, -0.125]
+        found = newest(before, after)
+        assert (found is None) == (used is None)
+        if found is not None:
+            assert found[1] is used
+            np.testing.assert_allclose(found[0], [8.0, -4.0])

@@ -12,11 +12,13 @@ from hypothesis import strategies as st
 from tests.estimation_bench import COULOMB, JOINTS, VISCOUS, Recording, World, simulate, twin_terms
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.dynamics.parameters import ParameterSet
+from twin_diagram.estimation.filter.belief import Entry
 from twin_diagram.estimation.filter.ekf import Ekf
 from twin_diagram.estimation.filter.parameter_adaptation import TUNING as PARAMETER_ADAPTATION
 from twin_diagram.estimation.filter.parameter_adaptation import refute
 from twin_diagram.estimation.filter.parameter_status import ParameterStatus, Standing, at_bound, standings
 from twin_diagram.scenario import Filter
+from twin_diagram.signals.layouts import AlarmKind
 
 FRICTION = ["payload", "viscous_friction", "coulomb_friction"]
 MOVING = (0, 6)
@@ -127,6 +129,32 @@ def test_what_lies_out_of_reach_is_said_to_be_at_a_bound() -> None:
     found = learnt(simulate(World(mass=14.0, seed=1014, period=4.0), 3.0), ["payload"])
     assert found["payload.mass"].status is ParameterStatus.AT_BOUND
     assert "10 ± " in str(found["payload.mass"]) and str(found["payload.mass"]).endswith("at a bound")
+
+
+def test_nothing_settles_while_an_alarm_stands() -> None:
+    """What is told by readings is in doubt then; what is not, and what is at a bound, is as it was."""
+    ekf = Ekf(terms(), Filter(parameters=["payload"]))
+    theta, covariance = ekf.parameters.mean.copy(), ekf.parameters.covariance.copy()
+    theta[0] += 0.5
+    covariance[0, 0] *= 0.01
+    calm, alarmed = (
+        [each.status for each in standings(ekf.parameters, theta, covariance, JOINTS, alarm=alarm)]
+        for alarm in (False, True)
+    )
+    assert calm == [ParameterStatus.SETTLED, *[ParameterStatus.NOT_EXCITED] * 3]
+    assert alarmed == [ParameterStatus.IN_DOUBT, *[ParameterStatus.NOT_EXCITED] * 3]
+    theta[0] = 10.0
+    bound = standings(ekf.parameters, theta, covariance, JOINTS, alarm=True)
+    assert bound[0].status is ParameterStatus.AT_BOUND
+    # The filter knows of an alarm by what a monitor told it, and for no longer than it stands.
+    still = np.zeros(7)
+    ekf.start(still, still, still, 0.0)
+    ekf.belief.theta[0], ekf.belief.P[21, 21] = 0.5, covariance[0, 0]
+    assert ekf.standings(JOINTS)[0].status is ParameterStatus.SETTLED
+    ekf.heed(np.array([1.0, AlarmKind.SENSOR, 0.0, 2.0]))
+    assert ekf.standings(JOINTS)[0].status is ParameterStatus.IN_DOUBT
+    ekf.belief.header[Entry.TIME] += 2.5 * ekf.period  # messages later without one
+    assert ekf.standings(JOINTS)[0].status is ParameterStatus.SETTLED
 
 
 def test_before_the_first_message_and_under_the_gradient_rule_nothing_is_told() -> None:

@@ -65,6 +65,10 @@ CASES = {
     ),
     "actuator_fault": EffectSpec("actuator_fault", ["panda_joint4"], [], {"gain": [0.6]}, onset=1.5),
 }
+CASES |= {
+    f"{name} for a while": replace(CASES[name], onset=1.2, end=2.1)
+    for name in ("payload", "stribeck_friction", "load_dependent_friction", "coupled_friction", "torque_constant")
+}
 
 
 class Reference(LeafSystem):

@@ -18,7 +18,8 @@ from twin_diagram.logs import read_log
 from twin_diagram.scenario import Camera, Fixture, Pose, Scenario, WayPoint, WorldObject
 from twin_diagram.station import make_station, ports
 from twin_diagram.station.replay.recorder import add_recorder, open_recording
-from twin_diagram.station.replay.recording import Manifest, RecordedCamera, RecordingWriter
+from twin_diagram.station.replay.recording import RecordingWriter
+from twin_diagram.station.replay.recording_folder import Manifest, RecordedCamera
 from twin_diagram.station.replay.station import newest
 
 HOME = [0.3, 0.2, -0.1, -2.0, 0.1, 2.2, 0.9]

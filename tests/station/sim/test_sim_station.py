@@ -41,6 +41,22 @@ from twin_diagram.station.sim.driver import follow
 from twin_diagram.station.sim.movers import Path
 from twin_diagram.station.sim.noise import Stream, generator
 
+FAULTS = {
+    "payload": EffectSpec("payload", [], [], {"mass": [2.0], "com": [0.02, 0.0, 0.1]}),
+    "viscous_friction": EffectSpec("viscous_friction", ["panda_joint2"], [], {"damping": [20.0]}),
+    "coulomb_friction": EffectSpec("coulomb_friction", ["panda_joint2"], [], {"torque": [6.0]}),
+    "stribeck_friction": EffectSpec(
+        "stribeck_friction", ["panda_joint2"], [], {"coulomb": [5.0], "static": [7.0], "stribeck_velocity": [0.1]}
+    ),
+    "load_dependent_friction": EffectSpec("load_dependent_friction", ["panda_joint2"], [], {"coefficient": [0.2]}),
+    "coupled_friction": EffectSpec(
+        "coupled_friction", ["panda_joint2", "panda_joint4"], [], {"damping": [5.0], "torque": [4.0]}
+    ),
+    "torque_bias": EffectSpec("torque_bias", ["panda_joint2"], [], {"torque": [8.0]}),
+    "torque_constant": EffectSpec("torque_constant", ["panda_joint2"], [], {"gain": [1.3]}),
+    "actuator_fault": EffectSpec("actuator_fault", ["panda_joint2"], [], {"gain": [0.6]}),
+}
+"""What may begin and end in a simulated station."""
 HOME = [0.3, 0.2, -0.1, -2.0, 0.1, 2.2, 0.9]
 JOINTS = [f"panda_joint{k}" for k in range(1, 8)]
 PATH = [
@@ -174,6 +190,56 @@ def test_a_moved_object_may_lie_and_turn_about_the_vertical() -> None:
     pose = Run(scenario(objects={"can": WorldObject("objects/can", path=lying)})).to(0.1)[ports.OBJECT_POSES]
     R = RotationMatrix(Quaternion(pose[:4] / np.linalg.norm(pose[:4])))
     assert np.allclose(R.matrix(), RollPitchYaw([np.pi / 2, 0.2, 0.5]).ToRotationMatrix().matrix(), atol=1e-6)
+
+
+ONSET, END, OVER = 0.3, 0.6, 1.0
+
+
+def swinging(*effects: EffectSpec) -> list[np.ndarray]:
+    """True states and measured torques before the onset, at the end, and when all is over."""
+    plan = arm_alone(arm=ArmModel(effects=list(effects)))
+    along = np.array([0.0, 0.25, 0.0, 0.3, 0.0, 0.2, 0.0])
+    run = Run(plan, position=lambda t: np.array(HOME) + along * np.sin(5.0 * t))
+    return [np.stack([run.to(t)[ports.ARM_STATE][:7], run[ports.TORQUE_MEASURED]]) for t in (ONSET, END, OVER)]
+
+
+@pytest.fixture(scope="module")
+def faultless() -> list[np.ndarray]:
+    return swinging()
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_begins_and_ends(name: str, faultless: list[np.ndarray]) -> None:
+    """At the station's own step, under its own driver: before it begins all is as without, and soon after its end."""
+    before, during, after = (
+        np.abs(fault - good)
+        for fault, good in zip(swinging(replace(FAULTS[name], onset=ONSET, end=END)), faultless, strict=True)
+    )
+    # A payload that is not there yet is borne by the acceleration of the step before: it is felt a little.
+    assert before[0].max() < (1e-4 if name == "payload" else 1e-12)
+    assert before[1].max() < (0.06 if name == "payload" else 1e-9)
+    assert during[0].max() > 1e-3 and during[1].max() > 0.5
+    assert after[0].max() < 5e-4 and after[1].max() < 0.4, "what is left dies away in the driver"
+
+
+DELAY = EffectSpec("time_delay", [], [], {"delay": [0.01]}, onset=1.0)
+TILT = EffectSpec("gravity_tilt", [], [], {"roll": [0.1], "pitch": [0.0]}, end=1.0)
+
+
+@pytest.mark.parametrize(
+    ("spec", "said"),
+    [
+        (replace(FAULTS["payload"], onset=2.0, end=1.0), r"payload\.end: 1 s is not after the onset"),
+        (replace(FAULTS["payload"], onset=-1.0), r"payload\.onset: -1 s is before the run"),
+        (replace(FAULTS["torque_bias"], end=-0.5), r"torque_bias\.end: at -0\.5 s the run has not begun"),
+        (DELAY, r"time_delay\.onset: a simulator cannot start or end it"),
+        (TILT, r"gravity_tilt\.end: a simulator cannot start or end it"),
+    ],
+)
+def test_what_cannot_begin_or_end_is_said_in_one_line(spec: EffectSpec, said: str) -> None:
+    with pytest.raises(ScenarioError, match=rf"world\.arm\.effects\.{said}") as raised:
+        make_station(arm_alone(arm=ArmModel(effects=[spec])))
+    assert "\n" not in str(raised.value)
 
 
 def test_measured_torque_is_what_the_model_says_the_motors_give() -> None:

@@ -24,9 +24,10 @@ from twin_diagram.estimation.drift.likelihood_ratio import AlarmShape
 from twin_diagram.estimation.drift.monitor import DriftEntry, Evidence
 from twin_diagram.logs import Log
 from twin_diagram.model.model import Model
-from twin_diagram.runs.outputs import EVENTS
-from twin_diagram.runs.run import run_scenario
+from twin_diagram.runs.run import replay_scenario, run_scenario
+from twin_diagram.runs.run_folder import EVENTS
 from twin_diagram.scenario import ArmModel, EffectSpec, Healing, Scenario
+from twin_diagram.scenario.file import load_scenario
 from twin_diagram.signals.layouts import NEVER, AlarmKind
 from twin_diagram.station import ports
 from twin_diagram.twin.closed_loop import ClosedLoop, make_closed_loop
@@ -548,6 +549,26 @@ def test_a_run_writes_its_alarms(tmp_path: Path) -> None:
     assert not (tmp_path / "healing").exists()
 
 
+def test_a_replay_waits_for_its_search(corrected: Model, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The recording is over long before the search is; the model is mended all the same, and each time alike."""
+    answering(ANSWER, corrected, tmp_path, monkeypatch)
+    name, option, script = gap_process.WORKER
+    monkeypatch.setattr(gap_process, "WORKER", (name, option, f"import time; time.sleep(4.0)\n{script}"))
+    run_scenario(pushed(2.2), record=tmp_path / "recording", say=lambda text: None, quiet=True)
+    plan = replay_scenario(tmp_path / "recording", overrides=["twin.healing.seconds=0.4", "twin.healing.nice=0"])
+    assert plan.twin.healing is not None and plan.twin.healing.answer_after is None
+    told: list[list[dict[str, Any]]] = []
+    for k in range(2):
+        run_scenario(plan, out=tmp_path / f"out{k}", say=lambda text: None, quiet=True, pictures=False)
+        lines = (tmp_path / f"out{k}" / EVENTS).read_text(encoding="utf-8").splitlines()
+        told.append([json.loads(line) for line in lines])
+    names = [event["event"] for event in told[0] if event["event"] != "alarm"]
+    assert names[:3] == ["gap_started", "gap_verdict", "model_swapped"]
+    changing = ("seconds", "folder")
+    first, second = ([{k: v for k, v in each.items() if k not in changing} for each in one] for one in told)
+    assert first == second
+
+
 def test_a_run_mends_its_model_and_says_so(corrected: Model, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As `twin-diagram run` does it; the search alone is a stand-in."""
     answering(ANSWER, corrected, tmp_path, monkeypatch)
@@ -561,3 +582,39 @@ def test_a_run_mends_its_model_and_says_so(corrected: Model, tmp_path: Path, mon
     folder = tmp_path / "out" / "healing" / "1"
     assert {"fit.npz", "holdout.npz", "gap.json", "request.json"} <= {path.name for path in folder.iterdir()}
     assert any("goes on with" in line and "1.5" in line for line in said)
+
+
+# The scenario that comes along.
+
+
+def test_the_scenario_fault_raises_its_alarm_when_the_fault_begins(tmp_path: Path) -> None:
+    plan = load_scenario("fault", ["duration=3.1", "twin.healing=null"])
+    (fault,) = plan.world.arm.effects
+    assert fault.onset is not None and plan.twin.arm.effects == [], "the twin is not told"
+    summary = run_scenario(plan, out=tmp_path, say=lambda text: None, quiet=True, pictures=False)
+    assert [fault.onset < alarm["time"] < fault.onset + 0.05 for alarm in summary["alarms"]][:1] == [True]
+    assert summary["payload"]["mass_true"] == fault.parameters["mass"][0]
+    plan = load_scenario("fault", ["duration=0.2", "twin.healing=null"])
+    before = run_scenario(plan, say=lambda text: None, quiet=True)
+    assert before["payload"]["mass_true"] == 0.0, "what it carries at the end of the run counts"
+
+
+@pytest.mark.slow
+def test_the_scenario_fault_heals_and_so_does_its_replay(tmp_path: Path) -> None:
+    plan = load_scenario("fault")
+    fault = plan.world.arm.effects[0]
+
+    def swap(out: Path) -> dict[str, Any]:
+        events = [json.loads(line) for line in (out / EVENTS).read_text(encoding="utf-8").splitlines()]
+        names = [event["event"] for event in events if event["event"] != "alarm"]
+        assert names == ["gap_started", "gap_verdict", "model_swapped"]
+        (payload,) = next(event for event in events if event["event"] == "gap_verdict")["effects"]
+        assert payload["name"] == fault.name
+        assert payload["parameters"]["mass"]["value"] == pytest.approx(fault.parameters["mass"][0], rel=0.01)
+        return next(event for event in events if event["event"] == "model_swapped")
+
+    quiet: dict[str, Any] = {"say": lambda text: None, "quiet": True, "pictures": False}
+    run_scenario(plan, out=tmp_path / "run", record=tmp_path / "recording", **quiet)
+    run_scenario(replay_scenario(tmp_path / "recording"), out=tmp_path / "replay", **quiet)
+    first, second = swap(tmp_path / "run"), swap(tmp_path / "replay")
+    assert first["effects"] == second["effects"] and first["time"] == pytest.approx(second["time"])

@@ -29,6 +29,7 @@ from twin_diagram.estimation.drift.sensor_consistency import CrossCheck
 from twin_diagram.estimation.drift.state import DriftEntry, DriftState, Evidence
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.dynamics.parameters import ParameterSet
+from twin_diagram.estimation.filter.belief import Belief, Entry
 from twin_diagram.estimation.filter.sensor_registry import FilterError
 from twin_diagram.scenario import Drift, Filter
 from twin_diagram.signals.arrays import Array
@@ -77,15 +78,22 @@ class Monitor:
         sensors: names of the further sensors that are cross-checked.
     """
 
-    def __init__(self, terms: ArmTerms, drift: Drift, tuning: Filter, sensors: Mapping[str, int] | None = None) -> None:
+    def __init__(
+        self,
+        terms: ArmTerms,
+        drift: Drift | None = None,
+        tuning: Filter | None = None,
+        sensors: Mapping[str, int] | None = None,
+    ) -> None:
         """Make one that has not heard anything yet.
 
         Args:
             terms: the arm.
-            drift: tuning of the monitor.
-            tuning: of the filter that it watches.
+            drift: tuning of the monitor; `Drift()` where None.
+            tuning: of the filter that it watches; `Filter()` where None.
             sensors: degrees of freedom of each further sensor whose readings it will be told of, by name.
         """
+        drift, tuning = drift or Drift(), tuning or Filter()
         self.terms, self.params = terms, drift
         self.parameters = ParameterSet(terms, tuning)
         self.sensors = tuple(sensors or ())
@@ -116,6 +124,18 @@ class Monitor:
         result = np.array([float(self.active), h[DriftEntry.KIND], h[DriftEntry.RAISED], h[DriftEntry.STATISTIC]])
         assert len(result) == ALARM_SIZE
         return result
+
+    def watch(self, belief: Belief, q: Array, tau: Array) -> bool:
+        """Take in what a filter made of the message that it has just observed; return whether an alarm stands.
+
+        Args:
+            belief: of the filter: `ekf.belief`.
+            q: (n,) measured positions of that message [rad].
+            tau: (n,) its measured torques [N·m].
+        """
+        nis, t = float(belief.header[Entry.NIS]), float(belief.header[Entry.TIME])
+        self.observe(belief.x[: 2 * belief.n], belief.theta, nis, q, tau, t, innovation=belief.innovation)
+        return self.active
 
     def observe(
         self,

@@ -65,7 +65,7 @@ class ArmTerms:
     Attributes:
         n: number of joints.
         prismatic: (n,) which of them are; what is theirs is in m and N.
-        velocity_limit, effort_limit: (n,) from the plant; where it names none, 10 rad/s and what a brisk motion takes.
+        velocity_limit, effort_limit: (n,) from the plant; where it names none, what `assumptions` says [rad/s], [N·m].
         damping: (n,) [N·m·s/rad] of the joints in the plant itself; part of b, made implicit in the step.
         link_name, link_frame: of the last link, which carries the payload.
         tool: (3,) p of the tool frame in the last link [m]: where a payload is expected.
@@ -105,7 +105,6 @@ class ArmTerms:
         self.prismatic = np.array([isinstance(joint, PrismaticJoint) for joint in handles])
         self.position_index = np.array([joint.position_start() for joint in handles])
         self.velocity_index = np.array([joint.velocity_start() for joint in handles])
-        self.velocity_limit = _limit([joint.velocity_upper_limits()[0] for joint in handles], 10.0)
 
         self._context: Context = plant.CreateDefaultContext() if context is None else context.Clone()
         self.damping = np.array([float(joint.GetDampingVector(self._context)[0]) for joint in handles])
@@ -120,7 +119,25 @@ class ArmTerms:
         self._world = plant.world_frame()
         self._gravity = plant.gravity_field().gravity_vector()
         self._find_last_link(tool_frame)
-        self.effort_limit = _limit(_efforts(plant, handles), self._brisk_effort())
+        brisk, inertia = self._brisk_effort()
+        efforts, speeds = _efforts(plant, handles), [joint.velocity_upper_limits()[0] for joint in handles]
+        self.effort_limit = _limit(efforts, brisk)
+        # What the motor's whole effort makes of the joint's inertia over one turn, or one metre, from rest.
+        way = np.where(self.prismatic, 1.0, 2.0 * np.pi)
+        self.velocity_limit = _limit(speeds, np.sqrt(2.0 * self.effort_limit * way / inertia))
+        self._named = np.isfinite(_limit(speeds, np.inf)), np.isfinite(_limit(efforts, np.inf))
+
+    def assumptions(self) -> list[str]:
+        """Return a sentence on each limit that the plant does not name and the filter therefore assumes."""
+        said = []
+        quantities = (("speed", self.velocity_limit, ("m/s", "rad/s")), ("effort", self.effort_limit, ("N", "N·m")))
+        for (quantity, limit, units), named in zip(quantities, self._named, strict=True):
+            for joint, value, known, prismatic in zip(self._joints, limit, named, self.prismatic, strict=True):
+                if not known:
+                    unit = units[0] if prismatic else units[1]
+                    known_by = f"{joint.name()}: the description names no {quantity} limit"
+                    said.append(f"{known_by}; the filter assumes {value:.3g} {unit}")
+        return said
 
     def _find_last_link(self, tool_frame: str | None) -> None:
         self._link = self._joints[-1].child_body()
@@ -174,15 +191,15 @@ class ArmTerms:
         self._set(q, v)
         return self._context
 
-    def _brisk_effort(self) -> Array:
-        """Return (n,) torque for twice the largest weight on each joint and a brisk start.
+    def _brisk_effort(self) -> tuple[Array, Array]:
+        """Return (n,) torque for twice the largest weight on each joint and a brisk start [N·m], and its inertia.
 
-        Over a spread of poses [N·m].
+        Both are the largest over a spread of poses [N·m], [kg·m²].
         """
         poses = np.random.default_rng(0).uniform(-np.pi, np.pi, (16, self.n))
         weight = np.max([np.abs(self.inverse_dynamics(q, np.zeros(self.n), 0.0)) for q in poses], axis=0)
         inertia = np.max([self.mass_matrix(q).diagonal() for q in poses], axis=0)
-        return 2.0 * weight + TUNING.brisk * inertia
+        return 2.0 * weight + TUNING.brisk * inertia, inertia
 
     def set_payload(self, payload: Array) -> None:
         """Set what the last link carries, for all calls that follow.

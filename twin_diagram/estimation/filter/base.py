@@ -25,7 +25,7 @@ class Tuning:
     """How far the model is followed: chosen by hand."""
 
     impossible: float = 2.0
-    """No joint is predicted to move faster than this many times its speed limit, unless it was measured to."""
+    """No joint is predicted to move faster than this many times its speed limit, or its speed where that is more."""
 
 
 TUNING = Tuning()

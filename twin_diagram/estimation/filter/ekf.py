@@ -110,7 +110,9 @@ class Ekf(Core):
         return found
 
     def standings(self, joints: Sequence[str]) -> list[Standing]:
-        """Return how each parameter stands: settled, not excited by the motion, or held at a bound.
+        """Return how each parameter stands: settled, not excited by the motion, held at a bound, in doubt.
+
+        Nothing is settled while an alarm stands that the filter was told of (`heed`).
 
         Args:
             joints: names of the n joints, for the labels.
@@ -119,7 +121,8 @@ class Ekf(Core):
         if not belief.valid:
             return standings(self.parameters, self.parameters.mean, self.parameters.covariance, joints)
         covariance = belief.P[start : start + belief.p, start : start + belief.p]
-        return standings(self.parameters, belief.theta, covariance, joints, self.params.rule)
+        alarm = bool(belief.header[Entry.ALARM] > belief.time)
+        return standings(self.parameters, belief.theta, covariance, joints, self.params.rule, alarm=alarm)
 
     def hold_noise(self, until: float) -> None:
         """Hold the noise as it is until this time [s], since an alarm stands."""

@@ -1,4 +1,4 @@
-"""How each learnt parameter stands: got home, not told by the motion, or held at a bound.
+"""How each learnt parameter stands: got home, not told by the motion, held at a bound, or in doubt under an alarm.
 
 A filter that starts from parameters that are far off gets them right where the motion excites them. Where it does not,
 θ̂ stays near the prior and looks like any other number; this says which is which.
@@ -40,6 +40,8 @@ class ParameterStatus(Enum):
     """Readings told little of it so far, or little since an abrupt change: the value is mostly the prior's."""
     AT_BOUND = "at a bound"
     """Held at the end of what it may be: the truth lies there (a payload of nothing) or beyond, out of reach."""
+    IN_DOUBT = "in doubt"
+    """Readings tell it, but an alarm stands: what the model lacks may have been taken for it."""
     UNKNOWN = "unknown"
     """The gradient rule keeps no covariance, so nothing tells."""
 
@@ -65,7 +67,13 @@ class Standing:
 
 
 def standings(
-    parameters: ParameterSet, theta: Array, covariance: Array, joints: Sequence[str], rule: str = "covariance"
+    parameters: ParameterSet,
+    theta: Array,
+    covariance: Array,
+    joints: Sequence[str],
+    rule: str = "covariance",
+    *,
+    alarm: bool = False,
 ) -> list[Standing]:
     """Return how all parameters stand.
 
@@ -75,6 +83,7 @@ def standings(
         covariance: (p, p) of them.
         joints: names.
         rule: `Filter.rule`.
+        alarm: whether one of the drift monitor's stands: nothing has settled then.
     """
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     untouched = (theta == parameters.mean) & (std >= (1.0 - 1e-9) * parameters.scale)
@@ -86,9 +95,8 @@ def standings(
         elif rule == "gradient":
             status = ParameterStatus.UNKNOWN
         else:
-            status = (
-                ParameterStatus.SETTLED if std[i] < TUNING.told * parameters.scale[i] else ParameterStatus.NOT_EXCITED
-            )
+            settled = ParameterStatus.IN_DOUBT if alarm else ParameterStatus.SETTLED
+            status = settled if std[i] < TUNING.told * parameters.scale[i] else ParameterStatus.NOT_EXCITED
         found.append(Standing(label, float(theta[i]), float(std[i]), status))
     return found
 

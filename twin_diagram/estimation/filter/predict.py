@@ -84,8 +84,9 @@ def _once(core: Core, u: Array, dt: float, torque_std: Array | float) -> None:
     belief.P[:] = 0.5 * (P + P.T)
     core.bound()
     learnt = by.parameters @ (belief.theta - theta)
-    # Where the model asks for the impossible (a torque in error on a light joint), it is not followed there.
-    limit = np.maximum(BASE.impossible * terms.velocity_limit, np.abs(v))
+    # Where the model asks for the impossible (a torque in error on a light joint), it is not followed there. A joint
+    # that was measured to be as fast as that may still gain speed: held at its own, the model would lack its torque.
+    limit = BASE.impossible * np.maximum(terms.velocity_limit, np.abs(v))
     speed = moved.v + learnt[n:]
     belief.v[:] = np.clip(speed, -limit, limit)
     belief.q[:] = moved.q + learnt[:n] + (0.5 * dt) * (belief.v - speed)

@@ -25,6 +25,7 @@ from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.model.effects import REGISTRY, Effect
 from twin_diagram.model.effects.parameter_vector import with_values
 from twin_diagram.model.effects.serialisation import effect_of
+from twin_diagram.model.effects.users_modules import load_installed
 from twin_diagram.scenario import EffectSpec
 from twin_diagram.signals.arrays import Array
 
@@ -46,6 +47,7 @@ TUNING = Tuning()
 def own_candidates(terms: Terms) -> list[Candidate]:
     """Return those of every registered effect that does not come along with this package, on every joint."""
     made = []
+    load_installed()
     for cls in REGISTRY.values():
         if cls.__module__.startswith(COME_ALONG) or not cls.per_joint or not _plain(cls):
             continue

@@ -194,10 +194,12 @@ def restricted(
 
 
 def effective_samples(whitener: Whitener) -> Array:
-    """Return (n,) how many independent samples would pin a constant as well as the coloured ones do."""
-    white = np.sum(1.0 / np.sum(whitener.filters**2, axis=1, keepdims=True), axis=1)
-    gain = np.sum(whitener.filters, axis=1) ** 2
-    return np.asarray(sum(whitener.lengths) * gain * white)
+    """Return (n,) how many independent samples of the same size would pin a constant as well as the coloured ones do.
+
+    The noise's mean density over that at frequency zero, which is all that a mean meets.
+    """
+    density = np.abs(np.fft.rfft(whitener.filters, 4096, axis=1)) ** -2.0
+    return np.asarray(sum(whitener.lengths) * np.trapezoid(density, dx=1.0 / 2048, axis=1) / density[:, 0])
 
 
 def noise_below(whitener: Whitener, rate: float, cutoff: float = DIFFERENTIATION.residual_cutoff) -> Array:

@@ -5,6 +5,7 @@ The model and every station add their arm with `add_arm`, so that both mean the 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -182,7 +183,10 @@ def add_arm(
     try:
         instances = tuple(parser(plant, packages).AddModels(Path(spec.model)))
     except RuntimeError as error:
-        raise ModelError(f"{spec.model}: cannot be read: {_first_line(error)}") from error
+        said = _first_line(error)
+        unknown = re.search(r"unknown package '([^']+)'", said)
+        advice = f"; {resources.name_package(unknown[1])}" if unknown else ""
+        raise ModelError(f"{spec.model}: cannot be read: {said}{advice}") from error
     if not instances:
         raise ModelError(f"{spec.model}: holds no model")
 

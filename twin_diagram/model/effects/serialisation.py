@@ -9,6 +9,7 @@ from twin_diagram.errors import ModelError
 from twin_diagram.model.effects.effect import Effect
 from twin_diagram.model.effects.parameter import Parameter
 from twin_diagram.model.effects.timing import Interval
+from twin_diagram.model.effects.users_modules import lacking, load_installed, module_of
 from twin_diagram.scenario import EffectSpec
 
 Class = TypeVar("Class", bound=type[Effect])
@@ -31,6 +32,10 @@ def make(spec: EffectSpec) -> Effect:
         ModelError: unknown name, or parameters that do not fit it.
     """
     if spec.name not in REGISTRY:
+        load_installed()
+    if spec.name not in REGISTRY:
+        if spec.module:
+            raise ModelError(lacking(spec.name, spec.module))
         raise ModelError(f"effects: no effect is called {spec.name!r}; there are {', '.join(sorted(REGISTRY))}")
     return effect_of(REGISTRY[spec.name], spec)
 
@@ -62,6 +67,7 @@ def spec_of(effect: Effect) -> EffectSpec:
         end=effect.when.end,
         log=effect.when.log,
         elsewhere=dict(effect.when.elsewhere),
+        module=module_of(type(effect)),
     )
 
 

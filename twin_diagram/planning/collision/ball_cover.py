@@ -6,6 +6,7 @@ capsule `Tuning.capsule_overhang`.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import product
@@ -18,7 +19,6 @@ from pydrake.multibody.tree import BodyIndex, RigidBody
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from twin_diagram import scenario
-from twin_diagram.errors import ModelError
 from twin_diagram.model.description import add_arm as description
 from twin_diagram.planning.collision.chain import Ints
 from twin_diagram.planning.collision.convex_solids import bounding_box
@@ -41,6 +41,9 @@ class Tuning:
 
     most_cells: int = 36
     """Balls that cover one box, at most."""
+
+    bone: float = 0.05
+    """Radius of an arm without shapes, as a share of its length: that of slender arms."""
 
     few_shapes: int = 6
     """Each shape of a link counts as a part of its own, but not where a link has more of them than this."""
@@ -117,7 +120,10 @@ def arm_balls(plant: MultibodyPlant, scene_graph: SceneGraph, arm: description.A
                 group = max(groups, default=0) + 1
         group = max(groups, default=0) + 1
     if not centres:
-        raise ModelError(f"{arm.spec.model}: the arm has no collision geometry, so nothing can be kept clear of")
+        logging.getLogger("twin_diagram").warning(
+            "%s has no collision geometry: balls along the lines between its joints stand for it", arm.spec.model
+        )
+        return _skeleton(plant, arm)
     keep = _not_swallowed(np.array(centres), np.array(radii), np.array(links))
     pairs = [
         (i, j)
@@ -131,6 +137,27 @@ def arm_balls(plant: MultibodyPlant, scene_graph: SceneGraph, arm: description.A
         np.array(groups)[keep],
         np.array(pairs, dtype=int).reshape(-1, 2),
     )
+
+
+def _skeleton(plant: MultibodyPlant, arm: description.Arm) -> Balls:
+    """Cover the lines from joint to joint, and on to the tool, of an arm that has no shapes; nothing touches itself."""
+    context = plant.CreateDefaultContext()
+    frames = [plant.get_joint(index).child_body().body_frame() for index in arm.joint_indices]
+    X_WLs = [frame.CalcPoseInWorld(context) for frame in frames]
+    ends = [X_WL.translation() for X_WL in X_WLs[1:]]
+    ends.append(plant.get_frame(arm.tool_frame).CalcPoseInWorld(context).translation())
+    begins = [X_WL.translation() for X_WL in X_WLs]
+    lengths = [float(np.linalg.norm(end - begin)) for begin, end in zip(begins, ends, strict=True)]
+    radius = max(TUNING.bone * sum(lengths), TUNING.overhang)
+    centres, links = [], []
+    for k, (X_WL, end, length) in enumerate(zip(X_WLs, ends, lengths, strict=True)):
+        tip = X_WL.inverse().multiply(end)
+        count = 1 + int(np.ceil(length / radius))
+        centres.append(np.linspace(np.zeros(3), tip, count))
+        links.append(np.full(count, k + 1))
+    numbers = np.concatenate(links)
+    no_pairs = np.zeros((0, 2), dtype=int)
+    return Balls(np.concatenate(centres), np.full(len(numbers), radius), numbers, numbers - 1, no_pairs)
 
 
 def _link_poses(plant: MultibodyPlant, arm: description.Arm, depth: Ints) -> Callable[[RigidBody], list[Array]]:

@@ -14,13 +14,16 @@ from twin_diagram.errors import LogError, ScenarioError, StationError
 from twin_diagram.scenario import Camera
 from twin_diagram.signals.arrays import Array
 from twin_diagram.station.ports import SENSOR_SIZE
-from twin_diagram.station.replay.recording import (
+from twin_diagram.station.replay.recording_folder import (
     FRAMES,
     GRIPPER,
     LOG,
     MESSAGES,
+    SCANS,
+    UNFINISHED,
     Manifest,
     depth_file,
+    read_manifest,
     rgb_file,
     sensor_file,
 )
@@ -67,8 +70,12 @@ class Frames:
     depth_unit: float
 
 
-def read_columns(path: Path) -> tuple[list[str], Array]:
-    """Header and (N, columns) numbers of a CSV file, floats to the bit.
+def read_columns(path: Path, cut: bool = False) -> tuple[list[str], Array]:
+    """Return header and (N, columns) numbers of a CSV file, floats to the bit.
+
+    Args:
+        path: of the file.
+        cut: whether its last line may be half a one, which is then left out.
 
     Raises:
         StationError: missing, or not such a table.
@@ -77,6 +84,8 @@ def read_columns(path: Path) -> tuple[list[str], Array]:
         with path.open(encoding="utf-8") as file:
             names = file.readline().rstrip("\r\n").split(",")
             rows = file.readlines()
+        if cut and rows and not rows[-1].endswith("\n"):
+            rows.pop()
         values = np.loadtxt(rows, delimiter=",", ndmin=2) if rows else np.zeros((0, len(names)))
     except OSError as error:
         raise StationError(f"{path}: {error.strerror}") from error
@@ -125,8 +134,14 @@ def read_recording(folder: Path, manifest: Manifest, joints: Sequence[str], fing
     """
     if list(joints) != manifest.joints:
         raise StationError(f"{folder}: recorded joints {manifest.joints}; the twin's arm has {list(joints)}")
-    names, values = read_columns(folder / LOG)
-    _, deliveries = read_columns(folder / MESSAGES)
+    cut = folder.name == UNFINISHED
+    names, values = read_columns(folder / LOG, cut)
+    _, deliveries = read_columns(folder / MESSAGES, cut)
+    fingers = fingers if list(fingers) == manifest.gripper_joints else ()
+    _, table = read_columns(folder / GRIPPER, cut) if fingers else ([], np.zeros((len(values), 0)))
+    if cut:  # a message is written table by table
+        whole = min(len(values), len(deliveries), len(table))
+        values, deliveries, table = values[:whole], deliveries[:whole], table[:whole]
     if not len(values):
         raise StationError(f"{folder / LOG}: no message in it")
     if len(deliveries) != len(values):
@@ -140,8 +155,7 @@ def read_recording(folder: Path, manifest: Manifest, joints: Sequence[str], fing
             raise StationError(f"{folder / LOG}: no column {name} for each of {', '.join(joints)}") from error
 
     gripper = None
-    if fingers and list(fingers) == manifest.gripper_joints:
-        _, table = read_columns(folder / GRIPPER)
+    if fingers:
         if table.shape != (len(values), 1 + 2 * len(fingers)):
             raise StationError(
                 f"{folder / GRIPPER}: {table.shape[0]} rows of {table.shape[1]} columns do not fit {LOG}"
@@ -180,7 +194,7 @@ def read_frames(folder: Path, manifest: Manifest | None, camera: Camera | None) 
                 f"twin.camera.{name}", f"{getattr(camera, name)}; recorded was {getattr(recorded, name)}"
             )
     images = folder / recorded.name
-    _, table = read_columns(images / FRAMES)
+    _, table = read_columns(images / FRAMES, cut=folder.name == UNFINISHED)
     if len(table) and table.shape[1] != 3:
         raise StationError(f"{images / FRAMES}: needs the columns index, capture, delivery")
     rising(images / FRAMES, table[:, 2])
@@ -216,7 +230,7 @@ def read_sensors(folder: Path, manifest: Manifest) -> dict[str, Readings]:
     found = {}
     for k, name in enumerate(manifest.sensors):
         file = folder / sensor_file(k)
-        _, table = read_columns(file)
+        _, table = read_columns(file, cut=folder.name == UNFINISHED)
         if table.shape[1] != 2 + SENSOR_SIZE:
             raise StationError(f"{file}: {table.shape[1]} columns; a sensor's table has {2 + SENSOR_SIZE}")
         rising(file, table[:, 1])
@@ -224,7 +238,25 @@ def read_sensors(folder: Path, manifest: Manifest) -> dict[str, Readings]:
     return found
 
 
-def read_log(path: Path, joints: Sequence[str]) -> Messages:
+def recorded_until(folder: Path) -> float:
+    """Return when the last message of a recording, picture or scan came [s]; `folder`: as of `place_of`.
+
+    Raises:
+        StationError: it holds no message.
+    """
+    manifest = read_manifest(folder)
+    tables = [folder / MESSAGES]
+    if manifest.camera is not None:
+        tables.append(folder / manifest.camera.name / FRAMES)
+    if manifest.lidar is not None:
+        tables.append(folder / manifest.lidar.folder / SCANS)
+    ends = [table[-1, -1] for _, table in (read_columns(file, cut=True) for file in tables) if len(table)]
+    if not ends:
+        raise StationError(f"{folder / LOG}: no message in it")
+    return float(max(ends))
+
+
+def read_log(path: Path, joints: Sequence[str], columns: str = "") -> Messages:
     """Return a measured log in the project's format, its times counted from its first sample.
 
     Where it has no `velocity_estimated`, that is the backward difference of positions.
@@ -232,12 +264,13 @@ def read_log(path: Path, joints: Sequence[str]) -> Messages:
     Args:
         path: CSV or .npz.
         joints: of the twin's arm, all of which must be in it.
+        columns: what a foreign log's columns mean, as `twin_diagram.logs.read_log` takes it; empty: nothing to say.
 
     Raises:
         LogError: see `twin_diagram.logs.read_log`; a joint or the torque is missing.
     """
     try:
-        log = logs.read_log(path).select(joints)
+        log = logs.read_log(path, columns or None).select(joints)
         torque = log.motor_torque
     except LogError as error:
         raise LogError(f"replay.log: {error}") from error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import BinaryIO
 
 from pydrake.common.value import Value
 from pydrake.multibody.plant import MultibodyPlant
@@ -13,15 +14,17 @@ from twin_diagram.errors import StationError
 from twin_diagram.scenario import Scenario
 from twin_diagram.station import ports
 from twin_diagram.station.add_models import twin_arm
-from twin_diagram.station.replay.recording import Manifest, RecordedCamera, RecordedLidar, RecordingWriter
+from twin_diagram.station.replay.recording import RecordingWriter
+from twin_diagram.station.replay.recording_folder import Manifest, RecordedCamera, RecordedLidar
 
 
-def open_recording(scenario: Scenario, folder: str | Path) -> RecordingWriter:
+def open_recording(scenario: Scenario, folder: str | Path, rows: BinaryIO | None = None) -> RecordingWriter:
     """Open a recording of what a scenario's station will show.
 
     Args:
         scenario: the one that the station is made from.
         folder: where the recording goes.
+        rows: as of `RecordingWriter`.
 
     Returns:
         The writer, for `add_recorder`; use it as a context manager about the run.
@@ -41,7 +44,8 @@ def open_recording(scenario: Scenario, folder: str | Path) -> RecordingWriter:
         recorded = RecordedCamera(camera.name, camera.width, camera.height, camera.rate, camera.latency, unit)
     lidar = scenario.twin.lidar
     scanned = None if lidar is None else RecordedLidar(lidar.name, lidar.columns, lidar.rows)
-    return RecordingWriter(folder, Manifest(list(arm.joints), list(arm.gripper_joints), recorded, sensors, scanned))
+    manifest = Manifest(list(arm.joints), list(arm.gripper_joints), recorded, sensors, scanned)
+    return RecordingWriter(folder, manifest, rows)
 
 
 def depth_unit(scenario: Scenario) -> float:

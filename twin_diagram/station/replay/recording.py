@@ -1,30 +1,16 @@
-"""Records what a station's ports show while a run goes on, so that the replay station can show it again to the bit.
-
-A recording is a folder:
-
-- ``manifest.yaml``: version, joints, camera, depth unit;
-- ``log.csv``: the arm's messages, in the project's log format, floats written so that they read back to the bit;
-- ``messages.csv``: when each of them came to stand on the ports;
-- ``gripper.csv``: the fingers' positions and speeds, where the robot has a gripper;
-- ``sensor_<k>.csv``: readings of the k-th further sensor of the manifest, with measurement and delivery times;
-- ``<lidar>.lidar/``: ``scan_<k>.npz`` (ranges, to the bit) and ``scans.csv`` (capture and delivery times);
-- ``<camera>/``: ``rgb_<k>.png``, ``depth_<k>.png`` (16 bit, in depth units) and ``frames.csv`` (capture and delivery
-times).
-
-It is written under a temporary name beside its own and renamed once it is whole.
-"""
+"""Records what a station's ports show while a run goes on, so that the replay station can show it again to the bit."""
 
 from __future__ import annotations
 
-import shutil
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, TextIO
+from typing import BinaryIO, NoReturn, TextIO
 
 import cv2
 import numpy as np
@@ -32,96 +18,37 @@ import numpy.typing as npt
 import yaml
 
 from twin_diagram.errors import StationError
-from twin_diagram.runtime import atomic_file
-from twin_diagram.station import ports
+from twin_diagram.runtime import written_files
 from twin_diagram.station.depth_units import depth_to_units
 from twin_diagram.station.ports import SENSOR_SIZE
+from twin_diagram.station.replay.recording_folder import (
+    FILES,
+    FRAMES,
+    GRIPPER,
+    LOG,
+    MANIFEST,
+    MESSAGES,
+    SCANS,
+    UNFINISHED,
+    Manifest,
+    depth_file,
+    finish,
+    rgb_file,
+    scan_file,
+    sensor_file,
+    unlisted,
+)
 
 
 @dataclass(frozen=True)
 class Tuning:
     """Constants of this module, with their units and what set them."""
 
-    version: int = 1
-    """Of the folder's layout; a reader refuses another."""
-
     pending: int = 8
     """Images and scans that may wait to be written."""
 
 
 TUNING = Tuning()
-MANIFEST: Final = "manifest.yaml"
-"""Tells the version, joints, camera and sensors."""
-LOG: Final = "log.csv"
-"""The measured log, as `logs` reads it."""
-MESSAGES: Final = "messages.csv"
-"""When each message was measured and delivered [s]."""
-GRIPPER: Final = "gripper.csv"
-"""The fingers' states by message."""
-FRAMES: Final = "frames.csv"
-"""When each picture was taken and delivered [s]."""
-SCANS: Final = "scans.csv"
-"""When each scan was taken and delivered [s]."""
-
-
-@dataclass
-class RecordedCamera:
-    """What a recording says about its camera; see `scenario.Camera`."""
-
-    name: str
-    width: int
-    height: int
-    rate: float
-    latency: float
-    depth_unit: float
-    """Depth images hold a whole number of these [m]."""
-
-
-@dataclass
-class RecordedLidar:
-    """What a recording says about its lidar; see `scenario.Lidar`."""
-
-    name: str
-    columns: int
-    rows: int
-
-    @property
-    def folder(self) -> str:
-        """Where its scans are, in the recording; named as its port, so that it cannot be a camera's."""
-        return ports.lidar(self.name)
-
-
-@dataclass
-class Manifest:
-    """What a recording holds."""
-
-    joints: list[str]
-    gripper_joints: list[str] = field(default_factory=list)
-    camera: RecordedCamera | None = None
-    sensors: list[str] = field(default_factory=list)
-    """Ports of further sensors."""
-    lidar: RecordedLidar | None = None
-    version: int = TUNING.version
-
-
-def rgb_file(k: int) -> str:
-    """Return the name of the k-th colour image."""
-    return f"rgb_{k:06d}.png"
-
-
-def depth_file(k: int) -> str:
-    """Return the name of the k-th depth image."""
-    return f"depth_{k:06d}.png"
-
-
-def scan_file(k: int) -> str:
-    """Return the name of the k-th scan."""
-    return f"scan_{k:06d}.npz"
-
-
-def sensor_file(k: int) -> str:
-    """Return the name of the table of the k-th further sensor."""
-    return f"sensor_{k}.csv"
 
 
 def _row(values: Sequence[float] | npt.NDArray[np.float64]) -> str:
@@ -129,33 +56,48 @@ def _row(values: Sequence[float] | npt.NDArray[np.float64]) -> str:
 
 
 class RecordingWriter:
-    """Writes one recording; a context manager that keeps it where the run ended well and drops it otherwise."""
+    """Writes one recording; a context manager that keeps it where the run ended well or was stopped, and drops it else.
 
-    def __init__(self, folder: str | Path, manifest: Manifest) -> None:
+    What was recorded until a disk was full is left `unfinished`.
+    """
+
+    def __init__(self, folder: str | Path, manifest: Manifest, rows: BinaryIO | None = None) -> None:
         """Open a recording.
 
         Args:
-            folder: where it goes; may exist as an earlier recording, which is replaced in the end.
+            folder: where it goes; may exist as an earlier recording, whose files are replaced in the end.
             manifest: what will be in it.
+            rows: gets the log's rows as doubles, too, for those who cannot wait for its text to be read.
 
         Raises:
             StationError: `folder` holds something else, or cannot be written.
         """
         self._folder = Path(folder).expanduser().absolute()
         self.manifest = manifest
-        if self._folder.exists() and not (self._folder / MANIFEST).is_file():
+        self._staging = self._folder / UNFINISHED
+        if self._folder.exists() and not any((at / MANIFEST).is_file() for at in (self._folder, self._staging)):
             if not self._folder.is_dir() or any(self._folder.iterdir()):
                 raise StationError(f"{self._folder}: there is something that is no recording; name another folder")
-        self._made = [parent for parent in self._folder.parents if not parent.exists()]
+        self._made = [place for place in (self._folder, *self._folder.parents) if not place.exists()]
+        self._files: list[TextIO] = []
+        self._rows, self._count, self._scan_count, self._messages_written = rows, 0, 0, 0
+        self._pool = ThreadPoolExecutor(1, "image-writer")
+        self._pending: deque[Future[None]] = deque()
+        self._open_still, self._full = True, False
         try:
-            self._staging = atomic_file.make_aside(self._folder)
+            finish(self._folder)
+            written_files.remove(self._staging, FILES)  # of a run that was killed
+            self._staging.mkdir(parents=True, exist_ok=True)
+            self._begin(manifest)
         except OSError as error:
+            self.abort()
             raise StationError(f"{self._folder}: cannot be written: {error.strerror}") from error
-        data = asdict(manifest)
-        (self._staging / MANIFEST).write_text(yaml.safe_dump(data, sort_keys=False))
+
+    def _begin(self, manifest: Manifest) -> None:
+        """Write the manifest and open the tables."""
+        self.attach(MANIFEST, yaml.safe_dump(asdict(manifest), sort_keys=False))
         joints = manifest.joints
         signals = ("position_measured", "velocity_estimated", "torque_measured", "position_commanded")
-        self._files: list[TextIO] = []
         self._log = self._open(LOG, ["time", *(f"{signal}.{joint}" for signal in signals for joint in joints)])
         self._messages = self._open(MESSAGES, ["time", "delivery"])
         self._gripper = None
@@ -165,27 +107,25 @@ class RecordingWriter:
         columns = ["time", "delivery", *(str(i) for i in range(SENSOR_SIZE))]
         self._sensors = {name: self._open(sensor_file(k), columns) for k, name in enumerate(manifest.sensors)}
         self._frames = None
-        self._count = 0
         if manifest.camera is not None:
-            (self._staging / manifest.camera.name).mkdir()
+            (self._staging / manifest.camera.name).mkdir(exist_ok=True)
             self._frames = self._open(f"{manifest.camera.name}/{FRAMES}", ["index", "capture", "delivery"])
         self._scans = None
-        self._scan_count = 0
         if manifest.lidar is not None:
-            (self._staging / manifest.lidar.folder).mkdir()
+            (self._staging / manifest.lidar.folder).mkdir(exist_ok=True)
             self._scans = self._open(f"{manifest.lidar.folder}/{SCANS}", ["index", "capture", "delivery"])
-        self._pool = ThreadPoolExecutor(1, "image-writer")
-        self._pending: deque[Future[None]] = deque()
-        self._open_still = True
 
     def _open(self, name: str, columns: Sequence[str]) -> TextIO:
-        file = (self._staging / name).open("w", encoding="utf-8", newline="")
+        written_files.note(self._staging, FILES, [name])
+        # By lines, so that what was recorded is there whenever the process is killed.
+        file = (self._staging / name).open("w", encoding="utf-8", newline="", buffering=1)
         file.write(",".join(columns) + "\n")
         self._files.append(file)
         return file
 
     def attach(self, name: str, text: str) -> None:
         """Put a text file into the recording, e.g. the scenario that was run."""
+        written_files.note(self._staging, FILES, [name])
         (self._staging / name).write_text(text, encoding="utf-8")
 
     def message(self, time: float, delivery: float, signals: Mapping[str, npt.NDArray[np.float64]]) -> None:
@@ -198,14 +138,24 @@ class RecordingWriter:
                 gripper, where there is one.
         """
         order = ("position_measured", "velocity_estimated", "torque_measured", "position_commanded")
-        self._log.write(_row(np.concatenate([[time], *(signals[name] for name in order)])))
-        self._messages.write(_row([time, delivery]))
-        if self._gripper is not None:
-            self._gripper.write(_row(np.concatenate([[time], signals["gripper"]])))
+        row = np.concatenate([[time], *(signals[name] for name in order)])
+        try:
+            self._log.write(_row(row))
+            self._messages.write(_row([time, delivery]))
+            if self._gripper is not None:
+                self._gripper.write(_row(np.concatenate([[time], signals["gripper"]])))
+            if self._rows is not None:
+                self._rows.write(row.tobytes())
+        except OSError as error:
+            self._end_full(error)
+        self._messages_written += 1
 
     def reading(self, sensor: str, time: float, delivery: float, values: npt.NDArray[np.float64]) -> None:
         """Write one reading (6,) of a further sensor, by its port's name; times as of `message`."""
-        self._sensors[sensor].write(_row([time, delivery, *values]))
+        try:
+            self._sensors[sensor].write(_row([time, delivery, *values]))
+        except OSError as error:
+            self._end_full(error)
 
     def image(
         self, capture: float, delivery: float, rgb: npt.NDArray[np.uint8], depth: npt.NDArray[np.float32]
@@ -222,26 +172,38 @@ class RecordingWriter:
         folder = self._staging / self.manifest.camera.name
         k = self._count
         self._count += 1
+        names = [f"{folder.name}/{name(k)}" for name in (rgb_file, depth_file)]
         colour = np.ascontiguousarray(rgb[..., 2::-1])
         counts = depth_to_units(depth, self.manifest.camera.depth_unit)
-        self._submit(_write_images, folder, k, colour, counts)
-        self._frames.write(f"{k},{capture!r},{delivery!r}\n")
+        write = partial(_write_images, folder, k, colour, counts)
+        self._submit(names, write, self._frames, f"{k},{capture!r},{delivery!r}\n")
 
     def scan(self, capture: float, delivery: float, ranges: npt.NDArray[np.float64]) -> None:
         """Write one scan (rows · columns,) [m] in the background, as `image`; copied."""
         assert self.manifest.lidar is not None and self._scans is not None
         k = self._scan_count
         self._scan_count += 1
-        self._submit(_write_scan, self._staging / self.manifest.lidar.folder / scan_file(k), np.array(ranges))
-        self._scans.write(f"{k},{capture!r},{delivery!r}\n")
+        name = f"{self.manifest.lidar.folder}/{scan_file(k)}"
+        write = partial(_write_scan, self._staging / name, np.array(ranges))
+        self._submit([name], write, self._scans, f"{k},{capture!r},{delivery!r}\n")
 
-    def _submit(self, write: Callable[..., None], *what: Any) -> None:
-        while len(self._pending) >= TUNING.pending or (self._pending and self._pending[0].done()):
-            self._pending.popleft().result()
-        self._pending.append(self._pool.submit(write, *what))
+    def _submit(self, names: Sequence[str], write: Callable[[], None], table: TextIO, row: str) -> None:
+        """Have files written, and then the row that tells of them."""
+        try:
+            while len(self._pending) >= TUNING.pending or (self._pending and self._pending[0].done()):
+                self._pending.popleft().result()
+            written_files.note(self._staging, FILES, names)
+        except OSError as error:
+            self._end_full(error)
+        self._pending.append(self._pool.submit(_write_both, write, table, row))
+
+    def _end_full(self, error: OSError) -> NoReturn:
+        self._full = True
+        kept = f"; what was recorded until then replays from {self._staging}" if self._messages_written else ""
+        raise StationError(f"{self._folder}: cannot be written: {error.strerror or error}{kept}") from error
 
     def close(self) -> None:
-        """Finish the recording and gives it its name; no more than once has an effect.
+        """Finish the recording, whose files take the place of an earlier one's; no more than once has an effect.
 
         Raises:
             StationError: it could not be written whole.
@@ -252,18 +214,22 @@ class RecordingWriter:
             while self._pending:
                 self._pending.popleft().result()
             self._shut()
-            atomic_file.put_in_place(self._staging, self._folder)
+            written_files.remove(self._folder, FILES, unlisted(self._folder))
+            written_files.move(self._staging, self._folder, first=MANIFEST, last=FILES)
         except OSError as error:
             self.abort()
-            raise StationError(f"{self._folder}: cannot be written: {error.strerror}") from error
+            self._end_full(error)
 
     def abort(self) -> None:
-        """Drop the recording, and the folders above it that were made for it."""
-        self._shut()
-        shutil.rmtree(self._staging, ignore_errors=True)
+        """Drop the recording and the folders that were made for it; leave it where a full disk ended it."""
+        with suppress(OSError):
+            self._shut()
+        if self._full and self._messages_written:
+            return
+        written_files.remove(self._staging, FILES)
         with suppress(OSError):  # somebody else uses them by now
-            for parent in self._made:
-                parent.rmdir()
+            for place in (self._staging, *self._made):
+                place.rmdir()
 
     def _shut(self) -> None:
         self._open_still = False
@@ -278,11 +244,16 @@ class RecordingWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        """Keep the recording where no exception ended it."""
-        if kind is None:
+        """Keep the recording where no exception ended it, and where the user did after its first message."""
+        if kind is None or (issubclass(kind, KeyboardInterrupt) and self._messages_written):
             self.close()
         else:
             self.abort()
+
+
+def _write_both(write: Callable[[], None], table: TextIO, row: str) -> None:
+    write()
+    table.write(row)
 
 
 def _write_images(folder: Path, k: int, colour: npt.NDArray[np.uint8], counts: npt.NDArray[np.uint16]) -> None:
@@ -294,27 +265,3 @@ def _write_images(folder: Path, k: int, colour: npt.NDArray[np.uint8], counts: n
 
 def _write_scan(file: Path, ranges: npt.NDArray[np.float64]) -> None:
     np.savez_compressed(file, ranges=ranges)
-
-
-def read_manifest(folder: Path) -> Manifest:
-    """Return what a recording's folder holds.
-
-    Raises:
-        StationError: no recording, or one of another version.
-    """
-    file = folder / MANIFEST
-    if not file.is_file():
-        raise StationError(f"replay.log: {folder} is no recording: no {MANIFEST} in it")
-    try:
-        data: Any = yaml.safe_load(file.read_text())
-        camera, lidar = data.pop("camera"), data.pop("lidar", None)  # recordings of earlier versions name no lidar
-        manifest = Manifest(
-            **data,
-            camera=RecordedCamera(**camera) if camera else None,
-            lidar=RecordedLidar(**lidar) if lidar else None,
-        )
-    except (yaml.YAMLError, TypeError, KeyError, AttributeError, UnicodeDecodeError) as error:
-        raise StationError(f"replay.log: {file} is not a recording's manifest: {error}") from error
-    if manifest.version != TUNING.version:
-        raise StationError(f"replay.log: {file}: version {manifest.version}; this program reads {TUNING.version}")
-    return manifest

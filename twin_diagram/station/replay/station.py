@@ -30,7 +30,7 @@ from twin_diagram.station.replay.reading import (
     read_recording,
     read_sensors,
 )
-from twin_diagram.station.replay.recording import depth_file, read_manifest, rgb_file
+from twin_diagram.station.replay.recording_folder import depth_file, place_of, read_manifest, rgb_file
 from twin_diagram.station.replay.scan_player import ScanPlayer, Scans, read_scans
 
 
@@ -221,7 +221,7 @@ class ReplayArmStation(Diagram):
         path = _existing(scenario.replay.log)
         arm = twin_arm(scenario)
         camera = scenario.twin.camera
-        folder = path if path.is_dir() else None
+        folder = place_of(path) if path.is_dir() else None
         sensors: dict[str, Readings] = {}
         scans: Scans | None = None
         if folder is not None:
@@ -231,7 +231,7 @@ class ReplayArmStation(Diagram):
             sensors = read_sensors(folder, manifest)
             scans = read_scans(folder, manifest, scenario.twin.lidar)
         else:
-            messages = read_log(path, arm.joints)
+            messages = read_log(path, arm.joints, scenario.replay.columns)
             frames = read_frames(path.parent, None, camera)
         self.end = float(messages.delivery[-1])
         n, g = len(arm.joints), len(arm.gripper_joints)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 
 import numpy as np
 from pydrake.geometry import (
@@ -32,6 +33,20 @@ from twin_diagram.station.sim.camera_defects import CameraDefectsSystem
 from twin_diagram.station.sim.merged_shapes import TUNING as MERGED_SHAPES
 from twin_diagram.station.sim.world_plant import build_appearance
 
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    background: tuple[float, ...] = (0.72, 0.76, 0.80)
+    """Where nothing stands (r, g, b): an overcast sky."""
+
+    clip: tuple[float, ...] = (0.05, 20.0)
+    """Drawn is at least what lies between these distances [m]: colours are seen farther than depth is measured."""
+
+
+TUNING = Tuning()
+
 _RENDERER = "camera"
 """The name under which SceneGraph knows the render engine."""
 
@@ -44,6 +59,12 @@ def camera_info(camera: Camera) -> CameraInfo:
     told a principal point half a pixel further; without that every object is seen 0.7 mm aside at 1 m.
     """
     return CameraInfo(camera.width, camera.height, camera.focal, camera.focal, camera.width / 2, camera.height / 2)
+
+
+def clipping(camera: Camera) -> ClippingRange:
+    """Return what is drawn: from half the nearest depth or 5 cm, whichever is nearer, to twice the farthest or 20 m."""
+    (near, far), (nearest, farthest) = camera.depth_range, TUNING.clip
+    return ClippingRange(min(nearest, near / 2), max(farthest, 2 * far))
 
 
 def check_camera(camera: Camera, field: str = "twin.camera") -> None:
@@ -153,7 +174,7 @@ def add_camera(builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlan
     X_WC = transform(scenario.world.X_WC or camera.X_WC, "world.X_WC")
     poses, scene_graph = build_appearance(builder, scenario)
     params = RenderEngineVtkParams(
-        default_clear_color=np.array([0.72, 0.76, 0.80]),
+        default_clear_color=np.array(TUNING.background),
         lights=lights(),
         default_diffuse=np.array(MERGED_SHAPES.grey),
     )
@@ -166,8 +187,7 @@ def add_camera(builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlan
     builder.Connect(state.get_output_port(0), shutter.get_input_port())
     builder.Connect(shutter.GetOutputPort("positions_shown"), poses.get_input_port())
     near, far = camera.depth_range
-    clipping = ClippingRange(min(0.05, near / 2), max(20.0, 2 * far))
-    core = RenderCameraCore(_RENDERER, camera_info(camera), clipping, RigidTransform())
+    core = RenderCameraCore(_RENDERER, camera_info(camera), clipping(camera), RigidTransform())
     sensor = builder.AddNamedSystem(
         f"{camera.name}_renderer",
         RgbdSensor(

@@ -40,6 +40,12 @@ class Tuning:
     strength: float = 200.0
     """What a carriage pushes with at most [N; N·m]."""
 
+    carriage: tuple[float, ...] = (1e-3, 0.01)
+    """Mass [kg] and radius [m] of the ball that stands for a carriage: little beside any object."""
+
+    planar: float = 1e-6
+    """Way points whose z [m], roll or pitch [rad] differ by less lie in one plane: rounding."""
+
 
 TUNING = Tuning()
 
@@ -69,7 +75,7 @@ class Path:
         first = waypoints[0].X_WO
         for i, waypoint in enumerate(waypoints):
             fixed, still = ([p.translation[2], *p.rpy[:2]] for p in (waypoint.X_WO, first))
-            if not np.allclose(fixed, still, rtol=0, atol=1e-6):
+            if not np.allclose(fixed, still, rtol=0, atol=TUNING.planar):
                 raise ScenarioError(f"{field}[{i}].X_WO", "it is pushed in x, y and yaw alone; z, roll and pitch stay")
         self.z = float(first.translation[2])
         self.rpy = np.array(first.rpy)
@@ -109,7 +115,7 @@ def add_carriage(
     Returns:
         Actuators of x, y and yaw.
     """
-    inertia = SpatialInertia.SolidSphereWithMass(1e-3, 0.01)
+    inertia = SpatialInertia.SolidSphereWithMass(*TUNING.carriage)
     parent = plant.world_frame()
     actuators: list[JointActuator] = []
     for k, axis in enumerate(("x", "y", "yaw")):

@@ -89,7 +89,7 @@ class TruePoses(LeafSystem):
         poses = self._poses.Eval(context)
         for k, body in enumerate(self._bodies):
             X_WO = poses[body]
-            wxyz = X_WO.rotation().ToQuaternion().wxyz()
+            # Drake's quaternion of a rotation matrix has qw >= 0.
             output.get_mutable_value()[POSE_SIZE * k : POSE_SIZE * (k + 1)] = np.concatenate(
-                [wxyz if wxyz[0] >= 0 else -wxyz, X_WO.translation()]
+                [X_WO.rotation().ToQuaternion().wxyz(), X_WO.translation()]
             )

@@ -113,21 +113,27 @@ class ArmCloud(LeafSystem):
         """
         R_WO, p_WO = self._sensor.frame.pose(q)
         middle_W = p_WO + R_WO @ self._middle
-        part = self._window(middle_W)
+        part = window(self._camera, middle_W, self._radius)
         seen = depth[part] > 0.0
         points = back_project(depth[part][seen], self._rays[part][seen], self._camera.p_WC)
         return self._sensor.align(near(points, middle_W, self._radius, TUNING.most), self._camera.p_WC, q)
 
-    def _window(self, middle_W: Array) -> tuple[slice, slice]:
-        """Return the part of the image that holds a sphere of `_radius` about a point.
 
-        Empty where it is out of sight.
-        """
-        camera = self._camera
-        u, v, away = (float(x) for x in camera.project(middle_W))
-        if away <= self._radius:
-            return slice(0, 0), slice(0, 0)
-        half = camera.focal * self._radius / (away - self._radius)
-        rows = np.clip([v - half, v + half + 1.0], 0, camera.height).astype(int)
-        columns = np.clip([u - half, u + half + 1.0], 0, camera.width).astype(int)
-        return slice(*rows), slice(*columns)
+def window(camera: Pinhole, middle_W: Array, radius: float) -> tuple[slice, slice]:
+    """Return the rows and columns of an image that hold a ball about a point: half a width of focal · r / (depth − r).
+
+    Args:
+        camera: that sees it.
+        middle_W: (3,) in W [m].
+        radius: r [m].
+
+    Returns:
+        Empty where the ball is out of sight or reaches to the camera's plane.
+    """
+    u, v, away = (float(x) for x in camera.project(middle_W))
+    if away <= radius:
+        return slice(0, 0), slice(0, 0)
+    half = camera.focal * radius / (away - radius)
+    rows = np.clip([v - half, v + half + 1.0], 0, camera.height).astype(int)
+    columns = np.clip([u - half, u + half + 1.0], 0, camera.width).astype(int)
+    return slice(*rows), slice(*columns)

@@ -28,6 +28,12 @@ class Tuning:
     coarse: float = 0.01
     """Of the points of what else stands there [m]."""
 
+    margin: float = 1e-6
+    """Less than this below a shape's surface counts as on it: rounding, where faces of two shapes coincide [m]."""
+
+    margin_share: float = 1e-4
+    """The same of an ellipsoid, as a share of its axes."""
+
 
 TUNING = Tuning()
 
@@ -151,8 +157,8 @@ def shape_surface(shape: Shape, corners: Array | None, spacing: float, rng: np.r
 
 
 def inside(p: Array, shape: Shape, corners: Array | None) -> np.ndarray:
-    """Return which of the points (N, 3), in the shape's frame, are clearly within it."""
-    margin = 1e-6
+    """Return which of the points (N, 3), in the shape's frame, are within it by more than `TUNING.margin`."""
+    margin = TUNING.margin
     if isinstance(shape, Box):
         return np.asarray(np.all(np.abs(p) < 0.5 * np.asarray(shape.size()) - margin, axis=1))
     if isinstance(shape, (Cylinder, Capsule)):
@@ -163,7 +169,8 @@ def inside(p: Array, shape: Shape, corners: Array | None) -> np.ndarray:
     if isinstance(shape, Sphere):
         return np.asarray(np.linalg.norm(p, axis=1) < shape.radius() - margin)
     if isinstance(shape, Ellipsoid):
-        return np.asarray(np.linalg.norm(p / np.array([shape.a(), shape.b(), shape.c()]), axis=1) < 1.0 - 1e-4)
+        axes = np.array([shape.a(), shape.b(), shape.c()])
+        return np.asarray(np.linalg.norm(p / axes, axis=1) < 1.0 - TUNING.margin_share)
     if corners is not None and isinstance(shape, (Mesh, Convex)):
         planes = ConvexHull(corners).equations
         return np.asarray(np.all(p @ planes[:, :3].T + planes[:, 3] < -margin, axis=1))

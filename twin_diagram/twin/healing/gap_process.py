@@ -16,6 +16,7 @@ from typing import Any, Final
 from twin_diagram.logs import Log, write_log
 from twin_diagram.model.model import Model
 from twin_diagram.runtime import atomic_file
+from twin_diagram.runtime.threads import one_thread_variables
 
 REQUEST: Final = "request.json"
 """In the folder: what is asked, by the arguments of `run_gap`, and `nice`."""
@@ -30,8 +31,8 @@ class Tuning:
     bad_input: int = 2
     """Exit status where logs or model cannot be used, as of the command line."""
 
-    grace: float = 2.0
-    """After it was asked to end, a process has this long before it is ended [s]."""
+    grace: float = 0.5
+    """After it was asked to end, a process has this long before it is ended [s]; a stopped run closes within 2 s."""
 
 
 TUNING = Tuning()
@@ -107,6 +108,7 @@ class GapProcess:
                 stdout=told,
                 stderr=subprocess.STDOUT,
                 env=_environment(),
+                start_new_session=True,  # Ctrl-C on a terminal is for the run, which ends the search
             )
 
     _outcome: SearchOutcome | None
@@ -179,7 +181,7 @@ def why_it_failed(status: int, told: str) -> str:
 
 
 def _environment() -> dict[str, str]:
-    """This one's, with this package on the path, and one thread: the loop needs the other cores."""
+    """This one's, with this package on the path, and one thread unless the user said otherwise."""
     here = str(Path(__file__).resolve().parents[3])
     path = os.pathsep.join([here, *filter(None, [os.environ.get("PYTHONPATH")])])
-    return {**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    return {**os.environ, "PYTHONPATH": path, **one_thread_variables(os.environ)}

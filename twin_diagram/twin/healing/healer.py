@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -168,7 +169,8 @@ class Healer:
         end = begin + self._params.seconds
         middle = begin + (1.0 - self._params.held_out) * self._params.seconds
         self._searches += 1
-        folder = self._folder / str(self._searches)
+        # What somebody else put there stays as it is.
+        folder = next(way for k in count(self._searches) if not (way := self._folder / str(k)).exists())
         try:
             fit, holdout = self._tape.cut(begin, middle), self._tape.cut(middle, end)
             self._search = GapProcess(self.model, fit, holdout, folder, self._packages, self._params.nice)

@@ -25,12 +25,11 @@ from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort
 from twin_diagram.errors import ModelError
 from twin_diagram.model.description.add_arm import Arm
 from twin_diagram.model.effects.effect import Effect
-from twin_diagram.model.effects.environment import ExternalForce
 from twin_diagram.model.effects.friction import CoulombFriction
 from twin_diagram.model.effects.serialisation import effect_of, make
-from twin_diagram.model.effects.simulated.external_force import Push
+from twin_diagram.model.effects.simulated.external_force import Push, pushing
 from twin_diagram.model.effects.simulated.motor_drive import Drive
-from twin_diagram.model.effects.simulated.realisation import realisations
+from twin_diagram.model.effects.simulated.realisation import Realisation, realisations
 from twin_diagram.model.effects.stated import stated_effects
 from twin_diagram.scenario import EffectSpec
 from twin_diagram.signals.arrays import Array
@@ -62,7 +61,7 @@ def add_to_plant(
         `renewed(plant, arm)`.
 
     Raises:
-        ModelError: an effect starts or ends, and a plant cannot change it during a run.
+        ModelError: an effect starts or ends, and a plant cannot change it during a run; or it does so before the run.
     """
     own: list[Effect | EffectSpec] = [*stated_effects(arm), *arm.spec.effects]
     chosen = own if effects is None else effects
@@ -70,15 +69,28 @@ def add_to_plant(
     made = tuple(lessened(each, arm.prismatic(plant)))
     realised = realisations(made)
     for effect in realised:
-        if effect.effect.when.timed and effect.changes_plant:
-            raise ModelError(
-                f"effects.{effect.effect.name}.onset: a simulator cannot start or end it during a run; leave `onset` "
-                "and `end` out"
-            )
+        _check_times(effect)
     for effect in sorted(realised, key=lambda each: not each.replaces_joints):
         effect.before_finalize(plant, renewed(plant, arm))
     _keep_rotors(plant, renewed(plant, arm))
     return made
+
+
+def _check_times(realised: Realisation[Effect]) -> None:
+    """Raise ModelError where an effect's onset or end cannot be those of a run, which begins at 0 s."""
+    when, name = realised.effect.when, realised.effect.name
+    key = "onset" if when.onset is not None else "end"
+    if when.timed and realised.changes_plant:
+        raise ModelError(
+            f"effects.{name}.{key}: a simulator cannot start or end it during a run; leave `onset` and `end` out"
+        )
+    if when.onset is not None and when.onset < 0.0:
+        raise ModelError(
+            f"effects.{name}.onset: {when.onset:g} s is before the run, which begins at 0 s; leave `onset` out for "
+            "what was there before"
+        )
+    if when.end is not None and when.end <= 0.0:
+        raise ModelError(f"effects.{name}.end: at {when.end:g} s the run has not begun; leave the effect out")
 
 
 def lessened(effects: Sequence[Effect], prismatic: Collection[str] = ()) -> list[Effect]:
@@ -186,9 +198,9 @@ def connect(builder: DiagramBuilder, plant: MultibodyPlant, arm: Arm, effects: S
     model = plant.GetModelInstanceName(plant.get_joint(arm.joint_indices[0]).model_instance())
     drive = builder.AddNamedSystem(f"{model}_drive", Drive(plant, arm, effects))
     builder.Connect(plant.get_state_output_port(), drive.GetInputPort("state"))
-    pushing = [effect for effect in effects if isinstance(effect, ExternalForce)]
-    if pushing:
-        push = builder.AddNamedSystem(f"{model}_push", Push(plant, arm, pushing))
+    if pushing(effects):
+        push = builder.AddNamedSystem(f"{model}_push", Push(plant, arm, effects))
+        builder.Connect(plant.get_state_output_port(), push.get_input_port())
         builder.Connect(push.get_output_port(), plant.get_applied_spatial_force_input_port())
     for instance in arm.instances:
         if plant.num_actuators(instance) > 0:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import SpatialInertia, UnitInertia, WeldJoint
+from pydrake.multibody.tree import RigidBody, SpatialInertia, UnitInertia, WeldJoint
 
 from twin_diagram.errors import ModelError
 from twin_diagram.model.description.add_arm import Arm
@@ -20,18 +20,14 @@ from twin_diagram.model.rigid_body import rigid_tree
 
 @realises(Payload)
 class WeldedMass(Realisation[Payload]):
-    """A body welded to the link that carries the payload."""
-
-    changes_plant = True
+    """A body welded to the link that carries the payload; until it comes and once it is gone, `Push` bears it."""
 
     def before_finalize(self, plant: MultibodyPlant, arm: Arm) -> None:
         """Weld a body to the link."""
         mass = float(self.effect.value("mass")[0])
         if mass == 0.0:
             return
-        carrier = plant.get_body(arm.last_link)
-        if self.effect.links:
-            carrier = plant.GetBodyByName(self.effect.links[0])
+        carrier = carrying_body(plant, arm, self.effect)
         name = f"{self.effect.name}_{carrier.name()}"
         while plant.HasBodyNamed(name):
             name += "_"
@@ -40,6 +36,11 @@ class WeldedMass(Realisation[Payload]):
         point = SpatialInertia(mass, here, UnitInertia(0.0, 0.0, 0.0))
         body = plant.AddRigidBody(name, carrier.model_instance(), point)
         plant.AddJoint(WeldJoint(f"{name}_weld", carrier.body_frame(), body.body_frame(), RigidTransform(there)))
+
+
+def carrying_body(plant: MultibodyPlant, arm: Arm, effect: Payload) -> RigidBody:
+    """Return the body of the link that carries a payload."""
+    return plant.GetBodyByName(effect.links[0]) if effect.links else plant.get_body(arm.last_link)
 
 
 @realises(ReflectedInertia)

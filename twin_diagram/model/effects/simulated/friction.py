@@ -7,7 +7,6 @@ from collections.abc import Callable
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 
-from twin_diagram.errors import ModelError
 from twin_diagram.model.description.add_arm import Arm
 from twin_diagram.model.effects.friction import TUNING as FRICTION
 from twin_diagram.model.effects.friction import CoulombFriction, ViscousFriction, smooth_sign
@@ -52,11 +51,8 @@ class HeldJoints(Realisation[CoulombFriction]):
         if not self.effect.when.timed:
             return []
 
-        def level(forward: float, backward: float) -> Callable[[Array], tuple[float, float]]:
-            return lambda _: (forward, backward)
-
         return [
-            Brake(self.effect.name, (joint,), level(float(ahead), float(back)))
+            Brake(self.effect.name, (joint,), _constant(float(ahead), float(back)))
             for joint, ahead, back in zip(self.effect.joints, *self.effect.levels(), strict=True)
         ]
 
@@ -74,6 +70,11 @@ class HeldJoints(Realisation[CoulombFriction]):
         return result
 
 
+def _constant(forward: float, backward: float | None = None) -> Callable[[Array], tuple[float, float]]:
+    levels = (forward, forward if backward is None else backward)
+    return lambda _: levels
+
+
 @realises(StribeckFriction)
 class HeldAndPushedJoints(Realisation[StribeckFriction]):
     """A brake of the higher level, and a push that takes off what is too much at speed.
@@ -82,14 +83,13 @@ class HeldAndPushedJoints(Realisation[StribeckFriction]):
     """
 
     def brakes(self) -> list[Brake]:
-        """Return none.
-
-        Raises:
-            ModelError: it starts or ends during a run.
-        """
+        """Return those of the higher level where it starts or ends during a run; a plant's own are there for good."""
         if not self.effect.when.timed:
             return []
-        raise ModelError(f"effects.{self.effect.name}.onset: a simulator cannot start it during a run")
+        levels = zip(self.effect.joints, self.effect.value("coulomb"), self.effect.value("static"), strict=True)
+        return [
+            Brake(self.effect.name, (joint,), _constant(float(max(c, s)))) for joint, c, s in levels if max(c, s) > 0.0
+        ]
 
     def fittings(self) -> list[Fitting]:
         """Return both for each joint that has any."""
@@ -100,7 +100,8 @@ class HeldAndPushedJoints(Realisation[StribeckFriction]):
             if highest == 0.0:
                 continue
             name = f"{joint}_{self.effect.name}"
-            result.append(Fitting(name, joint, limit=highest, damping=FRICTION.hold))
+            if not self.effect.when.timed:
+                result.append(Fitting(name, joint, limit=highest, damping=FRICTION.hold))
 
             def push(v: float, c: float = coulomb, s: float = static, w: float = speed, top: float = highest) -> float:
                 return float((top - c - (s - c) * np.exp(-((v / w) ** 2))) * smooth_sign(np.array(v)))
@@ -134,4 +135,4 @@ class CoupledBrake(Realisation[CoupledFriction]):
     def brakes(self) -> list[Brake]:
         """Return one."""
         level, damping = float(self.effect.value("torque")[0]), float(self.effect.value("damping")[0])
-        return [Brake(self.effect.name, self.effect.joints, lambda _: (level, level), damping)]
+        return [Brake(self.effect.name, self.effect.joints, _constant(level), damping)]

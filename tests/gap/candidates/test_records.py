@@ -1,0 +1,156 @@
+"""What records say where it decides: order of candidates, prices in nats, what a law must bring, words and units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+from tests.gap.made import effect, swinging
+from twin_diagram.gap.candidates import records as records_of
+from twin_diagram.gap.candidates.candidate import Candidate, linear
+from twin_diagram.gap.candidates.records import (
+    EffectRecord,
+    catalogue_candidates,
+    names_with,
+    record_of,
+    sentence,
+)
+from twin_diagram.gap.candidates.wording import effort, name_and_place, values_on_joints
+from twin_diagram.gap.search.greedy_search import handicaps
+from twin_diagram.gap.search.prior_costs import price
+from twin_diagram.gap.verdict.posterior import unseen
+from twin_diagram.model.effects import REGISTRY, Effect, ParameterKind
+
+
+def at(name: str, joint: int = 0, **more: Any) -> Candidate:
+    one = np.ones(1)
+    return Candidate(name, (joint,), (), (joint,), np.ones((4, 1, 1)), one, -9.0 * one, 9.0 * one, linear("x"), **more)
+
+
+def test_candidates_come_joint_by_joint_within_a_family_and_the_arms_last(monkeypatch: pytest.MonkeyPatch) -> None:
+    def on_joints(name: str) -> Any:
+        return lambda terms: [[at(name, j)] for j in range(2)]
+
+    made = {
+        "a": EffectRecord(Effect, "", "", on_joints=on_joints("a"), family="dry", on_arm=lambda terms: [at("arm", 9)]),
+        "b": EffectRecord(Effect, "", "", on_joints=on_joints("b"), family="dry"),
+        "c": EffectRecord(Effect, "", "", on_joints=on_joints("c")),
+        "none": EffectRecord(Effect, "", ""),
+    }
+
+    class Named(Effect):
+        name: ClassVar[str] = "c"
+
+    made["c"] = replace(made["c"], effect=Named)
+    monkeypatch.setattr(records_of, "RECORDS", made)
+    terms: Any = None
+    places = [(c.name, c.joints[0]) for c in catalogue_candidates(terms)]
+    assert places == [("a", 0), ("b", 0), ("a", 1), ("b", 1), ("c", 0), ("c", 1), ("arm", 9)]
+
+
+def test_a_class_without_a_record_says_what_it_says_of_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Sticky(Effect):
+        """Glue in the gear.
+
+        More of it.
+        """
+
+        name: ClassVar[str] = "sticky_gear"
+        kinds: ClassVar[Mapping[str, ParameterKind]] = {"glue": ParameterKind("N·m")}
+
+        def sentence(self) -> str:
+            return "it sticks"
+
+    monkeypatch.setitem(REGISTRY, "sticky_gear", Sticky)
+    record = record_of("sticky_gear")
+    assert record.effect is Sticky and record.title == "Sticky gear" and record.explanation == "Glue in the gear."
+    assert not record.positive and sentence(Sticky(["a"])) == "it sticks"
+    nothing = record_of("never_heard_of")
+    assert nothing.effect is Effect and nothing.explanation == ""
+    assert sentence(effect("torque_bias", ["a"], torque=2.0)) == record_of("torque_bias").sentence(
+        effect("torque_bias", ["a"], torque=2.0)
+    )
+    assert record_of("coulomb_friction").positive and not record_of("torque_bias").positive
+
+
+def test_prices_in_nats() -> None:
+    """Six a name, three a further joint, six a further ripple on one, four where dry friction is of two kinds."""
+    assert price([at("torque_bias")]) == 6.0
+    assert price([at("torque_bias", 0), at("torque_bias", 1)]) == 9.0
+    assert price([at("torque_ripple", 0), at("torque_ripple", 0), at("torque_ripple", 1)]) == 18.0
+    assert price([at("coulomb_friction", 0), at("stribeck_friction", 1)]) == 16.0
+    assert price([at("coulomb_friction", 0), at("viscous_friction", 0, cost=0.5)]) == 12.5
+    assert price([]) == 0.0
+
+
+class Fits:
+    """A bench on which hypotheses have the evidence that a test gives them."""
+
+    def __init__(self, candidates: list[Candidate], evidence: dict[frozenset[int], float]) -> None:
+        self.candidates, self.evidence = candidates, evidence
+
+    def solve(self, members: frozenset[int]) -> Any:
+        return SimpleNamespace(members=members, evidence=self.evidence[members])
+
+
+@pytest.mark.parametrize(
+    ("plain", "finer", "share", "rest"),
+    [
+        ("coulomb_friction", "stribeck_friction", 0.0015, 300.0),
+        ("reflected_inertia", "joint_elasticity", 0.025, 300.0),
+        ("reflected_inertia", "backlash", 0.025, 300.0),
+        ("reflected_inertia", "backlash", 0.025, -50.0),
+    ],
+)
+def test_a_finer_law_must_bring_its_share_beyond_the_plainer(plain: str, finer: str, share: float, rest: float) -> None:
+    """Of all evidence, for a dip near rest; of what the rotor brings, for a gear that yields."""
+    bench: Any = Fits([at(plain)], {frozenset({0}): 1000.0, frozenset(): rest})
+    whole = 1000.0 if finer == "stribeck_friction" else 1000.0 - max(rest, 0.0)
+    less = handicaps(bench, bench.solve(frozenset({0})))
+    assert less[finer] == pytest.approx(share * whole)
+
+
+@pytest.mark.parametrize(
+    ("name", "one", "two"),
+    [
+        ("joint_elasticity", 1.0 - 0.97**5, 1.0 - 0.92**4),
+        ("backlash", 1.0 - 0.99**5, 1.0 - 0.92**4),
+        ("torque_ripple", 1.0 - 0.994**5, 1.0 - 0.92**4),
+        ("viscous_friction", 0.0, 0.0),
+    ],
+)
+def test_a_law_whose_weak_ones_do_not_show_may_be_elsewhere_unseen(name: str, one: float, two: float) -> None:
+    assert unseen((name, (1,), ()), 6) == pytest.approx(one)
+    assert unseen((name, (1, 2), ()), 6) == pytest.approx(two)
+
+
+def test_words_of_torques_and_forces() -> None:
+    both = effect("torque_bias", ["turn", "slide"], torque=[1.0, 2.0])
+    assert effort(both) == "torque"
+    assert effort(both.on_arm(["slide", "other"])) == "torque or force"
+    assert effort(both.on_arm(["slide", "turn"])) == "force"
+    assert values_on_joints(both.on_arm(["slide"]), "torque") == "1 N·m on turn, 2 N on slide"
+    assert name_and_place(both) == "torque bias on turn, slide"
+    assert name_and_place(effect("external_force", links=["hand"], wrench=[0.0] * 6)) == "external force on hand"
+    ripple = effect("torque_ripple", ["turn", "slide"], amplitude=[1.0, 1.0], cycles=[8.0, 100.0], phase=[0.0, 0.0])
+    said = sentence(ripple.on_arm(["slide"]))
+    assert "8 times per revolution" in said and f"every {2.0 * np.pi / 100.0:.4g} m" in said
+    still = effect("torque_ripple", ["slide"], amplitude=[1.0], cycles=[0.0], phase=[0.0])
+    assert "the same everywhere" in sentence(still.on_arm(["slide"]))
+
+
+def test_names_of_which_something_holds() -> None:
+    assert {"coulomb_friction", "stribeck_friction"} <= names_with(lambda record: record.holds)
+    assert not names_with(lambda record: False)
+    assert swinging().present.names == frozenset()
+
+
+def test_what_laws_leave_out_of_their_errors() -> None:
+    """0.3 ms of a delay, two per cent of a gap: controllers hold a torque, teeth give way."""
+    assert record_of("time_delay").left_out["delay"] == (pytest.approx(3e-4), 0.0)
+    assert record_of("backlash").left_out["gap"] == (0.0, pytest.approx(0.02))

@@ -1,0 +1,140 @@
+"""Where a residual is said to be: its joint, its share, its time and its condition, against residuals made by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from tests.gap.made import ARM, ELBOW, LIFT, PAN, record, swing, terms_of
+from twin_diagram.gap.residuals.prepared_logs import Record, Records
+from twin_diagram.gap.residuals.regressors import Terms
+from twin_diagram.gap.residuals.whitening import Whitener
+from twin_diagram.gap.verdict.locating import CONDITIONS, locate, maps, said
+
+Array = npt.NDArray[np.float64]
+
+NOISE = 0.1
+
+
+@cache
+def base() -> tuple[Record, Record]:
+    time, q, v, a = swing(12.0)
+    one = record(ARM, time, q, v, a)
+    return one, replace(one, index=1, time=time + 100.0)
+
+
+def made(torque: Any, logs: int = 1) -> tuple[Terms, Whitener]:
+    """Terms of logs with a torque of their own beside white noise."""
+    rng = np.random.default_rng(0)
+    runs = []
+    for one in base()[:logs]:
+        extra = torque(one) + NOISE * rng.normal(size=one.q.shape)
+        runs.append(replace(one, torque=one.given + extra))
+    terms = terms_of(Records(ARM, tuple(runs)))
+    level = float(np.std(terms.records.residual - terms.records.reduce(torque)))
+    return terms, Whitener(np.ones((6, 1)), np.full(6, level), terms.records.lengths)
+
+
+def on(joint: int, law: Any) -> Any:
+    def torque(one: Record) -> Array:
+        result = np.zeros_like(one.q)
+        result[:, joint] = law(one)
+        return result
+
+    return torque
+
+
+@pytest.mark.parametrize(
+    ("key", "law"),
+    [
+        ("everywhere", lambda r: 0.5 + 0.0 * r.time),
+        ("reversal", lambda r: 0.5 * np.sign(r.v[:, ELBOW])),
+        ("speed", lambda r: 0.5 * r.v[:, ELBOW]),
+        ("load", lambda r: 0.3 * (r.given[:, ELBOW] - np.mean(r.given[:, ELBOW]))),
+        ("acceleration", lambda r: 0.2 * r.a[:, ELBOW]),
+        ("angle", lambda r: np.abs(3.0 * np.sin(6.0 * r.q[:, ELBOW]))),
+        ("onset", lambda r: 1.0 * (r.time > 7.0)),
+    ],
+)
+def test_the_condition_is_what_makes_the_residual(key: str, law: Any) -> None:
+    terms, noise = made(on(ELBOW, law))
+    (place,) = locate(terms.records, terms, noise)
+    assert place.joint == ARM.joints[ELBOW] and place.condition == CONDITIONS[key]
+    assert place.share == 1.0 and place.log == 0
+
+
+def test_shares_are_of_the_energy_above_the_noise() -> None:
+    terms, noise = made(lambda r: on(PAN, lambda r: 1.0 * r.v[:, PAN])(r) + on(LIFT, lambda r: 0.5 * r.v[:, LIFT])(r))
+    places = locate(terms.records, terms, noise)
+    y = terms.records.residual / noise.sigma
+    excess = np.sum(y**2, axis=0) - len(y)
+    assert [p.joint for p in places] == [ARM.joints[PAN], ARM.joints[LIFT]]
+    np.testing.assert_allclose([p.share for p in places], excess[[PAN, LIFT]] / np.sum(excess[[PAN, LIFT]]))
+
+
+@pytest.mark.parametrize(("deviations", "there"), [(3.9, False), (4.1, True)])
+def test_a_residual_counts_from_four_deviations_of_noise_on(deviations: float, there: bool) -> None:
+    terms, noise = made(lambda r: np.zeros_like(r.q))
+    count = len(terms.records.residual)
+    level = np.sqrt(np.sum(terms.records.residual[:, PAN] ** 2) / (count + deviations * np.sqrt(2.0 * count)))
+    sigma = np.full(6, 1e3)
+    sigma[PAN] = level
+    assert bool(locate(terms.records, terms, replace(noise, sigma=sigma))) == there
+
+
+@pytest.mark.parametrize(("share", "there"), [(0.0093, False), (0.0108, True)])
+def test_a_hundredth_of_the_whole_is_not_worth_a_word(share: float, there: bool) -> None:
+    terms, noise = made(lambda r: np.zeros_like(r.q))
+    count = len(terms.records.residual)
+    energy = np.sum(terms.records.residual**2, axis=0)
+    sigma = np.full(6, 1e3)
+    excess = 100.0 * count
+    sigma[PAN] = np.sqrt(energy[PAN] / (count + excess))
+    sigma[LIFT] = np.sqrt(energy[LIFT] / (count + share * excess))
+    assert len(locate(terms.records, terms, replace(noise, sigma=sigma))) == (2 if there else 1)
+
+
+def test_times_hold_nearly_all_of_the_energy_in_the_log_that_has_most() -> None:
+    """From its fiftieth to its last fiftieth."""
+
+    def push(one: Record) -> Array:
+        since = one.time - one.time[0]
+        return 3.0 * ((since > 3.0) & (since < 8.0)) * (1.0 if one.index else 0.5)
+
+    terms, noise = made(on(ELBOW, push), 2)
+    (place,) = locate(terms.records, terms, noise)
+    assert place.log == 1
+    assert place.time == (pytest.approx(103.1, abs=0.06), pytest.approx(107.9, abs=0.06))
+
+
+def test_words_of_a_condition_on_a_slide() -> None:
+    assert said("angle", True) == "with position" and said("angle", False) == "with angle"
+    assert said("speed", True) == CONDITIONS["speed"]
+
+
+def test_maps_hold_means_per_cell() -> None:
+    terms, _ = made(on(ELBOW, lambda r: 2.0 * r.v[:, ELBOW]))
+    residual = terms.records.residual
+    found = {(m.joint, m.axes[0]): m for m in maps(terms.records, terms, residual)}
+    assert len(found) == 12
+    q, v, _ = terms.records.motion
+    load = terms.reduce(terms.load)
+    for name, x in (("angle", q), ("torque", load)):
+        one = found[ARM.joints[ELBOW], name]
+        assert one.axes == (name, "speed") and one.mean.shape == (12, 12)
+        cells = [np.clip(np.digitize(s[:, ELBOW], e) - 1, 0, 11) for s, e in zip((x, v), one.edges, strict=True)]
+        for a in range(12):
+            for b in range(12):
+                inside = (cells[0] == a) & (cells[1] == b)
+                if np.any(inside):
+                    assert one.mean[a, b] == pytest.approx(np.mean(residual[inside, ELBOW]))
+                else:
+                    assert np.isnan(one.mean[a, b])
+    still = replace(terms.records.records[0], v=np.zeros_like(v[:1]) + 0.0 * terms.records.records[0].v)
+    quiet = terms_of(Records(ARM, (still,)))
+    assert maps(quiet.records, quiet, residual) == ()

@@ -1,0 +1,216 @@
+"""Foreign logs: columns by their own names, in their own units, from a map or a published layout."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from twin_diagram.errors import LogError
+from twin_diagram.logs import read_log, write_log
+from twin_diagram.logs.column_map import column_map, parse
+from twin_diagram.logs.measured_log import Log
+from twin_diagram.logs.presets import PRESETS
+
+SAMPLES = 20
+
+
+def motion(n: int, seed: int = 3) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    return np.arange(SAMPLES) * 0.002, *(rng.normal(size=(SAMPLES, n)) for _ in range(3))
+
+
+def table(path: Path, columns: dict[str, Any], mark: str = ",") -> Path:
+    rows = zip(*columns.values(), strict=True)
+    lines = [mark.join(columns), *(mark.join(v if isinstance(v, str) else repr(float(v)) for v in row) for row in rows)]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def libfranka(path: Path, t: np.ndarray, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> Path:
+    columns: dict[str, Any] = {"time": 1e3 * t, "success_rate": np.ones(len(t))}
+    for name, values in (("state.q", q), ("state.q_d", q), ("state.dq", v), ("state.dq_d", v), ("state.tau_J", tau)):
+        columns |= {f"{name}[{k}]": values[:, k] for k in range(7)}
+    columns |= {f"state.tau_ext_hat_filtered[{k}]": 0.0 * tau[:, k] for k in range(7)}
+    columns |= {f"cmd.tau_J_d[{k}]": -tau[:, k] for k in range(7)}
+    return table(path, columns, mark=", ")
+
+
+def franka_ros(path: Path, t: np.ndarray, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> Path:
+    stamp = [f"{1_600_000_000_000_000_000 + round(1e9 * s)}" for s in t]
+    columns: dict[str, Any] = {"%time": stamp, "field.header.frame_id": ["panda_link0"] * len(t)}
+    for name, values in (("tau_J", tau), ("q", q), ("dq", v)):
+        columns |= {f"field.{name}{k}": values[:, k] for k in range(7)}
+    return table(path, columns)
+
+
+def ur_rtde(path: Path, t: np.ndarray, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> Path:
+    columns: dict[str, Any] = {"timestamp": t + 5000.0}
+    for name, values in (
+        ("target_q", q + 1.0),
+        ("actual_q", q),
+        ("actual_qd", v),
+        ("actual_current", tau / 12.5),
+        ("actual_current_as_torque", tau),
+    ):
+        columns |= {f"{name}_{k}": values[:, k] for k in range(6)}
+    return table(path, columns, mark=" ")
+
+
+def iiwa_fri(path: Path, t: np.ndarray, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> Path:
+    columns: dict[str, Any] = {"index": np.arange(len(t)), "time": t, "record_time_nsec": 1e18 + 1e9 * t}
+    for name, values in (("mp", q), ("ip", q + 1.0), ("mt", tau), ("et", 0.0 * tau)):
+        columns |= {f"{name}{k + 1}": values[:, k] for k in range(7)}
+    return table(path, columns)
+
+
+@pytest.mark.parametrize(
+    ("write", "given", "has_velocity"),
+    [
+        (libfranka, "libfranka", True),
+        (franka_ros, "franka_ros", True),
+        (ur_rtde, "ur_rtde_torque", True),
+        (ur_rtde, {"preset": "ur_rtde", "torque_measured": {"torque_constant": 12.5}}, True),
+        (iiwa_fri, "iiwa_fri", False),
+    ],
+    ids=["libfranka", "franka_ros", "ur_rtde_torque", "ur_rtde", "iiwa_fri"],
+)
+def test_published_layouts_are_read(write: Callable[..., Path], given: Any, has_velocity: bool, tmp_path: Path) -> None:
+    n = 6 if write is ur_rtde else 7
+    t, q, v, tau = motion(n)
+    path = write(tmp_path / "foreign.csv", t, q, v, tau)
+    if isinstance(given, dict):
+        (tmp_path / "map.yaml").write_text(yaml.safe_dump(given))
+        given = tmp_path / "map.yaml"
+    log = read_log(path, given)
+    assert log.numbered and len(log.joints) == n
+    np.testing.assert_allclose(log.time, t, atol=3e-7)
+    np.testing.assert_allclose(log.position, q, rtol=1e-12)
+    np.testing.assert_allclose(log.motor_torque, tau, rtol=1e-12)
+    assert (log.velocity is not None) == has_velocity
+    if log.velocity is not None:
+        np.testing.assert_allclose(log.velocity, v, rtol=1e-12)
+    names = [f"joint_{k}" for k in range(n)]
+    assert log.select(names).joints == tuple(names)
+
+
+def test_presets_cite_where_their_names_come_from() -> None:
+    for name, preset in PRESETS.items():
+        assert len(preset.source) > 20 and preset.side in ("motor", "link"), name
+
+
+def test_units_signs_and_constants_of_each_column(tmp_path: Path) -> None:
+    t, q, v, tau = motion(2)
+    columns = {"ms": 1e3 * t, "note": ["a b"] * SAMPLES, "sh": np.degrees(q[:, 0]), "lift": -1e3 * q[:, 1]}
+    columns |= {"v0": v[:, 0] * 30.0 / np.pi, "v1": 1e3 * v[:, 1], "i_sh": -1e3 * tau[:, 0] / 11.0, "f": tau[:, 1]}
+    path = table(tmp_path / "own.csv", columns, mark=";")
+    (tmp_path / "map.yaml").write_text(
+        """
+joints: [shoulder, lift]
+time: {column: ms, unit: ms}
+position_measured: {columns: [sh, lift], unit: [deg, mm], sign: [1, -1]}
+velocity_estimated: {column: "v{i}", unit: [rpm, mm/s]}
+torque_measured: {columns: [i_sh, f], unit: [mA, N], torque_constant: [11.0, 1.0], sign: [-1, 1]}
+"""
+    )
+    log = read_log(path, tmp_path / "map.yaml")
+    assert log.joints == ("shoulder", "lift") and not log.numbered
+    np.testing.assert_allclose(log.position, q, rtol=1e-12)
+    np.testing.assert_allclose(log.velocity, v, rtol=1e-12)
+    np.testing.assert_allclose(log.torque, tau, rtol=1e-12)
+    np.testing.assert_allclose(log.time, t, atol=1e-12)
+
+
+def test_names_may_be_patterns_and_npz_may_be_foreign(tmp_path: Path) -> None:
+    t, q, _, tau = motion(2)
+    np.savez(tmp_path / "a.npz", time=t, **{f"{j}/q": q[:, k] for k, j in enumerate("ab")}, t5=tau[:, 0], t6=tau[:, 1])
+    given = {"joints": ["a", "b"], "position_measured": {"column": "{joint}/q"}}
+    given |= {"torque_commanded": {"column": "t{i}", "first": 5}}
+    (tmp_path / "map.yaml").write_text(yaml.safe_dump(given))
+    log = read_log(tmp_path / "a.npz", tmp_path / "map.yaml")
+    np.testing.assert_allclose(log.position, q)
+    np.testing.assert_allclose(log.motor_torque, tau)
+    assert log.torque is None
+    write_log(log, tmp_path / "own.csv")
+    assert isinstance(read_log(tmp_path / "own.csv"), Log)
+
+
+GOOD: dict[str, Any] = {
+    "joints": ["a", "b"],
+    "position_measured": {"column": "q{i}"},
+    "torque_measured": {"column": "t{i}"},
+}
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"torque_measured": {"column": "i{i}", "unit": "A"}}, "torque_constant: is missing"),
+        ({"torque_measured": {"column": "i{i}", "unit": "A", "torque_constant": [1.0]}}, "has 1 entries"),
+        ({"torque_measured": {"column": "i{i}", "unit": "A", "torque_constant": -2.0}}, "not positive"),
+        ({"torque_measured": {"column": "i{i}", "torque_constant": 2.0}}, "goes with a current"),
+        ({"torque_measured": {"column": "i{i}", "unit": "V"}}, "'V' is none of"),
+        ({"position_measured": {"column": "q{i}", "unit": "A"}}, "'A' is none of"),
+        ({"position_measured": {"column": "q{i}", "sign": 2}}, "neither 1 nor -1"),
+        ({"position_measured": {"column": "q{i}", "sign": "x"}}, "'x' is not a number"),
+        ({"position_measured": {"column": "q{i}", "sings": 1}}, "'sings' is no field"),
+        ({"position_measured": {"column": "q"}}, "tell 2 joints apart"),
+        ({"position_measured": {"column": "q{k}"}}, "tell 2 joints apart"),
+        ({"position_measured": {"columns": ["q0"]}}, "there are 2 joints"),
+        ({"position_measured": {"column": "q{i}", "columns": ["a", "b"]}}, "needs one of"),
+        ({"position_measured": {"column": "q{i}", "first": True}}, "not a whole number"),
+        ({"position_measured": "q"}, "is a mapping"),
+        ({"time": {"column": "t", "unit": "h"}}, "'h' is none of"),
+        ({"time": "t"}, "names a column"),
+        ({"positions": {}}, "'positions' is no field"),
+        ({"preset": "kuka"}, "'kuka' is none of"),
+        ({"joints": ["a", "a"]}, "names one twice"),
+        ({"joints": "a"}, "list of names"),
+    ],
+)
+def test_what_cannot_be_is_refused_by_the_fields_name(change: dict[str, Any], said: str) -> None:
+    with pytest.raises(LogError, match=r"map\.yaml") as caught:
+        parse(GOOD | change, "map.yaml")
+    assert said in str(caught.value)
+    (field,) = change
+    assert field in str(caught.value)
+
+
+@pytest.mark.parametrize("missing", ["position_measured", "torque_measured", "joints"])
+def test_what_a_log_needs_must_be_named(missing: str) -> None:
+    with pytest.raises(LogError, match=missing):
+        parse({key: value for key, value in GOOD.items() if key != missing}, "map.yaml")
+
+
+def test_files_that_do_not_fit_are_refused_in_one_line(tmp_path: Path) -> None:
+    t, q, v, tau = motion(7)
+    path = libfranka(tmp_path / "franka.csv", t, q, v, tau)
+    with pytest.raises(LogError, match="no such map of columns; the presets are libfranka"):
+        read_log(path, "nothing.yaml")
+    with pytest.raises(LogError, match="has none of the columns timestamp, actual_q_0"):
+        read_log(path, "ur_rtde_torque")
+    with pytest.raises(LogError, match="has no column 'field"):
+        read_log(franka_ros(tmp_path / "r.csv", t, q, v, tau), _without(tmp_path))
+    text = path.read_text().splitlines()
+    path.write_text("\n".join([*text[:5], text[5] + ", 1", *text[6:]]))
+    with pytest.raises(LogError, match="line 6 has 52 cell"):
+        read_log(path, "libfranka")
+    path.write_text("\n".join([*text[:5], text[5].replace(",", ", x", 2), *text[6:]]))
+    with pytest.raises(LogError, match=r"line 6: state.q\[0\] is 'x"):
+        read_log(path, "libfranka")
+    with pytest.raises(LogError, match="bags and LCM logs name their signals"):
+        (tmp_path / "a.mcap").write_bytes(b"")
+        read_log(tmp_path / "a.mcap", "libfranka")
+    (tmp_path / "list.yaml").write_text("- 1\n")
+    with pytest.raises(LogError, match="YAML mapping"):
+        column_map(tmp_path / "list.yaml")
+
+
+def _without(folder: Path) -> Path:
+    path = folder / "more.yaml"
+    path.write_text(yaml.safe_dump({"preset": "franka_ros", "position_commanded": {"column": "field.q_d{i}"}}))
+    return path

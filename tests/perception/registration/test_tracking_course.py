@@ -1,0 +1,203 @@
+"""The course of tracking with registration replaced by given answers: who is looked for, where, with what."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from tests.registration_bench import turn
+from twin_diagram import scenario
+from twin_diagram.perception.registration import tracking
+from twin_diagram.perception.registration.registration import RegisteredPose
+from twin_diagram.perception.registration.slots import SLOT_SIZE, Slot
+from twin_diagram.perception.registration.tracking import Known, View
+
+Array = npt.NDArray[np.float64]
+PARAMS = scenario.Registration(reach=0.021)
+P = np.array([0.5, 0.1, 0.05])
+
+
+def pose(p: Any = P, **changes: Any) -> RegisteredPose:
+    return replace(RegisteredPose(np.eye(3), np.asarray(p, dtype=float), np.eye(6), 0.9, 0.9, 1.0, 300.0), **changes)
+
+
+def slot(velocity: Any = (0.0,) * 6, **changes: Any) -> Slot:
+    return replace(Slot(True, np.eye(3), P, np.asarray(velocity, dtype=float), 1.0), **changes)
+
+
+class Image:
+    """Points in a row 1 cm apart from P on, and what was asked about them."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, count: int = 40, time: float = 1.1) -> None:
+        self.asked: list[Any] = []
+        self.answers: list[RegisteredPose] = []
+        points = P + np.arange(count)[:, None] * [0.01, 0.0, 0.0]
+        self.segments: Any = SimpleNamespace(points_W=points, labels=np.zeros(count, dtype=int), time=time)
+        self.view = View(self.segments, "frame", PARAMS, 10)  # type: ignore[arg-type]
+        monkeypatch.setattr(tracking, "claimed", self.claimed)
+        monkeypatch.setattr(tracking, "register", self.register)
+        monkeypatch.setattr(tracking, "nearby", self.nearby)
+
+    def claimed(self, cloud: Any, segments: Any, R: Array, p: Array, reach: float, most: int | None = None) -> Any:
+        """All points within `reach` along the row of where the object would be."""
+        self.asked.append(("claimed", reach, most))
+        return np.flatnonzero(np.abs(segments.points_W[:, 0] - p[0]) < reach)
+
+    def register(self, cloud: Any, image: Any, R: Array, p: Array, params: Any, *, prior: Any, points_W: Any) -> Any:
+        assert image == "frame" and params is PARAMS
+        self.asked.append(("register", p.copy(), prior, len(points_W)))
+        return self.answers.pop(0)
+
+    def nearby(self, cloud: Any, image: Any, R: Array, p: Array, points: Array, params: Any) -> Any:
+        self.asked.append(("nearby", p.copy(), len(points)))
+        return SimpleNamespace(registration=self.answers.pop(0)) if self.answers else None
+
+
+KNOWN = Known(SimpleNamespace(radius=0.04), ["upright"], ["fallen"])  # type: ignore[arg-type, list-item]
+BAD = {"quality": 0.1}
+
+
+def test_what_stands_still_is_looked_for_where_it_was_and_held_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    image = Image(monkeypatch)
+    image.answers = [pose()]
+    found = tracking.register_where_expected(KNOWN, slot(), image.view)
+    assert found is not None
+    (claim, (_, p, prior, thin)) = image.asked
+    assert claim == ("claimed", 0.021, 120) and thin == 3
+    np.testing.assert_allclose(p, P)
+    np.testing.assert_allclose(prior**-0.5, [0.03] * 3 + [0.005] * 3)
+    image.answers, image.asked = [pose(**BAD)], []
+    assert tracking.register_where_expected(KNOWN, slot(), image.view) is None and len(image.asked) == 2
+
+
+def test_what_moves_is_looked_for_ahead_then_where_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    image = Image(monkeypatch)
+    image.answers = [pose(**BAD), pose()]
+    moving = slot([0.0, 0.0, 0.0, 0.2, 0.0, 0.0])
+    assert tracking.register_where_expected(KNOWN, moving, image.view) is not None
+    looked = [one for one in image.asked if one[0] == "register"]
+    np.testing.assert_allclose([one[1] for one in looked], [P + [0.02, 0.0, 0.0], P])
+    for one in looked:
+        np.testing.assert_allclose(one[2] ** -0.5, [0.2] * 3 + [0.03] * 3)
+    image.answers, image.asked = [pose()], []
+    tracking.register_where_expected(KNOWN, moving, image.view)
+    assert len(image.asked) == 2, "what is found ahead is not looked for again"
+    image.answers = [pose(**BAD), pose(**BAD)]
+    assert tracking.register_where_expected(KNOWN, moving, image.view) is None
+
+
+def test_an_object_that_slipped_is_looked_for_6_cm_about_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Radius 4 cm and 6 more: rows of points 1 cm apart reach from 0 to 9 cm, four to each place."""
+    image = Image(monkeypatch)
+    points = np.repeat(P + np.arange(20)[:, None] * [0.01, 0.0, 0.0], 4, axis=0) + [0.0, 1e-4, 0.0]
+    image.segments.points_W = points
+    free = np.ones(80, dtype=bool)
+    image.answers = [pose()]
+    assert tracking.register_around(KNOWN, slot(), image.view, free) is not None
+    assert image.asked[-1][0] == "nearby" and image.asked[-1][2] == 40
+    np.testing.assert_allclose(image.asked[-1][1], P)
+    assert tracking.register_around(KNOWN, slot(), image.view, free) is None, "nothing found"
+    image.answers = [pose(**BAD)]
+    assert tracking.register_around(KNOWN, slot(), image.view, free) is None, "not believed"
+    for left, looks in ((30, True), (29, False)):
+        free = np.zeros(80, dtype=bool)
+        free[:left] = free[60:] = True
+        image.asked = []
+        tracking.register_around(KNOWN, slot(), image.view, free)
+        assert bool(image.asked) == looks
+
+
+def test_an_objects_own_points_are_those_within_12_mm(monkeypatch: pytest.MonkeyPatch) -> None:
+    image = Image(monkeypatch)
+    free = tracking.unexplained_by([KNOWN, KNOWN], {1: pose(P + [0.1, 0.0, 0.0])}, image.segments)
+    assert image.asked == [("claimed", 0.012, None)]
+    np.testing.assert_array_equal(np.flatnonzero(~free), [9, 10, 11])
+
+
+def test_only_what_was_found_before_is_followed(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Slot] = []
+
+    def expected(known: Any, own: Slot, view: Any) -> Any:
+        asked.append(own)
+        return pose() if own.attempts == 0 else None
+
+    monkeypatch.setattr(tracking, "register_where_expected", expected)
+    slots = [Slot(), slot(), slot(attempts=1)]
+    assert list(tracking.follow_known([KNOWN] * 3, slots, None)) == [1] and asked == slots[1:]  # type: ignore[arg-type]
+
+
+def test_what_was_lost_less_than_three_tenths_of_a_second_ago_is_regained(monkeypatch: pytest.MonkeyPatch) -> None:
+    image = Image(monkeypatch, time=1.3)
+    tried: list[Any] = []
+
+    def around(known: Any, own: Slot, view: Any, free: Any) -> Any:
+        tried.append((own.seen, int(free.sum())))
+        return pose(P + [0.1, 0.0, 0.0]) if own.seen != 1.25 else None
+
+    monkeypatch.setattr(tracking, "register_around", around)
+    slots = [slot(seen=s) for s in (0.99, 1.001, 1.1, 1.25, 1.2)] + [Slot(seen=1.25)]
+    free = np.ones(40, dtype=bool)
+    found = tracking.regain_lost([KNOWN] * 6, slots, {2: pose()}, image.view, free)
+    assert list(found) == [1, 4] and tried == [(1.001, 40), (1.25, 37), (1.2, 37)]
+    np.testing.assert_array_equal(np.flatnonzero(~free), [9, 10, 11])
+
+
+def test_a_step_follows_then_regains_then_searches(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of five objects one is followed, one regained, two are searched, of which one is found; one waits its turn."""
+    calls: list[Any] = []
+    free = np.ones(40, dtype=bool)
+    monkeypatch.setattr(tracking.Frame, "of", staticmethod(lambda segments: "frame"))
+    monkeypatch.setattr(tracking, "follow_known", lambda *_: {0: pose()})
+    monkeypatch.setattr(tracking, "unexplained_by", lambda library, found, segments: free)
+    monkeypatch.setattr(tracking, "regain_lost", lambda library, slots, found, view, free: {1: pose(P + 0.01)})
+
+    def searched(library: Any, slots: Any, wanted: Any, view: View, left: Any) -> dict[int, RegisteredPose]:
+        calls.append(list(wanted))
+        assert left is free and view.smallest in {40, 41}
+        return {k: pose(P + 0.2) for k in wanted if k == 2}
+
+    monkeypatch.setattr(tracking, "search_for", searched)
+    slots = [slot(), slot(), Slot(next_search=1.1), Slot(attempts=1), Slot(next_search=1.11)]
+    image: Any = SimpleNamespace(time=1.1, labels=np.zeros(40))
+    after, results = tracking.step([KNOWN] * 5, slots, image, PARAMS, 40)
+    assert calls == [[2, 3]]
+    assert [one.quality for one in results] == [0.9, 0.9, 0.9, 0.0, 0.0] and {one.time for one in results} == {1.1}
+    assert [one.known for one in after] == [True, True, True, False, False]
+    assert [one.attempts for one in after] == [0, 0, 0, 2, 0] and after[4] == slots[4]
+    np.testing.assert_allclose(after[1].velocity[3:], 0.6 * 0.1 * np.ones(3))
+    assert not after[2].velocity.any(), "how fast it is, a search cannot say"
+    assert after[3].next_search == pytest.approx(1.1 + PARAMS.search_period)
+    # Where too little is left unexplained, nothing is searched and nothing postponed.
+    after, _ = tracking.step([KNOWN] * 5, slots, image, PARAMS, 41)
+    assert calls[-1] == [] and after[3] == slots[3]
+
+
+def test_every_other_search_tries_what_has_fallen(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Any] = []
+
+    def recognise(models: Any, orientations: Any, segments: Any, frame: Any, free: Any, params: Any, few: int) -> Any:
+        asked[:] = [models, orientations, free, params, few]
+        return {1: SimpleNamespace(registration="found")}
+
+    monkeypatch.setattr(tracking, "recognise", recognise)
+    image = Image(monkeypatch)
+    slots = [Slot(attempts=k) for k in range(4)]
+    found = tracking.search_for([KNOWN] * 4, slots, [0, 1, 3], image.view, "free")  # type: ignore[arg-type]
+    assert found == {1: "found"} and list(asked[0]) == [0, 1, 3]
+    assert asked[1] == {0: ["upright"], 1: ["fallen"], 3: ["fallen"]} and asked[2:] == ["free", PARAMS, 10]
+
+
+def test_a_slot_comes_back_from_its_vector() -> None:
+    one = Slot(True, turn(0.1, 0.2, 0.3), P, np.arange(6.0), 1.5, 2.5, 3)
+    packed = one.pack()
+    assert packed.shape == (SLOT_SIZE,) == (17,)
+    back = Slot.unpack(packed)
+    assert (back.known, back.seen, back.next_search, back.attempts) == (True, 1.5, 2.5, 3)
+    for name in ("R", "p", "velocity"):
+        np.testing.assert_allclose(getattr(back, name), getattr(one, name), atol=1e-12)
+    assert not Slot.unpack(Slot().pack()).known

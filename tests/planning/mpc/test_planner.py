@@ -1,0 +1,272 @@
+"""What a tick hands to the router and to the optimiser, against the rules told in words."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from twin_diagram import scenario
+from twin_diagram.assets import Asset
+from twin_diagram.planning.collision.collision_scene import Forecast, Scene, load_scene
+from twin_diagram.planning.mpc.planner import MotionPlanner
+from twin_diagram.planning.mpc.planner_state import Memory
+from twin_diagram.planning.mpc.trajectory_optimisation import Optimum
+from twin_diagram.planning.paths import inverse_kinematics
+from twin_diagram.planning.paths.route import Aim, Route, Situation
+from twin_diagram.scenario.resources import models_dir
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import NEVER, ObjectStatus, Track
+
+HOME = np.array([0.55, 0.1, 0.0, -2.0, 0.0, 2.1, 1.33])
+GOAL = np.array([0.0, 1.0, 0.0, 0.0, 0.5, -0.25, 0.16])
+NONE = np.zeros(7)
+PARAMS = scenario.Planner()
+
+
+def track(velocity: float = 0.0, place: tuple[float, float, float] = (0.5, 0.1, 0.3)) -> Array:
+    status = ObjectStatus.MOVING if velocity else ObjectStatus.TRACKED
+    pose, speed = np.array([1.0, 0, 0, 0, *place]), np.array([0, 0, 0, velocity, 0, 0])
+    return np.asarray(Track(status, 0.0, pose, speed, np.zeros((6, 6))).pack())
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return load_scene(scenario.ArmModel(), [scenario.Fixture()], {"can": Asset.load(models_dir() / "objects" / "can")})
+
+
+class Spied:
+    """A planner whose router answers what it is told and whose optimiser leaves the plan before."""
+
+    def __init__(self, scene: Scene, monkeypatch: pytest.MonkeyPatch, params: scenario.Planner = PARAMS) -> None:
+        self.planner = MotionPlanner(scene, np.array([2.0, 2, 2, 2, np.inf, 2, 2]), params)
+        self.route, self.failed = Route.none(7), False
+        self.situation: Any = None
+        self.may_search = False
+        self.asked: dict[str, Any] = {}
+
+        def decide(route: Route, now: Situation, rng: Any, *, may_search: bool) -> tuple[Route, bool]:
+            self.situation, self.may_search = now, may_search
+            return self.route, self.failed
+
+        def solve(*arguments: Any) -> Optimum:
+            names = "start q0 v0 a0 guess guess_velocity reference around margins fallback"
+            self.asked = dict(zip(names.split(), arguments, strict=True))
+            return Optimum(self.asked["fallback"], 0.0, True)
+
+        monkeypatch.setattr(self.planner.router, "decide", decide)
+        monkeypatch.setattr(self.planner.optimiser, "solve", solve)
+
+    def tick(
+        self, memory: Memory, now: float, q: Array = HOME, v: Array = NONE, goal: Array = NONE, tracks: Any = None
+    ):  # type: ignore[no-untyped-def]
+        return self.planner.tick(memory, now, np.concatenate([q, v]), track() if tracks is None else tracks, goal)
+
+
+@pytest.fixture
+def spied(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> Spied:
+    return Spied(scene, monkeypatch)
+
+
+@pytest.fixture
+def at_home(spied: Spied) -> Memory:
+    memory, _ = spied.tick(spied.planner.initial(HOME), 0.0)
+    return memory  # type: ignore[no-any-return]
+
+
+def test_limits_are_shares_of_the_arms(spied: Spied) -> None:
+    share = PARAMS.velocity_share
+    np.testing.assert_allclose(spied.planner.limits.velocity, share * np.array([2, 2, 2, 2, np.pi, 2, 2]))
+    np.testing.assert_allclose(spied.planner.limits.acceleration, PARAMS.acceleration)
+    np.testing.assert_allclose(spied.planner.router.speed, 0.9 * spied.planner.limits.velocity)
+
+
+@pytest.mark.parametrize("influence", [0.07, 0.2])
+def test_the_influence_is_the_optimisers_reach(scene: Scene, influence: float) -> None:
+    planner = MotionPlanner(scene, np.full(7, 2.0), replace(PARAMS, influence=influence, clearance=0.04))
+    assert planner.optimiser.tuning.reach == influence
+
+
+@pytest.mark.parametrize("velocity", [0.0, 0.1])
+def test_margins_grow_with_time_and_with_what_is_left_of_the_way(
+    spied: Spied, at_home: Memory, velocity: float
+) -> None:
+    goals = HOME + np.array([[0.9, 0, 0, 0, 0, 0, 0], [0.6, 0, 0, 0, 0, 0, 0]])
+    memory = replace(at_home, goals=goals, goal=GOAL, route=Route(Aim.GOAL, goals[:1]))
+    spied.route = Route(Aim.GOAL, goals[1:])
+    spied.tick(memory, 0.1, goal=GOAL, tracks=track(velocity))
+    samples = spied.planner.optimiser.samples
+    arrival = 0.6 / (0.9 * PARAMS.velocity_share * 2.0)
+    clearance, at_goal = PARAMS.clearance, spied.situation.at_goals[1]
+    np.testing.assert_array_equal(spied.situation.still, [True, velocity == 0.0])
+    assert spied.situation.least == pytest.approx(0.25 * clearance)
+    expected = np.empty((len(samples), 3))
+    for row, t in enumerate(samples):
+        most = clearance + 0.02 * min(t, 1.0)
+        way = 0.1 * max(arrival - t, 0.0)
+        near = np.clip(at_goal[:2] - 0.003 + way, 0.25 * clearance, most)
+        expected[row] = [near[0], most if velocity else near[1], 0.01]
+    np.testing.assert_allclose(spied.asked["margins"], expected)
+    np.testing.assert_allclose(spied.asked["reference"][:, 0], HOME[0] + np.minimum(samples / arrival, 1.0) * 0.6)
+
+
+def test_without_a_goal_six_tenths_of_the_clearance_are_always_wanted(spied: Spied, at_home: Memory) -> None:
+    spied.tick(at_home, 0.1)
+    assert spied.situation.least == pytest.approx(0.6 * PARAMS.clearance)
+    assert spied.situation.own == pytest.approx(0.01)
+
+
+def test_distances_are_told_apart_up_to_what_is_spared(spied: Spied, scene: Scene) -> None:
+    """Up to the clearance, 2 cm that a route spares or a plan keeps for surprises, and a centimetre."""
+    rng = np.random.default_rng(0)
+    q = HOME + 0.4 * rng.standard_normal((300, 7))
+    forecast = Forecast.of_tracks(track())
+    exact = scene.clearance.distances(q, scene.around(forecast, np.zeros(300)), 3.0)
+    found = spied.planner._situation(q[0], forecast, q[1:], 0.25)
+    every = np.vstack([found.here, found.at_goals])
+    within = exact < PARAMS.clearance + 0.03
+    assert (within & (exact > PARAMS.clearance))[:, :2].any()
+    np.testing.assert_allclose(every[within], exact[within])
+    assert (every[~within] >= PARAMS.clearance + 0.03).all()
+
+
+def test_nowhere_to_go_means_coming_to_rest_in_half_a_second(spied: Spied, at_home: Memory) -> None:
+    v = np.array([0.4, 0, 0, -0.2, 0, 0, 0])
+    memory = replace(at_home, trajectory=replace(at_home.trajectory, v0=v))
+    spied.tick(memory, 0.0, v=v)
+    np.testing.assert_allclose(spied.asked["reference"], np.tile(HOME + 0.25 * v, (len(spied.asked["reference"]), 1)))
+    np.testing.assert_allclose(spied.asked["v0"], v)
+    # The same for a goal that is taken away.
+    memory = replace(memory, goal=GOAL)
+    memory, _ = spied.tick(memory, 0.0, v=v)
+    for where in (memory.stay, memory.goals[0]):
+        np.testing.assert_allclose(where, HOME + 0.25 * v)
+    assert not memory.goal.any() and len(memory.goals) == 1
+
+
+def test_the_plan_starts_anew_where_the_arm_is_a_quarter_radian_off(spied: Spied, at_home: Memory) -> None:
+    offset = np.array([0, 0.01, 0, 0, 0, 0, 0.0])
+    for joint in (1, 3):
+        for off, anew in ((0.249, False), (0.251, True)):
+            q = HOME - offset - off * np.eye(7)[joint]
+            memory, report = spied.tick(replace(at_home, offset=offset), 0.1, q=q, v=np.full(7, 0.3))
+            assert report.reanchored == anew
+            if anew:
+                np.testing.assert_allclose(spied.asked["q0"], q)
+                np.testing.assert_allclose(spied.asked["v0"], 0.3)
+                assert not memory.offset.any()
+            else:
+                np.testing.assert_allclose(spied.asked["q0"], HOME - offset)
+    fast = np.full(7, 9.0)
+    spied.tick(at_home, 0.1, q=HOME + 0.5, v=-fast)
+    np.testing.assert_allclose(spied.asked["v0"], -spied.planner.limits.velocity)
+
+
+def test_the_first_message_is_where_the_arm_begins_and_stays(spied: Spied) -> None:
+    first = spied.planner.initial(HOME)
+    assert first.trajectory.start == NEVER
+    memory, report = spied.tick(first, 3.0, q=HOME + 0.01, v=np.full(7, 0.1))
+    assert report.reanchored and memory.trajectory.start == 3.0 and memory.tick == 1
+    np.testing.assert_allclose(memory.stay, HOME + 0.01)
+    np.testing.assert_allclose(spied.asked["v0"], 0.0)
+    memory, report = spied.tick(first, 3.0, q=HOME * np.nan)
+    assert not report.reanchored and memory.trajectory.start == 3.0
+    np.testing.assert_allclose(spied.asked["q0"], HOME)
+
+
+@pytest.mark.parametrize("rate", [15.0, 1.0])
+def test_a_lasting_difference_is_learnt_in_seven_tenths_of_a_second_while_slow(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch, rate: float
+) -> None:
+    spied = Spied(scene, monkeypatch, replace(PARAMS, rate=rate))
+    memory, _ = spied.tick(spied.planner.initial(HOME), 0.0)
+    known = np.full(7, 0.004)
+    gain = min(1.0, 1.0 / (0.7 * rate))
+    for speed, learnt in ((0.09, True), (0.11, False)):
+        v = np.array([0, 0, -speed, 0, 0, 0, 0])
+        after, _ = spied.tick(replace(memory, offset=known), 0.1, q=HOME - 0.02, v=v)
+        np.testing.assert_allclose(after.offset, 0.004 + gain * (0.02 - 0.004) if learnt else 0.004)
+        moving = replace(memory, offset=known, trajectory=replace(memory.trajectory, v0=v))
+        after, _ = spied.tick(moving, 0.0, q=HOME - 0.02)
+        np.testing.assert_allclose(after.offset, 0.004 + gain * (0.02 - 0.004) if learnt else 0.004)
+    for sign in (1.0, -1.0):  # no more than 0.05 rad
+        after, _ = spied.tick(replace(memory, offset=sign * np.full(7, 0.0499)), 0.1, q=HOME - sign * 0.2)
+        np.testing.assert_allclose(after.offset, sign * 0.05)
+        after, _ = spied.tick(replace(memory, offset=sign * np.full(7, 0.03)), 0.1, q=HOME - sign * 0.03)
+        np.testing.assert_allclose(after.offset, sign * 0.03)
+
+
+def test_plans_are_made_where_the_arm_is_and_kept_as_commands(spied: Spied, at_home: Memory) -> None:
+    offset = np.linspace(-0.03, 0.03, 7)
+    memory = replace(at_home, offset=offset)
+    memory, _ = spied.tick(memory, 0.1, q=HOME - offset)
+    np.testing.assert_allclose(spied.asked["fallback"].q0, HOME - offset)
+    np.testing.assert_allclose(spied.asked["guess"], np.tile(HOME - offset, (len(spied.asked["guess"]), 1)))
+    np.testing.assert_allclose(memory.trajectory.q0, HOME)
+    # The last plan is what distances are linearised about, at the samples from now on.
+    a = np.zeros_like(at_home.trajectory.accelerations)
+    a[1] = 0.3
+    a[2] = -0.3
+    moving = replace(at_home, trajectory=replace(at_home.trajectory, accelerations=a))
+    spied.tick(moving, 0.07)
+    q, v, _ = moving.trajectory.at(0.07 + spied.planner.optimiser.samples)
+    np.testing.assert_allclose(spied.asked["guess"] - spied.asked["guess"][-1], q - q[-1], atol=1e-9)
+    np.testing.assert_allclose(spied.asked["guess_velocity"], v)
+
+
+def test_searches_in_vain_are_repeated_after_three_ticks(spied: Spied, at_home: Memory) -> None:
+    spied.failed = True
+    memory, _ = spied.tick(at_home, 0.1)
+    assert spied.may_search and memory.searched == memory.tick - 1
+    spied.failed = False
+    told = []
+    for k in range(4):
+        memory, _ = spied.tick(memory, 0.2 + 0.1 * k)
+        told.append(spied.may_search)
+    assert told == [False, False, True, True]
+
+
+def test_joint_goals_are_drawn_anew_every_thirty_ticks_without_a_way(
+    spied: Spied, at_home: Memory, scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = np.random.default_rng(0)
+    drawn = HOME + 0.8 * rng.standard_normal((14, 7))
+    drawn[:, 1] += 0.8  # some of them in the table
+    drawn_at: list[int] = []
+
+    def solve(*arguments: Any) -> Array:
+        drawn_at.append(memory.tick)
+        return drawn
+
+    monkeypatch.setattr(inverse_kinematics, "solve", solve)
+    memory = at_home
+    for _ in range(65):
+        memory, _ = spied.tick(memory, 0.1, goal=GOAL)
+    assert drawn_at == [1, 30, 60]
+    distance = scene.clearance.distances(drawn, scene.around(Forecast.of_tracks(track()), np.zeros(14)), 3.0)
+    clear = (distance >= [0.25 * PARAMS.clearance, 0.25 * PARAMS.clearance, 0.01]).all(axis=1)
+    assert 2 < clear.sum() < 12
+    np.testing.assert_array_equal(memory.goals, np.vstack([drawn[clear], drawn[~clear]])[:8])
+    spied.route = Route(Aim.GOAL, np.tile(HOME, (15, 1)))
+    for _ in range(40):
+        memory, _ = spied.tick(memory, 0.1, goal=GOAL)
+    assert drawn_at == [1, 30, 60] and len(memory.route.points) == 12
+    memory, _ = spied.tick(memory, 0.1, goal=GOAL + [0, 0, 0, 0, 0.01, 0, 0])
+    assert len(drawn_at) == 4
+    # A goal without a rotation, or one that is not finite, is none.
+    for nothing in (0.49 * GOAL, np.full(7, np.nan)):
+        after, _ = spied.tick(memory, 0.1, goal=nothing)
+        assert not after.goal.any() and len(after.goals) == 1
+
+
+def test_a_stop_takes_as_long_as_the_limit_allows_or_two_knots(spied: Spied) -> None:
+    knots, h = PARAMS.knots, PARAMS.step
+    for speed in (0.01, 0.4, 0.9, 50.0):
+        stop = spied.planner._stop(1.0, HOME, np.array([speed, 0, 0, 0, 0, 0, -0.5 * speed]))
+        count = int(np.count_nonzero(stop.accelerations[:, 0]))
+        np.testing.assert_allclose(stop.at(np.array([stop.end - 1e-9]))[1], 0.0, atol=1e-6)
+        enough = [c for c in range(2, knots) if speed / (h * (c - 0.5)) <= PARAMS.acceleration]
+        assert count >= (enough[0] if enough else knots - 1)
+        assert count <= (enough[0] + 1 if enough else knots - 1)

@@ -1,0 +1,268 @@
+"""Routes in a world of two joints whose distances are known in closed form."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from twin_diagram.planning.paths.route import Aim, Route, Router, RouteTuning, Situation
+from twin_diagram.signals.arrays import Array
+
+SPEED = np.array([1.0, 0.5])
+MARGIN = 0.04
+
+
+class Wall:
+    """A wall of height `top` at joint 1 in [1, 1.2], and something that passes joint 1 = `where` at times `during`."""
+
+    def __init__(self, top: float = 1.0, where: float = 9.0, during: tuple[float, float] = (0.0, 0.0)) -> None:
+        self.top, self.where, self.during = top, where, during
+        self.asked: list[tuple[Array, Array]] = []
+
+    def wall(self, q: Array) -> Array:
+        return np.maximum(np.maximum(1.0 - q[:, 0], q[:, 0] - 1.2), q[:, 1] - self.top)
+
+    def passing(self, q: Array, times: Array) -> Array:
+        there = (times >= self.during[0]) & (times <= self.during[1])
+        return np.where(there, np.abs(q[:, 0] - self.where) - 0.1, 1e3)
+
+    def distances(self, q: Array, around: Any, reach: float, own: bool = True) -> Array:
+        assert len(around.times) == len(q)
+        self.asked.append((q, around.times))
+        wall = self.wall(q) if around.fixtures else np.full(len(q), 1e3)
+        passing = self.passing(q, around.times) if around.moving else np.full(len(q), 1e3)
+        every = np.stack([wall, passing, np.where(own, 1.0, 1e3) * np.ones(len(q))], axis=1)
+        return np.where(every < reach, every, 1e3)
+
+
+def world(wall: Wall, **tuning: Any) -> tuple[Router, Any]:
+    def around(forecast: Any, times: Array, *, fixtures: bool = True) -> Any:
+        return SimpleNamespace(times=times, fixtures=fixtures, moving=bool((forecast.present & forecast.moving).any()))
+
+    scene: Any = SimpleNamespace(
+        chain=SimpleNamespace(size=2),
+        clearance=wall,
+        around=around,
+        lower=np.array([-4.0, -1.0]),
+        upper=np.array([2.9, 2.5]),
+    )
+    return Router(scene, SPEED, RouteTuning(**tuning)), scene
+
+
+def situation(q: Any, goals: Any, *, moving: bool = False) -> Situation:
+    from twin_diagram.planning.collision.collision_scene import Forecast
+
+    one = np.ones(1, dtype=bool)
+    pose = np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 3)), np.zeros(1)
+    forecast = Forecast(one, one & moving, *pose)
+    goals = np.array(goals, dtype=float).reshape(-1, 2)
+    return Situation(
+        np.array(q, dtype=float),
+        forecast,
+        goals,
+        np.full(3, 1.0),
+        np.full((len(goals), 3), 1.0),
+        np.array([True, False]),
+        MARGIN,
+        0.01,
+        0.012,
+    )
+
+
+MARGINS = np.array([MARGIN, MARGIN, 0.012])
+
+
+def test_arrivals_along_a_line_follow_the_slowest_joint() -> None:
+    router, _ = world(Wall())
+    points = np.array([[0.0, 0.0], [0.35, 0.05], [0.35, 0.25]])
+    q, times = router.timed(points)
+    # 0.35 rad in four pieces of at most 0.1 rad, then 0.2 rad at 0.5 rad/s in two.
+    np.testing.assert_allclose(times, [0.0, 0.0875, 0.175, 0.2625, 0.35, 0.55, 0.75])
+    np.testing.assert_allclose(q[:, 0], [0.0, 0.0875, 0.175, 0.2625, 0.35, 0.35, 0.35])
+    np.testing.assert_allclose(q[[0, 4, 5, 6], 1], [0.0, 0.05, 0.15, 0.25])
+
+
+def test_samples_stay_within_a_turn_and_the_limits() -> None:
+    router, _ = world(Wall())
+    np.testing.assert_allclose(router._lower, [-np.pi, -1.0])
+    np.testing.assert_allclose(router._upper, [2.9, 2.5])
+
+
+def test_the_first_blocked_moment_is_when_a_margin_is_lost() -> None:
+    router, _ = world(Wall(), resolution=0.01)
+    now = situation([0.0, 0.0], [[2.0, 0.0]])
+    assert router.first_blocked(now, np.array([[0.95, 0.0]]), MARGINS) is None
+    assert router.first_blocked(now, np.array([[0.965, 0.0]]), MARGINS) == pytest.approx(0.965, abs=0.002)
+    assert router.first_blocked(now, np.array([[2.0, 0.0]]), MARGINS) == pytest.approx(0.96, abs=0.011)
+    assert router.first_blocked(now, np.array([[0.0, 1.1], [2.0, 1.1]]), MARGINS) is None
+    # The own distance counts, too, and where the arm is now does not.
+    assert router.first_blocked(now, np.array([[0.5, 0.0]]), np.array([MARGIN, MARGIN, 1.5])) == pytest.approx(0.01)
+    inside = situation([1.1, 0.0], [])
+    assert router.first_blocked(inside, np.array([[1.1, 0.0], [1.1, 0.001]]), MARGINS) is not None
+
+
+def test_an_end_is_watched_up_to_the_horizon() -> None:
+    """Every 0.4 s after arrival, to two seconds."""
+    for during, blocked in (((1.35, 1.45), 1.4), ((1.75, 1.85), 1.8), ((2.05, 3.0), None), ((0.65, 0.95), None)):
+        router, _ = world(Wall(where=0.2, during=during))
+        now = situation([0.0, 0.0], [], moving=True)
+        assert router.first_blocked(now, np.array([[0.4, 0.0]]), MARGINS) is None
+        found = router.first_blocked(now, np.array([[0.2, 0.0]]), MARGINS)
+        assert found is None if blocked is None else found == pytest.approx(blocked)
+    wall = Wall()
+    router, _ = world(wall)
+    router.first_blocked(situation([0.0, 0.0], []), np.array([[0.4, 0.0]]), MARGINS)
+    np.testing.assert_allclose(wall.asked[-1][1], [0.1, 0.2, 0.3, 0.4, 0.8, 1.2, 1.6, 2.0])
+    np.testing.assert_allclose(wall.asked[-1][0][4:], np.tile([0.4, 0.0], (4, 1)))
+
+
+def test_an_end_is_free_where_nothing_comes_until_the_horizon() -> None:
+    ends = np.array([[0.5, 0.0], [0.97, 0.0], [0.2, 0.0]])
+    for during, free in (
+        ((0.0, 0.0), [1, 0, 1]),
+        ((1.95, 2.05), [1, 0, 0]),
+        ((0.19, 0.21), [1, 0, 0]),
+        ((1, 1.5), [1, 0, 1]),
+    ):
+        router, _ = world(Wall(where=0.2, during=during))
+        found = router.ends_free(situation([0.0, 0.0], [], moving=True), ends, MARGINS)
+        np.testing.assert_array_equal(found, np.array(free, dtype=bool), err_msg=str(during))
+    # An end farther than the horizon is asked for when the arm arrives.
+    router, _ = world(Wall(where=-3.0, during=(2.9, 3.1)))
+    far = np.array([[-3.0, 0.0]])
+    assert not router.ends_free(situation([0.0, 0.0], [], moving=True), far, MARGINS)[0]
+    assert router.ends_free(situation([0.0, 0.0], [], moving=False), far, MARGINS)[0]
+
+
+def test_the_nearest_free_goal_is_gone_to_straight() -> None:
+    router, _ = world(Wall())
+    rng = np.random.default_rng(0)
+    goals = [[0.6, 0.0], [0.3, 0.0], [0.0, 0.2], [1.1, 0.0]]
+    route, failed = router.decide(Route.none(2), situation([0.0, 0.0], goals), rng, may_search=False)
+    assert (route.aim, failed) == (Aim.GOAL, False)
+    np.testing.assert_allclose(route.points, [[0.3, 0.0]])  # joint 2 is slower: 0.2 rad of it last longer
+    # A goal within the margin and what is spared is none: 0.04 + 0.02.
+    for q, aim in ((0.945, Aim.NOTHING), (0.935, Aim.GOAL)):
+        route, _ = router.decide(Route.none(2), situation([0.0, 0.0], [[q, 0.0]]), rng, may_search=False)
+        assert route.aim is aim
+
+
+def test_the_way_around_is_searched_where_it_may_be() -> None:
+    router, _ = world(Wall())
+    now = situation([0.5, 0.0], [[1.7, 0.0]])
+    route, failed = router.decide(Route.none(2), now, np.random.default_rng(0), may_search=False)
+    assert (route.aim, failed) == (Aim.NOTHING, False)
+    route, failed = router.decide(Route.none(2), now, np.random.default_rng(0), may_search=True)
+    assert (route.aim, failed) == (Aim.GOAL, False) and len(route.points) > 1
+    np.testing.assert_allclose(route.points[-1], [1.7, 0.0])
+    assert np.abs(route.points[0] - now.q).max() > 1e-6  # where the arm is stands not among them
+    assert router.first_blocked(now, route.points, MARGINS) is None
+    closed, _ = world(Wall(top=9.0))
+    route, failed = closed.decide(Route.none(2), now, np.random.default_rng(0), may_search=True)
+    assert (route.aim, failed) == (Aim.NOTHING, True)
+
+
+def test_only_three_goals_are_tried_straight() -> None:
+    goals = [[1.5, 0.0], [1.6, 0.0], [1.7, 0.0], [0.0, 1.0]]  # the last takes longest, and is the only one in sight
+    router, _ = world(Wall())
+    route, _ = router.decide(Route.none(2), situation([0.5, 0.0], goals), np.random.default_rng(0), may_search=False)
+    assert route.aim is Aim.NOTHING
+    route, _ = router.decide(
+        Route.none(2), situation([0.5, 0.0], goals[1:]), np.random.default_rng(0), may_search=False
+    )
+    np.testing.assert_allclose(route.points, [[0.0, 1.0]])
+
+
+def test_a_route_is_kept_until_six_tenths_of_its_margin_are_lost() -> None:
+    rng = np.random.default_rng(0)
+    for top, kept in ((1.2 - 0.6 * MARGIN - 0.001, True), (1.2 - 0.6 * MARGIN + 0.001, False)):
+        router, _ = world(Wall(top=top), resolution=0.01)
+        now = situation([0.5, 1.2], [[1.7, 1.2]])
+        route, _ = router.decide(Route(Aim.GOAL, np.array([[1.7, 1.2]])), now, rng, may_search=False)
+        assert (route.aim is Aim.GOAL) == kept
+
+
+def test_a_route_that_is_blocked_late_is_followed_for_want_of_a_better_one() -> None:
+    rng = np.random.default_rng(0)
+    for start, aim in ((0.1, Aim.GOAL), (0.3, Aim.NOTHING)):  # blocked 0.88 s and 0.68 s from now
+        router, _ = world(Wall(top=9.0), resolution=0.01)
+        now = situation([start, 0.0], [[1.7, 0.0]])
+        route, failed = router.decide(Route(Aim.GOAL, np.array([[1.7, 0.0]])), now, rng, may_search=True)
+        assert (route.aim, failed) == (aim, True)
+
+
+def test_way_points_are_passed_where_they_are_near_or_needless() -> None:
+    def shortened(q: Any, points: Any, wall: Wall | None = None, coarse: Array = MARGINS) -> Array:
+        router, _ = world(wall or Wall())
+        return router._shortcut(Route(Aim.GOAL, np.array(points)), situation(q, []), MARGINS, coarse).points
+
+    around = [[0.5, 1.1], [1.7, 1.1], [1.7, 0.0]]
+    np.testing.assert_allclose(shortened([0.5, 0.0], around), around)  # nothing is in sight but the next
+    np.testing.assert_allclose(shortened([0.5, 1.1 - 0.049], around), around[1:])
+    np.testing.assert_allclose(shortened([1.7, 0.9], around), around[-1:])  # the last is seen past the others
+    np.testing.assert_allclose(shortened([0.5, 1.06], around), around[1:])  # the next but one is in sight
+    np.testing.assert_allclose(shortened([1.7, 0.0], around[-1:]), around[-1:])  # the last stays
+    # A way that keeps the coarse margins alone: passed from within 0.3 rad of the way point.
+    low = [[0.5, 1.02], [1.7, 1.02], [1.7, 0.0]]
+    for below, kept in ((0.29, 2), (0.31, 3)):
+        q = [0.5 - below, 1.02]
+        assert len(shortened(q, low, coarse=0.4 * MARGINS)) == kept
+    assert len(shortened([0.5 - 0.29, 1.02], low)) == 3
+
+
+def test_the_arm_steps_aside_from_what_comes_and_stays_where_nothing_does() -> None:
+    wall = Wall(where=0.0, during=(0.5, 9.0))
+    router, _ = world(wall)
+    now = situation([0.0, 0.0], [], moving=True)
+    route, _ = router.decide(Route.none(2), now, np.random.default_rng(0), may_search=False)
+    assert route.aim is Aim.REFUGE
+    assert abs(route.points[0][0]) >= 0.1 + MARGIN + 0.02 and route.points[0][0] < 1.0 - MARGIN
+    # Of the refuges it takes one of the nearest; it stays with the one that it has.
+    again, _ = router.decide(route, now, np.random.default_rng(5), may_search=False)
+    np.testing.assert_array_equal(again.points, route.points)
+    assert (np.abs(route.points[0]) / SPEED).max() < 0.6
+    safe, _ = router.decide(route, situation([0.0, 0.5], [], moving=False), np.random.default_rng(0), may_search=False)
+    assert safe.aim is Aim.NOTHING
+
+
+def test_refuges_are_drawn_at_growing_distances_within_the_limits() -> None:
+    wall = Wall(where=0.0, during=(0.5, 9.0))
+    router, _ = world(wall)
+    now = situation([0.0, 2.4], [], moving=True)
+    wall.asked.clear()
+    router._aside(Route.none(2), now, MARGINS, np.random.default_rng(3))
+    tried = next(q for q, _ in wall.asked if len(q) == 48)
+    scale = np.linspace(0.1, 0.7, 48)[:, None]
+    drawn = [0.0, 2.4] + scale * np.random.default_rng(3).standard_normal((48, 2))
+    np.testing.assert_allclose(tried, np.clip(drawn, router._lower, router._upper))
+
+
+def test_what_moves_is_asked_at_the_times_and_after_them() -> None:
+    """The search wants a configuration free when the arm comes at the earliest, and 0.4 and 0.8 s later."""
+    wall = Wall(top=9.0)
+    router, _ = world(wall, checks=40)
+    now = situation([0.0, 0.0], [[1.7, 0.0]], moving=True)
+    router._search(now, now.goals, MARGINS, np.random.default_rng(0))
+    moving = [(q, times) for q, times in wall.asked if len(q) and (times != 0.0).any()]
+    assert moving
+    for q, times in moving:
+        arrival = (np.abs(q - now.q) / SPEED).max(axis=1)
+        np.testing.assert_allclose(
+            (times - arrival).reshape(-1, 3), np.tile([0.0, 0.4, 0.8], (len(q) // 3, 1)), atol=1e-12
+        )
+
+
+def test_a_route_leads_to_the_goal_at_its_end() -> None:
+    now = situation([0.0, 0.0], [[0.0, 1.0], [0.5, 0.5], [1.0, 0.0]])
+    assert now.goal_of(Route(Aim.GOAL, np.array([[0.0, 1.0], [0.9, 0.1]]))) == 2
+    assert now.goal_of(Route(Aim.REFUGE, np.array([[0.9, 0.1]]))) == 0
+    assert now.goal_of(Route.none(2)) == 0
+    assert situation([0.0, 0.0], []).goal_of(Route.none(2)) is None
+    # What is not kept now, less 3 mm, cannot be asked of the way; but 3 mm always.
+    close = Situation(
+        now.q, now.forecast, now.goals, np.array([0.02, 0.004, 1.0]), now.at_goals, now.still, 0.04, 0.01, 0.012
+    )
+    np.testing.assert_allclose(close.allowed(MARGINS), [0.017, 0.003, 0.012])

@@ -1,0 +1,153 @@
+"""`twin-diagram init`: a first scenario for arms that do not come along, which runs as it is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from twin_diagram import cli
+from twin_diagram.errors import TwinError
+from twin_diagram.perception.pinhole import Pinhole
+from twin_diagram.runs.first_scenario import look_at, write_first_scenario
+from twin_diagram.scenario import Fixture, load_scenario
+from twin_diagram.scenario.poses import pose
+from twin_diagram.twin import make_closed_loop
+
+PLACEHOLDER = """<robot name="two"><link name="base"/>
+<link name="upper"><inertial><origin xyz="0 0 0.2"/><mass value="1"/>
+<inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="fore"><inertial><origin xyz="0 0 0.2"/><mass value="1"/>
+<inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="tip"/>
+<joint name="shoulder" type="continuous"><parent link="base"/><child link="upper"/><origin xyz="0 0 0.3"/>
+<axis xyz="0 1 0"/></joint>
+<joint name="elbow" type="continuous"><parent link="upper"/><child link="fore"/><origin xyz="0 0 0.4"/>
+<axis xyz="0 1 0"/></joint>
+<joint name="tip_weld" type="fixed"><parent link="fore"/><child link="tip"/><origin xyz="0 0 0.3"/></joint></robot>"""
+"""URDF, no limits, no shapes, inertia as a CAD export leaves it."""
+
+SCARA = """<sdf version="1.9"><model name="scara"><link name="base"><inertial><mass>5</mass></inertial></link>
+<link name="first"><pose>0 0 0.4 0 0 0</pose><inertial><pose>0.15 0 0 0 0 0</pose><mass>3</mass>
+<inertia><ixx>0.02</ixx><iyy>0.03</iyy><izz>0.03</izz></inertia></inertial>
+<collision name="c"><pose>0.15 0 0 0 0 0</pose><geometry><box><size>0.35 0.1 0.1</size></box></geometry>
+</collision></link>
+<link name="second"><pose>0.3 0 0.4 0 0 0</pose><inertial><pose>0.12 0 0 0 0 0</pose><mass>2</mass>
+<inertia><ixx>0.01</ixx><iyy>0.02</iyy><izz>0.02</izz></inertia></inertial>
+<collision name="c"><pose>0.12 0 0 0 0 0</pose><geometry><box><size>0.28 0.09 0.09</size></box></geometry>
+</collision></link>
+<link name="quill"><pose>0.55 0 0.4 0 0 0</pose><inertial><mass>0.8</mass>
+<inertia><ixx>0.004</ixx><iyy>0.004</iyy><izz>0.001</izz></inertia></inertial>
+<collision name="c"><geometry><cylinder><radius>0.02</radius><length>0.3</length></cylinder></geometry>
+</collision></link>
+<joint name="j1" type="revolute"><parent>base</parent><child>first</child>
+<axis><xyz>0 0 1</xyz><limit><lower>-2.4</lower><upper>2.4</upper><effort>60</effort></limit></axis></joint>
+<joint name="j2" type="revolute"><parent>first</parent><child>second</child>
+<axis><xyz>0 0 1</xyz><limit><lower>-2.6</lower><upper>2.6</upper><effort>30</effort></limit></axis></joint>
+<joint name="lift" type="prismatic"><parent>second</parent><child>quill</child>
+<axis><xyz>0 0 1</xyz><limit><lower>-0.1</lower><upper>0.15</upper><effort>80</effort></limit></axis></joint>
+</model></sdf>"""
+"""SDF, with a prismatic joint whose rest lies well above the table."""
+
+MJCF = """<mujoco model="three"><worldbody><body name="turret" pos="0 0 0.1"><inertial pos="0 0 0.05" mass="3"
+diaginertia="0.02 0.02 0.01"/><joint name="yaw" axis="0 0 1" range="-170 170"/>
+<geom type="cylinder" size="0.06 0.08"/><body name="arm" pos="0 0 0.15"><inertial pos="0 0 0.2" mass="2"
+diaginertia="0.03 0.03 0.003"/><joint name="pitch" axis="0 1 0" range="20 100"/>
+<geom type="capsule" fromto="0 0 0.1 0 0 0.35" size="0.04"/><body name="wrist" pos="0 0 0.45"><inertial pos="0 0 0.05"
+mass="0.5" diaginertia="0.001 0.001 0.0005"/><joint name="roll" axis="0 0 1"/>
+<geom type="sphere" size="0.04"/></body></body></body></worldbody></mujoco>"""
+"""MJCF, in degrees, one joint whose range leaves out zero."""
+
+DATA = {
+    "kr300": "kuka_kr300/kr300.urdf",
+    "lwr4": "real_arms/lwr4/lwr4_as_published.urdf",
+    "panda": "drake_models/franka_description/urdf/panda_arm_hand.urdf",
+    "iiwa": "drake_models/iiwa_description/sdf/iiwa7_with_box_collision.sdf",
+}
+
+
+def brought(name: str, folder: Path, request: pytest.FixtureRequest) -> tuple[Path, dict[str, str | Path]]:
+    if name in DATA:
+        data = request.getfixturevalue("data_dir")
+        return data / DATA[name], {"drake_models": data / "drake_models"}
+    text, suffix = {"two": (PLACEHOLDER, "urdf"), "scara": (SCARA, "sdf"), "three": (MJCF, "xml")}[name]
+    path = folder / f"{name}.{suffix}"
+    path.write_text(text)
+    return path, {}
+
+
+@pytest.mark.parametrize("name", ["two", "scara", "three", *DATA])
+def test_what_is_written_runs_as_it_is(name: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    arm, packages = brought(name, tmp_path, request)
+    out = tmp_path / "first.yaml"
+    found = write_first_scenario(arm, out, packages)
+    plan = load_scenario(out)
+    assert plan.twin.arm.tool_frame in found.frames and len(plan.twin.home) == len(found.joints)
+    home = np.array(plan.twin.home)
+    assert np.all(home > found.lower) and np.all(home < found.upper)
+    assert (plan.twin.fixtures == [Fixture()]) == found.stands
+    assert plan.twin.camera is not None
+    plan = load_scenario(out, ["twin.camera=null"])
+    loop = make_closed_loop(plan)
+    simulator = Simulator(loop.diagram)
+    simulator.AdvanceTo(0.05)
+    twin = loop.twin.diagram
+    state = np.array(twin.GetOutputPort("arm_state").Eval(twin.GetMyContextFromRoot(simulator.get_context())))
+    assert state[: len(home)] == pytest.approx(home, abs=0.02)
+    text = out.read_text()
+    assert all(f"#   {joint}: " in text for joint in found.joints)
+
+
+def test_the_camera_sees_the_table(tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    out = tmp_path / "first.yaml"
+    arm, packages = brought("scara", tmp_path, request)
+    write_first_scenario(arm, out, packages)
+    camera = load_scenario(out).twin.camera
+    assert camera is not None
+    x, y = np.meshgrid(np.linspace(0.1, 0.8, 15), np.linspace(-0.35, 0.35, 15))
+    p_W = np.stack([x, y, 0.0 * x], axis=-1).reshape(-1, 3)
+    p_C = pose(camera.X_WC).inverse().multiply(p_W.T).T
+    pinhole = Pinhole.from_scenario(camera)
+    u = pinhole.focal * p_C[:, 0] / p_C[:, 2] + 0.5 * camera.width
+    v = pinhole.focal * p_C[:, 1] / p_C[:, 2] + 0.5 * camera.height
+    seen = (p_C[:, 2] > 0.0) & (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
+    assert seen.mean() > 0.95
+
+
+def test_home_is_clear_of_the_table_where_it_can_be(tmp_path: Path) -> None:
+    lying = tmp_path / "lying.urdf"
+    lying.write_text(PLACEHOLDER.replace('xyz="0 0 0.3"/>\n<axis', 'xyz="0 0 0.3" rpy="0 2.5 0"/>\n<axis'))
+    found = look_at(lying)
+    assert found.stands and np.abs(found.home).max() > 0.1  # at zero its arm hangs through the table
+    upright = tmp_path / "upright.urdf"
+    upright.write_text(PLACEHOLDER)
+    np.testing.assert_array_equal(look_at(upright).home, np.zeros(2))
+    assert found.frames == ("fore", "tip")
+
+
+def test_nothing_that_exists_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "two.urdf").write_text(PLACEHOLDER)
+    out = tmp_path / "mine.yaml"
+    out.write_text("mine")
+    command = ["init", "--arm", str(tmp_path / "two.urdf"), "--out"]
+    assert cli.main([*command, str(out)]) == 2
+    assert "exists already" in capsys.readouterr().err and out.read_text() == "mine"
+    assert cli.main([*command, str(tmp_path / "new.yaml")]) == 0
+    assert "2 joints (shoulder, elbow), tool frame fore" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arm", "out", "said"),
+    [
+        ("none.urdf", "a.yaml", "none.urdf: no such file"),
+        ("two.urdf", "a.txt", "is a .yaml file"),
+        ("two.urdf", "b/a.yaml", "no folder"),
+    ],
+)
+def test_what_cannot_be_is_refused_and_nothing_written(arm: str, out: str, said: str, tmp_path: Path) -> None:
+    (tmp_path / "two.urdf").write_text(PLACEHOLDER)
+    with pytest.raises(TwinError, match=said):
+        write_first_scenario(tmp_path / arm, tmp_path / out)
+    assert [path.name for path in tmp_path.iterdir()] == ["two.urdf"]

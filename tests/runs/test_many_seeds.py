@@ -1,0 +1,98 @@
+"""Many seeds: the table's lines, how many kept each bound, and that a finished run is read back."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from twin_diagram.runs import many_seeds
+from twin_diagram.runs.many_seeds import run_seeds, seed_line, tell_seeds
+
+
+def entry(position: float | None, rotation: float | None, share: float = 1.0) -> dict[str, Any]:
+    return {
+        "position_error_mm": {"median": position, "p95": position},
+        "rotation_error_deg": {"median": rotation, "p95": rotation},
+        "visible_share": share,
+    }
+
+
+def summary(**changes: Any) -> dict[str, Any]:
+    values: dict[str, Any] = {
+        "seed": 12,
+        "objects": {"box": entry(1.5, 0.25), "can": entry(0.75, 2.5)},
+        "payload": {"mass_true": 0.8, "mass_estimated": 0.84},
+        "goal": {"reached": True, "error_mm": 2.25},
+        "clearance_min_mm": 43.6,
+        "contacts": 0,
+    }
+    return values | changes
+
+
+GOOD = {"tracked": True, "untouched": True, "reached": True, "weighed": True}
+
+
+def test_a_line_tells_the_worst() -> None:
+    line = seed_line(summary(), GOOD)
+    assert line.split() == ["12", "box", "1.50", "mm", "can", "2.50", "°", "44", "2.2", "0.800", "+5.0%", "all"]
+    kept = {**GOOD, "untouched": False, "reached": False}
+    assert seed_line(summary(), kept).endswith("  untouched, reached")
+
+
+def test_a_line_tells_what_is_missing() -> None:
+    hidden = {"box": entry(9.0, 9.0, share=0.0), "can": entry(0.75, 2.5, share=0.001)}
+    assert "can 0.75 mm" in seed_line(summary(objects=hidden), GOOD)
+    assert seed_line(summary(objects={"box": entry(1.0, 1.0, 0.0)}), GOOD).split()[1:5] == ["–", "mm", "–", "°"]
+    lost = {"box": entry(99.0, 99.0), "can": entry(None, None)}
+    assert seed_line(summary(objects=lost), GOOD).split()[1:7] == ["can", "lost", "mm", "can", "lost", "°"]
+    for payload in ({"mass_true": None, "mass_estimated": 0.1}, {"mass_true": 0.8, "mass_estimated": None}):
+        assert seed_line(summary(payload=payload), GOOD).split()[-2:] == ["–", "all"]
+    nothing = seed_line(summary(goal={"reached": False, "error_mm": None}, clearance_min_mm=None), GOOD)
+    assert nothing.split()[7:9] == ["0", "0.0"]
+
+
+def test_bounds_that_were_kept_are_counted() -> None:
+    said: list[str] = []
+    touched = summary(seed=7, contacts=2)
+    tell_seeds([summary(), touched, summary(objects={"box": entry(6.0, 1.0)})], said.append)
+    assert said[0].split()[:2] == ["seed", "worst"] and said[4] == ""
+    assert said[1] == seed_line(summary(), GOOD) and said[2].endswith("untouched") and said[3].endswith("tracked")
+    told = [line.split()[:4] for line in said[5:]]
+    assert told == [[k, "of", "3", word] for k, word in (("2", "every"), ("2", "no"), ("3", "goal"), ("3", "payload"))]
+
+
+def test_a_finished_run_is_read_back_and_others_are_varied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[tuple[Any, ...]] = []
+
+    def vary(base: Any, seed: int, folder: Path) -> Any:
+        calls.append((base.duration, seed, folder))
+        base.seed = seed
+        return base
+
+    def run_scenario(scenario: Any, **how: Any) -> dict[str, Any]:
+        calls.append((scenario.seed, how["out"], how["pictures"], how["quiet"]))
+        return {"seed": scenario.seed}
+
+    monkeypatch.setattr(many_seeds, "vary", vary)
+    monkeypatch.setattr(many_seeds, "run_scenario", run_scenario)
+    folder = tmp_path / "seed_0003"
+    task = ("tabletop", ["duration=0.5"], 3, str(folder))
+    folder.mkdir()
+    assert many_seeds._run_one(task) == {"seed": 3}
+    assert calls == [(0.5, 3, folder / "assets"), (3, folder, False, True)]
+    assert "seed: 3" in (folder / "scenario.yaml").read_text()
+    (folder / "summary.json").write_text(json.dumps({"seed": 99}))
+    assert many_seeds._run_one(task) == {"seed": 99} and len(calls) == 2
+
+
+def test_each_seed_has_its_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[Any] = []
+    monkeypatch.setattr(many_seeds, "_summaries", lambda tasks, jobs: seen.append((tasks, jobs)) or iter(()))
+    run_seeds("tabletop", [5, 12], tmp_path / "deep" / "out", overrides=["duration=1.0"], jobs=3)
+    out = tmp_path / "deep" / "out"
+    folders = {5: "seed_0005", 12: "seed_0012"}
+    tasks = [("tabletop", ["duration=1.0"], seed, str(out / name)) for seed, name in folders.items()]
+    assert seen == [(tasks, 3)] and out.is_dir()

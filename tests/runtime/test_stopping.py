@@ -1,0 +1,105 @@
+"""Signals: the first closes, after the step that is taken or in it if that takes long; the second ends at once."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+from twin_diagram import cli
+from twin_diagram.runtime import stopping
+from twin_diagram.runtime.stopping import Stopped, stoppable
+
+HANDLED = (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)
+
+
+def send(number: int) -> None:
+    os.kill(os.getpid(), number)
+    time.sleep(0.01)
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_stops_and_the_handlers_are_given_back(number: int, status: int) -> None:
+    before = [signal.getsignal(each) for each in HANDLED]
+    with pytest.raises(Stopped) as stop, stoppable():
+        send(number)
+    assert stop.value.status == status and isinstance(stop.value, KeyboardInterrupt)
+    assert [signal.getsignal(each) for each in HANDLED] == before
+    stopping.check()  # nothing of it is left
+
+
+def test_a_step_is_taken_whole() -> None:
+    taken = []
+    with pytest.raises(Stopped), stoppable(), stopping.steps():
+        for step in range(3):
+            if step == 1:
+                send(signal.SIGINT)
+            taken.append(step)
+            stopping.check()
+    assert taken == [0, 1]
+
+
+def test_a_step_that_takes_too_long_is_broken_off() -> None:
+    with pytest.raises(Stopped), stoppable(), stopping.steps():
+        send(signal.SIGTERM)
+        time.sleep(20.0 * stopping.TUNING.patience)
+        pytest.fail("it was waited for")
+
+
+def test_what_is_closed_after_a_step_is_not_broken_off() -> None:
+    closed = False
+    with pytest.raises(Stopped), stoppable():
+        try:
+            with stopping.steps():
+                send(signal.SIGINT)
+                stopping.check()
+        finally:
+            time.sleep(1.2 * stopping.TUNING.patience)
+            closed = True
+    assert closed
+
+
+def test_elsewhere_than_in_the_main_thread_nothing_changes() -> None:
+    before = [signal.getsignal(each) for each in HANDLED]
+    seen = []
+
+    def work() -> None:
+        with stoppable():
+            seen.extend(signal.getsignal(each) for each in HANDLED)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert seen == before
+
+
+@pytest.mark.parametrize(("first", "second", "status"), [("INT", "TERM", 143), ("TERM", "INT", 130)])
+def test_the_second_ends_at_once(first: str, second: str, status: int) -> None:
+    script = f"""if True:
+        import os, signal, time
+        from twin_diagram.runtime.stopping import stoppable
+        with stoppable():
+            try:
+                os.kill(os.getpid(), signal.SIG{first})
+                time.sleep(5)
+            finally:
+                os.kill(os.getpid(), signal.SIG{second})
+                time.sleep(5)
+                print("closed")
+    """
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (status, "", "")
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_command_says_so(
+    number: int, status: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(cli, "_gap", lambda arguments: send(number))
+    assert cli.main(["gap", "--model", "m", "--fit", "f", "--holdout", "h", "--out", "o"]) == status
+    assert capsys.readouterr().err == "stopped\n"

@@ -1,0 +1,128 @@
+"""A user's own controller and perception in the twin's place, by their ports' names."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.primitives import ConstantVectorSource
+
+from tests.small_loop import BLIND, small_scenario
+from twin_diagram.errors import TwinError
+from twin_diagram.signals.layouts import MEASUREMENT_SIZE, ObjectStatus, PoseMeasurement, Track
+from twin_diagram.twin import make_closed_loop, make_twin
+
+N = 7
+
+
+class Nod(LeafSystem):
+    """A controller in five lines: the wrist nods around where the arm is told to stand."""
+
+    def __init__(self, home: list[float]) -> None:
+        super().__init__()
+        self.DeclareVectorInputPort("arm_state", 2 * N)
+        self.DeclareVectorOutputPort("position_commanded", N, self.calc)
+        self.home = np.array(home)
+
+    def calc(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self.home + 0.2 * np.sin(2.0 * context.get_time()) * np.eye(N)[5])
+
+
+class Declared(LeafSystem):
+    """Any ports, all zeros."""
+
+    def __init__(self, inputs: dict[str, int], outputs: dict[str, int]) -> None:
+        super().__init__()
+        for name, size in inputs.items():
+            self.DeclareVectorInputPort(name, size)
+        for name, size in outputs.items():
+            self.DeclareVectorOutputPort(name, size, lambda context, output: None)
+
+
+class Told(LeafSystem):
+    """A perception that was told where everything is."""
+
+    def __init__(self, poses: list[np.ndarray]) -> None:
+        super().__init__()
+        self.time = self.DeclareVectorInputPort("image_time", 1)
+        self.poses = poses
+        self.DeclareVectorOutputPort("object_poses", MEASUREMENT_SIZE * len(poses), self.calc)
+
+    def calc(self, context: Context, output: BasicVector) -> None:
+        t: Any = self.time.Eval(context)
+        found = [PoseMeasurement(1.0, float(t[0]), pose, 1e-6 * np.eye(6)) for pose in self.poses]
+        output.SetFromVector(np.concatenate([one.pack() for one in found]))
+
+
+def test_a_controller_of_ones_own_moves_the_arm() -> None:
+    scenario = small_scenario(*BLIND)
+    loop = make_closed_loop(scenario, controller=Nod(scenario.twin.home))
+    simulator = Simulator(loop.diagram)
+    simulator.AdvanceTo(0.75)
+    twin = loop.twin.diagram
+    own = twin.GetMyContextFromRoot(simulator.get_context())
+    q = np.array(twin.GetOutputPort("arm_state").Eval(own))[:N]
+    moved = q - np.array(scenario.twin.home)
+    assert moved[5] == pytest.approx(0.2 * np.sin(1.5), abs=0.03)
+    assert np.abs(np.delete(moved, 5)).max() < 0.02
+    assert loop.twin.mpc is None
+    np.testing.assert_array_equal(twin.GetOutputPort("arm.torque_commanded").Eval(own), np.zeros(N))
+    assert twin.GetOutputPort("plan").size() == N
+    number = loop.twin.add_model(loop.model)
+    loop.twin.use_model(twin.GetMyMutableContextFromRoot(simulator.get_mutable_context()), number)
+
+
+def test_a_perception_of_ones_own_fills_the_scene(egl: None) -> None:
+    scenario = small_scenario()
+    pose = np.array([1.0, 0.0, 0.0, 0.0, 0.5, 0.1, 0.05])
+    loop = make_closed_loop(scenario, perception=Told([pose] * len(scenario.twin.library)))
+    assert not any("icp" in system.get_name() for system in loop.twin.diagram.GetSystems())
+    simulator = Simulator(loop.diagram)
+    simulator.AdvanceTo(0.3)
+    twin = loop.twin.diagram
+    tracks = np.array(twin.GetOutputPort("tracks").Eval(twin.GetMyContextFromRoot(simulator.get_context())))
+    for row in tracks.reshape(len(scenario.twin.library), -1):
+        track = Track.unpack(row)
+        assert track.status == ObjectStatus.TRACKED
+        np.testing.assert_allclose(track.pose, pose, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("controller", "said"),
+    [
+        (lambda: Declared({}, {}), "no output port 'position_commanded'"),
+        (lambda: Declared({}, {"position_commanded": 6}), "'position_commanded' has 6 numbers, the twin's has 7"),
+        (lambda: Declared({"arm_state": 7}, {"position_commanded": 7}), "'arm_state' has 7 numbers, the twin's has 14"),
+        (lambda: Declared({"state": 14}, {"position_commanded": 7}), "'state' is none that the twin can feed"),
+        (lambda: Declared({}, {"position_commanded": 7, "torque_commanded": 1}), "'torque_commanded' has 1 numbers"),
+        (lambda: object(), "is no Drake System"),
+    ],
+)
+def test_a_controller_that_does_not_fit_is_refused_by_the_ports_name(controller: Callable[[], Any], said: str) -> None:
+    with pytest.raises(TwinError, match=r"^controller: ") as caught:
+        make_twin(small_scenario(*BLIND).twin, controller=controller())
+    assert said in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("perception", "said"),
+    [
+        (lambda: Declared({}, {}), "no output port 'object_poses'"),
+        (lambda: Declared({}, {"object_poses": 45}), "'object_poses' has 45 numbers, the twin's has 90"),
+        (lambda: Declared({"rgb_image": 3}, {"object_poses": 90}), "'rgb_image' must be a value"),
+        (lambda: ConstantVectorSource(np.zeros(90)), "no output port 'object_poses'"),
+    ],
+)
+def test_a_perception_that_does_not_fit_is_refused_by_the_ports_name(perception: Callable[[], Any], said: str) -> None:
+    with pytest.raises(TwinError, match=r"^perception: ") as caught:
+        make_twin(small_scenario().twin, perception=perception())
+    assert said in str(caught.value)
+
+
+def test_a_perception_without_a_camera_has_nothing_to_see() -> None:
+    with pytest.raises(TwinError, match=r"twin\.camera is null"):
+        make_twin(small_scenario(*BLIND).twin, perception=Declared({}, {"object_poses": 90}))

@@ -1,0 +1,198 @@
+"""Writes a first scenario for an arm that somebody brings along: commented, complete, and it runs as it is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Joint
+
+from twin_diagram import scenario
+from twin_diagram.errors import TwinError
+from twin_diagram.model.description.add_arm import Arm, add_arm
+from twin_diagram.planning.collision.collision_scene import Forecast, load_scene
+from twin_diagram.runtime import atomic_file
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Where a first arm stands: chosen by hand."""
+
+    margin: float = 0.1
+    """Share of a joint's range that its angle at home keeps from both ends."""
+
+    tries: int = 400
+    """Poses that are tried for one that is clear of the table and of the arm itself."""
+
+    clear: float = 0.1
+    """A home this clear is as good as any further away [m]."""
+
+    table: str = "scenes/table.sdf"
+    """Comes along; the arm stands on it, at the origin."""
+
+    camera: str = "{translation: [1.4, 0.0, 0.85], rpy: [-2.270689, 0.0, 1.570796]}"
+    """Looks at the table from its far side; `tests/runs/test_first_scenario.py` shows that it sees it."""
+
+
+TUNING = Tuning()
+
+
+@dataclass(frozen=True)
+class Brought:
+    """What is known of an arm that somebody brings along.
+
+    Attributes:
+        joints: names, from the base.
+        lower, upper: (n,) limits [rad], [m]; infinite where the description names none.
+        frames: of its last link and beyond, the last link's own first: candidates for the tool.
+        home: (n,) within the limits; clear of the table where `stands`.
+        stands: whether a pose was found that is clear of the table.
+    """
+
+    joints: tuple[str, ...]
+    lower: Array
+    upper: Array
+    frames: tuple[str, ...]
+    home: Array
+    stands: bool
+
+
+def write_first_scenario(arm: str | Path, out: str | Path, packages: Mapping[str, str | Path] | None = None) -> Brought:
+    """Write a scenario for an arm; nothing that exists is overwritten.
+
+    Args:
+        arm: URDF, SDF or MJCF, or the folder of a corrected model.
+        out: the .yaml to write.
+        packages: local folders for `package://` names.
+
+    Raises:
+        TwinError: the arm cannot be used, or `out` exists or cannot be written.
+    """
+    out = Path(out)
+    if out.suffix not in (".yaml", ".yml"):
+        raise TwinError(f"--out {out}: a scenario is a .yaml file")
+    if out.exists():
+        raise TwinError(f"--out {out}: exists already; name another file, or remove it yourself")
+    if not out.parent.is_dir():
+        raise TwinError(f"--out {out}: there is no folder {out.parent}")
+    found = look_at(arm, packages)
+    atomic_file.write(out, text_of(str(_place(arm)), found, packages or {}))
+    return found
+
+
+def look_at(arm: str | Path, packages: Mapping[str, str | Path] | None = None) -> Brought:
+    """Read an arm's joints, limits and frames, and find it a home.
+
+    Raises:
+        ModelError: it cannot be read, or has no joint to drive.
+    """
+    spec = scenario.ArmModel(model=str(arm), tool_frame="")
+    plant = MultibodyPlant(0.0)
+    added = add_arm(plant, spec, packages)
+    last = plant.get_body(added.last_link)
+    # Drake names the frames of joints after them; nobody reaches a goal with these.
+    inner = {f"{joint.name()}_{end}" for joint in _joints(plant, added) for end in ("parent", "child")}
+    welded = {int(body.index()) for body in plant.GetBodiesWeldedTo(last)}
+    every = [plant.get_frame(index) for instance in added.instances for index in plant.GetFrameIndices(instance)]
+    beyond = [frame.name() for frame in every if int(frame.body().index()) in welded and frame.name() not in inner]
+    frames = tuple(dict.fromkeys([last.name(), *(name for name in beyond if name)]))
+    joints = [plant.get_joint(index) for index in added.joint_indices]
+    lower = np.array([float(joint.position_lower_limits()[0]) for joint in joints])
+    upper = np.array([float(joint.position_upper_limits()[0]) for joint in joints])
+    home, stands = _home(spec, lower, upper, packages)
+    return Brought(added.joints, lower, upper, frames, home, stands)
+
+
+def _joints(plant: MultibodyPlant, arm: Arm) -> list[Joint]:
+    """Return all joints of an arm, those that are fixed, too."""
+    return [plant.get_joint(index) for instance in arm.instances for index in plant.GetJointIndices(instance)]
+
+
+def _home(
+    spec: scenario.ArmModel, lower: Array, upper: Array, packages: Mapping[str, str | Path] | None
+) -> tuple[Array, bool]:
+    """Return angles (n,) within the limits, and whether the arm is clear of a table and of itself there."""
+    low = np.where(np.isfinite(lower), lower, np.where(np.isfinite(upper), upper - np.pi, -np.pi / 2))
+    high = np.where(np.isfinite(upper), upper, np.where(np.isfinite(lower), lower + np.pi, np.pi / 2))
+    low, high = low + TUNING.margin * (high - low), high - TUNING.margin * (high - low)
+    rest = np.clip(np.zeros(len(low)), low, high)
+    spread = np.random.default_rng(0).uniform(low, high, (TUNING.tries, len(low)))
+    # Least out of the way first: an arm that already stands clear at rest stays as its maker drew it.
+    tried = np.vstack([rest, 0.5 * (low + high), *(rest + share * (spread - rest) for share in (0.3, 0.6, 1.0))])
+    scene = load_scene(spec, [scenario.Fixture(model=TUNING.table)], {}, packages)
+    around = scene.around(Forecast.of_tracks(np.zeros(0)), np.zeros(len(tried)))
+    clear = scene.clearance.distances(tried, around, 2.0 * TUNING.clear).min(axis=1)
+    best = int(np.argmax(np.minimum(clear, TUNING.clear)))
+    return (tried[best], True) if clear[best] > 0.2 * TUNING.clear else (rest, False)
+
+
+def _place(arm: str | Path) -> str | Path:
+    """Return a file's absolute path; names of models that come along, and packages, stay as they are."""
+    path = Path(arm).expanduser()
+    return path.resolve() if path.exists() else arm
+
+
+def text_of(arm: str, found: Brought, packages: Mapping[str, str | Path]) -> str:
+    """Return a scenario's YAML, with comments that say what may be changed.
+
+    Args:
+        arm: its description, as the scenario names it.
+        found: what is known of it.
+        packages: local folders for `package://` names.
+    """
+    unlimited = [joint for joint, low, high in zip(found.joints, found.lower, found.upper, strict=True) if low >= high]
+    boundless = ~(np.isfinite(found.lower) & np.isfinite(found.upper))
+    ranges = [
+        f"#   {joint}: {low:.4g} to {high:.4g}" + ("  (no limit named)" if free else "")
+        for joint, low, high, free in zip(found.joints, found.lower, found.upper, boundless, strict=True)
+    ]
+    fixtures = ["  fixtures:", f"    - model: {TUNING.table}"]
+    if not found.stands:
+        fixtures = [
+            "  # No pose was found in which this arm stands clear of a table at its feet: give it one of your own.",
+            "  fixtures: []",
+        ]
+    named = ["packages:", *(f"  {name}: {_quoted(str(Path(folder).resolve()))}" for name, folder in packages.items())]
+    arm_lines = [f"    model: {_quoted(arm)}", f"    tool_frame: {_quoted(found.frames[0])}"]
+    lines = [
+        f"# A first scenario for {Path(arm).name}: `twin-diagram run` runs it as it is, `twin-diagram fields` tells of",
+        "# every field. All units SI, angles in radians.",
+        "duration: 5.0  # [s]",
+        *(named if packages else ["# packages: {my_arm_description: DIR}  # where package://my_arm_description is"]),
+        "",
+        "# What a simulated station needs, and the twin never sees. Give it something to find:",
+        "# effects: [{name: payload, parameters: {mass: [0.5], com: [0.0, 0.0, 0.1]}}]",
+        "world:",
+        "  arm:",
+        *arm_lines,
+        *fixtures,
+        "",
+        "# What the twin is told.",
+        "twin:",
+        "  arm:",
+        *arm_lines[:1],
+        f"    # The frame that reaches goals; others at the last link: {', '.join(found.frames[1:]) or 'none'}.",
+        *arm_lines[1:],
+        "  # Joints from the base, with their limits:",
+        *(f"  {line}" for line in ranges),
+        *([f"  # Limits that leave no room: {', '.join(unlimited)}"] if unlimited else []),
+        f"  home: [{', '.join(f'{angle:.4f}' for angle in found.home)}]",
+        *fixtures,
+        "  # Known objects by name, folders of assets: {mug: objects/mug}",
+        "  library: {}",
+        "  # Optical frame: X right, Y down, Z forward. Without a camera (camera: null) the run needs no renderer.",
+        "  camera:",
+        f"    X_WC: {TUNING.camera}",
+        "  # Where the tool is to go; without a goal the arm stays.",
+        "  # task: {X_WG: {translation: [0.5, 0.0, 0.3], rpy: [3.141593, 0.0, 0.0]}}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _quoted(text: str) -> str:
+    """Return text as YAML reads it back."""
+    return "'" + text.replace("'", "''") + "'"

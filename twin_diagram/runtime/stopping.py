@@ -1,0 +1,103 @@
+"""SIGINT and SIGTERM as an ordinary end of a command: once, it closes what is open; twice, it ends at once."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from types import FrameType
+from typing import Final
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    patience: float = 0.3
+    """A step that takes longer after a signal is broken off [s]; closing has the rest of the 2 s that all may take."""
+
+
+TUNING = Tuning()
+
+
+class Stopped(KeyboardInterrupt):
+    """A signal asked the command to end.
+
+    Attributes:
+        status: that the command exits with, as shells have it.
+    """
+
+    def __init__(self, number: int) -> None:
+        super().__init__(f"stopped by {signal.Signals(number).name}")
+        self.status = 128 + number
+
+
+@dataclass
+class _State:
+    """What signals have said to this process."""
+
+    asked: int = 0
+    """The signal that came; 0: none."""
+
+    stepping: bool = False
+    """Whether steps are taken, after each of which `check` is called."""
+
+
+_state: Final = _State()
+
+
+@contextmanager
+def stoppable() -> Iterator[None]:
+    """Have SIGINT and SIGTERM raise `Stopped`; a second one ends the process, and children with it, whose pipes break.
+
+    Elsewhere than in the main thread, which alone may handle signals, nothing changes.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    handlers = {signal.SIGINT: _on_signal, signal.SIGTERM: _on_signal, signal.SIGALRM: _on_alarm}
+    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        _state.asked = 0
+        for number, handler in before.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+
+
+@contextmanager
+def steps() -> Iterator[None]:
+    """Have a signal wait for the next `check`, so that a step is taken whole, unless it takes too long."""
+    _state.stepping = True
+    try:
+        yield
+    finally:
+        _state.stepping = False
+
+
+def check() -> None:
+    """Raise `Stopped` if a signal came."""
+    if _state.asked:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        _state.stepping = False
+        raise Stopped(_state.asked)
+
+
+def _on_signal(number: int, frame: FrameType | None) -> None:
+    if _state.asked:
+        os._exit(128 + number)
+    _state.asked = number
+    if _state.stepping:
+        signal.setitimer(signal.ITIMER_REAL, TUNING.patience)
+    else:
+        raise Stopped(number)
+
+
+def _on_alarm(number: int, frame: FrameType | None) -> None:
+    if _state.stepping:
+        _state.stepping = False
+        raise Stopped(_state.asked)

@@ -1,0 +1,244 @@
+"""What the twin lacks to do its work, in its own words: messages, images, objects, a way to its goal, time.
+
+A twin that hears and sees nothing reports what it was told, which looks like an estimate. Here it says so. All is read
+off its own ports, and every threshold is a number of periods that the scenario gives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, Final, cast
+
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+
+from twin_diagram import scenario
+from twin_diagram.planning.mpc.planner import TUNING as PLANNER
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import NEVER, TRACK_SIZE, ObjectStatus
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """How much is borne before it is said; chosen by hand, in periods of the scenario."""
+
+    messages: float = 20.0
+    """Periods of the arm's driver without a message: the filter has long ceased to carry its state on."""
+
+    images: float = 5.0
+    """Periods of the camera without an image, beyond its latency."""
+
+    plans: float = 1.0
+    """Periods of the planner by which the arm's clock may be ahead of the loop's: beyond, commands are of the past."""
+
+    searches: float = 1.0
+    """Searches for joint goals that are made anew before a goal counts as out of reach."""
+
+
+TUNING = Tuning()
+
+FIELDS: Final = 3
+"""Of a row of the port `health`: whether it stands (1 or 0), since when it was so at first, when it last was [s]."""
+
+
+class Reason(Enum):
+    """Kinds of lack, by the words of ``summary.json``."""
+
+    NO_ARM_MESSAGE = "no_arm_message"
+    NO_IMAGE = "no_image"
+    OBJECT_NOT_SEEN = "object_not_seen"
+    GOAL_OUT_OF_REACH = "goal_out_of_reach"
+    SLOWER_THAN_REAL_TIME = "slower_than_real_time"
+
+
+@dataclass(frozen=True)
+class Lack:
+    """One thing that may be wanting.
+
+    Attributes:
+        reason: what kind.
+        what: whose, or how: for people.
+    """
+
+    reason: Reason
+    what: str
+
+    def sentence(self, since: float) -> str:
+        """Return it for people, without the time at which it is said: one line."""
+        words = {
+            Reason.NO_ARM_MESSAGE: f"no message from the arm: {self.what}, since {since:.2f} s",
+            Reason.NO_IMAGE: f"no image: {self.what}, since {since:.2f} s",
+            Reason.OBJECT_NOT_SEEN: f"the camera has not seen {self.what}, in images since {since:.2f} s",
+            Reason.GOAL_OUT_OF_REACH: f"the goal is out of reach: {self.what}",
+            Reason.SLOWER_THAN_REAL_TIME: f"slower than real time: {self.what}",
+        }
+        return words[self.reason]
+
+
+def lacks(twin: scenario.Twin) -> tuple[Lack, ...]:
+    """Return what may be wanting to a twin, in the order of the port's rows."""
+    result = [
+        Lack(Reason.NO_ARM_MESSAGE, "none has come"),
+        Lack(Reason.NO_ARM_MESSAGE, "they have ceased"),
+        Lack(Reason.SLOWER_THAN_REAL_TIME, "the arm's clock is ahead of the loop's"),
+    ]
+    if twin.camera is not None:
+        result += [Lack(Reason.NO_IMAGE, "none has come"), Lack(Reason.NO_IMAGE, "they have ceased")]
+        result += [Lack(Reason.OBJECT_NOT_SEEN, name) for name in twin.library]
+    if twin.task.X_WG is not None:
+        tool, where = twin.arm.tool_frame or "the tool", ", ".join(f"{x:g}" for x in twin.task.X_WG.translation)
+        result.append(
+            Lack(Reason.GOAL_OUT_OF_REACH, f"no joint positions found that bring {tool} to ({where}) m as asked")
+        )
+    return tuple(result)
+
+
+@dataclass(frozen=True)
+class Patience:
+    """How long each kind of lack is borne [s]."""
+
+    message: float
+    image: float
+    unseen: float
+    behind: float
+    goal: float
+
+    @staticmethod
+    def of(twin: scenario.Twin) -> Patience:
+        """Return what follows from a twin's periods."""
+        camera = twin.camera
+        return Patience(
+            message=TUNING.messages / twin.driver.rate,
+            image=0.0 if camera is None else camera.latency + TUNING.images / camera.rate,
+            unseen=twin.scene.lost_after,
+            behind=TUNING.plans / twin.planner.rate,
+            goal=(TUNING.searches * PLANNER.retry + 1.0) / twin.planner.rate,
+        )
+
+
+def ceased(now: float, newest: float, patience: float) -> list[float]:
+    """Return since when no message has come at all, and since when they have ceased; infinity where that is not so.
+
+    Args:
+        now: time [s].
+        newest: of the newest message [s]; `NEVER` before the first.
+        patience: how long is waited [s].
+    """
+    silent = now - max(newest, 0.0) > patience
+    never = newest < 0.0
+    return [0.0 if silent and never else np.inf, newest if silent and not never else np.inf]
+
+
+def noted(rows: Array, since: Array, now: float) -> Array:
+    """Return rows (c, FIELDS) with what is so now noted.
+
+    Args:
+        rows: as they were.
+        since: (c,) since when each has been so [s]; infinity where it is not.
+        now: time [s].
+    """
+    stands = np.isfinite(since)
+    after = rows.copy()
+    after[:, 0] = stands
+    after[:, 1] = np.where(stands & (rows[:, 1] < 0.0), since, rows[:, 1])
+    after[:, 2] = np.where(stands, now, rows[:, 2])
+    return after
+
+
+def told(rows: Array, each: Sequence[Lack]) -> list[dict[str, Any]]:
+    """Return what was ever wanting, for ``summary.json``: reason, what, first and last [s], in order of time."""
+    found = [
+        {
+            "reason": lack.reason.value,
+            "what": lack.what,
+            "first": round(float(row[1]), 4),
+            "last": round(float(row[2]), 4),
+        }
+        for lack, row in zip(each, rows, strict=True)
+        if row[1] >= 0.0
+    ]
+    return sorted(found, key=lambda entry: float(cast(float, entry["first"])))
+
+
+class HealthMonitor(LeafSystem):
+    """Says when the twin is blind, deaf, late, or asked for what cannot be.
+
+    .. pydrake_system::
+
+        name: HealthMonitor
+        input_ports:
+        - measurement_time
+        - image_time (optional)
+        - tracks (optional)
+        - reach (optional)
+        output_ports:
+        - health
+
+    Ports:
+        measurement_time: (1) of the arm's newest message [s], `NEVER` before the first.
+        image_time: (1) of the newest image [s], `NEVER` before the first.
+        tracks: (K · TRACK_SIZE) a `layouts.Track` per library object.
+        reach: (1) of a planner: 0 where it found no joint positions for its goal, above 0 where it did, `NEVER` where
+            it has none. A planner without such a port may leave it open.
+        health: (c · FIELDS) for each of `lacks` whether it stands, since when it was so at first and when it last was
+            [s], `NEVER` where it was not.
+
+    Rate: `scene.rate`. Latency: one period and how long it is borne, see `Patience`; the time told is that of the last
+    message or image, not when it was missed. State: the rows, then when the first image was taken, and since when the
+    goal is not reached [s].
+    """
+
+    def __init__(self, twin: scenario.Twin) -> None:
+        """Size the ports; `twin` as it is told."""
+        super().__init__()
+        self.lacks: Final = lacks(twin)
+        self._patience: Final = Patience.of(twin)
+        self._sees: Final = twin.camera is not None
+        self._objects: Final = len(twin.library) if self._sees else 0
+        self._wants: Final = twin.task.X_WG is not None
+        self._arm = self.DeclareVectorInputPort("measurement_time", 1)
+        self._image = self.DeclareVectorInputPort("image_time", 1)
+        self._tracks = self.DeclareVectorInputPort("tracks", TRACK_SIZE * len(twin.library))
+        self._reach = self.DeclareVectorInputPort("reach", 1)
+        size = FIELDS * len(self.lacks)
+        start = np.tile([0.0, NEVER, NEVER], len(self.lacks))
+        state = self.DeclareDiscreteState(cast(Any, np.concatenate([start, [NEVER, NEVER]])))
+        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / twin.scene.rate, 0.0, self._update)
+
+        def calc(context: Context, output: BasicVector) -> None:
+            output.SetFromVector(cast(Any, np.asarray(context.get_discrete_state_vector().value())[:size]))
+
+        self.DeclareVectorOutputPort("health", size, calc, prerequisites_of_calc={self.discrete_state_ticket(state)})
+
+    def told(self, context: Context) -> list[dict[str, Any]]:
+        """Return what was ever wanting, see `told`."""
+        return told(self._rows(context), self.lacks)
+
+    def standing(self, context: Context) -> list[tuple[Lack, float]]:
+        """Return what is wanting now, and since when it was so at first [s]."""
+        return [(lack, float(row[1])) for lack, row in zip(self.lacks, self._rows(context), strict=True) if row[0]]
+
+    def _rows(self, context: Context) -> Array:
+        return np.asarray(context.get_discrete_state_vector().value())[:-2].reshape(-1, FIELDS)
+
+    def _update(self, context: Context, discrete: DiscreteValues) -> None:
+        now, patience = context.get_time(), self._patience
+        first_image, missed = np.asarray(context.get_discrete_state_vector().value())[-2:]
+        newest = float(cast(Array, self._arm.Eval(context))[0])
+        since = [*ceased(now, newest, patience.message), now if newest - now > patience.behind else np.inf]
+        if self._sees:
+            image = float(cast(Array, self._image.Eval(context))[0])
+            since += ceased(now, image, patience.image)
+            first_image = image if first_image < 0.0 else first_image
+            tracks = cast(Array, self._tracks.Eval(context)).reshape(-1, TRACK_SIZE)
+            looked = first_image >= 0.0 and image - first_image > patience.unseen
+            since += [first_image if looked and track[0] == ObjectStatus.UNSEEN else np.inf for track in tracks]
+        if self._wants:
+            there = self._reach.HasValue(context)
+            lost = there and float(cast(Array, self._reach.Eval(context))[0]) == 0.0
+            missed = (now if missed < 0.0 else missed) if lost else NEVER
+            since.append(missed if lost and now - missed > patience.goal else np.inf)
+        rows = noted(self._rows(context), np.array(since), now)
+        discrete.set_value(cast(Any, np.concatenate([rows.ravel(), [first_image, missed]])))

@@ -1,0 +1,79 @@
+"""A user's own controller or perception in the place of the twin's: which ports it may have, and what is wrong with it.
+
+A system takes part by its ports' names: it is fed those inputs that it declares, and must have the outputs that the
+twin needs. For an arm of n joints, p learnt parameters and K objects in the library:
+
+- a **controller** may have the inputs `arm_state` (2n) [rad, rad/s], `parameters` (p), `tracks` (K packed `Track`s),
+  `goal` (7) X_WG, `position_measured`, `velocity_estimated`, `torque_measured` (n each), `measurement_time` (1) [s]. It
+  must have the output `position_commanded` (n) [rad] and may have `torque_commanded` (n) [N·m], which is added to the
+  arm's own controller, `plan` (knots · n) [rad], which is drawn, and `reach` (1), as `Mpc` has it.
+- a **perception** may have the inputs `rgb_image` (ImageRgba8U), `depth_image` (ImageDepth32F) [m], `image_time` (1)
+  [s], `arm_state` (2n). It must have the output `object_poses` (K packed `PoseMeasurement`s).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from pydrake.systems.framework import PortDataType, System
+
+from twin_diagram.errors import TwinError
+
+VALUE = 0
+"""In the place of a size: the port holds a value, not a vector."""
+
+
+def check(
+    role: str, system: System, inputs: Mapping[str, int], needed: Mapping[str, int], further: Mapping[str, int]
+) -> None:
+    """Refuse a system that does not fit into its place.
+
+    Args:
+        role: of the system, for messages: `controller`, `perception`.
+        system: any Drake System.
+        inputs: ports that the twin can feed, by name, with their sizes; `VALUE` for what is no vector.
+        needed: outputs that it must have.
+        further: outputs that are used where it has them.
+
+    Raises:
+        TwinError: an input that the twin knows nothing of, an output that is missing, or a wrong size; the message
+            names the port.
+    """
+    if not isinstance(system, System):  # a mistake that Drake would tell of in other words
+        raise TwinError(f"{role}: {system!r} is no Drake System")
+    for k in range(system.num_input_ports()):
+        port = system.get_input_port(k)
+        if port.get_name() not in inputs:
+            raise TwinError(
+                f"{role}: its input port {port.get_name()!r} is none that the twin can feed; those are {_sizes(inputs)}"
+            )
+        _check_size(role, "input", port.get_name(), _size(port), inputs[port.get_name()])
+    for name, size in needed.items():
+        if not system.HasOutputPort(name):
+            raise TwinError(f"{role}: it has no output port {name!r}; it needs {_sizes(needed)}")
+        _check_size(role, "output", name, _size(system.GetOutputPort(name)), size)
+    for name, size in further.items():
+        if system.HasOutputPort(name):
+            _check_size(role, "output", name, _size(system.GetOutputPort(name)), size)
+
+
+def inputs_of(system: System, names: Sequence[str]) -> list[str]:
+    """Return those of the names that are input ports of a system."""
+    return [name for name in names if system.HasInputPort(name)]
+
+
+def _check_size(role: str, kind: str, name: str, has: int, needs: int) -> None:
+    if has == needs:
+        return
+    if VALUE in (has, needs):
+        raise TwinError(f"{role}: its {kind} port {name!r} must be {'a value' if needs == VALUE else 'a vector'}")
+    raise TwinError(f"{role}: its {kind} port {name!r} has {has} numbers, the twin's has {needs}")
+
+
+def _size(port: object) -> int:
+    vector = port.get_data_type() == PortDataType.kVectorValued  # type: ignore[attr-defined]
+    return int(port.size()) if vector else VALUE  # type: ignore[attr-defined]
+
+
+def _sizes(ports: Mapping[str, int]) -> str:
+    return ", ".join(f"{name} (a value)" if size == VALUE else f"{name} ({size})" for name, size in ports.items())
