@@ -82,6 +82,13 @@ def test_example_of_the_monitor_runs(tmp_path: Path) -> None:
     assert done.stdout.splitlines()[-1] == "[]"
 
 
+def test_it_stays_short_and_its_links_lead_somewhere() -> None:
+    assert len(README.splitlines()) <= 200
+    for page in [CHECKOUT / "README.md", *sorted((CHECKOUT / "docs").glob("*.md"))]:
+        for link in re.findall(r"\]\(([^)#]+)", page.read_text()):
+            assert link.startswith("https://") or (page.parent / link).exists(), f"{page.name}: {link}"
+
+
 def test_commands_take_what_is_said_of_them() -> None:
     from twin_diagram.cli import main
 
