@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -19,8 +20,8 @@ from twin_diagram.gap.search.bench import Bench
 
 
 class Table:
-    def __init__(self, values: dict[frozenset[int], float]) -> None:
-        self.values = values
+    def __init__(self, values: dict[frozenset[int], float], name: str = "torque_bias") -> None:
+        self.values, self.candidates = values, [at(name, joint) for joint in range(3)]
 
     def solve(self, members: frozenset[int]) -> Any:
         return SimpleNamespace(members=members, evidence=self.values[members])
@@ -33,6 +34,15 @@ def test_members_that_bring_less_than_six_nats_go(brings: float, kept: set[int])
     assert pruned(bench, bench.solve(frozenset({0, 1}))).members == kept
     values[frozenset({0})] = values[frozenset({1})] = -np.inf
     assert pruned(bench, bench.solve(frozenset({0, 1}))).members == {0, 1}
+
+
+@pytest.mark.parametrize(("name", "least"), [("torque_bias", 6.0), ("viscous_friction", 3.0)])
+@pytest.mark.parametrize("more", [-0.1, 0.1])
+def test_of_a_usual_name_the_third_joint_must_bring_half(name: str, least: float, more: float) -> None:
+    gains = (50.0, 90.0, least + more)
+    sets = [frozenset(some) for size in range(4) for some in itertools.combinations(range(3), size)]
+    bench: Any = Table({some: sum(gains[k] for k in some) for some in sets}, name)
+    assert pruned(bench, bench.solve(frozenset({0, 1, 2}))).members == ({0, 1, 2} if more > 0.0 else {0, 1})
 
 
 def bench() -> Bench:

@@ -79,13 +79,21 @@ def test_a_class_without_a_record_says_what_it_says_of_itself(monkeypatch: pytes
 
 
 def test_prices_in_nats() -> None:
-    """Six a name, three a further joint, six a further ripple on one, four where dry friction is of two kinds."""
-    assert price([at("torque_bias")]) == 6.0
-    assert price([at("torque_bias", 0), at("torque_bias", 1)]) == 9.0
-    assert price([at("torque_ripple", 0), at("torque_ripple", 0), at("torque_ripple", 1)]) == 18.0
-    assert price([at("coulomb_friction", 0), at("stribeck_friction", 1)]) == 16.0
-    assert price([at("coulomb_friction", 0), at("viscous_friction", 0, cost=0.5)]) == 12.5
-    assert price([]) == 0.0
+    """Six a name, three a further joint, six a further ripple on one, four where dry friction is of two kinds.
+
+    A usual name on several joints is one out of all sets of so many, where that is less than joint by joint.
+    """
+    assert price([at("torque_bias")], 7) == 6.0
+    assert price([at("torque_bias", 0), at("torque_bias", 1)], 7) == 9.0
+    assert price([at("torque_ripple", 0), at("torque_ripple", 0), at("torque_ripple", 1)], 7) == 18.0
+    assert price([at("coulomb_friction", 0), at("stribeck_friction", 1)], 7) == 16.0
+    assert price([at("coulomb_friction", 0), at("viscous_friction", 0, cost=0.5)], 7) == 12.5
+    assert price([], 7) == 0.0
+    seven = [at("viscous_friction", joint) for joint in range(7)]
+    assert price(seven, 7) == 9.0 and price(seven[:2], 7) == 9.0
+    assert price(seven[:3], 7) == pytest.approx(6.0 + np.log(35.0))
+    assert price(seven[:4], 30) == 15.0, "one of 27405 sets would be more than three each"
+    assert price([at("torque_bias", joint) for joint in range(7)], 7) == 24.0
 
 
 class Fits:

@@ -11,6 +11,8 @@ import pytest
 
 from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.candidates.torque_saturation import on_joints, rebuilt, saturation, shapes
+from twin_diagram.gap.residuals.whitening import Whitener
+from twin_diagram.gap.search.bench import Bench
 
 Array = npt.NDArray[np.float64]
 N = 1000
@@ -57,9 +59,20 @@ def test_torque_beyond_a_limit_is_what_was_logged_and_not_given() -> None:
 
 
 def test_samples_beyond_a_limit_fit_for_nothing() -> None:
-    """Their part of the log likelihood is charged, and the search among some five limits."""
-    candidate = offered(beyond=0.3)
-    assert candidate is not None and candidate.cost == pytest.approx(-0.5 * N * np.log(0.7) + np.log(5.0))
+    """They are told, for the bench to charge their part of the log likelihood; the search is among some five limits."""
+    terms = terms_of(beyond=0.3)
+    candidate = saturation(terms, 0, 6.0)
+    assert candidate is not None and candidate.unheard is not None
+    np.testing.assert_array_equal(candidate.unheard, np.arange(N) < 0.3 * N)
+    assert candidate.cost == pytest.approx(np.log(5.0)) and candidate.unheard_cost == 0.0
+    noise = Whitener(np.ones((1, 1)), np.ones(1), (N,))
+    bench = Bench(np.random.default_rng(0).normal(size=(N, 1)), noise, [candidate], [])
+    assert bench.candidates[0].price == pytest.approx(-0.5 * N * np.log(0.7) + np.log(5.0))
+    # Filters that reduce a log overshoot at steps; no sample counts more than once, or against.
+    terms.reduce = lambda logs: 1.1 * np.concatenate(logs) - 0.05
+    stepped = saturation(terms, 0, 6.0)
+    assert stepped is not None and stepped.unheard is not None
+    np.testing.assert_array_equal(stepped.unheard, candidate.unheard)
 
 
 @pytest.mark.parametrize(("share", "there"), [(0.0, False), (0.955, True), (0.965, False), (1.0, False)])

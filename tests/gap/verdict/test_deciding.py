@@ -32,22 +32,27 @@ COUNTS = np.array([900.0, 900.0, 900.0])
 
 
 class Known:
-    """A bench whose hypotheses leave known variances on three joints."""
+    """A bench whose hypotheses leave known variances on three joints, all of which were solved."""
 
     def __init__(
-        self, candidates: list[Any], variances: dict[frozenset[int], list[float]], colour: float = 0.0
+        self,
+        candidates: list[Any],
+        variances: dict[frozenset[int], list[float]],
+        colour: float = 0.0,
+        rivals: dict[frozenset[int], float] | None = None,
     ) -> None:
-        self.candidates, self.variances = candidates, variances
+        self.candidates, self.variances, self.rivals = candidates, variances, rivals or {}
         self.counts, self.finest = COUNTS, np.zeros(3)
         self.whitener = Whitener(np.array([[1.0, -colour]] * 3), np.ones(3), (900,))
         self.evidence = 100.0
+        self.solver = SimpleNamespace(fits={members: self.solve(members) for members in variances})
 
     def solve(self, members: frozenset[int]) -> Any:
         return SimpleNamespace(
             members=members,
             order=tuple(sorted(members)),
             variance=np.array(self.variances[members]),
-            evidence=self.evidence if members else 0.0,
+            evidence=self.rivals.get(members, self.evidence if members else 0.0),
         )
 
 
@@ -68,11 +73,13 @@ def verdict(
     candidates: list[Any] | None = None,
     counts: Array = COUNTS,
     finest: float = 0.0,
+    chosen: frozenset[int] | None = None,
+    rivals: dict[frozenset[int], float] | None = None,
 ) -> Any:
     candidates = [at("coulomb_friction")] if candidates is None else candidates
-    bench: Any = Known(candidates, variances, colour)
+    bench: Any = Known(candidates, variances, colour, rivals)
     bench.counts, bench.finest = counts, np.full(3, finest)
-    fit = bench.solve(max(variances, key=len))
+    fit = bench.solve(max(variances, key=len) if chosen is None else chosen)
     left = LeftOver(statistic, gain, np.zeros(3))
     monkeypatch.setattr(leftover_structure, "left_over", lambda *arguments: left)
     named = (finding(),) if findings is None else findings
@@ -172,6 +179,53 @@ def test_a_joint_that_keeps_most_of_its_residual_takes_the_name_away(
     assert not mostly_left(bench, fit, np.zeros(3, dtype=bool))
     bench.finest = np.full(3, 0.5)
     assert not mostly_left(bench, bench.solve(STRONG), np.array([True, False, False])) or variance > 5.25 - 0.26
+
+
+PAIR = {
+    CLEAN: [9.0, 9.0, 1.0],
+    STRONG: [1.0, 1.0, 1.0],
+    frozenset({1}): [1.0, 1.0, 1.0],
+    frozenset({0, 1}): [1.0, 1.0, 1.0],
+}
+
+
+@pytest.mark.parametrize(
+    ("rival", "evidence", "answer"),
+    [
+        (frozenset({1}), 99.9, "named"),
+        (frozenset({1}), 100.1, "unknown"),
+        (frozenset({0, 1}), 105.9, "named"),
+        (frozenset({0, 1}), 106.1, "unknown"),
+        (CLEAN, 99.9, "named"),
+        (CLEAN, 100.1, "unknown"),
+    ],
+)
+def test_where_another_set_is_more_probable_nothing_is_named(
+    rival: frozenset[int], evidence: float, answer: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A member more must bring its six nats; another shape of what was chosen says the same."""
+    rivals = {frozenset({1}): 0.0, frozenset({0, 1}): 0.0, rival: evidence}
+    more = [at("coulomb_friction"), at("torque_bias", 1)]
+    found = verdict(monkeypatch, PAIR, candidates=more, chosen=STRONG, rivals=rivals)
+    assert found.verdict == answer and bool(found.findings) == (answer == "named")
+    same = [at("coulomb_friction"), at("coulomb_friction", shape={"other": 1.0})]
+    if rival == frozenset({1}):
+        assert verdict(monkeypatch, PAIR, candidates=same, chosen=STRONG, rivals=rivals).verdict == "named"
+
+
+@pytest.mark.parametrize(("share", "answer"), [(0.67, "named"), (0.66, "unknown")])
+def test_a_pair_of_which_one_hardly_hears_its_joint_is_no_name(
+    share: float, answer: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two thirds of the samples must count where another unusual name takes what is left; it alone needs fewer."""
+    cost = -0.5 * 900.0 * np.log(share)
+    two = [at("torque_saturation", unheard_cost=cost), at("torque_constant")]
+    findings = (finding("torque_saturation"), finding("torque_constant"))
+    one, other, whole = frozenset({0}), frozenset({1}), frozenset({0, 1})
+    variances = {CLEAN: [9.0, 1.0, 1.0], one: [4.0, 1.0, 1.0], other: [4.0, 1.0, 1.0], whole: [1.0, 1.0, 1.0]}
+    found = verdict(monkeypatch, variances, candidates=two, findings=findings)
+    assert found.verdict == answer and len(found.findings) == (2 if answer == "named" else 0)
+    assert verdict(monkeypatch, BOTH, candidates=two, findings=findings).verdict == "named"
 
 
 def test_doubtful_small_findings_are_left_out_and_leave_structure(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,6 +11,7 @@ import pytest
 
 from tests.gap.candidates.test_records import at
 from twin_diagram.gap.candidates.candidate import Candidate
+from twin_diagram.gap.findings import Rest
 from twin_diagram.gap.search import shape_refinement
 from twin_diagram.gap.verdict import posterior as module
 from twin_diagram.gap.verdict import rivals
@@ -19,6 +20,7 @@ from twin_diagram.gap.verdict.posterior import (
     claims,
     findings_of,
     groups,
+    most_probable,
     parameters_of,
     posterior,
     separations_of,
@@ -77,7 +79,27 @@ def test_probabilities_are_of_claims_whose_best_shapes_count() -> None:
     assert sum(found.values()) == pytest.approx(1.0) and len(found) == 5
     better = bench({**EVIDENCE, (0, 4): 230.0})
     top = posterior(better, better.solve(frozenset({0, 1})))
-    assert max(top.values()) == pytest.approx(top[frozenset({gain})]), "none counts more than what was chosen"
+    late = frozenset({("torque_constant", (0,), ()), ("time_delay", (2,), ())})
+    best, chosen, *_ = weights(0.0, 30.0, 32.0, 80.0, 230.0)
+    assert top[late] == pytest.approx(best), "what is solved and better counts as such"
+    assert top[frozenset({gain})] == pytest.approx(chosen)
+
+
+@pytest.mark.parametrize(("name", "charge"), [("torque_constant", 6.0), ("viscous_friction", 3.0)])
+def test_a_larger_set_is_charged_what_its_further_members_must_bring(name: str, charge: float) -> None:
+    """Six nats a member, three the third joint of a usual name; a smaller one is given nothing for its size."""
+    candidates = [at(name, joint) for joint in range(3)]
+    for more in (charge - 1.0, charge + 1.0):
+        some = bench({(): 0.0, (0,): 199.0, (0, 1): 200.0, (0, 1, 2): 200.0 + more}, candidates)
+        fit = some.solve(frozenset({0, 1}))
+        found = posterior(some, fit)
+        best = max(more - charge, 0.0)
+        wanted = weights(best, best + 1.0, best + charge - more, best + 200.0)
+        for joints, p in zip([(0, 1), (0,), (0, 1, 2)], wanted, strict=False):
+            assert found[frozenset({(name, joints, ())})] == pytest.approx(p)
+        larger = more > charge
+        assert most_probable(some, fit) is (some.solve(frozenset({0, 1, 2})) if larger else fit)
+        assert (max(found.values()) == found[frozenset({(name, (0, 1, 2), ())})]) == larger
 
 
 def test_a_finer_law_is_held_to_what_it_must_bring() -> None:
@@ -90,23 +112,26 @@ def test_a_finer_law_is_held_to_what_it_must_bring() -> None:
 
 
 def test_findings_tell_confidence_rivals_and_distance(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A hypothesis counts for the one claim of it that takes the finding's place, that of its name first."""
     asked: list[Any] = []
     monkeypatch.setattr(module, "additions", lambda bench, members, count: asked.append((members, count)))
-    some = bench({**EVIDENCE, (): 100.0})
-    (found,) = findings_of(RECORDS, some, some.solve(frozenset({0, 1})))
-    wanted = weights(0.0, 2.0, 8.0, 50.0, 100.0)
+    monkeypatch.setattr(module, "everywhere", lambda bench, fit: asked.append(fit.members))
+    some = bench({**EVIDENCE, (): 100.0, (2,): 195.0})
+    both = frozenset({0, 1})
+    (found,) = findings_of(RECORDS, some, some.solve(both))
+    wanted = weights(0.0, 2.0, 8.0, 50.0, 5.0, 100.0)
     assert found.name == "torque_constant" and found.joints == ("a", "b")
     assert found.confidence == pytest.approx(wanted[0])
     alternatives = [(a.name, a.joints, a.probability) for a in found.alternatives]
-    first = [
-        ("gravity_tilt", ("a",), pytest.approx(wanted[1])),
+    assert alternatives == [
         ("torque_constant", ("b",), pytest.approx(wanted[1] + wanted[3])),
+        ("gravity_tilt", ("a",), pytest.approx(wanted[4])),
+        ("torque_constant", ("a",), pytest.approx(wanted[2])),
     ]
-    assert len(alternatives) == 3 and all(one in alternatives for one in first)
-    assert alternatives[2][2] == pytest.approx(wanted[2])
-    assert [p for *_, p in alternatives] == sorted((p for *_, p in alternatives), reverse=True)
+    assert found.rest == Rest(nothing=pytest.approx(wanted[5]))
     assert found.significance == pytest.approx(np.sqrt(100.0 * 1.0)), "without both, variance is twice the noise"
-    assert asked == [(frozenset(), 12), (frozenset({1}), 12), (frozenset({0}), 12)]
+    around = [(both, 12), both, (frozenset(), 12), (frozenset({1}), 12), (frozenset({0}), 12)]
+    assert asked == around, "beside all, on every joint, in the place of a name, in that of a member"
     assert set(found.parameters) == {"x"}
 
 

@@ -220,7 +220,28 @@ def test_dampers_add_up_and_marks_tell_equals_apart() -> None:
     np.testing.assert_allclose(found, [4.5, 6.5, *[0.5] * 5])
     three = realisations([made("load_dependent_friction", JOINTS[:1], coefficient=[0.1])] * 3)
     assert [each.marked_brakes()[0].name for each in three] == [f"load_dependent_friction{m}" for m in ("", "_2", "_3")]
-    with pytest.raises(ModelError, match="cannot start it"):
-        realisation(
-            made("stribeck_friction", JOINTS[:1], onset=1.0, coulomb=[1.0], static=[1.0], stribeck_velocity=[0.1])
-        ).brakes()
+
+
+def test_stribeck_friction_that_begins_is_a_brake_of_its_higher_level() -> None:
+    """A joint without any has none; the push at speed is the same as of what is there for good."""
+    values = {"coulomb": [1.0, 0.0, 3.0], "static": [2.5, 0.0, 2.0], "stribeck_velocity": [0.2, 0.2, 0.2]}
+    always, late = (realisation(made("stribeck_friction", JOINTS[:3], onset=onset, **values)) for onset in (None, 1.0))
+    assert always.brakes() == []
+    found = [(brake.name, brake.joints, brake.level(np.array([9.0])), brake.damping) for brake in late.brakes()]
+    assert found == [
+        ("stribeck_friction", (JOINTS[0],), (2.5, 2.5), 0.0),
+        ("stribeck_friction", (JOINTS[2],), (3.0, 3.0), 0.0),
+    ]
+    pushes = [f"{JOINTS[k]}_stribeck_friction_push" for k in (0, 2)]
+    assert [fitting.name for fitting in late.fittings()] == pushes
+    held = {fitting.name: fitting for fitting in always.fittings()}
+    assert set(held) == {*pushes, *(name.removesuffix("_push") for name in pushes)}
+    for fitting in late.fittings():
+        push, other = fitting.speed_curve, held[fitting.name].speed_curve
+        assert push is not None and other is not None and push(0.3) == other(0.3) != 0.0
+
+
+def test_a_gear_that_yields_cannot_begin_within_a_run() -> None:
+    gear = made("joint_elasticity", JOINTS[:1], onset=1.0, stiffness=[900.0], rotor_inertia=[0.2], loss=[2e-3])
+    with pytest.raises(ModelError, match=r"joint_elasticity\.onset: a simulator cannot start or end it"):
+        arm_in(MultibodyPlant(0.002), [gear])
