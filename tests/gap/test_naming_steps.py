@@ -20,17 +20,18 @@ from twin_diagram.gap.search.bench import Bench
 
 
 class Table:
-    def __init__(self, values: dict[frozenset[int], float], name: str = "torque_bias") -> None:
+    def __init__(self, values: dict[frozenset[int], float], name: str) -> None:
         self.values, self.candidates = values, [at(name, joint) for joint in range(3)]
 
     def solve(self, members: frozenset[int]) -> Any:
         return SimpleNamespace(members=members, evidence=self.values[members])
 
 
+@pytest.mark.parametrize("name", ["torque_bias", "viscous_friction"])
 @pytest.mark.parametrize(("brings", "kept"), [(5.9, {1}), (6.1, {0, 1})])
-def test_members_that_bring_less_than_six_nats_go(brings: float, kept: set[int]) -> None:
+def test_members_that_bring_less_than_six_nats_go(brings: float, kept: set[int], name: str) -> None:
     values = {frozenset(): 0.0, frozenset({0}): 50.0, frozenset({1}): 90.0, frozenset({0, 1}): 90.0 + brings}
-    bench: Any = Table(values)
+    bench: Any = Table(values, name)
     assert pruned(bench, bench.solve(frozenset({0, 1}))).members == kept
     values[frozenset({0})] = values[frozenset({1})] = -np.inf
     assert pruned(bench, bench.solve(frozenset({0, 1}))).members == {0, 1}

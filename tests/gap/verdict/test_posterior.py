@@ -116,10 +116,10 @@ def test_findings_tell_confidence_rivals_and_distance(monkeypatch: pytest.Monkey
     asked: list[Any] = []
     monkeypatch.setattr(module, "additions", lambda bench, members, count: asked.append((members, count)))
     monkeypatch.setattr(module, "everywhere", lambda bench, fit: asked.append(fit.members))
-    some = bench({**EVIDENCE, (): 100.0, (2,): 195.0})
+    some = bench({**EVIDENCE, (): 191.0, (1,): 194.0, (2,): 195.0})
     both = frozenset({0, 1})
     (found,) = findings_of(RECORDS, some, some.solve(both))
-    wanted = weights(0.0, 2.0, 8.0, 50.0, 5.0, 100.0)
+    wanted = weights(0.0, 2.0, 8.0, 6.0, 5.0, 9.0)
     assert found.name == "torque_constant" and found.joints == ("a", "b")
     assert found.confidence == pytest.approx(wanted[0])
     alternatives = [(a.name, a.joints, a.probability) for a in found.alternatives]
@@ -129,7 +129,7 @@ def test_findings_tell_confidence_rivals_and_distance(monkeypatch: pytest.Monkey
         ("torque_constant", ("a",), pytest.approx(wanted[2])),
     ]
     assert found.rest == Rest(nothing=pytest.approx(wanted[5]))
-    assert found.significance == pytest.approx(np.sqrt(100.0 * 1.0)), "without both, variance is twice the noise"
+    assert found.significance == pytest.approx(np.sqrt(100.0 * 0.09)), "without both, variance is 9 % more"
     around = [(both, 12), both, (frozenset(), 12), (frozenset({1}), 12), (frozenset({0}), 12)]
     assert asked == around, "beside all, on every joint, in the place of a name, in that of a member"
     assert set(found.parameters) == {"x"}
