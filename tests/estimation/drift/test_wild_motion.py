@@ -86,7 +86,7 @@ def to_and_fro(peak: float) -> Callable[[float], float]:
 
 @pytest.mark.parametrize("wanted", [spinning(20.0), to_and_fro(30.0)], ids=["spinning", "to and fro"])
 def test_an_exact_model_raises_no_alarm_and_learns_nothing(wanted: Callable[[float], float]) -> None:
-    rows = swing(wanted, 16.0)
+    rows = swing(wanted, 12.5)
     assert np.abs(rows[:, 2]).max() > 20.0
     seen = watch(rows)
     assert seen.armed
