@@ -12,11 +12,12 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from twin_diagram.perception.distortion import Lens, straightening, unit_rays
 from twin_diagram.perception.pinhole import ColourImage, DepthImage, Pinhole
 from twin_diagram.scenario import Camera
+from twin_diagram.scenario.lenses import depth_lens
 from twin_diagram.scenario.poses import pose
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.lens import Lens, straightening, unit_rays
 
 
 @dataclass(frozen=True)
@@ -131,8 +132,7 @@ class Alignment:
         if camera.depth is not None:
             X_CD = pose(camera.depth.X_DC).inverse()
             R_CD, p_CD = X_CD.rotation().matrix(), X_CD.translation()
-            grid = DepthGrid.of(Lens.of_depth(camera.depth), R_CD, p_CD, colours.optics, camera.depth.scale)
-        unit_rays(colours.optics)  # a lens that cannot be is refused here and not at the first image
+            grid = DepthGrid.of(depth_lens(camera), R_CD, p_CD, colours.optics, camera.depth.scale)
         return Alignment(colours.straight, colours.optics, grid)
 
     def colours(self, rgb: ColourImage) -> ColourImage:

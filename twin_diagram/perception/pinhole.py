@@ -9,10 +9,11 @@ import numpy.typing as npt
 from pydrake.math import RigidTransform
 
 from twin_diagram.perception.depth_noise import DepthSigma
-from twin_diagram.perception.distortion import Lens, unit_rays
 from twin_diagram.scenario import Camera
+from twin_diagram.scenario.lenses import colour_lens, depth_lens
 from twin_diagram.scenario.poses import pose
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.lens import Lens, unit_rays
 
 DepthImage = npt.NDArray[np.float32]
 ColourImage = npt.NDArray[np.uint8]
@@ -48,7 +49,7 @@ class Pinhole:
         Raises:
             ScenarioError: intrinsics or a data sheet that cannot be.
         """
-        return Pinhole.behind(Lens.of_colour(camera), pose(camera.X_WC), DepthSigma.of(camera.depth_noise))
+        return Pinhole.behind(colour_lens(camera), pose(camera.X_WC), DepthSigma.of(camera.depth_noise))
 
     @staticmethod
     def of_depth(camera: Camera) -> Pinhole:
@@ -56,7 +57,7 @@ class Pinhole:
         if camera.depth is None:
             return Pinhole.from_scenario(camera)
         X_WD = pose(camera.X_WC) @ pose(camera.depth.X_DC).inverse()
-        return Pinhole.behind(Lens.of_depth(camera.depth), X_WD, DepthSigma.of(camera.depth_noise))
+        return Pinhole.behind(depth_lens(camera), X_WD, DepthSigma.of(camera.depth_noise))
 
     @staticmethod
     def behind(lens: Lens, X_WC: RigidTransform, depth_noise: DepthSigma | None = None) -> Pinhole:

@@ -118,12 +118,19 @@ def check_optics(camera: Camera, name: str) -> None:
         raise ScenarioError(f"{name}.X_WC_std", f"{camera.X_WC_std} is not a length and an angle")
     if camera.depth_noise.sheet not in SHEETS:
         raise ScenarioError(f"{name}.depth_noise.sheet", f"{camera.depth_noise.sheet!r} is none of {', '.join(SHEETS)}")
-    lenses = {f"{name}.distortion": camera.distortion}
+    check_distortion(camera.distortion, f"{name}.distortion")
     if camera.depth is not None:
-        lenses[f"{name}.depth.distortion"] = camera.depth.distortion
-    for field, values in lenses.items():
-        if len(values) not in (0, 4, 5):
-            raise ScenarioError(field, f"{values} is not k1, k2, p1, p2 and perhaps k3")
+        check_distortion(camera.depth.distortion, f"{name}.depth.distortion")
+
+
+def check_distortion(values: list[float], name: str) -> None:
+    """Check how many coefficients a distortion has.
+
+    Raises:
+        ScenarioError: neither none nor four nor five; it names the field.
+    """
+    if len(values) not in (0, 4, 5):
+        raise ScenarioError(name, f"{values} is not k1, k2, p1, p2 and perhaps k3")
 
 
 def _near_far(values: list[float], name: str) -> None:

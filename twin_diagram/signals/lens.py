@@ -17,8 +17,6 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from twin_diagram.errors import ScenarioError
-from twin_diagram.scenario import Camera, DepthCamera
 from twin_diagram.signals.arrays import Array
 
 Map = npt.NDArray[np.float32]
@@ -65,17 +63,6 @@ class Lens:
         """Return square pixels with the principal point in the image's centre."""
         return Lens(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
 
-    @staticmethod
-    def of_colour(camera: Camera) -> Lens:
-        """Return the colour camera's as the scenario tells."""
-        fx, fy = (camera.focal if f is None else f for f in (camera.fx, camera.fy))
-        return _lens(camera, fx, fy, "twin.camera")
-
-    @staticmethod
-    def of_depth(depth: DepthCamera) -> Lens:
-        """Return the depth camera's as the scenario tells."""
-        return _lens(depth, depth.fx, depth.fx if depth.fy is None else depth.fy, "twin.camera.depth")
-
     @property
     def centre(self) -> tuple[float, float]:
         """Principal point (u, v) [px]."""
@@ -91,16 +78,6 @@ class Lens:
         if self.distortion:
             x, y = distort(x, y, self.distortion)
         return self.fx * x + self.cx, self.fy * y + self.cy
-
-
-def _lens(camera: Camera | DepthCamera, fx: float, fy: float, field: str) -> Lens:
-    if len(camera.distortion) not in (0, 4, 5):
-        why = f"{camera.distortion} is not k1, k2, p1, p2 and perhaps k3"
-        raise ScenarioError(f"{field}.distortion", why)
-    cx = (camera.width - 1) / 2 if camera.cx is None else camera.cx
-    cy = (camera.height - 1) / 2 if camera.cy is None else camera.cy
-    distortion = tuple(camera.distortion) if any(camera.distortion) else ()
-    return Lens(camera.width, camera.height, fx, fy, cx, cy, (*distortion, 0.0, 0.0, 0.0, 0.0, 0.0)[:5] if distortion else ())
 
 
 def distort(x: Array, y: Array, distortion: tuple[float, ...]) -> tuple[Array, Array]:
@@ -124,31 +101,30 @@ def distortion_derivative(x: Array, y: Array, distortion: tuple[float, ...]) -> 
 
 
 def undistort(x: Array, y: Array, distortion: tuple[float, ...]) -> tuple[Array, Array]:
-    """Return the inverse of `distort` by Newton's method.
-
-    Raises:
-        ScenarioError: there is none: the lens would show one place twice.
-    """
+    """Return the inverse of `distort` by Newton's method; not a number where there is none: the image folds over."""
     a, b = x, y
+    good = np.ones(np.shape(x), dtype=bool)
+    miss = np.zeros(np.shape(x))
     for _ in range(TUNING.steps):
         u, v = distort(a, b, distortion)
         du, dv = u - x, v - y
         xx, xy, yy = distortion_derivative(a, b, distortion)
         det = xx * yy - xy * xy
-        if not (np.isfinite(det).all() and det.min() > TUNING.folded):
-            break
+        good &= det > TUNING.folded
+        det = np.where(good, det, np.inf)  # stays where it is
         a, b = a - (yy * du - xy * dv) / det, b - (xx * dv - xy * du) / det
-        if max(np.abs(du).max(), np.abs(dv).max()) < TUNING.exact:
-            return a, b
-    raise ScenarioError("twin.camera.distortion", f"{list(distortion)} shows places of the image twice")
+        miss = np.maximum(np.abs(du), np.abs(dv))
+        if not (miss > TUNING.exact)[good].any():
+            break
+    good &= miss <= TUNING.exact
+    return np.where(good, a, np.nan), np.where(good, b, np.nan)
 
 
 @lru_cache(maxsize=8)
 def unit_rays(lens: Lens) -> Array:
     """Return (H, W, 3): of each pixel the point at depth 1 that it shows, in the camera's frame; read-only.
 
-    Raises:
-        ScenarioError: the distortion has no inverse within the image.
+    Not a number where the distortion has no inverse.
     """
     x = (np.arange(lens.width) - lens.cx) / lens.fx
     y = (np.arange(lens.height) - lens.cy) / lens.fy
