@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin_diagram.perception.pinhole import TUNING as PINHOLE
 from twin_diagram.perception.registration.data_association import FINE, Poses, look
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
@@ -38,7 +37,7 @@ def assess(
 ) -> PoseFit:
     """Compare poses with the image; a surface point is in place within `slack` [m] and three times the noise."""
     looked = look(model, frame, poses, count, level)
-    sigma = np.hypot(PINHOLE.depth_noise * looked.z**2, RESIDUALS.model_noise)
+    sigma = np.hypot(frame.camera.depth_noise(looked.z), RESIDUALS.model_noise)
     tolerance = slack + 3.0 * sigma
     in_place = looked.near & (np.abs(looked.distance) < tolerance) & (np.abs(looked.deeper) < 0.03)
     hidden = looked.seen & ~in_place & (looked.deeper < 0)

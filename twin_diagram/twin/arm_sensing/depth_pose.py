@@ -86,8 +86,9 @@ class ArmCloud(LeafSystem):
             reach=TUNING.reach,
             name=spec.name,
         )
-        self._camera = Pinhole.from_scenario(camera)
-        self._rays = self._camera.rays()
+        self._camera = Pinhole.of_depth(camera)
+        scale = 1.0 if camera.depth is None else camera.depth.scale
+        self._rays = self._camera.rays() * scale
         self._middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
         self._radius = float(np.linalg.norm(points - self._middle, axis=1).max()) + TUNING.reach
         n = terms.n
@@ -120,7 +121,7 @@ class ArmCloud(LeafSystem):
 
 
 def window(camera: Pinhole, middle_W: Array, radius: float) -> tuple[slice, slice]:
-    """Return the rows and columns of an image that hold a ball about a point: half a width of focal · r / (depth − r).
+    """Return the rows and columns of an image that hold a ball about a point: half a width of f · r / (depth − r).
 
     Args:
         camera: that sees it.
@@ -133,7 +134,7 @@ def window(camera: Pinhole, middle_W: Array, radius: float) -> tuple[slice, slic
     u, v, away = (float(x) for x in camera.project(middle_W))
     if away <= radius:
         return slice(0, 0), slice(0, 0)
-    half = camera.focal * radius / (away - radius)
-    rows = np.clip([v - half, v + half + 1.0], 0, camera.height).astype(int)
-    columns = np.clip([u - half, u + half + 1.0], 0, camera.width).astype(int)
+    across, down = (f * radius / (away - radius) for f in (camera.fx, camera.fy))
+    rows = np.clip([v - down, v + down + 1.0], 0, camera.height).astype(int)
+    columns = np.clip([u - across, u + across + 1.0], 0, camera.width).astype(int)
     return slice(*rows), slice(*columns)
