@@ -9,8 +9,8 @@ from pose_truth.trials import Trial, segments
 
 from twin_diagram import scenario
 from twin_diagram.perception.registration.frame import Frame
+from twin_diagram.perception.registration.global_search import nearby
 from twin_diagram.perception.registration.model_cloud import ModelCloud
-from twin_diagram.perception.registration.registration import claimed, register
 
 Array = npt.NDArray[np.float64]
 _MODELS: dict[str, ModelCloud] = {}
@@ -29,8 +29,10 @@ def ours(trial: Trial) -> tuple[Array, Array, Array | None]:
     taken = segments(trial)
     frame = Frame.of(taken)
     model = _model(trial)
-    thin = taken.points_W[claimed(model, taken, trial.R0, trial.p0, 2 * _PARAMS.reach, 200)]
-    result = register(model, frame, trial.R0, trial.p0, _PARAMS, points_W=thin)
+    found = nearby(model, frame, trial.R0, trial.p0, taken.points_W, taken.normals_W, _PARAMS)
+    if found is None:
+        return trial.R0, trial.p0, None
+    result = found.registration
     return result.R, result.p, result.covariance
 
 

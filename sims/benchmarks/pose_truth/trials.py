@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from zlib import crc32
 
 import numpy as np
@@ -10,10 +10,12 @@ import numpy.typing as npt
 from pose_truth import raycast, spoil
 from pose_truth.things import Thing
 
+from twin_diagram.perception.depth_noise import DepthSigma
 from twin_diagram.perception.pinhole import Pinhole, back_project, grid_normals
 from twin_diagram.perception.registration.global_search import resting
 from twin_diagram.perception.registration.rotation import exp, log
 from twin_diagram.perception.segmentation.segments import Segments
+from twin_diagram.scenario.depth_sheets import SHEETS
 
 Array = npt.NDArray[np.float64]
 DISTANCE = 0.9
@@ -75,6 +77,7 @@ def draw(thing: Thing, profile: str, hidden: float, number: int, *, metres: floa
     azimuth, elevation = rng.uniform(0, 2 * np.pi), np.radians(rng.uniform(25.0, 60.0))
     eye = DISTANCE * np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
     camera = raycast.look_at(eye + [*p[:2], 0.0], np.array([*p[:2], 0.05]) + rng.normal(0.0, 0.05, 3) * [1, 1, 0])
+    camera = replace(camera, depth_noise=DepthSigma(*SHEETS[profile]))
     picture = raycast.take(camera, [(thing, R, p)])
     if hidden > 0:
         picture = raycast.take(camera, [(thing, R, p)], _screen(camera, picture, hidden, rng))
