@@ -19,7 +19,7 @@ from twin_diagram.signals.arrays import Array
 
 
 @dataclass(frozen=True)
-class Entry:
+class LibraryEntry:
     """One asset of a library.
 
     Attributes:
@@ -35,7 +35,7 @@ class Entry:
     wrong: str | None
 
 
-def entries(library: str | Path) -> list[Entry]:
+def entries(library: str | Path) -> list[LibraryEntry]:
     """Return a library's assets by name, each looked at.
 
     Hidden folders, which somebody may be writing, and such without `asset.yaml` are none.
@@ -48,7 +48,7 @@ def entries(library: str | Path) -> list[Entry]:
     return [_entry(folder / name) for name in names if (folder / name / "asset.yaml").is_file()]
 
 
-def entry(library: str | Path, name: str) -> Entry:
+def entry(library: str | Path, name: str) -> LibraryEntry:
     """Return one of a library's assets, looked at.
 
     Raises:
@@ -114,11 +114,11 @@ def _check_model(spec: AssetSpec, asset: Asset) -> None:
         raise AssetError(f"{asset.model_file}: its inertia is that of no body")
 
 
-def _entry(folder: Path) -> Entry:
+def _entry(folder: Path) -> LibraryEntry:
     try:
-        return Entry(folder.name, *check(folder), None)
+        return LibraryEntry(folder.name, *check(folder), None)
     except (AssetError, OSError) as error:
-        return Entry(folder.name, None, None, " ".join(str(error).split()))
+        return LibraryEntry(folder.name, None, None, " ".join(str(error).split()))
 
 
 def _folder(library: str | Path) -> Path:

@@ -14,7 +14,7 @@ from typing import Final, TypeVar
 
 import numpy as np
 
-from twin_diagram.assets.building.inertia import Solid, solid_of
+from twin_diagram.assets.building.inertia import EvenBody, solid_of
 from twin_diagram.assets.building.one_texture import one_texture
 from twin_diagram.assets.building.pieces import pieces_of
 from twin_diagram.assets.building.source_mesh import read_source
@@ -164,7 +164,7 @@ def _check_size(path: Path, corners: Array, unit: str) -> None:
     raise AssetError(f"{path}: the object is {size:.4g} m long in {unit}, {wrong}; {advice}")
 
 
-def _volume_notes(surface: Surface, solid: Solid) -> list[str]:
+def _volume_notes(surface: Surface, solid: EvenBody) -> list[str]:
     if solid.by == "surface":
         return []
     how = "its convex hull" if solid.by == "hull" else "filling it, small holes closed"

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy import ndimage
 from scipy.spatial import ConvexHull, QhullError
 
@@ -35,7 +34,7 @@ TUNING = Tuning()
 
 
 @dataclass(frozen=True)
-class Solid:
+class EvenBody:
     """A body of density 1.
 
     Attributes:
@@ -56,7 +55,7 @@ class Solid:
         return np.trace(second) * np.eye(3) - second
 
 
-def solid_of(surface: Surface) -> Solid:
+def solid_of(surface: Surface) -> EvenBody:
     """Return the body within a surface.
 
     A closed surface is exact, also with cavities, whose walls face inwards. An open one is filled, with small holes
@@ -100,7 +99,7 @@ def outward(hull: ConvexHull) -> Faces:
     return np.where(inside[:, None], hull.simplices[:, ::-1], hull.simplices).astype(np.int64)
 
 
-def enclosed(vertices: Array, faces: Faces, by: str) -> Solid:
+def enclosed(vertices: Array, faces: Faces, by: str) -> EvenBody:
     """Return the body within triangles that face outwards, as the sum of tetrahedra from a point inside.
 
     For one with the corners 0, a, b, c: volume det(a, b, c)/6, centre (a + b + c)/4, and second moments
@@ -112,10 +111,10 @@ def enclosed(vertices: Array, faces: Faces, by: str) -> Solid:
     total, s = float(volumes.sum()), a + b + c
     centre = np.einsum("f,fi->i", volumes, s) / (4.0 * total)
     second = sum(np.einsum("f,fi,fj->ij", volumes / 20.0, e, e) for e in (a, b, c, s))
-    return Solid(total, origin + centre, second - total * np.outer(centre, centre), by)
+    return EvenBody(total, origin + centre, second - total * np.outer(centre, centre), by)
 
 
-def filling(vertices: Array, faces: Faces) -> tuple[Solid, float] | None:
+def filling(vertices: Array, faces: Faces) -> tuple[EvenBody, float] | None:
     """Return the body within an open surface, by cells, and the volume of those wholly inside; None: none is.
 
     Cells on the surface count half.
@@ -141,17 +140,19 @@ def filling(vertices: Array, faces: Faces) -> tuple[Solid, float] | None:
     volume = float(share.sum())
     centre = share @ r / volume
     second = np.einsum("n,ni,nj->ij", share, r - centre, r - centre) + np.eye(3) * volume * edge**2 / 12.0
-    return Solid(volume, centre, second, "filling"), float(inside.sum()) * edge**3
+    return EvenBody(volume, centre, second, "filling"), float(inside.sum()) * edge**3
 
 
 def spread(corners: Array, distance: float) -> Array:
     """Return points (N, 3) on triangles (F, 3, 3), their corners and more, no further apart than `distance`."""
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    steps: npt.NDArray[np.int64] = np.maximum(np.ceil(longest / distance), 1).astype(np.int64)
     found = []
-    for n in np.unique(steps):
-        i, j = (grid.reshape(-1) for grid in np.meshgrid(np.arange(n + 1), np.arange(n + 1), indexing="ij"))
-        i, j = i[i + j <= n], j[i + j <= n]
-        share = np.stack([n - i - j, i, j], axis=1) / n
-        found.append(np.einsum("pk,fki->fpi", share, corners[steps == n]).reshape(-1, 3))
+    while len(corners):
+        edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+        long = edges.max(axis=1) > distance
+        found.append(corners[~long].reshape(-1, 3))
+        # Halved at the middle of their longest edge, which is brought to the front.
+        order = (edges[long].argmax(axis=1)[:, None] + np.arange(3)) % 3
+        a, b, c = np.moveaxis(np.take_along_axis(corners[long], order[:, :, None], axis=1), 1, 0)
+        middle = (a + b) / 2
+        corners = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
     return np.concatenate(found)

@@ -24,14 +24,16 @@ class Tuning:
     """Constants of this module."""
 
     full: float = 0.85
-    """Share of its hull that an object fills to count as convex: scanned boxes and cans come to 0.84 and more, mugs to 0.2."""
+    """Share of its hull that an object fills to count as convex: scanned boxes and cans have 0.84 at least, mugs 0.2."""
 
     dent: float = 0.06
     """Or else how deep the surface lies below the hull, 99 % of it, as a share of the object's size, …"""
 
     least_dent: float = 0.003
+    """… no less than this [m], which does not matter to a planner that keeps centimetres, …"""
+
     most_dent: float = 0.01
-    """… within these bounds [m]: less does not matter to a planner that keeps centimetres, more does."""
+    """… and no more [m]."""
 
     step: float = 0.02
     """Distance of the points that are looked at on the surface, as a share of the object's size."""

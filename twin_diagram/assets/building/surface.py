@@ -36,7 +36,7 @@ class Surface:
     Attributes:
         vertices: (V, 3), each once.
         faces: (F, 3) indices.
-        kept: (F,) which of the triangles given these are; those without area are left out.
+        kept: (F,) which of the triangles given these are; those without area are left out, unless they close it.
         turned: (F,) whether their corners run the other way round than was given.
         closed: whether each edge has exactly two triangles, which run through it in opposite directions.
     """
@@ -63,10 +63,12 @@ def weld(corners: Array) -> Surface:
     _, first, inverse = np.unique(
         np.round((points - points.min(axis=0)) / step), axis=0, return_index=True, return_inverse=True
     )
-    vertices, faces = points[first], inverse.reshape(-1, 3)
-    kept = np.flatnonzero(_doubled_areas(vertices[faces]) > 1e-6 * step * step)
-    kept = kept[[len(set(face)) == 3 for face in faces[kept].tolist()]]
-    given = faces = faces[kept]
+    vertices, given = points[first], inverse.reshape(-1, 3)
+    apart = (given != np.roll(given, 1, axis=1)).all(axis=1)
+    kept = np.flatnonzero(apart)
+    if not _is_closed(given[kept]):  # slivers may close a surface, or be left over beside it
+        kept = np.flatnonzero(apart & (_heights(vertices[given]) > step))
+    given = faces = given[kept]
     if len(faces) and not _is_consistent(faces):
         faces = _consistent(faces)
     if len(faces) and signed_volume(vertices, faces) < 0:
@@ -75,8 +77,11 @@ def weld(corners: Array) -> Surface:
     return Surface(vertices, faces, kept, turned, len(faces) > 0 and _is_closed(faces))
 
 
-def _doubled_areas(corners: Array) -> Array:
-    return np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+def _heights(corners: Array) -> Array:
+    """Return the least height of triangles (F, 3, 3)."""
+    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    doubled = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    return np.asarray(doubled / np.maximum(edges, 1e-300))
 
 
 def signed_volume(vertices: Array, faces: Faces) -> float:
@@ -128,6 +133,8 @@ def _consistent(faces: Faces) -> Faces:
 def with_normals(surface: Surface, uv: Array) -> Mesh:
     """Return a mesh whose normals are smooth across edges that are not sharp.
 
+    Triangles count by their angle at the vertex, so that it does not matter how a side is cut into triangles.
+
     Args:
         surface: V vertices, F triangles.
         uv: (F, 3, 2) of the triangles' corners.
@@ -143,10 +150,17 @@ def with_normals(surface: Surface, uv: Array) -> Mesh:
     keys = np.stack([np.repeat(group, 3), faces.reshape(-1)], axis=1)
     _, which = np.unique(keys, axis=0, return_inverse=True)
     summed = np.zeros((int(which.max()) + 1, 3))
-    np.add.at(summed, which.reshape(-1), np.repeat(flat, 3, axis=0))
+    np.add.at(summed, which.reshape(-1), (_angles(corners)[:, :, None] * unit[:, None]).reshape(-1, 3))
     length = np.linalg.norm(summed, axis=1, keepdims=True)
     normals = (summed / np.maximum(length, 1e-300))[which.reshape(-1)]
     normals = np.where(length[which.reshape(-1)] > 0, normals, np.repeat(unit, 3, axis=0))
     rows = np.concatenate([vertices[faces.reshape(-1)], normals, uv.reshape(-1, 2)], axis=1)
     unique, index = np.unique(rows, axis=0, return_inverse=True)
     return Mesh(unique[:, :3], unique[:, 3:6], unique[:, 6:], index.reshape(-1, 3))
+
+
+def _angles(corners: Array) -> Array:
+    """Return the angles (F, 3) of triangles (F, 3, 3) at their corners [rad]."""
+    ahead, back = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
+    sine = np.linalg.norm(np.cross(ahead, back), axis=2)
+    return np.asarray(np.arctan2(sine, np.einsum("fki,fki->fk", ahead, back)))

@@ -16,7 +16,7 @@ from scipy.spatial import HalfspaceIntersection, QhullError
 
 from twin_diagram.assets.asset import TUNING as ASSET
 from twin_diagram.assets.asset import Asset
-from twin_diagram.assets.building.inertia import Solid, hull_of, outward
+from twin_diagram.assets.building.inertia import EvenBody, hull_of, outward
 from twin_diagram.assets.description import TUNING as SDF
 from twin_diagram.assets.description import VERSION, AssetSpec, ConvexFile, sdf
 from twin_diagram.assets.mesh import Image, Mesh, sample, write_obj
@@ -37,6 +37,7 @@ class Tuning:
 TUNING = Tuning()
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
+"""An asset's name: names a folder on any disk, and nothing but a folder; SDF and scenarios take it as it is."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ class NewAsset:
     name: str
     mesh: Mesh
     texture: Image
-    solid: Solid
+    solid: EvenBody
     mass: float
     pieces: tuple[Array, ...]
     origin: Array
