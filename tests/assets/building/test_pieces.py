@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -57,8 +59,6 @@ def test_where_taking_apart_fails_the_hull_holds(monkeypatch: pytest.MonkeyPatch
 
 
 def test_what_takes_too_long_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
-    from dataclasses import replace
-
     monkeypatch.setattr(pieces, "TUNING", replace(pieces.TUNING, patience=0.05))
     made = of(corner(), 3.2e-4)
     assert len(made.vertices) == 1 and "could not be taken apart" in made.how

@@ -17,7 +17,7 @@ from twin_diagram.signals.arrays import Array
 class Tuning:
     """Constants of this module."""
 
-    cells: int = 96
+    cells: int = 80
     """Cells along the longest edge where an open surface is filled: a mug's wall is two or three of them."""
 
     leak: int = 1
@@ -121,15 +121,17 @@ def filling(vertices: Array, faces: Faces) -> tuple[EvenBody, float] | None:
     """
     edge = float(np.ptp(vertices, axis=0).max()) / TUNING.cells
     pad = TUNING.leak + 2
-    points = spread(vertices[faces], edge / 2)
+    points = spread(vertices[faces], edge)
     count = np.ceil(np.ptp(vertices, axis=0) / edge).astype(int) + 1
     # Both ends of each axis lie alike in their cells, so that the centre is not drawn to one side.
     low = (vertices.min(axis=0) + vertices.max(axis=0) - count * edge) / 2
     shape = count + 2 * pad
     wall = np.zeros(shape, dtype=bool)
     wall[tuple((np.floor((points - low) / edge).astype(int) + pad).T)] = True
-    thick = ndimage.binary_dilation(wall, np.ones((3, 3, 3)), iterations=TUNING.leak)
-    body = ndimage.binary_erosion(ndimage.binary_fill_holes(thick), np.ones((3, 3, 3)), iterations=TUNING.leak)
+    reach = 2 * TUNING.leak + 1
+    thick = ndimage.maximum_filter(wall, reach)
+    outside, _ = ndimage.label(~thick)
+    body = ndimage.minimum_filter(outside != outside[0, 0, 0], reach)
     inside = body & ~wall
     if not inside.any():
         return None

@@ -24,7 +24,7 @@ class Tuning:
     """Constants of this module."""
 
     full: float = 0.85
-    """Share of its hull that an object fills to count as convex: scanned boxes and cans have 0.84 at least, mugs 0.2."""
+    """Share of its hull that an object fills to count as convex: scanned boxes have 0.84 at least, mugs 0.2."""
 
     dent: float = 0.06
     """Or else how deep the surface lies below the hull, 99 % of it, as a share of the object's size, …"""
