@@ -121,7 +121,7 @@ def _principal_moments(model: Path) -> Array | None:
     if inertia is None:
         return None
     xx, yy, zz, xy, xz, yz = (float(inertia.findtext(f"i{axes}", "0")) for axes in "xx yy zz xy xz yz".split())
-    return np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return np.asarray(np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), dtype=float)
 
 
 def _entry(folder: Path) -> LibraryEntry:

@@ -96,11 +96,9 @@ def plain(colours: Array) -> tuple[Array, Image]:
     """Return coordinates (F, 3, 2) and a picture with a patch for each of the colours (F, 3)."""
     steps = 255
     unique, inverse = np.unique(np.round(colours * steps), axis=0, return_inverse=True)
-    if len(unique) > TUNING.most_colours:
-        steps = TUNING.levels - 1
-        while len(unique) > TUNING.most_colours:
-            unique, inverse = np.unique(np.round(colours * steps), axis=0, return_inverse=True)
-            steps = steps // 2 if len(unique) > TUNING.most_colours else steps
+    while len(unique) > TUNING.most_colours:
+        steps = min(steps // 2, TUNING.levels - 1)
+        unique, inverse = np.unique(np.round(colours * steps), axis=0, return_inverse=True)
     edge = int(np.ceil(np.sqrt(len(unique))))
     grid = np.zeros((edge * edge, 3))
     grid[: len(unique)] = unique * (255 / steps)

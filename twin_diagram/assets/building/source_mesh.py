@@ -205,7 +205,10 @@ def decoded(data: bytes, name: str) -> Image:
     Raises:
         AssetError: not an image.
     """
-    bgr = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
+    try:
+        bgr = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
+    except cv2.error:  # one of 2³⁰ pixels and more
+        bgr = None
     if bgr is None:
         raise AssetError(f"{name}: not an image that can be read")
     return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8)
