@@ -27,7 +27,7 @@ help:
 	echo "make slow       the slow tests"
 	echo "make wheels     sdist and wheel, installed in fresh environments (all, and slim) and used there"
 	echo "make newcomer   one's own arm, log, effect, controller and filter from an empty folder, with the time of each step"
-	echo "make front-door what hurt newcomers, old beside new; ARGS=--quick takes minutes; writes out/front_door/"
+	echo "make front-door what hurt newcomers, old beside new; ARGS=--quick takes minutes"
 	echo "make lint       ruff alone"
 	echo "make typecheck  mypy alone"
 	echo "make house      the structure of the code, measured, beside its aims; ARGS='--list floors' names what counts"
@@ -97,7 +97,7 @@ newcomer: install-test
 
 .PHONY: front-door
 front-door: install-bench
-	$(PY) sims/benchmarks/front_door.py --out out/front_door $(ARGS)
+	$(PY) sims/benchmarks/front_door.py $(ARGS)
 
 .PHONY: bench
 bench: install-bench

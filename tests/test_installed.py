@@ -79,14 +79,12 @@ def slim(built: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> 
 
 @pytest.fixture(scope="module")
 def full(built: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The interpreter of an environment with the wheel, beside the packages of this one, which hold no checkout there.
-
-    Folders on the path of a `.pth` file bring packages, but not their own `.pth` files: an editable install stays out.
-    """
+    """The interpreter of an environment with the wheel, beside the packages of this one."""
     python = environment(tmp_path_factory.mktemp("full") / "venv")
     install(python, "--no-deps", built[1])
     (site,) = (python.parent.parent / "lib").glob("python*/site-packages")
-    (site / "beside.pth").write_text(sysconfig.get_path("purelib") + "\n")
+    # With their own `.pth` files, without which some are not found; an editable install of this package comes last.
+    (site / "beside.pth").write_text(f"import site; site.addsitedir({sysconfig.get_path('purelib')!r})\n")
     where = ran(python, "-c", "import twin_diagram; print(twin_diagram.__file__)", cwd=python.parent).stdout
     assert Path(where.strip()).is_relative_to(site)
     return python
