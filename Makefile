@@ -25,6 +25,9 @@ help:
 	echo "make demo       closed loop in simulation for 10 s, then a gap found and closed; writes out/demo/"
 	echo "make test       ruff, mypy and the fast tests"
 	echo "make slow       the slow tests"
+	echo "make wheels     sdist and wheel, installed in fresh environments (all, and slim) and used there"
+	echo "make newcomer   one's own arm, log, effect, controller and filter from an empty folder, with the time of each step"
+	echo "make front-door what hurt newcomers, old beside new; ARGS=--quick takes minutes"
 	echo "make lint       ruff alone"
 	echo "make typecheck  mypy alone"
 	echo "make house      the structure of the code, measured, beside its aims; ARGS='--list floors' names what counts"
@@ -82,6 +85,19 @@ slow: install-test
 .PHONY: mutants
 mutants: install-test
 	$(PY) .make/mutants --seed $(SEED) --count $(COUNT) --jobs $(JOBS) $(ARGS)
+
+# Asks the package index for `build` and, in a fresh environment, for what .make/slim.txt names.
+.PHONY: wheels
+wheels: install-test
+	$(PY) -m pytest -m slow tests/test_installed.py $(ARGS)
+
+.PHONY: newcomer
+newcomer: install-test
+	$(PY) sims/benchmarks/newcomer.py $(ARGS)
+
+.PHONY: front-door
+front-door: install-bench
+	$(PY) sims/benchmarks/front_door.py $(ARGS)
 
 .PHONY: bench
 bench: install-bench

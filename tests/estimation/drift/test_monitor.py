@@ -325,3 +325,12 @@ def test_works_on_any_arm():
     for k in range(700):
         monitor.observe(np.zeros(2), np.zeros(0), 2.0, np.zeros(1), np.zeros(1), 0.005 * k)
     assert monitor.armed and not monitor.active
+
+
+def test_a_filter_that_learns_other_parameters_is_refused() -> None:
+    learning = Filter(parameters=["viscous_friction"])
+    ekf = Ekf(TERMS, learning)
+    ekf.observe(HOME, np.zeros(7), np.zeros(7), 0.0)
+    with pytest.raises(FilterError, match=r"learns 7 parameters and the monitor was made for 4: .*tuning="):
+        Monitor(TERMS).watch(ekf.belief, HOME, np.zeros(7))
+    assert not Monitor(TERMS, tuning=learning).watch(ekf.belief, HOME, np.zeros(7))

@@ -302,15 +302,14 @@ def dominant_plane(points: np.ndarray, rng: np.random.Generator) -> tuple[np.nda
         ("test/test40", 2),
     ],
 )
-def test_real_tabletops(data_dir: Path, name: str, apart: int) -> None:
+def test_real_tabletops(data_dir: Path, egl: None, name: str, apart: int) -> None:
     """Real Kinect images; their labels score the result and do nothing else. Objects that touch count as one."""
     file = data_dir / "kinect_tabletop" / f"{name}.pcd"
     if not file.is_file():
         pytest.skip(f"no {file}")
-    from twin_diagram.native import load_libusb
+    from twin_diagram.native import import_open3d
 
-    load_libusb()
-    o3d = pytest.importorskip("open3d")
+    o3d = import_open3d()
     cloud = o3d.t.io.read_point_cloud(str(file))
     points = cloud.point.positions.numpy().astype(float)
     colours = cloud.point.colors.numpy().reshape(480, 640, 3)
