@@ -7,7 +7,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from twin_diagram.runtime.version import __version__  # noqa: E402
+from twin_diagram.runtime.version import __version__
 
 project = "twin_diagram"
 release = version = __version__

@@ -84,6 +84,7 @@ def run(code: list[str], folder: Path, pictures: Path | None = None) -> list[str
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
+    folder, pictures = folder.resolve(), pictures and pictures.resolve()
     namespace: dict[str, Any] = {"__name__": "__main__"}
     printed: list[str] = []
     before = Path.cwd()
