@@ -71,8 +71,8 @@ class AdaptiveEkf(ModelUser[Ekf]):
     it was taken [s], negative before the first, and for a pose `<name>.noise` (36), its R row by row, zeros for the
     sensor's own. A reading is used once, when its time has changed; what arrives late is fused at its own time.
 
-    While an alarm stands the noise is not adapted, lest a fault be taken for noise, and a new one about the joints opens
-    the parameters: see `Ekf.heed`.
+    While an alarm stands the noise is not adapted, lest a fault be taken for noise, and a new one about the joints
+    opens the parameters: see `Ekf.heed`.
 
     Which of its models a Context uses is a numeric parameter of that Context (0, the given one, at first): see
     `ModelUser`; what the filter knows is carried over to a corrected one, see `hand_over`.
