@@ -25,5 +25,5 @@ SHEETS: dict[str, DepthSheet] = {
     "d435": DepthSheet(0.0, 0.0038, 0.0),
     "kinect1": DepthSheet(0.0012, 0.0019, 0.4),
 }
-"""By name. Stereo: z² · s / (f · b) with a subpixel error s of 0.08 px, as Intel's tuning guide has it for the D415 and the D435;
-`kinect1`: Nguyen, Izadi, Lovell: Modeling Kinect Sensor Noise, 3DIMPVT 2012; `ideal`: a renderer with little white noise."""
+"""By name. Stereo: z² · s / (f · b) with a subpixel error s of 0.08 px, as the makers of the D415 and the D435 reckon;
+`kinect1`: Nguyen, Izadi, Lovell: Modeling Kinect Sensor Noise, 3DIMPVT 2012; `ideal`: a renderer with little noise."""

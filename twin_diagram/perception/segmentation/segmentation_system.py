@@ -34,9 +34,10 @@ class PerceptionSystem(LeafSystem):
         - segments
 
     `rgb_image` (ImageRgba8U) and `depth_image` (ImageDepth32F, m, 0 where there is none) are one capture of the camera
-    that the twin was told of, on the grids that it was told of; `image_time` is its capture time [s], `NEVER` before the first; `arm_state` is x̂ = (q,
-    v) now, n each [rad, rad/s]. `segments` holds a `Segments` in W. Computed when asked for, and cached: no state, no
-    rate, no latency of its own. The image is older than x̂, so the robot is posed at q - v·(t - image_time).
+    that the twin was told of, on the grids that it was told of; `image_time` is its capture time [s], `NEVER` before
+    the first; `arm_state` is x̂ = (q, v) now, n each [rad, rad/s]. `segments` holds a `Segments` in W. Computed when
+    asked for, and cached: no state, no rate, no latency of its own. The image is older than x̂, so the robot is posed
+    at q - v·(t - image_time).
     """
 
     def __init__(

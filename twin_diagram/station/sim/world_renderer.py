@@ -34,8 +34,8 @@ _RENDERER = "camera"
 def drakes_intrinsics(lens: Lens) -> CameraInfo:
     """Return Drake's intrinsics of a lens without distortion.
 
-    Drake's VTK renderer puts pixel centres at (u + 0.5, v + 0.5), and not at (u, v) as everywhere in computer vision; so
-    it is told a principal point half a pixel further; without that every object is seen 0.7 mm aside at 1 m.
+    Drake's VTK renderer puts pixel centres at (u + 0.5, v + 0.5), and not at (u, v) as everywhere in computer vision;
+    so it is told a principal point half a pixel further; without that every object is seen 0.7 mm aside at 1 m.
     """
     return CameraInfo(lens.width, lens.height, lens.fx, lens.fy, lens.cx + 0.5, lens.cy + 0.5)
 
@@ -90,9 +90,7 @@ class WorldRenderer:
 
     def colour(self, positions: Array, view: LensView, X_WC: RigidTransform) -> Colour:
         """Return the colours (H, W, 4) that a camera at X_WC sees at positions (nq,)."""
-        image = self._at(positions).RenderColorImage(
-            ColorRenderCamera(self._core(view), False), self._world, X_WC
-        )
+        image = self._at(positions).RenderColorImage(ColorRenderCamera(self._core(view), False), self._world, X_WC)
         return view.bent(image.data, smooth=True)  # type: ignore[return-value]
 
     def depth(self, positions: Array, view: LensView, X_WD: RigidTransform) -> Depth:
