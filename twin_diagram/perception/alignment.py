@@ -17,7 +17,7 @@ from twin_diagram.scenario import Camera
 from twin_diagram.scenario.lenses import depth_lens
 from twin_diagram.scenario.poses import pose
 from twin_diagram.signals.arrays import Array
-from twin_diagram.signals.lens import Lens, straightening, unit_rays
+from twin_diagram.signals.lens import Lens, depth_between, straightening, unit_rays
 
 
 @dataclass(frozen=True)
@@ -148,4 +148,4 @@ class Alignment:
             return self.depth_grid.warped(depth)
         if not self.lens.distortion:
             return depth
-        return np.asarray(cv2.remap(depth, *straightening(self.lens), cv2.INTER_NEAREST))
+        return depth_between(depth, *straightening(self.lens))
