@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from twin_diagram import scenario
 from twin_diagram.errors import ScenarioError
@@ -47,7 +48,7 @@ class DepthSigma:
         own = (told.floor, told.growth, told.start)
         return DepthSigma(*(of_sheet if value is None else value for value, of_sheet in zip(own, sheet, strict=True)))
 
-    def __call__(self, z: Array) -> Array:
+    def __call__(self, z: npt.NDArray[np.floating]) -> Array:
         """Return the standard deviation [m] at depths z [m], any shape."""
         return np.asarray(self.floor + self.growth * (z - self.start) ** 2)
 

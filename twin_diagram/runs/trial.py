@@ -228,7 +228,7 @@ class _Sampler:
         image = cast(Any, self._loop.station.GetOutputPort(ports.depth_image(self._camera.name))).Eval(
             self._station_context
         )
-        depth = np.asarray(image.data)[..., 0] / np.float32(self._eye.depth_scale)
+        depth = np.asarray(image.data[..., 0] / np.float32(self._eye.depth_scale), dtype=np.float32)
         X_DW = self._eye.X_WD.inverse()
         times = np.array([time for time, _ in self._past])
         poses = self._past[int(np.argmin(np.abs(times - image_time)))][1]

@@ -153,8 +153,8 @@ def straightening(lens: Lens) -> tuple[Map, Map]:
 def depth_between(depth: Map, u: Map, v: Map) -> Map:
     """Return the depth at places between an image's pixels: that of the surface there, never between two.
 
-    On a plane the inverse of depth is linear in the image, so that is interpolated; where what comes out differs from the
-    nearest pixel's by a step, the nearest pixel's counts.
+    On a plane the inverse of depth is linear in the image, so that is interpolated; where what comes out differs from
+    the nearest pixel's by a step, the nearest pixel's counts.
 
     Args:
         depth: (H, W) [m], 0 or infinite where there is none.
