@@ -1,20 +1,20 @@
 """Estimates how far a camera is from its calibration, from surfaces whose places are known: the arm's and the table's.
 
-A point that the camera shows should lie on a known plane: the tangent plane of the arm's surface near by, or the table's
-top. By the errors e of the calibration (`signals.calibration_error`) it is shown aside by J e, so its distance from the
-plane is n · J e and noise. Gauss-Newton over e, beginning at what the data sheet promises, which is also its prior; the
-points are told anew by the camera as corrected before each step. Known is the camera's pose (6) and the scale of depth;
-the rest is carried along, so that what it leaves open is in the covariance.
+A point that the camera shows should lie on a known plane: the tangent plane of the arm's surface near by, or the
+table's top. By the errors e of the calibration (`signals.calibration_error`) it is shown aside by J e, so its distance
+from the plane is n · J e and noise. Gauss-Newton over e, beginning at what the data sheet promises, which is also its
+prior; the points are told anew by the camera as corrected before each step. Known is the camera's pose (6) and the
+scale of depth; the rest is carried along, so that what it leaves open is in the covariance.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin_diagram.perception.depth_noise import DepthSigma, excess
+from twin_diagram.perception.depth_noise import excess
 from twin_diagram.perception.pinhole import Pinhole
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.calibration_error import SIZE, CalibrationError, point_shifts
@@ -100,18 +100,10 @@ def corrected(camera: Pinhole, errors: Array) -> tuple[Pinhole, float]:
     """Return a camera with errors (10,) taken out of its pose and its lens, and the factor on its depth."""
     lens = camera.optics
     zoom = 1.0 + errors[7]
-    mended = type(lens)(
-        lens.width,
-        lens.height,
-        lens.fx * zoom,
-        lens.fy * zoom,
-        lens.cx + errors[8],
-        lens.cy + errors[9],
-        lens.distortion,
-    )
+    mended = replace(lens, fx=lens.fx * zoom, fy=lens.fy * zoom, cx=lens.cx + errors[8], cy=lens.cy + errors[9])
     angle = float(np.linalg.norm(errors[:3]))
     R = _rotation(errors[:3], angle) @ camera.R_WC
-    moved = Pinhole(camera.width, camera.height, 0.5 * (mended.fx + mended.fy), R, camera.p_WC + errors[3:6], mended, camera.depth_noise)  # fmt: skip
+    moved = replace(camera, focal=0.5 * (mended.fx + mended.fy), R_WC=R, p_WC=camera.p_WC + errors[3:6], lens=mended)
     return moved, 1.0 / (1.0 + float(errors[6]))
 
 

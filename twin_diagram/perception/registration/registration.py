@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram import scenario
-from twin_diagram.perception.registration.assessment import judge, residual_excess
+from twin_diagram.perception.registration.assessment import judge, points_alike, residual_excess
 from twin_diagram.perception.registration.data_association import COARSE, FINE, Poses, look
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
@@ -164,6 +164,7 @@ def register(
     fit = judge(looked, frame)
     # A data sheet that promises too much must not make claims too narrow.
     H = data.H[0] / residual_excess(looked, frame) ** 2
+    H = H / max(1.0, points_alike(looked, frame, model.spacing) / TUNING.correlation)
     return RegisteredPose(
         R=poses.R[0],
         p=poses.p[0],
