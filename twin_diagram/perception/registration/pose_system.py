@@ -75,7 +75,7 @@ class IcpPoseEstimator(LeafSystem):
         self._library = tuple(Known.of(ModelCloud.of(asset, params.model_points)) for asset in library.values())
         self._params = params
         self._smallest = tuning.smallest
-        none = Segments.empty(Pinhole.from_scenario(camera), tuning.stride, tuning.table_height)
+        none = Segments.empty(Pinhole.from_scenario(camera).straight, tuning.stride, tuning.table_height)
         self._input = self.DeclareAbstractInputPort("segments", AbstractValue.Make(none))
         count = len(library)
         empty = np.concatenate([measurement(Slot(), None, NEVER).pack() for _ in range(count)] or [np.zeros(0)])

@@ -11,9 +11,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from twin_diagram import scenario
-from twin_diagram.perception.pinhole import (
-    TUNING as PINHOLE,
-)
+from twin_diagram.perception.depth_noise import DepthSigma
 from twin_diagram.perception.pinhole import (
     ColourImage,
     DepthImage,
@@ -136,7 +134,9 @@ def in_workspace(points: Array, workspace: Sequence[Sequence[float]]) -> Mask:
     return np.asarray((x > low[0]) & (x < high[0]) & (y > low[1]) & (y < high[1]) & (z > low[2]) & (z < high[2]))
 
 
-def above_table(points: Array, depth: DepthImage, table: Array, least: float) -> Mask:
+def above_table(
+    points: Array, depth: DepthImage, table: Array, least: float, depth_noise: DepthSigma | None = None
+) -> Mask:
     """Return which points (h, w, 3) are higher above the table than noise explains.
 
     Args:
@@ -144,8 +144,9 @@ def above_table(points: Array, depth: DepthImage, table: Array, least: float) ->
         depth: (h, w) [m], of which the noise depends.
         table: (a, b, c) of the table z = a x + b y + c.
         least: height that is always asked for [m].
+        depth_noise: of the camera's data sheet; None: `DepthSigma`'s own.
     """
-    clearance = np.maximum(least, TUNING.table_sigmas * PINHOLE.depth_noise * depth**2)
+    clearance = np.maximum(least, TUNING.table_sigmas * (depth_noise or DepthSigma())(depth))
     return np.asarray(points[..., 2] - (table[0] * points[..., 0] + table[1] * points[..., 1] + table[2]) > clearance)
 
 
@@ -193,7 +194,7 @@ def segment(
     points = back_project(coarse, grid.rays, grid.camera.p_WC)
     inside = valid & in_workspace(points, params.workspace)
     table = fit_table(points[inside], params.table_height)
-    standing = inside & above_table(points, coarse, table, params.table_clearance)
+    standing = inside & above_table(points, coarse, table, params.table_clearance, grid.camera.depth_noise)
 
     label_image = np.full(coarse.shape, SEGMENTS.background, dtype=np.int16)
     label_image[~valid] = SEGMENTS.no_depth
