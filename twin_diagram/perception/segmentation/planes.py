@@ -218,12 +218,12 @@ def _fitted(points: Array, height: Array, table: Plane, width: float) -> Plane |
     middle = points.mean(axis=0)
     axes = _axes(table)
     A = np.column_stack([(points - middle) @ axes.T, np.ones(len(points))])
-    weight = np.ones(len(points))
-    coefficient = np.zeros(3)
+    weight: Array = np.ones(len(points))
+    coefficient: Array = np.zeros(3)
     for _ in range(TUNING.rounds):
         weighted = A * weight[:, None]
-        coefficient = np.linalg.solve(A.T @ weighted + 1e-9 * np.eye(3), weighted.T @ height)
-        weight = np.maximum(1.0 - ((height - A @ coefficient) / (2.0 * width)) ** 2, 0.0) ** 2
+        coefficient = np.asarray(np.linalg.solve(A.T @ weighted + 1e-9 * np.eye(3), weighted.T @ height), dtype=float)
+        weight = np.asarray(np.maximum(1.0 - ((height - A @ coefficient) / (2.0 * width)) ** 2, 0.0) ** 2)
     if np.linalg.norm(coefficient[:2]) > np.tan(TUNING.other_tilt):
         return None
     normal = table.normal - coefficient[:2] @ axes
