@@ -2,8 +2,8 @@
 
     python sims/benchmarks/unknown_pieces.py --views 20 --sigma 0.0038
 
-Ray-cast: boxes, cans, a ball, the objects of `models/objects`, and scanned YCB objects where their data is. Open vessels count
-as full: what could be put into them is no room for an arm.
+Ray-cast: boxes, cans, a ball, the objects of `models/objects`, and scanned YCB objects where their data is. Open vessels
+count as full: what could be put into them is no room for an arm.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     args = parser.parse_args()
     print(
-        f"{'thing':24s} {'inside [%]':>21s} {'pieces / true':>19s} {'pieces':>7s}\n{'':24s}   median  p5  worst  median p95 worst"
+        f"{'thing':24s} {'inside [%]':>21s} {'pieces / true':>19s} {'pieces':>7s}\n"
+        f"{'':24s}   median  p5  worst  median p95 worst"
     )
     rows = []
     for name, mesh in meshes().items():

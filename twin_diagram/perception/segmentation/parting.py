@@ -43,6 +43,12 @@ class Tuning:
     hollow_share: float = 0.5
     """Share of the border of two parts that must be hollow, so that they stay two."""
 
+    slope_share: float = 0.4
+    """Of a step, what the next one must be for the two to be a slope."""
+
+    slope_gaps: float = 2.5
+    """Times the gap: steeper ones are steps, whatever is beside them."""
+
     core: int = 3
     """Parts that hang together by less than this many pixels come apart."""
 
@@ -60,7 +66,7 @@ def arm_length(sigma: float, pitch: float) -> int:
     return int(np.clip(np.ceil(TUNING.hollow_sigmas * sigma / pitch), TUNING.least_arm, TUNING.largest_arm))
 
 
-def hollow(depth: DepthImage, pitch: float, arm: int) -> tuple[Mask, Mask]:
+def hollow(depth: DepthImage, pitch: float, arm: int, where: Mask | None = None) -> tuple[Mask, Mask]:
     """Find where the surface turns towards the camera: hollow edges, and the far side of small steps.
 
     For three pixels in a row, the turn of the line through their points is measured in four directions.
@@ -69,30 +75,32 @@ def hollow(depth: DepthImage, pitch: float, arm: int) -> tuple[Mask, Mask]:
         depth: (h, w) [m], 0 where there is none.
         pitch: distance between neighbouring rays at depth 1 m [m].
         arm: how far apart the three pixels are [pixel].
+        where: (h, w), the pixels that are looked at; None: all.
 
     Returns:
         (h, w) each, a band about as wide as `arm` on both sides of an edge: turns along rows, turns along columns;
         slanting ones are in both.
     """
     along_rows, along_columns = np.zeros(depth.shape, dtype=bool), np.zeros(depth.shape, dtype=bool)
-    height, width = depth.shape
     count = cv2.blur((depth > 0).astype(np.float32), (3, 3), borderType=cv2.BORDER_CONSTANT)
     smooth = cv2.blur(depth, (3, 3), borderType=cv2.BORDER_CONSTANT) / np.maximum(count, np.float32(0.1))
     smooth[count < 0.5] = 0.0
+    row, column = np.nonzero(depth > 0 if where is None else where)
+    framed = cv2.copyMakeBorder(smooth, arm, arm, arm, arm, cv2.BORDER_CONSTANT, value=0.0)
+    width = framed.shape[1]
+    at, flat = (row + arm) * width + column + arm, framed.ravel()
+    middle = flat[at]
     slant = max(1, round(arm * 0.7))
+    rows, columns = np.zeros(len(at), dtype=bool), np.zeros(len(at), dtype=bool)
+    limit = np.float32(TUNING.steepest**2)
     for down, right in ((0, arm), (arm, 0), (slant, slant), (slant, -slant)):
-        aside = abs(right)
-        if height <= 2 * down or width <= 2 * aside:
-            continue
         span = np.float32(pitch * np.hypot(down, right))
-        middle = smooth[down : height - down, aside : width - aside]
-        before = smooth[: height - 2 * down, aside - right : width - aside - right]
-        after = smooth[2 * down :, aside + right : width - aside + right]
+        away = down * width + right
+        before, after = flat[at - away], flat[at + away]
         # With the middle's ray as axis, points are (-span, 1) · before, (0, 1) · middle, (span, 1) · after.
         turn = middle * (before + after) - 2.0 * before * after
         across_before, across_after = (span * before) ** 2, (span * after) ** 2
         along_before, along_after = (middle - before) ** 2, (middle - after) ** 2
-        limit = np.float32(TUNING.steepest**2)
         sine = np.float32(np.sin(TUNING.hollow_angle) / span) ** 2
         turns = (
             (turn > 0)
@@ -102,14 +110,18 @@ def hollow(depth: DepthImage, pitch: float, arm: int) -> tuple[Mask, Mask]:
             & (middle > 0)
         )
         if right:
-            along_rows[down : height - down, aside : width - aside] |= turns
+            rows |= turns
         if down:
-            along_columns[down : height - down, aside : width - aside] |= turns
+            columns |= turns
+    along_rows[row, column], along_columns[row, column] = rows, columns
     return along_rows, along_columns
 
 
 def far_sides(depth: DepthImage, gap: float) -> Mask:
-    """Return the pixels behind a step in depth of more than `gap` [m] to one of their four neighbours."""
+    """Return the pixels behind a step in depth of more than `gap` [m] to one of their four neighbours.
+
+    A step beside another of its kind is a slope, as of a face seen nearly edge on, unless it is far too steep.
+    """
     result = np.zeros(depth.shape, dtype=bool)
     there = depth > 0
     for first, second in (
@@ -118,6 +130,19 @@ def far_sides(depth: DepthImage, gap: float) -> Mask:
     ):
         step = depth[second] - depth[first]
         both = there[first] & there[second]
+        across = np.abs(step) > gap
+        if not across.any():
+            continue
+        row, column = np.nonzero(across & both)
+        here = step[row, column]
+        alike = np.zeros(len(here), dtype=bool)
+        for way in (-1, 1):
+            r = row if step.shape[1] < depth.shape[1] else np.clip(row + way, 0, step.shape[0] - 1)
+            c = column if step.shape[0] < depth.shape[0] else np.clip(column + way, 0, step.shape[1] - 1)
+            other = np.where((r != row) | (c != column), step[r, c], np.float32(0.0))
+            alike |= (other * here > TUNING.slope_share * here * here) & both[r, c]
+        slope = alike & (np.abs(here) < TUNING.slope_gaps * gap)
+        both[row[slope], column[slope]] = False
         result[second] |= both & (step > gap)
         result[first] |= both & (step < -gap)
     return result
@@ -217,14 +242,15 @@ def part(
     z, there = depth[window], standing[window]
     behind = far_sides(z, gap) & there
     whole = there & ~behind
-    along_rows, along_columns = hollow(z, pitch, arm)
+    along_rows, along_columns = hollow(z, pitch, arm, whole)
     core = whole & ~(along_rows | along_columns)
     core = cv2.erode(core.astype(np.uint8), np.ones((TUNING.core, TUNING.core), np.uint8)) > 0
     parts, count = numbered(core, max(1, smallest // 4))
     parts = grown(parts, whole, arm + TUNING.core)
     # What has no core at all is a thing of its own if it is large enough.
     rest, more = numbered(whole & (parts < 0), max(1, smallest // 2))
-    parts = np.where(rest >= 0, rest + count, parts)
+    if more:
+        parts = np.where(rest >= 0, rest + count, parts)
     parts = joined(parts, count + more, whole, (along_rows, along_columns))
     parts = grown(parts, there, 2)
     parts, count = _in_order(parts, count + more, smallest)

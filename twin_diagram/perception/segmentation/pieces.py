@@ -1,15 +1,16 @@
 """Convex pieces of an unknown thing, seen from one side: what is hidden is taken for solid.
 
 The policy: whatever is seen of a thing reaches straight down to what it stands on. Where its surface bends down before
-it goes out of sight, as a ball's does and a lid's does not, it goes on away from the camera three times as far as it has
-come down, and a thing is no less deep than half its width; but never beyond its shadow, for there the camera sees that
-nothing is. A wrong guess costs the arm room, not a collision.
+it goes out of sight, as a ball's does and a lid's does not, it goes on away from the camera three times as far as it
+has come down, and a thing is no less deep than half its width; but never beyond its shadow, for there the camera sees
+that nothing is. A wrong guess costs the arm room, not a collision.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -140,7 +141,7 @@ def _slabs(solid: Array, count: int) -> list[Array]:
     """Cut points into slabs side by side that overlap by twice the padding."""
     edges = np.linspace(solid[:, 1].min(), solid[:, 1].max(), count + 1)
     reach = 2.0 * TUNING.padding if count > 1 else 0.0
-    inside = [(solid[:, 1] >= a - reach) & (solid[:, 1] <= b + reach) for a, b in zip(edges, edges[1:], strict=False)]
+    inside = [(solid[:, 1] >= a - reach) & (solid[:, 1] <= b + reach) for a, b in pairwise(edges)]
     return [solid[mask] for mask in inside if np.count_nonzero(mask) >= TUNING.fewest]
 
 

@@ -50,6 +50,9 @@ class Tuning:
     seeds: int = 48
     """Patches from which planes are grown."""
 
+    survivors: int = 8
+    """Planes that are grown on after the first round, those of most patches."""
+
     reaches: tuple[float, ...] = (0.05, 0.03, 0.02, 0.012, 0.01)
     """How far off a growing plane its patches may lie, round by round [m] at the least; noise adds to it."""
 
@@ -71,7 +74,7 @@ class Tuning:
     pixels: int = 5000
     """Pixels of the final fit at most."""
 
-    rounds: int = 4
+    rounds: int = 3
     """Rounds of reweighted least squares on pixels."""
 
     tukey: float = 4.0
@@ -308,8 +311,10 @@ def _largest(patches: _Patches, p_WC: Array, told: Told) -> tuple[Array, Mask] |
         near = np.abs(_off(patches, slopes)) < np.maximum(reach, 1.5 * patches.sigma)
         alike = slopes @ normal.T > np.cos(TUNING.patch_angle) * np.linalg.norm(slopes, axis=1, keepdims=True)
         members = near & alike
-        slopes = slopes[members.any(axis=1)]
-        members = members[members.any(axis=1)]
+        size = members.sum(axis=1)
+        best = np.sort(np.argsort(-size, kind="stable")[: TUNING.survivors])
+        best = best[size[best] > 0]
+        members = members[best]
         sums = members.astype(float) @ products
         weight = members.sum(axis=1)[:, None, None]
         slopes = np.linalg.solve(sums[:, :9].reshape(-1, 3, 3) + 1e-9 * weight * np.eye(3), sums[:, 9:, None])[..., 0]

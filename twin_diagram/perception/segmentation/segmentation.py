@@ -21,6 +21,7 @@ from twin_diagram.perception.pinhole import (
     grid_normals,
 )
 from twin_diagram.perception.segmentation.parting import Labels, grown, part
+from twin_diagram.perception.segmentation.planes import TUNING as PLANES
 from twin_diagram.perception.segmentation.planes import Plane, Told, find_plane, level_surfaces
 from twin_diagram.perception.segmentation.segments import TUNING as SEGMENTS
 from twin_diagram.perception.segmentation.segments import Segments
@@ -78,6 +79,7 @@ class Grid:
         stride: [pixel]
         rays: (h, w, 3) in W, to the points at depth 1 m.
         small: the same, single precision.
+        coarse: rays at every so many pixels that planes can be found on them.
         pitch: distance between neighbouring rays at depth 1 m [m].
     """
 
@@ -85,13 +87,16 @@ class Grid:
     stride: int
     rays: Array
     small: Small
+    coarse: Array
     pitch: float
 
     @staticmethod
     def of(camera: Pinhole, stride: int) -> Grid:
         """Return the rays of a camera."""
         rays = camera.rays(stride)
-        return Grid(camera, stride, rays, np.ascontiguousarray(rays, dtype=np.float32), stride / camera.focal)
+        step = max(1, rays.shape[1] // PLANES.columns)
+        coarse = np.ascontiguousarray(rays[::step, ::step])
+        return Grid(camera, stride, rays, rays.astype(np.float32), coarse, stride / camera.focal)
 
     def noise(self, depth: npt.ArrayLike) -> Array:
         """Return the told standard deviation of depth [m]."""
@@ -135,8 +140,8 @@ def support_plane(depth: DepthImage, grid: Grid, params: scenario.Perception) ->
     Returns:
         Its top; None where it is not in view.
     """
-    step = max(1, depth.shape[1] // 160)
-    z, rays = depth[::step, ::step], grid.rays[::step, ::step]
+    step = max(1, depth.shape[1] // PLANES.columns)
+    z, rays = depth[::step, ::step], grid.coarse
     low, high = np.asarray(params.workspace, dtype=float)
     x, y = (grid.camera.p_WC[k] + z * rays[..., k] for k in (0, 1))
     z = np.where((x > low[0]) & (x < high[0]) & (y > low[1]) & (y < high[1]), z, np.float32(0.0))
@@ -199,8 +204,8 @@ def label_pixels(depth: DepthImage, grid: Grid, params: scenario.Perception, nea
     part_of = _things(z, stands, grid, step, params, near_robot)
     if step > 1:
         part_of = follow_nearest(part_of, z, depth, standing, params.cluster_gap)
-    label_image = np.where(part_of == SEGMENTS.background, np.int16(SEGMENTS.background), part_of).astype(np.int16)
-    label_image[depth == 0] = SEGMENTS.no_depth
+    label_image = part_of.astype(np.int16)
+    np.putmask(label_image, depth == 0, np.int16(SEGMENTS.no_depth))
     return Apart(label_image, int(part_of.max(initial=-1)) + 1, table)
 
 
@@ -274,25 +279,27 @@ def follow_nearest(label: Labels, z: DepthImage, depth: DepthImage, standing: Ma
     Returns:
         (H, W)
     """
-    size = (depth.shape[1], depth.shape[0])
-    doubled = cv2.resize(label, (2 * label.shape[1], 2 * label.shape[0]), interpolation=cv2.INTER_NEAREST)
-    source = cv2.resize(z, (2 * z.shape[1], 2 * z.shape[0]), interpolation=cv2.INTER_NEAREST)
-    result = np.where(standing, doubled[: size[1], : size[0]], np.int32(SEGMENTS.background))
-    wrong = standing & ((result == SEGMENTS.background) | (np.abs(source[: size[1], : size[0]] - depth) > gap))
-    row, column = np.nonzero(wrong)
-    here = depth[row, column]
-    best = np.full(len(row), gap, dtype=np.float32)
-    found = np.full(len(row), SEGMENTS.background, dtype=np.int32)
+    result = np.full(depth.shape, SEGMENTS.background, dtype=np.int32)
+    at = np.flatnonzero(standing)
+    row, column = np.divmod(at, depth.shape[1])
+    here = depth.ravel()[at]
+    nearest = (row >> 1) * label.shape[1] + (column >> 1)
+    found = label.ravel()[nearest]
+    wrong = np.flatnonzero((found == SEGMENTS.background) | (np.abs(z.ravel()[nearest] - here) > gap))
+    row, column, here = row[wrong], column[wrong], here[wrong]
+    best = np.full(len(wrong), gap, dtype=np.float32)
+    instead = np.full(len(wrong), SEGMENTS.background, dtype=np.int32)
     height, width = label.shape
     for down in (0, 1):
         for right in (0, 1):
-            r, c = np.minimum(row // 2 + down, height - 1), np.minimum(column // 2 + right, width - 1)
+            r, c = np.minimum((row >> 1) + down, height - 1), np.minimum((column >> 1) + right, width - 1)
             away = np.abs(z[r, c] - here)
             better = (away < best) & (label[r, c] != SEGMENTS.background)
             best = np.where(better, away, best)
-            found = np.where(better, label[r, c], found)
-    result[row, column] = found
-    return np.asarray(result)
+            instead = np.where(better, label[r, c], instead)
+    found[wrong] = instead
+    result.ravel()[at] = found
+    return result
 
 
 def segment(
