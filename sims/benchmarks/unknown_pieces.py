@@ -2,8 +2,8 @@
 
     python sims/benchmarks/unknown_pieces.py --views 20 --sigma 0.0038
 
-Ray-cast: boxes, cans, a ball, the objects of `models/objects`, and scanned YCB objects where their data is. Open vessels
-count as full: what could be put into them is no room for an arm.
+Ray-cast: boxes, cans, a ball, the objects of `models/objects`, and scanned YCB objects where their data is. Open
+vessels count as full: what could be put into them is no room for an arm.
 """
 
 from __future__ import annotations

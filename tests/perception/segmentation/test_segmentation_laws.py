@@ -65,6 +65,47 @@ def test_the_robots_points_are_left_out_where_they_stand() -> None:
     assert np.count_nonzero(found.label_image == -2) == 12
 
 
+def near_below(limit: float) -> Any:
+    """A robot that fills all below a height, seen as a wall of the points' x: distance is x + 0.09 m."""
+    return lambda points, margin: points[:, 0] + 0.09 - limit < margin
+
+
+def test_a_thing_that_touches_the_robot_is_seen_up_to_it() -> None:
+    """A block of 10 × 10 cm from x = -0.09 m on; the robot is what is left of its edge, or of a line in it."""
+    rgb, depth = image()
+    depth[14, 14] = 0.9
+    block = (slice(5, 10), slice(5, 10))
+    fine = PARAMS.__class__(**{**vars(PARAMS), "robot_clearance": 0.01})
+    # Columns are 9 mm apart, the first at x = -0.08775: distances 2, 11, 20 mm … plus what the robot is short of.
+    # Within 10 mm they are the robot's, but from 4 mm on the block's surface goes on there.
+    for short, robots in ((0.02, 0), (0.004, 0), (0.0025, 0), (0.001, 1), (0.0, 1), (-0.01, 2)):
+        found = segment(rgb, depth, 0.0, Grid.of(DOWN, 2), fine, near_below(-short))
+        label = found.label_image[block]
+        assert (label[:, :robots] == -2).all() and (label[:, robots:] == 0).all(), short
+        assert found.count == 2
+
+
+def test_what_stays_within_the_robots_rim_is_no_thing() -> None:
+    rgb, depth = image()
+    depth[14, 14] = 0.9
+    block = (slice(5, 10), slice(5, 10))
+    whole = np.full((5, 5), -2)
+    # The robot takes the first two columns; of the others, this many lie beyond the rim.
+    for rim, label in ((0.031, [-2, -2, -2]), (0.03, [-2, -2, -2])):
+        near = lambda points, margin, rim=rim: points[:, 0] + 0.09 < (0.019 if margin < 0.0121 else rim + 0.05)  # noqa: E731
+        fine = PARAMS.__class__(**{**vars(PARAMS), "robot_clearance": 0.012})
+        found = segment(rgb, depth, 0.0, Grid.of(DOWN, 2), fine, near)
+        np.testing.assert_array_equal(found.label_image[block], whole)
+        assert found.count == 1 and set(np.unique(found.labels)) == {0}, label
+
+
+def test_an_image_of_nothing_but_the_robot_has_no_things() -> None:
+    rgb, depth = image()
+    found = segment(rgb, depth, 0.0, Grid.of(DOWN, 2), PARAMS, lambda points, margin: np.ones(len(points), bool))
+    assert found.count == 0 and len(found.points_W) == 0
+    assert (found.label_image[15:18, 20:24] == -2).all() and (found.label_image[0] == -1).all()
+
+
 def test_before_the_first_image_no_pixel_has_depth() -> None:
     for stride, shape in ((1, (44, 60)), (2, (22, 30)), (3, (15, 20)), (7, (7, 9)), (44, (1, 2))):
         none = Segments.empty(DOWN, stride, 0.25)

@@ -231,6 +231,8 @@ def _things(
     if near_robot is None or not robot.any():
         return label
     label = _without_rims(label, count, robot, z, grid, step, params.robot_clearance, near_robot)
+    robot |= label == SEGMENTS.robot
+    label[robot] = SEGMENTS.background
     label = np.where(spare & (label < 0), grown(label, spare, TUNING.reclaimed), label)
     label[robot & (label < 0)] = SEGMENTS.robot
     return label
