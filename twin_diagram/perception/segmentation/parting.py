@@ -66,6 +66,12 @@ def arm_length(sigma: float, pitch: float) -> int:
     return int(np.clip(np.ceil(TUNING.hollow_sigmas * sigma / pitch), TUNING.least_arm, TUNING.largest_arm))
 
 
+def _where(mask: Mask) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Rows and columns of a mask's pixels: several times faster than NumPy's own for two dimensions."""
+    row, column = np.divmod(np.flatnonzero(mask), mask.shape[1])
+    return row, column
+
+
 def hollow(depth: DepthImage, pitch: float, arm: int, where: Mask | None = None) -> tuple[Mask, Mask]:
     """Find where the surface turns towards the camera: hollow edges, and the far side of small steps.
 
@@ -85,7 +91,7 @@ def hollow(depth: DepthImage, pitch: float, arm: int, where: Mask | None = None)
     count = cv2.blur((depth > 0).astype(np.float32), (3, 3), borderType=cv2.BORDER_CONSTANT)
     smooth = cv2.blur(depth, (3, 3), borderType=cv2.BORDER_CONSTANT) / np.maximum(count, np.float32(0.1))
     smooth[count < 0.5] = 0.0
-    row, column = np.nonzero(depth > 0 if where is None else where)
+    row, column = _where(depth > 0 if where is None else where)
     framed = cv2.copyMakeBorder(smooth, arm, arm, arm, arm, cv2.BORDER_CONSTANT, value=0.0)
     width = framed.shape[1]
     at, flat = (row + arm) * width + column + arm, framed.ravel()
@@ -133,7 +139,7 @@ def far_sides(depth: DepthImage, gap: float) -> Mask:
         across = np.abs(step) > gap
         if not across.any():
             continue
-        row, column = np.nonzero(across & both)
+        row, column = _where(across & both)
         here = step[row, column]
         alike = np.zeros(len(here), dtype=bool)
         for way in (-1, 1):
@@ -194,7 +200,7 @@ def joined(label: Labels, count: int, whole: Mask, hollow_edges: tuple[Mask, Mas
         (hollow_edges[0], (slice(None), before), (slice(None), after)),
         (hollow_edges[1], (before, slice(None)), (after, slice(None))),
     ):
-        meet = np.nonzero((label[a] != label[b]) & (label[a] >= 0) & (label[b] >= 0) & whole[a] & whole[b])
+        meet = _where((label[a] != label[b]) & (label[a] >= 0) & (label[b] >= 0) & whole[a] & whole[b])
         first.append(label[a][meet])
         second.append(label[b][meet])
         turns.append(turn[a][meet] | turn[b][meet])

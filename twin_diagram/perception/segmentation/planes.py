@@ -29,7 +29,7 @@ class Tuning:
     real images.
     """
 
-    columns: int = 160
+    columns: int = 128
     """Pixels across the image that are looked at: farther apart than the noise of neighbours is alike."""
 
     block: int = 4
@@ -312,9 +312,8 @@ def _largest(patches: _Patches, p_WC: Array, told: Told) -> tuple[Array, Mask] |
         alike = slopes @ normal.T > np.cos(TUNING.patch_angle) * np.linalg.norm(slopes, axis=1, keepdims=True)
         members = near & alike
         size = members.sum(axis=1)
-        best = np.sort(np.argsort(-size, kind="stable")[: TUNING.survivors])
-        best = best[size[best] > 0]
-        members = members[best]
+        largest = np.sort(np.argsort(-size, kind="stable")[: TUNING.survivors])
+        members = members[largest[size[largest] > 0]]
         sums = members.astype(float) @ products
         weight = members.sum(axis=1)[:, None, None]
         slopes = np.linalg.solve(sums[:, :9].reshape(-1, 3, 3) + 1e-9 * weight * np.eye(3), sums[:, 9:, None])[..., 0]
