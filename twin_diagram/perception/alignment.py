@@ -17,7 +17,7 @@ from twin_diagram.scenario import Camera
 from twin_diagram.scenario.lenses import depth_lens
 from twin_diagram.scenario.poses import pose
 from twin_diagram.signals.arrays import Array
-from twin_diagram.signals.lens import Lens, straightening, unit_rays
+from twin_diagram.signals.lens import Lens, depth_between, straightening, unit_rays
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,8 @@ class DepthGrid:
     """A depth camera of its own, ready to be warped onto the grid of the colours.
 
     Attributes:
-        rays: (H, W, 3), its third axis outermost in memory, in the colour camera's frame, from the depth camera to the points at depth `scale`.
+        rays: (H, W, 3), its third axis outermost in memory, in the colour camera's frame, from the depth camera to the
+            points at depth `scale`.
         p_CD: (3,) where the depth camera is in the colour camera's frame [m].
         target: lens of the grid, without distortion.
         half: half the width and height of a point's footprint [px].
@@ -101,7 +102,7 @@ class DepthGrid:
 def _covered(
     at: npt.NDArray[np.float32], half: float, size: int
 ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
-    """Return the first and last pixel within `half` of places `at`, counted from a rim of one pixel that takes the rest."""
+    """Return the first and last pixel within `half` of places `at`, counted from a rim of one for all beyond."""
     low, high = np.ceil(at - np.float32(half)), np.floor(at + np.float32(half))
     return tuple(np.clip(edge + 1.0, 0, size + 1).astype(np.int32) for edge in (low, high))  # type: ignore[return-value]
 
@@ -147,4 +148,4 @@ class Alignment:
             return self.depth_grid.warped(depth)
         if not self.lens.distortion:
             return depth
-        return np.asarray(cv2.remap(depth, *straightening(self.lens), cv2.INTER_NEAREST))
+        return depth_between(depth, *straightening(self.lens))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from twin_diagram import scenario
 from twin_diagram.errors import ScenarioError
@@ -19,6 +20,15 @@ class Tuning:
     normal: float = 1.4826
     """Standard deviation of normal residuals over the median of their sizes."""
 
+    width: float = 640.0
+    """Figures in pixels are those of images so wide [px]."""
+
+    patch: float = 78.5
+    """Area over which neighbours err alike: 4πσ² of a Gaussian with σ = 2.5 px [px]."""
+
+    wave: float = 2830.0
+    """The same of what lasts: σ = 15 px [px]."""
+
     fewest: int = 30
     """Residuals below this number say nothing about the sheet: their scale is off by a seventh and more."""
 
@@ -28,11 +38,13 @@ TUNING = Tuning()
 
 @dataclass(frozen=True)
 class DepthSigma:
-    """RMS error of depth z: floor + growth · (z - start)² [m]; hashable."""
+    """RMS error of depth z: floor + growth · (z - start)² [m], and what of it neighbouring pixels share; hashable."""
 
     floor: float = SHEETS["ideal"].floor
     growth: float = SHEETS["ideal"].growth
     start: float = SHEETS["ideal"].start
+    correlated: float = SHEETS["ideal"].correlated
+    lasting: float = SHEETS["ideal"].lasting
 
     @staticmethod
     def of(told: scenario.DepthNoise) -> DepthSigma:
@@ -44,12 +56,24 @@ class DepthSigma:
         if told.sheet not in SHEETS:
             raise ScenarioError("twin.camera.depth_noise.sheet", f"{told.sheet!r} is none of {', '.join(SHEETS)}")
         sheet = SHEETS[told.sheet]
-        own = (told.floor, told.growth, told.start)
+        own = (told.floor, told.growth, told.start, told.correlated, told.lasting)
         return DepthSigma(*(of_sheet if value is None else value for value, of_sheet in zip(own, sheet, strict=True)))
 
-    def __call__(self, z: Array) -> Array:
+    def __call__(self, z: npt.NDArray[np.floating]) -> Array:
         """Return the standard deviation [m] at depths z [m], any shape."""
         return np.asarray(self.floor + self.growth * (z - self.start) ** 2)
+
+    def left_by_averaging(self, area: float, width: int) -> float:
+        """Return which share of the variance is left in the mean over some pixels that lie together.
+
+        Args:
+            area: how many there are [px].
+            width: of the image [px].
+        """
+        pixels = max(area, 1.0) * (TUNING.width / width) ** 2
+        white = max(0.0, 1.0 - self.correlated - self.lasting)
+        patches, waves = TUNING.patch / (TUNING.patch + pixels), TUNING.wave / (TUNING.wave + pixels)
+        return white / max(area, 1.0) + self.correlated * patches + self.lasting * waves
 
 
 def excess(residual: Array, sigma: Array) -> float:

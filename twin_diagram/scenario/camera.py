@@ -46,6 +46,11 @@ class DepthNoise:
     """[1/m]; null: the sheet's."""
     start: float | None = None
     """[m]; null: the sheet's."""
+    correlated: float | None = None
+    """Share of the variance that neighbouring pixels have in common (Gaussian, σ 2.5 px at 640 a row); null: none for
+    `ideal`, 0.6 for the others."""
+    lasting: float | None = None
+    """Share of it that lasts from frame to frame and spreads wider (σ 15 px); null: none for `ideal`, else 0.3."""
 
 
 @document

@@ -15,7 +15,7 @@ class CameraDefects:
     """
 
     profile: str = "ideal"
-    """`ideal`: little white noise, calibrated as told. `d415`, `d435`, `kinect1`: as bad as those, and all that is below."""
+    """`ideal`: little white noise, calibrated as told. `d415`, `d435`, `kinect1`: as bad as those, in all below."""
     depth_noise: float | None = None
     """RMS of depth [m] 1 m beyond `depth_noise_start`, above `depth_noise_floor`; grows with distance squared."""
     depth_noise_floor: float | None = None
@@ -25,7 +25,7 @@ class CameraDefects:
     white_share: float | None = None
     """Share of the variance that is white."""
     wave_share: float | None = None
-    """Share of the variance that is fixed for the run, in waves; the rest is anew each frame, correlated over pixels."""
+    """Share of the variance that is in waves fixed for the run; the rest is correlated over pixels, anew each frame."""
     correlation: float | None = None
     """σ of the Gaussian that correlates it [px]."""
     waves: float | None = None

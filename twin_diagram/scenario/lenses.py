@@ -1,4 +1,4 @@
-"""A scenario's intrinsics as lenses."""
+"""A scenario's intrinsics as lenses, and what it says of their errors."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import numpy as np
 from twin_diagram.errors import ScenarioError
 from twin_diagram.scenario.camera import Camera, DepthCamera
 from twin_diagram.scenario.validation import check_distortion
+from twin_diagram.signals.calibration_error import CalibrationError
 from twin_diagram.signals.lens import Lens, unit_rays
 
 
@@ -37,3 +38,9 @@ def _lens(camera: Camera | DepthCamera, fx: float, fy: float, field: str) -> Len
     if distortion and not np.isfinite(unit_rays(lens)).all():
         raise ScenarioError(f"{field}.distortion", f"{camera.distortion} folds the image over itself")
     return lens
+
+
+def calibration_error(camera: Camera) -> CalibrationError:
+    """Return what the twin is told of its camera's calibration being off."""
+    shift, turn = camera.X_WC_std
+    return CalibrationError(shift, turn, camera.focal_std, camera.centre_std, camera.depth_scale_std)

@@ -14,6 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -31,6 +32,9 @@ class Tuning:
 
     exact: float = 1e-10
     """Where it ends, in normalised coordinates: 1e-7 px."""
+
+    step: float = 0.015
+    """A step in depth between neighbours, as a share of the depth, that leads from one surface to another."""
 
     folded: float = 0.05
     """Least determinant of the map's derivative: below it an image folds over itself, and no lens does that."""
@@ -144,3 +148,25 @@ def straightening(lens: Lens) -> tuple[Map, Map]:
     u.setflags(write=False)
     v.setflags(write=False)
     return u, v
+
+
+def depth_between(depth: Map, u: Map, v: Map) -> Map:
+    """Return the depth at places between an image's pixels: that of the surface there, never between two.
+
+    On a plane the inverse of depth is linear in the image, so that is interpolated; where what comes out differs from
+    the nearest pixel's by a step, the nearest pixel's counts.
+
+    Args:
+        depth: (H, W) [m], 0 or infinite where there is none.
+        u: (h, w) columns [px].
+        v: (h, w) rows [px].
+
+    Returns:
+        (h, w), 0 or infinite where the nearest pixel is, and 0 beyond the image.
+    """
+    nearest = cv2.remap(depth, u, v, cv2.INTER_NEAREST)
+    known = np.isfinite(depth) & (depth > 0)
+    inverse = np.where(known, np.float32(1.0) / np.where(known, depth, np.float32(1.0)), np.float32(0.0))
+    found = np.float32(1.0) / np.maximum(cv2.remap(inverse, u, v, cv2.INTER_LINEAR), np.float32(1e-6))
+    with np.errstate(invalid="ignore"):
+        return np.where(np.abs(found - nearest) < np.float32(TUNING.step) * nearest, found, nearest)

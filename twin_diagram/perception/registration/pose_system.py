@@ -43,11 +43,14 @@ class IcpPoseEstimator(LeafSystem):
         output_ports:
         - object_poses
 
-    `segments` holds a `Segments`. `object_poses` is one `PoseMeasurement` (`MEASUREMENT_SIZE` numbers) per object, in
-    the library's order: X_WO at the image's capture time, covariance, quality; quality 0 with the last pose where an
-    object was not found in the image, time `NEVER` before the first image. Updated at k / rate + latency + 1 ms,
-    k = 0, 1, …: the poses are those of the image delivered just before, so they are `latency` + 1 ms old when they come
-    out. All memory is discrete vector state.
+    Ports:
+        segments: (`Segments`) of the newest image.
+        object_poses: (K · MEASUREMENT_SIZE) a `PoseMeasurement` per object, in the library's order: X_WO at the image's
+            capture time, covariance, quality; quality 0 with the last pose where an object was not found in the image,
+            time `NEVER` before the first image.
+
+    Updated at k / rate + latency + 1 ms, k = 0, 1, …: the poses are those of the image delivered just before, so they
+    are `latency` + 1 ms old when they come out. All memory is discrete vector state.
     """
 
     def __init__(

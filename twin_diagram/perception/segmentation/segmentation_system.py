@@ -33,10 +33,15 @@ class PerceptionSystem(LeafSystem):
         output_ports:
         - segments
 
-    `rgb_image` (ImageRgba8U) and `depth_image` (ImageDepth32F, m, 0 where there is none) are one capture of the camera
-    that the twin was told of, on the grids that it was told of; `image_time` is its capture time [s], `NEVER` before the first; `arm_state` is x̂ = (q,
-    v) now, n each [rad, rad/s]. `segments` holds a `Segments` in W. Computed when asked for, and cached: no state, no
-    rate, no latency of its own. The image is older than x̂, so the robot is posed at q - v·(t - image_time).
+    Ports:
+        rgb_image: (ImageRgba8U) of the camera that the twin was told of, on the grid that it was told of.
+        depth_image: (ImageDepth32F) of the same capture [m], 0 where there is none, on its own grid where it has one.
+        image_time: (1) capture time [s], `NEVER` before the first.
+        arm_state: (2n) x̂ = (q, v) now [rad, rad/s].
+        segments: (`Segments`) in W.
+
+    Computed when asked for, and cached: no state, no rate, no latency of its own. The image is older than x̂, so the
+    robot is posed at q - v·(t - image_time).
     """
 
     def __init__(

@@ -195,8 +195,8 @@ def read_frames(folder: Path, manifest: Manifest | None, camera: Camera | None) 
             raise ScenarioError(
                 f"twin.camera.{name}", f"{getattr(camera, name)}; recorded was {getattr(recorded, name)}"
             )
-    if list(camera.depth_size) != recorded.depth_shape:
-        told, there = ("×".join(map(str, size)) for size in (camera.depth_size, recorded.depth_shape))
+    if camera.depth_size != recorded.depth_size:
+        told, there = ("×".join(map(str, size)) for size in (camera.depth_size, recorded.depth_size))
         raise ScenarioError("twin.camera.depth", f"depth of {told} pixels; recorded was {there}")
     images = folder / recorded.name
     _, table = read_columns(images / FRAMES, cut=folder.name == UNFINISHED)

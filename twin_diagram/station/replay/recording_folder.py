@@ -70,13 +70,14 @@ class RecordedCamera:
     latency: float
     depth_unit: float
     """Depth images hold a whole number of these [m]."""
-    depth_size: list[int] | None = None
+    depth_shape: list[int] | None = None
     """Width and height of the depth images [px]; none, as in recordings of earlier versions: those of the colours."""
 
     @property
-    def depth_shape(self) -> list[int]:
+    def depth_size(self) -> tuple[int, int]:
         """Width and height of the depth images [px]."""
-        return self.depth_size or [self.width, self.height]
+        width, height = self.depth_shape or (self.width, self.height)
+        return width, height
 
 
 @dataclass

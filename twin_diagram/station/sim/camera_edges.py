@@ -23,9 +23,6 @@ class Tuning:
     band: float = 4.0
     """Pixels so many times the jitter from an edge may be taken by its other side."""
 
-    coarse: int = 2
-    """The jitter is drawn for every n-th pixel and drawn out: it is smooth over several."""
-
 
 TUNING = Tuning()
 
@@ -41,16 +38,14 @@ def jittered(depth: Depth, jitter: float, sigma: float, rng: np.random.Generator
     """
     if jitter <= 0:
         return depth
-    height, width = depth.shape
-    shape = (-(-height // TUNING.coarse), -(-width // TUNING.coarse))
-    aside = [correlated(shape, sigma / TUNING.coarse, rng) for _ in range(2)]
+    shape = (depth.shape[0], depth.shape[1])
     radius = max(1, round(TUNING.band * jitter))
     kernel = np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
     row, column = np.nonzero(cv2.dilate(edges(depth).view(np.uint8), kernel))
     there = []
-    for at, size, field in ((row, height, aside[0]), (column, width, aside[1])):
-        fine = cv2.resize(field, (width, height), interpolation=cv2.INTER_LINEAR)
-        there.append(np.clip(np.rint(at + jitter * fine[row, column]), 0, size - 1).astype(np.intp))
+    for at, size in zip((row, column), shape, strict=True):
+        aside = jitter * correlated(shape, sigma, rng)[row, column]
+        there.append(np.clip(np.rint(at + aside), 0, size - 1).astype(np.intp))
     own, other = depth[row, column], depth[there[0], there[1]]
     # Within a surface nothing moves: its noise is told by the RMS already.
     across = edge_between(own, other)

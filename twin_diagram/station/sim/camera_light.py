@@ -31,7 +31,7 @@ class DimLight:
         self._std = np.sqrt(colour_noise**2 + faults.shot_noise**2 * level / 255.0).astype(np.float32)
 
     def seen(self, colour: Colour, number: int) -> Colour:
-        """Return the colours (H, W, 4) of a frame as the camera delivers them, alpha 255; the argument is not changed."""
+        """Return the colours (H, W, 4) of a frame as the camera delivers them, alpha 255; they are not changed."""
         offset = int(generator(self._seed, Stream.CAMERA_TABLE, 1 + number).integers(NOISE.offsets))
         noisy = self._std[colour]
         noisy *= self._table[offset : offset + colour.size].reshape(colour.shape)

@@ -32,9 +32,9 @@ TUNING = Tuning()
 def incidence_cosine(depth: Depth, lens: Lens) -> Field:
     """Return the cosine of the angle between line of sight and normal, from the slopes of depth.
 
-    With depth z(u, v), the normal is along (fx z_u, fy z_v, -(z + (u - cx) z_u + (v - cy) z_v)), and its product with the
-    line of sight ((u - cx) / fx, (v - cy) / fy, 1) is -z. Of the slopes to both neighbours the flatter one is taken: the
-    other may lead over an edge.
+    With depth z(u, v), the normal is along (fx z_u, fy z_v, -(z + (u - cx) z_u + (v - cy) z_v)), and its product with
+    the line of sight ((u - cx) / fx, (v - cy) / fy, 1) is -z. Of the slopes to both neighbours the flatter one is
+    taken: the other may lead over an edge.
 
     Args:
         depth: (H, W) [m], exact.

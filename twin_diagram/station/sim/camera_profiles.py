@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 from twin_diagram.errors import ScenarioError
 from twin_diagram.scenario import CameraDefects
@@ -99,7 +100,7 @@ def faults(defects: CameraDefects) -> CameraFaults:
     if defects.profile not in PROFILES:
         raise ScenarioError(f"{_FIELD}.profile", f"{defects.profile!r} is none of {', '.join(PROFILES)}")
     told = {field.name: getattr(defects, field.name) for field in fields(CameraFaults)}
-    own = {name: tuple(v) if isinstance(v, list) else v for name, v in told.items() if v is not None}
+    own: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in told.items() if v is not None}
     found = replace(PROFILES[defects.profile], **own)
     for name, value in vars(found).items():
         values = value if isinstance(value, tuple) else (value,)

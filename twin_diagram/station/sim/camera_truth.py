@@ -1,4 +1,4 @@
-"""Where the simulated camera really is and what its lenses really are: near what the twin is told, and not quite there."""
+"""Where the simulated camera and its lenses really are: near what the twin is told, and not quite there."""
 
 from __future__ import annotations
 

@@ -47,7 +47,9 @@ class ExposureShutter(LeafSystem):
             self.DeclarePeriodicDiscreteUpdateEvent(period, period - delay, self._before)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._capture)
         self.DeclarePeriodicDiscreteUpdateEvent(period, latency, self._deliver)
-        for name, size, index in zip(("colour_state", "depth_state", "capture_time"), (nx, nx, 1), self._shown, strict=True):
+        for name, size, index in zip(
+            ("colour_state", "depth_state", "capture_time"), (nx, nx, 1), self._shown, strict=True
+        ):
 
             def calc(context: Context, output: BasicVector, index: int = index) -> None:
                 output.SetFromVector(context.get_discrete_state(index).value())

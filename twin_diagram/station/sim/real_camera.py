@@ -99,11 +99,11 @@ class RealCamera(LeafSystem):
         - depth_image
         - image_time
 
-    `colour_state` and `depth_state` (nq + nv) are those of the world's plant when each was taken. `depth_image` is in the
-    camera's units of length, a whole number of depth units, 0 where nothing was measured. `image_time` is the capture
-    time of the colours [s], `NEVER` before the first, while images are black and empty. Computed where they are asked
-    for, cached, a function of seed, capture time and states alone; adds no latency. The blur of what moves is the mean of
-    two pictures, of the shutter's opening and of its closing.
+    `colour_state` and `depth_state` (nq + nv) are those of the world's plant when each was taken. `depth_image` is in
+    the camera's units of length, a whole number of depth units, 0 where nothing was measured. `image_time` is the
+    capture time of the colours [s], `NEVER` before the first, while images are black and empty. Computed where they are
+    asked for, cached, a function of seed, capture time and states alone; adds no latency. The blur of what moves is the
+    mean of two pictures, of the shutter's opening and of its closing.
     """
 
     def __init__(
@@ -128,9 +128,7 @@ class RealCamera(LeafSystem):
         self._views = (LensView(truth.colour), LensView(truth.depth))
         size = camera.width * camera.height * 4
         self._light = DimLight(size, defects.colour_noise, self._off, scenario.seed)
-        self._sensor = DepthSensor(
-            truth.depth, camera, self._off, defects.depth_unit, truth.depth_scale, scenario.seed
-        )
+        self._sensor = DepthSensor(truth.depth, camera, self._off, defects.depth_unit, truth.depth_scale, scenario.seed)
         nx = plant.num_multibody_states()
         self._states = [self.DeclareVectorInputPort(name, nx) for name in ("colour_state", "depth_state")]
         self._time = self.DeclareVectorInputPort("capture_time", 1)

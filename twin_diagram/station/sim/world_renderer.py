@@ -23,7 +23,7 @@ from pydrake.systems.sensors import CameraInfo
 
 from twin_diagram.scenario import Scenario
 from twin_diagram.signals.arrays import Array
-from twin_diagram.signals.lens import Lens, unit_rays
+from twin_diagram.signals.lens import Lens, depth_between, unit_rays
 from twin_diagram.station.depth_units import Colour, Depth
 from twin_diagram.station.sim.world_plant import build_appearance
 
@@ -34,8 +34,8 @@ _RENDERER = "camera"
 def drakes_intrinsics(lens: Lens) -> CameraInfo:
     """Return Drake's intrinsics of a lens without distortion.
 
-    Drake's VTK renderer puts pixel centres at (u + 0.5, v + 0.5), and not at (u, v) as everywhere in computer vision; so
-    it is told a principal point half a pixel further; without that every object is seen 0.7 mm aside at 1 m.
+    Drake's VTK renderer puts pixel centres at (u + 0.5, v + 0.5), and not at (u, v) as everywhere in computer vision;
+    so it is told a principal point half a pixel further; without that every object is seen 0.7 mm aside at 1 m.
     """
     return CameraInfo(lens.width, lens.height, lens.fx, lens.fy, lens.cx + 0.5, lens.cy + 0.5)
 
@@ -57,11 +57,17 @@ class LensView:
         self.straight = Lens(width, height, lens.fx, lens.fy, -left, -top)
         self._maps = ((u - left).astype(np.float32), (v - top).astype(np.float32))
 
-    def bent(self, image: npt.NDArray[np.generic], smooth: bool) -> npt.NDArray[np.generic]:
-        """Return a picture of the straight lens as the lens itself shows it; between pixels, or of the nearest."""
-        if self._maps is None:
-            return image
-        return np.asarray(cv2.remap(image, *self._maps, cv2.INTER_LINEAR if smooth else cv2.INTER_NEAREST))
+    def colour(self, image: Colour) -> Colour:
+        """Return colours of the straight lens as the lens itself shows them."""
+        return image if self._maps is None else np.asarray(cv2.remap(image, *self._maps, cv2.INTER_LINEAR))
+
+    def depth(self, image: Depth) -> Depth:
+        """Return depth of the straight lens as the lens itself shows it."""
+        return image if self._maps is None else depth_between(image, *self._maps)
+
+    def label(self, image: npt.NDArray[np.int16]) -> npt.NDArray[np.int16]:
+        """Return labels of the straight lens as the lens itself shows them."""
+        return image if self._maps is None else np.asarray(cv2.remap(image, *self._maps, cv2.INTER_NEAREST))
 
 
 class WorldRenderer:
@@ -90,24 +96,22 @@ class WorldRenderer:
 
     def colour(self, positions: Array, view: LensView, X_WC: RigidTransform) -> Colour:
         """Return the colours (H, W, 4) that a camera at X_WC sees at positions (nq,)."""
-        image = self._at(positions).RenderColorImage(
-            ColorRenderCamera(self._core(view), False), self._world, X_WC
-        )
-        return view.bent(image.data, smooth=True)  # type: ignore[return-value]
+        image = self._at(positions).RenderColorImage(ColorRenderCamera(self._core(view), False), self._world, X_WC)
+        return view.colour(image.data)
 
     def depth(self, positions: Array, view: LensView, X_WD: RigidTransform) -> Depth:
         """Return the depth (H, W) [m] that a camera at X_WD sees at positions (nq,), 0 or infinite beyond its range."""
         image = self._at(positions).RenderDepthImage(
             DepthRenderCamera(self._core(view), self._depth_range), self._world, X_WD
         )
-        return view.bent(image.data[..., 0], smooth=False)  # type: ignore[return-value]
+        return view.depth(image.data[..., 0])
 
     def shows(
         self, positions: Array, view: LensView, X_WD: RigidTransform, labels: Iterable[int]
     ) -> npt.NDArray[np.bool_]:
         """Return (H, W) where a camera at X_WD sees bodies with any of some labels at positions (nq,)."""
         image = self._at(positions).RenderLabelImage(ColorRenderCamera(self._core(view), False), self._world, X_WD)
-        return np.isin(view.bent(image.data[..., 0], smooth=False), list(labels))
+        return np.isin(view.label(image.data[..., 0]), list(labels))
 
     def _core(self, view: LensView) -> RenderCameraCore:
         return RenderCameraCore(_RENDERER, drakes_intrinsics(view.straight), self._clipping, RigidTransform())

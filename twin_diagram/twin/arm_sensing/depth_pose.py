@@ -13,9 +13,11 @@ from pydrake.systems.sensors import ImageDepth32F
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.sensors import DepthCloud, PointNoise
 from twin_diagram.model.model import Model
+from twin_diagram.perception.depth_noise import DepthSigma
 from twin_diagram.perception.pinhole import DepthImage, Pinhole, back_project
 from twin_diagram.runtime.timing import timed
 from twin_diagram.scenario import Camera, SensorSpec, poses
+from twin_diagram.scenario.lenses import calibration_error
 from twin_diagram.signals.arrays import Array
 from twin_diagram.twin.arm_sensing.cloud_measurement import SIZE, measured, near
 from twin_diagram.twin.arm_sensing.link_surface import Points
@@ -82,7 +84,7 @@ class ArmCloud(LeafSystem):
             points,
             normals,
             X_BO=X_BO,
-            noise=PointNoise(floor_p=floor_p, floor_r=floor_r),
+            noise=point_noise(camera, floor_p, floor_r),
             reach=TUNING.reach,
             name=spec.name,
         )
@@ -118,6 +120,24 @@ class ArmCloud(LeafSystem):
         seen = depth[part] > 0.0
         points = back_project(depth[part][seen], self._rays[part][seen], self._camera.p_WC)
         return self._sensor.align(near(points, middle_W, self._radius, TUNING.most), self._camera.p_WC, q)
+
+
+def point_noise(camera: Camera, floor_p: float, floor_r: float) -> PointNoise:
+    """Return how the points of a depth image err: as usual, or worse where the camera's data sheet says so.
+
+    Args:
+        camera: the twin's, with its data sheet.
+        floor_p: error that all points share, but for the calibration's [m].
+        floor_r: the same of orientation [rad].
+    """
+    sheet, usual, doubt = DepthSigma.of(camera.depth_noise), PointNoise(), calibration_error(camera)
+    aside = (doubt.shift, 0.5 * sum(camera.depth_range) * doubt.turn, 0.5 * sum(camera.depth_range) * doubt.depth_scale)
+    return PointNoise(
+        std_0=max(usual.std_0, sheet.floor),
+        growth=max(usual.growth, sheet.growth),
+        floor_p=float(np.sqrt(floor_p**2 + np.square(aside).sum() / 3.0)) if any(aside) else floor_p,
+        floor_r=float(np.hypot(floor_r, doubt.turn / np.sqrt(3.0))),
+    )
 
 
 def window(camera: Pinhole, middle_W: Array, radius: float) -> tuple[slice, slice]:
