@@ -2,8 +2,8 @@
 
     python sims/benchmarks/registration_peers.py --trials 20 --profile d415 --thing mug --hidden 0.4
 
-Each cell prints the share inside the bound (2 mm / 2°, for `d435` and `kinect1` 5 mm / 5°), the median errors, the time of a frame, and for
-the twin the mean squared error over what it claims, per degree of freedom.
+Each cell prints the share inside the bound (2 mm / 2°, for `d435` and `kinect1` 5 mm / 5°), the median errors, the
+processor time of a frame, and for the twin the squared error over what it claims, per degree of freedom.
 """
 
 from __future__ import annotations
@@ -65,7 +65,9 @@ def main() -> int:
     parser.add_argument("--profile", action="append", choices=spoil.PROFILES)
     parser.add_argument("--hidden", action="append", type=float, help="share hidden (default: 0 and 0.4)")
     parser.add_argument("--trials", type=int, default=200)
-    parser.add_argument("--first", type=int, default=100_000, help="the first trial's number; smaller ones are for training")
+    parser.add_argument(
+        "--first", type=int, default=100_000, help="the first trial's number; smaller ones are for training"
+    )
     parser.add_argument("--method", action="append", choices=METHODS)
     args = parser.parse_args()
     plain = [*things.YCB, "mug", "can"]

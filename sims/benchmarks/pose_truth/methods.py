@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
-import open3d as o3d
-from pose_truth.trials import Trial, segments
 
+from pose_truth.trials import Trial, segments
 from twin_diagram import scenario
+from twin_diagram.native import import_open3d
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import nearby
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 
+o3d = import_open3d()
 Array = npt.NDArray[np.float64]
 _MODELS: dict[str, ModelCloud] = {}
 _PARAMS = scenario.Registration()
@@ -36,7 +39,7 @@ def ours(trial: Trial) -> tuple[Array, Array, Array | None]:
     return result.R, result.p, result.covariance
 
 
-def _clouds(trial: Trial) -> tuple[o3d.geometry.PointCloud, o3d.geometry.PointCloud]:
+def _clouds(trial: Trial) -> tuple[Any, Any]:
     """The image's points under the true mask, and the model's with normals."""
     taken = segments(trial)
     image = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(taken.points_W.copy()))

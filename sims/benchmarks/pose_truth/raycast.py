@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import open3d as o3d
-from pose_truth.things import Thing
 
+from pose_truth.things import Thing
 from twin_diagram.assets.mesh import bilinear
+from twin_diagram.native import import_open3d
 from twin_diagram.perception.pinhole import Pinhole
 
+o3d = import_open3d()
 Array = npt.NDArray[np.float64]
 LIGHT = np.array([-0.4, 0.3, 0.85]) / np.linalg.norm([-0.4, 0.3, 0.85])
 AMBIENT = 0.45
@@ -44,7 +46,7 @@ def look_at(eye: Array, target: Array, width: int = 640, height: int = 480, foca
     return Pinhole(width, height, focal, np.column_stack([x, np.cross(z, x), z]), eye)
 
 
-def _surface(vertices: Array, faces: npt.NDArray[np.int64]) -> tuple[o3d.core.Tensor, o3d.core.Tensor]:
+def _surface(vertices: Array, faces: npt.NDArray[np.int64]) -> tuple[Any, Any]:
     return o3d.core.Tensor(vertices.astype(np.float32)), o3d.core.Tensor(faces.astype(np.uint32))
 
 
@@ -91,7 +93,9 @@ def take(
         u, v = bary[at].T
         corner = one.mesh.faces[face[at]]
         uv = one.mesh.uv[corner]
-        colour[at] = bilinear(one.texture, uv[:, 0] * (1 - u - v)[:, None] + uv[:, 1] * u[:, None] + uv[:, 2] * v[:, None])
+        colour[at] = bilinear(
+            one.texture, uv[:, 0] * (1 - u - v)[:, None] + uv[:, 1] * u[:, None] + uv[:, 2] * v[:, None]
+        )
     shade = AMBIENT + (1 - AMBIENT) * np.maximum(normal @ LIGHT, 0.0)
     shade[~there] = 1.0
     rgb = np.clip(colour * shade[..., None] * 255.0, 0, 255).astype(np.uint8)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import numpy.typing as npt
+
 from pose_truth.raycast import Picture
 
 Array = npt.NDArray[np.float64]
@@ -30,7 +31,9 @@ def field(shape: tuple[int, int], sigma: float, rng: np.random.Generator) -> npt
     return blurred / np.float32((kernel**2).sum())
 
 
-def spoiled(picture: Picture, profile: str, rng: np.random.Generator) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
+def spoiled(
+    picture: Picture, profile: str, rng: np.random.Generator
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
     """Return depth [m] and colour as a camera of the profile delivers them."""
     depth, shape = picture.depth.copy(), picture.depth.shape
     rgb = np.clip(picture.rgb + rng.normal(0.0, 4.0, picture.rgb.shape), 0, 255).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""Trials of one registration from a wrong start: a thing on the table, open or partly hidden, seen from several sides."""
+"""Trials of one registration from a wrong start: a thing on the table, open or hidden in part, seen from any side."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from zlib import crc32
 
 import numpy as np
 import numpy.typing as npt
+
 from pose_truth import raycast, spoil
 from pose_truth.things import Thing
-
 from twin_diagram.perception.depth_noise import DepthSigma
 from twin_diagram.perception.pinhole import Pinhole, back_project, grid_normals
 from twin_diagram.perception.registration.global_search import resting
@@ -42,7 +42,6 @@ class Trial:
     depth: npt.NDArray[np.float32]
     rgb: npt.NDArray[np.uint8]
     mask: npt.NDArray[np.bool_]
-    table: npt.NDArray[np.bool_]
 
 
 def _unit(rng: np.random.Generator) -> Array:
@@ -50,7 +49,9 @@ def _unit(rng: np.random.Generator) -> Array:
     return v / np.linalg.norm(v)
 
 
-def _screen(camera: Pinhole, picture: raycast.Picture, share: float, rng: np.random.Generator) -> tuple[Array, npt.NDArray[np.int64]]:
+def _screen(
+    camera: Pinhole, picture: raycast.Picture, share: float, rng: np.random.Generator
+) -> tuple[Array, npt.NDArray[np.int64]]:
     """Return a plate before the camera that hides `share` of the thing from one side."""
     row, column = np.nonzero(picture.label == 0)
     angle = rng.uniform(0, 2 * np.pi)
@@ -67,7 +68,9 @@ def _screen(camera: Pinhole, picture: raycast.Picture, share: float, rng: np.ran
     return p_C @ camera.R_WC.T + camera.p_WC, np.array([[0, 1, 2], [0, 2, 3]])
 
 
-def draw(thing: Thing, profile: str, hidden: float, number: int, *, metres: float = 0.02, degrees: float = 10.0) -> Trial:
+def draw(
+    thing: Thing, profile: str, hidden: float, number: int, *, metres: float = 0.02, degrees: float = 10.0
+) -> Trial:
     """Draw one trial; the same arguments give the same one."""
     rng = np.random.default_rng([crc32(thing.asset.name.encode()), crc32(profile.encode()), int(hidden * 100), number])
     rests = resting(thing.asset)
@@ -75,7 +78,9 @@ def draw(thing: Thing, profile: str, hidden: float, number: int, *, metres: floa
     R = exp(np.array([[0.0, 0.0, rng.uniform(-np.pi, np.pi)]]))[0] @ R_rest
     p = np.array([*rng.uniform(-0.05, 0.05, 2), height])
     azimuth, elevation = rng.uniform(0, 2 * np.pi), np.radians(rng.uniform(25.0, 60.0))
-    eye = DISTANCE * np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
+    eye = DISTANCE * np.array(
+        [np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)]
+    )
     camera = raycast.look_at(eye + [*p[:2], 0.0], np.array([*p[:2], 0.05]) + rng.normal(0.0, 0.05, 3) * [1, 1, 0])
     camera = replace(camera, depth_noise=DepthSigma(*SHEETS[profile]))
     picture = raycast.take(camera, [(thing, R, p)])
@@ -83,14 +88,14 @@ def draw(thing: Thing, profile: str, hidden: float, number: int, *, metres: floa
         picture = raycast.take(camera, [(thing, R, p)], _screen(camera, picture, hidden, rng))
     depth, rgb = spoil.spoiled(picture, profile, rng)
     R0 = exp((np.radians(degrees) * _unit(rng))[None])[0] @ R
-    return Trial(thing, R, p, R0, p + metres * _unit(rng), camera, depth, rgb, (picture.label == 0) & (depth > 0), picture.label == -1)
+    mask = (picture.label == 0) & (depth > 0)
+    return Trial(thing, R, p, R0, p + metres * _unit(rng), camera, depth, rgb, mask)
 
 
 def miss(trial: Trial, R: Array, p: Array) -> tuple[float, float]:
     """Return position error [m] and angle [rad] up to the thing's symmetry."""
     if trial.thing.symmetric == "z":
-        cosine = float(np.clip((R @ trial.R.T)[:, :] @ trial.R[:, 2] @ trial.R[:, 2], -1.0, 1.0))
-        angle = float(np.arccos(np.clip(R[:, 2] @ trial.R[:, 2], -1.0, 1.0))) if np.isfinite(cosine) else np.pi
+        angle = float(np.arccos(np.clip(R[:, 2] @ trial.R[:, 2], -1.0, 1.0)))
     else:
         angle = float(np.linalg.norm(log((R @ trial.R.T)[None])))
     return float(np.linalg.norm(p - trial.p)), angle

@@ -22,7 +22,7 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of the approach, set on training trials (numbers below 100 000) of `sims/benchmarks/registration_peers.py`."""
+    """Constants, set on trials below number 100 000 of `sims/benchmarks/registration_peers.py`."""
 
     reaches: tuple[float, ...] = (0.03, 0.02, 0.012)
     """Pairs farther apart are cut [m]; one stage each."""
@@ -109,7 +109,7 @@ def approach(model: ModelCloud, points_W: Array, normals_W: Array, start: Poses,
             data, held = pull(model, points_W, normals_W, pose, reach), toward(pose, start, prior)
             step = np.linalg.solve(data.H + held.H, (data.b + held.b)[..., None])[..., 0]
             turn, shift = float(np.linalg.norm(step[:, :3])), float(np.linalg.norm(step[:, 3:]))
-            pose = pose.moved(step * min(1.0, TUNING.largest_turn / max(turn, 1e-9), reach / max(shift, 1e-9)))
+            pose = pose.moved(np.asarray(step) * min(1.0, TUNING.largest_turn / max(turn, 1e-9), reach / max(shift, 1e-9)))
             if turn < TUNING.small_step[0] and shift < TUNING.small_step[1]:
                 break
     return pose, pull(model, points_W, normals_W, pose, TUNING.reaches[-1]).H[0]
@@ -121,4 +121,5 @@ def rivals(pose: Poses, information: Array) -> Poses:
     _, ways = np.linalg.eigh(information * scale[:, None] * scale)
     weakest = ways[:, : TUNING.weakest].T * scale
     steps = np.concatenate([np.zeros((1, 6)), *(k * weakest for k in (-2.0, -1.0, 1.0, 2.0))])
-    return Poses(np.repeat(pose.R, len(steps), axis=0), np.repeat(pose.p, len(steps), axis=0)).moved(steps)
+    many = Poses(np.repeat(pose.R, len(steps), axis=0), np.repeat(pose.p, len(steps), axis=0))
+    return many.moved(np.asarray(steps, dtype=np.float64))

@@ -236,7 +236,10 @@ def nearby(
     start, prior = Poses(R[None], p[None]), information(0.3, 0.05)
     near, weight = approach(model, thin, normals_W[::every], start, prior)
     laid = rivals(near, weight)
-    laid = Poses(np.concatenate([laid.R, start.R]), np.concatenate([laid.p, start.p]))
+    step = np.array([-0.03, 0.0, 0.03])
+    # Where other things stand about, their points may lead astray.
+    shift = np.array(np.meshgrid(step, step, [0.0])).T.reshape(-1, 3)
+    laid = Poses(np.concatenate([laid.R, np.repeat(start.R, len(shift), axis=0)]), np.concatenate([laid.p, p + shift]))
     return best_of(model, frame, laid, thin, information(0.2, 0.03), params)
 
 
