@@ -1,0 +1,216 @@
+"""From posed depth images to a closed, coloured mesh of the one object that they show."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from twin_diagram.assets.building.colouring import colours_from_views
+from twin_diagram.assets.building.decimation import decimated, enclosed_volume
+from twin_diagram.assets.building.fusion import Fused, Grid, fuse
+from twin_diagram.assets.building.iso_surface import zero_surface
+from twin_diagram.assets.building.selection import TUNING as CHOICE
+from twin_diagram.assets.building.selection import grown, looked_at, masked_by_most, the_one_thing
+from twin_diagram.assets.building.smoothing import smoothed, vertex_normals
+from twin_diagram.assets.building.support_plane import find_plane
+from twin_diagram.assets.building.view import View, view_points
+from twin_diagram.assets.building.view_poses import align
+from twin_diagram.errors import FramesError
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Sizes and limits of a reconstruction."""
+
+    least_views: int = 3
+    """Fewer pictures show too little of any object."""
+
+    largest: float = 2.0
+    """Longest edge of an object [m]; above it, its unit is most likely wrong."""
+
+    smallest: float = 0.005
+    """Least longest edge of an object [m]; below it, likewise."""
+
+    voxel: float = 0.001
+    """Finest grid [m]: half of the thinnest wall that is to be kept."""
+
+    grid_points: float = 1.3e6
+    """About how many points a grid may have; larger objects get coarser ones."""
+
+    coarse_points: float = 8e4
+    """The same of the grid on which poses are refined."""
+
+    noise: float = 0.001
+    """First guess of depth's standard deviation [m]."""
+
+    smoothing_rounds: int = 8
+    """Pairs of smoothing steps on the dense mesh."""
+
+    faces: int = 12000
+    """About how many triangles a finished mesh has."""
+
+    contradicting: float = 0.02
+    """Residual of a view's surface beyond which it contradicts the others [m]."""
+
+    unexplained: float = 0.35
+    """Least share of a view's points that must lie on the surface that the other views show."""
+
+
+TUNING = Tuning()
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """A closed coloured mesh and what is known of it.
+
+    Attributes:
+        vertices: (V, 3) in W [m].
+        faces: (F, 3), counter-clockwise from outside.
+        colours: (V, 3) RGB in [0, 1].
+        views_of: (V,) how many pictures see each vertex.
+        unseen: share of the surface that no picture shows.
+        plane: (4,) under the object, n·p = d, n up; None where none was found.
+        views: at refined poses.
+        noise: standard deviation of depth at the object, as found [m].
+    """
+
+    vertices: Array
+    faces: npt.NDArray[np.int64]
+    colours: Array
+    views_of: npt.NDArray[np.int64]
+    unseen: float
+    plane: Array | None
+    views: list[View]
+    noise: float
+
+
+def reconstruct(
+    views: Sequence[View], where: str = "views", seed: int = 0, say: Callable[[str], None] = lambda text: None
+) -> Reconstruction:
+    """Return the object's mesh.
+
+    Args:
+        views: three or more, in one frame W, in metres; with masks, all or none.
+        where: begins the message of an error.
+        seed: of all that is drawn.
+        say: is told of each step.
+
+    Raises:
+        FramesError: too few views, nothing or two things there, views that contradict each other, or an impossible size.
+    """
+    if len(views) < TUNING.least_views:
+        raise FramesError(f"{where}: {len(views)} views, at least {TUNING.least_views} are needed to build an object")
+    points, plane = _object_points(views, where, seed)
+    _check_size(points, where)
+    centre = (points.min(axis=0) + points.max(axis=0)) / 2
+    low, high = points.min(axis=0), points.max(axis=0)
+    masked = [_kept_to_mask(view) for view in views]
+    found = align(masked, _grid(low, high, TUNING.coarse_points, 2 * TUNING.voxel), plane, centre, TUNING.noise)
+    say(f"poses refined: surfaces agree to {found.noise * 1000:.2f} mm")
+    _check_agreement(found.residuals, found.explained, where)
+    fused = fuse(found.views, _grid(low, high, TUNING.grid_points, TUNING.voxel), found.noise, found.plane)
+    vertices, faces = _one_surface(fused, where)
+    vertices = smoothed(vertices, faces, TUNING.smoothing_rounds)
+    vertices, faces = decimated(vertices, faces, TUNING.faces)
+    _check_size(vertices, where)
+    colours, count = colours_from_views(found.views, vertices, vertex_normals(vertices, faces))
+    say(f"{len(faces)} triangles, {enclosed_volume(vertices, faces) * 1e6:.1f} cm³")
+    unseen = share_unseen(vertices, faces, count)
+    return Reconstruction(vertices, faces, colours, count, unseen, found.plane, found.views, found.noise)
+
+
+def share_unseen(vertices: Array, faces: npt.NDArray[np.int64], count: npt.NDArray[np.int64]) -> float:
+    """Return the share of the surface whose corners no view sees."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return float((area * (count[faces] == 0).mean(axis=1)).sum() / area.sum())
+
+
+def _object_points(views: Sequence[View], where: str, seed: int) -> tuple[Array, Array | None]:
+    """Return the object's points (N, 3) and the plane under it."""
+    focus, distance = looked_at(views)
+    samples = [view_points(view, 3) for view in views]
+    points = np.concatenate([sample[0] for sample in samples])
+    normals = np.concatenate([sample[1] for sample in samples])
+    near = np.linalg.norm(points - focus, axis=1) < CHOICE.reach * distance
+    above = np.mean([view.camera.p_WC for view in views], axis=0)
+    rng = np.random.default_rng(seed)
+    own = [view.mask for view in views if view.mask is not None]
+    if own:
+        masks = [grown(mask) for mask in own]
+        held = masked_by_most(views, points, masks)
+        free = np.flatnonzero(~held & near)
+    else:
+        free = np.flatnonzero(near)
+    free = free[rng.permutation(len(free))[:6000]]
+    plane = find_plane(points[free], normals[free], above, seed)
+    if not own:
+        if plane is None:
+            raise FramesError(f"{where}: no plane on which a thing stands; give masks of the object")
+        held = near
+    if plane is not None:
+        held = held & (points @ plane[:3] - plane[3] > CHOICE.stands_out)
+    candidates = points[held]
+    kept = candidates[the_one_thing(candidates, where)]
+    if plane is not None:  # down to the plane itself
+        foot = kept - np.outer(kept @ plane[:3] - plane[3], plane[:3])
+        kept = np.concatenate([kept, foot])
+    return kept, plane
+
+
+def _check_size(points: Array, where: str) -> None:
+    longest = float((points.max(axis=0) - points.min(axis=0)).max())
+    if not TUNING.smallest <= longest <= TUNING.largest:
+        wrong = f"{longest:.3g} m" if longest > 1 else f"{longest * 1000:.3g} mm"
+        raise FramesError(
+            f"{where}: the object would be {wrong} long; objects are {TUNING.smallest * 1000:g} mm to {TUNING.largest:g} m: "
+            "is a unit wrong (depth_scale: mm per step, cam_t_w2c: mm)?"
+        )
+
+
+def _check_agreement(residuals: Array, explained: Array, where: str) -> None:
+    bad = np.flatnonzero((explained < TUNING.unexplained) | (residuals > TUNING.contradicting))
+    if len(bad):
+        k = int(bad[np.argmin(explained[bad])])
+        raise FramesError(
+            f"{where}: view {k} contradicts the others: {100 * explained[k]:.0f} % of its points lie on the surface they show"
+        )
+
+
+def _kept_to_mask(view: View) -> View:
+    """Return the view with surfaces outside its grown mask no longer trusted, so that they do not become the object's."""
+    if view.mask is None or view.colour is not view.camera:
+        return view
+    trust = np.where(grown(view.mask), view.trust, 0).astype(np.float32)
+    return View(view.camera, view.depth, view.normals, trust, view.near_edge, view.mask, view.rgb, view.colour)
+
+
+def _grid(low: Array, high: Array, count: float, finest: float) -> Grid:
+    extent = high - low
+    voxel = max(finest, float((np.prod(extent + 0.02) / count) ** (1 / 3)))
+    return Grid.around(low, high, voxel, max(0.01, 5 * voxel))
+
+
+def _one_surface(fused: Fused, where: str) -> tuple[Array, npt.NDArray[np.int64]]:
+    """Return the closed surface of the largest thing in a field, in W; closed cavities within it are filled."""
+    field = fused.distance.copy()
+    for axis in range(3):
+        for end in (0, -1):
+            np.moveaxis(field, axis, 0)[end] = np.maximum(np.moveaxis(field, axis, 0)[end], fused.grid.voxel)
+    label, count = ndimage.label(field < 0)
+    if not count:
+        raise FramesError(f"{where}: no surface: the views look through each other's")
+    sizes = np.bincount(label.ravel())
+    sizes[0] = 0
+    kept = label == int(np.argmax(sizes))
+    field = np.where((field < 0) & ~kept, fused.grid.voxel * 0.5, field)
+    outside, _ = ndimage.label(~kept)
+    bubbles = ~kept & (outside != outside[0, 0, 0])
+    field = np.where(bubbles, -0.5 * fused.grid.voxel, field)
+    vertices, faces = zero_surface(field.astype(np.float32))
+    return vertices * fused.grid.voxel + fused.grid.origin, faces

@@ -1,0 +1,150 @@
+"""What reconstruction takes of one picture: where each pixel's point lies, which way it faces, how far to trust it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.logs.frames.view_camera import ViewCamera
+from twin_diagram.signals.arrays import Array
+
+Map = npt.NDArray[np.float32]
+Mask = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """What tells an edge from a slope, in pixels and in widths of a pixel on the surface."""
+
+    normal_radius: int = 3
+    """Half the width of the window whose plane gives a pixel's normal [pixel]: wider than depth noise is correlated."""
+
+    edge_jump: float = 6.0
+    """Depth between neighbours beyond which they lie on two surfaces, in widths of a pixel: a slope of 80°."""
+
+    edge_floor: float = 0.004
+    """Least such jump [m]: above the noise of cameras at arm's length."""
+
+    edge_reach: int = 2
+    """How far beside an edge depth is doubted [pixel]: cameras mix both sides, and colour and pose are off by as much."""
+
+    cosine_floor: float = 0.2
+    """Least cosine of incidence that is believed: beyond 78° depth says nothing."""
+
+
+TUNING = Tuning()
+
+
+@dataclass(frozen=True)
+class View:
+    """One depth image with what follows from it.
+
+    Attributes:
+        camera: K and the pose as known so far.
+        depth: (h, w) along the optical axis [m]; 0 where there is none.
+        normals: (h, w, 3) in C, towards the camera; 0 where unknown.
+        trust: (h, w) in [0, 1]: 1 well inside a surface that faces the camera, 0 at edges and where there is no depth.
+        near_edge: (h, w), where depth may belong to either side of an edge.
+        mask: (h, w) where the object shows, or None.
+        rgb: (h, w, 3) of the colour camera, or None.
+        colour: its camera.
+    """
+
+    camera: ViewCamera
+    depth: Map
+    normals: Map
+    trust: Map
+    near_edge: Mask
+    mask: Mask | None
+    rgb: npt.NDArray[np.uint8] | None
+    colour: ViewCamera
+
+    def at(self, camera: ViewCamera) -> View:
+        """Return the same view from another pose of the depth camera; the colour camera moves along."""
+        R_CD = self.colour.R_WC.T @ self.camera.R_WC
+        p_CD = self.colour.R_WC.T @ (self.camera.p_WC - self.colour.p_WC)
+        R_WC = camera.R_WC @ R_CD.T
+        colour = self.colour.moved(R_WC, camera.p_WC - R_WC @ p_CD)
+        return View(camera, self.depth, self.normals, self.trust, self.near_edge, self.mask, self.rgb, colour)
+
+
+def make_view(
+    camera: ViewCamera,
+    depth: Map,
+    mask: Mask | None = None,
+    rgb: npt.NDArray[np.uint8] | None = None,
+    colour: ViewCamera | None = None,
+) -> View:
+    """Return a view from its images; `colour` where the colour camera is another one."""
+    there = depth > 0
+    edge = near_edges(depth, camera.fx)
+    normals = surface_normals(depth, camera, edge)
+    rays = camera.rays().astype(np.float32)
+    facing = -np.einsum("hwi,hwi->hw", normals, rays) / np.linalg.norm(rays, axis=-1)
+    floor = TUNING.cosine_floor
+    trust = np.where(there & ~edge, np.clip((facing - floor) / (1 - floor), 0, 1), 0).astype(np.float32)
+    return View(camera, depth, normals, trust, edge, mask, rgb, camera if colour is None else colour)
+
+
+def near_edges(depth: Map, focal: float) -> Mask:
+    """Return (h, w), where a jump in depth or a pixel without depth is within reach."""
+    far = np.where(depth > 0, depth, 0)
+    box = np.ones((3, 3), np.uint8)
+    highest, lowest = cv2.dilate(far, box), cv2.erode(far, box)
+    limit = np.maximum(TUNING.edge_floor, TUNING.edge_jump * far / focal)
+    jump = ((highest - lowest) > limit).astype(np.uint8)
+    size = 2 * TUNING.edge_reach - 1
+    return np.asarray(cv2.dilate(jump, np.ones((size, size), np.uint8)) > 0)
+
+
+def surface_normals(depth: Map, camera: ViewCamera, edge: Mask) -> Map:
+    """Return (h, w, 3) normals in C towards the camera, 0 where too little of the neighbourhood is one surface.
+
+    A plane seen by a pinhole has an inverse depth that is linear in u and v: 1/z = a u + b v + c, with its normal along
+    (a fx, b fy, a cx + b cy + c). So the slopes of the inverse depth, by least squares over a window, give the normal.
+    """
+    good = ((depth > 0) & ~edge).astype(np.float64)
+    inverse = np.where(good > 0, 1.0 / np.where(depth > 0, depth, 1.0), 0.0)
+    reach = TUNING.normal_radius
+    size = (2 * reach + 1, 2 * reach + 1)
+    step = np.arange(-reach, reach + 1, dtype=float)
+    one, ramp = np.ones_like(step), step
+
+    def total(image: Array, along_u: Array, along_v: Array) -> Array:
+        return np.asarray(cv2.sepFilter2D(image, cv2.CV_64F, along_u, along_v, borderType=cv2.BORDER_CONSTANT))
+
+    n, su, sv = total(good, one, one), total(good, ramp, one), total(good, one, ramp)
+    suu, svv, suv = total(good, ramp**2, one), total(good, one, ramp**2), total(good, ramp, ramp)
+    w, wu, wv = total(inverse, one, one), total(inverse, ramp, one), total(inverse, one, ramp)
+    safe = np.maximum(n, 1)
+    cuu, cvv, cuv = suu - su * su / safe, svv - sv * sv / safe, suv - su * sv / safe
+    bu, bv = wu - su * w / safe, wv - sv * w / safe
+    determinant = cuu * cvv - cuv**2
+    enough = (n >= 0.5 * size[0] * size[1]) & (good > 0) & (determinant > 1e-3 * safe**2)
+    determinant = np.where(enough, determinant, 1.0)
+    a, b = (cvv * bu - cuv * bv) / determinant, (cuu * bv - cuv * bu) / determinant
+    c = (w - a * su - b * sv) / safe  # inverse depth of the plane at the pixel itself
+    v, u = np.indices(depth.shape)
+    normal = np.stack([a * camera.fx, b * camera.fy, c - a * (u - camera.cx) - b * (v - camera.cy)], axis=-1)
+    normal = -normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
+    return np.where(enough[..., None], normal, 0).astype(np.float32)
+
+
+def view_points(view: View, stride: int, floor: float = 0.05) -> tuple[Array, Array, npt.NDArray[np.int64]]:
+    """Return points (N, 3) and normals (N, 3) in W, and pixels (N, 2; row, column), where depth is trusted.
+
+    Args:
+        view: whose depth it is.
+        stride: every so many rows and columns.
+        floor: least trust.
+    """
+    rows, columns = np.nonzero(view.trust[::stride, ::stride] > floor)
+    rows, columns = rows * stride, columns * stride
+    z = view.depth[rows, columns].astype(float)
+    c = view.camera
+    p_C = np.stack([(columns - c.cx) / c.fx * z, (rows - c.cy) / c.fy * z, z], axis=1)
+    points = p_C @ c.R_WC.T + c.p_WC
+    return points, view.normals[rows, columns].astype(float) @ c.R_WC.T, np.stack([rows, columns], axis=1)
