@@ -56,12 +56,12 @@ def load(path: Path) -> TrueObject:
 
 
 def orbit(count: int, look_at: Array, distance: float = 0.6, seed: int = 0) -> list[ViewCamera]:
-    """Return `count` cameras, 640×480, on a spiral about an object, from 12° to 65° above its middle."""
+    """Return `count` cameras, 640×480, on a spiral about an object, from 10° to 82° above its middle."""
     rng = np.random.default_rng([seed, 1])
     cameras = []
     for k in range(count):
         azimuth = 2 * np.pi * (k * 0.381966 + 0.02 * rng.standard_normal())
-        height = np.radians(12 + 53 * ((k + 0.5) / count) + 2 * rng.standard_normal())
+        height = np.radians(10 + 72 * ((k + 0.5) / count) + 2 * rng.standard_normal())
         away = np.array([np.cos(height) * np.cos(azimuth), np.cos(height) * np.sin(azimuth), np.sin(height)])
         z = -away
         x = np.cross(z, [0.0, 0, 1])
@@ -139,7 +139,7 @@ def worsened(
     high, low = ndimage.maximum_filter(z, 3), ndimage.minimum_filter(np.where(z > 0, z, np.inf), 3)
     edge = (high - np.minimum(low, high) > 0.015) & (z > 0)
     flying = edge & (rng.random(shape) < 0.2)
-    z = np.where(flying, low + (high - low) * rng.random(shape), z)
+    z = np.where(flying, low + (high - np.where(flying, low, 0)) * rng.random(shape), z)
     noise = np.sqrt(0.1) * rng.standard_normal(shape) + np.sqrt(0.6) * _correlated(shape, 2.5, rng) + np.sqrt(0.3) * fixed
     seen = (z > 0) & (cosine > np.cos(np.radians(75)))
     return np.where(seen, z + coefficient * z**2 * noise, 0).astype(np.float32)

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -35,6 +36,12 @@ class Tuning:
 
     free_votes: float = 2.0
     """How many views must look through a place for each unit of weight that says it lies just below a surface."""
+
+    same_surface: float = 0.003
+    """Depth that differs less from its neighbours' is interpolated between them [m]."""
+
+    slab: int = 32_768
+    """Points that are worked on at a time."""
 
     least_free: float = 1.5
     """How many views must look through a place that nothing else is known of before it is outside."""
@@ -120,56 +127,35 @@ def fuse(views: Sequence[View], grid: Grid, noise: float, plane: Array | None = 
 
 
 def _add(view: View, grid: Grid, front: float, behind: float, total: Map, weight: Map, free: Map) -> None:
-    """Add what one view says of each point of the grid."""
-    u, v, z = _projected(view, grid)
+    """Add what one view says of each point of the grid, slab by slab: what is at work at a time stays in the cache."""
     camera = view.camera
-    inside = (u > -0.5) & (v > -0.5) & (u < camera.width - 0.5) & (v < camera.height - 0.5) & (z > 1e-3)
-    at = np.flatnonzero(inside)
-    pixel = np.rint(v.reshape(-1)[at]).astype(np.int32) * camera.width + np.rint(u.reshape(-1)[at]).astype(np.int32)
-    seen = _plane_depth(view, u.reshape(-1)[at], v.reshape(-1)[at], pixel)
-    ahead = seen - z.reshape(-1)[at]
-    trust = view.trust.reshape(-1)[pixel]
-    slant = _across(view).reshape(-1)[pixel]
-    d = ahead * slant
-    band = (trust > 0) & (d > -behind) & (d < front)
-    ramp = np.clip(2.0 * (1.0 + d / behind), 0.0, 1.0)  # half as deep as it speaks, a view begins to fall silent
-    w = np.where(band, trust * ramp, 0).astype(np.float32)
-    weight.reshape(-1)[at] += w
-    total.reshape(-1)[at] += w * d
-    clear = ~view.near_edge.reshape(-1)[pixel] & (view.depth.reshape(-1)[pixel] > 0)
-    free.reshape(-1)[at] += (clear & (ahead > front) & ~band).astype(np.float32)
-
-
-def _plane_depth(view: View, u: Map, v: Map, pixel: npt.NDArray[np.int32]) -> Map:
-    """Return the depth at fractional pixels: bilinear between four neighbours of one surface, else that of the nearest."""
-    width, height = view.camera.width, view.camera.height
-    flat = view.depth.reshape(-1)
-    nearest = flat[pixel]
-    u0, v0 = np.floor(u), np.floor(v)
-    fu, fv = u - u0, v - v0
-    corner = np.clip(v0, 0, height - 2).astype(np.int32) * width + np.clip(u0, 0, width - 2).astype(np.int32)
-    d00, d01, d10, d11 = flat[corner], flat[corner + 1], flat[corner + width], flat[corner + width + 1]
-    mixed = (d00 * (1 - fu) + d01 * fu) * (1 - fv) + (d10 * (1 - fu) + d11 * fu) * fv
-    smooth = (view.trust.reshape(-1)[pixel] > 0) & (np.abs(mixed - nearest) < 0.003)
-    return np.where(smooth, mixed, nearest)
-
-
-def _across(view: View) -> Map:
-    """Return (h, w): distance across the surface per distance along the optical axis, −n·r of the ray r at depth 1 m."""
-    rays = view.camera.rays().astype(np.float32)
-    return np.clip(-np.einsum("hwi,hwi->hw", view.normals, rays), 0.05, None).astype(np.float32)
-
-
-def _projected(view: View, grid: Grid) -> tuple[Map, Map, Map]:
-    """Return u, v [pixel] and depth z [m] of every point, (nx, ny, nz) each, from sums of what each axis adds."""
-    camera = view.camera
+    clear = (~view.near_edge & (view.depth > 0)).astype(np.float32)
+    told = np.dstack([view.depth, view.trust, view.across, clear])
+    size = grid.shape[1] * grid.shape[2]
+    slab = max(1, TUNING.slab // size)
     R_CW = camera.R_WC.T
-    origin = -R_CW @ camera.p_WC
-    axes = grid.axes()
-    parts = []
-    for row in range(3):
-        x, y, z = (np.float32(1) * (R_CW[row, k] * axes[k]).astype(np.float32) for k in range(3))
-        parts.append((x + np.float32(origin[row]))[:, None, None] + (y[:, None] + z[None, :])[None])
-    X, Y, Z = parts
-    safe = np.where(Z > 1e-3, Z, np.float32(1))
-    return X / safe * np.float32(camera.fx) + np.float32(camera.cx), Y / safe * np.float32(camera.fy) + np.float32(camera.cy), Z
+    start = R_CW @ (grid.origin - camera.p_WC)
+    step = R_CW * grid.voxel
+    index = [np.arange(n, dtype=np.float32) for n in grid.shape]
+    flat = [
+        (np.float32(step[k, 1]) * index[1][:, None] + np.float32(step[k, 2]) * index[2] + np.float32(start[k])).ravel()
+        for k in range(3)
+    ]
+    for first in range(0, grid.shape[0], slab):
+        x, y, z = (np.float32(step[k, 0]) * index[0][first : first + slab, None] + flat[k] for k in range(3))
+        np.maximum(z, np.float32(1e-3), out=z)
+        u = x / z * np.float32(camera.fx) + np.float32(camera.cx)
+        v = y / z * np.float32(camera.fy) + np.float32(camera.cy)
+        nearest = cv2.remap(told, u, v, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+        mixed = cv2.remap(view.depth, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+        depth, trust, across, sure = (nearest[..., k] for k in range(4))
+        smooth = (trust > 0) & (np.abs(mixed - depth) < TUNING.same_surface)
+        ahead = np.where(smooth, mixed, depth) - z
+        d = ahead * across
+        band = (trust > 0) & (d > -behind) & (d < front)
+        # Half as deep as it speaks, a view begins to fall silent.
+        w = np.where(band, trust * np.clip(2.0 * (1.0 + d / behind), 0.0, 1.0), 0)
+        at = slice(first, first + slab)
+        weight[at] += w.reshape(-1, *grid.shape[1:])
+        total[at] += (w * d).reshape(-1, *grid.shape[1:])
+        free[at] += np.where((ahead > front) & ~band, sure, 0).reshape(-1, *grid.shape[1:])

@@ -42,12 +42,6 @@ class Tuning:
     grid_points: float = 1.3e6
     """About how many points a grid may have; larger objects get coarser ones."""
 
-    coarse_points: float = 8e4
-    """The same of the grid on which poses are refined."""
-
-    noise: float = 0.001
-    """First guess of depth's standard deviation [m]."""
-
     smoothing_rounds: int = 8
     """Pairs of smoothing steps on the dense mesh."""
 
@@ -107,10 +101,9 @@ def reconstruct(
         raise FramesError(f"{where}: {len(views)} views, at least {TUNING.least_views} are needed to build an object")
     points, plane = _object_points(views, where, seed)
     _check_size(points, where)
-    centre = (points.min(axis=0) + points.max(axis=0)) / 2
     low, high = points.min(axis=0), points.max(axis=0)
     masked = [_kept_to_mask(view) for view in views]
-    found = align(masked, _grid(low, high, TUNING.coarse_points, 2 * TUNING.voxel), plane, centre, TUNING.noise)
+    found = align(masked, low, high, plane, seed)
     say(f"poses refined: surfaces agree to {found.noise * 1000:.2f} mm")
     _check_agreement(found.residuals, found.explained, where)
     fused = fuse(found.views, _grid(low, high, TUNING.grid_points, TUNING.voxel), found.noise, found.plane)
@@ -186,8 +179,7 @@ def _kept_to_mask(view: View) -> View:
     """Return the view with surfaces outside its grown mask no longer trusted, so that they do not become the object's."""
     if view.mask is None or view.colour is not view.camera:
         return view
-    trust = np.where(grown(view.mask), view.trust, 0).astype(np.float32)
-    return View(view.camera, view.depth, view.normals, trust, view.near_edge, view.mask, view.rgb, view.colour)
+    return view.trusted_at(grown(view.mask))
 
 
 def _grid(low: Array, high: Array, count: float, finest: float) -> Grid:

@@ -41,7 +41,8 @@ def edges_of(faces: Faces) -> Faces:
     """Return each edge once, (E, 2), the lower index first."""
     pairs = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     count = int(faces.max()) + 1
-    key = np.unique(pairs[:, 0] * count + pairs[:, 1])
+    key = np.sort(pairs[:, 0] * count + pairs[:, 1])
+    key = key[np.append(True, key[1:] != key[:-1])]  # many times faster than `np.unique`
     return np.stack([key // count, key % count], axis=1)
 
 

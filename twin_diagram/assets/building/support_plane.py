@@ -29,7 +29,13 @@ class Tuning:
     least_share: float = 0.08
     """Least share of points that a support must hold."""
 
-    rounds: int = 6
+    width: float = 4.0
+    """Distance at which a point's weight is gone, in standard deviations of what lies near the plane."""
+
+    least_width: float = 0.0005
+    """The same at the least [m]."""
+
+    rounds: int = 8
     """Least-squares fits to the points that are near, each after the last one's."""
 
 
@@ -58,10 +64,25 @@ def find_plane(points: Array, normals: Array, above: Array, seed: int = 0) -> Ar
             best, best_score = np.append(n, points[k] @ n), score
     if best is None:
         return None
+    return settled(points, normals, best, above)
+
+
+def settled(points: Array, normals: Array, plane: Array, above: Array) -> Array:
+    """Return a plane (4,) fitted to the points that lie on it, and not to the floor of a cup that stands there.
+
+    Each fit weights points by Tukey's biweight of their distance; its width shrinks with the spread that is left.
+    """
     for _ in range(TUNING.rounds):
-        support = (np.abs(points @ best[:3] - best[3]) < TUNING.near) & (normals @ best[:3] > TUNING.cosine)
-        best = fit_plane(points[support], above)
-    return best
+        height = points @ plane[:3] - plane[3]
+        near = (np.abs(height) < TUNING.near) & (normals @ plane[:3] > TUNING.cosine)
+        if np.count_nonzero(near) < 50:
+            break
+        middle = float(np.median(height[near]))
+        spread = 1.4826 * float(np.median(np.abs(height[near] - middle)))
+        width = np.clip(TUNING.width * spread, TUNING.least_width, TUNING.near)
+        weights = np.clip(1 - ((height[near] - middle) / width) ** 2, 0, 1) ** 2
+        plane = fit_plane(points[near], above, weights)
+    return plane
 
 
 def fit_plane(points: Array, above: Array, weights: npt.NDArray[np.float64] | None = None) -> Array:

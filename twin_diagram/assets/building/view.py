@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -47,6 +47,7 @@ class View:
         depth: (h, w) along the optical axis [m]; 0 where there is none.
         normals: (h, w, 3) in C, towards the camera; 0 where unknown.
         trust: (h, w) in [0, 1]: 1 well inside a surface that faces the camera, 0 at edges and where there is no depth.
+        across: (h, w) distance across the surface per distance along the optical axis: −n·r of the ray r at depth 1 m.
         near_edge: (h, w), where depth may belong to either side of an edge.
         mask: (h, w) where the object shows, or None.
         rgb: (h, w, 3) of the colour camera, or None.
@@ -57,10 +58,15 @@ class View:
     depth: Map
     normals: Map
     trust: Map
+    across: Map
     near_edge: Mask
     mask: Mask | None
     rgb: npt.NDArray[np.uint8] | None
     colour: ViewCamera
+
+    def trusted_at(self, mask: Mask) -> View:
+        """Return the same view with surfaces beside a mask (h, w) no longer trusted; rays through there still are."""
+        return replace(self, trust=np.where(mask, self.trust, 0).astype(np.float32))
 
     def at(self, camera: ViewCamera) -> View:
         """Return the same view from another pose of the depth camera; the colour camera moves along."""
@@ -68,7 +74,7 @@ class View:
         p_CD = self.colour.R_WC.T @ (self.camera.p_WC - self.colour.p_WC)
         R_WC = camera.R_WC @ R_CD.T
         colour = self.colour.moved(R_WC, camera.p_WC - R_WC @ p_CD)
-        return View(camera, self.depth, self.normals, self.trust, self.near_edge, self.mask, self.rgb, colour)
+        return replace(self, camera=camera, colour=colour)
 
 
 def make_view(
@@ -83,10 +89,11 @@ def make_view(
     edge = near_edges(depth, camera.fx)
     normals = surface_normals(depth, camera, edge)
     rays = camera.rays().astype(np.float32)
-    facing = -np.einsum("hwi,hwi->hw", normals, rays) / np.linalg.norm(rays, axis=-1)
+    across = -np.einsum("hwi,hwi->hw", normals, rays)
+    facing = across / np.linalg.norm(rays, axis=-1)
     floor = TUNING.cosine_floor
     trust = np.where(there & ~edge, np.clip((facing - floor) / (1 - floor), 0, 1), 0).astype(np.float32)
-    return View(camera, depth, normals, trust, edge, mask, rgb, camera if colour is None else colour)
+    return View(camera, depth, normals, trust, np.maximum(across, 0.05), edge, mask, rgb, camera if colour is None else colour)
 
 
 def near_edges(depth: Map, focal: float) -> Mask:

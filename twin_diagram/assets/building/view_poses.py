@@ -1,4 +1,10 @@
-"""The cameras' poses refined together: each view against the distance field of all, and against the support plane."""
+"""The cameras' poses refined together: each view against the mean surface of all, and against the support plane.
+
+The mean surface is a cloud of cells, each with the mean place and normal of what all views have in it that faces the same way;
+so both sides of a thin wall are kept apart. Each view is moved by Gauss-Newton steps on point-to-plane distances (Chen and
+Medioni, 1992) to the nearest cells; then the surface is formed anew. The mean over a cell of distances to its own plane is zero, so
+views that agree already stay where they are, whatever the surface's curvature.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import cKDTree
 
-from twin_diagram.assets.building.fusion import Fused, Grid, fuse
-from twin_diagram.assets.building.support_plane import fit_plane
+from twin_diagram.assets.building.support_plane import settled
 from twin_diagram.assets.building.view import View, view_points
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
@@ -19,34 +25,64 @@ from twin_diagram.signals.arrays import Array
 class Tuning:
     """Constants of the refinement."""
 
-    rounds: int = 6
-    """Times that all views are fused and each is aligned to the sum."""
+    cells: tuple[float, ...] = (0.006, 0.004, 0.003, 0.003, 0.003)
+    """Edge of a cell in each round [m]: at first as wide as poses are off, at last finer than a handle."""
 
     steps: int = 2
-    """Gauss-Newton steps of a view against one sum."""
+    """Gauss-Newton steps of a view against one surface."""
 
-    points: int = 2500
+    points: int = 1500
     """About how many points of a view are used on the object; as many on the support."""
+
+    turned: float = 0.012
+    """Distance that a normal turned by 60° counts as, when the nearest cell is sought [m]."""
+
+    reach: float = 0.008
+    """Distance beyond which a cell does not explain a point [m]."""
+
+    on_support: float = 0.003
+    """Height below which a point of the object's surroundings is the support's [m]."""
 
     prior_rotation: float = 0.0035
     """Standard deviation of a told pose's rotation, each axis [rad]: 0.2°."""
 
-    prior_translation: float = 0.002
-    """Standard deviation of a told pose's place, each axis [m]."""
+    prior_translation: float = 0.003
+    """Standard deviation of a told pose's place, each axis [m]: 2 mm, and what the rotation does at the object."""
 
     independent: float = 30.0
     """How many neighbouring points' errors are one and the same, as depth noise is correlated over pixels."""
 
-    noise_floor: float = 0.0003
+    noise_floor: float = 0.0002
     """Least standard deviation of a depth point [m]."""
+
+    first_noise: float = 0.002
+    """What residuals are compared with in the first round [m]: poses' errors, not depth's."""
 
 
 TUNING = Tuning()
 
 
 @dataclass(frozen=True)
+class Sample:
+    """Points of one view in C: on and about the object, and on what surrounds it; (N, 3) each [m]."""
+
+    points: Array
+    normals: Array
+    around: Array
+    around_normals: Array
+
+
+@dataclass(frozen=True)
 class Alignment:
-    """Refined views, the plane (4,) under them or None, each view's residual RMS [m] and share of points explained, noise [m]."""
+    """What came out.
+
+    Attributes:
+        views: at poses that agree.
+        plane: (4,) under them, n·p = d, or None.
+        residuals: (n,) each view's spread about the mean surface [m].
+        explained: (n,) share of each view's points that lie on it.
+        noise: standard deviation of depth at the object [m].
+    """
 
     views: list[View]
     plane: Array | None
@@ -55,134 +91,128 @@ class Alignment:
     noise: float
 
 
-def field_at(fused: Fused, points: Array) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
-    """Return distance [m] (N,), its gradient (N, 3) and whether there is evidence all around, at points (N, 3)."""
-    grid = fused.grid
-    x = (points - grid.origin) / grid.voxel
-    cell = np.floor(x).astype(np.int64)
-    good = ((cell >= 0) & (cell < np.array(grid.shape) - 1)).all(axis=1)
-    cell = np.where(good[:, None], cell, 0)
-    f = x - cell
-    distance, gradient = np.zeros(len(points)), np.zeros((len(points), 3))
-    for corner in np.ndindex(2, 2, 2):
-        at = (cell[:, 0] + corner[0], cell[:, 1] + corner[1], cell[:, 2] + corner[2])
-        value = fused.distance[at].astype(float)
-        good &= fused.weight[at] > 0
-        share = [f[:, k] if corner[k] else 1 - f[:, k] for k in range(3)]
-        distance += value * share[0] * share[1] * share[2]
-        for k in range(3):
-            others = share[(k + 1) % 3] * share[(k + 2) % 3]
-            gradient[:, k] += value * others * (1 if corner[k] else -1) / grid.voxel
-    return distance, gradient, good
-
-
-def moved(view: View, twist: Array) -> View:
-    """Return a view turned about the origin of W by `twist[:3]` [rad] and then shifted by `twist[3:]` [m]."""
+def moved(view: View, twist: Array, about: Array) -> View:
+    """Return a view turned about a point (3,) of W by `twist[:3]` [rad] and then shifted by `twist[3:]` [m]."""
     R = rotations.matrix(rotations.exp(twist[:3]))
     camera = view.camera
-    return view.at(camera.moved(R @ camera.R_WC, R @ camera.p_WC + twist[3:]))
+    return view.at(camera.moved(R @ camera.R_WC, R @ (camera.p_WC - about) + about + twist[3:]))
 
 
-def align(
-    views: Sequence[View], grid: Grid, plane: Array | None, centre: Array, noise: float, rounds: int = TUNING.rounds
-) -> Alignment:
+def mean_surface(points: Array, normals: Array, cell: float) -> tuple[Array, Array]:
+    """Return places and unit normals (M, 3) of cells: means of the points (N, 3) in each that face one of six ways."""
+    index = np.floor(points / cell).astype(np.int64)
+    index -= index.min(axis=0)
+    main = np.argmax(np.abs(normals), axis=1)
+    way = 2 * main + (normals[np.arange(len(normals)), main] < 0)
+    size = index.max(axis=0) + 1
+    key = ((index[:, 0] * size[1] + index[:, 1]) * size[2] + index[:, 2]) * 6 + way
+    order = np.argsort(key, kind="stable")
+    starts = np.flatnonzero(np.append(True, np.diff(key[order]) != 0))
+    count = np.diff(np.append(starts, len(order)))[:, None]
+    place = np.add.reduceat(points[order], starts, axis=0) / count
+    normal = np.add.reduceat(normals[order], starts, axis=0)
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    kept = (count[:, 0] >= 3) & (length[:, 0] > 0.5 * count[:, 0])
+    return place[kept], (normal / np.maximum(length, 1e-12))[kept]
+
+
+def align(views: Sequence[View], low: Array, high: Array, plane: Array | None, seed: int = 0) -> Alignment:
     """Return all views at poses that agree.
 
     Args:
         views: as told.
-        grid: about the object.
+        low: (3,) least corner of a box about the object [m].
+        high: (3,) its greatest corner.
         plane: (4,) under it, n·p = d, or None.
-        centre: (3,) the object's place, about which poses turn [m].
-        noise: a first guess of depth's standard deviation at the object [m].
-        rounds: of fusion and alignment.
+        seed: of the choice of points.
     """
-    told = [view.camera for view in views]
-    now = [_about(view, -centre) for view in views]
-    local = Grid(grid.origin - centre, grid.voxel, grid.shape)
-    level = None if plane is None else np.append(plane[:3], plane[3] - plane[:3] @ centre)
+    now = list(views)
+    centre = (low + high) / 2
     above = np.mean([view.camera.p_WC for view in now], axis=0)
+    rng = np.random.default_rng(seed)
+    samples = [_sample(view, low, high, rng) for view in now]
     residuals, explained = np.zeros(len(now)), np.ones(len(now))
     twists = np.zeros((len(now), 6))
-    low, high = local.origin, local.origin + local.voxel * (np.array(local.shape) - 1)
-    samples = [_samples(view, low, high) for view in now]
-    for turn in range(rounds):
-        if level is not None:
-            level = _support(now, samples, level, above)
-        wide = max(noise, 0.002) if turn < 2 else noise
-        fused = fuse(now, local, wide, level)
+    noise = TUNING.first_noise
+    for cell in TUNING.cells:
+        if plane is not None:
+            plane = _support(now, samples, plane, above)
+        seen = [_in_W(view, s.points, s.normals) for view, s in zip(now, samples, strict=True)]
+        surface = mean_surface(np.concatenate([p for p, _ in seen]), np.concatenate([n for _, n in seen]), cell)
+        tree = cKDTree(np.hstack([surface[0], TUNING.turned * surface[1]]))
         for k, view in enumerate(now):
-            now[k], twists[k], residuals[k], explained[k] = _aligned(view, samples[k], fused, level, twists[k], wide)
-        if turn >= 1:
-            noise = max(float(np.sqrt(np.median(residuals**2))), TUNING.noise_floor)
-    refined = [_about(view, centre) for view in now]
-    assert len(told) == len(refined)
-    out = None if level is None else np.append(level[:3], level[3] + level[:3] @ centre)
-    return Alignment(refined, out, residuals, explained, noise)
+            match = _matched(tree, surface, *seen[k], plane)
+            explained[k] = match.explained
+            now[k], twists[k] = _stepped(view, samples[k], match, plane, twists[k], noise, centre)
+            residuals[k] = _spread(now[k], samples[k], match)
+        noise = max(float(np.median(residuals)), TUNING.noise_floor)
+    return Alignment(now, plane, residuals, explained, noise)
 
 
-def _about(view: View, shift: Array) -> View:
-    return moved(view, np.concatenate([np.zeros(3), shift]))
+@dataclass(frozen=True)
+class _Match:
+    """Which of a view's points (indices) lie on which planes (place, normal), and what share of the object's do."""
+
+    which: npt.NDArray[np.int64]
+    place: Array
+    normal: Array
+    explained: float
 
 
-def _samples(view: View, low: Array, high: Array) -> tuple[Array, Array, Array, Array]:
-    """Return points and normals of a view in C: of the object's surroundings, and of all else."""
-    points, normals, pixels = view_points(view, 2)
-    reach = 0.02
-    near = ((points > low - reach) & (points < high + reach)).all(axis=1)
-    if view.mask is not None:
-        u, v, _ = view.colour.project(points)
-        row, column = (np.clip(np.rint(x), 0, n - 1).astype(int) for x, n in zip((v, u), view.mask.shape, strict=True))
-        near &= view.mask[row, column]
+def _sample(view: View, low: Array, high: Array, rng: np.random.Generator) -> Sample:
+    points, normals, pixels = view_points(view, 1, 0.15)
+    near = ((points > low - 0.01) & (points < high + 0.01)).all(axis=1)
+    chosen = [rng.permutation(np.flatnonzero(which))[: TUNING.points] for which in (near, ~near)]
     c = view.camera
     p_C, n_C = (points - c.p_WC) @ c.R_WC, normals @ c.R_WC
-    out = []
-    for chosen in (np.flatnonzero(near), np.flatnonzero(~near)):
-        chosen = chosen[:: max(1, len(chosen) // TUNING.points)]
-        out += [p_C[chosen], n_C[chosen]]
-    return out[0], out[1], out[2], out[3]
+    return Sample(p_C[chosen[0]], n_C[chosen[0]], p_C[chosen[1]], n_C[chosen[1]])
 
 
-def _support(views: Sequence[View], samples: Sequence[tuple[Array, Array, Array, Array]], level: Array, above: Array) -> Array:
+def _in_W(view: View, points: Array, normals: Array) -> tuple[Array, Array]:
+    R = view.camera.R_WC
+    return points @ R.T + view.camera.p_WC, normals @ R.T
+
+
+def _support(views: Sequence[View], samples: Sequence[Sample], plane: Array, above: Array) -> Array:
     """Return the support plane from all views' points near the last one."""
-    kept = []
-    for view, (p, n, q, m) in zip(views, samples, strict=True):
-        points = np.concatenate([p, q]) @ view.camera.R_WC.T + view.camera.p_WC
-        normals = np.concatenate([n, m]) @ view.camera.R_WC.T
-        near = (np.abs(points @ level[:3] - level[3]) < 0.008) & (normals @ level[:3] > 0.94)
-        kept.append(points[near][::4])
-    points = np.concatenate(kept)
-    return level if len(points) < 200 else fit_plane(points, above)
+    both = [_in_W(view, np.concatenate([s.points, s.around]), np.concatenate([s.normals, s.around_normals])) for view, s in zip(views, samples, strict=True)]
+    return settled(np.concatenate([p for p, _ in both]), np.concatenate([n for _, n in both]), plane, above)
 
 
-def _aligned(
-    view: View, sample: tuple[Array, Array, Array, Array], fused: Fused, level: Array | None, twist: Array, noise: float
-) -> tuple[View, Array, float, float]:
-    """Return a view after Gauss-Newton steps, its twist from where it was told to be, residual RMS and share explained."""
-    scale = np.array([TUNING.prior_rotation] * 3 + [TUNING.prior_translation] * 3)
-    rms, share = 0.0, 1.0
+def _matched(tree: cKDTree, surface: tuple[Array, Array], points: Array, normals: Array, plane: Array | None) -> _Match:
+    rise = np.full(len(points), np.inf) if plane is None else points @ plane[:3] - plane[3]
+    own = np.flatnonzero(rise > TUNING.on_support)
+    distance, cell = tree.query(np.hstack([points[own], TUNING.turned * normals[own]]), workers=1)
+    good = distance < TUNING.reach
+    share = float(good.mean()) if len(own) else 1.0
+    return _Match(own[good], surface[0][cell[good]], surface[1][cell[good]], share)
+
+
+def _spread(view: View, sample: Sample, match: _Match) -> float:
+    """Return the spread of matched points about their planes [m], from the median of the absolute distance."""
+    p, _ = _in_W(view, sample.points[match.which], sample.normals[match.which])
+    return 1.4826 * float(np.median(np.abs(np.einsum("ni,ni->n", p - match.place, match.normal)))) if len(p) else 0.0
+
+
+def _stepped(
+    view: View, sample: Sample, match: _Match, plane: Array | None, twist: Array, noise: float, centre: Array
+) -> tuple[View, Array]:
+    """Return a view after Gauss-Newton steps, and its twist from where it was told to be."""
+    prior = np.array([TUNING.prior_rotation] * 3 + [TUNING.prior_translation] * 3) ** -2.0
     for _ in range(TUNING.steps):
-        R, p_WC = view.camera.R_WC, view.camera.p_WC
-        p, n = sample[0] @ R.T + p_WC, sample[1] @ R.T
-        on_support = np.zeros(len(p), bool) if level is None else np.abs(p @ level[:3] - level[3]) < 0.004
-        r, gradient, good = field_at(fused, p)
-        length = np.linalg.norm(gradient, axis=1)
-        g = gradient / np.maximum(length, 1e-9)[:, None]
-        good &= (np.einsum("ni,ni->n", g, n) > 0.6) & (length > 0.3) & (length < 3) & ~on_support
-        share = float(np.count_nonzero(good) / max(1, np.count_nonzero(~on_support)))
-        rows, residual = [np.hstack([np.cross(p[good], g[good]), g[good]])], [r[good]]
-        if level is not None:
-            q = np.concatenate([p[on_support], sample[2] @ R.T + p_WC])
-            facing = np.concatenate([n[on_support], sample[3] @ R.T]) @ level[:3] > 0.94
-            height = q @ level[:3] - level[3]
-            table = facing & (np.abs(height) < 0.012)
-            normal = np.broadcast_to(level[:3], (np.count_nonzero(table), 3))
-            rows.append(np.hstack([np.cross(q[table], normal), normal]))
-            residual.append(height[table])
+        p, _ = _in_W(view, sample.points[match.which], sample.normals[match.which])
+        rows = [np.hstack([np.cross(p - centre, match.normal), match.normal])]
+        residual = [np.einsum("ni,ni->n", p - match.place, match.normal)]
+        if plane is not None:
+            q, m = _in_W(view, np.concatenate([sample.points, sample.around]), np.concatenate([sample.normals, sample.around_normals]))
+            height = q @ plane[:3] - plane[3]
+            on = (np.abs(height) < 3 * TUNING.on_support) & (m @ plane[:3] > 0.94)
+            normal = np.broadcast_to(plane[:3], (np.count_nonzero(on), 3))
+            rows.append(np.hstack([np.cross(q[on] - centre, normal), normal]))
+            residual.append(height[on])
         J, e = np.concatenate(rows), np.concatenate(residual)
-        w = 1.0 / (1.0 + (e / (2.5 * noise)) ** 2) ** 2 / (noise**2 * TUNING.independent)
-        A = (J * w[:, None]).T @ J + np.diag(scale**-2.0)
-        step = -np.linalg.solve(A, J.T @ (w * e) + twist / scale**2)
-        view, twist = moved(view, step), twist + step
-        kept = np.abs(r[good]) < 5 * noise
-        rms = 1.4826 * float(np.median(np.abs(r[good][kept]))) if kept.any() else 0.0
-    return view, twist, rms, share
+        # Geman and McClure's weights: what is several standard deviations off belongs to something else.
+        w = (1.0 + (e / (2.5 * noise)) ** 2) ** -2.0 / (noise**2 * TUNING.independent)
+        step = -np.linalg.solve((J * w[:, None]).T @ J + np.diag(prior), J.T @ (w * e) + prior * twist)
+        view, twist = moved(view, step, centre), twist + step
+    return view, twist
