@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
+from twin_diagram.assets.command import add_asset_commands
 from twin_diagram.errors import TwinError
 from twin_diagram.runtime.stopping import Stopped, stoppable
 from twin_diagram.runtime.threads import one_thread
@@ -108,6 +109,7 @@ def _parser() -> argparse.ArgumentParser:
 
     _add_scenario_commands(commands)
     _add_log_commands(commands)
+    add_asset_commands(commands)
     return parser
 
 

@@ -25,6 +25,8 @@ LEFT_OUT = (
     # Readers and writers, descriptions, the scenario's dataclasses.
     *("logs", "scenario", "scenario_file", "scenario_values"),
     *("description", "model_folder", "unread", "model/description"),
+    *("assets/command", "assets/library", "assets/building/source_mesh", "assets/building/write_asset"),
+    *("assets/building/from_mesh", "assets/building/vhacd_process"),
     *("assets/asset", "assets/description", "gap/correction/named_effects", "gap/named"),
     # Stations other than the simulated one; what all stations share.
     *("station/lcm", "station/lcm_*", "station/replay", "station/played", "station/recorder", "station/recording"),

@@ -431,3 +431,21 @@ def test_a_law_that_is_not_linear_is_not_searched_for(tmp_path: Path) -> None:
         assert name(model, [bench.run(model, seed=1)]).verdict == "none"
     finally:
         del REGISTRY["odd"]
+
+
+def test_each_stage_has_its_share_of_the_time() -> None:
+    """What the code tells and what the table knows are the same; shares only grow."""
+    sources = Path(workflow.__file__).parent.rglob("*.py")
+    said = {text for source in sources for text in re.findall(r'\bsay\("([^"]+)"\)', source.read_text())}
+    assert said == set(workflow.STAGES)
+    shares = list(workflow.STAGES.values())
+    assert shares == sorted(shares) and shares[0] == 0.0 and shares[-1] < 1.0
+
+
+def test_stages_are_told_in_their_order(runs: tuple[Path, list[Path]], stub: None) -> None:
+    model, (fit, held, _) = runs
+    told: list[str] = []
+    run_gap(model, [fit], held, None, told.append)
+    stages = [text.partition(" (")[0] for text in told]
+    assert stages[0] == "reading the logs" and stages[-1] == "rollouts of the held-out run before and after"
+    assert [stage for stage in workflow.STAGES if stage in stages] == stages

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from pydrake.common.yaml import yaml_load_typed
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from twin_diagram.assets.description import AssetSpec, CollisionShape
-from twin_diagram.assets.mesh import Cloud, read_obj, read_png, sample
+from twin_diagram.assets.description import AssetSpec, CollisionShape, read_spec
+from twin_diagram.assets.mesh import Cloud, parse_obj, read_obj, read_png, sample
 from twin_diagram.errors import AssetError
 from twin_diagram.signals.arrays import Array
 
@@ -67,13 +66,7 @@ class Asset:
             AssetError: the folder, a file in it or a value is missing or malformed; the message names it.
         """
         folder = Path(folder)
-        description = folder / "asset.yaml"
-        if not description.is_file():
-            raise AssetError(f"{folder}: not an asset, it has no asset.yaml")
-        try:
-            spec = yaml_load_typed(schema=AssetSpec, filename=str(description))
-        except Exception as error:
-            raise AssetError(f"{description}: {error}") from None
+        description, spec = folder / "asset.yaml", read_spec(folder)
         size = np.array(spec.size, dtype=float)
         if size.shape != (3,) or not (np.isfinite(size) & (size > 0)).all():
             raise AssetError(f"{description}: size must be three positive lengths, not {spec.size}")
@@ -81,12 +74,13 @@ class Asset:
             raise AssetError(f"{description}: mass must be positive, not {spec.mass}")
         if spec.symmetric_axis not in (None, "z"):
             raise AssetError(f"{description}: symmetric_axis must be null or z, not {spec.symmetric_axis!r}")
-        if not spec.solids:
-            raise AssetError(f"{description}: solids must name at least one convex piece")
+        if not spec.solids and not spec.pieces:
+            raise AssetError(f"{description}: solids or pieces must name at least one convex piece")
         cloud = _cloud(folder, spec)
         for array in (cloud.points, cloud.normals, cloud.colours, size):
             array.setflags(write=False)
         pieces = tuple(_vertices(solid, description) for solid in spec.solids)
+        pieces += tuple(_piece(folder / name) for name in spec.pieces or ())
         return Asset(
             spec.name,
             folder,
@@ -116,6 +110,15 @@ def _cloud(folder: Path, spec: AssetSpec) -> Cloud:
         return Cloud(points, normals, colours)
     mesh = folder / spec.visual
     return sample(read_obj(mesh), read_png(mesh.with_suffix(".png")), TUNING.cloud_points)
+
+
+def _piece(file: Path) -> Array:
+    """Return the vertices (m, 3) of a convex piece's file."""
+    vertices = parse_obj(file).v if file.is_file() else np.empty((0, 3))
+    if len(vertices) < 4:
+        raise AssetError(f"{file}: no such convex piece; it needs four vertices at least")
+    vertices.setflags(write=False)
+    return vertices
 
 
 def _vertices(solid: CollisionShape, where: Path) -> Array:

@@ -2,12 +2,19 @@
 
 # No `from __future__ import annotations` here: Drake's YAML functions read the fields' types themselves, not strings.
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
+from pydrake.common.yaml import yaml_load_typed
 
 from twin_diagram.assets.mesh import Mesh
+from twin_diagram.errors import AssetError
 from twin_diagram.signals.arrays import Array
+
+VERSION = 1
+"""Of `asset.yaml`, as `twin-diagram assets build` writes it."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +56,46 @@ class AssetSpec:
     texture_seed: int = 0
     visual: str = "visual.obj"
     solids: list[CollisionShape] = field(default_factory=list)
+    """Convex pieces that together hold the object; or else `pieces`."""
+
+    pieces: list[str] | None = None
+    """Files (OBJ) of convex pieces that together hold the object."""
+    version: int | None = None
+    """Of this file's layout; None where it was written by hand."""
+    origin: list[float] | None = None
+    """Where O, the centre of mass, lies in what the asset was made from, z upwards [m]."""
+    inertia: list[float] | None = None
+    """Moments about O, its axes: xx, yy, zz, xy, xz, yz [kg·m²]."""
+    volume: float | None = None
+    """[m³]"""
+    volume_by: str | None = None
+    """What volume and inertia were computed from: `surface`, `filling` (of an open one) or `hull`."""
+    symmetries: list[str] | None = None
+    """Turns that are not to be told apart, beside `symmetric_axis`; none are proposed yet."""
+    unit: str | None = None
+    """Of what the asset was made from."""
+    source: str | None = None
+    """Name of the file that it was made from."""
+    files: dict[str, str] | None = None
+    """SHA-256 of the other files; `twin-diagram assets check` compares them."""
+
+
+def read_spec(folder: Path) -> AssetSpec:
+    """Read the `asset.yaml` of an asset's folder.
+
+    Raises:
+        AssetError: missing or malformed.
+    """
+    file = folder / "asset.yaml"
+    if not file.is_file():
+        raise AssetError(f"{folder}: not an asset, it has no asset.yaml")
+    try:
+        spec: AssetSpec = yaml_load_typed(schema=AssetSpec, filename=str(file))
+    except Exception as error:  # of YAML, of types, of Unicode
+        raise AssetError(f"{file}: {error}") from None
+    if spec.version not in (None, VERSION):
+        raise AssetError(f"{file}: version {spec.version} is not known here, only {VERSION}")
+    return spec
 
 
 def solid_inertia(spec: AssetSpec) -> Array:
@@ -94,6 +141,14 @@ def feet(solid: CollisionShape) -> Array:
     return np.concatenate([np.insert(ring, 2, sign * (length / 2 - TUNING.foot), axis=1) for sign in (-1.0, 1.0)])
 
 
+@dataclass(frozen=True)
+class ConvexFile:
+    """A convex piece as a file beside the model: `name`, and `vertices` (m, 3) in O [m]."""
+
+    name: str
+    vertices: Array
+
+
 def _pose(translation: Array | list[float], rpy: list[float] | None = None) -> str:
     numbers = [*translation, *(rpy or [0.0, 0.0, 0.0])]
     return "<pose>" + " ".join(f"{x:.9g}" for x in numbers) + "</pose>"
@@ -107,11 +162,26 @@ def _collision(name: str, pose: str, shape: str, friction: float) -> str:
     )
 
 
-def sdf(spec: AssetSpec, com: Array, inertia: Array, friction: float = 0.6) -> str:
-    """Return the model as SDF: one free link `object`, frame O, textured visual, primitive collision shapes.
+def sdf(
+    spec: AssetSpec,
+    com: Array,
+    inertia: Array,
+    friction: float = 0.6,
+    pieces: Sequence[ConvexFile] = (),
+    feet_O: Array | None = None,
+) -> str:
+    """Return the model as SDF: one free link `object`, frame O, textured visual, convex collision shapes.
 
     A box on a table has one point of contact in Drake's point contact, and rocks on it. Small spheres in the corners
     of the first solid stand a little proud of it and give the object feet.
+
+    Args:
+        spec: its solids are collision shapes.
+        com: (3,) centre of mass in O [m].
+        inertia: (3, 3) about it [kg·m²].
+        friction: of all shapes.
+        pieces: further collision shapes.
+        feet_O: (k, 3) centres of the feet [m]; None: those of the first solid.
     """
     i = np.asarray(inertia)
     text = (
@@ -129,7 +199,14 @@ def sdf(spec: AssetSpec, com: Array, inertia: Array, friction: float = 0.6) -> s
             radius, length = solid.size[0] - TUNING.recess, solid.size[1] - 2 * TUNING.recess
             shape = f"<cylinder><radius>{radius:.9g}</radius><length>{length:.9g}</length></cylinder>"
         text += _collision(f"solid{k}", _pose(solid.translation, solid.rpy), shape, friction)
-    for k, centre in enumerate(feet(spec.solids[0])):
+    for k, piece in enumerate(pieces):
+        low, high = piece.vertices.min(axis=0), piece.vertices.max(axis=0)
+        scale = np.maximum(1.0 - 2 * TUNING.recess / (high - low), 0.5)
+        x, y, z = scale
+        # Scaled about its middle, while a mesh is scaled about its file's origin.
+        shape = f"<mesh><uri>{piece.name}</uri><scale>{x:.9g} {y:.9g} {z:.9g}</scale><drake:declare_convex/></mesh>"
+        text += _collision(f"piece{k}", _pose((1.0 - scale) * (low + high) / 2), shape, friction)
+    for k, centre in enumerate(feet(spec.solids[0]) + spec.solids[0].translation if feet_O is None else feet_O):
         shape = f"<sphere><radius>{TUNING.foot:g}</radius></sphere>"
-        text += _collision(f"foot{k}", _pose(centre + spec.solids[0].translation), shape, friction)
+        text += _collision(f"foot{k}", _pose(centre), shape, friction)
     return text + "    </link>\n  </model>\n</sdf>\n"

@@ -86,30 +86,13 @@ def read_obj(path: Path) -> Mesh:
     """
     if not path.is_file():
         raise AssetError(f"{path}: no such mesh")
-    raw: dict[str, list[list[float]]] = {"v": [], "vt": [], "vn": []}
-    corners: list[tuple[int, int, int]] = []
-    try:
-        for line in path.read_text().splitlines():
-            key, *rest = line.split() or [""]
-            if key in raw:
-                raw[key].append([float(x) for x in rest])
-            elif key == "f":
-                fan = [_corner(item, raw) for item in rest]
-                corners += [fan[k] for i in range(1, len(fan) - 1) for k in (0, i, i + 1)]
-    except ValueError as error:
-        raise AssetError(f"{path}: not a readable OBJ file ({error})") from None
-    if not corners:
-        raise AssetError(f"{path}: the mesh has no triangles")
-    unique, inverse = np.unique(np.array(corners), axis=0, return_inverse=True)
+    raw = parse_obj(path)
+    unique, inverse = np.unique(raw.corners.reshape(-1, 3), axis=0, return_inverse=True)
     faces = inverse.reshape(-1, 3)
-    v = np.array([row[:3] for row in raw["v"]], dtype=float)
-    there = [len(raw[key]) for key in ("v", "vt", "vn")]
-    if (unique >= there).any() or unique[:, 0].min() < 0 or not np.isfinite(v).all():
-        raise AssetError(f"{path}: a face names a vertex that is not there, or a vertex is not finite")
-    vertices = v[unique[:, 0]]
-    uv = np.array([row[:2] for row in raw["vt"]] or [[0.0, 0.0]])[np.maximum(unique[:, 1], 0)]
-    if raw["vn"] and unique[:, 2].min() >= 0:
-        normals = np.array([row[:3] for row in raw["vn"]])[unique[:, 2]]
+    vertices = raw.v[unique[:, 0]]
+    uv = (raw.vt if len(raw.vt) else np.zeros((1, 2)))[np.maximum(unique[:, 1], 0)]
+    if len(raw.vn) and unique[:, 2].min() >= 0:
+        normals = raw.vn[unique[:, 2]]
     else:
         flat = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]])
         normals = np.zeros_like(vertices)
@@ -117,6 +100,69 @@ def read_obj(path: Path) -> Mesh:
             np.add.at(normals, faces[:, k], flat)
     normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     return Mesh(vertices, normals, uv, faces)
+
+
+@dataclass(frozen=True)
+class ObjText:
+    """What an OBJ file says, before anything is made of it.
+
+    Attributes:
+        v: (V, 3) finite, in the file's unit.
+        colours: (V, 3) of the vertices, RGB in [0, 1], where each has one, else None.
+        vt: (T, 2).
+        vn: (N, 3).
+        corners: (F, 3, 3) of each triangle's corners the indices into v, vt and vn, -1 where absent; at least one.
+        materials: each triangle's material, "" before the first.
+        libraries: names of material files.
+    """
+
+    v: Array
+    colours: Array | None
+    vt: Array
+    vn: Array
+    corners: npt.NDArray[np.int64]
+    materials: tuple[str, ...]
+    libraries: tuple[str, ...]
+
+
+def parse_obj(path: Path) -> ObjText:
+    """Read an OBJ file's triangles (and fans of polygons).
+
+    Raises:
+        AssetError: no triangles, indices out of range, or values that are not finite.
+    """
+    raw: dict[str, list[list[float]]] = {"v": [], "vt": [], "vn": []}
+    corners: list[tuple[int, int, int]] = []
+    materials, libraries, material = [], [], ""
+    try:
+        for line in path.read_text(encoding="utf-8").replace("\\\n", " ").splitlines():
+            key, *rest = line.split() or [""]
+            if key in raw:
+                raw[key].append([float(x) for x in rest])
+            elif key == "f":
+                fan = [_corner(item, raw) for item in rest]
+                corners += [fan[k] for i in range(1, len(fan) - 1) for k in (0, i, i + 1)]
+                materials += [material] * max(len(fan) - 2, 0)
+            elif key == "usemtl":
+                material = " ".join(rest)
+            elif key == "mtllib":
+                libraries.append(line.split(maxsplit=1)[1].strip() if rest else "")
+    except ValueError as error:
+        raise AssetError(f"{path}: not a readable OBJ file ({error})") from None
+    if not corners:
+        raise AssetError(f"{path}: the mesh has no triangles")
+    columns = {"v": 3, "vt": 2, "vn": 3}
+    for key, rows in raw.items():
+        short = next((row for row in rows if len(row) < columns[key]), None)
+        if short is not None:
+            raise AssetError(f"{path}: not a readable OBJ file (a line {key!r} has only {len(short)} numbers)")
+    v, vt, vn = (np.array([row[:n] for row in raw[key]], dtype=float).reshape(-1, n) for key, n in columns.items())
+    every = np.array(corners)
+    if (every >= [len(v), len(vt), len(vn)]).any() or every[:, 0].min() < 0 or not np.isfinite(v).all():
+        raise AssetError(f"{path}: a face names a vertex that is not there, or a vertex is not finite")
+    coloured = all(len(row) >= 6 for row in raw["v"])
+    colours = np.clip(np.array([row[3:6] for row in raw["v"]]), 0.0, 1.0) if coloured else None
+    return ObjText(v, colours, vt, vn, every.reshape(-1, 3, 3), tuple(materials), tuple(libraries))
 
 
 def _corner(item: str, raw: dict[str, list[list[float]]]) -> tuple[int, int, int]:

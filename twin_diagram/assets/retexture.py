@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pydrake.common.yaml import yaml_load_typed
-
-from twin_diagram.assets.description import AssetSpec
+from twin_diagram.assets.description import read_spec
 from twin_diagram.assets.procedural import write_bottle, write_box, write_can, write_mug
 from twin_diagram.errors import AssetError
 
@@ -17,10 +15,7 @@ def retexture(source: str | Path, folder: str | Path, texture_seed: int) -> Path
     Raises:
         AssetError: `source` is no asset, or not one of the procedural shapes.
     """
-    description = Path(source) / "asset.yaml"
-    if not description.is_file():
-        raise AssetError(f"{source}: not an asset, it has no asset.yaml")
-    spec: AssetSpec = yaml_load_typed(schema=AssetSpec, filename=str(description))
+    spec = read_spec(Path(source))
     length, width, height = spec.size
     if spec.shape == "box":
         return write_box(folder, spec.name, (length, width, height), texture_seed, spec.mass)

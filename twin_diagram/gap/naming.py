@@ -120,7 +120,7 @@ def investigate(records: Records, progress: Progress | None = None) -> tuple[Ver
     lap("search")
 
     say("searching again with the noise that is left")
-    terms, bench, fit = search_again(records, terms, bench, fit, ordinary)
+    terms, bench, fit = search_again(records, terms, bench, fit, ordinary, say)
     lap("second search")
     verdict = conclude(records, terms, bench, fit)
     # Now that it is known what is noise: the first guess of it is too low where a log is short.
@@ -173,7 +173,12 @@ def second_bench(
 
 
 def search_again(
-    records: Records, terms: Terms, bench: Bench, fit: HypothesisFit, ordinary: Array
+    records: Records,
+    terms: Terms,
+    bench: Bench,
+    fit: HypothesisFit,
+    ordinary: Array,
+    say: Progress = lambda text: None,
 ) -> tuple[Terms, Bench, HypothesisFit]:
     """Search once more, with noise and transmitted torque as the first hypothesis has them.
 
@@ -183,6 +188,7 @@ def search_again(
         bench: of the first search.
         fit: what it found.
         ordinary: see `whitening.ordinary`.
+        say: told what is being done.
     """
     terms, second = second_bench(records, terms, bench, fit, ordinary)
     members: Members = frozenset(second.add(bench.candidates[k]) for k in fit.members)
@@ -199,13 +205,16 @@ def search_again(
         *gear_proposals.propose(second, terms, best.members, late, knocks),
         *stiction_proposals.propose(second, terms, plain),
     ]
+    say("refining what was found")
     if offered:
         starts = dict.fromkeys((best.members, plain.members))
         best = max(
             (climb(second, some, PRIOR_COSTS.least, TUNING.most, propose, polish) for some in starts),
             key=lambda fit: fit.evidence,
         )
-    best = rivals.refined(second, terms, pruned(second, plainer(second, refine(second, terms, best))))
+    best = refine(second, terms, best)
+    say("weighing its rivals")
+    best = rivals.refined(second, terms, pruned(second, plainer(second, best)))
     return terms, second, decided(second, terms, pruned(second, plainer(second, best)))
 
 

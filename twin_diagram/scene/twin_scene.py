@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import cast
 
 import numpy as np
-from pydrake.common.yaml import yaml_load_typed
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JointIndex
@@ -16,7 +15,7 @@ from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort
 from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 
 from twin_diagram import scenario
-from twin_diagram.assets.description import AssetSpec
+from twin_diagram.assets.description import AssetSpec, read_spec
 from twin_diagram.errors import AssetError, ModelError
 from twin_diagram.model.description import add_arm as description
 from twin_diagram.scenario import poses as scenario_poses
@@ -145,11 +144,8 @@ def _add_fixture(plant: MultibodyPlant, fixture: scenario.Fixture, packages: Map
 def _add_object(plant: MultibodyPlant, name: str, folder: str, packages: Mapping[str, str | Path] | None) -> AssetSpec:
     """Parse an asset's model as a free body in a model instance of the object's name."""
     path = resources.resolve(folder, packages)
-    file = path / "asset.yaml"
-    if not file.is_file():
-        raise AssetError(f"{path}: not an asset, it has no asset.yaml")
+    spec = read_spec(path)
     try:
-        spec: AssetSpec = yaml_load_typed(schema=AssetSpec, filename=str(file))
         instances = description.parser(plant, packages).AddModels(path / "model.sdf")
     except (RuntimeError, ValueError, TypeError, KeyError) as error:
         raise AssetError(f"{path}: {str(error).strip().splitlines()[0]}") from error

@@ -1,0 +1,116 @@
+"""One picture for all parts: each corner has the colour that it has in its own picture, repeated as it may be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from tests.assets.building.made_meshes import box
+from twin_diagram.assets.building import one_texture as module
+from twin_diagram.assets.building.one_texture import laid_out, one_texture, plain
+from twin_diagram.assets.building.source_mesh import Part, read_source
+from twin_diagram.assets.mesh import bilinear
+from twin_diagram.errors import AssetError
+from twin_diagram.signals.arrays import Array
+
+
+def part(uv: Array | None, image: Array | None, colours: Array) -> Part:
+    count = len(colours)
+    picture = None if image is None else image.astype(np.uint8)
+    return Part(np.zeros((count, 3, 3)), uv, picture, colours)
+
+
+def test_several_pictures_and_plain_colours_become_one() -> None:
+    rng = np.random.default_rng(0)
+    pictures = [rng.integers(0, 256, (20, 30, 3)), rng.integers(0, 256, (12, 50, 3))]
+    uvs = [rng.uniform(0.1, 0.9, (7, 3, 2)) for _ in pictures]
+    colours = rng.uniform(0, 1, (5, 3))
+    parts = [part(uv, image, np.zeros((7, 3))) for uv, image in zip(uvs, pictures, strict=True)]
+    uv, atlas = one_texture([parts[0], part(None, None, colours), parts[1]])
+    assert uv.shape == (19, 3, 2) and uv.min() >= 0 and uv.max() <= 1
+    for rows, image, own in ((slice(0, 7), pictures[0], uvs[0]), (slice(12, 19), pictures[1], uvs[1])):
+        expected = bilinear(image.astype(np.uint8), own.reshape(-1, 2))
+        np.testing.assert_allclose(bilinear(atlas, uv[rows].reshape(-1, 2)), expected, atol=1e-6)
+    seen = bilinear(atlas, uv[7:12].reshape(-1, 2)).reshape(5, 3, 3)
+    np.testing.assert_allclose(seen, np.repeat(colours[:, None], 3, axis=1), atol=0.003)
+
+
+def test_a_picture_that_runs_on_is_laid_out_as_often() -> None:
+    image = np.random.default_rng(1).integers(0, 256, (8, 8, 3)).astype(np.uint8)
+    uv = np.array([[[-0.3, 4.2], [1.6, 4.4], [0.2, 6.1]], [[0.1, 0.2], [0.3, 0.4], [0.9, 1.0]]])
+    mapped, picture = laid_out(uv, image)
+    assert picture.shape == (24, 24, 3)  # three times along both edges
+    inner = np.mod(uv, 1.0)
+    away = (np.abs(inner - 0.5) < 0.4).all(axis=-1)  # at the picture's edge, its neighbour blends in
+    assert away.sum() >= 3
+    np.testing.assert_allclose(bilinear(picture, mapped[away]), bilinear(image, inner[away]), atol=1e-6)
+    # A triangle that ends at the upper edge stays at the upper edge.
+    same, whole = laid_out(np.array([[[0.0, 1.0], [1.0, 1.0], [0.5, 0.0]]]), image)
+    np.testing.assert_array_equal(whole, image)
+    np.testing.assert_allclose(same[0], [[0.0, 1.0], [1.0, 1.0], [0.5, 0.0]])
+    with pytest.raises(AssetError, match="9 times"):
+        laid_out(np.array([[[0.0, 0.0], [8.5, 0.0], [0.0, 1.0]]]), image)
+
+
+def test_many_colours_are_rounded_to_what_has_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "TUNING", replace(module.TUNING, most_colours=64))
+    colours = np.random.default_rng(2).uniform(0, 1, (3000, 3))
+    uv, picture = plain(colours)
+    assert picture.shape[0] <= 8 * module.TUNING.patch
+    assert np.abs(bilinear(picture, uv[:, 0]) - colours).max() < 0.18
+    few, exact = plain(colours[:40])
+    np.testing.assert_allclose(bilinear(exact, few[:, 1]), colours[:40], atol=0.003)
+
+
+def test_large_pictures_are_reduced() -> None:
+    image = np.zeros((100, 4000, 3))
+    image[:, 2000:] = 255
+    uv, picture = one_texture([part(np.full((1, 3, 2), [0.75, 0.5]), image, np.zeros((1, 3)))])
+    assert picture.shape == (26, 1024, 3)
+    np.testing.assert_allclose(bilinear(picture, uv[0]), 1.0)
+
+
+# Colours as files have them.
+
+
+def test_gltf_materials(tmp_path: Path) -> None:
+    grey = Image.fromarray(np.full((4, 4, 3), 200, np.uint8))
+    looks = {
+        "factor": trimesh.visual.material.PBRMaterial(baseColorFactor=[255, 0, 0, 255]),
+        "both": trimesh.visual.material.PBRMaterial(baseColorTexture=grey, baseColorFactor=[255, 128, 0, 255]),
+    }
+    for name, material in looks.items():
+        mesh = box(0.1, 0.1, 0.1)
+        mesh.visual = trimesh.visual.TextureVisuals(uv=np.full((8, 2), 0.5), material=material)
+        (tmp_path / f"{name}.glb").write_bytes(mesh.export(file_type="glb"))
+    (red,) = read_source(tmp_path / "factor.glb").parts
+    assert red.image is None
+    np.testing.assert_allclose(red.colours, np.tile([1, 0, 0], (12, 1)), atol=0.01)
+    (both,) = read_source(tmp_path / "both.glb").parts
+    assert both.image is not None and both.uv is not None
+    np.testing.assert_allclose(both.image[0, 0], [200, 100, 0], atol=1.5)
+
+
+def test_colours_of_vertices(tmp_path: Path) -> None:
+    text = "v 0 0 0 1 0 0\nv 1 0 0 1 0 0\nv 0 1 0 0 0 1\nv 0 0 1 0 0 1\nf 1 3 2\nf 1 2 4\n"
+    (tmp_path / "a.obj").write_text(text)
+    (made,) = read_source(tmp_path / "a.obj").parts
+    np.testing.assert_allclose(made.colours, np.tile([2 / 3, 0, 1 / 3], (2, 1)))
+    mesh = box(0.1, 0.1, 0.1)
+    mesh.visual.vertex_colors = np.tile([0, 255, 0, 255], (8, 1))
+    (tmp_path / "a.glb").write_bytes(mesh.export(file_type="glb"))
+    (made,) = read_source(tmp_path / "a.glb").parts
+    np.testing.assert_allclose(made.colours, np.tile([0, 1, 0], (12, 1)))
+
+
+def test_what_has_no_colour_is_grey(tmp_path: Path) -> None:
+    for kind in ("stl", "glb"):
+        data = box(0.1, 0.1, 0.1).export(file_type=kind)
+        (tmp_path / f"a.{kind}").write_bytes(data)
+        (made,) = read_source(tmp_path / f"a.{kind}").parts
+        assert 0.3 < made.colours.min() == made.colours.max() < 0.9, kind

@@ -1,0 +1,84 @@
+"""Convex pieces hold the whole object, and leave out what is hollow."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial import ConvexHull
+
+from tests.assets.building.made_meshes import box, corner, hollow_box, surface_of
+from twin_diagram.assets.building import pieces
+from twin_diagram.assets.building.inertia import hull_of, spread
+from twin_diagram.assets.building.pieces import Pieces, holding, pieces_of, simplified
+from twin_diagram.signals.arrays import Array
+
+
+def depth(piece: Array, points: Array) -> Array:
+    """How far points lie outside a piece's hull; negative inside."""
+    equations = ConvexHull(piece).equations
+    return np.asarray((points @ equations[:, :3].T + equations[:, 3]).max(axis=1))
+
+
+def of(mesh: trimesh.Trimesh, volume: float) -> Pieces:
+    surface = surface_of(mesh)
+    return pieces_of(surface.vertices, surface.faces, volume)
+
+
+def test_a_box_is_its_own_piece() -> None:
+    (piece,) = of(box(0.1, 0.2, 0.05), 1e-3).vertices
+    assert len(piece) == 8 and ConvexHull(piece).volume == pytest.approx(1e-3)
+
+
+def test_a_closed_box_that_is_hollow_is_still_one_piece() -> None:
+    (piece,) = of(hollow_box(), 0.9 * 0.1 * 0.08 * 0.06).vertices
+    assert ConvexHull(piece).volume == pytest.approx(0.1 * 0.08 * 0.06)
+
+
+def test_a_corner_is_taken_apart() -> None:
+    mesh = corner()
+    made = of(mesh, float(mesh.volume))
+    assert 2 <= len(made.vertices) <= 12 and "V-HACD" in made.how
+    points = spread(np.asarray(mesh.triangles), 0.004)
+    outside = np.min([depth(piece, points) for piece in made.vertices], axis=0)
+    assert outside.max() < 2e-4
+    total = sum(ConvexHull(piece).volume for piece in made.vertices)
+    assert mesh.volume * 0.95 < total < 1.25 * mesh.volume
+    # In the notch nothing is held; the hull would.
+    notch = np.array([[0.058, 0.02, 0.058], [0.08, 0.02, 0.06]])
+    assert np.min([depth(piece, notch) for piece in made.vertices], axis=0).min() > 0.005
+    assert depth(np.asarray(mesh.vertices), notch).max() < 0
+
+
+def test_where_taking_apart_fails_the_hull_holds(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pieces, "_taken_apart", lambda vertices, faces: [])
+    made = of(corner(), 3.2e-4)
+    assert len(made.vertices) == 1 and "could not be taken apart" in made.how
+
+
+def test_what_takes_too_long_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pieces, "TUNING", replace(pieces.TUNING, patience=0.05))
+    made = of(corner(), 3.2e-4)
+    assert len(made.vertices) == 1 and "could not be taken apart" in made.how
+
+
+def test_a_fine_hull_is_made_simple_and_holds_the_same() -> None:
+    ball = trimesh.creation.icosphere(4, 0.05)
+    simple = simplified(hull_of(np.asarray(ball.vertices)))
+    assert len(simple) < 200 < len(ball.vertices)
+    assert depth(simple, np.asarray(ball.vertices)).max() < 1e-6
+    assert ConvexHull(simple).volume < 1.1 * ball.volume
+    can = trimesh.creation.cylinder(radius=0.04, height=0.1, sections=200)
+    simple = simplified(hull_of(np.asarray(can.vertices)))
+    assert np.ptp(simple[:, 2]) == pytest.approx(0.1, abs=1e-6)  # it still stands as it did
+    assert depth(simple, np.asarray(can.vertices)).max() < 1e-6 and len(simple) < 60
+
+
+def test_pieces_grow_to_hold_what_lies_outside_of_all() -> None:
+    one, two = np.array(box(1, 1, 1).vertices), np.array(box(1, 1, 1, at=(2, 0, 0)).vertices)
+    points = np.array([[2.6, 0.0, 0.0], [0.0, 0.0, 0.3]])
+    first, second = holding([one, two], points)
+    assert depth(first, points[1:]).max() < 0 and ConvexHull(first).volume == pytest.approx(1.0)
+    assert depth(second, points[:1]).max() < 1e-9 and ConvexHull(second).volume == pytest.approx(1 + 0.1 / 3)

@@ -1,0 +1,52 @@
+"""Welding, and normals that are smooth where the surface is and sharp at its edges."""
+
+from __future__ import annotations
+
+import numpy as np
+import trimesh
+
+from tests.assets.building.made_meshes import box, surface_of
+from twin_diagram.assets.building.surface import signed_volume, weld, with_normals
+
+
+def test_normals_of_a_box_are_those_of_its_sides_and_carry_their_corners_texture() -> None:
+    mesh = box(0.1, 0.2, 0.05, at=(3, 0, 0))
+    surface = surface_of(mesh)
+    uv = np.asarray(mesh.triangles)[:, :, :2] * 7.0
+    made = with_normals(surface, surface.of_corners(uv))
+    assert len(surface.vertices) == 8 and surface.closed and len(made.vertices) == 24
+    out = made.vertices - [3, 0, 0]
+    np.testing.assert_allclose(np.sort(np.abs(made.normals), axis=1), np.tile([0, 0, 1.0], (24, 1)), atol=1e-9)
+    assert (np.einsum("vi,vi->v", out, made.normals) > 0.02).all()
+    np.testing.assert_allclose(made.uv, made.vertices[:, :2] * 7.0, atol=1e-9)
+
+
+def test_normals_of_a_ball_point_from_its_centre() -> None:
+    made = with_normals(surface_of(ball := trimesh.creation.icosphere(3, 0.05)), np.zeros((len(ball.faces), 3, 2)))
+    np.testing.assert_allclose(made.normals, made.vertices / 0.05, atol=0.01)
+
+
+def test_edges_of_up_to_40_degrees_are_smooth() -> None:
+    for sections, smooth in ((10, True), (8, False)):  # 36° and 45° from side to side
+        tube = trimesh.creation.cylinder(radius=0.03, height=0.1, sections=sections)
+        made = with_normals(surface_of(tube), np.zeros((len(tube.faces), 3, 2)))
+        side = np.abs(made.normals[:, 2]) < 0.5
+        radial = made.vertices[side, :2] / 0.03
+        cosine = np.einsum("vi,vi->v", radial, made.normals[side, :2])
+        assert (cosine > 0.999).all() == smooth
+
+
+def test_near_vertices_are_one_and_slivers_go() -> None:
+    triangles = np.array(box(0.1, 0.1, 0.1).triangles)
+    shaken = triangles + np.random.default_rng(0).uniform(-1e-9, 1e-9, triangles.shape)
+    sliver = np.array([[[0, 0, 0], [0.05, 0, 0], [0.1, 0, 0]], [[0.0, 0, 0]] * 3])
+    surface = weld(np.concatenate([shaken, sliver + 0.05]))
+    assert surface.closed and len(surface.vertices[np.unique(surface.faces)]) == 8
+    np.testing.assert_array_equal(surface.kept, np.arange(12))
+
+
+def test_volume_is_signed_wherever_the_mesh_is() -> None:
+    mesh = box(0.1, 0.1, 0.1, at=(10, 10, 10))
+    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    assert np.isclose(signed_volume(vertices, faces), 1e-3)
+    assert np.isclose(signed_volume(vertices, faces[:, ::-1]), -1e-3)

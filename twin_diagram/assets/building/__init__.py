@@ -1,0 +1,16 @@
+"""From what somebody has of an object to an asset of a library: read, measured, taken apart and written."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from twin_diagram.runtime import faces
+
+if TYPE_CHECKING:
+    from twin_diagram.assets.building.from_mesh import build_from_mesh
+
+__all__ = [
+    "build_from_mesh",
+]
+
+__getattr__, __dir__ = faces.lazy_face(__name__)

@@ -1,0 +1,171 @@
+"""From a mesh to an asset.
+
+Example:
+    >>> from twin_diagram.assets.building import build_from_mesh
+    >>> build_from_mesh("mug.glb", "mug", "my_objects", mass=0.3).folder  # doctest: +SKIP
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final, TypeVar
+
+import numpy as np
+
+from twin_diagram.assets.building.inertia import EvenBody, solid_of
+from twin_diagram.assets.building.one_texture import one_texture
+from twin_diagram.assets.building.pieces import pieces_of
+from twin_diagram.assets.building.source_mesh import read_source
+from twin_diagram.assets.building.surface import Surface, weld, with_normals
+from twin_diagram.assets.building.write_asset import NewAsset, place_for, write_asset
+from twin_diagram.errors import AssetError
+from twin_diagram.runtime.threads import one_thread
+from twin_diagram.signals.arrays import Array
+
+Made = TypeVar("Made")
+
+UNITS: Final[dict[str, float]] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}
+"""Units of a mesh [m]."""
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module."""
+
+    largest: float = 2.0
+    """Longest edge of an object's box [m]; what is larger has another unit, or is no object on a table."""
+
+    smallest: float = 0.005
+    """The same at the least [m]; a depth camera does not see it."""
+
+    density: float = 1000.0
+    """Where neither mass nor density is told [kg/m³]: water's."""
+
+    densest: float = 22_600.0
+    """Osmium's [kg/m³]: above it, something was told in another unit."""
+
+
+TUNING = Tuning()
+
+
+@dataclass(frozen=True)
+class BuiltAsset:
+    """What was built: its `folder`, `mass` [kg], `volume` [m³], `size` (3,) of its box [m], and `notes` for people."""
+
+    folder: Path
+    mass: float
+    volume: float
+    size: Array
+    notes: tuple[str, ...]
+
+
+@one_thread()
+def build_from_mesh(
+    mesh: str | Path,
+    name: str,
+    library: str | Path,
+    mass: float | None = None,
+    density: float | None = None,
+    unit: str = "m",
+    replace_it: bool = False,
+) -> BuiltAsset:
+    """Make an asset of a mesh and put it into a library.
+
+    glTF, whose y axis is up, is turned; other meshes are taken to stand as they are, z upwards.
+
+    Args:
+        mesh: .obj, .stl, .glb or .gltf.
+        name: of the asset: letters, digits, `_`, `-`.
+        library: the folder of assets; made where there is none.
+        mass: [kg]
+        density: [kg/m³]; without either: water's.
+        unit: of the mesh: m, cm, mm, in.
+        replace_it: write an asset of that name anew.
+
+    Raises:
+        AssetError: anything that cannot be used; nothing is written.
+    """
+    path = Path(mesh)
+    _check_told(mass, density, unit)
+    place_for(name, library, replace_it)
+    source = read_source(path)
+    corners = np.concatenate([part.corners for part in source.parts]) * UNITS[unit]
+    if path.suffix.lower() in (".glb", ".gltf"):
+        corners = z_up(corners)
+    _check_size(path, corners, unit)
+    uv, texture = _named(path, lambda: one_texture(source.parts))
+    surface = weld(corners)
+    if not len(surface.faces):
+        raise AssetError(f"{path}: the mesh has no faces (triangles) with an area")
+    solid = _named(path, lambda: solid_of(surface))
+    surface = replace(surface, vertices=surface.vertices - solid.centre)
+    pieces = _named(path, lambda: pieces_of(surface.vertices, surface.faces, solid.volume))
+    notes = [*source.notes, *_volume_notes(surface, solid), f"held by {pieces.how}"]
+    if mass is None:
+        mass = (density or TUNING.density) * solid.volume
+        if density is None:
+            notes.append(f"mass not told: {mass:.4g} kg, as if of water; --mass or --density say better")
+    elif mass > TUNING.densest * solid.volume:
+        notes.append(f"--mass {mass:g} kg in {solid.volume * 1e6:.4g} cm³ is denser than any metal; is it in grams?")
+    new = NewAsset(
+        name=name,
+        mesh=with_normals(surface, surface.of_corners(uv)),
+        texture=texture,
+        solid=replace(solid, centre=np.zeros(3)),
+        mass=float(mass),
+        pieces=pieces.vertices,
+        origin=solid.centre,
+        unit=unit,
+        source=path.name,
+    )
+    folder = write_asset(new, library, replace_it)
+    return BuiltAsset(folder, float(mass), solid.volume, np.ptp(surface.vertices, axis=0), tuple(notes))
+
+
+def z_up(points: Array) -> Array:
+    """Return points (…, 3) of axes with y upwards in such with z upwards; x stays."""
+    return np.stack([points[..., 0], -points[..., 2], points[..., 1]], axis=-1)
+
+
+def _named(path: Path, make: Callable[[], Made]) -> Made:
+    """Run `make`; what is wrong is said with the file's name."""
+    try:
+        return make()
+    except AssetError as error:
+        raise AssetError(f"{path}: {error}") from None
+
+
+def _check_told(mass: float | None, density: float | None, unit: str) -> None:
+    """Refuse a mass, density or unit that is none."""
+    if mass is not None and density is not None:
+        raise AssetError(f"--mass {mass:g} and --density {density:g}: tell one of them")
+    for option, value, of in (("--mass", mass, "kg"), ("--density", density, "kg/m³")):
+        if value is not None and not (np.isfinite(value) and value > 0):
+            raise AssetError(f"{option} {value:g}: must be positive [{of}]")
+    if unit not in UNITS:
+        raise AssetError(f"--unit {unit!r}: no such unit; these are: {', '.join(UNITS)}")
+
+
+def _check_size(path: Path, corners: Array, unit: str) -> None:
+    """Refuse what is too large or too small for an object, and say in which unit it would not be."""
+    size = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
+    if TUNING.smallest <= size <= TUNING.largest:
+        return
+    wrong = f"over {TUNING.largest:g} m" if size > TUNING.largest else f"under {TUNING.smallest * 1e3:g} mm"
+    sizes = {other: size / UNITS[unit] * scale for other, scale in UNITS.items()}
+    fitting = [
+        f"--unit {other} it would be {x * 1e3:.4g} mm" if x < 1 else f"--unit {other} it would be {x:.4g} m"
+        for other, x in sizes.items()
+        if TUNING.smallest <= x <= TUNING.largest
+    ]
+    advice = f"with {', with '.join(fitting)}" if fitting else f"no unit of {', '.join(UNITS)} fits"
+    raise AssetError(f"{path}: the object is {size:.4g} m long in {unit}, {wrong}; {advice}")
+
+
+def _volume_notes(surface: Surface, solid: EvenBody) -> list[str]:
+    if solid.by == "surface":
+        return []
+    how = "its convex hull" if solid.by == "hull" else "filling it, small holes closed"
+    return [f"not watertight: volume {solid.volume * 1e6:.4g} cm³, centre and inertia are by {how}"]

@@ -1,0 +1,169 @@
+"""Convex pieces that together hold an object: its hull where it is nearly convex, else V-HACD's, made to hold it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
+
+from twin_diagram.assets.building.inertia import hull_of, spread
+from twin_diagram.assets.building.surface import Faces
+from twin_diagram.errors import AssetError
+from twin_diagram.runtime.threads import one_thread_variables
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module."""
+
+    full: float = 0.85
+    """Share of its hull that an object fills to count as convex: scanned boxes have 0.84 at least, mugs 0.2."""
+
+    dent: float = 0.06
+    """Or else how deep the surface lies below the hull, 99 % of it, as a share of the object's size, …"""
+
+    least_dent: float = 0.003
+    """… no less than this [m], which does not matter to a planner that keeps centimetres, …"""
+
+    most_dent: float = 0.01
+    """… and no more [m]."""
+
+    step: float = 0.02
+    """Distance of the points that are looked at on the surface, as a share of the object's size."""
+
+    most: int = 12
+    """Pieces: the planner's work grows with them, and a mug shows its hollow and its handle with twelve."""
+
+    cells: int = 30_000
+    """V-HACD's voxels: a mug takes some 4 s; with 100,000 it takes 12 s, and pieces are 8 % smaller."""
+
+    corners: int = 48
+    """Vertices of a piece of V-HACD's."""
+
+    patience: float = 60.0
+    """Time after which the hull is taken instead [s]."""
+
+    turn: float = 20.0
+    """Faces of a hull whose normals differ by less count as one where it is made simpler [deg]."""
+
+    simple: int = 64
+    """A hull with no more vertices is left as it is."""
+
+
+TUNING = Tuning()
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """Convex pieces' vertices, each (m, 3) [m], and a note on how they came about."""
+
+    vertices: tuple[Array, ...]
+    how: str
+
+
+def pieces_of(vertices: Array, faces: Faces, volume: float) -> Pieces:
+    """Return convex pieces that hold a surface.
+
+    Args:
+        vertices: of the surface (V, 3) [m].
+        faces: its triangles (F, 3).
+        volume: within it [m³].
+    """
+    size = float(np.ptp(vertices, axis=0).max())
+    hull = hull_of(vertices)
+    points = spread(vertices[faces], TUNING.step * size)
+    allowed = float(np.clip(TUNING.dent * size, TUNING.least_dent, TUNING.most_dent))
+    if volume >= TUNING.full * hull.volume or dent(hull, points) <= allowed:
+        return Pieces((simplified(hull),), "its convex hull")
+    found = _taken_apart(vertices, faces)
+    if not found:
+        return Pieces((simplified(hull),), "its convex hull, for it could not be taken apart")
+    return Pieces(tuple(holding(found, points)), f"{len(found)} pieces of V-HACD")
+
+
+def dent(hull: ConvexHull, points: Array) -> float:
+    """Return how deep points (N, 3) lie below a hull [m], but for the deepest hundredth."""
+    depth = np.full(len(points), np.inf)
+    for plane in np.unique(np.round(hull.equations, 9), axis=0):
+        depth = np.minimum(depth, -(points @ plane[:3] + plane[3]))
+    return float(np.quantile(depth, 0.99))
+
+
+def simplified(hull: ConvexHull) -> Array:
+    """Return the vertices of a polytope of few faces that holds the hull, and hardly more.
+
+    Its planes are those of the hull's faces, the large ones first, that differ from one another, moved out until they
+    hold it.
+    """
+    own = hull.points[hull.vertices]
+    if len(own) <= TUNING.simple:
+        return np.asarray(own)
+    corners = hull.points[hull.simplices]
+    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    planes, inverse = np.unique(np.round(hull.equations[:, :3], 4), axis=0, return_inverse=True)
+    total = np.bincount(inverse.reshape(-1), weights=areas)
+    chosen: list[Array] = []
+    for normal in planes[np.argsort(-total)]:
+        if all(normal @ other < np.cos(np.deg2rad(TUNING.turn)) for other in chosen):
+            chosen.append(normal / np.linalg.norm(normal))
+    normals = np.array(chosen)
+    reach = (own @ normals.T).max(axis=0)
+    try:
+        met = HalfspaceIntersection(np.column_stack([normals, -reach]), own.mean(axis=0)).intersections
+    except (QhullError, ValueError):
+        return np.asarray(own)
+    kept = met[np.isfinite(met).all(axis=1)]
+    _, first = np.unique(np.round(kept, 7), axis=0, return_index=True)
+    return np.asarray(kept[np.sort(first)])
+
+
+def holding(pieces: list[Array], points: Array) -> list[Array]:
+    """Return the pieces, each grown by those of the points that lie outside of all of them and nearest to it."""
+    hulls = [ConvexHull(piece) for piece in pieces]
+    beyond = np.stack([(points @ h.equations[:, :3].T + h.equations[:, 3]).max(axis=1) for h in hulls])
+    nearest, outside = beyond.argmin(axis=0), beyond.min(axis=0) > 0
+    grown = [ConvexHull(np.concatenate([piece, points[outside & (nearest == k)]])) for k, piece in enumerate(pieces)]
+    return [simplified(hull) for hull in grown]
+
+
+def _taken_apart(vertices: Array, faces: Faces) -> list[Array]:
+    """Return V-HACD's pieces; none where it fails or takes too long.
+
+    It runs in a process of its own: it meets meshes of all kinds, and neither its end nor a signal may wait for it.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        given, made = Path(folder, "mesh.npz"), Path(folder, "pieces.npz")
+        np.savez(given, vertices=vertices, faces=faces)
+        here = str(Path(__file__).resolve().parents[3])
+        path = os.pathsep.join([here, *filter(None, [os.environ.get("PYTHONPATH")])])
+        try:
+            done = subprocess.run(
+                [sys.executable, "-m", "twin_diagram.assets.building.vhacd_process", str(given), str(made)],
+                env={**os.environ, "PYTHONPATH": path, **one_thread_variables(os.environ)},
+                stdin=subprocess.DEVNULL,
+                capture_output=True,
+                timeout=TUNING.patience,
+            )
+        except subprocess.TimeoutExpired:
+            return []
+        if b"No module named 'vhacdx'" in done.stderr:
+            raise AssetError("taking an object apart needs the package vhacdx: pip install vhacdx")
+        if done.returncode != 0 or not made.is_file():
+            return []
+        with np.load(made, allow_pickle=False) as data:
+            found = [np.array(data[name]) for name in data.files]
+    return [piece for piece in found if _has_volume(piece)]
+
+
+def _has_volume(piece: Array) -> bool:
+    try:
+        return len(piece) >= 4 and bool(np.isfinite(piece).all()) and ConvexHull(piece).volume > 0
+    except QhullError:
+        return False

@@ -1,0 +1,264 @@
+"""Meshes as people have them: OBJ with its materials, STL, glTF. What they name must lie in the mesh's own folder."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.assets.mesh import Image, ObjText, parse_obj
+from twin_diagram.errors import AssetError
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module."""
+
+    most_faces: int = 2_000_000
+    """Triangles; what is finer takes minutes and gigabytes, and shows nothing that a camera sees."""
+
+    grey: float = 0.7
+    """RGB of what has no colour: light enough to be told from a shadow."""
+
+
+TUNING = Tuning()
+
+
+@dataclass(frozen=True)
+class Part:
+    """Triangles with one look, in the file's unit and axes.
+
+    Attributes:
+        corners: (F, 3, 3) of each triangle's corners the place; counter-clockwise from outside, if the file is right.
+        uv: (F, 3, 2) texture coordinates, v upwards, or None.
+        image: RGB, where there is a texture; then `uv` is there, too.
+        colours: (F, 3) RGB in [0, 1] of each triangle, where there is no texture.
+    """
+
+    corners: Array
+    uv: Array | None
+    image: Image | None
+    colours: Array
+
+
+@dataclass(frozen=True)
+class Source:
+    """What a file holds: its parts, and notes on what was named but is not there."""
+
+    parts: tuple[Part, ...]
+    notes: tuple[str, ...]
+
+
+class Beside:
+    """Reads the files that a mesh names: only such as lie, links followed, in the mesh's own folder or below."""
+
+    def __init__(self, mesh: Path) -> None:
+        self._mesh, self._folder = mesh, mesh.parent
+        self.notes: list[str] = []
+        self.problem: AssetError | None = None
+
+    def get(self, name: str) -> bytes:
+        """Return a file's contents.
+
+        Raises:
+            AssetError: it lies elsewhere.
+            FileNotFoundError: it is not there; noted.
+        """
+        path = self._folder / name.strip()
+        try:
+            inside = path.resolve().is_relative_to(self._folder.resolve())
+        except (OSError, ValueError, RuntimeError):  # a circle of links, a name with \0
+            inside = False
+        if not inside:
+            self.problem = AssetError(
+                f"{self._mesh}: names {name!r}, which lies outside of the mesh's folder; copy it there"
+            )
+            raise self.problem
+        if not path.is_file():
+            self.notes.append(f"{self._mesh}: names {name!r}, which is not there; built without it")
+            raise FileNotFoundError(str(path))
+        return path.read_bytes()
+
+    __getitem__ = get
+
+
+def read_source(path: Path) -> Source:
+    """Read a mesh of any kind that can be read.
+
+    Raises:
+        AssetError: not such a file, unreadable, without triangles, with values that are not finite or with files that
+            lie elsewhere; the message names it.
+    """
+    readers: Final[dict[str, Callable[[Path, Beside], list[Part]]]] = {
+        ".obj": _read_obj,
+        ".stl": _read_with_trimesh,
+        ".glb": _read_with_trimesh,
+        ".gltf": _read_with_trimesh,
+    }
+    if path.suffix.lower() not in readers:
+        raise AssetError(f"{path}: not a kind of mesh that is read; these are: {', '.join(sorted(readers))}")
+    if not path.is_file():
+        raise AssetError(f"{path}: no such mesh")
+    beside = Beside(path)
+    parts = readers[path.suffix.lower()](path, beside)
+    for part in parts:
+        numbers = [part.corners, part.colours, *([] if part.uv is None else [part.uv])]
+        if not all(np.isfinite(array).all() for array in numbers):
+            raise AssetError(f"{path}: a vertex is not finite (NaN or infinite); repair the mesh")
+    count = sum(len(part.corners) for part in parts)
+    if count == 0:
+        raise AssetError(f"{path}: the mesh has no faces (triangles)")
+    if count > TUNING.most_faces:
+        raise AssetError(f"{path}: {count} triangles, more than {TUNING.most_faces}; simplify the mesh")
+    return Source(tuple(parts), tuple(dict.fromkeys(beside.notes)))
+
+
+def _read_obj(path: Path, beside: Beside) -> list[Part]:
+    """Read an OBJ file: one part for each material."""
+    text = parse_obj(path)
+    materials: dict[str, _Material] = {}
+    for library in text.libraries:
+        materials.update(_materials(library, path, beside))
+    names = np.array(text.materials)
+    return [_obj_part(text, names == name, materials.get(name, _Material()), beside) for name in dict.fromkeys(names)]
+
+
+@dataclass
+class _Material:
+    """One material of an .mtl file: its colour, and its texture's file, if any."""
+
+    colour: tuple[float, float, float] = (TUNING.grey, TUNING.grey, TUNING.grey)
+    texture: str | None = None
+
+
+def _materials(library: str, path: Path, beside: Beside) -> dict[str, _Material]:
+    """Read an .mtl file; none where it is missing."""
+    try:
+        text = beside.get(library).decode("utf-8", errors="replace")
+    except FileNotFoundError:
+        return {}
+    found: dict[str, _Material] = {}
+    material = _Material()
+    for line in text.splitlines():
+        key, *rest = line.split() or [""]
+        if key == "newmtl":
+            material = found.setdefault(" ".join(rest), _Material())
+        elif key == "Kd":
+            try:
+                r, g, b = (float(x) for x in rest)
+            except ValueError:
+                raise AssetError(f"{path.parent / library}: a colour is three numbers, not {line.strip()!r}") from None
+            material.colour = (r, g, b)
+        elif key.lower() == "map_kd":
+            material.texture = _texture_name(rest)
+    return found
+
+
+def _texture_name(words: list[str]) -> str:
+    """Return the file that a line `map_Kd` names, without the options before it."""
+    at = 0
+    while at < len(words) and words[at].startswith("-") and len(words) > at + 1:
+        option, at = words[at], at + 1
+        if option in ("-o", "-s", "-t"):  # one to three numbers
+            while at < len(words) - 1 and _is_number(words[at]):
+                at += 1
+        else:
+            at += 2 if option == "-mm" else 1
+    return " ".join(words[at:])
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _obj_part(text: ObjText, chosen: npt.NDArray[np.bool_], material: _Material, beside: Beside) -> Part:
+    """Return the triangles of one material."""
+    index = text.corners[chosen]
+    corners = text.v[index[:, :, 0]]
+    image = None
+    if material.texture and len(text.vt) and index[:, :, 1].min() >= 0:
+        try:
+            image = decoded(beside.get(material.texture), material.texture)
+        except FileNotFoundError:
+            pass
+    uv = text.vt[index[:, :, 1]] if image is not None else None
+    colours = np.tile(np.clip(material.colour, 0.0, 1.0), (len(index), 1))
+    if text.colours is not None:
+        colours = text.colours[index[:, :, 0]].mean(axis=1)
+    return Part(corners, uv, image, colours)
+
+
+def decoded(data: bytes, name: str) -> Image:
+    """Return an image file's RGB.
+
+    Raises:
+        AssetError: not an image.
+    """
+    try:
+        bgr = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
+    except cv2.error:  # one of 2³⁰ pixels and more
+        bgr = None
+    if bgr is None:
+        raise AssetError(f"{name}: not an image that can be read")
+    return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+
+
+def _read_with_trimesh(path: Path, beside: Beside) -> list[Part]:
+    """Read STL or glTF; one part for each mesh as it is placed."""
+    import trimesh
+
+    try:
+        kind = path.suffix.lower()[1:]
+        loaded = trimesh.load(
+            io.BytesIO(path.read_bytes()), file_type=kind, resolver=beside, force="scene", process=False
+        )
+        placed = [
+            (loaded.geometry[name], X) for X, name in (loaded.graph[node] for node in loaded.graph.nodes_geometry)
+        ]
+        parts = [_part_of(mesh, X) for mesh, X in placed if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
+    except OSError:
+        raise
+    except Exception as error:  # whatever a reader of foreign files meets
+        problem = beside.problem or AssetError(f"{path}: cannot be read as {path.suffix.lower()[1:]} ({error!r:.200})")
+        raise problem from None
+    if beside.problem:
+        raise beside.problem  # the reader may have gone on without the file
+    return parts
+
+
+def _part_of(mesh: Any, X: Array) -> Part:
+    """Return one mesh of trimesh's, placed."""
+    vertices = np.asarray(mesh.vertices, dtype=float) @ X[:3, :3].T + X[:3, 3]
+    faces = np.asarray(mesh.faces)
+    if np.linalg.det(X[:3, :3]) < 0:  # mirrored
+        faces = faces[:, ::-1]
+    uv = image = None
+    colours = np.full((len(faces), 3), TUNING.grey)
+    visual = mesh.visual
+    if visual.kind == "texture":
+        material = visual.material
+        picture = getattr(material, "baseColorTexture", None)
+        factor = np.ones(3)
+        if getattr(material, "baseColorFactor", None) is not None:
+            factor = np.asarray(material.baseColorFactor, dtype=float)[:3]
+            factor = factor / 255.0 if factor.max() > 1.0 else factor  # trimesh keeps bytes
+        colours = np.tile(factor if picture is not None or factor.min() < 1 else colours[0], (len(faces), 1))
+        if picture is not None and visual.uv is not None:
+            image = np.round(np.asarray(picture.convert("RGB")) * factor).astype(np.uint8)
+            uv = np.asarray(visual.uv, dtype=float)[faces]
+    elif visual.kind == "vertex":
+        colours = np.asarray(visual.vertex_colors)[:, :3][faces].mean(axis=1) / 255.0
+    elif visual.kind == "face":
+        colours = np.asarray(visual.face_colors)[:, :3] / 255.0
+    return Part(vertices[faces], uv, image, colours)

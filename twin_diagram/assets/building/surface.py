@@ -1,0 +1,166 @@
+"""Triangles as a surface: which vertices are one, whether it is closed, which side is out, where it is smooth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from twin_diagram.assets.mesh import Mesh
+from twin_diagram.signals.arrays import Array
+
+Faces = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module."""
+
+    weld: float = 1e-5
+    """Vertices nearer than this share of the object's size are one: beyond single precision, below any detail."""
+
+    crease: float = 40.0
+    """Angle between neighbouring triangles from which their edge is sharp [deg]; 12 sides make a smooth cylinder."""
+
+
+TUNING = Tuning()
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Welded triangles.
+
+    Attributes:
+        vertices: (V, 3), each once.
+        faces: (F, 3) indices.
+        kept: (F,) which of the triangles given these are; those without area are left out, unless they close it.
+        turned: (F,) whether their corners run the other way round than was given.
+        closed: whether each edge has exactly two triangles, which run through it in opposite directions.
+    """
+
+    vertices: Array
+    faces: Faces
+    kept: npt.NDArray[np.int64]
+    turned: npt.NDArray[np.bool_]
+    closed: bool
+
+    def of_corners(self, values: Array) -> Array:
+        """Return what belongs to the corners (F, 3, k) of the triangles given, for those kept, as they are now."""
+        own = values[self.kept]
+        return np.where(self.turned[:, None, None], own[:, ::-1], own)
+
+
+def weld(corners: Array) -> Surface:
+    """Return triangles (F, 3, 3) with shared vertices and their outside out.
+
+    Triangles that disagree with their neighbours are turned, and all of them where the whole is inside out.
+    """
+    points = corners.reshape(-1, 3)
+    step = TUNING.weld * max(float(np.ptp(points, axis=0).max()), 1e-300)
+    _, first, inverse = np.unique(
+        np.round((points - points.min(axis=0)) / step), axis=0, return_index=True, return_inverse=True
+    )
+    vertices, given = points[first], inverse.reshape(-1, 3)
+    apart = (given != np.roll(given, 1, axis=1)).all(axis=1)
+    kept = np.flatnonzero(apart)
+    if not _is_closed(given[kept]):  # slivers may close a surface, or be left over beside it
+        kept = np.flatnonzero(apart & (_heights(vertices[given]) > step))
+    given = faces = given[kept]
+    if len(faces) and not _is_consistent(faces):
+        faces = _consistent(faces)
+    if len(faces) and signed_volume(vertices, faces) < 0:
+        faces = faces[:, ::-1]
+    turned = faces[:, 0] != given[:, 0]
+    return Surface(vertices, faces, kept, turned, len(faces) > 0 and _is_closed(faces))
+
+
+def _heights(corners: Array) -> Array:
+    """Return the least height of triangles (F, 3, 3)."""
+    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    doubled = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    return np.asarray(doubled / np.maximum(edges, 1e-300))
+
+
+def signed_volume(vertices: Array, faces: Faces) -> float:
+    """Return what the triangles enclose, seen from their middle; positive where they face outwards."""
+    a, b, c = (vertices[faces[:, k]] - vertices[faces].mean(axis=(0, 1)) for k in range(3))
+    return float(np.einsum("fi,fi->", a, np.cross(b, c)) / 6.0)
+
+
+def _edges(faces: Faces) -> tuple[Faces, npt.NDArray[np.bool_], Faces]:
+    """Return the triangles' edges, lower vertex first (3F, 2); whether they run upwards; and whose they are."""
+    directed = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    return np.sort(directed, axis=1), directed[:, 0] < directed[:, 1], np.tile(np.arange(len(faces)), 3)
+
+
+def _pairs(faces: Faces) -> tuple[Faces, Faces, npt.NDArray[np.bool_]]:
+    """Return the two triangles at each edge that has exactly two, and whether they run through it in opposite ways."""
+    edges, upwards, owner = _edges(faces)
+    _, inverse, count = np.unique(edges, axis=0, return_inverse=True, return_counts=True)
+    order = np.argsort(inverse.reshape(-1), kind="stable")
+    order = order[count[inverse.reshape(-1)[order]] == 2]
+    first, second = order[::2], order[1::2]
+    return owner[first], owner[second], upwards[first] != upwards[second]
+
+
+def _is_consistent(faces: Faces) -> bool:
+    return bool(_pairs(faces)[2].all())
+
+
+def _is_closed(faces: Faces) -> bool:
+    one, _, opposite = _pairs(faces)
+    return 2 * len(one) == 3 * len(faces) and bool(opposite.all())
+
+
+def _consistent(faces: Faces) -> Faces:
+    """Return the triangles turned so that neighbours agree; where none can (a Möbius strip), as they were.
+
+    Each triangle counts twice, as it is and turned; those that agree are connected, and one of two halves is taken.
+    """
+    one, two, opposite = _pairs(faces)
+    count = len(faces)
+    other = np.where(opposite, two, two + count)
+    mirrored = np.where(opposite, two + count, two)
+    rows, columns = np.concatenate([one, one + count]), np.concatenate([other, mirrored])
+    graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(2 * count, 2 * count))
+    label = connected_components(graph, directed=False)[1]
+    return np.where((label[count:] < label[:count])[:, None], faces[:, ::-1], faces)
+
+
+def with_normals(surface: Surface, uv: Array) -> Mesh:
+    """Return a mesh whose normals are smooth across edges that are not sharp.
+
+    Triangles count by their angle at the vertex, so that it does not matter how a side is cut into triangles.
+
+    Args:
+        surface: V vertices, F triangles.
+        uv: (F, 3, 2) of the triangles' corners.
+    """
+    vertices, faces = surface.vertices, surface.faces
+    corners = vertices[faces]
+    flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    unit = flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-300)
+    one, two, _ = _pairs(faces)
+    smooth = np.einsum("ei,ei->e", unit[one], unit[two]) > np.cos(np.deg2rad(TUNING.crease))
+    graph = coo_matrix((np.ones(int(smooth.sum())), (one[smooth], two[smooth])), shape=(len(faces), len(faces)))
+    group = connected_components(graph, directed=False)[1]
+    keys = np.stack([np.repeat(group, 3), faces.reshape(-1)], axis=1)
+    _, which = np.unique(keys, axis=0, return_inverse=True)
+    summed = np.zeros((int(which.max()) + 1, 3))
+    np.add.at(summed, which.reshape(-1), (_angles(corners)[:, :, None] * unit[:, None]).reshape(-1, 3))
+    length = np.linalg.norm(summed, axis=1, keepdims=True)
+    normals = (summed / np.maximum(length, 1e-300))[which.reshape(-1)]
+    normals = np.where(length[which.reshape(-1)] > 0, normals, np.repeat(unit, 3, axis=0))
+    rows = np.concatenate([vertices[faces.reshape(-1)], normals, uv.reshape(-1, 2)], axis=1)
+    unique, index = np.unique(rows, axis=0, return_inverse=True)
+    return Mesh(unique[:, :3], unique[:, 3:6], unique[:, 6:], index.reshape(-1, 3))
+
+
+def _angles(corners: Array) -> Array:
+    """Return the angles (F, 3) of triangles (F, 3, 3) at their corners [rad]."""
+    ahead, back = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
+    sine = np.linalg.norm(np.cross(ahead, back), axis=2)
+    return np.asarray(np.arctan2(sine, np.einsum("fki,fki->fk", ahead, back)))

@@ -1,0 +1,200 @@
+"""Writes an asset into a library: aside, in a hidden folder, read back as the twin reads it, and then renamed."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pydrake.common.yaml import yaml_dump_typed
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from scipy.spatial import HalfspaceIntersection, QhullError
+
+from twin_diagram.assets.asset import TUNING as ASSET
+from twin_diagram.assets.asset import Asset
+from twin_diagram.assets.building.inertia import EvenBody, hull_of, outward
+from twin_diagram.assets.description import TUNING as SDF
+from twin_diagram.assets.description import VERSION, AssetSpec, ConvexFile, sdf
+from twin_diagram.assets.mesh import Image, Mesh, sample, write_obj
+from twin_diagram.errors import AssetError
+from twin_diagram.runtime import atomic_file, written_files
+from twin_diagram.runtime.output_place import why_not
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module."""
+
+    feet: int = 24
+    """Small spheres on which an object stands, at the most: a round rim keeps eight or so of them."""
+
+
+TUNING = Tuning()
+
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
+"""An asset's name: names a folder on any disk, and nothing but a folder; SDF and scenarios take it as it is."""
+
+
+@dataclass(frozen=True)
+class NewAsset:
+    """What an asset is written from; lengths in m, in O: z upwards, the origin at the centre of mass.
+
+    Attributes:
+        name: of the asset and its folder.
+        mesh: its surface.
+        texture: the picture of it.
+        solid: volume and moments.
+        mass: [kg]
+        pieces: vertices of convex pieces.
+        origin: (3,) where O lies in the source [m].
+        unit: of the source.
+        source: the source's name, without a path.
+    """
+
+    name: str
+    mesh: Mesh
+    texture: Image
+    solid: EvenBody
+    mass: float
+    pieces: tuple[Array, ...]
+    origin: Array
+    unit: str
+    source: str
+
+
+def place_for(name: str, library: str | Path, replace: bool) -> Path:
+    """Return the folder that an asset of that name would have, tried before anything is computed for it.
+
+    Raises:
+        AssetError: the name is none, exists without `replace`, or nothing can be written there.
+    """
+    if not NAME.fullmatch(name):
+        raise AssetError(f"--name {name!r}: an asset's name is letters, digits, '_' and '-', at most 64, and no path")
+    folder = Path(library) / name
+    if folder.is_symlink() or (folder.exists() and not (folder / "asset.yaml").is_file()):
+        raise AssetError(f"--name {name!r}: {folder} is something else than an asset; choose another name")
+    if folder.exists() and not replace:
+        raise AssetError(f"--name {name!r}: {library} has an asset of this name; --replace writes it anew")
+    if why := why_not(folder, folder=True):
+        raise AssetError(f"--library {library}: {why}")
+    return folder
+
+
+def write_asset(new: NewAsset, library: str | Path, replace: bool = False) -> Path:
+    """Write an asset, whole or not at all. Returns its folder.
+
+    What an asset that is replaced has beside its own files stays.
+
+    Raises:
+        AssetError: as of `place_for`; or what was written cannot be read back.
+    """
+    folder = place_for(new.name, library, replace)
+    with atomic_file.folder(folder) as aside:
+        _write_files(new, aside)
+        _read_back(aside, new.name)
+        if folder.exists():
+            for path in kept_files(folder):
+                if not (aside / path).exists():
+                    (aside / path).parent.mkdir(parents=True, exist_ok=True)
+                    shutil.copy2(folder / path, aside / path, follow_symlinks=False)
+    return folder
+
+
+def own_files(folder: Path) -> set[str]:
+    """Return the files of a folder that belong to the asset, as paths below it."""
+    usual = {"asset.yaml", "model.sdf", "cloud.npz", "visual.obj", "visual.mtl", "visual.png"}
+    every = list(written_files.files_of(folder))
+    return {path for path in every if path in usual or re.fullmatch(r"pieces/piece\d+\.obj", path)}
+
+
+def kept_files(folder: Path) -> list[str]:
+    """Return the files of a folder that somebody else put there."""
+    own = own_files(folder)
+    return [path for path in written_files.files_of(folder) if path not in own]
+
+
+def _write_files(new: NewAsset, folder: Path) -> None:
+    write_obj(new.mesh, folder / "visual.obj", new.texture)
+    cloud = sample(new.mesh, new.texture, ASSET.cloud_points)
+    np.savez(
+        folder / "cloud.npz",
+        points=cloud.points.astype(np.float32),
+        normals=cloud.normals.astype(np.float32),
+        colours=cloud.colours.astype(np.float32),
+    )
+    (folder / "pieces").mkdir()
+    files = [ConvexFile(f"pieces/piece{k}.obj", vertices) for k, vertices in enumerate(new.pieces)]
+    for file in files:
+        (folder / file.name).write_text(_obj_of(file.vertices))
+    inertia = new.solid.inertia(new.mass)
+    reach = np.abs(new.mesh.vertices).max(axis=0)
+    spec = AssetSpec(
+        name=new.name,
+        shape="mesh",
+        size=[float(x) for x in 2 * reach],
+        mass=new.mass,
+        pieces=[file.name for file in files],
+        version=VERSION,
+        origin=[float(x) for x in new.origin],
+        inertia=[float(inertia[i, j]) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))],
+        volume=new.solid.volume,
+        volume_by=new.solid.by,
+        symmetries=[],
+        unit=new.unit,
+        source=new.source,
+    )
+    model = sdf(spec, np.zeros(3), inertia, pieces=files, feet_O=feet(new.mesh.vertices))
+    (folder / "model.sdf").write_text(model)
+    spec.files = {
+        path: hashlib.sha256((folder / path).read_bytes()).hexdigest() for path in written_files.files_of(folder)
+    }
+    (folder / "asset.yaml").write_text(yaml_dump_typed(spec))
+
+
+def _obj_of(vertices: Array) -> str:
+    """Return a convex piece as an OBJ file."""
+    hull = hull_of(vertices)
+    lines = ["v {:.9g} {:.9g} {:.9g}".format(*row) for row in hull.points]
+    lines += ["f {} {} {}".format(*row) for row in outward(hull) + 1]
+    return "\n".join(lines) + "\n"
+
+
+def feet(vertices: Array) -> Array:
+    """Return centres (k, 3) of the spheres on which the hull of vertices (V, 3) stands, far from one another.
+
+    They touch three faces of the hull each, from inside. None where the object is too thin to have them.
+    """
+    hull = hull_of(vertices)
+    planes = np.unique(np.round(hull.equations, 9), axis=0)
+    planes[:, 3] += SDF.foot
+    try:
+        corners = HalfspaceIntersection(planes, vertices[hull.vertices].mean(axis=0)).intersections
+    except (QhullError, ValueError):
+        return np.empty((0, 3))
+    corners = np.unique(np.round(corners[np.isfinite(corners).all(axis=1)], 7), axis=0)
+    chosen = [int(np.linalg.norm(corners, axis=1).argmax())]
+    far = np.full(len(corners), np.inf)
+    while len(chosen) < min(TUNING.feet, len(corners)):
+        far = np.minimum(far, np.linalg.norm(corners - corners[chosen[-1]], axis=1))
+        chosen.append(int(far.argmax()))
+    return np.asarray(corners[chosen])
+
+
+def _read_back(folder: Path, name: str) -> None:
+    """Read an asset as the twin and its plant do.
+
+    Raises:
+        AssetError: it cannot be.
+    """
+    Asset.load(folder)
+    plant = MultibodyPlant(0.0)
+    try:
+        Parser(plant).AddModels(str(folder / "model.sdf"))
+        plant.Finalize()
+    except RuntimeError as error:
+        raise AssetError(f"{name}: what was made of it is no model ({str(error).splitlines()[0]})") from None
