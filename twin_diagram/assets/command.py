@@ -16,11 +16,17 @@ def add_asset_commands(commands: Any) -> None:
     assets = commands.add_parser("assets", help="build, list, check and remove the known objects of a library")
     ways = assets.add_subparsers(metavar="WHAT", required=True)
 
-    build = ways.add_parser("build", help="make an asset of a mesh, for use in a scenario under twin.library")
-    build.add_argument("source", type=Path, metavar="MESH", help=".obj, .stl (z upwards), .glb or .gltf (y upwards)")
+    build = ways.add_parser("build", help="make an asset of pictures or a mesh, for use in a scenario under twin.library")
+    build.add_argument(
+        "source",
+        type=Path,
+        metavar="SOURCE",
+        help="a folder of posed RGB-D frames (BOP), or a mesh: .obj, .stl (z upwards), .glb or .gltf (y upwards)",
+    )
     build.add_argument("--name", required=True, help="of the asset: letters, digits, '_', '-'")
     build.add_argument("--mass", type=float, help="[kg]")
     build.add_argument("--density", type=float, help="[kg/m³], instead of a mass (default: water's)")
+    build.add_argument("--masks", type=Path, metavar="D", help="folder of masks, beside or instead of the frames' own")
     build.add_argument("--unit", default="m", help="of the mesh: m, cm, mm or in (default: %(default)s)")
     build.add_argument("--replace", action="store_true", help="write an asset of that name anew")
     build.set_defaults(command=_build)
@@ -38,10 +44,21 @@ def add_asset_commands(commands: Any) -> None:
 
 
 def _build(arguments: argparse.Namespace) -> int:
+    from twin_diagram.assets.building.from_frames import build_from_frames
     from twin_diagram.assets.building.from_mesh import build_from_mesh
 
-    told = (arguments.mass, arguments.density, arguments.unit, arguments.replace)
-    built = build_from_mesh(arguments.source, arguments.name, arguments.library, *told)
+    source, name, library = arguments.source, arguments.name, arguments.library
+    mass, density = arguments.mass, arguments.density
+    if source.is_dir():
+        if arguments.unit != "m":
+            raise AssetError(f"--unit {arguments.unit}: is of a mesh; frames say theirs in depth_scale and cam_t_w2c")
+        built = build_from_frames(
+            source, name, library, mass, density, arguments.masks, arguments.replace, lambda text: print(text, file=sys.stderr)
+        )
+    elif arguments.masks is not None:
+        raise AssetError(f"--masks {arguments.masks}: masks are of frames; {source} is none of a folder")
+    else:
+        built = build_from_mesh(source, name, library, mass, density, arguments.unit, arguments.replace)
     for note in built.notes:
         print(f"note: {note}", file=sys.stderr)
     print(f"{built.folder}: {_size(built.size)}, {built.mass:.4g} kg")

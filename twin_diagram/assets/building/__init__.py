@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING
 from twin_diagram.runtime import faces
 
 if TYPE_CHECKING:
+    from twin_diagram.assets.building.from_frames import build_from_frames
     from twin_diagram.assets.building.from_mesh import build_from_mesh
 
 __all__ = [
+    "build_from_frames",
     "build_from_mesh",
 ]
 

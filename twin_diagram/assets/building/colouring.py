@@ -22,6 +22,12 @@ class Tuning:
     sharpness: float = 4.0
     """Power of the cosine of incidence by which pictures are weighted: those that face the surface count."""
 
+    least: float = 0.15
+    """Least cosine of incidence of a picture that shows a place."""
+
+    at_edges: float = 0.01
+    """What a picture counts near edges, where another thing's colour may be in its pixels."""
+
     grey: float = 0.5
     """Colour of what no picture shows and nothing seen is near."""
 
@@ -29,32 +35,21 @@ class Tuning:
 TUNING = Tuning()
 
 
-def colours_from_views(views: Sequence[View], points: Array, normals: Array) -> tuple[Array, npt.NDArray[np.int64]]:
-    """Return colours (N, 3) in [0, 1] of points (N, 3) with normals (N, 3), in W, and how many views see each (N,).
+def views_that_see(views: Sequence[View], points: Array, normals: Array) -> npt.NDArray[np.int64]:
+    """Return how many views see each of the points (N, 3) with normals (N, 3), in W."""
+    return np.asarray(sum((worth(view, points, normals) > 0).astype(np.int64) for view in views), dtype=np.int64)
 
-    A point that no picture shows is left grey; `filled_in` gives it its nearest neighbour's colour.
-    """
-    total, weight = np.zeros((len(points), 3)), np.zeros(len(points))
-    count = np.zeros(len(points), np.int64)
-    for view in views:
-        u, v, z = view.camera.project(points)
-        row, column, there = _nearest(u, v, view.depth.shape)
-        ray = points - view.camera.p_WC
-        facing = -np.einsum("ni,ni->n", ray, normals) / np.maximum(np.linalg.norm(ray, axis=1), 1e-9)
-        depth = view.depth[row, column]
-        sees = there & (facing > 0.1) & (depth > 0) & (np.abs(depth - z) < TUNING.near / np.maximum(facing, 0.2))
-        count += sees & (facing > 0.2)
-        if view.rgb is None:
-            continue
-        u, v, _ = view.colour.project(points)
-        row, column, inside = _nearest(u, v, view.rgb.shape)
-        sure = ~view.near_edge[np.where(there, row, 0) % view.depth.shape[0], column % view.depth.shape[1]]
-        w = np.where(sees & inside, facing**TUNING.sharpness * np.where(sure, 1.0, 0.01), 0.0)
-        total += w[:, None] * _bilinear(view.rgb, np.where(inside, u, 0), np.where(inside, v, 0))
-        weight += w
-    shown = weight > 0
-    colours = np.where(shown[:, None], total / np.maximum(weight, 1e-12)[:, None], TUNING.grey)
-    return filled_in(points, colours, shown), count
+
+def worth(view: View, points: Array, normals: Array) -> Array:
+    """Return how well a view shows each place (N, 3), 0 where it does not: a power of the cosine, little near edges."""
+    u, v, z = view.camera.project(points)
+    row, column, there = nearest_pixels(u, v, view.depth.shape)
+    ray = points - view.camera.p_WC
+    facing = -np.einsum("ni,ni->n", ray, normals) / np.maximum(np.linalg.norm(ray, axis=1), 1e-9)
+    depth = view.depth[row, column]
+    sees = there & (facing > TUNING.least) & (depth > 0) & (np.abs(depth - z) < TUNING.near / np.maximum(facing, 0.2))
+    good = np.clip(facing, 0, 1) ** TUNING.sharpness
+    return np.where(sees, good * np.where(view.near_edge[row, column], TUNING.at_edges, 1.0), 0.0)
 
 
 def filled_in(points: Array, colours: Array, shown: npt.NDArray[np.bool_]) -> Array:
@@ -69,12 +64,16 @@ def filled_in(points: Array, colours: Array, shown: npt.NDArray[np.bool_]) -> Ar
     return out
 
 
-def _nearest(u: Array, v: Array, size: tuple[int, ...]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
+def nearest_pixels(
+    u: Array, v: Array, size: tuple[int, ...]
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
+    """Return rows and columns (N,) of the nearest pixels in an image of `size`, 0 outside, and which lie inside."""
     there = (u > -0.5) & (v > -0.5) & (u < size[1] - 0.5) & (v < size[0] - 0.5)
-    return (*(np.where(there, np.rint(x), 0).astype(np.int64) for x in (v, u)), there)  # type: ignore[return-value]
+    row, column = (np.where(there, np.rint(x), 0).astype(np.int64) for x in (v, u))
+    return row, column, there
 
 
-def _bilinear(rgb: npt.NDArray[np.uint8], u: Array, v: Array) -> Array:
+def bilinear_rgb(rgb: npt.NDArray[np.uint8], u: Array, v: Array) -> Array:
     """Return RGB in [0, 1] (N, 3) at fractional pixels."""
     height, width = rgb.shape[:2]
     x, y = np.clip(u, 0, width - 1.001), np.clip(v, 0, height - 1.001)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from twin_diagram.assets.building.colouring import colours_from_views
+from twin_diagram.assets.building.colouring import views_that_see
 from twin_diagram.assets.building.decimation import decimated, enclosed_volume
 from twin_diagram.assets.building.fusion import Fused, Grid, fuse
 from twin_diagram.assets.building.iso_surface import zero_surface
@@ -17,9 +18,10 @@ from twin_diagram.assets.building.selection import TUNING as CHOICE
 from twin_diagram.assets.building.selection import grown, looked_at, masked_by_most, the_one_thing
 from twin_diagram.assets.building.smoothing import smoothed, vertex_normals
 from twin_diagram.assets.building.support_plane import find_plane
-from twin_diagram.assets.building.view import View, view_points
+from twin_diagram.assets.building.view import View, cropped, thinned, view_points
 from twin_diagram.assets.building.view_poses import align
 from twin_diagram.errors import FramesError
+from twin_diagram.logs.frames.scene_folder import RgbdFrame
 from twin_diagram.signals.arrays import Array
 
 
@@ -35,6 +37,12 @@ class Tuning:
 
     smallest: float = 0.005
     """Least longest edge of an object [m]; below it, likewise."""
+
+    thinned: int = 2
+    """Every so many rows and columns are looked at to find the object."""
+
+    window: int = 40
+    """Pixels about the object that are kept: of the support, by which views are levelled."""
 
     voxel: float = 0.001
     """Finest grid [m]: half of the thinnest wall that is to be kept."""
@@ -58,24 +66,32 @@ class Tuning:
 TUNING = Tuning()
 
 
+class Frames(Protocol):
+    """Frames that are read one at a time, such as a `FrameFolder`."""
+
+    def __len__(self) -> int: ...
+
+    def read(self, index: int) -> RgbdFrame:
+        """Return the frame at a place."""
+        ...
+
+
 @dataclass(frozen=True)
 class Reconstruction:
-    """A closed coloured mesh and what is known of it.
+    """A closed mesh and what is known of it.
 
     Attributes:
         vertices: (V, 3) in W [m].
         faces: (F, 3), counter-clockwise from outside.
-        colours: (V, 3) RGB in [0, 1].
         views_of: (V,) how many pictures see each vertex.
         unseen: share of the surface that no picture shows.
         plane: (4,) under the object, n·p = d, n up; None where none was found.
-        views: at refined poses.
+        views: windows about the object, at refined poses.
         noise: standard deviation of depth at the object, as found [m].
     """
 
     vertices: Array
     faces: npt.NDArray[np.int64]
-    colours: Array
     views_of: npt.NDArray[np.int64]
     unseen: float
     plane: Array | None
@@ -84,12 +100,14 @@ class Reconstruction:
 
 
 def reconstruct(
-    views: Sequence[View], where: str = "views", seed: int = 0, say: Callable[[str], None] = lambda text: None
+    frames: Frames, where: str = "frames", seed: int = 0, say: Callable[[str], None] = lambda text: None
 ) -> Reconstruction:
     """Return the object's mesh.
 
+    Each frame is read twice: once to find the object, once for the window that shows it.
+
     Args:
-        views: three or more, in one frame W, in metres; with masks, all or none.
+        frames: three or more, posed in one frame W, in metres; with masks, all or none.
         where: begins the message of an error.
         seed: of all that is drawn.
         say: is told of each step.
@@ -97,24 +115,28 @@ def reconstruct(
     Raises:
         FramesError: too few views, nothing or two things there, views that contradict each other, or an impossible size.
     """
-    if len(views) < TUNING.least_views:
-        raise FramesError(f"{where}: {len(views)} views, at least {TUNING.least_views} are needed to build an object")
-    points, plane = _object_points(views, where, seed)
-    _check_size(points, where)
+    if len(frames) < TUNING.least_views:
+        raise FramesError(f"{where}: {len(frames)} views, at least {TUNING.least_views} are needed to build an object")
+    points, plane = object_points([thinned(frames.read(k), TUNING.thinned) for k in range(len(frames))], where, seed)
+    check_size(points, where)
     low, high = points.min(axis=0), points.max(axis=0)
-    masked = [_kept_to_mask(view) for view in views]
-    found = align(masked, low, high, plane, seed)
+    box = np.stack(np.meshgrid(*np.stack([low - 0.01, high + 0.01], axis=1)), axis=-1).reshape(-1, 3)
+    windows = [cropped(frames.read(k), box, TUNING.window) for k in range(len(frames))]
+    views = [_kept_to_mask(view) for view in windows if view is not None]
+    if len(views) < TUNING.least_views:
+        raise FramesError(f"{where}: only {len(views)} views show the object, at least {TUNING.least_views} are needed")
+    found = align(views, low, high, plane, seed)
     say(f"poses refined: surfaces agree to {found.noise * 1000:.2f} mm")
     _check_agreement(found.residuals, found.explained, where)
     fused = fuse(found.views, _grid(low, high, TUNING.grid_points, TUNING.voxel), found.noise, found.plane)
     vertices, faces = _one_surface(fused, where)
     vertices = smoothed(vertices, faces, TUNING.smoothing_rounds)
     vertices, faces = decimated(vertices, faces, TUNING.faces)
-    _check_size(vertices, where)
-    colours, count = colours_from_views(found.views, vertices, vertex_normals(vertices, faces))
-    say(f"{len(faces)} triangles, {enclosed_volume(vertices, faces) * 1e6:.1f} cm³")
+    check_size(vertices, where)
+    count = views_that_see(found.views, vertices, vertex_normals(vertices, faces))
     unseen = share_unseen(vertices, faces, count)
-    return Reconstruction(vertices, faces, colours, count, unseen, found.plane, found.views, found.noise)
+    say(f"{len(faces)} triangles, {enclosed_volume(vertices, faces) * 1e6:.1f} cm³, {100 * unseen:.0f} % never seen")
+    return Reconstruction(vertices, faces, count, unseen, found.plane, found.views, found.noise)
 
 
 def share_unseen(vertices: Array, faces: npt.NDArray[np.int64], count: npt.NDArray[np.int64]) -> float:
@@ -124,10 +146,10 @@ def share_unseen(vertices: Array, faces: npt.NDArray[np.int64], count: npt.NDArr
     return float((area * (count[faces] == 0).mean(axis=1)).sum() / area.sum())
 
 
-def _object_points(views: Sequence[View], where: str, seed: int) -> tuple[Array, Array | None]:
+def object_points(views: Sequence[View], where: str, seed: int) -> tuple[Array, Array | None]:
     """Return the object's points (N, 3) and the plane under it."""
     focus, distance = looked_at(views)
-    samples = [view_points(view, 3) for view in views]
+    samples = [view_points(view, 2) for view in views]
     points = np.concatenate([sample[0] for sample in samples])
     normals = np.concatenate([sample[1] for sample in samples])
     near = np.linalg.norm(points - focus, axis=1) < CHOICE.reach * distance
@@ -156,7 +178,7 @@ def _object_points(views: Sequence[View], where: str, seed: int) -> tuple[Array,
     return kept, plane
 
 
-def _check_size(points: Array, where: str) -> None:
+def check_size(points: Array, where: str) -> None:
     longest = float((points.max(axis=0) - points.min(axis=0)).max())
     if not TUNING.smallest <= longest <= TUNING.largest:
         wrong = f"{longest:.3g} m" if longest > 1 else f"{longest * 1000:.3g} mm"

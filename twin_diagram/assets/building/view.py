@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram.logs.frames.scene_folder import RgbdFrame
 from twin_diagram.logs.frames.view_camera import ViewCamera
 from twin_diagram.signals.arrays import Array
 
@@ -94,6 +95,60 @@ def make_view(
     floor = TUNING.cosine_floor
     trust = np.where(there & ~edge, np.clip((facing - floor) / (1 - floor), 0, 1), 0).astype(np.float32)
     return View(camera, depth, normals, trust, np.maximum(across, 0.05), edge, mask, rgb, camera if colour is None else colour)
+
+
+def thinned(frame: RgbdFrame, step: int) -> View:
+    """Return the view of every `step`-th row and column: enough to find the object."""
+    depth, mask = frame.depth[::step, ::step], None if frame.mask is None else frame.mask[::step, ::step]
+    apart = frame.colour is not frame.camera
+    camera = _every(frame.camera, step, depth.shape)
+    size = depth.shape if mask is None else mask.shape
+    return make_view(camera, depth, mask, None, _every(frame.colour, step, size) if apart else None)
+
+
+def cropped(frame: RgbdFrame, points: Array, margin: int) -> View | None:
+    """Return the view of a window about points (N, 3) in W, and `margin` pixels around; None where it shows none of them."""
+    window = _window(frame.camera, points, margin)
+    if window is None:
+        return None
+    own = frame.colour is frame.camera
+    shown = window if own else _window(frame.colour, points, margin)
+    if shown is None:
+        return None
+    mask = None if frame.mask is None else frame.mask[shown]
+    rgb = None if frame.rgb is None else frame.rgb[shown]
+    camera = _within(frame.camera, window)
+    return make_view(camera, frame.depth[window], mask, rgb, None if own else _within(frame.colour, shown))
+
+
+def _every(camera: ViewCamera, step: int, size: tuple[int, ...]) -> ViewCamera:
+    at = {"fx": camera.fx / step, "fy": camera.fy / step, "cx": camera.cx / step, "cy": camera.cy / step}
+    return replace(camera, width=size[1], height=size[0], **at)
+
+
+def _within(camera: ViewCamera, window: tuple[slice, slice]) -> ViewCamera:
+    rows, columns = window
+    return replace(
+        camera,
+        width=columns.stop - columns.start,
+        height=rows.stop - rows.start,
+        cx=camera.cx - columns.start,
+        cy=camera.cy - rows.start,
+    )
+
+
+def _window(camera: ViewCamera, points: Array, margin: int) -> tuple[slice, slice] | None:
+    u, v, z = camera.project(points)
+    there = z > 1e-6
+    if not there.any():
+        return None
+    spans = []
+    for at, size in ((v[there], camera.height), (u[there], camera.width)):
+        low, high = int(np.clip(at.min() - margin, 0, size)), int(np.clip(at.max() + margin + 1, 0, size))
+        spans.append(slice(low, high))
+        if high - low < 2 * TUNING.normal_radius + 2:
+            return None
+    return spans[0], spans[1]
 
 
 def near_edges(depth: Map, focal: float) -> Mask:
