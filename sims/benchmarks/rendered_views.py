@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 import trimesh
@@ -165,3 +167,24 @@ def pictures(
         told = camera.moved(camera.R_WC @ turn, camera.p_WC + rng.standard_normal(3) * off[0] / np.sqrt(3))
         made.append(Picture(told, camera, worsened(depth, cosine, coefficient, fixed, rng), rgb, mask))
     return made
+
+
+def write_scene(folder: Path, shots: list[Picture], with_masks: bool = True, depth_scale: float = 0.1) -> Path:
+    """Write pictures as a BOP scene folder, with the poses that are told. Returns the folder."""
+    cameras = {}
+    for what in ("rgb", "depth", *(["mask_visib"] if with_masks else [])):
+        (folder / what).mkdir(parents=True, exist_ok=True)
+    for k, shot in enumerate(shots):
+        cv2.imwrite(str(folder / "rgb" / f"{k:06d}.png"), shot.rgb[..., ::-1])
+        cv2.imwrite(str(folder / "depth" / f"{k:06d}.png"), np.round(shot.depth * 1000 / depth_scale).astype(np.uint16))
+        if with_masks:
+            cv2.imwrite(str(folder / "mask_visib" / f"{k:06d}_000000.png"), shot.mask.astype(np.uint8) * 255)
+        c = shot.told
+        cameras[str(k)] = {
+            "cam_K": [c.fx, 0.0, c.cx, 0.0, c.fy, c.cy, 0.0, 0.0, 1.0],
+            "depth_scale": depth_scale,
+            "cam_R_w2c": c.R_WC.T.ravel().tolist(),
+            "cam_t_w2c": (-1000 * c.R_WC.T @ c.p_WC).tolist(),
+        }
+    (folder / "scene_camera.json").write_text(json.dumps(cameras))
+    return folder

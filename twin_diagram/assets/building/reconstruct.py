@@ -149,7 +149,7 @@ def share_unseen(vertices: Array, faces: npt.NDArray[np.int64], count: npt.NDArr
 def object_points(views: Sequence[View], where: str, seed: int) -> tuple[Array, Array | None]:
     """Return the object's points (N, 3) and the plane under it."""
     focus, distance = looked_at(views)
-    samples = [view_points(view, 2) for view in views]
+    samples = [view_points(view, 2, None) for view in views]
     points = np.concatenate([sample[0] for sample in samples])
     normals = np.concatenate([sample[1] for sample in samples])
     near = np.linalg.norm(points - focus, axis=1) < CHOICE.reach * distance
@@ -162,6 +162,7 @@ def object_points(views: Sequence[View], where: str, seed: int) -> tuple[Array, 
         free = np.flatnonzero(~held & near)
     else:
         free = np.flatnonzero(near)
+    free = free[np.linalg.norm(normals[free], axis=1) > 0.5]
     free = free[rng.permutation(len(free))[:6000]]
     plane = find_plane(points[free], normals[free], above, seed)
     if not own:

@@ -39,6 +39,9 @@ class Tuning:
     stands_out: float = 0.006
     """Height above the support from which a point is the thing's [m]."""
 
+    sparse: float = 0.08
+    """Points in a cell, as a share of the median cell's, below which it counts as empty."""
+
     second: float = 0.06
     """Least size of a second thing, as a share of the first one's cells."""
 
@@ -94,13 +97,15 @@ def masked_by_most(views: Sequence[View], points: Array, masks: Sequence[Mask]) 
 def things(points: Array) -> list[npt.NDArray[np.int64]]:
     """Return the indices of points (N, 3) thing by thing, the largest first; things are apart by more than a cell."""
     cell = np.floor((points - points.min(axis=0)) / TUNING.cell).astype(int)
-    full = np.zeros(cell.max(axis=0) + 1, bool)
-    full[tuple(cell.T)] = True
+    often = np.zeros(cell.max(axis=0) + 1, np.int64)
+    np.add.at(often, tuple(cell.T), 1)
+    # Pixels that fly between two surfaces are few in any one place.
+    full = often > TUNING.sparse * np.median(often[often > 0])
     label, _ = ndimage.label(full, np.ones((3, 3, 3)))
     of_point = label[tuple(cell.T)]
-    cells = np.bincount(label[full])
+    cells = np.bincount(label[full], minlength=1)
     order = np.argsort(-cells, kind="stable")
-    return [np.flatnonzero(of_point == k) for k in order if cells[k]]
+    return [np.flatnonzero(of_point == k) for k in order if k and cells[k]]
 
 
 def the_one_thing(points: Array, where: str) -> npt.NDArray[np.int64]:

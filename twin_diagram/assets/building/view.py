@@ -84,10 +84,11 @@ def make_view(
     mask: Mask | None = None,
     rgb: npt.NDArray[np.uint8] | None = None,
     colour: ViewCamera | None = None,
+    reach: int = TUNING.edge_reach,
 ) -> View:
-    """Return a view from its images; `colour` where the colour camera is another one."""
+    """Return a view from its images; `colour` where the colour camera is another one, `reach` as of `near_edges`."""
     there = depth > 0
-    edge = near_edges(depth, camera.fx)
+    edge = near_edges(depth, camera.fx, reach)
     normals = surface_normals(depth, camera, edge)
     rays = camera.rays().astype(np.float32)
     across = -np.einsum("hwi,hwi->hw", normals, rays)
@@ -103,7 +104,7 @@ def thinned(frame: RgbdFrame, step: int) -> View:
     apart = frame.colour is not frame.camera
     camera = _every(frame.camera, step, depth.shape)
     size = depth.shape if mask is None else mask.shape
-    return make_view(camera, depth, mask, None, _every(frame.colour, step, size) if apart else None)
+    return make_view(camera, depth, mask, None, _every(frame.colour, step, size) if apart else None, 1)
 
 
 def cropped(frame: RgbdFrame, points: Array, margin: int) -> View | None:
@@ -151,14 +152,14 @@ def _window(camera: ViewCamera, points: Array, margin: int) -> tuple[slice, slic
     return spans[0], spans[1]
 
 
-def near_edges(depth: Map, focal: float) -> Mask:
-    """Return (h, w), where a jump in depth or a pixel without depth is within reach."""
+def near_edges(depth: Map, focal: float, reach: int = TUNING.edge_reach) -> Mask:
+    """Return (h, w), where a jump in depth or a pixel without depth is within `reach` [pixel]."""
     far = np.where(depth > 0, depth, 0)
     box = np.ones((3, 3), np.uint8)
     highest, lowest = cv2.dilate(far, box), cv2.erode(far, box)
     limit = np.maximum(TUNING.edge_floor, TUNING.edge_jump * far / focal)
     jump = ((highest - lowest) > limit).astype(np.uint8)
-    size = 2 * TUNING.edge_reach - 1
+    size = 2 * reach - 1
     return np.asarray(cv2.dilate(jump, np.ones((size, size), np.uint8)) > 0)
 
 
@@ -195,15 +196,18 @@ def surface_normals(depth: Map, camera: ViewCamera, edge: Mask) -> Map:
     return np.where(enough[..., None], normal, 0).astype(np.float32)
 
 
-def view_points(view: View, stride: int, floor: float = 0.05) -> tuple[Array, Array, npt.NDArray[np.int64]]:
+def view_points(
+    view: View, stride: int, floor: float | None = 0.05
+) -> tuple[Array, Array, npt.NDArray[np.int64]]:
     """Return points (N, 3) and normals (N, 3) in W, and pixels (N, 2; row, column), where depth is trusted.
 
     Args:
         view: whose depth it is.
         stride: every so many rows and columns.
-        floor: least trust.
+        floor: least trust; None: all that is not at an edge, normals of 0 among them.
     """
-    rows, columns = np.nonzero(view.trust[::stride, ::stride] > floor)
+    good = (view.depth > 0) & ~view.near_edge if floor is None else view.trust > floor
+    rows, columns = np.nonzero(good[::stride, ::stride])
     rows, columns = rows * stride, columns * stride
     z = view.depth[rows, columns].astype(float)
     c = view.camera
