@@ -113,12 +113,13 @@ def fuse(views: Sequence[View], grid: Grid, noise: float, plane: Array | None = 
     total = np.zeros(grid.shape, np.float32)
     weight = np.zeros(grid.shape, np.float32)
     free = np.zeros(grid.shape, np.float32)
+    votes = np.zeros(grid.shape, np.float32)
     for view in views:
-        _add(view, grid, front, behind, total, weight, free)
+        _add(view, grid, front, behind, total, weight, free, votes)
     near = weight > 0
     distance = np.where(near, total / np.maximum(weight, 1e-6), -front).astype(np.float32)
     # Looked through by far more than saw something just in front of it: free, as far in as such votes go.
-    through = np.where(near, free > TUNING.free_votes * weight, free > TUNING.least_free)
+    through = np.where(near, votes > TUNING.free_votes * weight, free > TUNING.least_free)
     distance = np.where(through & (distance < 0), front, distance)
     if plane is not None:
         height = sum(np.moveaxis(plane[k] * axis[None, None, :], 2, k) for k, axis in enumerate(grid.axes())) - plane[3]
@@ -126,7 +127,7 @@ def fuse(views: Sequence[View], grid: Grid, noise: float, plane: Array | None = 
     return Fused(grid, distance.astype(np.float32), weight, near | (free > TUNING.least_free))
 
 
-def _add(view: View, grid: Grid, front: float, behind: float, total: Map, weight: Map, free: Map) -> None:
+def _add(view: View, grid: Grid, front: float, behind: float, total: Map, weight: Map, free: Map, votes: Map) -> None:
     """Add what one view says of each point of the grid, slab by slab: what is at work at a time stays in the cache."""
     camera = view.camera
     clear = (~view.near_edge & (view.depth > 0)).astype(np.float32)
@@ -158,4 +159,6 @@ def _add(view: View, grid: Grid, front: float, behind: float, total: Map, weight
         at = slice(first, first + slab)
         weight[at] += w.reshape(-1, *grid.shape[1:])
         total[at] += (w * d).reshape(-1, *grid.shape[1:])
-        free[at] += np.where((ahead > front) & ~band, sure, 0).reshape(-1, *grid.shape[1:])
+        through = np.where((ahead > front) & ~band, sure, 0).reshape(-1, *grid.shape[1:])
+        free[at] += through
+        votes[at] += np.float32(view.vote) * through

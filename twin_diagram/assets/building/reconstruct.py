@@ -19,7 +19,7 @@ from twin_diagram.assets.building.selection import grown, looked_at, masked_by_m
 from twin_diagram.assets.building.smoothing import smoothed, vertex_normals
 from twin_diagram.assets.building.support_plane import find_plane
 from twin_diagram.assets.building.view import View, cropped, thinned, view_points
-from twin_diagram.assets.building.view_poses import align
+from twin_diagram.assets.building.view_poses import align, doubted
 from twin_diagram.errors import FramesError
 from twin_diagram.logs.frames.scene_folder import RgbdFrame
 from twin_diagram.signals.arrays import Array
@@ -128,7 +128,8 @@ def reconstruct(
     found = align(views, low, high, plane, seed)
     say(f"poses refined: surfaces agree to {found.noise * 1000:.2f} mm")
     _check_agreement(found.residuals, found.explained, where)
-    fused = fuse(found.views, _grid(low, high, TUNING.grid_points, TUNING.voxel), found.noise, found.plane)
+    surest = [doubted(view, c, found.centre, found.noise) for view, c in zip(found.views, found.covariances, strict=True)]
+    fused = fuse(surest, _grid(low, high, TUNING.grid_points, TUNING.voxel), found.noise, found.plane)
     vertices, faces = _one_surface(fused, where)
     vertices = smoothed(vertices, faces, TUNING.smoothing_rounds)
     vertices, faces = decimated(vertices, faces, TUNING.faces)

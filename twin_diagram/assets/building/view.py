@@ -32,6 +32,12 @@ class Tuning:
     edge_reach: int = 2
     """How far beside an edge depth is doubted [pixel]: cameras mix both sides, and colour and pose are off by as much."""
 
+    at_edges: float = 0.02
+    """Trust in depth near edges that neighbours share."""
+
+    edge_across: float = 0.8
+    """Distance across the surface per distance along the axis that is taken there, where normals are unknown."""
+
     cosine_floor: float = 0.2
     """Least cosine of incidence that is believed: beyond 78° depth says nothing."""
 
@@ -53,6 +59,7 @@ class View:
         mask: (h, w) where the object shows, or None.
         rgb: (h, w, 3) of the colour camera, or None.
         colour: its camera.
+        vote: what its rays count where they contradict what others see, in [0, 1].
     """
 
     camera: ViewCamera
@@ -64,6 +71,7 @@ class View:
     mask: Mask | None
     rgb: npt.NDArray[np.uint8] | None
     colour: ViewCamera
+    vote: float = 1.0
 
     def trusted_at(self, mask: Mask) -> View:
         """Return the same view with surfaces beside a mask (h, w) no longer trusted; rays through there still are."""
@@ -95,6 +103,9 @@ def make_view(
     facing = across / np.linalg.norm(rays, axis=-1)
     floor = TUNING.cosine_floor
     trust = np.where(there & ~edge, np.clip((facing - floor) / (1 - floor), 0, 1), 0).astype(np.float32)
+    # At edges, where nothing else is known, depth that neighbours share is better than none: rims are all edge.
+    trust = np.where(edge & _shared(depth), TUNING.at_edges, trust).astype(np.float32)
+    across = np.where(edge, TUNING.edge_across, across).astype(np.float32)
     return View(camera, depth, normals, trust, np.maximum(across, 0.05), edge, mask, rgb, camera if colour is None else colour)
 
 
@@ -161,6 +172,17 @@ def near_edges(depth: Map, focal: float, reach: int = TUNING.edge_reach) -> Mask
     jump = ((highest - lowest) > limit).astype(np.uint8)
     size = 2 * reach - 1
     return np.asarray(cv2.dilate(jump, np.ones((size, size), np.uint8)) > 0)
+
+
+def _shared(depth: Map) -> Mask:
+    """Return (h, w), where at least half of the eight neighbours have about the same depth."""
+    alike = np.zeros(depth.shape, np.uint8)
+    padded = np.pad(depth, 1)
+    for row in range(3):
+        for column in range(3):
+            other = padded[row : row + depth.shape[0], column : column + depth.shape[1]]
+            alike += np.abs(other - depth) < TUNING.edge_floor / 2
+    return (alike >= 5) & (depth > 0)
 
 
 def surface_normals(depth: Map, camera: ViewCamera, edge: Mask) -> Map:

@@ -9,7 +9,7 @@ views that agree already stay where they are, whatever the surface's curvature.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -49,8 +49,9 @@ class Tuning:
     prior_translation: float = 0.003
     """Standard deviation of a told pose's place, each axis [m]: 2 mm, and what the rotation does at the object."""
 
-    independent: float = 30.0
-    """How many neighbouring points' errors are one and the same, as depth noise is correlated over pixels."""
+    independent: float = 150.0
+    """How many points' errors are one and the same: depth noise is correlated over pixels, and in part stays where it is in
+    the picture; what is left of a view's points then weighs as a few do."""
 
     noise_floor: float = 0.0002
     """Least standard deviation of a depth point [m]."""
@@ -82,6 +83,8 @@ class Alignment:
         residuals: (n,) each view's spread about the mean surface [m].
         explained: (n,) share of each view's points that lie on it.
         noise: standard deviation of depth at the object [m].
+        covariances: (n, 6, 6) of each view's pose as a twist about `centre` (rotation, translation) [rad, m].
+        centre: (3,) of the box that was given.
     """
 
     views: list[View]
@@ -89,6 +92,8 @@ class Alignment:
     residuals: Array
     explained: Array
     noise: float
+    covariances: Array
+    centre: Array
 
 
 def moved(view: View, twist: Array, about: Array) -> View:
@@ -132,7 +137,7 @@ def align(views: Sequence[View], low: Array, high: Array, plane: Array | None, s
     rng = np.random.default_rng(seed)
     samples = [_sample(view, low, high, rng) for view in now]
     residuals, explained = np.zeros(len(now)), np.ones(len(now))
-    twists = np.zeros((len(now), 6))
+    twists, covariances = np.zeros((len(now), 6)), np.zeros((len(now), 6, 6))
     noise = TUNING.first_noise
     for cell in TUNING.cells:
         if plane is not None:
@@ -143,10 +148,10 @@ def align(views: Sequence[View], low: Array, high: Array, plane: Array | None, s
         for k, view in enumerate(now):
             match = _matched(tree, surface, *seen[k], plane)
             explained[k] = match.explained
-            now[k], twists[k] = _stepped(view, samples[k], match, plane, twists[k], noise, centre)
+            now[k], twists[k], covariances[k] = _stepped(view, samples[k], match, plane, twists[k], noise, centre)
             residuals[k] = _spread(now[k], samples[k], match)
         noise = max(float(np.median(residuals)), TUNING.noise_floor)
-    return Alignment(now, plane, residuals, explained, noise)
+    return Alignment(now, plane, residuals, explained, noise, covariances, centre)
 
 
 @dataclass(frozen=True)
@@ -196,8 +201,9 @@ def _spread(view: View, sample: Sample, match: _Match) -> float:
 
 def _stepped(
     view: View, sample: Sample, match: _Match, plane: Array | None, twist: Array, noise: float, centre: Array
-) -> tuple[View, Array]:
-    """Return a view after Gauss-Newton steps, and its twist from where it was told to be."""
+) -> tuple[View, Array, Array]:
+    """Return a view after Gauss-Newton steps, its twist from where it was told to be, and that one's covariance (6, 6)."""
+    information = np.eye(6)
     prior = np.array([TUNING.prior_rotation] * 3 + [TUNING.prior_translation] * 3) ** -2.0
     for _ in range(TUNING.steps):
         p, _ = _in_W(view, sample.points[match.which], sample.normals[match.which])
@@ -213,6 +219,23 @@ def _stepped(
         J, e = np.concatenate(rows), np.concatenate(residual)
         # Geman and McClure's weights: what is several standard deviations off belongs to something else.
         w = (1.0 + (e / (2.5 * noise)) ** 2) ** -2.0 / (noise**2 * TUNING.independent)
-        step = -np.linalg.solve((J * w[:, None]).T @ J + np.diag(prior), J.T @ (w * e) + prior * twist)
+        information = (J * w[:, None]).T @ J + np.diag(prior)
+        step = -np.linalg.solve(information, J.T @ (w * e) + prior * twist)
         view, twist = moved(view, step, centre), twist + step
-    return view, twist
+    return view, twist, np.linalg.inv(information)
+
+
+def doubted(view: View, covariance: Array, centre: Array, noise: float) -> View:
+    """Return a view that is trusted less where its pose's uncertainty moves surfaces across themselves.
+
+    A pixel with place p and normal n moves by J δ with J = [(p − c) × n, n], so its trust is divided by 1 + J Σ Jᵀ/σ²; votes for
+    free space, whose edges move sideways, by one plus the largest variance of a shift over σ².
+    """
+    c = view.camera
+    p = view.camera.rays() * view.depth[..., None] @ c.R_WC.T + (c.p_WC - centre)
+    n = view.normals @ c.R_WC.T
+    J = np.concatenate([np.cross(p, n), n], axis=-1)
+    variance = np.einsum("hwi,hwi->hw", J @ covariance, J)
+    sway = float(np.linalg.eigvalsh(covariance[3:, 3:])[-1])
+    trust = (view.trust / (1 + variance / noise**2)).astype(np.float32)
+    return replace(view, trust=trust, vote=1 / (1 + sway / noise**2))
