@@ -90,7 +90,9 @@ class Studio:
         tensor = self._o3d.core.Tensor
         self._scene.add_triangles(tensor(vertices.astype(np.float32)), tensor(faces.astype(np.uint32)))
 
-    def cast(self, camera: ViewCamera) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint8], npt.NDArray[np.bool_], Array]:
+    def cast(
+        self, camera: ViewCamera
+    ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint8], npt.NDArray[np.bool_], Array]:
         """Return depth [m], RGB, the object's mask and the cosine of incidence."""
         rays = camera.rays() @ camera.R_WC.T
         start = np.broadcast_to(camera.p_WC, rays.shape)
@@ -106,7 +108,9 @@ class Studio:
         face = self._item.faces[hit["primitive_ids"].numpy()[mask].astype(int)]
         a, b = hit["primitive_uvs"].numpy()[mask].T.astype(float)
         share = np.stack([1 - a - b, a, b], axis=1)[:, :, None]
-        rgb[mask] = np.round(255 * bilinear(self._item.texture, (self._item.uv[face] * share).sum(axis=1))).astype(np.uint8)
+        rgb[mask] = np.round(255 * bilinear(self._item.texture, (self._item.uv[face] * share).sum(axis=1))).astype(
+            np.uint8
+        )
         normal = hit["primitive_normals"].numpy()
         cosine = np.abs((normal * rays).sum(axis=-1)) / np.linalg.norm(rays, axis=-1)
         return np.where(there, depth, 0).astype(np.float32), rgb, mask & there, np.where(there, cosine, 0)
@@ -142,7 +146,9 @@ def worsened(
     edge = (high - np.minimum(low, high) > 0.015) & (z > 0)
     flying = edge & (rng.random(shape) < 0.2)
     z = np.where(flying, low + (high - np.where(flying, low, 0)) * rng.random(shape), z)
-    noise = np.sqrt(0.1) * rng.standard_normal(shape) + np.sqrt(0.6) * _correlated(shape, 2.5, rng) + np.sqrt(0.3) * fixed
+    noise = (
+        np.sqrt(0.1) * rng.standard_normal(shape) + np.sqrt(0.6) * _correlated(shape, 2.5, rng) + np.sqrt(0.3) * fixed
+    )
     seen = (z > 0) & (cosine > np.cos(np.radians(75)))
     return np.where(seen, z + coefficient * z**2 * noise, 0).astype(np.float32)
 

@@ -6,9 +6,12 @@ import argparse
 import sys
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from twin_diagram.errors import AssetError
+
+if TYPE_CHECKING:
+    from twin_diagram.assets.building.from_mesh import BuiltAsset
 
 
 def add_asset_commands(commands: Any) -> None:
@@ -21,12 +24,13 @@ def add_asset_commands(commands: Any) -> None:
         "source",
         type=Path,
         metavar="SOURCE",
-        help="a folder of posed RGB-D frames (BOP), or a mesh: .obj, .stl (z upwards), .glb or .gltf (y upwards)",
+        help="a folder of posed RGB-D frames (BOP), VGGT's predictions (.npz), or a mesh: .obj, .stl (z upwards), .glb or .gltf (y upwards)",
     )
     build.add_argument("--name", required=True, help="of the asset: letters, digits, '_', '-'")
     build.add_argument("--mass", type=float, help="[kg]")
     build.add_argument("--density", type=float, help="[kg/m³], instead of a mass (default: water's)")
     build.add_argument("--masks", type=Path, metavar="D", help="folder of masks, beside or instead of the frames' own")
+    build.add_argument("--cube-edge", type=float, metavar="M", help="edge of the green cube that scales predictions [m]")
     build.add_argument("--unit", default="m", help="of the mesh: m, cm, mm or in (default: %(default)s)")
     build.add_argument("--replace", action="store_true", help="write an asset of that name anew")
     build.set_defaults(command=_build)
@@ -44,26 +48,39 @@ def add_asset_commands(commands: Any) -> None:
 
 
 def _build(arguments: argparse.Namespace) -> int:
-    from twin_diagram.assets.building.from_frames import build_from_frames
-    from twin_diagram.assets.building.from_mesh import build_from_mesh
-
-    source, name, library = arguments.source, arguments.name, arguments.library
-    mass, density = arguments.mass, arguments.density
-    if source.is_dir():
-        if arguments.unit != "m":
-            raise AssetError(f"--unit {arguments.unit}: is of a mesh; frames say theirs in depth_scale and cam_t_w2c")
-        built = build_from_frames(
-            source, name, library, mass, density, arguments.masks, arguments.replace, lambda text: print(text, file=sys.stderr)
-        )
-    elif arguments.masks is not None:
-        raise AssetError(f"--masks {arguments.masks}: masks are of frames; {source} is none of a folder")
-    else:
-        built = build_from_mesh(source, name, library, mass, density, arguments.unit, arguments.replace)
+    built = _built(arguments)
     for note in built.notes:
         print(f"note: {note}", file=sys.stderr)
     print(f"{built.folder}: {_size(built.size)}, {built.mass:.4g} kg")
     print(f"in a scenario: twin: {{library: {{{arguments.name}: {built.folder.resolve()}}}}}")
     return 0
+
+
+def _built(arguments: argparse.Namespace) -> BuiltAsset:
+    """Build from what the source is: a folder of frames, predictions or a mesh; refuse options of another kind of source."""
+    from twin_diagram.assets.building.from_frames import build_from_frames, build_from_predictions
+    from twin_diagram.assets.building.from_mesh import build_from_mesh
+
+    source, name, library = arguments.source, arguments.name, arguments.library
+    mass, density, masks, again = arguments.mass, arguments.density, arguments.masks, arguments.replace
+    frames, predictions = source.is_dir(), source.suffix.lower() == ".npz"
+
+    def say(text: str) -> None:
+        print(text, file=sys.stderr, flush=True)
+
+    if (frames or predictions) and arguments.unit != "m":
+        raise AssetError(f"--unit {arguments.unit}: is of a mesh; frames are in mm, predictions are scaled by --cube-edge")
+    if arguments.cube_edge is not None and not predictions:
+        raise AssetError(f"--cube-edge {arguments.cube_edge:g}: scales predictions (.npz) alone; {source} has a unit")
+    if frames:
+        return build_from_frames(source, name, library, mass, density, masks, again, say)
+    if predictions:
+        if arguments.cube_edge is None:
+            raise AssetError(f"{source}: predictions have no unit; tell --cube-edge [m] of the green cube beside the object")
+        return build_from_predictions(source, name, library, arguments.cube_edge, mass, density, masks, again, say)
+    if masks is not None:
+        raise AssetError(f"--masks {masks}: masks are of frames; {source} is a mesh")
+    return build_from_mesh(source, name, library, mass, density, arguments.unit, again)
 
 
 def _size(lengths: Iterable[float]) -> str:

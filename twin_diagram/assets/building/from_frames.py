@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from twin_diagram.assets.building.from_mesh import AssetPlace, BuiltAsset, build_from_triangles, check_told
+from twin_diagram.assets.building.predictions import metric, read_predictions
 from twin_diagram.assets.building.reconstruct import Frames, Reconstruction, reconstruct
 from twin_diagram.assets.building.texture_atlas import lay_out, textured
 from twin_diagram.assets.building.write_asset import place_for
@@ -55,11 +56,54 @@ def build_from_frames(
     place_for(name, library, replace_it)
     frames = FrameFolder(folder, masks)
     if not frames.posed:
-        raise FramesError(f"{Path(folder) / 'scene_camera.json'}: no cam_R_w2c and cam_t_w2c: building needs posed views")
+        raise FramesError(
+            f"{Path(folder) / 'scene_camera.json'}: no cam_R_w2c and cam_t_w2c: building needs posed views"
+        )
     return asset_of_frames(frames, AssetPlace(name, library, mass, density, replace_it), str(folder), say)
 
 
-def asset_of_frames(frames: Frames, told: AssetPlace, where: str, say: Callable[[str], None] = lambda text: None) -> BuiltAsset:
+@one_thread()
+def build_from_predictions(
+    file: str | Path,
+    name: str,
+    library: str | Path,
+    cube_edge: float,
+    mass: float | None = None,
+    density: float | None = None,
+    masks: str | Path | None = None,
+    replace_it: bool = False,
+    say: Callable[[str], None] = lambda text: None,
+) -> BuiltAsset:
+    """Reconstruct the one object of VGGT's `predictions.npz`, beside which a green cube stands, and put it into a library.
+
+    Args:
+        file: the predictions.
+        name: of the asset.
+        library: the folder of assets; made where there is none.
+        cube_edge: of the cube [m].
+        mass: [kg]
+        density: [kg/m³]; without either: water's.
+        masks: a folder of masks, of the predictions' size; None: what stands out beside the cube.
+        replace_it: write an asset of that name anew.
+        say: is told of each step.
+
+    Raises:
+        FramesError: predictions that cannot be used, no cube.
+        AssetError: as of `build_from_frames`.
+    """
+    check_told(mass, density, "m")
+    if not (np.isfinite(cube_edge) and cube_edge > 0):
+        raise AssetError(f"--cube-edge {cube_edge:g}: must be positive [m]")
+    place_for(name, library, replace_it)
+    predicted = read_predictions(file)
+    frames, factor = metric(predicted if masks is None else predicted.masked(masks), cube_edge, str(file))
+    say(f"scale: {factor:.5g} m per unit of the predictions")
+    return asset_of_frames(frames, AssetPlace(name, library, mass, density, replace_it), str(file), say)
+
+
+def asset_of_frames(
+    frames: Frames, told: AssetPlace, where: str, say: Callable[[str], None] = lambda text: None
+) -> BuiltAsset:
     """Reconstruct what frames show, colour it, and put it into a library.
 
     Raises:
@@ -68,7 +112,9 @@ def asset_of_frames(frames: Frames, told: AssetPlace, where: str, say: Callable[
     found = reconstruct(frames, where, say=say)
     atlas = lay_out(len(found.faces))
     picture = textured(found.views, found.vertices, found.faces, atlas)
-    notes = [f"{100 * found.unseen:.0f} % of the surface was never seen: there it is closed by what nothing contradicts"]
+    notes = [
+        f"{100 * found.unseen:.0f} % of the surface was never seen: there it is closed by what nothing contradicts"
+    ]
     corners = upright(found)[found.faces]
     try:
         return build_from_triangles(

@@ -128,7 +128,9 @@ def reconstruct(
     found = align(views, low, high, plane, seed)
     say(f"poses refined: surfaces agree to {found.noise * 1000:.2f} mm")
     _check_agreement(found.residuals, found.explained, where)
-    surest = [doubted(view, c, found.centre, found.noise) for view, c in zip(found.views, found.covariances, strict=True)]
+    surest = [
+        doubted(view, c, found.centre, found.noise) for view, c in zip(found.views, found.covariances, strict=True)
+    ]
     fused = fuse(surest, _grid(low, high, TUNING.grid_points, TUNING.voxel), found.noise, found.plane)
     vertices, faces = _one_surface(fused, where)
     vertices = smoothed(vertices, faces, TUNING.smoothing_rounds)

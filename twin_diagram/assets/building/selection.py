@@ -115,7 +115,9 @@ def the_one_thing(points: Array, where: str) -> npt.NDArray[np.int64]:
         FramesError: there is none, or a second one of some size; `where` begins the message.
     """
     if len(points) < TUNING.least_points:
-        raise FramesError(f"{where}: nothing is there: {len(points)} points of an object, {TUNING.least_points} are needed")
+        raise FramesError(
+            f"{where}: nothing is there: {len(points)} points of an object, {TUNING.least_points} are needed"
+        )
     found = things(points)
     if len(found) > 1 and len(found[1]) >= max(TUNING.second * len(found[0]), TUNING.least_points / 2):
         apart = float(np.linalg.norm(points[found[0]].mean(axis=0) - points[found[1]].mean(axis=0)))

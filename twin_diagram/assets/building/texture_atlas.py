@@ -116,4 +116,3 @@ def textured(
     picture = np.full((atlas.edge, atlas.edge, 3), 128, np.uint8)
     picture[atlas.row, atlas.column] = np.round(255 * colours)
     return picture
-

@@ -106,7 +106,9 @@ def make_view(
     # At edges, where nothing else is known, depth that neighbours share is better than none: rims are all edge.
     trust = np.where(edge & _shared(depth), TUNING.at_edges, trust).astype(np.float32)
     across = np.where(edge, TUNING.edge_across, across).astype(np.float32)
-    return View(camera, depth, normals, trust, np.maximum(across, 0.05), edge, mask, rgb, camera if colour is None else colour)
+    return View(
+        camera, depth, normals, trust, np.maximum(across, 0.05), edge, mask, rgb, camera if colour is None else colour
+    )
 
 
 def thinned(frame: RgbdFrame, step: int) -> View:
@@ -218,9 +220,7 @@ def surface_normals(depth: Map, camera: ViewCamera, edge: Mask) -> Map:
     return np.where(enough[..., None], normal, 0).astype(np.float32)
 
 
-def view_points(
-    view: View, stride: int, floor: float | None = 0.05
-) -> tuple[Array, Array, npt.NDArray[np.int64]]:
+def view_points(view: View, stride: int, floor: float | None = 0.05) -> tuple[Array, Array, npt.NDArray[np.int64]]:
     """Return points (N, 3) and normals (N, 3) in W, and pixels (N, 2; row, column), where depth is trusted.
 
     Args:

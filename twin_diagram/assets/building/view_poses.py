@@ -180,7 +180,10 @@ def _in_W(view: View, points: Array, normals: Array) -> tuple[Array, Array]:
 
 def _support(views: Sequence[View], samples: Sequence[Sample], plane: Array, above: Array) -> Array:
     """Return the support plane from all views' points near the last one."""
-    both = [_in_W(view, np.concatenate([s.points, s.around]), np.concatenate([s.normals, s.around_normals])) for view, s in zip(views, samples, strict=True)]
+    both = [
+        _in_W(view, np.concatenate([s.points, s.around]), np.concatenate([s.normals, s.around_normals]))
+        for view, s in zip(views, samples, strict=True)
+    ]
     return settled(np.concatenate([p for p, _ in both]), np.concatenate([n for _, n in both]), plane, above)
 
 
@@ -210,7 +213,11 @@ def _stepped(
         rows = [np.hstack([np.cross(p - centre, match.normal), match.normal])]
         residual = [np.einsum("ni,ni->n", p - match.place, match.normal)]
         if plane is not None:
-            q, m = _in_W(view, np.concatenate([sample.points, sample.around]), np.concatenate([sample.normals, sample.around_normals]))
+            q, m = _in_W(
+                view,
+                np.concatenate([sample.points, sample.around]),
+                np.concatenate([sample.normals, sample.around_normals]),
+            )
             height = q @ plane[:3] - plane[3]
             on = (np.abs(height) < 3 * TUNING.on_support) & (m @ plane[:3] > 0.94)
             normal = np.broadcast_to(plane[:3], (np.count_nonzero(on), 3))

@@ -120,7 +120,9 @@ class FrameFolder:
         for what, size in sizes.items():
             usual = self._sizes.setdefault(what, size)
             if size != usual:
-                raise FramesError(f"{self.folder}: frame {number}: {what} is {_said(size)}, before it was {_said(usual)}")
+                raise FramesError(
+                    f"{self.folder}: frame {number}: {what} is {_said(size)}, before it was {_said(usual)}"
+                )
         height, width = (depth if rgb is None else rgb).shape[:2]
         if mask is not None and mask.shape != (height, width):
             raise FramesError(f"{self._masks[number]}: {_said(mask.shape)}, the picture is {_said((height, width))}")
@@ -169,7 +171,9 @@ class FrameFolder:
         K = self._numbers(number, "cam_K", 9).reshape(3, 3)
         plain = np.allclose(K[[0, 1, 2, 2], [1, 0, 0, 1]], 0, atol=1e-6) and abs(K[2, 2] - 1) < 1e-6
         if not plain or K[0, 0] <= 0 or K[1, 1] <= 0:
-            raise FramesError(f"{self._file}: frame {number}: cam_K must be [fx 0 cx 0 fy cy 0 0 1], not {K.ravel().tolist()}")
+            raise FramesError(
+                f"{self._file}: frame {number}: cam_K must be [fx 0 cx 0 fy cy 0 0 1], not {K.ravel().tolist()}"
+            )
         return float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])
 
     def _scale(self, number: int) -> float:
@@ -218,14 +222,22 @@ class FrameFolder:
         return np.asarray(cv2.cvtColor(_image(self._rgb[number], cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
     def _mask(self, number: int) -> Mask | None:
-        if number not in self._masks:
-            return None
-        path = self._masks[number]
-        image = _image(path, cv2.IMREAD_UNCHANGED)
-        mask = image.reshape(*image.shape[:2], -1).max(axis=-1) > 0
-        if not mask.any():
-            raise FramesError(f"{path}: the mask is empty")
-        return np.asarray(mask)
+        return read_mask(self._masks[number]) if number in self._masks else None
+
+
+def read_mask(path: Path, size: tuple[int, ...] | None = None) -> Mask:
+    """Return (h, w), where an image is not black.
+
+    Raises:
+        FramesError: not readable, empty, or not of `size` (h, w) where one is told.
+    """
+    image = _image(path, cv2.IMREAD_UNCHANGED)
+    mask = image.reshape(*image.shape[:2], -1).max(axis=-1) > 0
+    if not mask.any():
+        raise FramesError(f"{path}: the mask is empty")
+    if size is not None and mask.shape != size:
+        raise FramesError(f"{path}: {_said(mask.shape)}, the picture is {_said(size)}")
+    return np.asarray(mask)
 
 
 def _image(path: Path, flags: int) -> npt.NDArray[Any]:
