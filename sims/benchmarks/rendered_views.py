@@ -131,8 +131,8 @@ def worsened(
 ) -> npt.NDArray[np.float32]:
     """Return depth with noise of RMS coefficient·z² [m], the issue's profile.
 
-    A tenth of its variance is white, 60 % correlated (σ 2.5 pixels), 30 % fixed waves; edges jitter by 0.8 pixel, a fifth
-    of their pixels fly between both sides; nothing beyond 75° of incidence.
+    A tenth of its variance is white, 60 % correlated (σ 2.5 pixels), 30 % fixed waves; edges jitter by 0.8 pixel, a
+    fifth of their pixels fly between both sides; nothing beyond 75° of incidence.
     """
     if coefficient <= 0:
         return depth

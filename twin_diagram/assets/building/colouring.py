@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from twin_diagram.assets.building.view import View
+from twin_diagram.assets.building.depth_view import DepthView
 from twin_diagram.signals.arrays import Array
 
 
@@ -35,12 +35,12 @@ class Tuning:
 TUNING = Tuning()
 
 
-def views_that_see(views: Sequence[View], points: Array, normals: Array) -> npt.NDArray[np.int64]:
+def views_that_see(views: Sequence[DepthView], points: Array, normals: Array) -> npt.NDArray[np.int64]:
     """Return how many views see each of the points (N, 3) with normals (N, 3), in W."""
     return np.asarray(sum((worth(view, points, normals) > 0).astype(np.int64) for view in views), dtype=np.int64)
 
 
-def worth(view: View, points: Array, normals: Array) -> Array:
+def worth(view: DepthView, points: Array, normals: Array) -> Array:
     """Return how well a view shows each place (N, 3), 0 where it does not: a power of the cosine, little near edges."""
     u, v, z = view.camera.project(points)
     row, column, there = nearest_pixels(u, v, view.depth.shape)

@@ -1,4 +1,7 @@
-"""Metric scale from a cube of known edge, as SyncTwin's appendix B: found by its green, measured on its upright faces."""
+"""Metric scale from a cube of known edge, as SyncTwin's appendix B.
+
+Found by its green, measured on its upright faces.
+"""
 
 from __future__ import annotations
 

@@ -21,6 +21,9 @@ class Tuning:
     volume_off: float = 0.01
     """How much of its volume a closed mesh may gain or lose; ruined ones change by a half."""
 
+    weld: float = 3e-5
+    """Vertices nearer than this share of the object's size are one, three times what a mesh is welded with later."""
+
     mends: int = 20
     """Times that folds and pinches are taken out; one or two do."""
 
@@ -50,8 +53,8 @@ def enclosed_volume(vertices: Array, faces: Faces) -> float:
 def decimated(vertices: Array, faces: Faces, target: int) -> tuple[Array, Faces]:
     """Return about `target` triangles by quadric edge collapse (Garland and Heckbert, 1997), closed where it was.
 
-    Collapses at thin places fold triangles onto one another and pinch edges; `unfolded` mends that. Where it does not, the mesh
-    is returned as it came.
+    Collapses at thin places fold triangles onto one another and pinch edges; `unfolded` mends that. Where it does not,
+    the mesh is returned as it came.
     """
     import fast_simplification
 
@@ -65,13 +68,23 @@ def decimated(vertices: Array, faces: Faces, target: int) -> tuple[Array, Faces]
         )
         found, kept = np.asarray(points, dtype=float) * size + centre, np.asarray(triangles, dtype=np.int64)
         if closed:
-            kept = unfolded(kept)
+            kept = unfolded(_welded(found)[kept])
             off = abs(enclosed_volume(found, kept) / volume - 1) if len(kept) else 1.0
             if not is_closed(kept) or off > TUNING.volume_off or len(kept) > 2 * target:
                 continue
         used, kept = np.unique(kept, return_inverse=True)
         return found[used], kept.reshape(-1, 3)
     return vertices, faces
+
+
+def _welded(vertices: Array) -> Faces:
+    """Return for each vertex (V,) the first one at its place.
+
+    Collapses leave copies, which others would weld anyway.
+    """
+    step = TUNING.weld * np.ptp(vertices, axis=0).max()
+    _, first, inverse = np.unique(np.round(vertices / step), axis=0, return_index=True, return_inverse=True)
+    return np.asarray(first[inverse.reshape(-1)], dtype=np.int64)
 
 
 def unfolded(faces: Faces) -> Faces:

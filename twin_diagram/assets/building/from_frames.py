@@ -14,7 +14,7 @@ import numpy as np
 
 from twin_diagram.assets.building.from_mesh import AssetPlace, BuiltAsset, build_from_triangles, check_told
 from twin_diagram.assets.building.predictions import metric, read_predictions
-from twin_diagram.assets.building.reconstruct import Frames, Reconstruction, reconstruct
+from twin_diagram.assets.building.reconstruct import FrameSource, Reconstruction, reconstruct
 from twin_diagram.assets.building.texture_atlas import lay_out, textured
 from twin_diagram.assets.building.write_asset import place_for
 from twin_diagram.errors import AssetError, FramesError
@@ -74,7 +74,9 @@ def build_from_predictions(
     replace_it: bool = False,
     say: Callable[[str], None] = lambda text: None,
 ) -> BuiltAsset:
-    """Reconstruct the one object of VGGT's `predictions.npz`, beside which a green cube stands, and put it into a library.
+    """Reconstruct the one object of VGGT's `predictions.npz`, beside which a green cube stands.
+
+    And put it into a library.
 
     Args:
         file: the predictions.
@@ -102,7 +104,7 @@ def build_from_predictions(
 
 
 def asset_of_frames(
-    frames: Frames, told: AssetPlace, where: str, say: Callable[[str], None] = lambda text: None
+    frames: FrameSource, told: AssetPlace, where: str, say: Callable[[str], None] = lambda text: None
 ) -> BuiltAsset:
     """Reconstruct what frames show, colour it, and put it into a library.
 

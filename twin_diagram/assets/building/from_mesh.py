@@ -103,7 +103,10 @@ def build_from_mesh(
 
 @dataclass(frozen=True)
 class AssetPlace:
-    """What is told of an asset to be: its `name` and `library`, its `mass` [kg] or `density` [kg/m³], and whether one there goes."""
+    """What is told of an asset to be.
+
+    Its `name` and `library`, its `mass` [kg] or `density` [kg/m³], and whether one there goes.
+    """
 
     name: str
     library: str | Path

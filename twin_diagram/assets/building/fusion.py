@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from twin_diagram.assets.building.view import Map, View
+from twin_diagram.assets.building.depth_view import DepthView, Map
 from twin_diagram.signals.arrays import Array
 
 
@@ -51,7 +51,7 @@ TUNING = Tuning()
 
 
 @dataclass(frozen=True)
-class Grid:
+class FusionGrid:
     """A regular grid: point (i, j, k) lies at `origin + voxel · (i, j, k)`, axes of W.
 
     Attributes:
@@ -65,10 +65,10 @@ class Grid:
     shape: tuple[int, int, int]
 
     @staticmethod
-    def around(low: Array, high: Array, voxel: float, margin: float) -> Grid:
+    def around(low: Array, high: Array, voxel: float, margin: float) -> FusionGrid:
         """Return the grid that covers a box [m] and a margin around it [m]."""
         count = np.ceil((high - low + 2 * margin) / voxel).astype(int) + 1
-        return Grid(low - margin, voxel, (int(count[0]), int(count[1]), int(count[2])))
+        return FusionGrid(low - margin, voxel, (int(count[0]), int(count[1]), int(count[2])))
 
     def axes(self) -> list[Array]:
         """Return the coordinates along each axis [m]."""
@@ -80,7 +80,7 @@ class Grid:
 
 
 @dataclass(frozen=True)
-class Fused:
+class DistanceField:
     """A field over a grid.
 
     Attributes:
@@ -90,13 +90,13 @@ class Fused:
         known: (nx, ny, nz) whether any view told anything of the place.
     """
 
-    grid: Grid
+    grid: FusionGrid
     distance: Map
     weight: Map
     known: npt.NDArray[np.bool_]
 
 
-def fuse(views: Sequence[View], grid: Grid, noise: float, plane: Array | None = None) -> Fused:
+def fuse(views: Sequence[DepthView], grid: FusionGrid, noise: float, plane: Array | None = None) -> DistanceField:
     """Return the signed distance to what views saw.
 
     Args:
@@ -124,10 +124,12 @@ def fuse(views: Sequence[View], grid: Grid, noise: float, plane: Array | None = 
     if plane is not None:
         height = sum(np.moveaxis(plane[k] * axis[None, None, :], 2, k) for k, axis in enumerate(grid.axes())) - plane[3]
         distance = np.maximum(distance, np.clip(-height, -front, front))
-    return Fused(grid, distance.astype(np.float32), weight, near | (free > TUNING.least_free))
+    return DistanceField(grid, distance.astype(np.float32), weight, near | (free > TUNING.least_free))
 
 
-def _add(view: View, grid: Grid, front: float, behind: float, total: Map, weight: Map, free: Map, votes: Map) -> None:
+def _add(
+    view: DepthView, grid: FusionGrid, front: float, behind: float, total: Map, weight: Map, free: Map, votes: Map
+) -> None:
     """Add what one view says of each point of the grid, slab by slab: what is at work at a time stays in the cache."""
     camera = view.camera
     clear = (~view.near_edge & (view.depth > 0)).astype(np.float32)

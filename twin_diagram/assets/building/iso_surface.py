@@ -1,8 +1,9 @@
 """The surface where a field on a regular grid is zero, by marching tetrahedra.
 
-Each cell is cut along its main diagonal into six tetrahedra (Kuhn's), the same way in every cell, so neighbours agree on the
-diagonals of their common faces. Within a tetrahedron the surface is one or two triangles and never ambiguous. A field that is
-positive all around the grid's border therefore gives a closed manifold surface, thin walls and cavities included.
+Each cell is cut along its main diagonal into six tetrahedra (Kuhn's), the same way in every cell, so neighbours agree
+on the diagonals of their common faces. Within a tetrahedron the surface is one or two triangles and never ambiguous. A
+field that is positive all around the grid's border therefore gives a closed manifold surface, thin walls and cavities
+included.
 """
 
 from __future__ import annotations
@@ -47,7 +48,10 @@ _CELLS = _tetrahedra()
 
 
 def _triangles_by_case() -> list[list[tuple[tuple[int, int], ...]]]:
-    """Return for each set of negative corners (bits) the triangles, as edges (corner, corner), outward from the negative side."""
+    """Return for each set of negative corners (bits) the triangles, as edges (corner, corner).
+
+    Outward from the negative side.
+    """
     table: list[list[tuple[tuple[int, int], ...]]] = [[] for _ in range(16)]
     place = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])  # right-handed, as those of `_tetrahedra`
     for case in range(1, 15):
@@ -77,8 +81,8 @@ def zero_surface(field: npt.NDArray[np.float32]) -> tuple[Array, npt.NDArray[np.
         field: (nx, ny, nz); its border should be positive, else the surface is open there.
 
     Returns:
-        vertices (V, 3) in steps of the grid, and faces (F, 3), counter-clockwise from the positive side; both empty where
-        the field has one sign.
+        vertices (V, 3) in steps of the grid, and faces (F, 3), counter-clockwise from the positive side; both empty
+        where the field has one sign.
     """
     sign = field < 0
     shape = np.array(field.shape)
@@ -114,7 +118,10 @@ def zero_surface(field: npt.NDArray[np.float32]) -> tuple[Array, npt.NDArray[np.
 
 
 def _numbered(keys: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return the keys that occur, ascending, and each key's place among them; by sorting, which is faster than hashing."""
+    """Return the keys that occur, ascending, and each key's place among them.
+
+    By sorting, which is faster than hashing.
+    """
     order = np.argsort(keys, kind="stable")
     ranked = keys[order]
     first = np.append(True, ranked[1:] != ranked[:-1])

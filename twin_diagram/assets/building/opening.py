@@ -1,7 +1,7 @@
 """SyncTwin's support-plane denoising: a sphere of light grows from a cloud's centre and leaves where the cloud is open.
 
-The open side of a thing that was scanned on a table is its bottom, and around the opening lies what is left of the table. Equations
-(1) to (13) of SyncTwin (section III-B and appendix A), numbered below as there.
+The open side of a thing that was scanned on a table is its bottom, and around the opening lies what is left of the
+table. Equations (1) to (13) of SyncTwin (section III-B and appendix A), numbered below as there.
 """
 
 from __future__ import annotations
@@ -65,14 +65,19 @@ class Opening:
 
 
 def fibonacci_sphere(count: int) -> Array:
-    """Return unit directions (count, 3): equations (4) and (5), θ_i = arccos(1 − 2i/K), φ_i = π(1 + √5)i; i from ½, so no pole is two."""
+    """Return unit directions (count, 3): equations (4) and (5), θ_i = arccos(1 − 2i/K), φ_i = π(1 + √5)i.
+
+    I from ½, so no pole is two.
+    """
     i = np.arange(count) + 0.5
     theta, phi = np.arccos(1 - 2 * i / count), np.pi * (1 + np.sqrt(5)) * i
     return np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=1)
 
 
 def nearest_in_direction(points: Array, centre: Array, directions: Array, tolerance: float) -> tuple[Array, Array]:
-    """Return each bucket's least distance, equation (9), inf where it is empty, and the index of its farthest point, −1 likewise.
+    """Return each bucket's least distance, equation (9), inf where it is empty.
+
+    And the index of its farthest point, −1 likewise.
 
     A point's direction (6) is (p − c)/‖p − c‖; it falls into the buckets within the tolerance of it (7).
     """
@@ -134,7 +139,10 @@ def find_opening(points: Array) -> Opening | None:
 
 
 def without_support(points: Array) -> Which:
-    """Return (N,), which points are left when those on the plane of the largest opening, and beyond it, are taken away."""
+    """Return (N,), which points are left when those on the plane of the largest opening, and beyond it.
+
+    Are taken away.
+    """
     opening = find_opening(points)
     if opening is None:
         return np.ones(len(points), bool)

@@ -1,7 +1,8 @@
 """VGGT's `predictions.npz` as frames: depth along each pixel from its point and its camera, scaled by a cube.
 
-The file holds `world_points` (S, H, W, 3), `world_points_conf` (S, H, W), `extrinsic` (S, 3, 4) world-to-camera, `intrinsic` (S, 3, 3)
-and `images` (S, 3, H, W) or (S, H, W, 3), in [0, 1] or bytes; its unit is arbitrary. Pickles in it are never opened.
+The file holds `world_points` (S, H, W, 3), `world_points_conf` (S, H, W), `extrinsic` (S, 3, 4) world-to-camera,
+`intrinsic` (S, 3, 3) and `images` (S, 3, H, W) or (S, H, W, 3), in [0, 1] or bytes; its unit is arbitrary. Pickles in
+it are never opened.
 """
 
 from __future__ import annotations
@@ -13,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.assets.building.cube_scale import Cube, measure_cube
+from twin_diagram.assets.building.depth_view import make_view, view_points
 from twin_diagram.assets.building.support_plane import find_plane
-from twin_diagram.assets.building.view import make_view, view_points
 from twin_diagram.errors import FramesError
 from twin_diagram.logs.frames.folder_files import numbered
 from twin_diagram.logs.frames.scene_folder import RgbdFrame, read_mask
@@ -82,7 +83,8 @@ def read_predictions(path: str | Path) -> PredictedFrames:
     """Read a prediction.
 
     Raises:
-        FramesError: no such file, a pickle, a name that is missing, or shapes or values that cannot be; the message names it.
+        FramesError: no such file, a pickle, a name that is missing, or shapes or values that cannot be; the message
+            names it.
     """
     path = Path(path)
     if not path.is_file():

@@ -12,13 +12,13 @@ from scipy import ndimage
 
 from twin_diagram.assets.building.colouring import views_that_see
 from twin_diagram.assets.building.decimation import decimated, enclosed_volume
-from twin_diagram.assets.building.fusion import Fused, Grid, fuse
+from twin_diagram.assets.building.depth_view import DepthView, cropped, thinned, view_points
+from twin_diagram.assets.building.fusion import DistanceField, FusionGrid, fuse
 from twin_diagram.assets.building.iso_surface import zero_surface
 from twin_diagram.assets.building.selection import TUNING as CHOICE
 from twin_diagram.assets.building.selection import grown, looked_at, masked_by_most, the_one_thing
 from twin_diagram.assets.building.smoothing import smoothed, vertex_normals
 from twin_diagram.assets.building.support_plane import find_plane
-from twin_diagram.assets.building.view import View, cropped, thinned, view_points
 from twin_diagram.assets.building.view_poses import align, doubted
 from twin_diagram.errors import FramesError
 from twin_diagram.logs.frames.scene_folder import RgbdFrame
@@ -66,8 +66,8 @@ class Tuning:
 TUNING = Tuning()
 
 
-class Frames(Protocol):
-    """Frames that are read one at a time, such as a `FrameFolder`."""
+class FrameSource(Protocol):
+    """Hold frames that are read one at a time, such as a `FrameFolder`."""
 
     def __len__(self) -> int: ...
 
@@ -95,12 +95,12 @@ class Reconstruction:
     views_of: npt.NDArray[np.int64]
     unseen: float
     plane: Array | None
-    views: list[View]
+    views: list[DepthView]
     noise: float
 
 
 def reconstruct(
-    frames: Frames, where: str = "frames", seed: int = 0, say: Callable[[str], None] = lambda text: None
+    frames: FrameSource, where: str = "frames", seed: int = 0, say: Callable[[str], None] = lambda text: None
 ) -> Reconstruction:
     """Return the object's mesh.
 
@@ -113,7 +113,8 @@ def reconstruct(
         say: is told of each step.
 
     Raises:
-        FramesError: too few views, nothing or two things there, views that contradict each other, or an impossible size.
+        FramesError: too few views, nothing or two things there, views that contradict each other, or an impossible
+            size.
     """
     if len(frames) < TUNING.least_views:
         raise FramesError(f"{where}: {len(frames)} views, at least {TUNING.least_views} are needed to build an object")
@@ -149,7 +150,7 @@ def share_unseen(vertices: Array, faces: npt.NDArray[np.int64], count: npt.NDArr
     return float((area * (count[faces] == 0).mean(axis=1)).sum() / area.sum())
 
 
-def object_points(views: Sequence[View], where: str, seed: int) -> tuple[Array, Array | None]:
+def object_points(views: Sequence[DepthView], where: str, seed: int) -> tuple[Array, Array | None]:
     """Return the object's points (N, 3) and the plane under it."""
     focus, distance = looked_at(views)
     samples = [view_points(view, 2, None) for view in views]
@@ -183,11 +184,13 @@ def object_points(views: Sequence[View], where: str, seed: int) -> tuple[Array, 
 
 
 def check_size(points: Array, where: str) -> None:
+    """Refuse points of what is larger or smaller than objects are; `where` begins the message."""
     longest = float((points.max(axis=0) - points.min(axis=0)).max())
     if not TUNING.smallest <= longest <= TUNING.largest:
         wrong = f"{longest:.3g} m" if longest > 1 else f"{longest * 1000:.3g} mm"
         raise FramesError(
-            f"{where}: the object would be {wrong} long; objects are {TUNING.smallest * 1000:g} mm to {TUNING.largest:g} m: "
+            f"{where}: the object would be {wrong} long; objects are {TUNING.smallest * 1000:g} mm to "
+            f"{TUNING.largest:g} m: "
             "is a unit wrong (depth_scale: mm per step, cam_t_w2c: mm)?"
         )
 
@@ -197,24 +200,28 @@ def _check_agreement(residuals: Array, explained: Array, where: str) -> None:
     if len(bad):
         k = int(bad[np.argmin(explained[bad])])
         raise FramesError(
-            f"{where}: view {k} contradicts the others: {100 * explained[k]:.0f} % of its points lie on the surface they show"
+            f"{where}: view {k} contradicts the others: {100 * explained[k]:.0f} % of its points lie on the surface "
+            f"they show"
         )
 
 
-def _kept_to_mask(view: View) -> View:
-    """Return the view with surfaces outside its grown mask no longer trusted, so that they do not become the object's."""
+def _kept_to_mask(view: DepthView) -> DepthView:
+    """Return the view with surfaces outside its grown mask no longer trusted.
+
+    So that they do not become the object's.
+    """
     if view.mask is None or view.colour is not view.camera:
         return view
     return view.trusted_at(grown(view.mask))
 
 
-def _grid(low: Array, high: Array, count: float, finest: float) -> Grid:
+def _grid(low: Array, high: Array, count: float, finest: float) -> FusionGrid:
     extent = high - low
     voxel = max(finest, float((np.prod(extent + 0.02) / count) ** (1 / 3)))
-    return Grid.around(low, high, voxel, max(0.01, 5 * voxel))
+    return FusionGrid.around(low, high, voxel, max(0.01, 5 * voxel))
 
 
-def _one_surface(fused: Fused, where: str) -> tuple[Array, npt.NDArray[np.int64]]:
+def _one_surface(fused: DistanceField, where: str) -> tuple[Array, npt.NDArray[np.int64]]:
     """Return the closed surface of the largest thing in a field, in W; closed cavities within it are filled."""
     field = fused.distance.copy()
     for axis in range(3):

@@ -1,8 +1,8 @@
 """Which points belong to the object: those that masks agree on, or the one thing that stands out of its support.
 
-Masks are grown before they are projected (SyncTwin, section III-B, mask projection expansion), because poses are off; what
-the growth lets in, background behind edges and rims of the table, goes again: other views' masks outvote the one, and the support
-plane is cut away.
+Masks are grown before they are projected (SyncTwin, section III-B, mask projection expansion), because poses are off;
+what the growth lets in, background behind edges and rims of the table, goes again: other views' masks outvote the one,
+and the support plane is cut away.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from twin_diagram.assets.building.view import Mask, View
+from twin_diagram.assets.building.depth_view import DepthView, Mask
 from twin_diagram.errors import FramesError
 from twin_diagram.signals.arrays import Array
 
@@ -62,10 +62,11 @@ def grown(mask: Mask, pixels: int = TUNING.growth) -> Mask:
     return np.asarray(cv2.dilate(mask.astype(np.uint8), disc) > 0)
 
 
-def looked_at(views: Sequence[View]) -> tuple[Array, float]:
+def looked_at(views: Sequence[DepthView]) -> tuple[Array, float]:
     """Return the point (3,) nearest to all optical axes, and the cameras' median distance to it [m].
 
-    Nearest in the sense of least squares: Σ (I − z zᵀ)(x − p) = 0. Where all look the same way, it lies at the median depth.
+    Nearest in the sense of least squares: Σ (I − z zᵀ)(x − p) = 0. Where all look the same way, it lies at the median
+    depth.
     """
     A, b = np.zeros((3, 3)), np.zeros(3)
     for view in views:
@@ -79,7 +80,7 @@ def looked_at(views: Sequence[View]) -> tuple[Array, float]:
     return point, float(np.median([np.linalg.norm(view.camera.p_WC - point) for view in views]))
 
 
-def masked_by_most(views: Sequence[View], points: Array, masks: Sequence[Mask]) -> npt.NDArray[np.bool_]:
+def masked_by_most(views: Sequence[DepthView], points: Array, masks: Sequence[Mask]) -> npt.NDArray[np.bool_]:
     """Return (N,), whether most views that see a point (N, 3) have it within their mask."""
     seen, held = np.zeros(len(points)), np.zeros(len(points))
     for view, mask in zip(views, masks, strict=True):

@@ -1,7 +1,7 @@
 """Meshes smoothed without shrinking and without rounding edges off.
 
-Taubin's λ|μ steps (SIGGRAPH 1995) with SyncTwin's gate (section III-B, mesh simplification): a neighbour counts, w_ij = 1, where
-the two vertices' normals differ by no more than a threshold, θ_ij = arccos(n_iᵀ n_j) ≤ θ_th, and else not.
+Taubin's λ|μ steps (SIGGRAPH 1995) with SyncTwin's gate (section III-B, mesh simplification): a neighbour counts, w_ij
+= 1, where the two vertices' normals differ by no more than a threshold, θ_ij = arccos(n_iᵀ n_j) ≤ θ_th, and else not.
 """
 
 from __future__ import annotations

@@ -15,7 +15,8 @@ class Tuning:
     """Constants of the search, chosen by hand for tables half a metre to two from the camera."""
 
     trials: int = 300
-    """Planes tried: each is one point with its normal, so a plane with a tenth of all points is all but surely among them."""
+    """Planes tried: each is one point with its normal, so a plane with a tenth of all points is all but surely among
+    them."""
 
     near: float = 0.006
     """Distance of a point that speaks for a plane [m]: above depth noise and what poses are off by."""

@@ -1,6 +1,7 @@
 """A picture for a mesh without texture coordinates: each triangle has half of a square cell of it, a gutter around.
 
-No charts are cut, so nothing is stretched, folded or left out, whatever the mesh; the price is a seam at each edge, which the gutter
+No charts are cut, so nothing is stretched, folded or left out, whatever the mesh; the price is a seam at each edge,
+which the gutter
 hides: a cell's texels go on past its triangles.
 """
 
@@ -14,7 +15,7 @@ import numpy.typing as npt
 
 from twin_diagram.assets.building.colouring import TUNING as COLOURS
 from twin_diagram.assets.building.colouring import bilinear_rgb, filled_in, nearest_pixels, worth
-from twin_diagram.assets.building.view import View
+from twin_diagram.assets.building.depth_view import DepthView
 from twin_diagram.signals.arrays import Array
 
 
@@ -78,7 +79,7 @@ def lay_out(count: int) -> Atlas:
 
 
 def textured(
-    views: Sequence[View], vertices: Array, faces: npt.NDArray[np.int64], atlas: Atlas
+    views: Sequence[DepthView], vertices: Array, faces: npt.NDArray[np.int64], atlas: Atlas
 ) -> npt.NDArray[np.uint8]:
     """Return the picture (edge, edge, 3): each triangle from the pictures that see it and face it best.
 

@@ -1,9 +1,9 @@
 """The cameras' poses refined together: each view against the mean surface of all, and against the support plane.
 
-The mean surface is a cloud of cells, each with the mean place and normal of what all views have in it that faces the same way;
-so both sides of a thin wall are kept apart. Each view is moved by Gauss-Newton steps on point-to-plane distances (Chen and
-Medioni, 1992) to the nearest cells; then the surface is formed anew. The mean over a cell of distances to its own plane is zero, so
-views that agree already stay where they are, whatever the surface's curvature.
+The mean surface is a cloud of cells, each with the mean place and normal of what all views have in it that faces the
+same way; so both sides of a thin wall are kept apart. Each view is moved by Gauss-Newton steps on point-to-plane
+distances (Chen and Medioni, 1992) to the nearest cells; then the surface is formed anew. The mean over a cell of
+distances to its own plane is zero, so views that agree already stay where they are, whatever the surface's curvature.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from twin_diagram.assets.building.depth_view import DepthView, view_points
 from twin_diagram.assets.building.support_plane import settled
-from twin_diagram.assets.building.view import View, view_points
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
 
@@ -50,8 +50,8 @@ class Tuning:
     """Standard deviation of a told pose's place, each axis [m]: 2 mm, and what the rotation does at the object."""
 
     independent: float = 150.0
-    """How many points' errors are one and the same: depth noise is correlated over pixels, and in part stays where it is in
-    the picture; what is left of a view's points then weighs as a few do."""
+    """How many points' errors are one and the same: depth noise is correlated over pixels, and in part stays where
+    it is in the picture; what is left of a view's points then weighs as a few do."""
 
     noise_floor: float = 0.0002
     """Least standard deviation of a depth point [m]."""
@@ -87,7 +87,7 @@ class Alignment:
         centre: (3,) of the box that was given.
     """
 
-    views: list[View]
+    views: list[DepthView]
     plane: Array | None
     residuals: Array
     explained: Array
@@ -96,7 +96,7 @@ class Alignment:
     centre: Array
 
 
-def moved(view: View, twist: Array, about: Array) -> View:
+def moved(view: DepthView, twist: Array, about: Array) -> DepthView:
     """Return a view turned about a point (3,) of W by `twist[:3]` [rad] and then shifted by `twist[3:]` [m]."""
     R = rotations.matrix(rotations.exp(twist[:3]))
     camera = view.camera
@@ -121,7 +121,7 @@ def mean_surface(points: Array, normals: Array, cell: float) -> tuple[Array, Arr
     return place[kept], (normal / np.maximum(length, 1e-12))[kept]
 
 
-def align(views: Sequence[View], low: Array, high: Array, plane: Array | None, seed: int = 0) -> Alignment:
+def align(views: Sequence[DepthView], low: Array, high: Array, plane: Array | None, seed: int = 0) -> Alignment:
     """Return all views at poses that agree.
 
     Args:
@@ -164,8 +164,8 @@ class _Match:
     explained: float
 
 
-def _sample(view: View, low: Array, high: Array, rng: np.random.Generator) -> Sample:
-    points, normals, pixels = view_points(view, 1, 0.15)
+def _sample(view: DepthView, low: Array, high: Array, rng: np.random.Generator) -> Sample:
+    points, normals, _ = view_points(view, 1, 0.15)
     near = ((points > low - 0.01) & (points < high + 0.01)).all(axis=1)
     chosen = [rng.permutation(np.flatnonzero(which))[: TUNING.points] for which in (near, ~near)]
     c = view.camera
@@ -173,12 +173,12 @@ def _sample(view: View, low: Array, high: Array, rng: np.random.Generator) -> Sa
     return Sample(p_C[chosen[0]], n_C[chosen[0]], p_C[chosen[1]], n_C[chosen[1]])
 
 
-def _in_W(view: View, points: Array, normals: Array) -> tuple[Array, Array]:
+def _in_W(view: DepthView, points: Array, normals: Array) -> tuple[Array, Array]:
     R = view.camera.R_WC
     return points @ R.T + view.camera.p_WC, normals @ R.T
 
 
-def _support(views: Sequence[View], samples: Sequence[Sample], plane: Array, above: Array) -> Array:
+def _support(views: Sequence[DepthView], samples: Sequence[Sample], plane: Array, above: Array) -> Array:
     """Return the support plane from all views' points near the last one."""
     both = [
         _in_W(view, np.concatenate([s.points, s.around]), np.concatenate([s.normals, s.around_normals]))
@@ -196,16 +196,19 @@ def _matched(tree: cKDTree, surface: tuple[Array, Array], points: Array, normals
     return _Match(own[good], surface[0][cell[good]], surface[1][cell[good]], share)
 
 
-def _spread(view: View, sample: Sample, match: _Match) -> float:
+def _spread(view: DepthView, sample: Sample, match: _Match) -> float:
     """Return the spread of matched points about their planes [m], from the median of the absolute distance."""
     p, _ = _in_W(view, sample.points[match.which], sample.normals[match.which])
     return 1.4826 * float(np.median(np.abs(np.einsum("ni,ni->n", p - match.place, match.normal)))) if len(p) else 0.0
 
 
 def _stepped(
-    view: View, sample: Sample, match: _Match, plane: Array | None, twist: Array, noise: float, centre: Array
-) -> tuple[View, Array, Array]:
-    """Return a view after Gauss-Newton steps, its twist from where it was told to be, and that one's covariance (6, 6)."""
+    view: DepthView, sample: Sample, match: _Match, plane: Array | None, twist: Array, noise: float, centre: Array
+) -> tuple[DepthView, Array, Array]:
+    """Return a view after Gauss-Newton steps, its twist from where it was told to be.
+
+    And that one's covariance (6, 6).
+    """
     information = np.eye(6)
     prior = np.array([TUNING.prior_rotation] * 3 + [TUNING.prior_translation] * 3) ** -2.0
     for _ in range(TUNING.steps):
@@ -232,11 +235,11 @@ def _stepped(
     return view, twist, np.linalg.inv(information)
 
 
-def doubted(view: View, covariance: Array, centre: Array, noise: float) -> View:
+def doubted(view: DepthView, covariance: Array, centre: Array, noise: float) -> DepthView:
     """Return a view that is trusted less where its pose's uncertainty moves surfaces across themselves.
 
-    A pixel with place p and normal n moves by J δ with J = [(p − c) × n, n], so its trust is divided by 1 + J Σ Jᵀ/σ²; votes for
-    free space, whose edges move sideways, by one plus the largest variance of a shift over σ².
+    A pixel with place p and normal n moves by J δ with J = [(p − c) × n, n], so its trust is divided by 1 + J Σ Jᵀ/σ²;
+    votes for free space, whose edges move sideways, by one plus the largest variance of a shift over σ².
     """
     c = view.camera
     p = view.camera.rays() * view.depth[..., None] @ c.R_WC.T + (c.p_WC - centre)

@@ -1,7 +1,8 @@
 """What `camera_extra.json` adds to a BOP scene: distortion, and a depth camera of its own.
 
 `{"distortion": [k1, k2, p1, p2, k3], "depth_camera": {"cam_K": [9 numbers], "distortion": […], "R_CD": [9 numbers],
-"t_CD": [3 numbers, mm]}}`, all optional; distortion as OpenCV has it, D the depth camera's optical frame, C that of the colour camera.
+"t_CD": [3 numbers, mm]}}`, all optional; distortion as OpenCV has it, D the depth camera's optical frame, C that "
+"of the colour camera.
 """
 
 from __future__ import annotations
@@ -22,7 +23,10 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class ExtraCamera:
-    """Distortion of both cameras, (5,) or empty, and the depth camera's (fx, fy, cx, cy), R_CD and p_CD [m] where it is apart."""
+    """Distortion of both cameras, (5,) or empty, and the depth camera's (fx, fy, cx, cy).
+
+    R_CD and p_CD [m] where it is apart.
+    """
 
     distortion: Array
     depth_distortion: Array

@@ -1,8 +1,9 @@
 """Reads BOP scene folders: `rgb/`, `depth/`, `scene_camera.json` and, where there are some, masks and times.
 
 The format is that of the BOP benchmark (https://github.com/thodan/bop_toolkit, docs/bop_datasets_format.md): `cam_K` by
-rows [pixel], `depth_scale` (times a 16-bit pixel: mm), `cam_R_w2c` by rows and `cam_t_w2c` [mm]. Beside it stand `times.json`
-(a list, or an object by frame number) [s] and `camera_extra.json`: see `twin_diagram.logs.frames.extra_camera`.
+rows [pixel], `depth_scale` (times a 16-bit pixel: mm), `cam_R_w2c` by rows and `cam_t_w2c` [mm]. Beside it stand
+`times.json` (a list, or an object by frame number) [s] and `camera_extra.json`: see
+`twin_diagram.logs.frames.extra_camera`.
 """
 
 from __future__ import annotations
@@ -69,11 +70,13 @@ class FrameFolder:
 
     Attributes:
         numbers: of the frames, ascending.
-        posed: whether the frames say where their cameras were; else W is the first camera's frame, and the camera stands.
+        posed: whether the frames say where their cameras were; else W is the first camera's frame, and the camera
+            stands.
         has_masks: whether there are masks.
 
     Raises:
-        FramesError: a file is missing, leads out of the folder, or says what cannot be; the message names file and value.
+        FramesError: a file is missing, leads out of the folder, or says what cannot be; the message names file and
+            value.
     """
 
     def __init__(self, folder: str | Path, masks: str | Path | None = None) -> None:
@@ -128,7 +131,8 @@ class FrameFolder:
             raise FramesError(f"{self._masks[number]}: {_said(mask.shape)}, the picture is {_said((height, width))}")
         if not self._extra.depth_apart and depth.shape != (height, width):
             raise FramesError(
-                f"{self._depth[number]}: {_said(depth.shape)}, the picture is {_said((height, width))}; a depth camera of "
+                f"{self._depth[number]}: {_said(depth.shape)}, the picture is {_said((height, width))}; a depth "
+                f"camera of "
                 "its own is told in camera_extra.json"
             )
         fx, fy, cx, cy = self._intrinsics[number]

@@ -36,7 +36,9 @@ class ViewCamera:
         return np.stack([*np.meshgrid(u, v), np.ones((self.height, self.width))], axis=-1)
 
     def project(self, points_W: Array) -> tuple[Array, Array, Array]:
-        """Return pixel coordinates u, v and depth [m] of points (…, 3); depth at or behind the lens gives no finite place.
+        """Return pixel coordinates u, v and depth [m] of points (…, 3).
+
+        Depth at or behind the lens gives no finite place.
 
         Such points come out with u = v = −1e9, outside every image.
         """

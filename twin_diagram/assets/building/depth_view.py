@@ -30,7 +30,8 @@ class Tuning:
     """Least such jump [m]: above the noise of cameras at arm's length."""
 
     edge_reach: int = 2
-    """How far beside an edge depth is doubted [pixel]: cameras mix both sides, and colour and pose are off by as much."""
+    """How far beside an edge depth is doubted [pixel]: cameras mix both sides, and colour and pose are off by as
+    much."""
 
     at_edges: float = 0.02
     """Trust in depth near edges that neighbours share."""
@@ -46,7 +47,7 @@ TUNING = Tuning()
 
 
 @dataclass(frozen=True)
-class View:
+class DepthView:
     """One depth image with what follows from it.
 
     Attributes:
@@ -73,11 +74,11 @@ class View:
     colour: ViewCamera
     vote: float = 1.0
 
-    def trusted_at(self, mask: Mask) -> View:
+    def trusted_at(self, mask: Mask) -> DepthView:
         """Return the same view with surfaces beside a mask (h, w) no longer trusted; rays through there still are."""
         return replace(self, trust=np.where(mask, self.trust, 0).astype(np.float32))
 
-    def at(self, camera: ViewCamera) -> View:
+    def at(self, camera: ViewCamera) -> DepthView:
         """Return the same view from another pose of the depth camera; the colour camera moves along."""
         R_CD = self.colour.R_WC.T @ self.camera.R_WC
         p_CD = self.colour.R_WC.T @ (self.camera.p_WC - self.colour.p_WC)
@@ -93,7 +94,7 @@ def make_view(
     rgb: npt.NDArray[np.uint8] | None = None,
     colour: ViewCamera | None = None,
     reach: int = TUNING.edge_reach,
-) -> View:
+) -> DepthView:
     """Return a view from its images; `colour` where the colour camera is another one, `reach` as of `near_edges`."""
     there = depth > 0
     edge = near_edges(depth, camera.fx, reach)
@@ -106,12 +107,12 @@ def make_view(
     # At edges, where nothing else is known, depth that neighbours share is better than none: rims are all edge.
     trust = np.where(edge & _shared(depth), TUNING.at_edges, trust).astype(np.float32)
     across = np.where(edge, TUNING.edge_across, across).astype(np.float32)
-    return View(
+    return DepthView(
         camera, depth, normals, trust, np.maximum(across, 0.05), edge, mask, rgb, camera if colour is None else colour
     )
 
 
-def thinned(frame: RgbdFrame, step: int) -> View:
+def thinned(frame: RgbdFrame, step: int) -> DepthView:
     """Return the view of every `step`-th row and column: enough to find the object."""
     depth, mask = frame.depth[::step, ::step], None if frame.mask is None else frame.mask[::step, ::step]
     apart = frame.colour is not frame.camera
@@ -120,8 +121,11 @@ def thinned(frame: RgbdFrame, step: int) -> View:
     return make_view(camera, depth, mask, None, _every(frame.colour, step, size) if apart else None, 1)
 
 
-def cropped(frame: RgbdFrame, points: Array, margin: int) -> View | None:
-    """Return the view of a window about points (N, 3) in W, and `margin` pixels around; None where it shows none of them."""
+def cropped(frame: RgbdFrame, points: Array, margin: int) -> DepthView | None:
+    """Return the view of a window about points (N, 3) in W, and `margin` pixels around.
+
+    None where it shows none of them.
+    """
     window = _window(frame.camera, points, margin)
     if window is None:
         return None
@@ -220,7 +224,7 @@ def surface_normals(depth: Map, camera: ViewCamera, edge: Mask) -> Map:
     return np.where(enough[..., None], normal, 0).astype(np.float32)
 
 
-def view_points(view: View, stride: int, floor: float | None = 0.05) -> tuple[Array, Array, npt.NDArray[np.int64]]:
+def view_points(view: DepthView, stride: int, floor: float | None = 0.05) -> tuple[Array, Array, npt.NDArray[np.int64]]:
     """Return points (N, 3) and normals (N, 3) in W, and pixels (N, 2; row, column), where depth is trusted.
 
     Args:
