@@ -30,7 +30,7 @@ class Tuning:
     least_share: float = 0.08
     """Least share of points that a support must hold."""
 
-    width: float = 4.0
+    width: float = 3.0
     """Distance at which a point's weight is gone, in standard deviations of what lies near the plane."""
 
     least_width: float = 0.0005
