@@ -11,6 +11,8 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 from scipy import ndimage
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from twin_diagram.assets.mesh import bilinear, read_obj, read_png
 from twin_diagram.logs.frames.view_camera import ViewCamera
@@ -28,6 +30,15 @@ class TrueObject:
     faces: npt.NDArray[np.int64]
     uv: Array
     texture: npt.NDArray[np.uint8]
+
+    def parts(self) -> list[npt.NDArray[np.bool_]]:
+        """Return which faces belong together, part by part: places shared, whatever the texture's seams."""
+        _, place = np.unique(np.round(self.vertices, 6), axis=0, return_inverse=True)
+        corner = place.reshape(-1)[self.faces]
+        rows, columns = corner.ravel(), corner[:, [1, 2, 0]].ravel()
+        size = int(corner.max()) + 1
+        _, label = connected_components(coo_matrix((np.ones(len(rows)), (rows, columns)), (size, size)), directed=False)
+        return [label[corner[:, 0]] == k for k in np.unique(label[corner[:, 0]])]
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,9 @@ def table(half: float = 0.5) -> trimesh.Trimesh:
     return trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3]], process=False)
 
 
-def cameras(count: int, middle: float, low: float = 15.0, high: float = 78.0, distance: float = 0.35) -> list[ViewCamera]:
+def cameras(
+    count: int, middle: float, low: float = 15.0, high: float = 78.0, distance: float = 0.35
+) -> list[ViewCamera]:
     made = []
     for k in range(count):
         azimuth, height = 2 * np.pi * 0.381966 * k, np.radians(low + (high - low) * (k + 0.5) / count)
@@ -68,7 +70,9 @@ class Shots:
         return Shots(made)
 
 
-def shots(bodies: list[trimesh.Trimesh], views: list[ViewCamera], masked: bool = False, green: int | None = None) -> Shots:
+def shots(
+    bodies: list[trimesh.Trimesh], views: list[ViewCamera], masked: bool = False, green: int | None = None
+) -> Shots:
     """Pictures of bodies on a table, each of another colour; `green` is the number of a green one."""
     o3d = import_open3d()
     scene = o3d.t.geometry.RaycastingScene(nthreads=1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import trimesh
 
 from twin_diagram.assets.building.decimation import decimated, enclosed_volume, is_closed, unfolded
 from twin_diagram.assets.building.iso_surface import zero_surface
@@ -74,13 +75,16 @@ def test_smoothing_takes_noise_and_neither_volume_nor_edges(ball: tuple[np.ndarr
     spread = [np.std(np.linalg.norm(v, axis=1)) for v in (rough, smooth)]
     assert spread[1] < 0.6 * spread[0]
     assert enclosed_volume(smooth, faces) == pytest.approx(enclosed_volume(vertices, faces), rel=0.01)
-    box_vertices, box_faces = zero_surface((np.abs(around()).max(axis=-1) - 0.625).astype(np.float32))
-    at = box_vertices * 0.05 - 1
-    edge = (np.sort(np.abs(at), axis=1)[:, 1] > 0.61) & (np.sort(np.abs(at), axis=1)[:, 0] < 0.5)
+
+
+def test_gate_keeps_edges_sharp() -> None:
+    body = trimesh.creation.box((1, 1, 1)).subdivide_loop(0).subdivide().subdivide().subdivide()
+    at, faces = np.array(body.vertices), np.array(body.faces, dtype=np.int64)
     gated, not_gated = (
-        np.linalg.norm((smoothed(at, box_faces, 10, gate) - at)[edge], axis=1).mean() for gate in (np.radians(30), np.pi)
+        np.abs(np.abs(smoothed(at, faces, 10, gate)).max(axis=1) - 0.5) for gate in (np.radians(30), np.pi)
     )
-    assert gated < 0.6 * not_gated
+    edge = np.sort(np.abs(at), axis=1)[:, 1] > 0.49
+    assert gated[edge].mean() < 0.3 * not_gated[edge].mean()
 
 
 def test_decimation_stays_closed_and_near(ball: tuple[np.ndarray, np.ndarray]) -> None:

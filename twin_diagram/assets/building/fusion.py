@@ -37,11 +37,17 @@ class Tuning:
     free_votes: float = 2.0
     """How many views must look through a place for each unit of weight that says it lies just below a surface."""
 
+    foot: float = 3.0
+    """Height above the support below which only that counts which carries something [voxels]."""
+
     same_surface: float = 0.003
     """Depth that differs less from its neighbours' is interpolated between them [m]."""
 
     slab: int = 32_768
     """Points that are worked on at a time."""
+
+    edge_votes: float = 0.8
+    """What a ray beside an edge counts of such a vote: two of them do."""
 
     least_free: float = 1.5
     """How many views must look through a place that nothing else is known of before it is outside."""
@@ -122,9 +128,22 @@ def fuse(views: Sequence[DepthView], grid: FusionGrid, noise: float, plane: Arra
     through = np.where(near, votes > TUNING.free_votes * weight, free > TUNING.least_free)
     distance = np.where(through & (distance < 0), front, distance)
     if plane is not None:
-        height = sum(np.moveaxis(plane[k] * axis[None, None, :], 2, k) for k, axis in enumerate(grid.axes())) - plane[3]
-        distance = np.maximum(distance, np.clip(-height, -front, front))
+        distance = _cut_off(distance, grid, plane, front)
     return DistanceField(grid, distance.astype(np.float32), weight, near | (free > TUNING.least_free))
+
+
+def _cut_off(distance: Map, grid: FusionGrid, plane: Array, front: float) -> Map:
+    """Return the distance without what lies below the support, and without sheets that the support's own noise leaves.
+
+    Just above the support only that is inside which carries something: a place's distance there is at least that of the
+    place some voxels higher, which changes nothing at upright sides.
+    """
+    height = sum(np.moveaxis(plane[k] * axis[None, None, :], 2, k) for k, axis in enumerate(grid.axes())) - plane[3]
+    step = np.rint(TUNING.foot * plane[:3]).astype(int)
+    at = [np.clip(np.arange(n) + s, 0, n - 1) for n, s in zip(grid.shape, step, strict=True)]
+    higher = distance[np.ix_(*at)]
+    distance = np.where(height < (TUNING.foot - 0.5) * grid.voxel, np.maximum(distance, higher), distance)
+    return np.asarray(np.maximum(distance, np.clip(-height, -front, front)), dtype=np.float32)
 
 
 def _add(
@@ -161,6 +180,7 @@ def _add(
         at = slice(first, first + slab)
         weight[at] += w.reshape(-1, *grid.shape[1:])
         total[at] += (w * d).reshape(-1, *grid.shape[1:])
-        through = np.where((ahead > front) & ~band, sure, 0).reshape(-1, *grid.shape[1:])
-        free[at] += through
-        votes[at] += np.float32(view.vote) * through
+        through = (ahead > front) & ~band
+        # Beside edges a ray may be off to either side: enough where nothing else is known, not against what was seen.
+        free[at] += np.where(through & (depth > 0), np.maximum(sure, TUNING.edge_votes), 0).reshape(-1, *grid.shape[1:])
+        votes[at] += np.where(through, np.float32(view.vote) * sure, 0).reshape(-1, *grid.shape[1:])

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from twin_diagram.assets.building.colouring import views_that_see
+from twin_diagram.assets.building.colouring import nearest_pixels, views_that_see
 from twin_diagram.assets.building.decimation import decimated, enclosed_volume
 from twin_diagram.assets.building.depth_view import DepthView, cropped, thinned, view_points
 from twin_diagram.assets.building.fusion import DistanceField, FusionGrid, fuse
@@ -56,11 +56,18 @@ class Tuning:
     faces: int = 12000
     """About how many triangles a finished mesh has."""
 
-    contradicting: float = 0.02
-    """Residual of a view's surface beyond which it contradicts the others [m]."""
+    closest: float = 0.03
+    farthest: float = 20.0
+    """Distances from camera to object between which it can be known to millimetres [m]; else a unit is wrong."""
 
-    unexplained: float = 0.35
-    """Least share of a view's points that must lie on the surface that the other views show."""
+    denied: float = 0.3
+    """Share of a view's points that the others look through from which it contradicts them."""
+
+    through: float = 0.012
+    """How far behind a point a view must see to look through it [m]: more than poses are off."""
+
+    asked: int = 400
+    """Points of each view that are asked about."""
 
 
 TUNING = Tuning()
@@ -128,7 +135,7 @@ def reconstruct(
         raise FramesError(f"{where}: only {len(views)} views show the object, at least {TUNING.least_views} are needed")
     found = align(views, low, high, plane, seed)
     say(f"poses refined: surfaces agree to {found.noise * 1000:.2f} mm")
-    _check_agreement(found.residuals, found.explained, where)
+    _check_agreement(found.views, low, high, where)
     surest = [
         doubted(view, c, found.centre, found.noise) for view, c in zip(found.views, found.covariances, strict=True)
     ]
@@ -153,6 +160,11 @@ def share_unseen(vertices: Array, faces: npt.NDArray[np.int64], count: npt.NDArr
 def object_points(views: Sequence[DepthView], where: str, seed: int) -> tuple[Array, Array | None]:
     """Return the object's points (N, 3) and the plane under it."""
     focus, distance = looked_at(views)
+    if not TUNING.closest <= distance <= TUNING.farthest:
+        raise FramesError(
+            f"{where}: the cameras would be {distance:.3g} m from what they look at; is a unit wrong "
+            "(depth_scale: mm per step, cam_t_w2c: mm)?"
+        )
     samples = [view_points(view, 2, None) for view in views]
     points = np.concatenate([sample[0] for sample in samples])
     normals = np.concatenate([sample[1] for sample in samples])
@@ -195,13 +207,31 @@ def check_size(points: Array, where: str) -> None:
         )
 
 
-def _check_agreement(residuals: Array, explained: Array, where: str) -> None:
-    bad = np.flatnonzero((explained < TUNING.unexplained) | (residuals > TUNING.contradicting))
-    if len(bad):
-        k = int(bad[np.argmin(explained[bad])])
+def denied(views: Sequence[DepthView], low: Array, high: Array, seed: int = 0) -> Array:
+    """Return the share (n,) of each view's points in a box that more of the other views look through than see."""
+    rng = np.random.default_rng(seed)
+    shares = np.zeros(len(views))
+    for k, view in enumerate(views):
+        points, _, _ = view_points(view, 1)
+        points = points[((points > low) & (points < high)).all(axis=1)]
+        points = points[rng.permutation(len(points))[: TUNING.asked]]
+        balance = np.zeros(len(points))
+        for other in (*views[:k], *views[k + 1 :]):
+            u, v, z = other.camera.project(points)
+            row, column, there = nearest_pixels(u, v, other.depth.shape)
+            behind = np.where(there & (other.depth[row, column] > 0), other.depth[row, column] - z, np.nan)
+            clear = (behind > TUNING.through) & ~other.near_edge[row, column]
+            balance += clear.astype(float) - (np.abs(behind) < TUNING.through)
+        shares[k] = (balance > 0).mean() if len(points) else 0.0
+    return shares
+
+
+def _check_agreement(views: Sequence[DepthView], low: Array, high: Array, where: str) -> None:
+    shares = denied(views, low, high)
+    worst = int(np.argmax(shares))
+    if shares[worst] > TUNING.denied:
         raise FramesError(
-            f"{where}: view {k} contradicts the others: {100 * explained[k]:.0f} % of its points lie on the surface "
-            f"they show"
+            f"{where}: view {worst} contradicts the others: they look through {100 * shares[worst]:.0f} % of what it shows"
         )
 
 

@@ -26,6 +26,9 @@ class Tuning:
     cell: int = 10
     """Edge of a cell [pixel]: two triangles of 4 mm get texels of half a millimetre."""
 
+    well: float = 0.05
+    """Least worth of the picture that shows a triangle whose colour others take: not one beside an edge."""
+
     pictures: int = 3
     """Pictures that are mixed for a triangle, those that face it best: more blur it where poses are off."""
 
@@ -112,7 +115,9 @@ def textured(
     blank = np.bincount(atlas.face, shown, minlength=len(faces)) == 0
     mean = np.stack([np.bincount(atlas.face, colours[:, i] * shown, minlength=len(faces)) for i in range(3)], axis=1)
     mean /= np.maximum(np.bincount(atlas.face, shown, minlength=len(faces)), 1)[:, None]
-    mean = filled_in(middle, mean, ~blank) if not blank.all() else np.full_like(mean, COLOURS.grey)
+    well = ~blank & (value.max(axis=0) > TUNING.well)
+    mean = filled_in(middle, mean, well if well.any() else ~blank)
+    mean = mean if not blank.all() else np.full_like(mean, COLOURS.grey)
     colours = np.where(shown[:, None], colours, mean[atlas.face])
     picture = np.full((atlas.edge, atlas.edge, 3), 128, np.uint8)
     picture[atlas.row, atlas.column] = np.round(255 * colours)

@@ -28,6 +28,9 @@ class Tuning:
     cells: tuple[float, ...] = (0.006, 0.004, 0.003, 0.003, 0.003)
     """Edge of a cell in each round [m]: at first as wide as poses are off, at last finer than a handle."""
 
+    length: float = 4.0
+    """Length of a cell along the way that it faces, in edges."""
+
     steps: int = 2
     """Gauss-Newton steps of a view against one surface."""
 
@@ -39,6 +42,9 @@ class Tuning:
 
     reach: float = 0.008
     """Distance beyond which a cell does not explain a point [m]."""
+
+    near: float = 0.002
+    """Distance from the plane of its cell within which a point is explained [m], or else five times the noise."""
 
     on_support: float = 0.003
     """Height below which a point of the object's surroundings is the support's [m]."""
@@ -103,12 +109,25 @@ def moved(view: DepthView, twist: Array, about: Array) -> DepthView:
     return view.at(camera.moved(R @ camera.R_WC, R @ (camera.p_WC - about) + about + twist[3:]))
 
 
-def mean_surface(points: Array, normals: Array, cell: float) -> tuple[Array, Array]:
-    """Return places and unit normals (M, 3) of cells: means of the points (N, 3) in each that face one of six ways."""
-    index = np.floor(points / cell).astype(np.int64)
-    index -= index.min(axis=0)
+def mean_surface(points: Array, normals: Array, cell: float, shift: Array) -> tuple[Array, Array]:
+    """Return places and unit normals (M, 3) of cells: means of the points in each that face one of six ways.
+
+    Cells are long the way they face. Were they not, views a little apart would fall into cells behind one another, and
+    each view agree with its own.
+
+    Args:
+        points: (N, 3) [m].
+        normals: (N, 3) unit.
+        cell: edge across the way that is faced [m].
+        shift: (3,) in [0, 1), of the cells' borders.
+    """
     main = np.argmax(np.abs(normals), axis=1)
-    way = 2 * main + (normals[np.arange(len(normals)), main] < 0)
+    rows = np.arange(len(normals))
+    way = 2 * main + (normals[rows, main] < 0)
+    edges = np.full(points.shape, cell)
+    edges[rows, main] = TUNING.length * cell
+    index = np.floor(points / edges + shift).astype(np.int64)
+    index -= index.min(axis=0)
     size = index.max(axis=0) + 1
     key = ((index[:, 0] * size[1] + index[:, 1]) * size[2] + index[:, 2]) * 6 + way
     order = np.argsort(key, kind="stable")
@@ -143,13 +162,16 @@ def align(views: Sequence[DepthView], low: Array, high: Array, plane: Array | No
         if plane is not None:
             plane = _support(now, samples, plane, above)
         seen = [_in_W(view, s.points, s.normals) for view, s in zip(now, samples, strict=True)]
-        surface = mean_surface(np.concatenate([p for p, _ in seen]), np.concatenate([n for _, n in seen]), cell)
+        surface = mean_surface(
+            np.concatenate([p for p, _ in seen]), np.concatenate([n for _, n in seen]), cell, rng.random(3)
+        )
         tree = cKDTree(np.hstack([surface[0], TUNING.turned * surface[1]]))
         for k, view in enumerate(now):
             match = _matched(tree, surface, *seen[k], plane)
             explained[k] = match.explained
             now[k], twists[k], covariances[k] = _stepped(view, samples[k], match, plane, twists[k], noise, centre)
-            residuals[k] = _spread(now[k], samples[k], match)
+            residuals[k], near = _spread(now[k], samples[k], match, noise)
+            explained[k] *= near
         noise = max(float(np.median(residuals)), TUNING.noise_floor)
     return Alignment(now, plane, residuals, explained, noise, covariances, centre)
 
@@ -196,10 +218,13 @@ def _matched(tree: cKDTree, surface: tuple[Array, Array], points: Array, normals
     return _Match(own[good], surface[0][cell[good]], surface[1][cell[good]], share)
 
 
-def _spread(view: DepthView, sample: Sample, match: _Match) -> float:
-    """Return the spread of matched points about their planes [m], from the median of the absolute distance."""
+def _spread(view: DepthView, sample: Sample, match: _Match, noise: float) -> tuple[float, float]:
+    """Return the spread of matched points about their planes [m], by the median, and the share that is near them."""
+    if not len(match.which):
+        return 0.0, 0.0
     p, _ = _in_W(view, sample.points[match.which], sample.normals[match.which])
-    return 1.4826 * float(np.median(np.abs(np.einsum("ni,ni->n", p - match.place, match.normal)))) if len(p) else 0.0
+    off = np.abs(np.einsum("ni,ni->n", p - match.place, match.normal))
+    return 1.4826 * float(np.median(off)), float((off < max(TUNING.near, 5 * noise)).mean())
 
 
 def _stepped(
