@@ -17,7 +17,7 @@ from twin_diagram.errors import FramesError
 
 
 def ball_on_a_plate(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """A ball of 50 mm whose lowest fifth nobody saw, and what is left of the table around its foot; which are the table's."""
+    """A ball of 50 mm without its lowest fifth, on what is left of the table; which points are the table's."""
     d = rng.standard_normal((9000, 3))
     d /= np.linalg.norm(d, axis=1, keepdims=True)
     ball = d[d[:, 2] > -0.8] * 0.025
@@ -46,7 +46,7 @@ def test_buckets_keep_least_and_farthest() -> None:
 
 
 def test_opening_is_the_unseen_bottom() -> None:
-    points, plate = ball_on_a_plate(np.random.default_rng(0))
+    points, _ = ball_on_a_plate(np.random.default_rng(0))
     opening = find_opening(points)
     assert opening is not None
     assert opening.axis @ [0, 0, -1] > 0.99  # (13)

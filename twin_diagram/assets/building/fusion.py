@@ -37,8 +37,9 @@ class Tuning:
     free_votes: float = 2.0
     """How many views must look through a place for each unit of weight that says it lies just below a surface."""
 
-    foot: float = 3.0
-    """Height above the support below which only that counts which carries something [voxels]."""
+    foot: float = 1.0
+    """Height above the support below which only that counts which carries something [voxels]; a
+    cup's floor must stay."""
 
     same_surface: float = 0.003
     """Depth that differs less from its neighbours' is interpolated between them [m]."""

@@ -57,8 +57,10 @@ class Tuning:
     """About how many triangles a finished mesh has."""
 
     closest: float = 0.03
+    """Least distance from cameras to what they look at [m]; less, and a unit is wrong."""
+
     farthest: float = 20.0
-    """Distances from camera to object between which it can be known to millimetres [m]; else a unit is wrong."""
+    """Greatest such distance [m]; more, and a unit is wrong, or millimetres cannot be told."""
 
     denied: float = 0.3
     """Share of a view's points that the others look through from which it contradicts them."""
@@ -231,7 +233,8 @@ def _check_agreement(views: Sequence[DepthView], low: Array, high: Array, where:
     worst = int(np.argmax(shares))
     if shares[worst] > TUNING.denied:
         raise FramesError(
-            f"{where}: view {worst} contradicts the others: they look through {100 * shares[worst]:.0f} % of what it shows"
+            f"{where}: view {worst} contradicts the others: "
+            f"they look through {100 * shares[worst]:.0f} % of what it shows"
         )
 
 
