@@ -140,8 +140,8 @@ def cropped(frame: RgbdFrame, points: Array, margin: int) -> DepthView | None:
 
 
 def _every(camera: ViewCamera, step: int, size: tuple[int, ...]) -> ViewCamera:
-    at = {"fx": camera.fx / step, "fy": camera.fy / step, "cx": camera.cx / step, "cy": camera.cy / step}
-    return replace(camera, width=size[1], height=size[0], **at)
+    fx, fy, cx, cy = (value / step for value in (camera.fx, camera.fy, camera.cx, camera.cy))
+    return replace(camera, width=size[1], height=size[0], fx=fx, fy=fy, cx=cx, cy=cy)
 
 
 def _within(camera: ViewCamera, window: tuple[slice, slice]) -> ViewCamera:

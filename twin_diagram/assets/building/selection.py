@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
+from twin_diagram.assets.building.colouring import nearest_pixels
 from twin_diagram.assets.building.depth_view import DepthView, Mask
 from twin_diagram.errors import FramesError
 from twin_diagram.signals.arrays import Array
@@ -76,7 +77,7 @@ def looked_at(views: Sequence[DepthView]) -> tuple[Array, float]:
         guess = view.camera.p_WC + depth * axis
         A += across + 0.02 * np.eye(3)
         b += across @ view.camera.p_WC + 0.02 * guess
-    point = np.linalg.solve(A, b)
+    point: Array = np.asarray(np.linalg.solve(A, b), dtype=float)
     return point, float(np.median([np.linalg.norm(view.camera.p_WC - point) for view in views]))
 
 
@@ -85,11 +86,11 @@ def masked_by_most(views: Sequence[DepthView], points: Array, masks: Sequence[Ma
     seen, held = np.zeros(len(points)), np.zeros(len(points))
     for view, mask in zip(views, masks, strict=True):
         u, v, z = view.camera.project(points)
-        there, row, column = _pixels(u, v, view.depth.shape)
+        row, column, there = nearest_pixels(u, v, view.depth.shape)
         depth = view.depth[row, column]
         sees = there & (depth > 0) & (np.abs(depth - z) < TUNING.visible)
         uc, vc, _ = view.colour.project(points)
-        inside, row, column = _pixels(uc, vc, mask.shape)
+        row, column, inside = nearest_pixels(uc, vc, mask.shape)
         seen += sees & inside
         held += sees & inside & mask[row, column]
     return np.asarray((seen > 0) & (held >= TUNING.agreement * seen))
@@ -124,9 +125,3 @@ def the_one_thing(points: Array, where: str) -> npt.NDArray[np.int64]:
         apart = float(np.linalg.norm(points[found[0]].mean(axis=0) - points[found[1]].mean(axis=0)))
         raise FramesError(f"{where}: two things, {apart * 1000:.0f} mm apart: mask one of them")
     return found[0]
-
-
-def _pixels(u: Array, v: Array, size: tuple[int, ...]) -> tuple[npt.NDArray[np.bool_], Array, Array]:
-    there = (u > -0.5) & (v > -0.5) & (u < size[1] - 0.5) & (v < size[0] - 0.5)
-    row, column = (np.where(there, np.rint(x), 0).astype(np.int64) for x in (v, u))
-    return there, row, column

@@ -55,12 +55,13 @@ def find_plane(points: Array, normals: Array, above: Array, seed: int = 0) -> Ar
     rng = np.random.default_rng(seed)
     if len(points) < 100:
         return None
-    best, best_score = None, TUNING.least_share * len(points)
+    best: Array | None = None
+    best_score = TUNING.least_share * len(points)
     for k in rng.integers(0, len(points), TUNING.trials):
         n = normals[k] / np.linalg.norm(normals[k])
         height = (points - points[k]) @ n
         support = (np.abs(height) < TUNING.near) & (normals @ n > TUNING.cosine)
-        score = np.count_nonzero(support) - np.count_nonzero(height < -TUNING.below)
+        score = float(np.count_nonzero(support) - np.count_nonzero(height < -TUNING.below))
         if score > best_score and (above - points[k]) @ n > 0:
             best, best_score = np.append(n, points[k] @ n), score
     if best is None:

@@ -113,7 +113,9 @@ def textured(
     colours = np.where(shown[:, None], total / np.maximum(weight, 1e-12)[:, None], COLOURS.grey)
     # Triangles that no picture shows take the colour of the nearest that one does: by triangle, they are fewer.
     blank = np.bincount(atlas.face, shown, minlength=len(faces)) == 0
-    mean = np.stack([np.bincount(atlas.face, colours[:, i] * shown, minlength=len(faces)) for i in range(3)], axis=1)
+    mean: Array = np.stack(
+        [np.bincount(atlas.face, colours[:, i] * shown, minlength=len(faces)) for i in range(3)], axis=1
+    ).astype(float)
     mean /= np.maximum(np.bincount(atlas.face, shown, minlength=len(faces)), 1)[:, None]
     well = ~blank & (value.max(axis=0) > TUNING.well)
     mean = filled_in(middle, mean, well if well.any() else ~blank)

@@ -248,7 +248,7 @@ def _stepped(
             )
             height = q @ plane[:3] - plane[3]
             on = (np.abs(height) < 3 * TUNING.on_support) & (m @ plane[:3] > 0.94)
-            normal = np.broadcast_to(plane[:3], (np.count_nonzero(on), 3))
+            normal = np.broadcast_to(plane[:3], (int(np.count_nonzero(on)), 3))
             rows.append(np.hstack([np.cross(q[on] - centre, normal), normal]))
             residual.append(height[on])
         J, e = np.concatenate(rows), np.concatenate(residual)
@@ -257,7 +257,7 @@ def _stepped(
         information = (J * w[:, None]).T @ J + np.diag(prior)
         step = -np.linalg.solve(information, J.T @ (w * e) + prior * twist)
         view, twist = moved(view, step, centre), twist + step
-    return view, twist, np.linalg.inv(information)
+    return view, twist, np.asarray(np.linalg.inv(information), dtype=float)
 
 
 def doubted(view: DepthView, covariance: Array, centre: Array, noise: float) -> DepthView:
