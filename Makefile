@@ -25,10 +25,14 @@ help:
 	echo "make demo       closed loop in simulation for 10 s, then a gap found and closed; writes out/demo/"
 	echo "make test       ruff, mypy and the fast tests"
 	echo "make slow       the slow tests"
+	echo "make wheels     sdist and wheel, installed in fresh environments (all, and slim) and used there"
+	echo "make newcomer   one's own arm, log, effect, controller and filter from an empty folder, with the time of each step"
+	echo "make front-door what hurt newcomers, old beside new; ARGS=--quick takes minutes"
 	echo "make lint       ruff alone"
 	echo "make typecheck  mypy alone"
 	echo "make house      the structure of the code, measured, beside its aims; ARGS='--list floors' names what counts"
 	echo "make mutants    faults put into the maths, one at a time: who survives the fast tests? SEED=1 COUNT=300; an hour"
+	echo "make docs       the handbook, offline; runs the tutorials; writes out/docs/html/"
 	echo "make bench      timings of the systems"
 	echo "make gap-benchmark  hidden effects in simulated arms, found and scored; hours; writes out/gap_benchmark/"
 	echo "make false-alarms   ten simulated hours of a healthy arm; an hour or two; writes out/false_alarms/"
@@ -41,8 +45,8 @@ check:
 	python=$$(.make/python.sh "$(PYTHON)") && "$$python" -c "import sys; from twin_diagram import native; sys.exit(native.main())"
 
 # The package and one set of its extras, in .venv.
-.PHONY: install-demo install-test install-bench
-install-demo install-test install-bench: install-%: check
+.PHONY: install-demo install-test install-bench install-docs
+install-demo install-test install-bench install-docs: install-%: check
 	python=$$(.make/python.sh "$(PYTHON)") && .make/install.sh "$$python" $*
 
 .PHONY: demo
@@ -69,6 +73,11 @@ typecheck: install-test
 house: install-test
 	$(PY) .make/house.py $(ARGS)
 
+# Fails on warnings, on tutorials that print something else than their pages say, and on pages that would load from a network.
+.PHONY: docs
+docs: install-docs
+	$(PY) .make/handbook $(ARGS)
+
 .PHONY: pytest
 pytest: install-test
 	$(PY) -m pytest -n $(JOBS) --dist worksteal $(ARGS)
@@ -82,6 +91,19 @@ slow: install-test
 .PHONY: mutants
 mutants: install-test
 	$(PY) .make/mutants --seed $(SEED) --count $(COUNT) --jobs $(JOBS) $(ARGS)
+
+# Asks the package index for `build` and, in a fresh environment, for what .make/slim.txt names.
+.PHONY: wheels
+wheels: install-test
+	$(PY) -m pytest -m slow tests/test_installed.py $(ARGS)
+
+.PHONY: newcomer
+newcomer: install-test
+	$(PY) sims/benchmarks/newcomer.py $(ARGS)
+
+.PHONY: front-door
+front-door: install-bench
+	$(PY) sims/benchmarks/front_door.py $(ARGS)
 
 .PHONY: bench
 bench: install-bench

@@ -29,7 +29,7 @@ if [ "$(.venv/bin/python -c "import pip; $version" 2>/dev/null)" != "$wanted" ];
     make_venv || exit 1
 fi
 stamp=.venv/installed-$extra
-if [ ! -e "$stamp" ] || [ pyproject.toml -nt "$stamp" ]; then
+if [ ! -e "$stamp" ] || [ pyproject.toml -nt "$stamp" ] || [ twin_diagram/runtime/version.py -nt "$stamp" ]; then
     # The resolver of pips before 25 can try releases for many minutes on CPython 3.10.
     .venv/bin/python -m pip install -q --upgrade 'pip>=25.1' || exit 1
     echo "Installing twin_diagram and its [$extra] dependencies into .venv (some minutes the first time)"

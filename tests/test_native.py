@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import importlib.util
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -110,9 +111,26 @@ def test_open3d_imports_in_a_fresh_process(egl: None) -> None:
     assert done.stdout.split()[-1] == "True"
 
 
-def test_importing_the_package_is_enough_for_open3d(egl: None) -> None:
-    done = python("import twin_diagram, open3d")
-    assert done.returncode == 0, done.stderr
+def test_open3d_comes_in_by_one_door() -> None:
+    """Which loads libusb first; `test_open3d_imports_in_a_fresh_process` goes through it."""
+    beside = []
+    for path in sorted([*(CHECKOUT / "twin_diagram").rglob("*.py"), *(CHECKOUT / "sims").rglob("*.py")]):
+        if path.name != "native.py" and re.search(
+            r"^\s*(import|from) open3d|import_module\(.open3d", path.read_text(), re.MULTILINE
+        ):
+            beside.append(str(path))
+    assert not beside, "import_open3d() is the door"
+
+
+def test_libusb_is_loaded_for_open3d_alone() -> None:
+    done = python("import twin_diagram.native as n; print(n._loaded)")
+    assert done.stdout == "{}\n", done.stderr
+
+
+def test_open3d_that_is_not_installed(egl: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "open3d", None)
+    with pytest.raises(native.MissingPackageError, match="pip install open3d "), native.missing_packages_named():
+        native.import_open3d()
 
 
 @pytest.mark.parametrize("module", ["twin_diagram", "twin_diagram.native", "twin_diagram.cli"])

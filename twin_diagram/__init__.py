@@ -1,14 +1,13 @@
 """A digital twin of a robot arm as one Drake Diagram, from camera to command.
 
-Importing the package loads nothing heavy; its modules import Drake and Open3D where they need them. It does load libusb
-where only a wheel brings it along, so that ``import open3d`` works; an installed package does so when Python starts.
+Importing the package loads nothing heavy; its modules import Drake and what else they need where they need it. Open3D
+comes in by `twin_diagram.native.import_open3d` alone, which loads libusb first where only a wheel brings it along.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from twin_diagram import native as _native
 from twin_diagram.runtime import faces as _faces
 from twin_diagram.runtime.version import __version__
 
@@ -57,5 +56,3 @@ __all__ = [
 ]
 
 __getattr__, __dir__ = _faces.lazy_face(__name__)
-
-_native.offer_libusb()

@@ -15,6 +15,7 @@ from typing import Any, NoReturn
 
 from twin_diagram.assets.command import add_asset_commands
 from twin_diagram.errors import TwinError
+from twin_diagram.native import RUN, missing_packages_named, require_packages
 from twin_diagram.runtime.stopping import Stopped, stoppable
 from twin_diagram.runtime.threads import one_thread
 
@@ -30,7 +31,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     # Where to look is said by the run itself; a filter stays when importing pydrake sets the level.
     logging.getLogger("drake").addFilter(_worth_saying)
     try:
-        with one_thread(), stoppable():  # before NumPy is imported
+        with missing_packages_named(), one_thread(), stoppable():  # before NumPy is imported
             _import_effects(getattr(arguments, "imported", []))
             status = command(arguments)
         sys.stdout.flush()  # a reader that has left is noticed here, not at exit
@@ -225,6 +226,7 @@ def _run(arguments: argparse.Namespace) -> int:
     from twin_diagram.scenario.file import load_scenario
 
     scenario = load_scenario(arguments.scenario, _overrides(arguments))
+    require_packages(*RUN)
     if scenario.station == "sim" and scenario.twin.camera is not None:
         require_egl()
     from twin_diagram.runs.health_watch import unheard
@@ -243,6 +245,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _replay(arguments: argparse.Namespace) -> int:
+    require_packages(*RUN)
     from twin_diagram.runs.run import replay_log
 
     def say(text: str) -> None:

@@ -1,4 +1,7 @@
-"""System libraries that the wheels need and do not bring along: found, loaded or named before anything heavy starts.
+"""System libraries and Python packages that are missing: named with what to install, before anything heavy starts.
+
+The wheels need libraries that they do not bring along. ``pip install twin-diagram`` brings all packages; who installs
+less (`.make/slim.txt`) has the filter, `Monitor`, `gap` and `predict`, and is told here what the rest needs.
 
 Only the standard library is imported here, so that `main`, the check that comes first in the Makefile, runs before
 anything is installed.
@@ -9,7 +12,8 @@ from __future__ import annotations
 import ctypes
 import importlib
 import importlib.util
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import Final
@@ -27,6 +31,27 @@ PACKAGES: Final = MappingProxyType(
     }
 )
 """Debian's and Ubuntu's package by library; without those that every installation has (libc, libstdc++, libudev …)."""
+
+DISTRIBUTIONS: Final = MappingProxyType(
+    {
+        "coacd": "coacd",
+        "cv2": "opencv-python-headless",
+        "libusb_package": "libusb-package",
+        "matplotlib": "matplotlib",
+        "numpy": "numpy",
+        "open3d": "open3d",
+        "proxsuite": "proxsuite",
+        "pydrake": "drake",
+        "scipy": "scipy",
+        "threadpoolctl": "threadpoolctl",
+        "trimesh": "trimesh",
+        "yaml": "pyyaml",
+    }
+)
+"""What to install by the name under which it is imported: the dependencies of pyproject.toml."""
+
+RUN: Final = ("cv2", "proxsuite", "trimesh")
+"""What station, perception and planner import beyond the slim installation."""
 
 _LIBUSB: Final = "libusb-1.0.so.0"
 """The one library of `PACKAGES` that a wheel can bring."""
@@ -48,6 +73,22 @@ class NativeLibraryError(TwinError):
             f"package{'s' if many else ''} {packages} (sudo apt-get install {packages})"
         )
         self.libraries = libraries
+
+
+class MissingPackageError(TwinError):
+    """A Python package is not installed.
+
+    Attributes:
+        packages: the missing ones, as they are installed, e.g. ``opencv-python-headless``.
+    """
+
+    def __init__(self, modules: tuple[str, ...]) -> None:
+        self.packages = tuple(DISTRIBUTIONS.get(module, module) for module in modules)
+        names = " ".join(self.packages)
+        super().__init__(
+            f"{', '.join(self.packages)} {'are' if len(modules) > 1 else 'is'} not installed, and this needs "
+            f"{'them' if len(modules) > 1 else 'it'}: pip install {names} (or twin-diagram with all its dependencies)"
+        )
 
 
 def _load(name: str) -> bool:
@@ -108,21 +149,46 @@ def load_libusb() -> None:
     raise NativeLibraryError((_LIBUSB,))
 
 
-def offer_libusb() -> None:
-    """Make libusb-1.0 available where it is found; who imports Open3D without it is told by `import_open3d`."""
-    with suppress(NativeLibraryError):
-        load_libusb()
-
-
 def import_open3d() -> ModuleType:
     """Import ``open3d`` with what it links in place; the one way in which this package imports it.
 
     Raises:
+        ModuleNotFoundError: Open3D itself is not installed; the command line names what to install.
         NativeLibraryError: one of the libraries that it links is missing.
     """
     require_libraries("libEGL.so.1", "libGL.so.1", "libX11.so.6")
     load_libusb()
     return importlib.import_module("open3d")
+
+
+def require_packages(*modules: str) -> None:
+    """Check that packages are installed, without importing them.
+
+    Args:
+        *modules: the names under which they are imported, e.g. ``cv2``.
+
+    Raises:
+        MissingPackageError: at least one is missing; its message names all of them and how to install them.
+    """
+    missing = tuple(module for module in modules if importlib.util.find_spec(module) is None)
+    if missing:
+        raise MissingPackageError(missing)
+
+
+@contextmanager
+def missing_packages_named() -> Iterator[None]:
+    """Say of an import that fails which package to install; other failures pass as they are.
+
+    Raises:
+        MissingPackageError: a dependency of this package is not installed.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        module = (error.name or "").partition(".")[0]
+        if module not in DISTRIBUTIONS or error.name != module:  # something inside an installed one is its own matter
+            raise
+        raise MissingPackageError((module,)) from error
 
 
 def main() -> int:

@@ -36,27 +36,41 @@ def seconds(folder: Path, environment: dict[str, str], *argv: str) -> tuple[floa
     return time.perf_counter() - begin, cores
 
 
+def write_logs(folder: Path, duration: float = 10.0) -> None:
+    """Drives the tabletop's arm twice: `fit.csv` and `held.csv` [s]."""
+    for seed, name in enumerate(("fit", "held"), 1):
+        argv = ["run", "tabletop", "--duration", str(duration), "--seed", str(seed), "--log", f"{name}.csv", *BLIND]
+        seconds(folder, WAYS["one by variable"], *argv)
+
+
+def commands() -> dict[str, list[str]]:
+    """What is measured, in a folder with the logs."""
+    model = ["--model", str(resolve("arms/panda_hand.urdf"))]
+    return {
+        "gap": [*model, "--fit", "fit.csv", "--holdout", "held.csv", "--out", "gap"],
+        "predict": [*model, "--log", "fit.csv", "--out", "predicted.csv"],
+        "run": ["tabletop", "--duration", "3"],
+    }
+
+
+def compared(folder: Path, rounds: int, command: str) -> tuple[tuple[float, float], tuple[float, float]]:
+    """The shortest of some rounds without and with variables: each the time and that of all cores together [s]."""
+    argv = commands()[command]
+    took = [[seconds(folder, env, command, *argv) for env in WAYS.values()] for _ in range(rounds)]
+    free, best = ((min(t for t, _ in way), min(cores for _, cores in way)) for way in zip(*took, strict=True))
+    return free, best
+
+
 def main() -> int:
     """Prints a table; status 1 where the aim is missed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=2, help="of each command and way (default: %(default)s)")
     rounds, worst = parser.parse_args().rounds, 0.0
     with TemporaryDirectory() as place:
-        for seed, name in enumerate(("fit", "held"), 1):
-            argv = ["run", "tabletop", "--duration", "10", "--seed", str(seed), "--log", f"{name}.csv", *BLIND]
-            seconds(Path(place), WAYS["one by variable"], *argv)
-        model = ["--model", str(resolve("arms/panda_hand.urdf"))]
-        commands = {
-            "gap": [*model, "--fit", "fit.csv", "--holdout", "held.csv", "--out", "gap"],
-            "predict": [*model, "--log", "fit.csv", "--out", "predicted.csv"],
-            "run": ["tabletop", "--duration", "3"],
-        }
+        write_logs(Path(place))
         print(f"{'command':<10}" + "".join(f"{way:>24}" for way in WAYS) + "  ratio  of all cores", flush=True)
-        for command, argv in commands.items():
-            took = [[seconds(Path(place), env, command, *argv) for env in WAYS.values()] for _ in range(rounds)]
-            (free, free_cores), (best, best_cores) = (
-                [*map(min, zip(*way, strict=True))] for way in zip(*took, strict=True)
-            )
+        for command in commands():
+            (free, free_cores), (best, best_cores) = compared(Path(place), rounds, command)
             worst = max(worst, free / best)
             figures = "".join(f"{a:>14.1f} s {b:>6.1f} s" for a, b in ((free, free_cores), (best, best_cores)))
             print(f"{command:<10}{figures}{free / best:>7.2f}{free_cores / best_cores:>14.2f}", flush=True)

@@ -27,7 +27,7 @@ TUNING = Tuning()
 
 @dataclass(frozen=True)
 class Asset:
-    """A known object: frame O at its geometric centre, z up when it stands.
+    """A known object: frame O at its geometric centre (its centre of mass where it was built from a mesh), z up.
 
     Attributes:
         name: as in `asset.yaml`.

@@ -60,8 +60,8 @@ def watch(world: World, duration: float, spike_at: float = np.inf) -> Watched:
     return Watched(monitor, armed_at, monitor.log[monitor.log[:, 0] >= 0.0], ekf, stood)
 
 
-def test_silent_for_half_a_minute():
-    watched = watch(World.draw(11, period=6.0), 30.0)
+def test_silent_for_a_quarter_of_a_minute():
+    watched = watch(World.draw(11, period=6.0), 15.0)  # two periods and a half; minutes are among the slow tests
     # Learning takes 2 s, once the payload has been learnt.
     assert 2.0 < watched.armed_at < 6.0
     assert len(watched.log) == 0
@@ -325,3 +325,12 @@ def test_works_on_any_arm():
     for k in range(700):
         monitor.observe(np.zeros(2), np.zeros(0), 2.0, np.zeros(1), np.zeros(1), 0.005 * k)
     assert monitor.armed and not monitor.active
+
+
+def test_a_filter_that_learns_other_parameters_is_refused() -> None:
+    learning = Filter(parameters=["viscous_friction"])
+    ekf = Ekf(TERMS, learning)
+    ekf.observe(HOME, np.zeros(7), np.zeros(7), 0.0)
+    with pytest.raises(FilterError, match=r"learns 7 parameters and the monitor was made for 4: .*tuning="):
+        Monitor(TERMS).watch(ekf.belief, HOME, np.zeros(7))
+    assert not Monitor(TERMS, tuning=learning).watch(ekf.belief, HOME, np.zeros(7))

@@ -132,7 +132,15 @@ class Monitor:
             belief: of the filter: `ekf.belief`.
             q: (n,) measured positions of that message [rad].
             tau: (n,) its measured torques [N·m].
+
+        Raises:
+            FilterError: the filter learns other parameters than the monitor was made for.
         """
+        if belief.p != self.parameters.size:
+            raise FilterError(
+                f"the filter learns {belief.p} parameters and the monitor was made for {self.parameters.size}: "
+                "Monitor(terms, tuning=…) takes the Filter that the filter was made with"
+            )
         nis, t = float(belief.header[Entry.NIS]), float(belief.header[Entry.TIME])
         self.observe(belief.x[: 2 * belief.n], belief.theta, nis, q, tau, t, innovation=belief.innovation)
         return self.active
