@@ -80,7 +80,7 @@ class Sample:
 
 
 @dataclass(frozen=True)
-class Alignment:
+class AlignedViews:
     """What came out.
 
     Attributes:
@@ -140,7 +140,7 @@ def mean_surface(points: Array, normals: Array, cell: float, shift: Array) -> tu
     return place[kept], (normal / np.maximum(length, 1e-12))[kept]
 
 
-def align(views: Sequence[DepthView], low: Array, high: Array, plane: Array | None, seed: int = 0) -> Alignment:
+def align(views: Sequence[DepthView], low: Array, high: Array, plane: Array | None, seed: int = 0) -> AlignedViews:
     """Return all views at poses that agree.
 
     Args:
@@ -173,7 +173,7 @@ def align(views: Sequence[DepthView], low: Array, high: Array, plane: Array | No
             residuals[k], near = _spread(now[k], samples[k], match, noise)
             explained[k] *= near
         noise = max(float(np.median(residuals)), TUNING.noise_floor)
-    return Alignment(now, plane, residuals, explained, noise, covariances, centre)
+    return AlignedViews(now, plane, residuals, explained, noise, covariances, centre)
 
 
 @dataclass(frozen=True)
