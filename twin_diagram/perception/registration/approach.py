@@ -109,7 +109,8 @@ def approach(model: ModelCloud, points_W: Array, normals_W: Array, start: Poses,
             data, held = pull(model, points_W, normals_W, pose, reach), toward(pose, start, prior)
             step = np.linalg.solve(data.H + held.H, (data.b + held.b)[..., None])[..., 0]
             turn, shift = float(np.linalg.norm(step[:, :3])), float(np.linalg.norm(step[:, 3:]))
-            pose = pose.moved(np.asarray(step) * min(1.0, TUNING.largest_turn / max(turn, 1e-9), reach / max(shift, 1e-9)))
+            share = min(1.0, TUNING.largest_turn / max(turn, 1e-9), reach / max(shift, 1e-9))
+            pose = pose.moved(np.asarray(step) * share)
             if turn < TUNING.small_step[0] and shift < TUNING.small_step[1]:
                 break
     return pose, pull(model, points_W, normals_W, pose, TUNING.reaches[-1]).H[0]
