@@ -258,6 +258,7 @@ def beliefs(loop: ClosedLoop, context: Context) -> dict[str, Any]:
 
     n = len(loop.model.joints)
     parameters, covariance = value("parameters"), value("covariance")
+    belief = loop.twin.ekf.belief(twin.GetSubsystemContext(loop.twin.ekf, own))
     filter_, whole = loop.twin.ekf.ekf, covariance.reshape(2 * n + parameters.size, -1)
     learnt = standings(
         filter_.parameters,
@@ -266,14 +267,14 @@ def beliefs(loop: ClosedLoop, context: Context) -> dict[str, Any]:
         loop.model.joints,
         filter_.params.rule,
         alarm=bool(value("alarm")[0] > 0.5),
+        freed=belief.freed,
     )
     # Before the first message the state is what the twin was told, which nobody should take for an estimate.
-    heard = loop.twin.ekf.belief(loop.twin.diagram.GetSubsystemContext(loop.twin.ekf, own)).valid
     joints = dict(zip(loop.model.joints, value("arm_state")[:n].round(6).tolist(), strict=True))
     tracks = [Track.unpack(row) for row in value("tracks").reshape(-1, TRACK_SIZE)]
     return {
         "time_s": context.get_time(),
-        "joints": joints if heard else None,
+        "joints": joints if belief.valid else None,
         "parameters": {
             name: {"value": found.value, "std": found.std, "status": found.status.value}
             for name, found in zip(loop.twin.parameter_names, learnt, strict=True)

@@ -143,6 +143,13 @@ def test_nothing_settles_while_an_alarm_stands() -> None:
     )
     assert calm == [ParameterStatus.SETTLED, *[ParameterStatus.NOT_EXCITED] * 3]
     assert alarmed == [ParameterStatus.IN_DOUBT, *[ParameterStatus.NOT_EXCITED] * 3]
+    freed = np.array([0.0, 1.0, 0.0, 0.0])  # opened since it changed: told once, and not any more
+    opened, later = (
+        [each.status for each in standings(ekf.parameters, theta, covariance, JOINTS, alarm=alarm, freed=freed)]
+        for alarm in (True, False)
+    )
+    assert opened == [ParameterStatus.IN_DOUBT] * 2 + [ParameterStatus.NOT_EXCITED] * 2
+    assert later == calm
     theta[0] = 10.0
     bound = standings(ekf.parameters, theta, covariance, JOINTS, alarm=True)
     assert bound[0].status is ParameterStatus.AT_BOUND
@@ -155,6 +162,24 @@ def test_nothing_settles_while_an_alarm_stands() -> None:
     assert ekf.standings(JOINTS)[0].status is ParameterStatus.IN_DOUBT
     ekf.belief.header[Entry.TIME] += 2.5 * ekf.period  # messages later without one
     assert ekf.standings(JOINTS)[0].status is ParameterStatus.SETTLED
+
+
+def test_what_an_alarm_opens_is_in_doubt_while_it_stands() -> None:
+    """A motor's fault opens what its joint's readings had told: that is neither an answer nor for want of motion."""
+    ekf = Ekf(terms(), Filter(parameters=["payload"]))
+    still = np.zeros(7)
+    ekf.start(still, still, still, 0.0)
+    ekf.belief.header[Entry.TIME] = 10.0
+    ekf.belief.theta[0], ekf.belief.P[21, 21] = 0.5, 1e-4
+    assert ekf.standings(JOINTS)[0].status is ParameterStatus.SETTLED
+    ekf.belief.score[:, :-1] = 100.0 * np.eye(4)
+    ekf.belief.score[0, -1] = 1000.0  # recent innovations speak for another mass
+    ekf.heed(np.array([1.0, AlarmKind.INNOVATION, 10.0, 2.0]))
+    mass = ekf.standings(JOINTS)[0]
+    assert mass.std > 0.5 * ekf.parameters.scale[0]
+    assert mass.status is ParameterStatus.IN_DOUBT
+    ekf.belief.header[Entry.TIME] += 2.5 * ekf.period
+    assert ekf.standings(JOINTS)[0].status is ParameterStatus.NOT_EXCITED
 
 
 def test_before_the_first_message_and_under_the_gradient_rule_nothing_is_told() -> None:

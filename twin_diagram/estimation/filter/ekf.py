@@ -122,7 +122,9 @@ class Ekf(Core):
             return standings(self.parameters, self.parameters.mean, self.parameters.covariance, joints)
         covariance = belief.P[start : start + belief.p, start : start + belief.p]
         alarm = bool(belief.header[Entry.ALARM] > belief.time)
-        return standings(self.parameters, belief.theta, covariance, joints, self.params.rule, alarm=alarm)
+        return standings(
+            self.parameters, belief.theta, covariance, joints, self.params.rule, alarm=alarm, freed=belief.freed
+        )
 
     def hold_noise(self, until: float) -> None:
         """Hold the noise as it is until this time [s], since an alarm stands."""

@@ -41,7 +41,8 @@ class ParameterStatus(Enum):
     AT_BOUND = "at a bound"
     """Held at the end of what it may be: the truth lies there (a payload of nothing) or beyond, out of reach."""
     IN_DOUBT = "in doubt"
-    """Readings tell it, but an alarm stands: what the model lacks may have been taken for it."""
+    """Readings tell it, or told it until a change opened it, but an alarm stands: what the model lacks may have been
+    taken for it."""
     UNKNOWN = "unknown"
     """The gradient rule keeps no covariance, so nothing tells."""
 
@@ -74,6 +75,7 @@ def standings(
     rule: str = "covariance",
     *,
     alarm: bool = False,
+    freed: Array | None = None,
 ) -> list[Standing]:
     """Return how all parameters stand.
 
@@ -84,10 +86,13 @@ def standings(
         joints: names.
         rule: `Filter.rule`.
         alarm: whether one of the drift monitor's stands: nothing has settled then.
+        freed: (p,) above 0 where readings refuted what was thought of a parameter, so that it was opened
+            (`belief.freed`); None: nowhere.
     """
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     untouched = (theta == parameters.mean) & (std >= (1.0 - 1e-9) * parameters.scale)
     held = at_bound(parameters, theta) & ~untouched  # a prior that begins at a bound is no finding
+    opened = np.zeros(parameters.size, dtype=bool) if freed is None else np.asarray(freed) > 0.0
     found = []
     for i, label in enumerate(parameters.labels(joints)):
         if held[i]:
@@ -95,8 +100,9 @@ def standings(
         elif rule == "gradient":
             status = ParameterStatus.UNKNOWN
         else:
-            settled = ParameterStatus.IN_DOUBT if alarm else ParameterStatus.SETTLED
-            status = settled if std[i] < TUNING.told * parameters.scale[i] else ParameterStatus.NOT_EXCITED
+            told = std[i] < TUNING.told * parameters.scale[i]
+            calm = ParameterStatus.SETTLED if told else ParameterStatus.NOT_EXCITED
+            status = ParameterStatus.IN_DOUBT if alarm and (told or opened[i]) else calm
         found.append(Standing(label, float(theta[i]), float(std[i]), status))
     return found
 
