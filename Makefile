@@ -32,6 +32,7 @@ help:
 	echo "make typecheck  mypy alone"
 	echo "make house      the structure of the code, measured, beside its aims; ARGS='--list floors' names what counts"
 	echo "make mutants    faults put into the maths, one at a time: who survives the fast tests? SEED=1 COUNT=300; an hour"
+	echo "make docs       the handbook, offline; runs the tutorials; writes out/docs/html/"
 	echo "make bench      timings of the systems"
 	echo "make gap-benchmark  hidden effects in simulated arms, found and scored; hours; writes out/gap_benchmark/"
 	echo "make false-alarms   ten simulated hours of a healthy arm; an hour or two; writes out/false_alarms/"
@@ -44,8 +45,8 @@ check:
 	python=$$(.make/python.sh "$(PYTHON)") && "$$python" -c "import sys; from twin_diagram import native; sys.exit(native.main())"
 
 # The package and one set of its extras, in .venv.
-.PHONY: install-demo install-test install-bench
-install-demo install-test install-bench: install-%: check
+.PHONY: install-demo install-test install-bench install-docs
+install-demo install-test install-bench install-docs: install-%: check
 	python=$$(.make/python.sh "$(PYTHON)") && .make/install.sh "$$python" $*
 
 .PHONY: demo
@@ -71,6 +72,11 @@ typecheck: install-test
 .PHONY: house
 house: install-test
 	$(PY) .make/house.py $(ARGS)
+
+# Fails on warnings, on tutorials that print something else than their pages say, and on pages that would load from a network.
+.PHONY: docs
+docs: install-docs
+	$(PY) .make/handbook $(ARGS)
 
 .PHONY: pytest
 pytest: install-test

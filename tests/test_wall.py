@@ -276,6 +276,8 @@ def scrambled(value: Any, kind: Any, rng: random.Random) -> Any:
         return result
     if origin is dict:
         return {f"thing_{k}": scrambled(sub, arguments[1], rng) for k, sub in enumerate((value or {"": None}).values())}
+    if kind is bool:
+        return not value
     if kind is int:
         return (value or 0) + rng.choice([-3, 5, 100])
     if kind is float:

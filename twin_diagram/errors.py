@@ -43,6 +43,10 @@ class LogError(TwinError):
     """A measured log that cannot be used as it stands."""
 
 
+class FramesError(TwinError):
+    """Recorded images, or what is said of their cameras, that cannot be used as they stand."""
+
+
 class AssetError(TwinError):
     """An object of the library that is missing or malformed."""
 

@@ -433,6 +433,37 @@ def scan_to_asset(file: Path, folder: Path) -> Path:
 
 
 @pytest.mark.usefixtures("egl")
+@pytest.mark.parametrize(("name", "offset", "least"), [("sugar_box", 0.0, 0.9), ("can", 0.055, 0.9)])
+def test_a_thing_in_the_hand_is_seen(name: str, offset: float, least: float) -> None:
+    """Between the fingers, or touching them; the arm itself stays the arm, also with its model a centimetre off."""
+    studio = Studio({name: RigidTransform([0.0, 0.0, -3.0])})
+    studio.pose_arm(Q)
+    _, bare = studio.shoot(np.random.default_rng(1))
+    X_WT = studio.plant.GetFrameByName("panda_tcp").CalcPoseInWorld(studio.plant_context)
+    held = X_WT if not offset else RigidTransform(X_WT.translation() + [0.0, offset, -0.02])
+    studio.place(name, held)
+    rgb, depth = studio.shoot(np.random.default_rng(2))
+    on = ((depth > 0) & (bare > 0) & (bare - depth > 0.012))[::2, ::2]
+    arm = ((bare > 0) & (VIEW.p_WC[2] + bare * VIEW.rays()[..., 2] > 0.012))[::2, ::2] & ~on
+    robot = RobotShape(scenario.ArmModel())
+    for wrong, share in ((0.0, least), (0.01, 0.7)):
+        found = segment(
+            rgb,
+            depth,
+            0.0,
+            Grid.of(VIEW, 2),
+            scenario.Perception(),
+            lambda points, margin, off=wrong: robot.near(points - [off, 0.0, 0.0], Q, margin),  # type: ignore[misc]
+        )
+        assert found.count == 1 and (found.label_image[on] == 0).mean() > share, wrong
+        assert (found.label_image[arm] >= 0).mean() < 0.002 and arm.sum() > 5000
+    nothing = segment(
+        rgb, bare, 0.0, Grid.of(VIEW, 2), scenario.Perception(), lambda points, margin: robot.near(points, Q, margin)
+    )
+    assert nothing.count == 0
+
+
+@pytest.mark.usefixtures("egl")
 def test_scanned_objects_are_found(data_dir: Path, tmp_path: Path) -> None:
     """Real textures and shapes, which this project did not make."""
     files = {name: data_dir / "ycb" / f"{name}_textured.gltf" for name in SCANS}

@@ -38,6 +38,7 @@ WRONG: dict[Any, tuple[Any, ...]] = {
     float: ("text", True, None, [1.0], {"a": 1}, float("nan"), float("inf"), 10**400),
     int: ("text", 1.5, True, None, [1], {"a": 1}),
     str: (1, 1.5, False, None, ["a"], {"a": "b"}),
+    bool: (1, 0, "yes please", None, [True], {"a": True}),
     list: (1, "text", None, {"a": 1}),
     dict: (1, "text", None, ["a"], {1: "a"}),
     "fields": (1, "text", None, ["a"], {1: "a"}),
@@ -57,7 +58,7 @@ def one_of_everything() -> dict[str, Any]:
             return [make(arguments[0], name), make(arguments[0], name)]
         if origin is dict:
             return {"first": make(arguments[1], name), "second": make(arguments[1], name)}
-        return {float: 0.375, int: 7, str: f"a {name}"}[kind]
+        return {float: 0.375, int: 7, str: f"a {name}", bool: True}[kind]
 
     data = make(Scenario, "")
     data["station"] = "lcm"

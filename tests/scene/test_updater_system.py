@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
@@ -150,3 +152,30 @@ def test_a_state_is_used_whole_or_not_at_all(made: tuple[TwinScene, SceneGraphUp
         expected = scene.default_positions if bad >= 0 else None
         np.testing.assert_array_equal(positions[joints], np.arange(7.0) if expected is None else expected[joints])
         np.testing.assert_array_equal(positions[hand], fingers[:2] if expected is None else expected[hand])
+
+
+def test_what_the_calibration_leaves_open_is_in_all_tracks_and_no_image_removes_it(
+    made: tuple[TwinScene, SceneGraphUpdater],
+) -> None:
+    camera = scenario.Camera(X_WC=scenario.Pose([1.4, 0.0, 0.85], [-2.27, 0.0, 1.57]), X_WC_std=[0.006, 0.0])
+    doubtful = Run(SceneGraphUpdater(made[0], PARAMS, camera))
+    sure = Run(SceneGraphUpdater(made[0], PARAMS, replace(camera, X_WC_std=[0.0, 0.0])))
+    plain = Run(made[1])
+    for run in (doubtful, sure, plain):
+        for k in range(30):
+            run.show(0.1 * k, AT)
+            tracks = run.to(0.1 * k + 0.07)
+        run.last = [track.covariance for track in tracks]  # type: ignore[attr-defined]
+    np.testing.assert_array_equal(sure.last, plain.last)  # type: ignore[attr-defined]
+    added = np.array(doubtful.last) - np.array(plain.last)  # type: ignore[attr-defined]
+    np.testing.assert_allclose(added, np.tile(np.diag([0.0] * 3 + [12e-6] * 3), (2, 1, 1)), atol=1e-12)
+    camera.X_WC_std = [0.0, 0.01]
+    turned = Run(SceneGraphUpdater(made[0], PARAMS, camera))
+    turned.show(0.0, AT)
+    plain = Run(made[1])
+    plain.show(0.0, AT)
+    for track, without, pose in zip(turned.to(0.07), plain.to(0.07), AT, strict=True):
+        away = np.linalg.norm(pose[4:] - [1.4, 0.0, 0.85])
+        added = track.covariance - without.covariance
+        assert np.trace(added[3:, 3:]) == pytest.approx(2.0 * away**2 * 1e-4 / 3.0, rel=1e-6)
+        np.testing.assert_allclose(added[:3, :3], np.eye(3) * 1e-4 / 3.0, atol=1e-9)

@@ -6,9 +6,12 @@ import argparse
 import sys
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from twin_diagram.errors import AssetError
+
+if TYPE_CHECKING:
+    from twin_diagram.assets.building.from_mesh import BuiltAsset
 
 
 def add_asset_commands(commands: Any) -> None:
@@ -16,11 +19,19 @@ def add_asset_commands(commands: Any) -> None:
     assets = commands.add_parser("assets", help="build, list, check and remove the known objects of a library")
     ways = assets.add_subparsers(metavar="WHAT", required=True)
 
-    build = ways.add_parser("build", help="make an asset of a mesh, for use in a scenario under twin.library")
-    build.add_argument("source", type=Path, metavar="MESH", help=".obj, .stl (z upwards), .glb or .gltf (y upwards)")
+    build = ways.add_parser("build", help="make an asset of pictures or a mesh, for a scenario's twin.library")
+    build.add_argument(
+        "source",
+        type=Path,
+        metavar="SOURCE",
+        help="a folder of posed RGB-D frames (BOP), VGGT's predictions (.npz), or a mesh: .obj, .stl (z upwards), "
+        ".glb or .gltf (y upwards)",
+    )
     build.add_argument("--name", required=True, help="of the asset: letters, digits, '_', '-'")
     build.add_argument("--mass", type=float, help="[kg]")
     build.add_argument("--density", type=float, help="[kg/m³], instead of a mass (default: water's)")
+    build.add_argument("--masks", type=Path, metavar="D", help="folder of masks, beside or instead of the frames' own")
+    build.add_argument("--cube-edge", type=float, metavar="M", help="edge of the green cube in predictions [m]")
     build.add_argument("--unit", default="m", help="of the mesh: m, cm, mm or in (default: %(default)s)")
     build.add_argument("--replace", action="store_true", help="write an asset of that name anew")
     build.set_defaults(command=_build)
@@ -38,15 +49,42 @@ def add_asset_commands(commands: Any) -> None:
 
 
 def _build(arguments: argparse.Namespace) -> int:
-    from twin_diagram.assets.building.from_mesh import build_from_mesh
-
-    told = (arguments.mass, arguments.density, arguments.unit, arguments.replace)
-    built = build_from_mesh(arguments.source, arguments.name, arguments.library, *told)
+    built = _built(arguments)
     for note in built.notes:
         print(f"note: {note}", file=sys.stderr)
     print(f"{built.folder}: {_size(built.size)}, {built.mass:.4g} kg")
     print(f"in a scenario: twin: {{library: {{{arguments.name}: {built.folder.resolve()}}}}}")
     return 0
+
+
+def _built(arguments: argparse.Namespace) -> BuiltAsset:
+    """Build from what the source is: a folder of frames, predictions or a mesh.
+
+    Refuse options of another kind of source.
+    """
+    from twin_diagram.assets.building.from_frames import build_from_frames, build_from_predictions
+    from twin_diagram.assets.building.from_mesh import build_from_mesh
+
+    source, name, library = arguments.source, arguments.name, arguments.library
+    mass, density, masks, again = arguments.mass, arguments.density, arguments.masks, arguments.replace
+    frames, predictions = source.is_dir(), source.suffix.lower() == ".npz"
+
+    def say(text: str) -> None:
+        print(text, file=sys.stderr, flush=True)
+
+    if (frames or predictions) and arguments.unit != "m":
+        raise AssetError(f"--unit {arguments.unit}: is of a mesh; frames are in mm, predictions scaled by --cube-edge")
+    if arguments.cube_edge is not None and not predictions:
+        raise AssetError(f"--cube-edge {arguments.cube_edge:g}: scales predictions (.npz) alone; {source} has a unit")
+    if frames:
+        return build_from_frames(source, name, library, mass, density, masks, again, say)
+    if predictions:
+        if arguments.cube_edge is None:
+            raise AssetError(f"{source}: predictions have no unit; tell --cube-edge [m] of a green cube in them")
+        return build_from_predictions(source, name, library, arguments.cube_edge, mass, density, masks, again, say)
+    if masks is not None:
+        raise AssetError(f"--masks {masks}: masks are of frames; {source} is a mesh")
+    return build_from_mesh(source, name, library, mass, density, arguments.unit, again)
 
 
 def _size(lengths: Iterable[float]) -> str:

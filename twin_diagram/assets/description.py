@@ -76,6 +76,8 @@ class AssetSpec:
     """Of what the asset was made from."""
     source: str | None = None
     """Name of the file that it was made from."""
+    unseen: float | None = None
+    """Share of the surface that no picture showed, where it was built from pictures."""
     files: dict[str, str] | None = None
     """SHA-256 of the other files; `twin-diagram assets check` compares them."""
 

@@ -48,15 +48,22 @@ class DriftMonitor(ModelUser[Monitor]):
     Rate: `Filter.rate`, a periodic discrete update at the instants of the filter's; a rollout every `Drift.period`.
     Latency: one period, since it sees what the filter made of the message before; it keeps that message to go with it.
 
-    Inputs: `arm_state` x̂ (2n) [rad, rad/s], `parameters` θ̂ (p), `innovation` (n) whitened, `nis` (1) of the filter;
-    `position_measured` (n) [rad], `torque_measured` (n) [N·m], `measurement_time` (1) [s] of the station, the same
-    that the filter gets. Where the filter fuses further sensors, `Filter.sensors`, there is `sensor_tracks` of the
-    filter as well, and they are cross-checked.
+    Ports:
+        arm_state: (2n) x̂ of the filter [rad, rad/s].
+        parameters: (p) θ̂ of the filter.
+        innovation: (n) of the filter, whitened.
+        nis: (1) of the filter.
+        position_measured: (n) of the station, as the filter gets it [rad].
+        torque_measured: (n) of the station, as the filter gets it [N·m].
+        measurement_time: (1) of the station [s].
+        sensor_tracks: of the filter, there where it fuses further sensors (`Filter.sensors`); they are cross-checked.
+        alarm: (4) 1 while an alarm stands, `AlarmKind`, time raised [s] (`NEVER` before the first), largest statistic
+            over threshold.
+        alarm_log: (32 × 3, row by row) a ring: time raised (`NEVER` where empty), kind, statistic.
+        alarm_evidence: (32 × (10 + n)) a row for each of the log's, by `monitor.Evidence`, then each joint's share of
+            the change in standard deviations.
 
-    Outputs: `alarm` (4): 1 while an alarm stands, `AlarmKind`, time raised [s] (`NEVER` before the first), largest
-    statistic over threshold; `alarm_log` (32 × 3, row by row), a ring: time raised (`NEVER` where empty), kind,
-    statistic; `alarm_evidence` (32 × (10 + n)), a row for each of its rows, by `monitor.Evidence`, then each joint's
-    share of the change in standard deviations. `events` makes both into records for a JSON Lines file.
+    `events` makes log and evidence into records for a JSON Lines file.
 
     A corrected model is handed on as `ModelUser` says; what was measured against the old one is forgotten: see
     `Monitor.begin_anew`.

@@ -49,24 +49,30 @@ class AdaptiveEkf(ModelUser[Ekf]):
     instant. Latency: `arm_state` none, it is carried on from the newest message to the present (by 20 ms at most,
     then it is held); the other outputs are as of the newest message's measurement time.
 
-    Inputs: joint positions (n) [rad], velocities (n) [rad/s], motor torques (n) [N·m, joint side], time of that message
-    (1) [s], negative (`NEVER`) before the first. A message that is not newer than the last is not used again; NaN,
-    infinities and absurd values are refused and counted. Nothing that arrives can spoil the state.
+    Ports:
+        position_measured: (n) joint positions [rad].
+        velocity_estimated: (n) [rad/s].
+        torque_measured: (n) motor torques, joint side [N·m].
+        measurement_time: (1) of that message [s], negative (`NEVER`) before the first.
+        alarm: (4) as a `DriftMonitor` gives it; may be left open.
+        arm_state: (2n) x̂ = [q rad, v rad/s] at the present, `home` before the first message.
+        parameters: (p) θ̂, see `Ekf.parameters`; for a payload its mass [kg] and first moment [kg·m] in the last link's
+            frame.
+        covariance: ((2n + p)²) of [q, v, θ], row by row.
+        innovation: (n) of the velocities, as joint torque and whitened: about standard normal per joint.
+        nis: (1) normalised innovation squared of positions and velocities, 2n on average.
+        sensor_tracks: there with further sensors: of each in turn its record by `belief.SensorTrack`, then its mean
+            whitened innovation.
+
+    A message that is not newer than the last is not used again; NaN, infinities and absurd values are refused and
+    counted. Nothing that arrives can spoil the state.
 
     For each of `Filter.sensors` there are further inputs: `<name>.reading` as the sensor has it, `<name>.time` (1) when
     it was taken [s], negative before the first, and for a pose `<name>.noise` (36), its R row by row, zeros for the
     sensor's own. A reading is used once, when its time has changed; what arrives late is fused at its own time.
 
-    With them comes the output `sensor_tracks`: of each in turn its record by `belief.SensorTrack`, then its mean
-    whitened innovation.
-
-    `alarm` as a `DriftMonitor` gives it may be left open; while one stands the noise is not adapted, lest a fault be
-    taken for noise, and a new one about the joints opens the parameters: see `Ekf.heed`.
-
-    Outputs: `arm_state` x̂ = [q (n) rad, v (n) rad/s], `home` before the first message; `parameters` θ̂ (p), see
-    `Ekf.parameters`, for a payload its mass [kg] and first moment [kg·m] in the last link's frame; `covariance` of
-    [q, v, θ], (2n + p)² numbers, row by row; `innovation` (n), of the velocities, as joint torque and whitened: about
-    standard normal per joint; `nis` (1), normalised innovation squared of positions and velocities, 2n on average.
+    While an alarm stands the noise is not adapted, lest a fault be taken for noise, and a new one about the joints
+    opens the parameters: see `Ekf.heed`.
 
     Which of its models a Context uses is a numeric parameter of that Context (0, the given one, at first): see
     `ModelUser`; what the filter knows is carried over to a corrected one, see `hand_over`.

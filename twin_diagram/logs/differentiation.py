@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import make_interp_spline
-from scipy.signal import butter, sosfiltfilt
+from scipy.signal import butter, sosfilt, sosfilt_zi
 
 from twin_diagram.logs import Log, uniform
 from twin_diagram.signals.arrays import Array
@@ -56,8 +57,27 @@ def lowpass(signal: Array, rate: float, cutoff: float = TUNING.residual_cutoff) 
     if cutoff >= 0.5 * rate:
         return np.array(signal, dtype=float)
     padding = min(len(signal) - 1, int(np.ceil(rate / cutoff)))  # by then the filter has died away
-    filtered: Array = sosfiltfilt(butter(4, cutoff, fs=rate, output="sos"), signal, axis=0, padlen=padding)
-    return filtered
+    extended = _turned_about_its_ends(np.asarray(signal), padding)
+    sections, settled = _design(float(cutoff), float(rate))
+    settled = settled.reshape(settled.shape + (1,) * (extended.ndim - 1))
+    for _ in range(2):  # forward, then backward
+        extended = sosfilt(sections, extended, axis=0, zi=settled * extended[:1])[0][::-1]
+    return extended[padding:-padding] if padding > 0 else extended
+
+
+@lru_cache(maxsize=64)
+def _design(cutoff: float, rate: float) -> tuple[Array, Array]:
+    """Return second-order sections (2, 6) and their state (2, 2) when settled at 1; `gap` asks thousands of times."""
+    sections = butter(4, cutoff, fs=rate, output="sos")
+    return sections, sosfilt_zi(sections)
+
+
+def _turned_about_its_ends(signal: Array, count: int) -> Array:
+    """Return a signal (N, …) gone on with at each end by `count` < N samples, turned about its last one by 180°."""
+    if count <= 0:
+        return signal
+    before, after = signal[count:0:-1], signal[-2 : -(count + 2) : -1]
+    return np.concatenate([2 * signal[:1] - before, signal, 2 * signal[-1:] - after])
 
 
 def smooth(signal: Array, rate: float, cutoff: float = TUNING.motion_cutoff) -> Array:

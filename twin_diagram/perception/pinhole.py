@@ -2,40 +2,36 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
 from pydrake.math import RigidTransform
 
+from twin_diagram.perception.depth_noise import DepthSigma
 from twin_diagram.scenario import Camera
+from twin_diagram.scenario.lenses import colour_lens, depth_lens
 from twin_diagram.scenario.poses import pose
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.lens import Lens, unit_rays
 
 DepthImage = npt.NDArray[np.float32]
 ColourImage = npt.NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
-class Tuning:
-    """Constants of the camera's model, chosen by hand above the depth noise of the simulated camera.
-
-    What it does to poses shows in `sims/closed_loop.py --seeds 20` (object errors) and in what
-    `sims/benchmarks/train_camera_noise.py` prints.
-    """
-
-    depth_noise: float = 0.0008
-    """Standard deviation of depth at 1 m [m] that is allowed for; it grows with depth squared, as in stereo cameras."""
-
-
-TUNING = Tuning()
-
-
-@dataclass(frozen=True)
 class Pinhole:
-    """A calibrated camera: its size [pixel], focal length and principal point [pixel], and X_WC.
+    """A calibrated camera: its size [pixel], focal length [pixel], X_WC, and what its data sheet says of depth.
 
-    Pixel (u, v) has its centre at (u, v); so the image's centre is at ((width - 1) / 2, (height - 1) / 2).
+    Pixel (u, v) has its centre at (u, v); so the image's centre is at ((width - 1) / 2, (height - 1) / 2), which is the
+    principal point where no `lens` says another.
+
+    Attributes:
+        width, height: of its images [px].
+        focal: focal length [px]; the mean of fx and fy where there is a `lens`.
+        R_WC, p_WC: (3, 3), (3,) its optical frame C (X right, Y down, Z forward) in W.
+        lens: fx, fy, cx, cy and distortion; None: square pixels about the image's centre.
+        depth_noise: standard deviation of depth, a function of depth.
     """
 
     width: int
@@ -43,14 +39,49 @@ class Pinhole:
     focal: float
     R_WC: Array
     p_WC: Array
+    lens: Lens | None = None
+    depth_noise: DepthSigma = field(default_factory=DepthSigma)
 
     @staticmethod
     def from_scenario(camera: Camera) -> Pinhole:
-        """Return the camera as the twin was told of it."""
-        X_WC = pose(camera.X_WC)
+        """Return the camera as the twin was told of it: that of the colours.
+
+        Raises:
+            ScenarioError: intrinsics or a data sheet that cannot be.
+        """
+        return Pinhole.behind(colour_lens(camera), pose(camera.X_WC), DepthSigma.of(camera.depth_noise))
+
+    @staticmethod
+    def of_depth(camera: Camera) -> Pinhole:
+        """Return the camera that takes the depth images, as the twin was told of it; see `from_scenario`."""
+        if camera.depth is None:
+            return Pinhole.from_scenario(camera)
+        X_WD = pose(camera.X_WC) @ pose(camera.depth.X_DC).inverse()
+        return Pinhole.behind(depth_lens(camera), X_WD, DepthSigma.of(camera.depth_noise))
+
+    @staticmethod
+    def behind(lens: Lens, X_WC: RigidTransform, depth_noise: DepthSigma | None = None) -> Pinhole:
+        """Return the camera behind a lens, at X_WC."""
+        plain = Lens.centred(lens.width, lens.height, lens.fx)
         return Pinhole(
-            camera.width, camera.height, camera.focal, X_WC.rotation().matrix().copy(), X_WC.translation().copy()
+            lens.width,
+            lens.height,
+            0.5 * (lens.fx + lens.fy),
+            X_WC.rotation().matrix().copy(),
+            X_WC.translation().copy(),
+            None if lens == plain else lens,
+            depth_noise or DepthSigma(),
         )
+
+    @property
+    def straight(self) -> Pinhole:
+        """The camera that takes the same pictures without distortion."""
+        return replace(self, lens=self.optics.straight) if self.optics.distortion else self
+
+    @property
+    def optics(self) -> Lens:
+        """Its lens, told or plain."""
+        return self.lens or Lens.centred(self.width, self.height, self.focal)
 
     @property
     def X_WC(self) -> RigidTransform:
@@ -62,22 +93,32 @@ class Pinhole:
     @property
     def centre(self) -> tuple[float, float]:
         """Principal point (u, v) [pixel]."""
-        return (self.width - 1) / 2, (self.height - 1) / 2
+        return self.optics.centre
+
+    @property
+    def fx(self) -> float:
+        """Focal length in x [pixel]."""
+        return self.optics.fx
+
+    @property
+    def fy(self) -> float:
+        """Focal length in y [pixel]."""
+        return self.optics.fy
 
     def rays(self, stride: int = 1) -> Array:
         """Return (h, w, 3): the vector in W from the camera to the point at depth 1 m, for every `stride`-th pixel."""
-        cu, cv = self.centre
-        u = (np.arange(0, self.width, stride) - cu) / self.focal
-        v = (np.arange(0, self.height, stride) - cv) / self.focal
-        grid = np.stack([*np.meshgrid(u, v), np.ones((len(v), len(u)))], axis=-1)
-        return grid @ self.R_WC.T
+        return np.asarray(np.ascontiguousarray(unit_rays(self.optics)[::stride, ::stride]) @ self.R_WC.T)
 
     def project(self, points_W: Array) -> tuple[Array, Array, Array]:
         """Return the pixel coordinates u, v and the depth of points (..., 3)."""
         p_C = (points_W - self.p_WC) @ self.R_WC
-        cu, cv = self.centre
-        scale = self.focal / np.maximum(p_C[..., 2], 1e-6)
-        return p_C[..., 0] * scale + cu, p_C[..., 1] * scale + cv, p_C[..., 2]
+        lens = self.optics
+        z = np.maximum(p_C[..., 2], 1e-6)
+        if lens.distortion:
+            u, v = lens.pixel(p_C[..., 0] / z, p_C[..., 1] / z)
+        else:
+            u, v = p_C[..., 0] * (lens.fx / z) + lens.cx, p_C[..., 1] * (lens.fy / z) + lens.cy
+        return u, v, p_C[..., 2]
 
 
 def back_project(depth: DepthImage, rays: Array, p_WC: Array) -> Array:

@@ -24,7 +24,9 @@ from twin_diagram.runtime.threads import one_thread
 from twin_diagram.scenario.poses import pose
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import ALARM_LOG_FIELDS, NEVER, TRACK_SIZE
+from twin_diagram.signals.lens import Lens
 from twin_diagram.station import ports
+from twin_diagram.station.sim.camera_truth import true_camera
 from twin_diagram.twin.closed_loop import ClosedLoop
 
 
@@ -151,8 +153,7 @@ class _Sampler:
             (a.points_O[: TUNING.seen_points].copy(), a.normals_O[: TUNING.seen_points].copy()) for a in assets
         ]
         self._camera = scenario.twin.camera
-        X_WC = scenario.world.X_WC or (self._camera.X_WC if self._camera else None)
-        self._X_CW = pose(X_WC).inverse() if X_WC else None
+        self._eye = true_camera(scenario) if self._camera else None
         self._clearance = TrueClearance(loop.station)
         self._seen = np.zeros(len(self._objects))
         self._image_time = NEVER
@@ -218,7 +219,7 @@ class _Sampler:
 
     def _look(self) -> None:
         """Count, where a new image has come, which share of each object's camera-facing surface it shows."""
-        if self._camera is None or self._X_CW is None:
+        if self._camera is None or self._eye is None:
             return
         image_time = float(self._station(ports.image_time(self._camera.name))[0])
         if image_time == self._image_time or image_time < 0:
@@ -227,12 +228,13 @@ class _Sampler:
         image = cast(Any, self._loop.station.GetOutputPort(ports.depth_image(self._camera.name))).Eval(
             self._station_context
         )
-        depth = np.asarray(image.data)[..., 0]
+        depth = np.asarray(image.data[..., 0] / np.float32(self._eye.depth_scale), dtype=np.float32)
+        X_DW = self._eye.X_WD.inverse()
         times = np.array([time for time, _ in self._past])
         poses = self._past[int(np.argmin(np.abs(times - image_time)))][1]
         for index, (points, normals) in enumerate(self._surfaces):
-            X_CO = self._X_CW.multiply(_transform(poses[index]))
-            self._seen[index] = _seen_share(points, normals, X_CO, depth, self._camera.focal)
+            X_DO = X_DW.multiply(_transform(poses[index]))
+            self._seen[index] = _seen_share(points, normals, X_DO, depth, self._eye.depth)
 
 
 def _transform(vector: Array) -> RigidTransform:
@@ -242,17 +244,17 @@ def _transform(vector: Array) -> RigidTransform:
 
 
 def _seen_share(
-    points_O: Array, normals_O: Array, X_CO: RigidTransform, depth: npt.NDArray[np.float32], focal: float
+    points_O: Array, normals_O: Array, X_DO: RigidTransform, depth: npt.NDArray[np.float32], lens: Lens
 ) -> float:
-    points = X_CO.multiply(points_O.T).T
-    normals = X_CO.rotation().multiply(normals_O.T).T
+    points = X_DO.multiply(points_O.T).T
+    normals = X_DO.rotation().multiply(normals_O.T).T
     facing = np.einsum("ij,ij->i", points, normals) < -0.2 * np.linalg.norm(points, axis=1)
     points = points[facing & (points[:, 2] > 0.05)]
     if len(points) == 0:
         return 0.0
     height, width = depth.shape
-    u = np.rint(focal * points[:, 0] / points[:, 2] + (width - 1) / 2).astype(int)
-    v = np.rint(focal * points[:, 1] / points[:, 2] + (height - 1) / 2).astype(int)
+    x, y = points[:, 0] / points[:, 2], points[:, 1] / points[:, 2]
+    u, v = (np.rint(place).astype(int) for place in lens.pixel(x, y))
     inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
     seen = np.zeros(len(points), dtype=bool)
     seen[inside] = np.abs(depth[v[inside], u[inside]] - points[inside, 2]) < TUNING.depth_tolerance

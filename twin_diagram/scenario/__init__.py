@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from twin_diagram.runtime import faces
 
 if TYPE_CHECKING:
+    from twin_diagram.scenario.camera import Camera, DepthCamera, DepthNoise
     from twin_diagram.scenario.defects import ArmDefects, CameraDefects, LidarDefects, SensorDefects
     from twin_diagram.scenario.estimation import Drift, Filter, Healing, SensorSpec
     from twin_diagram.scenario.file import load_scenario, override_scenario, save_scenario
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from twin_diagram.scenario.planning import Planner, Task
     from twin_diagram.scenario.resources import models_dir, resolve
     from twin_diagram.scenario.scenario import Scenario
-    from twin_diagram.scenario.sensors import Camera, Driver, Lidar, LinkSensor
+    from twin_diagram.scenario.sensors import Driver, Lidar, LinkSensor
     from twin_diagram.scenario.station import LcmStation, ReplayStation
     from twin_diagram.scenario.twin import Twin
     from twin_diagram.scenario.world import WayPoint, World, WorldObject
@@ -29,6 +30,8 @@ __all__ = [
     "ArmModel",
     "Camera",
     "CameraDefects",
+    "DepthCamera",
+    "DepthNoise",
     "Drift",
     "Driver",
     "EffectSpec",

@@ -85,21 +85,22 @@ def rows_at(root: type, path: str) -> list[Row]:
             )
             raise ScenarioError(".".join(names[: k + 1]), f"no such field; {there}")
         found = [here_fields[name]]
-        here = next(_sections(get_type_hints(here)[name]), None)
+        here = next(sections(get_type_hints(here)[name]), None)
     return found if here is None else rows(here)
+
+
+def sections(kind: Any) -> Iterator[type]:
+    """Yield the dataclasses that a field's type holds, such as those of a list's entries."""
+    if isinstance(kind, type) and is_dataclass(kind):
+        yield kind
+    for part in get_args(kind):
+        yield from sections(part)
 
 
 def document(cls: type[Section]) -> type[Section]:
     """Return a dataclass whose docstring, which `help` shows, tells of each field."""
     cls.__doc__ = f"{(cls.__doc__ or '').rstrip()}\n\nFields, in a scenario or as keywords:\n\n{table(rows(cls))}\n"
     return cls
-
-
-def _sections(kind: Any) -> Iterator[type]:
-    if isinstance(kind, type) and is_dataclass(kind):
-        yield kind
-    for part in get_args(kind):
-        yield from _sections(part)
 
 
 def _kind(kind: Any) -> str:

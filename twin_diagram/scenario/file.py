@@ -238,6 +238,9 @@ def _check(value: Any, schema: Any, name: str) -> None:
     elif schema is float:
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= sys.float_info.max:
             raise ScenarioError(shown, f"expected a finite number, got {_shown(value)}")
+    elif schema is bool:
+        if not isinstance(value, bool):
+            raise ScenarioError(shown, f"expected true or false, got {_shown(value)}")
     elif schema is int:
         if isinstance(value, bool) or not isinstance(value, int) or abs(value) >= 2**63:
             raise ScenarioError(shown, f"expected a whole number, got {_shown(value)}")

@@ -19,8 +19,8 @@ class Perception:
     """Height of the table's top in W [m], refined from each image."""
     table_clearance: float = 0.006
     """Points this near to the table belong to it [m]."""
-    robot_clearance: float = 0.025
-    """Points this near to the robot's model belong to it [m]."""
+    robot_clearance: float = 0.01
+    """Points this near to the robot's model belong to it, unless a thing's surface goes on there [m]."""
     cluster_gap: float = 0.02
     """Points farther apart than this are two objects [m]."""
     smallest: int = 60

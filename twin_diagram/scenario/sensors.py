@@ -1,33 +1,10 @@
-"""The arm's driver and all sensors, as their data sheets tell."""
+"""The arm's driver and its sensors but for the camera, as their data sheets tell."""
 
 # No `from __future__ import annotations`: Drake's YAML loader reads the fields' types themselves, not strings.
 from dataclasses import dataclass, field
 
 from twin_diagram.scenario.field_table import document
 from twin_diagram.scenario.models import Pose
-
-
-@document
-@dataclass
-class Camera:
-    """A pinhole RGB-D camera; optical frame C: X right, Y down, Z forward."""
-
-    name: str = "camera"
-    """Its ports are called after it."""
-    X_WC: Pose = field(default_factory=Pose)
-    """Where its optical frame C stands in the world, X right, Y down, Z forward [m]."""
-    width: int = 640
-    """Of its images [px]."""
-    height: int = 480
-    """Of its images [px]."""
-    focal: float = 600.0
-    """Focal length [pixel], the same in x and y; the principal point is the image's centre."""
-    rate: float = 15.0
-    """Frames per second."""
-    latency: float = 0.035
-    """From capture to delivery [s]."""
-    depth_range: list[float] = field(default_factory=lambda: [0.2, 3.0])
-    """Nearest and farthest depth that is measured [m]."""
 
 
 @document

@@ -3,12 +3,13 @@
 # No `from __future__ import annotations`: Drake's YAML loader reads the fields' types themselves, not strings.
 from dataclasses import dataclass, field
 
+from twin_diagram.scenario.camera import Camera
 from twin_diagram.scenario.estimation import Drift, Filter, Healing
 from twin_diagram.scenario.field_table import document
 from twin_diagram.scenario.models import ArmModel, Fixture
 from twin_diagram.scenario.perception import Perception, Registration, SceneUpdater
 from twin_diagram.scenario.planning import Planner, Task
-from twin_diagram.scenario.sensors import Camera, Driver, Lidar, LinkSensor
+from twin_diagram.scenario.sensors import Driver, Lidar, LinkSensor
 
 
 @document

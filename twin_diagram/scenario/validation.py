@@ -12,6 +12,8 @@ from typing import Any
 from twin_diagram.errors import ScenarioError
 from twin_diagram.scenario import (
     Camera,
+    DepthCamera,
+    DepthNoise,
     Drift,
     Driver,
     Filter,
@@ -26,9 +28,11 @@ from twin_diagram.scenario import (
     Task,
     Twin,
 )
+from twin_diagram.scenario.depth_sheets import SHEETS
 
 POSITIVE: dict[type, tuple[str, ...]] = {
-    Camera: ("width", "height", "focal", "rate"),
+    Camera: ("width", "height", "focal", "fx", "fy", "rate"),
+    DepthCamera: ("width", "height", "fx", "fy", "scale"),
     Drift: ("period", "horizon", "learning_time", "sigma", "false_alarms"),
     Driver: ("rate",),
     Filter: (
@@ -51,9 +55,10 @@ POSITIVE: dict[type, tuple[str, ...]] = {
     SceneUpdater: ("rate", "stale_after", "lost_after"),
     Task: ("position_tolerance", "rotation_tolerance"),
 }
-"""Fields that must be above zero, by their dataclass."""
+"""Fields that must be above zero, where they are told, by their dataclass."""
 NOT_NEGATIVE: dict[type, tuple[str, ...]] = {
-    Camera: ("latency",),
+    Camera: ("latency", "focal_std", "centre_std", "depth_scale_std"),
+    DepthNoise: ("floor", "growth", "correlated", "lasting"),
     Filter: ("excitation", "torque_drift_std", "parameter_walk", "learning_rate", "history", "noise_time"),
     Healing: ("attempts", "nice"),
     LinkSensor: ("latency",),
@@ -94,12 +99,38 @@ def check_twin(twin: Twin) -> None:
     if twin.healing is not None:
         _healing(twin.healing, "twin.healing")
     if twin.camera is not None:
-        _near_far(twin.camera.depth_range, "twin.camera.depth_range")
+        check_optics(twin.camera, "twin.camera")
     if twin.lidar is not None:
         _near_far(twin.lidar.range, "twin.lidar.range")
         if not twin.lidar.latency < 1.0 / twin.lidar.rate:
             why = f"{twin.lidar.latency} s is not less than the time between scans, {1.0 / twin.lidar.rate:.4g} s"
             raise ScenarioError("twin.lidar.latency", why)
+
+
+def check_optics(camera: Camera, name: str) -> None:
+    """Check what a camera's calibration and data sheet tell, beyond the signs of its numbers.
+
+    Raises:
+        ScenarioError: a list of another length, or a data sheet that nobody knows; it names the field.
+    """
+    _near_far(camera.depth_range, f"{name}.depth_range")
+    if len(camera.X_WC_std) != 2 or not min(camera.X_WC_std) >= 0:
+        raise ScenarioError(f"{name}.X_WC_std", f"{camera.X_WC_std} is not a length and an angle")
+    if camera.depth_noise.sheet not in SHEETS:
+        raise ScenarioError(f"{name}.depth_noise.sheet", f"{camera.depth_noise.sheet!r} is none of {', '.join(SHEETS)}")
+    check_distortion(camera.distortion, f"{name}.distortion")
+    if camera.depth is not None:
+        check_distortion(camera.depth.distortion, f"{name}.depth.distortion")
+
+
+def check_distortion(values: list[float], name: str) -> None:
+    """Check how many coefficients a distortion has.
+
+    Raises:
+        ScenarioError: neither none nor four nor five; it names the field.
+    """
+    if len(values) not in (0, 4, 5):
+        raise ScenarioError(name, f"{values} is not k1, k2, p1, p2 and perhaps k3")
 
 
 def _near_far(values: list[float], name: str) -> None:
@@ -133,10 +164,10 @@ def _walk(value: Any, name: str) -> None:
 
 def _check_fields(value: Any, name: str) -> None:
     for field in POSITIVE.get(type(value), ()):
-        if not getattr(value, field) > 0:
+        if getattr(value, field) is not None and not getattr(value, field) > 0:
             raise ScenarioError(f"{name}.{field}", f"{getattr(value, field)} is not positive")
     for field in NOT_NEGATIVE.get(type(value), ()):
-        if not getattr(value, field) >= 0:
+        if getattr(value, field) is not None and not getattr(value, field) >= 0:
             raise ScenarioError(f"{name}.{field}", f"{getattr(value, field)} is negative")
     for field in SHARE.get(type(value), ()):
         if not 0 <= getattr(value, field) <= 1:

@@ -30,6 +30,8 @@ class WorldObject:
     """Its true pose at the start [m]."""
     path: list[WayPoint] = field(default_factory=list)
     """Empty: it lies free on the table. Otherwise it is pushed along (x, y and yaw only)."""
+    reflective: bool = False
+    """Whether a camera with `reflective_lost` and `reflective_deep` in its defects has trouble with its surface."""
 
 
 @document

@@ -197,15 +197,18 @@ def statuses(filters: Array, now: float, tuning: FilterSettings) -> Array:
     return np.where(mode == Mode.NONE, float(ObjectStatus.UNSEEN), status)
 
 
-def pose_covariances(belief: ObjectBelief, axes_O: Array, tuning: FilterSettings) -> Array:
+def pose_covariances(belief: ObjectBelief, axes_O: Array, tuning: FilterSettings, shared: Array | None = None) -> Array:
     """Return (K, 6, 6) of the poses, with what no averaging removes.
 
     Args:
         belief: of K objects.
         axes_O: (K, 3) axis of symmetry in O, zeros where there is none: nothing is known of the turn about it.
         tuning: gives the error that all measurements share.
+        shared: (K, 6, 6) what the camera's calibration adds to that; None: nothing.
     """
     covariances = belief.covariances[:, :6, :6].copy()
+    if shared is not None:
+        covariances += shared
     covariances[:, POSE_INDEX, POSE_INDEX] += tuning.floor
     axes_W = (rotations.matrix(belief.poses[:, :4]) @ axes_O[:, :, None])[:, :, 0]
     covariances[:, :3, :3] += TUNING.unknown_variance[0] * axes_W[:, :, None] * axes_W[:, None, :]

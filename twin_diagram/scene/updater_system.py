@@ -10,10 +10,13 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 
 from twin_diagram import scenario
 from twin_diagram.runtime import timing
+from twin_diagram.scenario.lenses import calibration_error, colour_lens
+from twin_diagram.scenario.poses import pose
 from twin_diagram.scene import object_filter, object_update
 from twin_diagram.scene.object_filter import FilterLayout
 from twin_diagram.scene.twin_scene import TwinScene, parked_poses
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.calibration_error import CalibrationError, shared_covariances
 from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER, TRACK_SIZE, ObjectStatus, PoseMeasurement
 
 
@@ -47,17 +50,20 @@ class SceneGraphUpdater(LeafSystem):
     State: one filter per object (see `scene.object_update`), in a discrete vector.
     """
 
-    def __init__(self, scene: TwinScene, params: scenario.SceneUpdater) -> None:
+    def __init__(self, scene: TwinScene, params: scenario.SceneUpdater, camera: scenario.Camera | None = None) -> None:
         """Size the ports for a scene.
 
         Args:
             scene: says which position belongs to what.
             params: tuning.
+            camera: that sees the objects; None, or one with an exact calibration, adds nothing to covariances.
         """
         super().__init__()
         self.set_name("scene_graph_updater")
         self._tuning: Final = object_filter.FilterSettings.of(params)
         self._scene: Final = scene
+        self._camera: Final = camera
+        self._doubt: Final = calibration_error(camera) if camera is not None else CalibrationError()
         self._symmetric: Final[npt.NDArray[np.bool_]] = scene.symmetry_axes_O[:, 2] != 0
         self._count: Final = len(scene.object_names)
         self._parked: Final = parked_poses(self._count)
@@ -102,9 +108,20 @@ class SceneGraphUpdater(LeafSystem):
         unseen = tracks[:, 0] == ObjectStatus.UNSEEN
         tracks[:, 2:9] = np.where(unseen[:, None], self._parked, belief.poses)
         tracks[:, 9:15] = belief.velocities
-        covariances = object_filter.pose_covariances(belief, self._scene.symmetry_axes_O, self._tuning)
+        covariances = object_filter.pose_covariances(
+            belief, self._scene.symmetry_axes_O, self._tuning, self._shared(belief)
+        )
         tracks[:, 15:] = covariances.reshape(self._count, 36)
         output.SetFromVector(cast(Any, tracks.ravel()))
+
+    def _shared(self, belief: object_filter.ObjectBelief) -> Array | None:
+        """Return (K, 6, 6) what the camera's calibration leaves open; None where that is told to be nothing."""
+        if self._camera is None or not self._doubt.variances.any():
+            return None
+        lens, X_WC = colour_lens(self._camera), pose(self._camera.X_WC)
+        R_WC = X_WC.rotation().matrix()
+        seen_C = (belief.poses[:, 4:] - X_WC.translation()) @ R_WC
+        return shared_covariances(self._doubt, seen_C, R_WC, lens.fx, lens.fy)
 
     @timing.timed("SceneGraphUpdater")
     def _calc_positions(self, context: Context, output: BasicVector) -> None:

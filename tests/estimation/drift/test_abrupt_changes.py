@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 
 import numpy as np
@@ -39,6 +40,29 @@ def watch(world: World, duration: float, params: Filter | None = None, terms: Ar
         monitor.observe(b.x[:14], b.theta, nis, q, run.tau[k], t, innovation=b.innovation)
         theta[k] = b.theta
     return run, ekf, monitor, theta
+
+
+@functools.cache
+def believed_until(seed: int, before: float) -> tuple[int, np.ndarray, np.ndarray]:
+    """How many messages of a run to and fro come before a time, and what filter and monitor hold after these."""
+    run, ekf, monitor, _ = watch(World.draw(seed, period=6.0), before - 0.005)
+    return len(run.time), ekf.belief.vector.copy(), monitor.vector.copy()
+
+
+def watch_on(seed: int, duration: float, changes: dict):
+    """What `watch` gives of a run that changes at `AT`, whose messages before it are filtered once for all changes."""
+    run = simulate(World.draw(seed, period=6.0, **changes), duration)
+    count, belief_then, monitor_then = believed_until(seed, AT)
+    assert run.time[count - 1] < AT <= run.time[count] + 1e-9
+    ekf, monitor = Ekf(TERMS, Filter()), Monitor(TERMS, Drift(), Filter())
+    ekf.load(belief_then)
+    monitor.vector[:] = monitor_then
+    for k in range(count, len(run.time)):
+        ekf.observe(run.q[k], run.v[k], run.tau[k], float(run.time[k]))
+        b = ekf.belief
+        nis = float(b.header[belief.Entry.NIS])
+        monitor.observe(b.x[:14], b.theta, nis, run.q[k], run.tau[k], float(run.time[k]), innovation=b.innovation)
+    return run, monitor
 
 
 # The statistic.
@@ -98,7 +122,7 @@ def test_blame_finds_the_group():
     ],
 )
 def test_noticed_in_time(changes, within, tmp_path):
-    run, _, monitor, _ = watch(World.draw(21, period=6.0, **changes), AT + 0.3)
+    run, monitor = watch_on(21, AT + 0.3, changes)
     records = events(monitor, JOINTS)
     first = records[0]
     print(round(1e3 * (first["time"] - AT), 1), "ms", first["joint"], first["shape"])

@@ -60,8 +60,8 @@ def watch(world: World, duration: float, spike_at: float = np.inf) -> Watched:
     return Watched(monitor, armed_at, monitor.log[monitor.log[:, 0] >= 0.0], ekf, stood)
 
 
-def test_silent_for_half_a_minute():
-    watched = watch(World.draw(11, period=6.0), 30.0)
+def test_silent_for_a_quarter_of_a_minute():
+    watched = watch(World.draw(11, period=6.0), 15.0)  # two periods and a half; minutes are among the slow tests
     # Learning takes 2 s, once the payload has been learnt.
     assert 2.0 < watched.armed_at < 6.0
     assert len(watched.log) == 0

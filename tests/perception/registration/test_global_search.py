@@ -149,21 +149,28 @@ def test_of_many_starts_those_that_look_best_are_refined(monkeypatch: pytest.Mon
     np.testing.assert_array_equal(spied.asked[2].p, laid.p[wanted])
 
 
-def test_around_a_last_pose_starts_lie_3_cm_and_a_quarter_radian_about(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_around_a_rough_pose_starts_lie_where_points_lead_and_3_cm_about(monkeypatch: pytest.MonkeyPatch) -> None:
     spied = Spied(monkeypatch)
     R, p = turn(0.1, 0.2, 0.3), np.array([0.1, 0.2, 0.3])
-    nearby(model(), frame(), R, p, ring(0.05), PARAMS)
+    points = ring(0.05)
+    led: list[tuple[Array, Array]] = []
+
+    def approached(cloud: Any, image: Array, normals: Array, start: Poses, prior: Array) -> tuple[Poses, Array]:
+        led.append((image, normals))
+        np.testing.assert_array_equal(start.p[0], p)
+        np.testing.assert_allclose(prior**-0.5, [0.3] * 3 + [0.05] * 3)
+        return start.moved(np.array([[0.0, 0.0, 0.1, 0.01, 0.0, 0.0]])), np.diag([1e6, 1e6, 1.0, 1e8, 1e8, 1e8])
+
+    monkeypatch.setattr(global_search, "approach", approached)
+    nearby(model(), frame(), R, p, points, 3.0 * points, PARAMS)
+    np.testing.assert_array_equal(led[0][1], 3.0 * led[0][0])
     _, _, laid, thin, prior, _ = spied.asked
-    found = {
-        (*np.round(p_ - p, 9) + 0.0, *np.round(R_, 6).ravel() + 0.0) for R_, p_ in zip(laid.R, laid.p, strict=True)
-    }
-    wanted = {
-        (x, y, 0.0, *np.round(turn(0.0, 0.0, yaw) @ R, 6).ravel() + 0.0)
-        for x in (-0.03, 0.0, 0.03)
-        for y in (-0.03, 0.0, 0.03)
-        for yaw in (-0.25, 0.0, 0.25)
-    }
-    assert found == wanted and len(laid.p) == 27 and len(thin) == 225
+    assert len(laid.p) == 13 + 9 and len(thin) == 225
+    np.testing.assert_allclose(laid.p[0], p + [0.01, 0.0, 0.0])
+    np.testing.assert_allclose(laid.R[0], turn(0.0, 0.0, 0.1) @ R, atol=1e-12)
+    shifts = {tuple(np.round(one - p, 9) + 0.0) for one in laid.p[13:]}
+    assert shifts == {(x, y, 0.0) for x in (-0.03, 0.0, 0.03) for y in (-0.03, 0.0, 0.03)}
+    np.testing.assert_array_equal(laid.R[13:], np.repeat(R[None], 9, axis=0))
     np.testing.assert_allclose(prior**-0.5, [0.2] * 3 + [0.03] * 3)
 
 

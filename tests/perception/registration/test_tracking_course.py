@@ -37,7 +37,9 @@ class Image:
         self.asked: list[Any] = []
         self.answers: list[RegisteredPose] = []
         points = P + np.arange(count)[:, None] * [0.01, 0.0, 0.0]
-        self.segments: Any = SimpleNamespace(points_W=points, labels=np.zeros(count, dtype=int), time=time)
+        self.segments: Any = SimpleNamespace(
+            points_W=points, normals_W=2.0 * points, labels=np.zeros(count, dtype=int), time=time
+        )
         self.view = View(self.segments, "frame", PARAMS, 10)  # type: ignore[arg-type]
         monkeypatch.setattr(tracking, "claimed", self.claimed)
         monkeypatch.setattr(tracking, "register", self.register)
@@ -53,7 +55,8 @@ class Image:
         self.asked.append(("register", p.copy(), prior, len(points_W)))
         return self.answers.pop(0)
 
-    def nearby(self, cloud: Any, image: Any, R: Array, p: Array, points: Array, params: Any) -> Any:
+    def nearby(self, cloud: Any, image: Any, R: Array, p: Array, points: Array, normals: Array, params: Any) -> Any:
+        np.testing.assert_array_equal(normals, 2.0 * points)
         self.asked.append(("nearby", p.copy(), len(points)))
         return SimpleNamespace(registration=self.answers.pop(0)) if self.answers else None
 
@@ -95,7 +98,7 @@ def test_an_object_that_slipped_is_looked_for_6_cm_about_it(monkeypatch: pytest.
     """Radius 4 cm and 6 more: rows of points 1 cm apart reach from 0 to 9 cm, four to each place."""
     image = Image(monkeypatch)
     points = np.repeat(P + np.arange(20)[:, None] * [0.01, 0.0, 0.0], 4, axis=0) + [0.0, 1e-4, 0.0]
-    image.segments.points_W = points
+    image.segments.points_W, image.segments.normals_W = points, 2.0 * points
     free = np.ones(80, dtype=bool)
     image.answers = [pose()]
     assert tracking.register_around(KNOWN, slot(), image.view, free) is not None

@@ -20,11 +20,6 @@ from twin_diagram.perception.pinhole import Pinhole, back_project, grid_normals
 from twin_diagram.perception.segmentation.robot_shape import RobotShape
 from twin_diagram.perception.segmentation.segmentation import (
     Grid,
-    above_table,
-    connected,
-    fit_table,
-    in_workspace,
-    large_parts,
     segment,
 )
 from twin_diagram.perception.segmentation.segments import TUNING as SEGMENTS
@@ -82,44 +77,6 @@ def test_normals_of_a_sloping_plane() -> None:
     at = np.nonzero(depth[240:280, 300:340] > 0)
     at = (at[0] + 240, at[1] + 300)
     assert np.allclose(grid_normals(points, depth > 0, at, view.p_WC), normal, atol=1e-3)
-
-
-@settings(max_examples=25)
-@given(
-    a=st.floats(-0.008, 0.008), b=st.floats(-0.008, 0.008), c=st.floats(-0.005, 0.005), seed=st.integers(0, 2**32 - 1)
-)
-def test_table_is_found_among_other_things(a: float, b: float, c: float, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    xy = rng.uniform([0.1, -0.6], [1.0, 0.6], (6000, 2))
-    plane = np.column_stack([xy, xy @ [a, b] + c + 0.001 * rng.standard_normal(6000)])
-    clutter = np.column_stack([rng.uniform([0.1, -0.6], [1.0, 0.6], (2500, 2)), rng.uniform(-0.01, 0.3, 2500)])
-    found = fit_table(np.concatenate([plane, clutter]), 0.0)
-    corner = np.array([[0.2, -0.4, 1.0], [0.9, 0.4, 1.0], [0.2, 0.4, 1.0]])
-    assert np.abs(corner @ found - corner @ [a, b, c]).max() < 1.2e-3
-
-
-def test_no_table_leaves_the_known_height() -> None:
-    assert np.array_equal(fit_table(np.zeros((0, 3)), 0.02), [0.0, 0.0, 0.02])
-    rng = np.random.default_rng(0)
-    steep = rng.uniform(-1, 1, (5000, 3))
-    steep[:, 2] = 0.05 * steep[:, 0]
-    assert np.array_equal(fit_table(steep[np.abs(steep[:, 2]) < 0.014], 0.0), [0.0, 0.0, 0.0])
-
-
-def test_connected_parts_of_a_grid() -> None:
-    points = np.zeros((20, 30, 3))
-    points[..., 0], points[..., 1] = np.meshgrid(np.arange(30) * 0.005, np.arange(20) * 0.005)
-    inside = np.ones((20, 30), dtype=bool)
-    assert set(connected(points, inside, 0.02)) == {0}
-    # A step in depth cuts; a single column without depth does not; two do.
-    step = points.copy()
-    step[:, 15:, 2] = 0.03
-    assert len(set(connected(step, inside, 0.02))) == 2
-    inside[:, 15] = False
-    assert len(set(connected(points, inside, 0.02))) == 1
-    inside[:, 16] = False
-    assert len(set(connected(points, inside, 0.02))) == 2
-    assert connected(points, np.zeros_like(inside), 0.02).size == 0
 
 
 def test_things_come_apart(box: Asset, can: Asset) -> None:
@@ -269,96 +226,3 @@ def test_shapes_of_another_scene_graph_do_not_leak(robot: RobotShape) -> None:
     assert np.array_equal(robot.near(points, np.zeros(7), 0.02), first)
     assert list(first) == [True, False]
     assert robot.near(np.zeros((0, 3)), np.zeros(7), 0.1).size == 0
-
-
-def dominant_plane(points: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Normal towards the origin and a point of the plane that most points lie on."""
-    best, count = (np.zeros(3), np.zeros(3)), 0
-    for _ in range(200):
-        a, b, c = points[rng.integers(0, len(points), 3)]
-        normal = np.cross(b - a, c - a)
-        length = np.linalg.norm(normal)
-        if length > 1e-4:
-            normal /= length
-            near = int((np.abs((points[::20] - a) @ normal) < 0.008).sum())
-            if near > count:
-                best, count = (normal, a), near
-    normal, a = best
-    for _ in range(3):
-        near = points[np.abs((points - a) @ normal) < 0.01]
-        a = near.mean(axis=0)
-        normal = np.linalg.svd(near[::10] - a, full_matrices=False)[2][2]
-    return (normal if normal @ a < 0 else -normal), a
-
-
-@pytest.mark.parametrize(
-    ("name", "apart"),
-    [
-        ("learn/learn5", 2),
-        ("test/test1", 2),
-        ("test/test5", 2),
-        ("test/test26", 1),
-        ("test/test33", 3),
-        ("test/test40", 2),
-    ],
-)
-def test_real_tabletops(data_dir: Path, egl: None, name: str, apart: int) -> None:
-    """Real Kinect images; their labels score the result and do nothing else. Objects that touch count as one."""
-    file = data_dir / "kinect_tabletop" / f"{name}.pcd"
-    if not file.is_file():
-        pytest.skip(f"no {file}")
-    from twin_diagram.native import import_open3d
-
-    o3d = import_open3d()
-    cloud = o3d.t.io.read_point_cloud(str(file))
-    points = cloud.point.positions.numpy().astype(float)
-    colours = cloud.point.colors.numpy().reshape(480, 640, 3)
-    truth = cloud.point.label.numpy().reshape(480, 640)[::2, ::2].astype(int)
-    normal, p_CT = dominant_plane(points[np.isfinite(points).all(axis=1)], np.random.default_rng(0))
-    x = np.cross([0.0, 0.0, 1.0], normal)
-    x /= np.linalg.norm(x)
-    R_WC = np.stack([x, np.cross(normal, x), normal])
-    view = Pinhole(640, 480, 525.0, R_WC, -R_WC @ p_CT)
-    depth = np.nan_to_num(points[:, 2]).reshape(480, 640).astype(np.float32)
-    params = scenario.Perception(workspace=[[-1.5, -1.5, -0.02], [1.5, 1.5, 0.6]])
-    found = segment(colours, depth, 0.0, Grid.of(view, 2), params)
-
-    on_object, claimed = truth >= 20, found.label_image >= 0
-    assert (on_object & claimed).sum() / on_object.sum() > 0.97
-    assert (on_object & claimed).sum() / (claimed & (truth > 0)).sum() > 0.99
-    owners = set()
-    for thing in np.unique(truth[on_object] // 10):
-        labels = found.label_image[(truth // 10 == thing) & claimed]
-        owners.add(int(np.bincount(labels).argmax()))
-    assert len(owners) == apart
-
-
-# Thresholds.
-
-
-def test_the_workspace_is_open() -> None:
-    corners = [[-1.0, -0.5, 0.0], [1.0, 0.5, 0.6]]
-    middle = np.mean(corners, axis=0)
-    for axis in range(3):
-        for edge, way in ((corners[0], 1), (corners[1], -1)):
-            at, beyond, within = (middle.copy() for _ in range(3))
-            at[axis], beyond[axis], within[axis] = edge[axis], edge[axis] - way * 1e-6, edge[axis] + way * 1e-6
-            assert in_workspace(np.array([[at, beyond, within, middle]]), corners)[0].tolist() == [0, 0, 1, 1]
-
-
-def test_what_stands_out_of_a_tilted_table_is_found_by_its_height() -> None:
-    """The clearance asked for, or four standard deviations of depth where these are more: 0.8 mm at 1 m."""
-    table = np.array([0.1, -0.2, 0.3])
-    x, y = np.meshgrid(np.linspace(0.2, 0.8, 5), np.linspace(-0.4, 0.4, 5))
-    top = table[0] * x + table[1] * y + table[2]
-    for depth, least, needed in ((0.5, 0.006, 0.006), (2.0, 0.006, 0.0128), (1.0, 0.001, 0.0032)):
-        for share, found in ((0.99, False), (1.01, True)):
-            points = np.stack([x, y, top + share * needed], axis=2)
-            assert (above_table(points, np.full(x.shape, depth, np.float32), table, least) == found).all()
-
-
-def test_parts_are_numbered_anew_where_they_are_large_enough() -> None:
-    part = np.array([0, 1, 1, 2, 2, 2, 3, 1, 4, 4])
-    label, count = large_parts(part, 3)
-    assert count == 2 and label.tolist() == [-1, 0, 0, 1, 1, 1, -1, 0, -1, -1]
-    assert large_parts(np.zeros(0, dtype=np.int64), 3)[1] == 0

@@ -6,106 +6,13 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import pytest
 
 from twin_diagram import scenario
 from twin_diagram.perception.pinhole import Pinhole
-from twin_diagram.perception.segmentation.segmentation import Grid, connected, fit_table, large_parts, segment
+from twin_diagram.perception.segmentation.segmentation import Grid, segment
 from twin_diagram.perception.segmentation.segments import Segments
 
 Array = npt.NDArray[np.float64]
-
-
-# The table.
-
-
-def fitted(points: Array, height: float) -> Array:
-    """Four rounds of least squares with Tukey's weights from four robust deviations on, 0.5 mm at least."""
-    near = points[np.abs(points[:, 2] - height) < 0.015]
-    near = near[:: max(1, len(near) // 4000)]
-    middle = near[:, :2].mean(axis=0)
-    A = np.column_stack([near[:, :2] - middle, np.ones(len(near))])
-    weight = np.ones(len(near))
-    for _ in range(4):
-        root = np.sqrt(weight)
-        plane = np.linalg.lstsq(A * root[:, None], near[:, 2] * root, rcond=None)[0]
-        off = near[:, 2] - A @ plane
-        scale = max(1.4826 * np.median(np.abs(off)), 0.0005)
-        weight = np.array([(1.0 - (x / (4.0 * scale)) ** 2) ** 2 if abs(x) < 4.0 * scale else 0.0 for x in off])
-    a, b, c = plane
-    return np.array([a, b, c - a * middle[0] - b * middle[1]])
-
-
-@pytest.mark.parametrize(("noise", "count"), [(0.002, 900), (0.0002, 9000), (0.004, 700)])
-def test_the_table_is_the_robust_plane_near_its_known_height(noise: float, count: int) -> None:
-    rng = np.random.default_rng(2141)
-    xy = rng.uniform([0.1, -0.6], [1.0, 0.6], (count, 2))
-    z = 0.3 + xy @ [0.006, -0.004] + noise * rng.standard_normal(count)
-    z[::7] += rng.uniform(0.002, 0.04, len(z[::7]))
-    points = np.column_stack([xy, z])
-    found = fit_table(points, 0.301)
-    np.testing.assert_allclose(found, fitted(points, 0.301), atol=1e-7)
-    np.testing.assert_allclose(found[:2], [0.006, -0.004], atol=2e-3)
-
-
-def test_points_a_centimetre_and_a_half_off_are_of_something_else() -> None:
-    """The known height may be 1.4 cm off, not 1.6 cm."""
-    rng = np.random.default_rng(2142)
-    flat = np.column_stack([rng.uniform(-0.5, 0.5, (600, 2)), 0.2 + 1e-5 * rng.standard_normal(600)])
-    for off, seen in ((0.0145, True), (-0.0145, True), (0.0155, False), (-0.0155, False)):
-        height = fit_table(flat, 0.2 + off)[2]
-        assert height == pytest.approx(0.2 if seen else 0.2 + off, abs=1e-4)
-
-
-@pytest.mark.parametrize("axis", [0, 1])
-@pytest.mark.parametrize(("tilt", "believed"), [(0.0195, True), (-0.0195, True), (0.0205, False), (-0.0205, False)])
-def test_a_table_that_tilts_by_more_than_a_fiftieth_is_not_believed(axis: int, tilt: float, believed: bool) -> None:
-    xy = np.random.default_rng(2143).uniform(-0.3, 0.3, (800, 2))
-    found = fit_table(np.column_stack([xy, 0.1 + tilt * xy[:, axis]]), 0.1)
-    np.testing.assert_allclose(found[axis], tilt if believed else 0.0, atol=1e-6)
-
-
-def test_two_hundred_points_make_a_table() -> None:
-    xy = np.random.default_rng(2144).uniform(-0.3, 0.3, (200, 2))
-    points = np.column_stack([xy, np.full(200, 0.105)])
-    assert fit_table(points, 0.1)[2] == pytest.approx(0.105)
-    assert fit_table(points[:199], 0.1)[2] == 0.1
-
-
-# Parts.
-
-STEPS = ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0))
-
-
-def test_parts_are_those_of_a_flood_from_pixel_to_pixel() -> None:
-    rng = np.random.default_rng(2145)
-    for density in (0.25, 0.4, 0.6):
-        inside = rng.random((14, 17)) < density
-        points = rng.uniform(0.0, 1.0, (14, 17, 3)) * [0.6, 0.5, 0.4]
-        gap = 0.28
-        place = {at: k for k, at in enumerate(zip(*np.nonzero(inside), strict=True))}
-        number = [-1] * len(place)
-        for at, k in place.items():
-            if number[k] >= 0:
-                continue
-            number[k], todo = k, [at]
-            while todo:
-                row, column = todo.pop()
-                for dr, dc in [*STEPS, *((-dr, -dc) for dr, dc in STEPS)]:
-                    other = (row + dr, column + dc)
-                    if other in place and number[place[other]] < 0:
-                        if np.linalg.norm(points[row, column] - points[other]) < gap:
-                            number[place[other]] = k
-                            todo.append(other)
-        found = connected(points, inside, gap)
-        same = np.equal.outer(found, found)
-        np.testing.assert_array_equal(same, np.equal.outer(number, number))
-        assert len(set(number)) > 3
-
-
-def test_parts_of_just_the_smallest_size_are_kept() -> None:
-    label, count = large_parts(np.array([2, 2, 0, 1, 1, 1, 2]), 3)
-    assert count == 2 and label.tolist() == [1, 1, -1, 0, 0, 0, 1]
 
 
 # A whole image: a camera that looks straight down from 1 m at blocks on a table.
@@ -149,13 +56,54 @@ def test_the_robots_points_are_left_out_where_they_stand() -> None:
     asked: list[Any] = []
 
     def near(points: Array, margin: float) -> npt.NDArray[np.bool_]:
-        asked[:] = [points, margin]
+        asked.append((points, margin))
         return np.asarray(points[:, 0] > 0.0)
 
     found = segment(rgb, depth, 0.0, Grid.of(DOWN, 2), PARAMS, near)
-    assert asked[1] == PARAMS.robot_clearance and (asked[0][:, 2] > 0.04).all()
+    assert asked[0][1] == PARAMS.robot_clearance and all((points[:, 2] > 0.04).all() for points, _ in asked)
     assert found.count == 1 and (found.label_image[15:18, 20:24] == -2).all()
     assert np.count_nonzero(found.label_image == -2) == 12
+
+
+def near_below(limit: float) -> Any:
+    """A robot that fills all below a height, seen as a wall of the points' x: distance is x + 0.09 m."""
+    return lambda points, margin: points[:, 0] + 0.09 - limit < margin
+
+
+def test_a_thing_that_touches_the_robot_is_seen_up_to_it() -> None:
+    """A block of 10 × 10 cm from x = -0.09 m on; the robot is what is left of its edge, or of a line in it."""
+    rgb, depth = image()
+    depth[14, 14] = 0.9
+    block = (slice(5, 10), slice(5, 10))
+    fine = PARAMS.__class__(**{**vars(PARAMS), "robot_clearance": 0.01})
+    # Columns are 9 mm apart, the first at x = -0.08775: distances 2, 11, 20 mm … plus what the robot is short of.
+    # Within 10 mm they are the robot's, but from 4 mm on the block's surface goes on there.
+    for short, robots in ((0.02, 0), (0.004, 0), (0.0025, 0), (0.001, 1), (0.0, 1), (-0.01, 2)):
+        found = segment(rgb, depth, 0.0, Grid.of(DOWN, 2), fine, near_below(-short))
+        label = found.label_image[block]
+        assert (label[:, :robots] == -2).all() and (label[:, robots:] == 0).all(), short
+        assert found.count == 2
+
+
+def test_what_stays_within_the_robots_rim_is_no_thing() -> None:
+    rgb, depth = image()
+    depth[14, 14] = 0.9
+    block = (slice(5, 10), slice(5, 10))
+    whole = np.full((5, 5), -2)
+    # The robot takes the first two columns; of the others, this many lie beyond the rim.
+    for rim, label in ((0.031, [-2, -2, -2]), (0.03, [-2, -2, -2])):
+        near = lambda points, margin, rim=rim: points[:, 0] + 0.09 < (0.019 if margin < 0.0121 else rim + 0.05)  # noqa: E731
+        fine = PARAMS.__class__(**{**vars(PARAMS), "robot_clearance": 0.012})
+        found = segment(rgb, depth, 0.0, Grid.of(DOWN, 2), fine, near)
+        np.testing.assert_array_equal(found.label_image[block], whole)
+        assert found.count == 1 and set(np.unique(found.labels)) == {0}, label
+
+
+def test_an_image_of_nothing_but_the_robot_has_no_things() -> None:
+    rgb, depth = image()
+    found = segment(rgb, depth, 0.0, Grid.of(DOWN, 2), PARAMS, lambda points, margin: np.ones(len(points), bool))
+    assert found.count == 0 and len(found.points_W) == 0
+    assert (found.label_image[15:18, 20:24] == -2).all() and (found.label_image[0] == -1).all()
 
 
 def test_before_the_first_image_no_pixel_has_depth() -> None:

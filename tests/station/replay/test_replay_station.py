@@ -15,7 +15,7 @@ from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, Disc
 
 from twin_diagram.errors import LogError, ScenarioError, StationError
 from twin_diagram.logs import read_log
-from twin_diagram.scenario import Camera, Fixture, Pose, Scenario, WayPoint, WorldObject
+from twin_diagram.scenario import Camera, CameraDefects, DepthCamera, Fixture, Pose, Scenario, WayPoint, WorldObject
 from twin_diagram.station import make_station, ports
 from twin_diagram.station.replay.recorder import add_recorder, open_recording
 from twin_diagram.station.replay.recording import RecordingWriter
@@ -405,3 +405,16 @@ def test_a_recorder_takes_one_run(tmp_path: Path) -> None:
         simulator.get_mutable_context().SetTime(0.0)
         with pytest.raises(StationError, match="a recording holds one run"):
             simulator.Initialize()
+
+
+def test_depth_of_a_real_camera_on_a_grid_of_its_own_is_played_to_the_bit(egl: None, tmp_path: Path) -> None:
+    plan = scenario()
+    assert plan.twin.camera is not None
+    plan.twin.camera.depth = DepthCamera(Pose([-0.02, 0.0, 0.0]), width=70, height=50, fx=60.0)
+    plan.world.camera_defects = CameraDefects("d415", depth_unit=1e-4)
+    live = run(plan, 0.25, record=tmp_path / "run")
+    plan.station, plan.replay.log = "replay", str(tmp_path / "run")
+    assert run(plan, 0.25) == live
+    plan.twin.camera.depth = None
+    with pytest.raises(ScenarioError, match=r"twin\.camera\.depth: depth of 80×60 pixels; recorded was 70×50"):
+        make_station(plan)

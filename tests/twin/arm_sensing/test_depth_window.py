@@ -16,13 +16,15 @@ from pydrake.systems.sensors import ImageDepth32F
 from tests.estimation_bench import HOME
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.dynamics.link_frame import LinkFrame
+from twin_diagram.estimation.sensors import PointNoise
 from twin_diagram.model.model import Model
 from twin_diagram.perception.pinhole import Pinhole
-from twin_diagram.scenario import ArmModel, Camera, Pose, SensorSpec
+from twin_diagram.scenario import ArmModel, Camera, DepthNoise, Pose, SensorSpec
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.lens import Lens
 from twin_diagram.signals.rotations import difference
 from twin_diagram.twin.arm_sensing import depth_pose, lidar_pose
-from twin_diagram.twin.arm_sensing.depth_pose import ArmCloud, window
+from twin_diagram.twin.arm_sensing.depth_pose import ArmCloud, point_noise, window
 from twin_diagram.twin.arm_sensing.lidar_pose import ArmScan
 
 LINK = "panda_link7"
@@ -298,3 +300,20 @@ def test_the_lidars_port_gives_the_pose_at_the_time_of_the_scan() -> None:
     np.testing.assert_allclose(measurement[:7], z, atol=1e-9)
     np.testing.assert_allclose(measurement[7:].reshape(6, 6), R, rtol=1e-6, atol=1e-12)
     assert one.GetOutputPort("measurement_time").Eval(context)[0] == 0.7
+
+
+def test_points_err_as_usual_or_as_the_data_sheet_and_the_calibration_say() -> None:
+    assert point_noise(Camera(), 0.001, 0.005) == PointNoise(floor_p=0.001, floor_r=0.005)
+    bad = Camera(depth_noise=DepthNoise("d435", floor=0.002), X_WC_std=[0.006, 0.01], depth_scale_std=0.02)
+    found = point_noise(bad, 0.001, 0.005)
+    assert (found.std_0, found.growth) == (0.002, 0.0038)
+    # At 1.6 m, the middle of the range; a third of each along each axis.
+    away = (0.006**2 + (1.6 * 0.01) ** 2 + (1.6 * 0.02) ** 2) / 3.0
+    assert found.floor_p == pytest.approx(np.sqrt(0.001**2 + away))
+    assert found.floor_r == pytest.approx(np.sqrt(0.005**2 + 0.01**2 / 3.0))
+
+
+def test_depth_of_a_camera_of_its_own_is_looked_up_on_its_own_grid() -> None:
+    wide = replace(AHEAD, lens=Lens(101, 81, 100.0, 50.0, 40.0, 30.0))
+    rows, columns = window(wide, np.array([0.0, 0.0, 1.0]), 0.1)
+    assert (columns.start, columns.stop) == (40 - 12, 40 + 12) and (rows.start, rows.stop) == (30 - 6, 30 + 6)

@@ -7,10 +7,13 @@ from typing import TYPE_CHECKING
 from twin_diagram.runtime import faces
 
 if TYPE_CHECKING:
+    from twin_diagram.assets.building.from_frames import build_from_frames, build_from_predictions
     from twin_diagram.assets.building.from_mesh import build_from_mesh
 
 __all__ = [
+    "build_from_frames",
     "build_from_mesh",
+    "build_from_predictions",
 ]
 
 __getattr__, __dir__ = faces.lazy_face(__name__)

@@ -7,7 +7,7 @@ Example:
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, TypeVar
@@ -20,6 +20,7 @@ from twin_diagram.assets.building.pieces import pieces_of
 from twin_diagram.assets.building.source_mesh import read_source
 from twin_diagram.assets.building.surface import Surface, weld, with_normals
 from twin_diagram.assets.building.write_asset import NewAsset, place_for, write_asset
+from twin_diagram.assets.mesh import Image
 from twin_diagram.errors import AssetError
 from twin_diagram.runtime.threads import one_thread
 from twin_diagram.signals.arrays import Array
@@ -88,7 +89,7 @@ def build_from_mesh(
         AssetError: anything that cannot be used; nothing is written.
     """
     path = Path(mesh)
-    _check_told(mass, density, unit)
+    check_told(mass, density, unit)
     place_for(name, library, replace_it)
     source = read_source(path)
     corners = np.concatenate([part.corners for part in source.parts]) * UNITS[unit]
@@ -96,21 +97,65 @@ def build_from_mesh(
         corners = z_up(corners)
     _check_size(path, corners, unit)
     uv, texture = _named(path, lambda: one_texture(source.parts))
+    told = AssetPlace(name, library, mass, density, replace_it)
+    return _named(path, lambda: build_from_triangles(corners, uv, texture, told, path.name, unit, notes=source.notes))
+
+
+@dataclass(frozen=True)
+class AssetPlace:
+    """What is told of an asset to be.
+
+    Its `name` and `library`, its `mass` [kg] or `density` [kg/m³], and whether one there goes.
+    """
+
+    name: str
+    library: str | Path
+    mass: float | None = None
+    density: float | None = None
+    replace_it: bool = False
+
+
+def build_from_triangles(
+    corners: Array,
+    uv: Array,
+    texture: Image,
+    told: AssetPlace,
+    source: str,
+    unit: str = "m",
+    unseen: float | None = None,
+    notes: Sequence[str] = (),
+) -> BuiltAsset:
+    """Make an asset of triangles: weld, weigh, take apart, write.
+
+    Args:
+        corners: (F, 3, 3), z upwards [m].
+        uv: (F, 3, 2), v upwards.
+        texture: RGB.
+        told: what else is told of it.
+        source: its name, without a path.
+        unit: of the source.
+        unseen: share of the surface that was never seen, where that is known.
+        notes: for people.
+
+    Raises:
+        AssetError: triangles without an area; or as of `write_asset`.
+    """
     surface = weld(corners)
     if not len(surface.faces):
-        raise AssetError(f"{path}: the mesh has no faces (triangles) with an area")
-    solid = _named(path, lambda: solid_of(surface))
+        raise AssetError("the mesh has no faces (triangles) with an area")
+    solid = solid_of(surface)
     surface = replace(surface, vertices=surface.vertices - solid.centre)
-    pieces = _named(path, lambda: pieces_of(surface.vertices, surface.faces, solid.volume))
-    notes = [*source.notes, *_volume_notes(surface, solid), f"held by {pieces.how}"]
+    pieces = pieces_of(surface.vertices, surface.faces, solid.volume)
+    said = [*notes, *_volume_notes(surface, solid), f"held by {pieces.how}"]
+    mass = told.mass
     if mass is None:
-        mass = (density or TUNING.density) * solid.volume
-        if density is None:
-            notes.append(f"mass not told: {mass:.4g} kg, as if of water; --mass or --density say better")
+        mass = (told.density or TUNING.density) * solid.volume
+        if told.density is None:
+            said.append(f"mass not told: {mass:.4g} kg, as if of water; --mass or --density say better")
     elif mass > TUNING.densest * solid.volume:
-        notes.append(f"--mass {mass:g} kg in {solid.volume * 1e6:.4g} cm³ is denser than any metal; is it in grams?")
+        said.append(f"--mass {mass:g} kg in {solid.volume * 1e6:.4g} cm³ is denser than any metal; is it in grams?")
     new = NewAsset(
-        name=name,
+        name=told.name,
         mesh=with_normals(surface, surface.of_corners(uv)),
         texture=texture,
         solid=replace(solid, centre=np.zeros(3)),
@@ -118,10 +163,11 @@ def build_from_mesh(
         pieces=pieces.vertices,
         origin=solid.centre,
         unit=unit,
-        source=path.name,
+        source=source,
+        unseen=unseen,
     )
-    folder = write_asset(new, library, replace_it)
-    return BuiltAsset(folder, float(mass), solid.volume, np.ptp(surface.vertices, axis=0), tuple(notes))
+    folder = write_asset(new, told.library, told.replace_it)
+    return BuiltAsset(folder, float(mass), solid.volume, np.ptp(surface.vertices, axis=0), tuple(said))
 
 
 def z_up(points: Array) -> Array:
@@ -137,7 +183,7 @@ def _named(path: Path, make: Callable[[], Made]) -> Made:
         raise AssetError(f"{path}: {error}") from None
 
 
-def _check_told(mass: float | None, density: float | None, unit: str) -> None:
+def check_told(mass: float | None, density: float | None, unit: str) -> None:
     """Refuse a mass, density or unit that is none."""
     if mass is not None and density is not None:
         raise AssetError(f"--mass {mass:g} and --density {density:g}: tell one of them")

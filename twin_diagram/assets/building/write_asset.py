@@ -54,6 +54,7 @@ class NewAsset:
         origin: (3,) where O lies in the source [m].
         unit: of the source.
         source: the source's name, without a path.
+        unseen: share of the surface that was never seen; None where that is not known.
     """
 
     name: str
@@ -65,6 +66,7 @@ class NewAsset:
     origin: Array
     unit: str
     source: str
+    unseen: float | None = None
 
 
 def place_for(name: str, library: str | Path, replace: bool) -> Path:
@@ -147,6 +149,7 @@ def _write_files(new: NewAsset, folder: Path) -> None:
         symmetries=[],
         unit=new.unit,
         source=new.source,
+        unseen=new.unseen,
     )
     model = sdf(spec, np.zeros(3), inertia, pieces=files, feet_O=feet(new.mesh.vertices))
     (folder / "model.sdf").write_text(model)

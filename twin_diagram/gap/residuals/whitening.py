@@ -75,10 +75,18 @@ class Whitener:
 
     def joint(self, j: int, signal: Array) -> Array:
         """Whiten signals (ΣD, …) on joint j's torque, in standard deviations; answer the rows that are left."""
-        rows = self.rows
-        result = signal[rows] * (self.filters[j, 0] / self.sigma[j])
-        for k in range(1, self.order + 1):
-            result += (self.filters[j, k] / self.sigma[j]) * signal[rows - k]
+        taps = self.filters[j] / self.sigma[j]
+        left = [max(length - self.order, 0) for length in self.lengths]
+        result = np.empty((sum(left), *signal.shape[1:]))
+        first = done = 0
+        for length, count in zip(self.lengths, left, strict=True):
+            begin = first + self.order
+            end = begin + count
+            part = result[done : done + count]
+            np.multiply(signal[begin:end], taps[0], out=part)
+            for k in range(1, self.order + 1):
+                part += taps[k] * signal[begin - k : end - k]
+            first, done = first + length, done + count
         return result
 
     def all(self, signal: Array) -> Array:

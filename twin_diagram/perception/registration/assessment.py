@@ -6,13 +6,28 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin_diagram.perception.pinhole import TUNING as PINHOLE
-from twin_diagram.perception.registration.data_association import FINE, Poses, look
+from twin_diagram.perception.depth_noise import excess
+from twin_diagram.perception.registration.data_association import FINE, Looked, Poses, look
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.residuals import TUNING as RESIDUALS
 from twin_diagram.perception.registration.residuals import brightness, tukey
 from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    same_surface: float = 0.03
+    """What is seen farther than this from a model point along the line of sight is something else [m]."""
+
+    reaching: float = 0.25
+    """Share of the noise left in a surface's mean depth that reaches its pose: several faces tell it, and turns depend
+    on differences. Set so that squared errors of boxes are claimed rightly: `test_claims_under_real_noise.py`."""
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -37,10 +52,14 @@ def assess(
     model: ModelCloud, frame: Frame, poses: Poses, count: int, level: int = FINE, slack: float = 0.003
 ) -> PoseFit:
     """Compare poses with the image; a surface point is in place within `slack` [m] and three times the noise."""
-    looked = look(model, frame, poses, count, level)
-    sigma = np.hypot(PINHOLE.depth_noise * looked.z**2, RESIDUALS.model_noise)
+    return judge(look(model, frame, poses, count, level), frame, level, slack)
+
+
+def judge(looked: Looked, frame: Frame, level: int = FINE, slack: float = 0.003) -> PoseFit:
+    """Compare what was looked up at poses with the model; see `assess`."""
+    sigma = np.hypot(frame.camera.depth_noise(looked.z), RESIDUALS.model_noise)
     tolerance = slack + 3.0 * sigma
-    in_place = looked.near & (np.abs(looked.distance) < tolerance) & (np.abs(looked.deeper) < 0.03)
+    in_place = looked.near & (np.abs(looked.distance) < tolerance) & (np.abs(looked.deeper) < TUNING.same_surface)
     hidden = looked.seen & ~in_place & (looked.deeper < 0)
     behind = looked.seen & ~in_place & ~hidden
     found, _, _ = frame.colour_at(looked.u, looked.v, level)
@@ -59,3 +78,34 @@ def assess(
         visible_share=open_ / np.maximum(np.where(open_ + lost > 0.3 * whole, open_ + lost, whole), 1e-9),
         points=(in_place & (size < RESIDUALS.colour_cut)).sum(axis=1).astype(float),
     )
+
+
+def residual_excess(looked: Looked, frame: Frame, pose: int = 0) -> float:
+    """Return by which factor depth errs more about a pose than the camera's data sheet says; 1 where it does not.
+
+    Args:
+        looked: up at poses, of which one is judged.
+        frame: the image.
+        pose: its number.
+    """
+    on = looked.matched[pose] & (np.abs(looked.deeper[pose]) < TUNING.same_surface)
+    z, facing = looked.z[pose][on], np.maximum(looked.facing[pose][on], 0.2)
+    sigma = np.hypot(frame.camera.depth_noise(z) * facing, RESIDUALS.model_noise)
+    return excess(looked.distance[pose][on], sigma)
+
+
+def points_alike(looked: Looked, frame: Frame, spacing: float, pose: int = 0) -> float:
+    """Return how many of a pose's points err as one because neighbouring pixels do; 0 where noise is white.
+
+    Args:
+        looked: up at poses, of which one is judged.
+        frame: the image.
+        spacing: between the model's points [m].
+        pose: its number.
+    """
+    camera, on = frame.camera, looked.matched[pose]
+    if camera.depth_noise.correlated + camera.depth_noise.lasting == 0 or not on.any():
+        return 0.0
+    z, facing = looked.z[pose][on], looked.facing[pose][on]
+    area = float((facing * (spacing / z) ** 2).sum()) * camera.fx * camera.fy
+    return TUNING.reaching * float(on.sum()) * camera.depth_noise.left_by_averaging(area, camera.width)

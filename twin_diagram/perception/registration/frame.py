@@ -39,7 +39,7 @@ class Frame:
     """An image for registration.
 
     Attributes:
-        camera: the calibrated camera.
+        camera: the calibrated camera, without distortion.
         depth: (H, W) [m], 0 where there is none and where the robot is.
         robot: (H, W), the robot's pixels.
         normals: (h, w, 3) at every `stride`-th pixel, of what stands on the table; 0 elsewhere.
@@ -97,7 +97,7 @@ class Frame:
         depth = self.depth[row, column].astype(float)
         camera = self.camera
         cu, cv = camera.centre
-        p_C = np.stack([(column - cu) / camera.focal, (row - cv) / camera.focal, np.ones(u.shape)], axis=-1)
+        p_C = np.stack([(column - cu) / camera.fx, (row - cv) / camera.fy, np.ones(u.shape)], axis=-1)
         p_C *= depth[..., None]
         return depth, p_C @ camera.R_WC.T + camera.p_WC, inside & (depth > 0)
 

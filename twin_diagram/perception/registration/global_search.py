@@ -16,6 +16,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
+from twin_diagram.perception.registration.approach import approach, rivals
 from twin_diagram.perception.registration.assessment import assess
 from twin_diagram.perception.registration.data_association import COARSE, Poses
 from twin_diagram.perception.registration.frame import Frame
@@ -208,23 +209,37 @@ def search(
 
 
 def nearby(
-    model: ModelCloud, frame: Frame, R: Array, p: Array, points_W: Array, params: scenario.Registration
+    model: ModelCloud,
+    frame: Frame,
+    R: Array,
+    p: Array,
+    points_W: Array,
+    normals_W: Array,
+    params: scenario.Registration,
 ) -> Found | None:
-    """Look for an object that has slipped from its track, around its last pose.
+    """Look for an object around a rough pose: a few centimetres, some ten degrees.
 
     Args:
         model: the object.
         frame: the image.
-        R: (3, 3) last R_WO.
-        p: (3,) last p_WO [m].
-        points_W: (N, 3) points around it that no other object explains.
+        R: (3, 3) rough R_WO.
+        p: (3,) rough p_WO [m].
+        points_W: (N, 3) points around it, best those of the object alone.
+        normals_W: (N, 3) theirs, towards the camera.
         params: tuning.
+
+    Returns:
+        The best pose, whatever its score; None where nothing fits at all.
     """
+    every = max(1, len(points_W) // TUNING.thin)
+    thin = points_W[::every]
+    start, prior = Poses(R[None], p[None]), information(0.3, 0.05)
+    near, weight = approach(model, thin, normals_W[::every], start, prior)
+    laid = rivals(near, weight)
     step = np.array([-0.03, 0.0, 0.03])
+    # Where other things stand about, their points may lead astray.
     shift = np.array(np.meshgrid(step, step, [0.0])).T.reshape(-1, 3)
-    turn = exp(np.array([[0.0, 0.0, a] for a in (-0.25, 0.0, 0.25)]))
-    laid = Poses(np.repeat(turn @ R, len(shift), axis=0), np.tile(p + shift, (len(turn), 1)))
-    thin = points_W[:: max(1, len(points_W) // TUNING.thin)]
+    laid = Poses(np.concatenate([laid.R, np.repeat(start.R, len(shift), axis=0)]), np.concatenate([laid.p, p + shift]))
     return best_of(model, frame, laid, thin, information(0.2, 0.03), params)
 
 

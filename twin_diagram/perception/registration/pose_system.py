@@ -43,11 +43,14 @@ class IcpPoseEstimator(LeafSystem):
         output_ports:
         - object_poses
 
-    `segments` holds a `Segments`. `object_poses` is one `PoseMeasurement` (`MEASUREMENT_SIZE` numbers) per object, in
-    the library's order: X_WO at the image's capture time, covariance, quality; quality 0 with the last pose where an
-    object was not found in the image, time `NEVER` before the first image. Updated at k / rate + latency + 1 ms,
-    k = 0, 1, …: the poses are those of the image delivered just before, so they are `latency` + 1 ms old when they come
-    out. All memory is discrete vector state.
+    Ports:
+        segments: (`Segments`) of the newest image.
+        object_poses: (K · MEASUREMENT_SIZE) a `PoseMeasurement` per object, in the library's order: X_WO at the image's
+            capture time, covariance, quality; quality 0 with the last pose where an object was not found in the image,
+            time `NEVER` before the first image.
+
+    Updated at k / rate + latency + 1 ms, k = 0, 1, …: the poses are those of the image delivered just before, so they
+    are `latency` + 1 ms old when they come out. All memory is discrete vector state.
     """
 
     def __init__(
@@ -72,7 +75,7 @@ class IcpPoseEstimator(LeafSystem):
         self._library = tuple(Known.of(ModelCloud.of(asset, params.model_points)) for asset in library.values())
         self._params = params
         self._smallest = tuning.smallest
-        none = Segments.empty(Pinhole.from_scenario(camera), tuning.stride, tuning.table_height)
+        none = Segments.empty(Pinhole.from_scenario(camera).straight, tuning.stride, tuning.table_height)
         self._input = self.DeclareAbstractInputPort("segments", AbstractValue.Make(none))
         count = len(library)
         empty = np.concatenate([measurement(Slot(), None, NEVER).pack() for _ in range(count)] or [np.zeros(0)])

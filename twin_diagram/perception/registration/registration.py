@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram import scenario
-from twin_diagram.perception.registration.assessment import assess
+from twin_diagram.perception.registration.assessment import judge, points_alike, residual_excess
 from twin_diagram.perception.registration.data_association import COARSE, FINE, Poses, look
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
@@ -160,11 +160,15 @@ def register(
     start = Poses(R[None], p[None])
     held = information(0.3, 0.05) if prior is None else prior
     poses, data = refine(model, frame, start, params.model_points, params.iterations, held, params, points_W=points_W)
-    fit = assess(model, frame, poses, params.model_points)
+    looked = look(model, frame, poses, params.model_points, FINE)
+    fit = judge(looked, frame)
+    # A data sheet that promises too much must not make claims too narrow.
+    H = data.H[0] / residual_excess(looked, frame) ** 2
+    H = H / max(1.0, points_alike(looked, frame, model.spacing) / TUNING.correlation)
     return RegisteredPose(
         R=poses.R[0],
         p=poses.p[0],
-        covariance=covariance(data.H[0], float(fit.visible_share[0])),
+        covariance=covariance(H, float(fit.visible_share[0])),
         quality=float(min(fit.quality[0], 1.0)),
         likeness=float(fit.likeness[0]),
         visible_share=float(fit.visible_share[0]),

@@ -19,7 +19,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from twin_diagram.perception.pinhole import TUNING as PINHOLE
 from twin_diagram.perception.registration.data_association import FINE, Looked, Poses
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
@@ -80,7 +79,8 @@ class Normal:
 
 def linearise(looked: Looked, frame: Frame, level: int, reach: float, colour_share: float) -> tuple[Normal, Array]:
     """Return the normal equations of geometry and colour at the poses looked up, and the distances' noise (B, P)."""
-    sigma = np.hypot(PINHOLE.depth_noise * looked.z**2 * np.maximum(looked.facing, 0.2), TUNING.model_noise)
+    depth_noise = frame.camera.depth_noise(looked.z)
+    sigma = np.hypot(depth_noise * np.maximum(looked.facing, 0.2), TUNING.model_noise)
     near = looked.matched & (np.abs(looked.deeper) < TUNING.deepest * reach)
     w = np.where(near, tukey(looked.distance, reach), 0.0) / sigma**2
     J = -np.concatenate([cross(looked.r, looked.n), looked.n], axis=2)
@@ -108,11 +108,10 @@ def _colour_terms(
     size = np.sqrt(np.einsum("bpi,bpi->bp", difference, difference))
     w = on * tukey(size, TUNING.colour_cut if level == FINE else 1.5 * TUNING.colour_cut)
     camera = frame.camera
-    scale = camera.focal / looked.z
     cu, cv = camera.centre
     right, down, ahead = camera.R_WC.T
-    a_u = (right - ((looked.u - cu) / camera.focal)[..., None] * ahead) * scale[..., None]
-    a_v = (down - ((looked.v - cv) / camera.focal)[..., None] * ahead) * scale[..., None]
+    a_u = (right - ((looked.u - cu) / camera.fx)[..., None] * ahead) * (camera.fx / looked.z)[..., None]
+    a_v = (down - ((looked.v - cv) / camera.fy)[..., None] * ahead) * (camera.fy / looked.z)[..., None]
     A_u = np.concatenate([cross(looked.r, a_u), a_u], axis=2)
     A_v = np.concatenate([cross(looked.r, a_v), a_v], axis=2)
     uu, uv, vv = ((np.einsum("bpi,bpi->bp", x, y) * w)[..., None] for x, y in ((du, du), (du, dv), (dv, dv)))

@@ -234,7 +234,9 @@ def register_around(known: Known, slot: Slot, view: View, free: Mask) -> Registe
     around = np.flatnonzero(free & (np.einsum("ni,ni->n", apart, apart) < (known.model.radius + TUNING.slipped) ** 2))
     if len(around) < TUNING.least_points:
         return None
-    found = nearby(known.model, view.frame, slot.R, slot.p, segments.points_W[around], view.params)
+    found = nearby(
+        known.model, view.frame, slot.R, slot.p, segments.points_W[around], segments.normals_W[around], view.params
+    )
     if found is None or not believable(found.registration, view.params, slot.R, slot.p):
         return None
     return found.registration

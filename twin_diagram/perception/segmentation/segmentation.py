@@ -1,19 +1,15 @@
-"""Takes an RGB-D image apart: table, robot, and the objects that stand on the table."""
+"""Takes an RGB-D image apart: planes, robot, and the things that stand on the table or on one another."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from twin_diagram import scenario
-from twin_diagram.perception.pinhole import (
-    TUNING as PINHOLE,
-)
 from twin_diagram.perception.pinhole import (
     ColourImage,
     DepthImage,
@@ -21,28 +17,51 @@ from twin_diagram.perception.pinhole import (
     back_project,
     grid_normals,
 )
+from twin_diagram.perception.segmentation.parting import Labels, grown, part
+from twin_diagram.perception.segmentation.planes import TUNING as PLANES
+from twin_diagram.perception.segmentation.planes import Plane, Told, find_plane, level_surfaces
 from twin_diagram.perception.segmentation.segments import TUNING as SEGMENTS
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.signals.arrays import Array
 
 Mask = npt.NDArray[np.bool_]
+Near = Callable[[Array, float], Mask]
+"""(points_W (N, 3), margin [m]) to which of them lie within the margin of the robot."""
+Index = npt.NDArray[np.int64]
+Small = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
 class Tuning:
     """Constants of segmentation, chosen by hand for a tabletop.
 
-    `tests/perception/segmentation` shows what is detected, `sims/closed_loop.py --seeds 20` in the loop.
+    `tests/perception/segmentation` shows what is detected, `sims/closed_loop.py --seeds 20` in the loop,
+    `sims/benchmarks/segmentation.py` how fast.
     """
 
-    table_search: float = 0.015
-    """The table's top is looked for within this of its known height [m]."""
+    table_search: float = 0.15
+    """The table's top is looked for within this of its told height [m]."""
 
-    largest_tilt: float = 0.02
-    """A refined table steeper than this is not believed [rad]: a good degree."""
+    largest_tilt: float = 0.4
+    """A table steeper than this is none [rad]: things would slide off."""
 
     table_sigmas: float = 4.0
     """What stands out of the table by less than this many standard deviations of depth is the table's."""
+
+    wide: int = 480
+    """Images of so many pixels across are parted at every second pixel; the others follow the nearest [pixel]."""
+
+    inner_share: float = 0.4
+    """Of the robot's clearance: points nearer than this are the robot's even where a thing's surface leads there."""
+
+    rim_share: float = 1.5
+    """Times the robot's clearance: a part that stays within it is what the robot's model leaves over, no thing."""
+
+    beyond: float = 0.15
+    """Share of a part's points that must lie beyond that rim."""
+
+    reclaimed: int = 6
+    """How far a thing's surface is followed towards the robot [pixel of the working grid]."""
 
 
 TUNING = Tuning()
@@ -50,120 +69,236 @@ TUNING = Tuning()
 
 @dataclass(frozen=True)
 class Grid:
-    """A camera's rays at every `stride`-th pixel, computed once."""
+    """A camera's rays at every `stride`-th pixel, computed once.
+
+    Attributes:
+        camera: the calibrated camera.
+        stride: [pixel]
+        rays: (h, w, 3) in W, to the points at depth 1 m.
+        small: the same, single precision.
+        coarse: rays at every so many pixels that planes can be found on them.
+        pitch: distance between neighbouring rays at depth 1 m [m].
+    """
 
     camera: Pinhole
     stride: int
     rays: Array
+    small: Small
+    coarse: Array
+    pitch: float
 
     @staticmethod
     def of(camera: Pinhole, stride: int) -> Grid:
         """Return the rays of a camera."""
-        return Grid(camera, stride, camera.rays(stride))
+        rays = camera.rays(stride)
+        step = max(1, rays.shape[1] // PLANES.columns)
+        coarse = np.ascontiguousarray(rays[::step, ::step])
+        return Grid(camera, stride, rays, rays.astype(np.float32), coarse, stride / camera.focal)
+
+    def noise(self, depth: npt.ArrayLike) -> Array:
+        """Return the told standard deviation of depth [m]."""
+        return self.camera.depth_noise(np.asarray(depth, dtype=float))
 
 
-def fit_table(points_W: Array, height: float) -> Array:
-    """Return the table's top from points near its known height.
+@dataclass(frozen=True)
+class Apart:
+    """An image's labels.
+
+    Attributes:
+        label_image: (h, w) a thing's number or one of `segments.TUNING`.
+        count: how many things there are.
+        table: the plane that they stand on; None: none is in view.
+    """
+
+    label_image: npt.NDArray[np.int16]
+    count: int
+    table: Plane | None
+
+
+def clean(depth: DepthImage) -> DepthImage:
+    """Return depth with 0 where it is not a positive finite number, single precision."""
+    depth = np.asarray(depth, dtype=np.float32)
+    return np.where((depth > 0) & (depth < np.float32(1e3)), depth, np.float32(0.0))
+
+
+def level(height: float) -> Plane:
+    """Return the level plane at a height [m]."""
+    return Plane(np.array([0.0, 0.0, 1.0]), height, 0.0)
+
+
+def support_plane(depth: DepthImage, grid: Grid, params: scenario.Perception) -> Plane | None:
+    """Find the table in the workspace.
 
     Args:
-        points_W: (N, 3), all sorts of points.
-        height: known height [m].
+        depth: (h, w) at the grid's pixels [m], 0 where there is none.
+        grid: of the camera.
+        params: tuning; `table_height` is a prior.
 
     Returns:
-        (a, b, c) of z = a x + b y + c; the level plane at `height` where too few points lie near it or the fit tilts
-        too far.
+        Its top; None where it is not in view.
     """
-    level = np.array([0.0, 0.0, height])
-    near = points_W[np.abs(points_W[:, 2] - height) < TUNING.table_search]
-    near = near[:: max(1, len(near) // 4000)]
-    if len(near) < 200:
-        return level
-    middle = near[:, :2].mean(axis=0)
-    A = np.column_stack([near[:, :2] - middle, np.ones(len(near))])
-    weight = np.ones(len(near))
-    plane = level
-    for _ in range(4):
-        weighted = A * weight[:, None]
-        plane = np.linalg.solve(A.T @ weighted + 1e-9 * np.eye(3), weighted.T @ near[:, 2])
-        residual = near[:, 2] - A @ plane
-        scale = max(1.4826 * float(np.median(np.abs(residual))), 5e-4)
-        weight = np.maximum(1.0 - (residual / (4.0 * scale)) ** 2, 0.0) ** 2
-    if np.abs(plane[:2]).max() > TUNING.largest_tilt:
-        return level
-    return np.array([plane[0], plane[1], plane[2] - plane[:2] @ middle])
+    step = max(1, depth.shape[1] // PLANES.columns)
+    z, rays = depth[::step, ::step], grid.coarse
+    low, high = np.asarray(params.workspace, dtype=float)
+    x, y = (grid.camera.p_WC[k] + z * rays[..., k] for k in (0, 1))
+    z = np.where((x > low[0]) & (x < high[0]) & (y > low[1]) & (y < high[1]), z, np.float32(0.0))
+    told = Told(
+        up=np.array([0.0, 0.0, 1.0]),
+        largest_tilt=TUNING.largest_tilt,
+        height=params.table_height,
+        search=TUNING.table_search,
+        middle=(low + high) / 2,
+    )
+    return find_plane(z, rays, grid.camera.p_WC, grid.noise, told)
 
 
-def connected(points: Array, inside: Mask, gap: float) -> npt.NDArray[np.int64]:
-    """Number the connected parts of an organised cloud: neighbours in the image no farther apart than `gap`.
+def standing_out(depth: DepthImage, grid: Grid, table: Plane, params: scenario.Perception) -> Mask:
+    """Return which pixels (h, w) show what is in the workspace and higher above the table than noise explains.
 
-    Neighbours are up to two pixels away, so that single pixels without depth do not cut an object in two.
+    The workspace's heights count from the table's told height and go with the table that was found.
 
     Args:
-        points: (h, w, 3).
-        inside: (h, w), the pixels that take part.
-        gap: [m]
+        depth: (h, w) at the grid's pixels [m], 0 where there is none.
+        grid: of the camera.
+        table: as found.
+        params: tuning.
+    """
+    p_WC = grid.camera.p_WC
+    facing = (grid.small.reshape(-1, 3) @ table.normal.astype(np.float32)).reshape(depth.shape)
+    height = depth * facing
+    height += np.float32(p_WC @ table.normal - table.offset)
+    low, high = (np.asarray(corner, dtype=float) for corner in params.workspace)
+    up = table.normal[2]
+    floor, ceiling = up * (low[2] - params.table_height), up * (high[2] - params.table_height)
+    result = (height > np.float32(max(params.table_clearance, floor))) & (height < np.float32(ceiling)) & (depth > 0)
+    at = np.flatnonzero(result)
+    z = depth.ravel()[at]
+    slack = TUNING.table_sigmas * grid.noise(z) * np.abs(facing.ravel()[at])
+    keep = height.ravel()[at] > slack
+    for k in (0, 1):
+        place = np.float32(p_WC[k]) + z * grid.small.reshape(-1, 3)[at, k]
+        keep &= (place > low[k]) & (place < high[k])
+    result.ravel()[at[~keep]] = False
+    return result
+
+
+def label_pixels(depth: DepthImage, grid: Grid, params: scenario.Perception, near_robot: Near | None = None) -> Apart:
+    """Label each pixel of the grid: a thing, the robot, no depth, or background.
+
+    Args:
+        depth: (h, w) at the grid's pixels [m], 0 where there is none.
+        grid: of the camera.
+        params: tuning.
+        near_robot: see `Near`.
 
     Returns:
-        (N,) a part's number for each pixel of `inside`, in row-major order.
+        Labels; things are numbered in the order of their first pixel.
     """
-    number = np.full(inside.shape, -1, dtype=np.int64)
-    count = int(inside.sum())
-    if not count:
-        return np.zeros(0, dtype=np.int64)
-    number[inside] = np.arange(count)
-    flat = points[inside]
-    first, second = [], []
-    height, width = inside.shape
-    for dr, dc in ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0)):
-        a = number[: height - dr, max(-dc, 0) : width - max(dc, 0)]
-        b = number[dr:, max(dc, 0) : width + min(dc, 0)]
-        both = (a >= 0) & (b >= 0)
-        a, b = a[both], b[both]
-        step = flat[a] - flat[b]
-        near = np.einsum("ni,ni->n", step, step) < gap * gap
-        first.append(a[near])
-        second.append(b[near])
-    i, j = np.concatenate(first), np.concatenate(second)
-    graph = coo_matrix((np.ones(len(i), dtype=np.int8), (i, j)), shape=(count, count))
-    _, part = connected_components(graph, directed=False)
-    return np.asarray(part, dtype=np.int64)
+    table = support_plane(depth, grid, params)
+    standing = standing_out(depth, grid, table or level(params.table_height), params)
+    step = 2 if depth.shape[1] >= TUNING.wide else 1
+    z, stands = np.ascontiguousarray(depth[::step, ::step]), np.ascontiguousarray(standing[::step, ::step])
+    part_of = _things(z, stands, grid, step, params, near_robot)
+    if step > 1:
+        part_of = follow_nearest(part_of, z, depth, standing, params.cluster_gap)
+    label_image = part_of.astype(np.int16)
+    np.putmask(label_image, depth == 0, np.int16(SEGMENTS.no_depth))
+    return Apart(label_image, int(part_of.max(initial=-1)) + 1, table)
 
 
-def in_workspace(points: Array, workspace: Sequence[Sequence[float]]) -> Mask:
-    """Return which points (h, w, 3) lie strictly within the box between two corners in W [m]."""
-    low, high = np.asarray(workspace, dtype=float)
-    x, y, z = points[..., 0], points[..., 1], points[..., 2]
-    return np.asarray((x > low[0]) & (x < high[0]) & (y > low[1]) & (y < high[1]) & (z > low[2]) & (z < high[2]))
+def _things(
+    z: DepthImage, stands: Mask, grid: Grid, step: int, params: scenario.Perception, near_robot: Near | None
+) -> Labels:
+    """Part what stands at every `step`-th pixel of the grid; the robot's pixels get its label."""
+    scale = (grid.stride * step) ** 2 / max(params.stride, grid.stride) ** 2
+    smallest = max(1, round(params.smallest / scale))
+    typical = np.median(z[stands]) if stands.any() else np.float32(1.0)
+    sigma = float(grid.noise(typical))
+    robot = np.zeros(z.shape, dtype=bool)
+    spare = robot
+    if near_robot is not None and stands.any():
+        row, column = np.nonzero(stands)
+        points = _points(z, grid, step, row, column)
+        near = near_robot(points, params.robot_clearance)
+        robot[row[near], column[near]] = True
+        inner = near_robot(points[near], TUNING.inner_share * params.robot_clearance)
+        spare = robot.copy()
+        spare[row[near][inner], column[near][inner]] = False
+    label, count = part(z, stands & ~robot, grid.pitch * step, sigma, params.cluster_gap, smallest)
+    if near_robot is None or not robot.any():
+        return label
+    label = _without_rims(label, count, robot, z, grid, step, params.robot_clearance, near_robot)
+    robot |= label == SEGMENTS.robot
+    label[robot] = SEGMENTS.background
+    label = np.where(spare & (label < 0), grown(label, spare, TUNING.reclaimed), label)
+    label[robot & (label < 0)] = SEGMENTS.robot
+    return label
 
 
-def above_table(points: Array, depth: DepthImage, table: Array, least: float) -> Mask:
-    """Return which points (h, w, 3) are higher above the table than noise explains.
+def _points(z: DepthImage, grid: Grid, step: int, row: Index, column: Index) -> Array:
+    rays = grid.rays[::step, ::step][row, column]
+    return np.asarray(grid.camera.p_WC + z[row, column][:, None].astype(float) * rays)
+
+
+def _without_rims(
+    label: Labels,
+    count: int,
+    robot: Mask,
+    z: DepthImage,
+    grid: Grid,
+    step: int,
+    clearance: float,
+    near_robot: Near,
+) -> Labels:
+    """Give parts that border on the robot and hardly reach beyond its rim to the robot; number the others anew."""
+    around = cv2.dilate(robot.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    number = np.arange(count + 1, dtype=np.int32)
+    number[count] = SEGMENTS.background
+    for k in np.unique(label[around & (label >= 0)]):
+        row, column = np.nonzero(label == k)
+        thin = 1 + len(row) // 400
+        near = near_robot(_points(z, grid, step, row[::thin], column[::thin]), TUNING.rim_share * clearance)
+        if np.mean(~near) < TUNING.beyond:
+            number[k] = SEGMENTS.robot
+    things = np.flatnonzero(number[:count] >= 0)
+    number[things] = np.arange(len(things), dtype=np.int32)
+    return np.asarray(number[label], dtype=np.int32)
+
+
+def follow_nearest(label: Labels, z: DepthImage, depth: DepthImage, standing: Mask, gap: float) -> Labels:
+    """Label every pixel by the pixels of every second row and column about it.
 
     Args:
-        points: (h, w, 3) in W.
-        depth: (h, w) [m], of which the noise depends.
-        table: (a, b, c) of the table z = a x + b y + c.
-        least: height that is always asked for [m].
-    """
-    clearance = np.maximum(least, TUNING.table_sigmas * PINHOLE.depth_noise * depth**2)
-    return np.asarray(points[..., 2] - (table[0] * points[..., 0] + table[1] * points[..., 1] + table[2]) > clearance)
-
-
-def large_parts(part: npt.NDArray[np.int64], smallest: int) -> tuple[npt.NDArray[np.int64], int]:
-    """Number the parts that are large enough.
-
-    Args:
-        part: (N,) a part's number for each pixel.
-        smallest: pixels that a part must have.
+        label: (h, w) at every second pixel.
+        z: (h, w) depth there [m].
+        depth: (H, W) [m]
+        standing: (H, W), pixels that may get a label at all.
+        gap: a pixel is not labelled by one farther off in depth [m].
 
     Returns:
-        (N,) the large parts' new numbers in the order of the old, -1 for the others; how many are large.
+        (H, W)
     """
-    size = np.bincount(part) if part.size else np.zeros(0, dtype=np.int64)
-    large = size >= smallest
-    renumber = np.full(len(size), -1, dtype=np.int64)
-    renumber[large] = np.arange(int(large.sum()))
-    return renumber[part] if part.size else part, int(large.sum())
+    result = np.full(depth.shape, SEGMENTS.background, dtype=np.int32)
+    at = np.flatnonzero(standing)
+    row, column = np.divmod(at, depth.shape[1])
+    here = depth.ravel()[at]
+    nearest = (row >> 1) * label.shape[1] + (column >> 1)
+    found = label.ravel()[nearest]
+    wrong = np.flatnonzero((found == SEGMENTS.background) | (np.abs(z.ravel()[nearest] - here) > gap))
+    row, column, here = row[wrong], column[wrong], here[wrong]
+    best = np.full(len(wrong), gap, dtype=np.float32)
+    instead = np.full(len(wrong), SEGMENTS.background, dtype=np.int32)
+    height, width = label.shape
+    for down in (0, 1):
+        for right in (0, 1):
+            r, c = np.minimum((row >> 1) + down, height - 1), np.minimum((column >> 1) + right, width - 1)
+            away = np.abs(z[r, c] - here)
+            better = (away < best) & (label[r, c] != SEGMENTS.background)
+            best = np.where(better, away, best)
+            instead = np.where(better, label[r, c], instead)
+    found[wrong] = instead
+    result.ravel()[at] = found
+    return result
 
 
 def segment(
@@ -172,7 +307,7 @@ def segment(
     time: float,
     grid: Grid,
     params: scenario.Perception,
-    near_robot: Callable[[Array, float], Mask] | None = None,
+    near_robot: Near | None = None,
 ) -> Segments:
     """Find what stands on the table and is not the robot.
 
@@ -187,38 +322,47 @@ def segment(
     Returns:
         Segments in the order of their first pixel.
     """
-    depth = np.where(np.isfinite(depth), depth, np.float32(0.0)).astype(np.float32, copy=False)
+    depth = clean(depth)
+    coarse = np.ascontiguousarray(depth[:: grid.stride, :: grid.stride])
+    return gathered(rgb, depth, time, grid, label_pixels(coarse, grid, params, near_robot), params.table_height)
+
+
+def gathered(
+    rgb: ColourImage, depth: DepthImage, time: float, grid: Grid, apart: Apart, table_height: float = 0.0
+) -> Segments:
+    """Return the points, normals and colours of labelled pixels.
+
+    Args:
+        rgb: (H, W, 3)
+        depth: (H, W) [m], as of `clean`.
+        time: capture time [s].
+        grid: of the camera.
+        apart: labels on the grid.
+        table_height: told, where no table is in view [m].
+    """
     coarse = depth[:: grid.stride, :: grid.stride]
-    valid = coarse > 0
     points = back_project(coarse, grid.rays, grid.camera.p_WC)
-    inside = valid & in_workspace(points, params.workspace)
-    table = fit_table(points[inside], params.table_height)
-    standing = inside & above_table(points, coarse, table, params.table_clearance)
-
-    label_image = np.full(coarse.shape, SEGMENTS.background, dtype=np.int16)
-    label_image[~valid] = SEGMENTS.no_depth
-    if near_robot is not None:
-        row, column = np.nonzero(standing)
-        robot = near_robot(points[row, column], params.robot_clearance)
-        label_image[row[robot], column[robot]] = SEGMENTS.robot
-        standing[row[robot], column[robot]] = False
-
-    label, count = large_parts(connected(points, standing, params.cluster_gap), params.smallest)
-    row, column = np.nonzero(standing)
-    keep = label >= 0
-    row, column, label = row[keep], column[keep], label[keep]
-    label_image[row, column] = label.astype(np.int16)
+    row, column = np.nonzero(apart.label_image >= 0)
+    labels = apart.label_image[row, column].astype(np.int64)
+    here, z = points[row, column], coarse[row, column]
+    planes: tuple[Plane, ...] = ()
+    if apart.table is not None:
+        facing = np.maximum(np.abs(grid.rays[row, column] @ apart.table.normal), 0.05)
+        sigma = float(grid.noise(np.median(z))) if len(z) else 0.0
+        areas = (grid.pitch * z.astype(float)) ** 2 / facing
+        planes = (apart.table, *level_surfaces(here, labels, areas, apart.table, sigma))
     return Segments(
         time=time,
-        points_W=points[row, column],
-        normals_W=grid_normals(points, valid, (row, column), grid.camera.p_WC),
+        points_W=here,
+        normals_W=grid_normals(points, coarse > 0, (row, column), grid.camera.p_WC),
         colours=rgb[row * grid.stride, column * grid.stride] / 255.0,
-        labels=label,
-        count=count,
-        label_image=label_image,
+        labels=labels,
+        count=apart.count,
+        label_image=apart.label_image,
         stride=grid.stride,
         depth=depth.copy(),
         rgb=rgb.copy(),
         camera=grid.camera,
-        table=table,
+        table=(apart.table or level(table_height)).graph,
+        planes=planes,
     )

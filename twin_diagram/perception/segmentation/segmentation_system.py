@@ -12,7 +12,7 @@ from pydrake.systems.framework import Context, LeafSystem
 from pydrake.systems.sensors import ImageDepth32F, ImageRgba8U
 
 from twin_diagram import scenario
-from twin_diagram.perception.pinhole import Pinhole
+from twin_diagram.perception.alignment import Alignment
 from twin_diagram.perception.segmentation.robot_shape import RobotShape
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
 from twin_diagram.perception.segmentation.segments import Segments
@@ -33,10 +33,15 @@ class PerceptionSystem(LeafSystem):
         output_ports:
         - segments
 
-    `rgb_image` (ImageRgba8U) and `depth_image` (ImageDepth32F, m, 0 where there is none) are one capture of the camera
-    that the twin was told of; `image_time` is its capture time [s], `NEVER` before the first; `arm_state` is x̂ = (q,
-    v) now, n each [rad, rad/s]. `segments` holds a `Segments` in W. Computed when asked for, and cached: no state, no
-    rate, no latency of its own. The image is older than x̂, so the robot is posed at q - v·(t - image_time).
+    Ports:
+        rgb_image: (ImageRgba8U) of the camera that the twin was told of, on the grid that it was told of.
+        depth_image: (ImageDepth32F) of the same capture [m], 0 where there is none, on its own grid where it has one.
+        image_time: (1) capture time [s], `NEVER` before the first.
+        arm_state: (2n) x̂ = (q, v) now [rad, rad/s].
+        segments: (`Segments`) in W.
+
+    Computed when asked for, and cached: no state, no rate, no latency of its own. The image is older than x̂, so the
+    robot is posed at q - v·(t - image_time).
     """
 
     def __init__(
@@ -58,7 +63,8 @@ class PerceptionSystem(LeafSystem):
         """
         super().__init__()
         self._params = params
-        self._grid = Grid.of(Pinhole.from_scenario(camera), params.stride)
+        self._alignment = Alignment.of(camera)
+        self._grid = Grid.of(self._alignment.camera, params.stride)
         self._robot = RobotShape(arm, packages, base_dir)
         self._arm_joints = self._robot.joint_count
         self._rgb = self.DeclareAbstractInputPort("rgb_image", Value[ImageRgba8U]())
@@ -93,8 +99,8 @@ class PerceptionSystem(LeafSystem):
         q = state[:n] - state[n:] * (context.get_time() - image_time)
         output.set_value(
             segment(
-                rgb.data[..., :3],
-                depth.data[..., 0],
+                self._alignment.colours(rgb.data[..., :3]),
+                self._alignment.depth(depth.data[..., 0]),
                 image_time,
                 self._grid,
                 self._params,

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.perception.pinhole import ColourImage, DepthImage, Pinhole
+from twin_diagram.perception.segmentation.planes import Plane
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER
 
@@ -45,7 +46,8 @@ class Segments:
         depth: (H, W) the whole depth image [m], 0 where there is none.
         rgb: (H, W, 3) the whole colour image.
         camera: the calibrated camera.
-        table: (a, b, c) of the table's top z = a x + b y + c in W.
+        table: (a, b, c) of the table's top z = a x + b y + c in W; level at its told height where none is in view.
+        planes: those seen on which things can stand, the table first; empty where no table is in view.
     """
 
     time: float
@@ -60,6 +62,7 @@ class Segments:
     rgb: ColourImage
     camera: Pinhole
     table: Array
+    planes: tuple[Plane, ...] = ()
 
     def __post_init__(self) -> None:
         """Make the arrays read-only: the object is shared by all who evaluate the port."""

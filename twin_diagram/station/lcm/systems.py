@@ -185,7 +185,7 @@ class ImageReceiver(LeafSystem):
         state = self.DeclareDiscreteState(np.array([0.0, NEVER]))
         self.DeclarePerStepDiscreteUpdateEvent(self._start_clock)
         tickets = {self._message.ticket(), self.discrete_state_ticket(state)}
-        rgb, depth = ImageRgba8U(camera.width, camera.height), ImageDepth32F(camera.width, camera.height)
+        rgb, depth = ImageRgba8U(camera.width, camera.height), ImageDepth32F(*camera.depth_size)
         self.DeclareAbstractOutputPort("rgb_image", Value(rgb).Clone, self._calc_rgb, tickets)
         self.DeclareAbstractOutputPort("depth_image", Value(depth).Clone, self._calc_depth, tickets)
         self.DeclareVectorOutputPort("image_time", 1, self._calc_time, tickets)
@@ -207,16 +207,19 @@ class ImageReceiver(LeafSystem):
         if context.get_discrete_state_vector().value()[1] < 0:
             return None
         colour, depth = read_images(self._message.Eval(context), self._unit)
-        wanted = (self._camera.height, self._camera.width)
-        for kind, image in (("colour", colour), ("depth", depth)):
+        camera = self._camera
+        for kind, image, size in (
+            ("colour", colour, (camera.width, camera.height)),
+            ("depth", depth, camera.depth_size),
+        ):
             if image is None:
                 raise StationError(
                     f"{self._channel}: a message without a {kind} image; the twin needs both in one message"
                 )
-            if image.shape[:2] != wanted:
+            if image.shape[1::-1] != size:
                 raise StationError(
                     f"{self._channel}: a {kind} image of {image.shape[1]}×{image.shape[0]} pixels; "
-                    f"twin.camera says {wanted[1]}×{wanted[0]}"
+                    f"twin.camera says {size[0]}×{size[1]}"
                 )
         return colour, depth
 
@@ -227,7 +230,7 @@ class ImageReceiver(LeafSystem):
         output.set_value(image)
 
     def _calc_depth(self, context: Context, output: Value) -> None:
-        image = ImageDepth32F(self._camera.width, self._camera.height)
+        image = ImageDepth32F(*self._camera.depth_size)
         images = self._images(context)
         image.mutable_data[..., 0] = 0.0 if images is None else images[1]
         output.set_value(image)

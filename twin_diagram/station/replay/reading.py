@@ -57,7 +57,8 @@ class Frames:
         index: (F,) numbers in their names.
         capture: (F,) when each was taken [s].
         delivery: (F,) when each came to stand on the ports [s], rising.
-        width, height: [pixel].
+        width, height: of the colour images [pixel].
+        depth_size: width and height of the depth images [pixel].
         depth_unit: [m].
     """
 
@@ -67,6 +68,7 @@ class Frames:
     delivery: Array
     width: int
     height: int
+    depth_size: tuple[int, int]
     depth_unit: float
 
 
@@ -186,13 +188,16 @@ def read_frames(folder: Path, manifest: Manifest | None, camera: Camera | None) 
     none = np.zeros(0)
     recorded = manifest.camera if manifest is not None else None
     if camera is None or recorded is None:
-        width, height = (camera.width, camera.height) if camera else (1, 1)
-        return Frames(folder, none.astype(np.int64), none, none, width, height, 1.0)
+        (width, height), depth = ((camera.width, camera.height), camera.depth_size) if camera else ((1, 1), (1, 1))
+        return Frames(folder, none.astype(np.int64), none, none, width, height, depth, 1.0)
     for name in ("name", "width", "height"):
         if getattr(camera, name) != getattr(recorded, name):
             raise ScenarioError(
                 f"twin.camera.{name}", f"{getattr(camera, name)}; recorded was {getattr(recorded, name)}"
             )
+    if camera.depth_size != recorded.depth_size:
+        told, there = ("×".join(map(str, size)) for size in (camera.depth_size, recorded.depth_size))
+        raise ScenarioError("twin.camera.depth", f"depth of {told} pixels; recorded was {there}")
     images = folder / recorded.name
     _, table = read_columns(images / FRAMES, cut=folder.name == UNFINISHED)
     if len(table) and table.shape[1] != 3:
@@ -203,7 +208,8 @@ def read_frames(folder: Path, manifest: Manifest | None, camera: Camera | None) 
         for name in (rgb_file(k), depth_file(k)):
             if not (images / name).is_file():
                 raise StationError(f"{images / name}: missing from the recording")
-    return Frames(images, index, table[:, 1], table[:, 2], recorded.width, recorded.height, recorded.depth_unit)
+    size = (recorded.width, recorded.height)
+    return Frames(images, index, table[:, 1], table[:, 2], *size, camera.depth_size, recorded.depth_unit)
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,8 @@ def open_recording(scenario: Scenario, folder: str | Path, rows: BinaryIO | None
     recorded = None
     if camera is not None:
         unit = depth_unit(scenario)
-        recorded = RecordedCamera(camera.name, camera.width, camera.height, camera.rate, camera.latency, unit)
+        size = None if camera.depth is None else list(camera.depth_size)
+        recorded = RecordedCamera(camera.name, camera.width, camera.height, camera.rate, camera.latency, unit, size)
     lidar = scenario.twin.lidar
     scanned = None if lidar is None else RecordedLidar(lidar.name, lidar.columns, lidar.rows)
     manifest = Manifest(list(arm.joints), list(arm.gripper_joints), recorded, sensors, scanned)

@@ -70,6 +70,14 @@ class RecordedCamera:
     latency: float
     depth_unit: float
     """Depth images hold a whole number of these [m]."""
+    depth_shape: list[int] | None = None
+    """Width and height of the depth images [px]; none, as in recordings of earlier versions: those of the colours."""
+
+    @property
+    def depth_size(self) -> tuple[int, int]:
+        """Width and height of the depth images [px]."""
+        width, height = self.depth_shape or (self.width, self.height)
+        return width, height
 
 
 @dataclass

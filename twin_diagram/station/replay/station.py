@@ -125,7 +125,7 @@ class ImagePlayer(LeafSystem):
         self._frames = frames
         self._kept: dict[str, tuple[int, npt.NDArray[np.uint8] | npt.NDArray[np.float32]]] = {}
         ticket = {self.time_ticket()}
-        rgb, depth = ImageRgba8U(frames.width, frames.height), ImageDepth32F(frames.width, frames.height)
+        rgb, depth = ImageRgba8U(frames.width, frames.height), ImageDepth32F(*frames.depth_size)
         self.DeclareAbstractOutputPort("rgb_image", Value(rgb).Clone, self._calc_rgb, ticket)
         self.DeclareAbstractOutputPort("depth_image", Value(depth).Clone, self._calc_depth, ticket)
         self.DeclareVectorOutputPort("image_time", 1, self._calc_time, ticket)
@@ -140,7 +140,8 @@ class ImagePlayer(LeafSystem):
             return kept[1]
         path = self._frames.folder / name
         image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-        wanted = (self._frames.height, self._frames.width)
+        width, height = self._frames.depth_size if kind == "depth" else (self._frames.width, self._frames.height)
+        wanted = (height, width)
         if image is None or image.shape[:2] != wanted:
             raise StationError(f"{path}: not a PNG image of {wanted[1]}×{wanted[0]} pixels")
         if kind == "depth":
@@ -161,7 +162,7 @@ class ImagePlayer(LeafSystem):
         output.set_value(image)
 
     def _calc_depth(self, context: Context, output: Value) -> None:
-        image = ImageDepth32F(self._frames.width, self._frames.height)
+        image = ImageDepth32F(*self._frames.depth_size)
         k = self._newest(context)
         if k >= 0:
             image.mutable_data[..., 0] = self._read("depth", depth_file(self._frames.index[k]), k)

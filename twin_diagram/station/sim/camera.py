@@ -26,12 +26,18 @@ from pydrake.systems.sensors import CameraInfo, RgbdSensor
 from twin_diagram.errors import ScenarioError
 from twin_diagram.native import require_egl
 from twin_diagram.scenario import Camera, Scenario
+from twin_diagram.scenario.lenses import colour_lens, depth_lens
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER
 from twin_diagram.station.add_models import transform
-from twin_diagram.station.sim.camera_defects import CameraDefectsSystem
+from twin_diagram.station.sim.camera_defects import CameraDefectsSystem, check_defects
+from twin_diagram.station.sim.camera_profiles import faults
+from twin_diagram.station.sim.camera_truth import true_camera
+from twin_diagram.station.sim.exposure_shutter import ExposureShutter
 from twin_diagram.station.sim.merged_shapes import TUNING as MERGED_SHAPES
-from twin_diagram.station.sim.world_plant import build_appearance
+from twin_diagram.station.sim.real_camera import RealCamera
+from twin_diagram.station.sim.world_plant import WorldPlant, build_appearance
+from twin_diagram.station.sim.world_renderer import WorldRenderer, drakes_intrinsics
 
 
 @dataclass(frozen=True)
@@ -52,13 +58,8 @@ _RENDERER = "camera"
 
 
 def camera_info(camera: Camera) -> CameraInfo:
-    """Return Drake's intrinsics of a camera: square pixels, the principal point in the image's centre.
-
-    The image's centre is where pixel (u, v) has its centre at (u, v), as everywhere in computer vision:
-    ((width - 1) / 2, (height - 1) / 2). Drake's VTK renderer puts pixel centres at (u + 0.5, v + 0.5) instead, so it is
-    told a principal point half a pixel further; without that every object is seen 0.7 mm aside at 1 m.
-    """
-    return CameraInfo(camera.width, camera.height, camera.focal, camera.focal, camera.width / 2, camera.height / 2)
+    """Return Drake's intrinsics of a camera as the twin is told of it, but for its distortion."""
+    return drakes_intrinsics(colour_lens(camera))
 
 
 def clipping(camera: Camera) -> ClippingRange:
@@ -85,6 +86,8 @@ def check_camera(camera: Camera, field: str = "twin.camera") -> None:
         )
     if len(camera.depth_range) != 2 or not 0 < camera.depth_range[0] < camera.depth_range[1]:
         raise ScenarioError(f"{field}.depth_range", f"{camera.depth_range} is not [nearest, farthest]")
+    colour_lens(camera)
+    depth_lens(camera)
 
 
 def lights() -> list[LightParameter]:
@@ -150,7 +153,7 @@ class Shutter(LeafSystem):
         output[0] = context.get_discrete_state_vector().value()[-1]
 
 
-def add_camera(builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlant) -> CameraDefectsSystem:
+def add_camera(builder: DiagramBuilder, scenario: Scenario, world: WorldPlant) -> CameraDefectsSystem | RealCamera:
     """Add the scenario's camera, which looks at the world.
 
     It captures at k / rate and delivers `latency` later.
@@ -158,7 +161,7 @@ def add_camera(builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlan
     Args:
         builder: of the station.
         scenario: its ``twin.camera`` is not None.
-        plant: the world's, in `builder`.
+        world: whose plant is in `builder`.
 
     Returns:
         The system whose output ports are the camera's.
@@ -170,15 +173,49 @@ def add_camera(builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlan
     camera = scenario.twin.camera
     assert camera is not None
     check_camera(camera)
+    check_defects(camera, scenario.world.camera_defects)
     require_egl()
-    X_WC = transform(scenario.world.X_WC or camera.X_WC, "world.X_WC")
-    poses, scene_graph = build_appearance(builder, scenario)
-    params = RenderEngineVtkParams(
+    if faults(scenario.world.camera_defects).plain and camera.depth is None and not any(camera.distortion):
+        return _add_ideal_camera(builder, scenario, camera, world.plant)
+    return _add_real_camera(builder, scenario, camera, world)
+
+
+def _render_params() -> RenderEngineVtkParams:
+    return RenderEngineVtkParams(
         default_clear_color=np.array(TUNING.background),
         lights=lights(),
         default_diffuse=np.array(MERGED_SHAPES.grey),
     )
-    scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(params))
+
+
+def _add_real_camera(builder: DiagramBuilder, scenario: Scenario, camera: Camera, world: WorldPlant) -> RealCamera:
+    """Add a camera that takes colours and depth at two times, from two places, each through its own lens."""
+    plant = world.plant
+    context = plant.CreateDefaultContext()
+    delay = faults(scenario.world.camera_defects).depth_delay / camera.rate
+    start = plant.GetPositionsAndVelocities(context)
+    shutter = builder.AddNamedSystem(
+        f"{camera.name}_shutter", ExposureShutter(start, camera.rate, camera.latency, delay)
+    )
+    builder.Connect(plant.get_state_output_port(), shutter.get_input_port())
+    near, far = camera.depth_range
+    renderer = WorldRenderer(scenario, _render_params(), clipping(camera), DepthRange(near, far))
+    labels = [int(world.objects[name]) for name, item in scenario.world.objects.items() if item.reflective]
+    real = builder.AddNamedSystem(
+        f"{camera.name}_real", RealCamera(scenario, true_camera(scenario), plant, renderer, labels)
+    )
+    for name in ("colour_state", "depth_state", "capture_time"):
+        builder.Connect(shutter.GetOutputPort(name), real.GetInputPort(name))
+    return real
+
+
+def _add_ideal_camera(
+    builder: DiagramBuilder, scenario: Scenario, camera: Camera, plant: MultibodyPlant
+) -> CameraDefectsSystem:
+    """Add a camera whose depth is that of its colours, in time and place."""
+    X_WC = transform(scenario.world.X_WC or camera.X_WC, "world.X_WC")
+    poses, scene_graph = build_appearance(builder, scenario)
+    scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(_render_params()))
     start = plant.GetPositions(plant.CreateDefaultContext())
     shutter = builder.AddNamedSystem(f"{camera.name}_shutter", Shutter(start, camera.rate, camera.latency))
     sizes = [plant.num_positions(), plant.num_velocities()]

@@ -16,6 +16,7 @@ from twin_diagram.runtime.timing import timed
 from twin_diagram.scenario import Camera, CameraDefects
 from twin_diagram.station.depth_units import TUNING as DEPTH_UNITS
 from twin_diagram.station.depth_units import Colour, Depth, whole_units
+from twin_diagram.station.sim.camera_profiles import faults
 from twin_diagram.station.sim.noise import Stream, generator
 
 
@@ -63,15 +64,16 @@ def spoil_depth(depth: Depth, defects: CameraDefects, depth_range: Sequence[floa
     Returns:
         (H, W) a whole number of depth units [m], 0 where nothing was measured.
     """
+    off = faults(defects)
     noisy = np.where(np.isfinite(depth), depth, np.float32(0.0))
-    at = np.flatnonzero(edges(noisy)) if defects.edge_dropout > 0 else np.zeros(0, dtype=np.intp)
-    if defects.depth_noise > 0:
+    at = np.flatnonzero(edges(noisy)) if off.edge_dropout > 0 else np.zeros(0, dtype=np.intp)
+    if off.depth_noise > 0:
         noise = rng.standard_normal(noisy.shape, dtype=np.float32)
-        noise *= np.float32(defects.depth_noise)
+        noise *= np.float32(off.depth_noise)
         noise *= noisy
         noise += np.float32(1.0)
         noisy *= noise
-    noisy.ravel()[at[rng.random(len(at), dtype=np.float32) < defects.edge_dropout]] = 0.0
+    noisy.ravel()[at[rng.random(len(at), dtype=np.float32) < off.edge_dropout]] = 0.0
     noisy[(noisy < depth_range[0]) | (noisy > depth_range[1])] = 0.0
     return whole_units(noisy, defects.depth_unit)
 
@@ -91,6 +93,27 @@ def spoil_colour(colour: Colour, noise: npt.NDArray[np.int16], offset: int) -> C
     spoilt = np.clip(part + colour, 0, 255).astype(np.uint8)
     spoilt[..., 3] = 255
     return spoilt
+
+
+def check_defects(camera: Camera, defects: CameraDefects) -> None:
+    """Refuse defects that make no sense.
+
+    Raises:
+        ScenarioError: names the field.
+    """
+    faults(defects)
+    if not defects.colour_noise >= 0:
+        raise ScenarioError("world.camera_defects.colour_noise", f"{defects.colour_noise} is negative")
+    if not defects.depth_unit > 0:
+        raise ScenarioError("world.camera_defects.depth_unit", f"{defects.depth_unit} is not positive")
+    if camera.depth_range[1] > DEPTH_UNITS.most_units * defects.depth_unit:
+        raise ScenarioError(
+            "world.camera_defects.depth_unit",
+            f"{defects.depth_unit} m is too fine for 16 bits to reach the depth range",
+        )
+    for i, interval in enumerate(defects.covered):
+        if len(interval) != 2 or interval[0] > interval[1]:
+            raise ScenarioError(f"world.camera_defects.covered[{i}]", f"{interval} is not [start, end]")
 
 
 class CameraDefectsSystem(LeafSystem):
@@ -114,25 +137,13 @@ class CameraDefectsSystem(LeafSystem):
     """
 
     def __init__(self, camera: Camera, defects: CameraDefects, seed: int) -> None:
-        """Check the defects and draws the table of colour noise.
+        """Check the defects and draw the table of colour noise.
 
         Raises:
             ScenarioError: a defect that makes no sense.
         """
         super().__init__()
-        for name in ("depth_noise", "colour_noise", "edge_dropout"):
-            if not getattr(defects, name) >= 0:
-                raise ScenarioError(f"world.camera_defects.{name}", f"{getattr(defects, name)} is negative")
-        if not defects.depth_unit > 0:
-            raise ScenarioError("world.camera_defects.depth_unit", f"{defects.depth_unit} is not positive")
-        if camera.depth_range[1] > DEPTH_UNITS.most_units * defects.depth_unit:
-            raise ScenarioError(
-                "world.camera_defects.depth_unit",
-                f"{defects.depth_unit} m is too fine for 16 bits to reach the depth range",
-            )
-        for i, interval in enumerate(defects.covered):
-            if len(interval) != 2 or interval[0] > interval[1]:
-                raise ScenarioError(f"world.camera_defects.covered[{i}]", f"{interval} is not [start, end]")
+        check_defects(camera, defects)
         self._camera, self._defects, self._seed = camera, defects, seed
         size = camera.width * camera.height * 4
         rng = generator(seed, Stream.CAMERA_TABLE, 0)

@@ -109,6 +109,7 @@ def merge_shapes(scene_graph: SceneGraph, source: SourceId) -> None:
         chosen: list[GeometryId] = []
         parts: list[trimesh.Trimesh] = []
         colours: list[Array] = []
+        label = RenderLabel.kDontCare
         for geometry in inspector.GetGeometries(frame, Role.kPerception):
             properties = inspector.GetPerceptionProperties(geometry)
             colour = _colour(properties)
@@ -116,6 +117,8 @@ def merge_shapes(scene_graph: SceneGraph, source: SourceId) -> None:
             if part is None or colour is None or not inspector.BelongsToSource(geometry, source):
                 continue
             part.apply_transform(inspector.GetPoseInFrame(geometry).GetAsMatrix4())
+            if not chosen:
+                label = inspector.GetPerceptionProperties(geometry).GetPropertyOrDefault("label", "id", label)
             chosen.append(geometry)
             parts.append(part)
             colours.append(colour)
@@ -127,7 +130,7 @@ def merge_shapes(scene_graph: SceneGraph, source: SourceId) -> None:
         name = f"merged_{frame.get_value()}"
         merged = scene_graph.RegisterGeometry(source, frame, GeometryInstance(RigidTransform(), mesh, name))
         properties = PerceptionProperties()
-        properties.AddProperty("label", "id", RenderLabel.kDontCare)
+        properties.AddProperty("label", "id", label)
         scene_graph.AssignRole(source, merged, properties)
 
 

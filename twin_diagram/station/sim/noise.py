@@ -31,6 +31,10 @@ class Stream(IntEnum):
     CAMERA_TABLE = 3
     LINK = 4
     LIDAR = 5
+    CAMERA_RUN = 6
+    CAMERA_NOISE = 7
+    CAMERA_EDGES = 8
+    CAMERA_TRUTH = 9
 
 
 def generator(seed: int, stream: Stream, tick: int) -> np.random.Generator:

@@ -99,7 +99,7 @@ class SimStation(Diagram):
             builder.ExportOutput(sensors.GetOutputPort("gripper_measured"), ports.GRIPPER_MEASURED)
         camera = scenario.twin.camera
         if camera is not None:
-            images = add_camera(builder, scenario, plant)
+            images = add_camera(builder, scenario, world)
             builder.ExportOutput(images.GetOutputPort("rgb_image"), ports.rgb_image(camera.name))
             builder.ExportOutput(images.GetOutputPort("depth_image"), ports.depth_image(camera.name))
             builder.ExportOutput(images.GetOutputPort("image_time"), ports.image_time(camera.name))

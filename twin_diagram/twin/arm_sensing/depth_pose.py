@@ -13,9 +13,11 @@ from pydrake.systems.sensors import ImageDepth32F
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.sensors import DepthCloud, PointNoise
 from twin_diagram.model.model import Model
+from twin_diagram.perception.depth_noise import DepthSigma
 from twin_diagram.perception.pinhole import DepthImage, Pinhole, back_project
 from twin_diagram.runtime.timing import timed
 from twin_diagram.scenario import Camera, SensorSpec, poses
+from twin_diagram.scenario.lenses import calibration_error
 from twin_diagram.signals.arrays import Array
 from twin_diagram.twin.arm_sensing.cloud_measurement import SIZE, measured, near
 from twin_diagram.twin.arm_sensing.link_surface import Points
@@ -82,12 +84,13 @@ class ArmCloud(LeafSystem):
             points,
             normals,
             X_BO=X_BO,
-            noise=PointNoise(floor_p=floor_p, floor_r=floor_r),
+            noise=point_noise(camera, floor_p, floor_r),
             reach=TUNING.reach,
             name=spec.name,
         )
-        self._camera = Pinhole.from_scenario(camera)
-        self._rays = self._camera.rays()
+        self._camera = Pinhole.of_depth(camera)
+        scale = 1.0 if camera.depth is None else camera.depth.scale
+        self._rays = self._camera.rays() * scale
         self._middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
         self._radius = float(np.linalg.norm(points - self._middle, axis=1).max()) + TUNING.reach
         n = terms.n
@@ -119,8 +122,26 @@ class ArmCloud(LeafSystem):
         return self._sensor.align(near(points, middle_W, self._radius, TUNING.most), self._camera.p_WC, q)
 
 
+def point_noise(camera: Camera, floor_p: float, floor_r: float) -> PointNoise:
+    """Return how the points of a depth image err: as usual, or worse where the camera's data sheet says so.
+
+    Args:
+        camera: the twin's, with its data sheet.
+        floor_p: error that all points share, but for the calibration's [m].
+        floor_r: the same of orientation [rad].
+    """
+    sheet, usual, doubt = DepthSigma.of(camera.depth_noise), PointNoise(), calibration_error(camera)
+    aside = (doubt.shift, 0.5 * sum(camera.depth_range) * doubt.turn, 0.5 * sum(camera.depth_range) * doubt.depth_scale)
+    return PointNoise(
+        std_0=max(usual.std_0, sheet.floor),
+        growth=max(usual.growth, sheet.growth),
+        floor_p=float(np.sqrt(floor_p**2 + np.square(aside).sum() / 3.0)) if any(aside) else floor_p,
+        floor_r=float(np.hypot(floor_r, doubt.turn / np.sqrt(3.0))),
+    )
+
+
 def window(camera: Pinhole, middle_W: Array, radius: float) -> tuple[slice, slice]:
-    """Return the rows and columns of an image that hold a ball about a point: half a width of focal · r / (depth − r).
+    """Return the rows and columns of an image that hold a ball about a point: half a width of f · r / (depth − r).
 
     Args:
         camera: that sees it.
@@ -133,7 +154,7 @@ def window(camera: Pinhole, middle_W: Array, radius: float) -> tuple[slice, slic
     u, v, away = (float(x) for x in camera.project(middle_W))
     if away <= radius:
         return slice(0, 0), slice(0, 0)
-    half = camera.focal * radius / (away - radius)
-    rows = np.clip([v - half, v + half + 1.0], 0, camera.height).astype(int)
-    columns = np.clip([u - half, u + half + 1.0], 0, camera.width).astype(int)
+    across, down = (f * radius / (away - radius) for f in (camera.fx, camera.fy))
+    rows = np.clip([v - down, v + down + 1.0], 0, camera.height).astype(int)
+    columns = np.clip([u - across, u + across + 1.0], 0, camera.width).astype(int)
     return slice(*rows), slice(*columns)

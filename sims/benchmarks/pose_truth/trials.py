@@ -1,0 +1,128 @@
+"""Trials of one registration from a wrong start: a thing on the table, open or hidden in part, seen from any side."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from zlib import crc32
+
+import numpy as np
+import numpy.typing as npt
+
+from pose_truth import raycast, spoil
+from pose_truth.things import Thing
+from twin_diagram.perception.depth_noise import DepthSigma
+from twin_diagram.perception.pinhole import Pinhole, back_project, grid_normals
+from twin_diagram.perception.registration.global_search import resting
+from twin_diagram.perception.registration.rotation import exp, log
+from twin_diagram.perception.segmentation.segments import Segments
+from twin_diagram.scenario.depth_sheets import SHEETS
+
+Array = npt.NDArray[np.float64]
+DISTANCE = 0.9
+STRIDE = 2
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One registration to be done.
+
+    Attributes:
+        thing: what is to be registered.
+        R, p: its true pose; for the score alone.
+        R0, p0: the start.
+        camera, depth, rgb, mask: what a method is given; the mask is the true one.
+    """
+
+    thing: Thing
+    R: Array
+    p: Array
+    R0: Array
+    p0: Array
+    camera: Pinhole
+    depth: npt.NDArray[np.float32]
+    rgb: npt.NDArray[np.uint8]
+    mask: npt.NDArray[np.bool_]
+
+
+def _unit(rng: np.random.Generator) -> Array:
+    v = rng.normal(size=3)
+    return v / np.linalg.norm(v)
+
+
+def _screen(
+    camera: Pinhole, picture: raycast.Picture, share: float, rng: np.random.Generator
+) -> tuple[Array, npt.NDArray[np.int64]]:
+    """Return a plate before the camera that hides `share` of the thing from one side."""
+    row, column = np.nonzero(picture.label == 0)
+    angle = rng.uniform(0, 2 * np.pi)
+    way, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+    pixels = np.column_stack([column, row]).astype(float)
+    edge, middle = np.quantile(pixels @ way, share), np.median(pixels @ across)
+    far = np.ptp(pixels @ way) * share + 30.0
+    wide = np.ptp(pixels @ across) / 2 + 40.0
+    corners = [(edge, -wide), (edge, wide), (edge - far, wide), (edge - far, -wide)]
+    z = float(picture.depth[row, column].min()) - 0.12
+    uv = np.array([w * way + (a + middle) * across for w, a in corners])
+    cu, cv = camera.centre
+    p_C = np.column_stack([(uv[:, 0] - cu) / camera.focal, (uv[:, 1] - cv) / camera.focal, np.ones(4)]) * z
+    return p_C @ camera.R_WC.T + camera.p_WC, np.array([[0, 1, 2], [0, 2, 3]])
+
+
+def draw(
+    thing: Thing, profile: str, hidden: float, number: int, *, metres: float = 0.02, degrees: float = 10.0
+) -> Trial:
+    """Draw one trial; the same arguments give the same one."""
+    rng = np.random.default_rng([crc32(thing.asset.name.encode()), crc32(profile.encode()), int(hidden * 100), number])
+    rests = resting(thing.asset)
+    R_rest, height = rests[0] if number % 2 == 0 else rests[int(rng.integers(len(rests)))]
+    R = exp(np.array([[0.0, 0.0, rng.uniform(-np.pi, np.pi)]]))[0] @ R_rest
+    p = np.array([*rng.uniform(-0.05, 0.05, 2), height])
+    azimuth, elevation = rng.uniform(0, 2 * np.pi), np.radians(rng.uniform(25.0, 60.0))
+    eye = DISTANCE * np.array(
+        [np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)]
+    )
+    camera = raycast.look_at(eye + [*p[:2], 0.0], np.array([*p[:2], 0.05]) + rng.normal(0.0, 0.05, 3) * [1, 1, 0])
+    camera = replace(camera, depth_noise=DepthSigma(*SHEETS[profile]))
+    picture = raycast.take(camera, [(thing, R, p)])
+    if hidden > 0:
+        picture = raycast.take(camera, [(thing, R, p)], _screen(camera, picture, hidden, rng))
+    depth, rgb = spoil.spoiled(picture, profile, rng)
+    R0 = exp((np.radians(degrees) * _unit(rng))[None])[0] @ R
+    mask = (picture.label == 0) & (depth > 0)
+    return Trial(thing, R, p, R0, p + metres * _unit(rng), camera, depth, rgb, mask)
+
+
+def miss(trial: Trial, R: Array, p: Array) -> tuple[float, float]:
+    """Return position error [m] and angle [rad] up to the thing's symmetry."""
+    if trial.thing.symmetric == "z":
+        angle = float(np.arccos(np.clip(R[:, 2] @ trial.R[:, 2], -1.0, 1.0)))
+    else:
+        angle = float(np.linalg.norm(log((R @ trial.R.T)[None])))
+    return float(np.linalg.norm(p - trial.p)), angle
+
+
+def segments(trial: Trial) -> Segments:
+    """Return the picture taken apart by the true mask, as segmentation hands it on."""
+    camera, depth = trial.camera, trial.depth
+    coarse = depth[::STRIDE, ::STRIDE]
+    valid = coarse > 0
+    points = back_project(coarse, camera.rays(STRIDE), camera.p_WC)
+    mask = trial.mask[::STRIDE, ::STRIDE] & valid
+    row, column = np.nonzero(mask)
+    label_image = np.full(coarse.shape, -1, dtype=np.int16)
+    label_image[~valid] = -3
+    label_image[mask] = 0
+    return Segments(
+        time=0.0,
+        points_W=points[row, column],
+        normals_W=grid_normals(points, valid, (row, column), camera.p_WC),
+        colours=trial.rgb[row * STRIDE, column * STRIDE] / 255.0,
+        labels=np.zeros(len(row), dtype=np.int64),
+        count=1,
+        label_image=label_image,
+        stride=STRIDE,
+        depth=depth.copy(),
+        rgb=trial.rgb.copy(),
+        camera=camera,
+        table=np.zeros(3),
+    )

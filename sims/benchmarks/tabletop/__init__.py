@@ -1,0 +1,1 @@
+"""Ray-cast and real tabletops for the benchmarks of segmentation."""

@@ -1,0 +1,158 @@
+"""BOP folders: what is written is read, and what cannot be is refused by name and value."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.assets.building.pictured import Shots, box, cameras, shots, write
+from twin_diagram.errors import FramesError
+from twin_diagram.logs.frames import FrameFolder
+
+
+@pytest.fixture(scope="module")
+def taken() -> Shots:
+    return shots([box((0.04, 0.03, 0.05))], cameras(3, 0.02), masked=True)
+
+
+@pytest.fixture
+def folder(taken: Shots, tmp_path: Path) -> Path:
+    return write(taken, tmp_path / "scene")
+
+
+def edit(folder: Path, change: Callable[[dict[str, Any]], Any], name: str = "scene_camera.json") -> None:
+    path = folder / name
+    entries = json.loads(path.read_text()) if path.exists() else {}
+    change(entries)
+    path.write_text(json.dumps(entries))
+
+
+def test_what_is_written_is_read(folder: Path, taken: Shots) -> None:
+    frames = FrameFolder(folder)
+    assert len(frames) == 3 and frames.posed and frames.has_masks and frames.numbers == [0, 1, 2]
+    for k, true in enumerate(taken.frames):
+        frame = frames.read(k)
+        np.testing.assert_allclose(frame.depth, true.depth, atol=6e-5)
+        np.testing.assert_array_equal(frame.rgb, true.rgb)
+        np.testing.assert_array_equal(frame.mask, true.mask)
+        np.testing.assert_allclose(frame.camera.R_WC, true.camera.R_WC, atol=1e-9)
+        np.testing.assert_allclose(frame.camera.p_WC, true.camera.p_WC, atol=1e-9)
+        assert (frame.camera.fx, frame.camera.cx, frame.camera.cy) == (300.0, 99.5, 79.5)
+        assert frame.time == k and frame.colour is frame.camera
+
+
+def test_camera_projects_along_its_rays(taken: Shots) -> None:
+    camera = taken.frames[1].camera
+    points = camera.rays() * 0.7 @ camera.R_WC.T + camera.p_WC
+    u, v, z = camera.project(points)
+    np.testing.assert_allclose(u, np.broadcast_to(np.arange(200), u.shape), atol=1e-9)
+    np.testing.assert_allclose(v.T, np.broadcast_to(np.arange(160), v.T.shape), atol=1e-9)
+    np.testing.assert_allclose(z, 0.7)
+    assert camera.project(camera.p_WC - camera.R_WC[:, 2])[0] == -1e9
+
+
+def test_without_extrinsics_the_camera_stands(folder: Path) -> None:
+    edit(folder, lambda e: [e[k].pop(key) for k in e for key in ("cam_R_w2c", "cam_t_w2c")])
+    frames = FrameFolder(folder)
+    assert not frames.posed
+    np.testing.assert_array_equal(frames.read(1).camera.R_WC, np.eye(3))
+
+
+def test_a_frame_is_read_when_its_turn_comes(folder: Path) -> None:
+    (folder / "depth" / "000002.png").write_bytes(b"no image")
+    frames = FrameFolder(folder)
+    frames.read(0)
+    with pytest.raises(FramesError, match=r"000002.png: not a readable image"):
+        frames.read(2)
+
+
+def test_times_and_a_depth_camera_of_its_own(folder: Path) -> None:
+    (folder / "times.json").write_text("[0.5, 0.6, 0.8]")
+    turn = [0, -1, 0, 1, 0, 0, 0, 0, 1]
+    extra = {"depth_camera": {"cam_K": [150, 0, 50, 0, 160, 40, 0, 0, 1], "R_CD": turn, "t_CD": [15, 0, 0]}}
+    (folder / "camera_extra.json").write_text(json.dumps(extra))
+    frame = FrameFolder(folder).read(2)
+    assert frame.time == 0.8 and (frame.camera.fx, frame.camera.fy, frame.camera.cy) == (150, 160, 40)
+    R_CD = frame.colour.R_WC.T @ frame.camera.R_WC
+    np.testing.assert_allclose(R_CD.ravel(), turn, atol=1e-9)
+    np.testing.assert_allclose(frame.colour.R_WC.T @ (frame.camera.p_WC - frame.colour.p_WC), [0.015, 0, 0], atol=1e-9)
+
+
+def test_distortion_is_taken_out(folder: Path, taken: Shots) -> None:
+    (folder / "camera_extra.json").write_text(json.dumps({"distortion": [0.3, 0, 0, 0, 0]}))
+    frame, c = FrameFolder(folder).read(0), taken.frames[0].camera
+    # A pixel of the straight picture shows what the bent one has farther out, by 1 + k1 r².
+    x, y = (20 - c.cx) / c.fx, (30 - c.cy) / c.fy
+    r2 = x * x + y * y
+    u, v = x * (1 + 0.3 * r2) * c.fx + c.cx, y * (1 + 0.3 * r2) * c.fy + c.cy
+    assert frame.depth[30, 20] == pytest.approx(taken.frames[0].depth[round(v), round(u)], abs=1e-4)
+    assert abs(u - 20) > 1.5
+
+
+def out(path: Path, target: Path) -> None:
+    path.unlink()
+    path.symlink_to(target)
+
+
+def small(path: Path) -> None:
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    cv2.imwrite(str(path), image[:-2])
+
+
+REFUSED: dict[str, tuple[Callable[[Path], Any], str]] = {
+    "no file": (lambda f: (f / "scene_camera.json").unlink(), "scene_camera.json: no such file"),
+    "no JSON": (lambda f: (f / "scene_camera.json").write_text("{"), "not readable as JSON"),
+    "count": (lambda f: (f / "rgb" / "000001.png").unlink(), "rgb: 2 files, .* has 3: frame 1 is missing"),
+    "beyond": (lambda f: shutil.copy(f / "depth/000001.png", f / "depth/000007.png"), "frame 7 is not in"),
+    "name": (lambda f: shutil.copy(f / "depth/000001.png", f / "depth/first.png"), "named by their frame's number"),
+    "two masks": (
+        lambda f: shutil.copy(f / "mask_visib/000001_000000.png", f / "mask_visib/000001_000001.png"),
+        "two things are masked",
+    ),
+    "size": (lambda f: small(f / "depth/000001.png"), "depth is 200 × 158, before it was 200 × 160"),
+    "mask size": (lambda f: [small(p) for p in (f / "mask_visib").iterdir()], "200 × 158, the picture is 200 × 160"),
+    "all depth": (lambda f: [small(p) for p in (f / "depth").iterdir()], "camera_extra.json"),
+    "empty mask": (
+        lambda f: cv2.imwrite(str(f / "mask_visib/000001_000000.png"), np.zeros((160, 200), np.uint8)),
+        "000001_000000.png: the mask is empty",
+    ),
+    "8 bits": (
+        lambda f: cv2.imwrite(str(f / "depth/000001.png"), np.zeros((160, 200), np.uint8)),
+        "one channel of 16 bits, not uint8",
+    ),
+    "link": (lambda f: out(f / "rgb/000001.png", f.parent / "x.png"), "a link that leads out of|no such file"),
+    "reflection": (
+        lambda f: edit(f, lambda e: e["1"].update(cam_R_w2c=[-x for x in e["1"]["cam_R_w2c"]])),
+        "frame 1: cam_R_w2c is no rotation: it is a reflection",
+    ),
+    "scaled rotation": (
+        lambda f: edit(f, lambda e: e["1"].update(cam_R_w2c=[1.1, 0, 0, 0, 1, 0, 0, 0, 1])),
+        "R Rᵀ is 0.21 off the identity",
+    ),
+    "NaN": (lambda f: edit(f, lambda e: e["2"].update(cam_t_w2c=[0, float("nan"), 0])), "frame 2: cam_t_w2c must be 3"),
+    "half posed": (lambda f: edit(f, lambda e: [e["2"].pop(k) for k in ("cam_R_w2c", "cam_t_w2c")]), "frame 2 has no"),
+    "focal": (lambda f: edit(f, lambda e: e["0"].update(cam_K=[0, 0, 1, 0, 1, 1, 0, 0, 1])), "cam_K must be"),
+    "scale": (lambda f: edit(f, lambda e: e["0"].update(depth_scale=-1)), "depth_scale is -1"),
+    "words": (lambda f: edit(f, lambda e: e["0"].update(cam_K="K")), "'K', not numbers"),
+    "times": (lambda f: (f / "times.json").write_text("[0, 2, 1]"), "times must be finite and rise"),
+    "few times": (lambda f: (f / "times.json").write_text("[0, 2]"), "a time .* for each of the 3 frames"),
+    "distortion": (lambda f: (f / "camera_extra.json").write_text('{"distortion": [1, 2]}'), "0 or 4 or 5 finite"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_refused(case: str, folder: Path) -> None:
+    cv2.imwrite(str(folder.parent / "x.png"), np.zeros((160, 200, 3), np.uint8))
+    spoil, said = REFUSED[case]
+    spoil(folder)
+    with pytest.raises(FramesError, match=said):
+        frames = FrameFolder(folder)
+        for k in range(len(frames)):
+            frames.read(k)

@@ -1,0 +1,63 @@
+"""Lenses against OpenCV's formulas, and their tables against their own inverse."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from twin_diagram.signals.lens import Lens, distort, distortion_derivative, straightening, undistort, unit_rays
+
+BENT = Lens(64, 48, 60.0, 58.0, 30.0, 25.0, (0.1, -0.05, 0.002, -0.003, 0.01))
+
+
+def test_pixels_are_opencvs() -> None:
+    rng = np.random.default_rng(1)
+    points = np.column_stack([rng.uniform(-0.5, 0.5, (200, 2)), np.ones(200)])
+    K = np.array([[60.0, 0.0, 30.0], [0.0, 58.0, 25.0], [0.0, 0.0, 1.0]])
+    wanted = cv2.projectPoints(points, np.zeros(3), np.zeros(3), K, np.array(BENT.distortion))[0][:, 0]
+    np.testing.assert_allclose(np.column_stack(BENT.pixel(points[:, 0], points[:, 1])), wanted, atol=1e-9)
+
+
+@pytest.mark.parametrize("k", range(5))
+def test_the_derivative_is_that_of_each_coefficient(k: int) -> None:
+    distortion = tuple(0.07 if j == k else 0.0 for j in range(5))
+    x, y, h = np.array([0.3, -0.2]), np.array([-0.4, 0.1]), 1e-6
+    right, left = distort(x + h, y, distortion), distort(x - h, y, distortion)
+    down, up = distort(x, y + h, distortion), distort(x, y - h, distortion)
+    xx, xy, yy = distortion_derivative(x, y, distortion)
+    np.testing.assert_allclose(xx, (right[0] - left[0]) / (2 * h), atol=1e-8)
+    np.testing.assert_allclose(xy, (right[1] - left[1]) / (2 * h), atol=1e-8)
+    np.testing.assert_allclose(xy, (down[0] - up[0]) / (2 * h), atol=1e-8)
+    np.testing.assert_allclose(yy, (down[1] - up[1]) / (2 * h), atol=1e-8)
+
+
+def test_rays_lead_back_to_their_pixels() -> None:
+    for lens in (BENT, BENT.straight):
+        rays = unit_rays(lens)
+        assert rays.shape == (48, 64, 3) and not rays.flags.writeable and (rays[..., 2] == 1.0).all()
+        u, v = lens.pixel(rays[..., 0], rays[..., 1])
+        np.testing.assert_allclose(u, np.tile(np.arange(64.0), (48, 1)), atol=1e-8)
+        np.testing.assert_allclose(v, np.tile(np.arange(48.0)[:, None], (1, 64)), atol=1e-8)
+    np.testing.assert_allclose(unit_rays(BENT.straight)[25, 30], [0.0, 0.0, 1.0])
+    assert unit_rays(BENT.straight)[26, 31] == pytest.approx([1 / 60, 1 / 58, 1.0])
+
+
+def test_a_lens_that_folds_the_image_has_no_rays_there() -> None:
+    x, y = np.array([0.1, 1.5]), np.array([0.0, 0.0])
+    found = undistort(*distort(x[:1], y[:1], (-0.4, 0.0, 0.0, 0.0, 0.0)), (-0.4, 0.0, 0.0, 0.0, 0.0))
+    np.testing.assert_allclose(np.ravel(found), [0.1, 0.0], atol=1e-9)
+    assert np.isnan(undistort(x, y, (-0.4, 0.0, 0.0, 0.0, 0.0))[0][1])  # no x has x - 0.4 x³ = 1.5
+
+
+def test_straightening_says_where_the_lens_shows_each_pixel_of_the_straight_one() -> None:
+    u, v = straightening(BENT)
+    assert u.dtype == np.float32 and u.shape == (48, 64)
+    x, y = (60 - 30.0) / 60.0, (40 - 25.0) / 58.0
+    np.testing.assert_allclose([u[40, 60], v[40, 60]], BENT.pixel(np.array(x), np.array(y)), atol=1e-4)
+
+
+def test_a_centred_lens_has_square_pixels_about_the_middle() -> None:
+    lens = Lens.centred(33, 24, 41.0)
+    assert (lens.fx, lens.fy, lens.centre, lens.distortion) == (41.0, 41.0, (16.0, 11.5), ())
+    assert BENT.straight == Lens(64, 48, 60.0, 58.0, 30.0, 25.0)

@@ -1,0 +1,129 @@
+"""Metric scale from a cube of known edge, as SyncTwin's appendix B.
+
+Found by its green, measured on its upright faces.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.errors import FramesError
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of the search."""
+
+    hue: tuple[float, float] = (80.0, 165.0)
+    """Hues that are green [deg]."""
+
+    saturation: float = 0.4
+    """Least saturation: paler things are not painted green."""
+
+    value: float = 0.12
+    """Least brightness: darker pixels have no hue."""
+
+    least_points: int = 200
+    """Fewer points do not measure a cube."""
+
+    unequal: float = 0.08
+    """By how much its edges may differ, as a share; more is no cube."""
+
+
+TUNING = Tuning()
+
+
+@dataclass(frozen=True)
+class Cube:
+    """What was measured: mean `edge` in the cloud's unit, `centre` (3,), `axes` (3, 3) rows, the last one up."""
+
+    edge: float
+    centre: Array
+    axes: Array
+
+    def holds(self, points: Array, growth: float = 1.25) -> npt.NDArray[np.bool_]:
+        """Return (N,), which points lie in the cube grown by that factor."""
+        return np.asarray((np.abs((points - self.centre) @ self.axes.T) <= growth * self.edge / 2).all(axis=1))
+
+
+def is_green(rgb: Array) -> npt.NDArray[np.bool_]:
+    """Return (…,), where colours (…, 3) in [0, 1] are green by hue, saturation and brightness."""
+    flat = np.ascontiguousarray(rgb.reshape(-1, 1, 3), dtype=np.float32)
+    hue, saturation, value = np.moveaxis(cv2.cvtColor(flat, cv2.COLOR_RGB2HSV).reshape(*rgb.shape), -1, 0)
+    low, high = TUNING.hue
+    return np.asarray((hue > low) & (hue < high) & (saturation > TUNING.saturation) & (value > TUNING.value))
+
+
+def measure_cube(points: Array, colours: Array, plane: Array, where: str) -> Cube:
+    """Return the green cube that stands on a plane.
+
+    Args:
+        points: (N, 3) of the scene, in any unit.
+        colours: (N, 3) RGB in [0, 1].
+        plane: (4,) on which it stands: n·p = d, n up.
+        where: begins the message of an error.
+
+    Raises:
+        FramesError: there is no green cube.
+    """
+    n, d = plane[:3], plane[3]
+    green = points[is_green(colours)]
+    if len(green) < TUNING.least_points:
+        raise FramesError(
+            f"{where}: no green cube: {len(green)} green points, {TUNING.least_points} are needed for --cube-edge"
+        )
+    middle = np.median(green, axis=0)
+    distance = np.linalg.norm(green - middle, axis=1)
+    green = green[distance < 3 * np.median(distance)]
+    x = np.cross(n, [1.0, 0, 0] if abs(n[0]) < 0.9 else [0, 1.0, 0])
+    x /= np.linalg.norm(x)
+    y = np.cross(n, x)
+    flat = np.stack([green @ x, green @ y], axis=1)
+    height = green @ n - d
+    top = float(np.quantile(height, 0.98))
+    turns = np.radians(np.arange(0, 90, 0.5))
+    extents = [np.ptp(np.quantile(_turned(flat, a), [0.01, 0.99], axis=0), axis=0).sum() for a in turns]
+    angle = float(turns[int(np.argmin(extents))])
+    upright = (height > 0.15 * top) & (height < 0.85 * top)
+    sides = []
+    for a in np.radians(np.arange(-2, 2.01, 0.25)) + angle:  # the upright faces are flattest where it is turned right
+        sides.append((*_sides(_turned(flat, a), upright), a))
+    low, high, _, angle = min(sides, key=lambda found: found[2])
+    widths = high - low
+    if not np.isfinite(widths).all() or widths.min() <= 0 or np.ptp(widths) > TUNING.unequal * widths.mean():
+        raise FramesError(
+            f"{where}: what is green is no cube: {widths[0]:.3g} by {widths[1]:.3g} across, {top:.3g} high"
+        )
+    if abs(top / widths.mean() - 1) > 2 * TUNING.unequal:
+        raise FramesError(f"{where}: what is green is no cube: {widths.mean():.3g} across, {top:.3g} high")
+    c, s = np.cos(angle), np.sin(angle)
+    u, v = c * x + s * y, -s * x + c * y
+    at = (low + high) / 2
+    edge = float(widths.mean())
+    return Cube(edge, at[0] * u + at[1] * v + (d + edge / 2) * n, np.stack([u, v, n]))
+
+
+def _turned(flat: Array, angle: float) -> Array:
+    c, s = np.cos(angle), np.sin(angle)
+    return flat @ np.array([[c, -s], [s, c]])
+
+
+def _sides(flat: Array, upright: npt.NDArray[np.bool_]) -> tuple[Array, Array, float]:
+    """Return where the upright faces lie along both axes, low and high (2,), and how far points spread about them."""
+    low, high = np.quantile(flat, 0.02, axis=0), np.quantile(flat, 0.98, axis=0)
+    own, spread = flat[upright], 0.0
+    found = np.zeros((2, 2))
+    for axis in range(2):
+        reach = 0.08 * (high[axis] - low[axis])
+        other = 1 - axis
+        middle = (own[:, other] > low[other] + reach) & (own[:, other] < high[other] - reach)
+        for end, edge in enumerate((low[axis], high[axis])):
+            near = own[middle & (np.abs(own[:, axis] - edge) < reach), axis]
+            found[end, axis] = np.median(near) if len(near) > 20 else edge
+            spread += float(np.mean(np.abs(near - found[end, axis]))) if len(near) > 20 else reach
+    return found[0], found[1], spread

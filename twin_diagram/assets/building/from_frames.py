@@ -1,0 +1,141 @@
+"""From a folder of posed RGB-D frames to an asset.
+
+Example:
+    >>> from twin_diagram.assets.building import build_from_frames
+    >>> build_from_frames("scans/mug", "mug", "my_objects", mass=0.3).folder  # doctest: +SKIP
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from twin_diagram.assets.building.from_mesh import AssetPlace, BuiltAsset, build_from_triangles, check_told
+from twin_diagram.assets.building.predictions import metric, read_predictions
+from twin_diagram.assets.building.reconstruct import FrameSource, Reconstruction, reconstruct
+from twin_diagram.assets.building.texture_atlas import lay_out, textured
+from twin_diagram.assets.building.write_asset import place_for
+from twin_diagram.errors import AssetError, FramesError
+from twin_diagram.logs.frames.scene_folder import FrameFolder
+from twin_diagram.runtime.threads import one_thread
+from twin_diagram.signals.arrays import Array
+
+
+@one_thread()
+def build_from_frames(
+    folder: str | Path,
+    name: str,
+    library: str | Path,
+    mass: float | None = None,
+    density: float | None = None,
+    masks: str | Path | None = None,
+    replace_it: bool = False,
+    say: Callable[[str], None] = lambda text: None,
+) -> BuiltAsset:
+    """Reconstruct the one object that frames show and put it into a library.
+
+    Its z axis is the normal of the plane that it stands on, or W's where there is none.
+
+    Args:
+        folder: a BOP scene with the cameras' poses.
+        name: of the asset.
+        library: the folder of assets; made where there is none.
+        mass: [kg]
+        density: [kg/m³]; without either: water's.
+        masks: a folder of masks; None: the frames' own `mask_visib/`, or else what stands out of its support.
+        replace_it: write an asset of that name anew.
+        say: is told of each step.
+
+    Raises:
+        FramesError: frames that cannot be used.
+        AssetError: a name, place, mass or density that cannot; nothing is written.
+    """
+    check_told(mass, density, "m")
+    place_for(name, library, replace_it)
+    frames = FrameFolder(folder, masks)
+    if not frames.posed:
+        raise FramesError(
+            f"{Path(folder) / 'scene_camera.json'}: no cam_R_w2c and cam_t_w2c: building needs posed views"
+        )
+    return asset_of_frames(frames, AssetPlace(name, library, mass, density, replace_it), str(folder), say)
+
+
+@one_thread()
+def build_from_predictions(
+    file: str | Path,
+    name: str,
+    library: str | Path,
+    cube_edge: float,
+    mass: float | None = None,
+    density: float | None = None,
+    masks: str | Path | None = None,
+    replace_it: bool = False,
+    say: Callable[[str], None] = lambda text: None,
+) -> BuiltAsset:
+    """Reconstruct the one object of VGGT's `predictions.npz`, beside which a green cube stands.
+
+    And put it into a library.
+
+    Args:
+        file: the predictions.
+        name: of the asset.
+        library: the folder of assets; made where there is none.
+        cube_edge: of the cube [m].
+        mass: [kg]
+        density: [kg/m³]; without either: water's.
+        masks: a folder of masks, of the predictions' size; None: what stands out beside the cube.
+        replace_it: write an asset of that name anew.
+        say: is told of each step.
+
+    Raises:
+        FramesError: predictions that cannot be used, no cube.
+        AssetError: as of `build_from_frames`.
+    """
+    check_told(mass, density, "m")
+    if not (np.isfinite(cube_edge) and cube_edge > 0):
+        raise AssetError(f"--cube-edge {cube_edge:g}: must be positive [m]")
+    place_for(name, library, replace_it)
+    predicted = read_predictions(file)
+    frames, factor = metric(predicted if masks is None else predicted.masked(masks), cube_edge, str(file))
+    say(f"scale: {factor:.5g} m per unit of the predictions")
+    return asset_of_frames(frames, AssetPlace(name, library, mass, density, replace_it), str(file), say)
+
+
+def asset_of_frames(
+    frames: FrameSource, told: AssetPlace, where: str, say: Callable[[str], None] = lambda text: None
+) -> BuiltAsset:
+    """Reconstruct what frames show, colour it, and put it into a library.
+
+    Raises:
+        FramesError, AssetError: as of `build_from_frames`.
+    """
+    found = reconstruct(frames, where, say=say)
+    atlas = lay_out(len(found.faces))
+    picture = textured(found.views, found.vertices, found.faces, atlas)
+    notes = [
+        f"{100 * found.unseen:.0f} % of the surface was never seen: there it is closed by what nothing contradicts"
+    ]
+    corners = upright(found)[found.faces]
+    try:
+        return build_from_triangles(
+            corners, atlas.uv, picture, told, Path(where).name, unseen=float(found.unseen), notes=notes
+        )
+    except AssetError as error:
+        raise AssetError(f"{where}: {error}") from None
+
+
+def upright(found: Reconstruction) -> Array:
+    """Return the vertices (V, 3) turned the least way that takes the support's normal to z, its plane at z = 0."""
+    if found.plane is None:
+        return found.vertices
+    n, d = found.plane[:3], found.plane[3]
+    z = np.array([0.0, 0.0, 1.0])
+    v, c = np.cross(n, z), float(n @ z)
+    if c < -0.999999:
+        R = np.diag([1.0, -1.0, -1.0])
+    else:
+        skew = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+        R = np.eye(3) + skew + skew @ skew / (1 + c)
+    return np.asarray((found.vertices - d * n) @ R.T)

@@ -1,0 +1,187 @@
+"""Depth images fused into a signed distance on a grid, that keeps thin walls and cavities.
+
+A truncated signed distance (Curless and Levoy, 1996) with three differences:
+
+- Distances are measured across the surface, not along the ray: times the cosine of incidence.
+- Behind the surface a view speaks only as deep as its noise makes necessary; so the far side of a thin wall is left to
+  the views that see it. Inside is what no view has looked through.
+- Rays that pass far in front are votes for free space and never averaged with distances: averaged, they move surfaces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.assets.building.depth_view import DepthView, Map
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of the fusion; what they do shows in `sims/benchmarks/reconstruction.py`."""
+
+    front: float = 3.5
+    """Truncation in front of the surface, in voxels or standard deviations of depth, whichever is more."""
+
+    behind: float = 2.0
+    """Truncation behind it, likewise."""
+
+    behind_at_most: float = 0.003
+    """Largest truncation behind the surface [m]: walls are kept down to about this thickness at worst."""
+
+    free_votes: float = 2.0
+    """How many views must look through a place for each unit of weight that says it lies just below a surface."""
+
+    foot: float = 1.0
+    """Height above the support below which only that counts which carries something [voxels]; a
+    cup's floor must stay."""
+
+    same_surface: float = 0.003
+    """Depth that differs less from its neighbours' is interpolated between them [m]."""
+
+    slab: int = 32_768
+    """Points that are worked on at a time."""
+
+    edge_votes: float = 0.8
+    """What a ray beside an edge counts of such a vote: two of them do."""
+
+    least_free: float = 1.5
+    """How many views must look through a place that nothing else is known of before it is outside."""
+
+
+TUNING = Tuning()
+
+
+@dataclass(frozen=True)
+class FusionGrid:
+    """A regular grid: point (i, j, k) lies at `origin + voxel · (i, j, k)`, axes of W.
+
+    Attributes:
+        origin: (3,) [m].
+        voxel: distance of neighbours [m].
+        shape: points along each axis.
+    """
+
+    origin: Array
+    voxel: float
+    shape: tuple[int, int, int]
+
+    @staticmethod
+    def around(low: Array, high: Array, voxel: float, margin: float) -> FusionGrid:
+        """Return the grid that covers a box [m] and a margin around it [m]."""
+        count = np.ceil((high - low + 2 * margin) / voxel).astype(int) + 1
+        return FusionGrid(low - margin, voxel, (int(count[0]), int(count[1]), int(count[2])))
+
+    def axes(self) -> list[Array]:
+        """Return the coordinates along each axis [m]."""
+        return [self.origin[k] + self.voxel * np.arange(self.shape[k]) for k in range(3)]
+
+    def points(self) -> Array:
+        """Return (nx, ny, nz, 3) [m]."""
+        return np.stack(np.meshgrid(*self.axes(), indexing="ij"), axis=-1)
+
+
+@dataclass(frozen=True)
+class DistanceField:
+    """A field over a grid.
+
+    Attributes:
+        grid: where.
+        distance: (nx, ny, nz) signed distance, positive outside, within the truncation [m].
+        weight: (nx, ny, nz) how much near-surface evidence there is; 0 where only rays passed, or none.
+        known: (nx, ny, nz) whether any view told anything of the place.
+    """
+
+    grid: FusionGrid
+    distance: Map
+    weight: Map
+    known: npt.NDArray[np.bool_]
+
+
+def fuse(views: Sequence[DepthView], grid: FusionGrid, noise: float, plane: Array | None = None) -> DistanceField:
+    """Return the signed distance to what views saw.
+
+    Args:
+        views: at their best known poses.
+        grid: where it is wanted.
+        noise: standard deviation of a depth pixel at the object [m]; sets the truncation.
+        plane: (4,) unit normal n, up, and offset d of the support: n·p = d in W; what lies below it is outside.
+
+    Returns:
+        Where no view has looked, the inside: what was never seen is not carved.
+    """
+    front = TUNING.front * max(grid.voxel, noise)
+    behind = min(TUNING.behind * max(grid.voxel, noise), max(TUNING.behind_at_most, 1.5 * grid.voxel))
+    total = np.zeros(grid.shape, np.float32)
+    weight = np.zeros(grid.shape, np.float32)
+    free = np.zeros(grid.shape, np.float32)
+    votes = np.zeros(grid.shape, np.float32)
+    for view in views:
+        _add(view, grid, front, behind, total, weight, free, votes)
+    near = weight > 0
+    distance = np.where(near, total / np.maximum(weight, 1e-6), -front).astype(np.float32)
+    # Looked through by far more than saw something just in front of it: free, as far in as such votes go.
+    through = np.where(near, votes > TUNING.free_votes * weight, free > TUNING.least_free)
+    distance = np.where(through & (distance < 0), front, distance)
+    if plane is not None:
+        distance = _cut_off(distance, grid, plane, front)
+    return DistanceField(grid, distance.astype(np.float32), weight, near | (free > TUNING.least_free))
+
+
+def _cut_off(distance: Map, grid: FusionGrid, plane: Array, front: float) -> Map:
+    """Return the distance without what lies below the support, and without sheets that the support's own noise leaves.
+
+    Just above the support only that is inside which carries something: a place's distance there is at least that of the
+    place some voxels higher, which changes nothing at upright sides.
+    """
+    height = sum(np.moveaxis(plane[k] * axis[None, None, :], 2, k) for k, axis in enumerate(grid.axes())) - plane[3]
+    step = np.rint(TUNING.foot * plane[:3]).astype(int)
+    at = [np.clip(np.arange(n) + s, 0, n - 1) for n, s in zip(grid.shape, step, strict=True)]
+    higher = distance[np.ix_(*at)]
+    distance = np.where(height < (TUNING.foot - 0.5) * grid.voxel, np.maximum(distance, higher), distance)
+    return np.asarray(np.maximum(distance, np.clip(-height, -front, front)), dtype=np.float32)
+
+
+def _add(
+    view: DepthView, grid: FusionGrid, front: float, behind: float, total: Map, weight: Map, free: Map, votes: Map
+) -> None:
+    """Add what one view says of each point of the grid, slab by slab: what is at work at a time stays in the cache."""
+    camera = view.camera
+    clear = (~view.near_edge & (view.depth > 0)).astype(np.float32)
+    told = np.dstack([view.depth, view.trust, view.across, clear])
+    size = grid.shape[1] * grid.shape[2]
+    slab = max(1, TUNING.slab // size)
+    R_CW = camera.R_WC.T
+    start = R_CW @ (grid.origin - camera.p_WC)
+    step = R_CW * grid.voxel
+    index = [np.arange(n, dtype=np.float32) for n in grid.shape]
+    flat = [
+        (np.float32(step[k, 1]) * index[1][:, None] + np.float32(step[k, 2]) * index[2] + np.float32(start[k])).ravel()
+        for k in range(3)
+    ]
+    for first in range(0, grid.shape[0], slab):
+        x, y, z = (np.float32(step[k, 0]) * index[0][first : first + slab, None] + flat[k] for k in range(3))
+        np.maximum(z, np.float32(1e-3), out=z)
+        u = x / z * np.float32(camera.fx) + np.float32(camera.cx)
+        v = y / z * np.float32(camera.fy) + np.float32(camera.cy)
+        nearest = cv2.remap(told, u, v, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+        mixed = cv2.remap(view.depth, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+        depth, trust, across, sure = (nearest[..., k] for k in range(4))
+        smooth = (trust > 0) & (np.abs(mixed - depth) < TUNING.same_surface)
+        ahead = np.where(smooth, mixed, depth) - z
+        d = ahead * across
+        band = (trust > 0) & (d > -behind) & (d < front)
+        # Half as deep as it speaks, a view begins to fall silent.
+        w = np.where(band, trust * np.clip(2.0 * (1.0 + d / behind), 0.0, 1.0), 0)
+        at = slice(first, first + slab)
+        weight[at] += w.reshape(-1, *grid.shape[1:])
+        total[at] += (w * d).reshape(-1, *grid.shape[1:])
+        through = (ahead > front) & ~band
+        # Beside edges a ray may be off to either side: enough where nothing else is known, not against what was seen.
+        free[at] += np.where(through & (depth > 0), np.maximum(sure, TUNING.edge_votes), 0).reshape(-1, *grid.shape[1:])
+        votes[at] += np.where(through, np.float32(view.vote) * sure, 0).reshape(-1, *grid.shape[1:])

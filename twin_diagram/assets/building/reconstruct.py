@@ -1,0 +1,274 @@
+"""From posed depth images to a closed, coloured mesh of the one object that they show."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from twin_diagram.assets.building.colouring import nearest_pixels, views_that_see
+from twin_diagram.assets.building.decimation import decimated, enclosed_volume
+from twin_diagram.assets.building.depth_view import DepthView, cropped, thinned, view_points
+from twin_diagram.assets.building.fusion import DistanceField, FusionGrid, fuse
+from twin_diagram.assets.building.iso_surface import zero_surface
+from twin_diagram.assets.building.selection import TUNING as CHOICE
+from twin_diagram.assets.building.selection import grown, looked_at, masked_by_most, the_one_thing
+from twin_diagram.assets.building.smoothing import smoothed, vertex_normals
+from twin_diagram.assets.building.support_plane import find_plane
+from twin_diagram.assets.building.view_poses import align, doubted
+from twin_diagram.errors import FramesError
+from twin_diagram.logs.frames.scene_folder import RgbdFrame
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Sizes and limits of a reconstruction."""
+
+    least_views: int = 3
+    """Fewer pictures show too little of any object."""
+
+    largest: float = 2.0
+    """Longest edge of an object [m]; above it, its unit is most likely wrong."""
+
+    smallest: float = 0.005
+    """Least longest edge of an object [m]; below it, likewise."""
+
+    thinned: int = 2
+    """Every so many rows and columns are looked at to find the object."""
+
+    window: int = 40
+    """Pixels about the object that are kept: of the support, by which views are levelled."""
+
+    voxel: float = 0.001
+    """Finest grid [m]: half of the thinnest wall that is to be kept."""
+
+    grid_points: float = 1.3e6
+    """About how many points a grid may have; larger objects get coarser ones."""
+
+    smoothing_rounds: int = 8
+    """Pairs of smoothing steps on the dense mesh."""
+
+    faces: int = 12000
+    """About how many triangles a finished mesh has."""
+
+    closest: float = 0.03
+    """Least distance from cameras to what they look at [m]; less, and a unit is wrong."""
+
+    farthest: float = 20.0
+    """Greatest such distance [m]; more, and a unit is wrong, or millimetres cannot be told."""
+
+    denied: float = 0.3
+    """Share of a view's points that the others look through from which it contradicts them."""
+
+    through: float = 0.012
+    """How far behind a point a view must see to look through it [m]: more than poses are off."""
+
+    asked: int = 400
+    """Points of each view that are asked about."""
+
+
+TUNING = Tuning()
+
+
+class FrameSource(Protocol):
+    """Hold frames that are read one at a time, such as a `FrameFolder`."""
+
+    def __len__(self) -> int: ...
+
+    def read(self, index: int) -> RgbdFrame:
+        """Return the frame at a place."""
+        ...
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """A closed mesh and what is known of it.
+
+    Attributes:
+        vertices: (V, 3) in W [m].
+        faces: (F, 3), counter-clockwise from outside.
+        views_of: (V,) how many pictures see each vertex.
+        unseen: share of the surface that no picture shows.
+        plane: (4,) under the object, n·p = d, n up; None where none was found.
+        views: windows about the object, at refined poses.
+        noise: standard deviation of depth at the object, as found [m].
+    """
+
+    vertices: Array
+    faces: npt.NDArray[np.int64]
+    views_of: npt.NDArray[np.int64]
+    unseen: float
+    plane: Array | None
+    views: list[DepthView]
+    noise: float
+
+
+def reconstruct(
+    frames: FrameSource, where: str = "frames", seed: int = 0, say: Callable[[str], None] = lambda text: None
+) -> Reconstruction:
+    """Return the object's mesh.
+
+    Each frame is read twice: once to find the object, once for the window that shows it.
+
+    Args:
+        frames: three or more, posed in one frame W, in metres; with masks, all or none.
+        where: begins the message of an error.
+        seed: of all that is drawn.
+        say: is told of each step.
+
+    Raises:
+        FramesError: too few views, nothing or two things there, views that contradict each other, or an impossible
+            size.
+    """
+    if len(frames) < TUNING.least_views:
+        raise FramesError(f"{where}: {len(frames)} views, at least {TUNING.least_views} are needed to build an object")
+    points, plane = object_points([thinned(frames.read(k), TUNING.thinned) for k in range(len(frames))], where, seed)
+    check_size(points, where)
+    low, high = points.min(axis=0), points.max(axis=0)
+    box = np.stack(np.meshgrid(*np.stack([low - 0.01, high + 0.01], axis=1)), axis=-1).reshape(-1, 3)
+    windows = [cropped(frames.read(k), box, TUNING.window) for k in range(len(frames))]
+    views = [_kept_to_mask(view) for view in windows if view is not None]
+    if len(views) < TUNING.least_views:
+        raise FramesError(f"{where}: only {len(views)} views show the object, at least {TUNING.least_views} are needed")
+    found = align(views, low, high, plane, seed)
+    say(f"poses refined: surfaces agree to {found.noise * 1000:.2f} mm")
+    _check_agreement(found.views, low, high, where)
+    surest = [
+        doubted(view, c, found.centre, found.noise) for view, c in zip(found.views, found.covariances, strict=True)
+    ]
+    fused = fuse(surest, _grid(low, high, TUNING.grid_points, TUNING.voxel), found.noise, found.plane)
+    vertices, faces = _one_surface(fused, where)
+    vertices = smoothed(vertices, faces, TUNING.smoothing_rounds)
+    vertices, faces = decimated(vertices, faces, TUNING.faces)
+    check_size(vertices, where)
+    count = views_that_see(found.views, vertices, vertex_normals(vertices, faces))
+    unseen = share_unseen(vertices, faces, count)
+    say(f"{len(faces)} triangles, {enclosed_volume(vertices, faces) * 1e6:.1f} cm³, {100 * unseen:.0f} % never seen")
+    return Reconstruction(vertices, faces, count, unseen, found.plane, found.views, found.noise)
+
+
+def share_unseen(vertices: Array, faces: npt.NDArray[np.int64], count: npt.NDArray[np.int64]) -> float:
+    """Return the share of the surface whose corners no view sees."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return float((area * (count[faces] == 0).mean(axis=1)).sum() / area.sum())
+
+
+def object_points(views: Sequence[DepthView], where: str, seed: int) -> tuple[Array, Array | None]:
+    """Return the object's points (N, 3) and the plane under it."""
+    focus, distance = looked_at(views)
+    if not TUNING.closest <= distance <= TUNING.farthest:
+        raise FramesError(
+            f"{where}: the cameras would be {distance:.3g} m from what they look at; is a unit wrong "
+            "(depth_scale: mm per step, cam_t_w2c: mm)?"
+        )
+    samples = [view_points(view, 2, None) for view in views]
+    points = np.concatenate([sample[0] for sample in samples])
+    normals = np.concatenate([sample[1] for sample in samples])
+    near = np.linalg.norm(points - focus, axis=1) < CHOICE.reach * distance
+    above = np.mean([view.camera.p_WC for view in views], axis=0)
+    rng = np.random.default_rng(seed)
+    own = [view.mask for view in views if view.mask is not None]
+    if own:
+        masks = [grown(mask) for mask in own]
+        held = masked_by_most(views, points, masks)
+        free = np.flatnonzero(~held & near)
+    else:
+        free = np.flatnonzero(near)
+    free = free[np.linalg.norm(normals[free], axis=1) > 0.5]
+    free = free[rng.permutation(len(free))[:6000]]
+    plane = find_plane(points[free], normals[free], above, seed)
+    if not own:
+        if plane is None:
+            raise FramesError(f"{where}: no plane on which a thing stands; give masks of the object")
+        held = near
+    if plane is not None:
+        held = held & (points @ plane[:3] - plane[3] > CHOICE.stands_out)
+    candidates = points[held]
+    kept = candidates[the_one_thing(candidates, where)]
+    if plane is not None:  # down to the plane itself
+        foot = kept - np.outer(kept @ plane[:3] - plane[3], plane[:3])
+        kept = np.concatenate([kept, foot])
+    return kept, plane
+
+
+def check_size(points: Array, where: str) -> None:
+    """Refuse points of what is larger or smaller than objects are; `where` begins the message."""
+    longest = float((points.max(axis=0) - points.min(axis=0)).max())
+    if not TUNING.smallest <= longest <= TUNING.largest:
+        wrong = f"{longest:.3g} m" if longest > 1 else f"{longest * 1000:.3g} mm"
+        raise FramesError(
+            f"{where}: the object would be {wrong} long; objects are {TUNING.smallest * 1000:g} mm to "
+            f"{TUNING.largest:g} m: "
+            "is a unit wrong (depth_scale: mm per step, cam_t_w2c: mm)?"
+        )
+
+
+def denied(views: Sequence[DepthView], low: Array, high: Array, seed: int = 0) -> Array:
+    """Return the share (n,) of each view's points in a box that more of the other views look through than see."""
+    rng = np.random.default_rng(seed)
+    shares = np.zeros(len(views))
+    for k, view in enumerate(views):
+        points, _, _ = view_points(view, 1)
+        points = points[((points > low) & (points < high)).all(axis=1)]
+        points = points[rng.permutation(len(points))[: TUNING.asked]]
+        balance = np.zeros(len(points))
+        for other in (*views[:k], *views[k + 1 :]):
+            u, v, z = other.camera.project(points)
+            row, column, there = nearest_pixels(u, v, other.depth.shape)
+            behind = np.where(there & (other.depth[row, column] > 0), other.depth[row, column] - z, np.nan)
+            clear = (behind > TUNING.through) & ~other.near_edge[row, column]
+            balance += clear.astype(float) - (np.abs(behind) < TUNING.through)
+        shares[k] = (balance > 0).mean() if len(points) else 0.0
+    return shares
+
+
+def _check_agreement(views: Sequence[DepthView], low: Array, high: Array, where: str) -> None:
+    shares = denied(views, low, high)
+    worst = int(np.argmax(shares))
+    if shares[worst] > TUNING.denied:
+        raise FramesError(
+            f"{where}: view {worst} contradicts the others: "
+            f"they look through {100 * shares[worst]:.0f} % of what it shows"
+        )
+
+
+def _kept_to_mask(view: DepthView) -> DepthView:
+    """Return the view with surfaces outside its grown mask no longer trusted.
+
+    So that they do not become the object's.
+    """
+    if view.mask is None or view.colour is not view.camera:
+        return view
+    return view.trusted_at(grown(view.mask))
+
+
+def _grid(low: Array, high: Array, count: float, finest: float) -> FusionGrid:
+    extent = high - low
+    voxel = max(finest, float((np.prod(extent + 0.02) / count) ** (1 / 3)))
+    return FusionGrid.around(low, high, voxel, max(0.01, 5 * voxel))
+
+
+def _one_surface(fused: DistanceField, where: str) -> tuple[Array, npt.NDArray[np.int64]]:
+    """Return the closed surface of the largest thing in a field, in W; closed cavities within it are filled."""
+    field = fused.distance.copy()
+    for axis in range(3):
+        for end in (0, -1):
+            np.moveaxis(field, axis, 0)[end] = np.maximum(np.moveaxis(field, axis, 0)[end], fused.grid.voxel)
+    label, count = ndimage.label(field < 0)
+    if not count:
+        raise FramesError(f"{where}: no surface: the views look through each other's")
+    sizes = np.bincount(label.ravel())
+    sizes[0] = 0
+    kept = label == int(np.argmax(sizes))
+    field = np.where((field < 0) & ~kept, fused.grid.voxel * 0.5, field)
+    outside, _ = ndimage.label(~kept)
+    bubbles = ~kept & (outside != outside[0, 0, 0])
+    field = np.where(bubbles, -0.5 * fused.grid.voxel, field)
+    vertices, faces = zero_surface(field.astype(np.float32))
+    return vertices * fused.grid.voxel + fused.grid.origin, faces

@@ -1,0 +1,276 @@
+"""The cameras' poses refined together: each view against the mean surface of all, and against the support plane.
+
+The mean surface is a cloud of cells, each with the mean place and normal of what all views have in it that faces the
+same way; so both sides of a thin wall are kept apart. Each view is moved by Gauss-Newton steps on point-to-plane
+distances (Chen and Medioni, 1992) to the nearest cells; then the surface is formed anew. The mean over a cell of
+distances to its own plane is zero, so views that agree already stay where they are, whatever the surface's curvature.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from twin_diagram.assets.building.depth_view import DepthView, view_points
+from twin_diagram.assets.building.support_plane import settled
+from twin_diagram.signals import rotations
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of the refinement."""
+
+    cells: tuple[float, ...] = (0.006, 0.004, 0.003, 0.003, 0.003)
+    """Edge of a cell in each round [m]: at first as wide as poses are off, at last finer than a handle."""
+
+    length: float = 4.0
+    """Length of a cell along the way that it faces, in edges."""
+
+    steps: int = 2
+    """Gauss-Newton steps of a view against one surface."""
+
+    points: int = 1500
+    """About how many points of a view are used on the object; as many on the support."""
+
+    turned: float = 0.012
+    """Distance that a normal turned by 60° counts as, when the nearest cell is sought [m]."""
+
+    reach: float = 0.008
+    """Distance beyond which a cell does not explain a point [m]."""
+
+    near: float = 0.002
+    """Distance from the plane of its cell within which a point is explained [m], or else five times the noise."""
+
+    on_support: float = 0.003
+    """Height below which a point of the object's surroundings is the support's [m]."""
+
+    prior_rotation: float = 0.0035
+    """Standard deviation of a told pose's rotation, each axis [rad]: 0.2°."""
+
+    prior_translation: float = 0.003
+    """Standard deviation of a told pose's place, each axis [m]: 2 mm, and what the rotation does at the object."""
+
+    independent: float = 150.0
+    """How many points' errors are one and the same: depth noise is correlated over pixels, and in part stays where
+    it is in the picture; what is left of a view's points then weighs as a few do."""
+
+    noise_floor: float = 0.0002
+    """Least standard deviation of a depth point [m]."""
+
+    first_noise: float = 0.002
+    """What residuals are compared with in the first round [m]: poses' errors, not depth's."""
+
+
+TUNING = Tuning()
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Points of one view in C: on and about the object, and on what surrounds it; (N, 3) each [m]."""
+
+    points: Array
+    normals: Array
+    around: Array
+    around_normals: Array
+
+
+@dataclass(frozen=True)
+class AlignedViews:
+    """What came out.
+
+    Attributes:
+        views: at poses that agree.
+        plane: (4,) under them, n·p = d, or None.
+        residuals: (n,) each view's spread about the mean surface [m].
+        explained: (n,) share of each view's points that lie on it.
+        noise: standard deviation of depth at the object [m].
+        covariances: (n, 6, 6) of each view's pose as a twist about `centre` (rotation, translation) [rad, m].
+        centre: (3,) of the box that was given.
+    """
+
+    views: list[DepthView]
+    plane: Array | None
+    residuals: Array
+    explained: Array
+    noise: float
+    covariances: Array
+    centre: Array
+
+
+def moved(view: DepthView, twist: Array, about: Array) -> DepthView:
+    """Return a view turned about a point (3,) of W by `twist[:3]` [rad] and then shifted by `twist[3:]` [m]."""
+    R = rotations.matrix(rotations.exp(twist[:3]))
+    camera = view.camera
+    return view.at(camera.moved(R @ camera.R_WC, R @ (camera.p_WC - about) + about + twist[3:]))
+
+
+def mean_surface(points: Array, normals: Array, cell: float, shift: Array) -> tuple[Array, Array]:
+    """Return places and unit normals (M, 3) of cells: means of the points in each that face one of six ways.
+
+    Cells are long the way they face. Were they not, views a little apart would fall into cells behind one another, and
+    each view agree with its own.
+
+    Args:
+        points: (N, 3) [m].
+        normals: (N, 3) unit.
+        cell: edge across the way that is faced [m].
+        shift: (3,) in [0, 1), of the cells' borders.
+    """
+    main = np.argmax(np.abs(normals), axis=1)
+    rows = np.arange(len(normals))
+    way = 2 * main + (normals[rows, main] < 0)
+    edges = np.full(points.shape, cell)
+    edges[rows, main] = TUNING.length * cell
+    index = np.floor(points / edges + shift).astype(np.int64)
+    index -= index.min(axis=0)
+    size = index.max(axis=0) + 1
+    key = ((index[:, 0] * size[1] + index[:, 1]) * size[2] + index[:, 2]) * 6 + way
+    order = np.argsort(key, kind="stable")
+    starts = np.flatnonzero(np.append(True, np.diff(key[order]) != 0))
+    count = np.diff(np.append(starts, len(order)))[:, None]
+    place = np.add.reduceat(points[order], starts, axis=0) / count
+    normal = np.add.reduceat(normals[order], starts, axis=0)
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    kept = (count[:, 0] >= 3) & (length[:, 0] > 0.5 * count[:, 0])
+    return place[kept], (normal / np.maximum(length, 1e-12))[kept]
+
+
+def align(views: Sequence[DepthView], low: Array, high: Array, plane: Array | None, seed: int = 0) -> AlignedViews:
+    """Return all views at poses that agree.
+
+    Args:
+        views: as told.
+        low: (3,) least corner of a box about the object [m].
+        high: (3,) its greatest corner.
+        plane: (4,) under it, n·p = d, or None.
+        seed: of the choice of points.
+    """
+    now = list(views)
+    centre = (low + high) / 2
+    above = np.mean([view.camera.p_WC for view in now], axis=0)
+    rng = np.random.default_rng(seed)
+    samples = [_sample(view, low, high, rng) for view in now]
+    residuals, explained = np.zeros(len(now)), np.ones(len(now))
+    twists, covariances = np.zeros((len(now), 6)), np.zeros((len(now), 6, 6))
+    noise = TUNING.first_noise
+    for cell in TUNING.cells:
+        if plane is not None:
+            plane = _support(now, samples, plane, above)
+        seen = [_in_W(view, s.points, s.normals) for view, s in zip(now, samples, strict=True)]
+        surface = mean_surface(
+            np.concatenate([p for p, _ in seen]), np.concatenate([n for _, n in seen]), cell, rng.random(3)
+        )
+        tree = cKDTree(np.hstack([surface[0], TUNING.turned * surface[1]]))
+        for k, view in enumerate(now):
+            match = _matched(tree, surface, *seen[k], plane)
+            explained[k] = match.explained
+            now[k], twists[k], covariances[k] = _stepped(view, samples[k], match, plane, twists[k], noise, centre)
+            residuals[k], near = _spread(now[k], samples[k], match, noise)
+            explained[k] *= near
+        noise = max(float(np.median(residuals)), TUNING.noise_floor)
+    return AlignedViews(now, plane, residuals, explained, noise, covariances, centre)
+
+
+@dataclass(frozen=True)
+class _Match:
+    """Which of a view's points (indices) lie on which planes (place, normal), and what share of the object's do."""
+
+    which: npt.NDArray[np.int64]
+    place: Array
+    normal: Array
+    explained: float
+
+
+def _sample(view: DepthView, low: Array, high: Array, rng: np.random.Generator) -> Sample:
+    points, normals, _ = view_points(view, 1, 0.15)
+    near = ((points > low - 0.01) & (points < high + 0.01)).all(axis=1)
+    chosen = [rng.permutation(np.flatnonzero(which))[: TUNING.points] for which in (near, ~near)]
+    c = view.camera
+    p_C, n_C = (points - c.p_WC) @ c.R_WC, normals @ c.R_WC
+    return Sample(p_C[chosen[0]], n_C[chosen[0]], p_C[chosen[1]], n_C[chosen[1]])
+
+
+def _in_W(view: DepthView, points: Array, normals: Array) -> tuple[Array, Array]:
+    R = view.camera.R_WC
+    return points @ R.T + view.camera.p_WC, normals @ R.T
+
+
+def _support(views: Sequence[DepthView], samples: Sequence[Sample], plane: Array, above: Array) -> Array:
+    """Return the support plane from all views' points near the last one."""
+    both = [
+        _in_W(view, np.concatenate([s.points, s.around]), np.concatenate([s.normals, s.around_normals]))
+        for view, s in zip(views, samples, strict=True)
+    ]
+    return settled(np.concatenate([p for p, _ in both]), np.concatenate([n for _, n in both]), plane, above)
+
+
+def _matched(tree: cKDTree, surface: tuple[Array, Array], points: Array, normals: Array, plane: Array | None) -> _Match:
+    rise = np.full(len(points), np.inf) if plane is None else points @ plane[:3] - plane[3]
+    own = np.flatnonzero(rise > TUNING.on_support)
+    distance, cell = tree.query(np.hstack([points[own], TUNING.turned * normals[own]]), workers=1)
+    good = distance < TUNING.reach
+    share = float(good.mean()) if len(own) else 1.0
+    return _Match(own[good], surface[0][cell[good]], surface[1][cell[good]], share)
+
+
+def _spread(view: DepthView, sample: Sample, match: _Match, noise: float) -> tuple[float, float]:
+    """Return the spread of matched points about their planes [m], by the median, and the share that is near them."""
+    if not len(match.which):
+        return 0.0, 0.0
+    p, _ = _in_W(view, sample.points[match.which], sample.normals[match.which])
+    off = np.abs(np.einsum("ni,ni->n", p - match.place, match.normal))
+    return 1.4826 * float(np.median(off)), float((off < max(TUNING.near, 5 * noise)).mean())
+
+
+def _stepped(
+    view: DepthView, sample: Sample, match: _Match, plane: Array | None, twist: Array, noise: float, centre: Array
+) -> tuple[DepthView, Array, Array]:
+    """Return a view after Gauss-Newton steps, its twist from where it was told to be.
+
+    And that one's covariance (6, 6).
+    """
+    information = np.eye(6)
+    prior = np.array([TUNING.prior_rotation] * 3 + [TUNING.prior_translation] * 3) ** -2.0
+    for _ in range(TUNING.steps):
+        p, _ = _in_W(view, sample.points[match.which], sample.normals[match.which])
+        rows = [np.hstack([np.cross(p - centre, match.normal), match.normal])]
+        residual = [np.einsum("ni,ni->n", p - match.place, match.normal)]
+        if plane is not None:
+            q, m = _in_W(
+                view,
+                np.concatenate([sample.points, sample.around]),
+                np.concatenate([sample.normals, sample.around_normals]),
+            )
+            height = q @ plane[:3] - plane[3]
+            on = (np.abs(height) < 3 * TUNING.on_support) & (m @ plane[:3] > 0.94)
+            normal = np.broadcast_to(plane[:3], (int(np.count_nonzero(on)), 3))
+            rows.append(np.hstack([np.cross(q[on] - centre, normal), normal]))
+            residual.append(height[on])
+        J, e = np.concatenate(rows), np.concatenate(residual)
+        # Geman and McClure's weights: what is several standard deviations off belongs to something else.
+        w = (1.0 + (e / (2.5 * noise)) ** 2) ** -2.0 / (noise**2 * TUNING.independent)
+        information = (J * w[:, None]).T @ J + np.diag(prior)
+        step = -np.linalg.solve(information, J.T @ (w * e) + prior * twist)
+        view, twist = moved(view, step, centre), twist + step
+    return view, twist, np.asarray(np.linalg.inv(information), dtype=float)
+
+
+def doubted(view: DepthView, covariance: Array, centre: Array, noise: float) -> DepthView:
+    """Return a view that is trusted less where its pose's uncertainty moves surfaces across themselves.
+
+    A pixel with place p and normal n moves by J δ with J = [(p − c) × n, n], so its trust is divided by 1 + J Σ Jᵀ/σ²;
+    votes for free space, whose edges move sideways, by one plus the largest variance of a shift over σ².
+    """
+    c = view.camera
+    p = view.camera.rays() * view.depth[..., None] @ c.R_WC.T + (c.p_WC - centre)
+    n = view.normals @ c.R_WC.T
+    J = np.concatenate([np.cross(p, n), n], axis=-1)
+    variance = np.einsum("hwi,hwi->hw", J @ covariance, J)
+    sway = float(np.linalg.eigvalsh(covariance[3:, 3:])[-1])
+    trust = (view.trust / (1 + variance / noise**2)).astype(np.float32)
+    return replace(view, trust=trust, vote=1 / (1 + sway / noise**2))

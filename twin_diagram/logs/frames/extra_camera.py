@@ -1,0 +1,95 @@
+"""What `camera_extra.json` adds to a BOP scene: distortion, and a depth camera of its own.
+
+`{"distortion": [k1, k2, p1, p2, k3], "depth_camera": {"cam_K": [9 numbers], "distortion": […], "R_CD": [9 numbers],
+"t_CD": [3 numbers, mm]}}`, all optional; distortion as OpenCV has it, D the depth camera's optical frame, C that "
+"of the colour camera.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.errors import FramesError
+from twin_diagram.logs.frames.folder_files import in_folder, read_json
+from twin_diagram.logs.frames.view_camera import ViewCamera
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class ExtraCamera:
+    """Distortion of both cameras, (5,) or empty, and the depth camera's (fx, fy, cx, cy).
+
+    R_CD and p_CD [m] where it is apart.
+    """
+
+    distortion: Array
+    depth_distortion: Array
+    depth_apart: bool = False
+    depth_K: tuple[float, float, float, float] = (1.0, 1.0, 0.0, 0.0)
+    R_CD: Array | None = None
+    p_CD: Array | None = None
+
+    def depth_camera(self, colour: ViewCamera, size: tuple[int, ...]) -> ViewCamera:
+        """Return the camera of a depth image of `size` (h, w) beside that of the colour image."""
+        if not self.depth_apart or self.R_CD is None or self.p_CD is None:
+            return colour
+        R_WD, p_WD = colour.R_WC @ self.R_CD, colour.p_WC + colour.R_WC @ self.p_CD
+        return ViewCamera(size[1], size[0], *self.depth_K, R_WD, p_WD)
+
+    def straight(self, image: npt.NDArray[np.uint8], camera: ViewCamera) -> npt.NDArray[np.uint8]:
+        """Return an image as the camera would have taken it without distortion."""
+        return image if not self.distortion.any() else np.asarray(_remapped(image, camera, self.distortion), np.uint8)
+
+    def straight_depth(self, depth: npt.NDArray[np.float32], camera: ViewCamera) -> npt.NDArray[np.float32]:
+        """Return depth without distortion: each pixel the nearest one's value, never a mean across an edge."""
+        bent = self.depth_distortion if self.depth_apart else self.distortion
+        return depth if not bent.any() else np.asarray(_remapped(depth, camera, bent), np.float32)
+
+
+def read_extra(folder: Path) -> ExtraCamera:
+    """Return what `folder / camera_extra.json` says; no distortion and one camera where there is none.
+
+    Raises:
+        FramesError: a value is not of its kind; the message names it.
+    """
+    if not (folder / "camera_extra.json").exists():
+        return ExtraCamera(np.zeros(0), np.zeros(0))
+    path = in_folder(folder, "camera_extra.json")
+    raw = read_json(path)
+    own = raw.get("depth_camera") if isinstance(raw, dict) else None
+    if not isinstance(raw, dict) or not (own is None or isinstance(own, dict)):
+        raise FramesError(f"{path}: must hold an object with distortion and depth_camera")
+    distortion = _list(raw, "distortion", (0, 4, 5), path)
+    if own is None:
+        return ExtraCamera(distortion, distortion)
+    K = _list(own, "cam_K", (9,), path).reshape(3, 3)
+    R = _list(own, "R_CD", (9,), path).reshape(3, 3) if "R_CD" in own else np.eye(3)
+    if np.abs(R @ R.T - np.eye(3)).max() > 2e-3 or np.linalg.det(R) < 0 or min(K[0, 0], K[1, 1]) <= 0:
+        raise FramesError(f"{path}: depth_camera: R_CD must be a rotation and cam_K have positive focal lengths")
+    p = _list(own, "t_CD", (3,), path) / 1000.0 if "t_CD" in own else np.zeros(3)
+    intrinsics = (float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2]))
+    return ExtraCamera(distortion, _list(own, "distortion", (0, 4, 5), path), True, intrinsics, R, p)
+
+
+def _list(raw: dict[str, Any], key: str, counts: tuple[int, ...], path: Path) -> Array:
+    try:
+        values = np.array(raw.get(key, []), dtype=float).reshape(-1)
+    except (TypeError, ValueError):
+        values = np.array([np.nan])
+    if len(values) not in counts or not np.isfinite(values).all():
+        raise FramesError(f"{path}: {key} must be {' or '.join(map(str, counts))} finite numbers, not {raw.get(key)}")
+    return values
+
+
+def _remapped(image: npt.NDArray[Any], camera: ViewCamera, distortion: Array) -> npt.NDArray[Any]:
+    K = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
+    size = (camera.width, camera.height)
+    x, y = cv2.initUndistortRectifyMap(K, distortion, np.eye(3), K, size, cv2.CV_32FC1)
+    smooth = image.ndim == 3
+    return np.asarray(cv2.remap(image, x, y, cv2.INTER_LINEAR if smooth else cv2.INTER_NEAREST))

@@ -1,0 +1,64 @@
+"""Files of a folder of frames: none leads out of it, images are numbered, JSON is finite."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from twin_diagram.errors import FramesError
+
+_IMAGES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff"})
+"""Suffixes of the images that OpenCV reads and BOP folders hold."""
+
+
+def in_folder(folder: Path, name: str) -> Path:
+    """Return `folder / name`.
+
+    Raises:
+        FramesError: there is no such file, or it is a link that leads out of the folder.
+    """
+    path = folder / name
+    if not path.is_file():
+        raise FramesError(f"{path}: no such file")
+    if not path.resolve().is_relative_to(folder.resolve()):
+        raise FramesError(f"{path}: a link that leads out of {folder}")
+    return path
+
+
+def numbered(folder: Path, of_objects: bool = False) -> dict[int, Path]:
+    """Return images by frame number, from names such as `000012.png`.
+
+    Args:
+        folder: it is not searched below its top.
+        of_objects: names may go on with an object's number, `000012_000000.png`; all must then be of one object.
+
+    Raises:
+        FramesError: no folder, another name than a number, a frame twice, several objects, a link that leads out.
+    """
+    if not folder.is_dir():
+        raise FramesError(f"{folder}: no such folder")
+    found: dict[int, Path] = {}
+    for path in sorted(folder.iterdir()):
+        if path.suffix.lower() not in _IMAGES or path.name.startswith("."):
+            continue
+        frame, _, item = path.stem.partition("_")
+        if not frame.isdecimal() or not (item == "" or (of_objects and item.isdecimal())):
+            raise FramesError(f"{path}: images are named by their frame's number, e.g. 000012{path.suffix}")
+        if int(frame) in found:
+            what = "two things are masked; keep the masks of one" if of_objects else "the frame is there twice"
+            raise FramesError(f"{path}: beside {found[int(frame)].name}: {what}")
+        found[int(frame)] = in_folder(folder, path.name)
+    return found
+
+
+def read_json(path: Path) -> Any:
+    """Return what a JSON file holds.
+
+    Raises:
+        FramesError: it cannot be parsed.
+    """
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise FramesError(f"{path}: not readable as JSON ({error})") from None

@@ -1,0 +1,204 @@
+"""Estimates how far a camera is from its calibration, from surfaces whose places are known: the arm's and the table's.
+
+A point that the camera shows should lie on a known plane: the tangent plane of the arm's surface near by, or the
+table's top. By the errors e of the calibration (`signals.calibration_error`) it is shown aside by J e, so its distance
+from the plane is n · J e and noise. Gauss-Newton over e, beginning at what the data sheet promises, which is also its
+prior; the points are told anew by the camera as corrected before each step. Known is the camera's pose (6) and the
+scale of depth; the rest is carried along, so that what it leaves open is in the covariance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin_diagram.perception.depth_noise import excess
+from twin_diagram.perception.pinhole import Pinhole
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.calibration_error import SIZE, CalibrationError, point_shifts
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of the estimate, with their units and what set them."""
+
+    steps: int = 6
+    """Of Gauss-Newton at most: errors of a degree are gone after three."""
+
+    settled: float = 1e-7
+    """A step whose errors are all smaller ends it [rad; m; share]."""
+
+    cut: float = 4.0
+    """Residuals beyond so many standard deviations are another thing's (Tukey's weights end there)."""
+
+    width: float = 640.0
+    """Figures in pixels are those of images so wide [px]."""
+
+    patch: float = 50.0
+    """Pixels of one frame that err together: three fifths of the variance of a Gaussian's area, σ = 2.5 px: 4πσ²."""
+
+    lasting: float = 850.0
+    """The same of noise that stays from frame to frame: three tenths of the variance, σ = 15 px."""
+
+    cell: float = 53.0
+    """Side of a square of such an area [px]: what is seen in one square in several frames errs alike in all of them."""
+
+    first_doubt: float = 0.02
+    """How far points may be aside before the first step [m]: 5 mm and half a degree at 2 m."""
+
+
+TUNING = Tuning()
+
+Nearest = Callable[[Array], tuple[Array, Array]]
+
+
+@dataclass(frozen=True)
+class KnownSurface:
+    """Points that one frame shows of a surface whose place is known.
+
+    Attributes:
+        pixels: (N, 2) columns and rows [px].
+        depth: (N,) as delivered, in metres.
+        nearest: from points (N, 3) in W to the nearest ones of the surface and its normals there, (N, 3) each in W.
+        place_std: error of the surface's place that all points share [m]: of the arm's encoders, of the table's height.
+        stride: every n-th pixel in each direction was taken; neighbours err together.
+        frame: number of the image; several surfaces may be of one.
+        body: number of what has the surface, the same in all frames.
+    """
+
+    pixels: Array
+    depth: Array
+    nearest: Nearest
+    place_std: float = 0.0
+    stride: int = 1
+    frame: int = 0
+    body: int = 0
+
+
+@dataclass(frozen=True)
+class CalibrationEstimate:
+    """What was found.
+
+    Attributes:
+        errors: (10,) of the calibration: true less told; see `signals.calibration_error`.
+        covariance: (10, 10) of the errors.
+        points: how many were used.
+    """
+
+    errors: Array
+    covariance: Array
+    points: int
+
+    def corrected(self, camera: Pinhole) -> tuple[Pinhole, float]:
+        """Return the camera as it should be, and what its depth is to be multiplied by."""
+        return corrected(camera, self.errors)
+
+
+def corrected(camera: Pinhole, errors: Array) -> tuple[Pinhole, float]:
+    """Return a camera with errors (10,) taken out of its pose and its lens, and the factor on its depth."""
+    lens = camera.optics
+    zoom = 1.0 + errors[7]
+    mended = replace(lens, fx=lens.fx * zoom, fy=lens.fy * zoom, cx=lens.cx + errors[8], cy=lens.cy + errors[9])
+    angle = float(np.linalg.norm(errors[:3]))
+    R = _rotation(errors[:3], angle) @ camera.R_WC
+    moved = replace(camera, focal=0.5 * (mended.fx + mended.fy), R_WC=R, p_WC=camera.p_WC + errors[3:6], lens=mended)
+    return moved, 1.0 / (1.0 + float(errors[6]))
+
+
+def calibrate(surfaces: Sequence[KnownSurface], camera: Pinhole, told: CalibrationError) -> CalibrationEstimate:
+    """Estimate the errors of a camera's calibration.
+
+    Args:
+        surfaces: what some frames show of arm and table; the more places and directions, the better.
+        camera: as it was told, of depth, without distortion.
+        told: what the data sheet says of the errors: the prior.
+
+    Returns:
+        Errors and covariance; with nothing seen, none and the prior's.
+    """
+    prior = np.maximum(told.variances, 1e-16)
+    errors, information = np.zeros(SIZE), np.diag(1.0 / prior)
+    together = pixels_together(surfaces, camera.width)
+    for k in range(TUNING.steps):
+        H, b = np.diag(1.0 / prior), -errors / prior
+        doubt = TUNING.first_doubt if k == 0 else 0.0
+        for surface, alike in zip(surfaces, together, strict=True):
+            A, right = _normal_equations(surface, corrected(camera, errors), alike, doubt)
+            H, b = H + A, b + right
+        step = np.linalg.solve(H, b)
+        errors, information = errors + step, H
+        if np.abs(step).max() < TUNING.settled:
+            break
+    covariance = np.linalg.inv(information)
+    return CalibrationEstimate(errors, 0.5 * (covariance + covariance.T), sum(len(s.depth) for s in surfaces))
+
+
+def pixels_together(surfaces: Sequence[KnownSurface], width: int) -> list[Array]:
+    """Return for each surface's points (N,) how many pixels of all frames are worth one.
+
+    Noise that lasts is the same in all frames: more of them average it away only where they show something elsewhere.
+
+    Args:
+        surfaces: of all frames.
+        width: of the images [px].
+    """
+    scale = width / TUNING.width
+    cells = [np.floor(surface.pixels / (TUNING.cell * scale)).astype(np.int64) for surface in surfaces]
+    keys = [
+        np.unique((surface.body * 1000 + cell[:, 1]) * 1000 + cell[:, 0], return_inverse=True)
+        for surface, cell in zip(surfaces, cells, strict=True)
+    ]
+    seen_in: dict[int, set[int]] = {}
+    for surface, (there, _) in zip(surfaces, keys, strict=True):
+        for key in there:
+            seen_in.setdefault(int(key), set()).add(surface.frame)
+    return [
+        scale**2 * (TUNING.patch + TUNING.lasting * np.array([len(seen_in[int(key)]) for key in there])[number])
+        for there, number in keys
+    ]
+
+
+def _normal_equations(
+    surface: KnownSurface, corrected_view: tuple[Pinhole, float], together: Array, doubt: float
+) -> tuple[Array, Array]:
+    """Return H (10, 10) and b (10,) of one frame's points of one surface.
+
+    Args:
+        surface: seen.
+        corrected_view: the camera as believed so far, and the factor on its depth.
+        together: (N,) pixels that err together.
+        doubt: how far points may be aside still [m].
+    """
+    if not len(surface.depth):
+        return np.zeros((SIZE, SIZE)), np.zeros(SIZE)
+    view, factor = corrected_view
+    z = surface.depth * factor
+    (cu, cv), (u, v) = view.centre, surface.pixels.T
+    points_C = np.column_stack([(u - cu) / view.fx * z, (v - cv) / view.fy * z, z])
+    points_W = points_C @ view.R_WC.T + view.p_WC
+    places, normals = surface.nearest(points_W)
+    distance = np.einsum("ni,ni->n", normals, points_W - places)
+    J = np.einsum("ni,nij->nj", normals, point_shifts(points_C, view.R_WC, view.fx, view.fy))
+    # Noise is along the line of sight; what of it shows is what of that is across the surface.
+    across = np.abs(np.einsum("ni,ni->n", normals, points_W - view.p_WC)) / np.maximum(z, 1e-6)
+    sigma = np.maximum(view.depth_noise(z) * across, 1e-5)
+    sigma *= excess(distance - np.median(distance), sigma)
+    spread = np.hypot(sigma, surface.place_std + doubt)
+    weight = np.maximum(1.0 - (distance / (TUNING.cut * spread)) ** 2, 0.0) ** 2
+    weight /= sigma**2 * np.maximum(1.0, together / surface.stride**2)
+    H, b = (J * weight[:, None]).T @ J, (J * weight[:, None]).T @ distance
+    if surface.place_std > 0.0:
+        # One number more that all points share, the surface's place, is eliminated.
+        total, pull, along = weight.sum() + surface.place_std**-2, weight @ distance, weight @ J
+        H, b = H - np.outer(along, along) / total, b - along * pull / total
+    return H, b
+
+
+def _rotation(turn: Array, angle: float) -> Array:
+    if angle < 1e-12:
+        return np.eye(3)
+    x, y, z = turn / angle
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * K @ K)
