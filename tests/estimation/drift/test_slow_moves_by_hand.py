@@ -23,22 +23,25 @@ class Plain:
     count: float = 0.0
     mean: float = 0.0
     square: float = 0.0
+    jumps: float = 0.0
     lessons: int = 0
 
-    def take(self, q: float, v: float, rho: float, slow: bool, calm: bool) -> tuple[float, float]:
+    def take(self, q: float, v: float, rho: float, slow: bool, calm: bool, jump: float) -> tuple[float, float]:
         way = 0 if abs(v) <= CREEPS else (1 if v > 0.0 else -1)
         if way != 0 and self.run * way > 0:
             self.run += way
             self.low += (rho - self.low) / 5.0
+            self.jumps = 0.64 * self.jumps + 0.04 * jump**2
         else:
-            self.begin, self.run, self.low = q, way, rho
+            self.begin, self.run, self.low, self.jumps = q, way, rho, jump**2
         if not slow or abs(self.run) < 5 or (q - self.begin) * way < 3e-4:
             return 0.0, 0.0
         beyond = self.low * way - self.mean
-        spread = max(np.sqrt(self.square), FLOOR)
-        found = max(beyond, 0.0) / (SIGMA * spread * (1.0 + 2.0 / np.sqrt(max(self.count / 5.0, 1.0))))
+        usual, allowed = (np.sqrt(max(self.square, FLOOR**2 + more)) for more in (0.0, self.jumps))
+        widened = SIGMA * (1.0 + 2.0 / np.sqrt(max(self.count / 5.0, 1.0)))
+        found = max(beyond, 0.0) / (widened * allowed)
         known = self.count >= 20
-        if calm and (not known or found < 0.5):
+        if calm and (not known or beyond / (widened * usual) < 0.5):
             self.lessons += 1
             self.count = min(self.count + 1.0, 20_000.0)
             share = 1.0 / self.count
@@ -66,10 +69,13 @@ def test_is_what_each_joint_alone_would_say(seed: int, before: float) -> None:
     told, expected = [], []
     for k in range(len(q)):
         slow, calm = rng.random(3) < 0.9, k < 600 or bool(rng.random() < 0.5)
+        jump = np.where(rng.random(3) < 0.1, 3.0 * rng.random(3), 0.0)
         found, gained = breakaway.slow_moves(
-            memory, q[k], v[k], rho[k], CREEPS, slow, np.full(3, FLOOR), SIGMA, bool(calm)
+            memory, q[k], v[k], rho[k], CREEPS, slow, np.full(3, FLOOR), SIGMA, bool(calm), jump
         )
-        plain = [joint.take(q[k, i], v[k, i], rho[k, i], bool(slow[i]), calm) for i, joint in enumerate(joints)]
+        plain = [
+            joint.take(q[k, i], v[k, i], rho[k, i], bool(slow[i]), calm, jump[i]) for i, joint in enumerate(joints)
+        ]
         expected.append(plain)
         told.append(np.transpose([found, np.where(found > 0.0, gained, 0.0)]))
     said, expected_said = np.array(told), np.array(expected)
@@ -77,7 +83,7 @@ def test_is_what_each_joint_alone_would_say(seed: int, before: float) -> None:
     np.testing.assert_allclose(
         said[..., 1], np.where(expected_said[..., 0] > 0.0, expected_said[..., 1], 0.0), rtol=1e-8, atol=1e-12
     )
-    state = np.array([[j.begin, j.run, j.low, j.count, j.mean, j.square] for j in joints]).T
+    state = np.array([[j.begin, j.run, j.low, j.count, j.mean, j.square, j.jumps] for j in joints]).T
     np.testing.assert_allclose(memory, state, rtol=1e-8, atol=1e-12)
     assert np.sum(said[..., 0] > 0.0) > 50 and said.max() > 1.0 and all(joint.lessons > 12 for joint in joints)
 
@@ -106,7 +112,7 @@ def test_lessons_end_where_a_statistic_comes_near() -> None:
     limit = SIGMA * FLOOR * (1.0 + 2.0 / np.sqrt(1000.0 / 5.0))
     for share, learnt in ((0.495, True), (0.505, False)):
         memory = np.zeros((breakaway.SIZE, 1))
-        memory[:, 0] = [-1.0, 5.0, share * limit, 1000.0, 0.0, 0.0]
+        memory[:, 0] = [-1.0, 5.0, share * limit, 1000.0, 0.0, 0.0, 0.0]
         breakaway.slow_moves(
             memory,
             np.zeros(1),

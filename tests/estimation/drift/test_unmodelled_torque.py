@@ -36,6 +36,8 @@ class Plain:
     low: float = 0.0
     run: int = 0
     past: tuple[float, float] = (0.0, 0.0)
+    last: float = 0.0
+    jumps: float = 0.0
 
     def __post_init__(self) -> None:
         self.count, self.mean, self.square = np.zeros(2), np.zeros(2), np.zeros(2)
@@ -53,15 +55,19 @@ class Plain:
         self.past = (q, v)
         way = 0 if abs(v) <= 0.03 else (1 if v > 0.0 else -1)
         self.run = self.run + way if way and self.run * way > 0 else way
-        self.low = rho if abs(self.run) <= 1 else self.low + 0.15 * (rho - self.low)
+        share = 1.0 if abs(self.run) <= 1 else 0.15
+        self.low += share * (rho - self.low)
+        self.jumps = (1.0 - share) ** 2 * self.jumps + share**2 * (tau - self.last) ** 2 / 12.0
+        self.last = tau
         if abs(self.run) < 8:
             return None
         side = int(self.run < 0)
         beyond = self.low - self.mean[side]
-        spread = max(np.sqrt(self.square[side]), np.hypot(0.04 * level, np.hypot(0.3 * 0.3, 0.1)))
+        floor = (0.04 * level) ** 2 + (0.3 * 0.3) ** 2 + 0.1**2
+        usual, allowed = (np.sqrt(max(self.square[side], floor + more)) for more in (0.0, self.jumps))
         widened = SIGMA * (1.0 + 2.0 / np.sqrt(max(0.15 * self.count[side], 1.0)))
-        found, known = abs(beyond) / (widened * spread), self.count[side] >= 100
-        if learning and (not known or found < 0.5):
+        found, known = abs(beyond) / (widened * allowed), self.count[side] >= 100
+        if learning and (not known or abs(beyond) / (widened * usual) < 0.5):
             self.count[side] = min(self.count[side] + 1.0, 60_000.0)
             share = 1.0 / self.count[side]
             self.mean[side] += share * beyond
@@ -97,7 +103,7 @@ def test_is_what_each_slide_alone_would_say(before: float) -> None:
         found, joint, gained = test.follow(vector, x[k], THETA, tau, float(t[k]), learning, True)
         if k == 0:
             for i, one in enumerate(joints):
-                one.past = (x[k, i], x[k, 2 + i])
+                one.past, one.last = (x[k, i], x[k, 2 + i]), tau[i]
             assert (found, joint, gained) == (0.0, -1, 0.0)
             continue
         each = [one.take(x[k, i], x[k, 2 + i], tau[i], dt, learning) for i, one in enumerate(joints)]
@@ -176,3 +182,38 @@ def test_effects_of_the_model_count() -> None:
         np.testing.assert_array_equal(rho, -np.sign(push) * 1e6)
     standing, _ = test._unmodelled(np.zeros(4), np.zeros(4), np.zeros(0), np.zeros(2), DT)
     np.testing.assert_allclose(standing, 3.0 * 0.2 - 0.25)  # at no speed at all friction is taken for that backwards
+
+
+def test_nobody_knows_when_between_two_messages_a_torque_jumped() -> None:
+    """A drive of ± 40 N that has always switched just after a message, and now switches just before one.
+
+    What is logged is the force at the message. A force that is lacking is noticed as before.
+    """
+    terms, tuning, force = gantry(), Filter(parameters=[]), 40.0
+    test = TorqueTest(terms, ParameterSet(terms, tuning), tuning, SIGMA)
+    vector, x, tau = np.zeros(test.size), np.array([0.0, 0.0, 3.0, 1.0]), np.array([force, 0.0])
+    rng = np.random.default_rng(1309)
+
+    def drive(count: int, late: bool, lacking: float = 0.0) -> list[tuple[float, int, float]]:
+        said = []
+        for k in range(count):
+            asked = np.array([force if k // 40 % 2 else -force, 0.0])
+            given = (tau if late else asked) - [lacking, 0.0]
+            before = x.copy()
+            x[2:] += given / MASSES * DT
+            x[:2] += 0.5 * (before[2:] + x[2:]) * DT
+            tau[:] = asked
+            seen.append(1.0 + DT * len(seen))
+            logged = tau + 0.05 * rng.standard_normal(2)
+            said.append(test.follow(vector, x, np.zeros(0), logged, seen[-1], True, True))
+        return said
+
+    seen: list[float] = []
+    assert max(found for found, _, _ in drive(400, late=False)) < 1.0
+    assert 0.4 < max(found for found, _, _ in drive(160, late=True)) < 1.0
+    assert vector[1 + 16 : 1 + 20].max() < 0.2 * (0.09**2 + 0.1**2)  # variances: jumps were no lesson
+    drive(120, late=False)
+    weak = drive(12, late=False, lacking=3.0)
+    assert weak[-1][0] > 1.0
+    assert weak[-1][1] == 0
+    assert weak[-1][2] == pytest.approx(-3.0 * (1.0 - 0.85**12), abs=0.2)

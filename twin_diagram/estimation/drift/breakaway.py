@@ -51,7 +51,7 @@ class Tuning:
 TUNING = Tuning()
 
 
-SIZE: Final = 6
+SIZE: Final = 7
 """Numbers that are remembered of each joint."""
 
 
@@ -65,12 +65,13 @@ def slow_moves(
     floor: Array,
     sigma: float,
     calm: bool,
+    jump: Array | float = 0.0,
 ) -> tuple[Array, Array]:
     """Take in a message and say which joints move though nothing known moves them.
 
     Args:
         memory: (`SIZE`, n) in place: where the movement began [rad], messages in its direction (signed), low-passed ρ;
-            messages learnt from, mean and variance of ρ s.
+            messages learnt from, mean and variance of ρ s; variance of the low-passed ρ that jumps of torque bring.
         q: (n,) [rad].
         v: (n,) [rad/s].
         rho: (n,) torque that the model lacks [N·m], friction taken as F sgn v.
@@ -79,24 +80,28 @@ def slow_moves(
         floor: (n,) σ of ρ s is never taken for less [N·m].
         sigma: k of the threshold.
         calm: whether nothing is wrong.
+        jump: (n,) σ of ρ because nobody knows when since the message before its torque changed [N·m].
 
     Returns:
         (n,) statistics over their thresholds, 0 where nothing is tested, and (n,) ρ beyond what is usual [N·m].
     """
-    begin, run, low, count, mean, variance = memory
+    begin, run, low, count, mean, variance, unsure = memory
     way = np.where(np.abs(v) > creeps, np.sign(v), 0.0)
     goes_on = (way != 0.0) & (np.sign(run) == way)
     begin[:] = np.where(goes_on, begin, q)
     run[:] = np.where(goes_on, run + way, way)
-    low[:] = np.where(goes_on, TUNING.forgetting * low + (1.0 - TUNING.forgetting) * rho, rho)
+    new = np.where(goes_on, 1.0 - TUNING.forgetting, 1.0)
+    low[:] = (1.0 - new) * low + new * rho
+    unsure[:] = (1.0 - new) ** 2 * unsure + (new * jump) ** 2
     moving = slow & (np.abs(run) >= TUNING.long_enough) & ((q - begin) * way >= TUNING.far_enough)
     if not moving.any():
         return np.zeros(len(q)), low
     beyond = low * way - mean
-    least = np.maximum(variance, floor**2)
-    found = np.maximum(beyond, 0.0) / learned_threshold.threshold(0.0, least, sigma, count * (1.0 - TUNING.forgetting))
+    least = np.maximum(variance, floor**2 + np.stack([np.zeros(len(q)), unsure]))
+    usual, allowed = learned_threshold.threshold(0.0, least, sigma, count * (1.0 - TUNING.forgetting))
+    found = np.maximum(beyond, 0.0) / allowed
     known = count >= TUNING.least
-    lesson = moving & calm & (~known | (found < TUNING.near))
+    lesson = moving & calm & (~known | (beyond < TUNING.near * usual))
     if lesson.any():
         more = np.minimum(count[lesson] + 1.0, TUNING.memory)
         count[lesson] = more

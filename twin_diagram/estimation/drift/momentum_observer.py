@@ -11,6 +11,10 @@ there are learnt for as long as nothing is wrong, and far narrower than friction
 leaves μ ± kσ of its joint and direction is an alarm that names the joint. A motor that gives a share g of what is
 logged shows as ρ = (g − 1) τ, and so does every other torque that nobody told of.
 
+When between two messages a torque changed, neither of them says: where τ jumps by Δτ, its mean over the time between
+them may be anything from the one to the other, so that ρ has a deviation of Δτ/√12 more. No threshold claims to know it
+better, and what is only within its threshold for that reason is no lesson.
+
 Joints that move but do not slide yet are for `breakaway`.
 
 The sum over messages of M Δv telescopes, so that only the ends' noise counts: De Luca and Mattone, "Actuator failure
@@ -20,6 +24,7 @@ detection and isolation using generalized momenta", ICRA 2003.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -77,6 +82,13 @@ class Tuning:
 TUNING = Tuning()
 
 
+UNIFORM: Final = 1.0 / np.sqrt(12.0)
+"""Standard deviation of what may lie anywhere within an interval, over its length."""
+
+SIZE: Final = 12
+"""Numbers that are remembered of each joint, beside those of `breakaway`."""
+
+
 class TorqueTest:
     """The test of one arm; what it remembers is a flat vector that its caller keeps.
 
@@ -98,7 +110,7 @@ class TorqueTest:
         self._floor = np.hypot(TUNING.white * tuning.torque_std, tuning.torque_drift_std)
         self._each = np.arange(terms.n)
         self._creeps = max(tuning.excitation, TUNING.seen * tuning.velocity_std)
-        self.size = 1 + (10 + breakaway.SIZE) * terms.n
+        self.size = 1 + (SIZE + breakaway.SIZE) * terms.n
 
     def begin(self, vector: Array) -> None:
         """Another model is used: what the old one lacked says nothing now."""
@@ -113,7 +125,7 @@ class TorqueTest:
             vector: (size,) in place.
             x: (2n,) x̂ at t.
             theta: (p,) θ̂.
-            tau: (n,) measured torques, mean since the message before [N·m].
+            tau: (n,) measured torques, mean since the message before, or at the time of this one [N·m].
             t: of x̂ [s].
             learning: whether nothing is wrong.
             armed: whether alarms may be raised.
@@ -125,36 +137,40 @@ class TorqueTest:
         n, before = self._terms.n, vector[0]
         past, low, run = vector[1 : 1 + 2 * n], vector[1 + 2 * n : 1 + 3 * n], vector[1 + 3 * n : 1 + 4 * n]
         count, mean, squares = vector[1 + 4 * n : 1 + 10 * n].reshape(3, 2, n)
-        creep = vector[1 + 10 * n :].reshape(breakaway.SIZE, n)
+        creep = vector[1 + 10 * n : -2 * n].reshape(breakaway.SIZE, n)
+        last, unsure = vector[-2 * n :].reshape(2, n)
         dt = t - before
         vector[0] = t
         if before <= 0.0 or not 1e-6 < dt < 0.25:
-            past[:] = x
+            past[:], last[:] = x, tau
             run[:] = 0.0
             creep[1] = 0.0
             return 0.0, -1, 0.0
         rho, level = self._unmodelled(past, x, theta, tau, dt)
-        v = x[n:]
-        past[:] = x
+        v, jump = x[n:], np.minimum(UNIFORM * np.abs(tau - last), TUNING.largest)
+        past[:], last[:] = x, tau
         way = np.where(np.abs(v) > self._slides, np.sign(v), 0.0)
         run[:] = np.where((way != 0.0) & (np.sign(run) == way), run + way, way)
-        low[:] = np.where(np.abs(run) <= 1.0, rho, TUNING.forgetting * low + (1.0 - TUNING.forgetting) * rho)
+        new = np.where(np.abs(run) <= 1.0, 1.0, 1.0 - TUNING.forgetting)
+        low[:] = (1.0 - new) * low + new * rho
+        unsure[:] = (1.0 - new) ** 2 * unsure + (new * jump) ** 2
         sliding = np.abs(run) >= TUNING.begun
         floor = np.hypot(TUNING.share * level, self._floor)
         starts, gained = breakaway.slow_moves(
-            creep, x[:n], v, rho, self._creeps, ~sliding, floor, self._sigma, learning
+            creep, x[:n], v, rho, self._creeps, ~sliding, floor, self._sigma, learning, jump
         )
         if not sliding.any():
             return self._largest(starts, gained, armed)
         at = ((run < 0.0).astype(int), self._each)
         beyond = low - mean[at]
         # Messages are no independent witnesses: a low pass makes them alike.
-        variance = np.maximum(squares[at], floor**2)
-        found = np.abs(beyond) / learned_threshold.threshold(
-            0.0, variance, self._sigma, count[at] * (1.0 - TUNING.forgetting)
+        witnesses = count[at] * (1.0 - TUNING.forgetting)
+        usual, allowed = learned_threshold.threshold(
+            0.0, np.maximum(squares[at], floor**2 + np.stack([np.zeros(n), unsure])), self._sigma, witnesses
         )
+        found = np.abs(beyond) / allowed
         known = count[at] >= TUNING.least
-        lesson = sliding & learning & (~known | (found < TUNING.near))
+        lesson = sliding & learning & (~known | (np.abs(beyond) < TUNING.near * usual))
         if lesson.any():
             there = (at[0][lesson], self._each[lesson])
             count[there] = np.minimum(count[there] + 1.0, TUNING.memory)
