@@ -16,6 +16,7 @@ from typing import Any, NoReturn
 from twin_diagram.assets.command import add_asset_commands
 from twin_diagram.errors import TwinError
 from twin_diagram.native import RUN, missing_packages_named, require_packages
+from twin_diagram.runs.tracking.command import add_track_command
 from twin_diagram.runtime.stopping import Stopped, stoppable
 from twin_diagram.runtime.threads import one_thread
 
@@ -111,6 +112,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_scenario_commands(commands)
     _add_log_commands(commands)
     add_asset_commands(commands)
+    add_track_command(commands)
     return parser
 
 

@@ -111,6 +111,7 @@ def test_whitening_makes_coloured_noise_white() -> None:
     assert abs(np.mean(white[1:] * white[:-1])) < 0.05
 
 
+@pytest.mark.slow
 def test_a_push_that_goes_on_may_last_longer_than_half_a_log() -> None:
     wrench = [14.0, -9.0, 12.0, 0.0, 0.0, 0.0]
     push = EffectSpec("external_force", [], ["wrist_3_link"], {"wrench": wrench})

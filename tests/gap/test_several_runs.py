@@ -140,6 +140,7 @@ def test_what_joints_share_is_told_of_each(model: Model) -> None:
             assert estimate.value == pytest.approx(true, rel=0.05) and estimate.unit == unit
 
 
+@pytest.mark.slow
 def test_one_name_may_start_at_other_times_on_other_joints(model: Model) -> None:
     """The model has each joint's own; gap.json has one entry per name."""
     both = [EffectSpec("coulomb_friction", list(bench.JOINTS), [], {"torque": [4.0, 3.0]})]
@@ -174,6 +175,7 @@ def test_runs_may_differ_in_their_rates(model: Model, every: int) -> None:
         assert isinstance(torque, dict) and torque["elbow"].value == pytest.approx(3.0, abs=0.05)
 
 
+@pytest.mark.slow
 def test_a_push_at_the_end_of_a_run_does_not_go_on_in_the_next(model: Model) -> None:
     push = EffectSpec("external_force", [], ["lower"], {"wrench": [8.0, 0.0, -6.0, 0.0, 0.0, 0.0]})
     free, pushed, after = bench.run(model, seed=0), bench.run(model, [push], seed=0), bench.run(model, seed=1)

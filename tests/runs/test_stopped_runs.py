@@ -102,7 +102,8 @@ def replayed(place: Path) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    ("number", "status", "log"), [(signal.SIGINT, 130, "log.csv"), (signal.SIGTERM, 143, "log.npz")]
+    ("number", "status", "log"),
+    [(signal.SIGINT, 130, "log.csv"), pytest.param(signal.SIGTERM, 143, "log.npz", marks=pytest.mark.slow)],
 )
 def test_a_stopped_run_closes_all_that_is_open(number: int, status: int, log: str, tmp_path: Path) -> None:
     """While a search goes on that the run waits for."""

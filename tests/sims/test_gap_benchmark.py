@@ -650,6 +650,7 @@ def test_held_out_gap_of_the_true_correction(tmp_path: Path) -> None:
     assert nothing["left"] == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_fast_subset(tmp_path: Path) -> None:
     """The workflow itself on short logs: silent where nothing is hidden, right where something plain is."""
     results = gap_benchmark.run(gap_benchmark.plan("fast"), tmp_path, duration=gap_benchmark.SHORT)

@@ -247,6 +247,7 @@ def test_under_cover_the_covariance_grows_and_then_recovers(covered: Covered) ->
 # The same twin, on a bus.
 
 
+@pytest.mark.slow
 def test_the_same_twin_on_a_bus_believes_the_same(egl: None) -> None:
     """Within noise, and a lag of a period of the arm's driver and of the bus each way."""
     looks = [0.2, 0.6, 1.0]

@@ -72,6 +72,8 @@ class AssetSpec:
     """What volume and inertia were computed from: `surface`, `filling` (of an open one) or `hull`."""
     symmetries: list[str] | None = None
     """Turns that are not to be told apart, beside `symmetric_axis`; none are proposed yet."""
+    obj_id: int | None = None
+    """Its number in results of the BOP layout; None: its place in the library, from 1."""
     unit: str | None = None
     """Of what the asset was made from."""
     source: str | None = None

@@ -75,7 +75,10 @@ FINDINGS: dict[str, tuple[EffectSpec, dict[str, Estimate | dict[str, Estimate]]]
 }
 
 
-@pytest.mark.parametrize("name", FINDINGS)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[pytest.mark.slow] * (name == "joint_elasticity")) for name in FINDINGS],
+)
 def test_parameters_come_to_the_truth(name: str) -> None:
     """Within 3 % or two standard errors of it, whichever is more, and four in any case; these are below 15 %."""
     spec, rough = FINDINGS[name]
@@ -96,6 +99,7 @@ def test_parameters_come_to_the_truth(name: str) -> None:
     assert np.all(torque_residual_rms(result.model, log) < 1.05 * whole)
 
 
+@pytest.mark.slow
 def test_onset_belongs_to_its_run(tmp_path: Path) -> None:
     """In the run that it was found in, a fault starts; in later ones it is there; both survive saving."""
     spec = EffectSpec("actuator_fault", [JOINTS[3]], [], {"gain": [0.6]}, onset=1.5)

@@ -111,6 +111,24 @@ def test_a_finer_law_is_held_to_what_it_must_bring() -> None:
     assert found[finer] == pytest.approx(wanted), "a nat more, less one and a half per mille of a thousand"
 
 
+@pytest.mark.parametrize(("rival", "further"), [((0, 2, 3), 1), ((0, 1, 4), 1), ((0, 2, 4), 2), ((2, 3, 5), 0)])
+def test_a_finer_law_is_held_to_it_on_each_further_joint(rival: tuple[int, ...], further: int) -> None:
+    """As `plainer` asks it joint by joint: what that took away would else be more probable than what it left."""
+    laws = ["stribeck_friction", "coulomb_friction", "stribeck_friction", "coulomb_friction", "stribeck_friction"]
+    candidates = [
+        *(at(law, joint) for law, joint in zip(laws, (0, 1, 1, 2, 2), strict=True)),
+        at("coulomb_friction", 0),
+    ]
+    charge = 1.5 * further
+    for more in (charge - 0.2, charge + 0.2):
+        some = bench({(): 0.0, (0, 1, 3): 1000.0, rival: 1000.0 + more}, candidates)
+        fit = some.solve(frozenset({0, 1, 3}))
+        found = posterior(some, fit)
+        odds = found[claims(some, frozenset(rival))] / found[claims(some, fit.members)]
+        assert odds == pytest.approx(np.exp(0.5 * (more - charge)))
+        assert (most_probable(some, fit) is fit) == (more < charge)
+
+
 def test_findings_tell_confidence_rivals_and_distance(monkeypatch: pytest.MonkeyPatch) -> None:
     """A hypothesis counts for the one claim of it that takes the finding's place, that of its name first."""
     asked: list[Any] = []

@@ -19,7 +19,7 @@ from twin_diagram.gap.findings import Alternative, Finding, Rest
 from twin_diagram.gap.naming import decided
 from twin_diagram.gap.report import gap_json
 from twin_diagram.gap.search.bench import Bench
-from twin_diagram.gap.search.greedy_search import search
+from twin_diagram.gap.search.greedy_search import plainer, search
 from twin_diagram.gap.search.prior_costs import TUNING as PRIOR_COSTS
 from twin_diagram.gap.search.prior_costs import asked, further, price
 from twin_diagram.gap.verdict.deciding import guessed, outdone
@@ -196,3 +196,29 @@ def test_the_named_set_is_the_best_of_all_that_were_solved(seed: int, size: floa
     model = SimpleNamespace(joints=tuple("abc"), prismatic=frozenset())
     for finding in findings_of(cast(Any, SimpleNamespace(model=model, n=JOINTS)), bench, fit):
         assert whole(finding) == pytest.approx(1.0) and len(finding.alternatives) <= 3
+
+
+def test_what_the_search_takes_from_a_joint_does_not_outdo_what_it_left() -> None:
+    """A dip on one joint, next to none on another: too little for a name, and no reason to name nothing."""
+    rng = np.random.default_rng(5)
+    candidates, y = [], rng.normal(size=(ROWS, JOINTS))
+    for joint, dip in enumerate((1e3, 0.3)):
+        level, bump = np.sign(rng.normal(size=ROWS)), rng.normal(size=ROWS)
+        plain = replace(candidate("coulomb_friction", joint, level), spread=np.array([3e3]))
+        finer = replace(
+            plain,
+            name="stribeck_friction",
+            columns=np.stack([level, bump], axis=1)[:, None, :],
+            spread=np.full(2, 3e3),
+            lower=np.full(2, -np.inf),
+            upper=np.full(2, np.inf),
+        )
+        candidates += [plain, finer]
+        y[:, joint] += 3e3 * level + dip * bump
+    bench = Bench(y, white(), candidates, [])
+    left, taken = frozenset({1, 2}), frozenset({1, 3})
+    fit = plainer(bench, bench.solve(taken))
+    look_around(bench, fit)
+    assert fit.members == left and bench.solve(taken).evidence > fit.evidence + 1.0
+    assert most_probable(bench, fit) is fit and not outdone(bench, fit)
+    assert posterior(bench, fit)[claims(bench, left)] > 0.5 > posterior(bench, fit)[claims(bench, taken)] > 0.01

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -254,12 +254,31 @@ def handicaps(bench: Bench, fit: HypothesisFit) -> dict[str, float]:
     result = {}
     for law in _finer_laws():
         names = {bench.candidates[k].name for k in fit.members}
-        if law.name in names:
+        if law.name in names and law.plainer not in names:
             continue
         rest = frozenset(k for k in fit.members if bench.candidates[k].name != law.plainer)
         explained = _explained(bench, fit, rest) if law.share_of_own else fit.evidence
         result[law.name] = law.plainer_share * explained
     return result
+
+
+def finer(bench: Bench, fit: HypothesisFit, other: Members, less: Mapping[str, float]) -> float:
+    """Return what is asked of a hypothesis for laws that are finer than a fit's [nats], as `plainer` asks it.
+
+    Of all joints together where the fit has no such law; of each further one where it has, or what `plainer` took from
+    a joint would seem more probable than what it left there.
+
+    Args:
+        bench: of both.
+        fit: that it is held against.
+        other: members of the hypothesis.
+        less: of the fit, see `handicaps`.
+    """
+    asked = 0.0
+    for name, each in less.items():
+        here, there = (sum(bench.candidates[k].name == name for k in some) for some in (fit.members, other))
+        asked = max(asked, each * (max(there - here, 0) if here else min(there, 1)))
+    return asked
 
 
 def _drop(bench: Bench, fit: HypothesisFit) -> HypothesisFit | None:

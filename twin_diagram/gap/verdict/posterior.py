@@ -14,7 +14,7 @@ from twin_diagram.gap.findings import Alternative, Estimate, Finding, Moment, Se
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.search.bench import Bench, noise_distance
 from twin_diagram.gap.search.evidence import HypothesisFit, Members
-from twin_diagram.gap.search.greedy_search import additions, everywhere, handicaps
+from twin_diagram.gap.search.greedy_search import additions, everywhere, finer, handicaps
 from twin_diagram.gap.search.prior_costs import TUNING as PRIOR_COSTS
 from twin_diagram.gap.search.prior_costs import asked
 from twin_diagram.gap.verdict.probabilities import Claim, Hypothesis, normalised, shared_out
@@ -110,8 +110,7 @@ def _ranked(bench: Bench, fit: HypothesisFit) -> list[tuple[HypothesisFit, float
             continue
         there = [bench.candidates[k] for k in members]
         more = max(0.0, asked(there, PRIOR_COSTS.least) - mine)
-        finer = max((less.get(candidate.name, 0.0) for candidate in there), default=0.0)
-        result.append((tried, tried.evidence - more - finer))
+        result.append((tried, tried.evidence - more - finer(bench, fit, members, less)))
     return sorted(result, key=lambda item: -item[1])
 
 

@@ -1,0 +1,218 @@
+"""`twin-diagram track`: poses come out as they were, in whatever world, and what is wrong with the input is said."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+import trimesh
+from scipy.spatial import Delaunay
+
+from tests.assets.building.pictured import Shots, cameras, shots, write
+from twin_diagram.assets import shapes
+from twin_diagram.assets.building.from_mesh import build_from_mesh
+from twin_diagram.assets.mesh import write_obj
+from twin_diagram.cli import main
+from twin_diagram.logs.frames import FrameFolder, ViewCamera
+from twin_diagram.signals import rotations
+
+Array = npt.NDArray[np.float64]
+SIZE = (0.11, 0.05, 0.08)
+"""Of the known box, red as the first body of the pictures."""
+STEP = 0.01
+"""How far it is pushed from frame to frame [m]."""
+YAW = 0.4
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("library")
+    made = shapes.box(SIZE)
+    write_obj(made.mesh, folder / "source.obj", np.full((64, 64, 3), (200, 40, 40), dtype=np.uint8))
+    build_from_mesh(folder / "source.obj", "brick", folder / "assets", 0.4, None, "m", False)
+    return folder / "assets"
+
+
+def body(size: tuple[float, float, float], x: float, y: float, yaw: float) -> trimesh.Trimesh:
+    mesh = trimesh.creation.box(size)
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(yaw, [0, 0, 1]))
+    mesh.apply_translation([x, y, size[2] / 2])
+    return mesh
+
+
+def larger(camera: ViewCamera) -> ViewCamera:
+    return replace(camera, width=400, height=320, fx=520.0, fy=520.0, cx=199.5, cy=159.5)
+
+
+@pytest.fixture(scope="module")
+def taken() -> Shots:
+    """Six frames of a camera that stands; the brick is pushed, an unknown box stands by."""
+    view = larger(cameras(3, 0.03, 35.0, 50.0, 0.7)[1])
+    frames = []
+    for k in range(6):
+        (one,) = shots(
+            [body(SIZE, STEP * k - 0.04, 0.02, YAW), body((0.05, 0.06, 0.07), 0.02, -0.13, 0.2)], [view]
+        ).frames
+        frames.append(replace(one, number=k, time=k / 15.0))
+    return Shots(frames)
+
+
+def folder_of(taken: Shots, folder: Path) -> Path:
+    write(taken, folder)
+    (folder / "times.json").write_text(json.dumps([frame.time for frame in taken.frames]))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def scene(taken: Shots, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return folder_of(taken, tmp_path_factory.mktemp("scene") / "frames")
+
+
+def track(library: Path, frames: Path, out: Path, *more: str) -> int:
+    return main(["track", "--library", str(library), "--frames", str(frames), "--out", str(out), *more])
+
+
+def lines(out: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in (out / "objects.jsonl").read_text().splitlines()]
+
+
+@pytest.fixture(scope="module")
+def tracked(library: Path, scene: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("out") / "run"
+    assert track(library, scene, out) == 0
+    return out
+
+
+def of(line: dict[str, Any], asset: str | None) -> dict[str, Any]:
+    (one,) = [entry for entry in line["objects"] if entry["asset"] == asset]
+    return one
+
+
+def angle(q: list[float], yaw: float) -> float:
+    """Between an attitude and a yaw, up to the half turns that a plain box of three unlike edges has."""
+    R = rotations.matrix(np.array(q)[None])[0]
+    c, s = np.cos(yaw), np.sin(yaw)
+    true = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    turns = [np.diag(d) for d in ([1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1])]
+    return min(float(np.arccos(np.clip((np.trace(R.T @ true @ t) - 1) / 2, -1, 1))) for t in turns)
+
+
+def test_a_pushed_box_is_followed_in_w(tracked: Path) -> None:
+    found = lines(tracked)
+    assert [line["frame"] for line in found] == list(range(6))
+    np.testing.assert_allclose([line["time"] for line in found], np.arange(6) / 15.0)
+    assert len({of(line, "brick")["track"] for line in found}) == 1
+    for k, line in enumerate(found):
+        one = of(line, "brick")
+        true = np.array([STEP * k - 0.04, 0.02, SIZE[2] / 2])
+        assert np.linalg.norm(np.array(one["p_WO"]) - true) < (0.002 if k == 0 else 0.004), k
+        assert angle(one["q_WO"], YAW) < np.radians(2.0)
+        covariance = np.array(one["covariance"])
+        assert covariance.shape == (6, 6) and np.linalg.eigvalsh(covariance)[0] > 0
+        assert 0.5 < one["probability"] <= 1.0 and 0.5 < one["visible"] <= 1.0
+        assert one["status"] in ("tracked", "moving") and one["pieces"] == [] and one["free"] == []
+        assert one["hypotheses"][0]["p_WO"] == one["p_WO"]
+
+
+def test_results_are_bops_in_the_cameras_frame(tracked: Path, taken: Shots) -> None:
+    head, *rows = (tracked / "poses.csv").read_text().splitlines()
+    assert head == "scene_id,im_id,obj_id,score,R,t,time" and len(rows) == 6
+    camera = taken.frames[0].camera
+    for row, line in zip(rows, lines(tracked), strict=True):
+        scene_id, im_id, obj_id, score, R, t, time = row.split(",")
+        one = of(line, "brick")
+        assert (scene_id, int(im_id), obj_id) == ("0", line["frame"], "1")
+        assert float(score) == pytest.approx(one["probability"], abs=1e-5)
+        p_C = camera.R_WC.T @ (np.array(one["p_WO"]) - camera.p_WC) * 1000
+        np.testing.assert_allclose(np.array(t.split(), dtype=float), p_C, atol=1e-4)
+        R_WO = rotations.matrix(np.array(one["q_WO"])[None])[0]
+        np.testing.assert_allclose(np.array(R.split(), dtype=float).reshape(3, 3), camera.R_WC.T @ R_WO, atol=1e-6)
+        assert float(time) == pytest.approx(line["time"])
+
+
+def test_an_unknown_thing_keeps_its_number_and_its_pieces_hold_it(tracked: Path) -> None:
+    found = [of(line, None) for line in lines(tracked)]
+    assert len({one["track"] for one in found}) == 1 and found[0]["track"] != of(lines(tracked)[0], "brick")["track"]
+    box = np.random.default_rng(3).uniform(-0.5, 0.5, (500, 3)) * [0.05, 0.06, 0.07] + [0.0, 0.0, 0.035]
+    turn = np.array([[np.cos(0.2), -np.sin(0.2), 0.0], [np.sin(0.2), np.cos(0.2), 0.0], [0.0, 0.0, 1.0]])
+    inside = box @ turn.T + [0.02, -0.13, 0.0]
+    for one in found:
+        hulls = [Delaunay(np.array(piece)) for piece in one["pieces"]]
+        assert 1 <= len(hulls) <= 8
+        assert np.mean(np.any([hull.find_simplex(inside) >= 0 for hull in hulls], axis=0)) > 0.9
+        assert np.linalg.norm(np.array(one["p_WO"])[:2] - [0.02, -0.13]) < 0.04
+
+
+def test_the_same_bits_again_and_in_the_cameras_own_world(
+    library: Path, scene: Path, tracked: Path, tmp_path: Path, taken: Shots
+) -> None:
+    assert track(library, scene, tmp_path / "again") == 0
+    for name in ("poses.csv", "objects.jsonl"):
+        assert (tmp_path / "again" / name).read_bytes() == (tracked / name).read_bytes()
+    bare = shutil.copytree(scene, tmp_path / "bare")
+    cameras_file = bare / "scene_camera.json"
+    entries = json.loads(cameras_file.read_text())
+    for entry in entries.values():
+        del entry["cam_R_w2c"], entry["cam_t_w2c"]
+    cameras_file.write_text(json.dumps(entries))
+    assert track(library, bare, tmp_path / "own") == 0
+    camera = taken.frames[0].camera
+    for here, there in zip(lines(tmp_path / "own"), lines(tracked), strict=True):
+        p_W = camera.R_WC @ np.array(of(here, "brick")["p_WO"]) + camera.p_WC
+        np.testing.assert_allclose(p_W, of(there, "brick")["p_WO"], atol=2e-3)
+
+
+def test_a_pose_that_is_told_is_where_it_begins(library: Path, scene: Path, tracked: Path, tmp_path: Path) -> None:
+    assert track(library, scene, tmp_path / "told", "--init", str(tracked / "poses.csv")) == 0
+    for here, there in zip(lines(tmp_path / "told"), lines(tracked), strict=True):
+        np.testing.assert_allclose(of(here, "brick")["p_WO"], of(there, "brick")["p_WO"], atol=2e-3)
+
+
+def test_frames_are_read_in_turn(library: Path, scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a frame says does not depend on those after it."""
+    seen: list[int] = []
+    read = FrameFolder.read
+    monkeypatch.setattr(FrameFolder, "read", lambda self, k: seen.append(k) or read(self, k))
+    assert track(library, scene, tmp_path / "out") == 0
+    assert seen == list(range(6))
+
+
+def test_what_is_wrong_is_one_line_and_nothing_is_written(
+    library: Path, scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    poses = tmp_path / "poses.csv"
+    (tmp_path / "empty").mkdir()
+    head = "scene_id,im_id,obj_id,score,R,t,time\n"
+    bad = "0,0,1,1,1 0 0 0 1 0 0 0 2,0 0 500,0\n"
+    for arguments, text, said in (
+        ((tmp_path / "none", scene), "", "none"),
+        ((tmp_path / "empty", scene), "", "no whole asset"),
+        ((library, tmp_path / "nowhere"), "", "no such folder of frames"),
+        ((library, scene), head + bad, "R is no rotation"),
+        ((library, scene), head + bad.replace("0 0 2", "0 0 1").replace("0,0,1,", "0,0,7,"), "obj_id 7"),
+        ((library, scene), "a,b\n1,2\n", "no BOP result"),
+    ):
+        poses.write_text(text)
+        more = ("--init", str(poses)) if text else ()
+        out = tmp_path / "out"
+        assert track(*arguments, out, *more) == 2
+        error = capsys.readouterr().err.strip().splitlines()
+        assert len(error) == 1 and said in error[0], error
+        assert not out.exists()
+
+
+def test_without_a_table_all_that_is_seen_stands(library: Path, taken: Shots, tmp_path: Path) -> None:
+    """A thing held before the camera: found, and the note says that no table is in view."""
+    frame = taken.frames[0]
+    near = frame.depth.copy()
+    brick = np.all(frame.rgb == (200, 40, 40), axis=2) if frame.rgb is not None else near > 0
+    near[~brick] = 0.0
+    alone = Shots([replace(frame, depth=near), replace(frame, number=1, time=0.1, depth=near)])
+    assert track(library, folder_of(alone, tmp_path / "frames"), tmp_path / "out") == 0
+    assert len(lines(tmp_path / "out")) == 2

@@ -1,0 +1,31 @@
+"""The command `twin-diagram track`. Cheap to import, as the command line is."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+
+def add_track_command(commands: Any) -> None:
+    """Add the command that tracks objects through a folder of frames."""
+    track = commands.add_parser("track", help="follow a library's objects through a folder of RGB-D frames")
+    track.add_argument("--library", required=True, type=Path, metavar="L", help="the folder of assets")
+    track.add_argument("--frames", required=True, type=Path, metavar="F", help="a BOP scene folder")
+    track.add_argument(
+        "--out", required=True, type=Path, metavar="DIR", help="write poses.csv (BOP results) and objects.jsonl"
+    )
+    track.add_argument("--init", type=Path, metavar="CSV", help="poses in the first frame, laid out as poses.csv")
+    track.add_argument("--seed", type=int, default=0, help="of what is drawn (default: %(default)s)")
+    track.set_defaults(command=_track)
+
+
+def _track(arguments: argparse.Namespace) -> int:
+    from twin_diagram.runs.tracking.track_frames import track_frames
+
+    def say(text: str) -> None:
+        print(text, file=sys.stderr, flush=True)
+
+    track_frames(arguments.library, arguments.frames, arguments.out, arguments.init, arguments.seed, say)
+    return 0

@@ -1,0 +1,183 @@
+"""The command `twin-diagram track`: poses of a library's objects in each frame of a folder, written as files.
+
+`poses.csv` holds BOP results (scene_id, im_id, obj_id, score, R, t [mm], time [s], camera frame), `objects.jsonl` a
+line per frame, SI, in W.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twin_diagram import scenario
+from twin_diagram.assets import Asset
+from twin_diagram.assets.description import read_spec
+from twin_diagram.assets.library import entries
+from twin_diagram.errors import AssetError, FramesError
+from twin_diagram.logs.frames import FrameFolder, RgbdFrame, ViewCamera
+from twin_diagram.perception.alignment import DepthGrid
+from twin_diagram.perception.pinhole import Pinhole
+from twin_diagram.perception.registration.rotation import to_quaternion
+from twin_diagram.perception.segmentation.segmentation import Grid, segment
+from twin_diagram.runs.tracking.object_tracker import ObjectTracker, TrackedObject
+from twin_diagram.runs.tracking.table_frame import TableFrame, table_frame
+from twin_diagram.runtime import atomic_file
+from twin_diagram.runtime.output_place import why_not
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.lens import Lens
+
+PERCEPTION = scenario.Perception(workspace=[[-5.0, -5.0, -0.02], [5.0, 5.0, 5.0]])
+"""Everything in view above the table counts: no workspace is told."""
+
+
+def track_frames(
+    library: Path, frames: Path, out: Path, init: Path | None = None, seed: int = 0, say: Callable[[str], None] = print
+) -> None:
+    """Track the objects of a library through a folder of frames; no frame is read before its turn.
+
+    Args:
+        library: folder of assets; corrupt ones are named and left out.
+        frames: BOP scene folder.
+        out: folder that gets `poses.csv` and `objects.jsonl`.
+        init: poses of the first frame's objects, in the layout of `poses.csv`; others are searched for.
+        seed: of what is drawn (the search for the plane).
+        say: told what goes on.
+
+    Raises:
+        AssetError, FramesError: names file and value; nothing is written.
+    """
+    if (why := why_not(out, folder=True)) is not None:
+        raise FramesError(f"--out {out}: {why}")
+    folder = FrameFolder(frames)
+    assets, numbers = _library(library, say)
+    told = {} if init is None else _first_poses(init, folder.numbers[0], numbers)
+    tracker = ObjectTracker(assets, PERCEPTION)
+    rows: list[list[str]] = []
+    lines: list[str] = []
+    base: TableFrame | None = None
+    for index in range(len(folder)):
+        frame = folder.read(index)
+        depth = _on_colours_grid(frame)
+        camera = _pinhole(frame.colour, frame.colour.R_WC, frame.colour.p_WC)
+        if base is None:
+            base = table_frame(depth, camera, seed)
+            if not base.found:
+                say("note: no table in view; all that is seen counts as standing")
+            for name, (R_CO, p_CO) in told.items():
+                R_TC, p_TC = base.camera(camera)
+                tracker.start(name, R_TC @ R_CO, R_TC @ p_CO + p_TC, frame.time - 1e-3)
+        grid = Grid.of(_pinhole(frame.colour, *base.camera(camera)), PERCEPTION.stride)
+        rgb = frame.rgb if frame.rgb is not None else np.full((*depth.shape, 3), 128, dtype=np.uint8)
+        found = tracker.observe(segment(rgb, depth, frame.time, grid, PERCEPTION))
+        rows += [_row(frame, one, numbers, camera, base) for one in found if one.asset is not None and one.found]
+        lines.append(json.dumps(_line(frame, found, assets, base)))
+        if (index + 1) % 50 == 0:
+            say(f"{index + 1} of {len(folder)} frames")
+    table = ["scene_id,im_id,obj_id,score,R,t,time", *(",".join(row) for row in rows)]
+    atomic_file.write(out / "poses.csv", "".join(line + "\n" for line in table))
+    atomic_file.write(out / "objects.jsonl", "".join(line + "\n" for line in lines))
+    say(f"{out}: {len(rows)} poses in {len(lines)} frames")
+
+
+def _library(library: Path, say: Callable[[str], None]) -> tuple[dict[str, Asset], dict[str, int]]:
+    """Return the whole assets by name, and their BOP numbers: `obj_id` in `asset.yaml`, else the place in it."""
+    assets: dict[str, Asset] = {}
+    numbers: dict[str, int] = {}
+    for place, one in enumerate(entries(library), start=1):
+        if one.asset is None:
+            say(f"warning: {one.name} is corrupt and left out: {one.wrong}")
+            continue
+        assets[one.name] = one.asset
+        numbers[one.name] = read_spec(one.asset.folder).obj_id or place
+    if not assets:
+        raise AssetError(f"{library}: no whole asset in this library")
+    if len(set(numbers.values())) < len(numbers):
+        raise AssetError(f"{library}: two assets have one obj_id: {numbers}")
+    return assets, numbers
+
+
+def _first_poses(path: Path, first: int, numbers: Mapping[str, int]) -> dict[str, tuple[Array, Array]]:
+    """Read X_CO of the first frame's objects from BOP results; the best of each."""
+    names = {number: name for name, number in numbers.items()}
+    best: dict[str, tuple[float, Array, Array]] = {}
+    try:
+        rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
+    except (OSError, UnicodeDecodeError) as error:
+        raise FramesError(f"{path}: cannot be read: {error}") from None
+    for number, row in enumerate(rows, start=2):
+        try:
+            image, which, score = int(row["im_id"]), int(row["obj_id"]), float(row.get("score") or 1.0)
+            R, t = (np.array(row[key].split(), dtype=float) for key in ("R", "t"))
+        except (KeyError, TypeError, ValueError, AttributeError):
+            raise FramesError(f"{path}: line {number} is no BOP result: {dict(row)}") from None
+        if len(R) != 9 or len(t) != 3 or not np.isfinite([*R, *t]).all():
+            raise FramesError(f"{path}: line {number}: R needs nine finite numbers, t three")
+        R = R.reshape(3, 3)
+        if np.abs(R @ R.T - np.eye(3)).max() > 2e-3 or np.linalg.det(R) < 0:
+            raise FramesError(f"{path}: line {number}: R is no rotation")
+        if image != first:
+            continue
+        if which not in names:
+            raise FramesError(f"{path}: line {number}: obj_id {which} is none of the library's {sorted(names)}")
+        if names[which] not in best or score > best[names[which]][0]:
+            best[names[which]] = (score, R, t / 1000.0)
+    return {name: (R, p) for name, (_, R, p) in best.items()}
+
+
+def _pinhole(camera: ViewCamera, R: Array, p: Array) -> Pinhole:
+    """Return a view's camera at another pose."""
+    lens = Lens(camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy)
+    return Pinhole(camera.width, camera.height, 0.5 * (camera.fx + camera.fy), R, p, lens)
+
+
+def _on_colours_grid(frame: RgbdFrame) -> Any:
+    """Return depth (h, w) [m] on the grid of the colours."""
+    if frame.camera is frame.colour:
+        return frame.depth
+    own, colour = frame.camera, frame.colour
+    R_CD, p_CD = colour.R_WC.T @ own.R_WC, colour.R_WC.T @ (own.p_WC - colour.p_WC)
+    lenses = [Lens(c.width, c.height, c.fx, c.fy, c.cx, c.cy) for c in (own, colour)]
+    return DepthGrid.of(lenses[0], R_CD, p_CD, lenses[1]).warped(frame.depth)
+
+
+def _row(
+    frame: RgbdFrame, one: TrackedObject, numbers: Mapping[str, int], camera: Pinhole, base: TableFrame
+) -> list[str]:
+    """Return a BOP result of an object in the camera's frame."""
+    R_TC, p_TC = base.camera(camera)
+    R, t = R_TC.T @ one.R, R_TC.T @ (one.p - p_TC) * 1000.0
+    assert one.asset is not None
+    said = [" ".join(f"{x:.9g}" for x in values) for values in (R.ravel(), t)]
+    return ["0", str(frame.number), str(numbers[one.asset]), f"{one.probability:.6g}", *said, f"{frame.time:.9g}"]
+
+
+def _line(
+    frame: RgbdFrame, found: list[TrackedObject], assets: Mapping[str, Asset], base: TableFrame
+) -> dict[str, Any]:
+    """Return a frame's line of `objects.jsonl`."""
+    turn = np.kron(np.eye(2), base.R_WT)
+    objects = []
+    for one in found:
+        R, p = base.R_WT @ one.R, base.R_WT @ one.p + base.p_WT
+        pose = {"p_WO": p.tolist(), "q_WO": to_quaternion(R).tolist()}
+        free = one.asset is not None and assets[one.asset].symmetric_axis == "z"
+        objects.append(
+            {
+                "track": one.track,
+                "asset": one.asset,
+                "status": one.status,
+                "probability": one.probability,
+                "visible": one.visible,
+                **pose,
+                "covariance": (turn @ one.covariance @ turn.T).tolist(),
+                "free": [[0.0, 0.0, 1.0]] if free else [],
+                "hypotheses": [{**pose, "probability": one.probability}],
+                "pieces": [(piece @ base.R_WT.T + base.p_WT).tolist() for piece in one.pieces],
+            }
+        )
+    return {"frame": frame.number, "time": frame.time, "objects": objects}
