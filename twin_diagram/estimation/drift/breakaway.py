@@ -98,7 +98,7 @@ def slow_moves(
         return np.zeros(len(q)), low
     beyond = low * way - mean
     least = np.maximum(variance, floor**2 + np.stack([np.zeros(len(q)), unsure]))
-    usual, allowed = learned_threshold.threshold(0.0, least, sigma, count * (1.0 - TUNING.forgetting))
+    usual, allowed = np.asarray(learned_threshold.threshold(0.0, least, sigma, count * (1.0 - TUNING.forgetting)))
     found = np.maximum(beyond, 0.0) / allowed
     known = count >= TUNING.least
     lesson = moving & calm & (~known | (beyond < TUNING.near * usual))

@@ -156,18 +156,16 @@ class TorqueTest:
         unsure[:] = (1.0 - new) ** 2 * unsure + (new * jump) ** 2
         sliding = np.abs(run) >= TUNING.begun
         floor = np.hypot(TUNING.share * level, self._floor)
-        starts, gained = breakaway.slow_moves(
-            creep, x[:n], v, rho, self._creeps, ~sliding, floor, self._sigma, learning, jump
-        )
+        slow = self._creeps, ~sliding, floor, self._sigma, learning
+        starts, gained = breakaway.slow_moves(creep, x[:n], v, rho, *slow, jump)
         if not sliding.any():
             return self._largest(starts, gained, armed)
         at = ((run < 0.0).astype(int), self._each)
         beyond = low - mean[at]
         # Messages are no independent witnesses: a low pass makes them alike.
         witnesses = count[at] * (1.0 - TUNING.forgetting)
-        usual, allowed = learned_threshold.threshold(
-            0.0, np.maximum(squares[at], floor**2 + np.stack([np.zeros(n), unsure])), self._sigma, witnesses
-        )
+        variance = np.maximum(squares[at], floor**2 + np.stack([np.zeros(n), unsure]))
+        usual, allowed = np.asarray(learned_threshold.threshold(0.0, variance, self._sigma, witnesses))
         found = np.abs(beyond) / allowed
         known = count[at] >= TUNING.least
         lesson = sliding & learning & (~known | (np.abs(beyond) < TUNING.near * usual))
