@@ -42,5 +42,7 @@ def test_a_recording_replays_to_the_same_figures(tmp_path: Path, capsys: pytest.
     now = figures(json.loads((tmp_path / "summary.json").read_text()))
     assert now.keys() == then.keys()
     for name, value in then.items():
-        assert now[name] == (pytest.approx(value, rel=1e-9, abs=1e-9) if isinstance(value, float) else value), name
+        # Objects are found in the pictures anew, by perception as it is now: to a hundredth of a millimetre.
+        close = 1e-5 if name.startswith(".objects.") else 1e-9
+        assert now[name] == (pytest.approx(value, rel=1e-9, abs=close) if isinstance(value, float) else value), name
     assert (tmp_path / "replay.html").is_file() and (tmp_path / "diagram.svg").is_file()
