@@ -36,6 +36,7 @@ DISTRIBUTIONS: Final = MappingProxyType(
     {
         "coacd": "coacd",
         "cv2": "opencv-python-headless",
+        "fast_simplification": "fast-simplification",
         "libusb_package": "libusb-package",
         "matplotlib": "matplotlib",
         "numpy": "numpy",
@@ -45,6 +46,7 @@ DISTRIBUTIONS: Final = MappingProxyType(
         "scipy": "scipy",
         "threadpoolctl": "threadpoolctl",
         "trimesh": "trimesh",
+        "vhacdx": "vhacdx",
         "yaml": "pyyaml",
     }
 )

@@ -13,13 +13,11 @@ import numpy.typing as npt
 import trimesh
 
 from twin_diagram.assets import Asset
-from twin_diagram.native import load_libusb
+from twin_diagram.native import import_open3d
 from twin_diagram.perception.pinhole import Pinhole
 from twin_diagram.scenario.resources import models_dir
 
-load_libusb()
-import open3d as o3d  # noqa: E402 - the library that it needs is loaded first
-
+o3d = import_open3d()
 Array = npt.NDArray[np.float64]
 
 
