@@ -57,7 +57,15 @@ def tracks_with(mover: np.ndarray | None) -> np.ndarray:
 # Whole runs.
 
 
-@pytest.mark.parametrize(("kind", "seed"), [("cross", 3), ("attack", 3)])
+@pytest.mark.parametrize(
+    ("kind", "seed"),
+    [
+        ("cross", 3),
+        ("attack", 3),
+        pytest.param("demo", 2, marks=pytest.mark.slow),
+        pytest.param("near", 5, marks=pytest.mark.slow),
+    ],
+)
 def test_runs_touch_nothing_and_arrive(loaded, planner: MotionPlanner, kind: str, seed: int) -> None:  # type: ignore[no-untyped-def]
     scene, library = loaded
     world = bench.draw(kind, seed, scene, library)
