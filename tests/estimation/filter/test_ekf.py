@@ -291,7 +291,7 @@ def test_update_equals_bayes_rule():
     assert world.mass > 0
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 def test_learns_the_payload(seed):
     world, run = recording(seed)
     figures = follow(Ekf(terms(), Filter()), world, run)

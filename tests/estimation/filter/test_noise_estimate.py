@@ -74,7 +74,7 @@ def follow(ekf: Ekf, run: Recording, until: float = np.inf) -> None:
             ekf.observe(run.q[k], run.v[k], run.tau[k], run.time[k])
 
 
-@pytest.mark.parametrize("wrong", [3.0, 1.0 / 3.0])
+@pytest.mark.parametrize("wrong", [3.0, pytest.param(1.0 / 3.0, marks=pytest.mark.slow)])
 def test_wrong_noise_is_found(wrong: float) -> None:
     ekf = Ekf(terms(), Filter(encoder_std=wrong * POSITION, velocity_std=wrong * SPEED, noise_time=0.5))
     run = noisy()
