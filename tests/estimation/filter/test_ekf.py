@@ -355,6 +355,7 @@ def test_what_no_torque_depends_on_is_not_touched():
     assert ekf.belief.P[4, 4] < 0.1 * prior[1, 1]
 
 
+@pytest.mark.slow
 def test_learns_friction_too():
     world = World(mass=0.0, seed=3, period=4.0)
     world.coulomb = COULOMB * 1.5
