@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -21,6 +21,7 @@ from twin_diagram.errors import TwinError
 from twin_diagram.estimation.filter.parameter_status import standings
 from twin_diagram.logs import read_log
 from twin_diagram.runs.health_watch import HealthWatch
+from twin_diagram.runs.object_watch import ObjectWatch
 from twin_diagram.runs.outputs import Keeping, Looking, Mending, Say, check_places
 from twin_diagram.runs.run_folder import RunFolder
 from twin_diagram.runs.score import alarms, summarize, table
@@ -103,7 +104,9 @@ def run_scenario(
         simulator.Initialize()
         leave.clear()
         healer = stack.enter_context(mend.healer(loop.twin))
-        stop, trial, summary = _simulate(loop, simulator, Progress(scenario.duration, quiet), healer.poll, say)
+        stop, trial, summary = _simulate(
+            loop, simulator, Progress(scenario.duration, quiet), healer.poll, leave.event, say
+        )
         if stop is not None:
             keep.cut(simulator.get_context().get_time())
     if out is not None:
@@ -150,7 +153,12 @@ def _one_image_thread() -> Iterator[None]:
 
 
 def _simulate(
-    loop: ClosedLoop, simulator: Simulator, progress: Progress, between: Callable[[Context], None], say: Say
+    loop: ClosedLoop,
+    simulator: Simulator,
+    progress: Progress,
+    between: Callable[[Context], None],
+    note: Callable[[Mapping[str, Any]], None],
+    say: Say,
 ) -> tuple[KeyboardInterrupt | None, Trial | None, dict[str, Any]]:
     """Run to the end and say how it went; only a run of the simulated station can be scored, and is a trial.
 
@@ -158,14 +166,16 @@ def _simulate(
         What ended it before its time, the trial, the summary.
     """
     duration, health = loop.scenario.duration, HealthWatch(loop.twin, say)
+    objects = ObjectWatch(loop.twin, note)
 
     def each(context: Context) -> None:
         between(context)
         health.poll(context)
+        objects.poll(context)
 
     if loop.scenario.station == "sim":
         trial = run_trial(loop, simulator, duration, progress, each)
-        told = {"health": health.told(simulator.get_context())}
+        told = {"things": objects.told(simulator.get_context()), "health": health.told(simulator.get_context())}
         summary = summary_of(loop, trial, trial.timing()) | told | _stopped(trial.stop)
         progress.done()
         say(table(summary))
