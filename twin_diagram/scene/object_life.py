@@ -59,11 +59,13 @@ class LifeLayout:
     """1 while it is held."""
     X_TO = slice(5, 5 + POSE_SIZE)
     """Its pose in the tool's frame, while it is held."""
-    IDENTITY = 12
+    X_WO = slice(12, 12 + POSE_SIZE)
+    """Its pose in W at the last tick, while it is held: carried by the tool."""
+    IDENTITY = 19
     """Of what the row holds; 0: nothing."""
 
 
-LIFE_SIZE: Final = 13
+LIFE_SIZE: Final = 20
 """Numbers of a life, see `LifeLayout`."""
 
 
@@ -80,7 +82,7 @@ def initial_lives(identities: Array) -> Array:
     """Return (R, LIFE_SIZE) for rows that hold these identities (R,)."""
     lives = np.zeros((len(identities), LIFE_SIZE))
     lives[:, [LifeLayout.GONE_SINCE, LifeLayout.IMAGE_TIME]] = NEVER
-    lives[:, LifeLayout.X_TO.start] = 1.0
+    lives[:, [LifeLayout.X_TO.start, LifeLayout.X_WO.start]] = 1.0
     lives[:, LifeLayout.IDENTITY] = identities
     return lives
 

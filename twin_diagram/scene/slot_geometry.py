@@ -14,6 +14,7 @@ from typing import Any, Final, cast
 
 import numpy as np
 from pydrake.common import MemoryFile
+from pydrake.common.value import AbstractValue
 from pydrake.geometry import (
     Convex,
     FrameId,
@@ -33,7 +34,7 @@ from pydrake.geometry import (
     SourceId,
 )
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.systems.framework import Context
+from pydrake.systems.framework import Context, LeafSystem
 from scipy.spatial import ConvexHull, QhullError
 
 from twin_diagram.signals import rotations
@@ -78,6 +79,35 @@ class SlotFrames:
         for frame in self.things:
             poses.set_value(frame, RigidTransform())
         return poses
+
+
+class SlotPoses(LeafSystem):
+    """Poses the slots' frames.
+
+    .. pydrake_system::
+
+        name: SlotPoses
+        input_ports:
+        - further_tracks (optional)
+        output_ports:
+        - poses
+
+    Ports:
+        further_tracks: (F · FURTHER_TRACK_SIZE) of further instances; not connected: there are none.
+        poses: (FramePoseVector) of the slots' frames.
+    """
+
+    def __init__(self, frames: SlotFrames) -> None:
+        """Size the ports for the frames of slots."""
+        super().__init__()
+        self._frames: Final = frames
+        self._size: Final = len(frames.further) * FURTHER_TRACK_SIZE
+        self._further = self.DeclareVectorInputPort("further_tracks", self._size)
+        self.DeclareAbstractOutputPort("poses", lambda: AbstractValue.Make(FramePoseVector()), self._calc)
+
+    def _calc(self, context: Context, output: AbstractValue) -> None:
+        known = self._further.HasValue(context)
+        output.set_value(self._frames.poses(np.asarray(self._further.Eval(context)) if known else np.zeros(self._size)))
 
 
 def add_slot_frames(scene_graph: SceneGraph, further: int, things: int) -> SlotFrames:

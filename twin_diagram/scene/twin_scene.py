@@ -20,7 +20,7 @@ from twin_diagram.errors import AssetError, ModelError
 from twin_diagram.model.description import add_arm as description
 from twin_diagram.scenario import poses as scenario_poses
 from twin_diagram.scenario import resources
-from twin_diagram.scene.slot_geometry import Shapes, SlotFrames, add_slot_frames, library_shapes
+from twin_diagram.scene.slot_geometry import Shapes, SlotFrames, SlotPoses, add_slot_frames, library_shapes
 from twin_diagram.signals.arrays import Array
 
 
@@ -53,6 +53,8 @@ class TwinScene:
         symmetry_axes_O: (K, 3) axis of symmetry in O, zeros where there is none.
         default_positions: (nq,) fingers as described, arm at home, objects parked out of sight.
         positions_input: (nq) positions of `plant`; connect `SceneGraphUpdater`'s `positions`.
+        further_input: (F · FURTHER_TRACK_SIZE) further instances; connect `SceneGraphUpdater`'s `further_tracks`, or
+            leave it open where there are none.
         query_output: the scene graph's `query` port.
     """
 
@@ -68,6 +70,7 @@ class TwinScene:
     slots: SlotFrames
     default_positions: Array
     positions_input: InputPort
+    further_input: InputPort
     query_output: OutputPort
 
     def shapes_of(self, asset: int) -> Shapes:
@@ -111,6 +114,8 @@ def add_twin_scene(
     default[objects] = parked_poses(len(names))
 
     slots = add_slot_frames(scene_graph, twin.slots.further(len(names)), twin.slots.unknown)
+    slot_poses = builder.AddNamedSystem("twin_slots_to_poses", SlotPoses(slots))
+    builder.Connect(slot_poses.get_output_port(), scene_graph.get_source_pose_port(slots.source))
     to_poses = builder.AddNamedSystem("twin_positions_to_poses", MultibodyPositionToGeometryPose(plant))
     builder.Connect(to_poses.get_output_port(), scene_graph.get_source_pose_port(source))
     return TwinScene(
@@ -126,6 +131,7 @@ def add_twin_scene(
         slots=slots,
         default_positions=default,
         positions_input=to_poses.get_input_port(),
+        further_input=slot_poses.get_input_port(),
         query_output=scene_graph.get_query_output_port(),
     )
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 from typing import Any, Final, cast
 
 import numpy as np
-from pydrake.common.value import AbstractValue
-from pydrake.geometry import FramePoseVector
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from twin_diagram import scenario
@@ -18,7 +16,13 @@ from twin_diagram.scene.object_filter import FilterLayout
 from twin_diagram.scene.object_life import LifeLayout
 from twin_diagram.scene.twin_scene import TwinScene, parked_poses
 from twin_diagram.signals.arrays import Array
-from twin_diagram.signals.calibration_error import CalibrationError, shared_covariances
+from twin_diagram.signals.calibration_error import (
+    CALIBRATION_SIZE,
+    SIZE,
+    CalibrationError,
+    pose_shifts,
+    shared_covariances,
+)
 from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER, TRACK_SIZE, ObjectStatus, PoseMeasurement
 from twin_diagram.signals.things import FURTHER_MEASUREMENT_SIZE, FURTHER_TRACK_SIZE, OWNER_SIZE, THING_SIZE
 
@@ -36,12 +40,12 @@ class SceneGraphUpdater(LeafSystem):
         - gripper_state (optional)
         - further_poses (optional)
         - things (optional)
+        - calibration (optional)
         output_ports:
         - positions
         - tracks
         - further_tracks
         - object_events
-        - slot_poses
 
     Ports:
         object_poses: (K · MEASUREMENT_SIZE) a `layouts.PoseMeasurement` per library object, in the library's order.
@@ -51,13 +55,14 @@ class SceneGraphUpdater(LeafSystem):
         gripper_state: (2g) finger positions [m] and speeds; the fingers stay as described where it is not connected.
         further_poses: (F · FURTHER_MEASUREMENT_SIZE) of further instances of the objects; see `signals.things`.
         things: (T · THING_SIZE) of unknown things: for the events alone.
+        calibration: (10 + 100) errors of the camera's calibration that are taken out of what it shows, and their
+            covariance; see `signals.calibration_error`. Not connected: none are, and what is told of them counts.
         positions: (nq) of `TwinScene.plant` at the present time; objects not yet seen, and those that are gone, wait
             out of sight.
         tracks: (K · TRACK_SIZE) a `layouts.Track` per library object, at the present time.
         further_tracks: (F · FURTHER_TRACK_SIZE) the same of further instances, with whose they are.
         object_events: (RING · EVENT_FIELDS) the newest events, oldest first; see `scene.object_events`. Rows count the
             library's objects, then further instances, then unknown things.
-        slot_poses: (FramePoseVector) of the slots' frames; see `scene.slot_geometry`.
 
     Rate: measurements are taken in at `scene.rate` [1/s]. Latency: a measurement waits for the next tick and counts for
     its capture time; what comes out is predicted to the moment at which it is asked for.
@@ -110,27 +115,25 @@ class SceneGraphUpdater(LeafSystem):
         self._gripper_in = self.DeclareVectorInputPort("gripper_state", 2 * g)
         self._further_in = self.DeclareVectorInputPort("further_poses", self._further * FURTHER_MEASUREMENT_SIZE)
         self._things_in = self.DeclareVectorInputPort("things", self._things * THING_SIZE)
+        self._calibration_in = self.DeclareVectorInputPort("calibration", CALIBRATION_SIZE)
         rows = self._count + self._further
         self._filters = self.DeclareDiscreteState(cast(Any, object_filter.initial_filters(rows).ravel()))
         names = np.r_[np.arange(1.0, self._count + 1.0), np.zeros(self._further)]
         self._lives = self.DeclareDiscreteState(cast(Any, object_life.initial_lives(names).ravel()))
         self._assets = self.DeclareDiscreteState(cast(Any, np.r_[np.arange(self._count), np.zeros(self._further)]))
         self._looked = self.DeclareDiscreteState(cast(Any, np.zeros(3 * (rows + self._things))))
+        self._corrected = self.DeclareDiscreteState(cast(Any, np.zeros(SIZE)))
         self._events = self.DeclareDiscreteState(cast(Any, object_events.empty_ring()))
         now = {self.time_ticket(), self.xd_ticket()}
-        arm = {self.input_port_ticket(self._arm_in.get_index())}
+        known = now | {self.input_port_ticket(self._calibration_in.get_index())}
         joints = {self.input_port_ticket(port.get_index()) for port in (self._arm_in, self._gripper_in)}
         self.DeclareVectorOutputPort("positions", scene.plant.num_positions(), self._calc_positions, now | joints)
         size = self._count * TRACK_SIZE
-        self._tracks_out = self.DeclareVectorOutputPort("tracks", size, self._calc_tracks, now | arm)
-        self._further_out = self.DeclareVectorOutputPort(
-            "further_tracks", self._further * FURTHER_TRACK_SIZE, self._calc_further, now | arm
-        )
+        self._tracks_out = self.DeclareVectorOutputPort("tracks", size, self._calc_tracks, known)
+        size = self._further * FURTHER_TRACK_SIZE
+        self.DeclareVectorOutputPort("further_tracks", size, self._calc_further, known)
         self.DeclareVectorOutputPort(
             "object_events", object_events.RING * object_events.EVENT_FIELDS, self._calc_events, {self.xd_ticket()}
-        )
-        self.DeclareAbstractOutputPort(
-            "slot_poses", lambda: AbstractValue.Make(FramePoseVector()), self._calc_slot_poses, now | arm
         )
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / params.rate, 0.0, self._tick)
 
@@ -141,6 +144,7 @@ class SceneGraphUpdater(LeafSystem):
         filters, lives, assets = self._filters_of(context), self._lives_of(context), self._assets_of(context)
         measured, whose = self._measured(context)
         filters, lives, assets, now = filters.copy(), lives.copy(), assets.copy(), context.get_time()
+        filters = self._follow_calibration(context, discrete, filters)
         # A slot that changed hands begins anew.
         for k in np.flatnonzero(whose[:, 0] != lives[:, LifeLayout.IDENTITY]):
             if k >= self._count:
@@ -148,7 +152,7 @@ class SceneGraphUpdater(LeafSystem):
                 assets[k] = whose[k, 1]
         used = np.maximum(filters[:, FilterLayout.LAST_SEEN], filters[:, FilterLayout.REMEMBERED_TIME])
         fresh = np.flatnonzero((measured[:, 0] > 0) & (measured[:, 1] > used))
-        tool = self._tool(context) if fresh.size else None
+        tool = self._tool(context) if fresh.size or lives[:, LifeLayout.HELD].any() else None
         for k in fresh:
             measurement, kind = PoseMeasurement.unpack(measured[k]), int(assets[k])
             if lives[k, LifeLayout.GONE_SINCE] >= 0.0 and object_update.usable(measurement, NEVER, now):
@@ -157,11 +161,28 @@ class SceneGraphUpdater(LeafSystem):
             filters[k] = object_update.update(filters[k], measurement, now, self._tuning, symmetric)
             if tool is not None:
                 lives[k] = object_life.along_with(lives[k], filters[k], tool, float(self._scene.radii[kind]))
+        for k in np.flatnonzero(lives[:, LifeLayout.HELD]) if tool is not None else ():
+            lives[k, LifeLayout.X_WO] = object_life.with_tool(lives[k, LifeLayout.X_TO], tool.pose)  # type: ignore[union-attr]
         for k in np.flatnonzero(np.isfinite(measured[:, 0]) & (measured[:, 1] <= now + 1e-9)):
             lives[k] = object_life.after_image(lives[k], float(measured[k, 0]), float(measured[k, 1]))
         for state, rows in ((self._filters, filters), (self._lives, lives), (self._assets, assets)):
             discrete.set_value(int(state), cast(Any, rows.ravel()))
         self._note(context, discrete, filters, lives, assets)
+
+    def _follow_calibration(self, context: Context, discrete: DiscreteValues, filters: Array) -> Array:
+        """Return filters moved as the calibration was corrected since the tick before: the objects stood still."""
+        if self._camera is None or not self._calibration_in.HasValue(context):
+            return filters
+        errors = np.array(self._calibration_in.Eval(context))[:SIZE]
+        step = errors - np.asarray(context.get_discrete_state(int(self._corrected)).value())
+        if not step.any():
+            return filters
+        discrete.set_value(int(self._corrected), cast(Any, errors))
+        after = filters.copy()
+        for part in (FilterLayout.POSE, FilterLayout.REMEMBERED_POSE):
+            shifts = -pose_shifts(*self._sight(filters[:, part])) @ step
+            after[:, part] = [object_update.moved(pose, s) for pose, s in zip(filters[:, part], shifts, strict=True)]
+        return after
 
     def _measured(self, context: Context) -> tuple[Array, Array]:
         """Return (R, MEASUREMENT_SIZE) of objects and further instances, and (R, 2) identity and asset of each."""
@@ -226,9 +247,6 @@ class SceneGraphUpdater(LeafSystem):
             rows[:, OWNER_SIZE:] = self._tracks(context, part)
         output.SetFromVector(cast(Any, rows.ravel()))
 
-    def _calc_slot_poses(self, context: Context, output: AbstractValue) -> None:
-        output.set_value(self._scene.slots.poses(cast(Array, self._further_out.Eval(context))))
-
     def _calc_events(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(context.get_discrete_state(int(self._events)).value())
 
@@ -240,25 +258,30 @@ class SceneGraphUpdater(LeafSystem):
         tracks[:, 0] = object_life.statuses(lives, object_filter.statuses(filters, now, self._tuning))
         tracks[:, 1] = filters[:, FilterLayout.LAST_SEEN]
         tracks[:, 9:15] = belief.velocities
-        held = np.flatnonzero(tracks[:, 0] == ObjectStatus.HELD)
-        tool = self._tool(context) if held.size else None
-        for k in held if tool is not None else ():
-            belief.poses[k] = object_life.with_tool(lives[k, LifeLayout.X_TO], tool.pose)  # type: ignore[union-attr]
+        held = tracks[:, 0] == ObjectStatus.HELD
+        belief.poses[held] = lives[held, LifeLayout.X_WO]
         away = np.isin(tracks[:, 0], [float(ObjectStatus.UNSEEN), float(ObjectStatus.GONE)])
         tracks[:, 2:9] = np.where(away[:, None], self._parked[part], belief.poses)
         axes = self._scene.symmetry_axes_O[self._assets_of(context)[part].astype(int)]
-        covariances = object_filter.pose_covariances(belief, axes, self._tuning, self._shared(belief))
+        covariances = object_filter.pose_covariances(belief, axes, self._tuning, self._shared(context, belief))
         tracks[:, 15:] = covariances.reshape(len(filters), 36)
         return tracks
 
-    def _shared(self, belief: object_filter.ObjectBelief) -> Array | None:
-        """Return (K, 6, 6) what the camera's calibration leaves open; None where that is told to be nothing."""
+    def _shared(self, context: Context, belief: object_filter.ObjectBelief) -> Array | None:
+        """Return (R, 6, 6) what the camera's calibration leaves open; None where that is told to be nothing."""
         if self._camera is None or not self._doubt.variances.any():
             return None
+        error: CalibrationError | Array = self._doubt
+        if self._calibration_in.HasValue(context):
+            error = np.array(self._calibration_in.Eval(context))[SIZE:].reshape(SIZE, SIZE)
+        return shared_covariances(error, *self._sight(belief.poses))
+
+    def _sight(self, poses: Array) -> tuple[Array, Array, float, float]:
+        """Return where poses (R, 7) are in the camera's frame (R, 3), its axes in W, and its focal lengths."""
+        assert self._camera is not None
         lens, X_WC = colour_lens(self._camera), pose(self._camera.X_WC)
         R_WC = X_WC.rotation().matrix()
-        seen_C = (belief.poses[:, 4:] - X_WC.translation()) @ R_WC
-        return shared_covariances(self._doubt, seen_C, R_WC, lens.fx, lens.fy)
+        return (poses[:, 4:] - X_WC.translation()) @ R_WC, R_WC, lens.fx, lens.fy
 
     @timing.timed("SceneGraphUpdater")
     def _calc_positions(self, context: Context, output: BasicVector) -> None:

@@ -6,7 +6,7 @@ names. It is built from the scenario's ``twin:`` alone, so it cannot know what a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -27,6 +27,7 @@ from twin_diagram.perception.registration.pose_system import IcpPoseEstimator
 from twin_diagram.perception.segmentation.segmentation_system import PerceptionSystem
 from twin_diagram.planning.mpc_system import Mpc
 from twin_diagram.scenario import poses
+from twin_diagram.scenario.lenses import calibration_error
 from twin_diagram.scenario.resources import resolve
 from twin_diagram.scenario.validation import check_twin
 from twin_diagram.scene import object_events
@@ -35,6 +36,7 @@ from twin_diagram.scene.updater_system import SceneGraphUpdater
 from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER, POSE_SIZE, TRACK_SIZE
 from twin_diagram.signals.things import FURTHER_TRACK_SIZE, THING_SIZE
 from twin_diagram.station import ports
+from twin_diagram.twin.arm_sensing.camera_calibrator import CameraCalibrator
 from twin_diagram.twin.fused_sensors import Fused, export, fused_sensors
 from twin_diagram.twin.health import HealthMonitor
 from twin_diagram.twin.kept_scene import keep_scene
@@ -167,7 +169,7 @@ def make_twin(
     updater = builder.AddNamedSystem(
         "scene_graph_updater", SceneGraphUpdater(scene, twin.scene, twin.camera, twin.slots.forget_after)
     )
-    builder.Connect(updater.GetOutputPort("slot_poses"), scene.scene_graph.get_source_pose_port(scene.slots.source))
+    builder.Connect(updater.GetOutputPort("further_tracks"), scene.further_input)
     mpc = None if controller else _named("twin", lambda: Mpc(model, twin, library, packages, parameter_names))
     moves: System = mpc or controller  # type: ignore[assignment]  # one of them is there
     _check_controller(moves, len(model.joints), len(library), len(parameter_names), twin.slots)
@@ -311,6 +313,8 @@ def _add_sight(
     _connect(builder, ekf, first, *inputs_of(first, ("arm_state",)))
     if own is None:
         _connect(builder, first, last, "segments")
+    if own is None and calibration_error(camera).variances.any():
+        _add_calibrator(builder, twin, packages, ekf, (first, updater))
     _connect(builder, last, updater, "object_poses")
     builder.ExportOutput(last.GetOutputPort("object_poses"), "object_poses")
     # What a user's own perception does not tell of, there is none of.
@@ -319,6 +323,21 @@ def _add_sight(
             for system in systems:
                 _connect(builder, last, system, *inputs_of(system, (name,)))
             builder.ExportOutput(last.GetOutputPort(name), name)
+
+
+def _add_calibrator(
+    builder: DiagramBuilder, twin: scenario.Twin, packages: Packages | None, ekf: AdaptiveEkf, users: Sequence[System]
+) -> None:
+    """Add what takes the errors of the camera's calibration out of what it shows, as far as arm and table tell them."""
+    assert twin.camera is not None
+    calibrator = CameraCalibrator(twin.arm, twin.camera, twin.perception, packages)
+    builder.AddNamedSystem("camera_calibrator", calibrator)
+    for port, name in (("depth_image", ports.depth_image), ("image_time", ports.image_time)):
+        builder.ConnectInput(name(twin.camera.name), calibrator.GetInputPort(port))
+    _connect(builder, ekf, calibrator, "arm_state")
+    for user in users:
+        _connect(builder, calibrator, user, "calibration")
+    builder.ExportOutput(calibrator.GetOutputPort("calibration"), "calibration")
 
 
 def _connect_gripper_and_goal(
