@@ -44,13 +44,10 @@ class Tuning:
     empty: float = 0.7
     """… and the camera see through this share of those."""
 
-    sure: float = 0.7
+    sure: float = 0.6
     """Least quality and score of a further instance: an unknown thing must not be taken for one."""
 
-    pairs: int = 2
-    """Thing and asset are compared so many times an image: each takes as long as tracking everything."""
-
-    again: float = 3.0
+    again: float = 10.0
     """A thing that is like nothing in the library is compared anew after this long [s]."""
 
 
@@ -166,7 +163,9 @@ def recognised(
     smallest: int,
     skip: Mapping[int, bool],
 ) -> tuple[int, RegisteredPose | None, int]:
-    """Compare a thing with some of the library's objects, those whose colours are likest first.
+    """Compare a thing with one of the library's objects, those whose colours are likest first.
+
+    It takes as long as tracking everything, so there is one comparison in an image.
 
     Args:
         library: the known objects.
@@ -178,21 +177,22 @@ def recognised(
         skip: objects that are looked for elsewhere, by number.
 
     Returns:
-        Which object it is and where (None: none of those compared), and how many were compared by now.
+        Which object it is and where (None: it is not that one), and how many were compared by now; -1: all were.
     """
     mask = np.zeros(len(segments.labels), dtype=bool)
     mask[of] = True
     own = hues(segments.colours[of])
     order = sorted(range(len(library)), key=lambda k: (-alike(hues(library[k].model.asset.colours), own), k))
     ways = [(k, how) for how in (0, 1) for k in order]
-    frame: Frame | None = None
-    for k, how in ways[searches : searches + TUNING.pairs]:
+    done = searches
+    for k, how in ways[searches:]:
+        done += 1
         orientations = (library[k].upright, library[k].fallen)[how]
         if skip.get(k, False) or not orientations:
             continue
-        frame = frame or Frame.of(segments)
+        frame = Frame.of(segments)
         found = recognise({k: library[k].model}, {k: orientations}, segments, frame, mask, params, smallest).get(k)
         if found is not None and min(found.score, found.registration.quality) >= TUNING.sure:
             return k, found.registration, 0
-    done = searches + TUNING.pairs
+        break
     return -1, None, done if done < len(ways) else -1

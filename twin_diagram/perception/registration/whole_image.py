@@ -144,8 +144,11 @@ def advance(slots: Sequence[Slot], beside: Beside, segments: Segments, told: Tol
     remembered = list(observed.slots)
     if told.further:
         lost = {k: measured[k].quality <= 0 for k in range(first)}
-        for k, j in observed.cluster_of.items():
-            remembered[k] = _compared(remembered[k], found[j], segments, told, pool, lost)
+        waiting = [k for k in observed.cluster_of if segments.time >= remembered[k].next_search]
+        if waiting:
+            k = min(waiting, key=lambda k: (remembered[k].searches, k))
+            of = found[observed.cluster_of[k]]
+            remembered[k] = _compared(remembered[k], of, segments, told, pool, lost)
     identities, turned_away = (pool.next_identity, observed.next_identity), (pool.turned_away, observed.turned_away)
     out = [one.thing.pack() for one in remembered]
     return Outcome(
@@ -194,8 +197,6 @@ def _compared(
     thing: things.Remembered, of: Array, segments: Segments, told: Told, pool: _Pool, lost: Mapping[int, bool]
 ) -> things.Remembered:
     """Compare a thing, which points `of` show, with the library; what is recognised gets a slot of the pool."""
-    if segments.time < thing.next_search:
-        return thing
     asset, pose, searches = recognised(
         told.library, of, thing.searches, segments, told.registration, told.smallest, lost
     )

@@ -26,19 +26,19 @@ from twin_diagram.twin.arm_sensing.known_surfaces import ArmParts, Sample
 
 @dataclass(frozen=True)
 class Tuning:
-    """Which images count, chosen by hand: those that tell something new, and in which depth is not late by much."""
+    """Which images count, chosen by hand: those that tell something new, of an arm at rest."""
 
-    images: int = 10
+    images: int = 12
     """So many are kept."""
 
-    first: int = 3
-    """The first so many are taken as they come: their noise averages."""
+    alike: int = 4
+    """So many are taken of one place of the arm: what of their noise does not last averages."""
 
     turned: float = 0.15
-    """After those, an image counts in which a joint is so far from where it was in all others [rad]."""
+    """The arm is in another place where a joint is so far from where it was [rad]."""
 
-    slow: float = 0.3
-    """None counts in which a joint is faster [rad/s]: depth comes half a frame late."""
+    rests: float = 0.003
+    """None counts in which a joint has turned by more since the image before [rad]: depth comes half a frame late."""
 
     before_poses: float = 0.0005
     """The update comes this long after an image is delivered [s], half as long as that of the objects' poses."""
@@ -101,7 +101,7 @@ class CameraCalibrator(LeafSystem):
         self._kept = self.DeclareDiscreteState(cast(Any, np.zeros(1 + TUNING.images * self._row)))
         start = np.concatenate([np.zeros(SIZE), np.diag(self._told.variances).ravel()])
         self._estimate = self.DeclareDiscreteState(cast(Any, start))
-        self._last = self.DeclareDiscreteState(cast(Any, np.array([NEVER])))
+        self._last = self.DeclareDiscreteState(cast(Any, np.r_[NEVER, np.full(n, np.inf)]))
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / camera.rate, camera.latency + TUNING.before_poses, self._update)
 
         def calc(context: Context, output: BasicVector) -> None:
@@ -114,14 +114,18 @@ class CameraCalibrator(LeafSystem):
     def _update(self, context: Context, discrete: DiscreteValues) -> None:
         taken = float(cast(Array, self._time.Eval(context))[0])
         state = np.array(self._arm.Eval(context))
-        if taken <= float(context.get_discrete_state(int(self._last)).value()[0]) or not np.isfinite(state).all():
+        before = np.array(context.get_discrete_state(int(self._last)).value())
+        if taken <= before[0] or not np.isfinite(state).all():
             return
-        discrete.set_value(int(self._last), cast(Any, np.array([taken])))
         n = self._parts.joints
         q, v = state[:n] - state[n:] * (context.get_time() - taken), state[n:]
+        discrete.set_value(int(self._last), cast(Any, np.r_[taken, q]))
+        # Before the first image the arm has not moved that anyone knows of.
+        if before[0] >= 0.0 and np.abs(q - before[1:]).max(initial=0.0) > TUNING.rests:
+            return
         kept = np.array(context.get_discrete_state(int(self._kept)).value())
         samples = self.samples(kept)
-        if not tells_more(samples, q, v):
+        if not tells_more(samples, q):
             return
         errors = np.array(context.get_discrete_state(int(self._estimate)).value())[:SIZE]
         camera, factor = corrected(self._alignment.camera, errors)
@@ -151,8 +155,8 @@ class CameraCalibrator(LeafSystem):
         return np.concatenate([[len(sample.depth), *sample.strides], sample.q, sample.v, points.ravel()])
 
 
-def tells_more(samples: list[Sample], q: Array, v: Array) -> bool:
-    """Return whether an image of the arm at q (n,), v (n,) is worth being kept beside others."""
-    if len(samples) >= TUNING.images or np.abs(v).max(initial=0.0) > TUNING.slow:
+def tells_more(samples: list[Sample], q: Array) -> bool:
+    """Return whether an image of the arm at q (n,) is worth being kept beside others."""
+    if len(samples) >= TUNING.images:
         return False
-    return len(samples) < TUNING.first or all(np.abs(q - other.q).max() > TUNING.turned for other in samples)
+    return sum(np.abs(q - other.q).max() <= TUNING.turned for other in samples) < TUNING.alike
