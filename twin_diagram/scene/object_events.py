@@ -36,6 +36,7 @@ _BECOMES: Final = {
     ObjectStatus.HELD: EventKind.HELD,
     ObjectStatus.GONE: EventKind.GONE,
 }
+"""Which event it is to come to have a status."""
 
 
 Event = tuple[EventKind, int, int, int]

@@ -45,6 +45,7 @@ from twin_diagram.signals.things import FURTHER_TRACK_SIZE, OWNER_SIZE, Thing
 THING_COLOUR: Final = Rgba(0.9, 0.55, 0.1, 0.45)
 """Of unknown things: nothing else in the picture is orange and clear."""
 _SOURCE: Final = "slots"
+"""Name of the frames' source in the SceneGraph."""
 Shapes = Sequence[tuple[RigidTransform, Any, Role, Any]]
 """Where a shape sits in its frame, the shape, its role and its properties."""
 

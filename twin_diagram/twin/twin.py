@@ -6,7 +6,7 @@ names. It is built from the scenario's ``twin:`` alone, so it cannot know what a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -36,7 +36,7 @@ from twin_diagram.scene.updater_system import SceneGraphUpdater
 from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER, POSE_SIZE, TRACK_SIZE
 from twin_diagram.signals.things import FURTHER_TRACK_SIZE, THING_SIZE
 from twin_diagram.station import ports
-from twin_diagram.twin.arm_sensing.camera_calibrator import CameraCalibrator
+from twin_diagram.twin.arm_sensing.camera_calibrator import add_calibrator
 from twin_diagram.twin.fused_sensors import Fused, export, fused_sensors
 from twin_diagram.twin.health import HealthMonitor
 from twin_diagram.twin.kept_scene import keep_scene
@@ -166,10 +166,7 @@ def make_twin(
     ekf = builder.AddNamedSystem("adaptive_ekf", _named("twin.filter", lambda: AdaptiveEkf(model, tuning, home)))
     parameter_names = tuple(label.split(" ")[0] for label in ekf.ekf.parameters.labels(model.joints))
     drift = builder.AddNamedSystem("drift_monitor", DriftMonitor(model, twin.drift, tuning))
-    updater = builder.AddNamedSystem(
-        "scene_graph_updater", SceneGraphUpdater(scene, twin.scene, twin.camera, twin.slots.forget_after)
-    )
-    builder.Connect(updater.GetOutputPort("further_tracks"), scene.further_input)
+    updater = _add_updater(builder, scene, twin)
     mpc = None if controller else _named("twin", lambda: Mpc(model, twin, library, packages, parameter_names))
     moves: System = mpc or controller  # type: ignore[assignment]  # one of them is there
     _check_controller(moves, len(model.joints), len(library), len(parameter_names), twin.slots)
@@ -183,7 +180,6 @@ def make_twin(
     _connect(builder, ekf, updater, "arm_state")
     _connect_controller(builder, ekf, updater, goal, moves, health)
     _connect(builder, updater, health, "tracks")
-    builder.Connect(updater.GetOutputPort("positions"), scene.positions_input)
     _add_sight(builder, twin, library, packages, ekf, updater, health, moves, perception)
     _named("twin.filter.sensors", lambda: export(builder, ekf, fused, twin, model, packages))
 
@@ -197,6 +193,15 @@ def make_twin(
     return TwinDiagram(
         diagram, model, library, scene, parameter_names, mass_index, tuple(fused), ekf, drift, mpc, health
     )
+
+
+def _add_updater(builder: DiagramBuilder, scene: TwinScene, twin: scenario.Twin) -> SceneGraphUpdater:
+    """Add what keeps the scene in step with what is seen."""
+    made = SceneGraphUpdater(scene, twin.scene, twin.camera, twin.slots.forget_after)
+    updater = builder.AddNamedSystem("scene_graph_updater", made)
+    builder.Connect(updater.GetOutputPort("positions"), scene.positions_input)
+    builder.Connect(updater.GetOutputPort("further_tracks"), scene.further_input)
+    return updater
 
 
 def _model(twin: scenario.Twin, packages: Packages | None) -> Model:
@@ -314,7 +319,10 @@ def _add_sight(
     if own is None:
         _connect(builder, first, last, "segments")
     if own is None and calibration_error(camera).variances.any():
-        _add_calibrator(builder, twin, packages, ekf, (first, updater))
+        calibrator = add_calibrator(builder, twin.arm, camera, twin.perception, packages)
+        _connect(builder, ekf, calibrator, "arm_state")
+        for user in (first, updater):
+            _connect(builder, calibrator, user, "calibration")
     _connect(builder, last, updater, "object_poses")
     builder.ExportOutput(last.GetOutputPort("object_poses"), "object_poses")
     # What a user's own perception does not tell of, there is none of.
@@ -323,21 +331,6 @@ def _add_sight(
             for system in systems:
                 _connect(builder, last, system, *inputs_of(system, (name,)))
             builder.ExportOutput(last.GetOutputPort(name), name)
-
-
-def _add_calibrator(
-    builder: DiagramBuilder, twin: scenario.Twin, packages: Packages | None, ekf: AdaptiveEkf, users: Sequence[System]
-) -> None:
-    """Add what takes the errors of the camera's calibration out of what it shows, as far as arm and table tell them."""
-    assert twin.camera is not None
-    calibrator = CameraCalibrator(twin.arm, twin.camera, twin.perception, packages)
-    builder.AddNamedSystem("camera_calibrator", calibrator)
-    for port, name in (("depth_image", ports.depth_image), ("image_time", ports.image_time)):
-        builder.ConnectInput(name(twin.camera.name), calibrator.GetInputPort(port))
-    _connect(builder, ekf, calibrator, "arm_state")
-    for user in users:
-        _connect(builder, calibrator, user, "calibration")
-    builder.ExportOutput(calibrator.GetOutputPort("calibration"), "calibration")
 
 
 def _connect_gripper_and_goal(

@@ -16,7 +16,7 @@ from twin_diagram.perception.pinhole import Pinhole
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.slots import SLOT_SIZE, Slot, measurement
 from twin_diagram.perception.registration.tracking import Known, step
-from twin_diagram.perception.registration.whole_image import Beside, Told, advance, sizes
+from twin_diagram.perception.registration.whole_image import ImageSettings, OtherMemory, advance, sizes
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.perception.things.memory import Life
 from twin_diagram.runtime.timing import timed
@@ -105,16 +105,16 @@ class IcpPoseEstimator(LeafSystem):
             self._calc_poses,
             prerequisites_of_calc={self.discrete_state_ticket(self._out)},
         )
-        self._told: Told | None = None
+        self._told: ImageSettings | None = None
         if slots is not None:
             lives = scene or scenario.SceneUpdater()
             life = Life(lives.stale_after, lives.lost_after)
-            self._told = Told(self._library, params, tuning.smallest, slots, life)
+            self._told = ImageSettings(self._library, params, tuning.smallest, slots, life)
             self._declare_beside(self._told)
 
-    def _declare_beside(self, told: Told) -> None:
+    def _declare_beside(self, told: ImageSettings) -> None:
         """Declare memory and outputs of what there is beside the first instance of each object."""
-        self._beside = self.DeclareDiscreteState(Beside.empty(told).pack())
+        self._beside = self.DeclareDiscreteState(OtherMemory.empty(told).pack())
         further, things = sizes(told)
         ends = np.cumsum([0, further, things, 2])
         self._beside_out = self.DeclareDiscreteState(np.zeros(int(ends[-1])))
@@ -139,7 +139,7 @@ class IcpPoseEstimator(LeafSystem):
         if self._told is None:
             after, found = step(self._library, slots, segments, self._params, self._smallest)
         else:
-            beside = Beside.unpack(context.get_discrete_state(self._beside).value(), self._told)
+            beside = OtherMemory.unpack(context.get_discrete_state(self._beside).value(), self._told)
             outcome = advance(slots, beside, segments, self._told)
             after, found = outcome.slots, outcome.poses
             discrete.get_mutable_vector(self._beside).SetFromVector(outcome.beside.pack())

@@ -34,7 +34,7 @@ HEAD: Final = 4
 
 
 @dataclass(frozen=True)
-class Told:
+class ImageSettings:
     """What does not change from image to image.
 
     Attributes:
@@ -58,7 +58,7 @@ class Told:
 
 
 @dataclass(frozen=True)
-class Beside:
+class OtherMemory:
     """What is remembered beside the first instance of each of the library's objects.
 
     Attributes:
@@ -74,9 +74,9 @@ class Beside:
     turned_away: tuple[int, int] = (0, 0)
 
     @staticmethod
-    def empty(told: Told) -> Beside:
+    def empty(told: ImageSettings) -> OtherMemory:
         """Return it before the first image."""
-        return Beside((Instance(),) * told.further, (things.Remembered(),) * told.slots.unknown)
+        return OtherMemory((Instance(),) * told.further, (things.Remembered(),) * told.slots.unknown)
 
     def pack(self) -> Array:
         """Return it as a vector."""
@@ -85,13 +85,13 @@ class Beside:
         return np.concatenate(parts)
 
     @staticmethod
-    def unpack(vector: Array, told: Told) -> Beside:
+    def unpack(vector: Array, told: ImageSettings) -> OtherMemory:
         """Return the inverse of `pack`."""
         a, b, c, d = (int(x) for x in vector[:HEAD])
         end = HEAD + INSTANCE_SIZE * told.further
         further = tuple(Instance.unpack(row) for row in vector[HEAD:end].reshape(-1, INSTANCE_SIZE))
         rows = vector[end:].reshape(-1, things.MEMORY_SIZE)
-        return Beside(further, tuple(things.Remembered.unpack(row) for row in rows), (a, b), (c, d))
+        return OtherMemory(further, tuple(things.Remembered.unpack(row) for row in rows), (a, b), (c, d))
 
 
 @dataclass(frozen=True)
@@ -107,13 +107,13 @@ class Outcome:
     """
 
     slots: list[Slot]
-    beside: Beside
+    beside: OtherMemory
     poses: list[PoseMeasurement]
     further: Array
     things: Array
 
 
-def advance(slots: Sequence[Slot], beside: Beside, segments: Segments, told: Told) -> Outcome:
+def advance(slots: Sequence[Slot], beside: OtherMemory, segments: Segments, told: ImageSettings) -> Outcome:
     """Take an image in.
 
     Args:
@@ -153,7 +153,7 @@ def advance(slots: Sequence[Slot], beside: Beside, segments: Segments, told: Tol
     out = [one.thing.pack() for one in remembered]
     return Outcome(
         after[:first],
-        Beside(tuple(pool.slots), tuple(remembered), identities, turned_away),
+        OtherMemory(tuple(pool.slots), tuple(remembered), identities, turned_away),
         measured[:first],
         pool.rows.ravel(),
         np.concatenate(out) if out else np.zeros(0),
@@ -194,7 +194,7 @@ class _Pool:
 
 
 def _compared(
-    thing: things.Remembered, of: Array, segments: Segments, told: Told, pool: _Pool, lost: Mapping[int, bool]
+    thing: things.Remembered, of: Array, segments: Segments, told: ImageSettings, pool: _Pool, lost: Mapping[int, bool]
 ) -> things.Remembered:
     """Compare a thing, which points `of` show, with the library; what is recognised gets a slot of the pool."""
     asset, pose, searches = recognised(
@@ -214,6 +214,6 @@ def _kept(instance: Instance, slot: Slot, one: PoseMeasurement, forget_after: fl
     return Instance() if one.time - since > forget_after else replace(instance, slot=slot, gone_since=since)
 
 
-def sizes(told: Told) -> tuple[int, int]:
+def sizes(told: ImageSettings) -> tuple[int, int]:
     """Return how many numbers the ports `further_poses` and `things` have."""
     return told.further * FURTHER_MEASUREMENT_SIZE, told.slots.unknown * THING_SIZE

@@ -124,8 +124,7 @@ class MotionPlanner:
         arm_state: Array,
         tracks: Array,
         goal: Array,
-        further: Array | None = None,
-        things: Array | None = None,
+        *beside: Array | None,
     ) -> tuple[Memory, Report]:
         """Plan anew.
 
@@ -135,12 +134,11 @@ class MotionPlanner:
             arm_state: (2n,) estimated positions [rad] and velocities [rad/s].
             tracks: (K · TRACK_SIZE,) of the library's objects.
             goal: (7,) X_WG of the tool frame; an all-zero quaternion: stay.
-            further: (F · FURTHER_TRACK_SIZE,) of further instances of the objects, where there are any.
-            things: (T · THING_SIZE,) of unknown things, where there are any.
+            beside: further instances and unknown things, as `Scene.forecast` takes them.
         """
         rng = np.random.default_rng([self.params.seed, memory.tick])
         memory, q0, v0, a0, reanchored = self._anchor(memory, now, arm_state)
-        forecast = self.scene.forecast(tracks, further, things)
+        forecast = self.scene.forecast(tracks, *beside)
         memory = self._aim(memory, q0, q0 + TUNING.stopping_time / 2 * v0, goal, forecast, rng)
 
         situation = self._situation(

@@ -9,7 +9,7 @@ from typing import Any, Final, cast
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, DiscreteValues, LeafSystem
 from pydrake.systems.sensors import ImageDepth32F
 
 from twin_diagram import scenario
@@ -20,8 +20,9 @@ from twin_diagram.scenario.lenses import calibration_error
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.calibration_error import CALIBRATION_SIZE, SIZE
 from twin_diagram.signals.layouts import NEVER
+from twin_diagram.station import ports
 from twin_diagram.twin.arm_sensing.known_surfaces import TUNING as SURFACES
-from twin_diagram.twin.arm_sensing.known_surfaces import ArmParts, Sample
+from twin_diagram.twin.arm_sensing.known_surfaces import ArmParts, ArmView
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,7 @@ class Tuning:
 TUNING = Tuning()
 
 _POINTS: Final = sum(SURFACES.most)
+"""Points of an image that are kept, at most."""
 
 
 class CameraCalibrator(LeafSystem):
@@ -138,7 +140,7 @@ class CameraCalibrator(LeafSystem):
         discrete.set_value(int(self._kept), cast(Any, kept))
         discrete.set_value(int(self._estimate), cast(Any, np.concatenate([found.errors, found.covariance.ravel()])))
 
-    def samples(self, kept: Array) -> list[Sample]:
+    def samples(self, kept: Array) -> list[ArmView]:
         """Return what is kept of images, from its vector."""
         n = self._parts.joints
         found = []
@@ -146,17 +148,32 @@ class CameraCalibrator(LeafSystem):
             count, arm, table = (int(x) for x in row[:3])
             points = row[3 + 2 * n :].reshape(_POINTS, 4)[:count]
             q, v = row[3 : 3 + n], row[3 + n : 3 + 2 * n]
-            found.append(Sample(q, v, points[:, :2], points[:, 2], points[:, 3], (arm, table)))
+            found.append(ArmView(q, v, points[:, :2], points[:, 2], points[:, 3], (arm, table)))
         return found
 
-    def _packed(self, sample: Sample) -> Array:
+    def _packed(self, sample: ArmView) -> Array:
         points = np.zeros((_POINTS, 4))
         points[: len(sample.depth)] = np.column_stack([sample.pixels, sample.depth, sample.parts])
         return np.concatenate([[len(sample.depth), *sample.strides], sample.q, sample.v, points.ravel()])
 
 
-def tells_more(samples: list[Sample], q: Array) -> bool:
+def tells_more(samples: list[ArmView], q: Array) -> bool:
     """Return whether an image of the arm at q (n,) is worth being kept beside others."""
     if len(samples) >= TUNING.images:
         return False
     return sum(np.abs(q - other.q).max() <= TUNING.turned for other in samples) < TUNING.alike
+
+
+def add_calibrator(
+    builder: DiagramBuilder,
+    arm: scenario.ArmModel,
+    camera: scenario.Camera,
+    perception: scenario.Perception,
+    packages: Mapping[str, str | Path] | None = None,
+) -> CameraCalibrator:
+    """Add a calibrator to the twin, with the camera's images; `arm_state` is left to be connected."""
+    calibrator = builder.AddNamedSystem("camera_calibrator", CameraCalibrator(arm, camera, perception, packages))
+    for port, name in (("depth_image", ports.depth_image), ("image_time", ports.image_time)):
+        builder.ConnectInput(name(camera.name), calibrator.GetInputPort(port))
+    builder.ExportOutput(calibrator.GetOutputPort("calibration"), "calibration")
+    return calibrator

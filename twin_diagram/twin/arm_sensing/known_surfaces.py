@@ -65,7 +65,7 @@ TABLE = -1
 
 
 @dataclass(frozen=True)
-class Sample:
+class ArmView:
     """What one image shows of known surfaces; N points.
 
     Attributes:
@@ -164,7 +164,7 @@ class ArmParts:
             part[where] = np.where(facing, k, -2)
         return part
 
-    def sample(self, depth: Array, camera: Pinhole, scale: float, table: float, q: Array, v: Array) -> Sample:
+    def sample(self, depth: Array, camera: Pinhole, scale: float, table: float, q: Array, v: Array) -> ArmView:
         """Return what a depth image shows of the arm and of the table.
 
         Args:
@@ -202,9 +202,9 @@ class ArmParts:
         )
         index = np.concatenate(kept)
         pixels = step * np.column_stack([column[index], row[index]]).astype(float)
-        return Sample(q, v, pixels, z[row[index], column[index]], part[index], (arm, ground))
+        return ArmView(q, v, pixels, z[row[index], column[index]], part[index], (arm, ground))
 
-    def surfaces(self, samples: list[Sample], table: float) -> list[KnownSurface]:
+    def surfaces(self, samples: list[ArmView], table: float) -> list[KnownSurface]:
         """Return the surfaces that images show, for `calibrate`.
 
         Args:
