@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import ConvexHull, QhullError
 
-from twin_diagram.perception.registration.model_cloud import fibonacci_sphere
 from twin_diagram.signals.arrays import Array
 
 
@@ -22,7 +21,7 @@ class Tuning:
     """Hulls that are kept at hand: more than all slots hold."""
 
     least: float = 1e-4
-    """A hull whose middle is no farther than this from one of its faces is flat, and stays as it is [m]."""
+    """Lengths below this do not matter [m]: a tenth of a millimetre."""
 
 
 TUNING = Tuning()
@@ -31,20 +30,30 @@ TUNING = Tuning()
 def few_corners(corners: Array, most: int) -> Array:
     """Return the corners (≤ `most`, 3) of a hull that holds those given (V, 3), little larger than theirs.
 
-    The corners farthest out in directions spread evenly are kept, and moved outwards until nothing is left outside.
+    Beginning with the outermost along the axes, the corner that is farthest outside is added, one after another; what
+    is left outside then is held by moving all a little outwards.
     """
     if len(corners) <= most:
         return corners
-    chosen = corners[np.unique(np.argmax(corners @ fibonacci_sphere(most).T, axis=0))]
-    planes = _planes(chosen.tobytes(), len(chosen))
+    axes = np.concatenate([np.eye(3), -np.eye(3)])
+    chosen = list(dict.fromkeys(np.argmax(corners @ axes.T, axis=0).tolist()))
+    while True:
+        planes = _planes(corners[chosen].tobytes(), len(chosen))
+        if planes is None:  # flat so far: whatever is farthest from its middle helps
+            away = np.linalg.norm(corners - corners[chosen].mean(axis=0), axis=1)
+            away[chosen] = 0.0
+        else:
+            away = (corners @ planes[:, :3].T + planes[:, 3]).max(axis=1)
+        if len(chosen) == most or away.max() < TUNING.least:
+            break
+        chosen.append(int(np.argmax(away)))
     if planes is None:
-        return chosen
-    middle = chosen.mean(axis=0)
+        return np.asarray(corners[chosen])
+    middle = corners[chosen].mean(axis=0)
     inner = -(planes[:, :3] @ middle + planes[:, 3])
-    if inner.min() < TUNING.least:
-        return chosen
     outer = ((corners - middle) @ planes[:, :3].T).max(axis=0)
-    return np.asarray(middle + max(1.0, float((outer / inner).max())) * (chosen - middle))
+    larger = max(1.0, float((outer / np.maximum(inner, TUNING.least)).max()))
+    return np.asarray(middle + larger * (corners[chosen] - middle))
 
 
 def inside(points: Array, pieces: Sequence[Array], margin: float) -> npt.NDArray[np.bool_]:

@@ -31,7 +31,7 @@ from twin_diagram.signals.things import CORNERS, PIECES, THING_SIZE, Thing
 class Tuning:
     """Constants of this module, with their units and what set them; chosen by hand for things of a hand's size."""
 
-    place_slack: float = 0.01
+    place_slack: float = 0.006
     """What is seen of a thing lies within this of its pieces [m] …"""
 
     sigmas: float = 2.0
@@ -47,7 +47,10 @@ class Tuning:
     """From one image to the next no thing's middle goes farther than this [m]."""
 
     moved: float = 0.03
-    """A thing moves whose middle is farther than this from where its pieces were made [m]."""
+    """A thing moves whose middle is farther than this from where it rested [m]; with less of it hidden than that …"""
+
+    hidden: float = 0.2
+    """… share, for else its middle only seems to move."""
 
     calm: float = 0.5
     """A thing moves until so long after it was last seen to [s]."""
@@ -69,7 +72,7 @@ TUNING = Tuning()
 
 SAMPLES: Final = 32
 """Places on a thing's surface that are looked up in images."""
-MEMORY_SIZE: Final = THING_SIZE + 4 + 1 + 3 * SAMPLES + 3
+MEMORY_SIZE: Final = THING_SIZE + 4 + 1 + 3 * SAMPLES + 6
 """A packed `Remembered`."""
 
 
@@ -85,6 +88,7 @@ class Remembered:
         next_search: when that is done again [s].
         samples: (S, 3) places on its visible surface, in W [m].
         made_at: (3,) its middle when its pieces were made.
+        rested_at: (3,) its middle where it was last said to be, or to have moved to.
     """
 
     thing: Thing = field(default_factory=Thing)
@@ -94,21 +98,23 @@ class Remembered:
     next_search: float = NEVER
     samples: Array = field(default_factory=lambda: np.zeros((0, 3)))
     made_at: Array = field(default_factory=lambda: np.zeros(3))
+    rested_at: Array = field(default_factory=lambda: np.zeros(3))
 
     def pack(self) -> Array:
         """Return it as a vector of `MEMORY_SIZE`."""
         places = np.zeros((SAMPLES, 3))
         places[: len(self.samples)] = self.samples
         head = [float(self.empty), self.moved, float(self.searches), self.next_search, float(len(self.samples))]
-        return np.concatenate([self.thing.pack(), head, places.ravel(), self.made_at])
+        return np.concatenate([self.thing.pack(), head, places.ravel(), self.made_at, self.rested_at])
 
     @staticmethod
     def unpack(vector: Array) -> Remembered:
         """Return the inverse of `pack`; copies."""
         empty, moved, searches, next_search, count = vector[THING_SIZE : THING_SIZE + 5]
-        places = vector[THING_SIZE + 5 : -3].reshape(SAMPLES, 3)[: int(count)].copy()
+        places = vector[THING_SIZE + 5 : -6].reshape(SAMPLES, 3)[: int(count)].copy()
         own = Thing.unpack(vector[:THING_SIZE])
-        return Remembered(own, int(empty), float(moved), int(searches), float(next_search), places, vector[-3:].copy())
+        made_at, rested_at = vector[-6:].reshape(2, 3).copy()
+        return Remembered(own, int(empty), float(moved), int(searches), float(next_search), places, made_at, rested_at)
 
 
 @dataclass(frozen=True)
@@ -209,22 +215,21 @@ def matched(
 def seen(slot: Remembered, points: Array, segments: Segments) -> Remembered:
     """Return a slot after its thing was seen as `points` (N, 3)."""
     time = segments.time
-    if _share_inside(slot, points, segments) >= TUNING.whole and not _shrunk(slot, segments):
-        thing = replace(slot.thing, last_seen=time, status=_status(slot, time), middle=points.mean(axis=0))
-        return replace(slot, thing=thing, empty=0)
-    hidden = np.zeros((0, 3))
     middle = points.mean(axis=0)
     away = float(np.linalg.norm(middle - slot.made_at))
-    if away < TUNING.moved and len(slot.samples):
-        # What an arm hides of a thing that stands still is still there.
-        there = np.array([seen_through(place[None], segments).hidden > 0.5 for place in slot.samples])
-        hidden = slot.samples[there]
+    still = away < _slack(points, segments) and not _shrunk(slot, segments)
+    if still and _share_inside(slot, points, segments) >= TUNING.whole:
+        thing = replace(slot.thing, last_seen=time, status=_status(slot, time), middle=middle)
+        return replace(slot, thing=thing, empty=0)
+    there = np.array([seen_through(place[None], segments).hidden > 0.5 for place in slot.samples], dtype=bool)
+    # What an arm hides of a thing that stands still is still there.
+    hidden = slot.samples[there] if away < TUNING.moved else np.zeros((0, 3))
     made = _made(slot, np.concatenate([points, hidden]), segments)
     if not made.thing.pieces:
         made = replace(made, thing=replace(made.thing, pieces=slot.thing.pieces))
-    stepped = float(np.linalg.norm(middle - slot.thing.middle))
-    moved = time if away >= TUNING.moved and stepped >= 0.3 * TUNING.moved else slot.moved
-    made = replace(made, moved=moved)
+    elsewhere = float(np.linalg.norm(middle - slot.rested_at)) > TUNING.moved
+    if elsewhere and there.mean() < TUNING.hidden:
+        made = replace(made, moved=time, rested_at=middle)
     return replace(made, thing=replace(made.thing, status=_status(made, time)), empty=0)
 
 
@@ -267,11 +272,15 @@ def _shrunk(slot: Remembered, segments: Segments) -> bool:
 
 
 def _share_inside(slot: Remembered, points: Array, segments: Segments) -> float:
-    camera = segments.camera
     thin = points[:: max(1, len(points) // 200)]
-    z = (thin.mean(axis=0) - camera.p_WC) @ camera.R_WC[:, 2]
-    margin = TUNING.place_slack + TUNING.sigmas * float(camera.depth_noise(np.array(z)))
-    return float(inside(thin, slot.thing.pieces, margin).mean())
+    return float(inside(thin, slot.thing.pieces, _slack(thin, segments)).mean())
+
+
+def _slack(points: Array, segments: Segments) -> float:
+    """Return how far from its place a thing may be shown [m]."""
+    camera = segments.camera
+    z = (points.mean(axis=0) - camera.p_WC) @ camera.R_WC[:, 2]
+    return TUNING.place_slack + TUNING.sigmas * float(camera.depth_noise(np.array(z)))
 
 
 def _made(slot: Remembered, points: Array, segments: Segments) -> Remembered:
@@ -287,4 +296,5 @@ def _made(slot: Remembered, points: Array, segments: Segments) -> Remembered:
     )
     # Evenly over the image: points come in the order of their pixels.
     chosen = np.linspace(0, len(points) - 1, min(SAMPLES, len(points))).round().astype(int)
-    return replace(slot, thing=thing, samples=points[chosen], made_at=middle)
+    rested_at = slot.rested_at if slot.thing.pieces else middle
+    return replace(slot, thing=thing, samples=points[chosen], made_at=middle, rested_at=rested_at)
