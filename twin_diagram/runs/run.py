@@ -17,6 +17,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from twin_diagram import scenario as schema
+from twin_diagram import visualization
 from twin_diagram.errors import TwinError
 from twin_diagram.estimation.filter.parameter_status import standings
 from twin_diagram.logs import read_log
@@ -39,8 +40,6 @@ from twin_diagram.station.replay.reading import recorded_until
 from twin_diagram.station.replay.recording_folder import SCENARIO_FILE, place_of
 from twin_diagram.twin.closed_loop import ClosedLoop, make_closed_loop
 from twin_diagram.twin.twin import TwinDiagram
-from twin_diagram.visualization.diagram_svg.svg import write_diagram_svg
-from twin_diagram.visualization.plots import write_plots
 
 
 @dataclass(frozen=True)
@@ -349,6 +348,6 @@ def _write(
         return
     leave.note("replay.html", "diagram.svg")
     look.scenes.write_replay(out / "replay.html")
-    write_diagram_svg(loop.diagram, out / "diagram.svg")
+    visualization.write_diagram_svg(loop.diagram, out / "diagram.svg")
     if trial is not None:
-        leave.note(*(path.name for path in write_plots(trial.record, summary, out)))
+        leave.note(*(path.name for path in visualization.write_plots(trial.record, summary, out)))
