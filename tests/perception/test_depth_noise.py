@@ -8,7 +8,6 @@ import pytest
 from twin_diagram.errors import ScenarioError
 from twin_diagram.perception.depth_noise import DepthSigma, excess
 from twin_diagram.scenario import DepthNoise
-from twin_diagram.station.sim.camera_noise import correlated
 
 
 @pytest.mark.parametrize(
@@ -42,17 +41,3 @@ def test_residuals_say_by_how_much_a_sheet_promises_too_much() -> None:
     residual[:400] = 0.1  # what is not of the object
     assert excess(residual, sigma / 2.0) == pytest.approx(2.2, rel=0.1)
     assert excess(np.full(29, 1.0), np.full(29, 0.1)) == 1.0 < excess(np.full(30, 1.0), np.full(30, 0.1))
-
-
-def test_what_averaging_leaves_is_what_neighbours_share() -> None:
-    """Against means of fields that have been drawn, over squares."""
-    rng = np.random.default_rng(6)
-    sheet = DepthSigma.of(DepthNoise("d435"))
-    fresh, waves = (np.array([correlated((128, 160), sigma, rng) for _ in range(60)]) for sigma in (1.25, 7.5))
-    for side in (6, 15, 40):
-        squares = [part[:, :120, :120].reshape(60, 120 // side, side, -1, side) for part in (fresh, waves)]
-        left = [np.mean(square.mean(axis=(2, 4)) ** 2) for square in squares]
-        found = sheet.left_by_averaging(side**2, 320)
-        assert found == pytest.approx(0.1 / side**2 + 0.6 * left[0] + 0.3 * left[1], rel=0.35)
-    assert DepthSigma().left_by_averaging(50.0, 640) == pytest.approx(0.02)
-    assert sheet.left_by_averaging(1.0, 640) == pytest.approx(1.0, rel=0.02)

@@ -23,11 +23,12 @@ class Tuning:
     width: float = 640.0
     """Figures in pixels are those of images so wide [px]."""
 
-    patch: float = 78.5
-    """Area over which neighbours err alike: 4πσ² of a Gaussian with σ = 2.5 px [px]."""
+    patch: float = 2.5
+    """Deviation of the Gaussian that makes neighbours err alike, of white noise [px]: d of them are correlated by
+    exp(-d² / 4σ²), and 4πσ² of them err as one."""
 
-    wave: float = 2830.0
-    """The same of what lasts: σ = 15 px [px]."""
+    wave: float = 15.0
+    """The same of what lasts [px]."""
 
     fewest: int = 30
     """Residuals below this number say nothing about the sheet: their scale is off by a seventh and more."""
@@ -63,18 +64,6 @@ class DepthSigma:
         """Return the standard deviation [m] at depths z [m], any shape."""
         return np.asarray(self.floor + self.growth * (z - self.start) ** 2)
 
-    def left_by_averaging(self, area: float, width: int) -> float:
-        """Return which share of the variance is left in the mean over some pixels that lie together.
-
-        Args:
-            area: how many there are [px].
-            width: of the image [px].
-        """
-        pixels = max(area, 1.0) * (TUNING.width / width) ** 2
-        white = max(0.0, 1.0 - self.correlated - self.lasting)
-        patches, waves = TUNING.patch / (TUNING.patch + pixels), TUNING.wave / (TUNING.wave + pixels)
-        return white / max(area, 1.0) + self.correlated * patches + self.lasting * waves
-
 
 def excess(residual: Array, sigma: Array) -> float:
     """Return by how much residuals are larger than they should be: 1 where they are not.
@@ -88,4 +77,6 @@ def excess(residual: Array, sigma: Array) -> float:
     """
     if len(residual) < TUNING.fewest:
         return 1.0
-    return max(1.0, TUNING.normal * float(np.median(np.abs(residual) / sigma)))
+    factor = TUNING.normal * float(np.median(np.abs(residual) / sigma))
+    # So many residuals scatter by themselves: what is within that is none.
+    return factor if factor > 1.0 + 2.0 / np.sqrt(len(residual)) else 1.0

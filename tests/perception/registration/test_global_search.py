@@ -162,6 +162,7 @@ def test_around_a_rough_pose_starts_lie_where_points_lead_and_3_cm_about(monkeyp
         return start.moved(np.array([[0.0, 0.0, 0.1, 0.01, 0.0, 0.0]])), np.diag([1e6, 1e6, 1.0, 1e8, 1e8, 1e8])
 
     monkeypatch.setattr(global_search, "approach", approached)
+    monkeypatch.setattr(global_search, "settle", lambda cloud, image, found, *_: found)
     nearby(model(), frame(), R, p, points, 3.0 * points, PARAMS)
     np.testing.assert_array_equal(led[0][1], 3.0 * led[0][0])
     _, _, laid, thin, prior, _ = spied.asked

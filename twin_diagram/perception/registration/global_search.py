@@ -7,7 +7,7 @@ exactly; shape and colour decide.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -16,9 +16,11 @@ from scipy.spatial import ConvexHull, QhullError
 
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
+from twin_diagram.perception.registration.alternatives import TUNING as ALTERNATIVES
+from twin_diagram.perception.registration.alternatives import profile, settled, widened
 from twin_diagram.perception.registration.approach import approach, rivals
 from twin_diagram.perception.registration.assessment import assess
-from twin_diagram.perception.registration.data_association import COARSE, Poses
+from twin_diagram.perception.registration.data_association import COARSE, FINE, Poses, look
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.registration import RegisteredPose, information, refine, register
@@ -240,7 +242,26 @@ def nearby(
     # Where other things stand about, their points may lead astray.
     shift = np.array(np.meshgrid(step, step, [0.0])).T.reshape(-1, 3)
     laid = Poses(np.concatenate([laid.R, np.repeat(start.R, len(shift), axis=0)]), np.concatenate([laid.p, p + shift]))
-    return best_of(model, frame, laid, thin, information(0.2, 0.03), params)
+    found = best_of(model, frame, laid, thin, information(0.2, 0.03), params)
+    return None if found is None else settle(model, frame, found, thin, params)
+
+
+def settle(model: ModelCloud, frame: Frame, found: Found, points_W: Array, params: scenario.Registration) -> Found:
+    """Weigh poses along what depth leaves open, go to the likeliest, and claim what the weights say."""
+    result = found.registration
+    for turn in range(ALTERNATIVES.rounds + 1):
+        pose = Poses(result.R[None], result.p[None])
+        fine = look(model, frame, pose, params.model_points, FINE)
+        laid = profile(model, frame, pose, points_W, fine, params.colour_weight)
+        best = int(np.argmin(laid.cost))
+        if turn == ALTERNATIVES.rounds or laid.cost[best] > laid.cost[0] - ALTERNATIVES.better:
+            break
+        result = register(model, frame, laid.poses.R[best], laid.poses.p[best], params, points_W=points_W)
+    step, spread = settled(laid)
+    after = pose.moved(step[None])
+    spread = widened(result.covariance, spread)
+    result = replace(result, R=after.R[0], p=after.p[0], covariance=spread)
+    return replace(found, registration=result)
 
 
 def best_of(
