@@ -9,7 +9,15 @@ import pytest
 from tests.synthetic_scene import Thing, camera, picture, yawed
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
-from twin_diagram.perception.registration.alternatives import Profile, profile, settled, weights, widened
+from twin_diagram.perception.registration.alternatives import (
+    Profile,
+    compare,
+    distinct,
+    profile,
+    settled,
+    weights,
+    widened,
+)
 from twin_diagram.perception.registration.data_association import FINE, Poses, look
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
@@ -76,3 +84,37 @@ def test_a_mug_whose_handle_is_out_of_sight_may_be_turned(mug: ModelCloud) -> No
     """The camera looks from the front: the handle is seen at its side and hidden behind it."""
     spreads = [float(np.sqrt(turns_allowed(mug, yaw)[1][2, 2])) for yaw in np.arange(8) * np.pi / 4]
     assert max(spreads) > np.radians(12.0) and min(spreads) < np.radians(4.0), np.degrees(spreads)
+
+
+def test_hypotheses_are_apart_and_likely_and_the_first_is_the_centre() -> None:
+    """Turns about z in steps of 0.1 rad: likely up to 0.3, and once more about 0.8."""
+    turns = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0])
+    cost = np.array([0.0, 0.0, 0.0, 0.5, 20.0, 20.0, 20.0, 20.0, 1.0, 20.0, 20.0])
+    steps = np.zeros((11, 6))
+    steps[1:, 2] = turns
+    start = Poses(np.eye(3)[None], np.zeros((1, 3)))
+    poses = Poses(np.repeat(start.R, 11, axis=0), np.repeat(start.p, 11, axis=0)).moved(steps)
+    laid = Profile(poses, cost, np.array([-1] + [0] * 10), steps[:, 2], [np.eye(6)[2]])
+    centre = start.moved(np.array([[0.0, 0.0, 0.02, 0.0, 0.0, 0.0]]))
+    narrow, wide = 1e-6 * np.eye(6), 1e-4 * np.eye(6)
+    found = distinct(laid, centre, narrow, wide)
+    assert sum(one.probability for one in found) == pytest.approx(1.0)
+    yaw = [float(np.arctan2(one.R[1, 0], one.R[0, 0])) for one in found]
+    assert sorted(np.round(yaw, 6)) == [0.02, 0.2, 0.8] or sorted(np.round(yaw, 6)) == [0.02, 0.2, 0.3, 0.8]
+    for one, angle in zip(found, yaw, strict=True):
+        np.testing.assert_allclose(one.covariance, wide if angle == pytest.approx(0.02) else one.covariance)
+        assert one.covariance[0, 0] == pytest.approx(1e-4 if angle == pytest.approx(0.02) else 1e-6 + 0.06**2)
+    assert [one.probability for one in found] == sorted((one.probability for one in found), reverse=True)
+
+
+def test_slides_are_told_by_edges() -> None:
+    """A box aside of where it stands leaves a part of the image unexplained, and the camera sees past it."""
+    view, asset = camera(), Asset.load(models_dir() / "objects" / "sugar_box")
+    model = ModelCloud.of(asset, 600)
+    R, p = yawed(0.3), np.array([0.5, 0.0, asset.size[2] / 2])
+    rgb, depth, _ = picture(view, [Thing(asset, 11, R, p)])
+    segments = segment(rgb, depth, 0.0, Grid.of(view, 2), scenario.Perception())
+    aside = [k * R[:, 1] for k in (0.0, 0.005, -0.005, 0.015, -0.015)]
+    laid = Poses(np.repeat(R[None], 5, axis=0), p + np.array(aside))
+    cost = compare(model, Frame.of(segments), laid, segments.points_W)
+    assert cost[0] < cost[1] < cost[3] and cost[0] < cost[2] < cost[4], cost

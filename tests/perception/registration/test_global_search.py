@@ -165,7 +165,8 @@ def test_around_a_rough_pose_starts_lie_where_points_lead_and_3_cm_about(monkeyp
     monkeypatch.setattr(global_search, "settle", lambda cloud, image, found, *_: found)
     nearby(model(), frame(), R, p, points, 3.0 * points, PARAMS)
     np.testing.assert_array_equal(led[0][1], 3.0 * led[0][0])
-    _, _, laid, thin, prior, _ = spied.asked
+    _, _, laid, thin, prior, _, sure = spied.asked
+    assert sure == 0.95, "slides along a box score high, too"
     assert len(laid.p) == 13 + 9 and len(thin) == 225
     np.testing.assert_allclose(laid.p[0], p + [0.01, 0.0, 0.0])
     np.testing.assert_allclose(laid.R[0], turn(0.0, 0.0, 0.1) @ R, atol=1e-12)

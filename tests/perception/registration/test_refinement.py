@@ -144,7 +144,7 @@ def test_a_registration_begins_where_it_is_told_and_says_what_fits(monkeypatch: 
         asked[:] = [*given, more["points_W"]]
         return at, Normal(H[None], np.zeros((1, 6)))
 
-    fit = SimpleNamespace(quality=[1.3], likeness=[0.7], visible_share=[0.4], points=[55.0])
+    fit = SimpleNamespace(quality=[1.3], likeness=[0.7], visible_share=[0.4], points=[55.0], shape=[1.4])
     monkeypatch.setattr(registration, "refine", refined)
     monkeypatch.setattr(registration, "judge", lambda *given: fit)
     monkeypatch.setattr(registration, "residual_excess", lambda *given: 3.0)
@@ -157,6 +157,7 @@ def test_a_registration_begins_where_it_is_told_and_says_what_fits(monkeypatch: 
     np.testing.assert_allclose(asked[5], information(0.3, 0.05))
     assert asked[3:5] == [PARAMS.model_points, 12] and asked[7] is None
     assert (found.quality, found.likeness, found.visible_share, found.points) == (1.0, 0.7, 0.4, 55.0)
+    assert found.shape == 1.0
     np.testing.assert_array_equal(found.covariance, H)
     # At the pose found, within the last reach, with colours; residuals are three times what the data sheet says.
     assert claims[0][3] is at and claims[0][4:] == (None, 0.007, 0.3, 3.0)

@@ -21,6 +21,7 @@ from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.residuals import TUNING as RESIDUALS
 from twin_diagram.perception.registration.residuals import brightness, colour_terms, depth_pairs
+from twin_diagram.perception.registration.rotation import log
 from twin_diagram.signals.arrays import Array
 
 
@@ -194,9 +195,7 @@ def profile(
             offset.append(s)
     count = len(steps)
     poses = Poses(np.repeat(pose.R, count, axis=0), np.repeat(pose.p, count, axis=0)).moved(np.array(steps))
-    looked = look(model, frame, poses, TUNING.points, COARSE)
-    thin = points_W[:: max(1, len(points_W) // TUNING.points)]
-    cost = costs(model, frame, poses, thin, looked) / votes(looked, frame, model.spacing)
+    cost = compare(model, frame, poses, points_W)
     return Profile(poses, cost, np.array(along), np.array(offset), directions)
 
 
@@ -219,6 +218,49 @@ def settled(found: Profile) -> tuple[Array, Array]:
         step += mean * way
         spread += float(w @ (offset - mean) ** 2) * np.outer(way, way)
     return step, spread
+
+
+def compare(model: ModelCloud, frame: Frame, poses: Poses, points_W: Array) -> Array:
+    """Return (B,) negative log-likelihoods of poses, up to what all share, points that err alike with one vote."""
+    looked = look(model, frame, poses, TUNING.points, COARSE)
+    thin = points_W[:: max(1, len(points_W) // TUNING.points)]
+    return costs(model, frame, poses, thin, looked) / votes(looked, frame, model.spacing)
+
+
+def distinct(found: Profile, centre: Poses, narrow: Array, wide: Array) -> tuple[PoseHypothesis, ...]:
+    """Return the poses of a profile that are likely and apart from one another, the likeliest first.
+
+    Args:
+        found: the profile.
+        centre: of all of it; it stands for what is near.
+        narrow: (6, 6) covariance of a registered pose.
+        wide: (6, 6) covariance with what lies along the profile.
+    """
+    between = narrow + np.diag(np.square(np.repeat(TUNING.apart, 3) / 2.0))
+    poses = Poses(np.concatenate([centre.R, found.poses.R[1:]]), np.concatenate([centre.p, found.poses.p[1:]]))
+    share = np.zeros(len(found.cost))
+    for k in range(len(found.directions)):
+        on = np.flatnonzero((found.along == k) | (found.along == -1))
+        on = on[np.argsort(found.offset[on])]
+        share[on] = np.maximum(share[on], weights(found.cost[on], found.offset[on]))
+    chosen, mass = [0], [float(share[0])]
+    for k in np.argsort(-share, kind="stable"):
+        near = [j for j, one in enumerate(chosen) if not _apart(poses, int(k), one)]
+        if near:
+            mass[near[0]] += float(share[k]) if k else 0.0
+        elif share[k] > TUNING.likely:
+            chosen.append(int(k))
+            mass.append(float(share[k]))
+    whole = max(sum(mass), 1e-12)
+    order = sorted(range(len(chosen)), key=lambda j: -mass[j])
+    return tuple(
+        PoseHypothesis(poses.R[chosen[j]], poses.p[chosen[j]], between if j else wide, mass[j] / whole) for j in order
+    )
+
+
+def _apart(poses: Poses, first: int, second: int) -> bool:
+    turn = np.linalg.norm(log((poses.R[first] @ poses.R[second].T)[None]))
+    return bool(turn > TUNING.apart[0] or np.linalg.norm(poses.p[first] - poses.p[second]) > TUNING.apart[1])
 
 
 def widened(covariance: Array, spread: Array) -> Array:

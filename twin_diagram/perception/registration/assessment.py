@@ -37,12 +37,14 @@ class PoseFit:
         quality: share of the model points that should be seen, and are not hidden by something nearer, that fit in
             place and colour.
         likeness: the same with each point counted by how near its colour comes; tells poses apart that differ little.
+        shape: quality without regard to colours.
         visible_share: share of the points facing the camera that are not hidden.
         points: how many fit.
     """
 
     quality: Array
     likeness: Array
+    shape: Array
     visible_share: Array
     points: Array
 
@@ -74,6 +76,7 @@ def judge(looked: Looked, frame: Frame, level: int = FINE, slack: float = 0.003)
     return PoseFit(
         quality=fits / np.maximum(open_, 1e-9),
         likeness=(weight * tukey(size, RESIDUALS.colour_cut)).sum(axis=1) / np.maximum(open_, 1e-9),
+        shape=weight.sum(axis=1) / np.maximum(open_, 1e-9),
         visible_share=open_ / np.maximum(np.where(open_ + lost > 0.3 * whole, open_ + lost, whole), 1e-9),
         points=(in_place & (size < RESIDUALS.colour_cut)).sum(axis=1).astype(float),
     )

@@ -17,7 +17,14 @@ from scipy.spatial import ConvexHull, QhullError
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.perception.registration.alternatives import TUNING as ALTERNATIVES
-from twin_diagram.perception.registration.alternatives import profile, settled, widened
+from twin_diagram.perception.registration.alternatives import (
+    PoseHypothesis,
+    compare,
+    distinct,
+    profile,
+    settled,
+    widened,
+)
 from twin_diagram.perception.registration.approach import approach, rivals
 from twin_diagram.perception.registration.assessment import assess
 from twin_diagram.perception.registration.data_association import COARSE, FINE, Poses, look
@@ -57,6 +64,9 @@ class Tuning:
     sure: float = 0.85
     """A score from which nothing else is tried."""
 
+    surer: float = 0.95
+    """The same about a rough pose: slides along a box score high, too."""
+
     hopeless: float = 0.6
     """A start whose coarse score is this share of the best one's is not refined exactly."""
 
@@ -82,11 +92,15 @@ class Found:
         registration: the pose.
         score: quality times the share of the segment that the object explains.
         likeness: the same from the registration's likeness: which of several poses is the best.
+        hypotheses: poses that the image allows, where they were weighed; the likeliest first.
+        others: that were tried.
     """
 
     registration: RegisteredPose
     score: float
     likeness: float
+    hypotheses: tuple[PoseHypothesis, ...] = ()
+    others: tuple[RegisteredPose, ...] = ()
 
 
 def resting(asset: Asset) -> list[tuple[Array, float]]:
@@ -242,13 +256,17 @@ def nearby(
     # Where other things stand about, their points may lead astray.
     shift = np.array(np.meshgrid(step, step, [0.0])).T.reshape(-1, 3)
     laid = Poses(np.concatenate([laid.R, np.repeat(start.R, len(shift), axis=0)]), np.concatenate([laid.p, p + shift]))
-    found = best_of(model, frame, laid, thin, information(0.2, 0.03), params)
+    found = best_of(model, frame, laid, thin, information(0.2, 0.03), params, TUNING.surer)
     return None if found is None else settle(model, frame, found, thin, params)
 
 
 def settle(model: ModelCloud, frame: Frame, found: Found, points_W: Array, params: scenario.Registration) -> Found:
     """Weigh poses along what depth leaves open, go to the likeliest, and claim what the weights say."""
+    rivals_ = [found.registration, *found.others]
     result = found.registration
+    if len(rivals_) > 1:
+        laid_ = Poses(np.stack([one.R for one in rivals_]), np.stack([one.p for one in rivals_]))
+        result = rivals_[int(np.argmin(compare(model, frame, laid_, points_W)))]
     for turn in range(ALTERNATIVES.rounds + 1):
         pose = Poses(result.R[None], result.p[None])
         fine = look(model, frame, pose, params.model_points, FINE)
@@ -259,15 +277,24 @@ def settle(model: ModelCloud, frame: Frame, found: Found, points_W: Array, param
         result = register(model, frame, laid.poses.R[best], laid.poses.p[best], params, points_W=points_W)
     step, spread = settled(laid)
     after = pose.moved(step[None])
-    spread = widened(result.covariance, spread)
-    result = replace(result, R=after.R[0], p=after.p[0], covariance=spread)
-    return replace(found, registration=result)
+    wide = widened(result.covariance, spread)
+    poses = distinct(laid, after, result.covariance, wide)
+    return replace(found, registration=replace(result, R=after.R[0], p=after.p[0], covariance=wide), hypotheses=poses)
 
 
 def best_of(
-    model: ModelCloud, frame: Frame, laid: Poses, points_W: Array, prior: Array, params: scenario.Registration
+    model: ModelCloud,
+    frame: Frame,
+    laid: Poses,
+    points_W: Array,
+    prior: Array,
+    params: scenario.Registration,
+    sure: float = TUNING.sure,
 ) -> Found | None:
-    """Refine all starts on coarse colours and the best few exactly; the pose that explains most."""
+    """Refine all starts on coarse colours and the best few exactly; the pose that explains most.
+
+    A score of `sure` ends it.
+    """
     poses, _ = refine(
         model, frame, laid, TUNING.coarse_points, TUNING.coarse_iterations, prior, params, coarse_only=True
     )
@@ -276,16 +303,18 @@ def best_of(
         fit.likeness * np.minimum(fit.visible_share / TUNING.least_visible, 1.0) * np.minimum(fit.points / 20.0, 1.0)
     )
     best: Found | None = None
+    tried: list[RegisteredPose] = []
     for k in _apart(poses, np.argsort(-score, kind="stable")):
-        if score[k] < TUNING.hopeless * score.max() or (best is not None and best.score >= TUNING.sure):
+        if score[k] < TUNING.hopeless * score.max() or (best is not None and best.score >= sure):
             break
         result = register(model, frame, poses.R[k], poses.p[k], params, points_W=points_W)
+        tried.append(result)
         share = explained(model, points_W, result)
         visible = min(result.visible_share / TUNING.least_visible, 1.0) * min(result.points / TUNING.least_points, 1.0)
         rest = visible * (0.4 + 0.6 * share)
         if best is None or result.likeness * rest > best.likeness:
             best = Found(result, result.quality * rest, result.likeness * rest)
-    return best
+    return None if best is None else replace(best, others=tuple(one for one in tried if one is not best.registration))
 
 
 def _apart(poses: Poses, order: npt.NDArray[np.int64]) -> list[int]:

@@ -55,6 +55,7 @@ class RegisteredPose:
         likeness: the same, each point counted by how near its colour comes.
         visible_share: share of the surface facing the camera that nothing hides.
         points: number of model points that fit.
+        shape: quality without regard to colours.
     """
 
     R: Array
@@ -64,6 +65,7 @@ class RegisteredPose:
     likeness: float
     visible_share: float
     points: float
+    shape: float = 0.0
 
 
 def information(rotation: float, translation: float) -> Array:
@@ -168,6 +170,7 @@ def register(
         likeness=float(fit.likeness[0]),
         visible_share=float(fit.visible_share[0]),
         points=float(fit.points[0]),
+        shape=float(min(fit.shape[0], 1.0)),
     )
 
 
