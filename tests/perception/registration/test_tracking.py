@@ -52,6 +52,9 @@ def test_a_pose_is_predicted_for_a_short_while() -> None:
         ({}, True),
         ({"quality": PARAMS.minimum_quality - 0.01}, False),
         ({"quality": PARAMS.minimum_quality + 0.01}, True),
+        # Colours are no veto where the shape is there.
+        ({"quality": 0.1, "shape": PARAMS.minimum_quality + 0.01}, True),
+        ({"quality": 0.1, "shape": PARAMS.minimum_quality - 0.01}, False),
         ({"visible_share": 0.11}, False),
         ({"visible_share": 0.13}, True),
         ({"points": 29.0}, False),
