@@ -228,7 +228,7 @@ def compare(model: ModelCloud, frame: Frame, poses: Poses, points_W: Array) -> A
 
 
 def distinct(found: Profile, centre: Poses, narrow: Array, wide: Array) -> tuple[PoseHypothesis, ...]:
-    """Return the poses of a profile that are likely and apart from one another, the likeliest first.
+    """Return the centre of a profile and its poses that are likely and apart from one another, the likeliest first.
 
     Args:
         found: the profile.
@@ -252,7 +252,7 @@ def distinct(found: Profile, centre: Poses, narrow: Array, wide: Array) -> tuple
             chosen.append(int(k))
             mass.append(float(share[k]))
     whole = max(sum(mass), 1e-12)
-    order = sorted(range(len(chosen)), key=lambda j: -mass[j])
+    order = [0, *sorted(range(1, len(chosen)), key=lambda j: -mass[j])]
     return tuple(
         PoseHypothesis(poses.R[chosen[j]], poses.p[chosen[j]], between if j else wide, mass[j] / whole) for j in order
     )

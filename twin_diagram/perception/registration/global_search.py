@@ -16,22 +16,15 @@ from scipy.spatial import ConvexHull, QhullError
 
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
-from twin_diagram.perception.registration.alternatives import TUNING as ALTERNATIVES
-from twin_diagram.perception.registration.alternatives import (
-    PoseHypothesis,
-    compare,
-    distinct,
-    profile,
-    settled,
-    widened,
-)
+from twin_diagram.perception.registration.alternatives import PoseHypothesis
 from twin_diagram.perception.registration.approach import approach, rivals
 from twin_diagram.perception.registration.assessment import assess
-from twin_diagram.perception.registration.data_association import COARSE, FINE, Poses, look
+from twin_diagram.perception.registration.data_association import COARSE, Poses
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.registration import RegisteredPose, information, refine, register
 from twin_diagram.perception.registration.rotation import exp
+from twin_diagram.perception.registration.settling import settle
 from twin_diagram.signals.arrays import Array
 
 
@@ -257,29 +250,10 @@ def nearby(
     shift = np.array(np.meshgrid(step, step, [0.0])).T.reshape(-1, 3)
     laid = Poses(np.concatenate([laid.R, np.repeat(start.R, len(shift), axis=0)]), np.concatenate([laid.p, p + shift]))
     found = best_of(model, frame, laid, thin, information(0.2, 0.03), params, TUNING.surer)
-    return None if found is None else settle(model, frame, found, thin, params)
-
-
-def settle(model: ModelCloud, frame: Frame, found: Found, points_W: Array, params: scenario.Registration) -> Found:
-    """Weigh poses along what depth leaves open, go to the likeliest, and claim what the weights say."""
-    rivals_ = [found.registration, *found.others]
-    result = found.registration
-    if len(rivals_) > 1:
-        laid_ = Poses(np.stack([one.R for one in rivals_]), np.stack([one.p for one in rivals_]))
-        result = rivals_[int(np.argmin(compare(model, frame, laid_, points_W)))]
-    for turn in range(ALTERNATIVES.rounds + 1):
-        pose = Poses(result.R[None], result.p[None])
-        fine = look(model, frame, pose, params.model_points, FINE)
-        laid = profile(model, frame, pose, points_W, fine, params.colour_weight)
-        best = int(np.argmin(laid.cost))
-        if turn == ALTERNATIVES.rounds or laid.cost[best] > laid.cost[0] - ALTERNATIVES.better:
-            break
-        result = register(model, frame, laid.poses.R[best], laid.poses.p[best], params, points_W=points_W)
-    step, spread = settled(laid)
-    after = pose.moved(step[None])
-    wide = widened(result.covariance, spread)
-    poses = distinct(laid, after, result.covariance, wide)
-    return replace(found, registration=replace(result, R=after.R[0], p=after.p[0], covariance=wide), hypotheses=poses)
+    if found is None:
+        return None
+    result = settle(model, frame, [found.registration, *found.others], thin, params)
+    return replace(found, registration=result.registration, hypotheses=result.hypotheses)
 
 
 def best_of(
