@@ -4,10 +4,10 @@
     python sims/benchmarks/synctwin_tables.py --table I --quick
 
 Assets are built of 40 pictures at 0.6 m by Stage I, poses 2 mm / 0.2° off, three seeds each; the thing is then found
-and followed by `twin-diagram track` before a camera 0.9 m away that stands elsewhere in each sequence, open or 40 to 60 %
+and followed by `twin-diagram track` before a camera 0.9 m away, elsewhere in each sequence, open or 40 to 60 %
 hidden. Rows marked c have calibration errors (5 mm / 0.5°, focal 0.3 %, centre 1 pixel, depth 1 %), as their
 pictures of Stage I have in K and depth. A thing that is not found counts with its whole displacement. Writes
-`OUT/trials.jsonl`, a line per sequence of six motions, and goes on where it stopped. Seeds from 100000 on are held back.
+`OUT/trials.jsonl`, a line per sequence of six motions, and goes on where it stopped. Seeds from 100000 are held back.
 Needs the YCB meshes (`$TWIN_DIAGRAM_DATA`, or `../shared/data`).
 """
 
@@ -83,8 +83,8 @@ def report(rows: list[dict[str, Any]]) -> None:
                 pace = np.sum([r["seconds"] for r in own]) / len(own) / (6 * motions.STEPS + 1)
                 line = (
                     f"{profile + (' c' if wrong else ''):8} {'40–60 %' if hidden else 'open':7} {name:7} | "
-                    f"{both[0]:5.1f} {both[1]:5.1f} (≥ {aim[0]}/{aim[1]}, {paper[0]}/{paper[1]})  {seeds[0]}–{seeds[-1]} "
-                    f"{6 * len(own):5}  {100 * flips:5.1f} %  {pace:.3f}"
+                    f"{both[0]:5.1f} {both[1]:5.1f} (≥ {aim[0]}/{aim[1]}, {paper[0]}/{paper[1]})  "
+                    f"{seeds[0]}–{seeds[-1]} {6 * len(own):5}  {100 * flips:5.1f} %  {pace:.3f}"
                 )
                 print(line)
                 worst.append((min(both[0] - aim[0], both[1] - aim[1]), line))
