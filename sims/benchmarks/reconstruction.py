@@ -30,6 +30,12 @@ OBJECTS = ("cracker_box", "mug", "bottle", "can")
 """Of `models/objects`; a path of a glTF file may be given, too."""
 
 
+FAR_OFF = 0.004
+"""Distance from which a point of what was built is none of the object's, or one of the object's is lost [m]."""
+TABLE_AT = 0.008
+"""Height below which the former is what is left of the table [m]."""
+
+
 class Surface:
     """Triangles that are asked for nearest points and shadows."""
 
@@ -121,7 +127,7 @@ def true_volume(item: TrueObject, step: float = 0.0006) -> float:
 
 
 def score(item: TrueObject, shots: list[Picture], vertices: Array, faces: Array) -> dict[str, float]:
-    """Return distances both ways [mm] on what is seen, and the volume's error [%]."""
+    """Return distances both ways [mm] on what is seen, what is left of the table, lost of the object, and volume [%]."""
     true = Surface(item.vertices, item.faces)
     points, normals = spread(item.vertices, item.faces, 20000, 0)
     seen = true.shows(shots, points, normals) >= 2
@@ -132,6 +138,8 @@ def score(item: TrueObject, shots: list[Picture], vertices: Array, faces: Array)
     there = np.linalg.norm(Surface(vertices, faces).nearest(points[seen])[0] - points[seen], axis=1) * 1000
     back = np.linalg.norm(true.nearest(built)[0] - built, axis=1) * 1000
     back = back[seen[cKDTree(points).query(built)[1]]]
+    off = np.linalg.norm(true.nearest(built)[0] - built, axis=1)
+    low = built[:, 2] < item.vertices[:, 2].min() + TABLE_AT
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     volume = np.einsum("fi,fi->", a, np.cross(b, c)) / 6
     return {
@@ -139,6 +147,8 @@ def score(item: TrueObject, shots: list[Picture], vertices: Array, faces: Array)
         "p95": float(np.quantile(there, 0.95)),
         "to truth": back.mean(),
         "p95 back": float(np.quantile(back, 0.95)),
+        "table left %": 100 * float((low & (off > FAR_OFF)).mean()),
+        "lost %": 100 * float((there > 1000 * FAR_OFF).mean()),
         "volume %": 100 * (volume / true_volume(item) - 1),
     }
 
