@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
 from twin_diagram import scenario
@@ -156,7 +157,7 @@ def emptiness(model: ModelCloud, slot: Slot, segments: Segments) -> float:
 
 def recognised(
     library: Sequence[Known],
-    of: Array,
+    of: npt.NDArray[np.int64],
     searches: int,
     segments: Segments,
     params: scenario.Registration,

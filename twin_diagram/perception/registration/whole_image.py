@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
 from twin_diagram import scenario
 from twin_diagram.perception.registration.instances import (
@@ -194,7 +195,12 @@ class _Pool:
 
 
 def _compared(
-    thing: things.Remembered, of: Array, segments: Segments, told: ImageSettings, pool: _Pool, lost: Mapping[int, bool]
+    thing: things.Remembered,
+    of: npt.NDArray[np.int64],
+    segments: Segments,
+    told: ImageSettings,
+    pool: _Pool,
+    lost: Mapping[int, bool],
 ) -> things.Remembered:
     """Compare a thing, which points `of` show, with the library; what is recognised gets a slot of the pool."""
     asset, pose, searches = recognised(

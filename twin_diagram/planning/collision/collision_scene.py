@@ -202,9 +202,16 @@ class Forecast:
     def joined(self, parts: Sequence[tuple[tuple[Body, ...], Forecast]]) -> Forecast:
         """Return this forecast and others, each with the shapes of its bodies."""
         all_ = [self, *(forecast for _, forecast in parts)]
-        names = ("present", "moving", "R_WO", "p_WO", "spin", "velocity", "grown")
-        rows = (np.concatenate([getattr(one, name) for one in all_]) for name in names)
-        return Forecast(*rows, beside=tuple(body for bodies, _ in parts for body in bodies))
+        return Forecast(
+            present=np.concatenate([one.present for one in all_]),
+            moving=np.concatenate([one.moving for one in all_]),
+            R_WO=np.concatenate([one.R_WO for one in all_]),
+            p_WO=np.concatenate([one.p_WO for one in all_]),
+            spin=np.concatenate([one.spin for one in all_]),
+            velocity=np.concatenate([one.velocity for one in all_]),
+            grown=np.concatenate([one.grown for one in all_]),
+            beside=tuple(body for bodies, _ in parts for body in bodies),
+        )
 
     @staticmethod
     def of_tracks(tracks: Array, age: float = 0.0) -> Forecast:

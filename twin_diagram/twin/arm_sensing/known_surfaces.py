@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from twin_diagram import scenario
 from twin_diagram.model.description.add_arm import add_arm
 from twin_diagram.perception.calibration import KnownSurface
-from twin_diagram.perception.pinhole import Pinhole
+from twin_diagram.perception.pinhole import DepthImage, Pinhole
 from twin_diagram.signals.arrays import Array
 from twin_diagram.twin.arm_sensing.link_surface import link_surface, other_surfaces
 
@@ -164,7 +164,7 @@ class ArmParts:
             part[where] = np.where(facing, k, -2)
         return part
 
-    def sample(self, depth: Array, camera: Pinhole, scale: float, table: float, q: Array, v: Array) -> ArmView:
+    def sample(self, depth: DepthImage, camera: Pinhole, scale: float, table: float, q: Array, v: Array) -> ArmView:
         """Return what a depth image shows of the arm and of the table.
 
         Args:
