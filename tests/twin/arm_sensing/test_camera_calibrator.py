@@ -86,7 +86,7 @@ def test_an_arm_at_rest_alone_is_looked_at(calibrator: CameraCalibrator) -> None
         calibrator.GetInputPort("arm_state").FixValue(context, np.r_[q, np.zeros(7)])
         simulator.AdvanceTo(0.1 * k + 0.05)
         counts.append(len(calibrator.samples(np.array(context.get_discrete_state(0).value()))))
-    assert counts == [1, 2, 3, 4, 4, 4, 4, 4, 4, 4, 5, 6, 7, 7]
+    assert counts == [1, 2, 3, 4, 5, 5, 5, 5, 5, 5, 6, 7, 8, 8]
     np.testing.assert_allclose(calibrator.GetOutputPort("calibration").Eval(context), prior, atol=1e-15)
     fresh = calibrator.CreateDefaultContext()
     assert calibrator.samples(np.array(fresh.get_discrete_state(0).value())) == []
