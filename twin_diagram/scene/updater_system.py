@@ -122,16 +122,16 @@ class SceneGraphUpdater(LeafSystem):
         self._lives = self.DeclareDiscreteState(cast(Any, object_life.initial_lives(names).ravel()))
         self._assets = self.DeclareDiscreteState(cast(Any, np.r_[np.arange(self._count), np.zeros(self._further)]))
         self._looked = self.DeclareDiscreteState(cast(Any, np.zeros(3 * (rows + self._things))))
-        self._corrected = self.DeclareDiscreteState(cast(Any, np.zeros(SIZE)))
+        told = np.r_[np.zeros(SIZE), np.diag(self._doubt.variances).ravel()]
+        self._corrected = self.DeclareDiscreteState(cast(Any, told))
         self._events = self.DeclareDiscreteState(cast(Any, object_events.empty_ring()))
         now = {self.time_ticket(), self.xd_ticket()}
-        known = now | {self.input_port_ticket(self._calibration_in.get_index())}
         joints = {self.input_port_ticket(port.get_index()) for port in (self._arm_in, self._gripper_in)}
         self.DeclareVectorOutputPort("positions", scene.plant.num_positions(), self._calc_positions, now | joints)
         size = self._count * TRACK_SIZE
-        self._tracks_out = self.DeclareVectorOutputPort("tracks", size, self._calc_tracks, known)
+        self._tracks_out = self.DeclareVectorOutputPort("tracks", size, self._calc_tracks, now)
         size = self._further * FURTHER_TRACK_SIZE
-        self.DeclareVectorOutputPort("further_tracks", size, self._calc_further, known)
+        self.DeclareVectorOutputPort("further_tracks", size, self._calc_further, now)
         self.DeclareVectorOutputPort(
             "object_events", object_events.RING * object_events.EVENT_FIELDS, self._calc_events, {self.xd_ticket()}
         )
@@ -173,11 +173,12 @@ class SceneGraphUpdater(LeafSystem):
         """Return filters moved as the calibration was corrected since the tick before: the objects stood still."""
         if self._camera is None or not self._calibration_in.HasValue(context):
             return filters
-        errors = np.array(self._calibration_in.Eval(context))[:SIZE]
-        step = errors - np.asarray(context.get_discrete_state(int(self._corrected)).value())
-        if not step.any():
+        calibration = np.array(self._calibration_in.Eval(context))
+        change = calibration - np.asarray(context.get_discrete_state(int(self._corrected)).value())
+        if not change.any():
             return filters
-        discrete.set_value(int(self._corrected), cast(Any, errors))
+        discrete.set_value(int(self._corrected), cast(Any, calibration))
+        step = change[:SIZE]
         after = filters.copy()
         for part in (FilterLayout.POSE, FilterLayout.REMEMBERED_POSE):
             shifts = -pose_shifts(*self._sight(filters[:, part])) @ step
@@ -271,10 +272,8 @@ class SceneGraphUpdater(LeafSystem):
         """Return (R, 6, 6) what the camera's calibration leaves open; None where that is told to be nothing."""
         if self._camera is None or not self._doubt.variances.any():
             return None
-        error: CalibrationError | Array = self._doubt
-        if self._calibration_in.HasValue(context):
-            error = np.array(self._calibration_in.Eval(context))[SIZE:].reshape(SIZE, SIZE)
-        return shared_covariances(error, *self._sight(belief.poses))
+        covariance = np.array(context.get_discrete_state(int(self._corrected)).value())[SIZE:].reshape(SIZE, SIZE)
+        return shared_covariances(covariance, *self._sight(belief.poses))
 
     def _sight(self, poses: Array) -> tuple[Array, Array, float, float]:
         """Return where poses (R, 7) are in the camera's frame (R, 3), its axes in W, and its focal lengths."""

@@ -270,7 +270,7 @@ def _stepped(
     blocks = H.reshape(count, 6, count, 6)[np.arange(count), :, np.arange(count)]
     H -= S.T @ (S / weight[:, None])
     g -= S.T @ (off / weight)
-    steps = -np.linalg.solve(H, g).reshape(count, 6)
+    steps: Array = -np.asarray(np.linalg.solve(H, g), dtype=float).reshape(count, 6)
     stepped = [moved(view, step, centre) for view, step in zip(views, steps, strict=True)]
     return stepped, twists + steps, np.asarray(np.linalg.inv(blocks))
 

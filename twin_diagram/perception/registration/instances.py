@@ -193,7 +193,8 @@ def recognised(
             continue
         frame = Frame.of(segments)
         found = recognise({k: library[k].model}, {k: orientations}, segments, frame, mask, params, smallest).get(k)
-        if found is not None and min(found.score, found.registration.quality) >= TUNING.sure:
+        fits = 0.0 if found is None else max(found.registration.quality, found.registration.shape)
+        if found is not None and min(found.score, fits) >= TUNING.sure:
             return k, found.registration, 0
         break
     return -1, None, done if done < len(ways) else -1

@@ -29,10 +29,10 @@ from twin_diagram.twin.arm_sensing.known_surfaces import ArmParts, ArmView
 class Tuning:
     """Which images count, chosen by hand: those that tell something new, of an arm at rest."""
 
-    images: int = 12
+    images: int = 14
     """So many are kept."""
 
-    alike: int = 4
+    alike: int = 6
     """So many are taken of one place of the arm: what of their noise does not last averages."""
 
     turned: float = 0.15

@@ -54,7 +54,7 @@ class Tuning:
     late: float = 0.035
     """Depth may be so late [s], half a frame's period at 15 Hz."""
 
-    most: tuple[int, int] = (260, 90)
+    most: tuple[int, int] = (400, 400)
     """Points of the arm and of the table that are kept of an image."""
 
 
