@@ -138,24 +138,24 @@ def reconstruct(
     low, high = points.min(axis=0), points.max(axis=0)
     box = np.stack(np.meshgrid(*np.stack([low - 0.01, high + 0.01], axis=1)), axis=-1).reshape(-1, 3)
     windows = [cropped(frames.read(k), box, TUNING.window) for k in range(len(frames))]
-    views = [_kept_to_mask(view) for view in windows if view is not None]
+    views = [view for view in windows if view is not None]
     if len(views) < TUNING.least_views:
         raise FramesError(f"{where}: only {len(views)} views show the object, at least {TUNING.least_views} are needed")
     found = align(views, low, high, plane, seed)
     say(f"poses refined: surfaces agree to {found.noise * 1000:.2f} mm")
-    _check_agreement(found.views, low, high, where)
-    surest = [
-        doubted(view, c, found.centre, found.noise) for view, c in zip(found.views, found.covariances, strict=True)
-    ]
+    # Only now, for what surrounds the object tells where the cameras were.
+    views = [_kept_to_mask(view) for view in found.views]
+    _check_agreement(views, low, high, where)
+    surest = [doubted(view, c, found.centre, found.noise) for view, c in zip(views, found.covariances, strict=True)]
     fused = fuse(surest, _grid(low, high, TUNING.grid_points, TUNING.voxel), found.noise, found.plane)
     vertices, faces = _one_surface(fused, where)
     vertices = smoothed(vertices, faces, TUNING.smoothing_rounds)
     vertices, faces = decimated(vertices, faces, TUNING.faces)
     check_size(vertices, where)
-    count = views_that_see(found.views, vertices, vertex_normals(vertices, faces))
+    count = views_that_see(views, vertices, vertex_normals(vertices, faces))
     unseen = share_unseen(vertices, faces, count)
     say(f"{len(faces)} triangles, {enclosed_volume(vertices, faces) * 1e6:.1f} cm³, {100 * unseen:.0f} % never seen")
-    return Reconstruction(vertices, faces, count, unseen, found.plane, found.views, found.noise)
+    return Reconstruction(vertices, faces, count, unseen, found.plane, views, found.noise)
 
 
 def share_unseen(vertices: Array, faces: npt.NDArray[np.int64], count: npt.NDArray[np.int64]) -> float:
