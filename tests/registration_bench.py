@@ -52,7 +52,8 @@ def model() -> ModelCloud:
         views[k], counts[k] = np.resize(seen, 40), len(seen)
     colours = rng.uniform(0.25, 0.65, (2, COUNT, 3))
     asset = Asset("ball", None, points, normals, colours[0], None, (points,), 0.1, np.full(3, 0.12))  # type: ignore[arg-type]
-    return ModelCloud(asset, points, normals, colours, directions, views, counts, cKDTree(points), 0.01, 0.066)
+    bare = np.full(COUNT, 1e9)
+    return ModelCloud(asset, points, normals, colours, directions, views, counts, cKDTree(points), 0.01, 0.066, bare)
 
 
 @functools.cache
@@ -81,7 +82,8 @@ def frame() -> Frame:
     normals[5:55, 5:75] = some / np.linalg.norm(some, axis=2, keepdims=True)
     normals[32:36, 34:42] = 0.0
     colours = tuple(rng.uniform(0.35, 0.6, (100, 140, 3)).astype(np.float32) for _ in range(2))
-    return Frame(camera, depth.astype(np.float32), robot, normals, 2, colours, (9, 5), TABLE)
+    past = ~ball[::2, ::2]
+    return Frame(camera, depth.astype(np.float32), robot, normals, 2, colours, (9, 5), TABLE, past)
 
 
 @functools.cache

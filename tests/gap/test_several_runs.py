@@ -164,6 +164,7 @@ def test_one_name_may_start_at_other_times_on_other_joints(model: Model) -> None
 
 
 @pytest.mark.parametrize("every", [2, 3])
+@pytest.mark.slow
 def test_runs_may_differ_in_their_rates(model: Model, every: int) -> None:
     """Also by so little that rollouts of the same length look at one sample more."""
     a, b = (bench.run(model, [bench.dry()], seed=seed) for seed in (0, 1))

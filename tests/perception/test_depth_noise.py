@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from twin_diagram.errors import ScenarioError
-from twin_diagram.perception.depth_noise import DepthSigma, excess
+from twin_diagram.perception.depth_noise import DepthSigma, excess, measured
 from twin_diagram.scenario import DepthNoise
 from twin_diagram.station.sim.camera_noise import correlated
 
@@ -44,15 +44,31 @@ def test_residuals_say_by_how_much_a_sheet_promises_too_much() -> None:
     assert excess(np.full(29, 1.0), np.full(29, 0.1)) == 1.0 < excess(np.full(30, 1.0), np.full(30, 0.1))
 
 
-def test_what_averaging_leaves_is_what_neighbours_share() -> None:
-    """Against means of fields that have been drawn, over squares."""
-    rng = np.random.default_rng(6)
-    sheet = DepthSigma.of(DepthNoise("d435"))
-    fresh, waves = (np.array([correlated((128, 160), sigma, rng) for _ in range(60)]) for sigma in (1.25, 7.5))
-    for side in (6, 15, 40):
-        squares = [part[:, :120, :120].reshape(60, 120 // side, side, -1, side) for part in (fresh, waves)]
-        left = [np.mean(square.mean(axis=(2, 4)) ** 2) for square in squares]
-        found = sheet.left_by_averaging(side**2, 320)
-        assert found == pytest.approx(0.1 / side**2 + 0.6 * left[0] + 0.3 * left[1], rel=0.35)
-    assert DepthSigma().left_by_averaging(50.0, 640) == pytest.approx(0.02)
-    assert sheet.left_by_averaging(1.0, 640) == pytest.approx(1.0, rel=0.02)
+def planes(seed: int) -> tuple[np.ndarray, np.random.Generator]:
+    """A sloping plane with a step, a hole and a ball, 640 × 480 [m]."""
+    v, u = np.mgrid[:480, :640].astype(float)
+    depth = 1.0 / (1.0 + 4e-4 * (u - 320) - 6e-4 * (v - 240))
+    depth[100:250, 200:400] -= 0.1
+    ball = (u - 500) ** 2 + (v - 300) ** 2
+    depth = np.where(ball < 60.0**2, depth - 1e-3 * np.sqrt(np.maximum(60.0**2 - ball, 0.0)), depth)
+    depth[300:330, 50:150] = 0.0
+    return depth, np.random.default_rng(seed)
+
+
+@pytest.mark.parametrize("sheet", ["ideal", "d415", "d435"])
+def test_a_picture_shows_its_noise(sheet: str) -> None:
+    depth, rng = planes(3)
+    told = DepthSigma.of(DepthNoise(sheet))
+    field = np.sqrt(1.0 - told.correlated - told.lasting) * rng.standard_normal(depth.shape)
+    field += np.sqrt(told.correlated) * correlated(depth.shape, 2.5, rng)
+    field += np.sqrt(told.lasting) * correlated(depth.shape, 15.0, rng)
+    found = measured(depth + np.where(depth > 0.0, told(depth) * field, 0.0))
+    assert found.growth == pytest.approx(told.growth, rel=0.1)
+    assert found.correlated == pytest.approx(told.correlated, abs=0.05)
+    assert found.lasting == pytest.approx(told.lasting, abs=0.05)
+
+
+def test_a_picture_without_noise_or_with_little_in_it_has_the_least() -> None:
+    depth, _ = planes(3)
+    least = DepthSigma(growth=0.0002)
+    assert measured(depth) == measured(np.zeros((480, 640))) == measured(depth[:30, :60]) == least

@@ -23,11 +23,27 @@ class Tuning:
     width: float = 640.0
     """Figures in pixels are those of images so wide [px]."""
 
-    patch: float = 78.5
-    """Area over which neighbours err alike: 4πσ² of a Gaussian with σ = 2.5 px [px]."""
+    patch: float = 2.5
+    """Deviation of the Gaussian that makes neighbours err alike, of white noise [px]: d of them are correlated by
+    exp(-d² / 4σ²), and 4πσ² of them err as one."""
 
-    wave: float = 2830.0
-    """The same of what lasts: σ = 15 px [px]."""
+    wave: float = 15.0
+    """The same of what lasts [px]."""
+
+    lags: tuple[int, int] = (1, 10)
+    """Second differences over so many pixels show white noise alone, and white noise and patches [px]."""
+
+    least: float = 0.0002
+    """No depth camera is taken to be better: RMS error at 1 m [1/m]."""
+
+    waves: float = 0.5
+    """Variance of what lasts over that of patches, as cameras have it: one picture does not tell it from shape."""
+
+    white: float = 0.2
+    """Patches of less variance than this share of white noise's are none: edges and curved things make some."""
+
+    enough: int = 2000
+    """Second differences below this number say nothing."""
 
     fewest: int = 30
     """Residuals below this number say nothing about the sheet: their scale is off by a seventh and more."""
@@ -63,18 +79,6 @@ class DepthSigma:
         """Return the standard deviation [m] at depths z [m], any shape."""
         return np.asarray(self.floor + self.growth * (z - self.start) ** 2)
 
-    def left_by_averaging(self, area: float, width: int) -> float:
-        """Return which share of the variance is left in the mean over some pixels that lie together.
-
-        Args:
-            area: how many there are [px].
-            width: of the image [px].
-        """
-        pixels = max(area, 1.0) * (TUNING.width / width) ** 2
-        white = max(0.0, 1.0 - self.correlated - self.lasting)
-        patches, waves = TUNING.patch / (TUNING.patch + pixels), TUNING.wave / (TUNING.wave + pixels)
-        return white / max(area, 1.0) + self.correlated * patches + self.lasting * waves
-
 
 def excess(residual: Array, sigma: Array) -> float:
     """Return by how much residuals are larger than they should be: 1 where they are not.
@@ -88,4 +92,41 @@ def excess(residual: Array, sigma: Array) -> float:
     """
     if len(residual) < TUNING.fewest:
         return 1.0
-    return max(1.0, TUNING.normal * float(np.median(np.abs(residual) / sigma)))
+    factor = TUNING.normal * float(np.median(np.abs(residual) / sigma))
+    # So many residuals scatter by themselves: what is within that is none.
+    return factor if factor > 1.0 + 2.0 / np.sqrt(len(residual)) else 1.0
+
+
+def measured(depth: npt.NDArray[np.floating]) -> DepthSigma:
+    """Return the noise that a depth image (h, w) [m] shows; 0 is no depth.
+
+    On a plane the inverse of depth is linear in the pixels: second differences along rows hold noise alone, over a
+    pixel the white part, over more pixels that which neighbours share, too. Their median size is the planes' where
+    these fill most of the image. Stereo's error is that of the inverse, the same for all depths. A picture with too
+    little in it, or with no noise, is taken for one of the least noise.
+    """
+    with np.errstate(divide="ignore"):
+        inverse = np.where(depth > 0.0, 1.0 / depth.astype(float), np.nan)
+    variance = []
+    for lag in TUNING.lags:
+        second = inverse[:, : -2 * lag] - 2.0 * inverse[:, lag:-lag] + inverse[:, 2 * lag :]
+        size = np.abs(second[np.isfinite(second)])
+        if len(size) < TUNING.enough:
+            return DepthSigma(growth=TUNING.least)
+        variance.append((TUNING.normal * float(np.median(size))) ** 2)
+    scale = depth.shape[1] / TUNING.width
+    (near, patch_near), (far, patch_far) = ((6.0, _second(lag, TUNING.patch * scale)) for lag in TUNING.lags)
+    # Two equations: white and patches. What a patch leaves over one pixel is little, but not nothing.
+    white, patch = np.linalg.solve([[near, patch_near], [far, patch_far]], variance)
+    white, patch = max(float(white), 0.0), max(float(patch), 0.0)
+    if patch <= TUNING.white * white or patch < TUNING.least**2:
+        return DepthSigma(growth=max(float(np.sqrt(white)), TUNING.least))
+    waves = TUNING.waves * patch
+    whole = white + patch + waves
+    growth = max(float(np.sqrt(whole)), TUNING.least)
+    return DepthSigma(0.0, growth, 0.0, patch / whole, waves / whole)
+
+
+def _second(lag: int, sigma: float) -> float:
+    """Return the variance of second differences of a field of variance 1, white noise blurred by a Gaussian."""
+    return float(6.0 - 8.0 * np.exp(-(lag**2) / (4.0 * sigma**2)) + 2.0 * np.exp(-(lag**2) / sigma**2))

@@ -41,7 +41,8 @@ def box() -> ModelCloud:
     asset = Asset("box", None, points, normals, points, None, (points,), 0.1, SIZE)  # type: ignore[arg-type]
     none = np.zeros((1, 1), dtype=np.int64)
     spacing = float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]) * 2)
-    return ModelCloud(asset, points, normals, points[None], np.eye(3), none, none[0], cKDTree(points), spacing, 0.1)
+    tree, plain = cKDTree(points), np.zeros(len(points))
+    return ModelCloud(asset, points, normals, points[None], np.eye(3), none, none[0], tree, spacing, 0.1, plain)
 
 
 def seen(R: Array, p: Array, count: int = 250) -> tuple[Array, Array]:

@@ -54,6 +54,7 @@ def test_shares_are_counted_as_they_are_described(level: int, slack: float, ligh
         known = explained + behind + lost
         share = (explained + behind) / (known if known > 0.3 * whole else whole)
         assert fit.quality[b] == pytest.approx(fits / max(explained + behind, 1e-9))
+        assert fit.shape[b] == pytest.approx(explained / max(explained + behind, 1e-9))
         assert fit.likeness[b] == pytest.approx(likeness / max(explained + behind, 1e-9))
         assert fit.visible_share[b] == pytest.approx(share)
         assert fit.points[b] == points

@@ -15,6 +15,7 @@ from twin_diagram import scenario
 from twin_diagram.perception.registration import global_search
 from twin_diagram.perception.registration.data_association import COARSE, Poses
 from twin_diagram.perception.registration.global_search import (
+    Found,
     _apart,
     _down,
     best_of,
@@ -102,10 +103,11 @@ class Spied:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.asked: list[Any] = []
+        self.answer: Any = "the best"
 
-        def best(*given: Any) -> str:
+        def best(*given: Any) -> Any:
             self.asked[:] = given
-            return "the best"
+            return self.answer
 
         monkeypatch.setattr(global_search, "best_of", best)
 
@@ -162,9 +164,21 @@ def test_around_a_rough_pose_starts_lie_where_points_lead_and_3_cm_about(monkeyp
         return start.moved(np.array([[0.0, 0.0, 0.1, 0.01, 0.0, 0.0]])), np.diag([1e6, 1e6, 1.0, 1e8, 1e8, 1e8])
 
     monkeypatch.setattr(global_search, "approach", approached)
-    nearby(model(), frame(), R, p, points, 3.0 * points, PARAMS)
+    asked: list[Any] = []
+
+    def settled(cloud: Any, image: Any, candidates: list[RegisteredPose], points: Array, params: Any) -> Any:
+        asked[:] = candidates
+        return SimpleNamespace(registration="settled", hypotheses=("a", "b"))
+
+    first, other = found_at((0.1, 0.2, 0.3)), found_at((0.2, 0.2, 0.3))
+    spied.answer = Found(first, 0.9, 0.8, others=(other,))
+    monkeypatch.setattr(global_search, "settle", settled)
+    result = nearby(model(), frame(), R, p, points, 3.0 * points, PARAMS)
+    assert result is not None and (result.registration, result.hypotheses) == ("settled", ("a", "b"))
+    assert asked[0] is first and asked[1] is other and result.score == 0.9
     np.testing.assert_array_equal(led[0][1], 3.0 * led[0][0])
-    _, _, laid, thin, prior, _ = spied.asked
+    _, _, laid, thin, prior, _, sure = spied.asked
+    assert sure == 0.95, "slides along a box score high, too"
     assert len(laid.p) == 13 + 9 and len(thin) == 225
     np.testing.assert_allclose(laid.p[0], p + [0.01, 0.0, 0.0])
     np.testing.assert_allclose(laid.R[0], turn(0.0, 0.0, 0.1) @ R, atol=1e-12)

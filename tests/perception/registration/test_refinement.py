@@ -15,7 +15,7 @@ from tests.registration_bench import frame, model, poses, turn
 from twin_diagram import scenario
 from twin_diagram.perception.registration import registration
 from twin_diagram.perception.registration.data_association import COARSE, FINE, Poses
-from twin_diagram.perception.registration.registration import claimed, covariance, information, refine, register
+from twin_diagram.perception.registration.registration import claimed, information, refine, register
 from twin_diagram.perception.registration.residuals import Normal
 
 Array = npt.NDArray[np.float64]
@@ -32,6 +32,8 @@ class Course:
         self.asked: list[tuple[int, float]] = []
         self.pulls: list[tuple[float, float]] = []
         monkeypatch.setattr(registration, "look", lambda *given: given)
+        none = Normal(np.zeros((1, 6, 6)), np.zeros((1, 6)))
+        monkeypatch.setattr(registration, "inward", lambda *given: none)
         monkeypatch.setattr(registration, "linearise", self.linearise)
         monkeypatch.setattr(registration, "unexplained", self.unexplained)
 
@@ -142,11 +144,12 @@ def test_a_registration_begins_where_it_is_told_and_says_what_fits(monkeypatch: 
         asked[:] = [*given, more["points_W"]]
         return at, Normal(H[None], np.zeros((1, 6)))
 
-    fit = SimpleNamespace(quality=[1.3], likeness=[0.7], visible_share=[0.4], points=[55.0])
+    fit = SimpleNamespace(quality=[1.3], likeness=[0.7], visible_share=[0.4], points=[55.0], shape=[1.4])
     monkeypatch.setattr(registration, "refine", refined)
     monkeypatch.setattr(registration, "judge", lambda *given: fit)
     monkeypatch.setattr(registration, "residual_excess", lambda *given: 3.0)
-    monkeypatch.setattr(registration, "points_alike", lambda *given: 8.0)
+    claims: list[Any] = []
+    monkeypatch.setattr(registration, "claim", lambda *given: claims.append(given) or H)
     R, p = turn(0.1, 0.2, 0.3), np.array([0.1, 0.2, 0.3])
     found = register(model(), frame(), R, p, PARAMS)
     np.testing.assert_array_equal(asked[2].R[0], R)
@@ -154,25 +157,14 @@ def test_a_registration_begins_where_it_is_told_and_says_what_fits(monkeypatch: 
     np.testing.assert_allclose(asked[5], information(0.3, 0.05))
     assert asked[3:5] == [PARAMS.model_points, 12] and asked[7] is None
     assert (found.quality, found.likeness, found.visible_share, found.points) == (1.0, 0.7, 0.4, 55.0)
-    # Residuals three times what the data sheet says: a ninth of the information; twice as many points alike: half.
-    np.testing.assert_allclose(found.covariance, covariance(H / 18.0, 0.4))
+    assert found.shape == 1.0
+    np.testing.assert_array_equal(found.covariance, H)
+    # At the pose found, within the last reach, with colours; residuals are three times what the data sheet says.
+    assert claims[0][3] is at and claims[0][4:] == (None, 0.007, 0.3, 3.0)
     np.testing.assert_array_equal(found.p, at.p[0])
     register(model(), frame(), R, p, PARAMS, prior=np.ones(6), points_W=np.zeros((2, 3)))
     np.testing.assert_array_equal(asked[5], np.ones(6))
     assert asked[7].shape == (2, 3)
-
-
-def test_the_covariance_claimed_is_what_its_words_say() -> None:
-    rng = np.random.default_rng(2121)
-    J = rng.normal(size=(50, 6)) * [1.0, 1.0, 1.0, 30.0, 30.0, 30.0]
-    for share in (1.0, 0.4, 0.1, 0.02):
-        H = J.T @ J * 10.0
-        # A quarter of the information, 1 rad and 5 cm where there is none; and errors that all points share.
-        alone = np.linalg.inv(H / 4.0 + np.diag([1.0] * 3 + [400.0] * 3))
-        shared = np.diag([0.004**2] * 3 + [0.0006**2] * 3) / max(share, 0.1) ** 2
-        np.testing.assert_allclose(covariance(H, share), alone + shared, rtol=1e-9)
-    lopsided = J.T @ J + np.triu(np.full((6, 6), 1e-9))
-    np.testing.assert_array_equal(covariance(lopsided, 1.0), covariance(lopsided, 1.0).T)
 
 
 def test_an_objects_own_points_are_those_near_its_surface() -> None:

@@ -1,4 +1,4 @@
-"""Claims under noise that is larger than told, or that neighbours share: counted on made-up look-ups."""
+"""Noise that is larger than told, counted on made-up look-ups."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 from tests.registration_bench import frame
 from twin_diagram.perception.depth_noise import DepthSigma
-from twin_diagram.perception.registration.assessment import points_alike, residual_excess
+from twin_diagram.perception.registration.assessment import residual_excess
 
 COUNT = 500
 
@@ -36,14 +36,3 @@ def test_residuals_larger_than_the_sheet_says_are_noticed() -> None:
     sheet = told(DepthSigma(growth=0.0038))
     assert residual_excess(looked(2.0), sheet, 1) == pytest.approx(2.0, rel=0.12)
     assert residual_excess(looked(0.5), sheet, 0) == 1.0
-
-
-def test_points_alike_grow_with_their_number_and_what_neighbours_share() -> None:
-    white, real = told(DepthSigma(growth=0.0038)), told(DepthSigma(0.0, 0.0038, 0.0, 0.6, 0.3))
-    assert points_alike(looked(1.0), white, 0.004) == 0.0
-    # 500 points, each 250² (4 mm / 1 m)² = 1 px of 160 a row, 0.8 of it seen: 400 px there, 6400 px of 640.
-    left = 0.1 / 400 + 0.6 * 78.5 / (78.5 + 6400) + 0.3 * 2830 / (2830 + 6400)
-    assert points_alike(looked(1.0), real, 0.004) == pytest.approx(0.25 * 500 * left, rel=1e-6)
-    nothing = looked(1.0)
-    nothing.matched[:] = False
-    assert points_alike(nothing, real, 0.004) == 0.0

@@ -1,4 +1,4 @@
-"""Rules of tracking, recognition and the covariance claimed, each against what its words say; no images needed."""
+"""Rules of tracking and recognition, each against what its words say; no images needed."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from twin_diagram.perception.registration.frame import Frame, blur_within
 from twin_diagram.perception.registration.global_search import Found
 from twin_diagram.perception.registration.model_cloud import fibonacci_sphere
 from twin_diagram.perception.registration.recognition import hues, recognise
-from twin_diagram.perception.registration.registration import RegisteredPose, covariance
+from twin_diagram.perception.registration.registration import RegisteredPose
 from twin_diagram.perception.registration.residuals import tukey
 from twin_diagram.perception.registration.rotation import exp
 from twin_diagram.perception.registration.slots import Slot, measurement, postponed, predict, seen
@@ -35,35 +35,6 @@ def slot(velocity: Array | None = None) -> Slot:
     return Slot(True, np.eye(3), P, np.zeros(6) if velocity is None else velocity, 1.0)
 
 
-# The covariance claimed.
-
-
-def test_points_that_err_alike_in_fours_scatter_as_claimed() -> None:
-    """Least squares on points of which each four share their error: the truth is what `covariance` says of them."""
-    rng = np.random.default_rng(0)
-    sigma, J = 0.002, rng.standard_normal((400, 6))
-    J[:, :3] *= 0.05
-    shared = np.repeat(J[::4], 4, axis=0)
-    H = shared.T @ shared / sigma**2
-    noise = sigma * np.repeat(rng.standard_normal((4000, 100)), 4, axis=1)
-    errors = np.linalg.solve(H, shared.T @ noise.T / sigma**2).T
-    common = np.diag([0.004**2] * 3 + [0.0006**2] * 3)
-    claimed = covariance(H, 1.0) - common
-    root = np.linalg.inv(np.linalg.cholesky(np.cov(errors.T)))
-    np.testing.assert_allclose(np.linalg.eigvalsh(root @ claimed @ root.T), 1.0, atol=0.12)
-
-
-@pytest.mark.parametrize(("share", "cancel"), [(1.0, 1.0), (0.5, 2.0), (0.05, 10.0)])
-def test_errors_that_all_points_share_remain_however_many_there_are(share: float, cancel: float) -> None:
-    found = np.sqrt(np.diag(covariance(1e12 * np.eye(6), share)))
-    np.testing.assert_allclose(found, cancel * np.array([0.004] * 3 + [0.0006] * 3), rtol=1e-4)
-
-
-def test_where_the_image_says_nothing_the_covariance_is_bounded() -> None:
-    found = np.sqrt(np.diag(covariance(np.zeros((6, 6)), 1.0)))
-    np.testing.assert_allclose(found, [1.0] * 3 + [0.05] * 3, rtol=1e-3)
-
-
 # From image to image.
 
 
@@ -81,6 +52,9 @@ def test_a_pose_is_predicted_for_a_short_while() -> None:
         ({}, True),
         ({"quality": PARAMS.minimum_quality - 0.01}, False),
         ({"quality": PARAMS.minimum_quality + 0.01}, True),
+        # Colours are no veto where the shape is there.
+        ({"quality": 0.1, "shape": PARAMS.minimum_quality + 0.01}, True),
+        ({"quality": 0.1, "shape": PARAMS.minimum_quality - 0.01}, False),
         ({"visible_share": 0.11}, False),
         ({"visible_share": 0.13}, True),
         ({"points": 29.0}, False),

@@ -549,6 +549,7 @@ def test_a_run_writes_its_alarms(tmp_path: Path) -> None:
     assert not (tmp_path / "healing").exists()
 
 
+@pytest.mark.slow
 def test_a_replay_waits_for_its_search(corrected: Model, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The recording is over long before the search is; the model is mended all the same, and each time alike."""
     answering(ANSWER, corrected, tmp_path, monkeypatch)

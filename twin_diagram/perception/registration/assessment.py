@@ -22,9 +22,8 @@ class Tuning:
     same_surface: float = 0.03
     """What is seen farther than this from a model point along the line of sight is something else [m]."""
 
-    reaching: float = 0.25
-    """Share of the noise left in a surface's mean depth that reaches its pose: several faces tell it, and turns depend
-    on differences. Set so that squared errors of boxes are claimed rightly: `test_claims_under_real_noise.py`."""
+    finest: float = 0.0001
+    """No depth is taken to be more exact [m]: a recording may hold whole units of it."""
 
 
 TUNING = Tuning()
@@ -38,12 +37,14 @@ class PoseFit:
         quality: share of the model points that should be seen, and are not hidden by something nearer, that fit in
             place and colour.
         likeness: the same with each point counted by how near its colour comes; tells poses apart that differ little.
+        shape: quality without regard to colours.
         visible_share: share of the points facing the camera that are not hidden.
         points: how many fit.
     """
 
     quality: Array
     likeness: Array
+    shape: Array
     visible_share: Array
     points: Array
 
@@ -75,6 +76,7 @@ def judge(looked: Looked, frame: Frame, level: int = FINE, slack: float = 0.003)
     return PoseFit(
         quality=fits / np.maximum(open_, 1e-9),
         likeness=(weight * tukey(size, RESIDUALS.colour_cut)).sum(axis=1) / np.maximum(open_, 1e-9),
+        shape=weight.sum(axis=1) / np.maximum(open_, 1e-9),
         visible_share=open_ / np.maximum(np.where(open_ + lost > 0.3 * whole, open_ + lost, whole), 1e-9),
         points=(in_place & (size < RESIDUALS.colour_cut)).sum(axis=1).astype(float),
     )
@@ -89,23 +91,5 @@ def residual_excess(looked: Looked, frame: Frame, pose: int = 0) -> float:
         pose: its number.
     """
     on = looked.matched[pose] & (np.abs(looked.deeper[pose]) < TUNING.same_surface)
-    z, facing = looked.z[pose][on], np.maximum(looked.facing[pose][on], 0.2)
-    sigma = np.hypot(frame.camera.depth_noise(z) * facing, RESIDUALS.model_noise)
-    return excess(looked.distance[pose][on], sigma)
-
-
-def points_alike(looked: Looked, frame: Frame, spacing: float, pose: int = 0) -> float:
-    """Return how many of a pose's points err as one because neighbouring pixels do; 0 where noise is white.
-
-    Args:
-        looked: up at poses, of which one is judged.
-        frame: the image.
-        spacing: between the model's points [m].
-        pose: its number.
-    """
-    camera, on = frame.camera, looked.matched[pose]
-    if camera.depth_noise.correlated + camera.depth_noise.lasting == 0 or not on.any():
-        return 0.0
-    z, facing = looked.z[pose][on], looked.facing[pose][on]
-    area = float((facing * (spacing / z) ** 2).sum()) * camera.fx * camera.fy
-    return TUNING.reaching * float(on.sum()) * camera.depth_noise.left_by_averaging(area, camera.width)
+    sigma = frame.camera.depth_noise(looked.z[pose][on]) * np.maximum(looked.facing[pose][on], 0.2)
+    return excess(looked.distance[pose][on], np.maximum(sigma, TUNING.finest))

@@ -71,6 +71,7 @@ class Looked:
         matched: near, and what is seen does not face another way: the floor of a mug is not its rim.
         robot: the pixel shows the robot.
         counted: not a repetition.
+        texture: squared slope of the model's colours [1/m²].
     """
 
     r: Array
@@ -87,6 +88,7 @@ class Looked:
     matched: npt.NDArray[np.bool_]
     robot: npt.NDArray[np.bool_]
     counted: npt.NDArray[np.bool_]
+    texture: Array
 
 
 def look(model: ModelCloud, frame: Frame, poses: Poses, count: int, level: int) -> Looked:
@@ -129,4 +131,5 @@ def look(model: ModelCloud, frame: Frame, poses: Poses, count: int, level: int) 
         matched=matched,
         robot=robot & counted,
         counted=counted,
+        texture=model.texture[index],
     )

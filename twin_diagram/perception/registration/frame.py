@@ -47,6 +47,8 @@ class Frame:
         colours: fine and coarse, each (h, w, 3) float in [0, 1]: the part of the image from `corner` on.
         corner: (u, v) of the cut-out's first pixel.
         table: (a, b, c) of the table z = a x + b y + c.
+        past: (h, w) at every `stride`-th pixel, where nothing stands and something is seen.
+        colour_slopes: squared length of the colours' derivatives that the image's noise makes [1/px²]: fine, coarse.
     """
 
     camera: Pinhole
@@ -57,6 +59,8 @@ class Frame:
     colours: tuple[npt.NDArray[np.float32], ...]
     corner: tuple[int, int]
     table: Array
+    past: Mask
+    colour_slopes: tuple[float, ...] = (0.0, 0.0)
 
     @staticmethod
     def of(segments: Segments) -> Frame:
@@ -82,7 +86,18 @@ class Frame:
         colours = tuple(blur_within(part, object_[v0:v1, u0:u1].astype(np.float32), sigma) for sigma in TUNING.blur)
         normals = np.zeros((*label.shape, 3), dtype=np.float32)
         normals[label >= 0] = segments.normals_W
-        return Frame(segments.camera, segments.depth, robot, normals, stride, colours, (u0, v0), segments.table)
+        return Frame(
+            camera=segments.camera,
+            depth=segments.depth,
+            robot=robot,
+            normals=normals,
+            stride=stride,
+            colours=colours,
+            corner=(u0, v0),
+            table=segments.table,
+            past=label == SEGMENTS.background,
+            colour_slopes=noise_slopes(part),
+        )
 
     def depth_at(self, u: Array, v: Array) -> tuple[Array, Array, Mask]:
         """Return the depth at the pixels nearest to (u, v), any shape.
@@ -141,6 +156,25 @@ def blur_within(image: npt.NDArray[np.float32], mask: npt.NDArray[np.float32], w
     *planes, total = cv2.split(stacked)
     total = np.maximum(total, np.float32(0.05))
     return cast("npt.NDArray[np.float32]", cv2.merge([plane / total for plane in planes]))
+
+
+def noise_slopes(image: npt.NDArray[np.float32]) -> tuple[float, ...]:
+    """Return the mean squared length of derivatives that white noise makes of (h, w, 3) after each blur.
+
+    The noise is what a difference of Laplacians leaves (Immerkær, Fast Noise Variance Estimation, 1996), as its median,
+    so that edges do not count.
+    """
+    if min(image.shape[:2]) < 5:
+        return 0.0, 0.0
+    left = cv2.filter2D(image, -1, np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32))[1:-1, 1:-1]
+    variance = (1.4826 * np.median(np.abs(left[::2, ::2]), axis=(0, 1))) ** 2 / 36.0
+    return tuple(float(variance.sum()) * _slope_gain(width) for width in TUNING.blur)
+
+
+def _slope_gain(width: int) -> float:
+    """Return what two boxes and a central difference leave of white noise's variance, both directions together."""
+    box = np.convolve(np.full(width, 1.0 / width), np.full(width, 1.0 / width))
+    return 2.0 * float((box**2).sum() * (np.convolve(box, [0.5, 0.0, -0.5]) ** 2).sum())
 
 
 def _remap(image: npt.NDArray[np.float32], x: npt.NDArray[np.float32], y: npt.NDArray[np.float32]) -> Array:

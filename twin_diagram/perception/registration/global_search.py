@@ -7,7 +7,7 @@ exactly; shape and colour decide.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -16,6 +16,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
+from twin_diagram.perception.registration.alternatives import PoseHypothesis
 from twin_diagram.perception.registration.approach import approach, rivals
 from twin_diagram.perception.registration.assessment import assess
 from twin_diagram.perception.registration.data_association import COARSE, Poses
@@ -23,6 +24,7 @@ from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.registration import RegisteredPose, information, refine, register
 from twin_diagram.perception.registration.rotation import exp
+from twin_diagram.perception.registration.settling import settle
 from twin_diagram.signals.arrays import Array
 
 
@@ -55,6 +57,9 @@ class Tuning:
     sure: float = 0.85
     """A score from which nothing else is tried."""
 
+    surer: float = 0.95
+    """The same about a rough pose: slides along a box score high, too."""
+
     hopeless: float = 0.6
     """A start whose coarse score is this share of the best one's is not refined exactly."""
 
@@ -80,11 +85,15 @@ class Found:
         registration: the pose.
         score: quality times the share of the segment that the object explains.
         likeness: the same from the registration's likeness: which of several poses is the best.
+        hypotheses: poses that the image allows, where they were weighed; the likeliest first.
+        others: that were tried.
     """
 
     registration: RegisteredPose
     score: float
     likeness: float
+    hypotheses: tuple[PoseHypothesis, ...] = ()
+    others: tuple[RegisteredPose, ...] = ()
 
 
 def resting(asset: Asset) -> list[tuple[Array, float]]:
@@ -240,13 +249,26 @@ def nearby(
     # Where other things stand about, their points may lead astray.
     shift = np.array(np.meshgrid(step, step, [0.0])).T.reshape(-1, 3)
     laid = Poses(np.concatenate([laid.R, np.repeat(start.R, len(shift), axis=0)]), np.concatenate([laid.p, p + shift]))
-    return best_of(model, frame, laid, thin, information(0.2, 0.03), params)
+    found = best_of(model, frame, laid, thin, information(0.2, 0.03), params, TUNING.surer)
+    if found is None:
+        return None
+    result = settle(model, frame, [found.registration, *found.others], thin, params)
+    return replace(found, registration=result.registration, hypotheses=result.hypotheses)
 
 
 def best_of(
-    model: ModelCloud, frame: Frame, laid: Poses, points_W: Array, prior: Array, params: scenario.Registration
+    model: ModelCloud,
+    frame: Frame,
+    laid: Poses,
+    points_W: Array,
+    prior: Array,
+    params: scenario.Registration,
+    sure: float = TUNING.sure,
 ) -> Found | None:
-    """Refine all starts on coarse colours and the best few exactly; the pose that explains most."""
+    """Refine all starts on coarse colours and the best few exactly; the pose that explains most.
+
+    A score of `sure` ends it.
+    """
     poses, _ = refine(
         model, frame, laid, TUNING.coarse_points, TUNING.coarse_iterations, prior, params, coarse_only=True
     )
@@ -255,16 +277,18 @@ def best_of(
         fit.likeness * np.minimum(fit.visible_share / TUNING.least_visible, 1.0) * np.minimum(fit.points / 20.0, 1.0)
     )
     best: Found | None = None
+    tried: list[RegisteredPose] = []
     for k in _apart(poses, np.argsort(-score, kind="stable")):
-        if score[k] < TUNING.hopeless * score.max() or (best is not None and best.score >= TUNING.sure):
+        if score[k] < TUNING.hopeless * score.max() or (best is not None and best.score >= sure):
             break
         result = register(model, frame, poses.R[k], poses.p[k], params, points_W=points_W)
+        tried.append(result)
         share = explained(model, points_W, result)
         visible = min(result.visible_share / TUNING.least_visible, 1.0) * min(result.points / TUNING.least_points, 1.0)
         rest = visible * (0.4 + 0.6 * share)
         if best is None or result.likeness * rest > best.likeness:
             best = Found(result, result.quality * rest, result.likeness * rest)
-    return best
+    return None if best is None else replace(best, others=tuple(one for one in tried if one is not best.registration))
 
 
 def _apart(poses: Poses, order: npt.NDArray[np.int64]) -> list[int]:

@@ -47,6 +47,7 @@ class ModelCloud:
         tree: over `points`.
         spacing: mean distance between neighbouring points [m].
         radius: of the sphere about O that holds the object [m].
+        texture: (M,) squared slope of its fine colours along the surface [1/m²].
     """
 
     asset: Asset
@@ -59,6 +60,7 @@ class ModelCloud:
     tree: cKDTree
     spacing: float
     radius: float
+    texture: Array
 
     @staticmethod
     def of(asset: Asset, view_points: int) -> ModelCloud:
@@ -87,7 +89,10 @@ class ModelCloud:
             if len(seen):
                 views[k] = np.resize(seen, view_points)
         radius = float(np.linalg.norm(points, axis=1).max())
-        return ModelCloud(asset, points, normals, colours, directions, views, counts, tree, spacing, radius)
+        steps = ((colours[0][neighbour] - colours[0][:, None]) ** 2).sum(axis=2) * alike
+        # A slope g makes steps of g² d² / 2 on average over all ways to go.
+        texture = 2.0 * steps.sum(axis=1) / np.maximum((distance**2 * alike).sum(axis=1), 1e-12)
+        return ModelCloud(asset, points, normals, colours, directions, views, counts, tree, spacing, radius, texture)
 
 
 def fibonacci_sphere(count: int) -> Array:

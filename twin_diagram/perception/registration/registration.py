@@ -8,23 +8,21 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram import scenario
-from twin_diagram.perception.registration.assessment import judge, points_alike, residual_excess
+from twin_diagram.perception.registration.assessment import judge, residual_excess
+from twin_diagram.perception.registration.claims import TUNING as CLAIMS
+from twin_diagram.perception.registration.claims import claim
 from twin_diagram.perception.registration.data_association import COARSE, FINE, Poses, look
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.residuals import Normal, linearise, toward, unexplained
+from twin_diagram.perception.registration.silhouette import Silhouette, inward
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.signals.arrays import Array
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of Gauss-Newton and of the covariance claimed, chosen by hand.
-
-    Those of the covariance so that what is claimed holds the errors of ray-cast and rendered images
-    (`tests/perception/registration`, `sims/benchmarks/train_camera_noise.py`); `sims/closed_loop.py --seeds 20`
-    shows the rest.
-    """
+    """Constants of Gauss-Newton, chosen by hand; `sims/closed_loop.py --seeds 20` shows their effect."""
 
     narrow: float = 0.007
     """Reach of the last iterations [m]."""
@@ -35,13 +33,7 @@ class Tuning:
     small_step: tuple[float, ...] = (1e-3, 2e-4)
     """After a step smaller than this the next would be lost in the noise [rad], [m]."""
 
-    common_noise: tuple[float, ...] = (0.004, 0.0006)
-    """Errors that all points of one image share (calibration, blur, shading): rotation [rad], translation [m]."""
-
-    correlation: float = 4.0
-    """Neighbouring points err alike; their information counts this many times less."""
-
-    widest: tuple[float, ...] = (1.0, 0.05)
+    widest: tuple[float, ...] = CLAIMS.widest
     """Standard deviations where the image says nothing [rad], [m]."""
 
     point_to_point: float = 0.1
@@ -63,6 +55,7 @@ class RegisteredPose:
         likeness: the same, each point counted by how near its colour comes.
         visible_share: share of the surface facing the camera that nothing hides.
         points: number of model points that fit.
+        shape: quality without regard to colours.
     """
 
     R: Array
@@ -72,6 +65,7 @@ class RegisteredPose:
     likeness: float
     visible_share: float
     points: float
+    shape: float = 0.0
 
 
 def information(rotation: float, translation: float) -> Array:
@@ -109,9 +103,12 @@ def refine(
     """
     poses = start
     level, reach, coarse = COARSE, params.reach, 0
+    silhouette = Silhouette.of(model, frame, start)
     for _ in range(iterations):
         looked = look(model, frame, poses, count, level)
         data, _ = linearise(looked, frame, level, reach, params.colour_weight)
+        within = inward(silhouette, looked, frame.camera)
+        data = Normal(data.H + within.H, data.b + within.b)
         if points_W is not None and len(points_W):
             opposite = unexplained(model, points_W, poses, frame.camera.p_WC, reach, TUNING.point_to_point)
             data = Normal(data.H + opposite.H, data.b + opposite.b)
@@ -159,34 +156,22 @@ def register(
     """
     start = Poses(R[None], p[None])
     held = information(0.3, 0.05) if prior is None else prior
-    poses, data = refine(model, frame, start, params.model_points, params.iterations, held, params, points_W=points_W)
+    poses, _ = refine(model, frame, start, params.model_points, params.iterations, held, params, points_W=points_W)
     looked = look(model, frame, poses, params.model_points, FINE)
     fit = judge(looked, frame)
     # A data sheet that promises too much must not make claims too narrow.
-    H = data.H[0] / residual_excess(looked, frame) ** 2
-    H = H / max(1.0, points_alike(looked, frame, model.spacing) / TUNING.correlation)
+    more = residual_excess(looked, frame)
+    spread = claim(looked, frame, model, poses, points_W, TUNING.narrow, params.colour_weight, more)
     return RegisteredPose(
         R=poses.R[0],
         p=poses.p[0],
-        covariance=covariance(H, float(fit.visible_share[0])),
+        covariance=spread,
         quality=float(min(fit.quality[0], 1.0)),
         likeness=float(fit.likeness[0]),
         visible_share=float(fit.visible_share[0]),
         points=float(fit.points[0]),
+        shape=float(min(fit.shape[0], 1.0)),
     )
-
-
-def covariance(H: Array, visible_share: float) -> Array:
-    """Return the covariance (6, 6) that the data's information H (6, 6) leaves.
-
-    Neighbouring points count less, errors that all points share are added, and where the data say nothing it is
-    bounded. The less of an object is seen, the less do errors that its points share cancel.
-    """
-    widest = np.diag(information(*TUNING.widest))
-    result = np.linalg.inv(H / TUNING.correlation + widest)
-    result = 0.5 * (result + result.T)
-    common = np.repeat(np.square(TUNING.common_noise), 3) / max(visible_share, 0.1) ** 2
-    return np.asarray(result + np.diag(common))
 
 
 def claimed(

@@ -44,6 +44,9 @@ class Tuning:
     deepest: float = 2.0
     """Along the line of sight, pairs farther apart than this many reaches are cut."""
 
+    steeper: float = 4.0
+    """The image's colours may be this many times steeper, squared, than the model's, which are blurred."""
+
     colour_cut: float = 0.30
     """A colour farther off than this is another thing's."""
 
@@ -77,37 +80,49 @@ class Normal:
     b: Array
 
 
-def linearise(looked: Looked, frame: Frame, level: int, reach: float, colour_share: float) -> tuple[Normal, Array]:
-    """Return the normal equations of geometry and colour at the poses looked up, and the distances' noise (B, P)."""
+def depth_pairs(looked: Looked, frame: Frame, reach: float) -> tuple[Array, Array, Array]:
+    """Return Jacobians (B, P, 6), weights (B, P) and noise (B, P) [m] of the point-to-plane distances looked up."""
     depth_noise = frame.camera.depth_noise(looked.z)
     sigma = np.hypot(depth_noise * np.maximum(looked.facing, 0.2), TUNING.model_noise)
-    near = looked.matched & (np.abs(looked.deeper) < TUNING.deepest * reach)
-    w = np.where(near, tukey(looked.distance, reach), 0.0) / sigma**2
-    J = -np.concatenate([cross(looked.r, looked.n), looked.n], axis=2)
+    w = np.where(_near(looked, reach), tukey(looked.distance, reach), 0.0) / sigma**2
+    return -np.concatenate([cross(looked.r, looked.n), looked.n], axis=2), w, sigma
+
+
+def _near(looked: Looked, reach: float) -> npt.NDArray[np.bool_]:
+    return np.asarray(looked.matched & (np.abs(looked.deeper) < TUNING.deepest * reach))
+
+
+def linearise(looked: Looked, frame: Frame, level: int, reach: float, colour_share: float) -> tuple[Normal, Array]:
+    """Return the normal equations of geometry and colour at the poses looked up, and the distances' noise (B, P)."""
+    J, w, sigma = depth_pairs(looked, frame, reach)
     weighted = (J * w[..., None]).transpose(0, 2, 1)
     H = weighted @ J
     b = -(weighted @ looked.distance[..., None])[..., 0]
     if colour_share > 0:
-        Hc, bc = _colour_terms(looked, frame, level, reach, near)
-        factor = colour_share / max(1.0 - colour_share, 1e-3) / TUNING.colour_noise**2
-        H = H + factor * Hc
-        b = b + factor * bc
+        Hc, bc = colour_terms(looked, frame, level, reach, colour_share)
+        H, b = H + Hc, b + bc
     return Normal(H, b), sigma
 
 
-def _colour_terms(
-    looked: Looked, frame: Frame, level: int, reach: float, near: npt.NDArray[np.bool_]
-) -> tuple[Array, Array]:
-    """Return the normal equations of the colours, each of unit weight."""
+def colour_terms(looked: Looked, frame: Frame, level: int, reach: float, colour_share: float) -> tuple[Array, Array]:
+    """Return the normal equations (B, 6, 6) and (B, 6) of the colours.
+
+    Derivatives no larger than the image's own noise makes them tell nothing, nor does what is beyond the model's
+    texture: light changes at creases, too.
+    """
     found, du, dv = frame.colour_at(looked.u, looked.v, level)
-    on = (near & (looked.facing > 0.25)).astype(float) * looked.facing
+    on = (_near(looked, reach) & (looked.facing > 0.25)).astype(float) * looked.facing
     on = on * (np.abs(looked.distance) < max(0.5 * reach, 0.006))
     gain = brightness(found, looked.colour, looked.n, on)
     expected = np.minimum(looked.colour * gain[..., None], 1.0)
     difference = found - expected
     size = np.sqrt(np.einsum("bpi,bpi->bp", difference, difference))
     w = on * tukey(size, TUNING.colour_cut if level == FINE else 1.5 * TUNING.colour_cut)
+    steep = np.einsum("bpi,bpi->bp", du, du) + np.einsum("bpi,bpi->bp", dv, dv)
     camera = frame.camera
+    told = TUNING.steeper * looked.texture * (looked.z / camera.fx) ** 2
+    steep = np.maximum(steep, 1e-12)
+    w = w * np.clip(np.minimum(1.0 - frame.colour_slopes[level] / steep, told / steep), 0.0, 1.0)
     cu, cv = camera.centre
     right, down, ahead = camera.R_WC.T
     a_u = (right - ((looked.u - cu) / camera.fx)[..., None] * ahead) * (camera.fx / looked.z)[..., None]
@@ -119,7 +134,8 @@ def _colour_terms(
     left_u = A_u * uu + A_v * uv
     left_v = A_u * uv + A_v * vv
     H = left_u.transpose(0, 2, 1) @ A_u + left_v.transpose(0, 2, 1) @ A_v
-    return H, -(A_u * ru + A_v * rv).sum(axis=1)
+    factor = colour_share / max(1.0 - colour_share, 1e-3) / TUNING.colour_noise**2
+    return factor * H, -factor * (A_u * ru + A_v * rv).sum(axis=1)
 
 
 def toward(poses: Poses, goal: Poses, information: Array) -> Normal:
@@ -128,8 +144,37 @@ def toward(poses: Poses, goal: Poses, information: Array) -> Normal:
     return Normal(np.broadcast_to(np.diag(information), (len(miss), 6, 6)), miss * information)
 
 
+@dataclass(frozen=True)
+class OppositePairs:
+    """Image points paired with their nearest model points.
+
+    Attributes:
+        seen: (N, 3) the image's points in W [m].
+        J: (N, 6) of their distance to the model's surface.
+        w: (N,) weights.
+        n: (N, 3) the model's normals in W.
+        H: (6, 6) normal equations, sliding included.
+        b: (6,).
+    """
+
+    seen: Array
+    J: Array
+    w: Array
+    n: Array
+    H: Array
+    b: Array
+
+
 def unexplained(model: ModelCloud, points_W: Array, poses: Poses, p_WC: Array, reach: float, share: float) -> Normal:
-    """Return the normal equations of the opposite direction, for one pose: image points to their nearest model points.
+    """Return the normal equations of `opposite_pairs`."""
+    pairs = opposite_pairs(model, points_W, poses, p_WC, reach, share)
+    return Normal(pairs.H[None], pairs.b[None])
+
+
+def opposite_pairs(
+    model: ModelCloud, points_W: Array, poses: Poses, p_WC: Array, reach: float, share: float = 0.1
+) -> OppositePairs:
+    """Return the opposite direction, for one pose: image points to their nearest model points.
 
     Point-to-plane, and with weight `share` point-to-point; a point-to-point distance within the model's own spacing is
     none. A point whose nearest model point faces away from the camera is left out: it is the other side of a thin wall.
@@ -166,4 +211,4 @@ def unexplained(model: ModelCloud, points_W: Array, poses: Poses, p_WC: Array, r
         weighted = (block * (share * w[far])[:, None, None]).reshape(-1, 6).T
         H += weighted @ block.reshape(-1, 6)
         b += weighted @ tangent[far].ravel()
-    return Normal(H[None], b[None])
+    return OppositePairs(points_W[good], J, w, n, H, b)

@@ -243,9 +243,12 @@ def register_around(known: Known, slot: Slot, view: View, free: Mask) -> Registe
 
 
 def believable(result: RegisteredPose, params: scenario.Registration, R: Array, p: Array) -> bool:
-    """Return whether a registration is the object, near where it must be, and not a guess from a few pixels."""
+    """Return whether a registration is the object, near where it must be, and not a guess from a few pixels.
+
+    Where the shape is there, colours that are not (a dim light, a camera of colours a few pixels aside) do not matter.
+    """
     return bool(
-        result.quality >= params.minimum_quality
+        max(result.quality, result.shape) >= params.minimum_quality
         and result.visible_share >= TUNING.least_visible
         and result.points >= TUNING.least_points
         and np.linalg.norm(result.p - p) <= TUNING.largest_step[1]

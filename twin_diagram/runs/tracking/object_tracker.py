@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
+from twin_diagram.perception.registration.alternatives import PoseHypothesis
 from twin_diagram.perception.registration.assessment import assess
 from twin_diagram.perception.registration.data_association import Poses
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
-from twin_diagram.perception.registration.registration import claimed
+from twin_diagram.perception.registration.registration import RegisteredPose, claimed
+from twin_diagram.perception.registration.settling import settle
 from twin_diagram.perception.registration.slots import Slot
 from twin_diagram.perception.registration.tracking import Known, step
 from twin_diagram.perception.segmentation.pieces import convex_pieces, floor_below
@@ -21,7 +23,7 @@ from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.scene import object_filter, object_update
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
-from twin_diagram.signals.layouts import ObjectStatus, PoseMeasurement
+from twin_diagram.signals.layouts import NEVER, ObjectStatus, PoseMeasurement
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,22 @@ class Tuning:
     same: float = 0.05
     """An unknown thing this near to where one was is the same [m]."""
 
+    around: float = 0.025
+    """Points this near to an object's surface, in the segment that is its own, should be explained by it [m]."""
+
+    doubt: float = 0.12
+    """A pose of which half of the surface seen fits is right as often as wrong; so much more of it makes it e times
+    rarer that it is wrong."""
+
+    missed: float = 12.0
+    """An object that should be seen whole and is not loses so many nats of its odds in a second: said in 0.3 s."""
+
+    longest: float = 0.1
+    """Of two frames farther apart in time the second says no more [s]: a folder may not tell times."""
+
+    forgotten: float = 60.0
+    """An object that nobody sees is as likely to be there as not after so long [s]."""
+
 
 TUNING = Tuning()
 
@@ -48,11 +66,12 @@ class TrackedObject:
     Attributes:
         track: number that stays with it.
         asset: name in the library; None: unknown.
-        status: see `ObjectStatus`, lower case.
-        probability: that it is there and the one that is named: the share of what is seen of it that fits.
+        status: see `ObjectStatus`, lower case; `lost` once it is improbable.
+        probability: that it is there and the one that is named.
         visible: share of its camera-facing surface that this frame shows.
         R, p: pose; of an unknown thing no turn, and the middle of its points.
         covariance: (6, 6), rotation then translation.
+        hypotheses: poses that the frame allows, with probabilities that sum to 1; the first is the pose.
         pieces: vertices of convex pieces, of unknown things.
         found: in this very frame.
     """
@@ -65,6 +84,7 @@ class TrackedObject:
     R: Array
     p: Array
     covariance: Array
+    hypotheses: tuple[PoseHypothesis, ...]
     pieces: tuple[Array, ...]
     found: bool
 
@@ -87,6 +107,8 @@ class ObjectTracker:
         self._settings = object_filter.FilterSettings.of(scenario.SceneUpdater())
         self._filters = object_filter.initial_filters(len(models))
         self._axes = np.array([[0.0, 0.0, float(a.symmetric_axis == "z")] for a in library.values()]).reshape(-1, 3)
+        self._odds = np.zeros(len(models))
+        self._last = NEVER
         self._unknown: list[tuple[int, Array]] = []
         self._next = len(models)
 
@@ -111,6 +133,8 @@ class ObjectTracker:
         status = object_filter.statuses(self._filters, now, self._settings)
         covariance = object_filter.pose_covariances(belief, self._axes, self._settings)
         frame = Frame.of(segments)
+        since = min(now - self._last, TUNING.longest) if self._last >= 0.0 else TUNING.longest
+        self._last = now
         result = []
         for k, name in enumerate(self.names):
             if status[k] == ObjectStatus.UNSEEN:
@@ -119,20 +143,51 @@ class ObjectTracker:
             # In view, the picture has the say; what the filter makes of it lags behind what is pushed.
             pose = measured[k].pose if found else belief.poses[k]
             R, p = rotations.matrix(pose[None, :4])[0], pose[4:]
-            spread = self._measured(measured[k], R, k) if found else covariance[k]
+            spread, hypotheses = covariance[k], None
+            if found:
+                R, p, spread, hypotheses = self._settled(k, R, p, measured[k], segments, frame)
             fit = assess(self._known[k].model, frame, Poses(R[None], p[None]), self._params.model_points)
-            visible = float(np.clip(fit.visible_share[0], 0.0, 1.0))
-            sure = float(min(measured[k].quality, 1.0)) if found else float(np.clip(fit.quality[0] * visible, 0.0, 1.0))
+            shape, whole = float(min(fit.shape[0], 1.0)), float(np.clip(fit.visible_share[0], 0.0, 1.0))
+            sure = self._believed(k, found, shape, whole, since)
             life = ObjectStatus(int(status[k])).name.lower()
-            result.append(TrackedObject(k, name, life, sure, visible, R, p, spread, (), found))
+            if not found and sure < 0.5:
+                life = ObjectStatus.LOST.name.lower()
+            visible = whole if found else whole * shape
+            only = hypotheses or (PoseHypothesis(R, p, spread, 1.0),)
+            result.append(TrackedObject(k, name, life, sure, visible, R, p, spread, only, (), found))
         return result
 
-    def _measured(self, one: PoseMeasurement, R: Array, k: int) -> Array:
-        """Return a measurement's covariance with what no averaging removes; nothing is known about a free axis."""
+    def _believed(self, k: int, found: bool, shape: float, whole: float, since: float) -> float:
+        """Return how probable an object is after a frame, of which `whole` could be seen, and of that `shape` fits."""
+        if found:
+            self._odds[k] = np.log(2.0) + (shape - 0.5) / TUNING.doubt
+            return float(1.0 - 0.5 * np.exp(-max(shape - 0.5, 0.0) / TUNING.doubt))
+        self._odds[k] -= since * (TUNING.missed * whole * (1.0 - shape) + max(self._odds[k], 0.0) / TUNING.forgotten)
+        self._odds[k] = float(np.clip(self._odds[k], -20.0, 20.0))
+        return float(1.0 / (1.0 + np.exp(-self._odds[k])))
+
+    def _settled(
+        self, k: int, R: Array, p: Array, one: PoseMeasurement, segments: Segments, frame: Frame
+    ) -> tuple[Array, Array, Array, tuple[PoseHypothesis, ...]]:
+        """Return pose, covariance and hypotheses of an object found; tracking goes on from the likeliest."""
+        model = self._known[k].model
+        own = claimed(model, segments, R, p, TUNING.owned)
+        near = claimed(model, segments, R, p, TUNING.around)
+        if len(own):
+            label = np.bincount(segments.labels[own]).argmax()
+            near = near[segments.labels[near] == label]
+        points = segments.points_W[near]
+        start = RegisteredPose(R, p, one.covariance, one.quality, one.quality, 1.0, float(len(near)))
         axis = R @ self._axes[k]
         free = np.zeros((6, 6))
         free[:3, :3] = object_filter.TUNING.unknown_variance[0] * np.outer(axis, axis)
-        return one.covariance + np.diag(self._settings.floor) + free
+        if len(points) < TUNING.unknown_points // 4:
+            return R, p, one.covariance + free, ()
+        after = settle(model, frame, [start], points, self._params)
+        result = after.registration
+        if after.moved:
+            self._slots[k] = replace(self._slots[k], R=result.R, p=result.p)
+        return result.R, result.p, result.covariance + free, after.hypotheses
 
     def _things(self, segments: Segments, measured: Sequence[PoseMeasurement]) -> list[TrackedObject]:
         """Return what stands there and is none of the objects, as convex pieces."""
@@ -155,7 +210,7 @@ class ObjectTracker:
             self._unknown.append((track, middle))
             spread = np.diag([*object_filter.TUNING.unknown_variance[:3], *np.var(points, axis=0)])
             result.append(
-                TrackedObject(track, None, "tracked", 1.0, 1.0, np.eye(3), middle, spread, tuple(pieces), True)
+                TrackedObject(track, None, "tracked", 1.0, 1.0, np.eye(3), middle, spread, (), tuple(pieces), True)
             )
         return result
 

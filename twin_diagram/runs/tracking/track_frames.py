@@ -21,7 +21,9 @@ from twin_diagram.assets.library import entries
 from twin_diagram.errors import AssetError, FramesError
 from twin_diagram.logs.frames import FrameFolder, RgbdFrame, ViewCamera
 from twin_diagram.perception.alignment import DepthGrid
+from twin_diagram.perception.depth_noise import DepthSigma, measured
 from twin_diagram.perception.pinhole import Pinhole
+from twin_diagram.perception.registration.alternatives import PoseHypothesis
 from twin_diagram.perception.registration.rotation import to_quaternion
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
 from twin_diagram.runs.tracking.object_tracker import ObjectTracker, TrackedObject
@@ -60,18 +62,20 @@ def track_frames(
     rows: list[list[str]] = []
     lines: list[str] = []
     base: TableFrame | None = None
+    noise = DepthSigma()
     for index in range(len(folder)):
         frame = folder.read(index)
         depth = _on_colours_grid(frame)
-        camera = _pinhole(frame.colour, frame.colour.R_WC, frame.colour.p_WC)
+        camera = _pinhole(frame.colour, frame.colour.R_WC, frame.colour.p_WC, noise)
         if base is None:
+            noise = measured(frame.depth)
             base = table_frame(depth, camera, seed)
             if not base.found:
                 say("note: no table in view; all that is seen counts as standing")
             for name, (R_CO, p_CO) in told.items():
                 R_TC, p_TC = base.camera(camera)
                 tracker.start(name, R_TC @ R_CO, R_TC @ p_CO + p_TC, frame.time - 1e-3)
-        grid = Grid.of(_pinhole(frame.colour, *base.camera(camera)), PERCEPTION.stride)
+        grid = Grid.of(_pinhole(frame.colour, *base.camera(camera), noise), PERCEPTION.stride)
         rgb = frame.rgb if frame.rgb is not None else np.full((*depth.shape, 3), 128, dtype=np.uint8)
         found = tracker.observe(segment(rgb, depth, frame.time, grid, PERCEPTION))
         rows += [_row(frame, one, numbers, camera, base) for one in found if one.asset is not None and one.found]
@@ -129,10 +133,10 @@ def _first_poses(path: Path, first: int, numbers: Mapping[str, int]) -> dict[str
     return {name: (R, p) for name, (_, R, p) in best.items()}
 
 
-def _pinhole(camera: ViewCamera, R: Array, p: Array) -> Pinhole:
+def _pinhole(camera: ViewCamera, R: Array, p: Array, noise: DepthSigma) -> Pinhole:
     """Return a view's camera at another pose."""
     lens = Lens(camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy)
-    return Pinhole(camera.width, camera.height, 0.5 * (camera.fx + camera.fy), R, p, lens)
+    return Pinhole(camera.width, camera.height, 0.5 * (camera.fx + camera.fy), R, p, lens, noise)
 
 
 def _on_colours_grid(frame: RgbdFrame) -> Any:
@@ -156,6 +160,12 @@ def _row(
     return ["0", str(frame.number), str(numbers[one.asset]), f"{one.probability:.6g}", *said, f"{frame.time:.9g}"]
 
 
+def _hypothesis(one: PoseHypothesis, base: TableFrame, probability: float) -> dict[str, Any]:
+    """Return a pose that a frame allows, in W; `probability` is that of the object."""
+    R, p = base.R_WT @ one.R, base.R_WT @ one.p + base.p_WT
+    return {"p_WO": p.tolist(), "q_WO": to_quaternion(R).tolist(), "probability": probability * one.probability}
+
+
 def _line(
     frame: RgbdFrame, found: list[TrackedObject], assets: Mapping[str, Asset], base: TableFrame
 ) -> dict[str, Any]:
@@ -176,7 +186,7 @@ def _line(
                 **pose,
                 "covariance": (turn @ one.covariance @ turn.T).tolist(),
                 "free": [[0.0, 0.0, 1.0]] if free else [],
-                "hypotheses": [{**pose, "probability": one.probability}],
+                "hypotheses": [_hypothesis(other, base, one.probability) for other in one.hypotheses],
                 "pieces": [(piece @ base.R_WT.T + base.p_WT).tolist() for piece in one.pieces],
             }
         )

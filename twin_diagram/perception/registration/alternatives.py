@@ -1,0 +1,274 @@
+"""What else an image allows: poses along the directions that depth leaves open, weighed against one another.
+
+Point-to-plane distances say nothing of slides along a face or turns about an axis; what bounds them are edges: points
+of the model beyond the image's edge find nothing, points of the image beyond the model's edge belong to nothing. Both
+are counted at poses along each weak direction, as a log-likelihood in which points that err alike share one vote. The
+best of them is taken, the spread of the weights is the claim along that direction, and what stands apart is a
+hypothesis of its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin_diagram.perception.depth_noise import TUNING as DEPTH
+from twin_diagram.perception.registration.assessment import TUNING as ASSESSMENT
+from twin_diagram.perception.registration.claims import TUNING as CLAIMS
+from twin_diagram.perception.registration.data_association import COARSE, FINE, Looked, Poses, look
+from twin_diagram.perception.registration.frame import Frame
+from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.residuals import TUNING as RESIDUALS
+from twin_diagram.perception.registration.residuals import brightness, colour_terms, depth_pairs
+from twin_diagram.perception.registration.rotation import log
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants, set on trials below number 100 000 of `sims/benchmarks/registration_peers.py`."""
+
+    unit: tuple[float, float] = (0.15, 0.02)
+    """Turns [rad] and shifts [m] that weigh alike."""
+
+    weak: float = 0.1
+    """A direction is weak where depth alone leaves a deviation of so many units."""
+
+    steps: tuple[float, ...] = (0.06, 0.12, 0.2, 0.35, 0.6, 1.0, 1.6)
+    """Poses lie so far along a direction, both ways [units]."""
+
+    turns: tuple[float, ...] = (2.5, 3.5, 4.6, 6.0, 7.5, 9.0, 11.0, 13.0, 15.0, 17.0, 19.0, 20.9)
+    """And so far where it is a turn: up to half a one."""
+
+    open: float = 0.4
+    """A turn of which depth alone leaves so many units is tried all the way round."""
+
+    better: float = 2.0
+    """A pose likelier by this is gone to, and registered anew [nat]."""
+
+    rounds: int = 2
+    """How often at most."""
+
+    reach: float = 0.007
+    """Pairs farther apart are cut, as in the last steps of registration [m]."""
+
+    points: int = 150
+    """Model points that are looked up, and image points that are explained."""
+
+    cut: float = 3.0
+    """A deviation larger than this is another thing's: it costs no more."""
+
+    hidden: float = 0.15
+    """Cost of a point that something else hides, beside 4.5 of one that is not where it should be."""
+
+    edge: float = 0.002
+    """Deviation of an edge [m]."""
+
+    colour: float = 0.12
+    """Deviation of a colour [of 1]."""
+
+    likely: float = 0.01
+    """What is less probable is no hypothesis."""
+
+    apart: tuple[float, float] = (0.12, 0.008)
+    """Hypotheses differ by this [rad], [m]."""
+
+
+TUNING = Tuning()
+
+
+@dataclass(frozen=True)
+class PoseHypothesis:
+    """A pose that the image allows, and how probable it is."""
+
+    R: Array
+    p: Array
+    covariance: Array
+    probability: float
+
+
+def votes(looked: Looked, frame: Frame, spacing: float) -> float:
+    """Return how many model points share one vote: those whose depth errs as one."""
+    noise = frame.camera.depth_noise
+    if noise.correlated + noise.lasting <= 0.0:
+        return 1.0
+    z = float(np.median(looked.z[0]))
+    patch = 4.0 * np.pi * (DEPTH.patch * frame.camera.width / DEPTH.width) ** 2
+    points = max(1.0, float(looked.counted[0].sum()))
+    area = float((looked.facing[0].clip(0.0) * looked.counted[0]).sum()) * (spacing * frame.camera.fx / z) ** 2
+    return max(1.0, patch * points / max(area, 1.0))
+
+
+def costs(model: ModelCloud, frame: Frame, poses: Poses, points_W: Array, looked: Looked) -> Array:
+    """Return (B,) the negative log-likelihood of an image at poses, each point a vote.
+
+    Args:
+        model: the object.
+        frame: the image.
+        poses: B of them.
+        points_W: (N, 3) the image's points that should be the object's.
+        looked: up at the poses on coarse colours.
+    """
+    sigma = np.hypot(frame.camera.depth_noise(looked.z) * looked.facing.clip(0.3), RESIDUALS.model_noise)
+    on = looked.near & (np.abs(looked.deeper) < ASSESSMENT.same_surface)
+    away = np.where(on, np.minimum(np.abs(looked.distance) / sigma, TUNING.cut), TUNING.cut)
+    placed = on & (away < TUNING.cut)
+    found, _, _ = frame.colour_at(looked.u, looked.v, COARSE)
+    weight = looked.facing * placed
+    gain = brightness(found, looked.colour, looked.n, weight)
+    difference = found - np.minimum(looked.colour * gain[..., None], 1.0)
+    off = np.sqrt(np.einsum("bpi,bpi->bp", difference, difference)) / np.maximum(gain, 0.2)
+    colour = np.minimum(off / TUNING.colour, TUNING.cut)
+    each = np.where(placed, 0.5 * away**2 + 0.25 * colour**2, 0.0)
+    hidden = looked.seen & ~placed & (looked.deeper < 0)
+    behind = looked.seen & ~placed & ~hidden
+    each = each + 0.5 * TUNING.cut**2 * behind + TUNING.hidden * hidden
+    shown = (looked.facing * looked.counted).clip(0.0)
+    total = (each * shown).sum(axis=1) / np.maximum(shown.sum(axis=1), 1e-9) * looked.counted.sum(axis=1)
+    return np.asarray(total + _unexplained(model, frame, poses, points_W) * looked.counted.sum(axis=1))
+
+
+def _unexplained(model: ModelCloud, frame: Frame, poses: Poses, points_W: Array) -> Array:
+    """Return (B,) the mean cost of the image's points: how far they are from the model, for its spacing."""
+    local = (points_W[None] - poses.p[:, None]) @ poses.R
+    reach = 0.02
+    _, index = model.tree.query(local, distance_upper_bound=reach, workers=1)
+    hit = index < len(model.points)
+    index = np.where(hit, index, 0)
+    apart = local - model.points[index]
+    along = np.einsum("bni,bni->bn", apart, model.normals[index])
+    slide = np.sqrt(np.maximum(np.einsum("bni,bni->bn", apart, apart) - along**2, 0.0))
+    z = (points_W - frame.camera.p_WC) @ frame.camera.R_WC[:, 2]
+    sigma = np.hypot(frame.camera.depth_noise(z), RESIDUALS.model_noise)[None]
+    beyond = np.maximum(slide - 0.5 * model.spacing, 0.0) / TUNING.edge
+    far = np.minimum(np.hypot(along / sigma, beyond), TUNING.cut)
+    return np.asarray(0.5 * np.where(hit, far, TUNING.cut) ** 2).mean(axis=1)
+
+
+def weak_directions(looked: Looked, frame: Frame, votes_each: float, colour_share: float) -> list[tuple[Array, float]]:
+    """Return directions (6,) [units of `Tuning.unit`] that depth and colour leave open, with the deviation left."""
+    J, w, _ = depth_pairs(looked, frame, TUNING.reach)
+    H = (J[0] * w[0][:, None]).T @ J[0] / votes_each
+    if colour_share > 0.0:
+        H = H + colour_terms(looked, frame, FINE, TUNING.reach, colour_share)[0][0] / CLAIMS.colours_alike
+    scale = np.repeat(TUNING.unit, 3)
+    values, ways = np.linalg.eigh(H * scale[:, None] * scale)
+    deviation = 1.0 / np.sqrt(np.maximum(values, 1e-6))
+    return [(ways[:, k], float(deviation[k])) for k in range(3) if deviation[k] > TUNING.weak]
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Poses along weak directions.
+
+    Attributes:
+        poses: B of them, the first is where it began.
+        cost: (B,) negative log-likelihoods.
+        along: (B,) which direction; -1: none.
+        offset: (B,) how far [units].
+        directions: (6,) each, in radians and metres per unit.
+    """
+
+    poses: Poses
+    cost: Array
+    along: Array
+    offset: Array
+    directions: list[Array]
+
+
+def profile(
+    model: ModelCloud, frame: Frame, pose: Poses, points_W: Array, fine: Looked, colour_share: float
+) -> Profile:
+    """Weigh poses along the weak directions of one that was registered, `fine` being looked up there."""
+    share = votes(fine, frame, model.spacing)
+    scale = np.repeat(TUNING.unit, 3)
+    steps, along, offset, directions = [np.zeros(6)], [-1], [0.0], []
+    for k, (way, deviation) in enumerate(weak_directions(fine, frame, share, colour_share)):
+        far = TUNING.steps
+        if np.linalg.norm(way[:3]) > 0.9 and deviation > TUNING.open:
+            far = far + TUNING.turns
+        directions.append(way * scale)
+        for s in (*(-x for x in reversed(far)), *far):
+            steps.append(s * way * scale)
+            along.append(k)
+            offset.append(s)
+    count = len(steps)
+    poses = Poses(np.repeat(pose.R, count, axis=0), np.repeat(pose.p, count, axis=0)).moved(np.array(steps))
+    cost = compare(model, frame, poses, points_W)
+    return Profile(poses, cost, np.array(along), np.array(offset), directions)
+
+
+def weights(cost: Array, offset: Array) -> Array:
+    """Return (K,) probabilities of offsets, in order, each standing for the cell half way to its neighbours."""
+    edges = np.concatenate([offset[:1], 0.5 * (offset[1:] + offset[:-1]), offset[-1:]])
+    w = np.exp(-np.clip(cost - cost.min(), 0.0, 50.0)) * np.diff(edges)
+    return np.asarray(w / w.sum())
+
+
+def settled(found: Profile) -> tuple[Array, Array]:
+    """Return the step (6,) to the mean of a profile, and the covariance (6, 6) of what lies along it."""
+    step, spread = np.zeros(6), np.zeros((6, 6))
+    for k, way in enumerate(found.directions):
+        on = (found.along == k) | (found.along == -1)
+        order = np.argsort(found.offset[on])
+        offset, cost = found.offset[on][order], found.cost[on][order]
+        w = weights(cost, offset)
+        mean = float(w @ offset)
+        step += mean * way
+        spread += float(w @ (offset - mean) ** 2) * np.outer(way, way)
+    return step, spread
+
+
+def compare(model: ModelCloud, frame: Frame, poses: Poses, points_W: Array) -> Array:
+    """Return (B,) negative log-likelihoods of poses, up to what all share, points that err alike with one vote."""
+    looked = look(model, frame, poses, TUNING.points, COARSE)
+    thin = points_W[:: max(1, len(points_W) // TUNING.points)]
+    return costs(model, frame, poses, thin, looked) / votes(looked, frame, model.spacing)
+
+
+def distinct(found: Profile, centre: Poses, narrow: Array, wide: Array) -> tuple[PoseHypothesis, ...]:
+    """Return the centre of a profile and its poses that are likely and apart from one another, the likeliest first.
+
+    Args:
+        found: the profile.
+        centre: of all of it; it stands for what is near.
+        narrow: (6, 6) covariance of a registered pose.
+        wide: (6, 6) covariance with what lies along the profile.
+    """
+    between = narrow + np.diag(np.square(np.repeat(TUNING.apart, 3) / 2.0))
+    poses = Poses(np.concatenate([centre.R, found.poses.R[1:]]), np.concatenate([centre.p, found.poses.p[1:]]))
+    share = np.zeros(len(found.cost))
+    for k in range(len(found.directions)):
+        on = np.flatnonzero((found.along == k) | (found.along == -1))
+        on = on[np.argsort(found.offset[on])]
+        share[on] = np.maximum(share[on], weights(found.cost[on], found.offset[on]))
+    chosen, mass = [0], [float(share[0])]
+    for k in np.argsort(-share, kind="stable"):
+        near = [j for j, one in enumerate(chosen) if not _apart(poses, int(k), one)]
+        if near:
+            mass[near[0]] += float(share[k]) if k else 0.0
+        elif share[k] > TUNING.likely:
+            chosen.append(int(k))
+            mass.append(float(share[k]))
+    whole = max(sum(mass), 1e-12)
+    order = [0, *sorted(range(1, len(chosen)), key=lambda j: -mass[j])]
+    return tuple(
+        PoseHypothesis(poses.R[chosen[j]], poses.p[chosen[j]], between if j else wide, mass[j] / whole) for j in order
+    )
+
+
+def _apart(poses: Poses, first: int, second: int) -> bool:
+    turn = np.linalg.norm(log((poses.R[first] @ poses.R[second].T)[None]))
+    return bool(turn > TUNING.apart[0] or np.linalg.norm(poses.p[first] - poses.p[second]) > TUNING.apart[1])
+
+
+def widened(covariance: Array, spread: Array) -> Array:
+    """Return a covariance (6, 6) that claims along each direction of `spread` (6, 6) no less than that does."""
+    values, ways = np.linalg.eigh(spread)
+    result = covariance.copy()
+    for value, way in zip(values, ways.T, strict=True):
+        if value > 0.0:
+            already = 1.0 / float(way @ np.linalg.solve(result, way))
+            result += max(0.0, value - already) * np.outer(way, way)
+    return np.asarray(0.5 * (result + result.T))

@@ -1,0 +1,134 @@
+"""What a registered pose is claimed to be worth: its covariance under noise that neighbouring pixels share.
+
+At the pose found, the sum of J_i w_i e_i over all pairs vanishes, so that noise e moves it by H⁻¹ Σ J_i w_i e_i: its
+covariance is H⁻¹ S H⁻¹, S = Σ_ij a_i a_jᵀ E[e_i e_j] with a_i = J_i w_i (Huber's sandwich). Where pairs err alike,
+S exceeds H, most in those directions in which many pixels push the same way. A field of depth errors that is white
+noise blurred by a Gaussian has S = Σ_x b(x) b(x)ᵀ, b being the a_i laid onto the image and blurred by the same
+Gaussian: a few small images instead of all pairs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from twin_diagram.perception.depth_noise import TUNING as DEPTH
+from twin_diagram.perception.registration.data_association import FINE, Looked, Poses
+from twin_diagram.perception.registration.frame import Frame
+from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.residuals import colour_terms, depth_pairs, opposite_pairs
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of what is claimed, with what set them."""
+
+    cell: float = 2.0
+    """Gaussians are laid on cells so many times smaller than they are."""
+
+    beyond: tuple[float, float, float] = (0.0, 0.4, 0.6)
+    """How errors that no sheet tells of are shared out: white, over patches, over waves. Real cameras' are 0.1, 0.6,
+    0.3, but a fit takes part of the waves into the pose, where residuals do not show them."""
+
+    colours_alike: float = 4.0
+    """Neighbouring colours err alike: they count so many times less."""
+
+    common: tuple[float, float] = (0.0005, 0.00005)
+    """Errors that no noise explains, of the clouds' points for a surface: rotation [rad], translation [m]."""
+
+    widest: tuple[float, float] = (1.0, 0.05)
+    """Deviations where the image says nothing [rad], [m]."""
+
+
+TUNING = Tuning()
+
+
+def spread(a: Array, u: Array, v: Array, sigma: float) -> Array:
+    """Return (k, k) the sum of a_i a_jᵀ times exp(-d_ij² / 4σ²), the correlation of white noise blurred by σ.
+
+    Args:
+        a: (N, k).
+        u: (N,) where they are in the image [px].
+        v: (N,).
+        sigma: of the Gaussian [px]; 0: of white noise, which points within one pixel share.
+    """
+    cell = sigma / TUNING.cell if sigma > 0.0 else 1.0
+    margin = 4 * int(np.ceil(TUNING.cell)) if sigma > 0.0 else 0
+    column, row = (np.rint((x - x.min()) / cell).astype(np.int64) + margin for x in (u, v))
+    width, height = int(column.max()) + 1 + margin, int(row.max()) + 1 + margin
+    place = row * width + column
+    laid = np.stack([np.bincount(place, weights=part, minlength=width * height) for part in a.T], axis=1)
+    if sigma <= 0.0:
+        return np.asarray(laid.T @ laid)
+    blurred = cv2.GaussianBlur(laid.reshape(height, width, -1), (0, 0), TUNING.cell).reshape(len(laid), -1)
+    kernel = cv2.getGaussianKernel(8 * int(TUNING.cell) + 1, TUNING.cell)[:, 0]
+    return np.asarray(blurred.T @ blurred) / float((kernel**2).sum()) ** 2
+
+
+def claim(
+    looked: Looked,
+    frame: Frame,
+    model: ModelCloud,
+    pose: Poses,
+    points_W: Array | None,
+    reach: float,
+    colour_share: float,
+    excess: float,
+) -> Array:
+    """Return the covariance (6, 6) of one registered pose, rotation then translation, about its origin in W.
+
+    Args:
+        looked: up at the pose.
+        frame: the image.
+        model: the object.
+        pose: one.
+        points_W: (N, 3) image points that were to be explained; None: none were.
+        reach: pairs farther apart were cut [m].
+        colour_share: weight of colours.
+        excess: by which factor depth errs more than the data sheet says.
+    """
+    camera = frame.camera
+    J, w, _ = depth_pairs(looked, frame, reach)
+    on = w[0] > 0.0
+    a, n, seen = (J[0] * w[0][:, None])[on], looked.n[0][on], (looked.r[0] + pose.p[0])[on]
+    H = a.T @ J[0][on]
+    if points_W is not None and len(points_W):
+        opposite = opposite_pairs(model, points_W, pose, camera.p_WC, reach)
+        H = H + opposite.H
+        a = np.concatenate([a, opposite.J * opposite.w[:, None]])
+        n, seen = np.concatenate([n, opposite.n]), np.concatenate([seen, opposite.seen])
+    S = np.zeros((6, 6))
+    if len(a):
+        u, v, z = camera.project(seen)
+        ray = (seen - camera.p_WC) / z[:, None]
+        S = field_covariance(a * (np.einsum("ni,ni->n", n, ray) * camera.depth_noise(z))[:, None], u, v, frame, excess)
+    if colour_share > 0.0:
+        Hc = colour_terms(looked, frame, FINE, reach, colour_share)[0][0]
+        H, S = H + Hc, S + TUNING.colours_alike * Hc
+    widest = np.diag(np.repeat(np.square(TUNING.widest), 3) ** -1.0)
+    inverse = np.linalg.inv(H + widest)
+    result = inverse @ (S + widest) @ inverse
+    return np.asarray(0.5 * (result + result.T) + np.diag(np.repeat(np.square(TUNING.common), 3)))
+
+
+def field_covariance(a: Array, u: Array, v: Array, frame: Frame, excess: float) -> Array:
+    """Return (k, k) the covariance of Σ a_i e_i, e being depth's error in units of what the sheet tells.
+
+    Args:
+        a: (N, k).
+        u: (N,) where they are in the image [px].
+        v: (N,).
+        frame: the image.
+        excess: by which factor depth errs more than its sheet says.
+    """
+    noise, scale = frame.camera.depth_noise, frame.camera.width / DEPTH.width
+    told = (max(0.0, 1.0 - noise.correlated - noise.lasting), noise.correlated, noise.lasting)
+    result = np.zeros((a.shape[1], a.shape[1]))
+    for share, more, sigma in zip(told, TUNING.beyond, (0.0, DEPTH.patch, DEPTH.wave), strict=True):
+        whole = share + more * max(0.0, excess**2 - 1.0)
+        if whole > 0.0:
+            result += whole * spread(a, u, v, scale * sigma)
+    return result
