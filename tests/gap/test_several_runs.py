@@ -88,6 +88,7 @@ def test_times_in_other_runs_are_said_in_the_effect() -> None:
 
 
 @pytest.mark.parametrize("moment", [0.0, 3.0])
+@pytest.mark.slow
 def test_a_held_out_run_may_have_an_onset_of_its_own(
     model: Model, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moment: float
 ) -> None:

@@ -105,6 +105,7 @@ def test_notices_abrupt_changes(changes, within):
     assert watched.stood >= alarm_lifecycle.TUNING.hold - PERIOD
 
 
+@pytest.mark.slow
 def test_alarm_ends_and_the_filter_has_learnt():
     world = World.draw(14, period=6.0, added_mass=1.0, added_at=4.0)
     watched = watch(world, 8.0)

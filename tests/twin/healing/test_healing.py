@@ -588,6 +588,7 @@ def test_a_run_mends_its_model_and_says_so(corrected: Model, tmp_path: Path, mon
 # The scenario that comes along.
 
 
+@pytest.mark.slow
 def test_the_scenario_fault_raises_its_alarm_when_the_fault_begins(tmp_path: Path) -> None:
     plan = load_scenario("fault", ["duration=3.1", "twin.healing=null"])
     (fault,) = plan.world.arm.effects
