@@ -127,7 +127,7 @@ def true_volume(item: TrueObject, step: float = 0.0006) -> float:
 
 
 def score(item: TrueObject, shots: list[Picture], vertices: Array, faces: Array) -> dict[str, float]:
-    """Return distances both ways [mm] on what is seen, what is left of the table, lost of the object, and volume [%]."""
+    """Return distances both ways [mm] on what is seen, what is left of the table and lost of the thing, volume."""
     true = Surface(item.vertices, item.faces)
     points, normals = spread(item.vertices, item.faces, 20000, 0)
     seen = true.shows(shots, points, normals) >= 2

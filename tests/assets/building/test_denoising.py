@@ -121,7 +121,10 @@ def test_cube_is_measured_to_one_percent(turn: float) -> None:
     cube = cube_cloud(0.17, turn, 0.17 * 0.02, rng)
     rest = rng.uniform(-0.5, 0.5, (5000, 3)) * [1, 1, 0.001]
     colours = np.concatenate([np.tile([0.1, 0.6, 0.2], (len(cube), 1)), np.tile([0.6, 0.6, 0.6], (5000, 1))])
-    found = measure_cube(np.concatenate([cube, rest]), colours, np.array([0, 0, 1.0, 0]), "cloud")
+    printed = rng.uniform(0, 1, (3 * len(cube), 3)) * [0.4, 0.01, 0.3] + [-0.4, -0.2, 0.0]  # on a box, larger than it
+    points = np.concatenate([cube, rest, printed])
+    colours = np.concatenate([colours, np.tile([0.1, 0.6, 0.2], (len(printed), 1))])
+    found = measure_cube(points, colours, np.array([0, 0, 1.0, 0]), "cloud")
     assert found.edge == pytest.approx(0.17, rel=0.01)
     np.testing.assert_allclose(found.centre, [0.3, 0.1, 0.085], atol=0.003)
     assert found.holds(cube).mean() > 0.999

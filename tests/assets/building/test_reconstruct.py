@@ -102,6 +102,20 @@ def test_right_poses_stay(mug: Shots) -> None:
         assert np.linalg.norm(before.camera.p_WC - after.camera.p_WC) < 0.0006
 
 
+def test_what_all_views_must_do_together_is_done() -> None:
+    taken = shots([cup()], cameras(12, 0.025, high=60))
+    inward = [frame.camera.R_WC[:, 2] * [1, 1, 0] for frame in taken.frames]
+    inward = [0.001 * way / np.linalg.norm(way) for way in inward]  # a cup too slender, its walls too thin
+    wrong = taken.told([np.append(np.zeros(3), way) for way in inward], np.zeros(3))
+    views = [make_view(frame.camera, frame.depth) for frame in wrong.frames]
+    found = align(views, np.array([-0.03, -0.03, 0.0]), np.array([0.03, 0.03, 0.05]), np.array([0, 0, 1.0, 0]))
+    left = [
+        (view.camera.p_WC - frame.camera.p_WC) @ way / 0.001
+        for view, frame, way in zip(found.views, taken.frames, inward, strict=True)
+    ]
+    assert np.mean(left) < 0.0004
+
+
 def test_mean_surface_keeps_both_sides_of_a_wall_apart() -> None:
     rng = np.random.default_rng(0)
     flat = rng.uniform(0, 0.05, (4000, 2))
@@ -168,6 +182,20 @@ def test_a_view_that_contradicts_is_named(mug: Shots) -> None:
     frames = [*mug.frames[:3], replace(body, number=3), *mug.frames[4:]]
     with pytest.raises(FramesError, match="scan: view 3 contradicts the others"):
         reconstruct(Shots(frames), "scan")
+
+
+def test_views_that_were_told_each_others_poses_contradict() -> None:
+    frames = shots([box((0.05, 0.04, 0.03))], cameras(6, 0.015), masked=True).frames
+    two, four = frames[2].camera, frames[4].camera
+    frames[2], frames[4] = replace(frames[2], camera=four, colour=four), replace(frames[4], camera=two, colour=two)
+    with pytest.raises(FramesError, match=r"scan: view [24] contradicts the others: they look through \d\d %"):
+        reconstruct(Shots(frames), "scan")
+
+
+def test_views_from_one_side_are_refused() -> None:
+    (frame,) = shots([box((0.05, 0.04, 0.03))], cameras(1, 0.015), masked=True).frames
+    with pytest.raises(FramesError, match=r"scan: all 5 views show the object from one side, within 0\.0°; 15°"):
+        reconstruct(Shots([replace(frame, number=k) for k in range(5)]), "scan")
 
 
 def test_frames_become_an_asset_of_the_library(tmp_path: Path) -> None:

@@ -128,6 +128,10 @@ REFUSED: dict[str, tuple[Callable[[Path], Any], str]] = {
         "one channel of 16 bits, not uint8",
     ),
     "link": (lambda f: out(f / "rgb/000001.png", f.parent / "x.png"), "a link that leads out of|no such file"),
+    "folder link": (
+        lambda f: ((f / "depth").rename(f.parent / "d"), (f / "depth").symlink_to(f.parent / "d")),
+        "depth: a link that leads out of",
+    ),
     "reflection": (
         lambda f: edit(f, lambda e: e["1"].update(cam_R_w2c=[-x for x in e["1"]["cam_R_w2c"]])),
         "frame 1: cam_R_w2c is no rotation: it is a reflection",

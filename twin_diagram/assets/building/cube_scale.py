@@ -10,6 +10,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from twin_diagram.errors import FramesError
 from twin_diagram.signals.arrays import Array
@@ -30,6 +33,12 @@ class Tuning:
 
     least_points: int = 200
     """Fewer points do not measure a cube."""
+
+    looked_at: int = 3000
+    """Points by which green things are told apart."""
+
+    gap: float = 3.0
+    """Gap between two things, in distances of neighbours in one."""
 
     unequal: float = 0.08
     """By how much its edges may differ, as a share; more is no cube."""
@@ -60,7 +69,7 @@ def is_green(rgb: Array) -> npt.NDArray[np.bool_]:
 
 
 def measure_cube(points: Array, colours: Array, plane: Array, where: str) -> Cube:
-    """Return the green cube that stands on a plane.
+    """Return the green cube that stands on a plane; other green things may be there, too.
 
     Args:
         points: (N, 3) of the scene, in any unit.
@@ -71,12 +80,37 @@ def measure_cube(points: Array, colours: Array, plane: Array, where: str) -> Cub
     Raises:
         FramesError: there is no green cube.
     """
-    n, d = plane[:3], plane[3]
     green = points[is_green(colours)]
     if len(green) < TUNING.least_points:
         raise FramesError(
             f"{where}: no green cube: {len(green)} green points, {TUNING.least_points} are needed for --cube-edge"
         )
+    wrong: FramesError | None = None
+    for thing in _things(green):
+        try:
+            return _measured(thing, plane, where)
+        except FramesError as error:
+            wrong = wrong or error
+    raise wrong or FramesError(f"{where}: no green cube: what is green is scattered")
+
+
+def _things(points: Array) -> list[Array]:
+    """Return points (N, 3) thing by thing, the largest first; things are apart by more than points of one are."""
+    rng = np.random.default_rng(0)
+    some = points[rng.permutation(len(points))[: TUNING.looked_at]]
+    tree = cKDTree(some)
+    spacing = float(np.quantile(tree.query(some, 2)[0][:, 1], 0.9))
+    pairs = tree.query_pairs(TUNING.gap * spacing, output_type="ndarray")
+    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(some), len(some)))
+    label = connected_components(graph, directed=False)[1][tree.query(points)[1]]
+    sizes = np.bincount(label)
+    order = [int(k) for k in np.argsort(-sizes, kind="stable") if sizes[k] >= TUNING.least_points]
+    return [points[label == k] for k in order]
+
+
+def _measured(green: Array, plane: Array, where: str) -> Cube:
+    """Return the cube that green points (N, 3) are, or refuse them."""
+    n, d = plane[:3], plane[3]
     middle = np.median(green, axis=0)
     distance = np.linalg.norm(green - middle, axis=1)
     green = green[distance < 3 * np.median(distance)]

@@ -80,6 +80,8 @@ class DepthView:
 
     def at(self, camera: ViewCamera) -> DepthView:
         """Return the same view from another pose of the depth camera; the colour camera moves along."""
+        if self.colour is self.camera:
+            return replace(self, camera=camera, colour=camera)
         R_CD = self.colour.R_WC.T @ self.camera.R_WC
         p_CD = self.colour.R_WC.T @ (self.camera.p_WC - self.colour.p_WC)
         R_WC = camera.R_WC @ R_CD.T

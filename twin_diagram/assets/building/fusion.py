@@ -59,7 +59,7 @@ class Tuning:
     least_weight: float = 0.03
     """Weight up to which a place counts as unknown, though it should lie inside: that of one pixel beside an edge."""
 
-    share_free: float = 0.09
+    share_free: float = 0.075
     """… or, of few views, this share of them: with eight, a place in a mug is looked through by one, beside an edge."""
 
 

@@ -187,6 +187,7 @@ def _surface(frame: RgbdFrame) -> tuple[Array, Array, Array]:
     assert frame.mask is not None
     points, normals, pixels = view_points(make_view(frame.camera, frame.depth), 1)
     own = frame.mask[pixels[:, 0], pixels[:, 1]]
-    points, normals, pixels = points[own], normals[own], pixels[own].astype(float)
+    points, normals = points[own], normals[own]
+    row, column = (np.asarray(pixels[own, k], dtype=np.float64) for k in range(2))
     grey = np.full(points.shape, 0.5)
-    return points, normals, grey if frame.rgb is None else bilinear_rgb(frame.rgb, pixels[:, 1], pixels[:, 0])
+    return points, normals, grey if frame.rgb is None else bilinear_rgb(frame.rgb, column, row)

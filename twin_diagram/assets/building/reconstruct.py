@@ -68,11 +68,24 @@ class Tuning:
     nothing_behind: float = 100.0
     """Depth that is taken where a mask says that the object is not and the camera sees nothing [m]."""
 
-    denied: float = 0.3
-    """Share of a view's points that the others look through from which it contradicts them."""
+    denied: float = 0.2
+    """Share of a view's points that the others look through from which it contradicts them: honest ones have 0.05 at
+    most, two of six views that were told each other's poses 0.22 and 0.34."""
 
-    through: float = 0.012
-    """How far behind a point a view must see to look through it [m]: more than poses are off."""
+    through: float = 0.1
+    """How far behind a point a view must see to look through it, as a share of the object's size, …"""
+
+    least_through: float = 0.005
+    """… no less than this [m], which is more than refined poses are off, …"""
+
+    most_through: float = 0.012
+    """… and no more [m], …"""
+
+    through_noise: float = 6.0
+    """… but for noise: no less than so many of its standard deviations."""
+
+    one_side: float = float(np.radians(15.0))
+    """Angle that views must span about the object [rad]: from one side alone, no object is told."""
 
     asked: int = 400
     """Points of each view that are asked about."""
@@ -138,24 +151,25 @@ def reconstruct(
     low, high = points.min(axis=0), points.max(axis=0)
     box = np.stack(np.meshgrid(*np.stack([low - 0.01, high + 0.01], axis=1)), axis=-1).reshape(-1, 3)
     windows = [cropped(frames.read(k), box, TUNING.window) for k in range(len(frames))]
-    views = [_kept_to_mask(view) for view in windows if view is not None]
+    views = [view for view in windows if view is not None]
     if len(views) < TUNING.least_views:
         raise FramesError(f"{where}: only {len(views)} views show the object, at least {TUNING.least_views} are needed")
+    _check_sides(views, (low + high) / 2, where)
     found = align(views, low, high, plane, seed)
     say(f"poses refined: surfaces agree to {found.noise * 1000:.2f} mm")
-    _check_agreement(found.views, low, high, where)
-    surest = [
-        doubted(view, c, found.centre, found.noise) for view, c in zip(found.views, found.covariances, strict=True)
-    ]
+    # Only now, for what surrounds the object tells where the cameras were.
+    views = [_kept_to_mask(view) for view in found.views]
+    _check_agreement(views, low, high, found.noise, where)
+    surest = [doubted(view, c, found.centre, found.noise) for view, c in zip(views, found.covariances, strict=True)]
     fused = fuse(surest, _grid(low, high, TUNING.grid_points, TUNING.voxel), found.noise, found.plane)
     vertices, faces = _one_surface(fused, where)
     vertices = smoothed(vertices, faces, TUNING.smoothing_rounds)
     vertices, faces = decimated(vertices, faces, TUNING.faces)
     check_size(vertices, where)
-    count = views_that_see(found.views, vertices, vertex_normals(vertices, faces))
+    count = views_that_see(views, vertices, vertex_normals(vertices, faces))
     unseen = share_unseen(vertices, faces, count)
     say(f"{len(faces)} triangles, {enclosed_volume(vertices, faces) * 1e6:.1f} cm³, {100 * unseen:.0f} % never seen")
-    return Reconstruction(vertices, faces, count, unseen, found.plane, found.views, found.noise)
+    return Reconstruction(vertices, faces, count, unseen, found.plane, views, found.noise)
 
 
 def share_unseen(vertices: Array, faces: npt.NDArray[np.int64], count: npt.NDArray[np.int64]) -> float:
@@ -215,8 +229,11 @@ def check_size(points: Array, where: str) -> None:
         )
 
 
-def denied(views: Sequence[DepthView], low: Array, high: Array, seed: int = 0) -> Array:
-    """Return the share (n,) of each view's points in a box that more of the other views look through than see."""
+def denied(views: Sequence[DepthView], low: Array, high: Array, through: float, seed: int = 0) -> Array:
+    """Return the share (n,) of each view's points in a box that more of the other views look through than see.
+
+    Those look through a point that see something more than `through` [m] behind it.
+    """
     rng = np.random.default_rng(seed)
     shares = np.zeros(len(views))
     for k, view in enumerate(views):
@@ -228,14 +245,28 @@ def denied(views: Sequence[DepthView], low: Array, high: Array, seed: int = 0) -
             u, v, z = other.camera.project(points)
             row, column, there = nearest_pixels(u, v, other.depth.shape)
             behind = np.where(there & (other.depth[row, column] > 0), other.depth[row, column] - z, np.nan)
-            clear = (behind > TUNING.through) & ~other.near_edge[row, column]
-            balance += clear.astype(float) - (np.abs(behind) < TUNING.through)
+            clear = (behind > through) & ~other.near_edge[row, column]
+            balance += clear.astype(float) - (np.abs(behind) < through)
         shares[k] = (balance > 0).mean() if len(points) else 0.0
     return shares
 
 
-def _check_agreement(views: Sequence[DepthView], low: Array, high: Array, where: str) -> None:
-    shares = denied(views, low, high)
+def _check_sides(views: Sequence[DepthView], middle: Array, where: str) -> None:
+    """Refuse views that all show the object from one side."""
+    away = np.array([view.camera.p_WC - middle for view in views])
+    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    span = float(np.arccos(np.clip((away @ away.T).min(), -1.0, 1.0)))
+    if span < TUNING.one_side:
+        raise FramesError(
+            f"{where}: all {len(views)} views show the object from one side, within {np.degrees(span):.1f}°; "
+            f"{np.degrees(TUNING.one_side):.0f}° at least are needed, views from all around are better"
+        )
+
+
+def _check_agreement(views: Sequence[DepthView], low: Array, high: Array, noise: float, where: str) -> None:
+    size = float((high - low).max())
+    through = float(np.clip(TUNING.through * size, TUNING.least_through, TUNING.most_through))
+    shares = denied(views, low, high, max(through, TUNING.through_noise * noise))
     worst = int(np.argmax(shares))
     if shares[worst] > TUNING.denied:
         raise FramesError(

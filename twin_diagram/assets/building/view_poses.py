@@ -270,8 +270,8 @@ def _stepped(
     blocks = H.reshape(count, 6, count, 6)[np.arange(count), :, np.arange(count)]
     H -= S.T @ (S / weight[:, None])
     g -= S.T @ (off / weight)
-    steps: Array = -np.asarray(np.linalg.solve(H, g), dtype=float).reshape(count, 6)
-    stepped = [moved(view, step, centre) for view, step in zip(views, steps, strict=True)]
+    steps: Array = np.asarray(-np.linalg.solve(H, g).reshape(count, 6), dtype=np.float64)
+    stepped = [moved(view, steps[k], centre) for k, view in enumerate(views)]
     return stepped, twists + steps, np.asarray(np.linalg.inv(blocks))
 
 

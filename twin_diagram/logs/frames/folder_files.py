@@ -26,6 +26,18 @@ def in_folder(folder: Path, name: str) -> Path:
     return path
 
 
+def below(folder: Path, name: str) -> Path:
+    """Return the folder `folder / name`, there or not.
+
+    Raises:
+        FramesError: it is a link that leads out of the folder.
+    """
+    path = folder / name
+    if not path.resolve().is_relative_to(folder.resolve()):
+        raise FramesError(f"{path}: a link that leads out of {folder}")
+    return path
+
+
 def numbered(folder: Path, of_objects: bool = False) -> dict[int, Path]:
     """Return images by frame number, from names such as `000012.png`.
 

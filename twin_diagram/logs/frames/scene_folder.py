@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from twin_diagram.errors import FramesError
 from twin_diagram.logs.frames.extra_camera import ExtraCamera, read_extra
-from twin_diagram.logs.frames.folder_files import in_folder, numbered, read_json
+from twin_diagram.logs.frames.folder_files import below, in_folder, numbered, read_json
 from twin_diagram.logs.frames.view_camera import ViewCamera
 from twin_diagram.signals.arrays import Array
 
@@ -86,9 +86,9 @@ class FrameFolder:
         self._file = in_folder(self.folder, "scene_camera.json")
         self._cameras = _by_number(read_json(self._file), self._file)
         self.numbers = sorted(self._cameras)
-        self._depth = self._files(self.folder / "depth")
-        self._rgb = self._files(self.folder / "rgb") if (self.folder / "rgb").is_dir() else {}
-        own = self.folder / "mask_visib"
+        self._depth = self._files(below(self.folder, "depth"))
+        rgb, own = below(self.folder, "rgb"), below(self.folder, "mask_visib")
+        self._rgb = self._files(rgb) if rgb.is_dir() else {}
         chosen = Path(masks) if masks is not None else own if own.is_dir() else None
         self._masks = {} if chosen is None else self._files(chosen, of_objects=True)
         self.has_masks = chosen is not None

@@ -85,7 +85,7 @@ class Silhouette:
         table[label[row, column]] = np.stack([column + c0, row + r0], axis=1)
         return Silhouette((r0, c0), table[label], away, stride)
 
-    def outside(self, looked: Looked) -> tuple[Array, Array, Array]:
+    def outside(self, looked: Looked) -> tuple[npt.NDArray[np.bool_], Array, Array]:
         """Return which points looked up stick out (B, P), and by how much [px], along the image's axes (B, P) each."""
         (r0, c0), (height, width) = self.corner, self.away.shape
         column = np.rint(looked.u / self.stride).astype(np.int64) - c0
