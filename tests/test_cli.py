@@ -577,6 +577,7 @@ def test_the_program_ends_with_one_line_and_status_two(tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["s.yaml"]
 
 
+@pytest.mark.slow
 def test_another_process_gives_the_same_numbers(recorded: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
     """Whatever order its sets have, however many threads it has, and whether it records or draws."""
     folder, summary = recorded

@@ -30,6 +30,12 @@ OBJECTS = ("cracker_box", "mug", "bottle", "can")
 """Of `models/objects`; a path of a glTF file may be given, too."""
 
 
+FAR_OFF = 0.004
+"""Distance from which a point of what was built is none of the object's, or one of the object's is lost [m]."""
+TABLE_AT = 0.008
+"""Height below which the former is what is left of the table [m]."""
+
+
 class Surface:
     """Triangles that are asked for nearest points and shadows."""
 
@@ -86,24 +92,42 @@ def laid_on(points: Array, true: Surface, about: Array, rounds: int = 40) -> tup
     return R, t
 
 
+def capped(faces: Array) -> Array:
+    """Return faces (F, 3) with a fan over each hole: a part that ends within another one is often open there."""
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    both = {(int(a), int(b)) for a, b in edges}
+    onward = {b: a for a, b in both if (b, a) not in both}
+    fans = []
+    while onward:
+        first, at = next(iter(onward.items()))
+        loop = [first]
+        while at != first and at in onward:
+            loop.append(at)
+            at = onward.pop(at)
+        onward.pop(first)
+        fans += [[loop[0], loop[k], loop[k + 1]] for k in range(1, len(loop) - 1)]
+    return np.concatenate([faces, np.array(fans, dtype=faces.dtype).reshape(-1, 3)])
+
+
 def true_volume(item: TrueObject, step: float = 0.0006) -> float:
-    """Return what an object's outlines hold [m³], by counting crossings upwards; parts that overlap count once."""
+    """Return what an object's outlines hold [m³], by counting crossings; parts that overlap count once."""
+    _, first, place = np.unique(np.round(item.vertices, 6), axis=0, return_index=True, return_inverse=True)
     o3d = import_open3d()
     inside = None
     low, high = item.vertices.min(axis=0), item.vertices.max(axis=0)
     grid = np.stack(np.meshgrid(*(np.arange(a + step / 2, b, step) for a, b in zip(low, high, strict=True))), axis=-1)
     for part in item.parts():
         scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-        scene.add_triangles(
-            o3d.core.Tensor(item.vertices.astype(np.float32)), o3d.core.Tensor(item.faces[part].astype(np.uint32))
-        )
-        own = scene.compute_occupancy(o3d.core.Tensor(grid.reshape(-1, 3).astype(np.float32)), nsamples=3).numpy() > 0
-        inside = own if inside is None else inside | own
+        own = first[place.reshape(-1)][item.faces[part]]  # places, whatever the texture's seams
+        faces = capped(own[(own != np.roll(own, 1, axis=1)).all(axis=1)])
+        scene.add_triangles(o3d.core.Tensor(item.vertices.astype(np.float32)), o3d.core.Tensor(faces.astype(np.uint32)))
+        full = scene.compute_occupancy(o3d.core.Tensor(grid.reshape(-1, 3).astype(np.float32)), nsamples=3).numpy() > 0
+        inside = full if inside is None else inside | full
     return float(np.count_nonzero(inside)) * step**3
 
 
 def score(item: TrueObject, shots: list[Picture], vertices: Array, faces: Array) -> dict[str, float]:
-    """Return distances both ways [mm] on what is seen, and the volume's error [%]."""
+    """Return distances both ways [mm] on what is seen, what is left of the table, lost of the object, and volume [%]."""
     true = Surface(item.vertices, item.faces)
     points, normals = spread(item.vertices, item.faces, 20000, 0)
     seen = true.shows(shots, points, normals) >= 2
@@ -114,6 +138,8 @@ def score(item: TrueObject, shots: list[Picture], vertices: Array, faces: Array)
     there = np.linalg.norm(Surface(vertices, faces).nearest(points[seen])[0] - points[seen], axis=1) * 1000
     back = np.linalg.norm(true.nearest(built)[0] - built, axis=1) * 1000
     back = back[seen[cKDTree(points).query(built)[1]]]
+    off = np.linalg.norm(true.nearest(built)[0] - built, axis=1)
+    low = built[:, 2] < item.vertices[:, 2].min() + TABLE_AT
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     volume = np.einsum("fi,fi->", a, np.cross(b, c)) / 6
     return {
@@ -121,6 +147,8 @@ def score(item: TrueObject, shots: list[Picture], vertices: Array, faces: Array)
         "p95": float(np.quantile(there, 0.95)),
         "to truth": back.mean(),
         "p95 back": float(np.quantile(back, 0.95)),
+        "table left %": 100 * float((low & (off > FAR_OFF)).mean()),
+        "lost %": 100 * float((there > 1000 * FAR_OFF).mean()),
         "volume %": 100 * (volume / true_volume(item) - 1),
     }
 

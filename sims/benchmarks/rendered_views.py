@@ -68,6 +68,10 @@ def load(path: Path) -> TrueObject:
     return TrueObject(name, v, f.astype(np.int64), uv, texture)
 
 
+OTHERS = (30, 170, 50)
+"""Colour of what stands beside: green, as SyncTwin's cube."""
+
+
 def orbit(count: int, look_at: Array, distance: float = 0.6, seed: int = 0) -> list[ViewCamera]:
     """Return `count` cameras, 640×480, on a spiral about an object, from 10° to 82° above its middle."""
     rng = np.random.default_rng([seed, 1])
@@ -115,7 +119,7 @@ class Studio:
         rgb = np.full((*depth.shape, 3), 40, np.uint8)
         checks = ((np.floor(points[..., 0] / 0.05) + np.floor(points[..., 1] / 0.05)) % 2)[..., None]
         rgb[which == 1] = (150 + 40 * checks[which == 1]).astype(np.uint8)
-        rgb[which > 1] = (90, 120, 160)
+        rgb[which > 1] = OTHERS
         face = self._item.faces[hit["primitive_ids"].numpy()[mask].astype(int)]
         a, b = hit["primitive_uvs"].numpy()[mask].T.astype(float)
         share = np.stack([1 - a - b, a, b], axis=1)[:, :, None]
@@ -171,9 +175,10 @@ def pictures(
     off: tuple[float, float] = (0.002, np.radians(0.2)),
     seed: int = 0,
     distance: float = 0.6,
+    others: list[TrueObject] | None = None,
 ) -> list[Picture]:
-    """Return pictures whose told poses are off by `off` (RMS length [m], RMS angle [rad])."""
-    studio = Studio(item)
+    """Return pictures whose told poses are off by `off` (RMS length [m], RMS angle [rad]); `others` stand beside."""
+    studio = Studio(item, others)
     rng = np.random.default_rng([seed, 3])
     fixed = waves((480, 640), seed)
     made = []
@@ -184,6 +189,43 @@ def pictures(
         told = camera.moved(camera.R_WC @ turn, camera.p_WC + rng.standard_normal(3) * off[0] / np.sqrt(3))
         made.append(Picture(told, camera, worsened(depth, cosine, coefficient, fixed, rng), rgb, mask))
     return made
+
+
+def cube(edge: float, at: tuple[float, float]) -> TrueObject:
+    """Return a green cube that stands at a place on the table."""
+    mesh = trimesh.creation.box([edge, edge, edge])
+    vertices = np.asarray(mesh.vertices) + [*at, edge / 2]
+    return TrueObject(
+        "cube", vertices, np.asarray(mesh.faces), np.zeros((len(vertices), 2)), np.zeros((1, 1, 3), np.uint8)
+    )
+
+
+def write_predictions(file: Path, shots: list[Picture], unit: float, seed: int = 0, step: int = 2) -> Path:
+    """Write pictures as a network's `predictions.npz` would be: every `step`-th pixel, in a unit of its own [m].
+
+    Told poses stand for predicted ones, and each view's depth is off by a share that differs from view to view (0.3 %)
+    and by waves over the picture (0.2 %), as networks are. Where there is no depth, nothing is sure.
+    """
+    rng = np.random.default_rng([seed, 9])
+    points, sure, extrinsic, intrinsic, images = [], [], [], [], []
+    for shot in shots:
+        depth = shot.depth.astype(float)
+        depth *= 1 + 0.003 * rng.standard_normal() + 0.002 * _correlated((depth.shape[0], depth.shape[1]), 40.0, rng)
+        c = shot.told
+        points.append(((c.rays() * depth[..., None] @ c.R_WC.T + c.p_WC) / unit)[::step, ::step].astype(np.float32))
+        sure.append(np.where(shot.depth > 0, 5.0, 1.0)[::step, ::step].astype(np.float32))
+        extrinsic.append(np.hstack([c.R_WC.T, -c.R_WC.T @ c.p_WC[:, None] / unit]))
+        intrinsic.append([[c.fx / step, 0, c.cx / step], [0, c.fy / step, c.cy / step], [0, 0, 1]])
+        images.append(np.moveaxis(shot.rgb[::step, ::step], -1, 0))
+    np.savez(
+        file,
+        world_points=np.stack(points),
+        world_points_conf=np.stack(sure),
+        extrinsic=np.array(extrinsic),
+        intrinsic=np.array(intrinsic),
+        images=np.stack(images),
+    )
+    return file
 
 
 def write_scene(folder: Path, shots: list[Picture], with_masks: bool = True, depth_scale: float = 0.1) -> Path:

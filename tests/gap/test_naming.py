@@ -53,7 +53,9 @@ def test_nothing_is_found_where_nothing_is() -> None:
     ("spec", "tolerance"),
     [
         (EffectSpec("viscous_friction", ["elbow_joint"], [], {"damping": [8.0]}), 0.1),
-        (EffectSpec("coulomb_friction", ["shoulder_lift_joint"], [], {"torque": [7.0]}), 0.1),
+        pytest.param(
+            EffectSpec("coulomb_friction", ["shoulder_lift_joint"], [], {"torque": [7.0]}), 0.1, marks=pytest.mark.slow
+        ),
         pytest.param(
             EffectSpec("reflected_inertia", ["wrist_1_joint"], [], {"inertia": [0.6]}), 0.1, marks=pytest.mark.slow
         ),

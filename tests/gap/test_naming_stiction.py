@@ -68,6 +68,7 @@ def log_of(
     [(1.8, 0.04, "stribeck_friction"), (1.8, 0.02, "stribeck_friction"), (1.0, 0.04, "coulomb_friction")],
     ids=["hardly a dip", "no dip to be seen", "holds no more"],
 )
+@pytest.mark.slow
 def test_what_holds_a_joint_counts_where_the_dip_tells_next_to_nothing(
     tmp_path: Path, static: float, slow: float, law: str
 ) -> None:

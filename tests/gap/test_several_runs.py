@@ -88,6 +88,7 @@ def test_times_in_other_runs_are_said_in_the_effect() -> None:
 
 
 @pytest.mark.parametrize("moment", [0.0, 3.0])
+@pytest.mark.slow
 def test_a_held_out_run_may_have_an_onset_of_its_own(
     model: Model, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moment: float
 ) -> None:
@@ -164,6 +165,7 @@ def test_one_name_may_start_at_other_times_on_other_joints(model: Model) -> None
 
 
 @pytest.mark.parametrize("every", [2, 3])
+@pytest.mark.slow
 def test_runs_may_differ_in_their_rates(model: Model, every: int) -> None:
     """Also by so little that rollouts of the same length look at one sample more."""
     a, b = (bench.run(model, [bench.dry()], seed=seed) for seed in (0, 1))

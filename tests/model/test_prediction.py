@@ -154,7 +154,7 @@ def sliding_joint(level: float, inertia: float, *, damping: float = 0.0) -> Mode
     return Model.load(ArmModel(model="arms/panda.urdf", tool_frame="", effects=effects))
 
 
-@pytest.mark.parametrize("period", [0.001, 0.004, 0.02])
+@pytest.mark.parametrize("period", [pytest.param(0.001, marks=pytest.mark.slow), 0.004, 0.02])
 def test_dry_friction_stops_and_holds(period: float) -> None:
     """A joint sent off at v0 stops after v0² I / 2F, and stays there under any torque below the level."""
     level, inertia, v0 = 6.0, 3.0, 0.8

@@ -60,7 +60,7 @@ def tracks_with(mover: np.ndarray | None) -> np.ndarray:
 @pytest.mark.parametrize(
     ("kind", "seed"),
     [
-        ("cross", 3),
+        pytest.param("cross", 3, marks=pytest.mark.slow),
         ("attack", 3),
         pytest.param("demo", 2, marks=pytest.mark.slow),
         pytest.param("near", 5, marks=pytest.mark.slow),

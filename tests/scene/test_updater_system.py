@@ -52,8 +52,8 @@ class Run:
 
     @property
     def filters(self) -> Array:
-        state = np.array(self.context.get_discrete_state_vector().value())
-        return state.reshape(2, object_filter.FILTER_SIZE)
+        state = np.array(self.context.get_discrete_state(0).value())
+        return state.reshape(-1, object_filter.FILTER_SIZE)[:2]
 
 
 @pytest.fixture

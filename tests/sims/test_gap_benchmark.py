@@ -383,7 +383,16 @@ def test_separation_counts_noise_units() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["viscous_friction", "payload", "gravity_tilt", "torque_constant", "torque_bias", "inertial_parameters"]
+    "name",
+    [
+        "viscous_friction",
+        "payload",
+        "torque_constant",
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("gravity_tilt", "torque_bias", "inertial_parameters")
+        ),
+    ],
 )
 def test_own_columns_hold_the_signature(name: str) -> None:
     """The truth explains itself to a small part of what there is to explain."""

@@ -159,18 +159,18 @@ def test_two_contexts_in_turn_give_what_one_gives_alone(alone: Run) -> None:
     def between(context: Context) -> None:
         time = context.get_time()
         for step in (time + 0.004, time + 0.011):
-            for look in LOOKS:
+            for look in LOOKS[:2]:
                 if other.get_context().get_time() < look <= step:
                     other.AdvanceTo(look)
                     looker(other.get_context())
-            if step < DURATION:
+            if step <= LOOKS[1]:
                 other.AdvanceTo(step)
 
     again = trial(loop, between)
     assert without_timing(again.summary) == without_timing(alone.summary)
     assert not same(again.looks, alone.looks)
-    assert len(looker.looks) == len(LOOKS)
-    assert not same(looker.looks, alone.looks)
+    assert len(looker.looks) == 2
+    assert not same(looker.looks, alone.looks[:2])
 
 
 def test_a_second_diagram_gives_the_same_numbers(alone: Run) -> None:

@@ -146,6 +146,7 @@ def test_the_wrist_helps_to_weigh(live: tuple[ClosedLoop, Simulator]) -> None:
 # Recorded, and absent.
 
 
+@pytest.mark.slow
 def test_a_recording_plays_them_to_the_bit_whatever_the_world_says(tmp_path: Path) -> None:
     folder, log = tmp_path / "recording", tmp_path / "log.csv"
     scenario = plan(0.8)

@@ -62,6 +62,7 @@ def drive(duration: float) -> float:
     return smallest
 
 
+@pytest.mark.slow
 def test_covariance_stays_positive_for_twenty_seconds():
     assert drive(20.0) > 0.0
 

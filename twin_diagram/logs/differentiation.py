@@ -7,8 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import make_interp_spline
-from scipy.signal import butter, sosfilt, sosfilt_zi
+import scipy
 
 from twin_diagram.logs import Log, uniform
 from twin_diagram.signals.arrays import Array
@@ -61,15 +60,15 @@ def lowpass(signal: Array, rate: float, cutoff: float = TUNING.residual_cutoff) 
     sections, settled = _design(float(cutoff), float(rate))
     settled = settled.reshape(settled.shape + (1,) * (extended.ndim - 1))
     for _ in range(2):  # forward, then backward
-        extended = sosfilt(sections, extended, axis=0, zi=settled * extended[:1])[0][::-1]
+        extended = scipy.signal.sosfilt(sections, extended, axis=0, zi=settled * extended[:1])[0][::-1]
     return extended[padding:-padding] if padding > 0 else extended
 
 
 @lru_cache(maxsize=64)
 def _design(cutoff: float, rate: float) -> tuple[Array, Array]:
     """Return second-order sections (2, 6) and their state (2, 2) when settled at 1; `gap` asks thousands of times."""
-    sections = butter(4, cutoff, fs=rate, output="sos")
-    return sections, sosfilt_zi(sections)
+    sections = scipy.signal.butter(4, cutoff, fs=rate, output="sos")
+    return sections, scipy.signal.sosfilt_zi(sections)
 
 
 def _turned_about_its_ends(signal: Array, count: int) -> Array:
@@ -100,7 +99,7 @@ def smooth(signal: Array, rate: float, cutoff: float = TUNING.motion_cutoff) -> 
 def differentiate(signal: Array, time: Array, order: int) -> Array:
     """Return the derivative (N, …) of a smooth signal, by a quintic spline through its samples."""
     degree = min(5, len(time) - 1)
-    derivative: Array = make_interp_spline(time, signal, k=degree).derivative(order)(time)
+    derivative: Array = scipy.interpolate.make_interp_spline(time, signal, k=degree).derivative(order)(time)
     return derivative
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+import scipy
 
 from twin_diagram.errors import LogError
 from twin_diagram.logs.fingerprint import fingerprint
@@ -37,7 +37,7 @@ def resample(log: Log, times: Array) -> Log:
         if values is None:
             continue
         degree = 3 if attribute == "position" and len(log) > 3 else 1
-        signals[attribute] = make_interp_spline(log.time, values, k=degree)(times)
+        signals[attribute] = scipy.interpolate.make_interp_spline(log.time, values, k=degree)(times)
     return Log(time=times, joints=log.joints, source=log.source, identity=fingerprint(log), **signals)
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final, cast
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, InputPort
 
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
@@ -23,6 +23,7 @@ from twin_diagram.planning.mpc.quadratic_program import QpSolver
 from twin_diagram.runtime.timing import timed
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, POSE_SIZE, TRACK_SIZE
+from twin_diagram.signals.things import FURTHER_TRACK_SIZE, THING_SIZE
 
 PAYLOAD: Final = ("payload.mass", "payload.moment_x", "payload.moment_y", "payload.moment_z")
 """Names of the parameters of a payload: mass [kg] and first moment [kg·m] in the last link's frame."""
@@ -51,6 +52,8 @@ class Mpc(ModelUser[Model]):
         - parameters
         - goal
         - measurement_time (optional)
+        - further_tracks (optional)
+        - things (optional)
         output_ports:
         - position_commanded
         - torque_commanded
@@ -62,6 +65,8 @@ class Mpc(ModelUser[Model]):
         tracks: (K · TRACK_SIZE) a `layouts.Track` per library object, in the library's order.
         parameters: (p) what the filter learned; those named `PAYLOAD` are used.
         goal: (7) X_WG of the tool frame as (qw, qx, qy, qz, px, py, pz); an all-zero quaternion: stay.
+        further_tracks: (F · FURTHER_TRACK_SIZE) of further instances of the objects; see `signals.things`.
+        things: (T · THING_SIZE) unknown things, to be kept clear of as the objects are.
         measurement_time: (1) time of the arm's newest message [s]; until it is >= 0 nothing is planned. Not connected:
             `arm_state` is trusted from the start.
         position_commanded: (n) [rad]; the plan now, twice continuously differentiable in time. Before the first plan:
@@ -123,6 +128,9 @@ class Mpc(ModelUser[Model]):
         self._parameters_in = self.DeclareVectorInputPort("parameters", parameters)
         self._goal_in = self.DeclareVectorInputPort("goal", POSE_SIZE)
         self._time_in = self.DeclareVectorInputPort("measurement_time", 1)
+        further = twin.slots.further(objects)
+        self._further_in = self.DeclareVectorInputPort("further_tracks", FURTHER_TRACK_SIZE * further)
+        self._things_in = self.DeclareVectorInputPort("things", THING_SIZE * twin.slots.unknown)
 
         home = np.array(twin.home, dtype=float) if twin.home else np.zeros(n)
         self._state = self.DeclareDiscreteState(self.planner.initial(home).pack())
@@ -172,9 +180,13 @@ class Mpc(ModelUser[Model]):
             np.array(self._arm_in.Eval(context)),
             np.array(self._tracks_in.Eval(context)),
             goal,
+            *(np.array(port.Eval(context)) if port.HasValue(context) else None for port in self._beside()),
         )
         discrete.set_value(int(self._state), memory.pack())
         return EventStatus.Succeeded()
+
+    def _beside(self) -> tuple[InputPort, InputPort]:
+        return self._further_in, self._things_in
 
     def _latch(self, context: Context, discrete: DiscreteValues) -> EventStatus:
         """Hold the arm where it is from the first message on, before there is a plan."""

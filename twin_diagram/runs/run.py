@@ -17,10 +17,13 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from twin_diagram import scenario as schema
+from twin_diagram import visualization
 from twin_diagram.errors import TwinError
 from twin_diagram.estimation.filter.parameter_status import standings
 from twin_diagram.logs import read_log
+from twin_diagram.runs.camera_score import camera_told
 from twin_diagram.runs.health_watch import HealthWatch
+from twin_diagram.runs.object_watch import ObjectWatch
 from twin_diagram.runs.outputs import Keeping, Looking, Mending, Say, check_places
 from twin_diagram.runs.run_folder import RunFolder
 from twin_diagram.runs.score import alarms, summarize, table
@@ -37,8 +40,6 @@ from twin_diagram.station.replay.reading import recorded_until
 from twin_diagram.station.replay.recording_folder import SCENARIO_FILE, place_of
 from twin_diagram.twin.closed_loop import ClosedLoop, make_closed_loop
 from twin_diagram.twin.twin import TwinDiagram
-from twin_diagram.visualization.diagram_svg.svg import write_diagram_svg
-from twin_diagram.visualization.plots import write_plots
 
 
 @dataclass(frozen=True)
@@ -103,7 +104,7 @@ def run_scenario(
         simulator.Initialize()
         leave.clear()
         healer = stack.enter_context(mend.healer(loop.twin))
-        stop, trial, summary = _simulate(loop, simulator, Progress(scenario.duration, quiet), healer.poll, say)
+        stop, trial, summary = _simulate(loop, simulator, Progress(scenario.duration, quiet), healer.poll, leave, say)
         if stop is not None:
             keep.cut(simulator.get_context().get_time())
     if out is not None:
@@ -150,7 +151,12 @@ def _one_image_thread() -> Iterator[None]:
 
 
 def _simulate(
-    loop: ClosedLoop, simulator: Simulator, progress: Progress, between: Callable[[Context], None], say: Say
+    loop: ClosedLoop,
+    simulator: Simulator,
+    progress: Progress,
+    between: Callable[[Context], None],
+    leave: RunFolder,
+    say: Say,
 ) -> tuple[KeyboardInterrupt | None, Trial | None, dict[str, Any]]:
     """Run to the end and say how it went; only a run of the simulated station can be scored, and is a trial.
 
@@ -158,21 +164,26 @@ def _simulate(
         What ended it before its time, the trial, the summary.
     """
     duration, health = loop.scenario.duration, HealthWatch(loop.twin, say)
+    objects = ObjectWatch(loop.twin, leave.event)
 
     def each(context: Context) -> None:
         between(context)
         health.poll(context)
+        objects.poll(context)
+
+    def told() -> dict[str, Any]:
+        context = simulator.get_context()
+        besides = {"things": objects.told(context), "health": health.told(context)}
+        return camera_told(loop, context) | besides
 
     if loop.scenario.station == "sim":
         trial = run_trial(loop, simulator, duration, progress, each)
-        told = {"health": health.told(simulator.get_context())}
-        summary = summary_of(loop, trial, trial.timing()) | told | _stopped(trial.stop)
+        summary = summary_of(loop, trial, trial.timing()) | told() | _stopped(trial.stop)
         progress.done()
         say(table(summary))
         return trial.stop, trial, summary
     stop = _advance(simulator, duration, progress, each)
-    told = {"health": health.told(simulator.get_context())}
-    summary = beliefs(loop, simulator.get_context()) | told | _stopped(stop)
+    summary = beliefs(loop, simulator.get_context()) | told() | _stopped(stop)
     progress.done()
     say(json.dumps(summary, indent=2))
     return stop, None, summary
@@ -337,6 +348,6 @@ def _write(
         return
     leave.note("replay.html", "diagram.svg")
     look.scenes.write_replay(out / "replay.html")
-    write_diagram_svg(loop.diagram, out / "diagram.svg")
+    visualization.write_diagram_svg(loop.diagram, out / "diagram.svg")
     if trial is not None:
-        leave.note(*(path.name for path in write_plots(trial.record, summary, out)))
+        leave.note(*(path.name for path in visualization.write_plots(trial.record, summary, out)))

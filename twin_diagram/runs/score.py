@@ -257,6 +257,13 @@ def table(summary: Mapping[str, Any]) -> str:
     )
     alarms = ", ".join(f"{a['kind']} at {a['time']:.2f} s" for a in summary["alarms"])
     lines.append(f"alarms     {alarms or 'none'}")
+    if "calibration" in summary:
+        found = summary["calibration"]
+        before, after = (found.get("error", found["claimed"])[when]["shown_aside_mm"] for when in ("before", "after"))
+        lines.append(f"camera     shows the table {before:.1f} mm aside as told, {after:.1f} mm as corrected")
+    if summary.get("things"):
+        names = ", ".join(f"{name} ({entry['status']})" for name, entry in summary["things"].items())
+        lines.append(f"besides    {names}")
     if "health" in summary:
         lacking = ", ".join(f"{each['reason']} ({each['what']})" for each in summary["health"])
         lines.append(f"health     {lacking or 'nothing is lacking'}")

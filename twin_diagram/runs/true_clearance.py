@@ -63,6 +63,9 @@ class TrueClearance:
         for i in range(results.num_point_pair_contacts()):
             info = results.point_pair_contact_info(i)
             contacts += (int(info.bodyA_index()) in self._arm_bodies) != (int(info.bodyB_index()) in self._arm_bodies)
+        for i in range(results.num_hydroelastic_contacts()):
+            surface = results.hydroelastic_contact_info(i).contact_surface()
+            contacts += (surface.id_M() in self._arm) != (surface.id_N() in self._arm)
         return nearest, contacts
 
 

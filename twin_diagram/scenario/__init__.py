@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from twin_diagram.scenario.estimation import Drift, Filter, Healing, SensorSpec
     from twin_diagram.scenario.file import load_scenario, override_scenario, save_scenario
     from twin_diagram.scenario.models import ArmModel, EffectSpec, Fixture, Pose
-    from twin_diagram.scenario.perception import Perception, Registration, SceneUpdater
+    from twin_diagram.scenario.perception import Perception, Registration, SceneUpdater, Slots
     from twin_diagram.scenario.planning import Planner, Task
     from twin_diagram.scenario.resources import models_dir, resolve
     from twin_diagram.scenario.scenario import Scenario
@@ -51,6 +51,7 @@ __all__ = [
     "SceneUpdater",
     "SensorDefects",
     "SensorSpec",
+    "Slots",
     "Task",
     "Twin",
     "WayPoint",

@@ -48,6 +48,23 @@ class Registration:
 
 @document
 @dataclass
+class Slots:
+    """How many things the twin holds at a time; slots are filled, shaped and freed while it runs."""
+
+    instances: int = 16
+    """Objects of the library, alikes counted each; never fewer than the library has objects."""
+    unknown: int = 16
+    """Things that no library knows, each of up to eight convex pieces; 0: what is unknown is ignored."""
+    forget_after: float = 10.0
+    """An object whose place has been seen empty for so long is removed; until then it is looked for [s]."""
+
+    def further(self, objects: int) -> int:
+        """Return how many slots there are for further instances, beside the first of each of so many objects."""
+        return max(self.instances - objects, 0) if objects else 0
+
+
+@document
+@dataclass
 class SceneUpdater:
     """Tuning of the scene-graph updater."""
 

@@ -7,7 +7,7 @@ from twin_diagram.scenario.camera import Camera
 from twin_diagram.scenario.estimation import Drift, Filter, Healing
 from twin_diagram.scenario.field_table import document
 from twin_diagram.scenario.models import ArmModel, Fixture
-from twin_diagram.scenario.perception import Perception, Registration, SceneUpdater
+from twin_diagram.scenario.perception import Perception, Registration, SceneUpdater, Slots
 from twin_diagram.scenario.planning import Planner, Task
 from twin_diagram.scenario.sensors import Driver, Lidar, LinkSensor
 
@@ -39,6 +39,8 @@ class Twin:
     """How images become clouds."""
     registration: Registration = field(default_factory=Registration)
     """How clouds become poses."""
+    slots: Slots = field(default_factory=Slots)
+    """How many instances and unknown things it holds at a time."""
     filter: Filter = field(default_factory=Filter)
     """Tuning of the adaptive EKF."""
     drift: Drift = field(default_factory=Drift)

@@ -25,6 +25,7 @@ from twin_diagram.scenario import (
     Pose,
     Registration,
     SceneUpdater,
+    Slots,
     Task,
     Twin,
 )
@@ -77,6 +78,7 @@ NOT_NEGATIVE: dict[type, tuple[str, ...]] = {
         "rest_speed",
         "rest_spin",
     ),
+    Slots: ("instances", "unknown", "forget_after"),
     Task: ("start",),
 }
 """Fields that may be zero, but not below."""

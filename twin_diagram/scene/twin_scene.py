@@ -20,6 +20,7 @@ from twin_diagram.errors import AssetError, ModelError
 from twin_diagram.model.description import add_arm as description
 from twin_diagram.scenario import poses as scenario_poses
 from twin_diagram.scenario import resources
+from twin_diagram.scene.slot_geometry import Shapes, SlotFrames, SlotPoses, add_slot_frames, library_shapes
 from twin_diagram.signals.arrays import Array
 
 
@@ -47,9 +48,13 @@ class TwinScene:
         arm_position_index: (n,) of the arm's joints in the plant's positions.
         gripper_position_index: (g,) of the finger joints.
         object_position_index: (K, 7) of the objects' (qw, qx, qy, qz, px, py, pz).
+        radii: (K,) of balls about the objects' origins that hold them [m].
+        slots: frames for further instances and unknown things.
         symmetry_axes_O: (K, 3) axis of symmetry in O, zeros where there is none.
         default_positions: (nq,) fingers as described, arm at home, objects parked out of sight.
         positions_input: (nq) positions of `plant`; connect `SceneGraphUpdater`'s `positions`.
+        further_input: (F · FURTHER_TRACK_SIZE) further instances; connect `SceneGraphUpdater`'s `further_tracks`, or
+            leave it open where there are none.
         query_output: the scene graph's `query` port.
     """
 
@@ -61,9 +66,17 @@ class TwinScene:
     gripper_position_index: np.ndarray
     object_position_index: np.ndarray
     symmetry_axes_O: Array
+    radii: Array
+    slots: SlotFrames
     default_positions: Array
     positions_input: InputPort
+    further_input: InputPort
     query_output: OutputPort
+
+    def shapes_of(self, asset: int) -> Shapes:
+        """Return the shapes of one of the library's objects, by its number, for another instance of it."""
+        body = self.plant.GetBodyByName("object", self.plant.GetModelInstanceByName(self.object_names[asset]))
+        return library_shapes(self.scene_graph, self.plant.GetBodyFrameIdOrThrow(body.index()))
 
 
 def add_twin_scene(
@@ -100,6 +113,9 @@ def add_twin_scene(
         default[arm_index] = twin.home
     default[objects] = parked_poses(len(names))
 
+    slots = add_slot_frames(scene_graph, twin.slots.further(len(names)), twin.slots.unknown)
+    slot_poses = builder.AddNamedSystem("twin_slots_to_poses", SlotPoses(slots))
+    builder.Connect(slot_poses.get_output_port(), scene_graph.get_source_pose_port(slots.source))
     to_poses = builder.AddNamedSystem("twin_positions_to_poses", MultibodyPositionToGeometryPose(plant))
     builder.Connect(to_poses.get_output_port(), scene_graph.get_source_pose_port(source))
     return TwinScene(
@@ -111,8 +127,11 @@ def add_twin_scene(
         gripper_position_index=gripper,
         object_position_index=objects,
         symmetry_axes_O=np.array([[0.0, 0.0, float(s.symmetric_axis == "z")] for s in specs]).reshape(-1, 3),
+        radii=np.array([0.5 * float(np.linalg.norm(s.size)) for s in specs]),
+        slots=slots,
         default_positions=default,
         positions_input=to_poses.get_input_port(),
+        further_input=slot_poses.get_input_port(),
         query_output=scene_graph.get_query_output_port(),
     )
 

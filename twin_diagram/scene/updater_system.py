@@ -5,19 +5,26 @@ from __future__ import annotations
 from typing import Any, Final, cast
 
 import numpy as np
-import numpy.typing as npt
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from twin_diagram import scenario
 from twin_diagram.runtime import timing
 from twin_diagram.scenario.lenses import calibration_error, colour_lens
 from twin_diagram.scenario.poses import pose
-from twin_diagram.scene import object_filter, object_update
+from twin_diagram.scene import object_events, object_filter, object_life, object_update
 from twin_diagram.scene.object_filter import FilterLayout
+from twin_diagram.scene.object_life import LifeLayout
 from twin_diagram.scene.twin_scene import TwinScene, parked_poses
 from twin_diagram.signals.arrays import Array
-from twin_diagram.signals.calibration_error import CalibrationError, shared_covariances
+from twin_diagram.signals.calibration_error import (
+    CALIBRATION_SIZE,
+    SIZE,
+    CalibrationError,
+    pose_shifts,
+    shared_covariances,
+)
 from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER, TRACK_SIZE, ObjectStatus, PoseMeasurement
+from twin_diagram.signals.things import FURTHER_MEASUREMENT_SIZE, FURTHER_TRACK_SIZE, OWNER_SIZE, THING_SIZE
 
 
 class SceneGraphUpdater(LeafSystem):
@@ -31,9 +38,14 @@ class SceneGraphUpdater(LeafSystem):
         - arm_state
         - image_time
         - gripper_state (optional)
+        - further_poses (optional)
+        - things (optional)
+        - calibration (optional)
         output_ports:
         - positions
         - tracks
+        - further_tracks
+        - object_events
 
     Ports:
         object_poses: (K · MEASUREMENT_SIZE) a `layouts.PoseMeasurement` per library object, in the library's order.
@@ -41,22 +53,38 @@ class SceneGraphUpdater(LeafSystem):
         image_time: (1) capture time of the newest image [s], `NEVER` before the first. Measurements are not used before
             the first image.
         gripper_state: (2g) finger positions [m] and speeds; the fingers stay as described where it is not connected.
-        positions: (nq) of `TwinScene.plant` at the present time; objects not yet seen wait out of sight.
+        further_poses: (F · FURTHER_MEASUREMENT_SIZE) of further instances of the objects; see `signals.things`.
+        things: (T · THING_SIZE) of unknown things: for the events alone.
+        calibration: (10 + 100) errors of the camera's calibration that are taken out of what it shows, and their
+            covariance; see `signals.calibration_error`. Not connected: none are, and what is told of them counts.
+        positions: (nq) of `TwinScene.plant` at the present time; objects not yet seen, and those that are gone, wait
+            out of sight.
         tracks: (K · TRACK_SIZE) a `layouts.Track` per library object, at the present time.
+        further_tracks: (F · FURTHER_TRACK_SIZE) the same of further instances, with whose they are.
+        object_events: (RING · EVENT_FIELDS) the newest events, oldest first; see `scene.object_events`. Rows count the
+            library's objects, then further instances, then unknown things.
 
     Rate: measurements are taken in at `scene.rate` [1/s]. Latency: a measurement waits for the next tick and counts for
     its capture time; what comes out is predicted to the moment at which it is asked for.
 
-    State: one filter per object (see `scene.object_update`), in a discrete vector.
+    State: per object and further instance a filter (see `scene.object_update`) and a life (`scene.object_life`), in
+    discrete vectors; then what was last seen of each row, and the events.
     """
 
-    def __init__(self, scene: TwinScene, params: scenario.SceneUpdater, camera: scenario.Camera | None = None) -> None:
+    def __init__(
+        self,
+        scene: TwinScene,
+        params: scenario.SceneUpdater,
+        camera: scenario.Camera | None = None,
+        forget_after: float = scenario.Slots().forget_after,
+    ) -> None:
         """Size the ports for a scene.
 
         Args:
             scene: says which position belongs to what.
             params: tuning.
             camera: that sees the objects; None, or one with an exact calibration, adds nothing to covariances.
+            forget_after: an object whose place has been empty for so long is removed [s].
         """
         super().__init__()
         self.set_name("scene_graph_updater")
@@ -64,64 +92,196 @@ class SceneGraphUpdater(LeafSystem):
         self._scene: Final = scene
         self._camera: Final = camera
         self._doubt: Final = calibration_error(camera) if camera is not None else CalibrationError()
-        self._symmetric: Final[npt.NDArray[np.bool_]] = scene.symmetry_axes_O[:, 2] != 0
         self._count: Final = len(scene.object_names)
-        self._parked: Final = parked_poses(self._count)
+        self._further: Final = len(scene.slots.further)
+        self._things: Final = len(scene.slots.things)
+        self._parked: Final = parked_poses(self._count + self._further)
+        self._forget_after: Final = forget_after
+        plant = scene.plant
+        self._arm_velocity_index: Final = np.array(
+            [plant.get_joint(index).velocity_start() for index in scene.arm.joint_indices], dtype=int
+        )
+        self._kinematics: Final = scene.plant.CreateDefaultContext()
+        """Overwritten before each use."""
+        self._declare(params)
 
+    def _declare(self, params: scenario.SceneUpdater) -> None:
+        """Declare ports, state and the tick."""
+        scene = self._scene
         n, g = len(scene.arm_position_index), len(scene.gripper_position_index)
         self._poses_in = self.DeclareVectorInputPort("object_poses", self._count * MEASUREMENT_SIZE)
         self._arm_in = self.DeclareVectorInputPort("arm_state", 2 * n)
         self._image_time_in = self.DeclareVectorInputPort("image_time", 1)
         self._gripper_in = self.DeclareVectorInputPort("gripper_state", 2 * g)
-        self._filters = self.DeclareDiscreteState(cast(Any, object_filter.initial_filters(self._count).ravel()))
+        self._further_in = self.DeclareVectorInputPort("further_poses", self._further * FURTHER_MEASUREMENT_SIZE)
+        self._things_in = self.DeclareVectorInputPort("things", self._things * THING_SIZE)
+        self._calibration_in = self.DeclareVectorInputPort("calibration", CALIBRATION_SIZE)
+        rows = self._count + self._further
+        self._filters = self.DeclareDiscreteState(cast(Any, object_filter.initial_filters(rows).ravel()))
+        names = np.r_[np.arange(1.0, self._count + 1.0), np.zeros(self._further)]
+        self._lives = self.DeclareDiscreteState(cast(Any, object_life.initial_lives(names).ravel()))
+        self._assets = self.DeclareDiscreteState(cast(Any, np.r_[np.arange(self._count), np.zeros(self._further)]))
+        self._looked = self.DeclareDiscreteState(cast(Any, np.zeros(3 * (rows + self._things))))
+        self._corrected = self.DeclareDiscreteState(cast(Any, np.zeros(SIZE)))
+        self._events = self.DeclareDiscreteState(cast(Any, object_events.empty_ring()))
         now = {self.time_ticket(), self.xd_ticket()}
+        known = now | {self.input_port_ticket(self._calibration_in.get_index())}
         joints = {self.input_port_ticket(port.get_index()) for port in (self._arm_in, self._gripper_in)}
         self.DeclareVectorOutputPort("positions", scene.plant.num_positions(), self._calc_positions, now | joints)
-        self._tracks_out = self.DeclareVectorOutputPort("tracks", self._count * TRACK_SIZE, self._calc_tracks, now)
+        size = self._count * TRACK_SIZE
+        self._tracks_out = self.DeclareVectorOutputPort("tracks", size, self._calc_tracks, known)
+        size = self._further * FURTHER_TRACK_SIZE
+        self.DeclareVectorOutputPort("further_tracks", size, self._calc_further, known)
+        self.DeclareVectorOutputPort(
+            "object_events", object_events.RING * object_events.EVENT_FIELDS, self._calc_events, {self.xd_ticket()}
+        )
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / params.rate, 0.0, self._tick)
 
     @timing.timed("SceneGraphUpdater")
     def _tick(self, context: Context, discrete: DiscreteValues) -> None:
         if float(cast(Array, self._image_time_in.Eval(context))[0]) == NEVER:
             return
-        filters = self._filters_of(context)
-        measured = cast(Array, self._poses_in.Eval(context)).reshape(self._count, MEASUREMENT_SIZE)
+        filters, lives, assets = self._filters_of(context), self._lives_of(context), self._assets_of(context)
+        measured, whose = self._measured(context)
+        filters, lives, assets, now = filters.copy(), lives.copy(), assets.copy(), context.get_time()
+        filters = self._follow_calibration(context, discrete, filters)
+        # A slot that changed hands begins anew.
+        for k in np.flatnonzero(whose[:, 0] != lives[:, LifeLayout.IDENTITY]):
+            if k >= self._count:
+                filters[k], lives[k] = object_filter.initial_filters(1)[0], object_life.initial_lives(whose[k, :1])[0]
+                assets[k] = whose[k, 1]
         used = np.maximum(filters[:, FilterLayout.LAST_SEEN], filters[:, FilterLayout.REMEMBERED_TIME])
         fresh = np.flatnonzero((measured[:, 0] > 0) & (measured[:, 1] > used))
-        if fresh.size == 0:
-            return
-        filters = filters.copy()
+        tool = self._tool(context) if fresh.size or lives[:, LifeLayout.HELD].any() else None
         for k in fresh:
-            measurement = PoseMeasurement.unpack(measured[k])
-            filters[k] = object_update.update(
-                filters[k], measurement, context.get_time(), self._tuning, bool(self._symmetric[k])
-            )
-        discrete.set_value(int(self._filters), cast(Any, filters.ravel()))
+            measurement, kind = PoseMeasurement.unpack(measured[k]), int(assets[k])
+            if lives[k, LifeLayout.GONE_SINCE] >= 0.0 and object_update.usable(measurement, NEVER, now):
+                filters[k] = object_filter.initial_filters(1)[0]  # it is back, wherever it was
+            symmetric = bool(self._scene.symmetry_axes_O[kind, 2] != 0)
+            filters[k] = object_update.update(filters[k], measurement, now, self._tuning, symmetric)
+            if tool is not None:
+                lives[k] = object_life.along_with(lives[k], filters[k], tool, float(self._scene.radii[kind]))
+        for k in np.flatnonzero(lives[:, LifeLayout.HELD]) if tool is not None else ():
+            lives[k, LifeLayout.X_WO] = object_life.with_tool(lives[k, LifeLayout.X_TO], tool.pose)  # type: ignore[union-attr]
+        for k in np.flatnonzero(np.isfinite(measured[:, 0]) & (measured[:, 1] <= now + 1e-9)):
+            lives[k] = object_life.after_image(lives[k], float(measured[k, 0]), float(measured[k, 1]))
+        for state, rows in ((self._filters, filters), (self._lives, lives), (self._assets, assets)):
+            discrete.set_value(int(state), cast(Any, rows.ravel()))
+        self._note(context, discrete, filters, lives, assets)
+
+    def _follow_calibration(self, context: Context, discrete: DiscreteValues, filters: Array) -> Array:
+        """Return filters moved as the calibration was corrected since the tick before: the objects stood still."""
+        if self._camera is None or not self._calibration_in.HasValue(context):
+            return filters
+        errors = np.array(self._calibration_in.Eval(context))[:SIZE]
+        step = errors - np.asarray(context.get_discrete_state(int(self._corrected)).value())
+        if not step.any():
+            return filters
+        discrete.set_value(int(self._corrected), cast(Any, errors))
+        after = filters.copy()
+        for part in (FilterLayout.POSE, FilterLayout.REMEMBERED_POSE):
+            shifts = -pose_shifts(*self._sight(filters[:, part])) @ step
+            after[:, part] = [object_update.moved(pose, s) for pose, s in zip(filters[:, part], shifts, strict=True)]
+        return after
+
+    def _measured(self, context: Context) -> tuple[Array, Array]:
+        """Return (R, MEASUREMENT_SIZE) of objects and further instances, and (R, 2) identity and asset of each."""
+        first = cast(Array, self._poses_in.Eval(context)).reshape(self._count, MEASUREMENT_SIZE)
+        numbers = np.arange(float(self._count))
+        whose = np.column_stack([numbers + 1.0, numbers])
+        if not self._further_in.HasValue(context):
+            none = np.zeros((self._further, MEASUREMENT_SIZE))
+            none[:, 1] = NEVER
+            return np.concatenate([first, none]), np.concatenate([whose, np.zeros((self._further, OWNER_SIZE))])
+        rows = cast(Array, self._further_in.Eval(context)).reshape(self._further, FURTHER_MEASUREMENT_SIZE)
+        return np.concatenate([first, rows[:, OWNER_SIZE:]]), np.concatenate([whose, rows[:, :OWNER_SIZE]])
+
+    def _note(self, context: Context, discrete: DiscreteValues, filters: Array, lives: Array, assets: Array) -> None:
+        """Note what has happened to objects and things since the tick before."""
+        now = context.get_time()
+        status = object_life.statuses(lives, object_filter.statuses(filters, now, self._tuning))
+        who = lives[:, LifeLayout.IDENTITY].copy()
+        gone = lives[:, LifeLayout.GONE_SINCE]
+        # An object of the library keeps its slot, but is removed all the same.
+        who[(gone >= 0.0) & (now - gone > self._forget_after)] = 0.0
+        looks = [np.column_stack([who, status, assets])]
+        if self._things_in.HasValue(context):
+            rows = cast(Array, self._things_in.Eval(context)).reshape(self._things, THING_SIZE)
+            looks.append(np.column_stack([rows[:, :2], np.full(len(rows), -1.0)]))
+        else:
+            looks.append(np.zeros((self._things, 3)))
+        after = np.concatenate(looks)
+        before = np.asarray(context.get_discrete_state(int(self._looked)).value()).reshape(-1, 3)
+        happened = object_events.changes(before, after)
+        discrete.set_value(int(self._looked), cast(Any, after.ravel()))
+        if happened:
+            ring = np.asarray(context.get_discrete_state(int(self._events)).value())
+            discrete.set_value(int(self._events), cast(Any, object_events.noted(ring, now, happened)))
+
+    def _tool(self, context: Context) -> object_life.Tool | None:
+        """Return how the tool moves now; None before the arm's first message."""
+        arm_state = cast(Array, self._arm_in.Eval(context))
+        if not np.isfinite(arm_state).all():
+            return None
+        plant, own, scene = self._scene.plant, self._kinematics, self._scene
+        n = len(scene.arm_position_index)
+        positions, velocities = scene.default_positions.copy(), np.zeros(plant.num_velocities())
+        positions[scene.arm_position_index] = arm_state[:n]
+        velocities[self._arm_velocity_index] = arm_state[n:]
+        plant.SetPositions(own, cast(Any, positions))
+        plant.SetVelocities(own, cast(Any, velocities))
+        frame = plant.get_frame(scene.arm.tool_frame)
+        X_WT, V_WT = frame.CalcPoseInWorld(own), frame.CalcSpatialVelocityInWorld(own)
+        pose_ = np.concatenate([X_WT.rotation().ToQuaternion().wxyz(), X_WT.translation()])
+        return object_life.Tool(pose_, np.concatenate([V_WT.rotational(), V_WT.translational()]))
 
     @timing.timed("SceneGraphUpdater")
     def _calc_tracks(self, context: Context, output: BasicVector) -> None:
-        filters, now = self._filters_of(context), context.get_time()
-        belief = object_filter.propagate(filters, now, self._tuning)
-        tracks = np.empty((self._count, TRACK_SIZE))
-        tracks[:, 0] = object_filter.statuses(filters, now, self._tuning)
-        tracks[:, 1] = filters[:, FilterLayout.LAST_SEEN]
-        unseen = tracks[:, 0] == ObjectStatus.UNSEEN
-        tracks[:, 2:9] = np.where(unseen[:, None], self._parked, belief.poses)
-        tracks[:, 9:15] = belief.velocities
-        covariances = object_filter.pose_covariances(
-            belief, self._scene.symmetry_axes_O, self._tuning, self._shared(belief)
-        )
-        tracks[:, 15:] = covariances.reshape(self._count, 36)
-        output.SetFromVector(cast(Any, tracks.ravel()))
+        output.SetFromVector(cast(Any, self._tracks(context, slice(0, self._count)).ravel()))
 
-    def _shared(self, belief: object_filter.ObjectBelief) -> Array | None:
-        """Return (K, 6, 6) what the camera's calibration leaves open; None where that is told to be nothing."""
+    def _calc_further(self, context: Context, output: BasicVector) -> None:
+        part = slice(self._count, self._count + self._further)
+        lives, rows = self._lives_of(context)[part], np.zeros((self._further, FURTHER_TRACK_SIZE))
+        rows[:, 0], rows[:, 1] = lives[:, LifeLayout.IDENTITY], self._assets_of(context)[part]
+        if rows[:, 0].any():
+            rows[:, OWNER_SIZE:] = self._tracks(context, part)
+        output.SetFromVector(cast(Any, rows.ravel()))
+
+    def _calc_events(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(context.get_discrete_state(int(self._events)).value())
+
+    def _tracks(self, context: Context, part: slice) -> Array:
+        """Return (R, TRACK_SIZE) the tracks of some rows, at the present time."""
+        filters, lives, now = self._filters_of(context)[part], self._lives_of(context)[part], context.get_time()
+        belief = object_filter.propagate(filters, now, self._tuning)
+        tracks = np.empty((len(filters), TRACK_SIZE))
+        tracks[:, 0] = object_life.statuses(lives, object_filter.statuses(filters, now, self._tuning))
+        tracks[:, 1] = filters[:, FilterLayout.LAST_SEEN]
+        tracks[:, 9:15] = belief.velocities
+        held = tracks[:, 0] == ObjectStatus.HELD
+        belief.poses[held] = lives[held, LifeLayout.X_WO]
+        away = np.isin(tracks[:, 0], [float(ObjectStatus.UNSEEN), float(ObjectStatus.GONE)])
+        tracks[:, 2:9] = np.where(away[:, None], self._parked[part], belief.poses)
+        axes = self._scene.symmetry_axes_O[self._assets_of(context)[part].astype(int)]
+        covariances = object_filter.pose_covariances(belief, axes, self._tuning, self._shared(context, belief))
+        tracks[:, 15:] = covariances.reshape(len(filters), 36)
+        return tracks
+
+    def _shared(self, context: Context, belief: object_filter.ObjectBelief) -> Array | None:
+        """Return (R, 6, 6) what the camera's calibration leaves open; None where that is told to be nothing."""
         if self._camera is None or not self._doubt.variances.any():
             return None
+        error: CalibrationError | Array = self._doubt
+        if self._calibration_in.HasValue(context):
+            error = np.array(self._calibration_in.Eval(context))[SIZE:].reshape(SIZE, SIZE)
+        return shared_covariances(error, *self._sight(belief.poses))
+
+    def _sight(self, poses: Array) -> tuple[Array, Array, float, float]:
+        """Return where poses (R, 7) are in the camera's frame (R, 3), its axes in W, and its focal lengths."""
+        assert self._camera is not None
         lens, X_WC = colour_lens(self._camera), pose(self._camera.X_WC)
         R_WC = X_WC.rotation().matrix()
-        seen_C = (belief.poses[:, 4:] - X_WC.translation()) @ R_WC
-        return shared_covariances(self._doubt, seen_C, R_WC, lens.fx, lens.fy)
+        return (poses[:, 4:] - X_WC.translation()) @ R_WC, R_WC, lens.fx, lens.fy
 
     @timing.timed("SceneGraphUpdater")
     def _calc_positions(self, context: Context, output: BasicVector) -> None:
@@ -138,6 +298,14 @@ class SceneGraphUpdater(LeafSystem):
         positions[scene.object_position_index] = tracks[:, 2:9]
         output.SetFromVector(cast(Any, positions))
 
+    def _lives_of(self, context: Context) -> Array:
+        """Return (R, LIFE_SIZE), not to be written to."""
+        return np.asarray(context.get_discrete_state(int(self._lives)).value()).reshape(-1, object_life.LIFE_SIZE)
+
+    def _assets_of(self, context: Context) -> Array:
+        """Return (R,) which of the library's objects each row is like, not to be written to."""
+        return np.asarray(context.get_discrete_state(int(self._assets)).value())
+
     def _filters_of(self, context: Context) -> Array:
-        """Return (K, FILTER_SIZE), not to be written to."""
+        """Return (R, FILTER_SIZE), not to be written to."""
         return np.asarray(context.get_discrete_state(int(self._filters)).value()).reshape(-1, object_filter.FILTER_SIZE)

@@ -15,6 +15,8 @@ from twin_diagram.signals.arrays import Array
 
 SIZE = 10
 """Of a calibration's errors."""
+CALIBRATION_SIZE = SIZE + SIZE * SIZE
+"""Of an estimate of them: errors, and their covariance row by row."""
 
 
 @dataclass(frozen=True)
@@ -67,13 +69,25 @@ def point_shifts(points_C: Array, R_WC: Array, fx: float, fy: float) -> Array:
     return J
 
 
-def shared_covariances(error: CalibrationError, points_C: Array, R_WC: Array, fx: float, fy: float) -> Array:
-    """Return (N, 6, 6): what a calibration's errors bring into the poses of objects seen at points_C (N, 3).
+def pose_shifts(points_C: Array, R_WC: Array, fx: float, fy: float) -> Array:
+    """Return (N, 6, 10): how objects seen at points_C (N, 3) are shown turned and shifted by calibration errors.
 
-    Covariances of rotation and translation in W about the objects' origins; all objects share these errors, and no
-    averaging over images removes them.
+    Arguments as of `point_shifts`.
     """
     J = np.zeros((len(points_C), 6, SIZE))
     J[:, :3, :3] = -np.eye(3)
     J[:, 3:] = point_shifts(points_C, R_WC, fx, fy)
-    return np.asarray((J * error.variances) @ J.transpose(0, 2, 1))
+    return J
+
+
+def shared_covariances(error: CalibrationError | Array, points_C: Array, R_WC: Array, fx: float, fy: float) -> Array:
+    """Return (N, 6, 6): what a calibration's errors bring into the poses of objects seen at points_C (N, 3).
+
+    The errors are told by their sizes, or by their covariance (10, 10).
+
+    Covariances of rotation and translation in W about the objects' origins; all objects share these errors, and no
+    averaging over images removes them.
+    """
+    J = pose_shifts(points_C, R_WC, fx, fy)
+    covariance = np.diag(error.variances) if isinstance(error, CalibrationError) else error
+    return np.asarray(J @ covariance @ J.transpose(0, 2, 1))

@@ -20,6 +20,9 @@ TORQUE_COMMANDED: Final = "arm.torque_commanded"
 """(n,) feed-forward torque [N·m] or force [N]."""
 GRIPPER_COMMANDED: Final = "gripper.position_commanded"
 """(g,) travel of the fingers [m]."""
+GRIPPER_FORCE_LIMIT: Final = "gripper.force_limit"
+"""(1,) what the fingers squeeze with at most [N]: a force gauge between them shows it, and each presses with it. A
+station may have this port or not; unconnected, or not a number: what the description allows."""
 
 POSITION_MEASURED: Final = "arm.position_measured"
 """(n,) [rad or m]."""
@@ -45,6 +48,8 @@ CONTACT_RESULTS: Final = "truth.contact_results"
 """Drake's ContactResults of the true plant."""
 SENSOR_SIZE: Final = 6
 """Numbers in a further sensor's reading."""
+OPTIONAL: Final = {GRIPPER_FORCE_LIMIT: 1}
+"""Input ports that a station with a gripper may have, with their sizes."""
 TRUTH: Final = "truth."
 """What every port starts with that only a simulated station has."""
 
@@ -130,8 +135,8 @@ def check(
         found = {port.get_name(): int(port.size()) for port in ports if not port.get_name().startswith(TRUTH)}
         for name in wanted.keys() - found.keys():
             raise StationError(f"the station has no {kind} port {name}; it has {', '.join(sorted(found))}")
-        for name in found.keys() - wanted.keys():
+        for name in found.keys() - wanted.keys() - (OPTIONAL if gripper_size else {}).keys():
             raise StationError(f"the station has an {kind} port {name} that the contract does not know")
-        for name, size in wanted.items():
+        for name, size in (wanted | {name: OPTIONAL[name] for name in OPTIONAL.keys() & found.keys()}).items():
             if found[name] != size:
                 raise StationError(f"the station's {kind} port {name} has size {found[name]}, not {size}")

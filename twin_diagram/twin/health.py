@@ -51,6 +51,7 @@ class Reason(Enum):
     OBJECT_NOT_SEEN = "object_not_seen"
     GOAL_OUT_OF_REACH = "goal_out_of_reach"
     SLOWER_THAN_REAL_TIME = "slower_than_real_time"
+    SLOTS_EXHAUSTED = "slots_exhausted"
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,7 @@ class Lack:
             Reason.NO_IMAGE: f"no image: {self.what}, since {since:.2f} s",
             Reason.OBJECT_NOT_SEEN: f"the camera has not seen {self.what}, in images since {since:.2f} s",
             Reason.GOAL_OUT_OF_REACH: f"the goal is out of reach: {self.what}",
+            Reason.SLOTS_EXHAUSTED: f"no slot is free: {self.what}",
             Reason.SLOWER_THAN_REAL_TIME: f"slower than real time: {self.what}",
         }
         return words[self.reason]
@@ -87,6 +89,9 @@ def lacks(twin: scenario.Twin) -> tuple[Lack, ...]:
     if twin.camera is not None:
         result += [Lack(Reason.NO_IMAGE, "none has come"), Lack(Reason.NO_IMAGE, "they have ceased")]
         result += [Lack(Reason.OBJECT_NOT_SEEN, name) for name in twin.library]
+        instances, unknown = max(twin.slots.instances, len(twin.library)), twin.slots.unknown
+        result.append(Lack(Reason.SLOTS_EXHAUSTED, f"another object of the library beside {instances} is seen unnamed"))
+        result.append(Lack(Reason.SLOTS_EXHAUSTED, f"an unknown thing beside {unknown} is not kept clear of"))
     if twin.task.X_WG is not None:
         tool, where = twin.arm.tool_frame or "the tool", ", ".join(f"{x:g}" for x in twin.task.X_WG.translation)
         result.append(
@@ -173,6 +178,7 @@ class HealthMonitor(LeafSystem):
         - image_time (optional)
         - tracks (optional)
         - reach (optional)
+        - turned_away (optional)
         output_ports:
         - health
 
@@ -182,6 +188,7 @@ class HealthMonitor(LeafSystem):
         tracks: (K · TRACK_SIZE) a `layouts.Track` per library object.
         reach: (1) of a planner: 0 where it found no joint positions for its goal, above 0 where it did, `NEVER` where
             it has none. A planner without such a port may leave it open.
+        turned_away: (2) further instances and unknown things in the newest image for which no slot was free.
         health: (c · FIELDS) for each of `lacks` whether it stands, since when it was so at first and when it last was
             [s], `NEVER` where it was not.
 
@@ -202,6 +209,7 @@ class HealthMonitor(LeafSystem):
         self._image = self.DeclareVectorInputPort("image_time", 1)
         self._tracks = self.DeclareVectorInputPort("tracks", TRACK_SIZE * len(twin.library))
         self._reach = self.DeclareVectorInputPort("reach", 1)
+        self._away = self.DeclareVectorInputPort("turned_away", 2)
         size = FIELDS * len(self.lacks)
         start = np.tile([0.0, NEVER, NEVER], len(self.lacks))
         state = self.DeclareDiscreteState(cast(Any, np.concatenate([start, [NEVER, NEVER]])))
@@ -235,6 +243,8 @@ class HealthMonitor(LeafSystem):
             tracks = cast(Array, self._tracks.Eval(context)).reshape(-1, TRACK_SIZE)
             looked = first_image >= 0.0 and image - first_image > patience.unseen
             since += [first_image if looked and track[0] == ObjectStatus.UNSEEN else np.inf for track in tracks]
+            away = cast(Array, self._away.Eval(context)) if self._away.HasValue(context) else np.zeros(2)
+            since += [now if count > 0 else np.inf for count in away]
         if self._wants:
             there = self._reach.HasValue(context)
             lost = there and float(cast(Array, self._reach.Eval(context))[0]) == 0.0

@@ -27,14 +27,19 @@ from twin_diagram.perception.registration.pose_system import IcpPoseEstimator
 from twin_diagram.perception.segmentation.segmentation_system import PerceptionSystem
 from twin_diagram.planning.mpc_system import Mpc
 from twin_diagram.scenario import poses
+from twin_diagram.scenario.lenses import calibration_error
 from twin_diagram.scenario.resources import resolve
 from twin_diagram.scenario.validation import check_twin
+from twin_diagram.scene import object_events
 from twin_diagram.scene.twin_scene import TwinScene, add_twin_scene
 from twin_diagram.scene.updater_system import SceneGraphUpdater
 from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER, POSE_SIZE, TRACK_SIZE
+from twin_diagram.signals.things import FURTHER_TRACK_SIZE, THING_SIZE
 from twin_diagram.station import ports
+from twin_diagram.twin.arm_sensing.camera_calibrator import add_calibrator
 from twin_diagram.twin.fused_sensors import Fused, export, fused_sensors
 from twin_diagram.twin.health import HealthMonitor
+from twin_diagram.twin.kept_scene import keep_scene
 from twin_diagram.twin.own_systems import VALUE, check, inputs_of
 
 Packages = Mapping[str, str | Path]
@@ -52,7 +57,8 @@ class TwinDiagram:
         diagram: in and out as a station's, the other way round; besides, what it believes: `arm_state`, `parameters`,
             `covariance`, `nis`, `object_poses`, `tracks`, `alarm`, `alarm_log`, `alarm_evidence`, `positions`, `plan`,
             `goal`, `query_object`, and what it lacks: `health`, a row of three for each of `health.lacks` (see
-            `health.HealthMonitor`).
+            `health.HealthMonitor`). Of what is beside the first instance of each object: `further_poses`,
+            `further_tracks`, `things`, and `object_events`.
         model: the arm's physics.
         library: the known objects, in order.
         scene: the twin's own plant and SceneGraph.
@@ -101,6 +107,19 @@ class TwinDiagram:
         for system in self._model_users:
             system.use_model(self.diagram.GetMutableSubsystemContext(system, context), number)
 
+    def keep_scene(self, context: Context) -> bool:
+        """Give the twin's SceneGraph the geometry of all that holds a slot now; see `kept_scene`.
+
+        Args:
+            context: of `diagram`, between two steps of a simulator; other Contexts stay as they are.
+        """
+        return keep_scene(self.diagram, self.scene, context)
+
+    def events(self, context: Context) -> list[dict[str, Any]]:
+        """Return what happened to objects and things, oldest first: time [s], event, object."""
+        ring = np.asarray(self.diagram.GetOutputPort("object_events").Eval(context))
+        return object_events.told(ring, self.scene.object_names)
+
     def alarms(self, context: Context) -> list[dict[str, Any]]:
         """Return what the drift monitor raised, oldest first, with evidence: see `estimation.drift.alarm_events`."""
         return self.drift.events(self.diagram.GetSubsystemContext(self.drift, context), self.model.joints)
@@ -147,10 +166,10 @@ def make_twin(
     ekf = builder.AddNamedSystem("adaptive_ekf", _named("twin.filter", lambda: AdaptiveEkf(model, tuning, home)))
     parameter_names = tuple(label.split(" ")[0] for label in ekf.ekf.parameters.labels(model.joints))
     drift = builder.AddNamedSystem("drift_monitor", DriftMonitor(model, twin.drift, tuning))
-    updater = builder.AddNamedSystem("scene_graph_updater", SceneGraphUpdater(scene, twin.scene, twin.camera))
+    updater = _add_updater(builder, scene, twin)
     mpc = None if controller else _named("twin", lambda: Mpc(model, twin, library, packages, parameter_names))
     moves: System = mpc or controller  # type: ignore[assignment]  # one of them is there
-    _check_controller(moves, len(model.joints), len(library), len(parameter_names))
+    _check_controller(moves, len(model.joints), len(library), len(parameter_names), twin.slots)
     builder.AddNamedSystem("mpc" if mpc else "controller", moves)
     goal = builder.AddNamedSystem("goal", ConstantVectorSource(goal_vector(twin.task)))
     health = builder.AddNamedSystem("health_monitor", HealthMonitor(twin))
@@ -161,8 +180,7 @@ def make_twin(
     _connect(builder, ekf, updater, "arm_state")
     _connect_controller(builder, ekf, updater, goal, moves, health)
     _connect(builder, updater, health, "tracks")
-    builder.Connect(updater.GetOutputPort("positions"), scene.positions_input)
-    _add_sight(builder, twin, library, packages, ekf, updater, health, perception)
+    _add_sight(builder, twin, library, packages, ekf, updater, health, moves, perception)
     _named("twin.filter.sensors", lambda: export(builder, ekf, fused, twin, model, packages))
 
     _export_commands(builder, moves, len(model.joints))
@@ -175,6 +193,15 @@ def make_twin(
     return TwinDiagram(
         diagram, model, library, scene, parameter_names, mass_index, tuple(fused), ekf, drift, mpc, health
     )
+
+
+def _add_updater(builder: DiagramBuilder, scene: TwinScene, twin: scenario.Twin) -> SceneGraphUpdater:
+    """Add what keeps the scene in step with what is seen."""
+    made = SceneGraphUpdater(scene, twin.scene, twin.camera, twin.slots.forget_after)
+    updater = builder.AddNamedSystem("scene_graph_updater", made)
+    builder.Connect(updater.GetOutputPort("positions"), scene.positions_input)
+    builder.Connect(updater.GetOutputPort("further_tracks"), scene.further_input)
+    return updater
 
 
 def _model(twin: scenario.Twin, packages: Packages | None) -> Model:
@@ -190,10 +217,12 @@ def _model(twin: scenario.Twin, packages: Packages | None) -> Model:
     return model
 
 
-def _check_controller(system: System, n: int, objects: int, parameters: int) -> None:
+def _check_controller(system: System, n: int, objects: int, parameters: int, slots: scenario.Slots) -> None:
     """Refuse a controller of n joints that does not fit; raises TwinError."""
+    beside = {"further_tracks": FURTHER_TRACK_SIZE * slots.further(objects), "things": THING_SIZE * slots.unknown}
     arm = dict.fromkeys(("position_measured", "velocity_estimated", "torque_measured"), n)
     inputs = {"arm_state": 2 * n, "tracks": TRACK_SIZE * objects, "parameters": parameters, "goal": POSE_SIZE}
+    inputs |= beside
     further = {"torque_commanded": n, "reach": 1}
     check("controller", system, {**inputs, **arm, "measurement_time": 1}, {"position_commanded": n}, further)
 
@@ -208,7 +237,7 @@ def _connect_controller(
 ) -> None:
     """Connect what the twin believes and what it is to reach to those inputs that the controller has."""
     _connect(builder, ekf, controller, *inputs_of(controller, ("arm_state", "parameters")))
-    _connect(builder, updater, controller, *inputs_of(controller, ("tracks",)))
+    _connect(builder, updater, controller, *inputs_of(controller, ("tracks", "further_tracks")))
     if controller.HasInputPort("goal"):
         builder.Connect(goal.get_output_port(), controller.GetInputPort("goal"))
     if controller.HasOutputPort("reach"):
@@ -256,6 +285,7 @@ def _add_sight(
     ekf: AdaptiveEkf,
     updater: SceneGraphUpdater,
     health: HealthMonitor,
+    moves: System,
     own: System | None,
 ) -> None:
     """Add what leads from the camera to the scene; without a camera, what says that nothing was seen."""
@@ -270,7 +300,7 @@ def _add_sight(
     camera = twin.camera
     if own is None:
         first: System = PerceptionSystem(twin.arm, camera, twin.perception, packages)
-        registrar = IcpPoseEstimator(library, camera, twin.registration, twin.perception)
+        registrar = IcpPoseEstimator(library, camera, twin.registration, twin.perception, twin.slots, twin.scene)
         last: System = builder.AddNamedSystem("icp_pose_estimator", registrar)
     else:
         images = {"rgb_image": VALUE, "depth_image": VALUE, "image_time": 1}
@@ -288,8 +318,19 @@ def _add_sight(
     _connect(builder, ekf, first, *inputs_of(first, ("arm_state",)))
     if own is None:
         _connect(builder, first, last, "segments")
+    if own is None and calibration_error(camera).variances.any():
+        calibrator = add_calibrator(builder, twin.arm, camera, twin.perception, packages)
+        _connect(builder, ekf, calibrator, "arm_state")
+        for user in (first, updater):
+            _connect(builder, calibrator, user, "calibration")
     _connect(builder, last, updater, "object_poses")
     builder.ExportOutput(last.GetOutputPort("object_poses"), "object_poses")
+    # What a user's own perception does not tell of, there is none of.
+    for name, systems in (("further_poses", (updater,)), ("things", (updater, moves)), ("turned_away", (health,))):
+        if last.HasOutputPort(name):
+            for system in systems:
+                _connect(builder, last, system, *inputs_of(system, (name,)))
+            builder.ExportOutput(last.GetOutputPort(name), name)
 
 
 def _connect_gripper_and_goal(
@@ -317,7 +358,7 @@ def _export_beliefs(
     for system, names in (
         (ekf, ("arm_state", "parameters", "covariance", "innovation", "nis")),
         (drift, ("alarm", "alarm_log", "alarm_evidence")),
-        (updater, ("tracks", "positions")),
+        (updater, ("tracks", "positions", "further_tracks", "object_events")),
         (controller, ("plan" if controller.HasOutputPort("plan") else "position_commanded",)),
         (health, ("health",)),
     ):

@@ -32,9 +32,9 @@ def field(shape: tuple[int, int], sigma: float, rng: np.random.Generator) -> npt
 
 
 def spoiled(
-    picture: Picture, profile: str, rng: np.random.Generator
+    picture: Picture, profile: str, rng: np.random.Generator, fixed: npt.NDArray[np.float32] | None = None
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
-    """Return depth [m] and colour as a camera of the profile delivers them."""
+    """Return depth [m] and colour as a camera of the profile delivers them; `fixed` waves (H, W) are those of a run."""
     depth, shape = picture.depth.copy(), picture.depth.shape
     rgb = np.clip(picture.rgb + rng.normal(0.0, 4.0, picture.rgb.shape), 0, 255).astype(np.uint8)
     if profile == "ideal":
@@ -50,7 +50,8 @@ def spoiled(
     share = rng.random(shape, dtype=np.float32)
     depth = np.where(fly, low + share * (high - low), jittered)
     noise = np.sqrt(0.1) * rng.standard_normal(shape, dtype=np.float32)
-    noise = noise + np.sqrt(0.6) * field(shape, 2.5, rng) + np.sqrt(0.3) * field(shape, 15.0, rng)
+    waves = field(shape, 15.0, rng) if fixed is None else fixed
+    noise = noise + np.sqrt(0.6) * field(shape, 2.5, rng) + np.sqrt(0.3) * waves
     noisy = depth + noise * rms(profile, depth)
     steep = picture.facing < np.cos(np.radians(75.0))
     return np.where((depth > 0) & ~steep, noisy, 0.0).astype(np.float32), rgb

@@ -49,12 +49,11 @@ def _unit(rng: np.random.Generator) -> Array:
     return v / np.linalg.norm(v)
 
 
-def _screen(
-    camera: Pinhole, picture: raycast.Picture, share: float, rng: np.random.Generator
+def screen(
+    camera: Pinhole, picture: raycast.Picture, share: float, angle: float
 ) -> tuple[Array, npt.NDArray[np.int64]]:
-    """Return a plate before the camera that hides `share` of the thing from one side."""
+    """Return a plate before the camera that hides `share` of the thing from one side, at an angle in the picture."""
     row, column = np.nonzero(picture.label == 0)
-    angle = rng.uniform(0, 2 * np.pi)
     way, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
     pixels = np.column_stack([column, row]).astype(float)
     edge, middle = np.quantile(pixels @ way, share), np.median(pixels @ across)
@@ -85,7 +84,7 @@ def draw(
     camera = replace(camera, depth_noise=DepthSigma(*SHEETS[profile]))
     picture = raycast.take(camera, [(thing, R, p)])
     if hidden > 0:
-        picture = raycast.take(camera, [(thing, R, p)], _screen(camera, picture, hidden, rng))
+        picture = raycast.take(camera, [(thing, R, p)], screen(camera, picture, hidden, rng.uniform(0, 2 * np.pi)))
     depth, rgb = spoil.spoiled(picture, profile, rng)
     R0 = exp((np.radians(degrees) * _unit(rng))[None])[0] @ R
     mask = (picture.label == 0) & (depth > 0)

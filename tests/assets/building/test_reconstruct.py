@@ -269,3 +269,12 @@ def test_thinned_view_sees_the_same_place(mug: Shots) -> None:
     u, v, z = view.camera.project(point)
     assert (u, v) == (pytest.approx(50), pytest.approx(40))
     assert view.depth[40, 50] == pytest.approx(z)
+
+
+def test_nothing_behind_is_looked_through_where_masks_say_so() -> None:
+    taken = shots([box((0.05, 0.04, 0.03))], cameras(10, 0.015), masked=True)
+    bare = [replace(f, depth=np.where(f.mask, f.depth, 0).astype(np.float32)) for f in taken.frames]
+    found = reconstruct(Shots(bare), "turntable")
+    assert found.plane is None
+    x, y, _ = np.ptp(found.vertices, axis=0)
+    assert 0.049 < x < 0.064 and 0.039 < y < 0.055  # masks are grown by four pixels of 1.2 mm

@@ -167,6 +167,7 @@ def test_motor_that_lost_a_fifth():
     assert ekf.belief.header[belief.Entry.REFUSED] == 0
 
 
+@pytest.mark.slow
 def test_two_kilograms_more():
     """Within 2.5 % after half a second, and 1 % after three."""
     for seed in (24, 25):

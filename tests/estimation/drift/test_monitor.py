@@ -60,6 +60,7 @@ def watch(world: World, duration: float, spike_at: float = np.inf) -> Watched:
     return Watched(monitor, armed_at, monitor.log[monitor.log[:, 0] >= 0.0], ekf, stood)
 
 
+@pytest.mark.slow
 def test_silent_for_a_quarter_of_a_minute():
     watched = watch(World.draw(11, period=6.0), 15.0)  # two periods and a half; minutes are among the slow tests
     # Learning takes 2 s, once the payload has been learnt.
@@ -88,8 +89,8 @@ def test_no_false_alarm_over_many_runs():
 @pytest.mark.parametrize(
     ("changes", "within"),
     [
-        ({"added_mass": 1.0, "added_at": 5.0}, 0.10),
-        ({"dead_joint": 1, "dead_at": 5.0}, 0.03),
+        pytest.param({"added_mass": 1.0, "added_at": 5.0}, 0.10, marks=pytest.mark.slow),
+        pytest.param({"dead_joint": 1, "dead_at": 5.0}, 0.03, marks=pytest.mark.slow),
         ({"dead_joint": 3, "dead_at": 5.0, "motor_left": 0.8}, 0.06),
     ],
 )
@@ -104,6 +105,7 @@ def test_notices_abrupt_changes(changes, within):
     assert watched.stood >= alarm_lifecycle.TUNING.hold - PERIOD
 
 
+@pytest.mark.slow
 def test_alarm_ends_and_the_filter_has_learnt():
     world = World.draw(14, period=6.0, added_mass=1.0, added_at=4.0)
     watched = watch(world, 8.0)
@@ -112,6 +114,7 @@ def test_alarm_ends_and_the_filter_has_learnt():
     assert watched.ekf.belief.theta[0] == pytest.approx(world.mass + 1.0, rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_spike_is_no_drift():
     watched = watch(World.draw(15, period=6.0), 6.0, spike_at=5.0)
     assert watched.ekf.belief.header[belief.Entry.REFUSED] == 1

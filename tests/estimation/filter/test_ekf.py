@@ -291,7 +291,7 @@ def test_update_equals_bayes_rule():
     assert world.mass > 0
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 def test_learns_the_payload(seed):
     world, run = recording(seed)
     figures = follow(Ekf(terms(), Filter()), world, run)
@@ -355,6 +355,7 @@ def test_what_no_torque_depends_on_is_not_touched():
     assert ekf.belief.P[4, 4] < 0.1 * prior[1, 1]
 
 
+@pytest.mark.slow
 def test_learns_friction_too():
     world = World(mass=0.0, seed=3, period=4.0)
     world.coulomb = COULOMB * 1.5

@@ -74,7 +74,7 @@ def follow(ekf: Ekf, run: Recording, until: float = np.inf) -> None:
             ekf.observe(run.q[k], run.v[k], run.tau[k], run.time[k])
 
 
-@pytest.mark.parametrize("wrong", [3.0, 1.0 / 3.0])
+@pytest.mark.parametrize("wrong", [3.0, pytest.param(1.0 / 3.0, marks=pytest.mark.slow)])
 def test_wrong_noise_is_found(wrong: float) -> None:
     ekf = Ekf(terms(), Filter(encoder_std=wrong * POSITION, velocity_std=wrong * SPEED, noise_time=0.5))
     run = noisy()
@@ -93,6 +93,7 @@ def test_right_noise_is_kept() -> None:
         np.testing.assert_allclose(ekf.noise()[name], 1.0, atol=0.2)
 
 
+@pytest.mark.slow
 def test_noise_has_settled_before_a_monitor_has_learnt() -> None:
     """Told five times too large, the speeds' noise is within twice after two seconds (3.3 by a span of two alone)."""
     ekf, run, found = Ekf(terms(), Filter(encoder_std=POSITION, velocity_std=5.0 * SPEED)), noisy(), []
@@ -180,6 +181,7 @@ def test_fault_is_not_taken_for_noise() -> None:
     assert np.abs(before).max() < WIDEST
 
 
+@pytest.mark.slow
 def test_camera_finds_its_own() -> None:
     run = noisy()
     ekf = Ekf(terms(), Filter(encoder_std=POSITION, velocity_std=SPEED, noise_time=1.0))

@@ -38,6 +38,7 @@ def learnt(run: Recording, names: list[str], rule: str = "covariance") -> dict[s
 
 
 @pytest.mark.parametrize("share", [0.5, 1.5])
+@pytest.mark.slow
 def test_friction_that_is_half_wrong_gets_home(share: float) -> None:
     """All 14 frictions off by half, beside a payload that nobody told of."""
     world = World(mass=0.8, seed=1011, period=4.0, coulomb=COULOMB * share, viscous=VISCOUS * share)
@@ -71,6 +72,7 @@ def test_motor_of_half_the_strength_gets_home() -> None:
 
 
 @pytest.mark.parametrize("joint", [0, 2])
+@pytest.mark.slow
 def test_motor_that_its_data_sheet_is_far_from_is_not_paid_for_by_the_payload(joint: int) -> None:
     """Half as strong again, 25 deviations of its prior, which held it: the payload came out at 0.3 kg."""
     world = World(mass=0.8, seed=1003, period=4.0, dead_joint=joint, dead_at=0.0, motor_left=1.5)

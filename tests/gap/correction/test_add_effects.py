@@ -77,7 +77,12 @@ FINDINGS: dict[str, tuple[EffectSpec, dict[str, Estimate | dict[str, Estimate]]]
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(name, marks=[pytest.mark.slow] * (name == "joint_elasticity")) for name in FINDINGS],
+    [
+        "coulomb_friction",
+        "payload",
+        pytest.param("torque_constant", marks=pytest.mark.slow),
+        pytest.param("joint_elasticity", marks=pytest.mark.slow),
+    ],
 )
 def test_parameters_come_to_the_truth(name: str) -> None:
     """Within 3 % or two standard errors of it, whichever is more, and four in any case; these are below 15 %."""
@@ -122,6 +127,7 @@ def test_onset_belongs_to_its_run(tmp_path: Path) -> None:
     assert fingerprint(resample(log, log.time[5:-5])) == fingerprint(log) != fingerprint(later)
 
 
+@pytest.mark.slow
 def test_rough_values_that_are_kept_are_not_taken_for_exact(monkeypatch: pytest.MonkeyPatch) -> None:
     """A search knows shapes and times to a grid's step only, and says nothing of their errors."""
     spec = EffectSpec("coulomb_friction", [JOINTS[3]], [], {"torque": [4.0]}, onset=1.5)

@@ -43,6 +43,7 @@ def corrected(folder: Path) -> Path:
 
 
 @pytest.mark.parametrize("having", [stated, corrected])
+@pytest.mark.slow
 def test_less_than_the_model_has_is_named_added_and_then_nothing_is_missing(having: object, tmp_path: Path) -> None:
     assert callable(having)
     given = having(tmp_path)

@@ -170,7 +170,7 @@ LOOSE = {"stribeck_friction": 20.0, "load_dependent_friction": 100.0}
 
 
 @pytest.mark.parametrize("name", [name for name in EFFECTS if name != "encoder_offset"])
-@pytest.mark.parametrize("dt", [0.0005, 0.002, 0.004])
+@pytest.mark.parametrize("dt", [pytest.param(0.0005, marks=pytest.mark.slow), 0.002, 0.004])
 def test_realisation_follows_the_law(name: str, dt: float) -> None:
     cost, law, v = realised([EFFECTS[name]], dt)
     size = np.sqrt(np.mean(law**2, axis=0)).max()

@@ -86,7 +86,7 @@ class Reference(LeafSystem):
         self.DeclareVectorOutputPort("value", 14, calc, {self.time_ticket()})
 
 
-def recorded(spec: EffectSpec, dt: float = 0.0005, duration: float = 3.0, more: Sequence[EffectSpec] = ()) -> Log:
+def recorded(spec: EffectSpec, dt: float = 0.001, duration: float = 3.0, more: Sequence[EffectSpec] = ()) -> Log:
     """A run of the arm with an effect, as a station would log it: motors' positions and torques."""
     builder = DiagramBuilder()
     plant, _ = AddMultibodyPlantSceneGraph(builder, dt)
@@ -122,7 +122,11 @@ def recorded(spec: EffectSpec, dt: float = 0.0005, duration: float = 3.0, more: 
     return Log(time[1::every], JOINTS, q[::every], torque=tau[::every])
 
 
-@pytest.mark.parametrize("name", CASES)
+TWICE = {name for name in CASES if name.endswith(("for a while", "later", "that swings"))}
+"""Whose law is among the others, too."""
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in TWICE)) for name in CASES])
 def test_model_explains_what_is_simulated(name: str) -> None:
     log = recorded(CASES[name]).between(0.3, 3.0)
     model = Model.load(replace(ARM, effects=[ROTORS, CASES[name]]))
@@ -134,7 +138,14 @@ def test_model_explains_what_is_simulated(name: str) -> None:
     assert np.max(together) < 0.15 * np.max(apart)
 
 
-@pytest.mark.parametrize("beside", ["joint_elasticity", "joint_elasticity that swings", "more play"])
+@pytest.mark.parametrize(
+    "beside",
+    [
+        "joint_elasticity",
+        pytest.param("joint_elasticity that swings", marks=pytest.mark.slow),
+        pytest.param("more play", marks=pytest.mark.slow),
+    ],
+)
 def test_play_among_gears_that_yield_is_explained(beside: str) -> None:
     """Knocks pass from gear to gear: what one does, the others feel."""
     play = CASES["backlash"]

@@ -449,6 +449,7 @@ def estimates(plan: Scenario, duration: float) -> dict[str, np.ndarray]:
     return {name: np.array(values) for name, values in rows.items()}
 
 
+@pytest.mark.slow
 def test_the_twin_believes_the_same_on_either_station(egl) -> None:
     plan = load_scenario("tabletop", ["twin.task.start=0.05"])
     plan.lcm.url, plan.lcm.control = "memq://", "position_and_torque"

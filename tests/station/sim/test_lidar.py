@@ -205,6 +205,7 @@ def believed(loop: ClosedLoop, simulator: Simulator) -> Array:
     return np.array(belief.vector)
 
 
+@pytest.mark.slow
 def test_a_recording_shows_scans_again_to_the_bit(recorded: Path) -> None:
     again = replay_scenario(recorded)
     live, replayed = run(plan(), 0.5), run(again, 0.5)

@@ -166,6 +166,7 @@ def test_points_of_other_links_are_left_out() -> None:
     assert len(nees["told"]) >= 12 and np.mean(nees["told"]) < 2.0 < np.mean(nees["alone"])
 
 
+@pytest.mark.slow
 def test_lidar_carries_on_where_the_encoders_fall_silent() -> None:
     """By hand, without any Diagram: predict and update, the scans 50 ms late."""
     run = simulate(World(seed=1023, period=4.0), 4.0)

@@ -549,6 +549,7 @@ def test_a_run_writes_its_alarms(tmp_path: Path) -> None:
     assert not (tmp_path / "healing").exists()
 
 
+@pytest.mark.slow
 def test_a_replay_waits_for_its_search(corrected: Model, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The recording is over long before the search is; the model is mended all the same, and each time alike."""
     answering(ANSWER, corrected, tmp_path, monkeypatch)
@@ -587,6 +588,7 @@ def test_a_run_mends_its_model_and_says_so(corrected: Model, tmp_path: Path, mon
 # The scenario that comes along.
 
 
+@pytest.mark.slow
 def test_the_scenario_fault_raises_its_alarm_when_the_fault_begins(tmp_path: Path) -> None:
     plan = load_scenario("fault", ["duration=3.1", "twin.healing=null"])
     (fault,) = plan.world.arm.effects

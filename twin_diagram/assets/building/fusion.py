@@ -34,6 +34,9 @@ class Tuning:
     behind_at_most: float = 0.003
     """Largest truncation behind the surface [m]: walls are kept down to about this thickness at worst."""
 
+    in_front: float = 0.3
+    """What a view's distance counts farther in front of the surface than it speaks behind it."""
+
     free_votes: float = 2.0
     """How many views must look through a place for each unit of weight that says it lies just below a surface."""
 
@@ -51,7 +54,13 @@ class Tuning:
     """What a ray beside an edge counts of such a vote: two of them do."""
 
     least_free: float = 1.5
-    """How many views must look through a place that nothing else is known of before it is outside."""
+    """How many views must look through a place that nothing else is known of before it is outside, …"""
+
+    least_weight: float = 0.03
+    """Weight up to which a place counts as unknown, though it should lie inside: that of one pixel beside an edge."""
+
+    share_free: float = 0.09
+    """… or, of few views, this share of them: with eight, a place in a mug is looked through by one, beside an edge."""
 
 
 TUNING = Tuning()
@@ -123,14 +132,15 @@ def fuse(views: Sequence[DepthView], grid: FusionGrid, noise: float, plane: Arra
     votes = np.zeros(grid.shape, np.float32)
     for view in views:
         _add(view, grid, front, behind, total, weight, free, votes)
-    near = weight > 0
+    near = (weight > TUNING.least_weight) | (total > 0)
     distance = np.where(near, total / np.maximum(weight, 1e-6), -front).astype(np.float32)
     # Looked through by far more than saw something just in front of it: free, as far in as such votes go.
-    through = np.where(near, votes > TUNING.free_votes * weight, free > TUNING.least_free)
-    distance = np.where(through & (distance < 0), front, distance)
+    least = min(TUNING.least_free, TUNING.share_free * len(views))
+    through = np.where(weight > TUNING.least_weight, votes > TUNING.free_votes * weight, free > least)
+    distance = np.where(through & ((distance < 0) | (weight <= TUNING.least_weight)), front, distance)
     if plane is not None:
         distance = _cut_off(distance, grid, plane, front)
-    return DistanceField(grid, distance.astype(np.float32), weight, near | (free > TUNING.least_free))
+    return DistanceField(grid, distance.astype(np.float32), weight, near | (free > least))
 
 
 def _cut_off(distance: Map, grid: FusionGrid, plane: Array, front: float) -> Map:
@@ -176,8 +186,10 @@ def _add(
         ahead = np.where(smooth, mixed, depth) - z
         d = ahead * across
         band = (trust > 0) & (d > -behind) & (d < front)
-        # Half as deep as it speaks, a view begins to fall silent.
-        w = np.where(band, trust * np.clip(2.0 * (1.0 + d / behind), 0.0, 1.0), 0)
+        # Half as deep as it speaks, a view begins to fall silent, and as far in front to speak low: were it louder
+        # there, noise would move surfaces inwards.
+        low = np.where(d > 0, np.float32(TUNING.in_front), np.float32(0.0))
+        w = np.where(band, trust * np.clip(2.0 * (1.0 - np.abs(d) / behind), low, 1.0), 0)
         at = slice(first, first + slab)
         weight[at] += w.reshape(-1, *grid.shape[1:])
         total[at] += (w * d).reshape(-1, *grid.shape[1:])

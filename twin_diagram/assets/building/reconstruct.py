@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -61,6 +61,12 @@ class Tuning:
 
     farthest: float = 20.0
     """Greatest such distance [m]; more, and a unit is wrong, or millimetres cannot be told."""
+
+    beside_mask: int = 2
+    """Distance from a mask at which the object is surely not [pixel]; refined poses are off by less."""
+
+    nothing_behind: float = 100.0
+    """Depth that is taken where a mask says that the object is not and the camera sees nothing [m]."""
 
     denied: float = 0.3
     """Share of a view's points that the others look through from which it contradicts them."""
@@ -239,13 +245,17 @@ def _check_agreement(views: Sequence[DepthView], low: Array, high: Array, where:
 
 
 def _kept_to_mask(view: DepthView) -> DepthView:
-    """Return the view with surfaces outside its grown mask no longer trusted.
+    """Return the view with surfaces outside its grown mask no longer trusted, so that they do not become the object's.
 
-    So that they do not become the object's.
+    Where there is no depth, either, as where nothing stands behind the object, its rays are looked through, as those
+    beside an edge are.
     """
     if view.mask is None or view.colour is not view.camera:
         return view
-    return view.trusted_at(grown(view.mask))
+    inside = grown(view.mask)
+    nothing = ~grown(view.mask, TUNING.beside_mask) & (view.depth <= 0)
+    depth = np.where(nothing, np.float32(TUNING.nothing_behind), view.depth)
+    return replace(view.trusted_at(inside), depth=depth, near_edge=view.near_edge | nothing)
 
 
 def _grid(low: Array, high: Array, count: float, finest: float) -> FusionGrid:

@@ -1,9 +1,11 @@
 """The cameras' poses refined together: each view against the mean surface of all, and against the support plane.
 
 The mean surface is a cloud of cells, each with the mean place and normal of what all views have in it that faces the
-same way; so both sides of a thin wall are kept apart. Each view is moved by Gauss-Newton steps on point-to-plane
-distances (Chen and Medioni, 1992) to the nearest cells; then the surface is formed anew. The mean over a cell of
-distances to its own plane is zero, so views that agree already stay where they are, whatever the surface's curvature.
+same way; so both sides of a thin wall are kept apart. All views are moved at once, by Gauss-Newton steps on point-to-
+plane distances (Chen and Medioni, 1992) to the nearest cells; then the surface is formed anew. Where a cell lies
+along its normal is solved for with the poses: held fast, it would hold back what all views have to do together, such
+as stepping away from a mug whose walls they make too thin. The mean over a cell of distances to its own plane is
+zero, so views that agree already stay where they are, whatever the surface's curvature.
 """
 
 from __future__ import annotations
@@ -32,7 +34,7 @@ class Tuning:
     """Length of a cell along the way that it faces, in edges."""
 
     steps: int = 2
-    """Gauss-Newton steps of a view against one surface."""
+    """Gauss-Newton steps against one choice of cells."""
 
     points: int = 1500
     """About how many points of a view are used on the object; as many on the support."""
@@ -166,21 +168,22 @@ def align(views: Sequence[DepthView], low: Array, high: Array, plane: Array | No
             np.concatenate([p for p, _ in seen]), np.concatenate([n for _, n in seen]), cell, rng.random(3)
         )
         tree = cKDTree(np.hstack([surface[0], TUNING.turned * surface[1]]))
+        matches = [_matched(tree, surface, *own, plane) for own in seen]
+        for _ in range(TUNING.steps):
+            now, twists, covariances = _stepped(now, samples, matches, plane, twists, noise, centre)
         for k, view in enumerate(now):
-            match = _matched(tree, surface, *seen[k], plane)
-            explained[k] = match.explained
-            now[k], twists[k], covariances[k] = _stepped(view, samples[k], match, plane, twists[k], noise, centre)
-            residuals[k], near = _spread(now[k], samples[k], match, noise)
-            explained[k] *= near
+            residuals[k], near = _spread(view, samples[k], matches[k], noise)
+            explained[k] = matches[k].explained * near
         noise = max(float(np.median(residuals)), TUNING.noise_floor)
     return AlignedViews(now, plane, residuals, explained, noise, covariances, centre)
 
 
 @dataclass(frozen=True)
 class _Match:
-    """Which of a view's points (indices) lie on which planes (place, normal), and what share of the object's do."""
+    """Which of a view's points (indices) lie on which cells (indices; place, normal), what share of the object's do."""
 
     which: npt.NDArray[np.int64]
+    cell: npt.NDArray[np.int64]
     place: Array
     normal: Array
     explained: float
@@ -215,7 +218,7 @@ def _matched(tree: cKDTree, surface: tuple[Array, Array], points: Array, normals
     distance, cell = tree.query(np.hstack([points[own], TUNING.turned * normals[own]]), workers=1)
     good = distance < TUNING.reach
     share = float(good.mean()) if len(own) else 1.0
-    return _Match(own[good], surface[0][cell[good]], surface[1][cell[good]], share)
+    return _Match(own[good], cell[good], surface[0][cell[good]], surface[1][cell[good]], share)
 
 
 def _spread(view: DepthView, sample: Sample, match: _Match, noise: float) -> tuple[float, float]:
@@ -228,36 +231,71 @@ def _spread(view: DepthView, sample: Sample, match: _Match, noise: float) -> tup
 
 
 def _stepped(
-    view: DepthView, sample: Sample, match: _Match, plane: Array | None, twist: Array, noise: float, centre: Array
-) -> tuple[DepthView, Array, Array]:
-    """Return a view after Gauss-Newton steps, its twist from where it was told to be.
+    views: Sequence[DepthView],
+    samples: Sequence[Sample],
+    matches: Sequence[_Match],
+    plane: Array | None,
+    twists: Array,
+    noise: float,
+    centre: Array,
+) -> tuple[list[DepthView], Array, Array]:
+    """Return all views after one Gauss-Newton step.
 
-    And that one's covariance (6, 6).
+    With their twists from where they were told to be (n, 6), and each one's covariance (n, 6, 6) beside the others:
+    what all may do together moves no surface across another.
+
+    The cells' offsets o along their normals are eliminated: of Σ w (e + J x − o)² the least over o leaves the normal
+    matrix H − Sᵀ S / s, with sums S = Σ w J and s = Σ w over each cell.
     """
-    information = np.eye(6)
+    count, cells = len(views), 1 + max((int(m.cell.max()) for m in matches if len(m.cell)), default=0)
+    H, g = np.zeros((6 * count, 6 * count)), np.zeros(6 * count)
+    S, weight, off = np.zeros((cells, 6 * count)), np.full(cells, 1e-12), np.zeros(cells)
     prior = np.array([TUNING.prior_rotation] * 3 + [TUNING.prior_translation] * 3) ** -2.0
-    for _ in range(TUNING.steps):
+    for k, (view, sample, match) in enumerate(zip(views, samples, matches, strict=True)):
+        own = slice(6 * k, 6 * k + 6)
         p, _ = _in_W(view, sample.points[match.which], sample.normals[match.which])
-        rows = [np.hstack([np.cross(p - centre, match.normal), match.normal])]
-        residual = [np.einsum("ni,ni->n", p - match.place, match.normal)]
+        J, e = _rows(p, match.place, match.normal, centre)
+        w = _weights(e, noise)
+        H[own, own] = (J * w[:, None]).T @ J + np.diag(prior)
+        g[own] = J.T @ (w * e) + prior * twists[k]
+        for column in range(6):
+            S[:, 6 * k + column] = np.bincount(match.cell, w * J[:, column], cells)
+        weight += np.bincount(match.cell, w, cells)
+        off += np.bincount(match.cell, w * e, cells)
         if plane is not None:
-            q, m = _in_W(
-                view,
-                np.concatenate([sample.points, sample.around]),
-                np.concatenate([sample.normals, sample.around_normals]),
-            )
-            height = q @ plane[:3] - plane[3]
-            on = (np.abs(height) < 3 * TUNING.on_support) & (m @ plane[:3] > 0.94)
-            normal = np.broadcast_to(plane[:3], (int(np.count_nonzero(on)), 3))
-            rows.append(np.hstack([np.cross(q[on] - centre, normal), normal]))
-            residual.append(height[on])
-        J, e = np.concatenate(rows), np.concatenate(residual)
-        # Geman and McClure's weights: what is several standard deviations off belongs to something else.
-        w = (1.0 + (e / (2.5 * noise)) ** 2) ** -2.0 / (noise**2 * TUNING.independent)
-        information = (J * w[:, None]).T @ J + np.diag(prior)
-        step = -np.linalg.solve(information, J.T @ (w * e) + prior * twist)
-        view, twist = moved(view, step, centre), twist + step
-    return view, twist, np.asarray(np.linalg.inv(information), dtype=float)
+            J, e = _support_rows(view, sample, plane, centre)
+            w = _weights(e, noise)
+            H[own, own] += (J * w[:, None]).T @ J
+            g[own] += J.T @ (w * e)
+    blocks = H.reshape(count, 6, count, 6)[np.arange(count), :, np.arange(count)]
+    H -= S.T @ (S / weight[:, None])
+    g -= S.T @ (off / weight)
+    steps = -np.linalg.solve(H, g).reshape(count, 6)
+    stepped = [moved(view, step, centre) for view, step in zip(views, steps, strict=True)]
+    return stepped, twists + steps, np.asarray(np.linalg.inv(blocks))
+
+
+def _rows(points: Array, place: Array, normal: Array, centre: Array) -> tuple[Array, Array]:
+    """Return J (N, 6) and e (N,) of points' distances to planes, by a twist about the centre."""
+    J = np.hstack([np.cross(points - centre, normal), normal])
+    return J, np.einsum("ni,ni->n", points - place, normal)
+
+
+def _support_rows(view: DepthView, sample: Sample, plane: Array, centre: Array) -> tuple[Array, Array]:
+    """Return J and e of those of a view's points that lie on the support."""
+    q, m = _in_W(
+        view,
+        np.concatenate([sample.points, sample.around]),
+        np.concatenate([sample.normals, sample.around_normals]),
+    )
+    on = (np.abs(q @ plane[:3] - plane[3]) < 3 * TUNING.on_support) & (m @ plane[:3] > 0.94)
+    normal = np.broadcast_to(plane[:3], (int(np.count_nonzero(on)), 3))
+    return _rows(q[on], plane[3] * plane[:3], normal, centre)
+
+
+def _weights(e: Array, noise: float) -> Array:
+    """Return Geman and McClure's weights: what is several standard deviations off belongs to something else."""
+    return np.asarray((1.0 + (e / (2.5 * noise)) ** 2) ** -2.0 / (noise**2 * TUNING.independent))
 
 
 def doubted(view: DepthView, covariance: Array, centre: Array, noise: float) -> DepthView:

@@ -14,8 +14,8 @@ from functools import cache
 from typing import Final
 
 import numpy as np
-from scipy.stats import chi2
 
+from twin_diagram.signals import chi_square
 from twin_diagram.signals.arrays import Array
 
 FORGETTING: Final = np.array([0.5, 0.8, 0.95])
@@ -78,7 +78,7 @@ def add_message(sums: Array, white: Array) -> Array:
 @cache
 def threshold(n: int) -> float:
     """Return the threshold of `add_message`'s statistics for innovations that are as white as the filter claims."""
-    return float(chi2.ppf(1.0 - TUNING.false_rate, n))
+    return float(chi_square.quantile(1.0 - TUNING.false_rate, n))
 
 
 def grows(before: Array) -> bool:

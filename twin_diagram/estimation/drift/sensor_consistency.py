@@ -20,11 +20,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.stats import chi, chi2
 
 from twin_diagram.estimation.drift.likelihood_ratio import TUNING as LIKELIHOOD_RATIO
 from twin_diagram.estimation.filter.belief import SensorTrack
 from twin_diagram.estimation.filter.sensor_registry import TUNING as SENSOR_REGISTRY
+from twin_diagram.signals import chi_square
 from twin_diagram.signals.arrays import Array
 
 FORGETTING: Final = np.array([0.5, 0.8, 0.95, 0.99])
@@ -101,12 +101,12 @@ class CrossCheck:
         counts = [4 + len(FORGETTING) * (size + 2 * block) for size, block in zip(sizes, blocks, strict=True)]
         self._starts = np.concatenate([[0], np.cumsum(counts)]).astype(int)
         self._blocks = [np.arange(0, size, TUNING.block) for size in sizes]
-        claimed = chi2.ppf(1.0 - LIKELIHOOD_RATIO.false_rate, np.arange(TUNING.block + 1)[1:])
+        claimed = chi_square.quantile(1.0 - LIKELIHOOD_RATIO.false_rate, np.arange(TUNING.block + 1)[1:])
         dofs = [np.minimum(size - at, TUNING.block) for size, at in zip(sizes, self._blocks, strict=True)]
         self._claimed = [claimed[dof - 1] for dof in dofs]
         # Mean and variance of white sums' size, over what is claimed of it.
         self._white = [
-            (chi.mean(dof) / np.sqrt(limit), chi.var(dof) / limit)
+            (chi_square.mean_of_root(dof) / np.sqrt(limit), chi_square.variance_of_root(dof) / limit)
             for dof, limit in zip(dofs, self._claimed, strict=True)
         ]
         self._narrow = (1.0 - FORGETTING**2)[:, None]

@@ -11,9 +11,9 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
 from twin_diagram.estimation.dynamics.positive_definite import solve_positive
+from twin_diagram.signals import chi_square
 from twin_diagram.signals.arrays import Array
 
 
@@ -78,7 +78,7 @@ def alarming(score: Array, groups: list[slice]) -> bool:
 
 @functools.cache
 def _threshold(size: int) -> float:
-    return float(chi2.ppf(1.0 - TUNING.false_rate, size))
+    return float(chi_square.quantile(1.0 - TUNING.false_rate, size))
 
 
 def suspects(score: Array, groups: list[slice]) -> np.ndarray:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
 from twin_diagram.errors import TwinError
 from twin_diagram.estimation.filter.belief import Belief, Entry, SensorTrack
 from twin_diagram.estimation.sensors.sensor import Sensor
+from twin_diagram.signals import chi_square
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER
 
@@ -115,7 +115,7 @@ class Declared:
         """
         found = {}
         for (name, sensor), track in zip(self.sensors.items(), belief.tracks, strict=True):
-            level = float(track[SensorTrack.RUN]) / float(chi2.ppf(1.0 - TUNING.disagreement, sensor.size))
+            level = float(track[SensorTrack.RUN]) / float(chi_square.quantile(1.0 - TUNING.disagreement, sensor.size))
             prior = sensor.own_std()
             if len(prior):
                 level = max(level, float(np.max(np.abs(belief.x[sensor.own]) / (TUNING.farthest * prior))))

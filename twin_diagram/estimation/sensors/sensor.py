@@ -9,8 +9,8 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
+from twin_diagram.signals import chi_square
 from twin_diagram.signals.arrays import Array
 
 
@@ -103,7 +103,7 @@ class Sensor(ABC):
         self.name = name
         self.size = size
         self.length = size if length is None else length
-        self.gate = float(chi2.ppf(gate, size))
+        self.gate = float(chi_square.quantile(gate, size))
         self.own = slice(0, 0)
 
     @abstractmethod

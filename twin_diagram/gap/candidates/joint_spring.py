@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import BSpline
+import scipy
 
 from twin_diagram.gap.candidates.candidate import Candidate, transformed
 from twin_diagram.gap.candidates.joint_candidate import below_zero, single, those_there
@@ -64,7 +64,7 @@ def _curves(terms: Terms, j: int) -> Iterator[Candidate | None]:
         count = len(knots) - 4
 
         def basis(q: Array, knots: Array = knots) -> Array:
-            return BSpline.design_matrix(np.clip(q, low, high), knots, 3).toarray()
+            return scipy.interpolate.BSpline.design_matrix(np.clip(q, low, high), knots, 3).toarray()
 
         columns = terms.reduce(tuple(basis(r.q[:, j]) for r in terms.records.records))
         size = np.sqrt(np.mean(columns**2, axis=0))

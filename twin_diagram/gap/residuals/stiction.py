@@ -12,8 +12,8 @@ from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 from scipy.ndimage import binary_opening, maximum_filter1d, uniform_filter1d
-from scipy.signal import convolve
 
 from twin_diagram.gap.residuals.prepared_logs import Record, Records
 from twin_diagram.gap.residuals.regressors import TUNING as REGRESSORS
@@ -157,8 +157,8 @@ def reach(records: Records, terms: Terms, j: int) -> tuple[Array, Array]:
     for record in records.records:
         still = _at_rest(record, record.v[:, j], slow)
         response = record.response
-        slid.append(convolve(np.where(still, 0.0, np.sign(record.v[:, j])), response, "same")[record.kept])
-        held.append(convolve(still.astype(float), np.abs(response), "same")[record.kept])
+        slid.append(scipy.signal.convolve(np.where(still, 0.0, np.sign(record.v[:, j])), response, "same")[record.kept])
+        held.append(scipy.signal.convolve(still.astype(float), np.abs(response), "same")[record.kept])
     return np.concatenate(slid), np.concatenate(held)
 
 

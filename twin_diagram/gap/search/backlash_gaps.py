@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import find_peaks
+import scipy
 
 from twin_diagram.gap.candidates.candidate import Candidate, linear
 from twin_diagram.gap.residuals.regressors import Terms
@@ -88,7 +88,8 @@ class Knocks:
             most[members] = max(most.get(members, 0.0), float(np.max(scores)))
         peaks: dict[int, set[int]] = {j: set() for j in hypotheses}
         for (j, members), scores in more.items():
-            high, _ = find_peaks([-np.inf, *scores, -np.inf], height=max(TUNING.least, TUNING.share * most[members]))
+            least = max(TUNING.least, TUNING.share * most[members])
+            high, _ = scipy.signal.find_peaks([-np.inf, *scores, -np.inf], height=least)
             peaks[j] |= set(sorted((high - 1).tolist(), key=lambda k: -scores[k])[: TUNING.peaks])
         return {
             j: [float(GAPS[k] * share) for k in sorted(some) for share in TUNING.about] for j, some in peaks.items()

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.residuals.prepared_logs import Records
@@ -72,6 +72,6 @@ def at_full_rate(records: Records, thinned: Array) -> tuple[Array, ...]:
     result = []
     starts = np.concatenate([[0], np.cumsum(records.lengths)]).astype(int)
     for record, first, last in zip(records.records, starts[:-1], starts[1:], strict=True):
-        spline = CubicSpline(record.times, thinned[first:last])
+        spline = scipy.interpolate.CubicSpline(record.times, thinned[first:last])
         result.append(spline(np.clip(record.time, record.times[0], record.times[-1])))
     return tuple(result)

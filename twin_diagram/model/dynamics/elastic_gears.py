@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import CubicSpline
+import scipy
 
 from twin_diagram.model.dynamics.backlash import play
 from twin_diagram.model.effects.elasticity import TUNING as ELASTICITY
@@ -190,7 +190,7 @@ def _coarsely(
     thin = None if beyond is None else beyond[index]
     found = _springs(tree, link_load, springs, (q[index], v[index], a[index]), stride * period, thin)
     rows = np.arange(len(q))
-    whole = (CubicSpline(index, signal)(rows) for signal in (found.angle, found.rate, found.torque))
+    whole = (scipy.interpolate.CubicSpline(index, signal)(rows) for signal in (found.angle, found.rate, found.torque))
     return Twist(*whole)
 
 

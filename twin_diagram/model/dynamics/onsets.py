@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import CubicSpline
+import scipy
 
 from twin_diagram.model.effects.effect import Effect
 from twin_diagram.signals.arrays import Array
@@ -27,7 +27,7 @@ def shifted(signal: Array, time: Array, by: float) -> Array:
     """Return a signal (N, n) of evenly spaced times (N,) as it is `by` seconds later, its ends held [s]."""
     if by == 0.0 or len(time) < 3:
         return signal
-    return np.asarray(CubicSpline(time, signal)(np.clip(time + by, time[0], time[-1])))
+    return np.asarray(scipy.interpolate.CubicSpline(time, signal)(np.clip(time + by, time[0], time[-1])))
 
 
 def stretches(condition: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:

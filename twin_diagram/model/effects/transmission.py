@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import ClassVar
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
+import scipy
 
 from twin_diagram.errors import ModelError
 from twin_diagram.model.effects.effect import Effect
@@ -53,7 +53,7 @@ class JointSpring(Effect):
         least sure of all, and what it says of angles far away is nothing.
         """
         angles, torques = np.split(self.value("curve"), 2)
-        inside = PchipInterpolator(angles, torques)
+        inside = scipy.interpolate.PchipInterpolator(angles, torques)
         ends = np.array([angles[0], angles[-1]])
         mean = float(np.polyfit(angles, torques, 1)[0])
         bends = inside.derivative()(ends) - mean

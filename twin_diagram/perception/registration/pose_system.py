@@ -16,7 +16,9 @@ from twin_diagram.perception.pinhole import Pinhole
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.slots import SLOT_SIZE, Slot, measurement
 from twin_diagram.perception.registration.tracking import Known, step
+from twin_diagram.perception.registration.whole_image import ImageSettings, OtherMemory, advance, sizes
 from twin_diagram.perception.segmentation.segments import Segments
+from twin_diagram.perception.things.memory import Life
 from twin_diagram.runtime.timing import timed
 from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER
 
@@ -42,12 +44,19 @@ class IcpPoseEstimator(LeafSystem):
         - segments
         output_ports:
         - object_poses
+        - further_poses (with slots)
+        - things (with slots)
+        - turned_away (with slots)
 
     Ports:
         segments: (`Segments`) of the newest image.
         object_poses: (K · MEASUREMENT_SIZE) a `PoseMeasurement` per object, in the library's order: X_WO at the image's
             capture time, covariance, quality; quality 0 with the last pose where an object was not found in the image,
-            time `NEVER` before the first image.
+            time `NEVER` before the first image. Quality below 0 is less the share of the object's surface through which
+            the image shows what is behind: it is not there any more.
+        further_poses: (F · FURTHER_MEASUREMENT_SIZE) of further instances of the objects; see `signals.things`.
+        things: (T · THING_SIZE) a packed `Thing` for each slot of an unknown thing.
+        turned_away: (2) further instances and unknown things in the newest image for which no slot was free.
 
     Updated at k / rate + latency + 1 ms, k = 0, 1, …: the poses are those of the image delivered just before, so they
     are `latency` + 1 ms old when they come out. All memory is discrete vector state.
@@ -59,6 +68,8 @@ class IcpPoseEstimator(LeafSystem):
         camera: scenario.Camera,
         params: scenario.Registration,
         perception: scenario.Perception | None = None,
+        slots: scenario.Slots | None = None,
+        scene: scenario.SceneUpdater | None = None,
     ) -> None:
         """Build the system.
 
@@ -67,6 +78,8 @@ class IcpPoseEstimator(LeafSystem):
             camera: the twin's camera: rate and latency.
             params: tuning.
             perception: of it the smallest size of a segment and the stride.
+            slots: for further instances and unknown things; None: each object is there once, all else is ignored.
+            scene: of it when what is not seen counts as stale and as lost.
         """
         super().__init__()
         tuning = perception or scenario.Perception()
@@ -79,8 +92,8 @@ class IcpPoseEstimator(LeafSystem):
         self._input = self.DeclareAbstractInputPort("segments", AbstractValue.Make(none))
         count = len(library)
         empty = np.concatenate([measurement(Slot(), None, NEVER).pack() for _ in range(count)] or [np.zeros(0)])
-        slots = np.concatenate([Slot().pack() for _ in range(count)] or [np.zeros(0)])
-        self._memory = self.DeclareDiscreteState(slots)
+        memory = np.concatenate([Slot().pack() for _ in range(count)] or [np.zeros(0)])
+        self._memory = self.DeclareDiscreteState(memory)
         self._out = self.DeclareDiscreteState(empty)
         self._last = self.DeclareDiscreteState(np.array([NEVER]))
         self.DeclarePeriodicDiscreteUpdateEvent(
@@ -92,6 +105,27 @@ class IcpPoseEstimator(LeafSystem):
             self._calc_poses,
             prerequisites_of_calc={self.discrete_state_ticket(self._out)},
         )
+        self._told: ImageSettings | None = None
+        if slots is not None:
+            lives = scene or scenario.SceneUpdater()
+            life = Life(lives.stale_after, lives.lost_after)
+            self._told = ImageSettings(self._library, params, tuning.smallest, slots, life)
+            self._declare_beside(self._told)
+
+    def _declare_beside(self, told: ImageSettings) -> None:
+        """Declare memory and outputs of what there is beside the first instance of each object."""
+        self._beside = self.DeclareDiscreteState(OtherMemory.empty(told).pack())
+        further, things = sizes(told)
+        ends = np.cumsum([0, further, things, 2])
+        self._beside_out = self.DeclareDiscreteState(np.zeros(int(ends[-1])))
+        for k, name in enumerate(("further_poses", "things", "turned_away")):
+            part = slice(int(ends[k]), int(ends[k + 1]))
+
+            def calc(context: Context, output: BasicVector, part: slice = part) -> None:
+                output.SetFromVector(context.get_discrete_state(self._beside_out).value()[part])
+
+            size, ticket = part.stop - part.start, self.discrete_state_ticket(self._beside_out)
+            self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={ticket})
 
     @timed("IcpPoseEstimator")
     def _update(self, context: Context, discrete: DiscreteValues) -> None:
@@ -102,7 +136,15 @@ class IcpPoseEstimator(LeafSystem):
             return
         vector = context.get_discrete_state(self._memory).value()
         slots = [Slot.unpack(part) for part in vector.reshape(-1, SLOT_SIZE)]
-        after, found = step(self._library, slots, segments, self._params, self._smallest)
+        if self._told is None:
+            after, found = step(self._library, slots, segments, self._params, self._smallest)
+        else:
+            beside = OtherMemory.unpack(context.get_discrete_state(self._beside).value(), self._told)
+            outcome = advance(slots, beside, segments, self._told)
+            after, found = outcome.slots, outcome.poses
+            discrete.get_mutable_vector(self._beside).SetFromVector(outcome.beside.pack())
+            told = np.concatenate([outcome.further, outcome.things, np.array(outcome.beside.turned_away, dtype=float)])
+            discrete.get_mutable_vector(self._beside_out).SetFromVector(told)
         if after:
             discrete.get_mutable_vector(self._memory).SetFromVector(np.concatenate([slot.pack() for slot in after]))
             discrete.get_mutable_vector(self._out).SetFromVector(np.concatenate([one.pack() for one in found]))

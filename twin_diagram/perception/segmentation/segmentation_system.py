@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import cast
 
@@ -13,10 +14,12 @@ from pydrake.systems.sensors import ImageDepth32F, ImageRgba8U
 
 from twin_diagram import scenario
 from twin_diagram.perception.alignment import Alignment
+from twin_diagram.perception.calibration import corrected
 from twin_diagram.perception.segmentation.robot_shape import RobotShape
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.runtime.timing import timed
+from twin_diagram.signals.calibration_error import CALIBRATION_SIZE, SIZE
 
 
 class PerceptionSystem(LeafSystem):
@@ -30,6 +33,7 @@ class PerceptionSystem(LeafSystem):
         - depth_image
         - image_time
         - arm_state
+        - calibration (optional)
         output_ports:
         - segments
 
@@ -38,6 +42,8 @@ class PerceptionSystem(LeafSystem):
         depth_image: (ImageDepth32F) of the same capture [m], 0 where there is none, on its own grid where it has one.
         image_time: (1) capture time [s], `NEVER` before the first.
         arm_state: (2n) x̂ = (q, v) now [rad, rad/s].
+        calibration: (10 + 100) errors of the calibration, which are taken out; see `signals.calibration_error`.
+            Not connected: the camera is as told.
         segments: (`Segments`) in W.
 
     Computed when asked for, and cached: no state, no rate, no latency of its own. The image is older than x̂, so the
@@ -65,12 +71,15 @@ class PerceptionSystem(LeafSystem):
         self._params = params
         self._alignment = Alignment.of(camera)
         self._grid = Grid.of(self._alignment.camera, params.stride)
+        # Rays take as long as a segmentation, and hold for many images.
+        self._corrected = lru_cache(maxsize=2)(self._corrected_grid)
         self._robot = RobotShape(arm, packages, base_dir)
         self._arm_joints = self._robot.joint_count
         self._rgb = self.DeclareAbstractInputPort("rgb_image", Value[ImageRgba8U]())
         self._depth = self.DeclareAbstractInputPort("depth_image", Value[ImageDepth32F]())
         self._time = self.DeclareVectorInputPort("image_time", 1)
         self._arm = self.DeclareVectorInputPort("arm_state", 2 * self._arm_joints)
+        self._calibration = self.DeclareVectorInputPort("calibration", CALIBRATION_SIZE)
         empty = Segments.empty(self._grid.camera, params.stride, params.table_height)
         self.DeclareAbstractOutputPort(
             "segments",
@@ -81,10 +90,16 @@ class PerceptionSystem(LeafSystem):
                 self._depth.ticket(),
                 self._time.ticket(),
                 self._arm.ticket(),
+                self._calibration.ticket(),
                 self.time_ticket(),
             },
         )
         self._empty = empty
+
+    def _corrected_grid(self, errors: bytes) -> tuple[Grid, float]:
+        """Return the grid, and the factor on depth, of the camera with errors (10,), packed, taken out."""
+        camera, factor = corrected(self._alignment.camera, np.frombuffer(errors))
+        return Grid.of(camera, self._params.stride), factor
 
     @timed("Perception")
     def _calc_segments(self, context: Context, output: AbstractValue) -> None:
@@ -97,12 +112,18 @@ class PerceptionSystem(LeafSystem):
         state = np.array(self._arm.Eval(context))
         n = self._arm_joints
         q = state[:n] - state[n:] * (context.get_time() - image_time)
+        grid, metres = self._grid, self._alignment.depth(depth.data[..., 0])
+        if self._calibration.HasValue(context):
+            errors = np.array(self._calibration.Eval(context))[:SIZE]
+            if errors.any():
+                grid, factor = self._corrected(errors.tobytes())
+                metres = metres * np.float32(factor)
         output.set_value(
             segment(
                 self._alignment.colours(rgb.data[..., :3]),
-                self._alignment.depth(depth.data[..., 0]),
+                metres,
                 image_time,
-                self._grid,
+                grid,
                 self._params,
                 lambda points, margin: self._robot.near(points, q, margin),
             )

@@ -51,16 +51,18 @@ class Surroundings:
         grown: (B, N) by how much each is taken to be larger than it is [m].
         present: (B,) bool: those that are not are nowhere.
         still: (B,) bool: the pose is the same in all configurations.
+        beside: bodies that come after those that a `Clearance` was made with: they are among the B.
     """
 
     X_WO: Array
     grown: Array
     present: npt.NDArray[np.bool_]
     still: npt.NDArray[np.bool_]
+    beside: tuple[Body, ...] = ()
 
     def take(self, rows: Ints) -> Surroundings:
         """Return the same for configurations `rows` of these, in any number and order."""
-        return Surroundings(self.X_WO[:, rows], self.grown[:, rows], self.present, self.still)
+        return Surroundings(self.X_WO[:, rows], self.grown[:, rows], self.present, self.still, self.beside)
 
 
 @dataclass(frozen=True)
@@ -104,6 +106,7 @@ class Clearance:
         self._group_count = int(self._groups.max()) + 1
         if ignored is None:
             ignored = np.zeros((chain.size + 1, len(bodies)), dtype=bool)
+        self._all = np.arange(len(self._radii))
         self._counted = [np.flatnonzero(~ignored[self._links, b]) for b in range(len(bodies))]
         self._prepare_self(back[balls.pairs])
 
@@ -156,8 +159,9 @@ class Clearance:
         """
         placement = self.chain.place(q)
         centres = self.centres(placement)
-        result = np.full((len(q), len(self.bodies) + 1), TUNING.far)
-        for b in range(len(self.bodies)):
+        count = len(self.bodies) + len(around.beside)
+        result = np.full((len(q), count + 1), TUNING.far)
+        for b in range(count):
             row, _, distance, _ = self._near(centres, around, b, reach)
             np.minimum.at(result[:, b], row, distance)
         if own:
@@ -195,7 +199,8 @@ class Clearance:
         placement = self.chain.place(q)
         centres = self.centres(placement)
         rows, bodies, distances, gradients = [], [], [], []
-        for b in range(len(self.bodies)):
+        count = len(self.bodies) + len(around.beside)
+        for b in range(count):
             row, ball, distance, normal = self._near(centres, around, b, reach)
             best = _smallest(row * self._group_count + self._groups[ball], distance)
             row, ball, distance, normal = row[best], ball[best], distance[best], normal[best]
@@ -211,7 +216,7 @@ class Clearance:
         velocity = point_jacobian(placement, centres[row, first], self._links[first], row, self.chain.prismatic)
         velocity -= point_jacobian(placement, centres[row, second], self._links[second], row, self.chain.prismatic)
         rows.append(row)
-        bodies.append(np.full(len(row), len(self.bodies)))
+        bodies.append(np.full(len(row), count))
         distances.append(distance)
         gradients.append(np.einsum("mnk,mk->mn", velocity, normal))
         return Contacts(
@@ -223,7 +228,8 @@ class Clearance:
         none = np.zeros(0, dtype=int)
         if not around.present[b]:
             return none, none, np.zeros(0), np.zeros((0, 3))
-        body, counted = self.bodies[b], self._counted[b]
+        own = len(self.bodies)
+        body, counted = (self.bodies[b], self._counted[b]) if b < own else (around.beside[b - own], self._all)
         R_WO, p_WO = around.X_WO[b, :, :3, :3], around.X_WO[b, :, :3, 3]
         offset = centres[:, counted] - (p_WO + R_WO @ body.centre_O)[:, None]
         limit = reach + body.radius + self._radii[counted] + around.grown[b][:, None]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from twin_diagram.planning.collision.convex_solids import solid_of
 from twin_diagram.planning.collision.geometry_to_solids import fixture_solids
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import TRACK_SIZE, ObjectStatus
+from twin_diagram.signals.things import FURTHER_TRACK_SIZE, OWNER_SIZE, things_of
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,12 @@ class Tuning:
     samples: int = 256
     """Configurations that tell which links never leave a fixture and which parts always touch: a share of one half is
     met to 3 %."""
+
+    thing_growth: float = 0.005
+    """An unknown thing is taken to be so much larger than its pieces [m]: what is left of the camera's calibration."""
+
+    kept: int = 64
+    """Shapes of unknown things that are kept at hand, four times as many as there are slots."""
 
     own_contact: float = 0.01
     """Parts of the arm nearer to each other than this count as touching [m]: `planner.Tuning.own_clearance`."""
@@ -86,7 +94,7 @@ class Scene:
     def around(self, forecast: Forecast, times: Array, *, fixtures: bool = True) -> Surroundings:
         """Return where the bodies are at `times` (N,) from the forecast's own time on [s]; fixtures too, or absent."""
         count = len(times)
-        bodies = self.fixture_count + self.object_count
+        bodies = self.fixture_count + len(forecast.present)
         X_WO = np.zeros((bodies, count, 4, 4))
         X_WO[: self.fixture_count] = np.eye(4)
         grown = np.zeros((bodies, count))
@@ -95,7 +103,34 @@ class Scene:
         X_WO[self.fixture_count :], grown[self.fixture_count :] = forecast.at(times)
         present[self.fixture_count :] = forecast.present
         still[self.fixture_count :] = ~forecast.moving
-        return Surroundings(X_WO, grown, present, still)
+        return Surroundings(X_WO, grown, present, still, forecast.beside)
+
+    def forecast(self, tracks: Array, further: Array | None = None, things: Array | None = None) -> Forecast:
+        """Return where all that moves or may be moved is going.
+
+        Args:
+            tracks: (K · TRACK_SIZE) of the library's objects.
+            further: (F · FURTHER_TRACK_SIZE) of further instances of them; None: there are none.
+            things: (T · THING_SIZE) of unknown things; None: there are none.
+        """
+        forecast = Forecast.of_tracks(tracks)
+        parts: list[tuple[tuple[Body, ...], Forecast]] = []
+        if further is not None and len(further):
+            rows = np.asarray(further, dtype=float).reshape(-1, FURTHER_TRACK_SIZE)
+            rows = rows[np.isfinite(rows[:, :OWNER_SIZE]).all(axis=1) & (rows[:, 0] > 0)]
+            kinds = self.clearance.bodies[self.fixture_count :]
+            parts.append((tuple(kinds[int(k)] for k in rows[:, 1]), Forecast.of_tracks(rows[:, OWNER_SIZE:])))
+        if things is not None and np.isfinite(things).all():
+            standing = [thing for thing in things_of(things) if thing.stands and thing.pieces]
+            shapes = tuple(body_of_pieces(*(corners.tobytes() for corners in thing.pieces)) for thing in standing)
+            parts.append((shapes, Forecast.standing_still(len(standing), TUNING.thing_growth)))
+        return forecast.joined(parts)
+
+
+@lru_cache(maxsize=TUNING.kept)
+def body_of_pieces(*pieces: bytes) -> Body:
+    """Return the body that convex pieces make, each told by its corners (V, 3) in W, packed."""
+    return Body.of("thing", [solid_of(np.frombuffer(piece).reshape(-1, 3)) for piece in pieces])
 
 
 def load_scene(
@@ -145,6 +180,7 @@ class Forecast:
         R_WO: (K, 3, 3), p_WO: (K, 3): poses now [m].
         spin, velocity: (K, 3): rad/s and m/s in W, zero where an object stands still.
         grown: (K,) how much larger each is taken to be [m].
+        beside: shapes of those that come after the library's objects: they are among the K.
     """
 
     present: npt.NDArray[np.bool_]
@@ -154,6 +190,21 @@ class Forecast:
     spin: Array
     velocity: Array
     grown: Array
+    beside: tuple[Body, ...] = ()
+
+    @staticmethod
+    def standing_still(count: int, grown: float) -> Forecast:
+        """Return the forecast of things that stand where their shapes are told to be, in W."""
+        on, off = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
+        none = np.zeros((count, 3))
+        return Forecast(on, off, np.tile(np.eye(3), (count, 1, 1)), none, none, none, np.full(count, grown))
+
+    def joined(self, parts: Sequence[tuple[tuple[Body, ...], Forecast]]) -> Forecast:
+        """Return this forecast and others, each with the shapes of its bodies."""
+        all_ = [self, *(forecast for _, forecast in parts)]
+        names = ("present", "moving", "R_WO", "p_WO", "spin", "velocity", "grown")
+        rows = (np.concatenate([getattr(one, name) for one in all_]) for name in names)
+        return Forecast(*rows, beside=tuple(body for bodies, _ in parts for body in bodies))
 
     @staticmethod
     def of_tracks(tracks: Array, age: float = 0.0) -> Forecast:

@@ -117,7 +117,15 @@ class MotionPlanner:
         trajectory = Trajectory.at_rest(now, self.params.step, self.params.knots, q)
         return replace(memory, trajectory=trajectory, stay=trajectory.q0.copy())
 
-    def tick(self, memory: Memory, now: float, arm_state: Array, tracks: Array, goal: Array) -> tuple[Memory, Report]:
+    def tick(
+        self,
+        memory: Memory,
+        now: float,
+        arm_state: Array,
+        tracks: Array,
+        goal: Array,
+        *beside: Array | None,
+    ) -> tuple[Memory, Report]:
         """Plan anew.
 
         Args:
@@ -126,10 +134,11 @@ class MotionPlanner:
             arm_state: (2n,) estimated positions [rad] and velocities [rad/s].
             tracks: (K · TRACK_SIZE,) of the library's objects.
             goal: (7,) X_WG of the tool frame; an all-zero quaternion: stay.
+            beside: further instances and unknown things, as `Scene.forecast` takes them.
         """
         rng = np.random.default_rng([self.params.seed, memory.tick])
         memory, q0, v0, a0, reanchored = self._anchor(memory, now, arm_state)
-        forecast = Forecast.of_tracks(tracks)
+        forecast = self.scene.forecast(tracks, *beside)
         memory = self._aim(memory, q0, q0 + TUNING.stopping_time / 2 * v0, goal, forecast, rng)
 
         situation = self._situation(
@@ -176,7 +185,7 @@ class MotionPlanner:
         distance = scene.clearance.distances(
             q_all, around, clearance + max(self.router.tuning.spare, TUNING.surprise) + 0.01
         )
-        still = np.ones(len(scene.clearance.bodies), dtype=bool)
+        still = np.ones(scene.fixture_count + len(forecast.present), dtype=bool)
         still[scene.fixture_count :] = ~forecast.moving
         return Situation(
             q, forecast, goals, distance[0], distance[1:], still, clearance, least * clearance, TUNING.own_clearance

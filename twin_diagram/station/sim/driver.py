@@ -51,6 +51,23 @@ def follow(q: Array, v: Array, command: Array, speed_limit: Array, dt: float) ->
     return target + decay * (e + slope * dt), decay * (v - w * slope * dt)
 
 
+def held_back(desired: Array, position: Array, reach: Array) -> Array:
+    """Return fingers' desired state with springs wound up by no more than `reach`.
+
+    Args:
+        desired: (2g,) positions, then speeds.
+        position: (g,) measured.
+        reach: (g,) least that a spring is to be wound up by, where its force is the limit [m].
+
+    Returns:
+        (2g,); a finger that is held back asks for no speed: its damper would push beyond the limit.
+    """
+    g = len(position)
+    off = desired[:g] - position
+    back = np.abs(off) > reach
+    return np.concatenate([position + np.clip(off, -reach, reach), np.where(back, 0.0, desired[g:])])
+
+
 class NominalGravity:
     """Torques that hold the arm as the driver believes it to be: the twin's description without payload or effects."""
 
@@ -92,6 +109,7 @@ class ArmDriver(LeafSystem):
         - position_commanded
         - torque_commanded
         - gripper_commanded
+        - gripper_force_limit
         - motor_state
         output_ports:
         - torque
@@ -103,7 +121,11 @@ class ArmDriver(LeafSystem):
     by 10 ms. Before the first command the arm holds its pose. An unconnected port and a vector with a NaN in it are
     no command; a torque that is not a number counts as zero.
 
-    Ports: `position_commanded` (n) [rad], `torque_commanded` (n) [N·m], `gripper_commanded` (g) [m], `motor_state`
+    The fingers' springs are wound up no further than `gripper_force_limit` allows: what is held is pressed with that
+    force from each side, whatever its width.
+
+    Ports: `position_commanded` (n) [rad], `torque_commanded` (n) [N·m], `gripper_commanded` (g) [m],
+    `gripper_force_limit` (1) of each finger [N], `motor_state`
     (2(n + g)) the motors' positions, as encoders without noise would read them, then speeds; `torque` (n) feed-forward
     [N·m], `desired_state` (2n) and `gripper_desired_state` (2 per driven finger) of the plant's controllers. State: the
     filter's (2(n + g)). Rate: the plant's.
@@ -137,13 +159,16 @@ class ArmDriver(LeafSystem):
         self._q = self.DeclareVectorInputPort("position_commanded", n)
         self._tau = self.DeclareVectorInputPort("torque_commanded", n)
         self._fingers = self.DeclareVectorInputPort("gripper_commanded", g) if g else None
+        self._force = self.DeclareVectorInputPort("gripper_force_limit", 1) if g else None
+        self._driven, self._finger_stiffness = driven, arm.stiffness[n:]
         self._motor = self.DeclareVectorInputPort("motor_state", 2 * self._m)
         state = self.DeclareDiscreteState(np.concatenate([arm.q0, np.zeros(self._m)]))
         self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
         stored = self.discrete_state_ticket(state)
         self.DeclareVectorOutputPort("torque", n, self._calc_torque, {self._tau.ticket(), self._motor.ticket()})
         self.DeclareVectorOutputPort("desired_state", 2 * n, self._calc_desired, {stored})
-        self.DeclareVectorOutputPort("gripper_desired_state", 2 * len(driven), self._calc_gripper, {stored})
+        grip = {stored, self._motor.ticket(), *([self._force.ticket()] if self._force else [])}
+        self.DeclareVectorOutputPort("gripper_desired_state", 2 * len(driven), self._calc_gripper, grip)
 
     def _command(self, context: Context, held: Array) -> Array:
         """Return where to go (n + g); `held` where there is no command."""
@@ -179,4 +204,15 @@ class ArmDriver(LeafSystem):
         output.SetFromVector(context.get_discrete_state_vector().value()[self._arm_part])
 
     def _calc_gripper(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(context.get_discrete_state_vector().value()[self._finger_part])
+        desired = context.get_discrete_state_vector().value()[self._finger_part]
+        limit = self._force_limit(context)
+        if np.isfinite(limit):
+            desired = held_back(desired, self._motor.Eval(context)[self._driven], limit / self._finger_stiffness)
+        output.SetFromVector(desired)
+
+    def _force_limit(self, context: Context) -> float:
+        """Return the greatest force of each finger that has a motor [N]; infinite where none is told."""
+        if self._force is None or not self._force.HasValue(context):
+            return np.inf
+        told = float(self._force.Eval(context)[0])
+        return max(0.0, told) if np.isfinite(told) else np.inf

@@ -27,6 +27,7 @@ class SimStation(Diagram):
         - arm.position_commanded
         - arm.torque_commanded
         - gripper.position_commanded
+        - gripper.force_limit
         output_ports:
         - arm.position_measured
         - arm.velocity_estimated
@@ -96,6 +97,7 @@ class SimStation(Diagram):
         builder.ExportOutput(sensors.GetOutputPort("measurement_time"), ports.MEASUREMENT_TIME)
         if g:
             builder.ExportInput(driver.GetInputPort("gripper_commanded"), ports.GRIPPER_COMMANDED)
+            builder.ExportInput(driver.GetInputPort("gripper_force_limit"), ports.GRIPPER_FORCE_LIMIT)
             builder.ExportOutput(sensors.GetOutputPort("gripper_measured"), ports.GRIPPER_MEASURED)
         camera = scenario.twin.camera
         if camera is not None:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
+from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import PdControllerGains
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, CacheEntry, Context, DiscreteValues, LeafSystem, ValueProducer
 
 from twin_diagram.model.description.add_arm import Arm
 from twin_diagram.model.effects.actuation import Gain, TimeDelay, TorqueSaturation
@@ -103,6 +104,11 @@ class Drive(LeafSystem):
 
         own = [int(index) for index in (*arm.actuator_indices, *arm.gripper_actuator_indices)]
         tickets = {port.ticket() for port in self._commands}
+        # Every port and the step read these, so each is worked out once a step.
+        self._command_now = self._declare_array("command", (3, n + g), self._command, tickets)
+        of = {self._state.ticket(), self.xd_ticket(), self.time_ticket()} if self._line or self._changing else set()
+        of.add(self._command_now.ticket())
+        self._motor_torque_now = self._declare_array("motor torque", (n + g,), self._motor_torque, of)
         for instance in arm.instances:
             indices = plant.GetJointActuatorIndices(instance)
             if not indices:
@@ -115,6 +121,17 @@ class Drive(LeafSystem):
         logged_tickets = {self._state.ticket(), self.xd_ticket()}
         self.DeclareVectorOutputPort("torque_logged", n, self._torque_logged, logged_tickets)
         self.DeclareVectorOutputPort("gripper_torque_logged", g, self._gripper_torque_logged, logged_tickets)
+
+    def _declare_array(
+        self, name: str, shape: tuple[int, ...], calc: Callable[[Context], Array], tickets: set[Any]
+    ) -> CacheEntry:
+        """Declare an array that is worked out again only when what it comes from changed."""
+
+        def store(context: Context, value: AbstractValue) -> None:
+            value.get_mutable_value()[:] = calc(context)
+
+        producer = ValueProducer(allocate=lambda: AbstractValue.Make(np.zeros(shape)), calc=store)
+        return self.DeclareCacheEntry(name, producer, tickets)
 
     def _set_motors(self, plant: MultibodyPlant, arm: Arm) -> None:
         """Put what is always there into the motors' own gains and limits."""
@@ -147,7 +164,7 @@ class Drive(LeafSystem):
         def actuation(context: Context, output: BasicVector) -> None:
             state = np.asarray(self._state.Eval(context)) if follows else np.zeros(0)
             values = others.pushes(state, context.get_time())
-            values[rows[0]] += self._motor_torque(context)[rows[1]]
+            values[rows[0]] += self._motor_torque_now.Eval(context)[rows[1]]
             if brakes:
                 friction = self._brakes.torque(state, self._part(context, 2), self._given(context), context.get_time())
                 for k, brake in brakes:
@@ -155,7 +172,7 @@ class Drive(LeafSystem):
             output.SetFromVector(cast(Any, together @ values))
 
         def desired_state(context: Context, output: BasicVector) -> None:
-            command = self._command(context)
+            command = self._command_now.Eval(context)
             values = np.stack([others.rest, np.zeros_like(others.rest)])
             values[:, rows[0]] = command[1:, rows[1]]
             output.SetFromVector(cast(Any, values.ravel()))
@@ -191,7 +208,7 @@ class Drive(LeafSystem):
 
         Beside which their controllers in the plant work.
         """
-        command = self._command(context)
+        command = self._command_now.Eval(context)
         torque = command[0].copy()
         motors = torque[: self._n]
         if self._line is not None:
@@ -226,7 +243,7 @@ class Drive(LeafSystem):
         return after - before
 
     def _hold(self, context: Context, values: DiscreteValues) -> None:
-        command = self._command(context)
+        command = self._command_now.Eval(context)
         state = np.asarray(self._state.Eval(context))
         held = [np.append(command.ravel(), 1.0), self._change(context)]
         held.append(self._brakes.held(state, self._part(context, 2), self._given(context), context.get_time()))

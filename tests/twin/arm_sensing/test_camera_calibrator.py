@@ -1,0 +1,93 @@
+"""The camera's calibration is found again from a rendered arm and table, and what is found reaches poses and claims."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.sensors import ImageDepth32F
+
+from tests.small_loop import SMALL_IMAGES
+from twin_diagram.perception.calibration import calibrate
+from twin_diagram.perception.pinhole import Pinhole
+from twin_diagram.runs.camera_score import true_errors
+from twin_diagram.scenario import Camera, Perception
+from twin_diagram.scenario.file import load_scenario
+from twin_diagram.scenario.lenses import calibration_error
+from twin_diagram.signals.calibration_error import CALIBRATION_SIZE, SIZE, point_shifts
+from twin_diagram.station import ports
+from twin_diagram.station.make_station import make_station
+from twin_diagram.twin.arm_sensing.camera_calibrator import TUNING, CameraCalibrator, tells_more
+from twin_diagram.twin.arm_sensing.known_surfaces import TABLE, ArmParts, ArmView
+
+Array = npt.NDArray[np.float64]
+PLACES = np.array([[0.5, 0.0, 0.05], [0.65, 0.3, 0.05], [0.65, -0.3, 0.05], [0.35, 0.1, 0.1]])
+
+
+@pytest.mark.usefixtures("egl")
+@pytest.mark.parametrize("seed", [1, 5])
+def test_one_image_of_arm_and_table_halves_what_is_shown_aside(seed: int) -> None:
+    plan = load_scenario("real_camera", [*SMALL_IMAGES, f"seed={seed}", "twin.camera.centre_std=0.5"])
+    plan.world.objects = {}
+    assert plan.twin.camera is not None
+    station = make_station(plan)
+    simulator = Simulator(station)
+    simulator.AdvanceTo(0.1)
+    image: Any = station.GetOutputPort(ports.depth_image("camera")).Eval(simulator.get_context())
+    told, parts, q = Pinhole.from_scenario(plan.twin.camera), ArmParts(plan.twin.arm), np.array(plan.twin.home)
+    view = parts.sample(image.data[..., 0], told, 1.0, 0.0, q, np.zeros(7))
+    assert (view.parts == TABLE).sum() > 50 and len(np.unique(view.parts)) > 4
+    found = calibrate(parts.surfaces([view], 0.0), told, calibration_error(plan.twin.camera))
+    errors = true_errors(plan, told)
+    assert np.linalg.norm(errors[3:6]) == pytest.approx(0.005) and abs(errors[6]) == pytest.approx(0.01)
+    J = point_shifts((PLACES - told.p_WC) @ told.R_WC, told.R_WC, told.fx, told.fy)
+    before, after = (np.linalg.norm(J @ e, axis=1) for e in (errors, errors - found.errors))
+    assert after.max() < 0.5 * before.max() and after.mean() < 0.45 * before.mean()
+    left = errors - found.errors
+    nees = [float((j @ left) @ np.linalg.solve(j @ found.covariance @ j.T, j @ left)) / 3.0 for j in J]
+    assert np.mean(nees) < 3.0
+    assert abs(left[6]) < 0.5 * abs(errors[6])
+
+
+def view_of(q: Array) -> ArmView:
+    return ArmView(q, np.zeros(2), np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+
+
+def test_an_image_tells_more_where_the_arm_has_not_been_seen_often() -> None:
+    rest, other = np.zeros(2), np.array([0.0, TUNING.turned * 1.01])
+    kept = [view_of(rest)] * TUNING.alike
+    assert tells_more(kept[:-1], rest) and not tells_more(kept, rest + 0.5 * TUNING.turned)
+    assert tells_more(kept, other) and not tells_more([view_of(k * other) for k in range(TUNING.images)], 99.0 * other)
+
+
+@pytest.fixture(scope="module")
+def calibrator() -> CameraCalibrator:
+    camera = Camera(width=16, height=12, focal=15.0, rate=10.0, latency=0.02, X_WC_std=[0.005, 0.0087])
+    return CameraCalibrator(load_scenario("tabletop").twin.arm, camera, Perception())
+
+
+def test_an_arm_at_rest_alone_is_looked_at(calibrator: CameraCalibrator) -> None:
+    """Blank images tell nothing, but are kept; an arm that moves, an old image and a new Context leave no trace."""
+    simulator = Simulator(calibrator)
+    context = simulator.get_mutable_context()
+    prior = np.array(calibrator.GetOutputPort("calibration").Eval(context))
+    assert prior.shape == (CALIBRATION_SIZE,) and not prior[:SIZE].any()
+    np.testing.assert_allclose(np.trace(prior[SIZE:].reshape(SIZE, SIZE)[3:6, 3:6]), 0.005**2)
+    calibrator.GetInputPort("depth_image").FixValue(context, ImageDepth32F(16, 12))
+    counts = []
+    q = np.zeros(7)
+    for k in range(14):
+        if 5 <= k < 10:
+            q = q + 0.1  # moving
+        calibrator.GetInputPort("image_time").FixValue(context, [0.1 * min(k, 12)])
+        calibrator.GetInputPort("arm_state").FixValue(context, np.r_[q, np.zeros(7)])
+        simulator.AdvanceTo(0.1 * k + 0.05)
+        counts.append(len(calibrator.samples(np.array(context.get_discrete_state(0).value()))))
+    assert counts == [1, 2, 3, 4, 4, 4, 4, 4, 4, 4, 5, 6, 7, 7]
+    np.testing.assert_allclose(calibrator.GetOutputPort("calibration").Eval(context), prior, atol=1e-15)
+    fresh = calibrator.CreateDefaultContext()
+    assert calibrator.samples(np.array(fresh.get_discrete_state(0).value())) == []
+    assert not calibrator.HasAnyDirectFeedthrough()

@@ -1,0 +1,219 @@
+"""One image, all of it: the library's objects, further instances of them, and what no library knows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from twin_diagram import scenario
+from twin_diagram.perception.registration.instances import (
+    INSTANCE_SIZE,
+    Instance,
+    emptiness,
+    recognised,
+    settled,
+)
+from twin_diagram.perception.registration.instances import (
+    TUNING as INSTANCES,
+)
+from twin_diagram.perception.registration.registration import RegisteredPose
+from twin_diagram.perception.registration.slots import Slot, measurement, seen
+from twin_diagram.perception.registration.tracking import Known, step
+from twin_diagram.perception.segmentation.segments import Segments
+from twin_diagram.perception.things import memory as things
+from twin_diagram.perception.things.clusters import Placed, clusters, unexplained
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import NEVER, PoseMeasurement
+from twin_diagram.signals.things import FURTHER_MEASUREMENT_SIZE, THING_SIZE
+
+HEAD: Final = 4
+"""Numbers before the slots: next identities of an instance and of a thing; instances and things turned away."""
+
+
+@dataclass(frozen=True)
+class ImageSettings:
+    """What does not change from image to image.
+
+    Attributes:
+        library: the known objects.
+        registration: tuning.
+        smallest: points that make an object.
+        slots: how many there are, and how long they are kept.
+        life: when things are stale and lost.
+    """
+
+    library: tuple[Known, ...]
+    registration: scenario.Registration
+    smallest: int
+    slots: scenario.Slots
+    life: things.Life
+
+    @property
+    def further(self) -> int:
+        """Slots for further instances, beside the first of each object."""
+        return self.slots.further(len(self.library))
+
+
+@dataclass(frozen=True)
+class OtherMemory:
+    """What is remembered beside the first instance of each of the library's objects.
+
+    Attributes:
+        further: slots of further instances.
+        things: slots of unknown things.
+        identities: the next one of an instance, and of a thing.
+        turned_away: instances and things for which there was no slot in the newest image.
+    """
+
+    further: tuple[Instance, ...]
+    things: tuple[things.Remembered, ...]
+    identities: tuple[int, int] = (1, 1)
+    turned_away: tuple[int, int] = (0, 0)
+
+    @staticmethod
+    def empty(told: ImageSettings) -> OtherMemory:
+        """Return it before the first image."""
+        return OtherMemory((Instance(),) * told.further, (things.Remembered(),) * told.slots.unknown)
+
+    def pack(self) -> Array:
+        """Return it as a vector."""
+        parts = [np.array([*self.identities, *self.turned_away], dtype=float)]
+        parts += [one.pack() for one in self.further] + [one.pack() for one in self.things]
+        return np.concatenate(parts)
+
+    @staticmethod
+    def unpack(vector: Array, told: ImageSettings) -> OtherMemory:
+        """Return the inverse of `pack`."""
+        a, b, c, d = (int(x) for x in vector[:HEAD])
+        end = HEAD + INSTANCE_SIZE * told.further
+        further = tuple(Instance.unpack(row) for row in vector[HEAD:end].reshape(-1, INSTANCE_SIZE))
+        rows = vector[end:].reshape(-1, things.MEMORY_SIZE)
+        return OtherMemory(further, tuple(things.Remembered.unpack(row) for row in rows), (a, b), (c, d))
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What an image made of everything.
+
+    Attributes:
+        slots: of the library's objects.
+        beside: all else that is remembered.
+        poses: of the library's objects: (K) measurements; where a place was seen empty, the quality is negative.
+        further: (F · FURTHER_MEASUREMENT_SIZE) of further instances.
+        things: (T · THING_SIZE) of unknown things.
+    """
+
+    slots: list[Slot]
+    beside: OtherMemory
+    poses: list[PoseMeasurement]
+    further: Array
+    things: Array
+
+
+def advance(slots: Sequence[Slot], beside: OtherMemory, segments: Segments, told: ImageSettings) -> Outcome:
+    """Take an image in.
+
+    Args:
+        slots: of the library's objects, in order.
+        beside: all else that is remembered.
+        segments: the image taken apart.
+        told: what does not change.
+    """
+    first = len(slots)
+    held = [k for k, one in enumerate(beside.further) if one.identity]
+    assets = [*range(first), *(beside.further[k].asset for k in held)]
+    library = [told.library[a] for a in assets]
+    before = [*slots, *(beside.further[k].slot for k in held)]
+    after, measured = step(library, before, segments, told.registration, told.smallest)
+    after, measured = settled(assets, [one.model.radius for one in told.library], before, after, measured)
+    known: list[Placed] = []
+    for k, one in enumerate(measured):
+        if one.quality > 0:
+            known.append((library[k].model, after[k].R, after[k].p))
+        elif after[k].known:
+            measured[k] = replace(one, quality=-emptiness(library[k].model, after[k], segments))
+
+    pool = _Pool([*beside.further], np.zeros((told.further, FURTHER_MEASUREMENT_SIZE)), beside.identities[0])
+    for k, slot, one in zip(held, after[first:], measured[first:], strict=True):
+        pool.keep(k, _kept(pool.slots[k], slot, one, told.slots.forget_after), one)
+    found = clusters(segments, unexplained(segments, known))
+    observed = things.observe(beside.things, segments, found, known, beside.identities[1], told.life)
+    remembered = list(observed.slots)
+    if told.further:
+        lost = {k: measured[k].quality <= 0 for k in range(first)}
+        waiting = [k for k in observed.cluster_of if segments.time >= remembered[k].next_search]
+        if waiting:
+            k = min(waiting, key=lambda k: (remembered[k].searches, k))
+            of = found[observed.cluster_of[k]]
+            remembered[k] = _compared(remembered[k], of, segments, told, pool, lost)
+    identities, turned_away = (pool.next_identity, observed.next_identity), (pool.turned_away, observed.turned_away)
+    out = [one.thing.pack() for one in remembered]
+    return Outcome(
+        after[:first],
+        OtherMemory(tuple(pool.slots), tuple(remembered), identities, turned_away),
+        measured[:first],
+        pool.rows.ravel(),
+        np.concatenate(out) if out else np.zeros(0),
+    )
+
+
+@dataclass
+class _Pool:
+    """Slots of further instances while an image is taken in.
+
+    Attributes:
+        slots: of instances.
+        rows: (F, FURTHER_MEASUREMENT_SIZE) what goes out.
+        next_identity: of the next new instance.
+        turned_away: new instances that found no slot.
+    """
+
+    slots: list[Instance]
+    rows: Array
+    next_identity: int
+    turned_away: int = 0
+
+    def keep(self, k: int, instance: Instance, one: PoseMeasurement) -> None:
+        """Put an instance into slot k, with what was measured of it."""
+        self.slots[k] = instance
+        if instance.identity:
+            self.rows[k] = [instance.identity, instance.asset, *one.pack()]
+
+    def take_in(self, asset: int, pose: RegisteredPose, time: float) -> None:
+        """Give a new instance of an asset a slot; without one it stays an unknown thing, nameless but kept clear of."""
+        free = next((k for k, one in enumerate(self.slots) if not one.identity), None)
+        if free is None:
+            self.turned_away += 1
+            return
+        slot = seen(Slot(), pose, time)
+        self.keep(free, Instance(self.next_identity, asset, NEVER, slot), measurement(slot, pose, time))
+        self.next_identity += 1
+
+
+def _compared(
+    thing: things.Remembered, of: Array, segments: Segments, told: ImageSettings, pool: _Pool, lost: Mapping[int, bool]
+) -> things.Remembered:
+    """Compare a thing, which points `of` show, with the library; what is recognised gets a slot of the pool."""
+    asset, pose, searches = recognised(
+        told.library, of, thing.searches, segments, told.registration, told.smallest, lost
+    )
+    if pose is not None:
+        pool.take_in(asset, pose, segments.time)
+    wait = segments.time + INSTANCES.again if searches < 0 else NEVER
+    return replace(thing, searches=max(searches, 0), next_search=wait)
+
+
+def _kept(instance: Instance, slot: Slot, one: PoseMeasurement, forget_after: float) -> Instance:
+    """Return a further instance after an image; its slot is free once its place has been empty for long enough."""
+    if one.quality >= 0.0:
+        return replace(instance, slot=slot, gone_since=NEVER if one.quality > 0.0 else instance.gone_since)
+    since = instance.gone_since if instance.gone_since >= 0.0 else one.time
+    return Instance() if one.time - since > forget_after else replace(instance, slot=slot, gone_since=since)
+
+
+def sizes(told: ImageSettings) -> tuple[int, int]:
+    """Return how many numbers the ports `further_poses` and `things` have."""
+    return told.further * FURTHER_MEASUREMENT_SIZE, told.slots.unknown * THING_SIZE

@@ -1,0 +1,1 @@
+"""Things that no library knows: found in what nothing explains, remembered, and held by convex pieces."""

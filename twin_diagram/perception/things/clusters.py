@@ -1,0 +1,102 @@
+"""What of an image nothing explains, in clusters: candidates for unknown things."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.perception.pinhole import Pinhole
+from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.registration import claimed
+from twin_diagram.perception.segmentation.segments import TUNING as SEGMENTS
+from twin_diagram.perception.segmentation.segments import Segments
+from twin_diagram.signals.arrays import Array
+
+Mask = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    owned: float = 0.015
+    """Points this near to a known object's surface are its own [m] …"""
+
+    sigmas: float = 4.0
+    """… and so many standard deviations of depth besides, at the object."""
+
+    fewest: int = 60
+    """Points that nothing explains make a thing, from so many on, 640 pixels wide and every second taken."""
+
+    rest: float = 0.3
+    """Of a part of the image that known objects explain for the greater part, a rest below this share is their rim."""
+
+    least_size: float = 0.012
+    """A thing is at least so large in two directions [m], as a standard deviation times two."""
+
+    floats: float = 0.05
+    """What is higher than this above all that it could stand on, and borders on the robot, is the robot's [m]."""
+
+    beside_robot: int = 3
+    """Pixels of the working grid: so near borders on the robot."""
+
+
+TUNING = Tuning()
+
+Placed = tuple[ModelCloud, Array, Array]
+"""A model, R_WO (3, 3) and p_WO (3,)."""
+
+
+def unexplained(segments: Segments, known: Sequence[Placed]) -> Mask:
+    """Return (N,) which of the segments' points belong to none of the objects."""
+    free = np.ones(len(segments.labels), dtype=bool)
+    for model, R, p in known:
+        free[claimed(model, segments, R, p, reach_at(segments.camera, p))] = False
+    return free
+
+
+def reach_at(camera: Pinhole, p: Array) -> float:
+    """Return how far from an object's surface at p (3,) its points may be shown [m]."""
+    z = max(float((p - camera.p_WC) @ camera.R_WC[:, 2]), 0.0)
+    return TUNING.owned + TUNING.sigmas * float(camera.depth_noise(np.array(z)))
+
+
+def clusters(segments: Segments, free: Mask) -> list[npt.NDArray[np.int64]]:
+    """Return the indices of the points of each cluster, in the order of the segments.
+
+    Args:
+        segments: the image taken apart.
+        free: (N,) the points that nothing explains.
+    """
+    fewest = TUNING.fewest * (segments.camera.width / 640.0 * 2.0 / segments.stride) ** 2
+    found = []
+    for label in range(segments.count):
+        whole = segments.labels == label
+        own = np.flatnonzero(free & whole)
+        if len(own) < fewest or len(own) < TUNING.rest * np.count_nonzero(whole):
+            continue
+        if _large(segments.points_W[own]) and not _robots(segments, own, label):
+            found.append(own)
+    return found
+
+
+def _large(points: Array) -> bool:
+    spread = np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(points.T)), 0.0))
+    return bool(2.0 * spread[1] >= TUNING.least_size)
+
+
+def _robots(segments: Segments, own: npt.NDArray[np.int64], label: int) -> bool:
+    """Return whether a cluster is what the robot's model leaves over: it borders on the robot and hangs in the air."""
+    heights = [float(np.percentile(plane.height(segments.points_W[own]), 2.0)) for plane in segments.planes]
+    if not heights or min(abs(h) for h in heights) < TUNING.floats:
+        return False
+    rows, columns = np.nonzero(segments.label_image == label)
+    r, far = TUNING.beside_robot, (segments.label_image.shape[0], segments.label_image.shape[1])
+    around = segments.label_image[
+        max(rows.min() - r, 0) : min(rows.max() + r + 1, far[0]),
+        max(columns.min() - r, 0) : min(columns.max() + r + 1, far[1]),
+    ]
+    return bool((around == SEGMENTS.robot).any())

@@ -1,0 +1,61 @@
+"""Watches objects come and go while a run goes on: keeps the twin's scene, and tells of each event once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from pydrake.systems.framework import Context
+
+from twin_diagram.scene.object_events import name_of
+from twin_diagram.signals.layouts import ObjectStatus
+from twin_diagram.signals.things import FURTHER_TRACK_SIZE, OWNER_SIZE, things_of
+from twin_diagram.twin.twin import TwinDiagram
+
+
+class ObjectWatch:
+    """Looks at a twin's objects and things between steps."""
+
+    def __init__(self, twin: TwinDiagram, note: Callable[[Mapping[str, Any]], None]) -> None:
+        """`note` takes the events."""
+        self._twin, self._note = twin, note
+        self._newest = -1.0
+
+    def poll(self, context: Context) -> None:
+        """Keep the scene, and tell of what has happened since the last look; `context` is the whole Diagram's."""
+        own = self._twin.diagram.GetMyMutableContextFromRoot(context)
+        self._twin.keep_scene(own)
+        # Those of one tick come together, so none is added to a time that was told of.
+        fresh = [event for event in self._twin.events(own) if event["time"] > self._newest]
+        for event in fresh:
+            self._note(event)
+            self._newest = event["time"]
+
+    def told(self, context: Context) -> dict[str, Any]:
+        """Return what there is beside the first of each object, for ``summary.json``; `context` is the whole Diagram's.
+
+        Further instances by their names, with place [m] and status; unknown things the same, with how many pieces.
+        """
+        twin = self._twin.diagram
+        own = twin.GetMyContextFromRoot(context)
+        names = self._twin.scene.object_names
+        further = np.asarray(twin.GetOutputPort("further_tracks").Eval(own)).reshape(-1, FURTHER_TRACK_SIZE)
+        result: dict[str, Any] = {
+            name_of(len(names), int(row[0]), int(row[1]), names): {
+                "status": ObjectStatus(int(row[OWNER_SIZE])).name.lower(),
+                "place": row[OWNER_SIZE + 6 : OWNER_SIZE + 9].round(4).tolist(),
+            }
+            for row in further
+            if row[0] > 0
+        }
+        if not twin.HasOutputPort("things"):
+            return result
+        for thing in things_of(np.asarray(twin.GetOutputPort("things").Eval(own))):
+            if thing.stands:
+                result[name_of(len(names), thing.identity, -1, names)] = {
+                    "status": thing.status.name.lower(),
+                    "place": thing.middle.round(4).tolist(),
+                    "pieces": len(thing.pieces),
+                }
+        return result
