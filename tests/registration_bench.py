@@ -52,8 +52,8 @@ def model() -> ModelCloud:
         views[k], counts[k] = np.resize(seen, 40), len(seen)
     colours = rng.uniform(0.25, 0.65, (2, COUNT, 3))
     asset = Asset("ball", None, points, normals, colours[0], None, (points,), 0.1, np.full(3, 0.12))  # type: ignore[arg-type]
-    bare = np.full(COUNT, 1e9)
-    return ModelCloud(asset, points, normals, colours, directions, views, counts, cKDTree(points), 0.01, 0.066, bare)
+    tree, steep, none = cKDTree(points), np.full(COUNT, 1e9), np.zeros((0, 3, 3))
+    return ModelCloud(asset, points, normals, colours, directions, views, counts, tree, 0.01, 0.066, steep, none)
 
 
 @functools.cache

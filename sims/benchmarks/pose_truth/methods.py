@@ -10,9 +10,12 @@ import numpy.typing as npt
 from pose_truth.trials import Trial, segments
 from twin_diagram import scenario
 from twin_diagram.native import import_open3d
+from twin_diagram.perception.registration.alternatives import PoseHypothesis
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import nearby
 from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.registration import claimed, register
+from twin_diagram.perception.registration.tracking import TUNING as TRACKING
 
 o3d = import_open3d()
 Array = npt.NDArray[np.float64]
@@ -27,15 +30,31 @@ def _model(trial: Trial) -> ModelCloud:
     return _MODELS[name]
 
 
+ALLOWED: list[PoseHypothesis] = []
+"""What the last registration by the twin says that the image allows."""
+
+
 def ours(trial: Trial) -> tuple[Array, Array, Array | None]:
     """Register as the twin does; pose and covariance."""
+    ALLOWED.clear()
     taken = segments(trial)
     frame = Frame.of(taken)
     model = _model(trial)
     found = nearby(model, frame, trial.R0, trial.p0, taken.points_W, taken.normals_W, _PARAMS)
     if found is None:
         return trial.R0, trial.p0, None
+    ALLOWED.extend(found.hypotheses)
     result = found.registration
+    return result.R, result.p, result.covariance
+
+
+def tracked(trial: Trial) -> tuple[Array, Array, Array | None]:
+    """Register as a tracked frame is: near the pose before, without a search."""
+    ALLOWED.clear()
+    taken = segments(trial)
+    frame, model = Frame.of(taken), _model(trial)
+    own = taken.points_W[claimed(model, taken, trial.R0, trial.p0, _PARAMS.reach, TRACKING.thin)]
+    result = register(model, frame, trial.R0, trial.p0, _PARAMS, points_W=own)
     return result.R, result.p, result.covariance
 
 
@@ -92,6 +111,7 @@ def _small_gicp(trial: Trial) -> tuple[Array, Array, None]:
 
 METHODS = {
     "ours": ours,
+    "ours tracked": tracked,
     "point to point": lambda trial: _open3d(trial, "point"),
     "point to plane": lambda trial: _open3d(trial, "plane"),
     "coloured": lambda trial: _open3d(trial, "colour"),

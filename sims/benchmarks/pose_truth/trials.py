@@ -100,6 +100,16 @@ def miss(trial: Trial, R: Array, p: Array) -> tuple[float, float]:
     return float(np.linalg.norm(p - trial.p)), angle
 
 
+def squared(trial: Trial, R: Array, p: Array, covariance: Array) -> float:
+    """Return the squared error over what is claimed, per degree of freedom; turns that cannot be told do not count."""
+    error = np.concatenate([log((trial.R @ R.T)[None])[0], trial.p - p])
+    if trial.thing.symmetric == "z":
+        axis = np.cross(R[:, 2], trial.R[:, 2])
+        angle = np.arccos(np.clip(R[:, 2] @ trial.R[:, 2], -1.0, 1.0))
+        error[:3] = angle * axis / max(float(np.linalg.norm(axis)), 1e-12)
+    return float(error @ np.linalg.solve(covariance, error)) / (5 if trial.thing.symmetric == "z" else 6)
+
+
 def segments(trial: Trial) -> Segments:
     """Return the picture taken apart by the true mask, as segmentation hands it on."""
     camera, depth = trial.camera, trial.depth

@@ -113,7 +113,7 @@ def test_slides_are_told_by_edges() -> None:
     view, asset = camera(), Asset.load(models_dir() / "objects" / "sugar_box")
     model = ModelCloud.of(asset, 600)
     R, p = yawed(0.3), np.array([0.5, 0.0, asset.size[2] / 2])
-    rgb, depth, _ = picture(view, [Thing(asset, 11, R, p)])
+    rgb, depth, _ = picture(view, [Thing(asset, 7, R, p)])
     segments = segment(rgb, depth, 0.0, Grid.of(view, 2), scenario.Perception())
     aside = [k * R[:, 1] for k in (0.0, 0.005, -0.005, 0.015, -0.015)]
     laid = Poses(np.repeat(R[None], 5, axis=0), p + np.array(aside))

@@ -42,7 +42,8 @@ def box() -> ModelCloud:
     none = np.zeros((1, 1), dtype=np.int64)
     spacing = float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]) * 2)
     tree, plain = cKDTree(points), np.zeros(len(points))
-    return ModelCloud(asset, points, normals, points[None], np.eye(3), none, none[0], tree, spacing, 0.1, plain)
+    tables = points[None], np.eye(3), none, none[0], tree
+    return ModelCloud(asset, points, normals, *tables, spacing, 0.1, plain, np.zeros((0, 3, 3)))
 
 
 def seen(R: Array, p: Array, count: int = 250) -> tuple[Array, Array]:

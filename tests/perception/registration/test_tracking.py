@@ -52,7 +52,11 @@ def test_a_pose_is_predicted_for_a_short_while() -> None:
         ({}, True),
         ({"quality": PARAMS.minimum_quality - 0.01}, False),
         ({"quality": PARAMS.minimum_quality + 0.01}, True),
-        # Colours are no veto where the shape is there.
+        # Colours are no veto where the shape is there, where it should be.
+        ({"quality": 0.1, "shape": 0.9, "p": P + [0.0, 0.019, 0.0]}, True),
+        ({"quality": 0.1, "shape": 0.9, "p": P + [0.0, 0.021, 0.0]}, False),
+        ({"quality": 0.1, "shape": 0.9, "R": exp(np.array([0.0, 0.19, 0.0]))}, True),
+        ({"quality": 0.1, "shape": 0.9, "R": exp(np.array([0.0, 0.21, 0.0]))}, False),
         ({"quality": 0.1, "shape": PARAMS.minimum_quality + 0.01}, True),
         ({"quality": 0.1, "shape": PARAMS.minimum_quality - 0.01}, False),
         ({"visible_share": 0.11}, False),

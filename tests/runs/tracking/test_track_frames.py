@@ -190,6 +190,7 @@ def test_what_is_wrong_is_one_line_and_nothing_is_written(
     (tmp_path / "empty").mkdir()
     head = "scene_id,im_id,obj_id,score,R,t,time\n"
     bad = "0,0,1,1,1 0 0 0 1 0 0 0 2,0 0 500,0\n"
+    good = bad.replace("0 0 2,", "0 0 1,")
     for arguments, text, said in (
         ((tmp_path / "none", scene), "", "none"),
         ((tmp_path / "empty", scene), "", "no whole asset"),
@@ -197,9 +198,15 @@ def test_what_is_wrong_is_one_line_and_nothing_is_written(
         ((library, scene), head + bad, "R is no rotation"),
         ((library, scene), head + bad.replace("0 0 2", "0 0 1").replace("0,0,1,", "0,0,7,"), "obj_id 7"),
         ((library, scene), "a,b\n1,2\n", "no BOP result"),
+        ((library, scene), "", "no pose of the first frame"),
+        ((library, scene), head, "no pose of the first frame"),
+        ((library, scene), head + good.replace("0,0,1", "0,5,1", 1), "no pose of the first frame, im_id 0"),
+        ((library, scene), head + good.replace("0,0,1,1,", "0,0,1,nan,", 1), "score one"),
+        ((library, scene), head + good.replace("0 0 500", "0 0 -500"), "not before the camera"),
+        ((library, scene), head + good.replace("0 0 500", "1e300 0 500"), "not before the camera"),
     ):
         poses.write_text(text)
-        more = ("--init", str(poses)) if text else ()
+        more = ("--init", str(poses)) if text or "first frame" in said else ()
         out = tmp_path / "out"
         assert track(*arguments, out, *more) == 2
         error = capsys.readouterr().err.strip().splitlines()
@@ -216,3 +223,56 @@ def test_without_a_table_all_that_is_seen_stands(library: Path, taken: Shots, tm
     alone = Shots([replace(frame, depth=near), replace(frame, number=1, time=0.1, depth=near)])
     assert track(library, folder_of(alone, tmp_path / "frames"), tmp_path / "out") == 0
     assert len(lines(tmp_path / "out")) == 2
+
+
+@pytest.mark.parametrize(
+    ("K", "said"),
+    [
+        ([1e9, 0, 200, 0, 1e9, 160, 0, 0, 1], "fx is 1e+09 for 400 pixels"),
+        ([520, 0, 200, 0, 1e-3, 160, 0, 0, 1], "fy is 0.001 for 320 pixels"),
+    ],
+)
+def test_a_view_that_is_no_cameras_is_refused(
+    K: list[float], said: str, library: Path, scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A focal length in another unit: points a million pixels wide took hours to be laid out."""
+    frames = shutil.copytree(scene, tmp_path / "frames")
+    entries = json.loads((frames / "scene_camera.json").read_text())
+    (frames / "scene_camera.json").write_text(json.dumps({k: e | {"cam_K": K} for k, e in entries.items()}))
+    assert track(library, frames, tmp_path / "out") == 2
+    error = capsys.readouterr().err.strip().splitlines()
+    assert len(error) == 1 and said in error[0] and not (tmp_path / "out").exists()
+
+
+def test_a_negative_seed_is_refused(
+    library: Path, scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert track(library, scene, tmp_path / "out", "--seed", "-1") == 2
+    assert capsys.readouterr().err.strip() == "error: --seed -1: must not be negative"
+
+
+def test_what_is_taken_away_is_lost_within_half_a_second_and_found_again(
+    library: Path, taken: Shots, tmp_path: Path
+) -> None:
+    """Three frames with the brick, seven without, three with it six centimetres aside; 15 a second."""
+    view = taken.frames[0].camera
+    stays = body((0.05, 0.06, 0.07), 0.02, -0.13, 0.2)
+    with_it, without, aside = (shots([body(SIZE, x, 0.02, YAW), stays], [view]).frames[0] for x in (-0.04, 9.0, 0.02))
+    frames = [with_it] * 3 + [without] * 7 + [aside] * 3
+    shown = Shots([replace(one, number=k, time=k / 15.0) for k, one in enumerate(frames)])
+    assert track(library, folder_of(shown, tmp_path / "frames"), tmp_path / "out") == 0
+    found = [of(line, "brick") for line in lines(tmp_path / "out")]
+    assert all(one["status"] == "tracked" and one["probability"] > 0.9 for one in found[1:3])
+    assert all(one["status"] == "lost" and one["probability"] < 0.1 and one["visible"] < 0.3 for one in found[9:10])
+    probabilities = [one["probability"] for one in found[2:10]]
+    assert probabilities == sorted(probabilities, reverse=True)
+    assert abs(found[-1]["p_WO"][0] - 0.02) < 0.003 and found[-1]["probability"] > 0.9
+
+
+def test_hypotheses_share_the_objects_probability(tracked: Path) -> None:
+    """A box of one colour looks the same after half a turn: nothing tells which way round it was found."""
+    for line in lines(tracked):
+        one = of(line, "brick")
+        assert sum(h["probability"] for h in one["hypotheses"]) == pytest.approx(one["probability"])
+        turned = [angle(h["q_WO"], YAW) for h in one["hypotheses"]]
+        assert max(turned) < np.radians(4.0) and len(turned) >= 2

@@ -42,7 +42,7 @@ class Tuning:
     """And so far where it is a turn: up to half a one."""
 
     open: float = 0.4
-    """A turn of which depth alone leaves so many units is tried all the way round."""
+    """A turn of which so many units are left open is tried all round; what colours tell is weighed from here."""
 
     better: float = 2.0
     """A pose likelier by this is gone to, and registered anew [nat]."""
@@ -59,6 +59,9 @@ class Tuning:
     cut: float = 3.0
     """A deviation larger than this is another thing's: it costs no more."""
 
+    placed: float = 4.5
+    """A model point is in place within so many deviations."""
+
     hidden: float = 0.15
     """Cost of a point that something else hides, beside 4.5 of one that is not where it should be."""
 
@@ -67,6 +70,15 @@ class Tuning:
 
     colour: float = 0.12
     """Deviation of a colour [of 1]."""
+
+    fewest: float = 4.0
+    """So many points share one vote at least: a cloud leaves out what lies between its points, and so do few pixels."""
+
+    yaws: int = 12
+    """Poses about the vertical that one found without a prediction is compared with, itself included."""
+
+    rivals: int = 2
+    """So many of the turned poses are registered and compared."""
 
     likely: float = 0.01
     """What is less probable is no hypothesis."""
@@ -89,15 +101,15 @@ class PoseHypothesis:
 
 
 def votes(looked: Looked, frame: Frame, spacing: float) -> float:
-    """Return how many model points share one vote: those whose depth errs as one."""
+    """Return how many model points share one vote: those whose depth errs as one, and no fewer than `fewest`."""
     noise = frame.camera.depth_noise
     if noise.correlated + noise.lasting <= 0.0:
-        return 1.0
+        return TUNING.fewest
     z = float(np.median(looked.z[0]))
     patch = 4.0 * np.pi * (DEPTH.patch * frame.camera.width / DEPTH.width) ** 2
     points = max(1.0, float(looked.counted[0].sum()))
     area = float((looked.facing[0].clip(0.0) * looked.counted[0]).sum()) * (spacing * frame.camera.fx / z) ** 2
-    return max(1.0, patch * points / max(area, 1.0))
+    return max(TUNING.fewest, patch * points / max(area, 1.0))
 
 
 def costs(model: ModelCloud, frame: Frame, poses: Poses, points_W: Array, looked: Looked) -> Array:
@@ -112,15 +124,15 @@ def costs(model: ModelCloud, frame: Frame, poses: Poses, points_W: Array, looked
     """
     sigma = np.hypot(frame.camera.depth_noise(looked.z) * looked.facing.clip(0.3), RESIDUALS.model_noise)
     on = looked.near & (np.abs(looked.deeper) < ASSESSMENT.same_surface)
-    away = np.where(on, np.minimum(np.abs(looked.distance) / sigma, TUNING.cut), TUNING.cut)
-    placed = on & (away < TUNING.cut)
+    # How well each fits is the image's points' to say: those are the same at all poses, the model's are not.
+    placed = on & (np.abs(looked.distance) < TUNING.placed * sigma)
     found, _, _ = frame.colour_at(looked.u, looked.v, COARSE)
     weight = looked.facing * placed
     gain = brightness(found, looked.colour, looked.n, weight)
     difference = found - np.minimum(looked.colour * gain[..., None], 1.0)
     off = np.sqrt(np.einsum("bpi,bpi->bp", difference, difference)) / np.maximum(gain, 0.2)
     colour = np.minimum(off / TUNING.colour, TUNING.cut)
-    each = np.where(placed, 0.5 * away**2 + 0.25 * colour**2, 0.0)
+    each = np.where(placed, 0.25 * colour**2, 0.0)
     hidden = looked.seen & ~placed & (looked.deeper < 0)
     behind = looked.seen & ~placed & ~hidden
     each = each + 0.5 * TUNING.cut**2 * behind + TUNING.hidden * hidden
@@ -149,13 +161,22 @@ def _unexplained(model: ModelCloud, frame: Frame, poses: Poses, points_W: Array)
 def weak_directions(looked: Looked, frame: Frame, votes_each: float, colour_share: float) -> list[tuple[Array, float]]:
     """Return directions (6,) [units of `Tuning.unit`] that depth and colour leave open, with the deviation left."""
     J, w, _ = depth_pairs(looked, frame, TUNING.reach)
-    H = (J[0] * w[0][:, None]).T @ J[0] / votes_each
-    if colour_share > 0.0:
-        H = H + colour_terms(looked, frame, FINE, TUNING.reach, colour_share)[0][0] / CLAIMS.colours_alike
     scale = np.repeat(TUNING.unit, 3)
-    values, ways = np.linalg.eigh(H * scale[:, None] * scale)
+    both = scale[:, None] * scale
+    H = (J[0] * w[0][:, None]).T @ J[0] / votes_each * both
+    Hc = np.zeros((6, 6))
+    if colour_share > 0.0:
+        Hc = colour_terms(looked, frame, FINE, TUNING.reach, colour_share)[0][0] / CLAIMS.colours_alike * both
+    values, ways = np.linalg.eigh(H + Hc)
     deviation = 1.0 / np.sqrt(np.maximum(values, 1e-6))
-    return [(ways[:, k], float(deviation[k])) for k in range(3) if deviation[k] > TUNING.weak]
+    found = []
+    for k in range(3):
+        way = ways[:, k]
+        # What colours tell, a registration has seen more finely than is weighed here.
+        most = TUNING.open if way @ Hc @ way > 0.5 * values[k] else TUNING.weak
+        if deviation[k] > most:
+            found.append((way, float(deviation[k])))
+    return found
 
 
 @dataclass(frozen=True)
@@ -239,6 +260,7 @@ def distinct(found: Profile, centre: Poses, narrow: Array, wide: Array) -> tuple
     between = narrow + np.diag(np.square(np.repeat(TUNING.apart, 3) / 2.0))
     poses = Poses(np.concatenate([centre.R, found.poses.R[1:]]), np.concatenate([centre.p, found.poses.p[1:]]))
     share = np.zeros(len(found.cost))
+    share[0] = 0.0 if found.directions else 1.0
     for k in range(len(found.directions)):
         on = np.flatnonzero((found.along == k) | (found.along == -1))
         on = on[np.argsort(found.offset[on])]

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from twin_diagram.assets import Asset
+from twin_diagram.perception.registration.rotation import exp
 from twin_diagram.signals.arrays import Array
 
 
@@ -27,6 +28,9 @@ class Tuning:
 
     neighbours: int = 24
     """Points that the blur on the surface takes in, at most: beyond them its weights are small."""
+
+    alike: float = 0.08
+    """A turned shape is much the same where it lies this share of its radius off itself on average."""
 
 
 TUNING = Tuning()
@@ -48,6 +52,7 @@ class ModelCloud:
         spacing: mean distance between neighbouring points [m].
         radius: of the sphere about O that holds the object [m].
         texture: (M,) squared slope of its fine colours along the surface [1/m²].
+        turns: (T, 3, 3) turns about O's axes that leave the shape much as it was: what is mistaken for one another.
     """
 
     asset: Asset
@@ -61,6 +66,7 @@ class ModelCloud:
     spacing: float
     radius: float
     texture: Array
+    turns: Array
 
     @staticmethod
     def of(asset: Asset, view_points: int) -> ModelCloud:
@@ -92,7 +98,33 @@ class ModelCloud:
         steps = ((colours[0][neighbour] - colours[0][:, None]) ** 2).sum(axis=2) * alike
         # A slope g makes steps of g² d² / 2 on average over all ways to go.
         texture = 2.0 * steps.sum(axis=1) / np.maximum((distance**2 * alike).sum(axis=1), 1e-12)
-        return ModelCloud(asset, points, normals, colours, directions, views, counts, tree, spacing, radius, texture)
+        turns = alike_turns(points, tree, 0.5 * spacing + TUNING.alike * radius, asset.symmetric_axis)
+        return ModelCloud(
+            asset, points, normals, colours, directions, views, counts, tree, spacing, radius, texture, turns
+        )
+
+
+def alike_turns(points: Array, tree: cKDTree, most: float, symmetric_axis: str | None) -> Array:
+    """Return the quarter and half turns (T, 3, 3) about O's axes, each with the middle of the box kept in place.
+
+    Args:
+        points: (M, 3) of the surface.
+        tree: over them.
+        most: mean distance [m] between the surface and itself turned, up to which it is taken for alike.
+        symmetric_axis: `z` where turns about it do not count.
+    """
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    thin = points[:: max(1, len(points) // 400)] - middle
+    found = []
+    for axis in range(3):
+        if axis == 2 and symmetric_axis == "z":
+            continue
+        for quarters in (1, 2, 3):
+            turn = exp(0.5 * np.pi * quarters * np.eye(3)[axis])
+            distance, _ = tree.query(thin @ turn.T + middle, workers=1)
+            if distance.mean() < most:
+                found.append(turn)
+    return np.array(found).reshape(-1, 3, 3)
 
 
 def fibonacci_sphere(count: int) -> Array:

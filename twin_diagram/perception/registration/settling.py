@@ -21,6 +21,7 @@ from twin_diagram.perception.registration.data_association import FINE, Poses, l
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.registration import RegisteredPose, register
+from twin_diagram.perception.registration.rotation import exp, log
 from twin_diagram.signals.arrays import Array
 
 
@@ -45,6 +46,8 @@ def settle(
     candidates: Sequence[RegisteredPose],
     points_W: Array,
     params: scenario.Registration,
+    *,
+    turns: bool = False,
 ) -> SettledPose:
     """Weigh poses along what depth leaves open, go to the likeliest, and claim what the weights say.
 
@@ -54,12 +57,14 @@ def settle(
         candidates: registered poses, of which the likeliest is gone on with.
         points_W: (N, 3) points that should be the object's.
         params: tuning.
+        turns: nothing is known of the pose beforehand, so that what it may be mistaken for is tried, too.
     """
-    chosen = 0
-    if len(candidates) > 1:
-        laid_at = Poses(np.stack([one.R for one in candidates]), np.stack([one.p for one in candidates]))
-        chosen = int(np.argmin(compare(model, frame, laid_at, points_W)))
-    result = candidates[chosen]
+    rivals = [*candidates, *(turned(model, frame, candidates[0], points_W, params) if turns else [])]
+    cost = np.zeros(1)
+    if len(rivals) > 1:
+        cost = compare(model, frame, _poses(rivals), points_W)
+    chosen = int(np.argmin(cost))
+    result = rivals[chosen]
     for turn in range(TUNING.rounds + 1):
         pose = Poses(result.R[None], result.p[None])
         fine = look(model, frame, pose, params.model_points, FINE)
@@ -72,5 +77,45 @@ def settle(
     after = pose.moved(step[None])
     wide = widened(result.covariance, spread)
     poses = distinct(laid, after, result.covariance, wide)
-    moved = chosen > 0 or result is not candidates[0] or bool(np.any(step))
+    if len(rivals) > 1:
+        poses = beside(poses, rivals, cost)
+    moved = result is not candidates[0] or bool(np.any(step))
     return SettledPose(replace(result, R=after.R[0], p=after.p[0], covariance=wide), poses, moved)
+
+
+def turned(
+    model: ModelCloud, frame: Frame, one: RegisteredPose, points_W: Array, params: scenario.Registration
+) -> list[RegisteredPose]:
+    """Register what a pose may be mistaken for: turns that leave the shape much as it was, and turns of what stands."""
+    middle = 0.5 * (model.points.min(axis=0) + model.points.max(axis=0))
+    yaw = 2.0 * np.pi * np.arange(1, TUNING.yaws) / TUNING.yaws
+    upright = exp(np.stack([0.0 * yaw, 0.0 * yaw, yaw], axis=1))
+    R = np.concatenate([one.R[None], one.R @ model.turns, upright @ one.R])
+    laid = Poses(R, one.p + (one.R @ middle) - R @ middle)
+    cost = compare(model, frame, laid, points_W)
+    nearest = [int(k) for k in np.argsort(cost, kind="stable") if k > 0][: TUNING.rivals]
+    return [register(model, frame, laid.R[k], laid.p[k], params, points_W=points_W) for k in nearest]
+
+
+def beside(
+    poses: tuple[PoseHypothesis, ...], rivals: Sequence[RegisteredPose], cost: Array
+) -> tuple[PoseHypothesis, ...]:
+    """Add rivals to hypotheses, as likely as their costs (B,) say, where none is near them."""
+    listed = list(poses)
+    for k, one in enumerate(rivals):
+        odds = float(np.exp(-min(cost[k] - cost.min(), 50.0)))
+        if odds > TUNING.likely and all(apart(one, other) for other in listed):
+            listed.append(PoseHypothesis(one.R, one.p, one.covariance, odds))
+    whole = sum(one.probability for one in listed)
+    first, *others = [replace(one, probability=one.probability / whole) for one in listed]
+    return first, *sorted(others, key=lambda one: -one.probability)
+
+
+def apart(first: RegisteredPose | PoseHypothesis, second: RegisteredPose | PoseHypothesis) -> bool:
+    """Return whether two poses differ by more than hypotheses must."""
+    turn = float(np.linalg.norm(log((first.R @ second.R.T)[None])))
+    return turn > TUNING.apart[0] or float(np.linalg.norm(first.p - second.p)) > TUNING.apart[1]
+
+
+def _poses(many: Sequence[RegisteredPose]) -> Poses:
+    return Poses(np.stack([one.R for one in many]), np.stack([one.p for one in many]))

@@ -46,6 +46,9 @@ class Tuning:
     largest_step: tuple[float, ...] = (0.7, 0.08)
     """From one image to the next no object turns or moves farther than this [rad], [m]."""
 
+    stays: tuple[float, ...] = (0.2, 0.02)
+    """Within this of where it is expected, an object is believed by its shape alone [rad], [m]."""
+
     thin: int = 120
     """Image points that pull on an object that is followed."""
 
@@ -245,12 +248,17 @@ def register_around(known: Known, slot: Slot, view: View, free: Mask) -> Registe
 def believable(result: RegisteredPose, params: scenario.Registration, R: Array, p: Array) -> bool:
     """Return whether a registration is the object, near where it must be, and not a guess from a few pixels.
 
-    Where the shape is there, colours that are not (a dim light, a camera of colours a few pixels aside) do not matter.
+    Where the shape is there, as it should be, colours that are not (a dim light, a camera of colours a few pixels
+    aside) do not matter; what is elsewhere must look like the object.
     """
+    shift = float(np.linalg.norm(result.p - p))
+    turn = float(np.linalg.norm(log((result.R @ R.T)[None])))
+    stays = shift <= TUNING.stays[1] and turn <= TUNING.stays[0]
+    fits = max(result.quality, result.shape if stays else 0.0)
     return bool(
-        max(result.quality, result.shape) >= params.minimum_quality
+        fits >= params.minimum_quality
         and result.visible_share >= TUNING.least_visible
         and result.points >= TUNING.least_points
-        and np.linalg.norm(result.p - p) <= TUNING.largest_step[1]
-        and np.linalg.norm(log((result.R @ R.T)[None])) <= TUNING.largest_step[0]
+        and shift <= TUNING.largest_step[1]
+        and turn <= TUNING.largest_step[0]
     )

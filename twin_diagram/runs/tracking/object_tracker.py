@@ -15,7 +15,7 @@ from twin_diagram.perception.registration.data_association import Poses
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed
-from twin_diagram.perception.registration.settling import settle
+from twin_diagram.perception.registration.settling import SettledPose, settle
 from twin_diagram.perception.registration.slots import Slot
 from twin_diagram.perception.registration.tracking import Known, step
 from twin_diagram.perception.segmentation.pieces import convex_pieces, floor_below
@@ -46,7 +46,7 @@ class Tuning:
     """A pose of which half of the surface seen fits is right as often as wrong; so much more of it makes it e times
     rarer that it is wrong."""
 
-    missed: float = 12.0
+    missed: float = 20.0
     """An object that should be seen whole and is not loses so many nats of its odds in a second: said in 0.3 s."""
 
     longest: float = 0.1
@@ -108,6 +108,9 @@ class ObjectTracker:
         self._filters = object_filter.initial_filters(len(models))
         self._axes = np.array([[0.0, 0.0, float(a.symmetric_axis == "z")] for a in library.values()]).reshape(-1, 3)
         self._odds = np.zeros(len(models))
+        self._rivals: list[tuple[tuple[Array, Array, float], ...]] = [() for _ in models]
+        """By object: what it may be mistaken for, as X_OO' (turn, shift) and probability, from when it was found."""
+        self._followed = [False for _ in models]
         self._last = NEVER
         self._unknown: list[tuple[int, Array]] = []
         self._next = len(models)
@@ -115,6 +118,7 @@ class ObjectTracker:
     def start(self, name: str, R: Array, p: Array, time: float) -> None:
         """Tell where an object is before the first frame: R (3, 3), p (3,) [m] in T."""
         self._slots[self.names.index(name)] = Slot(True, R, p, np.zeros(6), time)
+        self._followed[self.names.index(name)] = True
 
     def observe(self, segments: Segments) -> list[TrackedObject]:
         """Return what is known of all objects after a frame; those never seen are left out."""
@@ -146,6 +150,7 @@ class ObjectTracker:
             spread, hypotheses = covariance[k], None
             if found:
                 R, p, spread, hypotheses = self._settled(k, R, p, measured[k], segments, frame)
+            self._followed[k] = found
             fit = assess(self._known[k].model, frame, Poses(R[None], p[None]), self._params.model_points)
             shape, whole = float(min(fit.shape[0], 1.0)), float(np.clip(fit.visible_share[0], 0.0, 1.0))
             sure = self._believed(k, found, shape, whole, since)
@@ -183,11 +188,29 @@ class ObjectTracker:
         free[:3, :3] = object_filter.TUNING.unknown_variance[0] * np.outer(axis, axis)
         if len(points) < TUNING.unknown_points // 4:
             return R, p, one.covariance + free, ()
-        after = settle(model, frame, [start], points, self._params)
+        new = not self._followed[k]
+        after = settle(model, frame, [start], points, self._params, turns=new)
         result = after.registration
         if after.moved:
             self._slots[k] = replace(self._slots[k], R=result.R, p=result.p)
-        return result.R, result.p, result.covariance + free, after.hypotheses
+        if new:
+            self._rivals[k] = tuple(
+                (result.R.T @ other.R, result.R.T @ (other.p - result.p), other.probability)
+                for other in after.hypotheses[1:]
+                if np.trace(result.R.T @ other.R) < 1.0
+            )
+        hypotheses = after.hypotheses if new else self._with_rivals(k, after)
+        return result.R, result.p, result.covariance + free, hypotheses
+
+    def _with_rivals(self, k: int, after: SettledPose) -> tuple[PoseHypothesis, ...]:
+        """Return what a frame allows, and what the object may have been mistaken for when it was found."""
+        one, rest = after.registration, 1.0 - sum(probability for _, _, probability in self._rivals[k])
+        own = [replace(h, probability=rest * h.probability) for h in after.hypotheses]
+        others = [
+            PoseHypothesis(one.R @ turn, one.p + one.R @ shift, one.covariance, probability)
+            for turn, shift, probability in self._rivals[k]
+        ]
+        return (*own, *others)
 
     def _things(self, segments: Segments, measured: Sequence[PoseMeasurement]) -> list[TrackedObject]:
         """Return what stands there and is none of the objects, as convex pieces."""

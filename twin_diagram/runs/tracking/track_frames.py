@@ -35,6 +35,10 @@ from twin_diagram.signals.lens import Lens
 
 PERCEPTION = scenario.Perception(workspace=[[-5.0, -5.0, -0.02], [5.0, 5.0, 5.0]])
 """Everything in view above the table counts: no workspace is told."""
+FARTHEST = 100.0
+"""No depth camera sees farther [m]."""
+FOCALS = (0.1, 50.0)
+"""Focal lengths over the image's size: views of 157° and of 1°."""
 
 
 def track_frames(
@@ -55,6 +59,8 @@ def track_frames(
     """
     if (why := why_not(out, folder=True)) is not None:
         raise FramesError(f"--out {out}: {why}")
+    if seed < 0:
+        raise FramesError(f"--seed {seed}: must not be negative")
     folder = FrameFolder(frames)
     assets, numbers = _library(library, say)
     told = {} if init is None else _first_poses(init, folder.numbers[0], numbers)
@@ -65,6 +71,7 @@ def track_frames(
     noise = DepthSigma()
     for index in range(len(folder)):
         frame = folder.read(index)
+        _check(frame, frames)
         depth = _on_colours_grid(frame)
         camera = _pinhole(frame.colour, frame.colour.R_WC, frame.colour.p_WC, noise)
         if base is None:
@@ -119,18 +126,34 @@ def _first_poses(path: Path, first: int, numbers: Mapping[str, int]) -> dict[str
             R, t = (np.array(row[key].split(), dtype=float) for key in ("R", "t"))
         except (KeyError, TypeError, ValueError, AttributeError):
             raise FramesError(f"{path}: line {number} is no BOP result: {dict(row)}") from None
-        if len(R) != 9 or len(t) != 3 or not np.isfinite([*R, *t]).all():
-            raise FramesError(f"{path}: line {number}: R needs nine finite numbers, t three")
+        if len(R) != 9 or len(t) != 3 or not np.isfinite([*R, *t, score]).all():
+            raise FramesError(f"{path}: line {number}: R needs nine finite numbers, t three, score one")
         R = R.reshape(3, 3)
         if np.abs(R @ R.T - np.eye(3)).max() > 2e-3 or np.linalg.det(R) < 0:
             raise FramesError(f"{path}: line {number}: R is no rotation")
         if image != first:
             continue
+        if not 0.0 < t[2] / 1000.0 < FARTHEST or np.abs(t / 1000.0).max() > FARTHEST:
+            said = " ".join(f"{x:g}" for x in t)
+            raise FramesError(f"{path}: line {number}: t is {said} mm: not before the camera within {FARTHEST:g} m")
         if which not in names:
             raise FramesError(f"{path}: line {number}: obj_id {which} is none of the library's {sorted(names)}")
         if names[which] not in best or score > best[names[which]][0]:
             best[names[which]] = (score, R, t / 1000.0)
+    if not best:
+        raise FramesError(f"{path}: no pose of the first frame, im_id {first}")
     return {name: (R, p) for name, (_, R, p) in best.items()}
+
+
+def _check(frame: RgbdFrame, frames: Path) -> None:
+    """Refuse cameras whose view is no camera's: their figures are of another unit or another image."""
+    for which, camera in (("cam_K", frame.colour), ("the depth camera's cam_K", frame.camera)):
+        for name, focal, size in (("fx", camera.fx, camera.width), ("fy", camera.fy, camera.height)):
+            if not FOCALS[0] * size < focal < FOCALS[1] * size:
+                raise FramesError(
+                    f"{frames}: frame {frame.number}: {which}: {name} is {focal:g} for {size} pixels; must be "
+                    f"{FOCALS[0]:g} to {FOCALS[1]:g} times as much [px]"
+                )
 
 
 def _pinhole(camera: ViewCamera, R: Array, p: Array, noise: DepthSigma) -> Pinhole:
