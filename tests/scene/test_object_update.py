@@ -321,3 +321,24 @@ def test_a_turn_about_an_axis_of_symmetry_is_no_motion() -> None:
         assert not spins or filter_[FilterLayout.REJECTED] == 1.0
         if round_:
             np.testing.assert_allclose(filter_[FilterLayout.VELOCITY], along(3, 0.04), atol=1e-9)
+
+
+def test_what_scatters_to_and_fro_rests() -> None:
+    """A mean velocity within two deviations of what measurements' scatter makes of none counts as none."""
+    fast = np.array([0.5, 0, 0, 0, 0, 0])
+    for scatter, calm in ((0.26, 1.0), (0.24, 0.0)):
+        after = filtered(Mode.MOVING)
+        after[FilterLayout.VELOCITY] = after[FilterLayout.MEAN] = fast
+        object_update._watch_motion(after, np.eye(12), SETTINGS, np.full(6, scatter))
+        assert after[FilterLayout.CALM] == calm
+
+
+@pytest.mark.parametrize(("side", "rises"), [(4.0, True), (0.1, False)])
+def test_a_motion_teaches_more_scatter_never_less(side: float, rises: bool) -> None:
+    filter_ = filtered(Mode.MOVING)
+    noise = np.sqrt(CLAIMED[3, 3] + filter_[FilterLayout.COVARIANCE].reshape(12, 12)[3, 3])
+    after = object_update.update(filter_, measured(1.0 + FRAME, along(3, side * noise)), 4.0, SETTINGS)
+    assert after[FilterLayout.LAST_SEEN] == 1.0 + FRAME
+    scale = filter_[FilterLayout.NOISE_SCALE]
+    assert (after[FilterLayout.NOISE_SCALE] > scale) == rises
+    assert after[FilterLayout.NOISE_SCALE] >= scale

@@ -58,6 +58,10 @@ class Tuning:
     calm_images: int = 4
     """This many slow images in a row make a moving object rest."""
 
+    significant: float = 2.0
+    """A mean velocity within so many standard deviations of what scatter makes of none is none: what is half hidden by
+    the arm scatters as if it moved to and fro."""
+
     reacquire_images: int = 4
     """This many agreeing measurements make the filter believe a jump that no object can make."""
 
@@ -138,15 +142,18 @@ def update(
     after[FilterLayout.VELOCITY] = velocity + correction[6:]
     after[FilterLayout.REJECTED] = 0.0
     after[FilterLayout.REMEMBERED_TIME] = NEVER
-    if mode == Mode.REST:
-        # The squared length of a whitened innovation is 6 on average where the scatter is what it is taken for.
-        count = min(filter_[FilterLayout.NOISE_COUNT] + 1, OBJECT_FILTER.noise_images[1])
-        ratio = 1 + ((whitened @ whitened) / 6 - 1) / count
+    # The squared length of a whitened innovation is 6 on average where the scatter is what it is taken for. What moves
+    # may also turn aside: it teaches that measurements scatter more, never that they scatter less.
+    count = min(filter_[FilterLayout.NOISE_COUNT] + 1, OBJECT_FILTER.noise_images[1])
+    ratio = 1 + ((whitened @ whitened) / 6 - 1) / count
+    if mode == Mode.REST or ratio > 1:
         after[FilterLayout.NOISE_SCALE] = np.clip(filter_[FilterLayout.NOISE_SCALE] * ratio, *TUNING.noise_scales)
         after[FilterLayout.NOISE_COUNT] = count
+    if mode == Mode.REST:
         covariance = _watch_rest(after, covariance, noise, whitened)
     else:
-        covariance = _watch_motion(after, covariance, tuning)
+        over = (time - filter_[FilterLayout.LAST_SEEN]) / (1 - TUNING.velocity_memory)
+        covariance = _watch_motion(after, covariance, tuning, np.sqrt(2 * np.diagonal(noise)) / over)
     after[FilterLayout.COVARIANCE] = _symmetric(covariance).ravel()
     return after
 
@@ -190,13 +197,17 @@ def _watch_rest(after: Array, covariance: Array, noise: Array, whitened: Array) 
     return covariance
 
 
-def _watch_motion(after: Array, covariance: Array, tuning: FilterSettings) -> Array:
-    """Moving: has the mean velocity been small for long enough to rest? Returns the covariance to go on with."""
+def _watch_motion(after: Array, covariance: Array, tuning: FilterSettings, scatter: Array | float = 0.0) -> Array:
+    """Moving: has the mean velocity been small for long enough to rest? Returns the covariance to go on with.
+
+    `scatter` (6,) is what measurements alone make of the mean velocity of a thing at rest, a standard deviation.
+    """
     mean = (
         TUNING.velocity_memory * after[FilterLayout.MEAN] + (1 - TUNING.velocity_memory) * after[FilterLayout.VELOCITY]
     )
     after[FilterLayout.MEAN] = mean
     slow = np.linalg.norm(mean[:3]) < tuning.slow[0] and np.linalg.norm(mean[3:]) < tuning.slow[1]
+    slow = slow or bool(np.all(np.abs(mean) < TUNING.significant * scatter))
     after[FilterLayout.CALM] = after[FilterLayout.CALM] + 1 if slow else 0.0
     if after[FilterLayout.CALM] < TUNING.calm_images:
         return covariance
