@@ -7,6 +7,7 @@ The pose in the first frame is given. The tracker that the sequence was made for
 
 from __future__ import annotations
 
+import argparse
 import os
 import sys
 import tempfile
@@ -28,6 +29,7 @@ DATA = Path(os.environ.get("TWIN_DIAGRAM_DATA", SIMS.parents[2] / "shared" / "da
 
 def main() -> int:
     """Track and print; 1 where a frame is outside."""
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     with tempfile.TemporaryDirectory() as place:
         out = Path(place)
         castle.write_mesh(DATA, out / "castle.obj")

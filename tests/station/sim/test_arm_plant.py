@@ -61,7 +61,7 @@ def panda() -> tuple[MultibodyPlant, ArmPlant]:
 
 
 def test_each_motor_has_its_own_gains(panda: tuple[MultibodyPlant, ArmPlant]) -> None:
-    """A finger gives half a millimetre way under a newton, and is damped for 0.8 kg."""
+    """A finger gives half a millimetre way under a newton, and is damped for the 1.5 kg of its drive."""
     plant, found = panda
     motors = [*found.arm.actuator_indices, *found.arm.gripper_actuator_indices]
     gains = [plant.get_joint_actuator(index).get_controller_gains() for index in motors]
@@ -69,7 +69,9 @@ def test_each_motor_has_its_own_gains(panda: tuple[MultibodyPlant, ArmPlant]) ->
     np.testing.assert_allclose([g.d for g in gains], found.damping)
     np.testing.assert_allclose(found.stiffness[:7], [600.0] * 4 + [250.0] * 3)
     np.testing.assert_allclose(1.0 / found.stiffness[7:], [0.5e-3] * 2)
-    np.testing.assert_allclose((found.damping[7:] / 2.0) ** 2 / found.stiffness[7:], [0.8] * 2)
+    np.testing.assert_allclose((found.damping[7:] / 2.0) ** 2 / found.stiffness[7:], [1.5] * 2, rtol=0.01)
+    drives = [plant.get_joint_actuator(index) for index in found.arm.gripper_actuator_indices]
+    assert [m.default_rotor_inertia() * m.default_gear_ratio() ** 2 for m in drives] == [1.5] * 2
 
 
 def test_it_knows_its_joints_fingers_and_start(panda: tuple[MultibodyPlant, ArmPlant]) -> None:

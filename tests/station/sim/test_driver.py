@@ -85,6 +85,7 @@ def driver() -> ArmDriver:
         fingers=[joint(-0.2, 0.1), joint(0.0, 0.0), joint(-0.3, 0.3)],
         driven=[1, 2],
         q0=Q0,
+        stiffness=np.array([600.0, 250.0, 2000.0, 1000.0]),
     )
     return ArmDriver(arm, Weight(), DT)  # type: ignore[arg-type]
 
@@ -135,8 +136,30 @@ def test_what_is_desired_of_arm_and_fingers_is_the_filters_state() -> None:
     np.testing.assert_array_equal(system.GetOutputPort("gripper_desired_state").Eval(context), [3.0, 4.0, 8.0, 9.0])
 
 
+@pytest.mark.parametrize(
+    ("limit", "wanted"),
+    [
+        (20.0, [1.01, 0.02, 0.0, 0.0]),
+        (2000.0, [2.0, 2.0, 0.0, 0.0]),
+        (1e6, [3.0, 4.0, 8.0, 9.0]),
+        (np.nan, [3.0, 4.0, 8.0, 9.0]),
+        (-5.0, [1.0, 0.0, 0.0, 0.0]),
+    ],
+)
+def test_fingers_springs_are_wound_up_to_the_force_limit(limit: float, wanted: list[float]) -> None:
+    """Of 2000 and 1000 N/m, about where the fingers are: 20 N is 1 cm for one and 2 cm for the other."""
+    system = driver()
+    context = system.CreateDefaultContext()
+    context.SetDiscreteState(0, np.arange(10.0))
+    motor = np.zeros(10)
+    motor[3:5] = [1.0, 0.0]  # the driven fingers
+    system.GetInputPort("motor_state").FixValue(context, motor)
+    system.GetInputPort("gripper_force_limit").FixValue(context, [limit])
+    np.testing.assert_allclose(system.GetOutputPort("gripper_desired_state").Eval(context), wanted)
+
+
 def test_a_driver_of_another_arm_is_refused() -> None:
-    arm = SimpleNamespace(joints=[joint(-1.0, 1.0)], fingers=[], driven=[], q0=np.zeros(1))
+    arm = SimpleNamespace(joints=[joint(-1.0, 1.0)], fingers=[], driven=[], q0=np.zeros(1), stiffness=np.ones(1))
     with pytest.raises(ScenarioError, match=r"twin\.arm\.model: has 2 joints where world\.arm has 1"):
         ArmDriver(arm, Weight(2), DT)  # type: ignore[arg-type]
     assert ArmDriver(arm, Weight(1), DT).num_input_ports() == 3  # type: ignore[arg-type]
