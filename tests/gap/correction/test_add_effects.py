@@ -87,7 +87,8 @@ FINDINGS: dict[str, tuple[EffectSpec, dict[str, Estimate | dict[str, Estimate]]]
 def test_parameters_come_to_the_truth(name: str) -> None:
     """Within 3 % or two standard errors of it, whichever is more, and four in any case; these are below 15 %."""
     spec, rough = FINDINGS[name]
-    log = noisy(recorded(spec, duration=6.0).between(0.3, 6.0), 1)
+    step = 0.0005 if name == "joint_elasticity" else 0.001  # a plant's step damps a gear's swing as a softer gear would
+    log = noisy(recorded(spec, dt=step, duration=6.0).between(0.3, 6.0), 1)
     model = Model.load(ARM)
     finding = Finding(spec.name, tuple(spec.joints), ("panda_link8",)[:0], rough, 0.9)
     result = add(model, [log], [finding])
