@@ -41,10 +41,13 @@ def test_a_recording_replays_to_the_same_figures(tmp_path: Path, capsys: pytest.
     then = figures(json.loads((EARLIER / "replayed" / "summary.json").read_text()))
     now = figures(json.loads((tmp_path / "summary.json").read_text()))
     assert now.keys() == then.keys()
+    free = {".objects.can.pose.0", ".objects.can.pose.3"}  # its turn about its own axis is nothing
     for name, value in then.items():
-        if not name.startswith(".objects.") or not isinstance(value, float):
+        # Objects are found in the pictures anew, by perception as it is now: to 0.1 mm and a milliradian.
+        if name.startswith(".objects.") and isinstance(value, float):
+            place = name.endswith((".pose.4", ".pose.5", ".pose.6"))
+            near = pytest.approx(value, abs=1e-4 if place else 1e-3)
+            assert name in free or now[name] == (pytest.approx(value, rel=0.25) if "_std_" in name else near), name
+        else:
             assert now[name] == (pytest.approx(value, rel=1e-9, abs=1e-9) if isinstance(value, float) else value), name
-        elif name.endswith((".pose.4", ".pose.5", ".pose.6")):
-            # Objects are found in the pictures anew, by perception as it is now, which claims and turns as it does now.
-            assert now[name] == pytest.approx(value, abs=1e-3), name
     assert (tmp_path / "replay.html").is_file() and (tmp_path / "diagram.svg").is_file()

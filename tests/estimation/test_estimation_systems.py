@@ -242,7 +242,7 @@ def warm_up() -> np.ndarray:
 WARM = warm_up()
 
 
-@settings(max_examples=80)
+@settings(max_examples=200)
 @given(events=st.lists(EVENT, min_size=1, max_size=15), warm=st.booleans())
 def test_hostile_messages_never_poison_the_state(events, warm):
     """Thousands of bad messages; then good ones, and the filter is back on the truth."""

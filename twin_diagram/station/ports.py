@@ -128,15 +128,16 @@ def check(
     """
     inputs, outputs = expected(arm_size, gripper_size, camera)
     outputs |= further or {}
-    for kind, wanted, ports in (
-        ("input", inputs, [station.get_input_port(i) for i in range(station.num_input_ports())]),
-        ("output", outputs, [station.get_output_port(i) for i in range(station.num_output_ports())]),
+    optional = OPTIONAL if gripper_size else {}
+    for kind, wanted, allowed, ports in (
+        ("input", inputs, optional, [station.get_input_port(i) for i in range(station.num_input_ports())]),
+        ("output", outputs, {}, [station.get_output_port(i) for i in range(station.num_output_ports())]),
     ):
         found = {port.get_name(): int(port.size()) for port in ports if not port.get_name().startswith(TRUTH)}
         for name in wanted.keys() - found.keys():
             raise StationError(f"the station has no {kind} port {name}; it has {', '.join(sorted(found))}")
-        for name in found.keys() - wanted.keys() - (OPTIONAL if gripper_size else {}).keys():
+        for name in found.keys() - wanted.keys() - allowed.keys():
             raise StationError(f"the station has an {kind} port {name} that the contract does not know")
-        for name, size in (wanted | {name: OPTIONAL[name] for name in OPTIONAL.keys() & found.keys()}).items():
-            if found[name] != size:
+        for name, size in (allowed | wanted).items():
+            if found.get(name, size) != size:
                 raise StationError(f"the station's {kind} port {name} has size {found[name]}, not {size}")

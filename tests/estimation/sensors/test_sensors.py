@@ -557,7 +557,7 @@ NUMBER = st.one_of(
 )
 
 
-@settings(max_examples=60)
+@settings(max_examples=120)
 @given(
     st.lists(
         st.tuples(

@@ -28,7 +28,7 @@ from pydrake.geometry import (
     Shape,
     Sphere,
 )
-from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.plant import ContactModel, MultibodyPlant
 from pydrake.multibody.tree import Joint, PrismaticJoint, RigidBody
 
 COMPLIANCE = ("hydroelastic", "compliance_type")
@@ -52,6 +52,13 @@ class Tuning:
 
 
 TUNING = Tuning()
+
+
+def make_gripping(plant: MultibodyPlant, fingers: Sequence[Joint]) -> None:
+    """Have surfaces meet in patches, what is held stay, and fingers move together; before the plant is finalized."""
+    plant.set_contact_model(ContactModel.kHydroelasticWithFallback)
+    plant.set_stiction_tolerance(TUNING.creep)
+    couple_fingers(plant, fingers)
 
 
 def couple_fingers(plant: MultibodyPlant, fingers: Sequence[Joint]) -> None:

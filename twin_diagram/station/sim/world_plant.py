@@ -8,7 +8,6 @@ from pathlib import Path as FilePath
 from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
 from pydrake.multibody.plant import (
     AddMultibodyPlantSceneGraph,
-    ContactModel,
     DiscreteContactApproximation,
     MultibodyPlant,
 )
@@ -21,8 +20,7 @@ from twin_diagram.scenario import Scenario, WorldObject
 from twin_diagram.scenario.resources import resolve
 from twin_diagram.station.add_models import add_model, transform, weld_roots
 from twin_diagram.station.sim.arm_plant import ArmPlant, add_arm
-from twin_diagram.station.sim.grip_contact import TUNING as GRIP_CONTACT
-from twin_diagram.station.sim.grip_contact import couple_fingers, touch_by_surfaces
+from twin_diagram.station.sim.grip_contact import make_gripping, touch_by_surfaces
 from twin_diagram.station.sim.merged_shapes import merge_shapes
 from twin_diagram.station.sim.movers import Path, add_carriage
 
@@ -89,8 +87,6 @@ def _populate(plant: MultibodyPlant, scene_graph: SceneGraph, scenario: Scenario
     plant.set_discrete_contact_approximation(DiscreteContactApproximation.kLagged)
     # Without sampling the plant's update is a discrete one, which copies no image that another system keeps.
     plant.SetUseSampledOutputPorts(False)
-    plant.set_contact_model(ContactModel.kHydroelasticWithFallback)
-    plant.set_stiction_tolerance(GRIP_CONTACT.creep)
     arm = add_arm(plant, scenario)
     fixtures = _add_fixtures(plant, scenario)
     bodies: dict[str, RigidBody] = {}
@@ -106,7 +102,7 @@ def _populate(plant: MultibodyPlant, scene_graph: SceneGraph, scenario: Scenario
     for name, path in paths.items():
         assert carriages is not None
         add_carriage(plant, carriages, name, path, bodies[name])
-    couple_fingers(plant, arm.fingers)
+    make_gripping(plant, arm.fingers)
     plant.Finalize()
     touch_by_surfaces(plant, scene_graph, arm.fingers, bodies.values())
     # What is moved on a carriage needs no table to stand on, and the arm's base stands in it.
