@@ -316,7 +316,7 @@ def test_a_replay_believes_what_the_twin_believed_live(recorded: tuple[Path, lis
     assert not np.array_equal(live[0]["parameters"], live[-1]["parameters"])
 
 
-@pytest.mark.parametrize("change", [everything_changed, emptied])
+@pytest.mark.parametrize("change", [everything_changed, pytest.param(emptied, marks=pytest.mark.slow)])
 def test_whatever_the_world_says_the_estimates_stay(
     change: Any, recorded: tuple[Path, list[dict[str, Array]]], tmp_path: Path
 ) -> None:

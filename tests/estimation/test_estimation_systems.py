@@ -242,9 +242,23 @@ def warm_up() -> np.ndarray:
 WARM = warm_up()
 
 
-@settings(max_examples=200)
-@given(events=st.lists(EVENT, min_size=1, max_size=15), warm=st.booleans())
+EVENTS = st.lists(EVENT, min_size=1, max_size=15)
+
+
+@settings(max_examples=60)
+@given(EVENTS, st.booleans())
 def test_hostile_messages_never_poison_the_state(events, warm):
+    come_back(events, warm)
+
+
+@pytest.mark.slow
+@settings(max_examples=600)
+@given(EVENTS, st.booleans())
+def test_many_hostile_messages_never_poison_the_state(events, warm):
+    come_back(events, warm)
+
+
+def come_back(events, warm):
     """Thousands of bad messages; then good ones, and the filter is back on the truth."""
     run = recording()
     context = SYSTEM.CreateDefaultContext()

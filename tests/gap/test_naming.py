@@ -52,7 +52,9 @@ def test_nothing_is_found_where_nothing_is() -> None:
 @pytest.mark.parametrize(
     ("spec", "tolerance"),
     [
-        (EffectSpec("viscous_friction", ["elbow_joint"], [], {"damping": [8.0]}), 0.1),
+        pytest.param(
+            EffectSpec("viscous_friction", ["elbow_joint"], [], {"damping": [8.0]}), 0.1, marks=pytest.mark.slow
+        ),
         pytest.param(
             EffectSpec("coulomb_friction", ["shoulder_lift_joint"], [], {"torque": [7.0]}), 0.1, marks=pytest.mark.slow
         ),
@@ -79,6 +81,7 @@ def test_one_effect_is_named(spec: EffectSpec, tolerance: float) -> None:
     assert verdict.where[0].condition in CONDITIONS.values()
 
 
+@pytest.mark.slow
 def test_payload_is_named_with_its_centre() -> None:
     spec = EffectSpec("payload", [], [], {"mass": [1.5], "com": [0.03, -0.02, 0.1]})
     verdict = name(GIVEN, [log_of([spec])])

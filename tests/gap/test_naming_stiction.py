@@ -80,6 +80,7 @@ def test_what_holds_a_joint_counts_where_the_dip_tells_next_to_nothing(
         assert finding.confidence > 0.9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("static", "law"), [(2.2, "stribeck_friction"), (1.0, "coulomb_friction")])
 def test_a_few_holds_too_short_to_be_seen_by_themselves_count_where_they_exceed_what_coulombs_law_could_hold(
     tmp_path: Path, static: float, law: str

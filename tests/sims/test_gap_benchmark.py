@@ -641,6 +641,7 @@ def test_suites() -> None:
     assert len(hidden.NAMES) == 20 and len(hidden.OUTSIDE) >= 8
 
 
+@pytest.mark.slow
 def test_held_out_gap_of_the_true_correction(tmp_path: Path) -> None:
     """With the truth in the model nothing is left above the floor; with nothing in it, everything is."""
     case, truth = gap_benchmark.generate("single", 5, tmp_path / "case", "payload", 8.0)
@@ -673,6 +674,7 @@ def test_fast_subset(tmp_path: Path) -> None:
             assert result["held_out"]["left"] < 0.15
 
 
+@pytest.mark.slow
 def test_greedy_selection_sees_a_plain_payload(tmp_path: Path) -> None:
     """The simpler methods read the same folder, and keep the torque's books alike."""
     case, _ = gap_benchmark.generate("single", 5, tmp_path / "case", "payload", 5.0)

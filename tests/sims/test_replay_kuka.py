@@ -24,7 +24,7 @@ def script() -> ModuleType:
     return importlib.import_module("kuka_kr300.runs")
 
 
-@pytest.mark.parametrize("run", ["A", "B"])
+@pytest.mark.parametrize("run", ["A", pytest.param("B", marks=pytest.mark.slow)])
 def test_residual_torque(script: ModuleType, data_dir: Path, run: str) -> None:
     """Within 10 % is asked; both ways come within 2 %."""
     found = script.residuals(run, data_dir / "kuka_kr300")
@@ -40,6 +40,7 @@ def test_rotors_matter(script: ModuleType, data_dir: Path) -> None:
     assert plain[0] > 1.05 * script.EXPECTED["A"][0]
 
 
+@pytest.mark.slow
 def test_filter_follows_the_run(script: ModuleType, data_dir: Path) -> None:
     folder = data_dir / "kuka_kr300"
     log = read_log(folder / "trajectory_B.csv")

@@ -204,10 +204,10 @@ def test_a_goal_out_of_reach_is_said_with_where_it_is() -> None:
 def test_healthy_scenarios_lack_nothing(egl: None) -> None:
     """Those that come along, and a loop with a camera that sees all that it is told of."""
     summary = run_scenario(
-        load_scenario("fault", ["duration=1.0", "twin.healing=null"]), quiet=True, say=lambda text: None
+        load_scenario("fault", ["duration=0.6", "twin.healing=null"]), quiet=True, say=lambda text: None
     )
     assert summary["health"] == []
-    plan = small_scenario("twin.scene.lost_after=0.6", "twin.task.start=0.1", "duration=1.0")
+    plan = small_scenario("twin.scene.lost_after=0.6", "twin.task.start=0.1", "duration=0.7")
     said: list[str] = []
     assert run_scenario(plan, quiet=True, say=said.append)["health"] == []
     assert "nothing is lacking" in said[-1]

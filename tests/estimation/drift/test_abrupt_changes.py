@@ -113,8 +113,8 @@ def test_blame_finds_the_group():
     ("changes", "within"),
     [
         ({"dead_joint": 1, "dead_at": AT}, 0.020),
-        ({"dead_joint": 3, "dead_at": AT}, 0.020),
-        ({"dead_joint": 1, "dead_at": AT, "motor_left": 0.8}, 0.060),
+        pytest.param({"dead_joint": 3, "dead_at": AT}, 0.020, marks=pytest.mark.slow),
+        pytest.param({"dead_joint": 1, "dead_at": AT, "motor_left": 0.8}, 0.060, marks=pytest.mark.slow),
         ({"dead_joint": 3, "dead_at": AT, "motor_left": 0.8}, 0.060),
         ({"push": (0.0, 0.0, -10.0), "push_at": AT}, 0.040),
         ({"push": (10.0, 0.0, 0.0), "push_at": AT}, 0.040),

@@ -72,6 +72,7 @@ def test_silent_for_a_quarter_of_a_minute():
     assert watched.monitor.alarm().tolist() == [0.0, AlarmKind.NONE, NEVER, 0.0]
 
 
+@pytest.mark.slow
 def test_silent_when_the_arm_rests_while_the_band_is_learnt():
     watched = watch(World.draw(12, start=4.0), 10.0)
     assert watched.armed_at < 4.0

@@ -84,7 +84,9 @@ def to_and_fro(peak: float) -> Callable[[float], float]:
     return lambda t: peak * float(np.sign(np.sin(np.pi * t / 2.0)))
 
 
-@pytest.mark.parametrize("wanted", [spinning(20.0), to_and_fro(30.0)], ids=["spinning", "to and fro"])
+@pytest.mark.parametrize(
+    "wanted", [pytest.param(spinning(20.0), marks=pytest.mark.slow), to_and_fro(30.0)], ids=["spinning", "to and fro"]
+)
 def test_an_exact_model_raises_no_alarm_and_learns_nothing(wanted: Callable[[float], float]) -> None:
     rows = swing(wanted, 12.5)
     assert np.abs(rows[:, 2]).max() > 20.0

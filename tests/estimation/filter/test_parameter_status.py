@@ -63,6 +63,7 @@ def half_a_motor() -> tuple[World, Recording]:
     return world, simulate(world, 8.0)
 
 
+@pytest.mark.slow
 def test_motor_of_half_the_strength_gets_home() -> None:
     world, run = half_a_motor()
     found = learnt(run, ["payload", "torque_constant"])

@@ -557,20 +557,32 @@ NUMBER = st.one_of(
 )
 
 
-@settings(max_examples=120)
-@given(
-    st.lists(
-        st.tuples(
-            st.sampled_from(["camera", "imu", "wrench", "encoder", "joints", "lidar", "velocity"]),
-            st.lists(NUMBER, min_size=5, max_size=14),
-            NUMBER,
-            st.one_of(st.none(), st.lists(NUMBER, min_size=6, max_size=6)),
-        ),
-        min_size=8,
-        max_size=20,
-    )
+CALLS = st.lists(
+    st.tuples(
+        st.sampled_from(["camera", "imu", "wrench", "encoder", "joints", "lidar", "velocity"]),
+        st.lists(NUMBER, min_size=5, max_size=14),
+        NUMBER,
+        st.one_of(st.none(), st.lists(NUMBER, min_size=6, max_size=6)),
+    ),
+    min_size=8,
+    max_size=20,
 )
+
+
+@settings(max_examples=40)
+@given(CALLS)
 def test_hostile_readings_never_poison_the_state(calls):
+    stay_sound(calls)
+
+
+@pytest.mark.slow
+@settings(max_examples=400)
+@given(CALLS)
+def test_many_hostile_readings_never_poison_the_state(calls):
+    stay_sound(calls)
+
+
+def stay_sound(calls):
     """Refused by a typed error, or gated and counted; the belief stays finite, positive, and on the truth."""
     _, run = recording()
     ekf = Ekf(terms(), Filter())

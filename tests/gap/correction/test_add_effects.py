@@ -79,7 +79,7 @@ FINDINGS: dict[str, tuple[EffectSpec, dict[str, Estimate | dict[str, Estimate]]]
     "name",
     [
         "coulomb_friction",
-        "payload",
+        pytest.param("payload", marks=pytest.mark.slow),
         pytest.param("torque_constant", marks=pytest.mark.slow),
         pytest.param("joint_elasticity", marks=pytest.mark.slow),
     ],

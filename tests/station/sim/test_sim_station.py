@@ -159,6 +159,7 @@ def test_truth_leads_nowhere_inside_the_station() -> None:
 # Physics.
 
 
+@pytest.mark.slow
 def test_objects_rest_still_for_ten_seconds() -> None:
     plan = scenario()
     for k, (name, height) in enumerate(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import hashlib
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +29,9 @@ class Tuning:
 
     neighbours: int = 24
     """Points that the blur on the surface takes in, at most: beyond them its weights are small."""
+
+    kept: int = 32
+    """Objects whose tables are kept for further twins of the same process: twice the slots."""
 
     alike: float = 0.08
     """A turned shape is much the same where it lies this share of its radius off itself on average."""
@@ -76,6 +80,15 @@ class ModelCloud:
             asset: the object.
             view_points: points kept per direction.
         """
+        key = _digest(asset, view_points)
+        if (kept := _KEPT.get(key)) is None:
+            kept = _KEPT[key] = ModelCloud._worked_out(asset, view_points)
+            if len(_KEPT) > TUNING.kept:
+                del _KEPT[next(iter(_KEPT))]
+        return replace(kept, asset=asset)
+
+    @staticmethod
+    def _worked_out(asset: Asset, view_points: int) -> ModelCloud:
         points, normals = asset.points_O, asset.normals_O
         tree = cKDTree(points)
         distance, neighbour = tree.query(points, k=min(TUNING.neighbours, len(points)), workers=1)
@@ -102,6 +115,17 @@ class ModelCloud:
         return ModelCloud(
             asset, points, normals, colours, directions, views, counts, tree, spacing, radius, texture, turns
         )
+
+
+_KEPT: dict[bytes, ModelCloud] = {}
+"""Tables by what they follow from, the latest: another twin or tracker of the same objects has them at once."""
+
+
+def _digest(asset: Asset, view_points: int) -> bytes:
+    digest = hashlib.sha256(f"{asset.symmetric_axis} {view_points} {TUNING}".encode())
+    for part in (asset.points_O, asset.normals_O, asset.colours):
+        digest.update(np.ascontiguousarray(part).tobytes() + str(part.dtype).encode())
+    return digest.digest()
 
 
 def alike_turns(points: Array, tree: cKDTree, most: float, symmetric_axis: str | None) -> Array:

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 import trimesh
 from pydrake.common import MemoryFile
 from pydrake.geometry import (
@@ -77,14 +79,10 @@ def wavefront(parts: Sequence[trimesh.Trimesh], colours: Sequence[Sequence[float
     lines = ["mtllib palette.mtl", "usemtl palette"]
     first = 1
     for k, part in enumerate(parts):
-        smooth = trimesh.graph.smooth_shade(part, angle=TUNING.sharp)
-        lines += [f"v {x:.7g} {y:.7g} {z:.7g}" for x, y, z in smooth.vertices]
-        lines += [f"vn {x:.5g} {y:.5g} {z:.5g}" for x, y, z in smooth.vertex_normals]
-        lines.append(f"vt {(k + 0.5) / len(parts):.7g} 0.5")
-        lines += [
-            "f " + " ".join(f"{i}/{k + 1}/{i}" for i in triangle) for triangle in (np.asarray(smooth.faces) + first)
-        ]
-        first += len(smooth.vertices)
+        shaded = _shaded(np.asarray(part.vertices).tobytes(), np.asarray(part.faces, dtype=np.int64).tobytes())
+        lines += [shaded.vertices, f"vt {(k + 0.5) / len(parts):.7g} 0.5"]
+        lines += [f"f {a}/{k + 1}/{a} {b}/{k + 1}/{b} {c}/{k + 1}/{c}" for a, b, c in (shaded.faces + first).tolist()]
+        first += shaded.count
     palette = np.rint(255.0 * np.array(colours)[None, :, ::-1]).astype(np.uint8)
     png = cv2.imencode(".png", palette)[1].tobytes()
     material = "newmtl palette\nKd 1 1 1\nmap_Kd palette.png\n"
@@ -95,6 +93,27 @@ def wavefront(parts: Sequence[trimesh.Trimesh], colours: Sequence[Sequence[float
             "palette.png": MemoryFile(png, ".png", "palette.png"),
         },
     )
+
+
+@dataclass(frozen=True)
+class _Shaded:
+    """A part with smooth normals: lines of its vertices and normals, how many, and its triangles (F, 3)."""
+
+    vertices: str
+    count: int
+    faces: npt.NDArray[np.int64]
+
+
+@lru_cache(maxsize=256)
+def _shaded(vertices: bytes, faces: bytes) -> _Shaded:
+    """Return a part as text. Kept: colour and depth cameras, and further stations, show the same shapes."""
+    part = trimesh.Trimesh(
+        np.frombuffer(vertices).reshape(-1, 3), np.frombuffer(faces, np.int64).reshape(-1, 3), process=False
+    )
+    smooth = trimesh.graph.smooth_shade(part, angle=TUNING.sharp)
+    lines = [f"v {x:.7g} {y:.7g} {z:.7g}" for x, y, z in smooth.vertices.tolist()]
+    lines += [f"vn {x:.5g} {y:.5g} {z:.5g}" for x, y, z in smooth.vertex_normals.tolist()]
+    return _Shaded("\n".join(lines), len(smooth.vertices), np.array(smooth.faces, dtype=np.int64))
 
 
 def merge_shapes(scene_graph: SceneGraph, source: SourceId) -> None:

@@ -57,7 +57,10 @@ def build_world(builder: DiagramBuilder, scenario: Scenario) -> WorldPlant:
     if not scenario.world.time_step > 0:
         raise ScenarioError("world.time_step", f"{scenario.world.time_step} is not positive")
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, scenario.world.time_step)
-    return _populate(plant, scene_graph, scenario)
+    world = _populate(plant, scene_graph, scenario)
+    objects = [plant.get_body(index) for index in world.objects.values()]
+    touch_by_surfaces(plant, scene_graph, world.arm.fingers, objects)
+    return world
 
 
 def build_appearance(builder: DiagramBuilder, scenario: Scenario) -> tuple[MultibodyPositionToGeometryPose, SceneGraph]:
@@ -104,7 +107,6 @@ def _populate(plant: MultibodyPlant, scene_graph: SceneGraph, scenario: Scenario
         add_carriage(plant, carriages, name, path, bodies[name])
     make_gripping(plant, arm.fingers)
     plant.Finalize()
-    touch_by_surfaces(plant, scene_graph, arm.fingers, bodies.values())
     # What is moved on a carriage needs no table to stand on, and the arm's base stands in it.
     standing = [plant.get_body(arm.arm.base), *(bodies[name] for name in paths)]
     unmet = GeometrySet([g for body in standing for g in plant.GetCollisionGeometriesForBody(body)])
