@@ -1,0 +1,202 @@
+"""What a gripper meets: how far it can be pushed on, and what its pads touch when it closes.
+
+All in the gripper's frame G (z along the approach, y along the closing axis), for many poses at once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin_diagram.planning.grasps.gripper import Gripper
+from twin_diagram.planning.grasps.slab import Flags, Slab
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module; lengths in m."""
+
+    gap: float = 0.003
+    """Kept before whatever the gripper would touch when it is pushed on: what a calibrated arm may be off."""
+
+    beside: float = 0.0015
+    """The same beside open fingers, along the closing axis: half of it, because closing shifts the object anyway."""
+
+    patch: float = 0.002
+    """How deep a pad gives way: points that much behind the first one touch it, too. Pads are 6 mm of rubber."""
+
+    hidden_room: float = 0.010
+    """Room that a finger needs beyond the last seen point of a side that faces away from the camera."""
+
+
+TUNING = Tuning()
+
+
+@dataclass(frozen=True)
+class Others:
+    """What else there is: a table, and points that are not of the object.
+
+    Attributes:
+        table: normal and offset (4,): a place p is free where n·p >= offset, in the cloud's frame [m]; None: no table.
+        first_other: points from this index on are of other things; None: all are the object's.
+    """
+
+    table: Array | None = None
+    first_other: int | None = None
+
+    def among(self, slab: Slab) -> Flags:
+        """Return which entries (M,) of a slab are of other things."""
+        if self.first_other is None:
+            return np.zeros(len(slab.point), dtype=bool)
+        return np.asarray(slab.point >= self.first_other)
+
+
+def slab_half(gripper: Gripper, margin: float) -> float:
+    """Return how far from the closing plane the fingers reach along x, with a margin [m]."""
+    return max(gripper.finger_width, gripper.root_width) / 2 + margin
+
+
+def palm_stop(slab: Slab, gripper: Gripper, margin: float, aside: float = 0.0) -> Array:
+    """Return how far (K,) the gripper can be pushed along z until its palm is a gap before a point [m].
+
+    Args:
+        slab: of at least the palm's thickness.
+        gripper: with its palm.
+        margin: by which the palm is taken larger all around [m].
+        aside: by how much the gripper may still be moved along y [m].
+    """
+    x, y, _ = gripper.palm_size
+    meets = (np.abs(slab.q[0]) <= x / 2 + margin) & (np.abs(slab.q[1]) <= y / 2 + margin + aside)
+    return slab.least(np.where(meets, slab.q[2], np.inf)) - TUNING.gap - gripper.palm_front
+
+
+def finger_stop(slab: Slab, gripper: Gripper, margin: float, offset: Array, other: Flags) -> Array:
+    """Return how far (K,) the open gripper can be pushed along z until a finger is a gap before a point [m].
+
+    What a finger meets on a straight way from far off counts, so the approach is free as well as its end.
+
+    Args:
+        slab: points near the closing plane.
+        gripper: with its fingers, opened all the way.
+        margin: by which the fingers are taken wider along x [m].
+        offset: (K,) of the gripper along y [m].
+        other: (M,) entries that must not come between the fingers either.
+    """
+    half = gripper.opening_most / 2
+    aside = np.abs(slab.q[1] - offset[slab.pose])
+    x = np.abs(slab.q[0])
+    outside = other | (aside >= half - TUNING.beside)
+    tip = outside & (aside <= half + gripper.finger_thickness + TUNING.beside) & (x <= gripper.finger_width / 2 + margin)
+    stop = slab.least(np.where(tip, slab.q[2], np.inf)) - gripper.finger_front
+    if gripper.root_thickness > 0:
+        root = outside & (aside <= half + gripper.root_thickness + TUNING.beside)
+        root &= x <= gripper.root_width / 2 + margin
+        stop = np.minimum(stop, slab.least(np.where(root, slab.q[2], np.inf)) - gripper.root_front)
+    return stop - TUNING.gap
+
+
+def heights(gripper: Gripper, R: Array, p: Array, table: Array) -> Array:
+    """Return how high (K,) the lowest point of the open gripper is over a table (4,) [m]; poses R (K, 3, 3), p (K, 3)."""
+    low, high = gripper.boxes()
+    up = np.einsum("i,kij->kj", table[:3], R)
+    lowest = up @ ((low + high) / 2).T - np.abs(up) @ ((high - low) / 2).T
+    return np.asarray(lowest.min(axis=1) + p @ table[:3] - table[3])
+
+
+def table_stop(gripper: Gripper, R: Array, p: Array, table: Array, retreat: float) -> Array:
+    """Return how far (K,) the gripper can be pushed along z over a table [m]; minus infinity: nowhere.
+
+    Args:
+        gripper: opened all the way.
+        R: (K, 3, 3) axes.
+        p: (K, 3) origins [m].
+        table: normal and offset (4,).
+        retreat: length of the approach, which is free of the table, too [m].
+    """
+    room = heights(gripper, R, p, table) - TUNING.gap
+    climb = R[:, :, 2] @ table[:3]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        down = np.where(climb < -1e-9, room / -climb, np.where(room >= 0, np.inf, -np.inf))
+    # From below: what counts is where the approach begins, and that is pushed along.
+    return np.asarray(np.where((climb > 1e-9) & (room - retreat * climb < 0), -np.inf, down))
+
+
+@dataclass(frozen=True)
+class Closing:
+    """What K poses hold when they close. Sides: 0 at positive y, 1 at negative.
+
+    Attributes:
+        count: (K,) points between the pads, of the object.
+        width: (K,) between what the two pads touch first [m].
+        middle: (K,) y of the middle between them [m].
+        normal: (K, 2, 3) mean over each pad's patch of the outward normals, in G; a square contact's is ±y.
+        contact: (K, 2, 3) the patches' centres in G [m].
+        antipodal: (K,) mean over the points between the pads of (exp(n_y²) - 1) / (e - 1).
+        roots_first: (K,) whether something meets the finger before the pads do.
+    """
+
+    count: Array
+    width: Array
+    middle: Array
+    normal: Array
+    contact: Array
+    antipodal: Array
+    roots_first: Flags
+
+    @property
+    def align(self) -> Array:
+        """Part (K, 2) of the mean outward normal towards each pad; 1: square on."""
+        return self.normal[:, :, 1] * np.array([1.0, -1.0])
+
+
+def close(slab: Slab, normals: Array, R: Array, gripper: Gripper, offset: Array, depth: Array, other: Flags) -> Closing:
+    """Close the gripper at K poses, each moved by `offset` along y and `depth` along z.
+
+    The antipodal mean is that of the thesis's equations 4.1 and 4.2 (see `cost.antipodal_cost`).
+
+    Args:
+        slab: points near the closing plane, of the poses before they were moved.
+        normals: (N, 3) of the cloud's points, outward.
+        R: (K, 3, 3) the poses' axes.
+        gripper: with its pads.
+        offset: (K,) along y [m].
+        depth: (K,) along z [m]; -inf: a pose that is none.
+        other: (M,) entries that are not of the object.
+    """
+    z = slab.q[2] - depth[slab.pose]
+    y = slab.q[1] - offset[slab.pose]
+    between = (np.abs(y) <= gripper.opening_most / 2) & (z >= gripper.palm_front) & (z <= gripper.finger_front) & ~other
+    between &= np.abs(slab.q[0]) <= gripper.pad_width / 2
+    inner, y, z = slab.where(between), y[between], z[between]
+    n_y = np.einsum("mi,mi->m", normals[inner.point], R[:, :, 1][inner.pose])
+    on_pad = (z <= gripper.pad_front) & (z >= gripper.pad_back)
+    back = ~on_pad
+    count = inner.total(on_pad.astype(float))
+    safe = np.maximum(count, 1.0)
+    edge, normal, contact, first = [], [], [], np.zeros(inner.poses, dtype=bool)
+    places = (inner.q[0], y, z)
+    own = normals[inner.point].T
+    for sign in (1.0, -1.0):
+        reach = sign * y
+        furthest = inner.most(np.where(on_pad, reach, -np.inf))
+        first |= inner.most(np.where(back, reach - gripper.root_setback, -np.inf)) > furthest
+        patch = on_pad & (reach >= furthest[inner.pose] - TUNING.patch)
+        size = np.maximum(inner.total(patch.astype(float)), 1.0)
+        touched = inner.where(patch)
+        contact.append(np.stack([touched.total(part[patch]) / size for part in places], axis=1))
+        mean = np.stack([touched.total(part[patch]) / size for part in own], axis=1)
+        normal.append(np.einsum("kij,ki->kj", R, mean))
+        edge.append(np.where(count > 0, sign * furthest, 0.0))
+    share = np.expm1(n_y**2) / np.expm1(1.0)
+    antipodal = inner.total(np.where(on_pad, share, 0.0)) / safe
+    return Closing(
+        count,
+        edge[0] - edge[1],
+        (edge[0] + edge[1]) / 2,
+        np.stack(normal, axis=1),
+        np.stack(contact, axis=1),
+        antipodal,
+        first,
+    )

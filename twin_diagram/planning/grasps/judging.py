@@ -1,0 +1,202 @@
+"""Whether poses of a gripper are grasps, and if not, why; and how often they are when the object lies a little off."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.planning.grasps import cost
+from twin_diagram.planning.grasps.closing import (
+    TUNING as CLOSING,
+    Closing,
+    close,
+    finger_stop,
+    heights,
+    palm_stop,
+    slab_half,
+    table_stop,
+)
+from twin_diagram.planning.grasps.gripper import Gripper
+from twin_diagram.planning.grasps.slab import Flags, slab_of
+from twin_diagram.planning.grasps.target import GraspTarget
+from twin_diagram.signals import rotations
+from twin_diagram.signals.arrays import Array
+
+REASONS: Final = (
+    "",
+    "nothing between the fingers",
+    "too wide",
+    "in collision",
+    "into the table",
+    "met beside the pads",
+    "outside of the friction cone",
+    "both contacts hidden",
+    "too heavy",
+)
+"""Why a pose is no grasp, by its code; 0: it is one."""
+_CODE: Final = {reason: code for code, reason in enumerate(REASONS)}
+"""The codes of `REASONS`."""
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module."""
+
+    retreat: float = 0.10
+    """Length of the straight approach, of which table and mesh keep clear [m]."""
+
+    skew: float = 1.0
+    """How far the line between the contacts may lean from the closing axis, as a share of the friction cone."""
+
+
+TUNING = Tuning()
+
+
+@dataclass(frozen=True)
+class Judged:
+    """K poses, looked at.
+
+    Attributes:
+        R: (K, 3, 3) axes in O, as columns.
+        p: (K, 3) origins in O [m].
+        code: (K,) index into `REASONS`.
+        closing: what they hold.
+        seen: (K, 2) contacts that the cloud shows.
+        terms: (K,) of the cost, by name; of poses that are no grasps they mean nothing.
+    """
+
+    R: Array
+    p: Array
+    code: npt.NDArray[np.int64]
+    closing: Closing
+    seen: Flags
+    terms: dict[str, Array]
+
+    @property
+    def score(self) -> Array:
+        """(K,) the sum of the terms, infinite where a pose is no grasp; lower is better."""
+        return np.where(self.code == 0, np.sum(list(self.terms.values()), axis=0), np.inf)
+
+
+def judge(
+    target: GraspTarget, gripper: Gripper, R: Array, p: Array, *, push: bool, margin: float | None = None
+) -> Judged:
+    """Look at K poses of the open gripper.
+
+    Args:
+        target: the object.
+        gripper: opened all the way.
+        R: (K, 3, 3) axes in O.
+        p: (K, 3) origins in O [m].
+        push: move each along z until right before the gripper touches something, as ten Pas et al. do; otherwise
+            take the poses as they are.
+        margin: by which fingers and palm are taken wider across the closing axis, for the cloud has gaps [m];
+            None: half of the spacing of its points where poses are pushed, none where they are taken as they are.
+    """
+    if margin is None:
+        margin = target.spacing / 2 if push else 0.0
+    others = target.others
+    half = max(slab_half(gripper, margin), gripper.palm_size[0] / 2 + margin)
+    wide = slab_of(target.points, R, p, half)
+    stop = palm_stop(wide, gripper, margin)
+    slab = wide.where(np.abs(wide.q[0]) <= slab_half(gripper, margin))
+    other, none = others.among(slab), np.zeros(len(R))
+    stop = np.minimum(stop, finger_stop(slab, gripper, margin, none, other))
+    over = np.full(len(R), np.inf)
+    if others.table is not None:
+        over = table_stop(gripper, R, p, others.table, TUNING.retreat)
+    # What is judged where it is may be in touch already; what is pushed stops a gap before.
+    code = np.zeros(len(R), dtype=np.int64)
+    if push:
+        depth = np.minimum(stop, over)
+        code[np.isposinf(depth)] = _CODE["nothing between the fingers"]
+        code[np.isneginf(depth)] = _CODE["into the table"]
+        depth = np.where(np.isfinite(depth), depth, 0.0)
+    else:
+        depth = none
+        code[over < -CLOSING.gap] = _CODE["into the table"]
+        code[stop < -CLOSING.gap] = _CODE["in collision"]
+    closing = close(slab, target.normals, R, gripper, none, depth, other)
+    moved = p + depth[:, None] * R[:, :, 2]
+    found, seen = _held(target, gripper, R, moved, closing)
+    code = np.where(code > 0, code, found)
+    empty = code == _CODE["nothing between the fingers"]
+    code[empty & _wider(slab.most(slab.q[1]), slab.least(slab.q[1]), gripper)] = _CODE["too wide"]
+    room = np.full(len(R), np.inf)
+    if others.table is not None:
+        room = heights(gripper, R, moved, others.table)
+    return Judged(R, moved, code, closing, seen, cost.terms(target, gripper, R, moved, closing, room, seen))
+
+
+def _wider(most: Array, least: Array, gripper: Gripper) -> Flags:
+    """Return whether what lies in the closing plane is wider than the fingers open."""
+    return np.isfinite(most) & (most - least > gripper.opening_most - 2 * CLOSING.beside)
+
+
+def _held(
+    target: GraspTarget, gripper: Gripper, R: Array, p: Array, closing: Closing
+) -> tuple[npt.NDArray[np.int64], Flags]:
+    """Return why (K,) what is between the fingers is not held, 0 where it is, and which contacts (K, 2) are seen.
+
+    A contact holds by friction where the outward normal leans no more than the friction cone from the closing axis,
+    and the line between both contacts does not either. A side that faces away from the camera was not seen: there
+    nothing is claimed, but a finger must have room for more than what is seen.
+    """
+    cone = 1.0 / np.hypot(1.0, gripper.friction)
+    seen = closing.align >= cone
+    hidden = np.zeros_like(seen)
+    room = np.ones(len(R), dtype=bool)
+    if target.viewpoint is not None:
+        contacts = p[:, None] + np.einsum("kij,ksj->ksi", R, closing.contact)
+        outward = R[:, None, :, 1] * np.array([[[1.0], [-1.0]]])
+        away = np.einsum("ksi,ksi->ks", outward, target.viewpoint - contacts) < 0
+        hidden = away & ~seen
+        sides = (gripper.opening_most - closing.width)[:, None] / 2
+        sides = sides - closing.middle[:, None] * np.array([1.0, -1.0])
+        room = (~hidden | (sides >= CLOSING.hidden_room)).all(axis=1)
+    span = closing.contact[:, 0] - closing.contact[:, 1]
+    lean = np.hypot(span[:, 0], span[:, 2]) <= TUNING.skew * gripper.friction * np.abs(span[:, 1])
+    lean |= hidden.any(axis=1)
+    code = np.zeros(len(R), dtype=np.int64)
+    weight = 0.0 if target.mass is None else target.mass * cost.GRAVITY
+    for reason, wrong in (
+        ("too heavy", np.full(len(R), weight > 2 * gripper.friction * gripper.force)),
+        ("both contacts hidden", hidden.all(axis=1)),
+        ("outside of the friction cone", ~(seen | hidden).all(axis=1) | ~lean),
+        ("met beside the pads", closing.roots_first),
+        ("too wide", (closing.width > gripper.opening_most - 2 * CLOSING.beside) | ~room),
+        ("nothing between the fingers", (closing.count == 0) | (closing.width < gripper.opening_least)),
+    ):
+        code[wrong] = _CODE[reason]
+    return code, seen
+
+
+def success_over_poses(
+    target: GraspTarget, gripper: Gripper, R: Array, p: Array, covariance: Array, pose: Array, samples: int, seed: int
+) -> Array:
+    """Return the share (K,) of samples of the object's pose in which grasps that were planned at its mean succeed.
+
+    Args:
+        target: the object.
+        gripper: opened all the way.
+        R: (K, 3, 3) axes of the grasps in O.
+        p: (K, 3) their origins in O [m].
+        covariance: (6, 6) of X_WO, rotation [rad] then translation [m]: a left perturbation in W about O's origin.
+        pose: X_WO (7,) as (qw, qx, qy, qz, px, py, pz).
+        samples: how many; the same for all grasps, in pairs of opposite signs.
+        seed: of the draws.
+    """
+    values, vectors = np.linalg.eigh((covariance + covariance.T) / 2)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    half = np.random.default_rng(seed).standard_normal(((samples + 1) // 2, 6)) @ root.T
+    drawn = np.concatenate([half, -half])[:samples]
+    R_WO = rotations.matrix(rotations.normalized(pose[:4]))
+    # X_O'G = X_WO'⁻¹ X_WG with R_WO' = Exp(φ) R_WO: as seen from O, the gripper turns and moves the other way.
+    turn = np.einsum("ij,sjk->sik", R_WO.T, rotations.matrix(rotations.exp(-drawn[:, :3])))
+    placed = np.einsum("sij,jl,klm->skim", turn, R_WO, R)
+    origins = np.einsum("sij,skj->ski", turn, (p @ R_WO.T)[None] - drawn[:, None, 3:])
+    found = judge(target, gripper, placed.reshape(-1, 3, 3), origins.reshape(-1, 3), push=False)
+    return np.asarray((found.code == 0).reshape(len(drawn), len(R)).mean(axis=0))

@@ -1,0 +1,183 @@
+"""The search for grasps: ten Pas's grid about Darboux frames, then the thesis's search over what the grid leaves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin_diagram.planning.grasps.gripper import Gripper
+from twin_diagram.planning.grasps.judging import Judged, judge
+from twin_diagram.planning.grasps.surface_frames import Indices, darboux_frames
+from twin_diagram.planning.grasps.target import GraspTarget
+from twin_diagram.signals import rotations
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, chosen for the objects that come along and six of YCB's: time against quality."""
+
+    samples: int = 40
+    """Points at which frames are set up."""
+
+    grid_points: int = 900
+    """Points of the cloud that the grid looks at; the rest of the search sees all of them."""
+
+    tilts: tuple[float, ...] = (-60.0, -30.0, 30.0, 60.0)
+    """Rotations about the axis of least curvature (the thesis's z), beside none [deg]."""
+
+    turns: int = 8
+    """Rotations about the approach over half a turn: on flat sides the Darboux frame leaves it open."""
+
+    offsets: tuple[float, ...] = (-0.3, 0.0, 0.3)
+    """Shifts along the closing axis, in openings."""
+
+    kept: int = 40
+    """Poses of the grid that are searched around."""
+
+    kept_of_one: int = 4
+    """Of one sampled point at the most."""
+
+    nod: float = 20.0
+    """Tilt about the closing axis that is tried to either side [deg]."""
+
+    slide: float = 0.008
+    """Shift across the fingers that is tried to either side [m]."""
+
+    rounds: int = 2
+    """Times that the neighbourhood is searched; in the second one steps are half as long."""
+
+
+TUNING = Tuning()
+
+
+def grid(target: GraspTarget, gripper: Gripper, rng: np.random.Generator) -> tuple[Judged, Indices]:
+    """Look at a grid of poses about frames at sampled points, each pushed to contact; with the point of each.
+
+    Steps 1 to 5 of the sampling in *Scalable Real2Sim* (Algorithm 2 of ten Pas et al.): sample points, set up the
+    frame with the palm against the normal, shift along the closing axis and turn about the axis of least curvature,
+    push on until right before contact, keep what collides with nothing and has a point between the fingers.
+
+    Args:
+        target: the object.
+        gripper: opened all the way.
+        rng: draws the points.
+    """
+    chosen = rng.permutation(target.own)[: TUNING.samples]
+    D = darboux_frames(target.points[: target.own], target.normals[: target.own], chosen)
+    turns = np.arange(TUNING.turns) * np.pi / TUNING.turns
+    quarter = np.pi / 2 * np.arange(2)
+    angles = [(0.0, turn) for turn in turns] + [(np.deg2rad(tilt), turn) for tilt in TUNING.tilts for turn in quarter]
+    # A tilt is about x of the frame before or after a quarter turn: about either axis of curvature.
+    local = np.stack([_about(2, turn) @ _about(0, tilt) for tilt, turn in angles])
+    R = np.einsum("mij,ajk->maik", D, local)
+    shifts = np.array(TUNING.offsets) * gripper.opening_most
+    p = target.points[chosen][:, None, None] + shifts[None, None, :, None] * R[:, :, None, :, 1]
+    R = np.broadcast_to(R[:, :, None], (*p.shape[:3], 3, 3)).reshape(-1, 3, 3)
+    of = np.repeat(np.arange(len(chosen)), p.shape[1] * p.shape[2])
+    return judge(target.thinned(TUNING.grid_points), gripper, R, p.reshape(-1, 3), push=True), of
+
+
+def refine(target: GraspTarget, gripper: Gripper, found: Judged, of: Indices) -> tuple[Judged, list[Judged]]:
+    """Search around the best poses of a grid over what it left: along x, about x, y and z, and back along z.
+
+    The contacts' normals say how the closing axis had better turn, and the middle between them where it had better
+    be: these steps are taken at once, and the rest is tried to either side.
+
+    Args:
+        target: the object.
+        gripper: opened all the way.
+        found: of `grid`.
+        of: (K,) the sampled point of each pose.
+
+    Returns:
+        the best pose of each neighbourhood, and all that was looked at.
+    """
+    kept = _best_of_each(found.score, of, TUNING.kept_of_one)[: TUNING.kept]
+    best, every = _taken(found, kept), []
+    for number in range(TUNING.rounds if len(kept) else 0):
+        R, p = _neighbours(target, gripper, best, 0.5**number)
+        pushed = judge(target, gripper, R.reshape(-1, 3, 3), p.reshape(-1, 3), push=True)
+        backed = judge(target, gripper, pushed.R, _backed(gripper, pushed), push=False, margin=target.spacing / 2)
+        every += [pushed, backed]
+        both = _stacked([pushed, backed])
+        # Each neighbourhood's poses lie apart by the number of neighbourhoods.
+        count, ways = len(best.p), R.shape[1]
+        score = both.score.reshape(2, count, ways).transpose(1, 0, 2).reshape(count, -1)
+        pick = score.argmin(axis=1)
+        best = _taken(both, pick // ways * (count * ways) + np.arange(count) * ways + pick % ways)
+    return best, every
+
+
+def _about(axis: int, angle: float) -> Array:
+    """Return the rotation (3, 3) by an angle [rad] about x, y or z."""
+    return rotations.matrix(rotations.exp(angle * np.eye(3)[axis]))
+
+
+def _best_of_each(score: Array, of: Indices, most: int) -> Indices:
+    """Return indices by ascending score, of finite ones, at most so many of one point."""
+    order = np.argsort(score, kind="stable")
+    order = order[np.isfinite(score[order])]
+    by_point = np.argsort(of[order], kind="stable")
+    points = of[order][by_point]
+    first = np.searchsorted(points, points)
+    rank = np.empty(len(order), dtype=np.intp)
+    rank[by_point] = np.arange(len(order)) - first
+    return order[rank < most]
+
+
+def _neighbours(target: GraspTarget, gripper: Gripper, best: Judged, step: float) -> tuple[Array, Array]:
+    """Return axes (K, V, 3, 3) and origins (K, V, 3) of V poses around each of K."""
+    normal = best.closing.normal[:, 0] - best.closing.normal[:, 1]
+    # Where a contact's side was not seen, the other one's normal alone tells.
+    one = np.einsum("ks,ksi->ki", best.seen * np.array([1.0, -1.0]), best.closing.normal)
+    normal = np.where(best.seen.all(axis=1)[:, None], normal, one)
+    normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
+    y = np.array([0.0, 1.0, 0.0])
+    axis = np.cross(y, normal)
+    sine = np.linalg.norm(axis, axis=1, keepdims=True)
+    angle = np.arctan2(sine, normal[:, 1:2])
+    to_normals = rotations.matrix(rotations.exp(axis / np.maximum(sine, 1e-9) * angle))
+    nod, slide = np.deg2rad(TUNING.nod) * step, TUNING.slide * step
+    tilts = [(True, 0.0), (False, 0.0), (True, nod), (True, -nod), (True, 2 * nod), (True, -2 * nod)]
+    turned = [(to_normals if follow else np.eye(3)) @ _about(1, tilt) for follow, tilt in tilts]
+    turned += [to_normals] * 3
+    # About the middle between the contacts, so that a turn does not lead away from what was held.
+    held = best.closing.contact.mean(axis=1)
+    held[:, 1] = best.closing.middle
+    middle = best.p + np.einsum("kij,kj->ki", best.R, held)
+    centre = target.points[: target.own].mean(axis=0) if target.centre is None else target.centre
+    slides = [np.zeros(len(best.p))] * len(tilts) + [np.full(len(best.p), s) for s in (slide, -slide)]
+    towards = np.einsum("ki,ki->k", (centre - middle), np.einsum("kij,kj->ki", best.R, to_normals[:, :, 0]))
+    slides.append(np.clip(towards, -4 * TUNING.slide, 4 * TUNING.slide))
+    R = np.stack([best.R @ turn for turn in turned], axis=1)
+    inward = held * np.array([0.0, 0.0, 1.0])
+    p = middle[:, None] - np.einsum("kvij,kj->kvi", R, inward) + np.stack(slides, axis=1)[:, :, None] * R[:, :, :, 0]
+    return R, p
+
+
+def _backed(gripper: Gripper, pushed: Judged) -> Array:
+    """Return origins (K, 3) moved back so far that the contacts are at the pads' middle; never forward."""
+    middle = (gripper.pad_front + gripper.pad_back) / 2
+    back = np.maximum(middle - pushed.closing.contact[:, :, 2].mean(axis=1), 0.0)
+    return np.asarray(pushed.p - back[:, None] * pushed.R[:, :, 2])
+
+
+def _taken(found: Judged, kept: Indices) -> Judged:
+    """Return some poses."""
+    closing = type(found.closing)(*(getattr(found.closing, name)[kept] for name in vars(found.closing)))
+    terms = {name: term[kept] for name, term in found.terms.items()}
+    return Judged(found.R[kept], found.p[kept], found.code[kept], closing, found.seen[kept], terms)
+
+
+def _stacked(parts: list[Judged]) -> Judged:
+    """Return poses one after another."""
+    first = parts[0]
+    closing = type(first.closing)(
+        *(np.concatenate([getattr(part.closing, name) for part in parts]) for name in vars(first.closing))
+    )
+    terms = {name: np.concatenate([part.terms[name] for part in parts]) for name in first.terms}
+    rows = (np.concatenate([getattr(part, name) for part in parts]) for name in ("R", "p", "code"))
+    R, p, code = rows
+    return Judged(R, p, code, closing, np.concatenate([part.seen for part in parts]), terms)

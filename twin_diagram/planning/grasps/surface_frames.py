@@ -1,0 +1,81 @@
+"""Frames on a surface: normals from neighbours, and Darboux frames, in which a gripper looks along the inward normal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from twin_diagram.signals.arrays import Array
+
+Indices = npt.NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module."""
+
+    neighbours: int = 24
+    """Points that tell a normal's change: a ring or two around one, so that noise averages out and edges stay local."""
+
+
+TUNING = Tuning()
+
+
+def estimated_normals(points: Array, viewpoint: Array) -> Array:
+    """Return unit normals (N, 3) of a cloud seen from one side: the least principal direction, facing the viewer.
+
+    Args:
+        points: (N, 3) [m], N >= 3.
+        viewpoint: (3,) where the camera was [m].
+    """
+    around = points[_nearest(cKDTree(points), points, TUNING.neighbours)]
+    spread = around - around.mean(axis=1, keepdims=True)
+    normals = np.linalg.eigh(np.einsum("nki,nkj->nij", spread, spread))[1][:, :, 0]
+    away = np.einsum("ni,ni->n", normals, viewpoint - points) < 0
+    return np.where(away[:, None], -normals, normals)
+
+
+def darboux_frames(points: Array, normals: Array, chosen: Indices) -> Array:
+    """Return the axes (K, 3, 3) of the gripper at chosen points of a surface, as columns x, y, z in the cloud's frame.
+
+    z, the approach, runs against the outward normal; y, the closing axis, along the direction in which the normal
+    changes most; x along the one in which it changes least. After ten Pas et al.: of M = Σ n nᵀ over neighbours the
+    eigenvector of the least eigenvalue is the axis about which the surface does not curve. On a plane, where there is
+    none, x is any direction in it: the search turns about z anyway.
+
+    Args:
+        points: (N, 3) [m].
+        normals: (N, 3) unit, outward.
+        chosen: (K,) indices.
+    """
+    near = normals[_nearest(cKDTree(points), points[chosen], TUNING.neighbours)]
+    own = normals[chosen]
+    # A neighbour on the far side of a thin wall says nothing of how this side curves.
+    near = near * (np.einsum("kmi,ki->km", near, own) > 0)[:, :, None]
+    z = -own
+    # Within the tangent plane: the eigenvectors of M need not be square to the point's own normal.
+    a = _square_to(z)
+    b = np.cross(z, a)
+    u, v = np.einsum("kmi,ki->km", near, a), np.einsum("kmi,ki->km", near, b)
+    # Angle of the direction of greatest spread of (u, v) about zero.
+    angle = 0.5 * np.arctan2(2 * (u * v).sum(axis=1), (u * u - v * v).sum(axis=1))[:, None]
+    y = np.cos(angle) * a + np.sin(angle) * b
+    return np.stack([np.cross(y, z), y, z], axis=2)
+
+
+def _square_to(z: Array) -> Array:
+    """Return unit vectors (K, 3) square to unit vectors (K, 3)."""
+    rows = np.arange(len(z))
+    other = np.zeros_like(z)
+    other[rows, np.abs(z).argmin(axis=1)] = 1.0
+    a = np.cross(z, other)
+    return np.asarray(a / np.linalg.norm(a, axis=1, keepdims=True))
+
+
+def _nearest(tree: cKDTree, points: Array, count: int) -> Indices:
+    """Return the indices (K, count) of the points nearest to each; fewer where the cloud has fewer."""
+    near = tree.query(points, k=np.arange(1, min(count, tree.n) + 1))[1]
+    return np.asarray(near, dtype=np.intp)

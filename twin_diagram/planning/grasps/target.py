@@ -1,0 +1,134 @@
+"""What is to be grasped, as all steps of the search see it: a cloud, and what is known beside it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin_diagram.errors import TwinError
+from twin_diagram.planning.grasps.closing import Others
+from twin_diagram.signals.arrays import Array
+
+
+class GraspError(TwinError):
+    """Something that grasps cannot be proposed for; an object that cannot be held is none: its list is empty."""
+
+
+@dataclass(frozen=True)
+class GraspTarget:
+    """An object's cloud in its frame O, and what else is known; lengths in m.
+
+    Attributes:
+        points: (N, 3); with those of other things behind the object's own.
+        normals: (N, 3) unit, outward.
+        own: how many are the object's.
+        viewpoint: (3,) where the camera was, if the cloud is what one camera saw; None: it shows all sides.
+        table: normal and offset (4,): a place p is free where n·p >= offset; None: no table.
+        mass: [kg]; None: not known.
+        centre: (3,) centre of mass; None: not known.
+        up: (3,) unit, against gravity; None: any direction may be.
+    """
+
+    points: Array
+    normals: Array
+    own: int
+    viewpoint: Array | None = None
+    table: Array | None = None
+    mass: float | None = None
+    centre: Array | None = None
+    up: Array | None = None
+
+    @property
+    def others(self) -> Others:
+        """What is in the way beside the object."""
+        return Others(self.table, self.own if self.own < len(self.points) else None)
+
+    def thinned(self, count: int) -> GraspTarget:
+        """Return it with `count` of the object's points at the most, and as large a share of the other ones.
+
+        The points are taken to be in random order, as an asset's are.
+        """
+        if self.own <= count:
+            return self
+        every = self.own / count
+        rest = np.arange(self.own, len(self.points))[:: max(int(every), 1)]
+        kept = np.concatenate([np.arange(count), rest])
+        return replace(self, points=self.points[kept], normals=self.normals[kept], own=count)
+
+    @property
+    def spacing(self) -> float:
+        """Typical distance from a point to the next [m], by the area that the box about the object has."""
+        x, y, z = np.ptp(self.points[: self.own], axis=0)
+        return float(np.sqrt(2 * (x * y + y * z + z * x) / self.own))
+
+
+def target_of(
+    points: Array,
+    normals: Array,
+    *,
+    viewpoint: Array | None = None,
+    table: Array | None = None,
+    surroundings: Array | None = None,
+    mass: float | None = None,
+    centre: Array | None = None,
+    up: Array | None = None,
+) -> GraspTarget:
+    """Check what is told of an object and put it together; arguments as `GraspTarget`'s.
+
+    Args:
+        points: (N, 3) in O [m].
+        normals: (N, 3) outward, of any length but zero.
+        viewpoint: (3,) [m].
+        table: (4,).
+        surroundings: (S, 3) points of other things, which the gripper keeps clear of [m].
+        mass: [kg].
+        centre: (3,) [m].
+        up: (3,); None: the table's normal, if there is a table.
+
+    Raises:
+        GraspError: shapes that do not fit, too few points, values that are not finite or not possible.
+    """
+    points, normals = _rows("points", points), _rows("normals", normals)
+    if points.shape != normals.shape:
+        raise GraspError(f"points {points.shape} and normals {normals.shape}: there must be one normal to each point")
+    if len(points) < 10:
+        raise GraspError(f"points: {len(points)} of them are no surface; ten are the least")
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    if not (length > 1e-9).all():
+        raise GraspError(f"normals: {int((length <= 1e-9).sum())} of {len(normals)} have no length")
+    if mass is not None and not (np.isfinite(mass) and mass > 0):
+        raise GraspError(f"mass {mass:g}: must be positive [kg]")
+    if table is not None:
+        table = _vector("table", table, 4)
+        table = table / np.linalg.norm(table[:3])
+        up = table[:3] if up is None else up
+    own, others = len(points), np.empty((0, 3)) if surroundings is None else _rows("surroundings", surroundings)
+    return GraspTarget(
+        np.concatenate([points, others]),
+        np.concatenate([normals / length, np.zeros_like(others)]),
+        own,
+        None if viewpoint is None else _vector("viewpoint", viewpoint, 3),
+        table,
+        mass,
+        None if centre is None else _vector("centre", centre, 3),
+        None if up is None else _vector("up", up, 3) / np.linalg.norm(up),
+    )
+
+
+def _rows(name: str, array: Array) -> Array:
+    array = np.asarray(array, dtype=float)
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise GraspError(f"{name}: must be an array (N, 3), not {array.shape}")
+    if not np.isfinite(array).all():
+        raise GraspError(f"{name}: {int((~np.isfinite(array)).any(axis=1).sum())} of {len(array)} are not finite")
+    return array
+
+
+def _vector(name: str, array: Array, size: int) -> Array:
+    array = np.asarray(array, dtype=float)
+    if array.shape != (size,) or not np.isfinite(array).all() or not np.linalg.norm(array[:3]) > 0:
+        if name in ("viewpoint", "centre") and array.shape == (size,) and np.isfinite(array).all():
+            return array
+        raise GraspError(f"{name}: must be {size} finite numbers, not {array.tolist()}")
+    return array

@@ -1,0 +1,61 @@
+"""Whether boxes cut triangles: the exact check of a gripper against a mesh, by separating axes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twin_diagram.planning.grasps.slab import Flags, Indices
+from twin_diagram.signals.arrays import Array
+
+
+def meets_triangles(triangles: Array, R: Array, p: Array, low: Array, high: Array) -> Flags:
+    """Return whether any of a gripper's boxes touches a surface, for K poses.
+
+    Args:
+        triangles: (F, 3, 3) corners in O [m].
+        R: (K, 3, 3) axes of the poses in O, as columns.
+        p: (K, 3) origins in O [m].
+        low: (B, 3) the boxes' lower corners in G [m].
+        high: (B, 3) their upper corners.
+    """
+    centre = (triangles.min(axis=1) + triangles.max(axis=1)) / 2
+    radius = np.linalg.norm(triangles - centre[:, None], axis=2).max(axis=1)
+    met = np.zeros(len(R), dtype=bool)
+    pose, box, triangle = _near(centre, radius, R, p, low, high)
+    if not len(pose):
+        return met
+    middle, half = ((low + high) / 2)[box], ((high - low) / 2)[box]
+    corners = np.einsum("mci,mij->mcj", triangles[triangle] - p[pose][:, None], R[pose]) - middle[:, None]
+    met[pose[_overlaps(corners, half)]] = True
+    return met
+
+
+def _near(
+    centre: Array, radius: Array, R: Array, p: Array, low: Array, high: Array
+) -> tuple[Indices, Indices, Indices]:
+    """Return the (pose, box, triangle) of which the triangle's sphere reaches into the box drawn out by its radius."""
+    # One coordinate after another, each of what the last one left: most triangles are far from a thin slab.
+    x = R[:, :, 0] @ centre.T - np.einsum("ki,ki->k", R[:, :, 0], p)[:, None]
+    pose, triangle = np.nonzero((x >= low[:, 0].min() - radius) & (x <= high[:, 0].max() + radius))
+    q = np.einsum("mi,mij->mj", centre[triangle] - p[pose], R[pose])
+    r = radius[triangle, None]
+    found = [np.flatnonzero(((q >= a - r) & (q <= b + r)).all(axis=1)) for a, b in zip(low, high, strict=True)]
+    at = np.concatenate(found)
+    return pose[at], np.repeat(np.arange(len(low)), [len(part) for part in found]), triangle[at]
+
+
+def _overlaps(corners: Array, half: Array) -> Flags:
+    """Return whether triangles (M, 3, 3) meet boxes about the origin of half edges (M, 3): no axis parts them.
+
+    The thirteen axes of Akenine-Möller: the box's three, the triangle's normal, and the products of their edges.
+    """
+    edges = np.roll(corners, -1, axis=1) - corners
+    axes = [np.broadcast_to(axis, (len(corners), 3)) for axis in np.eye(3)]
+    axes.append(np.cross(edges[:, 0], edges[:, 1]))
+    axes += [np.cross(edges[:, k], axis) for k in range(3) for axis in np.eye(3)]
+    apart = np.zeros(len(corners), dtype=bool)
+    for axis in axes:
+        along = np.einsum("mci,mi->mc", corners, axis)
+        reach = (np.abs(axis) * half).sum(axis=1)
+        apart |= (along.min(axis=1) > reach) | (along.max(axis=1) < -reach)
+    return ~apart
