@@ -16,6 +16,7 @@ from typing import Any, NoReturn
 from twin_diagram.assets.command import add_asset_commands
 from twin_diagram.errors import TwinError
 from twin_diagram.native import RUN, missing_packages_named, require_packages
+from twin_diagram.planning.grasps.command import add_grasps_command
 from twin_diagram.runs.tracking.command import add_track_command
 from twin_diagram.runtime.stopping import Stopped, stoppable
 from twin_diagram.runtime.threads import one_thread
@@ -113,6 +114,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_log_commands(commands)
     add_asset_commands(commands)
     add_track_command(commands)
+    add_grasps_command(commands)
     return parser
 
 

@@ -95,7 +95,7 @@ def build_from_mesh(
     corners = np.concatenate([part.corners for part in source.parts]) * UNITS[unit]
     if path.suffix.lower() in (".glb", ".gltf"):
         corners = z_up(corners)
-    _check_size(path, corners, unit)
+    check_size(path, corners, unit)
     uv, texture = _named(path, lambda: one_texture(source.parts))
     told = AssetPlace(name, library, mass, density, replace_it)
     return _named(path, lambda: build_from_triangles(corners, uv, texture, told, path.name, unit, notes=source.notes))
@@ -194,7 +194,7 @@ def check_told(mass: float | None, density: float | None, unit: str) -> None:
         raise AssetError(f"--unit {unit!r}: no such unit; these are: {', '.join(UNITS)}")
 
 
-def _check_size(path: Path, corners: Array, unit: str) -> None:
+def check_size(path: Path, corners: Array, unit: str) -> None:
     """Refuse what is too large or too small for an object, and say in which unit it would not be."""
     size = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
     if TUNING.smallest <= size <= TUNING.largest:

@@ -58,18 +58,18 @@ def slab_half(gripper: Gripper, margin: float) -> float:
     return max(gripper.finger_width, gripper.root_width) / 2 + margin
 
 
-def palm_stop(slab: Slab, gripper: Gripper, margin: float, aside: float = 0.0) -> Array:
+def palm_stop(q: Array, gripper: Gripper, margin: float, aside: float = 0.0) -> Array:
     """Return how far (K,) the gripper can be pushed along z until its palm is a gap before a point [m].
 
     Args:
-        slab: of at least the palm's thickness.
+        q: (K, 3, N) points in the poses' frames [m].
         gripper: with its palm.
         margin: by which the palm is taken larger all around [m].
         aside: by how much the gripper may still be moved along y [m].
     """
     x, y, _ = gripper.palm_size
-    meets = (np.abs(slab.q[0]) <= x / 2 + margin) & (np.abs(slab.q[1]) <= y / 2 + margin + aside)
-    return slab.least(np.where(meets, slab.q[2], np.inf)) - TUNING.gap - gripper.palm_front
+    meets = (np.abs(q[:, 0]) <= x / 2 + margin) & (np.abs(q[:, 1]) <= y / 2 + margin + aside)
+    return np.where(meets, q[:, 2], np.float32(np.inf)).min(axis=1) - TUNING.gap - gripper.palm_front
 
 
 def finger_stop(slab: Slab, gripper: Gripper, margin: float, offset: Array, other: Flags) -> Array:
@@ -165,32 +165,32 @@ def close(slab: Slab, normals: Array, R: Array, gripper: Gripper, offset: Array,
         depth: (K,) along z [m]; -inf: a pose that is none.
         other: (M,) entries that are not of the object.
     """
-    z = slab.q[2] - depth[slab.pose]
-    y = slab.q[1] - offset[slab.pose]
-    between = (np.abs(y) <= gripper.opening_most / 2) & (z >= gripper.palm_front) & (z <= gripper.finger_front) & ~other
-    between &= np.abs(slab.q[0]) <= gripper.pad_width / 2
-    inner, y, z = slab.where(between), y[between], z[between]
-    n_y = np.einsum("mi,mi->m", normals[inner.point], R[:, :, 1][inner.pose])
+    inside = np.abs(slab.q[0]) <= gripper.pad_width / 2
+    inner = slab.where(inside & ~other)
+    z, y = inner.q[2] - depth[inner.pose], inner.q[1] - offset[inner.pose]
+    between = np.flatnonzero(
+        (np.abs(y) <= gripper.opening_most / 2) & (z >= gripper.palm_front) & (z <= gripper.finger_front)
+    )
+    inner, y, z = Slab(slab.poses, inner.pose[between], inner.point[between], inner.q[:, between]), y[between], z[between]
     on_pad = (z <= gripper.pad_front) & (z >= gripper.pad_back)
-    back = ~on_pad
-    count = inner.total(on_pad.astype(float))
-    safe = np.maximum(count, 1.0)
+    pad, beside = inner.where(on_pad), inner.where(~on_pad)
+    y_beside, y, z = y[~on_pad], y[on_pad], z[on_pad]
+    own = normals[pad.point]
+    n_y = np.einsum("mi,mi->m", own, R[:, :, 1].take(pad.pose, axis=0))
+    count = pad.total(np.ones(len(y)))
     edge, normal, contact, first = [], [], [], np.zeros(inner.poses, dtype=bool)
-    places = (inner.q[0], y, z)
-    own = normals[inner.point].T
     for sign in (1.0, -1.0):
-        reach = sign * y
-        furthest = inner.most(np.where(on_pad, reach, -np.inf))
-        first |= inner.most(np.where(back, reach - gripper.root_setback, -np.inf)) > furthest
-        patch = on_pad & (reach >= furthest[inner.pose] - TUNING.patch)
-        size = np.maximum(inner.total(patch.astype(float)), 1.0)
-        touched = inner.where(patch)
-        contact.append(np.stack([touched.total(part[patch]) / size for part in places], axis=1))
-        mean = np.stack([touched.total(part[patch]) / size for part in own], axis=1)
+        furthest = pad.most(sign * y)
+        first |= beside.most(sign * y_beside) - gripper.root_setback > furthest
+        at = np.flatnonzero(sign * y >= furthest.take(pad.pose) - TUNING.patch)
+        touched = Slab(pad.poses, pad.pose[at], pad.point[at], pad.q[:, at])
+        size = np.maximum(touched.total(np.ones(len(at))), 1.0)
+        places = (touched.q[0], y[at], z[at])
+        contact.append(np.stack([touched.total(part) / size for part in places], axis=1))
+        mean = np.stack([touched.total(part) / size for part in own[at].T], axis=1)
         normal.append(np.einsum("kij,ki->kj", R, mean))
         edge.append(np.where(count > 0, sign * furthest, 0.0))
-    share = np.expm1(n_y**2) / np.expm1(1.0)
-    antipodal = inner.total(np.where(on_pad, share, 0.0)) / safe
+    antipodal = pad.total(np.expm1(n_y**2) / np.expm1(1.0)) / np.maximum(count, 1.0)
     return Closing(
         count,
         edge[0] - edge[1],

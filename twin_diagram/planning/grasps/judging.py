@@ -20,7 +20,7 @@ from twin_diagram.planning.grasps.closing import (
     table_stop,
 )
 from twin_diagram.planning.grasps.gripper import Gripper
-from twin_diagram.planning.grasps.slab import Flags, slab_of
+from twin_diagram.planning.grasps.slab import Flags, Slab, in_frames, slab_of
 from twin_diagram.planning.grasps.target import GraspTarget
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
@@ -81,54 +81,92 @@ class Judged:
         return np.where(self.code == 0, np.sum(list(self.terms.values()), axis=0), np.inf)
 
 
-def judge(
-    target: GraspTarget, gripper: Gripper, R: Array, p: Array, *, push: bool, margin: float | None = None
-) -> Judged:
-    """Look at K poses of the open gripper.
+@dataclass(frozen=True)
+class View:
+    """What K poses of the open gripper have before them.
+
+    Attributes:
+        slab: points near the closing plane, as far ahead as the fingers can come.
+        palm: (K,) how far the palm can be pushed on [m].
+        margin: by which fingers and palm are taken wider across the closing axis [m].
+    """
+
+    slab: Slab
+    palm: Array
+    margin: float
+
+
+def view(target: GraspTarget, gripper: Gripper, R: Array, p: Array, margin: float, aside: float = 0.0) -> View:
+    """Look along the approach of K poses.
 
     Args:
         target: the object.
         gripper: opened all the way.
         R: (K, 3, 3) axes in O.
         p: (K, 3) origins in O [m].
-        push: move each along z until right before the gripper touches something, as ten Pas et al. do; otherwise
-            take the poses as they are.
-        margin: by which fingers and palm are taken wider across the closing axis, for the cloud has gaps [m];
-            None: half of the spacing of its points where poses are pushed, none where they are taken as they are.
+        margin: as of `View`: the cloud has gaps.
+        aside: by how much poses may still be moved along y [m].
     """
-    if margin is None:
-        margin = target.spacing / 2 if push else 0.0
-    others = target.others
-    half = max(slab_half(gripper, margin), gripper.palm_size[0] / 2 + margin)
-    wide = slab_of(target.points, R, p, half)
-    stop = palm_stop(wide, gripper, margin)
-    slab = wide.where(np.abs(wide.q[0]) <= slab_half(gripper, margin))
-    other, none = others.among(slab), np.zeros(len(R))
-    stop = np.minimum(stop, finger_stop(slab, gripper, margin, none, other))
+    q = in_frames(target.points, R, p)
+    palm = palm_stop(q, gripper, margin, aside)
+    near = np.abs(q[:, 0]) <= slab_half(gripper, margin)
+    # The fingers come no further than the palm lets them.
+    near &= q[:, 2] <= np.maximum(palm, 0.0)[:, None] + (gripper.finger_front + 2 * CLOSING.gap)
+    return View(slab_of(q, near), palm, margin)
+
+
+def judge(target: GraspTarget, gripper: Gripper, R: Array, p: Array) -> Judged:
+    """Judge K poses (K, 3, 3) and (K, 3) [m] of the open gripper in O as they are: nothing is moved, no gap is asked."""
+    seen = view(target, gripper, R, p, 0.0)
+    return settle(target, gripper, R, p, seen, np.zeros(len(R)), np.zeros(len(R)))
+
+
+def settle(
+    target: GraspTarget,
+    gripper: Gripper,
+    R: Array,
+    p: Array,
+    ahead: View,
+    offset: Array,
+    depth: Array | None = None,
+) -> Judged:
+    """Move K poses along y and z, close there, and judge what they hold.
+
+    Args:
+        target: the object.
+        gripper: opened all the way.
+        R: (K, 3, 3) axes in O.
+        p: (K, 3) origins in O, before they are moved [m].
+        ahead: what they have before them.
+        offset: (K,) along y [m].
+        depth: (K,) along z [m]; None: until right before the gripper touches something, as ten Pas et al. do.
+    """
+    slab, others = ahead.slab, target.others
+    other = others.among(slab)
+    stop = np.minimum(ahead.palm, finger_stop(slab, gripper, ahead.margin, offset, other))
+    p = p + offset[:, None] * R[:, :, 1]
     over = np.full(len(R), np.inf)
     if others.table is not None:
         over = table_stop(gripper, R, p, others.table, TUNING.retreat)
-    # What is judged where it is may be in touch already; what is pushed stops a gap before.
     code = np.zeros(len(R), dtype=np.int64)
-    if push:
+    if depth is None:
         depth = np.minimum(stop, over)
         code[np.isposinf(depth)] = _CODE["nothing between the fingers"]
         code[np.isneginf(depth)] = _CODE["into the table"]
         depth = np.where(np.isfinite(depth), depth, 0.0)
-    else:
-        depth = none
-        code[over < -CLOSING.gap] = _CODE["into the table"]
-        code[stop < -CLOSING.gap] = _CODE["in collision"]
-    closing = close(slab, target.normals, R, gripper, none, depth, other)
-    moved = p + depth[:, None] * R[:, :, 2]
-    found, seen = _held(target, gripper, R, moved, closing)
+    else:  # may be in touch already: the gap is for poses that are found here
+        code[over < depth - CLOSING.gap] = _CODE["into the table"]
+        code[stop < depth - CLOSING.gap] = _CODE["in collision"]
+    closing = close(slab, target.normals, R, gripper, offset, depth, other)
+    p = p + depth[:, None] * R[:, :, 2]
+    found, seen = _held(target, gripper, R, p, closing)
     code = np.where(code > 0, code, found)
     empty = code == _CODE["nothing between the fingers"]
     code[empty & _wider(slab.most(slab.q[1]), slab.least(slab.q[1]), gripper)] = _CODE["too wide"]
     room = np.full(len(R), np.inf)
     if others.table is not None:
-        room = heights(gripper, R, moved, others.table)
-    return Judged(R, moved, code, closing, seen, cost.terms(target, gripper, R, moved, closing, room, seen))
+        room = heights(gripper, R, p, others.table)
+    return Judged(R, p, code, closing, seen, cost.terms(target, gripper, R, p, closing, room, seen))
 
 
 def _wider(most: Array, least: Array, gripper: Gripper) -> Flags:
@@ -198,5 +236,5 @@ def success_over_poses(
     turn = np.einsum("ij,sjk->sik", R_WO.T, rotations.matrix(rotations.exp(-drawn[:, :3])))
     placed = np.einsum("sij,jl,klm->skim", turn, R_WO, R)
     origins = np.einsum("sij,skj->ski", turn, (p @ R_WO.T)[None] - drawn[:, None, 3:])
-    found = judge(target, gripper, placed.reshape(-1, 3, 3), origins.reshape(-1, 3), push=False)
+    found = judge(target, gripper, placed.reshape(-1, 3, 3), origins.reshape(-1, 3))
     return np.asarray((found.code == 0).reshape(len(drawn), len(R)).mean(axis=0))

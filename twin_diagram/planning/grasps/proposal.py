@@ -19,7 +19,7 @@ from twin_diagram.planning.grasps import cost
 from twin_diagram.planning.grasps.gripper import Gripper
 from twin_diagram.planning.grasps.judging import REASONS, Judged, judge, success_over_poses
 from twin_diagram.planning.grasps.judging import TUNING as JUDGING
-from twin_diagram.planning.grasps.search import grid, refine
+from twin_diagram.planning.grasps.search import grid, refine, stacked
 from twin_diagram.planning.grasps.slab import Flags
 from twin_diagram.planning.grasps.surface_frames import Indices
 from twin_diagram.planning.grasps.target import GraspError, GraspTarget, target_of
@@ -41,8 +41,17 @@ class Tuning:
     turned: float = 20.0
     """Axes that differ by less agree [deg]."""
 
-    looked_closer: int = 3
-    """Of each grasp that is asked for, so many candidates are compared with mesh and samples of the pose."""
+    attempts: int = 4
+    """Times that points are sampled anew, at the most, while grasps lack: rims and handles are little of a surface."""
+
+    looked_closer: float = 1.4
+    """Of each grasp that is asked for, so many candidates are compared with the mesh at once: few of them cut it."""
+
+    looked_closer_uncertain: float = 3.0
+    """The same where samples of the object's pose may put them into another order."""
+
+    batches: int = 10
+    """Of so many, one after another while grasps lack, at the most."""
 
     samples: int = 24
     """Samples of the object's pose."""
@@ -197,12 +206,19 @@ def propose(
 
 def propose_for(target: GraspTarget, gripper: Gripper, wanted: Wanted) -> Grasps:
     """Return the best grasps of an object; arguments as of `propose`."""
-    found, of = grid(target, gripper, np.random.default_rng(wanted.seed))
-    best, every = refine(target, gripper, found, of)
+    rng = np.random.default_rng(wanted.seed)
     reasons: Counter[str] = Counter()
-    for part in (found, *every):
-        reasons.update(_counted(part))
-    return _ranked(target, gripper, best, wanted, reasons)
+    every: list[Judged] = []
+    for _ in range(TUNING.attempts):
+        found, of = grid(target, gripper, rng)
+        refined = refine(target, gripper, found, of)
+        for part in (found, *refined):
+            reasons.update(_counted(part))
+        every += refined or [found]
+        grasps = _ranked(target, gripper, stacked(every), wanted, reasons)
+        if len(grasps) == wanted.count:
+            break
+    return grasps
 
 
 def rank(grasps: Grasps, target: GraspTarget, gripper: Gripper, wanted: Wanted | None = None) -> Grasps:
@@ -215,7 +231,7 @@ def rank(grasps: Grasps, target: GraspTarget, gripper: Gripper, wanted: Wanted |
         wanted: what is asked; None: as many as there are.
     """
     wanted = wanted or Wanted(max(len(grasps), 1))
-    found = judge(target, gripper, grasps.R, grasps.poses[:, 4:], push=False)
+    found = judge(target, gripper, grasps.R, grasps.poses[:, 4:])
     return _ranked(target, gripper, found, wanted, Counter(_counted(found)))
 
 
@@ -225,14 +241,16 @@ def _counted(found: Judged) -> dict[str, int]:
     return {reason: int(n) for reason, n in zip(REASONS[1:], numbers[1:], strict=True) if n}
 
 
-def _ranked(target: GraspTarget, gripper: Gripper, found: Judged, wanted: Wanted, reasons: Counter[str]) -> Grasps:
+def _ranked(target: GraspTarget, gripper: Gripper, found: Judged, wanted: Wanted, counted: Counter[str]) -> Grasps:
     """Return the best of poses that were judged, none like another, each looked at closer."""
+    reasons = Counter(counted)
     order = np.argsort(found.score, kind="stable")
     order = order[np.isfinite(found.score[order])]
-    order = _different(found, order)
+    share = TUNING.looked_closer if wanted.covariance is None else TUNING.looked_closer_uncertain
+    step = int(np.ceil(share * wanted.count))
+    order = _different(found, order, TUNING.batches * step)
     terms = dict(found.terms)
     chosen: list[int] = []
-    step = TUNING.looked_closer * wanted.count
     for start in range(0, len(order), step):
         part = order[start : start + step]
         if wanted.triangles is not None:
@@ -281,19 +299,23 @@ def _grasps(found: Judged, chosen: Indices, terms: dict[str, Array], reasons: Co
     )
 
 
-def _different(found: Judged, order: Indices) -> Indices:
-    """Return those of an order that are like none before them; half a turn about the approach changes nothing."""
+def _different(found: Judged, order: Indices, most: int) -> Indices:
+    """Return those of an order that are like none before them, at the most so many.
+
+    Half a turn about the approach changes nothing.
+    """
     held = found.closing.contact[order].mean(axis=1)
     middle = found.p[order] + np.einsum("kij,kj->ki", found.R[order], held)
     y, z = found.R[order][:, :, 1], found.R[order][:, :, 2]
     limit = np.cos(np.deg2rad(TUNING.turned))
-    alike = np.linalg.norm(middle[:, None] - middle[None], axis=2) < TUNING.apart
-    alike &= (np.abs(y @ y.T) > limit) & (z @ z.T > limit)
-    left = np.ones(len(order), dtype=bool)
-    for k in range(len(order)):
-        if left[k]:
-            left[k + 1 :] &= ~alike[k, k + 1 :]
-    return order[left]
+    left, kept = np.arange(len(order)), []
+    while len(left) and len(kept) < most:
+        one = left[0]
+        kept.append(one)
+        alike = np.linalg.norm(middle[left] - middle[one], axis=1) < TUNING.apart
+        alike &= (np.abs(y[left] @ y[one]) > limit) & (z[left] @ z[one] > limit)
+        left = left[~alike]
+    return order[np.array(kept, dtype=np.intp)]
 
 
 def approach_poses(pose: Array, retreat: float, count: int) -> Array:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin_diagram.planning.grasps.gripper import Gripper
-from twin_diagram.planning.grasps.judging import Judged, judge
+from twin_diagram.planning.grasps.judging import Judged, settle, view
 from twin_diagram.planning.grasps.surface_frames import Indices, darboux_frames
 from twin_diagram.planning.grasps.target import GraspTarget
 from twin_diagram.signals import rotations
@@ -21,11 +21,11 @@ class Tuning:
     samples: int = 40
     """Points at which frames are set up."""
 
-    grid_points: int = 900
+    grid_points: int = 700
     """Points of the cloud that the grid looks at; the rest of the search sees all of them."""
 
-    tilts: tuple[float, ...] = (-60.0, -30.0, 30.0, 60.0)
-    """Rotations about the axis of least curvature (the thesis's z), beside none [deg]."""
+    tilts: tuple[float, ...] = (-90.0, -45.0, 45.0, 90.0)
+    """Rotations about the axis of least curvature (the thesis's z), beside none [deg]; a rim is held along its wall."""
 
     turns: int = 8
     """Rotations about the approach over half a turn: on flat sides the Darboux frame leaves it open."""
@@ -33,8 +33,11 @@ class Tuning:
     offsets: tuple[float, ...] = (-0.3, 0.0, 0.3)
     """Shifts along the closing axis, in openings."""
 
-    kept: int = 40
-    """Poses of the grid that are searched around."""
+    kept: tuple[int, ...] = (32, 16)
+    """Poses that are searched around, in each round; from round to round steps are half as long."""
+
+    points: tuple[int, ...] = (1500, 3000)
+    """Points of the cloud that a round looks at, at the most."""
 
     kept_of_one: int = 4
     """Of one sampled point at the most."""
@@ -44,9 +47,6 @@ class Tuning:
 
     slide: float = 0.008
     """Shift across the fingers that is tried to either side [m]."""
-
-    rounds: int = 2
-    """Times that the neighbourhood is searched; in the second one steps are half as long."""
 
 
 TUNING = Tuning()
@@ -72,14 +72,16 @@ def grid(target: GraspTarget, gripper: Gripper, rng: np.random.Generator) -> tup
     # A tilt is about x of the frame before or after a quarter turn: about either axis of curvature.
     local = np.stack([_about(2, turn) @ _about(0, tilt) for tilt, turn in angles])
     R = np.einsum("mij,ajk->maik", D, local)
+    R = R.reshape(-1, 3, 3)
+    p = np.repeat(target.points[chosen], len(angles), axis=0)
+    thin = target.thinned(TUNING.grid_points)
     shifts = np.array(TUNING.offsets) * gripper.opening_most
-    p = target.points[chosen][:, None, None] + shifts[None, None, :, None] * R[:, :, None, :, 1]
-    R = np.broadcast_to(R[:, :, None], (*p.shape[:3], 3, 3)).reshape(-1, 3, 3)
-    of = np.repeat(np.arange(len(chosen)), p.shape[1] * p.shape[2])
-    return judge(target.thinned(TUNING.grid_points), gripper, R, p.reshape(-1, 3), push=True), of
+    ahead = view(thin, gripper, R, p, thin.spacing / 2, aside=float(np.abs(shifts).max()))
+    found = stacked([settle(thin, gripper, R, p, ahead, np.full(len(R), shift)) for shift in shifts])
+    return found, np.tile(np.repeat(np.arange(len(chosen)), len(angles)), len(shifts))
 
 
-def refine(target: GraspTarget, gripper: Gripper, found: Judged, of: Indices) -> tuple[Judged, list[Judged]]:
+def refine(target: GraspTarget, gripper: Gripper, found: Judged, of: Indices) -> list[Judged]:
     """Search around the best poses of a grid over what it left: along x, about x, y and z, and back along z.
 
     The contacts' normals say how the closing axis had better turn, and the middle between them where it had better
@@ -92,22 +94,28 @@ def refine(target: GraspTarget, gripper: Gripper, found: Judged, of: Indices) ->
         of: (K,) the sampled point of each pose.
 
     Returns:
-        the best pose of each neighbourhood, and all that was looked at.
+        all that was looked at, of the last round last.
     """
-    kept = _best_of_each(found.score, of, TUNING.kept_of_one)[: TUNING.kept]
-    best, every = _taken(found, kept), []
-    for number in range(TUNING.rounds if len(kept) else 0):
-        R, p = _neighbours(target, gripper, best, 0.5**number)
-        pushed = judge(target, gripper, R.reshape(-1, 3, 3), p.reshape(-1, 3), push=True)
-        backed = judge(target, gripper, pushed.R, _backed(gripper, pushed), push=False, margin=target.spacing / 2)
-        every += [pushed, backed]
-        both = _stacked([pushed, backed])
-        # Each neighbourhood's poses lie apart by the number of neighbourhoods.
-        count, ways = len(best.p), R.shape[1]
-        score = both.score.reshape(2, count, ways).transpose(1, 0, 2).reshape(count, -1)
-        pick = score.argmin(axis=1)
-        best = _taken(both, pick // ways * (count * ways) + np.arange(count) * ways + pick % ways)
-    return best, every
+    kept = _best_of_each(found.score, of, TUNING.kept_of_one)
+    best, every = _taken(found, kept[: TUNING.kept[0]]), []
+    for kept_now, points in zip(TUNING.kept, TUNING.points, strict=True):
+        if not len(best.p):
+            break
+        best = _taken(best, np.argsort(best.score, kind="stable")[:kept_now])
+        R, p = _neighbours(target, gripper, best, 0.5 ** (len(every) // 2))
+        shape = R.shape[:2]
+        R, p = R.reshape(-1, 3, 3), p.reshape(-1, 3)
+        thin = target.thinned(points)
+        ahead, none = view(thin, gripper, R, p, thin.spacing / 2), np.zeros(len(R))
+        pushed = settle(thin, gripper, R, p, ahead, none)
+        depth = np.einsum("ki,ki->k", pushed.p - p, R[:, :, 2]) - _too_deep(gripper, pushed)
+        every += [pushed, settle(thin, gripper, R, p, ahead, none, depth)]
+        both = stacked(every[-2:])
+        # Each neighbourhood's poses stand together, twice: pushed on, and moved back.
+        score = both.score.reshape(2, *shape).transpose(1, 0, 2).reshape(shape[0], -1)
+        back, way = np.divmod(score.argmin(axis=1), shape[1])
+        best = _taken(both, (back * shape[0] + np.arange(shape[0])) * shape[1] + way)
+    return every
 
 
 def _about(axis: int, angle: float) -> Array:
@@ -157,11 +165,10 @@ def _neighbours(target: GraspTarget, gripper: Gripper, best: Judged, step: float
     return R, p
 
 
-def _backed(gripper: Gripper, pushed: Judged) -> Array:
-    """Return origins (K, 3) moved back so far that the contacts are at the pads' middle; never forward."""
+def _too_deep(gripper: Gripper, pushed: Judged) -> Array:
+    """Return how far (K,) the contacts are behind the pads' middle [m]; 0 where they are before it."""
     middle = (gripper.pad_front + gripper.pad_back) / 2
-    back = np.maximum(middle - pushed.closing.contact[:, :, 2].mean(axis=1), 0.0)
-    return np.asarray(pushed.p - back[:, None] * pushed.R[:, :, 2])
+    return np.asarray(np.maximum(middle - pushed.closing.contact[:, :, 2].mean(axis=1), 0.0))
 
 
 def _taken(found: Judged, kept: Indices) -> Judged:
@@ -171,7 +178,7 @@ def _taken(found: Judged, kept: Indices) -> Judged:
     return Judged(found.R[kept], found.p[kept], found.code[kept], closing, found.seen[kept], terms)
 
 
-def _stacked(parts: list[Judged]) -> Judged:
+def stacked(parts: list[Judged]) -> Judged:
     """Return poses one after another."""
     first = parts[0]
     closing = type(first.closing)(

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from twin_diagram.planning.grasps.slab import Flags, Indices
+from twin_diagram.planning.grasps.slab import Flags, Indices, in_frames, slab_of
 from twin_diagram.signals.arrays import Array
+
+ROUNDING = 1e-6
+"""Added where places are in single precision, before the exact check [m]."""
 
 
 def meets_triangles(triangles: Array, R: Array, p: Array, low: Array, high: Array) -> Flags:
@@ -34,14 +37,18 @@ def _near(
     centre: Array, radius: Array, R: Array, p: Array, low: Array, high: Array
 ) -> tuple[Indices, Indices, Indices]:
     """Return the (pose, box, triangle) of which the triangle's sphere reaches into the box drawn out by its radius."""
-    # One coordinate after another, each of what the last one left: most triangles are far from a thin slab.
-    x = R[:, :, 0] @ centre.T - np.einsum("ki,ki->k", R[:, :, 0], p)[:, None]
-    pose, triangle = np.nonzero((x >= low[:, 0].min() - radius) & (x <= high[:, 0].max() + radius))
-    q = np.einsum("mi,mij->mj", centre[triangle] - p[pose], R[pose])
-    r = radius[triangle, None]
-    found = [np.flatnonzero(((q >= a - r) & (q <= b + r)).all(axis=1)) for a, b in zip(low, high, strict=True)]
+    q = in_frames(centre, R, p)
+    wide = float(np.abs([low[:, 0].min(), high[:, 0].max()]).max())
+    before = slab_of(q, np.abs(q[:, 0]) <= wide + radius + ROUNDING)
+    r = radius[before.point] + ROUNDING
+    found = []
+    for a, b in zip(low, high, strict=True):
+        inside = np.ones(len(r), dtype=bool)
+        for along, least, most in zip(before.q, a, b, strict=True):
+            inside &= np.abs(along - (least + most) / 2) <= (most - least) / 2 + r
+        found.append(np.flatnonzero(inside))
     at = np.concatenate(found)
-    return pose[at], np.repeat(np.arange(len(low)), [len(part) for part in found]), triangle[at]
+    return before.pose[at], np.repeat(np.arange(len(low)), [len(part) for part in found]), before.point[at]
 
 
 def _overlaps(corners: Array, half: Array) -> Flags:
@@ -49,13 +56,16 @@ def _overlaps(corners: Array, half: Array) -> Flags:
 
     The thirteen axes of Akenine-Möller: the box's three, the triangle's normal, and the products of their edges.
     """
+    met = np.zeros(len(corners), dtype=bool)
+    left = np.flatnonzero(((corners.min(axis=1) <= half) & (corners.max(axis=1) >= -half)).all(axis=1))
+    corners, half = corners[left], half[left]
     edges = np.roll(corners, -1, axis=1) - corners
-    axes = [np.broadcast_to(axis, (len(corners), 3)) for axis in np.eye(3)]
-    axes.append(np.cross(edges[:, 0], edges[:, 1]))
+    axes = [np.cross(edges[:, 0], edges[:, 1])]
     axes += [np.cross(edges[:, k], axis) for k in range(3) for axis in np.eye(3)]
     apart = np.zeros(len(corners), dtype=bool)
     for axis in axes:
         along = np.einsum("mci,mi->mc", corners, axis)
         reach = (np.abs(axis) * half).sum(axis=1)
         apart |= (along.min(axis=1) > reach) | (along.max(axis=1) < -reach)
-    return ~apart
+    met[left[~apart]] = True
+    return met
