@@ -88,7 +88,8 @@ def finger_stop(slab: Slab, gripper: Gripper, margin: float, offset: Array, othe
     aside = np.abs(slab.q[1] - offset[slab.pose])
     x = np.abs(slab.q[0])
     outside = other | (aside >= half - TUNING.beside)
-    tip = outside & (aside <= half + gripper.finger_thickness + TUNING.beside) & (x <= gripper.finger_width / 2 + margin)
+    tip = outside & (aside <= half + gripper.finger_thickness + TUNING.beside)
+    tip &= x <= gripper.finger_width / 2 + margin
     stop = slab.least(np.where(tip, slab.q[2], np.inf)) - gripper.finger_front
     if gripper.root_thickness > 0:
         root = outside & (aside <= half + gripper.root_thickness + TUNING.beside)
@@ -98,7 +99,7 @@ def finger_stop(slab: Slab, gripper: Gripper, margin: float, offset: Array, othe
 
 
 def heights(gripper: Gripper, R: Array, p: Array, table: Array) -> Array:
-    """Return how high (K,) the lowest point of the open gripper is over a table (4,) [m]; poses R (K, 3, 3), p (K, 3)."""
+    """Return how high (K,) the open gripper's lowest point is over a table (4,) [m]; poses R (K, 3, 3), p (K, 3)."""
     low, high = gripper.boxes()
     up = np.einsum("i,kij->kj", table[:3], R)
     lowest = up @ ((low + high) / 2).T - np.abs(up) @ ((high - low) / 2).T
@@ -131,7 +132,8 @@ class Closing:
         count: (K,) points between the pads, of the object.
         width: (K,) between what the two pads touch first [m].
         middle: (K,) y of the middle between them [m].
-        normal: (K, 2, 3) mean over each pad's patch of the outward normals, in G; a square contact's is ±y.
+        normal: (K, 2, 3) mean over each pad's patch of the outward normals, in G, by the area that the pad sees; a
+            square contact's is ±y.
         contact: (K, 2, 3) the patches' centres in G [m].
         antipodal: (K,) mean over the points between the pads of (exp(n_y²) - 1) / (e - 1).
         roots_first: (K,) whether something meets the finger before the pads do.
@@ -171,7 +173,8 @@ def close(slab: Slab, normals: Array, R: Array, gripper: Gripper, offset: Array,
     between = np.flatnonzero(
         (np.abs(y) <= gripper.opening_most / 2) & (z >= gripper.palm_front) & (z <= gripper.finger_front)
     )
-    inner, y, z = Slab(slab.poses, inner.pose[between], inner.point[between], inner.q[:, between]), y[between], z[between]
+    y, z = y[between], z[between]
+    inner = Slab(slab.poses, inner.pose[between], inner.point[between], inner.q[:, between])
     on_pad = (z <= gripper.pad_front) & (z >= gripper.pad_back)
     pad, beside = inner.where(on_pad), inner.where(~on_pad)
     y_beside, y, z = y[~on_pad], y[on_pad], z[on_pad]
@@ -184,10 +187,12 @@ def close(slab: Slab, normals: Array, R: Array, gripper: Gripper, offset: Array,
         first |= beside.most(sign * y_beside) - gripper.root_setback > furthest
         at = np.flatnonzero(sign * y >= furthest.take(pad.pose) - TUNING.patch)
         touched = Slab(pad.poses, pad.pose[at], pad.point[at], pad.q[:, at])
-        size = np.maximum(touched.total(np.ones(len(at))), 1.0)
+        # By what the pad sees of it: a side that it does not see is not pressed. All alike where none is seen.
+        weight = np.maximum(sign * n_y[at], 1e-6)
+        size = np.maximum(touched.total(weight), 1e-12)
         places = (touched.q[0], y[at], z[at])
-        contact.append(np.stack([touched.total(part) / size for part in places], axis=1))
-        mean = np.stack([touched.total(part) / size for part in own[at].T], axis=1)
+        contact.append(np.stack([touched.total(weight * part) / size for part in places], axis=1))
+        mean = np.stack([touched.total(weight * part) / size for part in own[at].T], axis=1)
         normal.append(np.einsum("kij,ki->kj", R, mean))
         edge.append(np.where(count > 0, sign * furthest, 0.0))
     antipodal = pad.total(np.expm1(n_y**2) / np.expm1(1.0)) / np.maximum(count, 1.0)

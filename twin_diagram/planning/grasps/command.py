@@ -107,7 +107,9 @@ def _table(known: KnownObject, gripper: Gripper, grasps: Grasps, out: Path | Non
             f"{known.name}, {gripper.name}: {len(grasps)} grasps (score: lower is better; approach, place: in O)",
             "rank  score  width [mm]  approach               place of G [mm]",
         ]
-        for k, (a, p) in enumerate(zip(grasps.approach, 1e3 * grasps.poses[:, 4:], strict=True)):
+        for k, (a, p) in enumerate(
+            zip(grasps.approach.round(2) + 0.0, (1e3 * grasps.poses[:, 4:]).round(1) + 0.0, strict=True)
+        ):
             lines.append(
                 f"{k + 1:4}  {grasps.score[k]:5.3f}  {1e3 * grasps.width[k]:10.1f}  "
                 f"{a[0]:6.2f} {a[1]:6.2f} {a[2]:6.2f}  {p[0]:7.1f} {p[1]:7.1f} {p[2]:7.1f}"

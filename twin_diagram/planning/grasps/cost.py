@@ -8,6 +8,7 @@ import numpy as np
 
 from twin_diagram.planning.grasps.closing import Closing
 from twin_diagram.planning.grasps.gripper import Gripper
+from twin_diagram.planning.grasps.slab import Flags
 from twin_diagram.planning.grasps.target import GraspTarget
 from twin_diagram.signals.arrays import Array
 
@@ -48,7 +49,7 @@ TUNING = Tuning()
 
 
 def antipodal_cost(antipodal: Array) -> Array:
-    """Return the cost (K,) of the points' misalignment with the closing axis: 0 if all face it, 1 if all are square to it.
+    """Return the cost (K,) of normals off the closing axis: 0 if all are along it, 1 if all are square to it.
 
     Equations 4.1 and 4.2 of the thesis in *Scalable Real2Sim*, whose signs are lost in print. They sum over the points
     p_i in the closing region C the squared part n_y² of the normal along the closing axis (4.1), then exp(n_y²), by the
@@ -87,7 +88,7 @@ def weight_torque(target: GraspTarget, gripper: Gripper, R: Array, held: Array) 
 
 
 def terms(
-    target: GraspTarget, gripper: Gripper, R: Array, p: Array, closing: Closing, room: Array, seen: Array
+    target: GraspTarget, gripper: Gripper, R: Array, p: Array, closing: Closing, room: Array, seen: Flags
 ) -> dict[str, Array]:
     """Return the weighted terms (K,) of the poses' cost by name; their sum is the score.
 
@@ -100,10 +101,10 @@ def terms(
         room: (K,) over the table [m].
         seen: (K, 2) which contacts the camera saw.
     """
-    # Of a contact that nobody saw only the place of the other one is known.
-    share = seen / np.maximum(seen.sum(axis=1, keepdims=True), 1)
-    held_G = np.where(seen.all(axis=1)[:, None], closing.contact.mean(axis=1), np.einsum("ks,ksi->ki", share, closing.contact))
-    held_G = held_G * np.array([1.0, 0.0, 1.0])
+    # Of two contacts, one of which nobody saw, only the other one's place is known.
+    share = np.where(seen.any(axis=1, keepdims=True), seen, True).astype(float)
+    share /= share.sum(axis=1, keepdims=True)
+    held_G = np.einsum("ks,ksi->ki", share, closing.contact) * np.array([1.0, 0.0, 1.0])
     held = p + np.einsum("kij,kj->ki", R, held_G)
     sides = (gripper.opening_most - closing.width) / 2 - np.abs(closing.middle)
     lacks = 1.0 - np.clip(np.minimum(sides, room) / TUNING.room, 0.0, 1.0)

@@ -11,6 +11,8 @@ import numpy.typing as npt
 from twin_diagram.planning.grasps import cost
 from twin_diagram.planning.grasps.closing import (
     TUNING as CLOSING,
+)
+from twin_diagram.planning.grasps.closing import (
     Closing,
     close,
     finger_stop,
@@ -82,7 +84,7 @@ class Judged:
 
 
 @dataclass(frozen=True)
-class View:
+class Ahead:
     """What K poses of the open gripper have before them.
 
     Attributes:
@@ -96,7 +98,7 @@ class View:
     margin: float
 
 
-def view(target: GraspTarget, gripper: Gripper, R: Array, p: Array, margin: float, aside: float = 0.0) -> View:
+def view(target: GraspTarget, gripper: Gripper, R: Array, p: Array, margin: float, aside: float = 0.0) -> Ahead:
     """Look along the approach of K poses.
 
     Args:
@@ -104,7 +106,7 @@ def view(target: GraspTarget, gripper: Gripper, R: Array, p: Array, margin: floa
         gripper: opened all the way.
         R: (K, 3, 3) axes in O.
         p: (K, 3) origins in O [m].
-        margin: as of `View`: the cloud has gaps.
+        margin: as of `Ahead`: the cloud has gaps.
         aside: by how much poses may still be moved along y [m].
     """
     q = in_frames(target.points, R, p)
@@ -112,11 +114,11 @@ def view(target: GraspTarget, gripper: Gripper, R: Array, p: Array, margin: floa
     near = np.abs(q[:, 0]) <= slab_half(gripper, margin)
     # The fingers come no further than the palm lets them.
     near &= q[:, 2] <= np.maximum(palm, 0.0)[:, None] + (gripper.finger_front + 2 * CLOSING.gap)
-    return View(slab_of(q, near), palm, margin)
+    return Ahead(slab_of(q, near), palm, margin)
 
 
 def judge(target: GraspTarget, gripper: Gripper, R: Array, p: Array) -> Judged:
-    """Judge K poses (K, 3, 3) and (K, 3) [m] of the open gripper in O as they are: nothing is moved, no gap is asked."""
+    """Judge K poses, R (K, 3, 3) and p (K, 3) [m], of the open gripper in O as they are: none is moved."""
     seen = view(target, gripper, R, p, 0.0)
     return settle(target, gripper, R, p, seen, np.zeros(len(R)), np.zeros(len(R)))
 
@@ -126,7 +128,7 @@ def settle(
     gripper: Gripper,
     R: Array,
     p: Array,
-    ahead: View,
+    ahead: Ahead,
     offset: Array,
     depth: Array | None = None,
 ) -> Judged:

@@ -18,6 +18,7 @@ from twin_diagram.assets.description import read_spec
 from twin_diagram.assets.mesh import read_obj
 from twin_diagram.errors import AssetError
 from twin_diagram.planning.grasps.target import GraspTarget, target_of
+from twin_diagram.planning.grasps.triangles import surface_cloud
 from twin_diagram.signals.arrays import Array
 
 
@@ -124,18 +125,3 @@ def _centre_of_mass(model: Path) -> Array:
     except (OSError, ValueError, ElementTree.ParseError) as error:
         raise AssetError(f"{model}: cannot be read ({error})") from None
     return place if place.shape == (3,) and np.isfinite(place).all() else np.zeros(3)
-
-
-def surface_cloud(triangles: Array, count: int, seed: int) -> tuple[Array, Array]:
-    """Return points (count, 3) spread evenly over triangles (F, 3, 3) in random order, and the faces' normals there."""
-    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
-    flat = np.cross(b - a, c - a)
-    doubled = np.linalg.norm(flat, axis=1)
-    rng = np.random.default_rng(seed)
-    position = (np.arange(count) + rng.random(count)) / count * doubled.sum()
-    face = np.minimum(np.searchsorted(np.cumsum(doubled), position), len(doubled) - 1)
-    r1, r2 = np.sqrt(rng.random(count)), rng.random(count)
-    share = np.stack([1 - r1, r1 * (1 - r2), r1 * r2], axis=1)
-    points = np.einsum("nc,nci->ni", share, triangles[face])
-    order = rng.permutation(count)
-    return points[order], (flat[face] / doubled[face, None])[order]

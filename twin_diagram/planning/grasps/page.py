@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from twin_diagram.planning.grasps.gripper import Gripper
-from twin_diagram.planning.grasps.known_object import KnownObject, surface_cloud
+from twin_diagram.planning.grasps.known_object import KnownObject
 from twin_diagram.planning.grasps.proposal import Grasps
+from twin_diagram.planning.grasps.triangles import surface_cloud
 from twin_diagram.signals.arrays import Array
 
 POINTS = 2500
@@ -53,7 +54,8 @@ function draw() {
   }
   D.grasps.forEach((g, k) => {
     c.strokeStyle = k == shown ? '#2463a6' : 'rgba(217,119,43,.35)'; c.lineWidth = (k == shown ? 1.6 : 1)*ratio;
-    if (k == shown) for (const box of g.boxes) { const q = box.map(project); for (const [i, j] of edges) line(q[i], q[j]); }
+    if (k == shown) for (const box of g.boxes) {
+      const q = box.map(project); for (const [i, j] of edges) line(q[i], q[j]); }
     const s = g.stick.map(project); for (let i = 1; i < s.length; i++) line(s[i-1], s[i]);
     if (k == shown) for (const p of g.contacts) { const q = project(p); c.fillStyle = '#a3312b';
       c.beginPath(); c.arc(q[0], q[1], 4*ratio, 0, 7); c.fill(); }
@@ -79,7 +81,7 @@ def page(known: KnownObject, gripper: Gripper, grasps: Grasps) -> str:
     )
     head = "<tr><th>rank</th><th>score</th><th>width [mm]</th><th>approach</th></tr>"
     empty = grasps.why_empty()
-    told = f"No grasp: {escape(empty)}." if empty else "Lower scores are better. Click a row; drag to turn; wheel to zoom."
+    told = f"No grasp: {escape(empty)}." if empty else "Lower is better. Click a row; drag to turn; wheel to zoom."
     left = ", ".join(f"{escape(reason)}: {number}" for reason, number in grasps.reasons.items())
     # Within <script> no text may end it, whatever an object is called.
     data = json.dumps(_drawn(known, gripper, grasps), separators=(",", ":")).replace("<", "\\u003c")

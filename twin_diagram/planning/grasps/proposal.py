@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -19,16 +19,16 @@ from twin_diagram.planning.grasps import cost
 from twin_diagram.planning.grasps.gripper import Gripper
 from twin_diagram.planning.grasps.judging import REASONS, Judged, judge, success_over_poses
 from twin_diagram.planning.grasps.judging import TUNING as JUDGING
-from twin_diagram.planning.grasps.search import grid, refine, stacked
+from twin_diagram.planning.grasps.search import grid, refine, stacked, taken
 from twin_diagram.planning.grasps.slab import Flags
 from twin_diagram.planning.grasps.surface_frames import Indices
 from twin_diagram.planning.grasps.target import GraspError, GraspTarget, target_of
-from twin_diagram.planning.grasps.triangles import meets_triangles
+from twin_diagram.planning.grasps.triangles import meets_triangles, surface_cloud
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
 
 Reachable = Callable[[Array], bool]
-"""Whether an arm can go through poses X_WG (S, 7) of its tool frame, the whole approach from its beginning to the grasp."""
+"""Whether an arm can go through poses X_WG (S, 7) of its tool frame: the whole approach, the grasp last."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +52,9 @@ class Tuning:
 
     batches: int = 10
     """Of so many, one after another while grasps lack, at the most."""
+
+    fine_points: int = 20000
+    """Of a mesh's cloud that chosen poses are judged on again: 2 mm apart on a mug."""
 
     samples: int = 24
     """Samples of the object's pose."""
@@ -101,15 +104,16 @@ class Grasps:
     @property
     def seen(self) -> Flags:
         """(m, 2) which contacts the cloud shows."""
-        return np.isfinite(self.contacts).all(axis=2)
+        return np.asarray(np.isfinite(self.contacts).all(axis=2))
 
     def why_empty(self) -> str:
         """Return in words why there is none, the most frequent reason first; "" where there are some."""
         if len(self) or not self.reasons:
             return "" if len(self) else "nothing was tried"
-        # What a candidate met on its way tells less than what no candidate can mend.
-        weight = {"nothing between the fingers": 0, "in collision": 1, "outside of the friction cone": 2}
-        every = sorted(self.reasons.items(), key=lambda one: (weight.get(one[0], 3), one[1]), reverse=True)
+        # What is told first is what stood in the way of candidates that were right in all else.
+        weight = {"in collision": 1, "outside of the friction cone": 2, "met beside the pads": 2, "too wide": 3}
+        weight |= {"into the table": 3, "both contacts hidden": 4, "too heavy": 5, "out of reach": 6}
+        every = sorted(self.reasons.items(), key=lambda one: (weight.get(one[0], 0), one[1]), reverse=True)
         return ", ".join(f"{reason} ({count} candidates)" for reason, count in every)
 
 
@@ -249,52 +253,63 @@ def _ranked(target: GraspTarget, gripper: Gripper, found: Judged, wanted: Wanted
     share = TUNING.looked_closer if wanted.covariance is None else TUNING.looked_closer_uncertain
     step = int(np.ceil(share * wanted.count))
     order = _different(found, order, TUNING.batches * step)
-    terms = dict(found.terms)
-    chosen: list[int] = []
+    chosen: list[Judged] = []
     for start in range(0, len(order), step):
-        part = order[start : start + step]
-        if wanted.triangles is not None:
-            low, high = gripper.boxes(retreat=JUDGING.retreat)
-            cut = meets_triangles(wanted.triangles, found.R[part], found.p[part], low, high)
-            reasons["in collision"] += int(cut.sum())
-            part = part[~cut]
-        if wanted.covariance is not None and len(part):
-            misses = terms.setdefault("misses", np.zeros(len(found.p)))
-            success = _success(target, gripper, found, part, wanted)
-            misses[part] = cost.TUNING.misses * (1.0 - success)
-            total = np.sum([term[part] for term in terms.values()], axis=0)
-            part = part[np.argsort(total, kind="stable")]
-        for one in part:
-            if len(chosen) < wanted.count and _is_reached(found, int(one), wanted, reasons):
-                chosen.append(int(one))
+        part = _looked_closer(target, gripper, taken(found, order[start : start + step]), wanted, reasons)
+        for one in np.argsort(part.score, kind="stable"):
+            if len(chosen) < wanted.count and _is_reached(part, int(one), wanted, reasons):
+                chosen.append(taken(part, np.array([one])))
         if len(chosen) >= wanted.count:
             break
-    return _grasps(found, np.array(chosen, dtype=np.intp), terms, reasons)
+    return _grasps(stacked(chosen) if chosen else taken(found, order[:0]), reasons)
 
 
-def _success(target: GraspTarget, gripper: Gripper, found: Judged, part: Indices, wanted: Wanted) -> Array:
+def _looked_closer(
+    target: GraspTarget, gripper: Gripper, part: Judged, wanted: Wanted, reasons: Counter[str]
+) -> Judged:
+    """Return those of some poses that hold on the mesh as well, with what samples of the object's pose cost them."""
+    if wanted.triangles is not None:
+        low, high = gripper.boxes(retreat=JUDGING.retreat)
+        cut = meets_triangles(wanted.triangles, part.R, part.p, low, high)
+        reasons["in collision"] += int(cut.sum())
+        # The search's points have gaps as wide as a handle; of so few poses, many points can be looked at.
+        points, normals = surface_cloud(wanted.triangles, TUNING.fine_points, wanted.seed)
+        others = slice(target.own, None)
+        fine = replace(
+            target,
+            points=np.concatenate([points, target.points[others]]),
+            normals=np.concatenate([normals, target.normals[others]]),
+            own=len(points),
+        )
+        part = judge(fine, gripper, part.R[~cut], part.p[~cut])
+        reasons.update(_counted(part))
+        part = taken(part, np.flatnonzero(part.code == 0))
+    if wanted.covariance is not None:
+        misses = cost.TUNING.misses * (1.0 - _success(target, gripper, part, wanted))
+        part = replace(part, terms={**part.terms, "misses": misses})
+    return part
+
+
+def _success(target: GraspTarget, gripper: Gripper, part: Judged, wanted: Wanted) -> Array:
     assert wanted.covariance is not None
     pose = np.array([1.0, 0, 0, 0, 0, 0, 0]) if wanted.pose is None else wanted.pose
     return success_over_poses(
-        target, gripper, found.R[part], found.p[part], np.asarray(wanted.covariance), pose, TUNING.samples, wanted.seed
+        target, gripper, part.R, part.p, np.asarray(wanted.covariance), pose, TUNING.samples, wanted.seed
     )
 
 
-def _grasps(found: Judged, chosen: Indices, terms: dict[str, Array], reasons: Counter[str]) -> Grasps:
-    """Return the chosen poses as grasps."""
-    R, p = found.R[chosen], found.p[chosen]
-    contacts = p[:, None] + np.einsum("kij,ksj->ksi", R, found.closing.contact[chosen])
-    contacts[~found.seen[chosen]] = np.nan
-    quaternions = np.array([rotations.normalized(rotations.from_matrix(one)) for one in R]).reshape(-1, 4)
-    own = {name: term[chosen] for name, term in terms.items()}
-    score = np.sum(list(own.values()), axis=0)
-    order = np.argsort(score, kind="stable")
+def _grasps(found: Judged, reasons: Counter[str]) -> Grasps:
+    """Return poses as grasps, by ascending score."""
+    found = taken(found, np.argsort(found.score, kind="stable"))
+    contacts = found.p[:, None] + np.einsum("kij,ksj->ksi", found.R, found.closing.contact)
+    contacts[~found.seen] = np.nan
+    quaternions = np.array([rotations.normalized(rotations.from_matrix(one)) for one in found.R]).reshape(-1, 4)
     return Grasps(
-        np.concatenate([quaternions, p], axis=1)[order],
-        found.closing.width[chosen][order],
-        score[order],
-        {name: term[order] for name, term in own.items()},
-        contacts[order],
+        np.concatenate([quaternions, found.p], axis=1),
+        found.closing.width,
+        found.score,
+        found.terms,
+        contacts,
         {reason: count for reason, count in sorted(reasons.items()) if count},
     )
 
@@ -308,9 +323,10 @@ def _different(found: Judged, order: Indices, most: int) -> Indices:
     middle = found.p[order] + np.einsum("kij,kj->ki", found.R[order], held)
     y, z = found.R[order][:, :, 1], found.R[order][:, :, 2]
     limit = np.cos(np.deg2rad(TUNING.turned))
-    left, kept = np.arange(len(order)), []
+    left = np.arange(len(order))
+    kept: list[int] = []
     while len(left) and len(kept) < most:
-        one = left[0]
+        one = int(left[0])
         kept.append(one)
         alike = np.linalg.norm(middle[left] - middle[one], axis=1) < TUNING.apart
         alike &= (np.abs(y[left] @ y[one]) > limit) & (z[left] @ z[one] > limit)

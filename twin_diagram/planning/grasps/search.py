@@ -97,11 +97,12 @@ def refine(target: GraspTarget, gripper: Gripper, found: Judged, of: Indices) ->
         all that was looked at, of the last round last.
     """
     kept = _best_of_each(found.score, of, TUNING.kept_of_one)
-    best, every = _taken(found, kept[: TUNING.kept[0]]), []
+    best = taken(found, kept[: TUNING.kept[0]])
+    every: list[Judged] = []
     for kept_now, points in zip(TUNING.kept, TUNING.points, strict=True):
         if not len(best.p):
             break
-        best = _taken(best, np.argsort(best.score, kind="stable")[:kept_now])
+        best = taken(best, np.argsort(best.score, kind="stable")[:kept_now])
         R, p = _neighbours(target, gripper, best, 0.5 ** (len(every) // 2))
         shape = R.shape[:2]
         R, p = R.reshape(-1, 3, 3), p.reshape(-1, 3)
@@ -114,7 +115,7 @@ def refine(target: GraspTarget, gripper: Gripper, found: Judged, of: Indices) ->
         # Each neighbourhood's poses stand together, twice: pushed on, and moved back.
         score = both.score.reshape(2, *shape).transpose(1, 0, 2).reshape(shape[0], -1)
         back, way = np.divmod(score.argmin(axis=1), shape[1])
-        best = _taken(both, (back * shape[0] + np.arange(shape[0])) * shape[1] + way)
+        best = taken(both, (back * shape[0] + np.arange(shape[0])) * shape[1] + way)
     return every
 
 
@@ -140,7 +141,7 @@ def _neighbours(target: GraspTarget, gripper: Gripper, best: Judged, step: float
     normal = best.closing.normal[:, 0] - best.closing.normal[:, 1]
     # Where a contact's side was not seen, the other one's normal alone tells.
     one = np.einsum("ks,ksi->ki", best.seen * np.array([1.0, -1.0]), best.closing.normal)
-    normal = np.where(best.seen.all(axis=1)[:, None], normal, one)
+    normal = np.where(best.seen.all(axis=1, keepdims=True), normal, one)
     normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
     y = np.array([0.0, 1.0, 0.0])
     axis = np.cross(y, normal)
@@ -148,21 +149,26 @@ def _neighbours(target: GraspTarget, gripper: Gripper, best: Judged, step: float
     angle = np.arctan2(sine, normal[:, 1:2])
     to_normals = rotations.matrix(rotations.exp(axis / np.maximum(sine, 1e-9) * angle))
     nod, slide = np.deg2rad(TUNING.nod) * step, TUNING.slide * step
-    tilts = [(True, 0.0), (False, 0.0), (True, nod), (True, -nod), (True, 2 * nod), (True, -2 * nod)]
-    turned = [(to_normals if follow else np.eye(3)) @ _about(1, tilt) for follow, tilt in tilts]
-    turned += [to_normals] * 3
+    # Whether the closing axis follows the normals, tilt about it, slide along x; whether the contacts are centred,
+    # or the shift along y stays: in a cup there is no room for a finger where the wall would be in the middle.
+    far = 2 * nod
+    ways = [(1, 0.0, 0.0, 1), (1, 0.0, 0.0, 0), (0, 0.0, 0.0, 0), (1, nod, 0.0, 1), (1, -nod, 0.0, 1), (1, far, 0.0, 1)]
+    ways += [(1, -far, 0.0, 1), (1, 0.0, slide, 1), (1, 0.0, -slide, 1), (1, 0.0, np.nan, 1), (1, 0.0, np.nan, 0)]
+    turned = [(to_normals if follow else np.eye(3)) @ _about(1, tilt) for follow, tilt, _, _ in ways]
+    R = np.stack([best.R @ turn for turn in turned], axis=1)
     # About the middle between the contacts, so that a turn does not lead away from what was held.
     held = best.closing.contact.mean(axis=1)
     held[:, 1] = best.closing.middle
     middle = best.p + np.einsum("kij,kj->ki", best.R, held)
     centre = target.points[: target.own].mean(axis=0) if target.centre is None else target.centre
-    slides = [np.zeros(len(best.p))] * len(tilts) + [np.full(len(best.p), s) for s in (slide, -slide)]
-    towards = np.einsum("ki,ki->k", (centre - middle), np.einsum("kij,kj->ki", best.R, to_normals[:, :, 0]))
-    slides.append(np.clip(towards, -4 * TUNING.slide, 4 * TUNING.slide))
-    R = np.stack([best.R @ turn for turn in turned], axis=1)
-    inward = held * np.array([0.0, 0.0, 1.0])
-    p = middle[:, None] - np.einsum("kvij,kj->kvi", R, inward) + np.stack(slides, axis=1)[:, :, None] * R[:, :, :, 0]
-    return R, p
+    towards = np.einsum("ki,ki->k", centre - middle, np.einsum("kij,kj->ki", best.R, to_normals[:, :, 0]))
+    towards = np.clip(towards, -4 * TUNING.slide, 4 * TUNING.slide)
+    x = np.array([length for _, _, length, _ in ways])
+    moved = np.empty((len(best.p), len(ways), 3))
+    moved[:, :, 0] = np.where(np.isnan(x), towards[:, None], x)
+    moved[:, :, 1] = -held[:, 1:2] * (1 - np.array([centred for *_, centred in ways]))
+    moved[:, :, 2] = -held[:, 2:]
+    return R, middle[:, None] + np.einsum("kvij,kvj->kvi", R, moved)
 
 
 def _too_deep(gripper: Gripper, pushed: Judged) -> Array:
@@ -171,7 +177,7 @@ def _too_deep(gripper: Gripper, pushed: Judged) -> Array:
     return np.asarray(np.maximum(middle - pushed.closing.contact[:, :, 2].mean(axis=1), 0.0))
 
 
-def _taken(found: Judged, kept: Indices) -> Judged:
+def taken(found: Judged, kept: Indices) -> Judged:
     """Return some poses."""
     closing = type(found.closing)(*(getattr(found.closing, name)[kept] for name in vars(found.closing)))
     terms = {name: term[kept] for name, term in found.terms.items()}

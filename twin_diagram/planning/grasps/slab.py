@@ -48,7 +48,7 @@ class Slab:
 
     def total(self, values: Array) -> Array:
         """Return each pose's sum of values (M,)."""
-        return np.bincount(self.pose, weights=values, minlength=self.poses)
+        return np.asarray(np.bincount(self.pose, weights=values, minlength=self.poses), dtype=float)
 
 
 def slab_of(q: Array, kept: Flags) -> Slab:

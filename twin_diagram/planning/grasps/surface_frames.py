@@ -1,4 +1,4 @@
-"""Frames on a surface: normals from neighbours, and Darboux frames, in which a gripper looks along the inward normal."""
+"""Frames on a surface: normals from neighbours, and Darboux frames, in which a gripper looks into the surface."""
 
 from __future__ import annotations
 

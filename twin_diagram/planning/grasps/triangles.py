@@ -1,4 +1,4 @@
-"""Whether boxes cut triangles: the exact check of a gripper against a mesh, by separating axes."""
+"""Triangles: a cloud on them, and whether boxes cut them, the exact check of a gripper against a mesh."""
 
 from __future__ import annotations
 
@@ -69,3 +69,18 @@ def _overlaps(corners: Array, half: Array) -> Flags:
         apart |= (along.min(axis=1) > reach) | (along.max(axis=1) < -reach)
     met[left[~apart]] = True
     return met
+
+
+def surface_cloud(triangles: Array, count: int, seed: int) -> tuple[Array, Array]:
+    """Return points (count, 3) spread evenly over triangles (F, 3, 3) in random order, and the faces' normals there."""
+    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
+    flat = np.cross(b - a, c - a)
+    doubled = np.linalg.norm(flat, axis=1)
+    rng = np.random.default_rng(seed)
+    position = (np.arange(count) + rng.random(count)) / count * doubled.sum()
+    face = np.minimum(np.searchsorted(np.cumsum(doubled), position), len(doubled) - 1)
+    r1, r2 = np.sqrt(rng.random(count)), rng.random(count)
+    share = np.stack([1 - r1, r1 * (1 - r2), r1 * r2], axis=1)
+    points = np.einsum("nc,nci->ni", share, triangles[face])
+    order = rng.permutation(count)
+    return points[order], (flat[face] / doubled[face, None])[order]
