@@ -90,9 +90,9 @@ def remove(library: str | Path, name: str) -> list[str]:
     # First what makes it an asset: half removed, it is none.
     for path in sorted(own, key=lambda path: path != "asset.yaml"):
         (folder / path).unlink()
-    pieces = folder / "pieces"
-    if pieces.is_dir() and not any(pieces.iterdir()):
-        pieces.rmdir()
+    for inner in (folder / "pieces", folder / "grasps"):
+        if inner.is_dir() and not any(inner.iterdir()):
+            inner.rmdir()
     left = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if not path.is_dir())
     if not any(folder.iterdir()):
         folder.rmdir()

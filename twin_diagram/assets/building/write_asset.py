@@ -111,7 +111,8 @@ def own_files(folder: Path) -> set[str]:
     """Return the files of a folder that belong to the asset, as paths below it."""
     usual = {"asset.yaml", "model.sdf", "cloud.npz", "visual.obj", "visual.mtl", "visual.png"}
     every = list(written_files.files_of(folder))
-    return {path for path in every if path in usual or re.fullmatch(r"pieces/piece\d+\.obj", path)}
+    made = re.compile(r"pieces/piece\d+\.obj|grasps/[A-Za-z0-9_-]+\.json")
+    return {path for path in every if path in usual or made.fullmatch(path)}
 
 
 def kept_files(folder: Path) -> list[str]:

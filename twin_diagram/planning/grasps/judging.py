@@ -50,8 +50,8 @@ class Tuning:
     retreat: float = 0.10
     """Length of the straight approach, of which table and mesh keep clear [m]."""
 
-    skew: float = 1.0
-    """How far the line between the contacts may lean from the closing axis, as a share of the friction cone."""
+    overlap: float = 0.25
+    """Patches whose centres are aside by so much of a pad's width still overlap, so that a line through both holds."""
 
 
 TUNING = Tuning()
@@ -182,7 +182,7 @@ def _held(
     """Return why (K,) what is between the fingers is not held, 0 where it is, and which contacts (K, 2) are seen.
 
     A contact holds by friction where the outward normal leans no more than the friction cone from the closing axis,
-    and the line between both contacts does not either. A side that faces away from the camera was not seen: there
+    and a line through both patches does not either. A side that faces away from the camera was not seen: there
     nothing is claimed, but a finger must have room for more than what is seen.
     """
     cone = 1.0 / np.hypot(1.0, gripper.friction)
@@ -198,7 +198,7 @@ def _held(
         sides = sides - closing.middle[:, None] * np.array([1.0, -1.0])
         room = (~hidden | (sides >= CLOSING.hidden_room)).all(axis=1)
     span = closing.contact[:, 0] - closing.contact[:, 1]
-    lean = np.hypot(span[:, 0], span[:, 2]) <= TUNING.skew * gripper.friction * np.abs(span[:, 1])
+    lean = np.hypot(span[:, 0], span[:, 2]) <= gripper.friction * np.abs(span[:, 1]) + TUNING.overlap * gripper.pad_width
     lean |= hidden.any(axis=1)
     code = np.zeros(len(R), dtype=np.int64)
     weight = 0.0 if target.mass is None else target.mass * cost.GRAVITY

@@ -21,7 +21,7 @@ class Tuning:
     samples: int = 40
     """Points at which frames are set up."""
 
-    grid_points: int = 700
+    grid_points: int = 600
     """Points of the cloud that the grid looks at; the rest of the search sees all of them."""
 
     tilts: tuple[float, ...] = (-90.0, -45.0, 45.0, 90.0)
@@ -33,10 +33,10 @@ class Tuning:
     offsets: tuple[float, ...] = (-0.3, 0.0, 0.3)
     """Shifts along the closing axis, in openings."""
 
-    kept: tuple[int, ...] = (32, 16)
+    kept: tuple[int, ...] = (28, 12)
     """Poses that are searched around, in each round; from round to round steps are half as long."""
 
-    points: tuple[int, ...] = (1500, 3000)
+    points: tuple[int, ...] = (1000, 1500)
     """Points of the cloud that a round looks at, at the most."""
 
     kept_of_one: int = 4

@@ -1,0 +1,318 @@
+"""The parts of the search, each against a closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.planning.grasps.brute_force import box_triangles, collides, cylinder_triangles, dense_points
+from twin_diagram.planning.grasps import PANDA_HAND, WSG50, Gripper, estimated_normals, propose, target_of
+from twin_diagram.planning.grasps.closing import TUNING as CLOSING
+from twin_diagram.planning.grasps.closing import heights, table_stop
+from twin_diagram.planning.grasps.cost import antipodal_cost, weight_torque
+from twin_diagram.planning.grasps.judging import REASONS, judge, settle, success_over_poses, view
+from twin_diagram.planning.grasps.slab import in_frames, slab_of
+from twin_diagram.planning.grasps.surface_frames import darboux_frames
+from twin_diagram.planning.grasps.target import GraspTarget
+from twin_diagram.planning.grasps.triangles import meets_triangles, surface_cloud
+from twin_diagram.signals import rotations
+from twin_diagram.signals.arrays import Array
+
+DOWN = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])[None]
+"""Axes of a gripper from above that closes along x."""
+
+
+def box_target(x: float, y: float, z: float, count: int = 6000, **told: object) -> GraspTarget:
+    return target_of(*surface_cloud(box_triangles(x, y, z), count, 0), **told)  # type: ignore[arg-type]
+
+
+def pushed(target: GraspTarget, gripper: Gripper, R: Array, p: Array, offset: float = 0.0) -> tuple[str, Array]:
+    found = settle(target, gripper, R, p, view(target, gripper, R, p, 0.0), np.array([offset]))
+    return REASONS[found.code[0]], found.p[0]
+
+
+# Frames.
+
+
+def test_darboux_frames_of_a_cylinder_look_inwards_and_close_around_it() -> None:
+    points, normals = surface_cloud(cylinder_triangles(0.03, 0.2, 256), 4000, 0)
+    chosen = np.flatnonzero((np.abs(points[:, 2]) < 0.07))[:50]
+    R = darboux_frames(points, normals, chosen)
+    assert R.transpose(0, 2, 1) @ R == pytest.approx(np.tile(np.eye(3), (50, 1, 1)), abs=1e-12)
+    assert np.linalg.det(R) == pytest.approx(1.0)
+    assert R[:, :, 2] == pytest.approx(-normals[chosen])
+    assert (np.abs(R[:, 2, 0]) > np.cos(np.deg2rad(12.0))).all()  # x along the axis, where nothing curves
+    assert (np.abs(R[:, 2, 1]) < np.sin(np.deg2rad(12.0))).all()
+
+
+def test_estimated_normals_are_a_spheres_and_face_the_camera() -> None:
+    rng = np.random.default_rng(0)
+    points = rng.standard_normal((3000, 3))
+    points *= 0.05 / np.linalg.norm(points, axis=1, keepdims=True)
+    viewpoint = np.array([0.0, 0.3, 0.4])
+    normals = estimated_normals(points, viewpoint)
+    outward = points / 0.05
+    assert (np.abs(np.einsum("ni,ni->n", normals, outward)) > 0.98).all()
+    assert (np.einsum("ni,ni->n", normals, viewpoint - points) >= 0).all()
+
+
+# What lies before a gripper.
+
+
+def test_points_in_frames_and_their_slab() -> None:
+    rng = np.random.default_rng(1)
+    points, p = rng.uniform(-0.1, 0.1, (200, 3)), rng.uniform(-0.1, 0.1, (4, 3))
+    R = rotations.matrix(rotations.exp(rng.standard_normal((4, 3))))
+    q = in_frames(points, R, p)
+    exact = np.einsum("kni,kij->kjn", points[None] - p[:, None], R)
+    assert q == pytest.approx(exact, abs=2e-7)
+    kept = np.abs(q[:, 0]) < 0.02
+    kept[2] = False
+    slab = slab_of(q, kept)
+    assert [(int(a), int(b)) for a, b in zip(slab.pose, slab.point, strict=True)] == [
+        (int(a), int(b)) for a, b in np.argwhere(kept)
+    ]
+    assert slab.q == pytest.approx(exact.transpose(1, 0, 2)[:, kept], abs=2e-7)
+    least = [exact[k, 2][kept[k]].min() if kept[k].any() else np.inf for k in range(4)]
+    assert slab.least(slab.q[2]) == pytest.approx(np.array(least), abs=2e-7)
+    assert slab.most(slab.q[2])[2] == -np.inf
+    assert slab.total(np.ones(len(slab.pose))) == pytest.approx(kept.sum(axis=1))
+    half = slab.where(slab.q[1] > 0)
+    assert len(half.pose) == int((kept & (q[:, 1] > 0)).sum())
+    assert (half.q[1] > 0).all()
+
+
+def test_the_palm_stops_a_gap_before_a_box_between_the_fingers() -> None:
+    reason, p = pushed(box_target(0.05, 0.08, 0.16), PANDA_HAND, DOWN, np.array([[0.0, 0, 0.1]]))
+    assert reason == ""
+    # z of G points down: the palm's face, behind G, is above it.
+    assert p == pytest.approx([0, 0, 0.08 + CLOSING.gap + PANDA_HAND.palm_front], abs=1e-6)
+
+
+@pytest.mark.parametrize("gripper", [PANDA_HAND, WSG50], ids=lambda one: one.name)
+def test_fingers_stop_a_gap_before_a_box_that_is_too_wide(gripper: Gripper) -> None:
+    width = gripper.opening_most + 0.01
+    reason, p = pushed(box_target(width, 0.08, 0.16, 20000), gripper, DOWN, np.array([[0.0, 0, 0.2]]))
+    assert reason == "too wide"
+    assert p[2] - gripper.finger_front == pytest.approx(0.08 + CLOSING.gap, abs=1e-6)
+
+
+def test_roots_of_fingers_stop_before_a_flange_that_the_tips_pass() -> None:
+    # A slab between the fingers, and beside it a rim that only the thick roots would meet.
+    points, normals = surface_cloud(box_triangles(0.04, 0.05, 0.30), 6000, 0)
+    x = WSG50.opening_most / 2 + 0.5 * (WSG50.finger_thickness + WSG50.root_thickness)
+    rim = np.stack(np.meshgrid([-x, x], np.linspace(-0.01, 0.01, 9), [0.0]), axis=-1).reshape(-1, 3)
+    up = np.concatenate([normals, np.tile([[0, 0, 1.0]], (len(rim), 1))])
+    low = np.concatenate([points - [0, 0, 0.2], rim])  # the slab's top at -0.05: the palm is not what stops
+    _, at = pushed(target_of(low, up), WSG50, DOWN, np.array([[0.0, 0, 0.3]]))
+    assert at[2] - WSG50.root_front == pytest.approx(CLOSING.gap, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("place", "reason"),
+    [
+        ((0.0, 0.0, 0.08), ""),
+        ((0.3, 0.0, 0.08), "nothing between the fingers"),
+        ((0.03, 0.0, 0.08), "in collision"),
+        ((0.0, 0.0, 0.03), "in collision"),
+        ((0.0, 0.0515, 0.08), "nothing between the fingers"),
+    ],
+)
+def test_poses_are_judged_as_they_are(place: tuple[float, float, float], reason: str) -> None:
+    found = judge(box_target(0.05, 0.08, 0.16), PANDA_HAND, DOWN, np.array([place]))
+    assert REASONS[found.code[0]] == reason
+    assert found.p[0] == pytest.approx(place)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 20.0, 24.0, 29.0, 40.0])
+def test_contacts_hold_within_the_friction_cone(degrees: float) -> None:
+    # A wedge: its side leans by so much from the closing plane, the other one is square.
+    tan = np.tan(np.deg2rad(degrees))
+    rng = np.random.default_rng(2)
+    y, z = rng.uniform(-0.03, 0.03, (2, 4000))
+    left = np.stack([np.full(4000, -0.02), y, z], axis=1)
+    right = np.stack([0.02 - tan * y, y, z], axis=1)
+    normal = np.array([1.0, tan, 0.0]) / np.hypot(1.0, tan)
+    target = target_of(np.concatenate([left, right]), np.repeat([[-1.0, 0, 0], normal], 4000, axis=0))
+    found = judge(target, PANDA_HAND, DOWN, np.array([[0.0, 0.0, 0.03]]))
+    assert found.closing.align[0] == pytest.approx([np.cos(np.deg2rad(degrees)), 1.0], abs=1e-3)
+    holds = degrees <= np.rad2deg(np.arctan(PANDA_HAND.friction))
+    assert (found.code[0] == 0) == holds
+    assert holds or REASONS[found.code[0]] == "outside of the friction cone"
+
+
+def test_contacts_and_width_of_a_box() -> None:
+    found = judge(box_target(0.05, 0.08, 0.16, 30000), PANDA_HAND, DOWN, np.array([[0.004, 0.0, 0.05]]))
+    closing = found.closing
+    assert closing.width[0] == pytest.approx(0.05, abs=1e-6)
+    assert closing.middle[0] == pytest.approx(-0.004, abs=1e-6)  # the box is at less y than the gripper's middle
+    assert closing.contact[0, :, 1] == pytest.approx([0.021, -0.029], abs=1e-6)
+    assert closing.contact[0, :, 0] == pytest.approx(0.0, abs=1e-3)
+    middle = (PANDA_HAND.pad_front + PANDA_HAND.pad_back) / 2
+    assert closing.contact[0, :, 2] == pytest.approx(middle, abs=1e-3)
+    assert closing.normal[0] == pytest.approx(np.array([[0, 1, 0], [0, -1, 0]]), abs=1e-6)
+    assert not closing.roots_first[0]
+
+
+def test_what_meets_the_roots_before_the_pads_is_no_grasp() -> None:
+    # Wider by 4 mm on each side above the pads, where the roots stand 2.3 mm back.
+    points, normals = surface_cloud(box_triangles(0.04, 0.08, 0.10), 9000, 0)
+    head, up = surface_cloud(box_triangles(0.048, 0.08, 0.016), 6000, 1)
+    at = np.array([[0.0, 0.0, 0.020]])
+    for lift, reason in ((0.0, "met beside the pads"), (-0.2, "")):
+        moved = head + [0, 0, 0.020 - PANDA_HAND.pad_back + 0.009 + lift]
+        target = target_of(np.concatenate([points, moved]), np.concatenate([normals, up]))
+        assert REASONS[judge(target, PANDA_HAND, DOWN, at).code[0]] in ((reason, "in collision") if lift else (reason,))
+
+
+# The cost.
+
+
+def test_alignment_with_the_closing_axis_lowers_the_cost() -> None:
+    shares = np.expm1(np.cos(np.deg2rad([0.0, 10.0, 45.0, 90.0])) ** 2) / np.expm1(1.0)
+    cost = antipodal_cost(shares)
+    assert (np.diff(cost) > 0).all()
+    assert cost[[0, -1]] == pytest.approx([0.0, 1.0])
+
+
+def test_a_square_box_costs_less_than_a_turned_one_in_the_whole_chain() -> None:
+    found = []
+    for degrees in (0.0, 8.0, 16.0):
+        turn = rotations.matrix(rotations.exp(np.array([0.0, 0.0, np.deg2rad(degrees)])))
+        found.append(judge(box_target(0.05, 0.08, 0.16), PANDA_HAND, turn[None] @ DOWN, np.array([[0.0, 0, 0.05]])))
+    cost = [float(one.terms["antipodal"][0]) for one in found]
+    assert cost[0] < cost[1] < cost[2]
+    n = np.cos(np.deg2rad(16.0)) ** 2
+    assert cost[2] == pytest.approx(1 - np.expm1(n) / np.expm1(1.0), abs=0.01)
+
+
+def test_neither_density_nor_the_rest_of_the_object_changes_the_cost() -> None:
+    at = np.array([[0.0, 0.0, 0.05]])
+    turn = rotations.matrix(rotations.exp(np.array([0.0, 0.0, 0.15])))[None] @ DOWN
+    points, normals = surface_cloud(box_triangles(0.05, 0.08, 0.16), 40000, 0)
+    rest, other = surface_cloud(box_triangles(0.05, 0.08, 0.30), 30000, 1)
+    below = rest - [0, 0, 0.25]
+    clouds = [
+        (points, normals),
+        (points[::4], normals[::4]),
+        (np.concatenate([points, below]), np.concatenate([normals, other])),
+    ]
+    cost = [float(judge(target_of(*one), PANDA_HAND, turn, at).terms["antipodal"][0]) for one in clouds]
+    assert cost[0] > 0.01
+    assert cost[1] == pytest.approx(cost[0], rel=0.02)
+    assert cost[2] == pytest.approx(cost[0], rel=1e-9)
+
+
+def test_torque_of_weight_is_lever_times_weight_by_what_two_pads_hold() -> None:
+    held = np.array([[0.0, 0.0, 0.0]])
+    pad = 2.0 / 3.0 * np.sqrt(PANDA_HAND.pad_length * PANDA_HAND.pad_width / np.pi)
+    holds = 2 * PANDA_HAND.friction * PANDA_HAND.force * pad
+    centre = np.array([0.03, 0.04, 0.0])
+    R = np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])[None].transpose(0, 2, 1)  # y of G along z of O
+    assert R[0, :, 1] == pytest.approx([0, 0, 1])
+
+    def share(**told: object) -> float:
+        return float(weight_torque(box_target(0.1, 0.1, 0.1, **told), PANDA_HAND, R, held)[0])  # type: ignore[arg-type]
+
+    assert share(mass=0.5, centre=centre) == pytest.approx(0.5 * 9.81 * 0.05 / holds)
+    # Of a weight along -x only the part of the lever along y counts; along the closing axis none does.
+    assert share(mass=0.5, centre=centre, up=[2.0, 0, 0]) == pytest.approx(0.5 * 9.81 * 0.04 / holds)
+    assert share(mass=0.5, centre=centre, up=[0, 0, 1.0]) == pytest.approx(0.0)
+    assert share(mass=0.5, centre=[0, 0, 0.05]) == pytest.approx(0.0)
+    assert share(centre=centre) == 0.0
+    assert share(mass=0.5) == 0.0
+
+
+# The table.
+
+
+def test_height_over_a_table_is_that_of_the_lowest_corner() -> None:
+    rng = np.random.default_rng(3)
+    R = rotations.matrix(rotations.exp(rng.standard_normal((20, 3))))
+    p = rng.uniform(-0.2, 0.2, (20, 3))
+    normal = np.array([0.6, 0.0, 0.8])
+    table = np.array([*normal, -0.1])
+    low, high = WSG50.boxes()
+    corners = np.array([np.where([i & 4, i & 2, i & 1], high, low) for i in range(8)]).reshape(-1, 3)
+    placed = np.einsum("kij,cj->kci", R, corners) + p[:, None]
+    lowest = (placed @ normal).min(axis=1) + 0.1
+    assert heights(WSG50, R, p, table) == pytest.approx(lowest)
+    stop = table_stop(WSG50, R, p, table, 0.1)
+    down = R[:, :, 2] @ normal < 0
+    moved = p + np.where(np.isfinite(stop), stop, 0.0)[:, None] * R[:, :, 2]
+    assert heights(WSG50, R[down], moved[down], table) == pytest.approx(CLOSING.gap)
+    begin = heights(WSG50, R[~down], p[~down] - 0.1 * R[~down][:, :, 2], table)
+    assert (np.isneginf(stop[~down]) == (begin < CLOSING.gap)).all()
+    assert np.isposinf(stop[~down][begin >= CLOSING.gap]).all()
+
+
+# Boxes and triangles.
+
+
+def test_boxes_meet_triangles_as_brute_force_says() -> None:
+    triangles = cylinder_triangles(0.03, 0.12, 24)
+    points = dense_points(triangles, 0.002)
+    rng = np.random.default_rng(4)
+    R = rotations.matrix(rotations.exp(rng.standard_normal((60, 3)) * 2))
+    p = rng.uniform(-0.12, 0.12, (60, 3))
+    met = meets_triangles(triangles, R, p, *PANDA_HAND.boxes())
+    slow = np.array([collides(triangles, points, PANDA_HAND, *one) for one in zip(R, p, strict=True)])
+    assert 5 < slow.sum() < 55
+    assert not (slow & ~met).any()
+    assert (met & ~slow).sum() <= 2  # what a grid of 2 mm does not see
+
+
+def test_an_edge_beside_a_box_does_not_meet_it() -> None:
+    # Only an axis that is a product of edges parts these two.
+    triangle = np.array([[[1.2, 0.0, -1.0], [0.0, 1.2, 1.0], [1.4, 1.4, 0.0]]]) * 1.0
+    box = (np.array([[-0.5, -0.5, -0.5]]), np.array([[0.5, 0.5, 0.5]]))
+    one = (np.eye(3)[None], np.zeros((1, 3)))
+    assert not meets_triangles(triangle, *one, *box)[0]
+    assert meets_triangles(triangle - [0.3, 0.3, 0.0], *one, *box)[0]
+
+
+def test_a_surface_cloud_is_even_and_on_the_surface() -> None:
+    points, normals = surface_cloud(box_triangles(0.1, 0.2, 0.4), 5600, 5)
+    faces = {0: 0.4 * 0.2, 1: 0.4 * 0.1, 2: 0.2 * 0.1}
+    total = sum(faces.values())
+    for axis, area in faces.items():
+        on = np.abs(normals[:, axis]) > 0.5
+        assert on.mean() == pytest.approx(area / total, abs=0.01)
+        assert np.abs(points[on][:, axis]) == pytest.approx((0.05, 0.1, 0.2)[axis])
+        assert np.sign(points[on][:, axis]) == pytest.approx(normals[on][:, axis])
+        assert points[on].mean(axis=0) == pytest.approx(0.0, abs=0.012)
+
+
+# The object's pose is not certain.
+
+
+def test_success_over_samples_is_that_of_a_normal_distribution() -> None:
+    target = box_target(0.05, 0.08, 0.16)
+    R, p = DOWN, np.array([[0.0, 0.0, 0.05]])
+    none = np.zeros((6, 6))
+    X_WO = np.array([np.sqrt(0.5), 0, 0, np.sqrt(0.5), 1.0, 2.0, 3.0])  # x of O along y of W
+    one = np.array([1.0, 0, 0, 0, 0, 0, 0])
+    assert success_over_poses(target, PANDA_HAND, R, p, none, X_WO, 10, 0) == pytest.approx(1.0)
+    room = (PANDA_HAND.opening_most - 0.05) / 2 - CLOSING.beside
+    for pose, axis, other in ((one, 3, 4), (X_WO, 4, 3)):
+        doubt = none.copy()
+        doubt[axis, axis] = room**2  # along the closing axis: one sigma of room
+        share = success_over_poses(target, PANDA_HAND, R, p, doubt, pose, 2000, 1)
+        assert share[0] == pytest.approx(0.683, abs=0.03)
+        doubt = none.copy()
+        doubt[other, other] = 0.01**2  # along the box: it is 8 cm wide there
+        assert success_over_poses(target, PANDA_HAND, R, p, doubt, pose, 200, 1)[0] > 0.97
+    # Turns are about O's origin, however far O is from W's; about the closing axis they matter little.
+    doubt = none.copy()
+    doubt[1, 1] = 0.1**2
+    assert success_over_poses(target, PANDA_HAND, R, p, doubt, X_WO, 200, 2)[0] > 0.97
+    # About z a box that is turned by more than the friction cone is lost.
+    doubt = none.copy()
+    doubt[2, 2] = np.arctan(PANDA_HAND.friction) ** 2
+    assert success_over_poses(target, PANDA_HAND, R, p, doubt, X_WO, 1000, 2)[0] == pytest.approx(0.5, abs=0.2)
+
+
+def test_a_cloud_and_the_list_it_gives_agree_in_what_is_left_out() -> None:
+    found = propose(*surface_cloud(box_triangles(0.05, 0.08, 0.16), 2000, 0), PANDA_HAND, count=3)
+    assert set(found.reasons) <= {*REASONS[1:], "out of reach"}
+    assert all(count > 0 for count in found.reasons.values())
