@@ -36,7 +36,7 @@ def pushed(target: GraspTarget, gripper: Gripper, R: Array, p: Array, offset: fl
 
 def test_darboux_frames_of_a_cylinder_look_inwards_and_close_around_it() -> None:
     points, normals = surface_cloud(cylinder_triangles(0.03, 0.2, 256), 4000, 0)
-    chosen = np.flatnonzero((np.abs(points[:, 2]) < 0.07))[:50]
+    chosen = np.flatnonzero(np.abs(points[:, 2]) < 0.07)[:50]
     R = darboux_frames(points, normals, chosen)
     assert R.transpose(0, 2, 1) @ R == pytest.approx(np.tile(np.eye(3), (50, 1, 1)), abs=1e-12)
     assert np.linalg.det(R) == pytest.approx(1.0)

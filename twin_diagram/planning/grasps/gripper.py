@@ -73,7 +73,11 @@ class Gripper:
             if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
                 raise GripperError(f"gripper {self.name}: {name} must be a finite number, not {value!r}")
         palm = self.palm_size
-        if len(palm) != 3 or not all(isinstance(x, (int, float)) and np.isfinite(x) and x > 0 for x in palm):
+        if (
+            not isinstance(palm, tuple)
+            or len(palm) != 3
+            or not all(isinstance(x, (int, float)) and np.isfinite(x) and x > 0 for x in palm)
+        ):
             raise GripperError(f"gripper {self.name}: palm_size must be three positive lengths [m], not {palm}")
         for name in (
             *("opening_most", "finger_length", "finger_thickness", "finger_width"),

@@ -198,7 +198,9 @@ def _held(
         sides = sides - closing.middle[:, None] * np.array([1.0, -1.0])
         room = (~hidden | (sides >= CLOSING.hidden_room)).all(axis=1)
     span = closing.contact[:, 0] - closing.contact[:, 1]
-    lean = np.hypot(span[:, 0], span[:, 2]) <= gripper.friction * np.abs(span[:, 1]) + TUNING.overlap * gripper.pad_width
+    lean = (
+        np.hypot(span[:, 0], span[:, 2]) <= gripper.friction * np.abs(span[:, 1]) + TUNING.overlap * gripper.pad_width
+    )
     lean |= hidden.any(axis=1)
     code = np.zeros(len(R), dtype=np.int64)
     weight = 0.0 if target.mass is None else target.mass * cost.GRAVITY
