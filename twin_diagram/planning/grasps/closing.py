@@ -178,8 +178,9 @@ def close(slab: Slab, normals: Array, R: Array, gripper: Gripper, offset: Array,
     on_pad = (z <= gripper.pad_front) & (z >= gripper.pad_back)
     pad, beside = inner.where(on_pad), inner.where(~on_pad)
     y_beside, y, z = y[~on_pad], y[on_pad], z[on_pad]
-    own = normals[pad.point]
-    n_y = np.einsum("mi,mi->m", own, R[:, :, 1].take(pad.pose, axis=0))
+    # All of them at once: quicker than to gather those that are needed first.
+    along = R[:, :, 1].astype(np.float32) @ normals.T.astype(np.float32)
+    n_y = along.reshape(-1).take(pad.pose * len(normals) + pad.point).astype(float)
     count = pad.total(np.ones(len(y)))
     edge, normal, contact, first = [], [], [], np.zeros(inner.poses, dtype=bool)
     for sign in (1.0, -1.0):
@@ -192,7 +193,7 @@ def close(slab: Slab, normals: Array, R: Array, gripper: Gripper, offset: Array,
         size = np.maximum(touched.total(weight), 1e-12)
         places = (touched.q[0], y[at], z[at])
         contact.append(np.stack([touched.total(weight * part) / size for part in places], axis=1))
-        mean = np.stack([touched.total(weight * part) / size for part in own[at].T], axis=1)
+        mean = np.stack([touched.total(weight * part) / size for part in normals.T[:, touched.point]], axis=1)
         normal.append(np.einsum("kij,ki->kj", R, mean))
         edge.append(np.where(count > 0, sign * furthest, 0.0))
     antipodal = pad.total(np.expm1(n_y**2) / np.expm1(1.0)) / np.maximum(count, 1.0)

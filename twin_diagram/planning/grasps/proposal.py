@@ -38,7 +38,7 @@ class Tuning:
     apart: float = 0.010
     """Grasps whose middles are nearer than this and whose axes agree are one [m]: a pad's half."""
 
-    turned: float = 20.0
+    turned: float = 15.0
     """Axes that differ by less agree [deg]."""
 
     attempts: int = 4

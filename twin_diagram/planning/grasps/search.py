@@ -18,7 +18,7 @@ from twin_diagram.signals.arrays import Array
 class Tuning:
     """Constants of this module, chosen for the objects that come along and six of YCB's: time against quality."""
 
-    samples: int = 40
+    samples: int = 32
     """Points at which frames are set up."""
 
     grid_points: int = 600

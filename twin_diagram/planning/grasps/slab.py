@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -34,12 +35,16 @@ class Slab:
         at = np.flatnonzero(kept)
         return Slab(self.poses, self.pose[at], self.point[at], self.q.take(at, axis=1))
 
+    @cached_property
+    def _starts(self) -> Indices:
+        """Where each pose's entries begin, of poses that have some."""
+        return np.flatnonzero(np.diff(self.pose, prepend=-1))
+
     def least(self, values: Array) -> Array:
         """Return each pose's least of values (M,), infinite where it has none."""
         found = np.full(self.poses, np.inf)
         if len(values):
-            starts = np.flatnonzero(np.diff(self.pose, prepend=-1))
-            found[self.pose[starts]] = np.minimum.reduceat(values, starts)
+            found[self.pose[self._starts]] = np.minimum.reduceat(values, self._starts)
         return found
 
     def most(self, values: Array) -> Array:
