@@ -463,6 +463,7 @@ def test_a_thing_in_the_hand_is_seen(name: str, offset: float, least: float) -> 
     assert nothing.count == 0
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("egl")
 def test_scanned_objects_are_found(data_dir: Path, tmp_path: Path) -> None:
     """Real textures and shapes, which this project did not make."""
