@@ -203,6 +203,23 @@ def test_neither_density_nor_the_rest_of_the_object_changes_the_cost() -> None:
     assert cost[2] == pytest.approx(cost[0], rel=1e-9)
 
 
+def test_what_closing_pushes_aside_costs_by_the_way() -> None:
+    at = np.array([[x, 0.0, 0.05] for x in (0.0, 0.005, -0.010)])
+    found = judge(box_target(0.05, 0.08, 0.16), PANDA_HAND, np.repeat(DOWN, 3, axis=0), at)
+    assert found.terms["push"] == pytest.approx([0.0, 0.1, 0.2], abs=1e-4)
+    sides = (PANDA_HAND.opening_most - 0.05) / 2 - np.array([0.0, 0.005, 0.010])
+    assert found.terms["clearance"] == pytest.approx(0.3 * np.maximum(1 - sides / 0.010, 0.0), abs=1e-4)
+    assert found.terms["width"] == pytest.approx(0.15 * 0.05 / PANDA_HAND.opening_most)
+
+
+def test_contacts_off_the_pads_middles_cost_by_the_square() -> None:
+    # Held by the front half of the pads' width, and in their middle along z.
+    shift = PANDA_HAND.pad_width / 2
+    at = np.array([[0.0, 0.04, 0.05], [0.0, 0.04 - 2 * shift, 0.05]])
+    found = judge(box_target(0.05, 0.08, 0.16, 60000), PANDA_HAND, np.repeat(DOWN, 2, axis=0), at)
+    assert found.terms["off_pad"] == pytest.approx([0.2 * 0.5**2, 0.0], abs=0.004)
+
+
 def test_torque_of_weight_is_lever_times_weight_by_what_two_pads_hold() -> None:
     held = np.array([[0.0, 0.0, 0.0]])
     pad = 2.0 / 3.0 * np.sqrt(PANDA_HAND.pad_length * PANDA_HAND.pad_width / np.pi)

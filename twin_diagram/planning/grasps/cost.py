@@ -32,6 +32,12 @@ class Tuning:
     clearance: float = 0.3
     """Of the room that lacks beside the fingers and over the table."""
 
+    push: float = 0.4
+    """Of the way by which closing pushes the object aside: it may turn, tip or meet something."""
+
+    pushed: float = 0.020
+    """Way that counts as one [m]: half of what a hand's open finger is away from its middle."""
+
     unseen: float = 0.6
     """Of a contact that the camera did not see: worse than any that it saw within the friction cone."""
 
@@ -116,6 +122,7 @@ def terms(
         "torque": TUNING.torque * weight_torque(target, gripper, R, held),
         "width": TUNING.width * closing.width / gripper.opening_most,
         "clearance": TUNING.clearance * lacks,
+        "push": TUNING.push * np.abs(closing.middle) / TUNING.pushed,
         "off_pad": TUNING.off_pad * np.minimum(off, 1.0) ** 2,
         "unseen": TUNING.unseen * (~seen).sum(axis=1),
     }

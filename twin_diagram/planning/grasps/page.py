@@ -24,7 +24,7 @@ main { max-width:1080px; margin:0 auto; padding:20px; display:grid; grid-templat
 h1 { font-size:22px; margin:0; grid-column:1/-1; } p { margin:4px 0; color:#566173; grid-column:1/-1; }
 canvas { width:100%; height:560px; background:#fff; border:1px solid #e1e6ed; border-radius:12px; touch-action:none; }
 table { border-collapse:collapse; width:100%; font-variant-numeric:tabular-nums; background:#fff; }
-th, td { text-align:right; padding:4px 10px; border-bottom:1px solid #e1e6ed; } th { color:#566173; }
+th, td { text-align:right; padding:4px 8px; white-space:nowrap; border-bottom:1px solid #e1e6ed; } th { color:#566173; }
 tbody tr { cursor:pointer; } tbody tr.on { background:#dbe9f8; }
 @media (max-width:780px) { main { grid-template-columns:1fr; } }
 """
@@ -76,7 +76,7 @@ def page(known: KnownObject, gripper: Gripper, grasps: Grasps) -> str:
     """Return the whole file."""
     rows = "".join(
         f"<tr><td>{k + 1}</td><td>{grasps.score[k]:.3f}</td><td>{1e3 * grasps.width[k]:.1f}</td>"
-        f"<td>{' '.join(f'{x:.2f}' for x in grasps.approach[k])}</td></tr>"
+        f"<td>{' '.join(f'{x:.2f}' for x in grasps.approach[k].round(2) + 0.0)}</td></tr>"
         for k in range(len(grasps))
     )
     head = "<tr><th>rank</th><th>score</th><th>width [mm]</th><th>approach</th></tr>"
@@ -113,7 +113,7 @@ def _drawn(known: KnownObject, gripper: Gripper, grasps: Grasps) -> dict[str, An
     return {
         "points": np.round(points, 4).tolist(),
         "middle": np.round(middle, 4).tolist(),
-        "radius": round(float(np.linalg.norm(points - middle, axis=1).max()) + 0.1, 4),
+        "radius": round(float(np.linalg.norm(points - middle, axis=1).max()) + 0.06, 4),
         "grasps": [
             {
                 "boxes": [placed(k, box) for box in corners],
