@@ -94,6 +94,10 @@ def test_gltf_materials(tmp_path: Path) -> None:
     (both,) = read_source(tmp_path / "both.glb").parts
     assert both.image is not None and both.uv is not None
     np.testing.assert_allclose(both.image[0, 0], [200, 100, 0], atol=1.5)
+    # Who wants the shape alone gets the same triangles without either.
+    (plain,) = read_source(tmp_path / "both.glb", looks=False).parts
+    assert plain.image is None and plain.uv is None
+    np.testing.assert_array_equal(plain.corners, both.corners)
 
 
 def test_colours_of_vertices(tmp_path: Path) -> None:
@@ -101,6 +105,7 @@ def test_colours_of_vertices(tmp_path: Path) -> None:
     (tmp_path / "a.obj").write_text(text)
     (made,) = read_source(tmp_path / "a.obj").parts
     np.testing.assert_allclose(made.colours, np.tile([2 / 3, 0, 1 / 3], (2, 1)))
+    np.testing.assert_array_equal(read_source(tmp_path / "a.obj", looks=False).parts[0].corners, made.corners)
     mesh = box(0.1, 0.1, 0.1)
     mesh.visual.vertex_colors = np.tile([0, 255, 0, 255], (8, 1))
     (tmp_path / "a.glb").write_bytes(mesh.export(file_type="glb"))

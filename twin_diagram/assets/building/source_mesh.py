@@ -89,14 +89,18 @@ class Beside:
     __getitem__ = get
 
 
-def read_source(path: Path) -> Source:
+def read_source(path: Path, *, looks: bool = True) -> Source:
     """Read a mesh of any kind that can be read.
+
+    Args:
+        path: of the file.
+        looks: whether colours and textures are wanted; to decode a picture takes as long as all else.
 
     Raises:
         AssetError: not such a file, unreadable, without triangles, with values that are not finite or with files that
             lie elsewhere; the message names it.
     """
-    readers: Final[dict[str, Callable[[Path, Beside], list[Part]]]] = {
+    readers: Final[dict[str, Callable[[Path, Beside, bool], list[Part]]]] = {
         ".obj": _read_obj,
         ".stl": _read_with_trimesh,
         ".glb": _read_with_trimesh,
@@ -107,7 +111,7 @@ def read_source(path: Path) -> Source:
     if not path.is_file():
         raise AssetError(f"{path}: no such mesh")
     beside = Beside(path)
-    parts = readers[path.suffix.lower()](path, beside)
+    parts = readers[path.suffix.lower()](path, beside, looks)
     for part in parts:
         numbers = [part.corners, part.colours, *([] if part.uv is None else [part.uv])]
         if not all(np.isfinite(array).all() for array in numbers):
@@ -120,9 +124,11 @@ def read_source(path: Path) -> Source:
     return Source(tuple(parts), tuple(dict.fromkeys(beside.notes)))
 
 
-def _read_obj(path: Path, beside: Beside) -> list[Part]:
+def _read_obj(path: Path, beside: Beside, looks: bool) -> list[Part]:
     """Read an OBJ file: one part for each material."""
     text = parse_obj(path)
+    if not looks:
+        return [_grey(text.v[text.corners[:, :, 0]])]
     materials: dict[str, _Material] = {}
     for library in text.libraries:
         materials.update(_materials(library, path, beside))
@@ -214,7 +220,7 @@ def decoded(data: bytes, name: str) -> Image:
     return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
 
-def _read_with_trimesh(path: Path, beside: Beside) -> list[Part]:
+def _read_with_trimesh(path: Path, beside: Beside, looks: bool) -> list[Part]:
     """Read STL or glTF; one part for each mesh as it is placed."""
     import trimesh
 
@@ -226,7 +232,7 @@ def _read_with_trimesh(path: Path, beside: Beside) -> list[Part]:
         placed = [
             (loaded.geometry[name], X) for X, name in (loaded.graph[node] for node in loaded.graph.nodes_geometry)
         ]
-        parts = [_part_of(mesh, X) for mesh, X in placed if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
+        parts = [_part_of(mesh, X, looks) for mesh, X in placed if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
     except OSError:
         raise
     except Exception as error:  # whatever a reader of foreign files meets
@@ -237,12 +243,19 @@ def _read_with_trimesh(path: Path, beside: Beside) -> list[Part]:
     return parts
 
 
-def _part_of(mesh: Any, X: Array) -> Part:
+def _grey(corners: Array) -> Part:
+    """Return triangles (F, 3, 3) without a look of their own."""
+    return Part(corners, None, None, np.full((len(corners), 3), TUNING.grey))
+
+
+def _part_of(mesh: Any, X: Array, looks: bool) -> Part:
     """Return one mesh of trimesh's, placed."""
     vertices = np.asarray(mesh.vertices, dtype=float) @ X[:3, :3].T + X[:3, 3]
     faces = np.asarray(mesh.faces)
     if np.linalg.det(X[:3, :3]) < 0:  # mirrored
         faces = faces[:, ::-1]
+    if not looks:
+        return _grey(vertices[faces])
     uv = image = None
     colours = np.full((len(faces), 3), TUNING.grey)
     visual = mesh.visual

@@ -60,9 +60,9 @@ def weld(corners: Array) -> Surface:
     """
     points = corners.reshape(-1, 3)
     step = TUNING.weld * max(float(np.ptp(points, axis=0).max()), 1e-300)
-    _, first, inverse = np.unique(
-        np.round((points - points.min(axis=0)) / step), axis=0, return_index=True, return_inverse=True
-    )
+    # Each place as one number, which sorts like its three and many times as quickly.
+    x, y, z = np.round((points - points.min(axis=0)) / step).astype(np.int64).T
+    _, first, inverse = np.unique((x << 42) + (y << 21) + z, return_index=True, return_inverse=True)
     vertices, given = points[first], inverse.reshape(-1, 3)
     apart = (given != np.roll(given, 1, axis=1)).all(axis=1)
     kept = np.flatnonzero(apart)
@@ -99,7 +99,8 @@ def _edges(faces: Faces) -> tuple[Faces, npt.NDArray[np.bool_], Faces]:
 def _pairs(faces: Faces) -> tuple[Faces, Faces, npt.NDArray[np.bool_]]:
     """Return the two triangles at each edge that has exactly two, and whether they run through it in opposite ways."""
     edges, upwards, owner = _edges(faces)
-    _, inverse, count = np.unique(edges, axis=0, return_inverse=True, return_counts=True)
+    numbers = edges[:, 0] * (int(edges.max(initial=0)) + 1) + edges[:, 1]
+    _, inverse, count = np.unique(numbers, return_inverse=True, return_counts=True)
     order = np.argsort(inverse.reshape(-1), kind="stable")
     order = order[count[inverse.reshape(-1)[order]] == 2]
     first, second = order[::2], order[1::2]

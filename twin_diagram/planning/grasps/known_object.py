@@ -85,7 +85,7 @@ def read_known(source: str | Path, unit: str = "m", mass: float | None = None) -
         if unit != "m":
             raise AssetError(f"--unit {unit}: is of a mesh; the asset {path} is in m")
         return _asset(path, mass)
-    corners = np.concatenate([part.corners for part in read_source(path).parts]) * UNITS[unit]
+    corners = np.concatenate([part.corners for part in read_source(path, looks=False).parts]) * UNITS[unit]
     if path.suffix.lower() in (".glb", ".gltf"):
         corners = z_up(corners)
     check_size(path, corners, unit)
