@@ -164,6 +164,8 @@ def test_where_nothing_can_be_written_nothing_is_kept(asset: Path) -> None:
     (asset / "grasps").write_text("in the way")
     assert len(grasps_of(read_known(asset), PANDA_HAND, count=1)) == 1
     assert (asset / "grasps").read_text() == "in the way"
+    grasps_of(read_known(MODELS / "sugar_box"), PANDA_HAND, count=1)
+    assert not (MODELS / "sugar_box" / "grasps").exists()  # nothing is written into an installation
 
 
 def test_an_assets_own_mass_and_centre_count() -> None:

@@ -232,7 +232,9 @@ def _read_with_trimesh(path: Path, beside: Beside, looks: bool) -> list[Part]:
         placed = [
             (loaded.geometry[name], X) for X, name in (loaded.graph[node] for node in loaded.graph.nodes_geometry)
         ]
-        parts = [_part_of(mesh, X, looks) for mesh, X in placed if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
+        parts = [
+            _part_of(mesh, X, looks) for mesh, X in placed if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)
+        ]
     except OSError:
         raise
     except Exception as error:  # whatever a reader of foreign files meets

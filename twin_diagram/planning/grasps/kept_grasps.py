@@ -15,6 +15,7 @@ from twin_diagram.planning.grasps.gripper import Gripper
 from twin_diagram.planning.grasps.known_object import KnownObject
 from twin_diagram.planning.grasps.proposal import Grasps, Wanted, propose_for
 from twin_diagram.runtime import atomic_file
+from twin_diagram.scenario.resources import models_dir
 from twin_diagram.signals.arrays import Array
 
 VERSION = 1
@@ -30,7 +31,8 @@ def grasps_of(
     """Return the best grasps of a known object.
 
     Those of an asset are kept in its folder, whole or not at all, one list for each gripper, and found anew once the
-    asset, the gripper or what is asked has changed. Where nothing can be written they are just not kept.
+    asset, the gripper or what is asked has changed. Where nothing can be written they are just not kept, nor are those
+    of the objects that come along: nothing is written into an installation.
 
     Args:
         known: the object.
@@ -45,7 +47,10 @@ def grasps_of(
     """
     wanted = Wanted(count, seed, triangles=known.triangles)
     key = key_of(known, gripper, count, seed, table)
-    file = place_of(known.folder, gripper) if keep and known.folder is not None else None
+    folder = known.folder if keep else None
+    if folder is not None and folder.resolve().is_relative_to(models_dir().resolve()):
+        folder = None
+    file = None if folder is None else place_of(folder, gripper)
     if file is not None and (kept := _read(file, key)) is not None:
         return kept
     grasps = propose_for(known.target(seed, table), gripper, wanted)
