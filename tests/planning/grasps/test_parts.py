@@ -11,6 +11,7 @@ from twin_diagram.planning.grasps.closing import TUNING as CLOSING
 from twin_diagram.planning.grasps.closing import heights, table_stop
 from twin_diagram.planning.grasps.cost import antipodal_cost, weight_torque
 from twin_diagram.planning.grasps.judging import REASONS, judge, settle, success_over_poses, view
+from twin_diagram.planning.grasps.search import _neighbours
 from twin_diagram.planning.grasps.slab import in_frames, slab_of
 from twin_diagram.planning.grasps.surface_frames import darboux_frames
 from twin_diagram.planning.grasps.target import GraspTarget
@@ -106,6 +107,98 @@ def test_roots_of_fingers_stop_before_a_flange_that_the_tips_pass() -> None:
     low = np.concatenate([points - [0, 0, 0.2], rim])  # the slab's top at -0.05: the palm is not what stops
     _, at = pushed(target_of(low, up), WSG50, DOWN, np.array([[0.0, 0, 0.3]]))
     assert at[2] - WSG50.root_front == pytest.approx(CLOSING.gap, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("aside", "across", "front"),
+    [
+        (0.0, 0.0, PANDA_HAND.finger_front),
+        (0.0555, 0.0, PANDA_HAND.finger_front),
+        (0.0565, 0.0, PANDA_HAND.root_front),
+        (0.0675, 0.0, PANDA_HAND.root_front),
+        (0.0685, 0.0, PANDA_HAND.palm_front),
+        (0.065, 0.0100, PANDA_HAND.root_front),
+        (0.065, 0.0110, PANDA_HAND.palm_front),
+        (0.050, 0.0100, PANDA_HAND.finger_front),
+        (0.050, 0.0110, PANDA_HAND.palm_front),
+        (0.1035, 0.0, PANDA_HAND.palm_front),
+        (0.090, 0.0235, PANDA_HAND.palm_front),
+        (0.1045, 0.0, None),
+        (0.090, 0.0245, None),
+    ],
+)
+def test_each_part_of_the_hand_stops_before_a_point_of_another_thing(
+    aside: float, across: float, front: float | None
+) -> None:
+    for sign in (1.0, -1.0):
+        point = np.array([[sign * aside, sign * across, 0.2]])
+        _, p = pushed(box_target(0.05, 0.08, 0.16, surroundings=point), PANDA_HAND, DOWN, np.array([[0.0, 0, 0.4]]))
+        stop = 0.08 + PANDA_HAND.palm_front if front is None else 0.2 + front
+        assert p[2] == pytest.approx(stop + CLOSING.gap, abs=1e-6)
+
+
+def plates(left_z: tuple[float, float], right_z: tuple[float, float], back: float = 0.0) -> GraspTarget:
+    """Two upright plates at x = ∓0.02; half of the right one's points stand `back` and lean by 37°."""
+    rng = np.random.default_rng(6)
+    y = rng.uniform(-0.01, 0.01, 2000)
+    left = np.stack([np.full(2000, -0.02), y, rng.uniform(*left_z, 2000)], axis=1)
+    right = np.stack([np.full(2000, 0.02), y, rng.uniform(*right_z, 2000)], axis=1)
+    normals = np.repeat([[-1.0, 0, 0], [1.0, 0, 0]], 2000, axis=0)
+    if back:
+        right[::2, 0] -= back
+        normals[2000::2] = [0.8, 0.6, 0.0]
+    return target_of(np.concatenate([left, right]), normals)
+
+
+def test_a_pad_touches_what_is_as_far_behind_the_first_point_as_it_gives_way() -> None:
+    at = np.array([[0.0, 0.0, 0.0]])
+    near, far = (judge(plates((-0.005, 0.005), (-0.005, 0.005), back), PANDA_HAND, DOWN, at) for back in (0.001, 0.004))
+    assert near.closing.align[0] == pytest.approx([(1 + 0.8 * 0.8) / 1.8, 1.0], abs=0.01)
+    assert far.closing.align[0] == pytest.approx([1.0, 1.0], abs=1e-6)
+
+
+def test_a_line_through_both_contacts_lies_in_the_cones() -> None:
+    at = np.array([[0.0, 0.0, 0.0]])
+    most = WSG50.friction * 0.04 + 0.25 * WSG50.pad_width
+    for apart, reason in ((most - 0.002, ""), (most + 0.002, "outside of the friction cone")):
+        target = plates((0.0, 0.001), (apart, apart + 0.001))
+        assert REASONS[judge(target, WSG50, DOWN, at).code[0]] == reason
+
+
+def test_beyond_a_side_that_is_hidden_a_finger_has_room() -> None:
+    points, normals = surface_cloud(box_triangles(0.05, 0.08, 0.16), 20000, 0)
+    shown = (normals[:, 0] > 0.5) | (normals[:, 2] > 0.5)
+    target = target_of(points[shown], normals[shown], viewpoint=np.array([0.5, 0.0, 0.3]))
+    for room, reason in ((0.012, ""), (0.008, "too wide")):
+        at = np.array([[WSG50.opening_most / 2 - 0.025 - room, 0.0, 0.06]])
+        found = judge(target, WSG50, DOWN, at)
+        assert REASONS[found.code[0]] == reason
+        assert found.seen[0].tolist() == [True, False]
+
+
+def test_the_search_around_a_pose_turns_to_the_normals_about_what_is_held() -> None:
+    turn = rotations.matrix(rotations.exp(np.array([0.0, 0.0, 0.15])))
+    found = judge(box_target(0.05, 0.08, 0.16, 20000), PANDA_HAND, turn[None] @ DOWN, np.array([[0.004, 0.01, 0.06]]))
+    assert found.code[0] == 0
+    R, p = _neighbours(box_target(0.05, 0.08, 0.16), PANDA_HAND, found, 1.0)
+    assert np.abs(R[0, :2, 0, 1]) == pytest.approx(1.0, abs=1e-3)  # square to the sides now
+    assert R[0, 2] == pytest.approx(found.R[0])
+    held = found.closing.contact[0].mean(axis=0) * [0, 0, 1]
+    middle = p[0, 0] + R[0, 0] @ held
+    assert middle[0] == pytest.approx(0.0, abs=1e-3)  # between the sides
+    assert middle[2] == pytest.approx((found.p[0] + found.R[0] @ held)[2], abs=1e-3)
+    assert p[0, 2, 2] == pytest.approx(0.06, abs=1e-6)
+    nods = [np.rad2deg(np.arccos(np.clip(R[0, 0, :, 2] @ R[0, k, :, 2], -1, 1))) for k in range(3, 7)]
+    assert nods == pytest.approx([20.0, 20.0, 40.0, 40.0])
+
+
+def test_spacing_is_that_of_points_on_the_box_around() -> None:
+    x, y, z = 0.05, 0.08, 0.16
+    area = 2 * (x * y + y * z + z * x)
+    assert box_target(x, y, z, 4000).spacing == pytest.approx(np.sqrt(area / 4000), rel=1e-3)
+    thin = box_target(x, y, z, 4000, surroundings=np.ones((8, 3))).thinned(1000)
+    assert (thin.own, len(thin.points)) == (1000, 1002)
+    assert thin.spacing == pytest.approx(np.sqrt(area / 1000), rel=0.02)
 
 
 @pytest.mark.parametrize(
@@ -309,7 +402,8 @@ def test_success_over_samples_is_that_of_a_normal_distribution() -> None:
     none = np.zeros((6, 6))
     X_WO = np.array([np.sqrt(0.5), 0, 0, np.sqrt(0.5), 1.0, 2.0, 3.0])  # x of O along y of W
     one = np.array([1.0, 0, 0, 0, 0, 0, 0])
-    assert success_over_poses(target, PANDA_HAND, R, p, none, X_WO, 10, 0) == pytest.approx(1.0)
+    aside = p + [[0.0, 0.02, 0.0]]  # along the box: W's x, of which the pose must make O's y again
+    assert success_over_poses(target, PANDA_HAND, R, aside, none, X_WO, 10, 0) == pytest.approx(1.0)
     room = (PANDA_HAND.opening_most - 0.05) / 2 - CLOSING.beside
     for pose, axis, other in ((one, 3, 4), (X_WO, 4, 3)):
         doubt = none.copy()
