@@ -402,8 +402,9 @@ def test_success_over_samples_is_that_of_a_normal_distribution() -> None:
     none = np.zeros((6, 6))
     X_WO = np.array([np.sqrt(0.5), 0, 0, np.sqrt(0.5), 1.0, 2.0, 3.0])  # x of O along y of W
     one = np.array([1.0, 0, 0, 0, 0, 0, 0])
-    aside = p + [[0.0, 0.02, 0.0]]  # along the box: W's x, of which the pose must make O's y again
-    assert success_over_poses(target, PANDA_HAND, R, aside, none, X_WO, 10, 0) == pytest.approx(1.0)
+    aside = p + [[0.0, 0.02, 0.0]]  # along the box, however it is turned in W
+    turned = np.array([np.cos(np.pi / 6), 0, 0, np.sin(np.pi / 6), 1.0, 2.0, 3.0])
+    assert success_over_poses(target, PANDA_HAND, R, aside, none, turned, 10, 0) == pytest.approx(1.0)
     room = (PANDA_HAND.opening_most - 0.05) / 2 - CLOSING.beside
     for pose, axis, other in ((one, 3, 4), (X_WO, 4, 3)):
         doubt = none.copy()
