@@ -174,7 +174,7 @@ def _simulate(
     def told() -> dict[str, Any]:
         context = simulator.get_context()
         besides = {"things": objects.told(context), "health": health.told(context)}
-        return camera_told(loop, context) | besides
+        return camera_told(loop, context) | besides | objects.task_told(context)
 
     if loop.scenario.station == "sim":
         trial = run_trial(loop, simulator, duration, progress, each)

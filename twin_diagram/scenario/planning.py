@@ -40,12 +40,12 @@ class TaskStep:
     object: str = ""
     """Of the library: what is followed or picked; of `place`, what is held, or nothing."""
     goal: Pose | None = None
-    """`reach`: X_WG of the tool frame; `follow`: X_OG, the tool frame in the object's; `place`: X_WO, where the object is
-    to stand; `pick`: X_OG of the grasp, none: from above, where the object is narrow; `hold`: none."""
+    """`reach`: X_WG of the tool frame; `follow`: X_OG, the tool frame in the object's; `place`: X_WO, where the object
+    is to stand; `pick`: X_OG of the grasp, none: from above, where the object is narrow; `hold`: none."""
     position_tolerance: float = 0.01
-    """The goal counts as reached within this [m] …"""
+    """A goal counts as reached within this [m]."""
     rotation_tolerance: float = 0.1
-    """… and this [rad]."""
+    """The same for its direction [rad]."""
     time_limit: float = 20.0
     """Not done for so long the step has failed, and with it the task [s]."""
     seconds: float = 1.0
