@@ -72,7 +72,7 @@ def grasps_from_above(
             q = _pointing_down(turn + flip)
             angle = float(np.linalg.norm(rotations.difference(q, near)))
             # A narrow side first; a neighbour in the way weighs more than any turn of the hand.
-            found.append((width / opening + 0.2 * angle + 10.0 * crowded, np.array([*q, *middle, z])))
+            found.append((width / opening + 0.2 * angle + 30.0 * crowded, np.array([*q, *middle, z])))
     found.sort(key=lambda entry: entry[0])
     return np.array([X_WG for _, X_WG in found]).reshape(-1, 7)
 

@@ -360,7 +360,9 @@ def _close(state: TaskState, seen: Seen, step: Step, library: Sequence[Known]) -
 def _lift(state: TaskState, seen: Seen, step: Step, library: Sequence[Known]) -> TaskState:
     if state.hand.on_support and seen.X_WT[6] > state.grasp[6] + TUNING.clear:
         state = replace(state, hand=replace(state.hand, on_support=False))
-    return _done(state, seen.now) if _passed(state, seen, step) else state
+    # Once it is up, where it goes sideways is no matter of this step.
+    up = seen.X_WT[6] > state.grasp[6] + TUNING.above - TUNING.passing
+    return _done(state, seen.now) if up else state
 
 
 # Place.
