@@ -46,9 +46,11 @@ def add_task(
 
 
 def connect_task(
-    builder: DiagramBuilder, runner: TaskRunner, ekf: System, updater: SceneGraphUpdater, controller: System
+    builder: DiagramBuilder, runner: TaskRunner | None, ekf: System, updater: SceneGraphUpdater, controller: System
 ) -> None:
-    """Let the steps see what the twin believes, and tell scene and controller of the hand."""
+    """Let the steps, where there are some, see what the twin believes, and tell scene and controller of the hand."""
+    if runner is None:
+        return
     builder.Connect(ekf.GetOutputPort("arm_state"), runner.GetInputPort("arm_state"))
     builder.Connect(updater.GetOutputPort("tracks"), runner.GetInputPort("tracks"))
     builder.Connect(runner.GetOutputPort("hand"), updater.GetInputPort("hand"))
@@ -60,10 +62,11 @@ def connect_task(
         builder.ExportOutput(runner.GetOutputPort(name), f"task.{name}")
 
 
-def connect_gripper(
-    builder: DiagramBuilder, scene: TwinScene, updater: SceneGraphUpdater, runner: TaskRunner | None
+def export_acting(
+    builder: DiagramBuilder, goal: OutputPort, scene: TwinScene, updater: SceneGraphUpdater, runner: TaskRunner | None
 ) -> None:
-    """Take in where the fingers are; command them as the steps say, else to stay as the description has them."""
+    """Show the goal, take in where the fingers are, and command them as the steps say, else to stay as described."""
+    builder.ExportOutput(goal, "goal")
     if not scene.gripper_position_index.size:
         return
     state = builder.ExportInput(updater.GetInputPort("gripper_state"), ports.GRIPPER_MEASURED)

@@ -37,7 +37,7 @@ from twin_diagram.signals.hand import HAND_SIZE
 from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER, POSE_SIZE, TRACK_SIZE
 from twin_diagram.signals.things import FURTHER_TRACK_SIZE, THING_SIZE
 from twin_diagram.station import ports
-from twin_diagram.twin.acting import add_task, connect_gripper, connect_task
+from twin_diagram.twin.acting import add_task, connect_task, export_acting
 from twin_diagram.twin.arm_sensing.camera_calibrator import add_calibrator
 from twin_diagram.twin.fused_sensors import Fused, export, fused_sensors
 from twin_diagram.twin.health import HealthMonitor
@@ -184,8 +184,7 @@ def make_twin(
     goal, runner = add_task(builder, twin, model, library, scene)
     health = builder.AddNamedSystem("health_monitor", HealthMonitor(twin))
     _take_measurements(builder, ekf, drift, moves, health, runner)
-    if runner is not None:
-        connect_task(builder, runner, ekf, updater, moves)
+    connect_task(builder, runner, ekf, updater, moves)
     watched = ("arm_state", "parameters", "innovation", "nis", *(["sensor_tracks"] if fused else []))
     _connect(builder, ekf, drift, *watched)
     _connect(builder, drift, ekf, "alarm")
@@ -196,8 +195,7 @@ def make_twin(
     _named("twin.filter.sensors", lambda: export(builder, ekf, fused, twin, model, packages))
 
     _export_commands(builder, moves, len(model.joints))
-    builder.ExportOutput(goal, "goal")
-    connect_gripper(builder, scene, updater, runner)
+    export_acting(builder, goal, scene, updater, runner)
     _export_beliefs(builder, ekf, drift, updater, moves, health)
     builder.ExportOutput(scene.query_output, "query_object")
     diagram = builder.Build()

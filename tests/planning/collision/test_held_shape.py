@@ -34,9 +34,8 @@ def loaded() -> tuple[Scene, dict[str, Asset]]:
 def q(loaded: tuple[Scene, dict[str, Asset]]) -> Array:
     """The tool points down, 0.15 m above the table."""
     scene, _ = loaded
-    found = inverse_kinematics.solve(
-        scene.chain, as_matrix(pose(0.5, 0.0, 0.15, DOWN)), bench.HOME, scene.lower, scene.upper, np.random.default_rng(0)
-    )
+    X_WG, rng = as_matrix(pose(0.5, 0.0, 0.15, DOWN)), np.random.default_rng(0)
+    found = inverse_kinematics.solve(scene.chain, X_WG, bench.HOME, scene.lower, scene.upper, rng)
     return found[:1]
 
 

@@ -6,8 +6,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from twin_diagram.planning.tasks.step_state import Outcome, Phase, Step, TaskState
-from twin_diagram.planning.tasks.transitions import Known, Seen, advance
+from twin_diagram.planning.tasks.step_state import Phase, Step, TaskOutcome, TaskState
+from twin_diagram.planning.tasks.step_view import StepView, Takeable
+from twin_diagram.planning.tasks.transitions import advance
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, ObjectStatus, PoseMeasurement, Track
 from twin_diagram.signals.pose_vectors import compose, inverse
@@ -35,7 +36,7 @@ class SmallWorld:
 
     steps: tuple[Step, ...]
     X_WO: Array = field(default_factory=lambda: pose(0.5, 0.1, 0.05))
-    library: tuple[Known, ...] = (Known((BOX,), False),)
+    library: tuple[Takeable, ...] = (Takeable((BOX,), False),)
     status: ObjectStatus = ObjectStatus.TRACKED
     sticks: bool = True  # whether the fingers get hold of it
     reach: float = 3.0
@@ -56,7 +57,7 @@ class SmallWorld:
         track = Track(self.status, self.now, self.X_WO, np.zeros(6), COVARIANCE)
         before = self.opening
         self.opening = self._squeezed(widest)
-        seen = Seen(
+        seen = StepView(
             self.now, self.X_WT, self.speed, [track], [measured], self.opening, abs(self.opening - before) / TICK,
             widest, self.reach if self.state.goal.any() else NEVER,
         )  # fmt: skip
@@ -86,6 +87,6 @@ class SmallWorld:
         raise AssertionError(f"never came to {phase.name}: {[p.name for p in self.phases]}")
 
     def run(self, most: float = 60.0) -> TaskState:
-        while self.state.outcome is Outcome.RUNNING and self.now < most:
+        while self.state.outcome is TaskOutcome.RUNNING and self.now < most:
             self.tick()
         return self.state

@@ -1,4 +1,4 @@
-"""The system around the steps: what it takes in and puts out, its Contexts, and a loop in which an object is carried."""
+"""The system around the steps: what it takes in, what it puts out, and its Contexts."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from twin_diagram.assets import Asset
 from twin_diagram.errors import ScenarioError
 from twin_diagram.model.description.add_arm import add_arm
 from twin_diagram.model.model import Model
-from twin_diagram.planning.tasks.step_state import Outcome, Phase
+from twin_diagram.planning.tasks.step_state import Phase, TaskOutcome
 from twin_diagram.planning.tasks.task_system import Fingers, TaskRunner
 from twin_diagram.scenario import load_scenario
 from twin_diagram.scenario.resources import models_dir
@@ -92,7 +92,7 @@ def test_nothing_begins_before_start_or_the_arms_first_message(runner: TaskRunne
 def test_it_opens_then_goes_above_the_object(runner: TaskRunner, model: Model) -> None:
     run = Run(runner, model)
     run.to(0.6)
-    assert run.get("outcome").tolist() == [Outcome.RUNNING, 0.0, Phase.LOOK]
+    assert run.get("outcome").tolist() == [TaskOutcome.RUNNING, 0.0, Phase.LOOK]
     np.testing.assert_array_equal(run.get("gripper_position_commanded"), [0.04, 0.04])
     assert run.get("gripper_force_limit").tolist() == [25.0]
     assert not run.get("goal").any()

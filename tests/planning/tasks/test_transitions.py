@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from tests.planning.tasks.small_world import BOX, COVARIANCE, DOWN, TICK, SmallWorld, pose, step
-from twin_diagram.planning.tasks.step_state import NOTE_FIELDS, Note, Outcome, Phase, TaskState, Why
-from twin_diagram.planning.tasks.transitions import TUNING, Known
+from twin_diagram.planning.tasks.step_ends import TUNING
+from twin_diagram.planning.tasks.step_state import NOTE_FIELDS, Note, Phase, TaskOutcome, TaskState, Why
+from twin_diagram.planning.tasks.step_view import Takeable
 from twin_diagram.signals.hand import NOTHING
 from twin_diagram.signals.layouts import ObjectStatus
 from twin_diagram.signals.pose_vectors import compose, errors
@@ -35,7 +36,7 @@ def test_steps_follow_one_another_and_end_at_rest() -> None:
     assert not state.goal.any()
     begun = world.now
     state = world.run()
-    assert state.outcome is Outcome.DONE and state.step == 2 and not state.goal.any()
+    assert state.outcome is TaskOutcome.DONE and state.step == 2 and not state.goal.any()
     assert world.now - begun == pytest.approx(0.5, abs=2 * TICK)
     assert notes(state) == [
         (0, Note.STARTED, Why.NONE), (0, Note.DONE, Why.NONE), (1, Note.STARTED, Why.NONE), (1, Note.DONE, Why.NONE),
@@ -58,11 +59,11 @@ def test_a_goal_is_reached_within_its_tolerances_at_rest(off: float, turn: float
     world.X_WT = compose(GOAL, np.array([np.cos(turn / 2), 0, 0, np.sin(turn / 2), off, 0, 0]))
     while world.now < TUNING.settled + 5 * TICK:
         world.tick()
-    assert (world.state.outcome is Outcome.DONE) == there
+    assert (world.state.outcome is TaskOutcome.DONE) == there
 
 
 def test_near_for_long_is_as_good_as_there_but_far_is_not() -> None:
-    for off, outcome in ((0.018, Outcome.DONE), (0.022, Outcome.RUNNING)):
+    for off, outcome in ((0.018, TaskOutcome.DONE), (0.022, TaskOutcome.RUNNING)):
         world = SmallWorld((step("reach", GOAL),), frozen=True)
         world.X_WT = GOAL + np.array([0, 0, 0, 0, off, 0, 0])
         while world.now < TUNING.late + 5 * TICK:
@@ -73,7 +74,7 @@ def test_near_for_long_is_as_good_as_there_but_far_is_not() -> None:
 def test_the_time_limit_ends_step_and_task() -> None:
     world = SmallWorld((step("reach", GOAL, time_limit=2.0), step("hold")), frozen=True)
     state = world.run()
-    assert (state.outcome, state.why, state.phase, state.step) == (Outcome.FAILED, Why.TIME_LIMIT, Phase.REST, 0)
+    assert (state.outcome, state.why, state.phase, state.step) == (TaskOutcome.FAILED, Why.TIME_LIMIT, Phase.REST, 0)
     assert not state.goal.any(), "a failed step leaves the arm at rest"
     assert world.now == pytest.approx(2.0, abs=3 * TICK)
     assert notes(state)[-1] == (0, Note.FAILED, Why.TIME_LIMIT)
@@ -82,7 +83,7 @@ def test_the_time_limit_ends_step_and_task() -> None:
 def test_a_goal_out_of_reach_is_given_up() -> None:
     world = SmallWorld((step("reach", GOAL),), frozen=True, reach=0.0)
     state = world.run()
-    assert (state.outcome, state.why) == (Outcome.FAILED, Why.OUT_OF_REACH)
+    assert (state.outcome, state.why) == (TaskOutcome.FAILED, Why.OUT_OF_REACH)
     assert world.now == pytest.approx(TUNING.patience, abs=3 * TICK)
 
 
@@ -103,7 +104,7 @@ def test_what_moves_is_followed_for_a_time() -> None:
     small = world.state.goal
     world.X_WO[4] += 0.5 * TUNING.follow_step
     assert world.tick().goal is small, "a search for joint goals is not made for noise"
-    assert world.run().outcome is Outcome.DONE
+    assert world.run().outcome is TaskOutcome.DONE
     assert world.now == pytest.approx(2.0, abs=3 * TICK)
 
 
@@ -118,7 +119,7 @@ def test_a_target_that_is_lost_leaves_the_arm_at_rest_until_it_is_seen() -> None
     assert [note for _, note, _ in notes(state)] == [Note.STARTED, Note.WAITS, Note.RESUMED]
     world.status = ObjectStatus.LOST
     state = world.run()
-    assert (state.outcome, state.why) == (Outcome.FAILED, Why.TARGET_LOST)
+    assert (state.outcome, state.why) == (TaskOutcome.FAILED, Why.TARGET_LOST)
     assert not state.goal.any()
     assert world.now - state.notes[-2 * NOTE_FIELDS] == pytest.approx(TUNING.lost, abs=3 * TICK)
 
@@ -126,7 +127,7 @@ def test_a_target_that_is_lost_leaves_the_arm_at_rest_until_it_is_seen() -> None
 def test_what_was_never_seen_is_waited_for_until_the_time_limit() -> None:
     world = SmallWorld((step("follow", pose(0, 0, 0.2, DOWN), time_limit=4.0),), status=ObjectStatus.UNSEEN)
     state = world.run()
-    assert state.outcome is Outcome.FAILED and world.now == pytest.approx(4.0, abs=3 * TICK)
+    assert state.outcome is TaskOutcome.FAILED and world.now == pytest.approx(4.0, abs=3 * TICK)
 
 
 # Pick and place.
@@ -135,7 +136,7 @@ def test_what_was_never_seen_is_waited_for_until_the_time_limit() -> None:
 def test_pick_and_place_goes_through_its_phases_and_puts_it_where_it_belongs() -> None:
     world = SmallWorld(PICK_AND_PLACE)
     state = world.run()
-    assert state.outcome is Outcome.DONE
+    assert state.outcome is TaskOutcome.DONE
     assert [phase.name for phase in world.phases] == [
         "LOOK", "APPROACH", "DESCEND", "CLOSE", "LIFT", "CARRY", "LOWER", "OPEN", "RETREAT", "REST",
     ]  # fmt: skip
@@ -185,7 +186,7 @@ def test_what_is_held_is_where_perception_saw_it_and_the_fingers_put_it() -> Non
 def test_contact_with_the_support_is_allowed_while_lifting_and_placing_only() -> None:
     world = SmallWorld(PICK_AND_PLACE)
     allowed: dict[Phase, set[bool]] = {}
-    while world.state.outcome is Outcome.RUNNING:
+    while world.state.outcome is TaskOutcome.RUNNING:
         state = world.tick()
         if state.hand.held == 0:
             allowed.setdefault(state.phase, set()).add(state.hand.on_support)
@@ -203,7 +204,7 @@ def test_contact_with_the_support_is_allowed_while_lifting_and_placing_only() ->
 def test_fingers_that_close_on_nothing_try_again_and_give_up() -> None:
     world = SmallWorld((step("pick"),), sticks=False)
     state = world.run()
-    assert (state.outcome, state.why) == (Outcome.FAILED, Why.MISSED)
+    assert (state.outcome, state.why) == (TaskOutcome.FAILED, Why.MISSED)
     assert [note for _, note, _ in notes(state)] == [Note.STARTED, Note.TRIED_AGAIN, Note.FAILED]
     assert world.phases.count(Phase.CLOSE) == 2
     assert not state.goal.any() and state.hand.held == NOTHING
@@ -211,7 +212,7 @@ def test_fingers_that_close_on_nothing_try_again_and_give_up() -> None:
     more.until(Phase.CLOSE)
     more.until(Phase.LOOK)
     more.sticks = True
-    assert more.run().outcome is Outcome.DONE
+    assert more.run().outcome is TaskOutcome.DONE
 
 
 def test_an_object_that_slips_away_fails_the_step() -> None:
@@ -220,7 +221,7 @@ def test_an_object_that_slips_away_fails_the_step() -> None:
     world.sticks = False
     world.frozen = True
     state = world.run()
-    assert (state.outcome, state.why, state.step) == (Outcome.FAILED, Why.DROPPED, 1)
+    assert (state.outcome, state.why, state.step) == (TaskOutcome.FAILED, Why.DROPPED, 1)
     assert not state.goal.any() and state.hand.held == NOTHING
 
 
@@ -230,12 +231,12 @@ def test_an_object_that_is_seen_elsewhere_is_not_in_the_hand() -> None:
     world.frozen = True
     world.seen_at = world.X_WO + np.array([0, 0, 0, 0, 0.9 * TUNING.elsewhere, 0, 0])
     for _ in range(2 * TUNING.images):
-        assert world.tick().outcome is Outcome.RUNNING
+        assert world.tick().outcome is TaskOutcome.RUNNING
     world.seen_at = world.X_WO + np.array([0, 0, 0, 0, 1.2 * TUNING.elsewhere, 0, 0])
     for _ in range(TUNING.images - 1):
-        assert world.tick().outcome is Outcome.RUNNING, "one odd image is no loss"
+        assert world.tick().outcome is TaskOutcome.RUNNING, "one odd image is no loss"
     state = world.tick()
-    assert (state.outcome, state.why) == (Outcome.FAILED, Why.SEEN_ELSEWHERE)
+    assert (state.outcome, state.why) == (TaskOutcome.FAILED, Why.SEEN_ELSEWHERE)
     assert state.hand.held == NOTHING
 
 
@@ -247,14 +248,14 @@ def test_a_step_that_fails_with_something_in_the_hand_keeps_it() -> None:
     assert world.in_hand is not None
     world.X_WO = compose(world.X_WT, world.in_hand)
     state = world.run()
-    assert (state.outcome, state.why) == (Outcome.FAILED, Why.TIME_LIMIT)
+    assert (state.outcome, state.why) == (TaskOutcome.FAILED, Why.TIME_LIMIT)
     assert state.hand.held == 0 and state.opened == 0.0
 
 
 def test_what_is_too_wide_is_said_to_be() -> None:
-    world = SmallWorld((step("pick"),), library=(Known((2.0 * BOX,), False),))
+    world = SmallWorld((step("pick"),), library=(Takeable((2.0 * BOX,), False),))
     state = world.run()
-    assert (state.outcome, state.why) == (Outcome.FAILED, Why.TOO_WIDE)
+    assert (state.outcome, state.why) == (TaskOutcome.FAILED, Why.TOO_WIDE)
 
 
 @pytest.mark.parametrize("status", [ObjectStatus.UNSEEN, ObjectStatus.MOVING, ObjectStatus.STALE, ObjectStatus.GONE])
@@ -272,13 +273,13 @@ def test_an_object_that_goes_away_during_the_approach_is_looked_for_again() -> N
     state = world.until(Phase.LOOK)
     assert notes(state)[-1] == (0, Note.TRIED_AGAIN, Why.TARGET_LOST)
     world.status = ObjectStatus.TRACKED
-    assert world.run().outcome is Outcome.DONE
+    assert world.run().outcome is TaskOutcome.DONE
 
 
 def test_a_round_object_is_put_down_without_turning_the_hand() -> None:
     for symmetric, angle in ((True, 0.0), (False, 1.0)):
         goal = compose(PLACE, np.array([np.cos(0.5), 0, 0, np.sin(0.5), 0, 0, 0]))
-        world = SmallWorld((step("pick"), step("place", goal)), library=(Known((BOX,), symmetric),))
+        world = SmallWorld((step("pick"), step("place", goal)), library=(Takeable((BOX,), symmetric),))
         world.until(Phase.LIFT)
         before = world.X_WT
         after = world.until(Phase.LOWER).goal

@@ -43,7 +43,7 @@ class Phase(IntEnum):
     """The task is over."""
 
 
-class Outcome(IntEnum):
+class TaskOutcome(IntEnum):
     """How the task stands."""
 
     RUNNING = 0
@@ -76,6 +76,7 @@ SENTENCES: Final = {
     Why.DROPPED: "the fingers closed fully on what they held: it is lost",
     Why.SEEN_ELSEWHERE: "what was held is seen elsewhere: it is lost",
 }
+"""Each of `Why`, for people."""
 
 
 class Note(IntEnum):
@@ -172,7 +173,7 @@ class TaskState:
 
     step: int = 0
     phase: Phase = Phase.START
-    outcome: Outcome = Outcome.RUNNING
+    outcome: TaskOutcome = TaskOutcome.RUNNING
     why: Why = Why.NONE
     begun: float = NEVER
     since: float = NEVER
@@ -212,7 +213,7 @@ class TaskState:
         numbers, goal, grasp, hand, notes = np.split(np.array(vector), ends)
         step, phase, outcome, why, begun, since, steady, attempt, elsewhere, image, opened, force = numbers.tolist()
         return TaskState(
-            int(step), Phase(int(phase)), Outcome(int(outcome)), Why(int(why)), begun, since, steady, int(attempt),
+            int(step), Phase(int(phase)), TaskOutcome(int(outcome)), Why(int(why)), begun, since, steady, int(attempt),
             int(elsewhere), image, opened, force, goal, grasp, Hand.unpack(hand), notes,
         )  # fmt: skip
 

@@ -16,8 +16,9 @@ from twin_diagram.assets import Asset
 from twin_diagram.errors import ScenarioError
 from twin_diagram.model.model import Model
 from twin_diagram.planning.tasks import step_state
-from twin_diagram.planning.tasks.step_state import Outcome, Phase, TaskState
-from twin_diagram.planning.tasks.transitions import Known, Seen, advance
+from twin_diagram.planning.tasks.step_state import Phase, TaskOutcome, TaskState
+from twin_diagram.planning.tasks.step_view import StepView, Takeable
+from twin_diagram.planning.tasks.transitions import advance
 from twin_diagram.runtime.timing import timed
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.hand import HAND_SIZE
@@ -105,7 +106,7 @@ class TaskRunner(LeafSystem):
         gripper_position_commanded: (g) [m].
         gripper_force_limit: (1) [N]; not a number before the first `pick`: as the description has it.
         step: (1) number of the present step, from 0; the number of steps once all are done.
-        outcome: (3) `step_state.Outcome`, `step_state.Why`, `step_state.Phase`.
+        outcome: (3) `step_state.TaskOutcome`, `step_state.Why`, `step_state.Phase`.
         hand: (HAND_SIZE) what is held or may be touched; see `signals.hand`.
         notes: (RING · NOTE_FIELDS) what happened to steps, newest last; see `step_state.told`.
 
@@ -130,7 +131,7 @@ class TaskRunner(LeafSystem):
         self.told_steps: Final = tuple(twin.task.steps)
         self._steps: Final = step_state.steps_of(twin.task, list(library))
         self._library: Final = [
-            Known(tuple(asset.convex_pieces), asset.symmetric_axis is not None) for asset in library.values()
+            Takeable(tuple(asset.convex_pieces), asset.symmetric_axis is not None) for asset in library.values()
         ]
         if not (np.isfinite(fingers.widest) and fingers.widest > 0.0):
             for index, step in enumerate(self.told_steps):
@@ -179,9 +180,9 @@ class TaskRunner(LeafSystem):
         """Return how the task stands, for ``summary.json``: outcome, number of steps done, and where it failed, why."""
         state = self.remembered(context)
         result: dict[str, Any] = {"outcome": state.outcome.name.lower(), "steps": len(self._steps), "done": state.step}
-        if state.outcome is Outcome.FAILED:
+        if state.outcome is TaskOutcome.FAILED:
             result["why"] = step_state.SENTENCES[state.why]
-        elif state.outcome is Outcome.RUNNING:
+        elif state.outcome is TaskOutcome.RUNNING:
             result["phase"] = state.phase.name.lower()
         return result
 
@@ -196,7 +197,7 @@ class TaskRunner(LeafSystem):
         discrete.set_value(int(self._state), cast(Any, advance(state, seen, self._steps, self._library).pack()))
         return EventStatus.Succeeded()
 
-    def _seen(self, context: Context) -> Seen | None:
+    def _seen(self, context: Context) -> StepView | None:
         """Return what is known now; None before the arm's first message."""
         if self._time_in.HasValue(context) and float(cast(Array, self._time_in.Eval(context))[0]) < 0.0:
             return None
@@ -215,7 +216,7 @@ class TaskRunner(LeafSystem):
         if self._measured_in.HasValue(context):
             measured = cast(Array, self._measured_in.Eval(context)).reshape(-1, MEASUREMENT_SIZE)
         reach = float(cast(Array, self._reach_in.Eval(context))[0]) if self._reach_in.HasValue(context) else NEVER
-        return Seen(
+        return StepView(
             now=context.get_time(),
             X_WT=from_matrix(self._model.tool_pose(q).GetAsMatrix4()),
             speed=speed,
