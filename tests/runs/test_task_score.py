@@ -75,9 +75,7 @@ def test_drawn_tables_are_tasks_of_their_own() -> None:
 def test_steps_are_told_in_events_and_summary(tmp_path: Path) -> None:
     """A short way, then a goal that nothing reaches within its time limit: the second step has failed, and says why."""
     far = "kind: reach, goal: {translation: [0.5, -0.4, 0.3]}"
-    task = (
-        f"[{{kind: hold, seconds: 0.2}}, {{kind: reach, goal: {far}, time_limit: 0.2}}, {{kind: reach, goal: {near}}}]"
-    )
+    task = f"[{{kind: hold, seconds: 0.2}}, {{{far}, time_limit: 0.2}}, {{{far}}}]"
     plan = small_scenario(*BLIND, "duration=1.2", f"twin.task={task}", objects=())
     summary = run_scenario(plan, out=tmp_path, pictures=False, quiet=True, say=lambda text: None)
     lines = [json.loads(line) for line in (tmp_path / "events.jsonl").read_text().splitlines()]
