@@ -20,10 +20,12 @@ from twin_diagram.runtime import faces
 if TYPE_CHECKING:
     from twin_diagram.planning.mpc.planner import MotionPlanner
     from twin_diagram.planning.mpc_system import Mpc
+    from twin_diagram.planning.tasks.task_system import TaskRunner
 
 __all__ = [
     "MotionPlanner",
     "Mpc",
+    "TaskRunner",
 ]
 
 __getattr__, __dir__ = faces.lazy_face(__name__)
