@@ -219,16 +219,16 @@ def test_a_search_comes_when_its_time_has_come(monkeypatch: pytest.MonkeyPatch) 
         return {}
 
     monkeypatch.setattr(tracking, "recognise", nothing)
-    monkeypatch.setattr(Frame, "of", staticmethod(lambda segments: None))
+    monkeypatch.setattr(Frame, "of", staticmethod(lambda segments, shift: None))
     known: Any = [tracking.Known(None, [(np.eye(3), 0.1)], [(np.eye(3), 0.2)])]  # type: ignore[arg-type]
     slots = [Slot()]
     for k in range(40):
         View.time = k * PARAMS.search_period / 4
-        slots, found = tracking.step(known, slots, View, PARAMS, 60)  # type: ignore[arg-type]
+        slots, found, _ = tracking.step(known, slots, View, PARAMS, 60)  # type: ignore[arg-type]
         assert found[0].quality == 0.0
     periods = [time / PARAMS.search_period for time, _ in asked if _]
     np.testing.assert_allclose(periods, [0, 1, 2, 3, 5, 7], atol=1e-9)
     assert [heights[0][0][1] for _, heights in asked if heights] == [0.1, 0.2, 0.1, 0.2, 0.1, 0.2]
     # Too few points are no object, and no attempt.
-    slots, _ = tracking.step(known, [Slot()], View, PARAMS, 101)  # type: ignore[arg-type]
+    slots, _, _ = tracking.step(known, [Slot()], View, PARAMS, 101)  # type: ignore[arg-type]
     assert slots[0].attempts == 0

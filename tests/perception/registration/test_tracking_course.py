@@ -154,7 +154,7 @@ def test_a_step_follows_then_regains_then_searches(monkeypatch: pytest.MonkeyPat
     """Of five objects one is followed, one regained, two are searched, of which one is found; one waits its turn."""
     calls: list[Any] = []
     free = np.ones(40, dtype=bool)
-    monkeypatch.setattr(tracking.Frame, "of", staticmethod(lambda segments: "frame"))
+    monkeypatch.setattr(tracking.Frame, "of", staticmethod(lambda segments, shift: "frame"))
     monkeypatch.setattr(tracking, "follow_known", lambda *_: {0: pose()})
     monkeypatch.setattr(tracking, "unexplained_by", lambda library, found, segments: free)
     monkeypatch.setattr(tracking, "regain_lost", lambda library, slots, found, view, free: {1: pose(P + 0.01)})
@@ -167,7 +167,7 @@ def test_a_step_follows_then_regains_then_searches(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(tracking, "search_for", searched)
     slots = [slot(), slot(), Slot(next_search=1.1), Slot(attempts=1), Slot(next_search=1.11)]
     image: Any = SimpleNamespace(time=1.1, labels=np.zeros(40))
-    after, results = tracking.step([KNOWN] * 5, slots, image, PARAMS, 40)
+    after, results, _ = tracking.step([KNOWN] * 5, slots, image, PARAMS, 40)
     assert calls == [[2, 3]]
     assert [one.quality for one in results] == [0.9, 0.9, 0.9, 0.0, 0.0] and {one.time for one in results} == {1.1}
     assert [one.known for one in after] == [True, True, True, False, False]
@@ -176,7 +176,7 @@ def test_a_step_follows_then_regains_then_searches(monkeypatch: pytest.MonkeyPat
     assert not after[2].velocity.any(), "how fast it is, a search cannot say"
     assert after[3].next_search == pytest.approx(1.1 + PARAMS.search_period)
     # Where too little is left unexplained, nothing is searched and nothing postponed.
-    after, _ = tracking.step([KNOWN] * 5, slots, image, PARAMS, 41)
+    after, _, _ = tracking.step([KNOWN] * 5, slots, image, PARAMS, 41)
     assert calls[-1] == [] and after[3] == slots[3]
 
 

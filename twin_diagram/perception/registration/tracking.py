@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram import scenario
+from twin_diagram.perception.registration.colour_shift import ALIGNED, ColourShift, learnt
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import nearby, resting
 from twin_diagram.perception.registration.model_cloud import ModelCloud
@@ -106,7 +107,8 @@ def step(
     segments: Segments,
     params: scenario.Registration,
     smallest: int,
-) -> tuple[list[Slot], list[PoseMeasurement]]:
+    shift: ColourShift = ALIGNED,
+) -> tuple[list[Slot], list[PoseMeasurement], ColourShift]:
     """Find the objects in one image: follow what is tracked, then search for what is not.
 
     Args:
@@ -115,12 +117,14 @@ def step(
         segments: the image taken apart.
         params: tuning.
         smallest: points that make an object.
+        shift: how far colours lie beside depth, as far as that is known.
 
     Returns:
-        The new slots, and one measurement per object; quality 0 where it was not found in this image.
+        The new slots; one measurement per object, quality 0 where it was not found in this image; the shift as it is
+        known now.
     """
     time = segments.time
-    view = View(segments, Frame.of(segments), params, smallest)
+    view = View(segments, Frame.of(segments, shift), params, smallest)
     tracked = follow_known(library, slots, view)
     recognised: dict[int, RegisteredPose] = {}
     searched: list[int] = []
@@ -139,7 +143,10 @@ def step(
     for k, pose in tracked.items():
         after[k] = seen(slots[k], pose, time)
     results = tracked | recognised
-    return after, [measurement(slot, results.get(k), time) for k, slot in enumerate(after)]
+    measured = [measurement(slot, results.get(k), time) for k, slot in enumerate(after)]
+    # Depth of what moves may be late, which lays its colours aside by more.
+    rests = [pose.evidence for k, pose in tracked.items() if not np.any(slots[k].velocity)]
+    return after, measured, learnt(shift, [one for one in rests if one is not None])
 
 
 def follow_known(library: Sequence[Known], slots: Sequence[Slot], view: View) -> dict[int, RegisteredPose]:
