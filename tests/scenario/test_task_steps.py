@@ -31,6 +31,11 @@ def test_a_list_of_steps_is_a_task() -> None:
     assert "steps" in dump_scenario(again)
 
 
+def test_overrides_reach_beside_a_list_that_was_set_before() -> None:
+    scenario = load_scenario("tabletop", [f"twin.task=[{PICK}]", "twin.task.start=0.3", "twin.task.steps.0.tries=5"])
+    assert (scenario.twin.task.start, scenario.twin.task.steps[0].tries) == (0.3, 5)
+
+
 def test_the_present_form_is_as_before() -> None:
     scenario = load_scenario("tabletop")
     check_twin(scenario.twin)

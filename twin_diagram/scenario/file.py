@@ -81,6 +81,7 @@ def override_scenario(scenario: Scenario, overrides: Iterable[str]) -> Scenario:
     data = _plain(scenario)
     for override in overrides:
         _override(data, override)
+        data = dict(_task_spelled_out(data))
     return parse_scenario(data)
 
 

@@ -46,6 +46,7 @@ class SmallWorld:
     now: float = 0.0
     seen_at: Array | None = None  # where images show it, if not where it is
     frozen: bool = False  # the tool does not move
+    late: float = 0.0  # age of images [s]
     state: TaskState = field(default_factory=TaskState)
     phases: list[Phase] = field(default_factory=list)
     in_hand: Array | None = None
@@ -53,7 +54,7 @@ class SmallWorld:
     def tick(self) -> TaskState:
         widest = 0.08
         shown = self.X_WO if self.seen_at is None else self.seen_at
-        measured = PoseMeasurement(1.0, self.now, shown, 1e-6 * np.eye(6))
+        measured = PoseMeasurement(1.0, self.now - self.late, shown, 1e-6 * np.eye(6))
         track = Track(self.status, self.now, self.X_WO, np.zeros(6), COVARIANCE)
         before = self.opening
         self.opening = self._squeezed(widest)

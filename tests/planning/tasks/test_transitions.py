@@ -240,6 +240,17 @@ def test_an_object_that_is_seen_elsewhere_is_not_in_the_hand() -> None:
     assert state.hand.held == NOTHING
 
 
+def test_an_image_of_a_hand_that_moves_is_of_where_it_was() -> None:
+    for speed, outcome in ((0.5, TaskOutcome.RUNNING), (0.1, TaskOutcome.FAILED)):
+        world = SmallWorld(PICK_AND_PLACE, late=0.1)
+        world.until(Phase.CARRY)
+        world.frozen, world.speed = True, speed
+        world.seen_at = world.X_WO + np.array([0, 0, 0, 0, TUNING.elsewhere + 0.03, 0, 0])
+        for _ in range(2 * TUNING.images):
+            world.tick()
+        assert world.state.outcome is outcome
+
+
 def test_a_step_that_fails_with_something_in_the_hand_keeps_it() -> None:
     world = SmallWorld((step("pick"), step("reach", GOAL, time_limit=1.0)))
     world.until(Phase.MOVE)

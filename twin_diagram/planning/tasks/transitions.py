@@ -82,7 +82,9 @@ def _watch_hand(state: TaskState, seen: StepView) -> tuple[TaskState, Why]:
         return state, Why.NONE
     off = float(np.linalg.norm(measurement.pose[4:] - compose(seen.X_WT, state.hand.X_TO)[4:]))
     doubt = 3.0 * float(np.sqrt(max(0.0, np.linalg.eigvalsh(measurement.covariance[3:, 3:])[-1])))
-    count = state.elsewhere + 1 if off > TUNING.elsewhere + doubt else 0
+    # The image is of a little while ago, when the hand was not yet where it is.
+    late = seen.speed * (seen.now - measurement.time)
+    count = state.elsewhere + 1 if off > TUNING.elsewhere + doubt + late else 0
     why = Why.SEEN_ELSEWHERE if count >= TUNING.images else Why.NONE
     return replace(state, elsewhere=count, image=measurement.time), why
 
