@@ -101,7 +101,7 @@ class TaskScore:
         station = self._loop.station
         results: Any = station.GetOutputPort(ports.CONTACT_RESULTS).Eval(station.GetMyContextFromRoot(context))
         now = {
-            (kind, *sorted((a, b)))
+            (kind, min(a, b), max(a, b))
             for kind, a, b in self._pairs(results)
             if not asked_for(a, b, self._parts, name, state)
         }

@@ -47,6 +47,7 @@ class SmallWorld:
     seen_at: Array | None = None  # where images show it, if not where it is
     frozen: bool = False  # the tool does not move
     late: float = 0.0  # age of images [s]
+    stuck: float = 1.0  # the fingers open no wider [m]
     state: TaskState = field(default_factory=TaskState)
     phases: list[Phase] = field(default_factory=list)
     in_hand: Array | None = None
@@ -73,7 +74,7 @@ class SmallWorld:
         return self.state
 
     def _squeezed(self, widest: float) -> float:
-        wanted = widest * self.state.opened if self.state.opened >= 0 else self.opening
+        wanted = min(self.stuck, widest * self.state.opened if self.state.opened >= 0 else self.opening)
         there = np.linalg.norm(self.X_WO[4:] - self.X_WT[4:]) < 0.06
         if self.sticks and there and wanted < 0.04:
             self.in_hand = compose(inverse(self.X_WT), self.X_WO)

@@ -160,6 +160,28 @@ def test_the_approach_comes_from_above_with_open_fingers() -> None:
     np.testing.assert_array_equal(state.goal, state.grasp)
 
 
+def test_nobody_reaches_down_with_fingers_half_open() -> None:
+    world = SmallWorld((step("pick", time_limit=3.0),), stuck=0.06)
+    state = world.run()
+    assert world.phases == [Phase.LOOK, Phase.APPROACH, Phase.REST]
+    assert state.why is Why.TIME_LIMIT
+    holding = SmallWorld(PICK_AND_PLACE)
+    holding.until(Phase.OPEN)
+    holding.stuck = 0.06
+    assert holding.run().why is Why.TIME_LIMIT
+
+
+def test_the_object_is_an_obstacle_again_once_the_fingers_are_off_it() -> None:
+    world = SmallWorld(PICK_AND_PLACE)
+    world.until(Phase.RETREAT)
+    world.frozen = True
+    for risen, done in ((0.9 * TUNING.away, False), (1.1 * TUNING.away, True)):
+        world.X_WT = world.state.grasp + np.array([0, 0, 0, 0, 0, 0, risen])
+        state = world.tick()
+        assert (state.outcome is TaskOutcome.DONE) == done
+        assert (state.hand.touched == NOTHING) == done
+
+
 def test_the_grasp_follows_what_moved_meanwhile() -> None:
     world = SmallWorld((step("pick"),))
     world.until(Phase.APPROACH)

@@ -48,13 +48,11 @@ def _grasp(state: TaskState, seen: StepView, step: Step, library: Sequence[Takea
 
 
 def look(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:
-    """Wait until fingers are open and the object lies still in sight; then choose a grasp."""
+    """Wait until the object lies still in sight; then choose a grasp."""
     track = seen.tracks[step.target]
     vague = np.sqrt(max(0.0, np.linalg.eigvalsh(track.covariance[3:, 3:])[-1])) > TUNING.vague
     if track.status != ObjectStatus.TRACKED or vague or track.last_seen < min(state.since, seen.now - TUNING.settled):
         return state
-    if seen.opening < 0.9 * seen.widest:
-        return state  # the fingers have to open first
     grasp = _grasp(state, seen, step, library, seen.X_WT[:4])
     if grasp is None:
         return fail(state, seen, Why.TOO_WIDE)
@@ -67,11 +65,11 @@ def before_grasp(X_WG: Array) -> Array:
 
 
 def approach(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:
-    """Go to above the grasp, which follows the object; an object lost on the way is looked for again."""
+    """Go to above the grasp, opening; an object that moves is followed, one lost on the way is looked for again."""
     track = seen.tracks[step.target]
     if track.status in (ObjectStatus.UNSEEN, ObjectStatus.GONE, ObjectStatus.LOST):
         return again(state, seen, step, Why.TARGET_LOST)
-    if not passed(state, seen, step):
+    if not passed(state, seen, step) or seen.opening < 0.9 * seen.widest:
         return state
     # The object is taken where it is now, with the hand turned as it is.
     fresh = _grasp(replace(state, attempt=0), seen, step, library, state.grasp[:4])

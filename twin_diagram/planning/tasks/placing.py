@@ -52,6 +52,6 @@ def opened(state: TaskState, seen: StepView, step: Step, library: Sequence[Takea
 
 def retreat(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:
     """Go back up; from there on the object is an obstacle again."""
-    if not passed(state, seen, step):
+    if seen.X_WT[6] < state.grasp[6] + TUNING.away:
         return state
     return done(replace(state, hand=Hand()), seen.now)

@@ -15,18 +15,17 @@ from twin_diagram.signals.pose_vectors import errors
 class Tuning:
     """Constants of this module, with their units and what set them; chosen by hand."""
 
-    above: float = 0.10
-    """The tool comes to above a grasp, lifts, lowers and retreats by this much [m]: the length of the fingers and
-    some room."""
+    above: float = 0.08
+    """The tool comes to above a grasp, lifts and lowers by this much [m]: the fingers' depth and some room."""
 
-    passing: float = 0.015
+    passing: float = 0.02
     """Points on the way count as reached within this [m] …"""
 
-    passing_speed: float = 0.08
+    passing_speed: float = 0.12
     """… at less than this [m/s]."""
 
-    still: float = 0.01
-    """A tool slower than this is at rest [m/s]."""
+    still: float = 0.02
+    """A tool slower than this is at rest [m/s]: fingers that close in 0.1 s then move by less than its tolerance."""
 
     settled: float = 0.10
     """So long must the end of a phase last [s]."""
@@ -37,8 +36,8 @@ class Tuning:
     fingers_still: float = 0.002
     """Fingers slower than this are at rest [m/s]."""
 
-    closing: float = 0.4
-    """Fingers are given at least so long to close or open [s]."""
+    closing: float = 0.25
+    """Fingers are given at least so long to close or open [s]: a command takes some 0.05 s to move them."""
 
     empty: float = 0.003
     """Fingers that are open by less than this hold nothing [m]."""
@@ -48,6 +47,9 @@ class Tuning:
 
     clear: float = 0.03
     """Lifted by this much an object touches its support no more [m]."""
+
+    away: float = 0.05
+    """Risen by this much after release the fingers are off the object [m]: they reach down 0.03 m."""
 
     drop: float = 0.002
     """What is put down is let go this far above its place [m]: it is not pressed into the table."""
