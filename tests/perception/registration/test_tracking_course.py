@@ -44,6 +44,14 @@ class Image:
         monkeypatch.setattr(tracking, "claimed", self.claimed)
         monkeypatch.setattr(tracking, "register", self.register)
         monkeypatch.setattr(tracking, "nearby", self.nearby)
+        monkeypatch.setattr(tracking, "assess", self.assess)
+        self.ahead = 20.0
+
+    def assess(self, cloud: Any, image: Any, poses: Any, count: int, level: int, slack: float) -> Any:
+        """As many points fit ahead as is told, and ten where it was."""
+        assert image == "frame" and count == PARAMS.model_points and slack == 0.01 and poses.R.shape == (2, 3, 3)
+        np.testing.assert_allclose(poses.p[1], P)
+        return SimpleNamespace(points=np.array([self.ahead, 10.0]))
 
     def claimed(self, cloud: Any, segments: Any, R: Array, p: Array, reach: float, most: int | None = None) -> Any:
         """All points within `reach` along the row of where the object would be."""
@@ -92,6 +100,14 @@ def test_what_moves_is_looked_for_ahead_then_where_it_was(monkeypatch: pytest.Mo
     assert len(image.asked) == 2, "what is found ahead is not looked for again"
     image.answers = [pose(**BAD), pose(**BAD)]
     assert tracking.register_where_expected(KNOWN, moving, image.view) is None
+
+
+def test_what_stops_is_looked_for_where_it_was_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    image = Image(monkeypatch)
+    image.answers, image.ahead = [pose(**BAD), pose()], 9.0
+    assert tracking.register_where_expected(KNOWN, slot([0.0, 0.0, 0.0, 0.2, 0.0, 0.0]), image.view) is not None
+    looked = [one[1] for one in image.asked if one[0] == "register"]
+    np.testing.assert_allclose(looked, [P, P + [0.02, 0.0, 0.0]])
 
 
 def test_an_object_that_slipped_is_looked_for_6_cm_about_it(monkeypatch: pytest.MonkeyPatch) -> None:
