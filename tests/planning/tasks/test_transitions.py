@@ -262,6 +262,18 @@ def test_an_object_that_is_seen_elsewhere_is_not_in_the_hand() -> None:
     assert state.hand.held == NOTHING
 
 
+def test_a_slip_in_the_hand_is_told_once_and_no_loss() -> None:
+    for off, told in ((0.9 * TUNING.slip, 0), (1.3 * TUNING.slip, 1)):
+        world = SmallWorld(PICK_AND_PLACE)
+        world.until(Phase.CARRY)
+        world.frozen = True
+        world.seen_at = world.X_WO + np.array([0, 0, 0, 0, 0, 0, -off])
+        for _ in range(3 * TUNING.images):
+            state = world.tick()
+        assert state.outcome is TaskOutcome.RUNNING
+        assert [note for _, note, _ in notes(state)].count(Note.SLIPPED) == told
+
+
 def test_an_image_of_a_hand_that_moves_is_of_where_it_was() -> None:
     for speed, outcome in ((0.5, TaskOutcome.RUNNING), (0.1, TaskOutcome.FAILED)):
         world = SmallWorld(PICK_AND_PLACE, late=0.1)
@@ -325,7 +337,7 @@ def test_a_round_object_is_put_down_without_turning_the_hand() -> None:
 def test_the_state_is_a_vector_and_back() -> None:
     world = SmallWorld(PICK_AND_PLACE)
     world.until(Phase.CARRY)
-    world.state = replace(world.state, why=Why.MISSED, attempt=1, elsewhere=2, image=3.0, steady=4.0)
+    world.state = replace(world.state, why=Why.MISSED, attempt=1, elsewhere=2, slipped=-1, image=3.0, steady=4.0)
     again = TaskState.unpack(world.state.pack())
     for name, value in vars(world.state).items():
         other = getattr(again, name)

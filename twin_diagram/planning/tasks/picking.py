@@ -103,7 +103,7 @@ def close(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeab
         TUNING.finger_error,
     )
     hand = Hand(step.target, NOTHING, True, X_TO, covariance)
-    state = replace(state, hand=hand, elsewhere=0, image=track.last_seen).noting(Note.GRASPED, seen.now)
+    state = replace(state, hand=hand, elsewhere=0, slipped=0, image=track.last_seen).noting(Note.GRASPED, seen.now)
     return state.entering(Phase.LIFT, seen.now, moved(state.grasp, np.array([0.0, 0.0, TUNING.above])))
 
 

@@ -66,6 +66,10 @@ class Tuning:
     elsewhere: float = 0.06
     """What is seen so far from where the hand should hold it is not in the hand [m] …"""
 
+    slip: float = 0.02
+    """What is seen so far from where it should be in the hand has slipped there [m]; at rest images are off by some
+    5 mm."""
+
     images: int = 4
     """… when so many images running say so."""
 

@@ -90,6 +90,8 @@ class Note(IntEnum):
     RESUMED = 6
     DONE = 7
     FAILED = 8
+    SLIPPED = 9
+    """What is held is not where it was in the hand; told once."""
 
 
 RING: Final = 32
@@ -150,6 +152,10 @@ def steps_of(task: scenario.Task, names: Sequence[str]) -> tuple[Step, ...]:
     return tuple(result)
 
 
+NUMBERS: Final = 13
+"""Of a packed `TaskState`, before its poses."""
+
+
 @dataclass(frozen=True)
 class TaskState:
     """All that is remembered.
@@ -162,6 +168,7 @@ class TaskState:
         steady: since when the phase has been as it should be at its end [s]; `NEVER`: it is not.
         attempt: how often a pick was tried before.
         elsewhere: images running that showed what is held elsewhere.
+        slipped: images running that showed it elsewhere in the hand; negative once that was told.
         image: time of the newest image that was counted [s].
         opened: share of the fingers' travel that they are to be opened by; negative: as described.
         force: greatest force of the fingers [N]; NaN: as described.
@@ -180,6 +187,7 @@ class TaskState:
     steady: float = NEVER
     attempt: int = 0
     elsewhere: int = 0
+    slipped: int = 0
     image: float = NEVER
     opened: float = -1.0
     force: float = float("nan")
@@ -202,23 +210,24 @@ class TaskState:
         """Return it as a vector of `STATE_SIZE`."""
         numbers = [
             self.step, self.phase, self.outcome, self.why, self.begun, self.since, self.steady, self.attempt,
-            self.elsewhere, self.image, self.opened, self.force,
+            self.elsewhere, self.slipped, self.image, self.opened, self.force,
         ]  # fmt: skip
         return np.concatenate([np.array(numbers, dtype=float), self.goal, self.grasp, self.hand.pack(), self.notes])
 
     @staticmethod
     def unpack(vector: Array) -> TaskState:
         """Return the inverse of `pack`; copies."""
-        ends = np.cumsum([12, POSE_SIZE, POSE_SIZE, HAND_SIZE])
+        ends = np.cumsum([NUMBERS, POSE_SIZE, POSE_SIZE, HAND_SIZE])
         numbers, goal, grasp, hand, notes = np.split(np.array(vector), ends)
-        step, phase, outcome, why, begun, since, steady, attempt, elsewhere, image, opened, force = numbers.tolist()
+        step, phase, outcome, why, begun, since, steady, attempt, elsewhere, *rest = numbers.tolist()
+        slipped, image, opened, force = rest
         return TaskState(
             int(step), Phase(int(phase)), TaskOutcome(int(outcome)), Why(int(why)), begun, since, steady, int(attempt),
-            int(elsewhere), image, opened, force, goal, grasp, Hand.unpack(hand), notes,
+            int(elsewhere), int(slipped), image, opened, force, goal, grasp, Hand.unpack(hand), notes,
         )  # fmt: skip
 
 
-STATE_SIZE: Final = 12 + 2 * POSE_SIZE + HAND_SIZE + RING * NOTE_FIELDS
+STATE_SIZE: Final = NUMBERS + 2 * POSE_SIZE + HAND_SIZE + RING * NOTE_FIELDS
 """Numbers of a packed `TaskState`."""
 
 

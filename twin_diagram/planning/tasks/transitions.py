@@ -86,7 +86,13 @@ def _watch_hand(state: TaskState, seen: StepView) -> tuple[TaskState, Why]:
     late = seen.speed * (seen.now - measurement.time)
     count = state.elsewhere + 1 if off > TUNING.elsewhere + doubt + late else 0
     why = Why.SEEN_ELSEWHERE if count >= TUNING.images else Why.NONE
-    return replace(state, elsewhere=count, image=measurement.time), why
+    state = replace(state, elsewhere=count, image=measurement.time)
+    if state.slipped >= 0:
+        slipped = state.slipped + 1 if off > TUNING.slip + doubt + late else 0
+        state = replace(state, slipped=slipped)
+        if slipped >= TUNING.images and why is Why.NONE:
+            state = replace(state.noting(Note.SLIPPED, seen.now), slipped=-1)
+    return state, why
 
 
 def _move(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:
