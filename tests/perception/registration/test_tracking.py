@@ -27,7 +27,7 @@ P = np.array([0.5, 0.1, 0.05])
 
 
 def pose(R: Array | None = None, p: Array = P, **changes: Any) -> RegisteredPose:
-    good = RegisteredPose(np.eye(3) if R is None else R, p, 1e-6 * np.eye(6), 0.9, 0.9, 1.0, 300.0)
+    good = RegisteredPose(np.eye(3) if R is None else R, p, 1e-14 * np.eye(6), 0.9, 0.9, 1.0, 300.0)
     return replace(good, **changes)
 
 
@@ -85,6 +85,14 @@ def test_the_velocity_is_a_running_mean_and_forgotten_over_a_gap() -> None:
     for turn, shift, still in ((0.15, 0.018, True), (0.18, 0.0, False), (0.0, 0.022, False)):
         moved = pose(exp(np.array([0, 0, turn * 0.1])), P + [0.1 * shift, 0, 0])
         assert (not seen(slot(), moved, 1.1).velocity.any()) == still
+
+
+def test_what_an_image_does_not_tell_is_not_taken_for_motion() -> None:
+    """A turn known to 0.2 rad, as far as things turn from image to image, counts half."""
+    found = pose(exp(np.array([0, 0, 0.1])), P + [0.0, 0.02, 0.0])
+    for std, share in ((0.2, 0.5), (1.0, 0.04 / 1.04), (1e-7, 1.0)):
+        vague = replace(found, covariance=np.diag([1e-14, 1e-14, std**2, *[1e-14] * 3]))
+        np.testing.assert_allclose(seen(slot(), vague, 1.1).velocity, [0, 0, 0.6 * share, 0, 0.12, 0], atol=1e-6)
 
 
 def test_searches_in_vain_wait_longer_and_longer_up_to_four_periods() -> None:

@@ -23,7 +23,8 @@ P = np.array([0.5, 0.1, 0.05])
 
 
 def pose(p: Any = P, **changes: Any) -> RegisteredPose:
-    return replace(RegisteredPose(np.eye(3), np.asarray(p, dtype=float), np.eye(6), 0.9, 0.9, 1.0, 300.0), **changes)
+    sure = 1e-14 * np.eye(6)
+    return replace(RegisteredPose(np.eye(3), np.asarray(p, dtype=float), sure, 0.9, 0.9, 1.0, 300.0), **changes)
 
 
 def slot(velocity: Any = (0.0,) * 6, **changes: Any) -> Slot:
