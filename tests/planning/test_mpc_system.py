@@ -15,6 +15,7 @@ from twin_diagram.assets import Asset
 from twin_diagram.errors import ScenarioError
 from twin_diagram.model.model import Model
 from twin_diagram.planning.collision.collision_scene import Scene, load_scene
+from twin_diagram.planning.collision.held_shape import holding
 from twin_diagram.planning.mpc.payload_gravity import gravity_regressor
 from twin_diagram.planning.mpc.planner import MotionPlanner
 from twin_diagram.planning.mpc.planner_state import Memory
@@ -23,6 +24,7 @@ from twin_diagram.planning.mpc_system import PAYLOAD, Mpc, _check, _offset
 from twin_diagram.planning.paths import inverse_kinematics
 from twin_diagram.planning.paths.route import Aim, Route
 from twin_diagram.scenario.resources import models_dir
+from twin_diagram.signals.hand import Hand
 from twin_diagram.signals.layouts import NEVER, TRACK_SIZE, ObjectStatus, Track
 
 HOME = bench.HOME
@@ -511,3 +513,48 @@ def test_a_corrected_models_torque_is_added_beside_the_payloads(model: Model) ->
     mpc.use_model(context, 0)
     np.testing.assert_allclose(mpc.GetOutputPort("torque_commanded").Eval(context), before)
     assert np.abs(before).max() > 1.0
+
+
+# The hand.
+
+
+def test_what_is_held_is_in_the_first_plan_and_out_of_the_first_after_release(
+    loaded: tuple[Scene, dict[str, Asset]],
+) -> None:
+    """Each plan is that of a planner for the arm as it is then, whose tracks are without what the hand is about."""
+    _, library = loaded
+    twin = scenario.Twin(home=HOME.tolist(), library={name: "" for name in library})
+    twin.task.start = 0.0
+    model = Model.load(twin.arm)
+    mpc = Mpc(model, twin, library)
+    can = bench.NAMES.index("can")
+    context = mpc.CreateDefaultContext()
+    tracks = np.zeros((len(library), TRACK_SIZE))
+    X_WT = model.tool_pose(HOME)
+    place = X_WT.translation() - [0.0, 0.0, 0.03]
+    tracks[can] = track_of((float(place[0]), float(place[1]), float(place[2])))
+    state = np.concatenate([HOME, np.zeros(7)])
+    below = np.array([*X_WT.rotation().ToQuaternion().wxyz(), *(X_WT.translation() - [0.0, 0.0, 0.06])])
+    for name, value in (("arm_state", state), ("tracks", tracks.ravel()), ("parameters", np.zeros(4)), ("goal", below)):
+        mpc.GetInputPort(name).FixValue(context, value)
+    held = Hand(held=can, X_TO=np.array([1.0, 0, 0, 0, 0.0, 0.0, 0.03]))
+    carrying = MotionPlanner(
+        holding(mpc.planner.scene, library["can"].convex_pieces, held), model.velocity_limit, twin.planner
+    )
+    free = tracks.copy()
+    free[can, 0] = ObjectStatus.GONE
+    steps = [
+        (Hand(), mpc.planner, tracks),
+        (Hand(touched=can), mpc.planner, free),
+        (held, carrying, free),
+        (Hand(touched=can), mpc.planner, free),
+        (Hand(), mpc.planner, tracks),
+    ]
+    for k, (hand, planner, seen) in enumerate(steps):
+        mpc.GetInputPort("hand").FixValue(context, hand.pack())
+        context.SetTime(k / twin.planner.rate)
+        expected, _ = planner.tick(mpc.memory(context), context.get_time(), state, seen.ravel(), below, None, None)
+        after = mpc.AllocateDiscreteVariables()
+        mpc._tick(context, after)
+        np.testing.assert_array_equal(after.value(), expected.pack())
+        context.SetDiscreteState(after)

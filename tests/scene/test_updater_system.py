@@ -10,11 +10,12 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, DiagramBuilder
 
 from twin_diagram import scenario
-from twin_diagram.scene import object_filter, object_update
+from twin_diagram.scene import object_filter, object_life, object_update
 from twin_diagram.scene.object_filter import FilterLayout
 from twin_diagram.scene.twin_scene import TwinScene, add_twin_scene, parked_poses
 from twin_diagram.scene.updater_system import SceneGraphUpdater
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.hand import Hand
 from twin_diagram.signals.layouts import NEVER, TRACK_SIZE, ObjectStatus, PoseMeasurement, Track
 
 COVARIANCE = np.diag([1e-4] * 3 + [1e-6] * 3)
@@ -179,3 +180,77 @@ def test_what_the_calibration_leaves_open_is_in_all_tracks_and_no_image_removes_
         added = track.covariance - without.covariance
         assert np.trace(added[3:, 3:]) == pytest.approx(2.0 * away**2 * 1e-4 / 3.0, rel=1e-6)
         np.testing.assert_allclose(added[:3, :3], np.eye(3) * 1e-4 / 3.0, atol=1e-9)
+
+
+# The hand.
+
+
+def with_hand(run: Run, hand: Hand) -> None:
+    run.updater.GetInputPort("hand").FixValue(run.context, hand.pack())
+
+
+def tool_pose(run: Run) -> Array:
+    tool = run.updater._tool(run.context)
+    assert tool is not None
+    return tool.pose
+
+
+X_TO = np.array([0.0, 1.0, 0.0, 0.0, 0.01, -0.02, 0.03])
+
+
+def test_what_the_hand_holds_is_held_whatever_images_show(run: Run) -> None:
+    """From the next tick on it goes along with the tool, though images show its place, or that empty."""
+    with_hand(run, Hand())
+    run.show(0.0, AT)
+    assert run.to(0.05)[1].status == ObjectStatus.TRACKED
+    with_hand(run, Hand(held=1, X_TO=X_TO))
+    for k in range(1, 8):
+        run.show(0.1 * k, AT, (1.0, -1.0))
+        run.updater.GetInputPort("arm_state").FixValue(run.context, np.r_[0.1 * k * np.ones(7), np.zeros(7)])
+        tracks = run.to(0.1 * k + 0.05)
+        assert tracks[1].status == ObjectStatus.HELD and tracks[0].status == ObjectStatus.TRACKED
+        np.testing.assert_allclose(tracks[1].pose, object_life.with_tool(X_TO, tool_pose(run)), atol=1e-12)
+
+
+def test_what_is_let_go_rests_where_the_hand_left_it(run: Run) -> None:
+    with_hand(run, Hand())
+    run.show(0.0, AT)
+    run.to(0.05)
+    covariance = np.diag([1e-4, 2e-4, 3e-4, 1e-6, 4e-6, 9e-6])
+    with_hand(run, Hand(held=1, X_TO=X_TO, covariance=covariance))
+    run.to(0.2)
+    with_hand(run, Hand(touched=1))
+    track = run.to(0.3)[1]
+    assert track.status == ObjectStatus.TRACKED
+    np.testing.assert_allclose(track.pose, object_life.with_tool(X_TO, tool_pose(run)), atol=1e-9)
+    R = object_update.rotations.matrix(tool_pose(run)[:4])
+    told = run.filters[1][FilterLayout.COVARIANCE].reshape(12, 12)[3:6, 3:6]
+    np.testing.assert_allclose(told, R @ np.diag([1e-6, 4e-6, 9e-6]) @ R.T, atol=1e-9)
+
+
+def test_what_is_lost_is_where_images_show_it(run: Run) -> None:
+    with_hand(run, Hand())
+    run.show(0.0, AT)
+    run.to(0.05)
+    with_hand(run, Hand(held=1, X_TO=X_TO))
+    run.to(0.2)
+    with_hand(run, Hand())
+    track = run.to(0.3)[1]
+    assert track.status == ObjectStatus.TRACKED
+    np.testing.assert_allclose(track.pose, AT[1], atol=1e-9)
+
+
+def test_beside_a_hand_that_tells_nothing_is_guessed_to_be_held(run: Run) -> None:
+    """An object that moves as the tool moves is taken for held only where nobody says what the hand holds."""
+    for told, status in ((True, ObjectStatus.MOVING), (False, ObjectStatus.HELD)):
+        alone = Run(run.updater)
+        if told:
+            with_hand(alone, Hand())
+        bent = np.array([0.0, 0.5, 0.0, -1.5, 0.0, 2.0, 0.7])
+        for k in range(12):
+            q = bent + np.r_[0.05 * k, np.zeros(6)]  # half a radian a second, ten images a second
+            alone.updater.GetInputPort("arm_state").FixValue(alone.context, np.r_[q, 0.5, np.zeros(6)])
+            there = np.array([1.0, 0, 0, 0, *(tool_pose(alone)[4:] + [0.0, 0.0, -0.03])])
+            alone.show(0.1 * k, np.array([AT[0], there]))
+            track = alone.to(0.1 * k + 0.05)[1]
+        assert track.status == status

@@ -301,3 +301,30 @@ def test_without_a_camera_objects_stay_unseen_and_the_arm_is_known() -> None:
     assert summary["objects"]["can"]["visible_share"] == 0.0
     assert np.all(done.record.status == ObjectStatus.UNSEEN)
     assert summary["arm"]["joint_error_rad"]["rms"] < 5e-5
+
+
+@pytest.mark.parametrize(("arm", "tool"), [("arms/panda_hand.urdf", "panda_tcp"), ("arms/iiwa7_wsg.urdf", "wsg_tcp")])
+@pytest.mark.parametrize("station", ["sim", "lcm"])
+def test_steps_command_the_gripper_of_any_station(arm: str, tool: str, station: str) -> None:
+    """Fingers open, with the force that the step allows; a station that has no gripper is none the worse for it."""
+    task = "twin.task=[{kind: pick, object: can, force: 25}]"
+    plan = small_scenario(*BLIND, task, "twin.task.start=0.0", "lcm.url=memq://", objects=("can",))
+    for model in (plan.twin.arm, plan.world.arm):
+        model.model, model.tool_frame, model.effects = arm, tool, []
+    plan.station, plan.twin.home = station, [0.0, 0.6, 0.0, -1.4, 0.0, 1.1, 0.0]
+    plan.lcm.arm = "panda" if "panda" in arm else "iiwa"
+    loop = make_closed_loop(plan)
+    simulator = Simulator(loop.diagram)
+    simulator.AdvanceTo(0.35)
+    twin = loop.twin.diagram
+    own = twin.GetMyContextFromRoot(simulator.get_context())
+    force = twin.GetOutputPort(ports.GRIPPER_FORCE_LIMIT).Eval(own)
+    fingers = twin.GetOutputPort(ports.GRIPPER_COMMANDED).Eval(own)
+    if station == "lcm":  # no message has come, so nothing has begun
+        assert np.isnan(force[0])
+        return
+    assert force[0] == 25.0
+    station_context = loop.station.GetMyContextFromRoot(simulator.get_context())
+    measured = loop.station.GetOutputPort(ports.GRIPPER_MEASURED).Eval(station_context)
+    np.testing.assert_allclose(measured[:2], fingers, atol=2e-3)
+    assert np.abs(fingers).sum() == pytest.approx({"panda_tcp": 0.08, "wsg_tcp": 0.11}[tool])

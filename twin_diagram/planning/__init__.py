@@ -6,7 +6,9 @@ with gradients; `collision.collision_scene` says where things are and will be; `
 goals; `paths.rrt_connect` finds ways around; `mpc.trajectory` is a motion; `mpc.quadratic_program` and
 `mpc.trajectory_optimisation` make one that follows a way and keeps clear; `paths.route` decides on a way; `mpc.planner`
 puts these together as a function from `mpc.planner_state` to memory, and `mpc_system` makes that a system.
-`mpc.payload_gravity` gives the torque against the weight that the hand carries.
+`mpc.payload_gravity` gives the torque against the weight that the hand carries; `collision.held_shape` makes what it
+holds part of the arm. `tasks` runs a task's steps: `tasks.transitions` says what to do next, `tasks.picking` and
+`tasks.placing` how things are taken and put down, and `tasks.task_system` is the system.
 """
 
 from __future__ import annotations
@@ -18,10 +20,12 @@ from twin_diagram.runtime import faces
 if TYPE_CHECKING:
     from twin_diagram.planning.mpc.planner import MotionPlanner
     from twin_diagram.planning.mpc_system import Mpc
+    from twin_diagram.planning.tasks.task_system import TaskRunner
 
 __all__ = [
     "MotionPlanner",
     "Mpc",
+    "TaskRunner",
 ]
 
 __getattr__, __dir__ = faces.lazy_face(__name__)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Final, cast
 
@@ -16,12 +17,14 @@ from twin_diagram.errors import ScenarioError
 from twin_diagram.model.model import Model
 from twin_diagram.model.model_user import ModelUser
 from twin_diagram.planning.collision.collision_scene import load_scene
+from twin_diagram.planning.collision.held_shape import holding, obstacles_beside
 from twin_diagram.planning.mpc.payload_gravity import gravity_regressor
 from twin_diagram.planning.mpc.planner import MotionPlanner
 from twin_diagram.planning.mpc.planner_state import Memory
 from twin_diagram.planning.mpc.quadratic_program import QpSolver
 from twin_diagram.runtime.timing import timed
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.hand import HAND_SIZE, NOTHING, Hand
 from twin_diagram.signals.layouts import NEVER, POSE_SIZE, TRACK_SIZE
 from twin_diagram.signals.things import FURTHER_TRACK_SIZE, THING_SIZE
 
@@ -31,10 +34,13 @@ PAYLOAD: Final = ("payload.mass", "payload.moment_x", "payload.moment_y", "paylo
 
 @dataclass(frozen=True)
 class Tuning:
-    """When a tick comes, chosen by hand: any time that is short beside an image's period."""
+    """When a tick comes and what is kept, chosen by hand: any time that is short beside an image's period."""
 
     margin: float = 1e-3
     """A tick comes this long after the tracks that it uses [s]."""
+
+    grips: int = 8
+    """Shapes of an arm with something in its hand that are kept at hand: a few for each Context."""
 
 
 TUNING = Tuning()
@@ -54,6 +60,7 @@ class Mpc(ModelUser[Model]):
         - measurement_time (optional)
         - further_tracks (optional)
         - things (optional)
+        - hand (optional)
         output_ports:
         - position_commanded
         - torque_commanded
@@ -67,6 +74,8 @@ class Mpc(ModelUser[Model]):
         goal: (7) X_WG of the tool frame as (qw, qx, qy, qz, px, py, pz); an all-zero quaternion: stay.
         further_tracks: (F · FURTHER_TRACK_SIZE) of further instances of the objects; see `signals.things`.
         things: (T · THING_SIZE) unknown things, to be kept clear of as the objects are.
+        hand: (HAND_SIZE) what is held is part of the arm's shape, from the first plan on, and no obstacle; what may be
+            touched is no obstacle either. See `signals.hand`.
         measurement_time: (1) time of the arm's newest message [s]; until it is >= 0 nothing is planned. Not connected:
             `arm_state` is trusted from the start.
         position_commanded: (n) [rad]; the plan now, twice continuously differentiable in time. Before the first plan:
@@ -113,6 +122,15 @@ class Mpc(ModelUser[Model]):
         _check(twin.planner)
         scene = load_scene(model.spec, twin.fixtures, library, packages)
         self.planner: Final = MotionPlanner(scene, model.velocity_limit, twin.planner, solver)
+        self._pieces: Final = [tuple(asset.convex_pieces) for asset in library.values()]
+        self._radii: Final = np.array([0.5 * float(np.linalg.norm(asset.size)) for asset in library.values()])
+
+        def made(vector: bytes) -> MotionPlanner:
+            hand = Hand.unpack(np.frombuffer(vector))
+            with_it = holding(scene, self._pieces[hand.held], hand)
+            return MotionPlanner(with_it, model.velocity_limit, twin.planner, solver)
+
+        self._planner_holding: Final = lru_cache(maxsize=TUNING.grips)(made)
         self._n, self._knots, self._step = len(model.joints), twin.planner.knots, twin.planner.step
         self._begin_with(model)
         self._start = twin.task.start
@@ -131,6 +149,8 @@ class Mpc(ModelUser[Model]):
         further = twin.slots.further(objects)
         self._further_in = self.DeclareVectorInputPort("further_tracks", FURTHER_TRACK_SIZE * further)
         self._things_in = self.DeclareVectorInputPort("things", THING_SIZE * twin.slots.unknown)
+
+        self._hand_in = self.DeclareVectorInputPort("hand", HAND_SIZE)
 
         home = np.array(twin.home, dtype=float) if twin.home else np.zeros(n)
         self._state = self.DeclareDiscreteState(self.planner.initial(home).pack())
@@ -174,14 +194,18 @@ class Mpc(ModelUser[Model]):
             return EventStatus.DidNothing()
         now = context.get_time()
         goal = np.array(self._goal_in.Eval(context)) if now >= self._start - 1e-9 else np.zeros(POSE_SIZE)
-        memory, _ = self.planner.tick(
-            self.memory(context),
-            now,
-            np.array(self._arm_in.Eval(context)),
-            np.array(self._tracks_in.Eval(context)),
-            goal,
-            *(np.array(port.Eval(context)) if port.HasValue(context) else None for port in self._beside()),
-        )
+        arm, tracks = np.array(self._arm_in.Eval(context)), np.array(self._tracks_in.Eval(context))
+        further, things = (np.array(port.Eval(context)) if port.HasValue(context) else None for port in self._beside())
+        planner = self.planner
+        if self._hand_in.HasValue(context):
+            hand = Hand.unpack(np.array(self._hand_in.Eval(context)))
+            if np.isfinite(arm).all():
+                chain = planner.scene.chain
+                X_WT = chain.tool(chain.place(arm[None, : self._n]))[0]
+                tracks, further, things = obstacles_beside(hand, X_WT, self._radii, tracks, further, things)
+            if hand.held != NOTHING:
+                planner = self._planner_holding(replace(hand, touched=NOTHING).pack().tobytes())
+        memory, _ = planner.tick(self.memory(context), now, arm, tracks, goal, further, things)
         discrete.set_value(int(self._state), memory.pack())
         return EventStatus.Succeeded()
 

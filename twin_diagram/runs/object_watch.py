@@ -1,4 +1,4 @@
-"""Watches objects come and go while a run goes on: keeps the twin's scene, and tells of each event once."""
+"""Watches objects and steps come and go while a run goes on: keeps the twin's scene, and tells of each event once."""
 
 from __future__ import annotations
 
@@ -21,6 +21,8 @@ class ObjectWatch:
         """`note` takes the events."""
         self._twin, self._note = twin, note
         self._newest = -1.0
+        self._newest_step = -1.0
+        self._steps: list[dict[str, Any]] = []
 
     def poll(self, context: Context) -> None:
         """Keep the scene, and tell of what has happened since the last look; `context` is the whole Diagram's."""
@@ -31,6 +33,22 @@ class ObjectWatch:
         for event in fresh:
             self._note(event)
             self._newest = event["time"]
+        steps = self._twin.step_events(own)
+        fresh = [event for event in steps if event["time"] > self._newest_step]
+        for event in fresh:
+            self._note(event)
+            self._newest_step = event["time"]
+        self._steps += fresh
+
+    def task_told(self, context: Context) -> dict[str, Any]:
+        """Return how the task stands and what happened to its steps; empty where it has none."""
+        runner = self._twin.runner
+        if runner is None:
+            return {}
+        own = self._twin.diagram.GetMyContextFromRoot(context)
+        standing = runner.standing(self._twin.diagram.GetSubsystemContext(runner, own))
+        events = [{key: value for key, value in event.items() if key != "event"} for event in self._steps]
+        return {"task": standing | {"events": events}}
 
     def told(self, context: Context) -> dict[str, Any]:
         """Return what there is beside the first of each object, for ``summary.json``; `context` is the whole Diagram's.

@@ -27,6 +27,7 @@ from twin_diagram.runs.object_watch import ObjectWatch
 from twin_diagram.runs.outputs import Keeping, Looking, Mending, Say, check_places
 from twin_diagram.runs.run_folder import RunFolder
 from twin_diagram.runs.score import alarms, summarize, table
+from twin_diagram.runs.task_score import TaskScore
 from twin_diagram.runs.trial import TUNING as TRIAL
 from twin_diagram.runs.trial import Trial, run_trial
 from twin_diagram.runtime import stopping
@@ -165,16 +166,22 @@ def _simulate(
     """
     duration, health = loop.scenario.duration, HealthWatch(loop.twin, say)
     objects = ObjectWatch(loop.twin, leave.event)
+    score = TaskScore(loop) if loop.twin.runner is not None and loop.scenario.station == "sim" else None
 
     def each(context: Context) -> None:
         between(context)
         health.poll(context)
         objects.poll(context)
+        if score is not None:
+            score.poll(context)
 
     def told() -> dict[str, Any]:
         context = simulator.get_context()
         besides = {"things": objects.told(context), "health": health.told(context)}
-        return camera_told(loop, context) | besides
+        task = objects.task_told(context)
+        if score is not None:
+            task["task"] |= score.told(context)
+        return camera_told(loop, context) | besides | task
 
     if loop.scenario.station == "sim":
         trial = run_trial(loop, simulator, duration, progress, each)

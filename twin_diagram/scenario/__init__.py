@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from twin_diagram.scenario.file import load_scenario, override_scenario, save_scenario
     from twin_diagram.scenario.models import ArmModel, EffectSpec, Fixture, Pose
     from twin_diagram.scenario.perception import Perception, Registration, SceneUpdater, Slots
-    from twin_diagram.scenario.planning import Planner, Task
+    from twin_diagram.scenario.planning import Planner, Task, TaskStep
     from twin_diagram.scenario.resources import models_dir, resolve
     from twin_diagram.scenario.scenario import Scenario
     from twin_diagram.scenario.sensors import Driver, Lidar, LinkSensor
@@ -53,6 +53,7 @@ __all__ = [
     "SensorSpec",
     "Slots",
     "Task",
+    "TaskStep",
     "Twin",
     "WayPoint",
     "World",

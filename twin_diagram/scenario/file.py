@@ -81,6 +81,7 @@ def override_scenario(scenario: Scenario, overrides: Iterable[str]) -> Scenario:
     data = _plain(scenario)
     for override in overrides:
         _override(data, override)
+        data = dict(_task_spelled_out(data))
     return parse_scenario(data)
 
 
@@ -101,6 +102,7 @@ def parse_scenario(data: Mapping[str, Any]) -> Scenario:
     Raises:
         ScenarioError: a field is unknown, has the wrong type or an impossible value.
     """
+    data = _task_spelled_out(data)
     _check(data, Scenario, "")
     scenario = _filled(data, Scenario, Scenario())
     if scenario.station not in STATIONS:
@@ -110,6 +112,14 @@ def parse_scenario(data: Mapping[str, Any]) -> Scenario:
     if scenario.duration <= 0:
         raise ScenarioError("duration", f"{scenario.duration} s is not a length of time")
     return typing.cast(Scenario, scenario)
+
+
+def _task_spelled_out(data: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return plain data whose task is a mapping: a list in its place is its steps."""
+    twin = data.get("twin")
+    if not isinstance(twin, Mapping) or not isinstance(twin.get("task"), list):
+        return data
+    return {**data, "twin": {**twin, "task": {"steps": twin["task"]}}}
 
 
 def dump_scenario(scenario: Scenario) -> str:

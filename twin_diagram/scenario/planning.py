@@ -1,7 +1,7 @@
 """What the arm is to do, and tuning of the planner."""
 
 # No `from __future__ import annotations`: Drake's YAML loader reads the fields' types themselves, not strings.
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from twin_diagram.scenario.field_table import document
 from twin_diagram.scenario.models import Pose
@@ -32,14 +32,42 @@ class Planner:
 
 @document
 @dataclass
+class TaskStep:
+    """One step of a task. The tool frame's z axis points along the approach, its y axis along the fingers' opening."""
+
+    kind: str = "reach"
+    """`reach` a pose, `follow` an object, `hold` still, `pick` an object up, `place` what was picked."""
+    object: str = ""
+    """Of the library: what is followed or picked; of `place`, what is held, or nothing."""
+    goal: Pose | None = None
+    """`reach`: X_WG of the tool frame; `follow`: X_OG, the tool frame in the object's; `place`: X_WO, where the object
+    is to stand; `pick`: X_OG of the grasp, none: from above, where the object is narrow; `hold`: none."""
+    position_tolerance: float = 0.01
+    """A goal counts as reached within this [m]."""
+    rotation_tolerance: float = 0.1
+    """The same for its direction [rad]."""
+    time_limit: float = 20.0
+    """Not done for so long the step has failed, and with it the task [s]."""
+    seconds: float = 1.0
+    """How long `follow` and `hold` go on [s]."""
+    tries: int = 2
+    """How often `pick` closes the fingers before it gives up."""
+    force: float = 40.0
+    """What `pick` squeezes with at most, and what the object is held with from there on [N]."""
+
+
+@document
+@dataclass
 class Task:
-    """What the arm is to do."""
+    """What the arm is to do: one goal, or a list of steps, which may also stand in the task's own place."""
 
     X_WG: Pose | None = None
-    """Where the tool frame is to go; none: stay."""
+    """Where the tool frame is to go; none: stay. Not beside `steps`."""
     start: float = 0.5
     """When to set off [s]."""
     position_tolerance: float = 0.01
     """[m]"""
     rotation_tolerance: float = 0.1
     """[rad]"""
+    steps: list[TaskStep] = field(default_factory=list)
+    """One after the other; the first that fails ends the task, with the arm at rest. Empty: `X_WG` is all."""

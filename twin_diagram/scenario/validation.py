@@ -27,9 +27,11 @@ from twin_diagram.scenario import (
     SceneUpdater,
     Slots,
     Task,
+    TaskStep,
     Twin,
 )
 from twin_diagram.scenario.depth_sheets import SHEETS
+from twin_diagram.scenario.task_steps import check_steps
 
 POSITIVE: dict[type, tuple[str, ...]] = {
     Camera: ("width", "height", "focal", "fx", "fy", "rate"),
@@ -55,6 +57,7 @@ POSITIVE: dict[type, tuple[str, ...]] = {
     Registration: ("model_points", "iterations", "reach"),
     SceneUpdater: ("rate", "stale_after", "lost_after"),
     Task: ("position_tolerance", "rotation_tolerance"),
+    TaskStep: ("position_tolerance", "rotation_tolerance", "time_limit", "tries", "force"),
 }
 """Fields that must be above zero, where they are told, by their dataclass."""
 NOT_NEGATIVE: dict[type, tuple[str, ...]] = {
@@ -80,6 +83,7 @@ NOT_NEGATIVE: dict[type, tuple[str, ...]] = {
     ),
     Slots: ("instances", "unknown", "forget_after"),
     Task: ("start",),
+    TaskStep: ("seconds",),
 }
 """Fields that may be zero, but not below."""
 SHARE: dict[type, tuple[str, ...]] = {
@@ -97,6 +101,7 @@ def check_twin(twin: Twin) -> None:
         ScenarioError: a number that cannot be, or a list of another length; it names the field.
     """
     _walk(twin, "twin")
+    check_steps(twin.task, twin.library)
     _corners(twin.perception.workspace, "twin.perception.workspace")
     if twin.healing is not None:
         _healing(twin.healing, "twin.healing")

@@ -30,6 +30,8 @@ class WorldObject:
     """Its true pose at the start [m]."""
     path: list[WayPoint] = field(default_factory=list)
     """Empty: it lies free on the table. Otherwise it is pushed along (x, y and yaw only)."""
+    mass: float | None = None
+    """Its true mass [kg], not below that of its asset's model; none: that. What is added is spread as the rest is."""
     reflective: bool = False
     """Whether a camera with `reflective_lost` and `reflective_deep` in its defects has trouble with its surface."""
 

@@ -139,6 +139,20 @@ def along_with(life: Array, filter_: Array, tool: Tool, radius: float) -> Array:
     return after
 
 
+def gripped(life: Array, X_TO: Array, tool: Tool) -> Array:
+    """Return the life of an object that the fingers hold: no image of its old place makes it gone.
+
+    Args:
+        life: (LIFE_SIZE,).
+        X_TO: (7) its pose in the tool's frame.
+        tool: now.
+    """
+    after = life.copy()
+    after[LifeLayout.EMPTY], after[LifeLayout.GONE_SINCE], after[LifeLayout.HELD] = 0.0, NEVER, 1.0
+    after[LifeLayout.X_TO], after[LifeLayout.X_WO] = X_TO, with_tool(X_TO, tool.pose)
+    return after
+
+
 def in_tool(pose: Array, tool: Array) -> Array:
     """Return X_TO (7) of an object at X_WO (7) beside a tool at X_WT (7)."""
     turn = rotations.matrix(tool[:4])

@@ -121,7 +121,7 @@ def update(
     )
     mode = filter_[FilterLayout.MODE]
     if mode == Mode.NONE or time - filter_[FilterLayout.LAST_SEEN] > tuning.lost_after:
-        return _started(time, pose, noise)
+        return at_rest(time, pose, noise)
 
     belief = propagate(filter_[None], time, tuning)
     predicted, velocity, covariance = belief.poses[0], belief.velocities[0], belief.covariances[0]
@@ -169,15 +169,15 @@ def moved(pose: Array, perturbation: Array) -> Array:
     return np.concatenate([q, pose[4:] + perturbation[3:]])
 
 
-def _started(time: float, pose: Array, noise: Array) -> Array:
-    """Return a filter on its first measurement, at rest."""
+def at_rest(time: float, pose: Array, covariance: Array) -> Array:
+    """Return the filter (FILTER_SIZE,) of an object that rests since a time [s] at a pose (7) known by (6, 6)."""
     after = initial_filters(1)[0]
     after[FilterLayout.MODE] = Mode.REST
     after[FilterLayout.LAST_SEEN] = time
     after[FilterLayout.POSE] = pose
-    covariance = np.zeros((12, 12))
-    covariance[:6, :6] = noise
-    after[FilterLayout.COVARIANCE] = covariance.ravel()
+    whole = np.zeros((12, 12))
+    whole[:6, :6] = covariance
+    after[FilterLayout.COVARIANCE] = whole.ravel()
     return after
 
 
@@ -248,7 +248,7 @@ def _surprised(
     if after[FilterLayout.REJECTED] < needed:
         return after
 
-    after = _started(time, pose, noise)
+    after = at_rest(time, pose, noise)
     learnt = slice(FilterLayout.NOISE_SCALE, FilterLayout.NOISE_COUNT + 1)
     after[learnt] = filter_[learnt]
     after[FilterLayout.MODE] = Mode.MOVING

@@ -15,6 +15,7 @@ from twin_diagram.scene import object_events, object_filter, object_life, object
 from twin_diagram.scene.object_filter import FilterLayout
 from twin_diagram.scene.object_life import LifeLayout
 from twin_diagram.scene.twin_scene import TwinScene, parked_poses
+from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.calibration_error import (
     CALIBRATION_SIZE,
@@ -23,6 +24,7 @@ from twin_diagram.signals.calibration_error import (
     pose_shifts,
     shared_covariances,
 )
+from twin_diagram.signals.hand import HAND_SIZE, NOTHING, Hand
 from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER, TRACK_SIZE, ObjectStatus, PoseMeasurement
 from twin_diagram.signals.things import FURTHER_MEASUREMENT_SIZE, FURTHER_TRACK_SIZE, OWNER_SIZE, THING_SIZE
 
@@ -41,6 +43,7 @@ class SceneGraphUpdater(LeafSystem):
         - further_poses (optional)
         - things (optional)
         - calibration (optional)
+        - hand (optional)
         output_ports:
         - positions
         - tracks
@@ -57,6 +60,8 @@ class SceneGraphUpdater(LeafSystem):
         things: (T · THING_SIZE) of unknown things: for the events alone.
         calibration: (10 + 100) errors of the camera's calibration that are taken out of what it shows, and their
             covariance; see `signals.calibration_error`. Not connected: none are, and what is told of them counts.
+        hand: (HAND_SIZE) what the hand holds is held, whatever images show; let go, it rests where the hand left it.
+            See `signals.hand`. Not connected: what goes along with the tool is taken for held.
         positions: (nq) of `TwinScene.plant` at the present time; objects not yet seen, and those that are gone, wait
             out of sight.
         tracks: (K · TRACK_SIZE) a `layouts.Track` per library object, at the present time.
@@ -116,6 +121,7 @@ class SceneGraphUpdater(LeafSystem):
         self._further_in = self.DeclareVectorInputPort("further_poses", self._further * FURTHER_MEASUREMENT_SIZE)
         self._things_in = self.DeclareVectorInputPort("things", self._things * THING_SIZE)
         self._calibration_in = self.DeclareVectorInputPort("calibration", CALIBRATION_SIZE)
+        self._hand_in = self.DeclareVectorInputPort("hand", HAND_SIZE)
         rows = self._count + self._further
         self._filters = self.DeclareDiscreteState(cast(Any, object_filter.initial_filters(rows).ravel()))
         names = np.r_[np.arange(1.0, self._count + 1.0), np.zeros(self._further)]
@@ -125,6 +131,7 @@ class SceneGraphUpdater(LeafSystem):
         told = np.r_[np.zeros(SIZE), np.diag(self._doubt.variances).ravel()]
         self._corrected = self.DeclareDiscreteState(cast(Any, told))
         self._events = self.DeclareDiscreteState(cast(Any, object_events.empty_ring()))
+        self._grip = self.DeclareDiscreteState(cast(Any, Hand().pack()))
         now = {self.time_ticket(), self.xd_ticket()}
         joints = {self.input_port_ticket(port.get_index()) for port in (self._arm_in, self._gripper_in)}
         self.DeclareVectorOutputPort("positions", scene.plant.num_positions(), self._calc_positions, now | joints)
@@ -152,22 +159,49 @@ class SceneGraphUpdater(LeafSystem):
                 assets[k] = whose[k, 1]
         used = np.maximum(filters[:, FilterLayout.LAST_SEEN], filters[:, FilterLayout.REMEMBERED_TIME])
         fresh = np.flatnonzero((measured[:, 0] > 0) & (measured[:, 1] > used))
-        tool = self._tool(context) if fresh.size or lives[:, LifeLayout.HELD].any() else None
+        hand = Hand.unpack(np.array(self._hand_in.Eval(context))) if self._hand_in.HasValue(context) else None
+        gripped = hand is not None and hand.held != NOTHING
+        tool = self._tool(context) if fresh.size or gripped or lives[:, LifeLayout.HELD].any() else None
         for k in fresh:
             measurement, kind = PoseMeasurement.unpack(measured[k]), int(assets[k])
             if lives[k, LifeLayout.GONE_SINCE] >= 0.0 and object_update.usable(measurement, NEVER, now):
                 filters[k] = object_filter.initial_filters(1)[0]  # it is back, wherever it was
             symmetric = bool(self._scene.symmetry_axes_O[kind, 2] != 0)
             filters[k] = object_update.update(filters[k], measurement, now, self._tuning, symmetric)
-            if tool is not None:
+            if tool is not None and hand is None:
                 lives[k] = object_life.along_with(lives[k], filters[k], tool, float(self._scene.radii[kind]))
         for k in np.flatnonzero(lives[:, LifeLayout.HELD]) if tool is not None else ():
             lives[k, LifeLayout.X_WO] = object_life.with_tool(lives[k, LifeLayout.X_TO], tool.pose)  # type: ignore[union-attr]
         for k in np.flatnonzero(np.isfinite(measured[:, 0]) & (measured[:, 1] <= now + 1e-9)):
             lives[k] = object_life.after_image(lives[k], float(measured[k, 0]), float(measured[k, 1]))
+        if hand is not None and tool is not None:
+            self._heed(context, discrete, hand, tool, filters, lives)
         for state, rows in ((self._filters, filters), (self._lives, lives), (self._assets, assets)):
             discrete.set_value(int(state), cast(Any, rows.ravel()))
         self._note(context, discrete, filters, lives, assets)
+
+    def _heed(
+        self,
+        context: Context,
+        discrete: DiscreteValues,
+        hand: Hand,
+        tool: object_life.Tool,
+        filters: Array,
+        lives: Array,
+    ) -> None:
+        """Take what is told of the hand into filters and lives."""
+        before = Hand.unpack(np.asarray(context.get_discrete_state(int(self._grip)).value()))
+        now = context.get_time()
+        if before.held != NOTHING and before.held != hand.held:
+            k = before.held
+            pose_, covariance = object_life.with_tool(before.X_TO, tool.pose), before.covariance
+            R = np.kron(np.eye(2), rotations.matrix(tool.pose[:4]))
+            lives[k, LifeLayout.HELD] = 0.0
+            if hand.touched == k:  # let go on purpose; where it went otherwise is for images to tell
+                filters[k] = object_update.at_rest(now, pose_, R @ covariance @ R.T)
+        if hand.held != NOTHING:
+            lives[hand.held] = object_life.gripped(lives[hand.held], hand.X_TO, tool)
+        discrete.set_value(int(self._grip), cast(Any, hand.pack()))
 
     def _follow_calibration(self, context: Context, discrete: DiscreteValues, filters: Array) -> Array:
         """Return filters moved as the calibration was corrected since the tick before: the objects stood still."""

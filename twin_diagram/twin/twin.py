@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import ConstantVectorSource
 
 from twin_diagram import scenario
@@ -26,16 +26,18 @@ from twin_diagram.model.model import Model
 from twin_diagram.perception.registration.pose_system import IcpPoseEstimator
 from twin_diagram.perception.segmentation.segmentation_system import PerceptionSystem
 from twin_diagram.planning.mpc_system import Mpc
-from twin_diagram.scenario import poses
+from twin_diagram.planning.tasks.task_system import TaskRunner
 from twin_diagram.scenario.lenses import calibration_error
 from twin_diagram.scenario.resources import resolve
 from twin_diagram.scenario.validation import check_twin
 from twin_diagram.scene import object_events
 from twin_diagram.scene.twin_scene import TwinScene, add_twin_scene
 from twin_diagram.scene.updater_system import SceneGraphUpdater
+from twin_diagram.signals.hand import HAND_SIZE
 from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER, POSE_SIZE, TRACK_SIZE
 from twin_diagram.signals.things import FURTHER_TRACK_SIZE, THING_SIZE
 from twin_diagram.station import ports
+from twin_diagram.twin.acting import add_task, connect_task, export_acting
 from twin_diagram.twin.arm_sensing.camera_calibrator import add_calibrator
 from twin_diagram.twin.fused_sensors import Fused, export, fused_sensors
 from twin_diagram.twin.health import HealthMonitor
@@ -68,6 +70,7 @@ class TwinDiagram:
         ekf, drift, mpc: the systems that use the model; a corrected one reaches them as `ModelUser` says. `mpc` is None
             where a controller of the user's own stands in its place.
         health: the system that says what the twin lacks.
+        runner: the system that runs the steps of its task; None where it has none.
     """
 
     diagram: Diagram
@@ -81,6 +84,7 @@ class TwinDiagram:
     drift: DriftMonitor
     mpc: Mpc | None
     health: HealthMonitor
+    runner: TaskRunner | None
 
     @property
     def _model_users(self) -> list[AdaptiveEkf | DriftMonitor | Mpc]:
@@ -119,6 +123,12 @@ class TwinDiagram:
         """Return what happened to objects and things, oldest first: time [s], event, object."""
         ring = np.asarray(self.diagram.GetOutputPort("object_events").Eval(context))
         return object_events.told(ring, self.scene.object_names)
+
+    def step_events(self, context: Context) -> list[dict[str, Any]]:
+        """Return what happened to the task's steps, oldest first: see `planning.tasks.step_state.told`."""
+        if self.runner is None:
+            return []
+        return self.runner.told(self.diagram.GetSubsystemContext(self.runner, context))
 
     def alarms(self, context: Context) -> list[dict[str, Any]]:
         """Return what the drift monitor raised, oldest first, with evidence: see `estimation.drift.alarm_events`."""
@@ -171,27 +181,28 @@ def make_twin(
     moves: System = mpc or controller  # type: ignore[assignment]  # one of them is there
     _check_controller(moves, len(model.joints), len(library), len(parameter_names), twin.slots)
     builder.AddNamedSystem("mpc" if mpc else "controller", moves)
-    goal = builder.AddNamedSystem("goal", ConstantVectorSource(goal_vector(twin.task)))
+    goal, runner = add_task(builder, twin, model, library, scene)
     health = builder.AddNamedSystem("health_monitor", HealthMonitor(twin))
-    _take_measurements(builder, ekf, drift, moves, health)
+    _take_measurements(builder, ekf, drift, moves, health, runner)
+    connect_task(builder, runner, ekf, updater, moves)
     watched = ("arm_state", "parameters", "innovation", "nis", *(["sensor_tracks"] if fused else []))
     _connect(builder, ekf, drift, *watched)
     _connect(builder, drift, ekf, "alarm")
     _connect(builder, ekf, updater, "arm_state")
     _connect_controller(builder, ekf, updater, goal, moves, health)
     _connect(builder, updater, health, "tracks")
-    _add_sight(builder, twin, library, packages, ekf, updater, health, moves, perception)
+    _add_sight(builder, twin, library, packages, ekf, updater, health, moves, perception, runner)
     _named("twin.filter.sensors", lambda: export(builder, ekf, fused, twin, model, packages))
 
     _export_commands(builder, moves, len(model.joints))
-    _connect_gripper_and_goal(builder, scene, updater, goal)
+    export_acting(builder, goal, scene, updater, runner)
     _export_beliefs(builder, ekf, drift, updater, moves, health)
     builder.ExportOutput(scene.query_output, "query_object")
     diagram = builder.Build()
     diagram.set_name("twin")
     mass_index = parameter_names.index(MASS) if MASS in parameter_names else None
     return TwinDiagram(
-        diagram, model, library, scene, parameter_names, mass_index, tuple(fused), ekf, drift, mpc, health
+        diagram, model, library, scene, parameter_names, mass_index, tuple(fused), ekf, drift, mpc, health, runner
     )
 
 
@@ -220,6 +231,7 @@ def _model(twin: scenario.Twin, packages: Packages | None) -> Model:
 def _check_controller(system: System, n: int, objects: int, parameters: int, slots: scenario.Slots) -> None:
     """Refuse a controller of n joints that does not fit; raises TwinError."""
     beside = {"further_tracks": FURTHER_TRACK_SIZE * slots.further(objects), "things": THING_SIZE * slots.unknown}
+    beside["hand"] = HAND_SIZE
     arm = dict.fromkeys(("position_measured", "velocity_estimated", "torque_measured"), n)
     inputs = {"arm_state": 2 * n, "tracks": TRACK_SIZE * objects, "parameters": parameters, "goal": POSE_SIZE}
     inputs |= beside
@@ -231,7 +243,7 @@ def _connect_controller(
     builder: DiagramBuilder,
     ekf: AdaptiveEkf,
     updater: SceneGraphUpdater,
-    goal: ConstantVectorSource,
+    goal: OutputPort,
     controller: System,
     health: HealthMonitor,
 ) -> None:
@@ -239,7 +251,7 @@ def _connect_controller(
     _connect(builder, ekf, controller, *inputs_of(controller, ("arm_state", "parameters")))
     _connect(builder, updater, controller, *inputs_of(controller, ("tracks", "further_tracks")))
     if controller.HasInputPort("goal"):
-        builder.Connect(goal.get_output_port(), controller.GetInputPort("goal"))
+        builder.Connect(goal, controller.GetInputPort("goal"))
     if controller.HasOutputPort("reach"):
         _connect(builder, controller, health, "reach")
 
@@ -261,9 +273,14 @@ def _connect(builder: DiagramBuilder, source: System, to: System, *names: str) -
 
 
 def _take_measurements(
-    builder: DiagramBuilder, ekf: AdaptiveEkf, drift: DriftMonitor, controller: System, health: HealthMonitor
+    builder: DiagramBuilder,
+    ekf: AdaptiveEkf,
+    drift: DriftMonitor,
+    controller: System,
+    health: HealthMonitor,
+    runner: TaskRunner | None,
 ) -> None:
-    """Let the arm's messages into filter, monitors and controller, under the station's names."""
+    """Let the arm's messages into filter, monitors, controller and task, under the station's names."""
     measured = {
         ports.POSITION_MEASURED: "position_measured",
         ports.VELOCITY_ESTIMATED: "velocity_estimated",
@@ -272,8 +289,8 @@ def _take_measurements(
     }
     for name, port in measured.items():
         builder.ExportInput(ekf.GetInputPort(port), name)
-        for system in (drift, controller, health):
-            if system.HasInputPort(port):
+        for system in (drift, controller, health, runner):
+            if system is not None and system.HasInputPort(port):
                 builder.ConnectInput(name, system.GetInputPort(port))
 
 
@@ -287,6 +304,7 @@ def _add_sight(
     health: HealthMonitor,
     moves: System,
     own: System | None,
+    runner: TaskRunner | None,
 ) -> None:
     """Add what leads from the camera to the scene; without a camera, what says that nothing was seen."""
     if twin.camera is None:
@@ -323,7 +341,8 @@ def _add_sight(
         _connect(builder, ekf, calibrator, "arm_state")
         for user in (first, updater):
             _connect(builder, calibrator, user, "calibration")
-    _connect(builder, last, updater, "object_poses")
+    for user in (updater, *([] if runner is None else [runner])):
+        _connect(builder, last, user, "object_poses")
     builder.ExportOutput(last.GetOutputPort("object_poses"), "object_poses")
     # What a user's own perception does not tell of, there is none of.
     for name, systems in (("further_poses", (updater,)), ("things", (updater, moves)), ("turned_away", (health,))):
@@ -331,19 +350,6 @@ def _add_sight(
             for system in systems:
                 _connect(builder, last, system, *inputs_of(system, (name,)))
             builder.ExportOutput(last.GetOutputPort(name), name)
-
-
-def _connect_gripper_and_goal(
-    builder: DiagramBuilder, scene: TwinScene, updater: SceneGraphUpdater, goal: ConstantVectorSource
-) -> None:
-    """Show the goal, take in where the fingers are, and command them to stay as the description has them."""
-    if scene.gripper_position_index.size:
-        builder.ExportInput(updater.GetInputPort("gripper_state"), ports.GRIPPER_MEASURED)
-    builder.ExportOutput(goal.get_output_port(), "goal")
-    fingers = scene.default_positions[scene.gripper_position_index]
-    if fingers.size:
-        grip = builder.AddNamedSystem("gripper_command", ConstantVectorSource(fingers))
-        builder.ExportOutput(grip.get_output_port(), ports.GRIPPER_COMMANDED)
 
 
 def _export_beliefs(
@@ -364,14 +370,6 @@ def _export_beliefs(
     ):
         for name in names:
             builder.ExportOutput(system.GetOutputPort(name), "plan" if system is controller else name)
-
-
-def goal_vector(task: scenario.Task) -> np.ndarray:
-    """Return X_WG as (qw, qx, qy, qz, px, py, pz); zeros where there is no goal."""
-    if task.X_WG is None:
-        return np.zeros(POSE_SIZE)
-    X_WG = poses.pose(task.X_WG)
-    return np.concatenate([X_WG.rotation().ToQuaternion().wxyz(), X_WG.translation()])
 
 
 def _check_fixtures(twin: scenario.Twin, packages: Packages | None) -> None:

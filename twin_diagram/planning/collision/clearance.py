@@ -100,12 +100,14 @@ class Clearance:
         back[order] = np.arange(len(order))
         self.chain = chain
         self.bodies = tuple(bodies)
+        self._balls = balls
         self._centres_L, self._radii = balls.centres_L[order], balls.radii[order]
         self._links, self._groups = balls.links[order], balls.groups[order]
         self._slices = [(k, slice(*np.searchsorted(self._links, [k, k + 1]))) for k in range(1, chain.size + 1)]
         self._group_count = int(self._groups.max()) + 1
         if ignored is None:
             ignored = np.zeros((chain.size + 1, len(bodies)), dtype=bool)
+        self._ignored = ignored
         self._all = np.arange(len(self._radii))
         self._counted = [np.flatnonzero(~ignored[self._links, b]) for b in range(len(bodies))]
         self._prepare_self(back[balls.pairs])
@@ -131,6 +133,34 @@ class Clearance:
         """Forget pairs of parts of the arm, a bool for each of `group_pairs`."""
         self._group_pairs = self._group_pairs[~drop]
         self._pair_start, self._pair_count = self._pair_start[~drop], self._pair_count[~drop]
+
+    def carrying(self, more: Balls, last: int, unseen_by: Sequence[int] = ()) -> Clearance:
+        """Return the same for an arm that carries something, which is kept clear of the arm's own links, too.
+
+        Args:
+            more: what is carried; its groups and pairs do not count.
+            last: it is kept clear of the arm's links up to this one.
+            unseen_by: bodies that it may touch.
+        """
+        own, count = self._balls, len(self._balls.radii)
+        group = self._group_count
+        carried = np.arange(count, count + len(more.radii))
+        pairs = [(i, j) for i in np.flatnonzero(own.links <= last) for j in carried]
+        joined = Balls(
+            np.concatenate([own.centres_L, more.centres_L]),
+            np.concatenate([own.radii, more.radii]),
+            np.concatenate([own.links, more.links]),
+            np.concatenate([own.groups, np.full(len(more.radii), group)]),
+            np.concatenate([own.pairs, np.array(pairs, dtype=int).reshape(-1, 2)]),
+        )
+        result = Clearance(self.chain, joined, self.bodies, self._ignored)
+        kept = {tuple(pair) for pair in self._group_pairs.tolist()}
+        drop = [group not in pair and tuple(pair) not in kept for pair in result.group_pairs.tolist()]
+        result.drop_group_pairs(np.array(drop, dtype=bool))
+        for b in unseen_by:
+            counted = result._counted[b]
+            result._counted[b] = counted[result._groups[counted] != group]
+        return result
 
     @property
     def group_pairs(self) -> Ints:

@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path as FilePath
 
+import numpy as np
 from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
 from pydrake.multibody.plant import (
     AddMultibodyPlantSceneGraph,
     DiscreteContactApproximation,
     MultibodyPlant,
 )
-from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex, RigidBody
+from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex, RigidBody, SpatialInertia
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 
@@ -144,7 +145,22 @@ def _add_object(plant: MultibodyPlant, name: str, spec: WorldObject, scenario: S
         raise AssetError(f"world.objects.{name}.asset: {error}") from error
     if len(instances) != 1 or not plant.HasBodyNamed("object", instances[0]):
         raise AssetError(f"world.objects.{name}.asset: {file} is not one model with one link called `object`")
-    return plant.GetBodyByName("object", instances[0])
+    body = plant.GetBodyByName("object", instances[0])
+    if spec.mass is not None:
+        _make_heavier(plant, body, spec.mass, f"world.objects.{name}.mass")
+    return body
+
+
+def _make_heavier(plant: MultibodyPlant, body: RigidBody, mass: float, field: str) -> None:
+    """Weld to a body what it lacks of a mass [kg], with the same middle and gyration."""
+    own = body.default_spatial_inertia()
+    more = mass - own.get_mass()
+    if not (np.isfinite(mass) and more >= 0.0):
+        raise ScenarioError(field, f"{mass} kg is less than the asset's own, {own.get_mass():g} kg")
+    if more > 0.0:
+        inertia = SpatialInertia(more, own.get_com(), own.get_unit_inertia())
+        load = plant.AddRigidBody("load", body.model_instance(), inertia)
+        plant.WeldFrames(body.body_frame(), load.body_frame())
 
 
 def object_model(name: str, spec: WorldObject, scenario: Scenario) -> FilePath:

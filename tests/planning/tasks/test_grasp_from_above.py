@@ -1,0 +1,83 @@
+"""Grasps from above: over the middle, across a side that fits, with the hand turned no more than need be."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from tests.planning.tasks.small_world import COVARIANCE, DOWN, pose
+from twin_diagram.planning.tasks.grasp_from_above import TUNING, centred, grasps_from_above
+from twin_diagram.signals import rotations
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.pose_vectors import compose, errors
+
+NONE = np.zeros((0, 3))
+
+
+def box(x: float, y: float, z: float) -> tuple[Array, ...]:
+    return (np.array([[i * x / 2, j * y / 2, k * z / 2] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]),)
+
+
+def turned(angle: float, x: float = 0.4, y: float = 0.2, z: float = 0.1) -> Array:
+    return pose(x, y, z, np.array([np.cos(angle / 2), 0, 0, np.sin(angle / 2)]))
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.3, -1.2, 2.0])
+def test_a_box_that_fits_one_way_is_taken_that_way(yaw: float) -> None:
+    """0.12 m by 0.05 m between fingers that open by 0.08 m: across the short side, from above, over the middle."""
+    X_WO = turned(yaw)
+    found = grasps_from_above(box(0.12, 0.05, 0.1), X_WO, 0.08, DOWN, NONE)
+    assert len(found)
+    R_WO = rotations.matrix(X_WO[:4])
+    for X_WG in found:
+        R_WG = rotations.matrix(X_WG[:4])
+        np.testing.assert_allclose(R_WG[:, 2], [0, 0, -1], atol=1e-9)
+        assert np.linalg.det(R_WG) == pytest.approx(1.0)
+        width = np.ptp(box(0.12, 0.05, 0.1)[0] @ R_WO.T @ R_WG[:, 1])
+        assert width < 0.08 - TUNING.spare
+        np.testing.assert_allclose(X_WG[4:6], X_WO[4:6], atol=1e-9)
+    assert abs(rotations.matrix(found[0][:4])[:, 1] @ R_WO[:, 1]) == pytest.approx(1.0), "square to the sides"
+
+
+def test_the_hand_turns_no_more_than_need_be() -> None:
+    pieces = box(0.05, 0.05, 0.1)
+    for heading in (0.1, 1.5, 3.0, -2.0):
+        near = Rotation.from_euler("z", heading) * Rotation.from_quat(DOWN[[1, 2, 3, 0]])
+        q = near.as_quat()[[3, 0, 1, 2]]
+        first = grasps_from_above(pieces, turned(0.0), 0.08, q, NONE)[0]
+        assert errors(pose(0, 0, 0, q), first)[1] < np.pi / 4 + 1e-9
+
+
+def test_how_deep_depends_on_how_tall_it_is() -> None:
+    for height, above_bottom in ((0.2, 0.2 - TUNING.depth), (0.06, 0.03), (0.03, 0.015), (0.045, TUNING.bottom)):
+        X_WG = grasps_from_above(box(0.05, 0.05, height), turned(0.0, z=height / 2), 0.08, DOWN, NONE)[0]
+        assert X_WG[6] == pytest.approx(above_bottom)
+
+
+def test_too_wide_is_none_and_just_narrow_enough_is_one() -> None:
+    for width, count in ((0.0725, 0), (0.0715, 2)):
+        found = grasps_from_above(box(width, width, 0.1), turned(0.0), 0.08, DOWN, NONE)
+        assert len(found) >= count and bool(len(found)) == bool(count)
+
+
+def test_the_fingers_come_down_where_no_neighbour_is() -> None:
+    """The present turn of the hand would put a finger onto the neighbour; a quarter turn more is free of it."""
+    pieces = box(0.05, 0.05, 0.1)
+    neighbour = np.array([[0.4, 0.29, 0.03]])
+    free = grasps_from_above(pieces, turned(0.0), 0.08, DOWN, NONE)[0]
+    beside = grasps_from_above(pieces, turned(0.0), 0.08, DOWN, neighbour)[0]
+    closing = [abs(rotations.matrix(X[:4])[:, 1]) for X in (free, beside)]
+    assert closing[0][1] > 0.9 and closing[1][0] > 0.9
+
+
+def test_fingers_tell_where_the_middle_is() -> None:
+    """Off its origin, as a body beside its frame is; what y was correlated with moves along in certainty only."""
+    pieces = (box(0.04, 0.06, 0.1)[0] + np.array([0.0, 0.01, 0.0]),)
+    X_TO = compose(pose(0, 0, 0), pose(0.001, 0.004, 0.02))
+    after, covariance = centred(X_TO, COVARIANCE, pieces, 0.001)
+    np.testing.assert_allclose(after, [1, 0, 0, 0, 0.001, -0.01, 0.02])
+    expected = COVARIANCE.copy()
+    expected[4, 4] = 4e-6 * 1e-6 / (4e-6 + 1e-6)
+    np.testing.assert_allclose(covariance, expected)
+    np.testing.assert_allclose(X_TO[4:], [0.001, 0.004, 0.02])

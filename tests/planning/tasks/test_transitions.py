@@ -1,0 +1,347 @@
+"""Steps one by one: what they wait for, what they want, what they do when it does not come."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.planning.tasks.small_world import BOX, COVARIANCE, DOWN, TICK, SmallWorld, pose, step
+from twin_diagram.planning.tasks.step_ends import TUNING
+from twin_diagram.planning.tasks.step_state import NOTE_FIELDS, Note, Phase, TaskOutcome, TaskState, Why
+from twin_diagram.planning.tasks.step_view import Takeable
+from twin_diagram.signals.hand import NOTHING
+from twin_diagram.signals.layouts import ObjectStatus
+from twin_diagram.signals.pose_vectors import compose, errors
+
+GOAL = pose(0.5, -0.2, 0.3, DOWN)
+PLACE = pose(0.4, -0.3, 0.05)
+PICK_AND_PLACE = (step("pick"), step("place", PLACE))
+
+
+def notes(state: TaskState) -> list[tuple[int, Note, Why]]:
+    rows = state.notes.reshape(-1, NOTE_FIELDS)
+    return [(int(n), Note(int(note)), Why(int(why))) for time, n, note, why in rows if time >= 0]
+
+
+# Reach and hold.
+
+
+def test_steps_follow_one_another_and_end_at_rest() -> None:
+    world = SmallWorld((step("reach", GOAL), step("hold", seconds=0.5)))
+    state = world.until(Phase.MOVE)
+    np.testing.assert_array_equal(state.goal, GOAL)
+    state = world.until(Phase.HOLD)
+    assert not state.goal.any()
+    begun = world.now
+    state = world.run()
+    assert state.outcome is TaskOutcome.DONE and state.step == 2 and not state.goal.any()
+    assert world.now - begun == pytest.approx(0.5, abs=2 * TICK)
+    assert notes(state) == [
+        (0, Note.STARTED, Why.NONE), (0, Note.DONE, Why.NONE), (1, Note.STARTED, Why.NONE), (1, Note.DONE, Why.NONE),
+    ]  # fmt: skip
+    assert world.tick() is state, "over is over"
+
+
+@pytest.mark.parametrize(
+    ("off", "turn", "speed", "there"),
+    [
+        (0.009, 0.0, 0.0, True),
+        (0.011, 0.0, 0.0, False),
+        (0.0, 0.09, 0.0, True),
+        (0.0, 0.11, 0.0, False),
+        (0.0, 0.0, 0.02, False),
+    ],
+)
+def test_a_goal_is_reached_within_its_tolerances_at_rest(off: float, turn: float, speed: float, there: bool) -> None:
+    world = SmallWorld((step("reach", GOAL),), frozen=True, speed=speed)
+    world.X_WT = compose(GOAL, np.array([np.cos(turn / 2), 0, 0, np.sin(turn / 2), off, 0, 0]))
+    while world.now < TUNING.settled + 5 * TICK:
+        world.tick()
+    assert (world.state.outcome is TaskOutcome.DONE) == there
+
+
+def test_near_for_long_is_as_good_as_there_but_far_is_not() -> None:
+    for off, outcome in ((0.018, TaskOutcome.DONE), (0.022, TaskOutcome.RUNNING)):
+        world = SmallWorld((step("reach", GOAL),), frozen=True)
+        world.X_WT = GOAL + np.array([0, 0, 0, 0, off, 0, 0])
+        while world.now < TUNING.late + 5 * TICK:
+            world.tick()
+        assert world.state.outcome is outcome
+
+
+def test_the_time_limit_ends_step_and_task() -> None:
+    world = SmallWorld((step("reach", GOAL, time_limit=2.0), step("hold")), frozen=True)
+    state = world.run()
+    assert (state.outcome, state.why, state.phase, state.step) == (TaskOutcome.FAILED, Why.TIME_LIMIT, Phase.REST, 0)
+    assert not state.goal.any(), "a failed step leaves the arm at rest"
+    assert world.now == pytest.approx(2.0, abs=3 * TICK)
+    assert notes(state)[-1] == (0, Note.FAILED, Why.TIME_LIMIT)
+
+
+def test_a_goal_out_of_reach_is_given_up() -> None:
+    world = SmallWorld((step("reach", GOAL),), frozen=True, reach=0.0)
+    state = world.run()
+    assert (state.outcome, state.why) == (TaskOutcome.FAILED, Why.OUT_OF_REACH)
+    assert world.now == pytest.approx(TUNING.patience, abs=3 * TICK)
+
+
+# Follow.
+
+
+def test_what_moves_is_followed_for_a_time() -> None:
+    X_OG = pose(0.0, 0.0, 0.2, DOWN)
+    world = SmallWorld((step("follow", X_OG, seconds=2.0),))
+    world.until(Phase.FOLLOW)
+    while world.now < 1.0:
+        world.X_WO[4] += 0.1 * TICK
+        state = world.tick()
+        assert errors(state.goal, compose(world.X_WO, X_OG))[0] < TUNING.follow_step + 1e-9
+    turned = np.array([np.cos(0.2), 0, 0, np.sin(0.2), 0, 0, 0])
+    world.X_WO = compose(world.X_WO, turned)
+    assert errors(world.tick().goal, compose(world.X_WO, X_OG))[1] < TUNING.follow_turn
+    small = world.state.goal
+    world.X_WO[4] += 0.5 * TUNING.follow_step
+    assert world.tick().goal is small, "a search for joint goals is not made for noise"
+    assert world.run().outcome is TaskOutcome.DONE
+    assert world.now == pytest.approx(2.0, abs=3 * TICK)
+
+
+def test_a_target_that_is_lost_leaves_the_arm_at_rest_until_it_is_seen() -> None:
+    world = SmallWorld((step("follow", pose(0, 0, 0.2, DOWN), seconds=3.0),))
+    world.until(Phase.FOLLOW)
+    world.status = ObjectStatus.STALE
+    state = world.until(Phase.WAIT)
+    assert not state.goal.any()
+    world.status = ObjectStatus.MOVING
+    state = world.until(Phase.FOLLOW)
+    assert [note for _, note, _ in notes(state)] == [Note.STARTED, Note.WAITS, Note.RESUMED]
+    world.status = ObjectStatus.LOST
+    state = world.run()
+    assert (state.outcome, state.why) == (TaskOutcome.FAILED, Why.TARGET_LOST)
+    assert not state.goal.any()
+    assert world.now - state.notes[-2 * NOTE_FIELDS] == pytest.approx(TUNING.lost, abs=3 * TICK)
+
+
+def test_what_was_never_seen_is_waited_for_until_the_time_limit() -> None:
+    world = SmallWorld((step("follow", pose(0, 0, 0.2, DOWN), time_limit=4.0),), status=ObjectStatus.UNSEEN)
+    state = world.run()
+    assert state.outcome is TaskOutcome.FAILED and world.now == pytest.approx(4.0, abs=3 * TICK)
+
+
+# Pick and place.
+
+
+def test_pick_and_place_goes_through_its_phases_and_puts_it_where_it_belongs() -> None:
+    world = SmallWorld(PICK_AND_PLACE)
+    state = world.run()
+    assert state.outcome is TaskOutcome.DONE
+    assert [phase.name for phase in world.phases] == [
+        "LOOK", "APPROACH", "DESCEND", "CLOSE", "LIFT", "CARRY", "LOWER", "OPEN", "RETREAT", "REST",
+    ]  # fmt: skip
+    off, angle = errors(world.X_WO, PLACE)
+    assert off < TUNING.drop + 1e-3 and angle < 1e-6
+    assert [note for n, note, _ in notes(state)] == [
+        Note.STARTED, Note.GRASPED, Note.DONE, Note.STARTED, Note.RELEASED, Note.DONE,
+    ]  # fmt: skip
+    assert state.hand.held == state.hand.touched == NOTHING
+
+
+def test_the_approach_comes_from_above_with_open_fingers() -> None:
+    world = SmallWorld((step("pick"),))
+    state = world.until(Phase.APPROACH)
+    assert world.opening == 0.08 and state.force == 30.0
+    above = state.goal[4:] - state.grasp[4:]
+    np.testing.assert_allclose(above, [0, 0, TUNING.above], atol=1e-9)
+    assert state.hand.touched == NOTHING, "on the way there it is an obstacle like any other"
+    state = world.until(Phase.DESCEND)
+    assert state.hand.touched == 0 and state.hand.held == NOTHING
+    np.testing.assert_array_equal(state.goal, state.grasp)
+
+
+def test_nobody_reaches_down_with_fingers_half_open() -> None:
+    world = SmallWorld((step("pick", time_limit=3.0),), stuck=0.06)
+    state = world.run()
+    assert world.phases == [Phase.LOOK, Phase.APPROACH, Phase.REST]
+    assert state.why is Why.TIME_LIMIT
+    holding = SmallWorld(PICK_AND_PLACE)
+    holding.until(Phase.OPEN)
+    holding.stuck = 0.06
+    assert holding.run().why is Why.TIME_LIMIT
+
+
+def test_the_object_is_an_obstacle_again_once_the_fingers_are_off_it() -> None:
+    world = SmallWorld(PICK_AND_PLACE)
+    world.until(Phase.RETREAT)
+    world.frozen = True
+    for risen, done in ((0.9 * TUNING.away, False), (1.1 * TUNING.away, True)):
+        world.X_WT = world.state.grasp + np.array([0, 0, 0, 0, 0, 0, risen])
+        state = world.tick()
+        assert (state.outcome is TaskOutcome.DONE) == done
+        assert (state.hand.touched == NOTHING) == done
+
+
+def test_the_grasp_follows_what_moved_meanwhile() -> None:
+    world = SmallWorld((step("pick"),))
+    world.until(Phase.APPROACH)
+    world.X_WO[4:6] += [0.01, -0.005]
+    state = world.until(Phase.DESCEND)
+    np.testing.assert_allclose(state.grasp[4:6], world.X_WO[4:6], atol=1e-9)
+
+
+def test_what_is_held_is_where_perception_saw_it_and_the_fingers_put_it() -> None:
+    """Along the fingers' axis it is in their middle; its covariance turns with the tool and shrinks there alone."""
+    world = SmallWorld((step("pick"),))
+    world.until(Phase.CLOSE)
+    world.X_WO[5] += 0.004  # along W's y, which is the fingers': the hand need not turn for it
+    state = world.until(Phase.LIFT)
+    hand = state.hand
+    assert hand.held == 0 and hand.on_support
+    assert hand.X_TO[5] == pytest.approx(0.0, abs=1e-9)
+    variances = np.diag(hand.covariance)
+    assert variances[4] == pytest.approx(4e-6 * TUNING.finger_error**2 / (4e-6 + TUNING.finger_error**2))
+    assert sorted(variances[[3, 5]]) == pytest.approx([1e-6, 9e-6])
+    assert variances[5] == pytest.approx(COVARIANCE[5, 5]), "z stays z, for the tool points down"
+
+
+def test_contact_with_the_support_is_allowed_while_lifting_and_placing_only() -> None:
+    world = SmallWorld(PICK_AND_PLACE)
+    allowed: dict[Phase, set[bool]] = {}
+    while world.state.outcome is TaskOutcome.RUNNING:
+        state = world.tick()
+        if state.hand.held == 0:
+            allowed.setdefault(state.phase, set()).add(state.hand.on_support)
+    assert allowed == {Phase.LIFT: {True}, Phase.CARRY: {False}, Phase.LOWER: {True}} or allowed == {
+        Phase.LIFT: {True, False}, Phase.CARRY: {False}, Phase.LOWER: {True},
+    }  # fmt: skip
+    slow = SmallWorld((step("pick"),))
+    slow.until(Phase.LIFT)
+    slow.frozen = True
+    for height, on_support in ((0.9 * TUNING.clear, True), (1.1 * TUNING.clear, False)):
+        slow.X_WT = slow.state.grasp + np.array([0, 0, 0, 0, 0, 0, height])
+        assert slow.tick().hand.on_support == on_support
+
+
+def test_fingers_that_close_on_nothing_try_again_and_give_up() -> None:
+    world = SmallWorld((step("pick"),), sticks=False)
+    state = world.run()
+    assert (state.outcome, state.why) == (TaskOutcome.FAILED, Why.MISSED)
+    assert [note for _, note, _ in notes(state)] == [Note.STARTED, Note.TRIED_AGAIN, Note.FAILED]
+    assert world.phases.count(Phase.CLOSE) == 2
+    assert not state.goal.any() and state.hand.held == NOTHING
+    more = SmallWorld((step("pick", tries=3),), sticks=False)
+    more.until(Phase.CLOSE)
+    more.until(Phase.LOOK)
+    more.sticks = True
+    assert more.run().outcome is TaskOutcome.DONE
+
+
+def test_an_object_that_slips_away_fails_the_step() -> None:
+    world = SmallWorld(PICK_AND_PLACE)
+    world.until(Phase.CARRY)
+    world.sticks = False
+    world.frozen = True
+    state = world.run()
+    assert (state.outcome, state.why, state.step) == (TaskOutcome.FAILED, Why.DROPPED, 1)
+    assert not state.goal.any() and state.hand.held == NOTHING
+
+
+def test_an_object_that_is_seen_elsewhere_is_not_in_the_hand() -> None:
+    world = SmallWorld(PICK_AND_PLACE)
+    world.until(Phase.CARRY)
+    world.frozen = True
+    world.seen_at = world.X_WO + np.array([0, 0, 0, 0, 0.9 * TUNING.elsewhere, 0, 0])
+    for _ in range(2 * TUNING.images):
+        assert world.tick().outcome is TaskOutcome.RUNNING
+    world.seen_at = world.X_WO + np.array([0, 0, 0, 0, 1.2 * TUNING.elsewhere, 0, 0])
+    for _ in range(TUNING.images - 1):
+        assert world.tick().outcome is TaskOutcome.RUNNING, "one odd image is no loss"
+    state = world.tick()
+    assert (state.outcome, state.why) == (TaskOutcome.FAILED, Why.SEEN_ELSEWHERE)
+    assert state.hand.held == NOTHING
+
+
+def test_a_slip_in_the_hand_is_told_once_and_no_loss() -> None:
+    for off, told in ((0.9 * TUNING.slip, 0), (1.3 * TUNING.slip, 1)):
+        world = SmallWorld(PICK_AND_PLACE)
+        world.until(Phase.CARRY)
+        world.frozen = True
+        world.seen_at = world.X_WO + np.array([0, 0, 0, 0, 0, 0, -off])
+        for _ in range(3 * TUNING.images):
+            state = world.tick()
+        assert state.outcome is TaskOutcome.RUNNING
+        assert [note for _, note, _ in notes(state)].count(Note.SLIPPED) == told
+
+
+def test_an_image_of_a_hand_that_moves_is_of_where_it_was() -> None:
+    for speed, outcome in ((0.5, TaskOutcome.RUNNING), (0.1, TaskOutcome.FAILED)):
+        world = SmallWorld(PICK_AND_PLACE, late=0.1)
+        world.until(Phase.CARRY)
+        world.frozen, world.speed = True, speed
+        world.seen_at = world.X_WO + np.array([0, 0, 0, 0, TUNING.elsewhere + 0.03, 0, 0])
+        for _ in range(2 * TUNING.images):
+            world.tick()
+        assert world.state.outcome is outcome
+
+
+def test_a_step_that_fails_with_something_in_the_hand_keeps_it() -> None:
+    world = SmallWorld((step("pick"), step("reach", GOAL, time_limit=1.0)))
+    world.until(Phase.MOVE)
+    world.frozen = True
+    world.X_WT = world.X_WT + np.array([0, 0, 0, 0, 0, 0, 0.3])
+    assert world.in_hand is not None
+    world.X_WO = compose(world.X_WT, world.in_hand)
+    state = world.run()
+    assert (state.outcome, state.why) == (TaskOutcome.FAILED, Why.TIME_LIMIT)
+    assert state.hand.held == 0 and state.opened == 0.0
+
+
+def test_what_is_too_wide_is_said_to_be() -> None:
+    world = SmallWorld((step("pick"),), library=(Takeable((2.0 * BOX,), False),))
+    state = world.run()
+    assert (state.outcome, state.why) == (TaskOutcome.FAILED, Why.TOO_WIDE)
+
+
+@pytest.mark.parametrize("status", [ObjectStatus.UNSEEN, ObjectStatus.MOVING, ObjectStatus.STALE, ObjectStatus.GONE])
+def test_nothing_is_taken_that_does_not_lie_still_in_sight(status: ObjectStatus) -> None:
+    world = SmallWorld((step("pick", time_limit=2.0),), status=status)
+    state = world.run()
+    assert world.phases == [Phase.LOOK, Phase.REST]
+    assert state.why is (Why.NOT_SEEN if status == ObjectStatus.UNSEEN else Why.TARGET_LOST)
+
+
+def test_an_object_that_goes_away_during_the_approach_is_looked_for_again() -> None:
+    world = SmallWorld((step("pick"),))
+    world.until(Phase.APPROACH)
+    world.status = ObjectStatus.LOST
+    state = world.until(Phase.LOOK)
+    assert notes(state)[-1] == (0, Note.TRIED_AGAIN, Why.TARGET_LOST)
+    world.status = ObjectStatus.TRACKED
+    assert world.run().outcome is TaskOutcome.DONE
+
+
+def test_a_round_object_is_put_down_without_turning_the_hand() -> None:
+    for symmetric, angle in ((True, 0.0), (False, 1.0)):
+        goal = compose(PLACE, np.array([np.cos(0.5), 0, 0, np.sin(0.5), 0, 0, 0]))
+        world = SmallWorld((step("pick"), step("place", goal)), library=(Takeable((BOX,), symmetric),))
+        world.until(Phase.LIFT)
+        before = world.X_WT
+        after = world.until(Phase.LOWER).goal
+        assert errors(before, after)[1] == pytest.approx(angle, abs=1e-6)
+
+
+# State.
+
+
+def test_the_state_is_a_vector_and_back() -> None:
+    world = SmallWorld(PICK_AND_PLACE)
+    world.until(Phase.CARRY)
+    world.state = replace(world.state, why=Why.MISSED, attempt=1, elsewhere=2, slipped=-1, image=3.0, steady=4.0)
+    again = TaskState.unpack(world.state.pack())
+    for name, value in vars(world.state).items():
+        other = getattr(again, name)
+        if name == "hand":
+            np.testing.assert_array_equal(other.pack(), value.pack())
+        else:
+            np.testing.assert_array_equal(other, value)

@@ -1,0 +1,97 @@
+"""What the hand holds, for the planner: part of the arm's shape, and no obstacle. Pure functions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin_diagram.planning.collision.ball_cover import TUNING as BALL_COVER
+from twin_diagram.planning.collision.ball_cover import Balls, box_cover
+from twin_diagram.planning.collision.collision_scene import TUNING as COLLISION_SCENE
+from twin_diagram.planning.collision.collision_scene import Scene
+from twin_diagram.planning.collision.convex_solids import bounding_box
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.hand import NOTHING, Hand
+from twin_diagram.signals.layouts import TRACK_SIZE, ObjectStatus
+from twin_diagram.signals.pose_vectors import as_matrix
+from twin_diagram.signals.things import FURTHER_TRACK_SIZE, OWNER_SIZE, THING_SIZE, things_of
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them; chosen by hand."""
+
+    links_apart: int = 2
+    """Links of the arm so many joints or more before the last can meet what the hand holds; nearer ones cannot."""
+
+    misnamed: float = 0.03
+    """What is seen within an object's radius and this of where the hand is about it is that object [m]: half covered
+    by the fingers it may look like something else."""
+
+
+TUNING = Tuning()
+
+
+def holding(scene: Scene, pieces_O: Sequence[Array], hand: Hand) -> Scene:
+    """Return the scene of an arm that holds an object: the object's cover moves with its last link.
+
+    Args:
+        scene: with an empty hand.
+        pieces_O: corners (m, 3) of the object's convex pieces [m].
+        hand: what is held, and whether that may touch what stands still.
+    """
+    n = scene.chain.size
+    X_LO = scene.chain.X_LT @ as_matrix(hand.X_TO)
+    variance = float(np.linalg.eigvalsh((hand.covariance + hand.covariance.T)[3:, 3:] / 2)[-1])
+    grown = min(COLLISION_SCENE.sigmas * float(np.sqrt(max(variance, 0.0))), COLLISION_SCENE.growth_cap)
+    centres, radii = [], []
+    for piece in pieces_O:
+        box = bounding_box(np.asarray(piece))
+        for centre, radius, _ in box_cover(2 * box.half, BALL_COVER.overhang):
+            centres.append(X_LO[:3, :3] @ (centre + box.p_GB) + X_LO[:3, 3])
+            radii.append(radius + grown)
+    count = len(radii)
+    cover = Balls(np.array(centres), np.array(radii), np.full(count, n), np.zeros(count, int), np.zeros((0, 2), int))
+    unseen = range(scene.fixture_count) if hand.on_support else ()
+    return replace(scene, clearance=scene.clearance.carrying(cover, n - TUNING.links_apart, unseen))
+
+
+def obstacles_beside(
+    hand: Hand, X_WT: Array, radii: Array, tracks: Array, further: Array | None, things: Array | None
+) -> tuple[Array, Array | None, Array | None]:
+    """Return tracks and things without what the hand holds or may touch.
+
+    Args:
+        hand: what it is about.
+        X_WT: (4, 4) the tool.
+        radii: (K,) of balls about the library's objects [m].
+        tracks: (K · TRACK_SIZE,)
+        further: (F · FURTHER_TRACK_SIZE,) or None.
+        things: (T · THING_SIZE,) or None.
+    """
+    about = [k for k in (hand.held, hand.touched) if k != NOTHING]
+    if not about:
+        return tracks, further, things
+    rows = tracks.reshape(-1, TRACK_SIZE).copy()
+    places = [(X_WT @ as_matrix(hand.X_TO))[:3, 3] if k == hand.held else rows[k, 6:9].copy() for k in about]
+    reach = [float(radii[k]) + TUNING.misnamed for k in about]
+    rows[about, 0] = float(ObjectStatus.GONE)
+
+    def misnamed(p_W: Array) -> bool:
+        return any(float(np.linalg.norm(p_W - place)) < far for place, far in zip(places, reach, strict=True))
+
+    if further is not None and len(further):
+        more = further.reshape(-1, FURTHER_TRACK_SIZE).copy()
+        for row in more:
+            if row[0] > 0 and misnamed(row[OWNER_SIZE + 6 : OWNER_SIZE + 9]):
+                row[0] = 0.0
+        further = more.ravel()
+    if things is not None and np.isfinite(things).all():
+        seen = things.reshape(-1, THING_SIZE).copy()
+        for row, thing in zip(seen, things_of(things), strict=True):
+            if thing.stands and misnamed(thing.middle):
+                row[:] = 0.0
+        things = seen.ravel()
+    return rows.ravel(), further, things

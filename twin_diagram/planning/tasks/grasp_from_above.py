@@ -1,0 +1,112 @@
+"""Grasps from above of an object whose convex pieces are known: the plainest that there are.
+
+They stand in for a search over the object's surface; whoever has one gives `pick` a goal, or puts it in this function's
+place. The tool frame lies between the finger tips: z along the approach, y along the fingers' opening.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin_diagram.signals import rotations
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    turns: int = 8
+    """Directions of closing that are tried over half a turn: every 22.5°."""
+
+    spare: float = 0.008
+    """The open fingers are wider than the object by this in all [m]: a few millimetres of error on each side."""
+
+    depth: float = 0.03
+    """The finger tips reach this far below the object's top [m] …"""
+
+    bottom: float = 0.02
+    """… but stay this far above its bottom [m]."""
+
+    finger: float = 0.025
+    """Half of what an open finger with its pad takes up beyond the opening [m]: to tell who is in its way."""
+
+
+TUNING = Tuning()
+
+
+def grasps_from_above(
+    pieces_O: tuple[Array, ...], X_WO: Array, opening: float, near: Array, others: Array, *, symmetric: bool = False
+) -> Array:
+    """Return where the tool could take an object from above, the best first.
+
+    Args:
+        pieces_O: corners (m, 3) of the convex pieces that hold the object [m].
+        X_WO: (7) where it is.
+        opening: of the fingers at their widest [m].
+        near: (4) quaternion of the tool's present turn: of grasps equally good the one that turns least is the best.
+        others: (M, 3) other objects' x, y [m] and radius [m] that the fingers should not come near.
+        symmetric: whether the object looks the same however it is turned about its own z axis.
+
+    Returns:
+        (G, 7) X_WG; none where it is too wide, whichever way it is taken.
+    """
+    R_WO = rotations.matrix(X_WO[:4])
+    corners = np.concatenate(pieces_O) @ R_WO.T + X_WO[4:]
+    low, high = float(corners[:, 2].min()), float(corners[:, 2].max())
+    z = max(high - TUNING.depth, min(low + TUNING.bottom, 0.5 * (low + high)))
+    heading = 0.0 if symmetric else float(np.arctan2(R_WO[1, 0], R_WO[0, 0]))
+    found: list[tuple[float, Array]] = []
+    for turn in heading + np.arange(TUNING.turns) * np.pi / TUNING.turns:
+        closing, along = np.array([-np.sin(turn), np.cos(turn)]), np.array([np.cos(turn), np.sin(turn)])
+        across, length = corners[:, :2] @ closing, corners[:, :2] @ along
+        width = float(np.ptp(across))
+        if width > opening - TUNING.spare:
+            continue
+        middle = 0.5 * (across.max() + across.min()) * closing + 0.5 * (length.max() + length.min()) * along
+        ends = [middle + side * (0.5 * opening + TUNING.finger) * closing for side in (-1.0, 1.0)]
+        crowded = _crowding(ends, others)
+        for flip in (0.0, np.pi):
+            q = _pointing_down(turn + flip)
+            angle = float(np.linalg.norm(rotations.difference(q, near)))
+            # A narrow side first; a neighbour in the way weighs more than any turn of the hand.
+            found.append((width / opening + 0.2 * angle + 30.0 * crowded, np.array([*q, *middle, z])))
+    found.sort(key=lambda entry: entry[0])
+    return np.array([X_WG for _, X_WG in found]).reshape(-1, 7)
+
+
+def _crowding(ends: list[Array], others: Array) -> float:
+    """Return how far other objects reach into where the fingers come down, at worst [m]."""
+    worst = 0.0
+    for x, y, radius in others:
+        nearest = min(float(np.linalg.norm(np.array([x, y]) - end)) for end in ends)
+        worst = max(worst, radius + TUNING.finger - nearest)
+    return worst
+
+
+def _pointing_down(turn: float) -> Array:
+    """Return the quaternion of a tool that points down, its x axis at an angle to W's [rad]."""
+    c, s = np.cos(turn), np.sin(turn)
+    return rotations.from_matrix(np.array([[c, s, 0.0], [s, -c, 0.0], [0.0, 0.0, -1.0]]))
+
+
+def centred(X_TO: Array, covariance: Array, pieces_O: tuple[Array, ...], known: float) -> tuple[Array, Array]:
+    """Return the pose of an object in the tool's frame once the fingers have closed on it, and its covariance.
+
+    Fingers that move together put what is between them in the middle: along y it is known as well as they are.
+
+    Args:
+        X_TO: (7) before.
+        covariance: (6, 6) of it, rotation then translation.
+        pieces_O: corners (m, 3) of its convex pieces [m].
+        known: standard deviation along y afterwards [m].
+    """
+    y = (np.concatenate(pieces_O) @ rotations.matrix(X_TO[:4]).T)[:, 1] + X_TO[5]
+    off = 0.5 * float(y.max() + y.min())
+    after = X_TO.copy()
+    after[5] -= off
+    # A measurement of y alone, as a filter takes one in.
+    gain = covariance[:, 4] / (covariance[4, 4] + known**2)
+    return after, covariance - np.outer(gain, covariance[4])

@@ -1,0 +1,116 @@
+"""How an object is picked up: look, approach from above, descend, close, lift. Pure functions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from twin_diagram.planning.tasks.grasp_from_above import centred, grasps_from_above
+from twin_diagram.planning.tasks.step_ends import TUNING, arrived, done, fail, passed, steady
+from twin_diagram.planning.tasks.step_state import Note, Phase, Step, TaskState, Why
+from twin_diagram.planning.tasks.step_view import StepView, Takeable
+from twin_diagram.signals import rotations
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.hand import NOTHING, Hand
+from twin_diagram.signals.layouts import ObjectStatus
+from twin_diagram.signals.pose_vectors import compose, errors, inverse, moved
+
+
+def looking(state: TaskState, now: float, step: Step) -> TaskState:
+    """Return the state at the begin of a try: at rest, fingers opening."""
+    return replace(state, opened=1.0, force=step.force).entering(Phase.LOOK, now)
+
+
+def again(state: TaskState, seen: StepView, step: Step, why: Why) -> TaskState:
+    """Try a pick once more, or give up."""
+    state = replace(state, attempt=state.attempt + 1, hand=Hand(), why=why)
+    if state.attempt >= step.tries:
+        return fail(state, seen, why)
+    return looking(state.noting(Note.TRIED_AGAIN, seen.now, why), seen.now, step)
+
+
+def _grasp(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable], near: Array) -> Array | None:
+    """Return where to take the object (7): as told, or from above; None where it is too wide."""
+    track, known = seen.tracks[step.target], library[step.target]
+    if step.goal.any():
+        return compose(track.pose, step.goal)
+    there = (ObjectStatus.UNSEEN, ObjectStatus.GONE)
+    others = [
+        [*other.pose[4:6], library[k].radius]
+        for k, other in enumerate(seen.tracks)
+        if k != step.target and other.status not in there
+    ]
+    rows = np.array(others).reshape(-1, 3)
+    found = grasps_from_above(known.pieces, track.pose, seen.widest, near, rows, symmetric=known.symmetric)
+    return found[min(state.attempt, len(found) - 1)] if len(found) else None
+
+
+def look(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:
+    """Wait until the object lies still in sight; then choose a grasp."""
+    track = seen.tracks[step.target]
+    vague = np.sqrt(max(0.0, np.linalg.eigvalsh(track.covariance[3:, 3:])[-1])) > TUNING.vague
+    if track.status != ObjectStatus.TRACKED or vague or track.last_seen < min(state.since, seen.now - TUNING.settled):
+        return state
+    grasp = _grasp(state, seen, step, library, seen.X_WT[:4])
+    if grasp is None:
+        return fail(state, seen, Why.TOO_WIDE)
+    return replace(state, grasp=grasp).entering(Phase.APPROACH, seen.now, before_grasp(grasp))
+
+
+def before_grasp(X_WG: Array) -> Array:
+    """Return the pose (7) from which a grasp is approached."""
+    return moved(X_WG, -TUNING.above * rotations.matrix(X_WG[:4])[:, 2])
+
+
+def approach(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:
+    """Go to above the grasp, opening; an object that moves is followed, one lost on the way is looked for again."""
+    track = seen.tracks[step.target]
+    if track.status in (ObjectStatus.UNSEEN, ObjectStatus.GONE, ObjectStatus.LOST):
+        return again(state, seen, step, Why.TARGET_LOST)
+    if not passed(state, seen, step) or seen.opening < 0.9 * seen.widest:
+        return state
+    # The object is taken where it is now, with the hand turned as it is.
+    fresh = _grasp(replace(state, attempt=0), seen, step, library, state.grasp[:4])
+    if fresh is not None and errors(fresh, state.grasp)[1] < 4 * TUNING.follow_turn:
+        state = replace(state, grasp=fresh)
+    state = replace(state, hand=Hand(touched=step.target))
+    return state.entering(Phase.DESCEND, seen.now, state.grasp)
+
+
+def descend(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:
+    """Go down to the grasp, and close there."""
+    state, there = arrived(state, seen, step)
+    if not there:
+        return state
+    return replace(state, opened=0.0).entering(Phase.CLOSE, seen.now, state.goal)
+
+
+def close(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:
+    """Close; what stops the fingers is held, where perception saw it and the fingers put it."""
+    state, still = steady(state, seen, seen.finger_speed < TUNING.fingers_still)
+    if not still or seen.now - state.since < TUNING.closing:
+        return state
+    if seen.opening < TUNING.empty:
+        return again(state, seen, step, Why.MISSED)
+    track = seen.tracks[step.target]
+    R_TW = np.kron(np.eye(2), rotations.matrix(seen.X_WT[:4]).T)
+    X_TO, covariance = centred(
+        compose(inverse(seen.X_WT), track.pose),
+        R_TW @ track.covariance @ R_TW.T,
+        library[step.target].pieces,
+        TUNING.finger_error,
+    )
+    hand = Hand(step.target, NOTHING, True, X_TO, covariance)
+    state = replace(state, hand=hand, elsewhere=0, slipped=0, image=track.last_seen).noting(Note.GRASPED, seen.now)
+    return state.entering(Phase.LIFT, seen.now, moved(state.grasp, np.array([0.0, 0.0, TUNING.above])))
+
+
+def lift(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:
+    """Go up; off its support the object may not touch it any more."""
+    if state.hand.on_support and seen.X_WT[6] > state.grasp[6] + TUNING.clear:
+        state = replace(state, hand=replace(state.hand, on_support=False))
+    # Once it is up, where it goes sideways is no matter of this step.
+    up = seen.X_WT[6] > state.grasp[6] + TUNING.above - TUNING.passing
+    return done(state, seen.now) if up else state

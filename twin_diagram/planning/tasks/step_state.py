@@ -1,0 +1,248 @@
+"""What running a task remembers from tick to tick, and how that is a vector."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from enum import IntEnum
+from typing import Any, Final
+
+import numpy as np
+
+from twin_diagram import scenario
+from twin_diagram.scenario import poses
+from twin_diagram.scenario.task_steps import KINDS
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.hand import HAND_SIZE, NOTHING, Hand
+from twin_diagram.signals.layouts import NEVER, POSE_SIZE
+
+
+class Phase(IntEnum):
+    """What a step is at."""
+
+    START = 0
+    """Not begun."""
+    MOVE = 1
+    """`reach`: on the way."""
+    FOLLOW = 2
+    WAIT = 3
+    """`follow`: at rest, for what it follows is not seen."""
+    HOLD = 4
+    LOOK = 5
+    """`pick`: at rest with open fingers, until the object is seen …"""
+    APPROACH = 6
+    DESCEND = 7
+    CLOSE = 8
+    LIFT = 9
+    CARRY = 10
+    """`place`: to above its place …"""
+    LOWER = 11
+    OPEN = 12
+    RETREAT = 13
+    REST = 14
+    """The task is over."""
+
+
+class TaskOutcome(IntEnum):
+    """How the task stands."""
+
+    RUNNING = 0
+    DONE = 1
+    FAILED = 2
+
+
+class Why(IntEnum):
+    """Why a step was tried again, waits or has failed."""
+
+    NONE = 0
+    TIME_LIMIT = 1
+    OUT_OF_REACH = 2
+    NOT_SEEN = 3
+    TARGET_LOST = 4
+    TOO_WIDE = 5
+    MISSED = 6
+    DROPPED = 7
+    SEEN_ELSEWHERE = 8
+
+
+SENTENCES: Final = {
+    Why.NONE: "",
+    Why.TIME_LIMIT: "not done within its time limit",
+    Why.OUT_OF_REACH: "no joint positions found that reach it",
+    Why.NOT_SEEN: "the object has not been seen",
+    Why.TARGET_LOST: "the object is not seen any more",
+    Why.TOO_WIDE: "the object is too wide for the fingers, whichever way they take it from above",
+    Why.MISSED: "the fingers closed on nothing",
+    Why.DROPPED: "the fingers closed fully on what they held: it is lost",
+    Why.SEEN_ELSEWHERE: "what was held is seen elsewhere: it is lost",
+}
+"""Each of `Why`, for people."""
+
+
+class Note(IntEnum):
+    """What is told of a step."""
+
+    STARTED = 1
+    TRIED_AGAIN = 2
+    GRASPED = 3
+    RELEASED = 4
+    WAITS = 5
+    RESUMED = 6
+    DONE = 7
+    FAILED = 8
+    SLIPPED = 9
+    """What is held is not where it was in the hand; told once."""
+
+
+RING: Final = 32
+"""So many of the newest notes are kept."""
+NOTE_FIELDS: Final = 4
+"""Of a note: time [s] (`NEVER` where empty), number of the step, `Note`, `Why`."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step as it is run; fields as in `scenario.TaskStep`.
+
+    Attributes:
+        kind: see `task_steps.KINDS`.
+        target: number of its object in the library, or `NOTHING`.
+        goal: (7) pose, zeros where there is none.
+    """
+
+    kind: str
+    target: int
+    goal: Array
+    position_tolerance: float
+    rotation_tolerance: float
+    time_limit: float
+    seconds: float
+    tries: int
+    force: float
+
+
+def steps_of(task: scenario.Task, names: Sequence[str]) -> tuple[Step, ...]:
+    """Return the steps of a task that was checked; `names` of the library's objects, in order."""
+    result: list[Step] = []
+    target = NOTHING
+    for each in task.steps:
+        if each.kind in ("pick", "follow"):
+            number = names.index(each.object)
+            target = number if each.kind == "pick" else target
+        else:
+            number = target if each.kind == "place" else NOTHING
+        goal = np.zeros(POSE_SIZE)
+        if each.goal is not None:
+            X = poses.pose(each.goal)
+            goal = np.concatenate([X.rotation().ToQuaternion().wxyz(), X.translation()])
+        assert each.kind in KINDS
+        result.append(
+            Step(
+                each.kind,
+                number,
+                goal,
+                each.position_tolerance,
+                each.rotation_tolerance,
+                each.time_limit,
+                each.seconds,
+                each.tries,
+                each.force,
+            )
+        )
+    return tuple(result)
+
+
+NUMBERS: Final = 13
+"""Of a packed `TaskState`, before its poses."""
+
+
+@dataclass(frozen=True)
+class TaskState:
+    """All that is remembered.
+
+    Attributes:
+        step: number of the step; as many as there are once all are done.
+        phase, outcome, why: see there; `why` of the newest failure or retry.
+        begun: when the step began [s].
+        since: when the phase began [s].
+        steady: since when the phase has been as it should be at its end [s]; `NEVER`: it is not.
+        attempt: how often a pick was tried before.
+        elsewhere: images running that showed what is held elsewhere.
+        slipped: images running that showed it elsewhere in the hand; negative once that was told.
+        image: time of the newest image that was counted [s].
+        opened: share of the fingers' travel that they are to be opened by; negative: as described.
+        force: greatest force of the fingers [N]; NaN: as described.
+        goal: (7) X_WG of the tool, zeros: stay.
+        grasp: (7) X_WG of a pick, or the last pose of a place.
+        hand: what is held or may be touched.
+        notes: (RING · NOTE_FIELDS) newest last.
+    """
+
+    step: int = 0
+    phase: Phase = Phase.START
+    outcome: TaskOutcome = TaskOutcome.RUNNING
+    why: Why = Why.NONE
+    begun: float = NEVER
+    since: float = NEVER
+    steady: float = NEVER
+    attempt: int = 0
+    elsewhere: int = 0
+    slipped: int = 0
+    image: float = NEVER
+    opened: float = -1.0
+    force: float = float("nan")
+    goal: Array = field(default_factory=lambda: np.zeros(POSE_SIZE))
+    grasp: Array = field(default_factory=lambda: np.zeros(POSE_SIZE))
+    hand: Hand = field(default_factory=Hand)
+    notes: Array = field(default_factory=lambda: np.tile([NEVER, 0.0, 0.0, 0.0], RING))
+
+    def entering(self, phase: Phase, now: float, goal: Array | None = None) -> TaskState:
+        """Return the state at the begin of a phase; `goal` (7), None: stay."""
+        at = np.zeros(POSE_SIZE) if goal is None else goal
+        return replace(self, phase=phase, since=now, steady=NEVER, goal=at)
+
+    def noting(self, note: Note, now: float, why: Why = Why.NONE) -> TaskState:
+        """Return the state with something told of the present step."""
+        rows = np.concatenate([self.notes, [now, float(self.step), float(note), float(why)]])
+        return replace(self, notes=rows[-RING * NOTE_FIELDS :])
+
+    def pack(self) -> Array:
+        """Return it as a vector of `STATE_SIZE`."""
+        numbers = [
+            self.step, self.phase, self.outcome, self.why, self.begun, self.since, self.steady, self.attempt,
+            self.elsewhere, self.slipped, self.image, self.opened, self.force,
+        ]  # fmt: skip
+        return np.concatenate([np.array(numbers, dtype=float), self.goal, self.grasp, self.hand.pack(), self.notes])
+
+    @staticmethod
+    def unpack(vector: Array) -> TaskState:
+        """Return the inverse of `pack`; copies."""
+        ends = np.cumsum([NUMBERS, POSE_SIZE, POSE_SIZE, HAND_SIZE])
+        numbers, goal, grasp, hand, notes = np.split(np.array(vector), ends)
+        step, phase, outcome, why, begun, since, steady, attempt, elsewhere, *rest = numbers.tolist()
+        slipped, image, opened, force = rest
+        return TaskState(
+            int(step), Phase(int(phase)), TaskOutcome(int(outcome)), Why(int(why)), begun, since, steady, int(attempt),
+            int(elsewhere), int(slipped), image, opened, force, goal, grasp, Hand.unpack(hand), notes,
+        )  # fmt: skip
+
+
+STATE_SIZE: Final = NUMBERS + 2 * POSE_SIZE + HAND_SIZE + RING * NOTE_FIELDS
+"""Numbers of a packed `TaskState`."""
+
+
+def told(notes: Array, steps: Sequence[scenario.TaskStep]) -> list[dict[str, Any]]:
+    """Return what is told of steps, oldest first: time [s], event, step, kind, object, what, and why."""
+    result = []
+    for time, number, note, why in notes.reshape(-1, NOTE_FIELDS).tolist():
+        if time < 0.0:
+            continue
+        step = steps[int(number)]
+        entry: dict[str, Any] = {"time": round(time, 4), "event": "step", "step": int(number), "kind": step.kind}
+        if step.object:
+            entry["object"] = step.object
+        entry["what"] = Note(int(note)).name.lower()
+        if int(why):
+            entry["why"] = SENTENCES[Why(int(why))]
+        result.append(entry)
+    return result

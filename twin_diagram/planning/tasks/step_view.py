@@ -1,0 +1,51 @@
+"""What a step knows of the world: objects, tool and fingers at a tick."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import PoseMeasurement, Track
+
+
+@dataclass(frozen=True)
+class Takeable:
+    """An object of the library, as far as taking it goes."""
+
+    pieces: tuple[Array, ...]
+    symmetric: bool
+
+    @property
+    def radius(self) -> float:
+        """Of the upright cylinder about the object's z axis that holds it [m]."""
+        return float(np.linalg.norm(np.concatenate(self.pieces)[:, :2], axis=1).max())
+
+
+@dataclass(frozen=True)
+class StepView:
+    """What is known now.
+
+    Attributes:
+        now: [s].
+        X_WT: (7) the tool.
+        speed: of its origin [m/s].
+        tracks: of the library's objects.
+        measured: of the newest image, one for each of the library's objects.
+        opening: between the fingers [m].
+        finger_speed: of the fastest finger [m/s].
+        widest: the fingers' greatest opening [m].
+        reach: number of joint positions that reach the goal; `NEVER` where the planner has none.
+    """
+
+    now: float
+    X_WT: Array
+    speed: float
+    tracks: Sequence[Track]
+    measured: Sequence[PoseMeasurement]
+    opening: float
+    finger_speed: float
+    widest: float
+    reach: float

@@ -1,0 +1,229 @@
+"""The system that runs a task's steps: goals for the planner, commands for the gripper, and how it stands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final, cast
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import JointIndex
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, LeafSystem
+
+from twin_diagram import scenario
+from twin_diagram.assets import Asset
+from twin_diagram.errors import ScenarioError
+from twin_diagram.model.model import Model
+from twin_diagram.planning.tasks import step_state
+from twin_diagram.planning.tasks.step_state import Phase, TaskOutcome, TaskState
+from twin_diagram.planning.tasks.step_view import StepView, Takeable
+from twin_diagram.planning.tasks.transitions import advance
+from twin_diagram.runtime.timing import timed
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.hand import HAND_SIZE
+from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER, POSE_SIZE, TRACK_SIZE, PoseMeasurement, Track
+from twin_diagram.signals.pose_vectors import from_matrix
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    ticks: float = 2.0
+    """Of the task for one of the planner: a goal that changes waits for half a plan's period at most."""
+
+
+TUNING = Tuning()
+
+
+@dataclass(frozen=True)
+class Fingers:
+    """The travel of a gripper's fingers.
+
+    Attributes:
+        described: (g,) where the description has them, which is where they stay while no step is about them [m].
+        closed: (g,) the end of their travel at which they meet [m].
+        opened: (g,) the other end [m].
+    """
+
+    described: Array
+    closed: Array
+    opened: Array
+
+    @staticmethod
+    def of(plant: MultibodyPlant, joints: tuple[JointIndex, ...], described: Array) -> Fingers:
+        """Return the fingers of a plant's gripper: they meet at the end of their travel that is nearer to zero."""
+        fingers = [plant.get_joint(index) for index in joints]
+        limits = [(joint.position_lower_limits()[0], joint.position_upper_limits()[0]) for joint in fingers]
+        ends = np.array([sorted(pair, key=abs) for pair in limits], dtype=float).reshape(-1, 2)
+        return Fingers(np.array(described, dtype=float), ends[:, 0], ends[:, 1])
+
+    @property
+    def widest(self) -> float:
+        """Greatest opening between the fingers [m]."""
+        return float(np.abs(self.opened - self.closed).sum())
+
+    def opening(self, positions: Array) -> float:
+        """Return the opening at positions (g,) [m]."""
+        return float(np.abs(positions - self.closed).sum())
+
+    def at(self, share: float) -> Array:
+        """Return positions (g,) [m] opened by a share of the travel; where it is negative, as described."""
+        return self.described if share < 0.0 else self.closed + share * (self.opened - self.closed)
+
+
+class TaskRunner(LeafSystem):
+    """Runs the steps of a task, one after the other.
+
+    .. pydrake_system::
+
+        name: TaskRunner
+        input_ports:
+        - arm_state
+        - tracks
+        - measurement_time (optional)
+        - object_poses (optional)
+        - gripper_state (optional)
+        - reach (optional)
+        output_ports:
+        - goal
+        - gripper_position_commanded
+        - gripper_force_limit
+        - step
+        - outcome
+        - hand
+        - notes
+
+    Ports:
+        arm_state: (2n) estimated joint angles [rad] and speeds [rad/s].
+        tracks: (K · TRACK_SIZE) a `layouts.Track` per library object, in the library's order.
+        measurement_time: (1) of the arm's newest message [s]; until it is >= 0 nothing begins.
+        object_poses: (K · MEASUREMENT_SIZE) what the newest image showed: whether what is held is seen elsewhere.
+        gripper_state: (2g) positions of the fingers [m], then speeds [m/s]. Not connected: they stand as described.
+        reach: (1) how many joint positions reach the goal; `NEVER` where the planner has none.
+        goal: (7) X_WG of the tool frame; an all-zero quaternion: stay.
+        gripper_position_commanded: (g) [m].
+        gripper_force_limit: (1) [N]; not a number before the first `pick`: as the description has it.
+        step: (1) number of the present step, from 0; the number of steps once all are done.
+        outcome: (3) `step_state.TaskOutcome`, `step_state.Why`, `step_state.Phase`.
+        hand: (HAND_SIZE) what is held or may be touched; see `signals.hand`.
+        notes: (RING · NOTE_FIELDS) what happened to steps, newest last; see `step_state.told`.
+
+    Rate: twice the planner's, a periodic discrete update. Latency: one period; the planner plans for the goal of the
+    tick before. State: one discrete vector, see `step_state.TaskState`.
+    """
+
+    def __init__(self, model: Model, twin: scenario.Twin, library: Mapping[str, Asset], fingers: Fingers) -> None:
+        """Take in the steps.
+
+        Args:
+            model: the arm.
+            twin: what the twin is told, checked; `task`, `planner.rate` and `library` count.
+            library: the known objects by name, in the order of the tracks.
+            fingers: of its gripper.
+
+        Raises:
+            ScenarioError: a step needs a gripper that closes, and there is none.
+        """
+        super().__init__()
+        self.set_name("task_runner")
+        self.told_steps: Final = tuple(twin.task.steps)
+        self._steps: Final = step_state.steps_of(twin.task, list(library))
+        self._library: Final = [
+            Takeable(tuple(asset.convex_pieces), asset.symmetric_axis is not None) for asset in library.values()
+        ]
+        if not (np.isfinite(fingers.widest) and fingers.widest > 0.0):
+            for index, step in enumerate(self.told_steps):
+                if step.kind == "pick":
+                    raise ScenarioError(f"twin.task.steps.{index}.kind", "pick needs a gripper; twin.arm has none")
+        self._model: Final = model
+        self._fingers: Final = fingers
+        self._start: Final = twin.task.start
+        n, g, objects = len(model.joints), len(fingers.closed), len(library)
+        self._arm_in = self.DeclareVectorInputPort("arm_state", 2 * n)
+        self._tracks_in = self.DeclareVectorInputPort("tracks", TRACK_SIZE * objects)
+        self._time_in = self.DeclareVectorInputPort("measurement_time", 1)
+        self._measured_in = self.DeclareVectorInputPort("object_poses", MEASUREMENT_SIZE * objects)
+        self._gripper_in = self.DeclareVectorInputPort("gripper_state", 2 * g)
+        self._reach_in = self.DeclareVectorInputPort("reach", 1)
+        self._state = self.DeclareDiscreteState(cast(Any, TaskState().pack()))
+        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / (TUNING.ticks * twin.planner.rate), 0.0, self._tick)
+        outputs: dict[str, tuple[int, Callable[[TaskState], Any]]] = {
+            "goal": (POSE_SIZE, lambda state: state.goal),
+            "gripper_position_commanded": (g, lambda state: self._fingers.at(state.opened)),
+            "gripper_force_limit": (1, lambda state: [state.force]),
+            "step": (1, lambda state: [float(state.step)]),
+            "outcome": (3, lambda state: [float(state.outcome), float(state.why), float(state.phase)]),
+            "hand": (HAND_SIZE, lambda state: state.hand.pack()),
+            "notes": (step_state.RING * step_state.NOTE_FIELDS, lambda state: state.notes),
+        }
+        for name, (size, value) in outputs.items():
+            self._declare_output(name, size, value)
+
+    def _declare_output(self, name: str, size: int, value: Callable[[TaskState], Any]) -> None:
+        def calc(context: Context, output: BasicVector) -> None:
+            output.SetFromVector(value(self.remembered(context)))
+
+        ticket = self.discrete_state_ticket(self._state)
+        self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={ticket})
+
+    def remembered(self, context: Context) -> TaskState:
+        """Return a copy of what is remembered; `context` is this system's."""
+        return TaskState.unpack(np.asarray(context.get_discrete_state(int(self._state)).value()))
+
+    def told(self, context: Context) -> list[dict[str, Any]]:
+        """Return what was told of steps, oldest first, see `step_state.told`; `context` is this system's."""
+        return step_state.told(self.remembered(context).notes, self.told_steps)
+
+    def standing(self, context: Context) -> dict[str, Any]:
+        """Return how the task stands, for ``summary.json``: outcome, number of steps done, and where it failed, why."""
+        state = self.remembered(context)
+        result: dict[str, Any] = {"outcome": state.outcome.name.lower(), "steps": len(self._steps), "done": state.step}
+        if state.outcome is TaskOutcome.FAILED:
+            result["why"] = step_state.SENTENCES[state.why]
+        elif state.outcome is TaskOutcome.RUNNING:
+            result["phase"] = state.phase.name.lower()
+        return result
+
+    @timed("TaskRunner")
+    def _tick(self, context: Context, discrete: DiscreteValues) -> EventStatus:
+        state = self.remembered(context)
+        if state.phase is Phase.REST or context.get_time() < self._start - 1e-9:
+            return EventStatus.DidNothing()
+        seen = self._seen(context)
+        if seen is None:
+            return EventStatus.DidNothing()
+        discrete.set_value(int(self._state), cast(Any, advance(state, seen, self._steps, self._library).pack()))
+        return EventStatus.Succeeded()
+
+    def _seen(self, context: Context) -> StepView | None:
+        """Return what is known now; None before the arm's first message."""
+        if self._time_in.HasValue(context) and float(cast(Array, self._time_in.Eval(context))[0]) < 0.0:
+            return None
+        arm = np.array(self._arm_in.Eval(context))
+        if not np.isfinite(arm).all():
+            return None
+        n, g = len(arm) // 2, len(self._fingers.closed)
+        q = arm[:n]
+        speed = float(np.linalg.norm(self._model.tool_jacobian(q)[3:] @ arm[n:]))
+        fingers = np.concatenate([self._fingers.described, np.zeros(g)])
+        if self._gripper_in.HasValue(context):
+            told = np.array(self._gripper_in.Eval(context))
+            fingers = told if np.isfinite(told).all() else fingers
+        tracks = cast(Array, self._tracks_in.Eval(context)).reshape(-1, TRACK_SIZE)
+        measured = np.zeros((len(tracks), MEASUREMENT_SIZE))
+        if self._measured_in.HasValue(context):
+            measured = cast(Array, self._measured_in.Eval(context)).reshape(-1, MEASUREMENT_SIZE)
+        reach = float(cast(Array, self._reach_in.Eval(context))[0]) if self._reach_in.HasValue(context) else NEVER
+        return StepView(
+            now=context.get_time(),
+            X_WT=from_matrix(self._model.tool_pose(q).GetAsMatrix4()),
+            speed=speed,
+            tracks=[Track.unpack(row) for row in tracks],
+            measured=[PoseMeasurement.unpack(row) for row in measured],
+            opening=self._fingers.opening(fingers[:g]),
+            finger_speed=float(np.abs(fingers[g:]).max(initial=0.0)),
+            widest=self._fingers.widest,
+            reach=reach,
+        )

@@ -1,0 +1,80 @@
+"""What the twin acts on: one goal that stays, or the steps of a task, and the gripper's commands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from pydrake.systems.framework import DiagramBuilder, OutputPort, System
+from pydrake.systems.primitives import ConstantVectorSource
+
+from twin_diagram import scenario
+from twin_diagram.assets import Asset
+from twin_diagram.model.model import Model
+from twin_diagram.planning.tasks.task_system import Fingers, TaskRunner
+from twin_diagram.scenario import poses
+from twin_diagram.scene.twin_scene import TwinScene
+from twin_diagram.scene.updater_system import SceneGraphUpdater
+from twin_diagram.signals.layouts import POSE_SIZE
+from twin_diagram.station import ports
+from twin_diagram.twin.own_systems import inputs_of
+
+
+def goal_vector(task: scenario.Task) -> np.ndarray:
+    """Return X_WG as (qw, qx, qy, qz, px, py, pz); zeros where there is no goal."""
+    if task.X_WG is None:
+        return np.zeros(POSE_SIZE)
+    X_WG = poses.pose(task.X_WG)
+    return np.concatenate([X_WG.rotation().ToQuaternion().wxyz(), X_WG.translation()])
+
+
+def add_task(
+    builder: DiagramBuilder, twin: scenario.Twin, model: Model, library: Mapping[str, Asset], scene: TwinScene
+) -> tuple[OutputPort, TaskRunner | None]:
+    """Add what says where to go: return the port of the goal, and what runs the steps, where there are some.
+
+    Raises:
+        ScenarioError: a step that this arm cannot do; it names the field.
+    """
+    if not twin.task.steps:
+        source = builder.AddNamedSystem("goal", ConstantVectorSource(goal_vector(twin.task)))
+        return source.get_output_port(), None
+    described = scene.default_positions[scene.gripper_position_index]
+    fingers = Fingers.of(scene.plant, scene.arm.gripper_joint_indices, described)
+    runner = builder.AddNamedSystem("task_runner", TaskRunner(model, twin, library, fingers))
+    return runner.GetOutputPort("goal"), runner
+
+
+def connect_task(
+    builder: DiagramBuilder, runner: TaskRunner | None, ekf: System, updater: SceneGraphUpdater, controller: System
+) -> None:
+    """Let the steps, where there are some, see what the twin believes, and tell scene and controller of the hand."""
+    if runner is None:
+        return
+    builder.Connect(ekf.GetOutputPort("arm_state"), runner.GetInputPort("arm_state"))
+    builder.Connect(updater.GetOutputPort("tracks"), runner.GetInputPort("tracks"))
+    builder.Connect(runner.GetOutputPort("hand"), updater.GetInputPort("hand"))
+    for name in inputs_of(controller, ("hand",)):
+        builder.Connect(runner.GetOutputPort(name), controller.GetInputPort(name))
+    if controller.HasOutputPort("reach"):
+        builder.Connect(controller.GetOutputPort("reach"), runner.GetInputPort("reach"))
+    for name in ("step", "outcome", "hand", "notes"):
+        builder.ExportOutput(runner.GetOutputPort(name), f"task.{name}")
+
+
+def export_acting(
+    builder: DiagramBuilder, goal: OutputPort, scene: TwinScene, updater: SceneGraphUpdater, runner: TaskRunner | None
+) -> None:
+    """Show the goal, take in where the fingers are, and command them as the steps say, else to stay as described."""
+    builder.ExportOutput(goal, "goal")
+    if not scene.gripper_position_index.size:
+        return
+    state = builder.ExportInput(updater.GetInputPort("gripper_state"), ports.GRIPPER_MEASURED)
+    if runner is not None:
+        builder.ConnectInput(state, runner.GetInputPort("gripper_state"))
+        builder.ExportOutput(runner.GetOutputPort("gripper_position_commanded"), ports.GRIPPER_COMMANDED)
+        builder.ExportOutput(runner.GetOutputPort("gripper_force_limit"), ports.GRIPPER_FORCE_LIMIT)
+        return
+    fingers = scene.default_positions[scene.gripper_position_index]
+    grip = builder.AddNamedSystem("gripper_command", ConstantVectorSource(fingers))
+    builder.ExportOutput(grip.get_output_port(), ports.GRIPPER_COMMANDED)
