@@ -32,6 +32,8 @@ from twin_diagram.gap.residuals.prepared_logs import TUNING as PREPARED_LOGS
 from twin_diagram.gap.residuals.prepared_logs import Records, prepare, usable
 from twin_diagram.gap.verdict.deciding import TUNING as DECIDING
 from twin_diagram.gap.verdict.probabilities import less_sure
+from twin_diagram.gap.whole_robot.explain import WholeRobot
+from twin_diagram.gap.whole_robot.taking_over import taken_over
 from twin_diagram.logs import Log, read_log, write_columns
 from twin_diagram.model.model import Model
 from twin_diagram.model.prediction import as_explained, load_model_for
@@ -66,6 +68,7 @@ STAGES = MappingProxyType(
         "refining by torques": 0.85,
         "refining by simulated motion": 0.87,
         "refining by torques, all that is left counted alike": 0.89,
+        "fitting the whole robot": 0.895,
         "residual torque before and after": 0.9,
         "rollouts of the held-out run before and after": 0.905,
         "writing the report": 0.93,
@@ -139,10 +142,13 @@ def run_gap(
     say("reading the logs")
     given, logs, held, notes = _read(model, fit, holdout, packages, columns)
     records = prepare(given, logs)
-    verdict, corrected, more = _corrected(given, logs, held, name(given, logs, say, records), records, say)
-    notes += more
+    verdict, corrected, whole = _found(given, logs, held, records, notes, say)
     shown = show(given, corrected, logs, held, verdict.noise_floor, say=say)
-    if corrected is not given and not accepted(verdict, shown, partial(confirmed, given, corrected, held)):
+    if (
+        whole is None
+        and corrected is not given
+        and not accepted(verdict, shown, partial(confirmed, given, corrected, held))
+    ):
         notes.append("what was named did not shrink the gap on the held-out run on all joints, and was dropped")
         verdict, corrected, shown = _nameless(verdict), given, shown.uncorrected()
     if corrected is not given and not shown.is_exercised():
@@ -165,6 +171,16 @@ def run_gap(
         say("writing the report")
         write(gap, Path(out), _called(Path(model)))
     return gap
+
+
+def _found(
+    given: Model, logs: Sequence[Log], held: Log, records: Records, notes: list[str], say: Say
+) -> tuple[Verdict, Model, WholeRobot | None]:
+    """Return verdict and corrected model of the search, or of the robot as a whole; `notes` grow."""
+    verdict, corrected, more = _corrected(given, logs, held, name(given, logs, say, records), records, say)
+    notes += more
+    say("fitting the whole robot")
+    return taken_over(records, logs, verdict, corrected)
 
 
 def _corrected(
