@@ -18,7 +18,7 @@ from twin_diagram.gap.findings import Finding
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.residuals.regressors import present
 from twin_diagram.gap.whole_robot import estimates
-from twin_diagram.gap.whole_robot.left_out import LeftOut, Linear, best_spread, earning, free_units, missed, units
+from twin_diagram.gap.whole_robot.left_out import LeftOut, Linearised, best_spread, earning, free_units, missed, units
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
 from twin_diagram.gap.whole_robot.physical_links import Links
 from twin_diagram.gap.whole_robot.torque_equations import OWN, TorqueEquations, equations
@@ -172,7 +172,7 @@ def sure_ones(problem: RobotProblem) -> tuple[RobotProblem, Array, Array]:
 
 def confidences(problem: RobotProblem, left_out: LeftOut) -> dict[str, float]:
     """Return per name how sure all its places are: as the weakest of them, by what it brings left-out motion."""
-    n, linear = problem.n, Linear.of(left_out)
+    n, linear = problem.n, Linearised.of(left_out)
     parts, nothing = units(n), np.zeros(len(problem.mean), dtype=bool)
     now = linear.likelihood(nothing)
     weakest: dict[str, float] = {}

@@ -77,7 +77,7 @@ class LeftOut:
 
 
 @dataclass(frozen=True)
-class Linear:
+class Linearised:
     """Fits of all motion but one kind, to first order about each: what is left where some coordinates stay described.
 
     Attributes:
@@ -89,7 +89,7 @@ class Linear:
     covariances: Array
 
     @staticmethod
-    def of(left_out: LeftOut) -> Linear:
+    def of(left_out: LeftOut) -> Linearised:
         """Work out each fit's covariance."""
         problem = left_out.problem
         fold, result = problem.sums.fold, []
@@ -99,7 +99,7 @@ class Linear:
             C = np.zeros_like(H)
             C[np.ix_(moving, moving)] = np.linalg.inv(H[np.ix_(moving, moving)])
             result.append(C)
-        return Linear(left_out, np.stack(result))
+        return Linearised(left_out, np.stack(result))
 
     def likelihood(self, described: Chosen) -> Array:
         """Return (n,) left-out log likelihood where coordinates `described` (14 n,) are, the others settled anew."""
@@ -133,7 +133,7 @@ def earning(problem: RobotProblem, left_out: LeftOut) -> RobotProblem:
 
     A link must make left-out motion of all joints likelier, a joint's own term that of the joint.
     """
-    linear, there = Linear.of(left_out), free_units(problem)
+    linear, there = Linearised.of(left_out), free_units(problem)
     parts = units(problem.n)
     described = np.zeros(len(problem.mean), dtype=bool)
     while np.any(there):
