@@ -120,6 +120,7 @@ def run_gap(
     say: Say | None = None,
     packages: Mapping[str, str | Path] | None = None,
     columns: str | Path | None = None,
+    torque_side: str = "motor",
 ) -> Gap:
     """Find what a model lacks, add it, and show the gap shrink.
 
@@ -131,6 +132,7 @@ def run_gap(
         say: told what is being done, and how much time is left.
         packages: local folders for `package://` names.
         columns: what foreign logs' columns mean, see `read_log`.
+        torque_side: of the gears that torques were measured on: `motor`, or `link`, where no rotor shows.
 
     Raises:
         TwinError: model, logs or folder cannot be used; nothing is written.
@@ -140,7 +142,7 @@ def run_gap(
     if out is not None and (why := why_not(out, folder=True)):
         raise TwinError(f"--out {out}: {why}")
     say("reading the logs")
-    given, logs, held, notes = _read(model, fit, holdout, packages, columns)
+    given, logs, held, notes = _read(model, fit, holdout, packages, columns, torque_side)
     records = prepare(given, logs)
     verdict, corrected, whole = _found(given, logs, held, records, notes, say)
     shown = show(given, corrected, logs, held, verdict.noise_floor, say=say)
@@ -278,6 +280,7 @@ def _read(
     holdout: str | Path,
     packages: Mapping[str, str | Path] | None,
     columns: str | Path | None = None,
+    torque_side: str = "motor",
 ) -> tuple[Model, list[Log], Log, list[str]]:
     if not fit:
         raise LogError("no log to fit: give at least one with --fit")
@@ -285,7 +288,7 @@ def _read(
         raise ModelError(f"{model}: no such file or folder")
     raw = [read_log(path, columns) for path in fit]
     held = read_log(holdout, columns)
-    given, first, warnings = load_model_for(raw[0], model, packages)
+    given, first, warnings = load_model_for(raw[0], model, packages, torque_side)
     logs = [first]
     for log in raw[1:]:
         own, more = as_explained(given, log)
@@ -297,6 +300,10 @@ def _read(
         usable(log)
     usable(kept, PREPARED_LOGS.shortest_held)
     notes = [warning.message for warning in warnings]
+    if torque_side == "link":
+        notes.append(
+            "torques were measured behind the gears: friction is what is left of it there, and rotors do not show"
+        )
     if any(_same(log, held) for log in raw):
         notes.append(f"{held.source}: is also a fitted run, so it proves nothing; hold out another one")
     return given, logs, kept, notes

@@ -110,7 +110,7 @@ def chosen(problem: RobotProblem) -> RobotProblem:
     """
     whole, start = settled(problem)
     bare = replace(whole, links_free=np.zeros(problem.n, dtype=bool))
-    few, many = weeded(missed(bare, solve(bare))[0]), weeded(whole)
+    few, many = weeded(missed(bare, whole, solve(bare))[0], whole), weeded(whole, whole)
     more = int(np.sum(free_units(many))) - int(np.sum(free_units(few)))
     # Judged alike: what each of them leaves would count as its own noise.
     alike = [replace(x, variance=whole.variance, share=whole.share) for x in (few, many)]
@@ -118,12 +118,12 @@ def chosen(problem: RobotProblem) -> RobotProblem:
     return many if scores[1] - scores[0] > TUNING.each * max(1, more) else few
 
 
-def weeded(problem: RobotProblem) -> RobotProblem:
+def weeded(problem: RobotProblem, whole: RobotProblem) -> RobotProblem:
     """Return the problem with the spread that left-out motion likes best, and without what does not earn its place."""
     problem, z = settled(problem)
     problem, left_out = best_spread(problem, z)
     problem = earning(problem, left_out)
-    return missed(problem, solve(problem, None, z))[0]
+    return missed(problem, whole, solve(problem, None, z))[0]
 
 
 def begun(records: Records, sums: TorqueEquations) -> RobotProblem:
@@ -139,7 +139,7 @@ def begun(records: Records, sums: TorqueEquations) -> RobotProblem:
         variance=np.maximum(sums.residual_rms**2, 1e-18),
         share=np.full(records.n, TUNING.share),
         links_free=links.heavy,
-        own_free=np.ones((records.n, len(OWN)), dtype=bool),
+        own_free=np.tile([not (records.model.arm.link_side and term == "rotor") for term in OWN], (records.n, 1)),
     )
 
 

@@ -149,13 +149,17 @@ def earning(problem: RobotProblem, left_out: LeftOut) -> RobotProblem:
     return restricted(problem, there)
 
 
-def missed(problem: RobotProblem, start: Array) -> tuple[RobotProblem, LeftOut]:
+def missed(problem: RobotProblem, whole: RobotProblem, start: Array) -> tuple[RobotProblem, LeftOut]:
     """Return the problem with what was taken out too early back in place, and its left-out fits.
 
     While others may still stand in for a term, it earns little; once they are gone it may be missed.
+
+    Args:
+        problem: without what was taken out.
+        whole: with all that may be there.
+        start: coordinates (14 n,) to begin from.
     """
-    allowed, parts = free_units(replace(problem, links_free=problem.links.heavy)), units(problem.n)
-    allowed[problem.n :] = True
+    allowed, parts = free_units(whole), units(problem.n)
     left_out = LeftOut.of(problem, start)
     for _ in range(TUNING.back):
         there, now = free_units(problem), left_out.likelihood()
