@@ -329,7 +329,7 @@ def _gap(arguments: argparse.Namespace) -> int:
         )
     except LinAlgError as error:  # more that could explain the runs than samples to tell it by
         raise TwinError(
-            f"these runs are too short, or move too little, to tell noise from what a model may lack ({error}); "
+            "these runs are too short, or move too little, to tell noise from what a model may lack; "
             "ten seconds in which each joint moves to and fro do"
         ) from error
     for note in found.notes:

@@ -33,7 +33,7 @@ from twin_diagram.gap.residuals.prepared_logs import Records, prepare, usable
 from twin_diagram.gap.verdict.deciding import TUNING as DECIDING
 from twin_diagram.gap.verdict.probabilities import less_sure
 from twin_diagram.gap.whole_robot.explain import WholeRobot
-from twin_diagram.gap.whole_robot.taking_over import taken_over
+from twin_diagram.gap.whole_robot.taking_over import taken_over, unsearched
 from twin_diagram.logs import Log, read_log, write_columns
 from twin_diagram.model.model import Model
 from twin_diagram.model.prediction import as_explained, load_model_for
@@ -179,7 +179,15 @@ def _found(
     given: Model, logs: Sequence[Log], held: Log, records: Records, notes: list[str], say: Say
 ) -> tuple[Verdict, Model, WholeRobot | None]:
     """Return verdict and corrected model of the search, or of the robot as a whole; `notes` grow."""
-    verdict, corrected, more = _corrected(given, logs, held, name(given, logs, say, records), records, say)
+    try:
+        named = name(given, logs, say, records)
+    except np.linalg.LinAlgError:  # more that could explain the runs than samples to tell it by
+        notes.append(
+            "these runs are too short, or move too little, to tell single effects apart: ten seconds in which each "
+            "joint moves to and fro do; the robot was fitted as a whole"
+        )
+        named = unsearched(records)
+    verdict, corrected, more = _corrected(given, logs, held, named, records, say)
     notes += more
     say("fitting the whole robot")
     return taken_over(records, logs, verdict, corrected)

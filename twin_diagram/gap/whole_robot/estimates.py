@@ -42,11 +42,11 @@ TUNING = Tuning()
 def covariance(problem: RobotProblem, z: Array) -> Array:
     """Return (14 n, 14 n) of coordinates: the larger of the model's own and the sandwich over stretches of motion.
 
-    The laws are rough, so what is left hangs together within a stretch; the prior is in both. A bound does not move.
+    The laws are rough, so what is left hangs together within a stretch; the prior is in both.
     """
     total = np.sum(problem.sums.sums, axis=0)
     H, _ = problem.system(z, total)
-    moving = np.flatnonzero(problem.free & (z > problem.lower))
+    moving = np.flatnonzero(problem.free)
     own = np.zeros_like(H)
     own[np.ix_(moving, moving)] = np.linalg.inv(H[np.ix_(moving, moving)])
     pulls = np.stack([problem.pulls(z, stretch) for stretch in problem.sums.sums])
@@ -71,17 +71,30 @@ def findings(
     result = [_of_links(problem, z, spread, sure)] if np.any(problem.links_free) else []
     for k, term in enumerate(OWN):
         name, key = NAMES[term]
-        chosen = [j for j in range(problem.n) if problem.own_free[j, k]]
+        chosen = [j for j in range(problem.n) if problem.said[j, k]]
         if not chosen:
             continue
         places = [10 * problem.n + len(OWN) * j + k for j in chosen]
         joints = [model.joints[j] for j in chosen]
+        errors = [error_of(problem, z, spread, i) for i in places]
         values = {
-            joint: Estimate(float(z[i]), float(np.sqrt(spread[i, i])), unit_of(name, key, joint in model.prismatic))
-            for joint, i in zip(joints, places, strict=True)
+            joint: Estimate(float(z[i]), error, unit_of(name, key, joint in model.prismatic))
+            for joint, i, error in zip(joints, places, errors, strict=True)
         }
         result.append(Finding(name, tuple(joints), (), {key: values}, sure[name]))
     return tuple(result)
+
+
+def error_of(problem: RobotProblem, z: Array, spread: Array, place: int) -> float:
+    """Return a joint's own term's standard error.
+
+    Of what the description states and is all taken away, no more than if nothing were known but that it is too much.
+    """
+    error = float(np.sqrt(spread[place, place]))
+    most = abs(problem.lower[place]) / np.sqrt(12.0)
+    if z[place] > problem.lower[place] or not np.isfinite(most):
+        return error
+    return float(min(error, most)) if error > 0.0 else float(most)
 
 
 def _of_links(problem: RobotProblem, z: Array, spread: Array, sure: dict[str, float]) -> Finding:

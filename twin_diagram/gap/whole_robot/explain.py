@@ -43,11 +43,11 @@ class Tuning:
     each: float = 1.0
     """Rise of the left-out log likelihood that each of many must bring beyond a few [nats]."""
 
+    gone: float = 1.0
+    """What a name's weakest place brings where all of it is gone: it won over what is described [nats]."""
+
     third: float = 1.0 / 3.0
     """No name where the standard error is more than this share of the value."""
-
-    half: float = 0.5
-    """The same of what the description states too much of: that it goes is the plainer claim."""
 
 
 TUNING = Tuning()
@@ -90,7 +90,7 @@ def explain(records: Records) -> WholeRobot | None:
     if not np.any(problem.free):
         return None
     problem, z, spread = sure_ones(problem)
-    if not np.any(problem.free):
+    if not (np.any(problem.links_free) or np.any(problem.said)):
         return None
     left_out = LeftOut.of(problem, z)
     found = estimates.findings(problem, z, spread, records.model, confidences(problem, left_out))
@@ -139,6 +139,7 @@ def begun(records: Records, sums: TorqueEquations) -> RobotProblem:
         variance=np.maximum(sums.residual_rms**2, 1e-18),
         share=np.full(records.n, TUNING.share),
         links_free=links.heavy,
+        gone=np.zeros((records.n, len(OWN)), dtype=bool),
         own_free=np.tile([not (records.model.arm.link_side and term == "rotor") for term in OWN], (records.n, 1)),
     )
 
@@ -159,15 +160,25 @@ def sure_ones(problem: RobotProblem) -> tuple[RobotProblem, Array, Array]:
         spread = estimates.covariance(problem, z)
         size = np.abs(z[10 * problem.n :]).reshape(problem.n, len(OWN))
         error = np.sqrt(np.diag(spread)[10 * problem.n :]).reshape(problem.n, len(OWN))
-        stated = np.isfinite(problem.least) & (problem.least < 0.0)
-        least = np.where(stated, TUNING.half, TUNING.third) * size
-        doubtful = problem.own_free & ((error > least) | (size == 0.0))
+        held = z[10 * problem.n :].reshape(size.shape) <= problem.least
+        doubtful = problem.own_free & ~(held & problem.stated) & ((error > TUNING.third * size) | (size == 0.0))
         if not np.any(doubtful):
             return problem, z, spread
         worst = np.unravel_index(int(np.argmax(np.where(doubtful, error / np.maximum(size, 1e-12), 0.0))), size.shape)
-        own = problem.own_free.copy()
-        own[worst] = False
-        problem = replace(problem, own_free=own)
+        problem = decided(problem, z, (int(worst[0]), int(worst[1])))
+
+
+def decided(problem: RobotProblem, z: Array, term: tuple[int, int]) -> RobotProblem:
+    """Return the problem with a doubtful term as described, or, where left-out motion likes it better, all gone."""
+    own, gone = problem.own_free.copy(), problem.gone.copy()
+    own[term] = False
+    as_described = replace(problem, own_free=own)
+    if not problem.stated[term]:
+        return as_described
+    gone[term] = True
+    without = replace(as_described, gone=gone)
+    left = [LeftOut.of(some, z).likelihood()[term[0]] for some in (as_described, without)]
+    return without if left[1] > left[0] else as_described
 
 
 def confidences(problem: RobotProblem, left_out: LeftOut) -> dict[str, float]:
@@ -184,4 +195,6 @@ def confidences(problem: RobotProblem, left_out: LeftOut) -> dict[str, float]:
         name = InertialParameters.name if k < n else estimates.NAMES[OWN[term]][0]
         gain = float(np.sum(lost) if k < n else lost[j])
         weakest[name] = min(weakest.get(name, np.inf), gain)
+    for _, term in np.argwhere(problem.gone):
+        weakest.setdefault(estimates.NAMES[OWN[term]][0], TUNING.gone)
     return {name: float(1.0 / (1.0 + np.exp(-np.clip(gain, -30.0, 30.0)))) for name, gain in weakest.items()}

@@ -199,8 +199,7 @@ def margin(problem: RobotProblem, unit: int, gain: Array) -> float:
     if unit < problem.n:
         return float(np.sum(gain)) - TUNING.link
     joint, term = divmod(unit - problem.n, len(OWN))
-    least = problem.least[joint, term]
-    return float(gain[joint]) - (TUNING.stated if np.isfinite(least) and least < 0.0 else TUNING.own)
+    return float(gain[joint]) - (TUNING.stated if problem.stated[joint, term] else TUNING.own)
 
 
 def counted(problem: RobotProblem) -> Array:

@@ -50,6 +50,7 @@ class RobotProblem:
         share: (n,) of a sample that is independent of its neighbours.
         links_free: (n,) whose inertia may differ.
         own_free: (n, 4) which of joints' own terms may be there.
+        gone: (n, 4) which of those that the description states are taken to be none at all.
     """
 
     sums: TorqueEquations
@@ -60,6 +61,7 @@ class RobotProblem:
     share: Array
     links_free: Chosen
     own_free: Chosen
+    gone: Chosen
 
     @property
     def n(self) -> int:
@@ -73,8 +75,18 @@ class RobotProblem:
 
     @property
     def mean(self) -> Array:
-        """(14 n,) of the description."""
-        return np.concatenate([self.links.mean.ravel(), np.zeros(self.n * len(OWN))])
+        """(14 n,) of the description, without what is gone."""
+        return np.concatenate([self.links.mean.ravel(), np.where(self.gone, self.least, 0.0).ravel()])
+
+    @property
+    def stated(self) -> Chosen:
+        """(n, 4) whether the description states some of a term already."""
+        return np.asarray(np.isfinite(self.least) & (self.least < 0.0))
+
+    @property
+    def said(self) -> Chosen:
+        """(n, 4) which of joints' own terms differ from the description."""
+        return self.own_free | self.gone
 
     @property
     def deviation(self) -> Array:

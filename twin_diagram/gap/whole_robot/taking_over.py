@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin_diagram.gap.findings import Verdict
-from twin_diagram.gap.residuals.prepared_logs import Records
+from twin_diagram.gap.residuals.prepared_logs import Records, roughness
 from twin_diagram.gap.verdict.deciding import TUNING as DECIDING
 from twin_diagram.gap.verdict.probabilities import less_sure
 from twin_diagram.gap.whole_robot.explain import WholeRobot, explain
 from twin_diagram.logs import Log
+from twin_diagram.logs.differentiation import TUNING as DIFFERENTIATION
 from twin_diagram.model.model import Model
 from twin_diagram.model.prediction import torque_residual_rms
 from twin_diagram.signals.arrays import Array
@@ -57,6 +58,13 @@ def taken_over(
     found = tuple(less_sure(f, DECIDING.less_sure) for f in whole.findings) if remainder else whole.findings
     changed = replace(verdict, verdict="named", remainder=remainder, findings=found, separation=())
     return changed, whole.model, whole
+
+
+def unsearched(records: Records) -> Verdict:
+    """Return the verdict where nothing could be searched for: unknown, with the noise that torques themselves show."""
+    white = np.max([roughness(record.torque, 1.0 / record.rate) for record in records.records], axis=0)
+    share = min(1.0, 2.0 * DIFFERENTIATION.residual_cutoff / records.records[0].rate)
+    return Verdict("unknown", False, (), (), (), np.maximum(white * np.sqrt(share), 1e-9))
 
 
 def outdoes(whole: WholeRobot, logs: Sequence[Log], corrected: Model, *, named: bool) -> bool:
