@@ -146,11 +146,8 @@ def run_gap(
     records = prepare(given, logs)
     verdict, corrected, whole = _found(given, logs, held, records, notes, say)
     shown = show(given, corrected, logs, held, verdict.noise_floor, say=say)
-    if (
-        whole is None
-        and corrected is not given
-        and not accepted(verdict, shown, partial(confirmed, given, corrected, held))
-    ):
+    agrees = partial(accepted, verdict, shown, partial(confirmed, given, corrected, held))
+    if whole is None and corrected is not given and not agrees():
         notes.append("what was named did not shrink the gap on the held-out run on all joints, and was dropped")
         verdict, corrected, shown = _nameless(verdict), given, shown.uncorrected()
     if corrected is not given and not shown.is_exercised():

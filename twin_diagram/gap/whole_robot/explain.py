@@ -18,7 +18,16 @@ from twin_diagram.gap.findings import Finding
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.residuals.regressors import present
 from twin_diagram.gap.whole_robot import estimates
-from twin_diagram.gap.whole_robot.left_out import LeftOut, Linearised, best_spread, earning, free_units, missed, units
+from twin_diagram.gap.whole_robot.left_out import (
+    LeftOut,
+    Linearised,
+    best_spread,
+    counted,
+    earning,
+    free_units,
+    missed,
+    units,
+)
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
 from twin_diagram.gap.whole_robot.physical_links import Links
 from twin_diagram.gap.whole_robot.torque_equations import OWN, TorqueEquations, equations
@@ -94,12 +103,14 @@ def explain(records: Records) -> WholeRobot | None:
         return None
     left_out = LeftOut.of(problem, z)
     found = estimates.findings(problem, z, spread, records.model, confidences(problem, left_out))
+    everywhere = np.ones(len(problem.sums.fold), dtype=bool)
+    fitted = np.sqrt(problem.squares(z, everywhere) / counted(problem))
     specs = [spec for finding in found for spec in specs_of(finding)]
     try:
         model = records.model.with_effects(merged(records.model.effects, specs))
     except ModelError:
         return None
-    return WholeRobot(model, found, problem.sums.residual_rms, np.sqrt(problem.variance), left_out.rms)
+    return WholeRobot(model, found, problem.sums.residual_rms, fitted, left_out.rms)
 
 
 def chosen(problem: RobotProblem) -> RobotProblem:
@@ -107,23 +118,21 @@ def chosen(problem: RobotProblem) -> RobotProblem:
 
     Where few links are off, they come one by one: together, each would stand in for the others. Where all are, one
     alone stands in for all, and what does not matter goes one by one. Left-out motion says which it is.
+    What everything together leaves is the noise: were it looked at again, a joint that fits badly would count less.
     """
     whole, start = settled(problem)
     bare = replace(whole, links_free=np.zeros(problem.n, dtype=bool))
     few, many = weeded(missed(bare, whole, solve(bare))[0], whole), weeded(whole, whole)
     more = int(np.sum(free_units(many))) - int(np.sum(free_units(few)))
-    # Judged alike: what each of them leaves would count as its own noise.
-    alike = [replace(x, variance=whole.variance, share=whole.share) for x in (few, many)]
-    scores = [LeftOut.of(x, start).score() for x in alike]
+    scores = [LeftOut.of(x, start).score() for x in (few, many)]
     return many if scores[1] - scores[0] > TUNING.each * max(1, more) else few
 
 
 def weeded(problem: RobotProblem, whole: RobotProblem) -> RobotProblem:
     """Return the problem with the spread that left-out motion likes best, and without what does not earn its place."""
-    problem, z = settled(problem)
-    problem, left_out = best_spread(problem, z)
+    problem, left_out = best_spread(problem, solve(problem))
     problem = earning(problem, left_out)
-    return missed(problem, whole, solve(problem, None, z))[0]
+    return missed(problem, whole, solve(problem))[0]
 
 
 def begun(records: Records, sums: TorqueEquations) -> RobotProblem:
@@ -156,7 +165,7 @@ def sure_ones(problem: RobotProblem) -> tuple[RobotProblem, Array, Array]:
     """Return the problem without joints' terms whose standard error is too large, its fit and covariance."""
     z = None
     while True:
-        problem, z = settled(problem, z)
+        z = solve(problem, None, z)
         spread = estimates.covariance(problem, z)
         size = np.abs(z[10 * problem.n :]).reshape(problem.n, len(OWN))
         error = np.sqrt(np.diag(spread)[10 * problem.n :]).reshape(problem.n, len(OWN))

@@ -19,6 +19,9 @@ class Tuning:
     own: float = 10.0
     """Prior deviation of a joint's own terms: so many times the residual's size."""
 
+    together: float = 0.5
+    """Residuals hang together over this long at most [s]: a joint that fits badly must not count ever less for it."""
+
     rounds: int = 12
     """Gauss-Newton steps at most."""
 
@@ -201,7 +204,9 @@ def with_noise(problem: RobotProblem, z: Array) -> RobotProblem:
     left = problem.sums.left(problem.difference(z))
     counts = np.maximum(np.sum(problem.sums.counts, axis=0), 1.0)
     variance = np.sum(left**2, axis=0) / counts
-    return replace(problem, variance=np.maximum(variance, 1e-18), share=independent(left, problem.sums.gaps))
+    least = min(1.0, problem.sums.seconds / TUNING.together / len(left))
+    share = np.maximum(independent(left, problem.sums.gaps), least)
+    return replace(problem, variance=np.maximum(variance, 1e-18), share=share)
 
 
 def independent(left: Array, gaps: npt.NDArray[np.bool_]) -> Array:
