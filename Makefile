@@ -24,6 +24,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 help:
 	echo "make demo       closed loop in simulation for 10 s, then a gap found and closed; writes out/demo/"
 	echo "make test       ruff, mypy and the fast tests"
+	echo "make long       tests that take some seconds each; CI runs them, too"
 	echo "make slow       the slow tests"
 	echo "make wheels     sdist and wheel, installed in fresh environments (all, and slim) and used there"
 	echo "make newcomer   one's own arm, log, effect, controller and filter from an empty folder, with the time of each step"
@@ -81,6 +82,10 @@ docs: install-docs
 .PHONY: pytest
 pytest: install-test
 	$(PY) -m pytest -n $(JOBS) --dist worksteal $(ARGS)
+
+.PHONY: long
+long: install-test
+	$(PY) -m pytest -n $(JOBS) --dist worksteal -m long $(ARGS)
 
 .PHONY: slow
 slow: install-test

@@ -589,6 +589,7 @@ def test_another_process_gives_the_same_numbers(recorded: tuple[Path, dict[str, 
     assert shown == [line.rstrip() for line in table(summary | {"timing": {}}).splitlines()]
 
 
+@pytest.mark.long
 def test_a_reader_that_has_enough_is_no_error(tmp_path: Path) -> None:
     read, write = os.pipe()
     os.close(read)

@@ -77,6 +77,7 @@ def test_what_is_left_alone(source: str) -> None:
     assert not faults(source)
 
 
+@pytest.mark.long
 def test_drawing_is_repeatable_and_even() -> None:
     draw = part("draw").draw
     mutants = draw(CHECKOUT, 5, 60)
@@ -142,6 +143,7 @@ def test_unnoticed():
 """
 
 
+@pytest.mark.long
 def test_killed_and_survived_in_a_small_checkout(tmp_path: Path) -> None:
     files = {"twin_diagram/__init__.py": "", "twin_diagram/sums.py": SUMS, "tests/test_sums.py": TESTS}
     for name, text in files.items():

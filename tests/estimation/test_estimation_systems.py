@@ -154,6 +154,7 @@ def test_in_a_diagram_the_state_is_of_the_present():
     assert sum(counters.values()) == counters["accepted"]
 
 
+@pytest.mark.long
 def test_alarm_in_a_diagram():
     run = recording(5.6, added_mass=1.5, added_at=5.0)
     diagram, parts = loop(run)

@@ -23,11 +23,13 @@ def found(folder: Path, weak: float) -> Finding:
     return finding
 
 
+@pytest.mark.long
 def test_a_weak_ripple_is_named_where_another_joint_has_a_strong_one(tmp_path: Path) -> None:
     finding = found(tmp_path, 0.015)
     assert (finding.name, finding.joints) == ("torque_ripple", ("shoulder", "elbow"))
 
 
+@pytest.mark.long
 def test_one_that_hardly_shows_leaves_the_name_less_sure(tmp_path: Path) -> None:
     finding = found(tmp_path, 0.013)
     assert finding.joints == ("shoulder",)

@@ -43,6 +43,7 @@ def switched(model: Model, seed: int, moment: float, effects: Sequence[EffectSpe
     return replace(healthy, torque=np.where((healthy.time >= moment)[:, None], dry.torque, healthy.torque))
 
 
+@pytest.mark.long
 def test_what_starts_in_a_later_run_was_not_in_those_before(model: Model, tmp_path: Path) -> None:
     runs = [bench.run(model, seed=0), switched(model, 1, 4.0)]
     after = bench.run(model, [bench.dry()], seed=2)
@@ -58,6 +59,7 @@ def test_what_starts_in_a_later_run_was_not_in_those_before(model: Model, tmp_pa
             assert np.all(torque_residual_rms(corrected, run) < FLOOR)
 
 
+@pytest.mark.long
 def test_what_ends_in_a_later_run_was_in_those_before(model: Model) -> None:
     worn = bench.run(model, [bench.dry()], seed=0)
     whole = bench.run(model, [bench.dry()], seed=1)
@@ -117,6 +119,7 @@ def elsewhere(corrected: Model, held: Log) -> list[float]:
     return [moments[fingerprint(held)] for e in corrected.effects if fingerprint(held) in (moments := e.when.elsewhere)]
 
 
+@pytest.mark.long
 def test_a_healthy_held_out_run_still_denies_a_name(
     model: Model, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -119,6 +119,7 @@ def test_the_corrected_model_loads_and_says_the_same(found: tuple[Gap, Path]) ->
     assert (out / "model" / "arm.urdf").read_text() == bench.URDF
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("suffix", [".urdf", ".sdf", ".xml"])
 def test_any_description(
     stub: None, runs: tuple[Path, list[Path]], tmp_path: Path, suffix: str, capsys: pytest.CaptureFixture[str]
@@ -136,6 +137,7 @@ def test_any_description(
         assert np.all(np.isfinite(np.loadtxt(lines[1:], delimiter=",")))
 
 
+@pytest.mark.long
 def test_joints_may_come_in_any_order(stub: None, runs: tuple[Path, list[Path]], tmp_path: Path) -> None:
     model, (fit, held, _) = runs
     turned = tmp_path / "turned.csv"
@@ -144,6 +146,7 @@ def test_joints_may_come_in_any_order(stub: None, runs: tuple[Path, list[Path]],
     assert straight["before"] == pytest.approx(other["before"])
 
 
+@pytest.mark.long
 def test_exit_is_0_whatever_the_verdict(
     monkeypatch: pytest.MonkeyPatch, runs: tuple[Path, list[Path]], tmp_path: Path
 ) -> None:
@@ -183,6 +186,7 @@ def test_a_name_that_cannot_be_added_is_no_error(
 # The folder.
 
 
+@pytest.mark.long
 def test_what_else_is_in_the_folder_stays(stub: None, runs: tuple[Path, list[Path]], tmp_path: Path) -> None:
     model, (fit, held, _) = runs
     out = tmp_path / "out"
@@ -242,6 +246,7 @@ def test_ctrl_c_leaves_what_was_there(
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["gap.json"]
 
 
+@pytest.mark.long
 def test_a_folder_that_is_there_may_be_a_disk_of_its_own(
     stub: None, runs: tuple[Path, list[Path]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -260,6 +265,7 @@ def test_a_folder_that_is_there_may_be_a_disk_of_its_own(
     assert not [path for path in (tmp_path / "disk").iterdir() if path.name.startswith(".")]
 
 
+@pytest.mark.long
 def test_a_model_may_be_corrected_in_place(stub: None, runs: tuple[Path, list[Path]], tmp_path: Path) -> None:
     model, (fit, held, _) = runs
     out = tmp_path / "out"
@@ -403,6 +409,7 @@ def own_effect() -> Iterator[None]:
     del REGISTRY["quadratic_drag"]
 
 
+@pytest.mark.long
 def test_an_effect_of_ones_own_is_found(own_effect: None, tmp_path: Path) -> None:
     secret = EffectSpec("quadratic_drag", ["elbow"], [], {"drag": [2.0]})
     fit, held = bench.write_runs(tmp_path, [secret])

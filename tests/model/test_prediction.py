@@ -88,6 +88,7 @@ def test_torque_of_another_engines_motion(truth: Log) -> None:
     assert np.all(torque_residual_rms(BARE, truth) > 0.3), "the effects matter"
 
 
+@pytest.mark.long
 def test_motion_of_another_engines_torque(truth: Log) -> None:
     after = rollout_rms(MODEL, truth, 0.2)
     before = rollout_rms(BARE, truth, 0.2)
@@ -154,6 +155,7 @@ def sliding_joint(level: float, inertia: float, *, damping: float = 0.0) -> Mode
     return Model.load(ArmModel(model="arms/panda.urdf", tool_frame="", effects=effects))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("period", [pytest.param(0.001, marks=pytest.mark.slow), 0.004, 0.02])
 def test_dry_friction_stops_and_holds(period: float) -> None:
     """A joint sent off at v0 stops after v0² I / 2F, and stays there under any torque below the level."""

@@ -463,6 +463,7 @@ def test_a_thing_in_the_hand_is_seen(name: str, offset: float, least: float) -> 
     assert nothing.count == 0
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("egl")
 def test_scanned_objects_are_found(data_dir: Path, tmp_path: Path) -> None:
     """Real textures and shapes, which this project did not make."""
@@ -485,7 +486,7 @@ def test_scanned_objects_are_found(data_dir: Path, tmp_path: Path) -> None:
         segments = segment(
             rgb, depth, k / 15, Grid.of(VIEW, 2), scenario.Perception(), lambda p, margin: robot.near(p, Q, margin)
         )
-        slots, found = step(known, slots, segments, scenario.Registration(), 60)
+        slots, found, _ = step(known, slots, segments, scenario.Registration(), 60)
     for (name, X_WO), one in zip(poses.items(), found, strict=True):
         assert one.quality > 0.8, name
         assert np.linalg.norm(one.pose[4:] - X_WO.translation()) < 1e-3, name

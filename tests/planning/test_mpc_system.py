@@ -57,6 +57,7 @@ def tracks_with(mover: np.ndarray | None) -> np.ndarray:
 # Whole runs.
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("kind", "seed"),
     [
@@ -206,6 +207,7 @@ def test_the_command_starts_anew_where_the_arm_is_found_elsewhere(planner: Motio
     np.testing.assert_allclose(memory.trajectory.position(2 / 15), pushed, atol=1e-9)
 
 
+@pytest.mark.long
 def test_a_lasting_difference_is_made_up_for(planner: MotionPlanner) -> None:
     """An arm that hangs a little below its command still brings the tool to the goal."""
     memory = planner.initial(HOME)

@@ -26,6 +26,7 @@ def there(folder: Path) -> set[str]:
     return set(written_files.files_of(folder))
 
 
+@pytest.mark.long
 def test_a_second_run_removes_what_the_first_one_wrote_and_nothing_else(tmp_path: Path) -> None:
     scenario = small_scenario(*BLIND, "duration=0.05", objects=())
     fill(tmp_path)

@@ -129,6 +129,7 @@ def test_a_stopped_run_closes_all_that_is_open(number: int, status: int, log: st
     assert replayed(tmp_path)["time_s"] == duration
 
 
+@pytest.mark.long
 def test_a_registration_is_broken_off(egl: None, tmp_path: Path) -> None:
     plan = small_scenario(f"duration={FOR_EVER}", objects=("can",))
     process = start(tmp_path, plan, "--out", "out", before=REGISTRATION)
@@ -155,6 +156,7 @@ def killed(place: Path, plan: Scenario, seconds: float) -> None:
     assert replayed(place)["time_s"] > last - 0.02
 
 
+@pytest.mark.long
 def test_a_killed_run_replays_to_its_last_message(egl: None, tmp_path: Path) -> None:
     plan = small_scenario(f"duration={FOR_EVER}", objects=("can",))
     killed(tmp_path, plan, 1.0)

@@ -23,6 +23,7 @@ def run() -> Recording:
     return simulate(WORLD, 6.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("velocities", [True, False])
 def test_payload_of_a_recorded_run(
     run: Recording, velocities: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]

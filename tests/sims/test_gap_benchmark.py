@@ -284,6 +284,7 @@ def test_families_beyond_the_catalogue_leave_a_mark(name: str) -> None:
 # Kinds, wall, noise.
 
 
+@pytest.mark.long
 def test_kinds() -> None:
     several = cases.make_case("several", 3, duration=3.0)
     assert len(several.hidden) == 1 and len(several.hidden[0].joints) >= 2
@@ -320,6 +321,7 @@ def test_same_seed_same_bytes(tmp_path: Path) -> None:
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
 
 
+@pytest.mark.long
 def test_wall() -> None:
     """Truth and twin share no code, and only the benchmark's script knows both."""
 
@@ -366,6 +368,7 @@ def test_whitened_noise_is_white() -> None:
     assert 0.4 < np.var(np.array(draws)) < 1.0
 
 
+@pytest.mark.long
 def test_separation_counts_noise_units() -> None:
     """Twice the noise is half the distance; a payload is no joint's; the signature itself bounds it."""
     case = cases.make_case("single", 5, "payload", SHORT)

@@ -41,6 +41,7 @@ def test_every_mixture_has_at_least_two_names_on_its_joints(case: cases.Case) ->
             assert len(values) == len(thing.joints) > 0
 
 
+@pytest.mark.long
 def test_modelled_separation_is_that_of_plain_least_squares(case: cases.Case) -> None:
     comparison = separation.Comparison(case)
     parts = comparison.modelled_parts()

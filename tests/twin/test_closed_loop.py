@@ -164,11 +164,13 @@ def test_two_contexts_in_turn_give_what_one_gives_alone(alone: Run) -> None:
     assert not same([estimates(loop, other.get_context())], alone.looks[:1])
 
 
+@pytest.mark.long
 def test_a_second_diagram_gives_the_same_numbers(alone: Run) -> None:
     loop = make_closed_loop(small_scenario(f"duration={DURATION}", objects=OBJECTS))
     assert not same(watch(loop, list(LOOKS[:2])), alone.looks[:2])
 
 
+@pytest.mark.long
 def test_another_seed_gives_other_numbers(alone: Run) -> None:
     scenario = small_scenario(f"duration={DURATION}", "seed=1", objects=OBJECTS)
     assert same(watch(make_closed_loop(scenario), [LOOKS[0]]), alone.looks[:1])
@@ -197,6 +199,7 @@ def covered(egl: None) -> tuple[list[float], list[list[Track]]]:
 Covered = tuple[list[float], list[list[Track]]]
 
 
+@pytest.mark.long
 def test_under_cover_objects_go_stale_then_lost_then_come_back(covered: Covered) -> None:
     times, samples = covered
     last = 1 / 15 * np.floor(COVERED[0] * 15)  # the last image taken with the lens free
@@ -215,6 +218,7 @@ def test_under_cover_objects_go_stale_then_lost_then_come_back(covered: Covered)
     assert samples[-1][0].last_seen > COVERED[1]
 
 
+@pytest.mark.long
 def test_under_cover_the_last_pose_is_kept_to_the_bit(covered: Covered) -> None:
     times, samples = covered
     blind = [tracks for time, tracks in zip(times, samples, strict=True) if COVERED[0] + 0.1 < time < COVERED[1]]
@@ -223,6 +227,7 @@ def test_under_cover_the_last_pose_is_kept_to_the_bit(covered: Covered) -> None:
         assert {tracks[k].pose.tobytes() for tracks in blind} == {blind[0][k].pose.tobytes()}
 
 
+@pytest.mark.long
 def test_under_cover_the_covariance_grows_and_then_recovers(covered: Covered) -> None:
     times, samples = covered
     blind = [tracks for time, tracks in zip(times, samples, strict=True) if COVERED[0] + 0.1 < time < COVERED[1]]

@@ -127,6 +127,7 @@ def test_each_reading_is_used_once_and_the_bias_is_found(live: tuple[ClosedLoop,
     np.testing.assert_allclose(found.own[:3], GYRO_BIAS, atol=loop.scenario.twin.filter.velocity_std)
 
 
+@pytest.mark.long
 def test_the_wrist_helps_to_weigh(live: tuple[ClosedLoop, Simulator]) -> None:
     """Against the truth, and against the same run without it."""
     loop, simulator = live

@@ -154,6 +154,7 @@ def test_a_slow_driver_is_not_taken_for_a_silent_one() -> None:
     assert found == []
 
 
+@pytest.mark.long
 def test_images_that_never_come_and_images_that_cease() -> None:
     _, found, said, _ = run(on_a_bus(camera=True), 0.7, until=np.inf, images_until=-1.0)
     assert [(lack["reason"], lack["what"], lack["first"]) for lack in found] == [("no_image", "none has come", 0.0)]

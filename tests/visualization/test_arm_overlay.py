@@ -146,6 +146,7 @@ def test_the_ellipsoids_are_the_covariance_at_every_time_of_the_recording(
             np.testing.assert_allclose(shape, expected, atol=0.06 * expected.max())
 
 
+@pytest.mark.long
 def test_they_can_be_seen(page: Browser) -> None:
     """Violet that is not there while the arm rests."""
 

@@ -240,6 +240,7 @@ def test_plots_are_written_and_not_empty(tmp_path: Path) -> None:
     assert [f.read_bytes() for f in again] == [f.read_bytes() for f in files]
 
 
+@pytest.mark.long
 def test_plots_of_a_run_that_saw_weighed_and_wanted_nothing(tmp_path: Path) -> None:
     run = samples(objects=0)
     run.mass = run.mass_std = np.full(60, np.nan)

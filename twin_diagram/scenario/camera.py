@@ -90,6 +90,8 @@ class Camera:
     """How far off the principal point may be, RMS [px]."""
     depth_scale_std: float = 0.0
     """How far off the scale of depth may be, as a share of it."""
+    colour_std: float = 0.0
+    """How far off depth its colours may lie, RMS [px]; learnt while objects are followed. 0: they lie on it."""
     rate: float = 15.0
     """Frames per second."""
     latency: float = 0.035

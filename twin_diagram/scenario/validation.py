@@ -58,7 +58,7 @@ POSITIVE: dict[type, tuple[str, ...]] = {
 }
 """Fields that must be above zero, where they are told, by their dataclass."""
 NOT_NEGATIVE: dict[type, tuple[str, ...]] = {
-    Camera: ("latency", "focal_std", "centre_std", "depth_scale_std"),
+    Camera: ("latency", "focal_std", "centre_std", "depth_scale_std", "colour_std"),
     DepthNoise: ("floor", "growth", "correlated", "lasting"),
     Filter: ("excitation", "torque_drift_std", "parameter_walk", "learning_rate", "history", "noise_time"),
     Healing: ("attempts", "nice"),

@@ -57,6 +57,7 @@ def test_a_camera_that_moves_around_makes_an_asset(tmp_path: Path) -> None:
     assert built.volume == pytest.approx(60e-6, rel=0.05)
 
 
+@pytest.mark.long
 def test_a_thing_that_turns_before_one_camera_makes_an_asset(tmp_path: Path) -> None:
     low, high = cameras(2, 0.015, low=5.0, high=75.0)
     growth = Growth()

@@ -256,6 +256,7 @@ def prediction() -> dict[str, np.ndarray]:
     )
 
 
+@pytest.mark.long
 def test_predictions_are_scaled_and_the_cube_is_left_out(tmp_path: Path, prediction: dict[str, np.ndarray]) -> None:
     np.savez(tmp_path / "predictions.npz", **prediction)
     _, factor = metric(read_predictions(tmp_path / "predictions.npz"), 0.03, "predictions")

@@ -140,6 +140,7 @@ def test_noticed_in_time(changes, within, tmp_path):
     assert [json.loads(line) for line in lines] == records + records
 
 
+@pytest.mark.long
 def test_encoder_jump_is_noticed_and_not_swallowed():
     def jump(t, q):
         if t > AT:
@@ -155,6 +156,7 @@ def test_encoder_jump_is_noticed_and_not_swallowed():
     assert first["evidence"]["change"] < 1.0
 
 
+@pytest.mark.long
 def test_motor_that_lost_a_fifth():
     params = Filter(parameters=["payload", "torque_constant"])
     world = World.draw(23, period=6.0, dead_joint=1, dead_at=AT, motor_left=0.8)
@@ -180,6 +182,7 @@ def test_two_kilograms_more():
         assert abs(error[end]) < 0.01 * 2.0
 
 
+@pytest.mark.long
 def test_friction_drops_to_a_third():
     """Joints that move: to 10 % of what was there, within a second."""
     level = 10.0 * COULOMB

@@ -66,6 +66,7 @@ class Joint:
         return largest
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("smooth", [1e-5, 0.02])
 def test_a_weak_motor_is_noticed_while_its_joint_gives_way(smooth: float) -> None:
     """10 N·m of 20 are gone, 4 more than friction holds; before, a minute in which nothing is wrong."""

@@ -234,6 +234,7 @@ def test_learns_only_once_parameters_have_settled():
     assert restless.armed
 
 
+@pytest.mark.long
 def test_ring_of_alarms():
     monitor = Monitor(TERMS, Drift(), Filter())
     t = feed(monitor, 600)

@@ -45,6 +45,7 @@ def normal() -> tuple[CrossCheck, Array]:
     return cross, state
 
 
+@pytest.mark.long
 def test_silent_while_a_sensor_agrees() -> None:
     cross, state = check(6)
     found = feed(cross, state, np.random.default_rng(1).normal(size=(20_000, 6)))
@@ -96,6 +97,7 @@ def test_a_pull_that_begins_before_much_was_seen_is_found_all_the_same() -> None
         assert t[np.argmax(found > 1.0)] < 7.6 and found.max() > 1.0, seed
 
 
+@pytest.mark.long
 def test_refusals_in_a_row_are_found_and_scattered_outliers_are_not() -> None:
     rng = np.random.default_rng(5)
     cross, state = check(6)

@@ -106,6 +106,7 @@ def test_ten_minutes_without_an_alarm(kind: Callable[[float], Callable[[float], 
     assert seen.mass <= 0.01 * MASS
 
 
+@pytest.mark.long
 def test_a_heavier_rod_is_still_noticed_at_speed() -> None:
     rows = swing(spinning(20.0), 8.0)
     rows[rows[:, 0] > 6.0, 3] += 1.0

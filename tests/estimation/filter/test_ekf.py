@@ -319,6 +319,7 @@ def test_payload_over_many_seeds():
     assert 0.1 < np.sqrt(np.mean(np.square(z))) < 1.5
 
 
+@pytest.mark.long
 def test_resting_arm_learns_once_and_then_nothing():
     world = World.draw(7, start=1e9)
     run = simulate(world, 8.0)
@@ -369,6 +370,7 @@ def test_learns_friction_too():
     assert abs(ekf.belief.theta[0]) < 0.1
 
 
+@pytest.mark.long
 def test_abrupt_change_of_payload():
     world = World.draw(3, period=6.0, added_mass=1.0, added_at=4.0)
     run = simulate(world, 6.0)
@@ -407,6 +409,7 @@ def test_outliers_are_refused_and_surprises_are_not():
     assert abs(ekf.belief.theta[0] - World.draw(1).mass) < 0.08 * World.draw(1).mass
 
 
+@pytest.mark.long
 def test_wild_torque_is_a_surprise_not_a_payload():
     world, run = recording(2)
     ekf = Ekf(terms(), Filter())
@@ -490,6 +493,7 @@ def test_predict_and_update_by_hand_equal_observe():
     np.testing.assert_allclose(parts.belief.P, whole.belief.P, rtol=1e-9, atol=1e-18)
 
 
+@pytest.mark.long
 def test_covariance_stays_positive_without_measurements_and_with():
     _, run = recording(4)
     ekf = Ekf(terms(), Filter())

@@ -74,6 +74,7 @@ def follow(ekf: Ekf, run: Recording, until: float = np.inf) -> None:
             ekf.observe(run.q[k], run.v[k], run.tau[k], run.time[k])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("wrong", [3.0, pytest.param(1.0 / 3.0, marks=pytest.mark.slow)])
 def test_wrong_noise_is_found(wrong: float) -> None:
     ekf = Ekf(terms(), Filter(encoder_std=wrong * POSITION, velocity_std=wrong * SPEED, noise_time=0.5))
@@ -122,6 +123,7 @@ def test_first_readings_count_for_more() -> None:
     assert np.sum(rising[:400]) > np.log(25.0)  # a deviation five times too large comes down within two seconds
 
 
+@pytest.mark.long
 def test_stands_still_while_an_alarm_is_on() -> None:
     ekf = Ekf(terms(), Filter(encoder_std=3.0 * POSITION, velocity_std=SPEED))
     run = noisy()
@@ -168,6 +170,7 @@ def test_alarm_is_heeded_once() -> None:
     np.testing.assert_array_equal(ekf.belief.P, opened)
 
 
+@pytest.mark.long
 def test_fault_is_not_taken_for_noise() -> None:
     """A dead motor, with the alarm that a monitor raises 20 ms later: no sensor is believed less for it."""
     run = simulate(World.draw(1203, period=2.0, dead_joint=1, dead_at=4.0), 5.0)
@@ -199,6 +202,7 @@ def test_camera_finds_its_own() -> None:
     np.testing.assert_allclose(given * ekf.noise()["camera"], np.repeat([0.012, 0.003], 3), rtol=0.2)
 
 
+@pytest.mark.long
 def test_resting_arm_says_nothing_of_a_gyroscope() -> None:
     """What friction may do to a joint that rests is far more than it does: beside it any gyroscope would seem finer."""
     arm, rng = twin_terms(), np.random.default_rng(5)

@@ -91,6 +91,7 @@ def told_wrong(factor: float, jump: float) -> tuple[Ekf, np.ndarray, np.ndarray]
     return ekf, np.array(off), np.array(sure)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("factor", [5.0, 10.0])
 def test_noisy_encoders_neither_throw_the_state_nor_its_covariance(factor: float) -> None:
     """NEES per joint of the positions stays near 1 from the first noisy message on; a restart made it 60.

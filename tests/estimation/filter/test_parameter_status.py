@@ -110,6 +110,7 @@ def test_a_refuted_prior_is_given_up_once_and_takes_back_what_was_learnt_beside_
     np.testing.assert_array_equal(belief.vector, before)
 
 
+@pytest.mark.long
 def test_a_filter_that_may_not_learn_what_is_wrong_says_that_it_cannot() -> None:
     """Half a motor looks like a payload that is not there: the one that may be learnt never settles."""
     _, run = half_a_motor()

@@ -99,6 +99,7 @@ def trials(link: str, seed: int, count: int) -> tuple[Array, Array, int]:
     return np.array(squares), np.array(off), refused
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("link", "count", "off_by", "refused_at_most"),
     [("wrist_3_link", 80, 0.009, 35), ("wrist_1_link", 60, 0.007, 12), ("forearm_link", 30, 0.0045, 0)],

@@ -277,6 +277,7 @@ def test_history_is_exact_for_a_linear_system():
 # The filter with them.
 
 
+@pytest.mark.long
 def test_gyro_bias_is_found_and_stays_out_of_the_state():
     _, run = recording()
     ekf = Ekf(terms(), Filter())
@@ -499,6 +500,7 @@ def pulled(seed: int, encoder_speed: float = 0.0, camera_speed: float = 0.0, bot
     return np.inf, None, np.inf
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_slow_pull_of_the_camera_is_noticed(seed):
     time, name, off = pulled(seed, camera_speed=0.003)
@@ -506,6 +508,7 @@ def test_slow_pull_of_the_camera_is_noticed(seed):
     assert name == "camera" and off < 0.001 and time < 3.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_slow_pull_of_an_encoder_is_noticed_before_the_hand_is_off(seed):
     """Even where the drive's speed is made to agree with it."""
@@ -514,6 +517,7 @@ def test_slow_pull_of_an_encoder_is_noticed_before_the_hand_is_off(seed):
     assert name is not None and off < 0.010
 
 
+@pytest.mark.long
 def test_steady_error_of_calibration_becomes_a_bias():
     _, run = recording(0, 8.0)
     ekf = Ekf(terms(), Filter())

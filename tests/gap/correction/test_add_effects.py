@@ -151,6 +151,7 @@ def test_rough_values_that_are_kept_are_not_taken_for_exact(monkeypatch: pytest.
     assert told.onset is not None and told.onset.time == 1.6 and told.onset.std >= 0.1
 
 
+@pytest.mark.long
 def test_a_value_at_its_bound_has_an_error_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     spec = EffectSpec("actuator_fault", [JOINTS[3]], [], {"gain": [0.6]}, onset=1.5)
     log = noisy(recorded(spec), 2)

@@ -180,6 +180,7 @@ def test_one_joint_mended_at_anothers_cost_denies_a_name(shown: Shown) -> None:
         assert accepted(verdict, tried) == allowed
 
 
+@pytest.mark.long
 def test_several_joints_are_lines_of_one_table(model: Model, shown: Shown) -> None:
     """A column per parameter, and what is sure although the kind of dry friction is not."""
     first, second = (Estimate(value, 0.1, "N·m") for value in (3.0, 4.0))

@@ -43,6 +43,7 @@ def bench_of(terms: Terms, torque: Array, names: frozenset[str] = frozenset()) -
     return Bench(torque + NOISE * rng.normal(size=torque.shape), noise, candidates, [])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stiffness", [1000.0, 5000.0])
 def test_a_spring_is_offered_whatever_its_stiffness(terms: Terms, stiffness: float) -> None:
     true = gear(terms, GearShape("joint_elasticity", PAN, (("stiffness", stiffness), ("loss", 1e-3))))
@@ -65,6 +66,7 @@ def test_no_gear_is_beyond_what_its_effect_allows(terms: Terms, name: str, value
     assert gear(terms, GearShape(name, PAN, tuple(values.items()))) is None
 
 
+@pytest.mark.long
 def test_play_takes_the_place_of_an_offset_and_a_rotor(terms: Terms) -> None:
     """A shoulder's load never turns: its play leans on one side, as an encoder that is off would."""
     assert np.all(np.abs(np.sign(terms.load[0][:, LIFT]).sum()) == len(terms.load[0]))

@@ -63,6 +63,7 @@ def test_errors_that_leave_something_out_are_covered() -> None:
     assert np.sqrt(np.mean(np.square(with_doubt))) < 2.2
 
 
+@pytest.mark.long
 def test_refined_parameters_keep_their_doubt(tmp_path: Any) -> None:
     given = Model.load(gap_bench.arm(tmp_path))
     log = gap_bench.run(given, [gap_bench.dry(3.0)], seed=3)

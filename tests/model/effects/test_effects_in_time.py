@@ -124,9 +124,15 @@ def recorded(spec: EffectSpec, dt: float = 0.001, duration: float = 3.0, more: S
 
 TWICE = {name for name in CASES if name.endswith(("for a while", "later", "that swings"))}
 """Whose law is among the others, too."""
+BRIEF = {"coulomb_friction", "payload", "joint_elasticity", "backlash", "encoder_offset", "actuator_fault"}
+"""One of each way in which a law enters: friction, inertia, two gears, what is late, measured or lost."""
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in TWICE)) for name in CASES])
+def marks(name: str) -> list[pytest.MarkDecorator]:
+    return [] if name in BRIEF else [pytest.mark.slow if name in TWICE else pytest.mark.long]
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=marks(name)) for name in CASES])
 def test_model_explains_what_is_simulated(name: str) -> None:
     log = recorded(CASES[name]).between(0.3, 3.0)
     model = Model.load(replace(ARM, effects=[ROTORS, CASES[name]]))
@@ -138,6 +144,7 @@ def test_model_explains_what_is_simulated(name: str) -> None:
     assert np.max(together) < 0.15 * np.max(apart)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "beside",
     [

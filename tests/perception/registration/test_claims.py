@@ -65,7 +65,7 @@ def test_a_claim_is_the_sandwich(some: bool, colour: float, monkeypatch: pytest.
     looked = look(cloud, image, at, 40, FINE)
     points = at.p[0] + 0.06 * np.random.default_rng(3).normal(size=(30, 3)) if some else None
     monkeypatch.setattr(claims, "spread", lambda a, u, v, sigma: a.T @ a)
-    found = claim(looked, image, cloud, at, points, 0.02, colour, 1.0)
+    found, _ = claim(looked, image, cloud, at, points, 0.02, colour, 1.0)
     plain = linearise(looked, image, FINE, 0.02, 0.0)[0].H[0]
     Hc = linearise(looked, image, FINE, 0.02, colour)[0].H[0] - plain
     H, S = plain + Hc, 4.0 * Hc
@@ -100,5 +100,5 @@ def test_where_the_image_says_nothing_the_claim_is_bounded() -> None:
     away = poses()[np.array([0])]
     away = type(away)(away.R, away.p + [0.0, 5.0, 0.0])
     looked = look(model(), frame(), away, 40, FINE)
-    found = np.sqrt(np.diag(claim(looked, frame(), model(), away, None, 0.02, 0.3, 1.0)))
+    found = np.sqrt(np.diag(claim(looked, frame(), model(), away, None, 0.02, 0.3, 1.0)[0]))
     np.testing.assert_allclose(found, [1.0] * 3 + [0.05] * 3, rtol=1e-3)

@@ -149,7 +149,7 @@ def test_a_registration_begins_where_it_is_told_and_says_what_fits(monkeypatch: 
     monkeypatch.setattr(registration, "judge", lambda *given: fit)
     monkeypatch.setattr(registration, "residual_excess", lambda *given: 3.0)
     claims: list[Any] = []
-    monkeypatch.setattr(registration, "claim", lambda *given: claims.append(given) or H)
+    monkeypatch.setattr(registration, "claim", lambda *given: claims.append(given) or (H, None))
     R, p = turn(0.1, 0.2, 0.3), np.array([0.1, 0.2, 0.3])
     found = register(model(), frame(), R, p, PARAMS)
     np.testing.assert_array_equal(asked[2].R[0], R)

@@ -349,7 +349,7 @@ def follow(library: dict[str, ModelCloud], frames: list[Segments]) -> list[list[
     slots = [Slot() for _ in known]
     out = []
     for segments in frames:
-        slots, found = step(known, slots, segments, PARAMS, 60)
+        slots, found, _ = step(known, slots, segments, PARAMS, 60)
         out.append(found)
     return out
 

@@ -27,7 +27,7 @@ P = np.array([0.5, 0.1, 0.05])
 
 
 def pose(R: Array | None = None, p: Array = P, **changes: Any) -> RegisteredPose:
-    good = RegisteredPose(np.eye(3) if R is None else R, p, 1e-6 * np.eye(6), 0.9, 0.9, 1.0, 300.0)
+    good = RegisteredPose(np.eye(3) if R is None else R, p, 1e-14 * np.eye(6), 0.9, 0.9, 1.0, 300.0)
     return replace(good, **changes)
 
 
@@ -85,6 +85,14 @@ def test_the_velocity_is_a_running_mean_and_forgotten_over_a_gap() -> None:
     for turn, shift, still in ((0.15, 0.018, True), (0.18, 0.0, False), (0.0, 0.022, False)):
         moved = pose(exp(np.array([0, 0, turn * 0.1])), P + [0.1 * shift, 0, 0])
         assert (not seen(slot(), moved, 1.1).velocity.any()) == still
+
+
+def test_what_an_image_does_not_tell_is_not_taken_for_motion() -> None:
+    """A turn known to 0.2 rad, as far as things turn from image to image, counts half."""
+    found = pose(exp(np.array([0, 0, 0.1])), P + [0.0, 0.02, 0.0])
+    for std, share in ((0.2, 0.5), (1.0, 0.04 / 1.04), (1e-7, 1.0)):
+        vague = replace(found, covariance=np.diag([1e-14, 1e-14, std**2, *[1e-14] * 3]))
+        np.testing.assert_allclose(seen(slot(), vague, 1.1).velocity, [0, 0, 0.6 * share, 0, 0.12, 0], atol=1e-6)
 
 
 def test_searches_in_vain_wait_longer_and_longer_up_to_four_periods() -> None:
@@ -219,16 +227,16 @@ def test_a_search_comes_when_its_time_has_come(monkeypatch: pytest.MonkeyPatch) 
         return {}
 
     monkeypatch.setattr(tracking, "recognise", nothing)
-    monkeypatch.setattr(Frame, "of", staticmethod(lambda segments: None))
+    monkeypatch.setattr(Frame, "of", staticmethod(lambda segments, shift: None))
     known: Any = [tracking.Known(None, [(np.eye(3), 0.1)], [(np.eye(3), 0.2)])]  # type: ignore[arg-type]
     slots = [Slot()]
     for k in range(40):
         View.time = k * PARAMS.search_period / 4
-        slots, found = tracking.step(known, slots, View, PARAMS, 60)  # type: ignore[arg-type]
+        slots, found, _ = tracking.step(known, slots, View, PARAMS, 60)  # type: ignore[arg-type]
         assert found[0].quality == 0.0
     periods = [time / PARAMS.search_period for time, _ in asked if _]
     np.testing.assert_allclose(periods, [0, 1, 2, 3, 5, 7], atol=1e-9)
     assert [heights[0][0][1] for _, heights in asked if heights] == [0.1, 0.2, 0.1, 0.2, 0.1, 0.2]
     # Too few points are no object, and no attempt.
-    slots, _ = tracking.step(known, [Slot()], View, PARAMS, 101)  # type: ignore[arg-type]
+    slots, _, _ = tracking.step(known, [Slot()], View, PARAMS, 101)  # type: ignore[arg-type]
     assert slots[0].attempts == 0

@@ -23,7 +23,8 @@ P = np.array([0.5, 0.1, 0.05])
 
 
 def pose(p: Any = P, **changes: Any) -> RegisteredPose:
-    return replace(RegisteredPose(np.eye(3), np.asarray(p, dtype=float), np.eye(6), 0.9, 0.9, 1.0, 300.0), **changes)
+    sure = 1e-14 * np.eye(6)
+    return replace(RegisteredPose(np.eye(3), np.asarray(p, dtype=float), sure, 0.9, 0.9, 1.0, 300.0), **changes)
 
 
 def slot(velocity: Any = (0.0,) * 6, **changes: Any) -> Slot:
@@ -44,6 +45,14 @@ class Image:
         monkeypatch.setattr(tracking, "claimed", self.claimed)
         monkeypatch.setattr(tracking, "register", self.register)
         monkeypatch.setattr(tracking, "nearby", self.nearby)
+        monkeypatch.setattr(tracking, "assess", self.assess)
+        self.ahead = 20.0
+
+    def assess(self, cloud: Any, image: Any, poses: Any, count: int, level: int, slack: float) -> Any:
+        """As many points fit ahead as is told, and ten where it was."""
+        assert image == "frame" and count == PARAMS.model_points and slack == 0.01 and poses.R.shape == (2, 3, 3)
+        np.testing.assert_allclose(poses.p[1], P)
+        return SimpleNamespace(points=np.array([self.ahead, 10.0]))
 
     def claimed(self, cloud: Any, segments: Any, R: Array, p: Array, reach: float, most: int | None = None) -> Any:
         """All points within `reach` along the row of where the object would be."""
@@ -92,6 +101,14 @@ def test_what_moves_is_looked_for_ahead_then_where_it_was(monkeypatch: pytest.Mo
     assert len(image.asked) == 2, "what is found ahead is not looked for again"
     image.answers = [pose(**BAD), pose(**BAD)]
     assert tracking.register_where_expected(KNOWN, moving, image.view) is None
+
+
+def test_what_stops_is_looked_for_where_it_was_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    image = Image(monkeypatch)
+    image.answers, image.ahead = [pose(**BAD), pose()], 9.0
+    assert tracking.register_where_expected(KNOWN, slot([0.0, 0.0, 0.0, 0.2, 0.0, 0.0]), image.view) is not None
+    looked = [one[1] for one in image.asked if one[0] == "register"]
+    np.testing.assert_allclose(looked, [P, P + [0.02, 0.0, 0.0]])
 
 
 def test_an_object_that_slipped_is_looked_for_6_cm_about_it(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -154,7 +171,7 @@ def test_a_step_follows_then_regains_then_searches(monkeypatch: pytest.MonkeyPat
     """Of five objects one is followed, one regained, two are searched, of which one is found; one waits its turn."""
     calls: list[Any] = []
     free = np.ones(40, dtype=bool)
-    monkeypatch.setattr(tracking.Frame, "of", staticmethod(lambda segments: "frame"))
+    monkeypatch.setattr(tracking.Frame, "of", staticmethod(lambda segments, shift: "frame"))
     monkeypatch.setattr(tracking, "follow_known", lambda *_: {0: pose()})
     monkeypatch.setattr(tracking, "unexplained_by", lambda library, found, segments: free)
     monkeypatch.setattr(tracking, "regain_lost", lambda library, slots, found, view, free: {1: pose(P + 0.01)})
@@ -167,7 +184,7 @@ def test_a_step_follows_then_regains_then_searches(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(tracking, "search_for", searched)
     slots = [slot(), slot(), Slot(next_search=1.1), Slot(attempts=1), Slot(next_search=1.11)]
     image: Any = SimpleNamespace(time=1.1, labels=np.zeros(40))
-    after, results = tracking.step([KNOWN] * 5, slots, image, PARAMS, 40)
+    after, results, _ = tracking.step([KNOWN] * 5, slots, image, PARAMS, 40)
     assert calls == [[2, 3]]
     assert [one.quality for one in results] == [0.9, 0.9, 0.9, 0.0, 0.0] and {one.time for one in results} == {1.1}
     assert [one.known for one in after] == [True, True, True, False, False]
@@ -176,7 +193,7 @@ def test_a_step_follows_then_regains_then_searches(monkeypatch: pytest.MonkeyPat
     assert not after[2].velocity.any(), "how fast it is, a search cannot say"
     assert after[3].next_search == pytest.approx(1.1 + PARAMS.search_period)
     # Where too little is left unexplained, nothing is searched and nothing postponed.
-    after, _ = tracking.step([KNOWN] * 5, slots, image, PARAMS, 41)
+    after, _, _ = tracking.step([KNOWN] * 5, slots, image, PARAMS, 41)
     assert calls[-1] == [] and after[3] == slots[3]
 
 

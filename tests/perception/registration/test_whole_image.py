@@ -98,6 +98,7 @@ def test_two_alikes_are_two_and_stay_who_they_are(library: tuple[Known, ...]) ->
     assert out[-1].beside.identities[0] == 2
 
 
+@pytest.mark.long
 def test_the_one_that_is_left_stays_itself_and_the_one_that_comes_back_is_the_old_one(
     library: tuple[Known, ...],
 ) -> None:

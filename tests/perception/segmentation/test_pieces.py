@@ -66,6 +66,7 @@ def test_what_is_hidden_is_held(name: str, yaw: float) -> None:
     assert min(float(piece[:, 2].min()) for piece in pieces) > -0.004
 
 
+@pytest.mark.long
 def test_a_ball_goes_on_behind_where_it_bends_out_of_sight() -> None:
     centre, radius = np.array([0.5, 0.0, 0.05]), 0.05
     seen = ball_seen(centre, radius)

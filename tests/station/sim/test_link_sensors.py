@@ -90,6 +90,7 @@ def test_the_gyroscope_is_the_turn_of_the_link() -> None:
     np.testing.assert_allclose(z[at, 3:], force, atol=0.1)
 
 
+@pytest.mark.long
 def test_the_wrist_feels_what_is_not_described_alone() -> None:
     _, empty, _, _ = readings(plan(LinkSensor("wrench"), wrench=PERFECT), WRENCH, 1.5)
     np.testing.assert_allclose(empty[-1], 0.0, atol=0.02)
@@ -99,6 +100,7 @@ def test_the_wrist_feels_what_is_not_described_alone() -> None:
     np.testing.assert_allclose(z[-1, :3], np.cross([0.01, -0.02, 0.08], force), atol=0.02)
 
 
+@pytest.mark.long
 def test_latency_noise_bias_and_outages() -> None:
     sensor = LinkSensor("imu", rate=100.0, latency=0.025)
     bias = [0.01, -0.02, 0.03, 0.1, 0.2, -0.3]

@@ -120,6 +120,7 @@ def test_a_covered_lens_and_the_time_before_the_first_image_are_dark(egl: None) 
         assert rgb[..., :3].max() == 0 and (rgb[..., 3] == 255).all() and depth.max() == 0.0
 
 
+@pytest.mark.long
 def test_depth_is_older_than_its_colours_and_moving_things_are_blurred(egl: None) -> None:
     camera = Camera(X_WC=Pose([0.5, 0.0, 0.6], [np.pi, 0.0, 0.0]), width=160, height=120, focal=150.0)
 

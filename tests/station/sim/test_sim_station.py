@@ -282,6 +282,7 @@ def test_measured_torque_is_what_the_model_says_the_motors_give() -> None:
     assert np.sqrt(np.mean(without**2)) > 0.5
 
 
+@pytest.mark.long
 def test_a_payload_that_the_driver_does_not_know_lets_the_arm_sag() -> None:
     payload = EffectSpec("payload", parameters={"mass": [1.0], "com": [0.0, 0.0, 0.15]})
     run = Run(arm_alone(arm=ArmModel(effects=[payload]))).to(4.0)

@@ -43,6 +43,7 @@ def found_again(seed: int) -> tuple[Array, Array, Array, Pinhole]:
     return true_errors(plan, told), found.errors, found.covariance, told
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("egl")
 def test_one_image_of_arm_and_table_halves_what_is_shown_aside() -> None:
     scale = []

@@ -103,6 +103,7 @@ def image_and_truth(loop: ClosedLoop, simulator: Simulator) -> tuple[Array, Arra
     return depth, state[:n] - late * state[n:]
 
 
+@pytest.mark.long
 def test_the_hand_is_found_to_a_millimetre_or_two(seen: tuple[ClosedLoop, Simulator]) -> None:
     loop, simulator = seen
     depth, q = image_and_truth(loop, simulator)

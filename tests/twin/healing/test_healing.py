@@ -146,6 +146,7 @@ def begin(given: Model, folder: Path) -> GapProcess:
     return GapProcess(given, short_log(given), short_log(given), folder / "search")
 
 
+@pytest.mark.long
 def test_logs_that_cannot_be_used_are_told_in_one_line(given: Model, tmp_path: Path) -> None:
     """The real process, from end to end."""
     with begin(given, tmp_path) as search:
@@ -186,6 +187,7 @@ def test_a_process_that_does_not_end_is_ended(given: Model, tmp_path: Path, monk
     search.stop()
 
 
+@pytest.mark.long
 def test_it_ends_with_the_one_that_started_it(given: Model, tmp_path: Path) -> None:
     """However that ends. The real worker, whose search is made to last."""
     given.save(tmp_path / "given")
@@ -313,6 +315,7 @@ def corrected() -> Model:
     return Model.load(ArmModel(**UR5E, effects=[PAYLOAD]))
 
 
+@pytest.mark.long
 def test_the_twin_goes_on_with_what_was_named(
     loop: tuple[ClosedLoop, Tape], corrected: Model, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -338,6 +341,7 @@ def test_the_twin_goes_on_with_what_was_named(
     run.healer.close()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("had", "last"), [(1.0, "model_swapped"), (1.5, "model_kept")])
 def test_more_of_what_was_there_is_no_less_a_correction(
     loop: tuple[ClosedLoop, Tape],
@@ -359,6 +363,7 @@ def test_more_of_what_was_there_is_no_less_a_correction(
     run.healer.close()
 
 
+@pytest.mark.long
 def test_another_context_of_the_twin_stays_as_it_is(
     loop: tuple[ClosedLoop, Tape], corrected: Model, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -387,6 +392,7 @@ KEPT = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", KEPT)
 def test_the_model_is_kept_where_there_is_no_better_one(
     case: str, loop: tuple[ClosedLoop, Tape], corrected: Model, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -402,6 +408,7 @@ def test_the_model_is_kept_where_there_is_no_better_one(
     run.healer.close()
 
 
+@pytest.mark.long
 def test_a_model_of_another_arm_is_refused_in_one_line(
     loop: tuple[ClosedLoop, Tape], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -417,6 +424,7 @@ def test_a_model_of_another_arm_is_refused_in_one_line(
     run.healer.close()
 
 
+@pytest.mark.long
 def test_a_crash_of_the_search_leaves_the_twin_running(
     loop: tuple[ClosedLoop, Tape], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -438,6 +446,7 @@ def test_a_crash_of_the_search_leaves_the_twin_running(
     run.healer.close()
 
 
+@pytest.mark.long
 def test_a_search_that_takes_too_long_is_stopped(
     loop: tuple[ClosedLoop, Tape], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -480,6 +489,7 @@ def test_a_spike_starts_no_search(loop: tuple[ClosedLoop, Tape], tmp_path: Path)
     run.healer.close()
 
 
+@pytest.mark.long
 def test_a_much_stronger_alarm_begins_the_log_anew(
     loop: tuple[ClosedLoop, Tape], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -497,6 +507,7 @@ def test_a_much_stronger_alarm_begins_the_log_anew(
     run.healer.close()
 
 
+@pytest.mark.long
 def test_attempts_are_counted(loop: tuple[ClosedLoop, Tape], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     child(monkeypatch, "raise SystemExit(3)")
     run = Run(loop, tmp_path / "searches", attempts=1)
@@ -538,6 +549,7 @@ def pushed(duration: float) -> Scenario:
     return plan
 
 
+@pytest.mark.long
 def test_a_run_writes_its_alarms(tmp_path: Path) -> None:
     plan = pushed(1.6)
     (tmp_path / EVENTS).write_text("of an earlier run\n")

@@ -166,7 +166,8 @@ def weak_directions(looked: Looked, frame: Frame, votes_each: float, colour_shar
     H = (J[0] * w[0][:, None]).T @ J[0] / votes_each * both
     Hc = np.zeros((6, 6))
     if colour_share > 0.0:
-        Hc = colour_terms(looked, frame, FINE, TUNING.reach, colour_share)[0][0] / CLAIMS.colours_alike * both
+        colours = colour_terms(looked, frame, FINE, TUNING.reach, colour_share).without_shift(frame.shift)
+        Hc = colours.H[0] / CLAIMS.colours_alike * both
     values, ways = np.linalg.eigh(H + Hc)
     deviation = 1.0 / np.sqrt(np.maximum(values, 1e-6))
     found = []

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 
 from twin_diagram.perception.depth_noise import TUNING as DEPTH
+from twin_diagram.perception.registration.colour_shift import ShiftEvidence
 from twin_diagram.perception.registration.data_association import FINE, Looked, Poses
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
@@ -77,8 +78,11 @@ def claim(
     reach: float,
     colour_share: float,
     excess: float,
-) -> Array:
-    """Return the covariance (6, 6) of one registered pose, rotation then translation, about its origin in W.
+) -> tuple[Array, ShiftEvidence | None]:
+    """Return the covariance (6, 6) of one registered pose, and what its colours say of their shift beside depth.
+
+    Rotation stands before translation, about the object's origin in W. What colours say counts as far as their shift is
+    known; of a shift that is certain they say nothing.
 
     Args:
         looked: up at the pose.
@@ -105,13 +109,17 @@ def claim(
         u, v, z = camera.project(seen)
         ray = (seen - camera.p_WC) / z[:, None]
         S = field_covariance(a * (np.einsum("ni,ni->n", n, ray) * camera.depth_noise(z))[:, None], u, v, frame, excess)
-    if colour_share > 0.0:
-        Hc = colour_terms(looked, frame, FINE, reach, colour_share)[0][0]
-        H, S = H + Hc, S + TUNING.colours_alike * Hc
     widest = np.diag(np.repeat(np.square(TUNING.widest), 3) ** -1.0)
+    evidence = None
+    if colour_share > 0.0:
+        colours = colour_terms(looked, frame, FINE, reach, colour_share)
+        if not frame.shift.certain:
+            evidence = colours.evidence(H + widest, frame.shift)
+        Hc = colours.without_shift(frame.shift).H[0]
+        H, S = H + Hc, S + TUNING.colours_alike * Hc
     inverse = np.linalg.inv(H + widest)
     result = inverse @ (S + widest) @ inverse
-    return np.asarray(0.5 * (result + result.T) + np.diag(np.repeat(np.square(TUNING.common), 3)))
+    return 0.5 * (result + result.T) + np.diag(np.repeat(np.square(TUNING.common), 3)), evidence
 
 
 def field_covariance(a: Array, u: Array, v: Array, frame: Frame, excess: float) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.perception.pinhole import DepthImage, Pinhole
+from twin_diagram.perception.registration.colour_shift import ALIGNED, ColourShift
 from twin_diagram.perception.segmentation.segments import TUNING as SEGMENTS
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.signals.arrays import Array
@@ -49,6 +50,7 @@ class Frame:
         table: (a, b, c) of the table z = a x + b y + c.
         past: (h, w) at every `stride`-th pixel, where nothing stands and something is seen.
         colour_slopes: squared length of the colours' derivatives that the image's noise makes [1/px²]: fine, coarse.
+        shift: how far the colours lie beside depth, as far as that is known.
     """
 
     camera: Pinhole
@@ -61,9 +63,10 @@ class Frame:
     table: Array
     past: Mask
     colour_slopes: tuple[float, ...] = (0.0, 0.0)
+    shift: ColourShift = ALIGNED
 
     @staticmethod
-    def of(segments: Segments) -> Frame:
+    def of(segments: Segments, shift: ColourShift = ALIGNED) -> Frame:
         """Prepare a segmented image; only the part around what stands on the table is blurred."""
         label = segments.label_image
         height, width = segments.depth.shape
@@ -97,6 +100,7 @@ class Frame:
             table=segments.table,
             past=label == SEGMENTS.background,
             colour_slopes=noise_slopes(part),
+            shift=shift,
         )
 
     def depth_at(self, u: Array, v: Array) -> tuple[Array, Array, Mask]:
@@ -131,10 +135,10 @@ class Frame:
         return self.normals[row, column].astype(float)
 
     def colour_at(self, u: Array, v: Array, level: int) -> tuple[Array, Array, Array]:
-        """Look RGB up at (u, v), each (B, P), and its derivatives by u and v: three arrays (B, P, 3)."""
+        """Look RGB up of what depth shows at (u, v), each (B, P), and its derivatives by u and v: three (B, P, 3)."""
         image = self.colours[level]
-        x = (u - self.corner[0]).astype(np.float32)
-        y = (v - self.corner[1]).astype(np.float32)
+        x = (u - (self.corner[0] - self.shift.mean[0])).astype(np.float32)
+        y = (v - (self.corner[1] - self.shift.mean[1])).astype(np.float32)
         count = u.shape[0]
         one = np.float32(1.0)
         maps_x = np.concatenate([x, x + one, x - one, x, x])

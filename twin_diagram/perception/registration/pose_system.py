@@ -109,7 +109,7 @@ class IcpPoseEstimator(LeafSystem):
         if slots is not None:
             lives = scene or scenario.SceneUpdater()
             life = Life(lives.stale_after, lives.lost_after)
-            self._told = ImageSettings(self._library, params, tuning.smallest, slots, life)
+            self._told = ImageSettings(self._library, params, tuning.smallest, slots, life, camera.colour_std)
             self._declare_beside(self._told)
 
     def _declare_beside(self, told: ImageSettings) -> None:
@@ -137,7 +137,7 @@ class IcpPoseEstimator(LeafSystem):
         vector = context.get_discrete_state(self._memory).value()
         slots = [Slot.unpack(part) for part in vector.reshape(-1, SLOT_SIZE)]
         if self._told is None:
-            after, found = step(self._library, slots, segments, self._params, self._smallest)
+            after, found, _ = step(self._library, slots, segments, self._params, self._smallest)
         else:
             beside = OtherMemory.unpack(context.get_discrete_state(self._beside).value(), self._told)
             outcome = advance(slots, beside, segments, self._told)

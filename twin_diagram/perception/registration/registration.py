@@ -11,6 +11,7 @@ from twin_diagram import scenario
 from twin_diagram.perception.registration.assessment import judge, residual_excess
 from twin_diagram.perception.registration.claims import TUNING as CLAIMS
 from twin_diagram.perception.registration.claims import claim
+from twin_diagram.perception.registration.colour_shift import ShiftEvidence
 from twin_diagram.perception.registration.data_association import COARSE, FINE, Poses, look
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
@@ -56,6 +57,7 @@ class RegisteredPose:
         visible_share: share of the surface facing the camera that nothing hides.
         points: number of model points that fit.
         shape: quality without regard to colours.
+        evidence: what its colours say of their shift beside depth; None where that is certain.
     """
 
     R: Array
@@ -66,6 +68,7 @@ class RegisteredPose:
     visible_share: float
     points: float
     shape: float = 0.0
+    evidence: ShiftEvidence | None = None
 
 
 def information(rotation: float, translation: float) -> Array:
@@ -161,7 +164,7 @@ def register(
     fit = judge(looked, frame)
     # A data sheet that promises too much must not make claims too narrow.
     more = residual_excess(looked, frame)
-    spread = claim(looked, frame, model, poses, points_W, TUNING.narrow, params.colour_weight, more)
+    spread, evidence = claim(looked, frame, model, poses, points_W, TUNING.narrow, params.colour_weight, more)
     return RegisteredPose(
         R=poses.R[0],
         p=poses.p[0],
@@ -171,6 +174,7 @@ def register(
         visible_share=float(fit.visible_share[0]),
         points=float(fit.points[0]),
         shape=float(min(fit.shape[0], 1.0)),
+        evidence=evidence,
     )
 
 

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram.perception.registration.colour_shift import ColourShift, ShiftEvidence
 from twin_diagram.perception.registration.data_association import FINE, Looked, Poses
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
@@ -99,13 +100,51 @@ def linearise(looked: Looked, frame: Frame, level: int, reach: float, colour_sha
     H = weighted @ J
     b = -(weighted @ looked.distance[..., None])[..., 0]
     if colour_share > 0:
-        Hc, bc = colour_terms(looked, frame, level, reach, colour_share)
-        H, b = H + Hc, b + bc
+        colours = colour_terms(looked, frame, level, reach, colour_share).without_shift(frame.shift)
+        H, b = H + colours.H, b + colours.b
     return Normal(H, b), sigma
 
 
-def colour_terms(looked: Looked, frame: Frame, level: int, reach: float, colour_share: float) -> tuple[Array, Array]:
-    """Return the normal equations (B, 6, 6) and (B, 6) of the colours.
+@dataclass(frozen=True)
+class ColourNormal:
+    """Normal equations of the colours, of pose and shift.
+
+    Attributes:
+        H: (B, 6, 6) of the pose.
+        b: (B, 6).
+        cross: (B, 6, 2) between pose and shift.
+        H_shift: (B, 2, 2) of the shift [1/px²].
+        b_shift: (B, 2).
+    """
+
+    H: Array
+    b: Array
+    cross: Array
+    H_shift: Array
+    b_shift: Array
+
+    def without_shift(self, shift: ColourShift) -> Normal:
+        """Return what is left to the pose, with the shift known as well as `shift` says."""
+        if shift.certain:
+            return Normal(self.H, self.b)
+        tied = np.linalg.solve(self.H_shift + shift.information, self.cross.transpose(0, 2, 1))
+        return Normal(self.H - self.cross @ tied, self.b - np.einsum("bsp,bs->bp", tied, self.b_shift))
+
+    def evidence(self, H_else: Array, shift: ColourShift) -> ShiftEvidence:
+        """Return what the first pose's colours say of the shift beside what else tells its pose.
+
+        Args:
+            H_else: (6, 6) what tells the pose beside colours.
+            shift: as known when the pose was found, where all normal equations of the pose vanish.
+        """
+        back = np.linalg.solve(self.H[0] + H_else, self.cross[0])
+        held = np.linalg.solve(self.H_shift[0] + shift.information, self.b_shift[0])
+        information = self.H_shift[0] - self.cross[0].T @ back
+        return ShiftEvidence(0.5 * (information + information.T), self.b_shift[0] - back.T @ (self.cross[0] @ held))
+
+
+def colour_terms(looked: Looked, frame: Frame, level: int, reach: float, colour_share: float) -> ColourNormal:
+    """Return the normal equations of the colours.
 
     Derivatives no larger than the image's own noise makes them tell nothing, nor does what is beyond the model's
     texture: light changes at creases, too.
@@ -135,7 +174,15 @@ def colour_terms(looked: Looked, frame: Frame, level: int, reach: float, colour_
     left_v = A_u * uv + A_v * vv
     H = left_u.transpose(0, 2, 1) @ A_u + left_v.transpose(0, 2, 1) @ A_v
     factor = colour_share / max(1.0 - colour_share, 1e-3) / TUNING.colour_noise**2
-    return factor * H, -factor * (A_u * ru + A_v * rv).sum(axis=1)
+    cross_terms = np.stack([left_u.sum(axis=1), left_v.sum(axis=1)], axis=2)
+    a, b, c = (part.sum(axis=(1, 2)) for part in (uu, uv, vv))
+    return ColourNormal(
+        factor * H,
+        -factor * (A_u * ru + A_v * rv).sum(axis=1),
+        factor * cross_terms,
+        factor * np.stack([np.stack([a, b], axis=1), np.stack([b, c], axis=1)], axis=2),
+        -factor * np.stack([ru.sum(axis=(1, 2)), rv.sum(axis=(1, 2))], axis=1),
+    )
 
 
 def toward(poses: Poses, goal: Poses, information: Array) -> Normal:

@@ -28,6 +28,9 @@ class Tuning:
     coast: float = 0.3
     """A velocity is believed for this long [s]."""
 
+    changes: tuple[float, ...] = (0.2, 0.03)
+    """How far a moving object goes from one image to the next [rad], [m]: `tracking.MOVING`."""
+
     rests: tuple[float, ...] = (0.1, 0.012)
     """Slower than this is standing still [rad/s], [m/s]."""
 
@@ -93,7 +96,9 @@ def seen(slot: Slot, result: RegisteredPose, time: float) -> Slot:
     step = time - slot.seen
     if slot.known and 0.0 < step <= TUNING.coast:
         rate = np.concatenate([log((result.R @ slot.R.T)[None])[0], result.p - slot.p]) / step
-        velocity = 0.4 * slot.velocity + 0.6 * rate
+        # What the image does not tell it did not do: it would be predicted to go on for ever.
+        process = np.diag(np.repeat(np.square(TUNING.changes), 3))
+        velocity = 0.4 * slot.velocity + 0.6 * process @ np.linalg.solve(process + result.covariance, rate)
         if np.linalg.norm(velocity[:3]) < TUNING.rests[0] and np.linalg.norm(velocity[3:]) < TUNING.rests[1]:
             velocity = np.zeros(6)
     return Slot(True, result.R, result.p, velocity, time, NEVER, 0)

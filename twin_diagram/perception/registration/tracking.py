@@ -10,6 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram import scenario
+from twin_diagram.perception.registration.assessment import assess
+from twin_diagram.perception.registration.colour_shift import ALIGNED, ColourShift, learnt
+from twin_diagram.perception.registration.data_association import COARSE, Poses
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import nearby, resting
 from twin_diagram.perception.registration.model_cloud import ModelCloud
@@ -54,6 +57,9 @@ class Tuning:
 
     owned: float = 0.012
     """Points this near to an object's surface are its own [m]."""
+
+    rough: float = 0.01
+    """Slack of surfaces at a pose that is a guess [m]: a third of a step at half a metre a second."""
 
     slipped: float = 0.06
     """An object that was lost just now is looked for among points this far beyond its own radius [m]."""
@@ -106,7 +112,8 @@ def step(
     segments: Segments,
     params: scenario.Registration,
     smallest: int,
-) -> tuple[list[Slot], list[PoseMeasurement]]:
+    shift: ColourShift = ALIGNED,
+) -> tuple[list[Slot], list[PoseMeasurement], ColourShift]:
     """Find the objects in one image: follow what is tracked, then search for what is not.
 
     Args:
@@ -115,12 +122,14 @@ def step(
         segments: the image taken apart.
         params: tuning.
         smallest: points that make an object.
+        shift: how far colours lie beside depth, as far as that is known.
 
     Returns:
-        The new slots, and one measurement per object; quality 0 where it was not found in this image.
+        The new slots; one measurement per object, quality 0 where it was not found in this image; the shift as it is
+        known now.
     """
     time = segments.time
-    view = View(segments, Frame.of(segments), params, smallest)
+    view = View(segments, Frame.of(segments, shift), params, smallest)
     tracked = follow_known(library, slots, view)
     recognised: dict[int, RegisteredPose] = {}
     searched: list[int] = []
@@ -139,7 +148,10 @@ def step(
     for k, pose in tracked.items():
         after[k] = seen(slots[k], pose, time)
     results = tracked | recognised
-    return after, [measurement(slot, results.get(k), time) for k, slot in enumerate(after)]
+    measured = [measurement(slot, results.get(k), time) for k, slot in enumerate(after)]
+    # Depth of what moves may be late, which lays its colours aside by more.
+    rests = [pose.evidence for k, pose in tracked.items() if not np.any(slots[k].velocity)]
+    return after, measured, learnt(shift, [one for one in rests if one is not None])
 
 
 def follow_known(library: Sequence[Known], slots: Sequence[Slot], view: View) -> dict[int, RegisteredPose]:
@@ -216,12 +228,18 @@ def search_for(
 
 
 def register_where_expected(known: Known, slot: Slot, view: View) -> RegisteredPose | None:
-    """Register an object near where it is expected; None where it is not to be seen there."""
+    """Register an object near where it is expected; None where it is not to be seen there.
+
+    What moves goes on or stops: the image says which of the two is nearer, and is asked first there.
+    """
     segments, params = view.segments, view.params
     moves = bool(np.any(slot.velocity))
     guesses = [(*predict(slot, segments.time), MOVING if moves else RESTING)]
     if moves:
         guesses.append((slot.R, slot.p, MOVING))
+        starts = Poses(np.stack([R for R, _, _ in guesses]), np.stack([p for _, p, _ in guesses]))
+        fits = assess(known.model, view.frame, starts, params.model_points, COARSE, TUNING.rough).points
+        guesses = [guesses[k] for k in np.argsort(-fits, kind="stable")]
     for R, p, prior in guesses:
         thin = segments.points_W[claimed(known.model, segments, R, p, params.reach, TUNING.thin)]
         result = register(known.model, view.frame, R, p, params, prior=prior, points_W=thin)

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram import scenario
+from twin_diagram.perception.registration.colour_shift import ALIGNED, COLOUR_SHIFT_SIZE, ColourShift
 from twin_diagram.perception.registration.instances import (
     INSTANCE_SIZE,
     Instance,
@@ -30,8 +31,9 @@ from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, PoseMeasurement
 from twin_diagram.signals.things import FURTHER_MEASUREMENT_SIZE, THING_SIZE
 
-HEAD: Final = 4
-"""Numbers before the slots: next identities of an instance and of a thing; instances and things turned away."""
+HEAD: Final = 4 + COLOUR_SHIFT_SIZE
+"""Numbers before the slots: next identities of an instance and of a thing; instances and things turned away; the
+colours' shift."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,7 @@ class ImageSettings:
         smallest: points that make an object.
         slots: how many there are, and how long they are kept.
         life: when things are stale and lost.
+        aside: how far off depth colours may lie, RMS [px].
     """
 
     library: tuple[Known, ...]
@@ -51,6 +54,7 @@ class ImageSettings:
     smallest: int
     slots: scenario.Slots
     life: things.Life
+    aside: float = 0.0
 
     @property
     def further(self) -> int:
@@ -67,32 +71,36 @@ class OtherMemory:
         things: slots of unknown things.
         identities: the next one of an instance, and of a thing.
         turned_away: instances and things for which there was no slot in the newest image.
+        shift: how far colours lie beside depth.
     """
 
     further: tuple[Instance, ...]
     things: tuple[things.Remembered, ...]
     identities: tuple[int, int] = (1, 1)
     turned_away: tuple[int, int] = (0, 0)
+    shift: ColourShift = ALIGNED
 
     @staticmethod
     def empty(told: ImageSettings) -> OtherMemory:
         """Return it before the first image."""
-        return OtherMemory((Instance(),) * told.further, (things.Remembered(),) * told.slots.unknown)
+        instances, unknown = (Instance(),) * told.further, (things.Remembered(),) * told.slots.unknown
+        return OtherMemory(instances, unknown, shift=ColourShift.told(told.aside))
 
     def pack(self) -> Array:
         """Return it as a vector."""
-        parts = [np.array([*self.identities, *self.turned_away], dtype=float)]
+        parts = [np.array([*self.identities, *self.turned_away], dtype=float), self.shift.pack()]
         parts += [one.pack() for one in self.further] + [one.pack() for one in self.things]
         return np.concatenate(parts)
 
     @staticmethod
     def unpack(vector: Array, told: ImageSettings) -> OtherMemory:
         """Return the inverse of `pack`."""
-        a, b, c, d = (int(x) for x in vector[:HEAD])
+        a, b, c, d = (int(x) for x in vector[: HEAD - COLOUR_SHIFT_SIZE])
+        shift = ColourShift.unpack(vector[HEAD - COLOUR_SHIFT_SIZE : HEAD])
         end = HEAD + INSTANCE_SIZE * told.further
         further = tuple(Instance.unpack(row) for row in vector[HEAD:end].reshape(-1, INSTANCE_SIZE))
         rows = vector[end:].reshape(-1, things.MEMORY_SIZE)
-        return OtherMemory(further, tuple(things.Remembered.unpack(row) for row in rows), (a, b), (c, d))
+        return OtherMemory(further, tuple(things.Remembered.unpack(row) for row in rows), (a, b), (c, d), shift)
 
 
 @dataclass(frozen=True)
@@ -128,7 +136,7 @@ def advance(slots: Sequence[Slot], beside: OtherMemory, segments: Segments, told
     assets = [*range(first), *(beside.further[k].asset for k in held)]
     library = [told.library[a] for a in assets]
     before = [*slots, *(beside.further[k].slot for k in held)]
-    after, measured = step(library, before, segments, told.registration, told.smallest)
+    after, measured, shift = step(library, before, segments, told.registration, told.smallest, beside.shift)
     after, measured = settled(assets, [one.model.radius for one in told.library], before, after, measured)
     known: list[Placed] = []
     for k, one in enumerate(measured):
@@ -154,7 +162,7 @@ def advance(slots: Sequence[Slot], beside: OtherMemory, segments: Segments, told
     out = [one.thing.pack() for one in remembered]
     return Outcome(
         after[:first],
-        OtherMemory(tuple(pool.slots), tuple(remembered), identities, turned_away),
+        OtherMemory(tuple(pool.slots), tuple(remembered), identities, turned_away, shift),
         measured[:first],
         pool.rows.ravel(),
         np.concatenate(out) if out else np.zeros(0),

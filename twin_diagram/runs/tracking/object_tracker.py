@@ -11,6 +11,7 @@ from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.perception.registration.alternatives import PoseHypothesis
 from twin_diagram.perception.registration.assessment import assess
+from twin_diagram.perception.registration.colour_shift import ALIGNED, ColourShift
 from twin_diagram.perception.registration.data_association import Poses
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
@@ -48,6 +49,9 @@ class Tuning:
 
     missed: float = 20.0
     """An object that should be seen whole and is not loses so many nats of its odds in a second: said in 0.3 s."""
+
+    aside: float = 2.0
+    """How far off depth colours may lie, RMS, of images 640 wide [px]: as cheap cameras' do, where nothing is told."""
 
     longest: float = 0.1
     """Of two frames farther apart in time the second says no more [s]: a folder may not tell times."""
@@ -108,6 +112,8 @@ class ObjectTracker:
         self._filters = object_filter.initial_filters(len(models))
         self._axes = np.array([[0.0, 0.0, float(a.symmetric_axis == "z")] for a in library.values()]).reshape(-1, 3)
         self._odds = np.zeros(len(models))
+        self._shift: ColourShift | None = None
+        """Of colours beside depth, from the first frame on."""
         self._rivals: list[tuple[tuple[Array, Array, float], ...]] = [() for _ in models]
         """By object: what it may be mistaken for, as X_OO' (turn, shift) and probability, from when it was found."""
         self._followed = [False for _ in models]
@@ -122,7 +128,11 @@ class ObjectTracker:
 
     def observe(self, segments: Segments) -> list[TrackedObject]:
         """Return what is known of all objects after a frame; those never seen are left out."""
-        self._slots, measured = step(self._known, self._slots, segments, self._params, self._smallest)
+        if self._shift is None:
+            self._shift = ColourShift.told(TUNING.aside * segments.camera.width / 640)
+        self._slots, measured, self._shift = step(
+            self._known, self._slots, segments, self._params, self._smallest, self._shift
+        )
         for k, one in enumerate(measured):
             if one.quality > 0:
                 self._filters[k] = object_update.update(
@@ -136,7 +146,7 @@ class ObjectTracker:
         belief = object_filter.propagate(self._filters, now, self._settings)
         status = object_filter.statuses(self._filters, now, self._settings)
         covariance = object_filter.pose_covariances(belief, self._axes, self._settings)
-        frame = Frame.of(segments)
+        frame = Frame.of(segments, self._shift or ALIGNED)
         since = min(now - self._last, TUNING.longest) if self._last >= 0.0 else TUNING.longest
         self._last = now
         result = []
