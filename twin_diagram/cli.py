@@ -139,6 +139,7 @@ def _add_log_commands(commands: Any) -> None:
     predict.add_argument("--out", required=True, type=Path, help="where the prediction is written, .csv or .npz")
     predict.add_argument("--horizon", type=float, default=0.2, help="length of a rollout [s] (default: %(default)s)")
     _add_columns(predict)
+    _add_torque_side(predict)
     _add_packages(predict)
     predict.set_defaults(command=_predict)
 
@@ -157,6 +158,7 @@ def _add_log_commands(commands: Any) -> None:
         "--out", required=True, type=Path, metavar="DIR", help="write gap.json, model/, experiments/ and report.html"
     )
     _add_columns(gap)
+    _add_torque_side(gap)
     _add_packages(gap)
     gap.set_defaults(command=_gap)
 
@@ -166,6 +168,16 @@ def _add_columns(parser: argparse.ArgumentParser) -> None:
         "--columns",
         metavar="MAP",
         help="what a foreign log's columns mean: a YAML file or a preset (libfranka, franka_ros, ur_rtde, iiwa_fri, …)",
+    )
+
+
+def _add_torque_side(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--torque-side",
+        choices=("motor", "link"),
+        default="motor",
+        help="of the gear that torques were measured on: what the motor gives, or a sensor behind the gear, where no "
+        "rotor of its own shows (default: %(default)s)",
     )
 
 
@@ -292,7 +304,8 @@ def _predict(arguments: argparse.Namespace) -> int:
     if not arguments.horizon > 0:
         raise TwinError(f"--horizon {arguments.horizon}: the length of a rollout is positive [s]")
     packages = _packages(arguments)
-    predict(arguments.model, arguments.log, arguments.out, arguments.horizon, packages, arguments.columns, say=print)
+    given = (arguments.model, arguments.log, arguments.out, arguments.horizon, packages, arguments.columns)
+    predict(*given, say=print, torque_side=arguments.torque_side)
     return 0
 
 
@@ -314,10 +327,11 @@ def _gap(arguments: argparse.Namespace) -> int:
             say,
             packages=_packages(arguments),
             columns=arguments.columns,
+            torque_side=arguments.torque_side,
         )
     except LinAlgError as error:  # more that could explain the runs than samples to tell it by
         raise TwinError(
-            f"these runs are too short, or move too little, to tell noise from what a model may lack ({error}); "
+            "these runs are too short, or move too little, to tell noise from what a model may lack; "
             "ten seconds in which each joint moves to and fro do"
         ) from error
     for note in found.notes:

@@ -130,9 +130,13 @@ def investigate(records: Records, progress: Progress | None = None) -> tuple[Ver
 
 
 def all_candidates(terms: Terms) -> list[Candidate]:
-    """Return the catalogue's candidates but for those that are proposed on the way, and those of a user's effects."""
+    """Return the catalogue's candidates but for those that are proposed on the way, and those of a user's effects.
+
+    Behind the gears no rotor shows.
+    """
+    behind_gears = terms.records.model.arm.link_side
     return [
-        *catalogue_candidates(terms),
+        *(c for c in catalogue_candidates(terms) if not (behind_gears and record_of(c.name).of_rotor)),
         *user_effects.own_candidates(terms),
     ]
 

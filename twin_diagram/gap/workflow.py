@@ -32,6 +32,8 @@ from twin_diagram.gap.residuals.prepared_logs import TUNING as PREPARED_LOGS
 from twin_diagram.gap.residuals.prepared_logs import Records, prepare, usable
 from twin_diagram.gap.verdict.deciding import TUNING as DECIDING
 from twin_diagram.gap.verdict.probabilities import less_sure
+from twin_diagram.gap.whole_robot.explain import WholeRobot
+from twin_diagram.gap.whole_robot.taking_over import taken_over, unsearched
 from twin_diagram.logs import Log, read_log, write_columns
 from twin_diagram.model.model import Model
 from twin_diagram.model.prediction import as_explained, load_model_for
@@ -66,6 +68,7 @@ STAGES = MappingProxyType(
         "refining by torques": 0.85,
         "refining by simulated motion": 0.87,
         "refining by torques, all that is left counted alike": 0.89,
+        "fitting the whole robot": 0.895,
         "residual torque before and after": 0.9,
         "rollouts of the held-out run before and after": 0.905,
         "writing the report": 0.93,
@@ -117,6 +120,7 @@ def run_gap(
     say: Say | None = None,
     packages: Mapping[str, str | Path] | None = None,
     columns: str | Path | None = None,
+    torque_side: str = "motor",
 ) -> Gap:
     """Find what a model lacks, add it, and show the gap shrink.
 
@@ -128,6 +132,7 @@ def run_gap(
         say: told what is being done, and how much time is left.
         packages: local folders for `package://` names.
         columns: what foreign logs' columns mean, see `read_log`.
+        torque_side: of the gears that torques were measured on: `motor`, or `link`, where no rotor shows.
 
     Raises:
         TwinError: model, logs or folder cannot be used; nothing is written.
@@ -137,12 +142,12 @@ def run_gap(
     if out is not None and (why := why_not(out, folder=True)):
         raise TwinError(f"--out {out}: {why}")
     say("reading the logs")
-    given, logs, held, notes = _read(model, fit, holdout, packages, columns)
+    given, logs, held, notes = _read(model, fit, holdout, packages, columns, torque_side)
     records = prepare(given, logs)
-    verdict, corrected, more = _corrected(given, logs, held, name(given, logs, say, records), records, say)
-    notes += more
+    verdict, corrected, whole = _found(given, logs, held, records, notes, say)
     shown = show(given, corrected, logs, held, verdict.noise_floor, say=say)
-    if corrected is not given and not accepted(verdict, shown, partial(confirmed, given, corrected, held)):
+    agrees = partial(accepted, verdict, shown, partial(confirmed, given, corrected, held))
+    if whole is None and corrected is not given and not agrees():
         notes.append("what was named did not shrink the gap on the held-out run on all joints, and was dropped")
         verdict, corrected, shown = _nameless(verdict), given, shown.uncorrected()
     if corrected is not given and not shown.is_exercised():
@@ -165,6 +170,24 @@ def run_gap(
         say("writing the report")
         write(gap, Path(out), _called(Path(model)))
     return gap
+
+
+def _found(
+    given: Model, logs: Sequence[Log], held: Log, records: Records, notes: list[str], say: Say
+) -> tuple[Verdict, Model, WholeRobot | None]:
+    """Return verdict and corrected model of the search, or of the robot as a whole; `notes` grow."""
+    try:
+        named = name(given, logs, say, records)
+    except np.linalg.LinAlgError:  # more that could explain the runs than samples to tell it by
+        notes.append(
+            "these runs are too short, or move too little, to tell single effects apart: ten seconds in which each "
+            "joint moves to and fro do; the robot was fitted as a whole"
+        )
+        named = unsearched(records)
+    verdict, corrected, more = _corrected(given, logs, held, named, records, say)
+    notes += more
+    say("fitting the whole robot")
+    return taken_over(records, logs, verdict, corrected)
 
 
 def _corrected(
@@ -262,6 +285,7 @@ def _read(
     holdout: str | Path,
     packages: Mapping[str, str | Path] | None,
     columns: str | Path | None = None,
+    torque_side: str = "motor",
 ) -> tuple[Model, list[Log], Log, list[str]]:
     if not fit:
         raise LogError("no log to fit: give at least one with --fit")
@@ -269,7 +293,7 @@ def _read(
         raise ModelError(f"{model}: no such file or folder")
     raw = [read_log(path, columns) for path in fit]
     held = read_log(holdout, columns)
-    given, first, warnings = load_model_for(raw[0], model, packages)
+    given, first, warnings = load_model_for(raw[0], model, packages, torque_side)
     logs = [first]
     for log in raw[1:]:
         own, more = as_explained(given, log)
@@ -281,6 +305,10 @@ def _read(
         usable(log)
     usable(kept, PREPARED_LOGS.shortest_held)
     notes = [warning.message for warning in warnings]
+    if torque_side == "link":
+        notes.append(
+            "torques were measured behind the gears: friction is what is left of it there, and rotors do not show"
+        )
     if any(_same(log, held) for log in raw):
         notes.append(f"{held.source}: is also a fitted run, so it proves nothing; hold out another one")
     return given, logs, kept, notes

@@ -38,6 +38,9 @@ from twin_diagram.model.rigid_body.arm_bodies import ArmBodies, DescribedLinks
 from twin_diagram.model.rigid_body.plant_calls import PlantCalls
 from twin_diagram.signals.arrays import Array
 
+TORQUE_SIDES = ("motor", "link")
+"""Of the gears, on which torques may be measured."""
+
 
 class Model:
     """An arm's plant and its effects. One thread at a time: calls share a scratch context.
@@ -107,6 +110,7 @@ class Model:
         spec_or_path: scenario.ArmModel | str | Path,
         packages: Mapping[str, str | Path] | None = None,
         base_dir: str | Path | None = None,
+        torque_side: str = "motor",
     ) -> Model:
         """Read a description, or the folder of a corrected model.
 
@@ -114,12 +118,17 @@ class Model:
             spec_or_path: an arm of a scenario, or the path of a URDF, SDF, MJCF or .dmd.yaml file or of a folder.
             packages: local folders for `package://` names.
             base_dir: folder that relative paths are looked up in first.
+            torque_side: of the gears that torques are measured on: `motor`, or `link`, where no rotor of its own shows.
 
         Raises:
-            ModelError: see `add_arm.add_arm` and `effects.make`.
+            ModelError: see `add_arm.add_arm` and `effects.make`; or no such side.
         """
         plant = MultibodyPlant(0.0)
+        if torque_side not in TORQUE_SIDES:
+            raise ModelError(f"torque side {torque_side!r}: it is one of {', '.join(TORQUE_SIDES)}")
         arm = add_arm(plant, spec_or_path, packages, base_dir)
+        if torque_side == "link":
+            arm = arm.behind_gears(plant)
         effects = [make(spec) for spec in arm.spec.effects]
         try:
             plant.Finalize()

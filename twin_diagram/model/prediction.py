@@ -190,21 +190,21 @@ def rollout_rms(
 
 
 def load_model_for(
-    log: Log, model: str | Path, packages: Mapping[str, str | Path] | None = None
+    log: Log, model: str | Path, packages: Mapping[str, str | Path] | None = None, torque_side: str = "motor"
 ) -> tuple[Model, Log, list[LogWarning]]:
     """Return a model and a log that go together.
 
     The model with the log's joints, the log in the model's order, checked.
 
     Joints of the description that are driven by default must be in the log; prismatic joints become the arm's where
-    the log has them.
+    the log has them. `torque_side` as of `Model.load`.
 
     Raises:
         ModelError: see `Model.load`.
         LogError: see `logs.check`.
     """
     spec = description.resolve(model, packages)
-    loaded = Model.load(spec, packages)
+    loaded = Model.load(spec, packages, torque_side=torque_side)
     movable = [
         joint.name()
         for joint in map(loaded.plant.get_joint, loaded.plant.GetJointIndices())
@@ -212,7 +212,7 @@ def load_model_for(
     ]
     logged = [joint for joint in movable if joint in loaded.joints or joint in log.joints]
     if len(logged) > len(loaded.joints):
-        loaded = Model.load(replace(spec, joints=logged), packages)
+        loaded = Model.load(replace(spec, joints=logged), packages, torque_side=torque_side)
     return (loaded, *as_explained(loaded, log))
 
 
@@ -238,6 +238,7 @@ def predict(
     packages: Mapping[str, str | Path] | None = None,
     columns: str | Path | None = None,
     say: Callable[[str], None] | None = None,
+    torque_side: str = "motor",
 ) -> list[LogWarning]:
     """Read a log, and writes `torque_predicted.<joint>` and `position_predicted.<joint>` for each of its samples.
 
@@ -249,6 +250,7 @@ def predict(
         packages: local folders for `package://` names.
         columns: what a foreign log's columns mean, see `read_log`.
         say: told each joint's root mean square of measured less predicted torque and position, without the log's ends.
+        torque_side: of the gears that the torque was measured on, `motor` or `link`.
 
     Raises:
         TwinError: the model or the log cannot be used; nothing is written.
@@ -257,7 +259,7 @@ def predict(
     if why := why_not(out, folder=False):
         raise LogError(f"--out {out}: {why}")
     raw = read_log(log, columns)
-    loaded, measured, warnings = load_model_for(raw, model, packages)
+    loaded, measured, warnings = load_model_for(raw, model, packages, torque_side)
     turned = measured.position - raw.select(loaded.joints).position
     for warning in warnings:
         logging.getLogger("twin_diagram").warning("%s (%s)", warning.message, warning.code)

@@ -82,6 +82,7 @@ class EffectRecord:
         motor: whether it stands between the logged torque and the motor's: it is no load of the motor.
         late: whether it delays the logged torque.
         swung: whether a gear that swings looks like it at first.
+        of_rotor: whether it is of a rotor, which does not show behind its gear.
         unseen: probability, for each further joint, that it is there too and too little of it shows to be told: of laws
             whose weak ones are not among the hypotheses at all, since a shape must be found first.
         per_joint: whether a finding's parameters are told per joint.
@@ -140,6 +141,7 @@ class EffectRecord:
     motor: bool = False
     late: bool = False
     swung: bool = False
+    of_rotor: bool = False
     unseen: float = 0.0
     per_joint: bool = True
 

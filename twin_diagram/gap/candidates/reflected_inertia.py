@@ -43,6 +43,7 @@ register(
         usual=True,
         starts=True,
         swung=True,
+        of_rotor=True,
         adds=frozenset({"inertia"}),
         wakes=frozenset({Wakes.ACCELERATION}),
     )

@@ -15,7 +15,7 @@ from twin_diagram.scenario import EffectSpec
 
 
 def specs_of(finding: Finding, fingerprints: Sequence[str] = ()) -> list[EffectSpec]:
-    """Return one specification, or several where joints hold different parameters (a curve here, a stiffness there).
+    """Return one specification, or several where places hold different parameters (a curve here, a stiffness there).
 
     Args:
         finding: named.
@@ -25,11 +25,13 @@ def specs_of(finding: Finding, fingerprints: Sequence[str] = ()) -> list[EffectS
     per_joint = {key: value for key, value in finding.parameters.items() if not isinstance(value, Estimate)}
     when = finding.onset or finding.end
 
-    def spec(joints: Sequence[str], parameters: dict[str, list[float]]) -> EffectSpec:
+    def spec(
+        joints: Sequence[str], parameters: dict[str, list[float]], links: Sequence[str] | None = None
+    ) -> EffectSpec:
         return EffectSpec(
             name=finding.name,
             joints=list(joints),
-            links=list(finding.links),
+            links=list(finding.links if links is None else links),
             parameters=parameters,
             onset=None if finding.onset is None else float(finding.onset.time),
             end=None if finding.end is None else float(finding.end.time),
@@ -39,6 +41,11 @@ def specs_of(finding: Finding, fingerprints: Sequence[str] = ()) -> list[EffectS
 
     if not per_joint:
         return [spec(finding.joints, {key: _numbers(value) for key, value in shared.items()})]
+    if not finding.joints:
+        return [
+            spec((), {key: _numbers(values[link]) for key, values in per_joint.items()}, [link])
+            for link in finding.links
+        ]
     cls = REGISTRY.get(finding.name)
     if cls is not None and not cls.per_joint:
         first = {key: _numbers(next(iter(values.values()))) for key, values in per_joint.items()}

@@ -55,6 +55,7 @@ class Arm:
         last_link: the child link of the last arm joint that is no finger; payloads hang on it.
         tool_frame: the frame that the planner moves.
         stated: friction and springs that the description states and Drake does not read.
+        link_side: whether its torques are those behind the gears, where no rotor of its own shows.
     """
 
     spec: scenario.ArmModel
@@ -69,10 +70,17 @@ class Arm:
     last_link: BodyIndex
     tool_frame: FrameIndex
     stated: unparsed.StatedDynamics = field(default_factory=unparsed.StatedDynamics)
+    link_side: bool = False
 
     def actuator(self, plant: MultibodyPlant, joint: str) -> JointActuator:
         """Return the motor of an arm joint."""
         return plant.get_joint_actuator(self.actuator_indices[self.joints.index(joint)])
+
+    def behind_gears(self, plant: MultibodyPlant) -> Arm:
+        """Return the arm with torques measured behind its gears; takes its rotors out of a plant not yet finalized."""
+        for index in self.actuator_indices:
+            plant.get_mutable_joint_actuator(index).set_default_rotor_inertia(0.0)
+        return replace(self, link_side=True)
 
     def prismatic(self, plant: MultibodyPlant) -> frozenset[str]:
         """Return the names of the arm's prismatic joints: their positions are lengths, their torques forces."""

@@ -1,0 +1,82 @@
+"""Which measured logs are fitted and which are held out; cut logs are written beside each other."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+Span = tuple[float, float]
+WHOLE: Span = (-np.inf, np.inf)
+
+KR300_GEARS = (1798 / 7, 1872 / 7, 757 / 3, 221.0, 5032 / 21, 206793 / 1340)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table.
+
+    Attributes:
+        name: short, for `--only`.
+        model, fit, holdout: files below the data folder.
+        fit_span, holdout_span: of the logs' own time that count [s].
+        side: of the gear that the torque was measured on.
+        scale: (n,) joint-side torques are shown over this; empty: as they are.
+        told: whether the references know all that such an arm has (the KR300's counterbalance is a curve).
+    """
+
+    name: str
+    model: str
+    fit: str
+    holdout: str
+    fit_span: Span = WHOLE
+    holdout_span: Span = WHOLE
+    side: str = "motor"
+    scale: tuple[float, ...] = field(default=())
+    told: bool = True
+
+
+LWR, PANDA = "real_arms/lwr4", "real_arms/panda"
+LWR_RUNS = (f"{LWR}/run_1.csv", f"{LWR}/run_2.csv")
+PANDA_RUNS = (f"{PANDA}/first.csv", f"{PANDA}/last.csv")
+KR300_RUNS = ("kuka_kr300/trajectory_A.csv", "kuka_kr300/trajectory_B.csv")
+LATE, EARLY = (12.5, np.inf), (-np.inf, 12.5)
+
+ROWS = (
+    Row("kr300", "kuka_kr300/kr300.urdf", *KR300_RUNS, scale=KR300_GEARS, told=False),
+    Row("lwr4", f"{LWR}/lwr4.urdf", *LWR_RUNS, side="link"),
+    Row("lwr4-cut", f"{LWR}/lwr4.urdf", *LWR_RUNS, LATE, EARLY, "link"),
+    Row("lwr4-published", f"{LWR}/lwr4_as_published.urdf", *LWR_RUNS, side="link"),
+    Row("lwr4-published-cut", f"{LWR}/lwr4_as_published.urdf", *LWR_RUNS, LATE, EARLY, "link"),
+    Row("panda", f"{PANDA}/panda.urdf", *PANDA_RUNS, side="link"),
+    Row("panda-cut", f"{PANDA}/panda.urdf", *PANDA_RUNS, (7.0, np.inf), (-np.inf, 3.5), "link"),
+)
+"""Seconds of the cut rows count from the logs' first samples."""
+
+
+def data_folder() -> Path:
+    """The folder of the measured logs: `$TWIN_DIAGRAM_DATA`, or `../shared/data` beside the checkout."""
+    given = os.environ.get("TWIN_DIAGRAM_DATA")
+    return Path(given) if given else Path(__file__).resolve().parents[4] / "shared" / "data"
+
+
+def cut(path: Path, span: Span, out: Path) -> Path:
+    """Writes the part of a log that lies within a span of its time, counted from its begin; answers where.
+
+    A log that counts whole is answered as it is.
+    """
+    if span == WHOLE:
+        return path
+    lines = path.read_text(encoding="utf-8").splitlines()
+    times = [float(line.split(",", 1)[0]) for line in lines[1:]]
+    kept = [line for line, t in zip(lines[1:], times, strict=True) if span[0] <= t - times[0] <= span[1]]
+    out.write_text("\n".join([lines[0], *kept]) + "\n", encoding="utf-8")
+    return out
+
+
+def chosen(names: list[str] | None) -> Iterator[Row]:
+    """The rows of these names; all where none is given."""
+    yield from (row for row in ROWS if not names or row.name in names)

@@ -1,0 +1,60 @@
+"""When the robot as a whole is the answer, and what is answered where no search can be made."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from tests.gap.made import ARM, record, swing
+from tests.gap.whole_robot.test_explain import lacking, noisy
+from twin_diagram.gap.findings import Finding, Verdict
+from twin_diagram.gap.residuals.prepared_logs import Records
+from twin_diagram.gap.whole_robot import taking_over
+from twin_diagram.logs import Log
+from twin_diagram.model.model import Model
+
+
+def log_of(model: Model, seed: int = 99) -> Log:
+    time, q, v, a = swing(6.0, seed)
+    return Log(time, ARM.joints, q, torque=model.inverse_dynamics(q, v, a, time=time), source="made")
+
+
+def test_many_things_at_once_outdo_none_but_not_what_explains_as_much() -> None:
+    true, whole = lacking()
+    logs = [log_of(true)]
+    assert taking_over.outdoes(whole, logs, ARM, named=False)
+    assert taking_over.outdoes(whole, logs, ARM, named=True)
+    assert not taking_over.outdoes(whole, logs, true, named=True)
+    assert not taking_over.outdoes(whole, logs, whole.model, named=True)
+
+
+def test_what_is_not_borne_out_by_unseen_motion_does_not() -> None:
+    true, whole = lacking()
+    worse = replace(whole, left=30.0 * whole.before)
+    assert not taking_over.outdoes(worse, [log_of(true)], ARM, named=False)
+
+
+def test_few_places_are_no_whole_robot() -> None:
+    true, whole = lacking()
+    few = tuple(replace(f, joints=f.joints[:1], links=f.links[:1]) for f in whole.findings)
+    assert not taking_over.outdoes(replace(whole, findings=few), [log_of(true)], ARM, named=False)
+
+
+def test_what_a_search_explains_is_left_alone(monkeypatch) -> None:
+    monkeypatch.setattr(taking_over, "explain", lambda records: 1 / 0)
+    records = noisy(ARM, ARM, 4.0)
+    said = Finding("payload", (), ("tool0",), {}, 0.99)
+    for verdict in (
+        Verdict("none", False, (), (), (), np.ones(6)),
+        Verdict("named", False, (said,), (), (), np.ones(6)),
+    ):
+        assert taking_over.taken_over(records, [], verdict, ARM) == (verdict, ARM, None)
+
+
+def test_noise_is_that_of_the_torques_where_nothing_was_searched() -> None:
+    time, q, v, a = swing(8.0)
+    noise = 0.5 * np.random.default_rng(1).normal(size=q.shape)
+    verdict = taking_over.unsearched(Records(ARM, (record(ARM, time, q, v, a, extra=noise),)))
+    assert verdict.verdict == "unknown" and not verdict.findings
+    np.testing.assert_allclose(verdict.noise_floor, 0.5 * np.sqrt(0.1), rtol=0.15)

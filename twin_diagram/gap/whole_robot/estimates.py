@@ -1,0 +1,127 @@
+"""What was fitted of a whole robot, as effects with standard errors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin_diagram.gap.correction.physical_coordinates import from_log_cholesky
+from twin_diagram.gap.findings import Estimate, Finding
+from twin_diagram.gap.verdict.posterior import unit_of
+from twin_diagram.gap.whole_robot.physical_fit import RobotProblem
+from twin_diagram.gap.whole_robot.torque_equations import OWN
+from twin_diagram.model.effects.actuation import TorqueBias
+from twin_diagram.model.effects.friction import CoulombFriction, ViscousFriction
+from twin_diagram.model.effects.inertia import ReflectedInertia
+from twin_diagram.model.effects.link_inertia import InertialParameters
+from twin_diagram.model.model import Model
+from twin_diagram.signals.arrays import Array
+
+NAMES = {
+    "viscous": (ViscousFriction.name, "damping"),
+    "coulomb": (CoulombFriction.name, "torque"),
+    "bias": (TorqueBias.name, "torque"),
+    "rotor": (ReflectedInertia.name, "inertia"),
+}
+"""Effect and parameter of each of `OWN`."""
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module."""
+
+    step: float = 1e-5
+    """Of finite differences of a link's coordinates."""
+
+
+TUNING = Tuning()
+
+
+def covariance(problem: RobotProblem, z: Array) -> Array:
+    """Return (14 n, 14 n) of coordinates: the larger of the model's own and the sandwich over stretches of motion.
+
+    The laws are rough, so what is left hangs together within a stretch; the prior is in both.
+    """
+    total = np.sum(problem.sums.sums, axis=0)
+    H, _ = problem.system(z, total)
+    moving = np.flatnonzero(problem.free)
+    own = np.zeros_like(H)
+    own[np.ix_(moving, moving)] = np.linalg.inv(H[np.ix_(moving, moving)])
+    pulls = np.stack([problem.pulls(z, stretch) for stretch in problem.sums.sums])
+    meat = pulls.T @ pulls + np.diag(problem.deviation**-2.0)
+    sandwich = own @ meat @ own
+    ratio = np.sqrt(np.maximum(np.diag(sandwich) / np.maximum(np.diag(own), 1e-300), 1.0))
+    return own * np.outer(ratio, ratio)
+
+
+def findings(
+    problem: RobotProblem, z: Array, spread: Array, model: Model, sure: dict[str, float]
+) -> tuple[Finding, ...]:
+    """Return one finding per name.
+
+    Args:
+        problem: what was fitted.
+        z: (14 n,) its coordinates.
+        spread: (14 n, 14 n) their covariance.
+        model: the given one.
+        sure: confidence per name.
+    """
+    result = [_of_links(problem, z, spread, sure)] if np.any(problem.links_free) else []
+    for k, term in enumerate(OWN):
+        name, key = NAMES[term]
+        chosen = [j for j in range(problem.n) if problem.said[j, k]]
+        if not chosen:
+            continue
+        places = [10 * problem.n + len(OWN) * j + k for j in chosen]
+        joints = [model.joints[j] for j in chosen]
+        errors = [error_of(problem, z, spread, i) for i in places]
+        values = {
+            joint: Estimate(float(z[i]), error, unit_of(name, key, joint in model.prismatic))
+            for joint, i, error in zip(joints, places, errors, strict=True)
+        }
+        result.append(Finding(name, tuple(joints), (), {key: values}, sure[name]))
+    return tuple(result)
+
+
+def error_of(problem: RobotProblem, z: Array, spread: Array, place: int) -> float:
+    """Return a joint's own term's standard error.
+
+    Of what the description states and is all taken away, no more than if nothing were known but that it is too much.
+    """
+    error = float(np.sqrt(spread[place, place]))
+    most = abs(problem.lower[place]) / np.sqrt(12.0)
+    if z[place] > problem.lower[place] or not np.isfinite(most):
+        return error
+    return float(min(error, most)) if error > 0.0 else float(most)
+
+
+def _of_links(problem: RobotProblem, z: Array, spread: Array, sure: dict[str, float]) -> Finding:
+    name = InertialParameters.name
+    parameters: dict[str, dict[str, Estimate]] = {key: {} for key in InertialParameters.kinds}
+    links = [k for k in range(problem.n) if problem.links_free[k]]
+    for k in links:
+        s = slice(10 * k, 10 * k + 10)
+        value = _stated(z[s]) - _stated(problem.links.mean[k])
+        steps = TUNING.step * np.eye(10)
+        J = np.stack([(_stated(z[s] + d) - _stated(z[s] - d)) / (2.0 * TUNING.step) for d in steps], axis=1)
+        error = np.sqrt(np.maximum(np.einsum("ik,kl,il->i", J, spread[s, s], J), 0.0))
+        for key, part in (("mass", slice(0, 1)), ("com", slice(1, 4)), ("inertia", slice(4, 10))):
+            parameters[key][problem.links.names[k]] = _estimate(value[part], error[part], unit_of(name, key))
+    names = tuple(problem.links.names[k] for k in links)
+    if len(names) == 1:
+        return Finding(name, (), names, {key: values[names[0]] for key, values in parameters.items()}, sure[name])
+    return Finding(name, (), names, dict(parameters), sure[name])
+
+
+def _stated(z: Array) -> Array:
+    """Return (10,) mass, centre and inertia about it, as descriptions state them."""
+    mass, centre, inertia = from_log_cholesky(z)
+    return np.concatenate([[mass], centre, inertia])
+
+
+def _estimate(value: Sequence[float] | Array, error: Array, unit: str) -> Estimate:
+    if len(value) == 1:
+        return Estimate(float(value[0]), float(error[0]), unit)
+    return Estimate([float(x) for x in value], [float(x) for x in error], unit)

@@ -1,0 +1,209 @@
+"""What a whole robot lacks at once, found on its fit logs alone: model, findings, and how much they close.
+
+from twin_diagram.gap.whole_robot.explain import explain
+found = explain(records)
+found.model, found.findings, found.left      # None: left-out motion earns nothing a place
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin_diagram.errors import ModelError
+from twin_diagram.gap.correction.merge_effects import merged
+from twin_diagram.gap.correction.named_effects import specs_of
+from twin_diagram.gap.findings import Finding
+from twin_diagram.gap.residuals.prepared_logs import Records
+from twin_diagram.gap.residuals.regressors import present
+from twin_diagram.gap.whole_robot import estimates
+from twin_diagram.gap.whole_robot.left_out import (
+    LeftOut,
+    Linearised,
+    best_spread,
+    counted,
+    earning,
+    free_units,
+    missed,
+    units,
+)
+from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
+from twin_diagram.gap.whole_robot.physical_links import Links
+from twin_diagram.gap.whole_robot.torque_equations import OWN, TorqueEquations, equations
+from twin_diagram.model.effects.link_inertia import InertialParameters
+from twin_diagram.model.model import Model
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, chosen by hand; `sims/benchmarks/real_rows.py` shows what they do."""
+
+    spread: float = 0.2
+    """Of links, at first."""
+
+    share: float = 0.05
+    """Of a sample that is independent, at first."""
+
+    settle: int = 3
+    """Times that fit and noise take turns."""
+
+    each: float = 1.0
+    """Rise of the left-out log likelihood that each of many must bring beyond a few [nats]."""
+
+    gone: float = 1.0
+    """What a name's weakest place brings where all of it is gone: it won over what is described [nats]."""
+
+    third: float = 1.0 / 3.0
+    """No name where the standard error is more than this share of the value."""
+
+
+TUNING = Tuning()
+
+
+@dataclass(frozen=True)
+class WholeRobot:
+    """What was found.
+
+    Attributes:
+        model: the given one with all of it.
+        findings: relative to the given model.
+        before: (n,) residual of the given model on the fit logs [N·m].
+        fitted: (n,) of the corrected one.
+        left: (n,) of fits that had not seen the kind of motion that they are judged on.
+    """
+
+    model: Model
+    findings: tuple[Finding, ...]
+    before: Array
+    fitted: Array
+    left: Array
+
+    def terms(self) -> int:
+        """Return how many links and joints are named, each name counted."""
+        return sum(len(finding.joints) + len(finding.links) for finding in self.findings)
+
+    def places(self) -> int:
+        """Return how many joints have something of their own."""
+        return len({joint for finding in self.findings for joint in finding.joints})
+
+
+def explain(records: Records) -> WholeRobot | None:
+    """Fit all links and joints at once, and keep what left-out motion asks for; None where that is nothing.
+
+    Args:
+        records: prepared with the given model.
+    """
+    problem = chosen(begun(records, equations(records)))
+    if not np.any(problem.free):
+        return None
+    problem, z, spread = sure_ones(problem)
+    if not (np.any(problem.links_free) or np.any(problem.said)):
+        return None
+    left_out = LeftOut.of(problem, z)
+    found = estimates.findings(problem, z, spread, records.model, confidences(problem, left_out))
+    everywhere = np.ones(len(problem.sums.fold), dtype=bool)
+    fitted = np.sqrt(problem.squares(z, everywhere) / counted(problem))
+    specs = [spec for finding in found for spec in specs_of(finding)]
+    try:
+        model = records.model.with_effects(merged(records.model.effects, specs))
+    except ModelError:
+        return None
+    return WholeRobot(model, found, problem.sums.residual_rms, fitted, left_out.rms)
+
+
+def chosen(problem: RobotProblem) -> RobotProblem:
+    """Return the problem with the links and joints' terms that earn their place.
+
+    Where few links are off, they come one by one: together, each would stand in for the others. Where all are, one
+    alone stands in for all, and what does not matter goes one by one. Left-out motion says which it is.
+    What everything together leaves is the noise: were it looked at again, a joint that fits badly would count less.
+    """
+    whole, start = settled(problem)
+    bare = replace(whole, links_free=np.zeros(problem.n, dtype=bool))
+    few, many = weeded(missed(bare, whole, solve(bare))[0], whole), weeded(whole, whole)
+    more = int(np.sum(free_units(many))) - int(np.sum(free_units(few)))
+    scores = [LeftOut.of(x, start).score() for x in (few, many)]
+    return many if scores[1] - scores[0] > TUNING.each * max(1, more) else few
+
+
+def weeded(problem: RobotProblem, whole: RobotProblem) -> RobotProblem:
+    """Return the problem with the spread that left-out motion likes best, and without what does not earn its place."""
+    problem, left_out = best_spread(problem, solve(problem))
+    problem = earning(problem, left_out)
+    return missed(problem, whole, solve(problem))[0]
+
+
+def begun(records: Records, sums: TorqueEquations) -> RobotProblem:
+    """Return the problem with everything free."""
+    there = present(records)
+    least = -np.stack([there.damping, there.coulomb, np.full(records.n, np.inf), there.rotor], axis=1)
+    links = Links.of(records.model)
+    return RobotProblem(
+        sums=sums,
+        links=links,
+        least=least,
+        spread=TUNING.spread,
+        variance=np.maximum(sums.residual_rms**2, 1e-18),
+        share=np.full(records.n, TUNING.share),
+        links_free=links.heavy,
+        gone=np.zeros((records.n, len(OWN)), dtype=bool),
+        own_free=np.tile([not (records.model.arm.link_side and term == "rotor") for term in OWN], (records.n, 1)),
+    )
+
+
+def settled(problem: RobotProblem, z: Array | None = None) -> tuple[RobotProblem, Array]:
+    """Return the problem with the noise that its own fit leaves, and that fit."""
+    for _ in range(TUNING.settle):
+        z = solve(problem, None, z)
+        problem = with_noise(problem, z)
+    return problem, solve(problem, None, z)
+
+
+def sure_ones(problem: RobotProblem) -> tuple[RobotProblem, Array, Array]:
+    """Return the problem without joints' terms whose standard error is too large, its fit and covariance."""
+    z = None
+    while True:
+        z = solve(problem, None, z)
+        spread = estimates.covariance(problem, z)
+        size = np.abs(z[10 * problem.n :]).reshape(problem.n, len(OWN))
+        error = np.sqrt(np.diag(spread)[10 * problem.n :]).reshape(problem.n, len(OWN))
+        held = z[10 * problem.n :].reshape(size.shape) <= problem.least
+        doubtful = problem.own_free & ~(held & problem.stated) & ((error > TUNING.third * size) | (size == 0.0))
+        if not np.any(doubtful):
+            return problem, z, spread
+        worst = np.unravel_index(int(np.argmax(np.where(doubtful, error / np.maximum(size, 1e-12), 0.0))), size.shape)
+        problem = decided(problem, z, (int(worst[0]), int(worst[1])))
+
+
+def decided(problem: RobotProblem, z: Array, term: tuple[int, int]) -> RobotProblem:
+    """Return the problem with a doubtful term as described, or, where left-out motion likes it better, all gone."""
+    own, gone = problem.own_free.copy(), problem.gone.copy()
+    own[term] = False
+    as_described = replace(problem, own_free=own)
+    if not problem.stated[term]:
+        return as_described
+    gone[term] = True
+    without = replace(as_described, gone=gone)
+    left = [LeftOut.of(some, z).likelihood()[term[0]] for some in (as_described, without)]
+    return without if left[1] > left[0] else as_described
+
+
+def confidences(problem: RobotProblem, left_out: LeftOut) -> dict[str, float]:
+    """Return per name how sure all its places are: as the weakest of them, by what it brings left-out motion."""
+    n, linear = problem.n, Linearised.of(left_out)
+    parts, nothing = units(n), np.zeros(len(problem.mean), dtype=bool)
+    now = linear.likelihood(nothing)
+    weakest: dict[str, float] = {}
+    for k, part in enumerate(parts):
+        if not np.any(problem.free & part):
+            continue
+        lost = now - linear.likelihood(part)
+        j, term = divmod(k - n, len(OWN))
+        name = InertialParameters.name if k < n else estimates.NAMES[OWN[term]][0]
+        gain = float(np.sum(lost) if k < n else lost[j])
+        weakest[name] = min(weakest.get(name, np.inf), gain)
+    for _, term in np.argwhere(problem.gone):
+        weakest.setdefault(estimates.NAMES[OWN[term]][0], TUNING.gone)
+    return {name: float(1.0 / (1.0 + np.exp(-np.clip(gain, -30.0, 30.0)))) for name, gain in weakest.items()}

@@ -1,0 +1,219 @@
+"""Which links and joints earn their place: what leaving a kind of motion out says of each, on that motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin_diagram.gap.whole_robot.physical_fit import Chosen, RobotProblem, bounded, solve
+from twin_diagram.gap.whole_robot.torque_equations import OWN
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, chosen by hand; `sims/benchmarks/real_rows.py` shows what they do."""
+
+    spreads: tuple[float, ...] = (0.05, 0.1, 0.2, 0.4)
+    """Of links about their description, from which left-out motion chooses: machined parts to a cover left out."""
+
+    own: float = 1.0
+    """Rise of the left-out log likelihood that a joint's own term must bring [nats]."""
+
+    stated: float = 0.25
+    """The same where the description states some already: placeholders are many."""
+
+    back: int = 30
+    """Terms at most that are put back in place."""
+
+    link: float = 3.0
+    """The same of a link."""
+
+
+TUNING = Tuning()
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Fits of all motion but one kind, each judged on that kind.
+
+    Attributes:
+        problem: what was fitted.
+        fits: (F, 14 n) coordinates per kind of motion left out.
+        rms: (n,) what they leave on the motion left out [N·m].
+    """
+
+    problem: RobotProblem
+    fits: Array
+    rms: Array
+
+    @staticmethod
+    def of(problem: RobotProblem, start: Array) -> LeftOut:
+        """Leave each kind of motion out in turn."""
+        fold = problem.sums.fold
+        kinds = np.unique(fold)
+        fits = np.stack([solve(problem, fold != kind, start) for kind in kinds])
+        squares = sum(problem.squares(z, fold == kind) for z, kind in zip(fits, kinds, strict=True))
+        return LeftOut(problem, fits, np.sqrt(squares / counted(problem)))
+
+    def likelihood(self) -> Array:
+        """Return (n,) left-out log likelihood, but for a constant [nats]."""
+        return likelihood(self.problem, self.rms)
+
+    def likelihood_with(self, part: Chosen) -> Array:
+        """Return (n,) of the same where coordinates `part` (14 n,) may move, too, to first order about each fit."""
+        problem, fold = self.problem, self.problem.sums.fold
+        squares = np.zeros(problem.n)
+        for z, kind in zip(self.fits, np.unique(fold), strict=True):
+            H, gradient = problem.system(z, np.sum(problem.sums.sums[fold != kind], axis=0))
+            step = bounded(H, gradient, problem.lower - z, problem.free | part)
+            squares += problem.squares(z + step, fold == kind)
+        return likelihood(problem, np.sqrt(squares / counted(problem)))
+
+    def score(self) -> float:
+        """Return the left-out log likelihood, but for a constant [nats]."""
+        return float(np.sum(self.likelihood()))
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """Fits of all motion but one kind, to first order about each: what is left where some coordinates stay described.
+
+    Attributes:
+        left_out: the fits.
+        covariances: (F, 14 n, 14 n) of each, 0 where a coordinate does not move.
+    """
+
+    left_out: LeftOut
+    covariances: Array
+
+    @staticmethod
+    def of(left_out: LeftOut) -> Linearised:
+        """Work out each fit's covariance."""
+        problem = left_out.problem
+        fold, result = problem.sums.fold, []
+        for z, kind in zip(left_out.fits, np.unique(fold), strict=True):
+            H, _ = problem.system(z, np.sum(problem.sums.sums[fold != kind], axis=0))
+            moving = np.flatnonzero(problem.free & (z != problem.mean))
+            C = np.zeros_like(H)
+            C[np.ix_(moving, moving)] = np.linalg.inv(H[np.ix_(moving, moving)])
+            result.append(C)
+        return Linearised(left_out, np.stack(result))
+
+    def likelihood(self, described: Chosen) -> Array:
+        """Return (n,) left-out log likelihood where coordinates `described` (14 n,) are, the others settled anew."""
+        problem = self.left_out.problem
+        fold = problem.sums.fold
+        squares = np.zeros(problem.n)
+        for z, C, kind in zip(self.left_out.fits, self.covariances, np.unique(fold), strict=True):
+            squares += problem.squares(without(problem, z, C, described), fold == kind)
+        return likelihood(problem, np.sqrt(squares / counted(problem)))
+
+
+def without(problem: RobotProblem, z: Array, C: Array, described: Chosen) -> Array:
+    """Return coordinates with some as described and the others settled anew, to first order."""
+    gone = np.flatnonzero(described & (np.diag(C) > 0.0))
+    if not len(gone):
+        return z
+    shift = np.linalg.solve(C[np.ix_(gone, gone)], z[gone] - problem.mean[gone])
+    moved = np.maximum(z - C[:, gone] @ shift, problem.lower)
+    moved[gone] = problem.mean[gone]
+    return moved
+
+
+def units(n: int) -> list[Chosen]:
+    """Return which coordinates (14 n,) belong together: each link's, then each joint's own terms one by one."""
+    owner = np.concatenate([np.repeat(np.arange(n), 10), n + np.arange(n * len(OWN))])
+    return [owner == k for k in range(n + n * len(OWN))]
+
+
+def earning(problem: RobotProblem, left_out: LeftOut) -> RobotProblem:
+    """Return the problem without the links and joints' terms that do not earn their place, weakest first.
+
+    A link must make left-out motion of all joints likelier, a joint's own term that of the joint.
+    """
+    linear, there = Linearised.of(left_out), free_units(problem)
+    parts = units(problem.n)
+    described = np.zeros(len(problem.mean), dtype=bool)
+    while np.any(there):
+        now = linear.likelihood(described)
+        margins = np.full(len(parts), np.inf)
+        for k in map(int, np.flatnonzero(there)):
+            margins[k] = margin(problem, k, now - linear.likelihood(described | parts[k]))
+        weakest = int(np.argmin(margins))
+        if margins[weakest] >= 0.0:
+            break
+        there[weakest] = False
+        described |= parts[weakest]
+    return restricted(problem, there)
+
+
+def missed(problem: RobotProblem, whole: RobotProblem, start: Array) -> tuple[RobotProblem, LeftOut]:
+    """Return the problem with what was taken out too early back in place, and its left-out fits.
+
+    While others may still stand in for a term, it earns little; once they are gone it may be missed.
+
+    Args:
+        problem: without what was taken out.
+        whole: with all that may be there.
+        start: coordinates (14 n,) to begin from.
+    """
+    allowed, parts = free_units(whole), units(problem.n)
+    left_out = LeftOut.of(problem, start)
+    for _ in range(TUNING.back):
+        there, now = free_units(problem), left_out.likelihood()
+        margins = np.full(len(parts), -np.inf)
+        for k in map(int, np.flatnonzero(allowed & ~there)):
+            margins[k] = margin(problem, k, left_out.likelihood_with(parts[k]) - now)
+        best = int(np.argmax(margins))
+        if margins[best] < 0.0:
+            break
+        there[best], allowed[best] = True, False
+        more = restricted(problem, there)
+        tried = LeftOut.of(more, start)
+        if margin(problem, best, tried.likelihood() - now) >= 0.0:
+            problem, left_out = more, tried
+    return problem, left_out
+
+
+def free_units(problem: RobotProblem) -> Chosen:
+    """Return which of `units` are free."""
+    return np.concatenate([problem.links_free, problem.own_free.ravel()])
+
+
+def restricted(problem: RobotProblem, there: Chosen) -> RobotProblem:
+    """Return the problem with these of `units` free alone."""
+    n = problem.n
+    return replace(problem, links_free=there[:n].copy(), own_free=there[n:].reshape(n, len(OWN)).copy())
+
+
+def margin(problem: RobotProblem, unit: int, gain: Array) -> float:
+    """Return by how much one of `units` brings more than it must.
+
+    Args:
+        problem: of which it is a part.
+        unit: which.
+        gain: (n,) in left-out log likelihood [nats].
+    """
+    if unit < problem.n:
+        return float(np.sum(gain)) - TUNING.link
+    joint, term = divmod(unit - problem.n, len(OWN))
+    return float(gain[joint]) - (TUNING.stated if problem.stated[joint, term] else TUNING.own)
+
+
+def counted(problem: RobotProblem) -> Array:
+    """Return (n,) samples that count."""
+    return np.maximum(np.sum(problem.sums.counts, axis=0), 1.0)
+
+
+def likelihood(problem: RobotProblem, rms: Array) -> Array:
+    """Return (…, n) log likelihood of residuals of this size, but for a constant: independent samples count [nats]."""
+    return np.asarray(-problem.share * counted(problem) * np.log(np.maximum(rms, 1e-12)))
+
+
+def best_spread(problem: RobotProblem, start: Array) -> tuple[RobotProblem, LeftOut]:
+    """Return the problem with the spread of links that left-out motion likes best."""
+    tried = [LeftOut.of(replace(problem, spread=spread), start) for spread in TUNING.spreads]
+    best = max(tried, key=LeftOut.score)
+    return best.problem, best

@@ -1,0 +1,229 @@
+"""All links and joints fitted at once: physical, drawn to the description, on some stretches of motion or all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.gap.whole_robot.physical_links import Links, slopes
+from twin_diagram.gap.whole_robot.torque_equations import OWN, TorqueEquations
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, chosen by hand; `sims/benchmarks/real_rows.py` shows what they do."""
+
+    own: float = 10.0
+    """Prior deviation of a joint's own terms: so many times the residual's size."""
+
+    together: float = 0.5
+    """Residuals hang together over this long at most [s]: a joint that fits badly must not count ever less for it."""
+
+    rounds: int = 12
+    """Gauss-Newton steps at most."""
+
+    settled: float = 1e-4
+    """A step this small, in prior deviations, is the last."""
+
+    halvings: int = 6
+    """Of a step that makes things worse, at most."""
+
+    longest: float = 1.0
+    """A step's largest part, in scales of a link's coordinates."""
+
+
+TUNING = Tuning()
+
+Chosen = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class RobotProblem:
+    """What is fitted.
+
+    Attributes:
+        sums: of the fit logs.
+        links: of the given arm.
+        least: (n, 4) what joints' own terms may not fall below: no more is taken away than there is.
+        spread: prior deviation of links, in their scales.
+        variance: (n,) of what is left [N²·m²].
+        share: (n,) of a sample that is independent of its neighbours.
+        links_free: (n,) whose inertia may differ.
+        own_free: (n, 4) which of joints' own terms may be there.
+        gone: (n, 4) which of those that the description states are taken to be none at all.
+    """
+
+    sums: TorqueEquations
+    links: Links
+    least: Array
+    spread: float
+    variance: Array
+    share: Array
+    links_free: Chosen
+    own_free: Chosen
+    gone: Chosen
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.sums.n
+
+    @property
+    def free(self) -> Chosen:
+        """(14 n,) which coordinates may move: links' ten each, then joints' four each."""
+        return np.concatenate([np.repeat(self.links_free, 10), self.own_free.ravel()])
+
+    @property
+    def mean(self) -> Array:
+        """(14 n,) of the description, without what is gone."""
+        return np.concatenate([self.links.mean.ravel(), np.where(self.gone, self.least, 0.0).ravel()])
+
+    @property
+    def stated(self) -> Chosen:
+        """(n, 4) whether the description states some of a term already."""
+        return np.asarray(np.isfinite(self.least) & (self.least < 0.0))
+
+    @property
+    def said(self) -> Chosen:
+        """(n, 4) which of joints' own terms differ from the description."""
+        return self.own_free | self.gone
+
+    @property
+    def deviation(self) -> Array:
+        """(14 n,) of the prior."""
+        size = np.maximum(self.sums.own_size, 1e-9)
+        own = TUNING.own * self.sums.residual_rms[:, None] / size
+        return np.concatenate([self.spread * self.links.scale.ravel(), np.maximum(own, 1e-9).ravel()])
+
+    @property
+    def lower(self) -> Array:
+        """(14 n,) bounds."""
+        return np.concatenate([np.full(10 * self.n, -np.inf), self.least.ravel()])
+
+    def difference(self, z: Array) -> Array:
+        """Return (n, K) by which parameters differ from the given model's, per joint's equations."""
+        n = self.n
+        links = self.links.differences(z[: 10 * n].reshape(n, 10)).ravel()
+        return np.concatenate([np.broadcast_to(links, (n, 10 * n)), z[10 * n :].reshape(n, len(OWN))], axis=1)
+
+    def squares(self, z: Array, stretches: Chosen) -> Array:
+        """Return (n,) sums of squares that coordinates leave on some stretches."""
+        total = np.sum(self.sums.sums[stretches], axis=0)
+        full = np.concatenate([-self.difference(z), np.ones((self.n, 1))], axis=1)
+        return np.asarray(np.einsum("jk,jkl,jl->j", full, total, full))
+
+    def cost(self, z: Array, total: Array) -> float:
+        """Return half the squares over their variance, the prior's counted, of sums (n, K + 1, K + 1)."""
+        full = np.concatenate([-self.difference(z), np.ones((self.n, 1))], axis=1)
+        squares = np.einsum("jk,jkl,jl->j", full, total, full)
+        return 0.5 * float(
+            np.sum(self.share / self.variance * squares) + np.sum(((z - self.mean) / self.deviation) ** 2)
+        )
+
+    def slope(self, z: Array) -> Array:
+        """Return (10 n, 10 n) derivative of the links' parameters by their coordinates."""
+        n = self.n
+        result = np.zeros((10 * n, 10 * n))
+        for body, block in enumerate(slopes(z[: 10 * n].reshape(n, 10))):
+            result[10 * body : 10 * body + 10, 10 * body : 10 * body + 10] = block
+        return result
+
+    def pulls(self, z: Array, total: Array) -> Array:
+        """Return (14 n,) the part of the gradient that residuals in sums (n, K + 1, K + 1) have."""
+        weight, links = self.share / self.variance, 10 * self.n
+        left = total[:, :-1, -1] - np.einsum("jkl,jl->jk", total[:, :-1, :-1], self.difference(z))
+        left = weight[:, None] * left
+        return -np.concatenate([self.slope(z).T @ np.sum(left[:, :links], axis=0), left[:, links:].ravel()])
+
+    def system(self, z: Array, total: Array) -> tuple[Array, Array]:
+        """Return the normal matrix (14 n, 14 n) and gradient (14 n,) of half the squares, the prior's counted."""
+        weight, links, own = self.share / self.variance, 10 * self.n, len(OWN)
+        slope = self.slope(z)
+        H = np.zeros((len(z), len(z)))
+        weighted = weight[:, None, None] * total[:, :-1, :-1]
+        H[:links, :links] = slope.T @ np.sum(weighted[:, :links, :links], axis=0) @ slope
+        for j in range(self.n):
+            s = slice(links + own * j, links + own * (j + 1))
+            H[:links, s] = slope.T @ weighted[j, :links, links:]
+            H[s, :links] = H[:links, s].T
+            H[s, s] = weighted[j, links:, links:]
+        prior = self.deviation**-2.0
+        return H + np.diag(prior), self.pulls(z, total) + prior * (z - self.mean)
+
+
+def solve(problem: RobotProblem, stretches: Chosen | None = None, start: Array | None = None) -> Array:
+    """Return the coordinates (14 n,) that fit best.
+
+    Args:
+        problem: what is fitted.
+        stretches: (S,) that count; None: all.
+        start: where to begin; None: as described.
+    """
+    chosen = np.ones(len(problem.sums.fold), dtype=bool) if stretches is None else stretches
+    total = np.sum(problem.sums.sums[chosen], axis=0)
+    z = problem.mean if start is None else np.where(problem.free, start, problem.mean)
+    deviation = problem.deviation
+    for _ in range(TUNING.rounds):
+        H, gradient = problem.system(z, total)
+        step = bounded(H, gradient, problem.lower - z, problem.free)
+        long = float(np.max(np.abs(step[: 10 * problem.n]) / problem.links.scale.ravel(), initial=0.0))
+        step = step * min(1.0, TUNING.longest / max(long, 1e-12))
+        cost = problem.cost(z, total)
+        halved = 0
+        while problem.cost(z + step, total) > cost and halved < TUNING.halvings:
+            step, halved = 0.5 * step, halved + 1
+        z = z + step
+        if np.max(np.abs(step) / deviation) < TUNING.settled:
+            break
+    return z
+
+
+def bounded(H: Array, gradient: Array, lower: Array, free: Chosen) -> Array:
+    """Return the step of least squares that keeps to lower bounds."""
+    moving = free.copy()
+    step = np.zeros(len(gradient))
+    for _ in range(8):
+        fixed = ~moving
+        rest = gradient[moving] + H[np.ix_(moving, fixed)] @ step[fixed]
+        scale = np.sqrt(np.diag(H)[moving])
+        inner = H[np.ix_(moving, moving)] / np.outer(scale, scale)
+        step[moving] = -np.linalg.solve(inner, rest / scale) / scale
+        below = moving & (step < lower)
+        if not np.any(below):
+            break
+        step[below] = lower[below]
+        moving &= ~below
+    return np.maximum(step, lower)
+
+
+def with_noise(problem: RobotProblem, z: Array) -> RobotProblem:
+    """Return the same with variance and colour of what coordinates leave."""
+    left = problem.sums.left(problem.difference(z))
+    counts = np.maximum(np.sum(problem.sums.counts, axis=0), 1.0)
+    variance = np.sum(left**2, axis=0) / counts
+    least = min(1.0, problem.sums.seconds / TUNING.together / len(left))
+    share = np.maximum(independent(left, problem.sums.gaps), least)
+    return replace(problem, variance=np.maximum(variance, 1e-18), share=share)
+
+
+def independent(left: Array, gaps: npt.NDArray[np.bool_]) -> Array:
+    """Return (n,) share of samples (N, n) that are independent: one over the sum of their autocorrelation.
+
+    Args:
+        left: what a fit leaves.
+        gaps: (N,) whether a sample is the first of its log.
+    """
+    owner = np.cumsum(gaps)
+    square = np.maximum(np.mean(left**2, axis=0), 1e-30)
+    total, going = np.ones(left.shape[1]), np.ones(left.shape[1], dtype=bool)
+    for lag in range(1, max(2, len(left) // 4)):
+        same = owner[lag:] == owner[:-lag]
+        rho = np.sum(left[lag:] * left[:-lag] * same[:, None], axis=0) / max(int(np.sum(same)), 1) / square
+        going &= rho > 0.0
+        if not np.any(going):
+            break
+        total += 2.0 * np.where(going, rho, 0.0)
+    return 1.0 / total
