@@ -41,7 +41,7 @@ class Steps:
         self.times.append(segments.time)
         self.smallest.append(smallest)
         after = [Slot(p=slot.p + [1.0, float(k), 0.0]) for k, slot in enumerate(slots)]
-        return after, [measurement(slot, None, segments.time) for slot in after]
+        return after, [measurement(slot, None, segments.time) for slot in after], None
 
 
 def estimator(**given: Any) -> IcpPoseEstimator:
