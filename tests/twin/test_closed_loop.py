@@ -165,6 +165,31 @@ def test_two_contexts_in_turn_give_what_one_gives_alone(alone: Run) -> None:
 
 
 @pytest.mark.long
+def test_two_contexts_in_turn_give_what_one_gives_alone_to_the_end(alone: Run) -> None:
+    """Another run of the same Diagram, a little ahead, in another Context: neither feels the other."""
+    loop = alone.loop
+    other = Simulator(loop.diagram)
+    other.Initialize()
+    looker = Looker(loop)
+
+    def between(context: Context) -> None:
+        time = context.get_time()
+        for step in (time + 0.004, time + 0.011):
+            for look in LOOKS[:2]:
+                if other.get_context().get_time() < look <= step:
+                    other.AdvanceTo(look)
+                    looker(other.get_context())
+            if step <= LOOKS[1]:
+                other.AdvanceTo(step)
+
+    again = trial(loop, between)
+    assert without_timing(again.summary) == without_timing(alone.summary)
+    assert not same(again.looks, alone.looks)
+    assert len(looker.looks) == 2
+    assert not same(looker.looks, alone.looks[:2])
+
+
+@pytest.mark.long
 def test_a_second_diagram_gives_the_same_numbers(alone: Run) -> None:
     loop = make_closed_loop(small_scenario(f"duration={DURATION}", objects=OBJECTS))
     assert not same(watch(loop, list(LOOKS[:2])), alone.looks[:2])

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
 from twin_diagram import scenario
+from twin_diagram.perception.registration.colour_shift import ColourShift
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.recognition import alike, hues, recognise
@@ -163,6 +164,7 @@ def recognised(
     params: scenario.Registration,
     smallest: int,
     skip: Mapping[int, bool],
+    shift: ColourShift,
 ) -> tuple[int, RegisteredPose | None, int]:
     """Compare a thing with one of the library's objects, those whose colours are likest first.
 
@@ -176,6 +178,7 @@ def recognised(
         params: tuning.
         smallest: points that make an object.
         skip: objects that are looked for elsewhere, by number.
+        shift: how far colours lie beside depth.
 
     Returns:
         Which object it is and where (None: it is not that one), and how many were compared by now; -1: all were.
@@ -191,7 +194,7 @@ def recognised(
         orientations = (library[k].upright, library[k].fallen)[how]
         if skip.get(k, False) or not orientations:
             continue
-        frame = Frame.of(segments)
+        frame = Frame.of(segments, shift)
         found = recognise({k: library[k].model}, {k: orientations}, segments, frame, mask, params, smallest).get(k)
         fits = 0.0 if found is None else max(found.registration.quality, found.registration.shape)
         if found is not None and min(found.score, fits) >= TUNING.sure:

@@ -78,7 +78,8 @@ class IcpPoseEstimator(LeafSystem):
             camera: the twin's camera: rate and latency.
             params: tuning.
             perception: of it the smallest size of a segment and the stride.
-            slots: for further instances and unknown things; None: each object is there once, all else is ignored.
+            slots: for further instances and unknown things; None: each object is there once, all else is ignored, and
+                colours are taken to lie on depth.
             scene: of it when what is not seen counts as stale and as lost.
         """
         super().__init__()

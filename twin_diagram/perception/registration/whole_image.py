@@ -157,7 +157,7 @@ def advance(slots: Sequence[Slot], beside: OtherMemory, segments: Segments, told
         if waiting:
             k = min(waiting, key=lambda k: (remembered[k].searches, k))
             of = found[observed.cluster_of[k]]
-            remembered[k] = _compared(remembered[k], of, segments, told, pool, lost)
+            remembered[k] = _compared(remembered[k], of, segments, told, pool, lost, shift)
     identities, turned_away = (pool.next_identity, observed.next_identity), (pool.turned_away, observed.turned_away)
     out = [one.thing.pack() for one in remembered]
     return Outcome(
@@ -209,10 +209,11 @@ def _compared(
     told: ImageSettings,
     pool: _Pool,
     lost: Mapping[int, bool],
+    shift: ColourShift,
 ) -> things.Remembered:
     """Compare a thing, which points `of` show, with the library; what is recognised gets a slot of the pool."""
     asset, pose, searches = recognised(
-        told.library, of, thing.searches, segments, told.registration, told.smallest, lost
+        told.library, of, thing.searches, segments, told.registration, told.smallest, lost, shift
     )
     if pose is not None:
         pool.take_in(asset, pose, segments.time)
