@@ -134,6 +134,15 @@ class Clearance:
         self._group_pairs = self._group_pairs[~drop]
         self._pair_start, self._pair_count = self._pair_start[~drop], self._pair_count[~drop]
 
+    def among(self, bodies: Sequence[Body]) -> Clearance:
+        """Return the same for an arm among other bodies, of which the first are those that it has."""
+        more = len(bodies) - len(self.bodies)
+        ignored = np.hstack([self._ignored, np.zeros((len(self._ignored), more), dtype=bool)])
+        result = Clearance(self.chain, self._balls, bodies, ignored)
+        kept = {tuple(pair) for pair in self._group_pairs.tolist()}
+        result.drop_group_pairs(np.array([tuple(pair) not in kept for pair in result.group_pairs.tolist()], dtype=bool))
+        return result
+
     def carrying(self, more: Balls, last: int, unseen_by: Sequence[int] = ()) -> Clearance:
         """Return the same for an arm that carries something, which is kept clear of the arm's own links, too.
 
