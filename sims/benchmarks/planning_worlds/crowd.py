@@ -9,9 +9,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from twin_diagram import scenario
-from twin_diagram.planning.collision.clearance import Body, Clearance
 from twin_diagram.planning.collision.collision_scene import Scene, load_scene
 from twin_diagram.planning.collision.convex_solids import Solid, solid_of
+from twin_diagram.planning.collision.solid_batch import Body
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import TRACK_SIZE, ObjectStatus
 

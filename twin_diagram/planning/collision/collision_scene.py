@@ -15,9 +15,10 @@ from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.planning.collision.ball_cover import arm_balls, arm_plant
 from twin_diagram.planning.collision.chain import Chain, depths
-from twin_diagram.planning.collision.clearance import Body, Clearance, Surroundings
+from twin_diagram.planning.collision.clearance import Clearance, Surroundings
 from twin_diagram.planning.collision.convex_solids import solid_of
 from twin_diagram.planning.collision.geometry_to_solids import fixture_solids
+from twin_diagram.planning.collision.solid_batch import Body
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import TRACK_SIZE, ObjectStatus
 from twin_diagram.signals.things import FURTHER_TRACK_SIZE, OWNER_SIZE, things_of
