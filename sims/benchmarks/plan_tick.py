@@ -30,6 +30,7 @@ from planning_worlds.crowd import Crowd, crowded_scene  # noqa: E402
 
 from twin_diagram import scenario  # noqa: E402
 from twin_diagram.planning import MotionPlanner  # noqa: E402
+from twin_diagram.planning.paths.search_process import Beside  # noqa: E402
 from twin_diagram.signals.arrays import Array  # noqa: E402
 
 AIMS = {"median": 5.0, "p95": 10.0, "p99.9": 20.0}
@@ -78,6 +79,8 @@ def main() -> None:
     count, seconds = (2, 4.0) if args.quick else (args.count, args.seconds)
     scene = crowded_scene()
     planner = MotionPlanner(scene, VELOCITY, replace(scenario.Planner(), rate=args.rate, velocity_share=0.4))
+    beside = Beside(planner.guide)
+    planner.searcher = beside
     file = args.out / f"ticks_{args.rate:g}Hz_{seconds:g}s.jsonl"
     keep = not (args.quick or args.profile)
     rows = [json.loads(line) for line in file.read_text().splitlines()] if keep and file.is_file() else []
@@ -96,6 +99,7 @@ def main() -> None:
             with file.open("a") as written:
                 written.write(json.dumps(done[seed]) + "\n")
         print(told(f"seed {seed}", done[seed]["seconds"]), f"unsolved {done[seed]['unsolved']}", flush=True)
+    beside.close()
     wanted = [done[seed] for seed in range(args.first, args.first + count)]
     every = [s for row in wanted for s in row["seconds"]]
     print(told(f"{len(wanted)} seeds from {args.first}, {len(every)} ticks at {args.rate:g} Hz", every))

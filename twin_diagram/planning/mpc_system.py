@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Final, cast
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, InputPort
+from pydrake.common.value import Value
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, InputPort, State
 
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
@@ -17,11 +18,12 @@ from twin_diagram.errors import ScenarioError
 from twin_diagram.model.model import Model
 from twin_diagram.model.model_user import ModelUser
 from twin_diagram.planning.collision.collision_scene import load_scene
-from twin_diagram.planning.collision.held_shape import holding, obstacles_beside
+from twin_diagram.planning.collision.held_shape import obstacles_beside
 from twin_diagram.planning.mpc.payload_gravity import gravity_regressor
 from twin_diagram.planning.mpc.planner import MotionPlanner
 from twin_diagram.planning.mpc.planner_state import Memory
 from twin_diagram.planning.mpc.quadratic_program import QpSolver
+from twin_diagram.planning.paths.search_process import Beside
 from twin_diagram.runtime.timing import timed
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.hand import HAND_SIZE, NOTHING, Hand
@@ -39,8 +41,6 @@ class Tuning:
     margin: float = 1e-3
     """A tick comes this long after the tracks that it uses [s]."""
 
-    grips: int = 8
-    """Shapes of an arm with something in its hand that are kept at hand: a few for each Context."""
 
 
 TUNING = Tuning()
@@ -85,11 +85,12 @@ class Mpc(ModelUser[Model]):
         plan: (knots · n) the plan's knots from now on, row by row [rad].
         reach: (1) how many joint positions are known that put the tool at the goal; `NEVER` where there is none.
 
-    Rate: plans at `planner.rate`, a periodic discrete update. It comes right after the scene-graph updater's tick that
+    Rate: plans at `planner.rate`, a periodic update. It comes right after the scene-graph updater's tick that
     first holds a new image's poses. Latency: commands follow the plan at any time that they are asked for; a plan
     reacts to an image as old as the camera's latency and one tick of the updater.
 
-    State: one discrete vector, see `planner_state.Memory`. The goal counts from `task.start` on. Which of its models a
+    State: one discrete vector, see `planner_state.Memory`, and what was asked of a search and not answered yet: an
+    answer counts `planner.route_after` later. The goal counts from `task.start` on. Which of its models a
     Context uses is a numeric parameter of that Context: see `ModelUser`; of a corrected one its torques alone count.
     """
 
@@ -121,16 +122,10 @@ class Mpc(ModelUser[Model]):
         self.set_name("mpc")
         _check(twin.planner)
         scene = load_scene(model.spec, twin.fixtures, library, packages)
-        self.planner: Final = MotionPlanner(scene, model.velocity_limit, twin.planner, solver)
-        self._pieces: Final = [tuple(asset.convex_pieces) for asset in library.values()]
+        pieces = [tuple(asset.convex_pieces) for asset in library.values()]
+        self.planner: Final = MotionPlanner(scene, model.velocity_limit, twin.planner, solver, pieces)
         self._radii: Final = np.array([0.5 * float(np.linalg.norm(asset.size)) for asset in library.values()])
 
-        def made(vector: bytes) -> MotionPlanner:
-            hand = Hand.unpack(np.frombuffer(vector))
-            with_it = holding(scene, self._pieces[hand.held], hand)
-            return MotionPlanner(with_it, model.velocity_limit, twin.planner, solver)
-
-        self._planner_holding: Final = lru_cache(maxsize=TUNING.grips)(made)
         self._n, self._knots, self._step = len(model.joints), twin.planner.knots, twin.planner.step
         self._begin_with(model)
         self._start = twin.task.start
@@ -154,7 +149,8 @@ class Mpc(ModelUser[Model]):
 
         home = np.array(twin.home, dtype=float) if twin.home else np.zeros(n)
         self._state = self.DeclareDiscreteState(self.planner.initial(home).pack())
-        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / twin.planner.rate, _offset(twin), self._tick)
+        self._pending = self.DeclareAbstractState(Value(None))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / twin.planner.rate, _offset(twin), self._tick)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / twin.filter.rate, 0.0, self._latch)
         state, arm = self.discrete_state_ticket(self._state), self._arm_in.ticket()
         self.DeclareVectorOutputPort(
@@ -170,11 +166,30 @@ class Mpc(ModelUser[Model]):
             prerequisites_of_calc={arm, self._parameters_in.ticket(), self.all_parameters_ticket()},
         )
         self.DeclareVectorOutputPort("plan", self._knots * n, self._calc_plan, prerequisites_of_calc={state})
-        self.DeclareVectorOutputPort("reach", 1, self._calc_reach, prerequisites_of_calc={state})
+        pending = self.abstract_state_ticket(self._pending)
+        self.DeclareVectorOutputPort("reach", 1, self._calc_reach, prerequisites_of_calc={state, pending})
 
     def memory(self, context: Context) -> Memory:
         """Return a copy of what the planner remembers."""
-        return Memory.unpack(self._vector(context), self._n, self._knots, self._step)
+        memory = Memory.unpack(self._vector(context), self._n, self._knots, self._step)
+        return replace(memory, pending=context.get_abstract_state(int(self._pending)).get_value())
+
+    @contextmanager
+    def searching_beside(self, *, waits: bool = True) -> Iterator[None]:
+        """Have ways be searched for in a process of their own, which starts and ends with the `with` statement.
+
+        Without it they are searched for within the tick in which they count, with the same result to the bit.
+
+        Args:
+            waits: a simulation waits for an answer that is late; a real arm does not: it counts when it comes.
+        """
+        before = self.planner.searcher
+        with Beside(self.planner.guide, waits=waits) as searcher:
+            self.planner.searcher = searcher
+            try:
+                yield
+            finally:
+                self.planner.searcher = before
 
     def _make(self, model: Model) -> Model:
         return model
@@ -189,7 +204,7 @@ class Mpc(ModelUser[Model]):
         return float(cast(Array, self._time_in.Eval(context))[0]) >= 0.0
 
     @timed("Mpc")
-    def _tick(self, context: Context, discrete: DiscreteValues) -> EventStatus:
+    def _tick(self, context: Context, state: State) -> EventStatus:
         if not self._known(context):
             return EventStatus.DidNothing()
         now = context.get_time()
@@ -204,9 +219,10 @@ class Mpc(ModelUser[Model]):
                 X_WT = chain.tool(chain.place(arm[None, : self._n]))[0]
                 tracks, further, things = obstacles_beside(hand, X_WT, self._radii, tracks, further, things)
             if hand.held != NOTHING:
-                planner = self._planner_holding(replace(hand, touched=NOTHING).pack().tobytes())
+                planner = planner.holding(replace(hand, touched=NOTHING).pack().tobytes())
         memory, _ = planner.tick(self.memory(context), now, arm, tracks, goal, further, things)
-        discrete.set_value(int(self._state), memory.pack())
+        state.get_mutable_discrete_state().set_value(int(self._state), memory.pack())
+        state.get_mutable_abstract_state(int(self._pending)).set_value(memory.pending)
         return EventStatus.Succeeded()
 
     def _beside(self) -> tuple[InputPort, InputPort]:
@@ -253,7 +269,9 @@ class Mpc(ModelUser[Model]):
 
     def _calc_reach(self, context: Context, output: BasicVector) -> None:
         memory = self.memory(context)
-        output[0] = len(memory.goals) if np.linalg.norm(memory.goal[:4]) > 0.5 else NEVER
+        known, found = np.linalg.norm(memory.goal[:4]) > 0.5, len(memory.goals)
+        # As long as the first search goes on nobody knows.
+        output[0] = found if known and (found or memory.pending is None or memory.heard) else NEVER
 
 
 def _offset(twin: scenario.Twin) -> float:

@@ -26,6 +26,9 @@ class Planner:
     """Share of the joints' velocity limits that is used."""
     acceleration: float = 4.0
     """[rad/s²]"""
+    route_after: float = 0.2
+    """A way that had to be searched for counts so long after it was asked for [s of the loop's own time]: as long as a
+    search takes on a slow core. A simulation waits for one that is late, so that equal runs are equal."""
     seed: int = 0
     """Of the search for routes around obstacles."""
 

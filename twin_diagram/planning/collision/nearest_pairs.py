@@ -55,7 +55,9 @@ class Wanting:
         """Return the indices of what is looked at; see `most_wanting`.
 
         Args:
-            row, body, part: (M,) configuration, body and part of the arm.
+            row: (M,) the configuration.
+            body: (M,) the body.
+            part: (M,) the part of the arm.
             at_least: (M,) what the distance is never below [m].
             times: how many times `most`, as long as bounds are rough.
         """
@@ -125,7 +127,7 @@ def most_wanting(key: Ints, score: Array, most: int) -> Ints:
 
 
 def expanded(count: Ints) -> tuple[Ints, Ints]:
-    """Return, for entries (M,) that stand for `count` others each, which entry each of those has, and its place there."""
+    """Return which of the entries, that stand for `count` others each, each of these has, and its place there."""
     entry = np.repeat(np.arange(len(count)), count)
     return entry, np.arange(len(entry)) - np.repeat(np.cumsum(count) - count, count)
 
