@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -71,6 +72,7 @@ def test_the_planner_reacts_to_what_is_within_its_influence(
 ) -> None:
     """Each part of the arm that comes within `influence` of a body stands in a program, and no other."""
     planner = MotionPlanner(scene, np.full(7, 2.0), scenario.Planner(influence=influence))
+    planner.optimiser.tuning = replace(planner.optimiser.tuning, rows=10_000)
     found: list[tuple[Contacts, Array]] = []
     contacts = type(scene.clearance).contacts
 

@@ -12,10 +12,12 @@ from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.planning.collision.collision_scene import Forecast, Scene, load_scene
 from twin_diagram.planning.mpc.planner import MotionPlanner
-from twin_diagram.planning.mpc.planner_state import Memory
+from twin_diagram.planning.mpc.planner_state import FRESH, Memory
 from twin_diagram.planning.mpc.trajectory_optimisation import Optimum
 from twin_diagram.planning.paths import inverse_kinematics
+from twin_diagram.planning.paths.guide import Answer, Question
 from twin_diagram.planning.paths.route import Aim, Route, Situation
+from twin_diagram.planning.paths.searching import Searcher
 from twin_diagram.scenario.resources import models_dir
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, ObjectStatus, Track
@@ -42,20 +44,32 @@ class Spied:
 
     def __init__(self, scene: Scene, monkeypatch: pytest.MonkeyPatch, params: scenario.Planner = PARAMS) -> None:
         self.planner = MotionPlanner(scene, np.array([2.0, 2, 2, 2, np.inf, 2, 2]), params)
-        self.route, self.failed = Route.none(7), False
+        self.route, self.wants = Route.none(7), False
         self.situation: Any = None
-        self.may_search = False
+        self.answers: list[Answer | None] = []
+        self.questions: list[Question] = []
+        self.decided = 0
         self.asked: dict[str, Any] = {}
 
-        def decide(route: Route, now: Situation, rng: Any, *, may_search: bool) -> tuple[Route, bool]:
-            self.situation, self.may_search = now, may_search
-            return self.route, self.failed
+        def decide(route: Route, now: Situation, rng: Any) -> tuple[Route, bool]:
+            self.situation = now
+            self.decided += 1
+            return self.route, self.wants
+
+        class Told(Searcher):
+            def ask(_, question: Question) -> None:  # noqa: N805
+                self.questions.append(question)
+
+            def answer(_, question: Question) -> Answer | None:  # noqa: N805
+                assert question is self.questions[-1]
+                return self.answers.pop(0)
 
         def solve(*arguments: Any) -> Optimum:
             names = "start q0 v0 a0 guess guess_velocity reference around margins fallback"
             self.asked = dict(zip(names.split(), arguments, strict=True))
             return Optimum(self.asked["fallback"], 0.0, True)
 
+        self.planner.searcher = Told()
         monkeypatch.setattr(self.planner.router, "decide", decide)
         monkeypatch.setattr(self.planner.optimiser, "solve", solve)
 
@@ -124,7 +138,7 @@ def test_distances_are_told_apart_up_to_what_is_spared(spied: Spied, scene: Scen
     q = HOME + 0.4 * rng.standard_normal((300, 7))
     forecast = Forecast.of_tracks(track())
     exact = scene.clearance.distances(q, scene.around(forecast, np.zeros(300)), 3.0)
-    found = spied.planner._situation(q[0], forecast, q[1:], 0.25)
+    found = spied.planner.guide.situation(q[0], forecast, q[1:])
     every = np.vstack([found.here, found.at_goals])
     within = exact < PARAMS.clearance + 0.03
     assert (within & (exact > PARAMS.clearance))[:, :2].any()
@@ -216,49 +230,108 @@ def test_plans_are_made_where_the_arm_is_and_kept_as_commands(spied: Spied, at_h
     np.testing.assert_allclose(spied.asked["guess_velocity"], v)
 
 
-def test_searches_in_vain_are_repeated_after_three_ticks(spied: Spied, at_home: Memory) -> None:
-    spied.failed = True
-    memory, _ = spied.tick(at_home, 0.1)
-    assert spied.may_search and memory.searched == memory.tick - 1
-    spied.failed = False
-    told = []
-    for k in range(4):
-        memory, _ = spied.tick(memory, 0.2 + 0.1 * k)
-        told.append(spied.may_search)
-    assert told == [False, False, True, True]
+NOWHERE = np.zeros((0, 7))
 
 
-def test_joint_goals_are_drawn_anew_every_thirty_ticks_without_a_way(
+def test_an_answer_counts_at_its_latency_and_a_vain_search_is_repeated(spied: Spied, at_home: Memory) -> None:
+    """At 15 Hz: asked at tick 1, answered 0.2 s later, asked again 0.2 s after that."""
+    spied.wants = True
+    goals = HOME + np.linspace(0.2, 0.6, 2)[:, None]
+    spied.answers = [Answer(goals, NOWHERE), Answer(goals, np.stack([HOME + 0.01, HOME]))]
+    memory, asked, pending = at_home, [], []
+    for k in range(11):
+        memory, _ = spied.tick(memory, 0.1 + k / 15)
+        asked.append(len(spied.questions))
+        pending.append(memory.pending is not None)
+    assert asked == [1, 1, 1, 1, 1, 1, 2, 2, 2, 2, 2] and [len(q.seed) for q in spied.questions] == [3, 3]
+    assert pending == [True] * 3 + [False] * 3 + [True] * 3 + [False] * 2
+    assert spied.questions[0].seed != spied.questions[1].seed
+    np.testing.assert_array_equal(memory.goals, goals)
+    np.testing.assert_array_equal(spied.questions[0].q, HOME)
+    assert not spied.questions[0].more_goals and spied.questions[0].hand == b""
+
+
+def test_a_way_that_was_found_is_taken_unless_the_present_one_is_good(spied: Spied, at_home: Memory) -> None:
+    found, other = np.stack([HOME + 0.02, HOME + 0.05]), HOME[None] + 0.04
+    for present, taken in ((Route.none(7), found), (Route(Aim.GOAL, other), other)):
+        spied.answers, spied.wants, spied.route = [Answer(found[-1:], found)], True, present
+        spied.questions.clear()
+        memory = replace(at_home, route=present, asked=FRESH)
+        memory, _ = spied.tick(memory, 0.1)
+        for k in range(2):
+            memory, _ = spied.tick(memory, 0.2 + k / 15)
+        heard = spied.planner._heard(replace(memory, tick=memory.asked + 3), HOME, Forecast.of_tracks(track()))
+        np.testing.assert_array_equal(heard.route.points, taken)
+        assert heard.heard and heard.pending is None
+
+
+def test_where_the_search_has_failed_the_arm_brakes_for_good(spied: Spied, at_home: Memory) -> None:
+    spied.wants, spied.answers = True, [None]
+    memory = at_home
+    for k in range(5):
+        memory, _ = spied.tick(memory, 0.1 + k / 15)
+    assert memory.braked and memory.route.aim is Aim.NOTHING
+    spied.route = Route(Aim.GOAL, HOME[None] + 0.3)
+    v = np.array([0.4, 0, 0, -0.2, 0, 0, 0])
+    memory, _ = spied.tick(replace(memory, trajectory=replace(memory.trajectory, start=1.0, v0=v)), 1.0, v=v, goal=GOAL)
+    assert memory.route.aim is Aim.NOTHING and len(spied.questions) == 1
+    np.testing.assert_allclose(spied.asked["reference"], np.tile(HOME + 0.25 * v, (len(spied.asked["reference"]), 1)))
+
+
+def test_routes_are_decided_upon_fifteen_times_a_second_and_where_something_is_new(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spied = Spied(scene, monkeypatch, replace(PARAMS, rate=50.0))
+    memory, decided = spied.planner.initial(HOME), []
+    for k in range(10):
+        memory, _ = spied.tick(memory, k / 50, goal=GOAL if k > 4 else NONE)
+        decided.append(spied.decided)
+    assert decided == [1, 1, 1, 2, 2, 3, 4, 4, 4, 5]
+    # There is a goal now and no way: somebody is to look for one, and for other joint goals.
+    assert len(spied.questions) == 1 and spied.questions[0].more_goals
+
+
+def test_joint_goals_near_by_are_found_at_once_and_others_by_a_search(
     spied: Spied, at_home: Memory, scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rng = np.random.default_rng(0)
     drawn = HOME + 0.8 * rng.standard_normal((14, 7))
     drawn[:, 1] += 0.8  # some of them in the table
-    drawn_at: list[int] = []
+    starts: list[int] = []
 
     def solve(*arguments: Any) -> Array:
-        drawn_at.append(memory.tick)
+        starts.append(arguments[-1].starts if arguments[-1] else 96)
         return drawn
 
     monkeypatch.setattr(inverse_kinematics, "solve", solve)
+    spied.route = Route(Aim.GOAL, np.tile(HOME, (15, 1)))
     memory = at_home
-    for _ in range(65):
+    for _ in range(40):
         memory, _ = spied.tick(memory, 0.1, goal=GOAL)
-    assert drawn_at == [1, 30, 60]
+    assert starts == [12] and len(memory.route.points) == 12 and not spied.questions
     distance = scene.clearance.distances(drawn, scene.around(Forecast.of_tracks(track()), np.zeros(14)), 3.0)
     clear = (distance >= [0.25 * PARAMS.clearance, 0.25 * PARAMS.clearance, 0.01]).all(axis=1)
     assert 2 < clear.sum() < 12
     np.testing.assert_array_equal(memory.goals, np.vstack([drawn[clear], drawn[~clear]])[:8])
-    spied.route = Route(Aim.GOAL, np.tile(HOME, (15, 1)))
-    for _ in range(40):
-        memory, _ = spied.tick(memory, 0.1, goal=GOAL)
-    assert drawn_at == [1, 30, 60] and len(memory.route.points) == 12
     memory, _ = spied.tick(memory, 0.1, goal=GOAL + [0, 0, 0, 0, 0.01, 0, 0])
-    assert len(drawn_at) == 4
+    assert starts == [12, 12]
     # A goal without a rotation, or one that is not finite, is none.
     for nothing in (0.49 * GOAL, np.full(7, np.nan)):
         after, _ = spied.tick(memory, 0.1, goal=nothing)
         assert not after.goal.any() and len(after.goals) == 1
+
+
+def test_a_goal_that_seems_out_of_reach_is_looked_at_again_after_two_seconds(
+    spied: Spied, at_home: Memory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(inverse_kinematics, "solve", lambda *arguments: NOWHERE)
+    spied.answers = [Answer(NOWHERE, NOWHERE)] * 3
+    memory, asked = at_home, []
+    for k in range(70):
+        before = len(spied.questions)
+        memory, _ = spied.tick(memory, k / 15, goal=GOAL)
+        asked += [k] * (len(spied.questions) - before)
+    assert asked == [0, 33, 66] and memory.heard
 
 
 def test_a_stop_takes_as_long_as_the_limit_allows_or_two_knots(spied: Spied) -> None:
