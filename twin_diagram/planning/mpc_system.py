@@ -19,8 +19,9 @@ from twin_diagram.model.model import Model
 from twin_diagram.model.model_user import ModelUser
 from twin_diagram.planning.collision.collision_scene import load_scene
 from twin_diagram.planning.collision.held_shape import obstacles_beside
+from twin_diagram.planning.mpc.arm_torque import ArmTorque
 from twin_diagram.planning.mpc.payload_gravity import gravity_regressor
-from twin_diagram.planning.mpc.planner import MotionPlanner
+from twin_diagram.planning.mpc.planner import MotionPlanner, limits_of
 from twin_diagram.planning.mpc.planner_state import Memory
 from twin_diagram.planning.mpc.quadratic_program import QpSolver
 from twin_diagram.planning.paths.search_process import Beside
@@ -40,7 +41,6 @@ class Tuning:
 
     margin: float = 1e-3
     """A tick comes this long after the tracks that it uses [s]."""
-
 
 
 TUNING = Tuning()
@@ -123,7 +123,8 @@ class Mpc(ModelUser[Model]):
         _check(twin.planner)
         scene = load_scene(model.spec, twin.fixtures, library, packages)
         pieces = [tuple(asset.convex_pieces) for asset in library.values()]
-        self.planner: Final = MotionPlanner(scene, model.velocity_limit, twin.planner, solver, pieces)
+        limits = limits_of(model, scene, model.velocity_limit, twin.planner)
+        self.planner: Final = MotionPlanner(scene, model.velocity_limit, twin.planner, solver, pieces, limits=limits)
         self._radii: Final = np.array([0.5 * float(np.linalg.norm(asset.size)) for asset in library.values()])
 
         self._n, self._knots, self._step = len(model.joints), twin.planner.knots, twin.planner.step
@@ -220,7 +221,8 @@ class Mpc(ModelUser[Model]):
                 tracks, further, things = obstacles_beside(hand, X_WT, self._radii, tracks, further, things)
             if hand.held != NOTHING:
                 planner = planner.holding(replace(hand, touched=NOTHING).pack().tobytes())
-        memory, _ = planner.tick(self.memory(context), now, arm, tracks, goal, further, things)
+        dynamics = ArmTorque(self._in_use(context), planner.scene.chain, self._payload(context))
+        memory, _ = planner.tick(self.memory(context), now, arm, tracks, goal, further, things, arm=dynamics)
         state.get_mutable_discrete_state().set_value(int(self._state), memory.pack())
         state.get_mutable_abstract_state(int(self._pending)).set_value(memory.pending)
         return EventStatus.Succeeded()
@@ -239,6 +241,13 @@ class Mpc(ModelUser[Model]):
         discrete.set_value(int(self._state), memory.pack())
         return EventStatus.Succeeded()
 
+    def _payload(self, context: Context) -> Array:
+        """Return the payload as learned (4,), see `PAYLOAD`; zeros where it is not."""
+        if self._payload_index is None:
+            return np.zeros(len(PAYLOAD))
+        payload: Array = np.array(self._parameters_in.Eval(context))[self._payload_index]
+        return payload if np.isfinite(payload).all() else np.zeros(len(PAYLOAD))
+
     def _calc_position(self, context: Context, output: BasicVector) -> None:
         vector = self._vector(context)
         if vector[0] == NEVER and self._known(context):
@@ -252,12 +261,10 @@ class Mpc(ModelUser[Model]):
 
     def _calc_torque(self, context: Context, output: BasicVector) -> None:
         q = np.array(self._arm_in.Eval(context))[: self._n]
-        theta = np.array(self._parameters_in.Eval(context))
         torque: Array = np.zeros(self._n)
-        if self._payload_index is not None:
-            payload = theta[self._payload_index]
-            if np.isfinite(payload).all() and np.isfinite(q).all():
-                torque = gravity_regressor(self.planner.scene.chain, q) @ payload
+        payload = self._payload(context)
+        if payload.any() and np.isfinite(q).all():
+            torque = gravity_regressor(self.planner.scene.chain, q) @ payload
         number, still = self.model_number(context), np.zeros(self._n)
         if number and np.isfinite(q).all():
             torque = torque + self._made[number].bias(q, still) - self._made[0].bias(q, still)
@@ -284,9 +291,11 @@ def _offset(twin: scenario.Twin) -> float:
 
 
 def _check(params: scenario.Planner) -> None:
-    limits = {"rate": 0.0, "step": 0.0, "clearance": 0.0, "influence": 0.0, "velocity_share": 0.0, "acceleration": 0.0}
-    for name, least in limits.items():
-        value = getattr(params, name)
+    positive = ("rate", "step", "clearance", "influence", "velocity_share", "torque_share", "acceleration")
+    for name in positive:
+        value, least = getattr(params, name), 0.0
+        if value is None:
+            continue
         if not (np.isfinite(value) and value > least):
             raise ScenarioError(f"twin.planner.{name}", f"{value} is not a positive number")
     if params.knots < 4:
@@ -295,5 +304,6 @@ def _check(params: scenario.Planner) -> None:
         raise ScenarioError(
             "twin.planner.influence", f"{params.influence} m must be well above clearance ({params.clearance} m)"
         )
-    if params.velocity_share > 1.0:
-        raise ScenarioError("twin.planner.velocity_share", f"{params.velocity_share} is above the joints' limits")
+    for name in ("velocity_share", "torque_share"):
+        if getattr(params, name) > 1.0:
+            raise ScenarioError(f"twin.planner.{name}", f"{getattr(params, name)} is above the joints' limits")

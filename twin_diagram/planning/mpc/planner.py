@@ -9,7 +9,10 @@ from functools import lru_cache
 import numpy as np
 
 from twin_diagram import scenario
+from twin_diagram.model.model import Model
 from twin_diagram.planning.collision.collision_scene import Forecast, Scene
+from twin_diagram.planning.mpc.arm_torque import TUNING as ARM_TORQUE
+from twin_diagram.planning.mpc.arm_torque import ArmTorque, TorqueBounds, acceleration_limit, torque_bounds
 from twin_diagram.planning.mpc.planner_state import FRESH, Memory
 from twin_diagram.planning.mpc.planner_state import TUNING as PLANNER_STATE
 from twin_diagram.planning.mpc.quadratic_program import QpSolver
@@ -98,6 +101,7 @@ class MotionPlanner:
         solver: QpSolver | None = None,
         pieces_O: Sequence[Sequence[Array]] = (),
         hand: bytes = b"",
+        limits: Limits | None = None,
     ) -> None:
         """Prepare what is constant.
 
@@ -108,11 +112,11 @@ class MotionPlanner:
             solver: for quadratic programs; None for ProxQP.
             pieces_O: corners of the convex pieces of each object that may be held [m].
             hand: what the arm of `scene` holds, a packed `Hand`; empty: nothing. See `holding`.
+            limits: of `limits_of`; None: as speed and `params` allow, and no torque.
         """
-        n = scene.chain.size
         self.scene, self.params = scene, params
-        velocity = params.velocity_share * np.where(np.isfinite(velocity_limit), velocity_limit, np.pi)
-        self.limits = Limits(scene.lower, scene.upper, velocity, np.full(n, params.acceleration))
+        self.limits = limits or limits_of(None, scene, velocity_limit, params)
+        velocity = self.limits.velocity
         self.guide = Guide(scene, GuideSettings(TUNING.travel * velocity, params.clearance, pieces_O))
         self.router = self.guide.router
         self.searcher: Searcher = Here(self.guide)
@@ -127,7 +131,7 @@ class MotionPlanner:
 
     def _made(self, hand: bytes) -> MotionPlanner:
         guide = self.guide.holding(hand)
-        return MotionPlanner(guide.scene, self._velocity_limit, self.params, self._solver, hand=hand)
+        return MotionPlanner(guide.scene, self._velocity_limit, self.params, self._solver, (), hand, self.limits)
 
     def holding(self, hand: bytes) -> MotionPlanner:
         """Return the planner of the same arm with something in its hand, a packed `Hand`."""
@@ -152,6 +156,7 @@ class MotionPlanner:
         tracks: Array,
         goal: Array,
         *beside: Array | None,
+        arm: ArmTorque | None = None,
     ) -> tuple[Memory, Report]:
         """Plan anew.
 
@@ -162,6 +167,7 @@ class MotionPlanner:
             tracks: (K · TRACK_SIZE,) of the library's objects.
             goal: (7,) X_WG of the tool frame; an all-zero quaternion: stay.
             beside: further instances and unknown things, as `Scene.forecast` takes them.
+            arm: dynamics as known now, for bounds on torque; None: there are none.
         """
         rng = np.random.default_rng([self.params.seed, memory.tick])
         memory, q0, v0, a0, reanchored = self._anchor(memory, now, arm_state)
@@ -187,10 +193,18 @@ class MotionPlanner:
         else:
             reference = self.router.reference(q0, route, samples)
         fallback = replace(memory.trajectory, q0=memory.trajectory.q0 - memory.offset)
-        outcome = self.optimiser.solve(now, q0, v0, a0, guess, old_v, reference, around, margins, fallback)
+        torque = self._torque(memory, now, arm)
+        outcome = self.optimiser.solve(now, q0, v0, a0, guess, old_v, reference, around, margins, fallback, torque)
         plan = replace(outcome.trajectory, q0=outcome.trajectory.q0 + memory.offset)
         memory = replace(memory, trajectory=plan, tick=memory.tick + 1)
         return memory, Report(route.aim, outcome.violation, outcome.solved, reanchored)
+
+    def _torque(self, memory: Memory, now: float, arm: ArmTorque | None) -> TorqueBounds | None:
+        """Return bounds on torque at the knots of a plan that starts now, about the plan before."""
+        if arm is None or self.limits.torque is None:
+            return None
+        q, v, a = memory.trajectory.at(now + self.params.step * np.arange(1, self.params.knots - 1))
+        return torque_bounds(arm, q - memory.offset, v, a, self.limits.torque)
 
     def _margins(self, now: Situation, duration: float) -> Array:
         """Return (M, B + 1) the distances to keep at the samples, on a way that takes so long [s].
@@ -303,3 +317,21 @@ class MotionPlanner:
         found = self.guide.joint_goals(q0, goal, forecast, rng, TUNING.first_goals)
         memory = replace(memory, goal=goal.copy(), goals=found, route=Route.none(n))
         return replace(memory, pending=None, heard=False, asked=FRESH)
+
+
+def limits_of(model: Model | None, scene: Scene, velocity_limit: Array, params: scenario.Planner) -> Limits:
+    """Return what the joints may do.
+
+    Args:
+        model: of the arm, whose description and torques limit accelerations; None: `params` and speeds do alone.
+        scene: has the joints' range.
+        velocity_limit: (n,) the joints' [rad/s], may be infinite.
+        params: tuning.
+    """
+    velocity = params.velocity_share * np.where(np.isfinite(velocity_limit), velocity_limit, np.pi)
+    most = np.inf if params.acceleration is None else params.acceleration
+    if model is None:
+        return Limits(scene.lower, scene.upper, velocity, np.minimum(most, velocity / ARM_TORQUE.quickest))
+    acceleration = np.minimum(most, acceleration_limit(model, velocity, params.torque_share))
+    effort = params.torque_share * np.where(model.effort_limit > 0.0, model.effort_limit, np.inf)
+    return Limits(scene.lower, scene.upper, velocity, acceleration, effort if np.isfinite(effort).any() else None)

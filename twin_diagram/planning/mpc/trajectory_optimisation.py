@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin_diagram.planning.collision.clearance import Clearance, Contacts, Surroundings
+from twin_diagram.planning.mpc.arm_torque import TorqueBounds
 from twin_diagram.planning.mpc.motion_program import MotionProgram, Rows
 from twin_diagram.planning.mpc.quadratic_program import ProxQp, QpSolver
 from twin_diagram.planning.mpc.trajectory import Trajectory, response
@@ -20,12 +21,13 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Limits:
-    """What the joints may do; (n,) each."""
+    """What the joints may do; (n,) each. Without torque none is looked at."""
 
     lower: Array
     upper: Array
     velocity: Array
     acceleration: Array
+    torque: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -136,6 +138,7 @@ class Optimiser:
         around: Surroundings,
         margins: Array,
         fallback: Trajectory,
+        torque: TorqueBounds | None = None,
     ) -> Optimum:
         """Optimise one plan; M samples, B bodies.
 
@@ -150,6 +153,7 @@ class Optimiser:
             around: the bodies at the samples.
             margins: (M, B + 1) distance to keep from each body, and of the arm from itself, at each sample [m].
             fallback: what to keep to where no program is solved; it starts in the same state.
+            torque: bounds at the knots but the first and last; None: none.
 
         Returns:
             The better, by violation, of what was found and the fallback.
@@ -163,6 +167,7 @@ class Optimiser:
             contacts = self._contacts(present, around, margins) if iteration else contacts
             gradient = self._gradient(base, a0, present, reference)
             rows = self._rows(base, base_velocity, present, guess_velocity, contacts, margins)
+            rows = rows if torque is None else Rows.joined([rows, _torque_rows(torque)])
             found = self._program.solve(gradient, -base_velocity[-1], rows, self._solver)
             solved = found is not None
             if found is None:
@@ -274,3 +279,11 @@ class Optimiser:
                 Rows.of_joints(self._P[knots], lower - base[knots], upper - base[knots]),
             ]
         )
+
+
+def _torque_rows(torque: TorqueBounds) -> Rows:
+    """Return rows that bound the torque at the free knots (K, n)."""
+    count, n = torque.load.shape
+    low, high = -torque.allowed - torque.load, torque.allowed - torque.load
+    mass = torque.mass.reshape(count * n, n)
+    return Rows(np.repeat(np.eye(count), n, axis=0), mass, low.ravel(), high.ravel(), np.full(count * n, -1))
