@@ -119,4 +119,5 @@ def test_plans_keep_within_the_torques_that_weight_and_payload_leave(scene: Scen
     planner = MotionPlanner(scene, model.velocity_limit, params, limits=tight)
     goal = np.array([0.0, 1.0, 0.0, 0.0, 0.45, -0.35, 0.5])
     assert largest_share(model, planner, PAYLOAD, goal, bounded=False) > 1.3
-    assert largest_share(model, planner, PAYLOAD, goal, bounded=True) < 1.06  # bounds are linearised about the plan before
+    # Bounds are linearised about the plan before.
+    assert largest_share(model, planner, PAYLOAD, goal, bounded=True) < 1.06

@@ -57,10 +57,10 @@ class Spied:
             return self.route, self.wants
 
         class Told(Searcher):
-            def ask(_, question: Question) -> None:  # noqa: N805
+            def ask(_, question: Question) -> None:
                 self.questions.append(question)
 
-            def answer(_, question: Question) -> Answer | None:  # noqa: N805
+            def answer(_, question: Question) -> Answer | None:
                 assert question is self.questions[-1]
                 return self.answers.pop(0)
 

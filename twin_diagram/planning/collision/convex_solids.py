@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from itertools import product
+from typing import Final
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
@@ -12,6 +14,9 @@ from twin_diagram.errors import AssetError
 from twin_diagram.planning.collision import solid_distances
 from twin_diagram.planning.collision.solid_distances import Faces
 from twin_diagram.signals.arrays import Array
+
+_ROUND: Final = 16
+"""Points around a drum's rim that stand for it."""
 
 
 class Solid(ABC):
@@ -25,6 +30,11 @@ class Solid(ABC):
     @abstractmethod
     def box(self) -> Box:
         """A box that holds the solid, as close as its axes allow."""
+
+    @property
+    @abstractmethod
+    def surface(self) -> tuple[Array, Array]:
+        """Outermost points (S, 3) and unit normals there (S, 3), of faces and, at corners, of what lies between."""
 
     @property
     @abstractmethod
@@ -49,6 +59,15 @@ class Box(Solid):
     def box(self) -> Box:
         """See `Solid`."""
         return self
+
+    @property
+    def surface(self) -> tuple[Array, Array]:
+        """See `Solid`."""
+        signs = np.array(list(product((-1.0, 1.0), repeat=3)))
+        faces = np.concatenate([np.eye(3) * sign for sign in signs])
+        normals = np.concatenate([faces, signs / np.sqrt(3.0)])
+        points = np.concatenate([np.repeat(signs, 3, axis=0), signs]) * self.half
+        return points @ self.R_GB.T + self.p_GB, normals @ self.R_GB.T
 
     @property
     def ball(self) -> tuple[Array, float]:
@@ -79,6 +98,12 @@ class Ball(Solid):
         return Box(np.full(3, self.size), np.eye(3), self.centre)
 
     @property
+    def surface(self) -> tuple[Array, Array]:
+        """See `Solid`."""
+        normals = np.concatenate([np.eye(3), -np.eye(3)])
+        return self.centre + self.size * normals, normals
+
+    @property
     def ball(self) -> tuple[Array, float]:
         """See `Solid`."""
         return self.centre, self.size
@@ -105,6 +130,18 @@ class Drum(Solid):
         side = side / np.linalg.norm(side)
         R_GB = np.column_stack([side, np.cross(self.axis, side), self.axis])
         return Box(np.array([self.size, self.size, self.half]), R_GB, self.centre)
+
+    @property
+    def surface(self) -> tuple[Array, Array]:
+        """See `Solid`."""
+        angles = np.arange(_ROUND) * (2.0 * np.pi / _ROUND)
+        out = np.cos(angles)[:, None] * self.box.R_GB[:, 0] + np.sin(angles)[:, None] * self.box.R_GB[:, 1]
+        points, normals = [], []
+        for end in (self.axis, -self.axis):
+            for normal in (out, np.broadcast_to(end, out.shape), (out + end) / np.sqrt(2.0)):
+                points.append(self.centre + self.size * out + self.half * end)
+                normals.append(normal)
+        return np.concatenate(points), np.concatenate(normals)
 
     @property
     def ball(self) -> tuple[Array, float]:
@@ -175,6 +212,7 @@ class Polytope(Solid):
         self.faces = Faces(normals, offsets, side_normals, side_offsets, starts, spans)
         self._alone = Faces.stacked([self.faces])
         self._box = bounding_box(self._points)
+        self._surface = _corners(hull)
 
     def distance(self, p_G: Array) -> tuple[Array, Array]:
         """Return signed distances and gradients, see `Solid`."""
@@ -186,10 +224,25 @@ class Polytope(Solid):
         return self._box
 
     @property
+    def surface(self) -> tuple[Array, Array]:
+        """See `Solid`."""
+        return self._surface
+
+    @property
     def ball(self) -> tuple[Array, float]:
         """See `Solid`."""
         centre = self._box.p_GB
         return centre, float(np.linalg.norm(self._points - centre, axis=1).max())
+
+
+def _corners(hull: ConvexHull) -> tuple[Array, Array]:
+    """Return each corner of each triangle with its normal, and each corner with the mean of its faces'."""
+    corner, face = hull.simplices.ravel(), np.repeat(np.arange(len(hull.simplices)), 3)
+    normals = hull.equations[face, :3]
+    mean = np.zeros_like(hull.points)
+    np.add.at(mean, corner, normals)
+    between = mean[hull.vertices] / np.linalg.norm(mean[hull.vertices], axis=1, keepdims=True)
+    return np.concatenate([hull.points[corner], hull.points[hull.vertices]]), np.concatenate([normals, between])
 
 
 def bounding_box(points: Array) -> Box:

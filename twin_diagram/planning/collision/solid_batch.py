@@ -9,25 +9,28 @@ import numpy as np
 
 from twin_diagram.planning.collision import solid_distances
 from twin_diagram.planning.collision.convex_solids import Ball, Box, Drum, Polytope, Solid, bounding_box
+from twin_diagram.planning.collision.forecast_growth import surface_rows
 from twin_diagram.planning.collision.solid_distances import Faces
 from twin_diagram.signals.arrays import Array, Ints
 
 
 @dataclass(frozen=True)
 class Body:
-    """Something to keep clear of: convex solids in its frame O, and a ball about them all."""
+    """Something to keep clear of: convex solids in its frame O, a ball about them all, and `surface_rows` of them."""
 
     name: str
     solids: tuple[Solid, ...]
     centre_O: Array
     radius: float
+    surface_O: Array
 
     @staticmethod
     def of(name: str, solids: Sequence[Solid]) -> Body:
         """Return a body made of solids."""
         balls = [solid.ball for solid in solids]
         centre = np.mean([c for c, _ in balls], axis=0)
-        return Body(name, tuple(solids), centre, max(float(np.linalg.norm(c - centre)) + r for c, r in balls))
+        radius = max(float(np.linalg.norm(c - centre)) + r for c, r in balls)
+        return Body(name, tuple(solids), centre, radius, surface_rows(solids))
 
 
 class SolidBatch:
