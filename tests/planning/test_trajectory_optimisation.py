@@ -214,13 +214,14 @@ def test_routes_are_travelled_at_their_speed(scene: Scene) -> None:
     route = Route(Aim.GOAL, HOME + 0.4 * rng.standard_normal((3, 7)))
     points = np.vstack([HOME, route.points])
     took = [float((np.abs(b - a) / speed).max()) for a, b in pairwise(points)]
-    assert router.duration(HOME, route) == pytest.approx(sum(took))
+    assert router.travel(HOME, route).duration == pytest.approx(sum(took))
     times = np.linspace(0.0, sum(took) + 0.5, 400)
-    way = router.reference(HOME, route, times)
+    way = router.travel(HOME, route).at(times)
     rate = np.abs(np.diff(way, axis=0)) / np.diff(times)[:, None] / speed
     assert rate.max() < 1 + 1e-6 and np.median(rate.max(axis=1)[times[1:] < sum(took)]) > 1 - 1e-6
     np.testing.assert_allclose(way[times >= sum(took)], np.broadcast_to(points[-1], way[times >= sum(took)].shape))
-    np.testing.assert_allclose(router.reference(HOME, route, np.cumsum(took)), route.points, atol=1e-9)
+    np.testing.assert_allclose(router.travel(HOME, route).at(np.cumsum(took)), route.points, atol=1e-9)
+
 
 
 def test_straight_lines_are_checked_as_densely_as_told() -> None:

@@ -65,7 +65,7 @@ class Spied:
                 return self.answers.pop(0)
 
         def solve(*arguments: Any) -> Optimum:
-            names = "start q0 v0 a0 guess guess_velocity reference around margins fallback"
+            names = "start q0 v0 a0 guess guess_velocity reference around margins fallback torque"
             self.asked = dict(zip(names.split(), arguments, strict=True))
             return Optimum(self.asked["fallback"], 0.0, True)
 
@@ -93,7 +93,8 @@ def at_home(spied: Spied) -> Memory:
 def test_limits_are_shares_of_the_arms(spied: Spied) -> None:
     share = PARAMS.velocity_share
     np.testing.assert_allclose(spied.planner.limits.velocity, share * np.array([2, 2, 2, 2, np.pi, 2, 2]))
-    np.testing.assert_allclose(spied.planner.limits.acceleration, PARAMS.acceleration)
+    np.testing.assert_allclose(spied.planner.limits.acceleration, spied.planner.limits.velocity / 0.1)
+    np.testing.assert_allclose(spied.planner.guide.settings.acceleration, 0.9 * spied.planner.limits.acceleration)
     np.testing.assert_allclose(spied.planner.router.speed, 0.9 * spied.planner.limits.velocity)
 
 
@@ -112,7 +113,9 @@ def test_margins_grow_with_time_and_with_what_is_left_of_the_way(
     spied.route = Route(Aim.GOAL, goals[1:])
     spied.tick(memory, 0.1, goal=GOAL, tracks=track(velocity))
     samples = spied.planner.optimiser.samples
-    arrival = 0.6 / (0.9 * PARAMS.velocity_share * 2.0)
+    arrival = 0.6 / (0.9 * PARAMS.velocity_share * 2.0) + spied.planner.limits.velocity[0] / (
+        spied.planner.limits.acceleration[0]
+    )
     clearance, at_goal = PARAMS.clearance, spied.situation.at_goals[1]
     np.testing.assert_array_equal(spied.situation.still, [True, velocity == 0.0])
     assert spied.situation.least == pytest.approx(0.25 * clearance)
@@ -123,7 +126,13 @@ def test_margins_grow_with_time_and_with_what_is_left_of_the_way(
         near = np.clip(at_goal[:2] - 0.003 + way, 0.25 * clearance, most)
         expected[row] = [near[0], most if velocity else near[1], 0.01]
     np.testing.assert_allclose(spied.asked["margins"], expected)
-    np.testing.assert_allclose(spied.asked["reference"][:, 0], HOME[0] + np.minimum(samples / arrival, 1.0) * 0.6)
+    # A trapezoid of speed, at nine tenths of what joint 1 may do.
+    speed, harder = 0.9 * spied.planner.limits.velocity[0], 0.9 * spied.planner.limits.acceleration[0]
+    late, ramp = arrival - samples, speed / harder
+    up, down = speed * (samples - ramp / 2), 0.6 - harder * np.maximum(late, 0.0) ** 2 / 2
+    expected_way = np.where(late < ramp, down, up)
+    expected_way[samples < ramp] = harder * samples[samples < ramp] ** 2 / 2
+    np.testing.assert_allclose(spied.asked["reference"][:, 0], HOME[0] + expected_way, atol=1e-9)
 
 
 def test_without_a_goal_six_tenths_of_the_clearance_are_always_wanted(spied: Spied, at_home: Memory) -> None:
@@ -172,7 +181,7 @@ def test_the_plan_starts_anew_where_the_arm_is_a_quarter_radian_off(spied: Spied
                 np.testing.assert_allclose(spied.asked["v0"], 0.3)
                 assert not memory.offset.any()
             else:
-                np.testing.assert_allclose(spied.asked["q0"], HOME - offset)
+                np.testing.assert_allclose(spied.asked["q0"], HOME - memory.offset)
     fast = np.full(7, 9.0)
     spied.tick(at_home, 0.1, q=HOME + 0.5, v=-fast)
     np.testing.assert_allclose(spied.asked["v0"], -spied.planner.limits.velocity)
@@ -190,26 +199,28 @@ def test_the_first_message_is_where_the_arm_begins_and_stays(spied: Spied) -> No
     np.testing.assert_allclose(spied.asked["q0"], HOME)
 
 
-@pytest.mark.parametrize("rate", [15.0, 1.0])
-def test_a_lasting_difference_is_learnt_in_seven_tenths_of_a_second_while_slow(
+@pytest.mark.parametrize("rate", [50.0, 1.0])
+def test_plans_start_where_the_arm_is_measured_to_be_within_a_tenth_of_a_second(
     scene: Scene, monkeypatch: pytest.MonkeyPatch, rate: float
 ) -> None:
     spied = Spied(scene, monkeypatch, replace(PARAMS, rate=rate))
     memory, _ = spied.tick(spied.planner.initial(HOME), 0.0)
     known = np.full(7, 0.004)
-    gain = min(1.0, 1.0 / (0.7 * rate))
-    for speed, learnt in ((0.09, True), (0.11, False)):
+    gain = min(1.0, 1.0 / (0.1 * rate))
+    for speed in (0.0, 1.5):
         v = np.array([0, 0, -speed, 0, 0, 0, 0])
         after, _ = spied.tick(replace(memory, offset=known), 0.1, q=HOME - 0.02, v=v)
-        np.testing.assert_allclose(after.offset, 0.004 + gain * (0.02 - 0.004) if learnt else 0.004)
+        np.testing.assert_allclose(after.offset, 0.004 + gain * (0.02 - 0.004))
+        np.testing.assert_allclose(spied.asked["q0"], HOME - after.offset)
         moving = replace(memory, offset=known, trajectory=replace(memory.trajectory, v0=v))
         after, _ = spied.tick(moving, 0.0, q=HOME - 0.02)
-        np.testing.assert_allclose(after.offset, 0.004 + gain * (0.02 - 0.004) if learnt else 0.004)
-    for sign in (1.0, -1.0):  # no more than 0.05 rad
-        after, _ = spied.tick(replace(memory, offset=sign * np.full(7, 0.0499)), 0.1, q=HOME - sign * 0.2)
-        np.testing.assert_allclose(after.offset, sign * 0.05)
-        after, _ = spied.tick(replace(memory, offset=sign * np.full(7, 0.03)), 0.1, q=HOME - sign * 0.03)
-        np.testing.assert_allclose(after.offset, sign * 0.03)
+        np.testing.assert_allclose(after.offset, 0.004 + gain * (0.02 - 0.004))
+        np.testing.assert_allclose(spied.asked["v0"], v)  # commands go on as they were
+    for sign in (1.0, -1.0):  # no more than 0.2 rad
+        after, _ = spied.tick(replace(memory, offset=sign * np.full(7, 0.1999)), 0.1, q=HOME - sign * 0.24)
+        np.testing.assert_allclose(after.offset, sign * 0.2)
+    after, _ = spied.tick(replace(memory, offset=known), 0.1, q=HOME * np.nan)
+    np.testing.assert_array_equal(after.offset, known)
 
 
 def test_plans_are_made_where_the_arm_is_and_kept_as_commands(spied: Spied, at_home: Memory) -> None:
@@ -340,6 +351,6 @@ def test_a_stop_takes_as_long_as_the_limit_allows_or_two_knots(spied: Spied) -> 
         stop = spied.planner._stop(1.0, HOME, np.array([speed, 0, 0, 0, 0, 0, -0.5 * speed]))
         count = int(np.count_nonzero(stop.accelerations[:, 0]))
         np.testing.assert_allclose(stop.at(np.array([stop.end - 1e-9]))[1], 0.0, atol=1e-6)
-        enough = [c for c in range(2, knots) if speed / (h * (c - 0.5)) <= PARAMS.acceleration]
+        enough = [c for c in range(2, knots) if speed / (h * (c - 0.5)) <= spied.planner.limits.acceleration[0]]
         assert count >= (enough[0] if enough else knots - 1)
         assert count <= (enough[0] + 1 if enough else knots - 1)

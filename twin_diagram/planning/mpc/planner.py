@@ -57,19 +57,16 @@ class Tuning:
     """Plans keep `guide.Tuning.surprise` more from what lies so far ahead or farther [s], and less up to there."""
 
     travel: float = 0.9
-    """Routes are travelled at this share of the speed limit, so that the motion can catch up."""
+    """Routes are travelled at this share of the limits of speed and acceleration, so that the motion can catch up."""
 
     reanchor: float = 0.25
     """The command starts anew from the measured position where it is farther from it than this [rad]."""
 
-    offset_time: float = 0.7
-    """The lasting difference of command and position is learnt with this time constant while the arm is slow [s]."""
+    offset_time: float = 0.1
+    """Plans start where the arm is measured to be, low-passed with this time constant [s]: a few of its messages."""
 
-    offset_speed: float = 0.1
-    """Slow means below this [rad/s]."""
-
-    offset_cap: float = 0.05
-    """No more than this is made up for [rad]."""
+    offset_cap: float = 0.2
+    """Commands lead by no more than this [rad]: what an arm lags behind at its full speed."""
 
 
 TUNING = Tuning()
@@ -116,8 +113,8 @@ class MotionPlanner:
         """
         self.scene, self.params = scene, params
         self.limits = limits or limits_of(None, scene, velocity_limit, params)
-        velocity = self.limits.velocity
-        self.guide = Guide(scene, GuideSettings(TUNING.travel * velocity, params.clearance, pieces_O))
+        speed, acceleration = TUNING.travel * self.limits.velocity, TUNING.travel * self.limits.acceleration
+        self.guide = Guide(scene, GuideSettings(speed, params.clearance, pieces_O, acceleration))
         self.router = self.guide.router
         self.searcher: Searcher = Here(self.guide)
         self.optimiser = Optimiser(
@@ -184,14 +181,15 @@ class MotionPlanner:
         samples = self.optimiser.samples
         end = route.points[-1:] if route.aim is Aim.GOAL else memory.goals[:0]
         situation = self.guide.situation(q0, forecast, end, at_rest=not np.any(memory.goal))
-        margins = self._margins(situation, self.router.duration(q0, route))
+        way = self.router.travel(q0, route, v0)
+        margins = self._margins(situation, way.duration)
         around = self.scene.around(forecast, samples)
         old_q, old_v, _ = memory.trajectory.at(now + samples)
         guess = old_q - memory.offset
         if route.aim is Aim.NOTHING:
             reference = np.repeat(stop[None], len(samples), axis=0)
         else:
-            reference = self.router.reference(q0, route, samples)
+            reference = way.at(samples)
         fallback = replace(memory.trajectory, q0=memory.trajectory.q0 - memory.offset)
         torque = self._torque(memory, now, arm)
         outcome = self.optimiser.solve(now, q0, v0, a0, guess, old_v, reference, around, margins, fallback, torque)
@@ -253,7 +251,11 @@ class MotionPlanner:
         return replace(memory, pending=question, asked=memory.tick)
 
     def _anchor(self, memory: Memory, now: float, arm_state: Array) -> tuple[Memory, Array, Array, Array, bool]:
-        """Return where the new plan starts: where the old one is now, unless the arm is somewhere else altogether."""
+        """Return where the new plan starts: where the arm is, with the speed and acceleration of its command.
+
+        So commands go on smoothly, and lead the arm by what it lags behind. Where it is somewhere else altogether they
+        start anew.
+        """
         n = self.scene.chain.size
         q_measured, v_measured = arm_state[:n], arm_state[n:]
         known = bool(np.isfinite(arm_state).all())
@@ -269,7 +271,7 @@ class MotionPlanner:
             return memory, q_measured.copy(), v, trajectory.accelerations[0], True
         if first:
             memory = replace(memory, trajectory=replace(memory.trajectory, start=now))
-        if known and np.abs(v).max() < TUNING.offset_speed and np.abs(v_measured).max() < TUNING.offset_speed:
+        if known:
             gain = min(1.0, 1.0 / (self.params.rate * TUNING.offset_time))
             offset = memory.offset + gain * (q - q_measured - memory.offset)
             memory = replace(memory, offset=np.clip(offset, -TUNING.offset_cap, TUNING.offset_cap))

@@ -93,11 +93,13 @@ class GuideSettings:
         speed: (n,) at which routes are travelled [rad/s].
         clearance: to keep from everything [m].
         pieces_O: corners (m, 3) of the convex pieces of each of the library's objects [m].
+        acceleration: (n,) with which routes are travelled [rad/s²]; None: no limit.
     """
 
     speed: Array
     clearance: float
     pieces_O: Sequence[Sequence[Array]] = field(default_factory=list)
+    acceleration: Array | None = None
 
 
 class Guide:
@@ -110,7 +112,7 @@ class Guide:
 
     def __init__(self, scene: Scene, settings: GuideSettings) -> None:
         self.scene, self.settings = scene, settings
-        self.router = Router(scene, settings.speed)
+        self.router = Router(scene, settings.speed, acceleration=settings.acceleration)
         self._holding = lru_cache(maxsize=TUNING.grips)(self._made)
 
     def __reduce__(self) -> tuple[Any, ...]:

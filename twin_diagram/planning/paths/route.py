@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from twin_diagram.planning.collision.collision_scene import Forecast, Scene
 from twin_diagram.planning.paths import rrt_connect
+from twin_diagram.planning.paths.time_optimal import Profile, profile
 from twin_diagram.signals.arrays import Array, Ints
 
 
@@ -124,10 +125,14 @@ class Router:
         scene: shapes and limits.
         speed: (n,) the speed at which routes are travelled [rad/s].
         tuning: None for the defaults.
+        acceleration: (n,) with which [rad/s²]; None: no limit.
     """
 
-    def __init__(self, scene: Scene, speed: Array, tuning: RouteTuning | None = None) -> None:
+    def __init__(
+        self, scene: Scene, speed: Array, tuning: RouteTuning | None = None, acceleration: Array | None = None
+    ) -> None:
         self.scene, self.speed = scene, speed
+        self.acceleration = np.full(len(speed), np.inf) if acceleration is None else acceleration
         self.tuning = tuning or RouteTuning()
         bound = np.full(scene.chain.size, np.pi)
         self._lower, self._upper = np.maximum(scene.lower, -bound), np.minimum(scene.upper, bound)
@@ -145,17 +150,9 @@ class Router:
             now += took
         return np.concatenate(pieces), np.concatenate(times)
 
-    def reference(self, q: Array, route: Route, times: Array) -> Array:
-        """Return (M, n) where to be at `times` (M,) from now on, along the route."""
-        points = np.vstack([q, route.points])
-        took = (np.abs(np.diff(points, axis=0)) / self.speed).max(axis=1, initial=0.0)
-        at = np.concatenate([[0.0], np.cumsum(took)])
-        return np.stack([np.interp(times, at, points[:, j]) for j in range(len(q))], axis=1)
-
-    def duration(self, q: Array, route: Route) -> float:
-        """Return how long the route takes from where the arm is [s]."""
-        points = np.vstack([q, route.points])
-        return float((np.abs(np.diff(points, axis=0)) / self.speed).max(axis=1, initial=0.0).sum())
+    def travel(self, q: Array, route: Route, v: Array | None = None) -> Profile:
+        """Return the quickest way along a route from where the arm is, (n,), at velocity v; None: at rest."""
+        return profile(np.vstack([q, route.points]), self.speed, self.acceleration, v)
 
     def first_blocked(self, now: Situation, points: Array, margins: Array) -> float | None:
         """Tell when the way from where the arm is along `points` (W, n) is blocked first [s]; None if never."""
