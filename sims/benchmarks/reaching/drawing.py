@@ -67,7 +67,7 @@ def draw_reach(base: Scenario, seed: int) -> Scenario:
     assert twin.task.X_WG is not None
     twin.task.X_WG = Pose(goal.tolist(), [float(np.pi), 0.0, float(rng.uniform(-0.8, 0.8))])
     sizes = {name: np.array(Asset.load(resolve(item.asset, base.packages)).size) for name, item in objects.items()}
-    for _ in range(2000):
+    for _ in range(200):
         ways = _ways(sizes, start[:2], goal[:2], rng)
         if ways is not None:
             break
@@ -90,23 +90,31 @@ def _ways(sizes: dict[str, Array], start: Array, goal: Array, rng: np.random.Gen
     low, high = np.array(TUNING.region)
     for name in sorted(sizes, key=lambda name: name not in TUNING.movers):
         radius = float(np.hypot(*sizes[name][:2])) / 2
-        middle = rng.uniform(low + radius, high - radius)
-        way = middle[None]
-        if name in TUNING.movers:
-            middle = start + (goal - start) * rng.uniform(0.3, 0.7) + rng.uniform(-0.05, 0.1, 2)
-            angle, far = rng.uniform(0, 2 * np.pi), rng.uniform(*TUNING.way)
-            way = middle + far / 2 * np.array([[np.cos(angle), np.sin(angle)], [-np.cos(angle), -np.sin(angle)]])
-        line = np.linspace(way[0], way[-1], 20)
-        near = min(float(np.linalg.norm(line - end, axis=1).min()) for end in (start, goal))
-        clear = all(
-            np.linalg.norm(line[:, None] - other[None], axis=-1).min() > radius + there + TUNING.spacing
-            for other, there in taken
-        )
-        if near < radius + TUNING.room or not clear or (way < low).any() or (way > high).any():
+        for _ in range(60):
+            way = _way(name in TUNING.movers, low + radius, high - radius, start, goal, rng)
+            line = np.linspace(way[0], way[-1], 20)
+            near = min(float(np.linalg.norm(line - end, axis=1).min()) for end in (start, goal))
+            clear = all(
+                np.linalg.norm(line[:, None] - other[None], axis=-1).min() > radius + there + TUNING.spacing
+                for other, there in taken
+            )
+            if near > radius + TUNING.room and clear and (way > low).all() and (way < high).all():
+                break
+        else:
             return None
         taken.append((line, radius))
         found[name] = way
     return found
+
+
+def _way(moves: bool, low: Array, high: Array, start: Array, goal: Array, rng: np.random.Generator) -> Array:
+    """Return a point within bounds, (1, 2), or two between which something goes, between start and goal, (2, 2)."""
+    if not moves:
+        return np.asarray(rng.uniform(low, high)[None])
+    middle = start + (goal - start) * rng.uniform(0.3, 0.7) + rng.uniform(-0.05, 0.1, 2)
+    angle, far = rng.uniform(0, 2 * np.pi), rng.uniform(*TUNING.way)
+    along = np.array([np.cos(angle), np.sin(angle)])
+    return np.asarray(middle + far / 2 * np.array([along, -along]))
 
 
 def _to_and_fro(poses: list[Pose], rng: np.random.Generator, until: float) -> list[WayPoint]:
