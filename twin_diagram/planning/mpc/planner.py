@@ -192,7 +192,7 @@ class MotionPlanner:
 
         samples = self.optimiser.samples
         end = route.points[-1:] if route.aim is Aim.GOAL else memory.goals[:0]
-        situation = self.guide.situation(q0, forecast, end, at_rest=not np.any(memory.goal))
+        situation = self.guide.margins_at(forecast, end, at_rest=not np.any(memory.goal))
         way = self.router.travel(q0, route, v0)
         margins = self._margins(situation, way.duration)
         around = self.scene.around(forecast, samples)
@@ -223,10 +223,8 @@ class MotionPlanner:
         """
         samples = self.optimiser.samples
         extra = GUIDE.surprise * np.minimum(samples / TUNING.surprise_time, 1.0)
-        left = np.maximum(duration - samples, 0.0)
-        goal = 0 if len(now.goals) else None
-        away = TUNING.approach * left
-        return np.stack([now.margins(goal, float(e), float(t)) for e, t in zip(extra, away, strict=True)])
+        away = TUNING.approach * np.maximum(duration - samples, 0.0)
+        return now.margins(0 if len(now.goals) else None, extra, away)
 
     def _heard(self, memory: Memory, q0: Array, forecast: Forecast) -> Memory:
         """Take the answer to what was asked, when it is due."""
