@@ -24,7 +24,7 @@ from twin_diagram.planning.mpc.payload_gravity import gravity_regressor
 from twin_diagram.planning.mpc.planner import MotionPlanner, limits_of
 from twin_diagram.planning.mpc.planner_state import Memory
 from twin_diagram.planning.mpc.quadratic_program import QpSolver
-from twin_diagram.planning.paths.search_process import Beside
+from twin_diagram.planning.paths.search_process import SearchProcess
 from twin_diagram.runtime.timing import timed
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.hand import HAND_SIZE, NOTHING, Hand
@@ -185,7 +185,7 @@ class Mpc(ModelUser[Model]):
             waits: a simulation waits for an answer that is late; a real arm does not: it counts when it comes.
         """
         before = self.planner.searcher
-        with Beside(self.planner.guide, waits=waits) as searcher:
+        with SearchProcess(self.planner.guide, waits=waits) as searcher:
             self.planner.searcher = searcher
             try:
                 yield

@@ -19,7 +19,7 @@ from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.planning.collision.collision_scene import load_scene
 from twin_diagram.planning.paths.guide import Guide, GuideSettings, Question
-from twin_diagram.planning.paths.search_process import Beside
+from twin_diagram.planning.paths.search_process import SearchProcess
 from twin_diagram.planning.paths.searching import Here
 from twin_diagram.scenario.resources import models_dir
 from twin_diagram.signals.hand import Hand
@@ -53,12 +53,12 @@ def guide() -> Guide:
 
 
 @pytest.fixture
-def beside(guide: Guide) -> Iterator[Beside]:
-    with Beside(guide, patience=60.0) as searcher:
+def beside(guide: Guide) -> Iterator[SearchProcess]:
+    with SearchProcess(guide, patience=60.0) as searcher:
         yield searcher
 
 
-def test_answers_are_those_that_are_found_here(guide: Guide, beside: Beside) -> None:
+def test_answers_are_those_that_are_found_here(guide: Guide, beside: SearchProcess) -> None:
     held = Hand(held=0, X_TO=np.array([1.0, 0, 0, 0, 0, 0, 0.05])).pack().tobytes()
     questions = [replace(QUESTION, seed=(0, k, 1), hand=hand) for k, hand in ((1, b""), (2, b""), (3, held))]
     for question in questions:
@@ -76,7 +76,7 @@ def test_answers_are_those_that_are_found_here(guide: Guide, beside: Beside) -> 
         np.testing.assert_allclose(chain.tool(chain.place(q[None]))[0, :3, 3], GOAL[4:], atol=1e-4)
 
 
-def ended(searcher: Beside) -> bool:
+def ended(searcher: SearchProcess) -> bool:
     deadline = time.monotonic() + 10.0
     while searcher._process.poll() is None and time.monotonic() < deadline:
         time.sleep(0.02)
@@ -87,7 +87,7 @@ def ended(searcher: Beside) -> bool:
 def test_one_that_crashes_or_hangs_is_told_of_in_one_line(
     guide: Guide, seed: int, patience: float, told: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    with Beside(guide, patience=patience) as searcher, caplog.at_level(logging.WARNING, "twin_diagram"):
+    with SearchProcess(guide, patience=patience) as searcher, caplog.at_level(logging.WARNING, "twin_diagram"):
         assert searcher.answer(replace(QUESTION, seed=(0, seed, 1))) is None
         assert searcher.answer(QUESTION) is None  # nor are there any from then on
         assert ended(searcher)
@@ -95,7 +95,7 @@ def test_one_that_crashes_or_hangs_is_told_of_in_one_line(
     assert caplog.messages[0].endswith("the arm brakes")
 
 
-def test_one_that_is_killed_is_told_of(beside: Beside, caplog: pytest.LogCaptureFixture) -> None:
+def test_one_that_is_killed_is_told_of(beside: SearchProcess, caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING, "twin_diagram"):
         beside._process.kill()
         assert beside.answer(QUESTION) is None
@@ -103,7 +103,7 @@ def test_one_that_is_killed_is_told_of(beside: Beside, caplog: pytest.LogCapture
 
 
 def test_it_ends_with_its_user_however_busy_it_is(guide: Guide, caplog: pytest.LogCaptureFixture) -> None:
-    with Beside(guide) as searcher:
+    with SearchProcess(guide) as searcher:
         searcher.ask(replace(QUESTION, seed=(0, 13, 1)))
         begin = time.monotonic()
     assert searcher._process.poll() is not None and time.monotonic() - begin < 2.0
@@ -112,7 +112,7 @@ def test_it_ends_with_its_user_however_busy_it_is(guide: Guide, caplog: pytest.L
 
 @pytest.mark.long
 def test_who_does_not_wait_is_told_whether_an_answer_is_there(guide: Guide) -> None:
-    with Beside(guide, waits=False, patience=60.0) as searcher:
+    with SearchProcess(guide, waits=False, patience=60.0) as searcher:
         assert not searcher.ready(QUESTION)
         searcher.ask(QUESTION)
         deadline = time.monotonic() + 60.0
@@ -133,7 +133,7 @@ from tests.planning.paths.test_search_process import *
 asset = Asset.load(models_dir() / "objects" / "mover")
 scene = load_scene(scenario.ArmModel(), [scenario.Fixture()], {"mover": asset})
 guide = Stuck(scene, GuideSettings(np.full(7, 0.8), 0.04))
-searcher = Beside(guide)
+searcher = SearchProcess(guide)
 searcher.ask(replace(QUESTION, seed=(0, 13, 1)))
 print(searcher._process.pid, flush=True)
 time.sleep(600)

@@ -100,7 +100,7 @@ def nearest_of(pairs: Pairs, key: Ints) -> Nearest:
 
 
 def smallest(key: Ints, value: Array) -> Ints:
-    """For each distinct key the index of its smallest value, ordered by key."""
+    """Return, for each distinct key, the index of its smallest value, ordered by key."""
     if not len(key):
         return np.zeros(0, dtype=int)
     # Keys are few and small: a table of them is quicker than sorting.

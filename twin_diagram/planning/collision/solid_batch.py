@@ -111,3 +111,4 @@ class SolidBatch:
 
 
 _KINDS = (Box, Ball, Drum, Polytope)
+"""Kinds of solids, by the numbers that stand for them in tables."""

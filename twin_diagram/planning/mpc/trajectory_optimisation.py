@@ -167,8 +167,7 @@ class Optimiser:
             contacts = self._contacts(present, around, margins) if iteration else contacts
             gradient = self._gradient(base, a0, present, reference)
             rows = self._rows(base, base_velocity, present, guess_velocity, contacts, margins)
-            rows = rows if torque is None else Rows.joined([rows, _torque_rows(torque)])
-            found = self._program.solve(gradient, -base_velocity[-1], rows, self._solver)
+            found = self._program.solve(gradient, -base_velocity[-1], self._torque_bounded(rows, torque), self._solver)
             solved = found is not None
             if found is None:
                 break
@@ -182,17 +181,25 @@ class Optimiser:
         if inner is not None:
             # Near the guess, distances are as linearised there; farther away they are measured.
             near = change < self.tuning.settled and iteration == 0
-            ahead = self._ahead(contacts, present - guess) if near else None
-            violation = self.assess(present, around, margins) if ahead is None else self._lacking(ahead, margins)
+            ahead = self._lacking(self._ahead(contacts, present - guess), margins) if near else None
+            violation = self.assess(present, around, margins) if ahead is None else ahead
             if violation > kept + self.tuning.worse:
-                # The linearisation misled; half of the step is often good.
-                half = (present + guess) / 2
-                violation = self.assess(half, around, margins)
-                inner = self._fitted(v0, a0, base, half) if violation < kept else None
+                inner, violation = self._halved(v0, a0, base, (present + guess) / 2, around, margins, kept)
         if inner is None:
             return Optimum(fallback, kept, solved)
         accelerations = np.vstack([a0, inner, 0.0 * a0])
         return Optimum(Trajectory(start, self.step, q0, v0, accelerations), violation, solved)
+
+    def _halved(
+        self, v0: Array, a0: Array, base: Array, half: Array, around: Surroundings, margins: Array, kept: float
+    ) -> tuple[Array | None, float]:
+        """Return half of a step that the linearisation misled, as accelerations, where it lacks less than `kept`."""
+        violation = self.assess(half, around, margins)
+        return (self._fitted(v0, a0, base, half) if violation < kept else None), violation
+
+    def _torque_bounded(self, rows: Rows, torque: TorqueBounds | None) -> Rows:
+        """Return rows with those that bound torque, where there are some."""
+        return rows if torque is None else Rows.joined([rows, _torque_rows(torque)])
 
     def _contacts(self, q: Array, around: Surroundings, margins: Array) -> Contacts:
         """Return what positions (M, n) at the samples come near to, beside what is wanted."""

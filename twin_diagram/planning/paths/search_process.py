@@ -41,7 +41,7 @@ WORKER: Final = (sys.executable, "-m", "twin_diagram.planning.paths.search_worke
 """The command that searches in a process of its own."""
 
 
-class Beside(Searcher):
+class SearchProcess(Searcher):
     """Searches in a process of its own.
 
     Use as a context manager, or `close` it: both end the process, whatever it does. Where this process is killed, that
@@ -125,7 +125,7 @@ class Beside(Searcher):
             process.kill()
             process.wait()
 
-    def __enter__(self) -> Beside:
+    def __enter__(self) -> SearchProcess:
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -163,4 +163,3 @@ class Beside(Searcher):
         self._told.seek(0)
         lines = [line for line in self._told.read().decode(errors="replace").splitlines() if line.strip()]
         return f"ended with status {status} ({lines[-1].strip() if lines else 'it said nothing'})"
-
