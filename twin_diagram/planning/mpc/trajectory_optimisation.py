@@ -167,16 +167,15 @@ class Optimiser:
             contacts = self._contacts(present, around, margins) if iteration else contacts
             gradient = self._gradient(base, a0, present, reference)
             rows = self._rows(base, base_velocity, present, guess_velocity, contacts, margins)
-            found = self._program.solve(gradient, -base_velocity[-1], self._torque_bounded(rows, torque), self._solver)
+            bounds = self._torque_bounded(rows, torque)
+            found = self._program.solve(gradient, -base_velocity[-1], bounds, self._solver)
             solved = found is not None
             if found is None:
                 break
-            inner = found
-            moved = base + self._P @ inner
-            change, present = np.abs(moved - present).max(), moved
+            inner, before, present = found, present, base + self._P @ found
+            change = np.abs(present - before).max()
             if change < self.tuning.settled:
                 break
-
         violation = kept
         if inner is not None:
             # Near the guess, distances are as linearised there; farther away they are measured.
