@@ -10,8 +10,8 @@ with white noise of 0.05 and 0.2 N·m, gain errors N(0, 1 %), biases N(0, 0.2 N�
 Numerical: nothing slips, there is no contact; shapes are off by a millimetre, the object's place in the hand by 0.5 mm.
 Beside it: no gain calibration, no shape prior, the published excitation (5 harmonics of 0.1 Hz).
 
-Seeds are `--first` to `--first` + `--count` − 1; those below 100 000 are for training. Writes a line per object and way to
-`OUT/results.jsonl`, goes on where it stopped, and `OUT/report.txt`.
+Seeds are `--first` to `--first` + `--count` − 1; those below 100 000 are for training. Writes a line per object and
+way to `OUT/results.jsonl`, goes on where it stopped, and `OUT/report.txt`.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from weighing_truth.report import report  # noqa: E402
-from weighing_truth.trial import run  # noqa: E402
+from weighing_truth.report import report
+from weighing_truth.trial import run
 
 QUICK = 12
 

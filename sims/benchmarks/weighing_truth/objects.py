@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -110,7 +111,7 @@ def _cells(kind: str, profile: Array, size: Array) -> Array:
         return points[(points[:, 1] < profile[0] - size[1] / 2) | (points[:, 2] < profile[1] - size[2] / 2)]
     r, z = np.hypot(points[:, 0], points[:, 1]), points[:, 2]
     inside = np.zeros(len(points), dtype=bool)
-    for (r0, z0), (r1, z1) in zip(profile[:-1], profile[1:], strict=True):  # as many rays towards +r cross as not
+    for (r0, z0), (r1, z1) in pairwise(profile):  # as many rays towards +r cross as not
         if z0 != z1:
             between = (z >= min(z0, z1)) & (z < max(z0, z1))
             inside ^= between & (r < r0 + (z - z0) / (z1 - z0) * (r1 - r0))

@@ -39,7 +39,7 @@ def run(seed: int, torque_side: str, quick: bool) -> list[dict[str, Any]]:
     motor, model = world.arm("motor"), world.arm(torque_side)
     X_true = world.moved(X_TO, random)
     about = thing.told.even(float(thing.parameters[0]))
-    steps = {"starts": 1, "steps": 40} if quick else {"starts": 2, "trial_steps": 10, "steps": 60}
+    steps = {"starts": 1, "steps": 35} if quick else {"starts": 1, "steps": 70}
     start = time.process_time()
     try:
         motion = world.excite(motor, X_TO, about, 60.0, ExcitationPlan(seed=seed, **steps))

@@ -62,7 +62,7 @@ def arm(torque_side: str) -> Model:
 
 
 def grasp(size: Array, random: np.random.Generator) -> RigidTransform:
-    """X_TO: the thinnest axis (x) between the fingers, the longest anywhere about it, up to a quarter off its middle."""
+    """X_TO: the thinnest axis (x) between the fingers, the longest anywhere about it, up to a quarter off."""
     turn = RollPitchYaw(0.0, random.uniform(-np.pi, np.pi), 0.0).ToRotationMatrix()
     R_TO = turn @ RollPitchYaw(0.0, 0.0, np.pi / 2).ToRotationMatrix()
     off = random.uniform(-0.25, 0.25, 3) * size * np.array([0.0, 1.0, 1.0])

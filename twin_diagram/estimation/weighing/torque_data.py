@@ -95,14 +95,14 @@ def read_run(model: Model, run: LoadedRun | EmptyRun) -> TorqueRun:
         WeighingError: it is too short, too slow, not finite, or the fingers are no joints.
     """
     log = run.log.select(model.joints)
+    if np.any(np.diff(log.time) <= 0.0):
+        raise WeighingError(f"{log.source}: its times do not rise; sort them")
     if len(log) < 8 or log.time[-1] - log.time[0] < TUNING.least:
         raise WeighingError(f"{log.source}: shorter than {TUNING.least:g} s, which tells no inertia; move for longer")
     torque = log.motor_torque
     for name, values in (("time", log.time), ("position", log.position), ("torque", torque)):
         if not np.all(np.isfinite(values)):
             raise WeighingError(f"{log.source}: {name} holds values that are not finite; cut them out")
-    if np.any(np.diff(log.time) <= 0.0):
-        raise WeighingError(f"{log.source}: its times do not rise; sort them")
     if 1.0 / log.period < 2.0 * TUNING.cutoff:
         raise WeighingError(
             f"{log.source}: {1.0 / log.period:.3g} samples a second; at least {2 * TUNING.cutoff:g} are needed"

@@ -158,6 +158,7 @@ def _design(runs: Sequence[TorqueRun], k: int, gain: Array, parameters: Array, l
     rigid = run.arm
     if run.held is not None:
         to_hand = transform_inertia(run.held.X_MO)
+        turned = to_hand @ by_pose(parameters)
         rigid = rigid + run.Y_hand @ (to_hand @ parameters)
     for j in range(m):
         A[j, :, layout.own * j] = rigid[:, j]
@@ -167,7 +168,7 @@ def _design(runs: Sequence[TorqueRun], k: int, gain: Array, parameters: Array, l
         A[j, :, layout.hand : layout.pose] = Y
         if run.held is not None:
             grasp = sum(earlier.held is not None for earlier in runs[:k])
-            A[j, :, layout.pose + 6 * grasp : layout.pose + 6 * (grasp + 1)] = Y @ to_hand @ by_pose(parameters)
+            A[j, :, layout.pose + 6 * grasp : layout.pose + 6 * (grasp + 1)] = Y @ turned
             A[j, :, -10:] = Y @ to_hand
     # (1 + γ)(arm + Yφ) ≈ arm + γ (arm + Yφ₀) + (1 + γ₀) Yφ − γ₀ Yφ₀
     shift = gain * (rigid - run.arm)

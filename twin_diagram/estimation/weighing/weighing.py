@@ -25,6 +25,9 @@ class Tuning:
     rounds: int = 4
     """Of fit and posterior in turn: gain times object is linearised anew in each; three change nothing any more."""
 
+    first_mass: float = 0.5
+    """With which the first round begins [kg]; the result does not depend on it."""
+
     measured: float = 0.9
     """Share of the variance before the torques that they take away, from which a parameter counts as measured."""
 
@@ -137,13 +140,13 @@ def weigh(
     doubt = ArmDoubt.of_side(side) if doubt is None else doubt
     told: list[LoadedRun | EmptyRun] = [*loaded, *empty]
     runs = [read_run(model, run) for run in told]
-    mass = 0.5
-    guess = prior.shape.even(mass)
+    guess = prior.shape.even(TUNING.first_mass)
+    start: float | Array = TUNING.first_mass
     fit: TorqueFit | None = None
     for _ in range(TUNING.rounds):
         fit = fit_torques(runs, doubt, guess, fit)
-        found = posterior(fit.matrix, fit.vector, prior.hypotheses, max(guess[0], 1e-3), seed)
-        guess = found.mean
+        found = posterior(fit.matrix, fit.vector, prior.hypotheses, start, seed)
+        guess, start = found.mean, found.modes
     assert fit is not None
     return _summary(fit, found, prior, seed)
 
