@@ -17,6 +17,7 @@ from twin_diagram.estimation.weighing import (
     Shape,
     WeighingError,
     crlb,
+    feed_forward,
     optimise_excitation,
 )
 from twin_diagram.estimation.weighing.carried_motion import CarriedMotion
@@ -187,3 +188,14 @@ def test_limits_of_a_description(iiwa: Model) -> None:
     near = limits.near(POSTURE, 0.1)
     np.testing.assert_allclose(near.upper - near.lower, 0.2)
     np.testing.assert_allclose(MotionLimits.of(iiwa, np.full(7, 5.0)).acceleration, 5.0)
+
+
+def test_feed_forward_is_what_a_motion_takes_beyond_holding_the_arm(
+    iiwa: Model, X_TO: RigidTransform, off_centre: np.ndarray, plain: Excitation
+) -> None:
+    q, v, a = plain.sampled(10.0)[1]
+    torque = feed_forward(iiwa, X_TO, off_centre, (q, v, a))
+    whole = CarriedMotion(iiwa, Held.in_tool(iiwa, X_TO), off_centre, X_TO.inverse(), POSTURE).asked(q, v, a).torque
+    holding = iiwa.inverse_dynamics(q, 0 * v, 0 * a)
+    np.testing.assert_allclose(torque + holding, whole, atol=1e-9)
+    np.testing.assert_allclose(feed_forward(iiwa, X_TO, np.zeros(10), (q, 0 * v, 0 * a)), 0.0, atol=1e-9)

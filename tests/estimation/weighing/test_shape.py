@@ -23,6 +23,8 @@ def test_a_box_of_triangles_is_the_box() -> None:
     np.testing.assert_allclose(mesh.second, box.second, atol=1e-12)
     np.testing.assert_allclose(mesh.shell_second, box.shell_second, atol=1e-12)
     np.testing.assert_allclose(np.diag(box.second), edges**2 / 12.0)
+    np.testing.assert_allclose(mesh.middle, at, atol=1e-12)
+    np.testing.assert_allclose(mesh.half, box.half, atol=1e-12)
 
 
 def test_the_wall_of_a_cube_has_five_thirds_of_the_solid() -> None:

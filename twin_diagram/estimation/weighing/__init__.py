@@ -11,7 +11,12 @@ from twin_diagram.runtime import faces
 
 if TYPE_CHECKING:
     from twin_diagram.estimation.weighing.bound import Bound, crlb
-    from twin_diagram.estimation.weighing.excitation import Excitation, ExcitationPlan, optimise_excitation
+    from twin_diagram.estimation.weighing.excitation import (
+        Excitation,
+        ExcitationPlan,
+        feed_forward,
+        optimise_excitation,
+    )
     from twin_diagram.estimation.weighing.grip import Grip
     from twin_diagram.estimation.weighing.held import WeighingError
     from twin_diagram.estimation.weighing.motion_limits import MotionLimits
@@ -35,6 +40,7 @@ __all__ = [
     "Weighing",
     "WeighingError",
     "crlb",
+    "feed_forward",
     "optimise_excitation",
     "weigh",
 ]

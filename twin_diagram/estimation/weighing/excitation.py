@@ -116,6 +116,25 @@ class Excitation:
         return time, self.at(time)
 
 
+def feed_forward(model: Model, X_TO: RigidTransform, parameters: Array, motion: tuple[Array, Array, Array]) -> Array:
+    """Return the torques (N, n) that a motion takes beyond holding the arm without the object [N·m].
+
+    For drivers that hold the arm by its own gravity and follow by a spring: with these they follow a fast motion, too.
+
+    Args:
+        model: the arm with its rotors (motor side).
+        X_TO: the object's frame O in the tool frame.
+        parameters: (10,) of the object in O, as far as known; zeros: an empty hand.
+        motion: positions, velocities, accelerations (N, n).
+    """
+    q, v, a = motion
+    still = np.zeros_like(v)
+    result = model.inverse_dynamics(q, v, a) - model.inverse_dynamics(q, still, still)
+    held = Held.in_tool(model, X_TO)
+    result[:, held.rows] += held.regressor(model, q, v, a) @ parameters
+    return result
+
+
 def optimise_excitation(
     model: Model,
     X_TO: RigidTransform,

@@ -100,7 +100,7 @@ def posterior(matrix: Array, vector: Array, hypotheses: Hypotheses, start: float
     _, J = _slopes(u, hypotheses)
     curvature = np.einsum("hik,ij,hjl->hkl", J, matrix, J) + prior
     told = np.linalg.slogdet(hypotheses.information[:, 1:, 1:])[1] - np.linalg.slogdet(curvature)[1]
-    score = hypotheses.log_weight - cost + 0.5 * told
+    score = hypotheses.log_weight - cost - hypotheses.outside(u) + 0.5 * told
     weights = np.exp(score - score.max())
     weights /= weights.sum()
     return Posterior(_drawn(u, curvature, weights, hypotheses, seed), weights, u)

@@ -24,12 +24,16 @@ class Shape:
         second: (3, 3) Σ = ∫ r rᵀ dm of the solid about its centre [m²].
         shell_centre: (3,) of the surface as a thin wall [m].
         shell_second: (3, 3) of it, about its own centre [m²].
+        half: (3,) half the edges of the box about the surface, along O's axes [m].
+        middle: (3,) of that box [m].
     """
 
     centre: Array
     second: Array
     shell_centre: Array
     shell_second: Array
+    half: Array
+    middle: Array
 
     @staticmethod
     def of_mesh(vertices: Array, faces: npt.NDArray[np.int64]) -> Shape:
@@ -44,7 +48,9 @@ class Shape:
             solid = solid_of(weld(np.asarray(vertices, dtype=float)[faces]))
         except AssetError as error:
             raise WeighingError(f"the object's mesh: {error}") from error
-        return Shape(solid.centre, solid.second / solid.volume, *_wall(vertices, faces))
+        low, high = vertices[faces].min(axis=(0, 1)), vertices[faces].max(axis=(0, 1))
+        wall = _wall(vertices, faces)
+        return Shape(solid.centre, solid.second / solid.volume, *wall, 0.5 * (high - low), 0.5 * (high + low))
 
     @staticmethod
     def box(edges: Array) -> Shape:
@@ -55,7 +61,7 @@ class Shape:
         x, y, z = edges
         areas = np.array([y * z, x * z, x * y])
         wall = np.array([edges[k] ** 2 * (areas.sum() / 12.0 + areas[k] / 6.0) / areas.sum() for k in range(3)])
-        return Shape(np.zeros(3), np.diag(edges**2 / 12.0), np.zeros(3), np.diag(wall))
+        return Shape(np.zeros(3), np.diag(edges**2 / 12.0), np.zeros(3), np.diag(wall), 0.5 * edges, np.zeros(3))
 
     def even(self, mass: float) -> Array:
         """Return the ten inertial parameters (10,) in O of that mass [kg], spread evenly within the surface."""

@@ -49,7 +49,8 @@ class LoadedRun:
     """A log of an arm that moves with an object in its hand.
 
     Attributes:
-        log: of the arm's joints.
+        log: of the arm's joints, each message of its driver, which should get a command for each: where commands come
+            more seldom, torques jump with them, and messages taken at the same rate show only one side of the jumps.
         X_TO: the object's frame O in the tool frame, all the time.
         fingers: positions of joints outside the arm by name [m], [rad]; those not named are as described.
     """
