@@ -201,7 +201,7 @@ def test_bad_logs_are_refused(both: tuple[Log, Log], iiwa_link: Model, X_TO: Rig
 def test_torques_that_come_late_are_moved_back(
     both: tuple[Log, Log], iiwa_link: Model, X_TO: RigidTransform, box: Shape, off_centre: np.ndarray
 ) -> None:
-    """A simulator's torques are those of its last step; at 100 N·m/s 2.5 ms are 0.25 N·m, ten times what is looked for."""
+    """A simulator's torques are of its last step; at 100 N·m/s 2.5 ms are 0.25 N·m, ten times what is looked for."""
 
     def late(log: Log, seconds: float) -> Log:
         torque = make_interp_spline(log.time, np.array(log.torque), k=3)(np.maximum(log.time - seconds, 0.0))

@@ -1,4 +1,4 @@
-"""How an object's mass may lie within its surface: evenly, in its wall, denser to one end, or with a load hidden inside.
+"""How mass may lie within a surface: evenly, in its wall, denser to one end, or with a load hidden somewhere inside.
 
 A body is described by a vector u (10): log mass, the centre's offset d (3) from where even mass has it [m], and a
 symmetric matrix E (xx, yy, zz, xy, xz, yz). With a share f of the mass in a load at p, the rest spread as the shape
@@ -9,9 +9,9 @@ says with second moments S per mass about its centre, the centre is off by d = f
 with ρ the load's own size over the object's. Any u is a physical body. E, drawn with `spread`, is what the shape does
 not say. Small parts of the load are as likely anywhere in the object, so p has the covariance (1 − ρ²) S_solid, and no
 load leaves the box about the surface. Where density changes steadily from end to end, or one end is filled with
-something denser, the second moments about the middle stay what they are, so that d dᵀ is taken away instead; it is by
-1 / (1 + r²), r = dᵀ S⁻¹ d, which leaves any d a body. f, ρ and the wall's share are not known: each combination is a hypothesis with
-its own weight, and the posterior is a mixture of them.
+something denser, the second moments about the middle stay what they are, so that d dᵀ is taken away instead, times
+1 / (1 + r²) with r = dᵀ S⁻¹ d, which leaves any d a body. f, ρ and the wall's share are not known: each combination is
+a hypothesis with its own weight, and the posterior is a mixture of them.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class ShapePrior:
         loads: shares f of the mass that a hidden load may have, 0 for none; and how likely each is.
         load_sizes: ρ, and how likely each is.
         walls: shares of the other mass in the surface, and how likely each is.
-        ends: how likely it is that density changes from end to end, and the deviation of d by it, over that of the mass.
+        ends: how likely it is that density changes from end to end, and the deviation of d then, over that of the mass.
         ignore: the shape says nothing: only that the object is some body of about this size.
     """
 
