@@ -106,8 +106,9 @@ wheels: install-test
 newcomer: install-test
 	$(PY) sims/benchmarks/newcomer.py $(ARGS)
 
+# Its wild motions are those of a test, which needs pytest.
 .PHONY: front-door
-front-door: install-bench
+front-door: install-test install-bench
 	$(PY) sims/benchmarks/front_door.py $(ARGS)
 
 .PHONY: bench
