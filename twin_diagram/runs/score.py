@@ -270,6 +270,12 @@ def table(summary: Mapping[str, Any]) -> str:
     if "health" in summary:
         lacking = ", ".join(f"{each['reason']} ({each['what']})" for each in summary["health"])
         lines.append(f"health     {lacking or 'nothing is lacking'}")
+    if "brakes" in summary:
+        stops = summary["brakes"]
+        causes = ", ".join(f"{cause} {count}" for cause, count in stops["causes"].items())
+        lines.append(
+            f"brakes     {stops['count']}, {stops['seconds']:.2f} s in all" + (f" ({causes})" if causes else "")
+        )
     timing = summary["timing"]
     if timing:
         shares = ", ".join(f"{name} {share:.0%}" for name, share in timing["systems"].items())

@@ -11,6 +11,7 @@ from typing import Any
 
 from twin_diagram.errors import ScenarioError
 from twin_diagram.scenario import (
+    Braking,
     Camera,
     DepthCamera,
     DepthNoise,
@@ -34,6 +35,7 @@ from twin_diagram.scenario.depth_sheets import SHEETS
 from twin_diagram.scenario.task_steps import check_steps
 
 POSITIVE: dict[type, tuple[str, ...]] = {
+    Braking: ("rate", "acceleration", "torque_share", "state_periods", "image_periods", "plan_periods", "jump"),
     Camera: ("width", "height", "focal", "fx", "fy", "rate"),
     DepthCamera: ("width", "height", "fx", "fy", "scale"),
     Drift: ("period", "horizon", "learning_time", "sigma", "false_alarms"),
@@ -61,6 +63,7 @@ POSITIVE: dict[type, tuple[str, ...]] = {
 }
 """Fields that must be above zero, where they are told, by their dataclass."""
 NOT_NEGATIVE: dict[type, tuple[str, ...]] = {
+    Braking: ("clearance", "delay", "unforeseen", "resume_after"),
     Camera: ("latency", "focal_std", "centre_std", "depth_scale_std", "colour_std"),
     DepthNoise: ("floor", "growth", "correlated", "lasting"),
     Filter: ("excitation", "torque_drift_std", "parameter_walk", "learning_rate", "history", "noise_time"),
@@ -87,6 +90,7 @@ NOT_NEGATIVE: dict[type, tuple[str, ...]] = {
 }
 """Fields that may be zero, but not below."""
 SHARE: dict[type, tuple[str, ...]] = {
+    Braking: ("torque_share",),
     Healing: ("held_out",),
     Planner: ("velocity_share",),
     Registration: ("colour_weight", "minimum_quality"),

@@ -105,7 +105,10 @@ def _populate(plant: MultibodyPlant, scene_graph: SceneGraph, scenario: Scenario
     carriages = plant.AddModelInstance("carriages") if paths else None
     for name, path in paths.items():
         assert carriages is not None
-        add_carriage(plant, carriages, name, path, bodies[name])
+        push = world.objects[name].push
+        if push is not None and not (np.isfinite(push) and push > 0.0):
+            raise ScenarioError(f"world.objects.{name}.push", f"{push} N is not positive")
+        add_carriage(plant, carriages, name, path, bodies[name], push)
     make_gripping(plant, arm.fingers)
     plant.Finalize()
     # What is moved on a carriage needs no table to stand on, and the arm's base stands in it.
