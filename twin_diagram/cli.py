@@ -175,9 +175,8 @@ def _add_torque_side(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--torque-side",
         choices=("motor", "link"),
-        default="motor",
         help="of the gear that torques were measured on: what the motor gives, or a sensor behind the gear, where no "
-        "rotor of its own shows (default: %(default)s)",
+        "rotor of its own shows (default: as the folder of a corrected model says, else motor)",
     )
 
 
