@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -77,10 +77,10 @@ class LeftOut:
         return float(np.sum(self.likelihood()))
 
 
-def rms_of(problem: RobotProblem, fits: Iterable[Array]) -> Array:
+def rms_of(problem: RobotProblem, fits: Sequence[Array]) -> Array:
     """Return (n,) what fits leave on the kinds of motion that they have not seen, one per kind [N·m]."""
-    squares = sum(problem.squares(z, own) for z, own in zip(fits, problem.sums.of_kinds, strict=True))
-    return np.asarray(np.sqrt(squares / problem.sums.counted))
+    squares = problem.squares_each(np.asarray(fits), problem.sums.of_kinds)
+    return np.asarray(np.sqrt(np.maximum(np.sum(squares, axis=0), 1e-30) / problem.sums.counted))
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from twin_diagram.gap.whole_robot.physical_links import Links, slopes
+from twin_diagram.gap.whole_robot.physical_links import Links, parameters, slopes
 from twin_diagram.gap.whole_robot.torque_equations import OWN, TorqueEquations
 from twin_diagram.signals.arrays import Array
 
@@ -116,16 +116,24 @@ class RobotProblem:
 
     def difference(self, z: Array) -> Array:
         """Return (n, K) by which parameters differ from the given model's, per joint's equations."""
-        n = self.n
-        links = self.links.differences(z[: 10 * n].reshape(n, 10)).ravel()
-        own = z[10 * n : 14 * n].reshape(n, len(OWN))
-        shared = [np.broadcast_to(x, (n, len(x))) for x in (links, z[14 * n :])]
-        return np.concatenate([shared[0], own, shared[1]], axis=1)
+        return self._differences(z[None])[0]
+
+    def _differences(self, z: Array) -> Array:
+        """Return (F, n, K) of coordinates (F, Z)."""
+        n, count = self.n, len(z)
+        links = parameters(z[:, : 10 * n].reshape(-1, 10)).reshape(count, -1) - self.links.described.ravel()
+        own = z[:, 10 * n : 14 * n].reshape(count, n, len(OWN))
+        shared = [np.broadcast_to(x[:, None], (count, n, x.shape[1])) for x in (links, z[:, 14 * n :])]
+        return np.concatenate([shared[0], own, shared[1]], axis=2)
 
     def squares(self, z: Array, total: Array) -> Array:
         """Return (n,) sums of squares that coordinates leave, of sums (n, K + 1, K + 1)."""
-        full = np.concatenate([-self.difference(z), np.ones((self.n, 1))], axis=1)
-        return np.asarray(np.sum((full[:, None] @ total)[:, 0] * full, axis=1))
+        return self.squares_each(z[None], total[None])[0]
+
+    def squares_each(self, z: Array, totals: Array) -> Array:
+        """Return (F, n) of the same of each of coordinates (F, Z) on its own sums (F, n, K + 1, K + 1)."""
+        full = np.concatenate([-self._differences(z), np.ones((len(z), self.n, 1))], axis=2)
+        return np.asarray(np.sum((full[:, :, None] @ totals)[:, :, 0] * full, axis=2))
 
     def cost(self, z: Array, total: Array) -> float:
         """Return half the squares over their variance, the prior's counted, of sums (n, K + 1, K + 1)."""

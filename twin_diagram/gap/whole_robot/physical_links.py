@@ -55,9 +55,6 @@ class Links:
         described = parameters(mean)
         return Links(model.tree.link, described, mean, np.stack([scale_of(z) for z in mean]), heavy)
 
-    def differences(self, z: Array) -> Array:
-        """Return (n, 10) from the description, at coordinates (n, 10)."""
-        return parameters(z) - self.described
 
 
 def parameters(z: Array) -> Array:

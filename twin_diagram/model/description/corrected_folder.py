@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 import re
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
-from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
+import yaml
+from pydrake.common.yaml import yaml_dump_typed
 
 from twin_diagram.errors import ModelError
 from twin_diagram.model.description.add_arm import EFFECTS_FILE
@@ -46,7 +47,7 @@ def write(spec: ArmModel, folder: str | Path, standing: CorrectedStanding | None
         (aside / description.name).write_bytes(_anchor_files(description))
         yaml_dump_typed(replace(spec, model=description.name), filename=str(aside / EFFECTS_FILE))
         if standing is not None and standing != CorrectedStanding():
-            yaml_dump_typed(standing, filename=str(aside / STANDING_FILE))
+            (aside / STANDING_FILE).write_text(yaml.safe_dump(asdict(standing), sort_keys=False), encoding="utf-8")
 
 
 def standing_of(model: str | Path) -> CorrectedStanding:
@@ -59,8 +60,10 @@ def standing_of(model: str | Path) -> CorrectedStanding:
     if not path.is_file():
         return CorrectedStanding()
     try:
-        return yaml_load_typed(schema=CorrectedStanding, filename=str(path), defaults=CorrectedStanding())
-    except (RuntimeError, ValueError, TypeError, KeyError) as error:
+        said = yaml.safe_load(path.read_text(encoding="utf-8"))
+        remainder = {str(joint): float(value) for joint, value in said.get("remainder", {}).items()}
+        return CorrectedStanding(str(said.get("torque_side", "motor")), bool(said.get("established", True)), remainder)
+    except (yaml.YAMLError, AttributeError, ValueError, TypeError, OSError) as error:
         raise ModelError(f"{path}: {str(error).splitlines()[0]}") from error
 
 
