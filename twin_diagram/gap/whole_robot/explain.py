@@ -50,7 +50,7 @@ class Tuning:
     settle: int = 3
     """Times that fit and noise take turns."""
 
-    turns: int = 3
+    turns: int = 2
     """Times that what is unusual and what is usual take turns."""
 
     each: float = 1.0
@@ -150,6 +150,9 @@ def last_of(problem: RobotProblem) -> int:
 def concluded(problem: RobotProblem) -> WholeRobot | None:
     """Return what a problem says once doubtful terms are out of it; None where nothing is left, or cannot be."""
     problem, z, spread = sure_ones(problem)
+    kept = earning(problem, LeftOut.of(problem, z))
+    if np.any(free_units(kept) != free_units(problem)):
+        problem, z, spread = sure_ones(kept)
     if not (np.any(problem.links_free) or np.any(problem.said) or problem.sums.further):
         return None
     left_out = LeftOut.of(problem, z)

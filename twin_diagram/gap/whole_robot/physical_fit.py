@@ -25,7 +25,7 @@ class Tuning:
     rounds: int = 12
     """Gauss-Newton steps at most."""
 
-    settled: float = 1e-4
+    settled: float = 1e-3
     """A step this small, in prior deviations, is the last."""
 
     halvings: int = 6

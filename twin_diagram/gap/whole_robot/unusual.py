@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.candidates.records import RECORDS, record_of
@@ -43,13 +44,13 @@ BEYOND = (
 class Tuning:
     """Constants of this module, chosen by hand; `sims/benchmarks/gap_whole_robots.py` shows what they do."""
 
-    gain: float = 8.0
+    gain: float = 12.0
     """Rise of the left-out log likelihood that a name must bring on all joints together [nats]."""
 
     shape: float = 1.0
     """The same of another shape of what is there already."""
 
-    each: float = 0.5
+    each: float = 1.5
     """The same of a coefficient beyond the first of a place."""
 
     instead: float = -6.0
@@ -58,7 +59,7 @@ class Tuning:
     tried: int = 3
     """That are fitted in full in each round."""
 
-    most: int = 6
+    most: int = 4
     """That are named at most: so many things at once rather follow something that has no name."""
 
     third: float = 1.0 / 3.0
@@ -104,24 +105,35 @@ def unusual(problem: RobotProblem, start: Array, model: Model) -> RobotProblem:
     terms = terms_of(problem.sums, model)
     last = last_body(terms)
     there = [c for c in offered(terms) if not any(same(c, other) for other in problem.sums.further)]
-    left_out = LeftOut.of(problem, start)
+    z = start
+    left_out = LeftOut.of(problem, z)
     for _ in range(TUNING.most):
-        screened = [screened_gain(left_out, c) - price(c) - 0.5 * asked(problem, problem, c) for c in there]
+        beside = Beside.of(left_out)
+        screened = [beside.gain(c) - price(c) - 0.5 * asked(problem, problem, c) for c in there]
         order = [int(k) for k in np.argsort(screened)[::-1] if screened[k] > 0.0][: TUNING.tried]
         # A payload shows little as long as the last link stands in for it.
         order += [k for k, c in enumerate(there) if c.name == Payload.name and k not in order]
         best = None
         for k in order:
             tried = with_candidate(problem, there[k], last)
-            found = LeftOut.of(tried, solve(tried))
+            found = LeftOut.of(tried, solve(tried, None, carried(problem, z, tried)))
             gain = found.score() - left_out.score() - price(there[k])
             if gain > asked(problem, tried, there[k]) and (best is None or gain > best[0]) and believable(tried):
                 best = gain, tried, found, k
         if best is None:
             break
+        before = problem
         _, problem, left_out, k = best
+        z = solve(problem, None, carried(before, z, problem))
         del there[k]
     return problem
+
+
+def carried(before: RobotProblem, z: Array, after: RobotProblem) -> Array:
+    """Return coordinates to begin a problem from, of one with other further candidates."""
+    old = {id(c): z[before.place(k)] for k, c in enumerate(before.sums.further)}
+    more = [old.get(id(c), np.zeros(c.size)) for c in after.sums.further]
+    return np.where(after.free, np.concatenate([z[: 14 * before.n], *more]), after.mean)
 
 
 def same(a: Candidate, b: Candidate) -> bool:
@@ -175,33 +187,75 @@ def believable(problem: RobotProblem) -> bool:
     return size > 1.0 / TUNING.third
 
 
-def screened_gain(left_out: LeftOut, candidate: Candidate) -> float:
-    """Return the rise of the left-out log likelihood that a candidate brings beside all that is free, to first order.
+@dataclass(frozen=True)
+class Beside:
+    """Left-out fits to first order, ready for one candidate after the other.
 
-    Its columns are summed up once per kind of motion; what is fitted sees the sums alone.
+    Attributes:
+        left_out: the fits.
+        moving: per kind of motion left out, which coordinates move.
+        inverses: per kind, of the normal matrix of those.
+        slopes: per kind (10 n, 10 n), of links' parameters by their coordinates.
+        full: (F, n, K + 1) what each fit makes of the columns: less its parameters, and 1 for the residual.
     """
-    problem, sums = left_out.problem, left_out.problem.sums
-    more = candidate_sums(sums, candidate)
-    weight = (problem.share / problem.variance)[list(candidate.rows)]
-    squares = np.zeros(problem.n)
-    prior = np.diag(candidate.spread**-2.0)
-    for k, (z, (H, _)) in enumerate(zip(left_out.fits, left_out.systems, strict=True)):
-        cross, own = (np.sum(x, axis=0) - x[k] for x in more)
-        B, right = coupling(problem, candidate, z, cross * weight[:, None, None])
-        moving = np.flatnonzero(problem.free & (z > problem.lower))
-        inner = H[np.ix_(moving, moving)]
-        scale = np.sqrt(np.diag(inner))
-        solved = np.linalg.solve(inner / np.outer(scale, scale), B[moving] / scale[:, None]) / scale[:, None]
-        S = np.sum(own * weight[:, None, None], axis=0) + prior - B[moving].T @ solved
-        c = np.clip(np.linalg.lstsq(S, right, rcond=1e-9)[0], candidate.lower, candidate.upper)
-        moved = z.copy()
-        moved[moving] -= solved @ c
-        squares += problem.squares(moved, sums.of_kinds[k])
-        full = np.concatenate([-problem.difference(moved), np.ones((problem.n, 1))], axis=1)[list(candidate.rows)]
-        mixed = np.einsum("jk,jkm,m->j", full, more[0][k], c)
-        squares[list(candidate.rows)] += np.einsum("m,jml,l->j", c, more[1][k], c) - 2.0 * mixed
-    rms = np.sqrt(np.maximum(squares, 1e-30) / sums.counted)
-    return float(np.sum(likelihood(problem, rms)) - left_out.score())
+
+    left_out: LeftOut
+    moving: list[npt.NDArray[np.int64]]
+    inverses: list[Array]
+    slopes: list[Array]
+    full: Array
+
+    @staticmethod
+    def of(left_out: LeftOut) -> Beside:
+        """Make fits ready."""
+        problem = left_out.problem
+        moving = [np.flatnonzero(problem.free & (z > problem.lower)) for z in left_out.fits]
+        inverses = []
+        for some, (H, _) in zip(moving, left_out.systems, strict=True):
+            inner = H[np.ix_(some, some)]
+            scale = np.sqrt(np.diag(inner))
+            inverses.append(np.linalg.inv(inner / np.outer(scale, scale)) / np.outer(scale, scale))
+        full = [np.concatenate([-problem.difference(z), np.ones((problem.n, 1))], axis=1) for z in left_out.fits]
+        return Beside(left_out, moving, inverses, [problem.slope(z) for z in left_out.fits], np.stack(full))
+
+    def gain(self, candidate: Candidate) -> float:
+        """Return the rise of the left-out log likelihood that a candidate brings beside all that is free.
+
+        Its columns are summed up once per kind of motion; what is fitted sees the sums alone.
+        """
+        problem, sums = self.left_out.problem, self.left_out.problem.sums
+        crosses, owns = candidate_sums(sums, candidate)
+        rows = list(candidate.rows)
+        weight = (problem.share / problem.variance)[rows][:, None, None]
+        squares = np.zeros(problem.n)
+        prior = np.diag(candidate.spread**-2.0)
+        for k, (some, inverse, slope, full) in enumerate(
+            zip(self.moving, self.inverses, self.slopes, self.full, strict=True)
+        ):
+            cross, own = (np.sum(x, axis=0) - x[k] for x in (crosses, owns))
+            cross = cross * weight
+            B = coupling(problem, rows, slope, cross)[some]
+            solved = inverse @ B
+            S = np.sum(own * weight, axis=0) + prior - B.T @ solved
+            right = np.einsum("jk,jkm->m", full[rows], cross)
+            c = np.clip(np.linalg.lstsq(S, right, rcond=1e-9)[0], candidate.lower, candidate.upper)
+            step = np.zeros(len(problem.mean))
+            step[some] = solved @ c
+            moved = full + settled(problem, slope, step)
+            squares += np.sum((moved[:, None] @ sums.of_kinds[k])[:, 0] * moved, axis=1)
+            mixed = np.einsum("jk,jkm,m->j", moved[rows], crosses[k], c)
+            squares[rows] += np.einsum("m,jml,l->j", c, owns[k], c) - 2.0 * mixed
+        rms = np.sqrt(np.maximum(squares, 1e-30) / sums.counted)
+        return float(np.sum(likelihood(problem, rms)) - self.left_out.score())
+
+
+def settled(problem: RobotProblem, slope: Array, step: Array) -> Array:
+    """Return (n, K + 1) by which what a fit makes of the columns changes where coordinates go back by a step (Z,)."""
+    n = problem.n
+    links = np.broadcast_to(slope @ step[: 10 * n], (n, 10 * n))
+    further = np.broadcast_to(step[14 * n :], (n, len(step) - 14 * n))
+    own = step[10 * n : 14 * n].reshape(n, len(OWN))
+    return np.concatenate([links, own, further, np.zeros((n, 1))], axis=1)
 
 
 def candidate_sums(sums: TorqueEquations, candidate: Candidate) -> tuple[Array, Array]:
@@ -218,21 +272,20 @@ def candidate_sums(sums: TorqueEquations, candidate: Candidate) -> tuple[Array, 
     return np.stack(cross), np.stack(own)
 
 
-def coupling(problem: RobotProblem, candidate: Candidate, z: Array, cross: Array) -> tuple[Array, Array]:
-    """Return (Z, k) of the normal matrix between coordinates and a candidate, and (k,) its pull on what is left.
+def coupling(problem: RobotProblem, rows: list[int], slope: Array, cross: Array) -> Array:
+    """Return (Z, k) of the normal matrix between coordinates and a candidate that is not among them.
 
     Args:
-        problem: that z is of.
-        candidate: not in it.
-        z: coordinates (Z,).
+        problem: of the coordinates.
+        rows: joints that the candidate touches.
+        slope: (10 n, 10 n) of links' parameters.
         cross: (r, K + 1, k) weighted products with all columns, one per joint that the candidate touches.
     """
-    links, own, rows = 10 * problem.n, len(OWN), list(candidate.rows)
-    B = np.zeros((len(z), candidate.size))
+    links, own = 10 * problem.n, len(OWN)
+    B = np.zeros((len(problem.mean), cross.shape[2]))
     shared = np.sum(cross, axis=0)
-    B[:links] = problem.slope(z).T @ shared[:links]
+    B[:links] = slope.T @ shared[:links]
     for j, block in zip(rows, cross, strict=True):
         B[links + own * j : links + own * (j + 1)] = block[links : links + own]
     B[links + own * problem.n :] = shared[links + own : -1]
-    full = np.concatenate([-problem.difference(z), np.ones((problem.n, 1))], axis=1)[rows]
-    return B, np.einsum("jk,jkm->m", full, cross)
+    return B
