@@ -35,6 +35,9 @@ class WorldObject:
     200 N, which nothing stops."""
     mass: float | None = None
     """Its true mass [kg], not below that of its asset's model; none: that. What is added is spread as the rest is."""
+    friction: float | None = None
+    """Coefficient of all its surface, static and sliding; none: as its asset's model says. Of two that touch, a and b,
+    2ab/(a + b) counts."""
     reflective: bool = False
     """Whether a camera with `reflective_lost` and `reflective_deep` in its defects has trouble with its surface."""
 

@@ -32,6 +32,12 @@ class Tuning:
     crowded: float = 30.0
     """Of how far others reach into the fingers' way, as from above [1/m]."""
 
+    stand_off: float = 0.006
+    """A hand pushed as far as it goes stands back by this [m]: an object a few millimetres off meets no palm."""
+
+    same: tuple[float, float] = (0.03, 0.4)
+    """A hand this near to a grasp of the shape has taken that one [m], [rad]."""
+
     floor: float = 0.008
     """The open hand stays so far above what the object stands on [m]."""
 
@@ -46,11 +52,13 @@ class ShapeGrasps:
     Attributes:
         poses: (G, 7) X_OG of the tool frame, the best first.
         score: (G,) cost.
+        contacts: (G, 2, 3) where the pads meet the object, in O [m]; NaN where that is not known.
         hand: (C, 3) corners of the open hand in G [m].
     """
 
     poses: Array = field(default_factory=lambda: np.zeros((0, 7)))
     score: Array = field(default_factory=lambda: np.zeros(0))
+    contacts: Array = field(default_factory=lambda: np.zeros((0, 2, 3)))
     hand: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
 
@@ -84,7 +92,7 @@ def choices(
     R_WO = rotations.matrix(X_WO[:4])
     ground = float((np.concatenate(pieces_O) @ R_WO[2]).min() + X_WO[6])
     R = R_WO @ rotations.matrix(shape.poses[:, :4])
-    p = shape.poses[:, 4:] @ R_WO.T + X_WO[4:]
+    p = shape.poses[:, 4:] @ R_WO.T + X_WO[4:] - TUNING.stand_off * R[:, :, 2]
     low = (shape.hand @ R.transpose(0, 2, 1))[:, :, 2].min(axis=1) + p[:, 2]
     fine = np.flatnonzero(low > ground + TUNING.floor)
     rows = []
@@ -102,3 +110,24 @@ def choices(
     every = [*zip(cost, above, strict=True), *rows]
     every.sort(key=lambda entry: entry[0])
     return np.array([X_WG for _, X_WG in every]).reshape(-1, 7)
+
+
+def between_fingers(shape: ShapeGrasps, X_TO: Array) -> Array | None:
+    """Return the points (2, 3) of an object, in O, that the pads meet where a hand at X_TO (7) closes on its shape.
+
+    None where the hand is at none of the shape's grasps, or where it is not known what the pads meet.
+    """
+    R_TO = rotations.matrix(X_TO[:4])
+    if not len(shape.poses):
+        return None
+    R_OG, p_OG = R_TO.T, -R_TO.T @ X_TO[4:]
+    R = rotations.matrix(shape.poses[:, :4])
+    off = np.linalg.norm(shape.poses[:, 4:] - TUNING.stand_off * R[:, :, 2] - p_OG, axis=1)
+    # Half a turn about the approach is the same grasp.
+    cosines = [np.einsum("kij,ij->k", R, R_OG @ flip) for flip in (np.eye(3), np.diag([-1.0, -1.0, 1.0]))]
+    angle = np.arccos(np.clip((np.maximum(*cosines) - 1.0) / 2.0, -1.0, 1.0))
+    price = off / TUNING.same[0] + angle / TUNING.same[1]
+    price[(off > TUNING.same[0]) | (angle > TUNING.same[1])] = np.inf
+    price[~np.isfinite(shape.contacts).all(axis=(1, 2))] = np.inf
+    best = int(np.argmin(price))
+    return shape.contacts[best] if np.isfinite(price[best]) else None

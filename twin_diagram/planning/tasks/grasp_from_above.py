@@ -100,7 +100,7 @@ def centred(X_TO: Array, covariance: Array, pieces_O: tuple[Array, ...], known: 
     Args:
         X_TO: (7) before.
         covariance: (6, 6) of it, rotation then translation.
-        pieces_O: corners (m, 3) of its convex pieces [m].
+        pieces_O: corners (m, 3) of its convex pieces, or of what of it is between the fingers [m].
         known: standard deviation along y afterwards [m].
     """
     y = (np.concatenate(pieces_O) @ rotations.matrix(X_TO[:4]).T)[:, 1] + X_TO[5]

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from twin_diagram.planning.tasks.grasp_choice import choices
+from twin_diagram.planning.tasks.grasp_choice import between_fingers, choices
 from twin_diagram.planning.tasks.grasp_from_above import centred
 from twin_diagram.planning.tasks.step_ends import TUNING, arrived, done, fail, passed, steady
 from twin_diagram.planning.tasks.step_state import Note, Phase, Step, TaskState, Why
@@ -98,12 +98,11 @@ def close(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeab
         return again(state, seen, step, Why.MISSED)
     track = seen.tracks[step.target]
     R_TW = np.kron(np.eye(2), rotations.matrix(seen.X_WT[:4]).T)
-    X_TO, covariance = centred(
-        compose(inverse(seen.X_WT), track.pose),
-        R_TW @ track.covariance @ R_TW.T,
-        library[step.target].pieces,
-        TUNING.finger_error,
-    )
+    X_TO = compose(inverse(seen.X_WT), track.pose)
+    known = library[step.target]
+    held = between_fingers(known.shape, X_TO)
+    pieces = known.pieces if held is None else (held,)
+    X_TO, covariance = centred(X_TO, R_TW @ track.covariance @ R_TW.T, pieces, TUNING.finger_error)
     hand = Hand(step.target, NOTHING, True, X_TO, covariance)
     state = replace(state, hand=hand, elsewhere=0, slipped=0, image=track.last_seen).noting(Note.GRASPED, seen.now)
     return state.entering(Phase.LIFT, seen.now, moved(state.grasp, np.array([0.0, 0.0, TUNING.above])))

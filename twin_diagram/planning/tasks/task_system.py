@@ -90,7 +90,7 @@ def shape_grasps(asset: Asset, tool_frame: str) -> ShapeGrasps:
     low, high = gripper.boxes(retreat=0.0)
     ends = np.stack([low, high])
     corners = np.concatenate([ends[list(pick), :, [0, 1, 2]].T for pick in product((0, 1), repeat=3)])
-    return ShapeGrasps(grasps.poses, grasps.score, corners)
+    return ShapeGrasps(grasps.poses, grasps.score, grasps.contacts, corners)
 
 
 class TaskRunner(LeafSystem):
