@@ -99,7 +99,7 @@ def read_scene(
     whose = np.isfinite(rows[:, :OWNER_SIZE]).all(axis=1) & (rows[:, 0] > 0)
     kinds = np.where(whose, rows[:, 1], 0.0).astype(int)
     forecast = Forecast.of_tracks(np.concatenate([tracks, rows[:, OWNER_SIZE:].ravel()]))
-    standing = [()] * unknown
+    standing: list[tuple[Array, ...]] = [()] * unknown
     filled = np.zeros(unknown, dtype=bool)
     if things is not None and np.isfinite(things).all():
         seen = things_of(things)

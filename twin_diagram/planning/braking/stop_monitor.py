@@ -135,7 +135,7 @@ class StopMonitor(LeafSystem):
             "image_time": 1, "tracks": TRACK_SIZE * objects, "further_tracks": FURTHER_TRACK_SIZE * further,
             "things": THING_SIZE * things, "hand": HAND_SIZE, "gripper_state": 2 * g,
         }  # fmt: skip
-        self._in: Final[dict[str, InputPort]] = {k: self.DeclareVectorInputPort(k, size) for k, size in sizes.items()}
+        self._in: dict[str, InputPort] = {k: self.DeclareVectorInputPort(k, size) for k, size in sizes.items()}
         state = self.DeclareDiscreteState(cast(Any, BrakeState.initial(home).pack()))
         self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._look)
         stored = self.discrete_state_ticket(state)
