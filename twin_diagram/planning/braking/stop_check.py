@@ -29,7 +29,7 @@ class Tuning:
     approach: float = 0.005
     """The arm counts as coming nearer to a thing above this [m/s]; slower, its own motion does no harm."""
 
-    widest: float = 0.12
+    widest: float = 0.06
     """Distances are asked for up to this [m]: each pair costs time, and the rest is asked for later."""
 
     touching: float = 0.001
