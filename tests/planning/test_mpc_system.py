@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,10 +17,10 @@ from twin_diagram.errors import ScenarioError
 from twin_diagram.model.model import Model
 from twin_diagram.planning.collision.collision_scene import Scene, load_scene
 from twin_diagram.planning.collision.held_shape import holding
+from twin_diagram.planning.mpc.motion_program import MotionProgram
 from twin_diagram.planning.mpc.payload_gravity import gravity_regressor
 from twin_diagram.planning.mpc.planner import MotionPlanner
 from twin_diagram.planning.mpc.planner_state import Memory
-from twin_diagram.planning.mpc.quadratic_program import QpSolution, QpSolver, QuadraticProgram
 from twin_diagram.planning.mpc_system import PAYLOAD, Mpc, _check, _offset
 from twin_diagram.planning.paths import inverse_kinematics
 from twin_diagram.planning.paths.route import Aim, Route
@@ -223,21 +224,21 @@ def test_a_lasting_difference_is_made_up_for(planner: MotionPlanner) -> None:
     assert np.linalg.norm(X_WT[:3, 3] - GOAL[4:]) < 0.001
 
 
-class Refusing(QpSolver):
+class Refusing:
     """Solves the first few programs, then none."""
 
-    def __init__(self, solver: QpSolver, count: int) -> None:
-        self.solver, self.count = solver, count
+    def __init__(self, program: MotionProgram, count: int) -> None:
+        self.program, self.count = program, count
 
-    def solve(self, program: QuadraticProgram) -> QpSolution:
+    def solve(self, *arguments: Any) -> np.ndarray | None:
         self.count -= 1
-        return self.solver.solve(program) if self.count >= 0 else QpSolution(program.g * np.nan, False, 0)
+        return self.program.solve(*arguments) if self.count >= 0 else None
 
 
 def test_without_a_solver_the_last_plan_is_carried_out_to_rest(loaded) -> None:  # type: ignore[no-untyped-def]
     scene, _ = loaded
     planner = MotionPlanner(scene, bench.VELOCITY_LIMIT, scenario.Planner())
-    planner.optimiser._solver = Refusing(planner.optimiser._solver, 14)
+    planner.optimiser._program = Refusing(planner.optimiser._program, 14)  # type: ignore[assignment]
     memory, positions, unsolved = planner.initial(HOME), [], 0
     for tick in range(60):
         now = tick / 15

@@ -105,6 +105,7 @@ def run_scenario(
             look.start(simulator, show or meldis, say)
         simulator.Initialize()
         leave.clear()
+        _search_beside(loop, stack)
         healer = stack.enter_context(mend.healer(loop.twin))
         stop, trial, summary = _simulate(loop, simulator, Progress(scenario.duration, quiet), healer.poll, leave, say)
         if stop is not None:
@@ -115,6 +116,13 @@ def run_scenario(
     if stop is not None:
         raise stop
     return summary
+
+
+def _search_beside(loop: ClosedLoop, stack: ExitStack) -> None:
+    """Start what searches for ways in a process of its own, where there is something to reach; it ends with the run."""
+    task, mpc = loop.scenario.twin.task, loop.twin.mpc
+    if mpc is not None and (task.steps or task.X_WG is not None):
+        stack.enter_context(mpc.searching_beside(waits=loop.scenario.station != "lcm"))
 
 
 def _simulator(loop: ClosedLoop) -> Simulator:

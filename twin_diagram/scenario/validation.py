@@ -55,7 +55,7 @@ POSITIVE: dict[type, tuple[str, ...]] = {
     Lidar: ("columns", "rows", "width", "height", "rate", "latency"),
     LinkSensor: ("rate",),
     Perception: ("stride", "cluster_gap", "smallest"),
-    Planner: ("rate", "knots", "step", "influence", "velocity_share", "acceleration"),
+    Planner: ("rate", "knots", "step", "influence", "velocity_share", "torque_share", "acceleration"),
     Registration: ("model_points", "iterations", "reach"),
     SceneUpdater: ("rate", "stale_after", "lost_after"),
     Task: ("position_tolerance", "rotation_tolerance"),
@@ -70,7 +70,7 @@ NOT_NEGATIVE: dict[type, tuple[str, ...]] = {
     Healing: ("attempts", "nice"),
     LinkSensor: ("latency",),
     Perception: ("table_clearance", "robot_clearance"),
-    Planner: ("clearance", "seed"),
+    Planner: ("clearance", "route_after", "seed"),
     Registration: ("search_period",),
     SceneUpdater: (
         "acceleration_std",
@@ -92,7 +92,7 @@ NOT_NEGATIVE: dict[type, tuple[str, ...]] = {
 SHARE: dict[type, tuple[str, ...]] = {
     Braking: ("torque_share",),
     Healing: ("held_out",),
-    Planner: ("velocity_share",),
+    Planner: ("velocity_share", "torque_share"),
     Registration: ("colour_weight", "minimum_quality"),
 }
 """From 0 to 1."""

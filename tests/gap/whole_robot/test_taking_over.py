@@ -41,15 +41,15 @@ def test_few_places_are_no_whole_robot() -> None:
     assert not taking_over.outdoes(replace(whole, findings=few), [log_of(true)], ARM, named=False)
 
 
-def test_what_a_search_explains_is_left_alone(monkeypatch) -> None:
-    monkeypatch.setattr(taking_over, "explain", lambda records: 1 / 0)
+def test_what_a_search_explains_is_left_alone() -> None:
+    _, whole = lacking()
     records = noisy(ARM, ARM, 4.0)
     said = Finding("payload", (), ("tool0",), {}, 0.99)
     for verdict in (
         Verdict("none", False, (), (), (), np.ones(6)),
         Verdict("named", False, (said,), (), (), np.ones(6)),
     ):
-        assert taking_over.taken_over(records, [], verdict, ARM) == (verdict, ARM, None)
+        assert taking_over.taken_over(records, [], verdict, ARM, whole) == (verdict, ARM, None)
 
 
 def test_noise_is_that_of_the_torques_where_nothing_was_searched() -> None:
