@@ -59,7 +59,7 @@ class Nearness:
 
 
 @dataclass(frozen=True)
-class Others:
+class Allowances:
     """What is to be left to each of B other things.
 
     Attributes:
@@ -93,7 +93,7 @@ Query = Callable[[float, float, float], Nearness]
 """Of the time from now [s], the time at full speed that was travelled [s], and how far it looks [m]."""
 
 
-def breach(query: Query, others: Others, reach: float, delay: float, stop: float) -> tuple[Breach | None, int]:
+def breach(query: Query, others: Allowances, reach: float, delay: float, stop: float) -> tuple[Breach | None, int]:
     """Return the first breach of a stopping motion, None where there is none; and how many queries that took.
 
     Args:
