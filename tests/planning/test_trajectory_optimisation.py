@@ -223,7 +223,6 @@ def test_routes_are_travelled_at_their_speed(scene: Scene) -> None:
     np.testing.assert_allclose(router.travel(HOME, route).at(np.cumsum(took)), route.points, atol=1e-9)
 
 
-
 def test_straight_lines_are_checked_as_densely_as_told() -> None:
     line = rrt_connect.interpolate(np.zeros(2), np.array([0.5, -1.0]), 0.3)
     np.testing.assert_allclose(line, np.arange(1, 5)[:, None] / 4 * [0.5, -1.0])

@@ -17,8 +17,8 @@ class Braking:
     """What is to be left to anything once the arm stands [m]; less than the planner keeps."""
     delay: float = 0.035
     """From a command to where the arm is: driver, arm and bus [s]; a period of its own comes on top."""
-    acceleration: float = 10.0
-    """What it brakes with at most, where torques allow [rad/s²]."""
+    acceleration: float | None = None
+    """No joint is braked with more than this [rad/s²]; null: a quarter more than plans take; torques allowing."""
     torque_share: float = 0.9
     """Share of the motors' torque limits that braking may take."""
     unforeseen: float = 0.02

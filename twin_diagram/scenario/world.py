@@ -31,8 +31,8 @@ class WorldObject:
     path: list[WayPoint] = field(default_factory=list)
     """Empty: it lies free on the table. Otherwise it is pushed along (x, y and yaw only)."""
     push: float | None = None
-    """What pushes it along its path with at most [N], a tenth of it in N·m about z, so that it gives way when hit; none:
-    200 N, which nothing stops."""
+    """What pushes it along its path with at most [N], about z with a tenth of it in N·m, so that it gives way when hit;
+    none: 200 N, which nothing stops."""
     mass: float | None = None
     """Its true mass [kg], not below that of its asset's model; none: that. What is added is spread as the rest is."""
     friction: float | None = None

@@ -196,8 +196,8 @@ def make_twin(
     monitor = _named("twin", lambda: add_stop_monitor(builder, twin, model, library, packages))
     _take_measurements(builder, ekf, *(each for each in (drift, moves, health, runner, monitor) if each is not None))
     connect_task(builder, runner, ekf, updater, moves)
-    watched = ("arm_state", "parameters", "innovation", "nis", *(["sensor_tracks"] if fused else []))
-    _connect(builder, ekf, drift, *watched)
+    further = ["sensor_tracks"] if fused else []
+    _connect(builder, ekf, drift, "arm_state", "parameters", "innovation", "nis", *further)
     _connect(builder, drift, ekf, "alarm")
     _connect(builder, ekf, updater, "arm_state")
     _connect_controller(builder, ekf, updater, goal, moves, health)
@@ -209,13 +209,15 @@ def make_twin(
     export_acting(builder, goal, scene, updater, runner, monitor)
     _export_beliefs(builder, ekf, drift, updater, moves, health)
     builder.ExportOutput(scene.query_output, "query_object")
+    mass_index = parameter_names.index(MASS) if MASS in parameter_names else None
+    learnt = parameter_names, mass_index, tuple(fused)
+    return TwinDiagram(_built(builder), model, library, scene, *learnt, ekf, drift, mpc, health, runner, monitor)
+
+
+def _built(builder: DiagramBuilder) -> Diagram:
     diagram = builder.Build()
     diagram.set_name("twin")
-    mass_index = parameter_names.index(MASS) if MASS in parameter_names else None
-    return TwinDiagram(
-        diagram, model, library, scene, parameter_names, mass_index, tuple(fused), ekf, drift, mpc, health, runner,
-        monitor,
-    )  # fmt: skip
+    return diagram
 
 
 def _add_updater(builder: DiagramBuilder, scene: TwinScene, twin: scenario.Twin) -> SceneGraphUpdater:

@@ -84,7 +84,12 @@ def library(folder: Path) -> dict[str, Path]:
 
 
 def scenario_of(
-    draw: Draw, assets: dict[str, Path], row: str, profile: str = "ideal", present: bool = True
+    draw: Draw,
+    assets: dict[str, Path],
+    row: str,
+    profile: str = "ideal",
+    present: bool = True,
+    seconds: float = DURATION,
 ) -> Scenario:
     """Return the scenario of a draw.
 
@@ -94,8 +99,9 @@ def scenario_of(
         row: `seen` (the boxes are in the library), `unseen`, `ignore all` (no camera, no monitor), `stand still`.
         profile: of the camera.
         present: whether the box is there; without it the visits are counted that a row is held to.
+        seconds: how long it runs.
     """
-    scenario = load_scenario("tabletop", [f"duration={DURATION}", f"seed={draw.seed}", *SMALL])
+    scenario = load_scenario("tabletop", [f"duration={seconds}", f"seed={draw.seed}", *SMALL])
     scenario.twin.home = list(HOME)
     scenario.twin.library = {name: str(path) for name, path in assets.items()} if row == "seen" else {}
     scenario.world.objects = {}

@@ -14,6 +14,8 @@ from synctwin_truth import avoidance, table_two
 from twin_diagram.assets import Asset
 
 ROWS = ("seen", "unseen", "ignore all", "stand still")
+QUICK = 6.0
+"""Seconds of a run of `--quick`, of which there is one to a row."""
 TARGETS = {
     ("seen", "SelfRot"): (98.0, "93.5"),
     ("seen", "EnterTraj"): (95.0, "78.8"),
@@ -44,7 +46,9 @@ class Trials:
         return row
 
 
-def run_rows(out: Path, first: int, count: int, rows: list[str], motions: list[str], profile: str) -> Trials:
+def run_rows(
+    out: Path, first: int, count: int, rows: list[str], motions: list[str], profile: str, seconds: float
+) -> Trials:
     """Run what is not there yet."""
     out.mkdir(parents=True, exist_ok=True)
     trials = Trials(out / "avoidance.jsonl")
@@ -53,7 +57,7 @@ def run_rows(out: Path, first: int, count: int, rows: list[str], motions: list[s
     for seed in range(first, first + count):
         for motion in motions:
             draw = avoidance.drawn(seed, motion)
-            keys = {"seed": seed, "motion": motion, "profile": profile}
+            keys = {"seed": seed, "motion": motion, "profile": profile, "seconds": seconds}
             verdict = trials.find(row="oracle", seed=seed, motion=motion)
             if verdict is None:
                 plan = avoidance.scenario_of(draw, assets, "seen")
@@ -63,14 +67,15 @@ def run_rows(out: Path, first: int, count: int, rows: list[str], motions: list[s
                 verdict = trials.add({"row": "oracle", "seed": seed, "motion": motion, "box": draw.box, "why": why})
             if verdict["why"]:
                 continue
-            alone = trials.find(row="alone", targets=draw.targets)
+            alone = trials.find(row="alone", targets=draw.targets, seconds=seconds)
             if alone is None:
-                plan = avoidance.scenario_of(draw, assets, "seen", profile, present=False)
-                alone = trials.add({"row": "alone", "targets": draw.targets, **table_two.run(plan, draw)})
+                plan = avoidance.scenario_of(draw, assets, "seen", profile, False, seconds)
+                found = table_two.run(plan, draw)
+                alone = trials.add({"row": "alone", "targets": draw.targets, "seconds": seconds, **found})
             for row in rows:
                 if trials.find(row=row, **keys) is not None:
                     continue
-                found = table_two.run(avoidance.scenario_of(draw, assets, row, profile), draw)
+                found = table_two.run(avoidance.scenario_of(draw, assets, row, profile, seconds=seconds), draw)
                 kept = {"row": row, **keys, "box": draw.box, "alone": alone["visits"], **found}
                 trials.add(kept)
                 said = f"{found['outcome']} {found['visits']}/{alone['visits']} visits, {len(found['brakes'])} brakes"
@@ -91,15 +96,17 @@ def why_of(row: dict[str, Any]) -> str:
     return ""
 
 
-def report(trials: Trials, first: int, count: int, rows: list[str], motions: list[str], profile: str) -> None:
+def report(
+    trials: Trials, first: int, count: int, rows: list[str], motions: list[str], profile: str, seconds: float
+) -> None:
     """Print the table, failures by cause and what was excluded."""
     seeds = range(first, first + count)
-    print(f"seeds {first} to {first + count - 1}, camera 320×240 at 15 Hz, profile {profile}, 15 s each")
+    print(f"seeds {first} to {first + count - 1}, camera 320×240 at 15 Hz, profile {profile}, {seconds:g} s each")
     print("row          motion    | box1      box2      box3      box4      FA/EA/CO | SR % [95 %]  (target, SyncTwin)")
     for row in rows:
         for motion in motions:
             own = [r for r in trials.rows if r["row"] == row and r["motion"] == motion and r["seed"] in seeds]
-            own = [r for r in own if r["profile"] == profile]
+            own = [r for r in own if (r["profile"], r["seconds"]) == (profile, seconds)]
             if own:
                 print(line_of(row, motion, own))
     excluded = [r for r in trials.rows if r["row"] == "oracle" and r["seed"] in seeds and r["motion"] in motions]
@@ -130,8 +137,8 @@ def line_of(row: str, motion: str, own: list[dict[str, Any]]) -> str:
 
 def main(args: argparse.Namespace) -> None:
     """Run and print; `args` of `synctwin_tables.py`."""
-    count = 2 if args.quick else args.count
+    count, seconds = (1, QUICK) if args.quick else (args.count, avoidance.DURATION)
     rows, motions = args.row or list(ROWS), args.motion or list(avoidance.MOTIONS)
     profile = args.profile[0] if len(args.profile) == 1 else "ideal"
-    trials = run_rows(args.out, args.first, count, rows, motions, profile)
-    report(trials, args.first, count, rows, motions, profile)
+    trials = run_rows(args.out, args.first, count, rows, motions, profile, seconds)
+    report(trials, args.first, count, rows, motions, profile, seconds)

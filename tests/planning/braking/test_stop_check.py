@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from twin_diagram.planning.braking.stop_check import TUNING, Breach, Nearness, Others, Query, breach
+from twin_diagram.planning.braking.stop_check import TUNING, Allowances, Breach, Nearness, Query, breach
 from twin_diagram.planning.braking.stopping_motion import travelled
 
 
@@ -21,8 +21,8 @@ def wall(distance: float, speed: float, wall_speed: float = 0.0, towards: float 
     return query
 
 
-def others(margin: float, growth: float = 0.0, speed: float = 0.0) -> Others:
-    return Others(np.array([margin]), np.array([growth]), np.array([speed]))
+def others(margin: float, growth: float = 0.0, speed: float = 0.0) -> Allowances:
+    return Allowances(np.array([margin]), np.array([growth]), np.array([speed]))
 
 
 @pytest.mark.parametrize("seed", range(40))
@@ -73,6 +73,6 @@ def test_the_nearest_to_its_margin_is_named() -> None:
         one = np.ones(2)
         return Nearness(np.array([1, 2]), np.array([0, 1]), np.array([0.004, 0.006]), 0.2 * one, 0.2 * one)
 
-    both = Others(np.array([0.005, 0.02]), np.zeros(2), np.zeros(2))
+    both = Allowances(np.array([0.005, 0.02]), np.zeros(2), np.zeros(2))
     found, _ = breach(query, both, 0.2, 0.04, 0.1)
     assert found is not None and (found.part, found.body, found.distance) == (2, 1, 0.006)

@@ -14,7 +14,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSyst
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.model.model import Model
-from twin_diagram.planning.braking.brake_state import BrakeState, Cause, Mode, told
+from twin_diagram.planning.braking.brake_state import BrakeMode, BrakeState, Cause, told
 from twin_diagram.planning.braking.drake_distances import DrakeDistances, Shapes
 from twin_diagram.planning.braking.stop_monitor import StopMonitor
 from twin_diagram.planning.collision.collision_scene import TUNING as COLLISION_SCENE
@@ -26,6 +26,7 @@ from twin_diagram.signals.things import THING_SIZE, Thing
 
 N = 7
 ARM = scenario.ArmModel(model="arms/panda_hand.urdf", tool_frame="panda_tcp")
+ACCELERATION = 10.0
 HOME = np.array([0.0, 0.2, 0.0, -2.1, 0.0, 2.3, 0.785])
 SIDE = np.eye(N)[0]
 """Turning the first joint takes the hand, which points down, sideways."""
@@ -71,7 +72,8 @@ class FollowingArm(LeafSystem):
 
 @pytest.fixture(scope="module")
 def twin() -> scenario.Twin:
-    return scenario.Twin(arm=ARM, home=HOME.tolist(), fixtures=[scenario.Fixture()])
+    monitor = scenario.Braking(acceleration=ACCELERATION)
+    return scenario.Twin(arm=ARM, home=HOME.tolist(), fixtures=[scenario.Fixture()], stop_monitor=monitor)
 
 
 @pytest.fixture(scope="module")
@@ -203,7 +205,7 @@ def test_a_planner_that_drives_into_a_thing_is_stopped_before_it(
     assert least < gap(near, commands[-1], row) < least + 0.02, "stopped before it, and not far before"
     v = np.diff(commands, axis=0) / 0.01
     a = np.diff(v, axis=0) / 0.01
-    assert np.abs(a).max() <= twin.stop_monitor.acceleration * 1.01  # type: ignore[union-attr]
+    assert np.abs(a).max() <= ACCELERATION * 1.01
     assert np.abs(v[-10:]).max() == 0.0
     brake_port = np.array(rig.monitor.GetOutputPort("brake").Eval(rig.context))
     assert brake_port[0] == 1.0
@@ -381,6 +383,14 @@ def test_a_command_that_jumps_is_held_back_at_once_and_taken_up_slowly(
     np.testing.assert_allclose(commands[-1], HOME + 0.6 * SIDE, atol=1e-12)
 
 
+def test_untold_it_brakes_a_quarter_harder_than_plans_do(model: Model, library: dict[str, Asset]) -> None:
+    own = scenario.Twin(arm=ARM, home=HOME.tolist(), planner=scenario.Planner(acceleration=2.0))
+    rig = Rig(model, own, library, steady, torque_commanded=lambda t: NAN if t > 0.5 else np.zeros(N))
+    commands = rig.run(0.9)
+    a = np.diff(commands, 2, axis=0) / 1e-4
+    assert a[60:, 0].min() == pytest.approx(-2.5, abs=0.05)
+
+
 # What it remembers, and what is refused.
 
 
@@ -404,7 +414,7 @@ def test_notes_are_told_oldest_first_and_the_oldest_go() -> None:
     events = told(state.notes, {7: "hand"}, ("table", "can"))
     assert len(events) == 32 and events[0]["time"] == 8.0 and events[-1]["time"] == 39.0
     assert (events[0]["link"], events[0]["object"], events[0]["distance_mm"]) == ("hand", "can", 12.3)
-    assert Mode(int(state.mode)) is Mode.WAIT
+    assert BrakeMode(int(state.mode)) is BrakeMode.WAIT
 
 
 def test_two_contexts_do_not_know_of_each_other(model: Model, twin: scenario.Twin, library: dict[str, Asset]) -> None:

@@ -8,7 +8,7 @@ import pytest
 from twin_diagram.planning.braking.stopping_motion import (
     TUNING,
     Rejoin,
-    Stop,
+    StraightStop,
     heading,
     pace,
     stopping_time,
@@ -46,7 +46,7 @@ def test_an_arm_that_cannot_hold_its_weight_stops_all_the_same() -> None:
 
 
 def test_a_stop_ends_half_its_time_at_full_speed_ahead_and_rests() -> None:
-    stop = Stop(2.0, np.array([1.0, -1.0]), np.array([0.4, -0.8]), 0.5)
+    stop = StraightStop(2.0, np.array([1.0, -1.0]), np.array([0.4, -0.8]), 0.5)
     assert stop.at(2.5) == pytest.approx([1.1, -1.2])
     assert stop.at(7.0) == pytest.approx(stop.at(2.5))
     assert stop.rate(2.0) == pytest.approx([0.4, -0.8])
@@ -54,7 +54,7 @@ def test_a_stop_ends_half_its_time_at_full_speed_ahead_and_rests() -> None:
     assert stop.rate(9.0) == pytest.approx([0.0, 0.0])
     for t in (2.05, 2.2, 2.45):
         assert stop.rate(t) == pytest.approx((stop.at(t + 1e-6) - stop.at(t - 1e-6)) / 2e-6, abs=1e-6)
-    assert Stop(0.0, np.ones(1), np.zeros(1), 0.0).at(1.0) == pytest.approx([1.0])
+    assert StraightStop(0.0, np.ones(1), np.zeros(1), 0.0).at(1.0) == pytest.approx([1.0])
 
 
 def test_before_it_slows_down_an_arm_goes_on_at_full_speed() -> None:

@@ -16,9 +16,7 @@ from twin_diagram.planning.mpc.planner import MotionPlanner, limits_of
 from twin_diagram.signals.arrays import Array
 
 HOME = np.array([0.55, 0.1, 0.0, -2.0, 0.0, 2.1, 1.33])
-FRICTION = scenario.EffectSpec(
-    name="viscous_friction", joints=["panda_joint2"], parameters={"damping": [3.0]}
-)
+FRICTION = scenario.EffectSpec(name="viscous_friction", joints=["panda_joint2"], parameters={"damping": [3.0]})
 MASS, COM = 2.0, np.array([0.02, -0.03, 0.11])
 PAYLOAD = np.array([MASS, *(MASS * COM)])
 NOTHING = np.zeros(4)

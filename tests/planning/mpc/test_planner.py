@@ -113,8 +113,9 @@ def test_margins_grow_with_time_and_with_what_is_left_of_the_way(
     spied.route = Route(Aim.GOAL, goals[1:])
     spied.tick(memory, 0.1, goal=GOAL, tracks=track(velocity))
     samples = spied.planner.optimiser.samples
-    arrival = 0.6 / (0.9 * PARAMS.velocity_share * 2.0) + spied.planner.limits.velocity[0] / (
-        spied.planner.limits.acceleration[0]
+    arrival = (
+        0.6 / (0.9 * PARAMS.velocity_share * 2.0)
+        + spied.planner.limits.velocity[0] / (spied.planner.limits.acceleration[0])
     )
     clearance, at_goal = PARAMS.clearance, spied.situation.at_goals[1]
     np.testing.assert_array_equal(spied.situation.still, [True, velocity == 0.0])

@@ -29,9 +29,7 @@ class Wall:
         there = (times >= self.during[0]) & (times <= self.during[1])
         return np.where(there, np.abs(q[:, 0] - self.where) - 0.1, 1e3)
 
-    def distances(
-        self, q: Array, around: Any, reach: float, own: bool = True, own_reach: float | None = None
-    ) -> Array:
+    def distances(self, q: Array, around: Any, reach: float, own: bool = True, own_reach: float | None = None) -> Array:
         assert len(around.times) == len(q)
         self.asked.append((q, around.times))
         wall = self.wall(q) if around.fixtures else np.full(len(q), 1e3)

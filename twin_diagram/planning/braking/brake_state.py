@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from twin_diagram.planning.braking.stopping_motion import Rejoin, Stop
+from twin_diagram.planning.braking.stopping_motion import Rejoin, StraightStop
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER
 
@@ -19,7 +19,7 @@ RING: Final = 32
 """So many of the newest are kept."""
 
 
-class Mode(IntEnum):
+class BrakeMode(IntEnum):
     """What the monitor does with commands."""
 
     WAIT = 0
@@ -57,12 +57,12 @@ class BrakeState:
     """All that is remembered.
 
     Attributes:
-        mode: see `Mode`.
+        mode: see `BrakeMode`.
         looked: when it looked last [s].
         command, rate: (n,) what was commanded then, and how fast that changed.
         asked, asked_rate: (n,) the same of what the planner asked for.
         torque: (n,) feed-forward that was last a number [N·m].
-        stop_start, stop_time, stop_q0, stop_v0: of the newest stop, see `Stop`.
+        stop_start, stop_time, stop_q0, stop_v0: of the newest stop, see `StraightStop`.
         rejoin_start, rejoin_time, rejoin_offset, rejoin_rate: of the newest `Rejoin`.
         clear: since when nothing stands against going on [s]; `NEVER` while something does.
         brakes: how many there were.
@@ -95,13 +95,13 @@ class BrakeState:
         """Return the state before anything is known; `q` (n,) is commanded where the planner's is not a number."""
         none = np.zeros(len(q))
         return BrakeState(
-            Mode.WAIT, NEVER, q, none, q, none, none, NEVER, 0.0, q, none, NEVER, 1.0, none, none
+            BrakeMode.WAIT, NEVER, q, none, q, none, none, NEVER, 0.0, q, none, NEVER, 1.0, none, none
         )  # fmt: skip
 
     @property
-    def stop(self) -> Stop:
+    def stop(self) -> StraightStop:
         """The newest stop."""
-        return Stop(self.stop_start, self.stop_q0, self.stop_v0, self.stop_time)
+        return StraightStop(self.stop_start, self.stop_q0, self.stop_v0, self.stop_time)
 
     @property
     def rejoin(self) -> Rejoin:

@@ -152,7 +152,7 @@ class DrakeDistances:
         inspector = self._scene_graph.model_inspector()
         own = [plant.get_body(b) for instance in self._arm.instances for b in plant.GetBodyIndices(instance)]
         fixed = {int(body.index()) for body in plant.GetBodiesWeldedTo(plant.world_body())}
-        self._moving: Final = [body for body in own if int(body.index()) not in fixed]
+        self._moving = [body for body in own if int(body.index()) not in fixed]
         self._owner: dict[GeometryId, int] = {}
         self._link_of: dict[GeometryId, int] = {}
         balls, in_link = [], []
@@ -163,26 +163,26 @@ class DrakeDistances:
                 X_BG = inspector.GetPoseInFrame(shape).GetAsMatrix4()
                 in_link.append(X_BG)
                 balls.append([*(X_BG[:3, :3] @ centre + X_BG[:3, 3]), radius])
-        self._balls: Final = np.array(balls).reshape(-1, 4)
-        self._in_link: Final = np.array(in_link).reshape(-1, 4, 4)
+        self._balls = np.array(balls).reshape(-1, 4)
+        self._in_link = np.array(in_link).reshape(-1, 4, 4)
         for k, bodies in enumerate(welded):
             for body in bodies:
                 for shape in plant.GetCollisionGeometriesForBody(body):
                     self._owner[shape] = k
                     _bounded(self._scene_graph, plant, inspector, shape)
-        self._arm_shapes: Final = list(self._link_of)
-        self._number: Final = {shape: k for k, shape in enumerate(self._arm_shapes)}
+        self._arm_shapes = list(self._link_of)
+        self._number = {shape: k for k, shape in enumerate(self._arm_shapes)}
         numbers = [int(body.index()) for body in self._moving]
-        self._row_of: Final = np.array([numbers.index(link) for link in self._link_of.values()], dtype=int)
-        self._last_row: Final = numbers.index(int(self._arm.last_link))
-        self._links: Final = np.array(numbers)
-        self._still_shapes: Final = [shape for shape, owner in self._owner.items() if owner >= 0]
+        self._row_of = np.array([numbers.index(link) for link in self._link_of.values()], dtype=int)
+        self._last_row = numbers.index(int(self._arm.last_link))
+        self._links = np.array(numbers)
+        self._still_shapes = [shape for shape, owner in self._owner.items() if owner >= 0]
         based = [g for b in own if int(b.index()) in fixed for g in plant.GetCollisionGeometriesForBody(b)]
         everything = GeometrySet([*self._arm_shapes, *self._still_shapes, *based])
         rules = CollisionFilterDeclaration().ExcludeWithin(GeometrySet(self._arm_shapes))
         rules = rules.ExcludeWithin(GeometrySet(self._still_shapes)).ExcludeBetween(GeometrySet(based), everything)
         self._scene_graph.collision_filter_manager().Apply(rules)
-        self._based: Final = based
+        self._based = based
 
     def surround(self, around: Shapes) -> None:
         """Put everything where it is now; what a slot holds is shaped anew where it changed."""

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
 from twin_diagram import scenario
 from twin_diagram.planning.braking.drake_distances import ARM, Booleans, DrakeDistances, Shapes
-from twin_diagram.planning.braking.stop_check import Others
+from twin_diagram.planning.braking.stop_check import Allowances
 from twin_diagram.planning.collision.collision_scene import TUNING as COLLISION_SCENE
 from twin_diagram.planning.collision.collision_scene import Forecast
 from twin_diagram.planning.collision.held_shape import obstacles_beside
@@ -17,8 +16,6 @@ from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.hand import NOTHING, Hand
 from twin_diagram.signals.layouts import TRACK_SIZE
 from twin_diagram.signals.things import FURTHER_TRACK_SIZE, OWNER_SIZE, things_of
-
-_EMPTY: Final = Hand()
 
 
 @dataclass(frozen=True)
@@ -48,7 +45,7 @@ class SceneNow:
         X_WO[: len(poses)] = poses[:, 0]
         return self.shapes.present, X_WO
 
-    def others(self, params: scenario.Braking, spare: float) -> Others:
+    def others(self, params: scenario.Braking, spare: float) -> Allowances:
         """Return what is to be left to each body, `spare` [m] beyond the clearance; what never moves needs no more."""
         f, slots = self.fixtures, len(self.shapes.present)
         margin = np.full(f + slots, params.clearance + spare)
@@ -60,7 +57,7 @@ class SceneNow:
         growth[f:] = params.unforeseen
         turning = np.linalg.norm(self.forecast.spin, axis=1) * self.radii
         speed[f : f + count] = np.linalg.norm(self.forecast.velocity, axis=1) + turning
-        return Others(margin, growth, speed)
+        return Allowances(margin, growth, speed)
 
 
 def read_scene(
@@ -90,7 +87,7 @@ def read_scene(
     """
     count, further, unknown = near.object_count, near.further_count, near.thing_count
     tracks = np.zeros(TRACK_SIZE * count) if tracks is None else tracks
-    held = _EMPTY if hand is None else Hand.unpack(hand)
+    held = Hand() if hand is None else Hand.unpack(hand)
     if held.held != NOTHING or held.touched != NOTHING:
         tracks, further_tracks, things = obstacles_beside(held, near.tool(q), radii, tracks, further_tracks, things)
     rows = np.zeros((further, FURTHER_TRACK_SIZE))
@@ -99,7 +96,7 @@ def read_scene(
     whose = np.isfinite(rows[:, :OWNER_SIZE]).all(axis=1) & (rows[:, 0] > 0)
     kinds = np.where(whose, rows[:, 1], 0.0).astype(int)
     forecast = Forecast.of_tracks(np.concatenate([tracks, rows[:, OWNER_SIZE:].ravel()]))
-    standing = [()] * unknown
+    standing: list[tuple[Array, ...]] = [()] * unknown
     filled = np.zeros(unknown, dtype=bool)
     if things is not None and np.isfinite(things).all():
         seen = things_of(things)

@@ -29,7 +29,7 @@ class Tuning:
     approach: float = 0.005
     """The arm counts as coming nearer to a thing above this [m/s]; slower, its own motion does no harm."""
 
-    widest: float = 0.12
+    widest: float = 0.06
     """Distances are asked for up to this [m]: each pair costs time, and the rest is asked for later."""
 
     touching: float = 0.001
@@ -59,7 +59,7 @@ class Nearness:
 
 
 @dataclass(frozen=True)
-class Others:
+class Allowances:
     """What is to be left to each of B other things.
 
     Attributes:
@@ -93,7 +93,7 @@ Query = Callable[[float, float, float], Nearness]
 """Of the time from now [s], the time at full speed that was travelled [s], and how far it looks [m]."""
 
 
-def breach(query: Query, others: Others, reach: float, delay: float, stop: float) -> tuple[Breach | None, int]:
+def breach(query: Query, others: Allowances, reach: float, delay: float, stop: float) -> tuple[Breach | None, int]:
     """Return the first breach of a stopping motion, None where there is none; and how many queries that took.
 
     Args:

@@ -14,11 +14,12 @@ from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.model.model import Model
 from twin_diagram.planning.braking import brake_state
-from twin_diagram.planning.braking.brake_state import BrakeState, Cause, Mode
+from twin_diagram.planning.braking.brake_state import BrakeMode, BrakeState, Cause
 from twin_diagram.planning.braking.drake_distances import DrakeDistances
 from twin_diagram.planning.braking.scene_now import SceneNow, read_scene
 from twin_diagram.planning.braking.stop_check import Breach, breach
 from twin_diagram.planning.braking.stopping_motion import Rejoin, heading, stopping_time, travelled
+from twin_diagram.planning.mpc.arm_torque import acceleration_limit
 from twin_diagram.runtime.timing import timed
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.hand import HAND_SIZE
@@ -38,6 +39,9 @@ class Tuning:
 
     apart: float = 0.1
     """Measured and commanded speeds that differ by more are two motions, and both are looked at [rad/s]."""
+
+    harder: float = 1.25
+    """It may brake by this much harder than plans do: what a sound plan still does in time must not be stopped."""
 
     creep: float = 5e-4
     """A stop over less than this is no motion [m]."""
@@ -113,6 +117,8 @@ class StopMonitor(LeafSystem):
         self._model: Final = model
         self._n: Final = len(model.joints)
         self._speed: Final = np.where(np.isfinite(model.velocity_limit), model.velocity_limit, np.pi)
+        self._effort: Final = np.where(model.effort_limit > 0.0, model.effort_limit, np.inf)
+        self._acceleration: Final = _acceleration(model, twin, self._speed)
         further, things = twin.slots.further(len(library)), twin.slots.unknown
         self._near: Final = DrakeDistances(twin.arm, twin.fixtures, library, further, things, packages)
         self._radii: Final = np.array([0.5 * float(np.linalg.norm(asset.size)) for asset in library.values()])
@@ -135,7 +141,7 @@ class StopMonitor(LeafSystem):
             "image_time": 1, "tracks": TRACK_SIZE * objects, "further_tracks": FURTHER_TRACK_SIZE * further,
             "things": THING_SIZE * things, "hand": HAND_SIZE, "gripper_state": 2 * g,
         }  # fmt: skip
-        self._in: Final[dict[str, InputPort]] = {k: self.DeclareVectorInputPort(k, size) for k, size in sizes.items()}
+        self._in: dict[str, InputPort] = {k: self.DeclareVectorInputPort(k, size) for k, size in sizes.items()}
         state = self.DeclareDiscreteState(cast(Any, BrakeState.initial(home).pack()))
         self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._look)
         stored = self.discrete_state_ticket(state)
@@ -161,7 +167,7 @@ class StopMonitor(LeafSystem):
     def standing(self, context: Context) -> dict[str, Any]:
         """Return how often and how long it has braked so far [s], and whether it does now."""
         state, now = self.remembered(context), context.get_time()
-        braking = state.mode == Mode.BRAKE
+        braking = state.mode == BrakeMode.BRAKE
         seconds = state.braked + (now - state.stop_start if braking else 0.0)
         return {"count": int(state.brakes), "seconds": round(seconds, 4), "braking": braking}
 
@@ -175,14 +181,14 @@ class StopMonitor(LeafSystem):
 
     def _command(self, state: BrakeState, now: float, asked: Array) -> tuple[Array, Array, bool]:
         """Return (n,) what to command, what of the planner's counts, and whether that had to be held back."""
-        if state.mode == Mode.WAIT:
+        if state.mode == BrakeMode.WAIT:
             finite = bool(np.isfinite(asked).all())
             command = asked if finite else state.command
             return command, command, not finite
         counts, held = heading(asked, state.asked, state.asked_rate, now - state.looked, self._params.jump)
-        if state.mode == Mode.BRAKE:
+        if state.mode == BrakeMode.BRAKE:
             return state.stop.at(now), counts, held
-        if state.mode == Mode.REJOIN:
+        if state.mode == BrakeMode.REJOIN:
             return counts + state.rejoin.at(now), counts, held
         return counts, counts, held
 
@@ -190,7 +196,7 @@ class StopMonitor(LeafSystem):
         asked, now = self._asked(context), context.get_time()
         vector = np.asarray(context.get_discrete_state_vector().value())
         mode, looked, before, rate = BrakeState.passing(vector, self._n)
-        if mode == Mode.PASS:  # what is asked for most often, without reading all of the state
+        if mode == BrakeMode.PASS:  # what is asked for most often, without reading all of the state
             command = heading(asked, before, rate, now - looked, self._params.jump)[0]
         else:
             command = self._command(self.remembered(context), now, asked)[0]
@@ -200,11 +206,11 @@ class StopMonitor(LeafSystem):
         asked = self._value(context, "torque_commanded")
         if asked is None or not np.isfinite(asked).all():
             asked = self.remembered(context).torque
-        output.SetFromVector(np.clip(asked, -self._model.effort_limit, self._model.effort_limit))
+        output.SetFromVector(np.clip(asked, -self._effort, self._effort))
 
     def _calc_brake(self, context: Context, output: BasicVector) -> None:
         state = self.remembered(context)
-        braking = state.mode == Mode.BRAKE
+        braking = state.mode == BrakeMode.BRAKE
         command = state.stop.at(context.get_time()) if braking else state.command
         output.SetFromVector(np.concatenate([[float(braking)], command]))
 
@@ -214,18 +220,18 @@ class StopMonitor(LeafSystem):
         arm = cast(Array, self._value(context, "arm_state"))
         heard = cast(Array, self._value(context, "measurement_time"))[0] >= 0.0
         asked, torque = self._asked(context), self._value(context, "torque_commanded")
-        if state.mode == Mode.WAIT:
+        if state.mode == BrakeMode.WAIT:
             if not heard:
                 return
             start = next((q for q in (asked, arm[: self._n], state.command) if np.isfinite(q).all()), state.command)
-            state = replace(state, mode=float(Mode.PASS), looked=now, command=start, asked=start)
+            state = replace(state, mode=float(BrakeMode.PASS), looked=now, command=start, asked=start)
         command, counts, held = self._command(state, now, asked)
         passed = now - state.looked
         rate, asked_rate = state.rate, state.asked_rate
         if passed > 0.0:
             rate = np.clip((command - state.command) / passed, -self._speed, self._speed)
             asked_rate = np.clip((counts - state.asked) / passed, -self._speed, self._speed)
-        if state.mode == Mode.BRAKE:
+        if state.mode == BrakeMode.BRAKE:
             rate = state.stop.rate(now)
             # A planner that has jumped is believed where it is now, once it stays there.
             counts, asked_rate = (
@@ -258,7 +264,7 @@ class StopMonitor(LeafSystem):
 
     def _decide(self, context: Context, state: BrakeState, now: float, arm: Array, cause: Cause) -> BrakeState:
         """Return the state after a look: braking, going on or joining the plan again."""
-        if state.mode == Mode.BRAKE:
+        if state.mode == BrakeMode.BRAKE:
             return self._perhaps_resume(context, state, now, arm, cause)
         found = None
         if cause is Cause.NONE:
@@ -266,8 +272,8 @@ class StopMonitor(LeafSystem):
             cause = Cause.CLEARANCE if found else Cause.NONE
         if cause is not Cause.NONE:
             return self._brake(state, now, arm, cause, found)
-        if state.mode == Mode.REJOIN and now >= state.rejoin_start + state.rejoin_time:
-            return replace(state, mode=float(Mode.PASS))
+        if state.mode == BrakeMode.REJOIN and now >= state.rejoin_start + state.rejoin_time:
+            return replace(state, mode=float(BrakeMode.PASS))
         return state
 
     def _brake(self, state: BrakeState, now: float, arm: Array, cause: Cause, found: Breach | None) -> BrakeState:
@@ -275,14 +281,13 @@ class StopMonitor(LeafSystem):
         where = (found.part, found.body, found.distance) if found else (0, 0, 0.0)
         note = (now, 1.0, float(cause), *where, float(np.abs(state.rate).max()))
         return replace(
-            state, mode=float(Mode.BRAKE), stop_start=now, stop_time=time, stop_q0=state.command, stop_v0=state.rate,
-            clear=NEVER, brakes=state.brakes + 1.0, notes=state.noting(*note),
+            state, mode=float(BrakeMode.BRAKE), stop_start=now, stop_time=time, stop_q0=state.command,
+            stop_v0=state.rate, clear=NEVER, brakes=state.brakes + 1.0, notes=state.noting(*note),
         )  # fmt: skip
 
     def _stopping_time(self, q: Array, v: Array) -> float:
-        acceleration = np.full(self._n, self._params.acceleration)
         mass, bias = self._model.mass_matrix(q), self._model.bias(q, v)
-        return stopping_time(v, acceleration, mass, bias, self._params.torque_share * self._model.effort_limit)
+        return stopping_time(v, self._acceleration, mass, bias, self._params.torque_share * self._effort)
 
     def _perhaps_resume(self, context: Context, state: BrakeState, now: float, arm: Array, cause: Cause) -> BrakeState:
         if cause is not Cause.NONE or now < state.stop_start + state.stop_time:
@@ -295,11 +300,11 @@ class StopMonitor(LeafSystem):
             return replace(state, clear=now)
         if now - state.clear < self._params.resume_after - 1e-9:
             return state
-        limits = self._speed, np.full(self._n, self._params.acceleration)
-        fade = Rejoin.within(now, state.command - state.asked, -state.asked_rate, *limits)
+        offset = state.command - state.asked
+        fade = Rejoin.within(now, offset, -state.asked_rate, self._speed, self._acceleration)
         stood = now - state.stop_start
         return replace(
-            state, mode=float(Mode.REJOIN), rejoin_start=now, rejoin_time=fade.time, rejoin_offset=fade.offset,
+            state, mode=float(BrakeMode.REJOIN), rejoin_start=now, rejoin_time=fade.time, rejoin_offset=fade.offset,
             rejoin_rate=fade.rate, braked=state.braked + stood, notes=state.noting(now, 0, 0, 0, 0, stood, 0),
         )  # fmt: skip
 
@@ -337,3 +342,14 @@ class StopMonitor(LeafSystem):
         scene = read_scene(self._near, self._radii, arm[: self._n], fingers, age, **values)
         self._near.surround(scene.shapes)
         return scene
+
+
+def _acceleration(model: Model, twin: scenario.Twin, speed: Array) -> Array:
+    """Return (n,) what joints are braked with at most, where torques allow [rad/s²]."""
+    told = twin.stop_monitor.acceleration if twin.stop_monitor is not None else None
+    if told is not None:
+        return np.full(len(speed), told)
+    planner = twin.planner
+    most = np.inf if planner.acceleration is None else planner.acceleration
+    plans = acceleration_limit(model, planner.velocity_share * speed, planner.torque_share)
+    return np.asarray(TUNING.harder * np.minimum(most, plans))

@@ -54,7 +54,7 @@ def stopping_time(v: Array, acceleration: Array, mass: Array, bias: Array, effor
 
 
 @dataclass(frozen=True)
-class Stop:
+class StraightStop:
     """A stop along a straight line in joint space.
 
     Attributes:

@@ -346,9 +346,7 @@ class Clearance:
         pair = pair[chosen]
         return Pairs(batch, row[pair], ball[pair], body[pair], solid[chosen], p_O[chosen], size[pair], at_least[chosen])
 
-    def _parts_near(
-        self, arm: _Arm, around: Surroundings, reach: Array, batch: SolidBatch
-    ) -> tuple[Ints, Ints, Ints]:
+    def _parts_near(self, arm: _Arm, around: Surroundings, reach: Array, batch: SolidBatch) -> tuple[Ints, Ints, Ints]:
         """Return parts of the arm and bodies that may be within reach (N, B) of each other: by balls about them.
 
         Index among the bodies that are present, configuration, part.

@@ -163,4 +163,3 @@ class Beside(Searcher):
         self._told.seek(0)
         lines = [line for line in self._told.read().decode(errors="replace").splitlines() if line.strip()]
         return f"ended with status {status} ({lines[-1].strip() if lines else 'it said nothing'})"
-
