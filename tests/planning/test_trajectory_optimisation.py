@@ -148,7 +148,7 @@ def test_the_constraints_are_those_of_the_motion(optimiser: Optimiser, scene: Sc
     np.testing.assert_allclose(optimiser._V[-1] @ x + speed[-1], end, atol=1e-6)
 
     missing = contacts.distance - margins[contacts.row, contacts.body]
-    order = np.argsort(missing, kind="stable")[:100]
+    order = np.argsort(missing, kind="stable")[:64]
     row = contacts.row[order]
     linear = missing[order] + np.einsum("mn,mn->m", contacts.gradient[order], q[row] - guess[row])
     count = len(order)

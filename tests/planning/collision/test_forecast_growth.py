@@ -72,6 +72,15 @@ def test_an_object_grows_by_what_its_surface_moves_in_sampled_poses(solid: Solid
     assert np.mean(out) > 0.15  # a third of it would be too little
 
 
+def test_what_can_never_be_the_worst_is_left_out() -> None:
+    spread = np.random.default_rng(0).uniform(0.0, 1.0, (300, 2)) * [1e-4, 0.04]
+    turn, shift = np.linspace(0.0, 0.02, 30), np.linspace(0.0, 1e-5, 30)
+    few = forecast_growth.outermost(spread)
+    assert len(few) < 20
+    np.testing.assert_array_equal(forecast_growth.growth(few, shift, turn), forecast_growth.growth(spread, shift, turn))
+    np.testing.assert_array_equal(forecast_growth.outermost(np.zeros((4, 2))), np.zeros((1, 2)))
+
+
 def test_turning_about_an_axis_of_symmetry_moves_no_surface() -> None:
     drum = Drum(np.zeros(3), np.array([0.0, 0.0, 1.0]), 0.04, 0.06)
     about = np.diag([0.0, 0.0, 4.0, 0.0, 0.0, 0.0])

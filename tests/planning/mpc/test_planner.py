@@ -201,26 +201,31 @@ def test_the_first_message_is_where_the_arm_begins_and_stays(spied: Spied) -> No
 
 
 @pytest.mark.parametrize("rate", [50.0, 1.0])
-def test_plans_start_where_the_arm_is_measured_to_be_within_a_tenth_of_a_second(
+def test_plans_start_where_the_arm_is_but_for_what_it_lags_behind(
     scene: Scene, monkeypatch: pytest.MonkeyPatch, rate: float
 ) -> None:
+    """Within a tenth of a second beyond 0.1 s of its speed and 0.02 rad; the rest in 0.7 s, while it is slow."""
     spied = Spied(scene, monkeypatch, replace(PARAMS, rate=rate))
     memory, _ = spied.tick(spied.planner.initial(HOME), 0.0)
     known = np.full(7, 0.004)
-    gain = min(1.0, 1.0 / (0.1 * rate))
-    for speed in (0.0, 1.5):
-        v = np.array([0, 0, -speed, 0, 0, 0, 0])
-        after, _ = spied.tick(replace(memory, offset=known), 0.1, q=HOME - 0.02, v=v)
-        np.testing.assert_allclose(after.offset, 0.004 + gain * (0.02 - 0.004))
-        np.testing.assert_allclose(spied.asked["q0"], HOME - after.offset)
-        moving = replace(memory, offset=known, trajectory=replace(memory.trajectory, v0=v))
-        after, _ = spied.tick(moving, 0.0, q=HOME - 0.02)
-        np.testing.assert_allclose(after.offset, 0.004 + gain * (0.02 - 0.004))
-        np.testing.assert_allclose(spied.asked["v0"], v)  # commands go on as they were
+    quick, slowly = min(1.0, 1.0 / (0.1 * rate)), min(1.0, 1.0 / (0.7 * rate))
+    for behind in (0.02, 0.09, -0.12):
+        for speed, slow in ((0.09, True), (0.11, False), (0.5, False)):
+            v = np.array([0, 0, -speed, 0, 0, 0, 0])
+            lead = behind - known
+            for commanded, measured in ((NONE, v), (v, NONE)):
+                start = replace(memory, offset=known, trajectory=replace(memory.trajectory, v0=commanded))
+                after, _ = spied.tick(start, 0.0, q=HOME - behind, v=measured)
+                lag = 0.02 + 0.1 * np.abs(commanded)
+                beyond = np.sign(lead) * np.maximum(np.abs(lead) - lag, 0.0)
+                expected = known + quick * beyond + slow * slowly * (lead - beyond)
+                np.testing.assert_allclose(after.offset, expected, atol=1e-12)
+                np.testing.assert_allclose(spied.asked["q0"], HOME - after.offset)
+                np.testing.assert_allclose(spied.asked["v0"], commanded)  # commands go on as they were
     for sign in (1.0, -1.0):  # no more than 0.2 rad
-        after, _ = spied.tick(replace(memory, offset=sign * np.full(7, 0.1999)), 0.1, q=HOME - sign * 0.24)
+        after, _ = spied.tick(replace(memory, offset=sign * np.full(7, 0.1999)), 0.0, q=HOME - sign * 0.24)
         np.testing.assert_allclose(after.offset, sign * 0.2)
-    after, _ = spied.tick(replace(memory, offset=known), 0.1, q=HOME * np.nan)
+    after, _ = spied.tick(replace(memory, offset=known), 0.0, q=HOME * np.nan)
     np.testing.assert_array_equal(after.offset, known)
 
 

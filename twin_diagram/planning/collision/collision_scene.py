@@ -190,7 +190,7 @@ class Unsure:
             worst = float(np.linalg.eigvalsh((covariance + covariance.T)[3:, 3:] / 2)[-1])
             rows = np.array([[max(worst, 0.0), 0.0]])
         else:
-            rows = forecast_growth.spread(shape.surface_O, covariance, R_WO)
+            rows = forecast_growth.outermost(forecast_growth.spread(shape.surface_O, covariance, R_WO))
         place, turn = (float(np.trace(part)) / 3 for part in (covariance[3:, 3:], covariance[:3, :3]))
         return Unsure(rows, place, turn, moving)
 

@@ -64,8 +64,15 @@ def spread(rows: Array, covariance: Array, R_WO: Array) -> Array:
     """
     turned = np.hstack([rows[:, :3] @ R_WO.T, rows[:, 3:] @ R_WO.T])
     symmetric = (covariance + covariance.T) / 2
-    variance = np.einsum("si,ij,sj->s", turned, symmetric, turned)
-    return np.stack([np.maximum(variance, 0.0), np.einsum("si,si->s", rows[:, :3], rows[:, :3])], axis=1)
+    variance = ((turned @ symmetric) * turned).sum(axis=1)
+    return np.stack([np.maximum(variance, 0.0), (rows[:, :3] ** 2).sum(axis=1)], axis=1)
+
+
+def outermost(spread_: Array) -> Array:
+    """Return those rows of a spread (S, 2) that may be the worst: no other has both more variance and more lever."""
+    ordered = spread_[np.lexsort((-spread_[:, 1], -spread_[:, 0]))]
+    before = np.maximum.accumulate(np.concatenate([[-1.0], ordered[:-1, 1]]))
+    return np.asarray(ordered[ordered[:, 1] > before])
 
 
 def added_variance(variance: float, density: float, times: Array) -> Array:

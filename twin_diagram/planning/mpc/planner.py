@@ -62,11 +62,23 @@ class Tuning:
     reanchor: float = 0.25
     """The command starts anew from the measured position where it is farther from it than this [rad]."""
 
-    offset_time: float = 0.1
-    """Plans start where the arm is measured to be, low-passed with this time constant [s]: a few of its messages."""
+    lag: float = 0.1
+    """What an arm follows its command behind along its own way [s] is no reason to plan otherwise: it comes along …"""
+
+    play: float = 0.02
+    """… nor is this [rad]; by anything more, plans start where the arm is measured to be, …"""
+
+    found_time: float = 0.1
+    """… low-passed with this time constant: a few of its messages [s]."""
+
+    offset_time: float = 0.7
+    """The lasting difference of command and position is learnt with this time constant while the arm is slow [s]."""
+
+    offset_speed: float = 0.1
+    """Slow means below this [rad/s]."""
 
     offset_cap: float = 0.2
-    """Commands lead by no more than this [rad]: what an arm lags behind at its full speed."""
+    """Commands lead the arm by no more than this for good [rad]."""
 
 
 TUNING = Tuning()
@@ -180,7 +192,7 @@ class MotionPlanner:
 
         samples = self.optimiser.samples
         end = route.points[-1:] if route.aim is Aim.GOAL else memory.goals[:0]
-        situation = self.guide.situation(q0, forecast, end, at_rest=not np.any(memory.goal))
+        situation = self.guide.margins_at(forecast, end, at_rest=not np.any(memory.goal))
         way = self.router.travel(q0, route, v0)
         margins = self._margins(situation, way.duration)
         around = self.scene.around(forecast, samples)
@@ -211,10 +223,8 @@ class MotionPlanner:
         """
         samples = self.optimiser.samples
         extra = GUIDE.surprise * np.minimum(samples / TUNING.surprise_time, 1.0)
-        left = np.maximum(duration - samples, 0.0)
-        goal = 0 if len(now.goals) else None
-        away = TUNING.approach * left
-        return np.stack([now.margins(goal, float(e), float(t)) for e, t in zip(extra, away, strict=True)])
+        away = TUNING.approach * np.maximum(duration - samples, 0.0)
+        return now.margins(0 if len(now.goals) else None, extra, away)
 
     def _heard(self, memory: Memory, q0: Array, forecast: Forecast) -> Memory:
         """Take the answer to what was asked, when it is due."""
@@ -251,10 +261,10 @@ class MotionPlanner:
         return replace(memory, pending=question, asked=memory.tick)
 
     def _anchor(self, memory: Memory, now: float, arm_state: Array) -> tuple[Memory, Array, Array, Array, bool]:
-        """Return where the new plan starts: where the arm is, with the speed and acceleration of its command.
+        """Return where the new plan starts: where the arm is, but for what it lags behind along its own way.
 
-        So commands go on smoothly, and lead the arm by what it lags behind. Where it is somewhere else altogether they
-        start anew.
+        Speed and acceleration are those of the command, so that commands go on smoothly. Where the arm is somewhere
+        else altogether they start anew.
         """
         n = self.scene.chain.size
         q_measured, v_measured = arm_state[:n], arm_state[n:]
@@ -272,10 +282,24 @@ class MotionPlanner:
         if first:
             memory = replace(memory, trajectory=replace(memory.trajectory, start=now))
         if known:
-            gain = min(1.0, 1.0 / (self.params.rate * TUNING.offset_time))
-            offset = memory.offset + gain * (q - q_measured - memory.offset)
-            memory = replace(memory, offset=np.clip(offset, -TUNING.offset_cap, TUNING.offset_cap))
+            slow = max(float(np.abs(v).max()), float(np.abs(v_measured).max())) < TUNING.offset_speed
+            memory = replace(memory, offset=self._lead(memory.offset, q - q_measured, v, slow=slow))
         return memory, q - memory.offset, v, a, False
+
+    def _lead(self, offset: Array, ahead: Array, v: Array, *, slow: bool) -> Array:
+        """Return how far commands lead the arm, (n,), beyond what it lags behind.
+
+        Args:
+            offset: what was known of it [rad].
+            ahead: (n,) the command less the measured position now [rad].
+            v: (n,) of the command [rad/s].
+            slow: whether what is left is lasting.
+        """
+        lead, lag = ahead - offset, TUNING.lag * np.abs(v) + TUNING.play
+        beyond = lead - np.clip(lead, -lag, lag)
+        quick, slowly = (min(1.0, 1.0 / (self.params.rate * time)) for time in (TUNING.found_time, TUNING.offset_time))
+        learnt = offset + quick * beyond + (slowly * (lead - beyond) if slow else 0.0)
+        return np.clip(learnt, -TUNING.offset_cap, TUNING.offset_cap)
 
     def _stop(self, now: float, q: Array, v: Array) -> Trajectory:
         """Come to rest from a velocity, evenly within the horizon."""

@@ -35,7 +35,7 @@ class Memory:
 
     Attributes:
         trajectory: the plan, in commanded positions; its start is `NEVER` before the first tick.
-        offset: (n,) how far the command leads the arm [rad].
+        offset: (n,) how far the command leads the arm, beyond what it lags behind [rad].
         goal: (7,) the goal that `goals` are for, all zero for none.
         stay: (n,) where to stay without a goal [rad].
         goals: (G, n) joint goals, G <= `guide.Tuning.goals`.

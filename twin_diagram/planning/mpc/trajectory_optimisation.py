@@ -52,7 +52,7 @@ class OptimiserTuning:
     """Distances above this are left out [m]."""
     own_reach: float = 0.05
     """The same for the arm's distance to itself [m]."""
-    rows: int = 100
+    rows: int = 64
     """Most distances in one program, the smallest first."""
     iterations: int = 2
     """Linearisations of the distances in one tick, at most: the next tick starts from this one's plan."""

@@ -128,16 +128,33 @@ class Guide:
 
     def situation(self, q: Array, forecast: Forecast, goals: Array, *, at_rest: bool = False) -> Situation:
         """Return what is near (n,) and at the goals (G, n) of an arm, which may be there without having been asked."""
-        scene, clearance = self.scene, self.settings.clearance
-        least = TUNING.least_at_rest if at_rest else TUNING.least
         q_all = np.vstack([q[None], goals])
-        around = scene.around(forecast, np.zeros(len(q_all)))
-        reach = clearance + max(self.router.tuning.spare, TUNING.surprise) + 0.01
-        distance = scene.clearance.distances(q_all, around, reach)
-        still = np.ones(scene.fixture_count + len(forecast.present), dtype=bool)
-        still[scene.fixture_count :] = ~forecast.moving
+        around = self.scene.around(forecast, np.zeros(len(q_all)))
+        distance = self.scene.clearance.distances(q_all, around, self._reach)
+        return self._situation_of(q, forecast, goals, distance[0], distance[1:], at_rest=at_rest)
+
+    @property
+    def _reach(self) -> float:
+        """Distances are told apart up to this [m]."""
+        return self.settings.clearance + max(self.router.tuning.spare, TUNING.surprise) + 0.01
+
+    def _situation_of(
+        self, q: Array, forecast: Forecast, goals: Array, here: Array, at_goals: Array, *, at_rest: bool
+    ) -> Situation:
+        clearance, fixtures = self.settings.clearance, self.scene.fixture_count
+        least = TUNING.least_at_rest if at_rest else TUNING.least
+        still = np.concatenate([np.ones(fixtures, dtype=bool), ~forecast.moving])
         own = TUNING.own_clearance
-        return Situation(q, forecast, goals, distance[0], distance[1:], still, clearance, least * clearance, own)
+        return Situation(q, forecast, goals, here, at_goals, still, clearance, least * clearance, own)
+
+    def margins_at(self, forecast: Forecast, goal: Array, *, at_rest: bool = False) -> Situation:
+        """Return a situation that tells margins at goals (G, n) alone, G <= 1: nothing of where the arm is."""
+        far = np.full(self.scene.fixture_count + len(forecast.present) + 1, np.inf)
+        at_goals = far[None][: len(goal)]
+        if len(goal):
+            around = self.scene.around(forecast, np.zeros(len(goal)))
+            at_goals = self.scene.clearance.distances(goal, around, self._reach, own=False)
+        return self._situation_of(far[:0], forecast, goal, far, at_goals, at_rest=at_rest)
 
     def joint_goals(
         self, q: Array, goal: Array, forecast: Forecast, rng: np.random.Generator, tuning: Any = None

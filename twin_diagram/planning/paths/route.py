@@ -96,13 +96,18 @@ class Situation:
     least: float
     own: float
 
-    def margins(self, goal: int | None = None, extra: float = 0.0, away: float = 0.0) -> Array:
-        """Return (B + 1,) distances to keep on the way to a goal: less of what rests near it, `away` more [m]."""
-        result = np.full(len(self.here), self.clearance + extra)
+    def margins(self, goal: int | None = None, extra: Array | float = 0.0, away: Array | float = 0.0) -> Array:
+        """Return distances to keep on the way to a goal: less of what rests near it, `away` more [m].
+
+        (B + 1,); with `extra` and `away` of M samples (M, B + 1).
+        """
+        most = self.clearance + np.asarray(extra)[..., None]
+        result = np.repeat(most, len(self.here), axis=-1)
         if goal is not None:
-            near = np.clip(self.at_goals[goal, :-1] - 0.003 + away, self.least, self.clearance + extra)
-            result[:-1] = np.where(self.still, near, result[:-1])
-        result[-1] = self.own
+            wanted = self.at_goals[goal, :-1] - 0.003 + np.asarray(away)[..., None]
+            near = np.minimum(np.maximum(wanted, self.least), most)
+            result[..., :-1] = np.where(self.still, near, result[..., :-1])
+        result[..., -1] = self.own
         return result
 
     def allowed(self, margins: Array, share: float = 1.0) -> Array:
