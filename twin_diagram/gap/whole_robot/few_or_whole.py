@@ -15,6 +15,7 @@ from twin_diagram.gap.naming import name
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.whole_robot import taking_over
 from twin_diagram.gap.whole_robot.explain import WholeRobot, explain
+from twin_diagram.gap.whole_robot.well_told import well_told
 from twin_diagram.logs import Log
 from twin_diagram.model.description import corrected_folder
 from twin_diagram.model.model import Model
@@ -51,7 +52,10 @@ def explained(
 ) -> Explanation:
     """Return what is found of the robot as a whole, or by the search for a few names; `notes` grow."""
     say("fitting the whole robot")
-    whole = explain(records)
+    try:
+        whole = explain(records)
+    except np.linalg.LinAlgError:  # a log in which next to nothing moves
+        whole = None
     recorded = np.array([standing.remainder.get(joint, 0.0) for joint in given.joints])
     bare = taking_over.unsearched(records)
     if np.all(recorded > 0.0) and taking_over.no_more_than_recorded(given, logs, whole, recorded):
@@ -69,6 +73,11 @@ def explained(
         )
         named = bare
     verdict, corrected, more = _corrected(given, logs, held, named, records, say)
+    told = well_told(verdict.findings)
+    if told != verdict.findings:
+        more.append("some of what would fit these runs is known no better than to a third of its size: it has no name")
+        fewer = replace(verdict, findings=told, remainder=True) if told else nameless(verdict)
+        verdict, corrected, _ = _corrected(given, logs, held, fewer, records, say)
     notes += more
     return Explanation(*taking_over.taken_over(records, logs, verdict, corrected, whole), whole)
 

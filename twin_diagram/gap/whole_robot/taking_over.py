@@ -36,6 +36,9 @@ class Tuning:
     many: float = 1.5
     """Links and joints named, over the number of joints, from which on a robot lacks many things at once."""
 
+    most: float = 2.0
+    """The same where what is left is noise, which a search for a few names would reach, too."""
+
     unexplained: float = 0.2
     """Share of a joint's residual that is left where it is not explained."""
 
@@ -114,7 +117,7 @@ def suffices(whole: WholeRobot, noise: Array, recorded: Array | float) -> bool:
     poor = whole.left > TUNING.unexplained * whole.before
     aloof = poor & (whole.left > TUNING.aloof * np.median(whole.left))
     rough = 2 * np.sum(whole.left > TUNING.above * noise) >= n
-    many = whole.terms() >= TUNING.many * n and (rough or 2 * whole.links() >= n)
+    many = whole.terms() >= (TUNING.many if rough or 2 * whole.links() >= n else TUNING.most) * n
     return bool(many and not np.any(aloof))
 
 
