@@ -63,14 +63,19 @@ def test_noise_is_that_of_the_torques_where_nothing_was_searched() -> None:
 def test_a_robot_that_lacks_everything_need_not_be_searched() -> None:
     _, whole = lacking()
     noise = 0.5 * whole.left
-    assert taking_over.suffices(whole, noise, np.zeros(6))
-    assert taking_over.suffices(whole, 2.0 * whole.left, np.zeros(6))  # many names, and nothing is left
+    assert taking_over.suffices(whole, noise)
+    assert taking_over.suffices(whole, 2.0 * whole.left)  # many names, and nothing is left
     aloof = replace(whole, left=np.where(np.arange(6) == 2, 0.5 * whole.before, whole.left))
-    assert not taking_over.suffices(aloof, noise, np.zeros(6))
+    assert not taking_over.suffices(aloof, noise)
     few = replace(whole, findings=tuple(replace(f, joints=f.joints[:1], links=f.links[:1]) for f in whole.findings))
-    assert not taking_over.suffices(few, noise, np.zeros(6))
-    assert taking_over.suffices(few, noise, whole.fitted)  # what is left is what was known to be left
-    assert not taking_over.suffices(few, noise, 0.5 * whole.fitted)
+    assert not taking_over.suffices(few, noise)
+
+
+def test_of_an_arm_that_was_known_what_tells_much_is_enough() -> None:
+    true, whole = lacking()
+    assert taking_over.tells_of_change(whole, ARM, [log_of(true)])
+    assert not taking_over.tells_of_change(whole, whole.model, [log_of(true)])
+    assert not taking_over.tells_of_change(None, ARM, [log_of(true)])
 
 
 def test_what_was_recorded_is_no_news() -> None:

@@ -53,16 +53,18 @@ def explained(
     """Return what is found of the robot as a whole, or by the search for a few names; `notes` grow."""
     say("fitting the whole robot")
     try:
-        whole = explain(records)
+        whole = explain(records, known=bool(standing.remainder))
     except np.linalg.LinAlgError:  # a log in which next to nothing moves
         whole = None
     recorded = np.array([standing.remainder.get(joint, 0.0) for joint in given.joints])
+    known = bool(np.all(recorded > 0.0))
     bare = taking_over.unsearched(records)
-    if np.all(recorded > 0.0) and taking_over.no_more_than_recorded(given, logs, whole, recorded):
+    if known and taking_over.no_more_than_recorded(given, logs, whole, recorded):
         notes.append("what is left is what was left when this model was corrected")
         none = replace(bare, verdict="none", noise_floor=np.maximum(bare.noise_floor, recorded))
         return Explanation(none, given, None, whole)
-    if whole is not None and taking_over.suffices(whole, bare.noise_floor, recorded):
+    enough = taking_over.tells_of_change(whole, given, logs) if known else None
+    if whole is not None and (taking_over.suffices(whole, bare.noise_floor) if enough is None else enough):
         return Explanation(taking_over.as_named(records, bare, whole, recorded), whole.model, whole, whole)
     try:
         named = name(given, logs, say, records)
