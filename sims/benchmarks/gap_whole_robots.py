@@ -68,6 +68,11 @@ def one(seed: int, quick: bool, second: bool) -> dict[str, Any]:
         try:
             result["processor"] = gap(folder / "model.urdf", folder, folder / "gap")
             result |= scoring.score(robot, folder, folder / "gap")
+            if (folder / "unloaded.csv").is_file():
+                gap(folder / "model.urdf", folder, folder / "bare", "unloaded", "unloaded")
+                gap(folder / "bare" / "model", folder, folder / "loaded")
+                answer = json.loads((folder / "loaded" / "gap.json").read_text(encoding="utf-8"))
+                result["loaded"] = [*scoring.payload(robot, answer), answer["verdict"]]
             if second:
                 gap(folder / "gap" / "model", folder, folder / "again")
                 again = json.loads((folder / "again" / "gap.json").read_text(encoding="utf-8"))
@@ -77,10 +82,10 @@ def one(seed: int, quick: bool, second: bool) -> dict[str, Any]:
     return result
 
 
-def gap(model: Path, folder: Path, out: Path) -> float:
+def gap(model: Path, folder: Path, out: Path, fit: str = "fit", holdout: str = "holdout") -> float:
     """Runs the command as any user would; answers its processor seconds."""
-    command = [sys.executable, "-m", "twin_diagram", "gap", "--model", str(model), "--fit", str(folder / "fit.csv")]
-    command += ["--holdout", str(folder / "holdout.csv"), "--out", str(out)]
+    command = [sys.executable, "-m", "twin_diagram", "gap", "--model", str(model), "--out", str(out)]
+    command += ["--fit", str(folder / f"{fit}.csv"), "--holdout", str(folder / f"{holdout}.csv")]
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     environment["PYTHONPATH"] = os.pathsep.join(filter(None, [str(SIMS.parents[1]), os.environ.get("PYTHONPATH")]))
     used = resource.getrusage(resource.RUSAGE_CHILDREN)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -69,6 +69,10 @@ def _make(seed: int, quick: bool, folder: Path, rng: np.random.Generator) -> Rob
         world = arms.world(truth, duration, bool(afterwards))
         runs.append(simulate(world, control, motion, feed * torque, every, "implicitfast"))
     noise = cases._noise(chain, period, rng)
+    if any(thing.name == "payload" for thing in truth.unusual):  # a day before it was put on
+        bare = arms.world(replace(truth, unusual=[]), duration, False)
+        run = simulate(bare, control, motions[1][0], feed * motions[1][1], every, "implicitfast")
+        _write(truth, run, noise, period, folder / "unloaded.csv", rng)
     write_urdf(truth.described, folder / "model.urdf")
     for name, run in (("fit", runs[0]), ("holdout", runs[1])):
         _write(truth, run, noise, period, folder / f"{name}.csv", rng)

@@ -128,11 +128,11 @@ def with_payload(robot: Robot) -> Chain:
     return chain
 
 
-def payload(robot: Robot, said: dict[str, Any]) -> list[float] | None:
-    """Mass that is true, said, and its standard error [kg]."""
+def payload(robot: Robot, said: dict[str, Any]) -> list[float]:
+    """Mass that is true, said, and its standard error [kg]: 0 where none is said; empty where there is none."""
     true = [thing.values["mass"][0] for thing in robot.truth.unusual if thing.name == "payload"]
     told = [e["parameters"]["mass"] for e in said["effects"] if e["name"] == "payload"]
-    return [true[0], told[0]["value"], told[0]["std"]] if true and told else None
+    return [true[0], *((told[0]["value"], told[0]["std"]) if told else (0.0, 0.0))] if true else []
 
 
 def held_out(folder: Path, said: dict[str, Any]) -> dict[str, float]:
@@ -162,6 +162,7 @@ def separation(robot: Robot, folder: Path) -> float | None:
     every = max(1, int(0.01 / robot.period))
     X = np.concatenate(list((eqs.columns / scale[:, :, None])[:, ::every]))
     y = (seen / scale)[:, ::every].ravel()
+    X = X / np.maximum(np.linalg.norm(X, axis=0), 1e-12)
     values, vectors = np.linalg.eigh(X.T @ X)
     kept = values > NEGLIGIBLE * values[-1]
     left = y - X @ (vectors[:, kept] @ ((vectors[:, kept].T @ (X.T @ y)) / values[kept]))

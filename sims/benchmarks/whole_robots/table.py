@@ -18,7 +18,8 @@ def text(results: list[dict[str, Any]]) -> str:
     real = [r for r in fine if not r["as_described"]]
     clear = [r for r in real if r["unusual"] and (r["separation"] is None or r["separation"] >= CLEAR)]
     curves = [row for r in real for row in joints_of(r["friction"])]
-    loads = [r["payload"] for r in real if r["payload"]]
+    loads = [r["payload"] for r in real if r["payload"] and r["payload"][2] > 0.0]
+    later = [r["loaded"] for r in fine if "loaded" in r]
     sure = [ok for r in fine for _, confidence, ok in r["confidences"] if confidence >= 0.9]
     lines = [
         f"{len(results)} arms, {len(results) - len(fine)} without an answer",
@@ -32,7 +33,14 @@ def text(results: list[dict[str, Any]]) -> str:
         share("as described: none", [r["verdict"] == "none" for r in fine if r["as_described"]], ">= 98 %"),
         share("unknown, of those that lack something", [r["verdict"] == "unknown" for r in real], "0 %"),
         share("second run on its own model: none", [r["second"] == "none" for r in fine if "second" in r], ">= 98 %"),
-        share("payload: interval of 95 % covers", [abs(s - t) <= 1.96 * e for t, s, e in loads], "90 to 98 %"),
+        share(
+            "payload, model of an unloaded log: within 3 %", [abs(x[1] - x[0]) <= 0.03 * x[0] for x in later], ">= 90 %"
+        ),
+        share(
+            "payload, the description: interval of 95 % covers",
+            [abs(s - t) <= 1.96 * e for t, s, e in loads],
+            "90 to 98 %",
+        ),
         share("names with confidence >= .9 right", sure, ">= 90 %"),
         *spread("held-out residual over told, median / p95", [r["held_out"]["over_told"] for r in real], "1.05 / 1.3"),
         *spread("processor seconds, median / p95", [r["processor"] for r in fine], "15 / 45"),

@@ -19,19 +19,23 @@ from twin_diagram.gap.findings import Finding, Separation
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.residuals.regressors import present
 from twin_diagram.gap.whole_robot import estimates
+from twin_diagram.gap.whole_robot.left_out import TUNING as LEFT_OUT
 from twin_diagram.gap.whole_robot.left_out import (
     LeftOut,
     Linearised,
     best_spread,
     earning,
     free_units,
+    likelihood,
     missed,
     units,
 )
+from twin_diagram.gap.whole_robot.physical_fit import TUNING as PHYSICAL_FIT
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
 from twin_diagram.gap.whole_robot.physical_links import Links
 from twin_diagram.gap.whole_robot.torque_equations import OWN, TorqueEquations, equations
-from twin_diagram.gap.whole_robot.unusual import room_for, unusual
+from twin_diagram.gap.whole_robot.unusual import BEYOND, price, room_for, unusual, without_doubtful
+from twin_diagram.model.effects.inertia import Payload
 from twin_diagram.model.effects.link_inertia import InertialParameters
 from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
@@ -107,15 +111,32 @@ class WholeRobot:
         return len({joint for finding in self.findings for joint in finding.joints})
 
 
-def explain(records: Records) -> WholeRobot | None:
+def explain(records: Records, *, known: bool = False) -> WholeRobot | None:
     """Fit all links and joints at once, and keep what left-out motion asks for; None where that is nothing.
+
+    What is unusual is looked for beside what every arm lacks; and a payload before that, or the links stand in for it.
+    Left-out motion says which it is, and of two that are as good the one that says less.
 
     Args:
         records: prepared with the given model.
+        known: whether that was corrected before: links are then as they were, and all names are looked for first.
     """
     whole = begun(records, equations(records))
-    problem = chosen(whole)
-    found = concluded(problem) if np.any(problem.free) else None
+    if known:
+        whole = replace(whole, spread=max(PHYSICAL_FIT.known), spreads=PHYSICAL_FIT.known)
+    whole, start = settled(whole)
+    usual = chosen(whole, start)
+    found = [grown(concluded(usual), whole)] if np.any(usual.free) else []
+    nothing = np.zeros(whole.n, dtype=bool)
+    bare = replace(whole, links_free=nothing, own_free=np.zeros_like(whole.own_free))
+    strange = unusual(bare, solve(bare), records.model, BEYOND if known else (Payload.name,))
+    if strange.sums.further:
+        found.append(grown(concluded(settled_beside(strange, whole)), whole))
+    return max(filter(None, found), key=lambda one: worth(one, whole), default=None)
+
+
+def grown(found: WholeRobot | None, whole: RobotProblem) -> WholeRobot | None:
+    """Return what was found with what is unusual beside it, as long as there is more."""
     for _ in range(TUNING.turns):
         if found is None:
             break
@@ -124,6 +145,19 @@ def explain(records: Records) -> WholeRobot | None:
             break
         found = concluded(settled_beside(more, whole)) or found
     return found
+
+
+def worth(found: WholeRobot, whole: RobotProblem) -> float:
+    """Return the left-out log likelihood less what is asked of all that is said [nats].
+
+    Args:
+        found: one of several explanations.
+        whole: whose noise counts for all of them.
+    """
+    problem = found.problem
+    asked = LEFT_OUT.link * np.sum(problem.links_free) + LEFT_OUT.own * np.sum(problem.said)
+    asked += sum(LEFT_OUT.link + price(candidate) for candidate in problem.sums.further)
+    return float(np.sum(likelihood(whole, found.left)) - asked)
 
 
 def settled_beside(problem: RobotProblem, whole: RobotProblem) -> RobotProblem:
@@ -149,7 +183,7 @@ def last_of(problem: RobotProblem) -> int:
 
 def concluded(problem: RobotProblem) -> WholeRobot | None:
     """Return what a problem says once doubtful terms are out of it; None where nothing is left, or cannot be."""
-    problem, z, spread = sure_ones(problem)
+    problem, z, spread = sure_ones(without_doubtful(problem))
     kept = earning(problem, LeftOut.of(problem, z))
     if np.any(free_units(kept) != free_units(problem)):
         problem, z, spread = sure_ones(kept)
@@ -174,15 +208,18 @@ def corrected(given: Model, found: Sequence[Finding]) -> Model | None:
         return None
 
 
-def chosen(problem: RobotProblem) -> RobotProblem:
+def chosen(whole: RobotProblem, start: Array) -> RobotProblem:
     """Return the problem with the links and joints' terms that earn their place.
 
     Where few links are off, they come one by one: together, each would stand in for the others. Where all are, one
     alone stands in for all, and what does not matter goes one by one. Left-out motion says which it is.
     What everything together leaves is the noise: were it looked at again, a joint that fits badly would count less.
+
+    Args:
+        whole: everything free, with its noise.
+        start: its fit (Z,).
     """
-    whole, start = settled(problem)
-    bare = replace(whole, links_free=np.zeros(problem.n, dtype=bool))
+    bare = replace(whole, links_free=np.zeros(whole.n, dtype=bool))
     few, many = weeded(missed(bare, whole, solve(bare))[0], whole), weeded(whole, whole)
     more = int(np.sum(free_units(many))) - int(np.sum(free_units(few)))
     scores = [LeftOut.of(x, start).score() for x in (few, many)]

@@ -15,6 +15,7 @@ from twin_diagram.gap.naming import name
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.whole_robot import taking_over
 from twin_diagram.gap.whole_robot.explain import WholeRobot, explain
+from twin_diagram.gap.whole_robot.well_told import well_told
 from twin_diagram.logs import Log
 from twin_diagram.model.description import corrected_folder
 from twin_diagram.model.model import Model
@@ -51,14 +52,19 @@ def explained(
 ) -> Explanation:
     """Return what is found of the robot as a whole, or by the search for a few names; `notes` grow."""
     say("fitting the whole robot")
-    whole = explain(records)
+    try:
+        whole = explain(records, known=bool(standing.remainder))
+    except np.linalg.LinAlgError:  # a log in which next to nothing moves
+        whole = None
     recorded = np.array([standing.remainder.get(joint, 0.0) for joint in given.joints])
+    known = bool(np.all(recorded > 0.0))
     bare = taking_over.unsearched(records)
-    if np.all(recorded > 0.0) and taking_over.no_more_than_recorded(given, logs, whole, recorded):
+    if known and taking_over.no_more_than_recorded(given, logs, whole, recorded):
         notes.append("what is left is what was left when this model was corrected")
         none = replace(bare, verdict="none", noise_floor=np.maximum(bare.noise_floor, recorded))
         return Explanation(none, given, None, whole)
-    if whole is not None and taking_over.suffices(whole, bare.noise_floor, recorded):
+    enough = taking_over.tells_of_change(whole, given, logs) if known else None
+    if whole is not None and (taking_over.suffices(whole, bare.noise_floor) if enough is None else enough):
         return Explanation(taking_over.as_named(records, bare, whole, recorded), whole.model, whole, whole)
     try:
         named = name(given, logs, say, records)
@@ -69,6 +75,11 @@ def explained(
         )
         named = bare
     verdict, corrected, more = _corrected(given, logs, held, named, records, say)
+    told = well_told(verdict.findings)
+    if told != verdict.findings:
+        more.append("some of what would fit these runs is known no better than to a third of its size: it has no name")
+        fewer = replace(verdict, findings=told, remainder=True) if told else nameless(verdict)
+        verdict, corrected, _ = _corrected(given, logs, held, fewer, records, say)
     notes += more
     return Explanation(*taking_over.taken_over(records, logs, verdict, corrected, whole), whole)
 

@@ -17,9 +17,6 @@ from twin_diagram.signals.arrays import Array
 class Tuning:
     """Constants of this module, chosen by hand; `sims/benchmarks/real_rows.py` shows what they do."""
 
-    spreads: tuple[float, ...] = (0.05, 0.1, 0.2, 0.4)
-    """Of links about their description, from which left-out motion chooses: machined parts to a cover left out."""
-
     own: float = 1.0
     """Rise of the left-out log likelihood that a joint's own term must bring [nats]."""
 
@@ -212,6 +209,6 @@ def likelihood(problem: RobotProblem, rms: Array) -> Array:
 
 def best_spread(problem: RobotProblem, start: Array) -> tuple[RobotProblem, LeftOut]:
     """Return the problem with the spread of links that left-out motion likes best."""
-    tried = [LeftOut.of(replace(problem, spread=spread), start) for spread in TUNING.spreads]
+    tried = [LeftOut.of(replace(problem, spread=spread), start) for spread in problem.spreads]
     best = max(tried, key=LeftOut.score)
     return best.problem, best

@@ -16,6 +16,12 @@ from twin_diagram.signals.arrays import Array
 class Tuning:
     """Constants of this module, chosen by hand; `sims/benchmarks/real_rows.py` shows what they do."""
 
+    spreads: tuple[float, ...] = (0.05, 0.1, 0.2, 0.4)
+    """Of links about their description, from which left-out motion chooses: machined parts to a cover left out."""
+
+    known: tuple[float, ...] = (0.025, 0.05)
+    """The same of an arm whose links were found before: what changed since is no link's."""
+
     own: float = 10.0
     """Prior deviation of a joint's own terms: so many times the residual's size."""
 
@@ -53,6 +59,7 @@ class RobotProblem:
         share: (n,) of a sample that is independent of its neighbours.
         links_free: (n,) whose inertia may differ.
         own_free: (n, 4) which of joints' own terms may be there.
+        spreads: that it may be.
         gone: (n, 4) which of those that the description states are taken to be none at all.
 
     Coordinates are Z = 14 n + E numbers: links' ten each, joints' own four each, the sums' further coefficients.
@@ -67,6 +74,7 @@ class RobotProblem:
     links_free: Chosen
     own_free: Chosen
     gone: Chosen
+    spreads: tuple[float, ...] = TUNING.spreads
 
     @property
     def n(self) -> int:

@@ -36,6 +36,9 @@ class Tuning:
     many: float = 1.5
     """Links and joints named, over the number of joints, from which on a robot lacks many things at once."""
 
+    most: float = 2.0
+    """The same where what is left is noise, which a search for a few names would reach, too."""
+
     unexplained: float = 0.2
     """Share of a joint's residual that is left where it is not explained."""
 
@@ -97,25 +100,32 @@ def places(records: Records, whole: WholeRobot) -> tuple[Place, ...]:
     return locate(records, terms, whitening.estimate(records.residual - explained, records.lengths))
 
 
-def suffices(whole: WholeRobot, noise: Array, recorded: Array | float) -> bool:
+def suffices(whole: WholeRobot, noise: Array) -> bool:
     """Return whether nothing need be searched for beside what was found of the robot as a whole.
 
-    That is where it lacks many things at once and no joint stands out by what is left; or where what is left is what
-    the given model is known to leave anyway.
+    That is where it lacks many things at once and no joint stands out by what is left.
 
     Args:
         whole: what was found.
         noise: (n,) floor [N·m].
-        recorded: (n,) of a corrected model, 0 where nothing is known [N·m].
     """
-    if np.all(recorded > 0.0):
-        return bool(np.all(whole.fitted <= TUNING.known * np.maximum(recorded, noise)))
     n = len(whole.left)
     poor = whole.left > TUNING.unexplained * whole.before
     aloof = poor & (whole.left > TUNING.aloof * np.median(whole.left))
     rough = 2 * np.sum(whole.left > TUNING.above * noise) >= n
-    many = whole.terms() >= TUNING.many * n and (rough or 2 * whole.links() >= n)
+    many = whole.terms() >= (TUNING.many if rough or 2 * whole.links() >= n else TUNING.most) * n
     return bool(many and not np.any(aloof))
+
+
+def tells_of_change(whole: WholeRobot | None, given: Model, logs: Sequence[Log]) -> bool:
+    """Return whether what was found beyond a model that was corrected before tells much of what is left.
+
+    Args:
+        whole: what was found.
+        given: the corrected model.
+        logs: of the fit.
+    """
+    return whole is not None and gained(whole, logs, given) > TUNING.much
 
 
 def no_more_than_recorded(given: Model, logs: Sequence[Log], whole: WholeRobot | None, recorded: Array) -> bool:

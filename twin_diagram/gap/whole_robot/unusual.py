@@ -82,10 +82,10 @@ def terms_of(sums: TorqueEquations, model: Model) -> Terms:
     return Terms(records, load, slow_speed(records))
 
 
-def offered(terms: Terms) -> list[Candidate]:
-    """Return the candidates of `BEYOND`: one per place and variant."""
+def offered(terms: Terms, names: tuple[str, ...] = BEYOND) -> list[Candidate]:
+    """Return the candidates of some names: one per place and variant."""
     result: list[Candidate] = []
-    for name in BEYOND:
+    for name in names:
         record = RECORDS[name]
         if record.on_joints is not None:
             result += [candidate for each in record.on_joints(terms) for candidate in each]
@@ -94,17 +94,18 @@ def offered(terms: Terms) -> list[Candidate]:
     return [c for c in result if c.variant != "bulky"]
 
 
-def unusual(problem: RobotProblem, start: Array, model: Model) -> RobotProblem:
+def unusual(problem: RobotProblem, start: Array, model: Model, names: tuple[str, ...] = BEYOND) -> RobotProblem:
     """Return the problem with what is unusual, best first, as long as it earns its place.
 
     Args:
         problem: with links and joints' own terms chosen.
         start: its coordinates (Z,).
         model: with them.
+        names: that are looked for.
     """
     terms = terms_of(problem.sums, model)
     last = last_body(terms)
-    there = [c for c in offered(terms) if not any(same(c, other) for other in problem.sums.further)]
+    there = [c for c in offered(terms, names) if not any(same(c, other) for other in problem.sums.further)]
     z = start
     left_out = LeftOut.of(problem, z)
     for _ in range(TUNING.most):
@@ -172,19 +173,34 @@ def room_for(sums: TorqueEquations, last: int) -> tuple[Chosen, Chosen]:
     return links, own
 
 
-def believable(problem: RobotProblem) -> bool:
-    """Return whether the newest candidate can be, is known well enough, and is no doubt of the description."""
+def believable(problem: RobotProblem, at: int = -1) -> bool:
+    """Return whether a further candidate can be, is known well enough, and is no doubt of the description.
+
+    Args:
+        problem: with it.
+        at: which of the further ones.
+    """
     z = solve(problem)
-    spread = estimates.covariance(problem, z)
-    at, k = len(problem.sums.further) - 1, problem.sums.further[-1]
-    s = problem.place(at)
-    if not k.allows(z[s]):
+    at = at % len(problem.sums.further)
+    candidate, s = problem.sums.further[at], problem.place(at)
+    covariance = estimates.covariance(problem, z)[s, s]
+    if not candidate.allows(z[s]):
         return False
-    if k.name == Payload.name:
-        doubt = np.hypot(np.sqrt(spread[s, s][0, 0]), estimates.own_doubt(problem))
-        return bool(z[s][0] > TUNING.beyond_own * estimates.own_doubt(problem) and doubt < TUNING.third * z[s][0])
-    size = float(np.sqrt(z[s] @ np.linalg.pinv(spread[s, s], hermitian=True) @ z[s] / len(z[s])))
+    if candidate.name == Payload.name:
+        own, mass = estimates.own_doubt(problem), abs(z[s][0])
+        return bool(mass > TUNING.beyond_own * own and np.hypot(np.sqrt(covariance[0, 0]), own) < TUNING.third * mass)
+    size = float(np.sqrt(z[s] @ np.linalg.pinv(covariance, hermitian=True) @ z[s] / len(z[s])))
     return size > 1.0 / TUNING.third
+
+
+def without_doubtful(problem: RobotProblem) -> RobotProblem:
+    """Return the problem without further candidates that are believable no more beside what came after them."""
+    while True:
+        doubtful = [k for k in range(len(problem.sums.further)) if not believable(problem, k)]
+        if not doubtful:
+            return problem
+        kept = [c for k, c in enumerate(problem.sums.further) if k != doubtful[0]]
+        problem = replace(problem, sums=problem.sums.with_further(kept))
 
 
 @dataclass(frozen=True)
