@@ -173,6 +173,7 @@ def sdf(
     friction: float = 0.6,
     pieces: Sequence[ConvexFile] = (),
     feet_O: Array | None = None,
+    contact: Sequence[CollisionShape] = (),
 ) -> str:
     """Return the model as SDF: one free link `object`, frame O, textured visual, convex collision shapes.
 
@@ -186,6 +187,7 @@ def sdf(
         friction: of all shapes.
         pieces: further collision shapes.
         feet_O: (k, 3) centres of the feet [m]; None: those of the first solid.
+        contact: what is to be met in place of the solids, where those fill hollows.
     """
     i = np.asarray(inertia)
     text = (
@@ -195,7 +197,7 @@ def sdf(
         f"<ixy>{i[0, 1]:.9g}</ixy><ixz>{i[0, 2]:.9g}</ixz><iyz>{i[1, 2]:.9g}</iyz></inertia></inertial>\n"
         f'      <visual name="surface"><geometry><mesh><uri>{spec.visual}</uri></mesh></geometry></visual>\n'
     )
-    for k, solid in enumerate(spec.solids):
+    for k, solid in enumerate(contact or spec.solids):
         if solid.kind == "box":
             x, y, z = (edge - 2 * TUNING.recess for edge in solid.size)
             shape = f"<box><size>{x:.9g} {y:.9g} {z:.9g}</size></box>"

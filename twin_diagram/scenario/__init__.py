@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from twin_diagram.runtime import faces
 
 if TYPE_CHECKING:
+    from twin_diagram.scenario.braking import Braking
     from twin_diagram.scenario.camera import Camera, DepthCamera, DepthNoise
     from twin_diagram.scenario.defects import ArmDefects, CameraDefects, LidarDefects, SensorDefects
     from twin_diagram.scenario.estimation import Drift, Filter, Healing, SensorSpec
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 __all__ = [
     "ArmDefects",
     "ArmModel",
+    "Braking",
     "Camera",
     "CameraDefects",
     "DepthCamera",

@@ -3,6 +3,7 @@
 # No `from __future__ import annotations`: Drake's YAML loader reads the fields' types themselves, not strings.
 from dataclasses import dataclass, field
 
+from twin_diagram.scenario.braking import Braking
 from twin_diagram.scenario.camera import Camera
 from twin_diagram.scenario.estimation import Drift, Filter, Healing
 from twin_diagram.scenario.field_table import document
@@ -51,3 +52,5 @@ class Twin:
     """How objects live and are forgotten."""
     planner: Planner = field(default_factory=Planner)
     """Tuning of the planner."""
+    stop_monitor: Braking | None = field(default_factory=Braking)
+    """What stops the arm in time whatever the planner does; null: nothing."""

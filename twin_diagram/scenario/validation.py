@@ -11,6 +11,7 @@ from typing import Any
 
 from twin_diagram.errors import ScenarioError
 from twin_diagram.scenario import (
+    Braking,
     Camera,
     DepthCamera,
     DepthNoise,
@@ -34,6 +35,7 @@ from twin_diagram.scenario.depth_sheets import SHEETS
 from twin_diagram.scenario.task_steps import check_steps
 
 POSITIVE: dict[type, tuple[str, ...]] = {
+    Braking: ("rate", "acceleration", "torque_share", "state_periods", "image_periods", "plan_periods", "jump"),
     Camera: ("width", "height", "focal", "fx", "fy", "rate"),
     DepthCamera: ("width", "height", "fx", "fy", "scale"),
     Drift: ("period", "horizon", "learning_time", "sigma", "false_alarms"),
@@ -53,7 +55,7 @@ POSITIVE: dict[type, tuple[str, ...]] = {
     Lidar: ("columns", "rows", "width", "height", "rate", "latency"),
     LinkSensor: ("rate",),
     Perception: ("stride", "cluster_gap", "smallest"),
-    Planner: ("rate", "knots", "step", "influence", "velocity_share", "acceleration"),
+    Planner: ("rate", "knots", "step", "influence", "velocity_share", "torque_share", "acceleration"),
     Registration: ("model_points", "iterations", "reach"),
     SceneUpdater: ("rate", "stale_after", "lost_after"),
     Task: ("position_tolerance", "rotation_tolerance"),
@@ -61,13 +63,14 @@ POSITIVE: dict[type, tuple[str, ...]] = {
 }
 """Fields that must be above zero, where they are told, by their dataclass."""
 NOT_NEGATIVE: dict[type, tuple[str, ...]] = {
+    Braking: ("clearance", "delay", "unforeseen", "resume_after"),
     Camera: ("latency", "focal_std", "centre_std", "depth_scale_std", "colour_std"),
     DepthNoise: ("floor", "growth", "correlated", "lasting"),
     Filter: ("excitation", "torque_drift_std", "parameter_walk", "learning_rate", "history", "noise_time"),
     Healing: ("attempts", "nice"),
     LinkSensor: ("latency",),
     Perception: ("table_clearance", "robot_clearance"),
-    Planner: ("clearance", "seed"),
+    Planner: ("clearance", "route_after", "seed"),
     Registration: ("search_period",),
     SceneUpdater: (
         "acceleration_std",
@@ -87,8 +90,9 @@ NOT_NEGATIVE: dict[type, tuple[str, ...]] = {
 }
 """Fields that may be zero, but not below."""
 SHARE: dict[type, tuple[str, ...]] = {
+    Braking: ("torque_share",),
     Healing: ("held_out",),
-    Planner: ("velocity_share",),
+    Planner: ("velocity_share", "torque_share"),
     Registration: ("colour_weight", "minimum_quality"),
 }
 """From 0 to 1."""

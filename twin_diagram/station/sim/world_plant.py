@@ -6,9 +6,10 @@ from dataclasses import dataclass, field
 from pathlib import Path as FilePath
 
 import numpy as np
-from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
+from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, ProximityProperties, RoleAssign, SceneGraph
 from pydrake.multibody.plant import (
     AddMultibodyPlantSceneGraph,
+    CoulombFriction,
     DiscreteContactApproximation,
     MultibodyPlant,
 )
@@ -60,6 +61,9 @@ def build_world(builder: DiagramBuilder, scenario: Scenario) -> WorldPlant:
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, scenario.world.time_step)
     world = _populate(plant, scene_graph, scenario)
     objects = [plant.get_body(index) for index in world.objects.values()]
+    for (name, spec), body in zip(scenario.world.objects.items(), objects, strict=True):
+        if spec.friction is not None:
+            _make_rougher(world, body, spec.friction, f"world.objects.{name}.friction")
     touch_by_surfaces(plant, scene_graph, world.arm.fingers, objects)
     return world
 
@@ -105,7 +109,10 @@ def _populate(plant: MultibodyPlant, scene_graph: SceneGraph, scenario: Scenario
     carriages = plant.AddModelInstance("carriages") if paths else None
     for name, path in paths.items():
         assert carriages is not None
-        add_carriage(plant, carriages, name, path, bodies[name])
+        push = world.objects[name].push
+        if push is not None and not (np.isfinite(push) and push > 0.0):
+            raise ScenarioError(f"world.objects.{name}.push", f"{push} N is not positive")
+        add_carriage(plant, carriages, name, path, bodies[name], push)
     make_gripping(plant, arm.fingers)
     plant.Finalize()
     # What is moved on a carriage needs no table to stand on, and the arm's base stands in it.
@@ -149,6 +156,18 @@ def _add_object(plant: MultibodyPlant, name: str, spec: WorldObject, scenario: S
     if spec.mass is not None:
         _make_heavier(plant, body, spec.mass, f"world.objects.{name}.mass")
     return body
+
+
+def _make_rougher(world: WorldPlant, body: RigidBody, friction: float, field: str) -> None:
+    """Give all of a body's contact shapes a coefficient of friction."""
+    if not (np.isfinite(friction) and friction >= 0.0):
+        raise ScenarioError(field, f"{friction} is no coefficient of friction")
+    plant, scene_graph = world.plant, world.scene_graph
+    for shape in plant.GetCollisionGeometriesForBody(body):
+        known = scene_graph.model_inspector().GetProximityProperties(shape)
+        properties = ProximityProperties(known)
+        properties.UpdateProperty("material", "coulomb_friction", CoulombFriction(friction, friction))
+        scene_graph.AssignRole(plant.get_source_id(), shape, properties, RoleAssign.kReplace)
 
 
 def _make_heavier(plant: MultibodyPlant, body: RigidBody, mass: float, field: str) -> None:
