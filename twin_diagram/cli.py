@@ -157,7 +157,7 @@ def _add_log_commands(commands: Any) -> None:
     _add_columns(gap)
     _add_torque_side(gap)
     _add_packages(gap)
-    gap.set_defaults(command=_gap)
+    gap.set_defaults(command=_gap, refuse=gap.error)
 
 
 def _add_columns(parser: argparse.ArgumentParser) -> None:
@@ -306,7 +306,8 @@ def _predict(arguments: argparse.Namespace) -> int:
 
 
 def _gap(arguments: argparse.Namespace) -> int:
-    fleet_command.check_one_or_many(arguments)
+    if wrong := fleet_command.one_or_many(arguments):
+        arguments.refuse(wrong)
     if arguments.fleet is not None:
         return fleet_command.run(arguments)
     from numpy.linalg import LinAlgError
