@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from twin_diagram.scenario.camera import Camera
 from twin_diagram.scenario.estimation import Drift, Filter, Healing
 from twin_diagram.scenario.field_table import document
+from twin_diagram.scenario.learning import Learning
 from twin_diagram.scenario.models import ArmModel, Fixture
 from twin_diagram.scenario.perception import Perception, Registration, SceneUpdater, Slots
 from twin_diagram.scenario.planning import Planner, Task
@@ -31,6 +32,8 @@ class Twin:
     """Folders of the known objects' assets, by the name of the object."""
     camera: Camera | None = field(default_factory=Camera)
     """The camera as calibrated; null: none."""
+    cameras: dict[str, Camera] = field(default_factory=dict)
+    """Further cameras as calibrated, by name; through them somebody looks now and then, and nothing is rendered else."""
     lidar: Lidar | None = None
     """Its clouds reach the filter where ``filter.sensors`` says so, kind `lidar`."""
     task: Task = field(default_factory=Task)
@@ -51,3 +54,5 @@ class Twin:
     """How objects live and are forgotten."""
     planner: Planner = field(default_factory=Planner)
     """Tuning of the planner."""
+    learning: Learning | None = None
+    """Where objects are learned by handling them (`twin-diagram learn`); null: nowhere."""
