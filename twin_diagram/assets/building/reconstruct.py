@@ -128,7 +128,12 @@ class Reconstruction:
 
 
 def reconstruct(
-    frames: FrameSource, where: str = "frames", seed: int = 0, say: Callable[[str], None] = lambda text: None
+    frames: FrameSource,
+    where: str = "frames",
+    seed: int = 0,
+    say: Callable[[str], None] = lambda text: None,
+    *,
+    held: bool = False,
 ) -> Reconstruction:
     """Return the object's mesh.
 
@@ -139,6 +144,7 @@ def reconstruct(
         where: begins the message of an error.
         seed: of all that is drawn.
         say: is told of each step.
+        held: it is held in a hand, and stands on nothing; the frames have masks.
 
     Raises:
         FramesError: too few views, nothing or two things there, views that contradict each other, or an impossible
@@ -146,7 +152,8 @@ def reconstruct(
     """
     if len(frames) < TUNING.least_views:
         raise FramesError(f"{where}: {len(frames)} views, at least {TUNING.least_views} are needed to build an object")
-    points, plane = object_points([thinned(frames.read(k), TUNING.thinned) for k in range(len(frames))], where, seed)
+    looks = [thinned(frames.read(k), TUNING.thinned) for k in range(len(frames))]
+    points, plane = held_points(looks, where) if held else object_points(looks, where, seed)
     check_size(points, where)
     low, high = points.min(axis=0), points.max(axis=0)
     box = np.stack(np.meshgrid(*np.stack([low - 0.01, high + 0.01], axis=1)), axis=-1).reshape(-1, 3)
@@ -215,6 +222,13 @@ def object_points(views: Sequence[DepthView], where: str, seed: int) -> tuple[Ar
         foot = kept - np.outer(kept @ plane[:3] - plane[3], plane[:3])
         kept = np.concatenate([kept, foot])
     return kept, plane
+
+
+def held_points(views: Sequence[DepthView], where: str) -> tuple[Array, None]:
+    """Return the points (N, 3) that most masks hold, of an object with no plane under it."""
+    points = np.concatenate([view_points(view, 2, None)[0] for view in views])
+    kept = points[masked_by_most(views, points, [grown(view.mask) for view in views if view.mask is not None])]
+    return kept[the_one_thing(kept, where)], None
 
 
 def check_size(points: Array, where: str) -> None:

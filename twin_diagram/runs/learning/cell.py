@@ -51,6 +51,7 @@ class Picture:
         camera: as calibrated, with its pose in W.
         time: [s].
         q: (n,) joint angles as measured [rad].
+        fingers: (g,) as measured [m].
     """
 
     rgb: npt.NDArray[np.uint8]
@@ -58,6 +59,7 @@ class Picture:
     camera: ViewCamera
     time: float
     q: Array
+    fingers: Array
 
     def points(self) -> Array:
         """Return (H, W, 3) in W [m]; of pixels without depth where the camera is."""
@@ -205,9 +207,9 @@ class Cell:
         positions = np.array(self._plant.GetPositions(self._plant.GetMyContextFromRoot(self._context)))
         rgb, depth = self._eyes.look(name, positions, self._frame)
         way = Alignment.of(told)
-        return Picture(
-            np.ascontiguousarray(way.colours(rgb)[..., :3]), way.depth(depth), told_camera(told), self.time, self.q
-        )
+        colours = np.ascontiguousarray(way.colours(rgb)[..., :3])
+        fingers = self._read(ports.GRIPPER_MEASURED)[: len(self._fingers.closed)]
+        return Picture(colours, way.depth(depth), told_camera(told), self.time, self.q, fingers)
 
     def snapshot(self) -> dict[str, Array]:
         """Return where everything is, for a run that goes on later; nothing but `restore` reads it."""

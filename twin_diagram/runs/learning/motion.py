@@ -166,6 +166,14 @@ class Mover:
         near = self.distances(q, max(clearance, TUNING.own) + 1e-6)
         return np.asarray((near[:, :-1] >= clearance).all(axis=1) & (near[:, -1] >= TUNING.own))
 
+    def bare_free(self, q: Array, clearance: float) -> bool:
+        """Return whether the arm alone, without what it holds, keeps a distance [m] at joint angles (M, n)."""
+        kept, self._carrying = self._carrying, self.scene
+        try:
+            return bool(self.free(q, clearance).all())
+        finally:
+            self._carrying = kept
+
     def goals(self, X_WT: Array, near: Array, clearance: float = TUNING.clearance) -> Array:
         """Return (G, n) joint angles of a tool pose (4, 4) that are clear, the nearest to some first."""
         found = inverse_kinematics.solve(self.scene.chain, X_WT, near, self._lower, self._upper, self._rng)
