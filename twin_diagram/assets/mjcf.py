@@ -26,7 +26,8 @@ def mjcf(spec: AssetSpec, com: Array, inertia: Array, pieces: Sequence[str], fri
     # The surface is only seen: MuJoCo need not find volume and inertia of it, which it refuses for thin ones.
     meshes = f'    <mesh name="surface" file="{spec.visual}" inertia="shell"/>\n'
     meshes += "".join(f'    <mesh name="piece{k}" file="{name}"/>\n' for k, name in enumerate(pieces))
-    geoms = '      <geom type="mesh" mesh="surface" material="surface" group="2" contype="0" conaffinity="0" mass="0"/>\n'
+    geoms = '      <geom type="mesh" mesh="surface" material="surface" group="2" contype="0" conaffinity="0" '
+    geoms += 'mass="0"/>\n'
     geoms += "".join(
         f'      <geom type="mesh" mesh="piece{k}" group="3" friction="{friction:g} 0.005 0.0001" mass="0"/>\n'
         for k in range(len(pieces))

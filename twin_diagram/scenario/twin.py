@@ -33,7 +33,7 @@ class Twin:
     camera: Camera | None = field(default_factory=Camera)
     """The camera as calibrated; null: none."""
     cameras: dict[str, Camera] = field(default_factory=dict)
-    """Further cameras as calibrated, by name; through them somebody looks now and then, and nothing is rendered else."""
+    """Further cameras as calibrated, by name; a picture is rendered where somebody looks through one."""
     lidar: Lidar | None = None
     """Its clouds reach the filter where ``filter.sensors`` says so, kind `lidar`."""
     task: Task = field(default_factory=Task)

@@ -78,7 +78,8 @@ class TransformsFolder:
         unit = float(self._all.get("depth_unit_scale_factor", 1e-3))
         rgb = None
         if "file_path" in frame:
-            rgb = cv2.cvtColor(_image(in_folder(self.folder, str(frame["file_path"])), cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+            picture = _image(in_folder(self.folder, str(frame["file_path"])), cv2.IMREAD_COLOR)
+            rgb = cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
             if rgb.shape[:2] != depth.shape:
                 raise FramesError(f"{self.folder}: frame {index}: depth is of another size than its picture")
         mask = read_mask(in_folder(self.folder, str(frame["mask_path"])), depth.shape) if self.has_masks else None

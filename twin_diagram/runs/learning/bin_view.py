@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from twin_diagram.assets.building.depth_view import make_view
 from twin_diagram.perception.segmentation.parting import part
-from twin_diagram.planning.grasps import Gripper, Grasps, Wanted, propose
+from twin_diagram.planning.grasps import Grasps, Gripper, Wanted, propose
 from twin_diagram.runs.learning.cell import Picture
 from twin_diagram.signals.arrays import Array
 

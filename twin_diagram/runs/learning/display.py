@@ -1,4 +1,4 @@
-"""Shows what is held to the scanning camera: full turns of the last joint, the tool's axis now more, now less towards it.
+"""Shows what is held to the scanning camera: full turns of the last joint at several tilts of the tool's axis.
 
 The masks of object and hand are taken from where the arm's own shapes are; where the object is within the hand they do
 not say, `following` does.

@@ -16,8 +16,6 @@ from twin_diagram.assets.building.surface import weld
 from twin_diagram.signals.arrays import Array
 
 
-
-
 def write_learned(
     name: str, library: Path, shape: Shape, R_WS: Array, measured: MeasuredInertia | None
 ) -> dict[str, Any]:

@@ -62,6 +62,18 @@ class Tuning:
     explained: float = 0.75
     """Share of a picture's points near the cloud below which a slip is looked for."""
 
+    contradicting: float = 0.08
+    """Share of a picture's points beside a surface that is not theirs, from which a slip is looked for."""
+
+    beside_surface: float = 0.02
+    """How far off a surface a point is held against it [m]."""
+
+    alike: float = 0.9
+    """Least cosine between the normals of both."""
+
+    better: float = 0.08
+    """By how much more a slip must explain, where it does not clear up what contradicts."""
+
     slip: float = 0.003
     """What counts as a slip [m]."""
 
@@ -110,7 +122,9 @@ class Followed:
         return found
 
 
-def follow(so_far: Followed, more: Sequence[Shown], X_ST: Array, known: tuple[float, float] = TUNING.steady) -> Followed:
+def follow(
+    so_far: Followed, more: Sequence[Shown], X_ST: Array, known: tuple[float, float] = TUNING.steady
+) -> Followed:
     """Return what was followed with more pictures of it.
 
     Args:
@@ -142,17 +156,31 @@ def _located(
 ) -> tuple[Array, float]:
     """Return the tool's pose in S and the share of points explained; a slip is noted."""
     near, share = register(seen.points, seen.normals, points, normals, X, prior, TUNING.reach)
-    if share >= TUNING.explained:
+    contradicts = contradicting(seen, points, normals, near)
+    if contradicts < TUNING.contradicting and share >= TUNING.explained:
         return near, share
-    far, better = X, share
-    for reach in (TUNING.far_reach, 0.5 * TUNING.far_reach):
+    far = X
+    for reach in (TUNING.far_reach, 0.5 * TUNING.far_reach, TUNING.reach):
         far, _ = register(seen.points, seen.normals, points, normals, far, TUNING.loose, reach)
     far, better = register(seen.points, seen.normals, points, normals, far, TUNING.steady, TUNING.reach)
-    distance, angle = apart(near, far, points.mean(axis=0))
-    if better < share + 0.08 or (distance < TUNING.slip and angle < TUNING.turn):
+    distance, angle = apart(X, far, points.mean(axis=0))
+    clearer = contradicting(seen, points, normals, far) < 0.5 * contradicts or better > share + TUNING.better
+    if not clearer or better < share or (distance < TUNING.slip and angle < TUNING.turn):
         return near, share
     seen.slips.append(Slip(number, distance, angle))
     return far, better
+
+
+def contradicting(seen: Followed, points: Array, normals: Array, X: Array) -> float:
+    """Return the share of points beside which the cloud has a surface that faces as they do, and is not theirs."""
+    placed, facing = points @ X[:3, :3].T + X[:3, 3], normals @ X[:3, :3].T
+    distance, index = cKDTree(seen.points).query(placed, distance_upper_bound=TUNING.beside_surface)
+    there = np.isfinite(distance)
+    index = np.where(there, index, 0)
+    n = seen.normals[index]
+    alike = there & (np.einsum("ni,ni->n", n, facing) > TUNING.alike)
+    off = np.abs(np.einsum("ni,ni->n", n, seen.points[index] - placed))
+    return float((alike & (off > TUNING.slip)).mean())
 
 
 def apart(X_A: Array, X_B: Array, at: Array) -> tuple[float, float]:
@@ -164,7 +192,13 @@ def apart(X_A: Array, X_B: Array, at: Array) -> tuple[float, float]:
 
 
 def register(
-    cloud: Array, cloud_normals: Array, points: Array, normals: Array, X: Array, prior: tuple[float, float], reach: float
+    cloud: Array,
+    cloud_normals: Array,
+    points: Array,
+    normals: Array,
+    X: Array,
+    prior: tuple[float, float],
+    reach: float,
 ) -> tuple[Array, float]:
     """Return the pose (4, 4) that brings points onto a cloud, and the share of them that lie on it.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,7 +25,8 @@ from twin_diagram.runs.learning.cell import Cell, Picture
 from twin_diagram.runs.learning.display import display
 from twin_diagram.runs.learning.following import TUNING as FOLLOWING
 from twin_diagram.runs.learning.following import Followed, cover, follow
-from twin_diagram.runs.learning.motion import Mover, NoWay
+from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
+from twin_diagram.runs.learning.picking import TUNING as PICKING
 from twin_diagram.runs.learning.picking import Taken, go, reach_of, take
 from twin_diagram.runs.learning.regrasping import take_again
 from twin_diagram.runs.learning.setting_down import Standing, places_in, set_down
@@ -44,6 +46,9 @@ class Tuning:
 
     floor: float = 0.003
     """Height over the bin's bottom that fingers stay above [m]."""
+
+    dropped: float = 0.22
+    """Height over the bin's bottom of the finger tips from which what cannot be set down is let go [m]."""
 
     platform_spots: tuple[float, ...] = (0.0, 0.03, -0.03)
     """Off the platform's middle where things are set down [m]."""
@@ -144,7 +149,8 @@ def show_first(tools: Tools, picked: Picked) -> ShownObject:
     assert picked.taken is not None
     pictures = display(tools.mover, tools.cell, tools.learning, tools.robot, 0)
     followed = follow(Followed(), pictures, np.eye(4))
-    result = ShownObject(followed, [followed.X_ST[-1]], picked.taken.X_WT[:3, :3].copy())
+    R_WS_lying = picked.taken.X_WT[:3, :3]  # S is the tool's frame, and it has not been turned since it was taken
+    result = ShownObject(followed, [followed.X_ST[-1]], R_WS_lying @ followed.X_ST[-1][:3, :3])
     hold_seen(tools, result)
     return result
 
@@ -176,7 +182,7 @@ def show_again(tools: Tools, shown: ShownObject) -> bool:
     # As it stands it is turned about the vertical only, beside how it lay.
     X_WS = X_WT @ np.linalg.inv(shown.X_ST[-1])
     R_WS_lying = shown.R_WT @ np.linalg.inv(shown.X_ST[-1])[:3, :3]
-    clear_platform(tools)
+    go_home(tools)  # out of the camera's sight of the platform
     found = take_again(tools.mover, tools.cell, tools.learning, tools.gripper, shown.followed, X_WS, shown.X_ST)
     if found is None:
         return False
@@ -191,11 +197,6 @@ def show_again(tools: Tools, shown: ShownObject) -> bool:
     shown.R_WT = R_WS_lying @ shown.X_ST[-1][:3, :3]
     hold_seen(tools, shown)
     return True
-
-
-def clear_platform(tools: Tools) -> None:
-    """Go out of the scanning camera's sight of the platform."""
-    go_home(tools)
 
 
 def put_away(tools: Tools, shown: ShownObject, standing: Sequence[Standing]) -> Standing:
@@ -213,6 +214,22 @@ def put_away(tools: Tools, shown: ShownObject, standing: Sequence[Standing]) -> 
     extent = np.ptp(points_T @ shown.R_WT.T, axis=0)
     radius = 0.5 * float(np.hypot(extent[0], extent[1]))
     return Standing((float(place[0]), float(place[1])), radius, float(place[2] + extent[2]))
+
+
+def let_go(tools: Tools) -> None:
+    """Empty the hand over the bin that is filled, or where it is if there is no way there, and go home."""
+    low, high = (np.array(corner) for corner in tools.learning.into_bin)
+    over = pose(
+        pointing(np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0])),
+        np.array([*(0.5 * (low + high)[:2]), low[2] + TUNING.dropped]),
+    )
+    if tools.cell.opening > PICKING.empty:
+        with contextlib.suppress(NoWay):
+            goals = tools.mover.goals(over, tools.cell.commanded)
+            go(tools.cell, tools.mover.timed(tools.mover.path(tools.cell.commanded, goals)))
+    tools.cell.grip(1.0)
+    tools.mover.hold(None)
+    go_home(tools)
 
 
 def write_frames(folder: Path, shown: ShownObject) -> None:
@@ -233,7 +250,9 @@ def save_picture(path: Path, picture: Picture, thing: Thing | None, text: str) -
     if thing is not None:
         (v0, u0), (v1, u1) = thing.pixels.min(axis=0) - 4, thing.pixels.max(axis=0) + 4
         cv2.rectangle(image, (int(u0), int(v0)), (int(u1), int(v1)), (40, 40, 230), 2)
-    cv2.putText(image, text.encode("ascii", "replace").decode(), (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (20, 20, 20), 1)
+    cv2.putText(
+        image, text.encode("ascii", "replace").decode(), (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (20, 20, 20), 1
+    )
     path.parent.mkdir(parents=True, exist_ok=True)
     good, data = cv2.imencode(".png", image)
     assert good

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -76,7 +76,7 @@ def timed(path: Array, speed: Array, acceleration: float) -> Motion:
     acceleration 5.77 times its length over its time squared.
     """
     times, rows, now = [np.zeros(1)], [path[:1]], 0.0
-    for a, b in zip(path[:-1], path[1:], strict=True):
+    for a, b in pairwise(path):
         by_speed = float((np.abs(b - a) / speed).max()) * 15.0 / 8.0
         by_acceleration = float(np.sqrt(5.7735 * np.abs(b - a).max() / acceleration))
         took = max(by_speed, by_acceleration)
@@ -270,5 +270,3 @@ def cloud_cells(points: Array, edge: float) -> Array:
     index = np.asarray(index).ravel()
     count = np.bincount(index)
     return np.stack([np.bincount(index, points[:, j]) / count for j in range(3)], axis=1)
-
-

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin_diagram.planning.grasps import Gripper, Grasps
+from twin_diagram.planning.grasps import Grasps
 from twin_diagram.runs.learning.cell import Cell
 from twin_diagram.runs.learning.motion import Motion, Mover, NoWay
 from twin_diagram.signals.arrays import Array

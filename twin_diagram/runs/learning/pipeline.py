@@ -163,7 +163,6 @@ class Learner:
             self._let_go(one)
         if shown.followed.shown:
             handling.write_frames(folder / FRAMES, shown)
-            one.R_WS = (np.array(one.R_WS) @ np.linalg.inv(shown.followed.X_ST[0])[:3, :3]).tolist()
             self._jobs.add(name, folder)
         else:
             one.state = "failed"
@@ -174,13 +173,11 @@ class Learner:
 
     def _let_go(self, one: Learned) -> None:
         """Leave the hand empty and the arm at home after something went wrong; keep a picture of it."""
-        cell, mover = self.tools.cell, self.tools.mover
+        cell = self.tools.cell
         picture = cell.look(self.tools.learning.scan_camera)
         one.picture = f"objects/{one.name}/failed.png"
         handling.save_picture(self.record.folder / one.picture, picture, None, one.why)
-        cell.grip(1.0)
-        mover.hold(None)
-        handling.go_home(self.tools)
+        handling.let_go(self.tools)
 
     def _report(self, picture: Picture, thing: Thing, why: str) -> None:
         """Note something that cannot be taken, with a picture."""
@@ -203,7 +200,9 @@ class Learner:
                 self._say(f"{one.name}: {done.why}")
                 continue
             finish(self.record, one)
-            self.record.event(object=one.name, stage="asset", outcome=one.state, **({"why": one.why} if one.why else {}))
+            self.record.event(
+                object=one.name, stage="asset", outcome=one.state, **({"why": one.why} if one.why else {})
+            )
             self._say(f"{one.name}: {one.state}, {self.record.library / one.name}")
 
     def _wait(self) -> None:

@@ -116,14 +116,22 @@ class RunRecord:
         Raises:
             LearningError: it cannot be written, has no room, or has another run in it.
         """
+        self.check_place()
+        atomic_file.write(self.folder / SCENARIO, self._told)
+        (self.folder / EVENTS).unlink(missing_ok=True)
+        return RunState()
+
+    def check_place(self) -> None:
+        """Refuse a folder that a new run cannot be in.
+
+        Raises:
+            LearningError: it cannot be written, has no room, or has another run in it.
+        """
         if why := why_not(self.folder, folder=True):
             raise LearningError(f"--out {self.folder}: {why}")
         if (self.folder / STATE).exists():
             raise LearningError(f"--out {self.folder}: there is a run in it; --resume goes on with it")
         self._check_room()
-        atomic_file.write(self.folder / SCENARIO, self._told)
-        (self.folder / EVENTS).unlink(missing_ok=True)
-        return RunState()
 
     def resume(self) -> RunState:
         """Return the state that a run was left in.
@@ -137,7 +145,9 @@ class RunRecord:
             raise LearningError(f"--out {self.folder}: {why}")
         self._check_room()
         if (self.folder / SCENARIO).read_text() != self._told:
-            raise LearningError(f"--resume: {self.folder} is a run of another scenario; give it that one, or another --out")
+            raise LearningError(
+                f"--resume: {self.folder} is a run of another scenario; give it that one, or another --out"
+            )
         with np.load(self.folder / STATE, allow_pickle=False) as data:
             told = json.loads(str(data["told"]))
             world = {key.removeprefix("world_"): data[key] for key in data.files if key.startswith("world_")}
@@ -174,10 +184,12 @@ class RunRecord:
         above = next(way for way in (self.folder.absolute(), *self.folder.absolute().parents) if way.exists())
         free = shutil.disk_usage(above).free
         if free < SPARE:
-            raise LearningError(f"--out {self.folder}: {free / 1e6:.0f} MB are free there, {SPARE / 1e6:.0f} are needed")
+            raise LearningError(
+                f"--out {self.folder}: {free / 1e6:.0f} MB are free there, {SPARE / 1e6:.0f} are needed"
+            )
 
     def _tidy(self, state: RunState) -> None:
-        """Remove what a run that was killed left half done: hidden folders, objects that no state knows, half a line."""
+        """Remove what a killed run left half done: hidden folders, objects that no state knows, half a line."""
         known = {one.name for one in state.learned}
         for parent in (self.folder, self.folder / OBJECTS, self.library):
             for path in parent.glob(".*") if parent.is_dir() else ():
@@ -190,8 +202,6 @@ class RunRecord:
             text = events.read_text(encoding="utf-8", errors="ignore")
             if text and not text.endswith("\n"):
                 atomic_file.write(events, text[: text.rfind("\n") + 1])
-
-
 
 
 def plain(values: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Takes what stands on the platform in another grasp: its fingers hide another part of the surface than the first did."""
+"""Takes what stands on the platform in another grasp, whose fingers hide another part of the surface."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin_diagram.planning.grasps import Gripper, Grasps, Wanted, propose
+from twin_diagram.planning.grasps import Grasps, Gripper, Wanted, propose
+from twin_diagram.runs.learning.bin_view import things_within
 from twin_diagram.runs.learning.cell import Cell
 from twin_diagram.runs.learning.following import Followed, register
-from twin_diagram.runs.learning.bin_view import things_within
 from twin_diagram.runs.learning.motion import Mover
 from twin_diagram.runs.learning.picking import Taken, reach_of, take
 from twin_diagram.scenario import Learning
@@ -63,13 +63,13 @@ def stands_at(cell: Cell, learning: Learning, seen: Followed, X_WS: Array) -> Ar
     one = max(things, key=lambda thing: len(thing.points))
     points, normals = one.points[:1500], one.normals[:1500]
     # The picture's points are brought to the cloud: what comes out is where W is in S.
-    X_SW, share = register(
-        seen.points, seen.normals, points, normals, np.linalg.inv(X_WS), TUNING.moved, TUNING.reach
-    )
+    X_SW, share = register(seen.points, seen.normals, points, normals, np.linalg.inv(X_WS), TUNING.moved, TUNING.reach)
     return np.linalg.inv(X_SW) if share > 0.5 else X_WS
 
 
-def other_grasps(seen: Followed, X_WS: Array, held: Sequence[Array], gripper: Gripper, floor: float, seed: int) -> Grasps:
+def other_grasps(
+    seen: Followed, X_WS: Array, held: Sequence[Array], gripper: Gripper, floor: float, seed: int
+) -> Grasps:
     """Return grasps in W of an object whose cloud is known; see `order_of` for which of them are wanted.
 
     Args:

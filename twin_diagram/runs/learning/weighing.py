@@ -1,0 +1,244 @@
+"""Swings what is held, and the empty hand, and tells what the torques and the shape say of its inertia."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from pydrake.math import RigidTransform
+
+from twin_diagram.assets.building.backends import Shape as Surface
+from twin_diagram.assets.building.measured import MeasuredInertia
+from twin_diagram.estimation.weighing import (
+    EmptyRun,
+    Excitation,
+    ExcitationPlan,
+    Grip,
+    LoadedRun,
+    MotionLimits,
+    Shape,
+    ShapePrior,
+    WeighingError,
+    optimise_excitation,
+    weigh,
+)
+from twin_diagram.logs.measured_log import Log
+from twin_diagram.model.model import Model
+from twin_diagram.runs.learning.cell import Cell, Recording
+from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
+from twin_diagram.runs.learning.picking import go
+from twin_diagram.runtime import atomic_file
+from twin_diagram.signals.arrays import Array
+
+SWUNG: Final = "swung.npz"
+"""File of an object's torques: of the loaded arm, and of the empty hand."""
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    places: tuple[tuple[float, float, float], ...] = ((0.45, 0.0, 0.55), (0.5, 0.0, 0.5), (0.4, 0.0, 0.6))
+    """Of the finger tips about which it is swung [m]: high over everything."""
+
+    guess: float = 0.5
+    """Mass that it is taken to have before the first weighing [kg]."""
+
+    heaviest: float = 2.5
+    """What the first weighing may say at most [kg]."""
+
+    friction: float = 0.3
+    """Between pad and object that the swinging counts on."""
+
+    share: float = 0.6
+    """Of what the grip carries that the swinging asks for."""
+
+    harmonics: int = 15
+    """Of the motion: 1.5 Hz at the most in 10 s."""
+
+    clear: float = 0.02
+    """Kept from everything while swinging [m]."""
+
+    acceleration: float = 5.0
+    """Over speed limit of each joint [1/s]: what the driver's impedance follows closely."""
+
+    rest: float = 0.3
+    """Before and after [s]."""
+
+
+TUNING = Tuning()
+
+
+@dataclass(frozen=True)
+class Swung:
+    """Logs of one object: loaded and empty, where it was in the hand, and how far the fingers stood.
+
+    Attributes:
+        loaded, empty: the arm's messages.
+        X_TS: (4, 4) of the object's frame S in the tool.
+        fingers: by name [m].
+    """
+
+    loaded: Log
+    empty: Log
+    X_TS: Array
+    fingers: dict[str, float]
+
+
+def swing_posture(mover: Mover, cell: Cell) -> Array:
+    """Go to where there is room to swing what is held.
+
+    Raises:
+        NoWay: no such place is reached.
+    """
+    for place in TUNING.places:
+        X_WT = pose(pointing(np.array([0.0, 0.0, -1.0]), np.array([0.0, 1.0, 0.0])), np.array(place))
+        goals = mover.goals(X_WT, cell.commanded)
+        if len(goals):
+            go(cell, mover.timed(mover.path(cell.commanded, goals)))
+            return cell.commanded
+    raise NoWay("no place to weigh it is reached")
+
+
+def best_motion(
+    model: Model, mover: Mover, posture: Array, X_TS: Array, points_S: Array, force: float, seconds: float, mass: float
+) -> Excitation:
+    """Return the motion that tells most of an object, as far as it was seen.
+
+    Args:
+        model: the arm.
+        mover: knows what is held.
+        posture: (n,) about which it swings [rad].
+        X_TS: (4, 4) of the object's S in the tool.
+        points_S: (N, 3) of its surface [m]: the box about them stands for its shape.
+        force: of each finger [N].
+        seconds: length of the motion [s].
+        mass: that it is taken to have [kg].
+
+    Raises:
+        WeighingError: no motion is within the limits.
+    """
+    low, high = points_S.min(axis=0), points_S.max(axis=0)
+    X_TO = X_TS.copy()
+    X_TO[:3, 3] = X_TS[:3, :3] @ (0.5 * (low + high)) + X_TS[:3, 3]
+    limits = MotionLimits.of(model, acceleration=TUNING.acceleration * np.asarray(model.velocity_limit))
+    return optimise_excitation(
+        model,
+        RigidTransform(X_TO),
+        Shape.box(high - low).even(mass),
+        posture,
+        limits=limits,
+        grip=Grip(force, TUNING.friction, share=TUNING.share),
+        clear=lambda q: mover.free(q, TUNING.clear),
+        plan=ExcitationPlan(period=seconds, harmonics=TUNING.harmonics, starts=1, steps=40),
+    )
+
+
+def swing(cell: Cell, motion: Excitation, joints: tuple[str, ...], source: str) -> Log:
+    """Go along a motion and return the arm's messages on the way."""
+    period = motion.harmonics.period
+    times = np.arange(0.0, period + 1e-9, 0.005)
+    q = motion.at(times)[0]
+    with cell.recording() as messages:
+        cell.wait(TUNING.rest)
+        cell.follow(times, q)
+        cell.wait(TUNING.rest)
+    return log_of(messages, joints, source)
+
+
+def log_of(messages: Recording, joints: tuple[str, ...], source: str) -> Log:
+    """Return messages as a log, each once."""
+    time = np.array(messages.time)
+    new = np.concatenate([[True], np.diff(time) > 1e-9])
+    return Log(
+        time[new],
+        joints,
+        np.array(messages.position)[new],
+        velocity=np.array(messages.velocity)[new],
+        torque=np.array(messages.torque)[new],
+        source=source,
+    )
+
+
+def first_mass(model: Model, cell: Cell) -> float:
+    """Return about how heavy what is held is, by the torques of the arm at rest [kg].
+
+    The second joint's torque beyond the arm's own, over the lever at which the tool hangs.
+    """
+    q, taken = cell.q, []
+    with cell.recording() as messages:
+        cell.wait(0.3)
+    taken = np.mean(np.array(messages.torque), axis=0)
+    own = model.inverse_dynamics(q[None], np.zeros((1, len(q))), np.zeros((1, len(q))))[0]
+    J = np.asarray(model.tool_jacobian(q))[3:]  # linear, in W
+    lever = -9.81 * J[2]  # torque of gravity on a kilogram at the tool
+    off = own - taken
+    return float(np.clip(lever @ off / max(float(lever @ lever), 1e-9), 0.05, TUNING.heaviest))
+
+
+def write_swung(path: Path, swung: Swung) -> None:
+    """Write logs of an object, whole."""
+    data = io.BytesIO()
+    arrays = {}
+    for name, log in (("loaded", swung.loaded), ("empty", swung.empty)):
+        arrays |= {f"{name}_time": log.time, f"{name}_position": log.position, f"{name}_torque": log.torque}
+        arrays |= {f"{name}_velocity": log.velocity}
+    np.savez(
+        data,
+        X_TS=swung.X_TS,
+        joints=np.array(swung.loaded.joints),
+        finger_names=np.array(list(swung.fingers)),
+        fingers=np.array(list(swung.fingers.values())),
+        **arrays,
+    )
+    atomic_file.write(path, data.getvalue())
+
+
+def read_swung(path: Path) -> Swung:
+    """Return the inverse of `write_swung`."""
+    with np.load(path, allow_pickle=False) as data:
+        joints = tuple(str(name) for name in data["joints"])
+        logs = [
+            Log(
+                data[f"{name}_time"],
+                joints,
+                data[f"{name}_position"],
+                velocity=data[f"{name}_velocity"],
+                torque=data[f"{name}_torque"],
+                source=f"{path.parent.name} {name}",
+            )
+            for name in ("loaded", "empty")
+        ]
+        fingers = dict(zip((str(name) for name in data["finger_names"]), data["fingers"].tolist(), strict=True))
+        return Swung(logs[0], logs[1], data["X_TS"], fingers)
+
+
+def inertia_of(model: Model, swung: Swung, surface: Surface) -> MeasuredInertia:
+    """Return what torques and shape say of an object's inertia, in S.
+
+    Raises:
+        WeighingError: logs or a surface that tell nothing.
+    """
+    vertices = surface.corners.reshape(-1, 3)
+    faces = np.arange(len(vertices)).reshape(-1, 3)
+    prior = ShapePrior(Shape.of_mesh(vertices, faces))
+    loaded = LoadedRun(swung.loaded, RigidTransform(swung.X_TS), swung.fingers)
+    found = weigh(model, [loaded], [EmptyRun(swung.empty, swung.fingers)], prior)
+    if not (np.isfinite(found.mass) and found.mass > 0.0):
+        raise WeighingError(f"the torques tell a mass of {found.mass:g} kg")
+    words = ("measured", "partly", "from shape alone")
+    centre = max((found.verdicts[name] for name in ("hx", "hy", "hz")), key=words.index)
+    moments = max((found.verdicts[f"moment_{k}"] for k in (1, 2, 3)), key=words.index)
+    by = {"mass": found.verdicts["mass"], "centre": centre, "inertia": moments}
+    return MeasuredInertia(
+        found.mass,
+        found.centre,
+        found.inertia,
+        float(found.errors["mass"]),
+        np.asarray(found.errors["centre"]),
+        np.asarray(found.errors["inertia"]),
+        by,
+    )
