@@ -31,9 +31,9 @@ class Learning:
     """Grasps of one object before another is taken."""
     grasps: int = 2
     """In how many each object is shown."""
-    frames: int = 24
+    frames: int = 14
     """Pictures of a full turn."""
-    turn_speed: float = 0.8
+    turn_speed: float = 1.0
     """Of the last joint while an object is shown [rad/s]."""
     weigh_seconds: float = 10.0
     """How long an object is swung to be weighed, and the empty hand as long; 0: not at all [s]."""

@@ -32,6 +32,10 @@ class WorldObject:
     """Empty: it lies free on the table. Otherwise it is pushed along (x, y and yaw only)."""
     mass: float | None = None
     """Its true mass [kg], not below that of its asset's model; none: that. What is added is spread as the rest is."""
+    load_at: list[float] | None = None
+    """Where what is added to its mass sits, hidden inside, as a small ball in O [m]; null: spread as the rest is."""
+    friction: float | None = None
+    """Of its surface; null: as its asset's model says."""
     reflective: bool = False
     """Whether a camera with `reflective_lost` and `reflective_deep` in its defects has trouble with its surface."""
 

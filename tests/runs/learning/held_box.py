@@ -8,7 +8,7 @@ import numpy.typing as npt
 from tests.synthetic_scene import box_hit
 from twin_diagram.logs.frames.view_camera import ViewCamera
 from twin_diagram.runs.learning.cell import Picture
-from twin_diagram.runs.learning.display import Shown
+from twin_diagram.runs.learning.display import HeldPicture
 
 Array = npt.NDArray[np.float64]
 
@@ -32,7 +32,7 @@ def camera() -> ViewCamera:
     return ViewCamera(240, 200, 240.0, 240.0, 119.5, 99.5, R, np.array([0.5, 0.0, 0.35]))
 
 
-def shown(X_WT: Array, X_TB: Array, number: int, noise: float = 0.0005) -> Shown:
+def shown(X_WT: Array, X_TB: Array, number: int, noise: float = 0.0005) -> HeldPicture:
     """The picture of a box at X_TB in the tool, with white noise of depth."""
     view = camera()
     X_WB = X_WT @ X_TB
@@ -44,4 +44,4 @@ def shown(X_WT: Array, X_TB: Array, number: int, noise: float = 0.0005) -> Shown
     depth = np.where(mask, t + noise * rng.standard_normal(t.shape), 2.0).astype(np.float32)
     rgb = np.zeros((*t.shape, 3), np.uint8)
     picture = Picture(rgb, depth, view, 0.1 * number, np.zeros(7), np.zeros(2))
-    return Shown(picture, X_WT, mask, np.zeros_like(mask), 0)
+    return HeldPicture(picture, X_WT, mask, np.zeros_like(mask), 0)

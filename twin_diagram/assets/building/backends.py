@@ -19,7 +19,7 @@ from twin_diagram.signals.arrays import Array
 
 
 @dataclass(frozen=True)
-class Shape:
+class ColouredSurface:
     """A closed, coloured surface.
 
     Attributes:
@@ -40,7 +40,7 @@ class Shape:
 class ShapeBackend(Protocol):
     """What makes a shape of posed, masked frames."""
 
-    def shape(self, frames: FrameSource, where: str, say: Callable[[str], None]) -> Shape:
+    def shape(self, frames: FrameSource, where: str, say: Callable[[str], None]) -> ColouredSurface:
         """Return the surface of the object that the masks show, in the frames' W.
 
         Raises:
@@ -61,11 +61,11 @@ class TsdfBackend:
     held: bool = True
     seed: int = 0
 
-    def shape(self, frames: FrameSource, where: str, say: Callable[[str], None] = lambda text: None) -> Shape:
+    def shape(self, frames: FrameSource, where: str, say: Callable[[str], None] = lambda text: None) -> ColouredSurface:
         """See `ShapeBackend.shape`."""
         found = reconstruct(frames, where, self.seed, say, held=self.held)
         atlas = lay_out(len(found.faces))
         picture = textured(found.views, found.vertices, found.faces, atlas)
-        return Shape(
+        return ColouredSurface(
             np.asarray(found.vertices)[found.faces], atlas.uv, picture, float(found.unseen), float(found.noise)
         )

@@ -87,6 +87,9 @@ class Tuning:
     one_side: float = float(np.radians(15.0))
     """Angle that views must span about the object [rad]: from one side alone, no object is told."""
 
+    asked_views: int = 24
+    """About how many of the views of a held object tell where it is."""
+
     asked: int = 400
     """Points of each view that are asked about."""
 
@@ -226,8 +229,9 @@ def object_points(views: Sequence[DepthView], where: str, seed: int) -> tuple[Ar
 
 def held_points(views: Sequence[DepthView], where: str) -> tuple[Array, None]:
     """Return the points (N, 3) that most masks hold, of an object with no plane under it."""
-    points = np.concatenate([view_points(view, 2, None)[0] for view in views])
-    kept = points[masked_by_most(views, points, [grown(view.mask) for view in views if view.mask is not None])]
+    some = views[:: max(1, len(views) // TUNING.asked_views)]
+    points = np.concatenate([view_points(view, 2, None)[0] for view in some])
+    kept = points[masked_by_most(some, points, [grown(view.mask) for view in some if view.mask is not None])]
     return kept[the_one_thing(kept, where)], None
 
 

@@ -50,7 +50,7 @@ TUNING = Tuning()
 
 
 @dataclass(frozen=True)
-class Thing:
+class SeenThing:
     """Something that lies in a bin or stands on the platform, as one picture shows it.
 
     Attributes:
@@ -76,7 +76,7 @@ class Thing:
         return float(np.quantile(self.points[:, 2], 0.98))
 
 
-def things_within(picture: Picture, low: Array, high: Array, seed: int = 0) -> list[Thing]:
+def things_within(picture: Picture, low: Array, high: Array, seed: int = 0) -> list[SeenThing]:
     """Return what a picture shows within a box, the highest first.
 
     Args:
@@ -100,12 +100,12 @@ def things_within(picture: Picture, low: Array, high: Array, seed: int = 0) -> l
             continue
         rows = rows[rng.permutation(len(rows))]
         at = (rows[:, 0], rows[:, 1])
-        found.append(Thing(points[at], normals[at], rows, picture.camera.p_WC))
+        found.append(SeenThing(points[at], normals[at], rows, picture.camera.p_WC))
     return sorted(found, key=lambda thing: -thing.top)
 
 
 def grasps_of_thing(
-    thing: Thing, gripper: Gripper, floor: float, surroundings: Array, seed: int = 0, *, count: int = 0
+    thing: SeenThing, gripper: Gripper, floor: float, surroundings: Array, seed: int = 0, *, count: int = 0
 ) -> Grasps:
     """Return grasps of a thing in W, the best first.
 

@@ -128,9 +128,20 @@ class Cell:
         return self._read(ports.TORQUE_MEASURED)
 
     @property
+    def widest(self) -> float:
+        """Greatest travel of the fingers from each other [m]."""
+        return self._fingers.widest
+
+    @property
     def opening(self) -> float:
         """Distance between the pads, or what the fingers' travel says of it [m]."""
         return self._fingers.opening(self._read(ports.GRIPPER_MEASURED)[: len(self._fingers.closed)])
+
+    @property
+    def fingers(self) -> dict[str, float]:
+        """Where the fingers are, by the names of their joints [m]."""
+        read = self._read(ports.GRIPPER_MEASURED)
+        return {finger.name(): float(read[k]) for k, finger in enumerate(self._station.world.arm.fingers)}
 
     @property
     def commanded(self) -> Array:

@@ -27,9 +27,15 @@ Mask = npt.NDArray[np.bool_]
 class Tuning:
     """Constants of this module, with their units and what set them."""
 
-    tilts: tuple[float, ...] = (0.87, 0.17)
-    """Of the tool's axis from straight down towards the camera [rad]: at the first the far end is seen, at the second
-    the sides up to the fingers."""
+    tilts: tuple[float, ...] = (0.87, 0.2, -0.45)
+    """Of the tool's axis from straight down towards the camera [rad]: at the first the far end is seen, then the sides
+    up to the fingers, then what faces the palm."""
+
+    later_tilts: tuple[float, ...] = (0.5, -0.3)
+    """The same in further grasps, which show what the fingers of the first one hid."""
+
+    nearer: float = 0.12
+    """By which it is shown nearer to the arm where the axis leads away from the camera [m]: there the arm reaches."""
 
     more_tilts: tuple[float, ...] = (0.7, 0.52, 0.35, 0.0)
     """Tried in their place where the arm does not reach one."""
@@ -58,7 +64,7 @@ class NothingHeld(Exception):
 
 
 @dataclass(frozen=True)
-class Shown:
+class HeldPicture:
     """One picture of what the hand holds.
 
     Attributes:
@@ -85,7 +91,7 @@ class Shown:
         return (self.picture.points()[rows] - self.X_WT[:3, 3]) @ self.X_WT[:3, :3]
 
 
-def shown(picture: Picture, X_WT: Array, robot: RobotShape, grasp: int) -> Shown:
+def shown(picture: Picture, X_WT: Array, robot: RobotShape, grasp: int) -> HeldPicture:
     """Return a picture with the masks of object and hand."""
     points = picture.points()
     points_T = (points - X_WT[:3, 3]) @ X_WT[:3, :3]
@@ -94,7 +100,7 @@ def shown(picture: Picture, X_WT: Array, robot: RobotShape, grasp: int) -> Shown
     hand[near] = robot.near(points[near], picture.q, TUNING.beside, picture.fingers)
     mask = near & ~hand & (points_T[..., 2] > TUNING.palm)
     mask = _largest(mask)
-    return Shown(picture, X_WT, mask, hand | (near & (points_T[..., 2] <= TUNING.palm)), grasp)
+    return HeldPicture(picture, X_WT, mask, hand | (near & (points_T[..., 2] <= TUNING.palm)), grasp)
 
 
 def _largest(mask: Mask) -> Mask:
@@ -115,7 +121,7 @@ def display(
     grasp: int,
     tilts: tuple[float, ...] = TUNING.tilts,
     during: Callable[[float], None] | None = None,
-) -> list[Shown]:
+) -> list[HeldPicture]:
     """Show what is held, a full turn of the last joint at each tilt, and return the pictures.
 
     Args:
@@ -131,7 +137,7 @@ def display(
         NoWay: the arm cannot show it at any tilt.
         NothingHeld: no picture shows anything in the hand.
     """
-    taken: list[Shown] = []
+    taken: list[HeldPicture] = []
     ways = 0
     for tilt in tilts:
         q = _posture(mover, cell, learning, (tilt, *TUNING.more_tilts) if tilt == tilts[0] else (tilt,))
@@ -151,7 +157,8 @@ def _posture(mover: Mover, cell: Cell, learning: Learning, tilts: tuple[float, .
     """Go to where the last joint's turn begins; return the joint angles there, None where no tilt is reached."""
     for tilt in tilts:
         approach = np.array([np.sin(tilt), 0.0, -np.cos(tilt)])
-        X_WT = pose(pointing(approach, np.array([0.0, 1.0, 0.0])), np.array(learning.display))
+        place = np.array(learning.display) - [TUNING.nearer if tilt < -0.1 else 0.0, 0.0, 0.0]
+        X_WT = pose(pointing(approach, np.array([0.0, 1.0, 0.0])), place)
         goals = mover.goals(X_WT, cell.commanded)
         if not len(goals):
             continue
@@ -178,7 +185,7 @@ def _turn(
     grasp: int,
     q: Array,
     during: Callable[[float], None] | None,
-) -> list[Shown]:
+) -> list[HeldPicture]:
     """Turn the last joint from one end to the other, and take pictures on the way."""
     end = q.copy()
     end[-1] = -q[-1]
@@ -190,7 +197,7 @@ def _turn(
     blend = np.concatenate([[0.0], np.cumsum(0.5 * (ramp[1:] + ramp[:-1]))])
     blend /= blend[-1]
     due = list(np.linspace(0.0, took, learning.frames))
-    pictures: list[Shown] = []
+    pictures: list[HeldPicture] = []
 
     def look(now: float) -> None:
         if during is not None:

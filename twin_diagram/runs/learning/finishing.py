@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from twin_diagram.assets.building.backends import Shape
+from twin_diagram.assets.building.backends import ColouredSurface
 from twin_diagram.assets.building.from_mesh import TUNING as FROM_MESH
 from twin_diagram.assets.building.from_mesh import AssetPlace, build_from_triangles
 from twin_diagram.assets.building.inertia import solid_of
@@ -17,7 +17,7 @@ from twin_diagram.signals.arrays import Array
 
 
 def write_learned(
-    name: str, library: Path, shape: Shape, R_WS: Array, measured: MeasuredInertia | None
+    name: str, library: Path, shape: ColouredSurface, R_WS: Array, measured: MeasuredInertia | None
 ) -> dict[str, Any]:
     """Write an object's asset, whole or not at all, and return figures of it.
 

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from twin_diagram.assets.building.depth_view import make_view
 from twin_diagram.logs.frames.view_camera import ViewCamera
-from twin_diagram.runs.learning.display import Shown
+from twin_diagram.runs.learning.display import HeldPicture
 from twin_diagram.runs.learning.motion import cloud_cells
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
@@ -105,7 +105,7 @@ class Followed:
         explained: share of each picture's points that lie on the cloud.
     """
 
-    shown: list[Shown] = field(default_factory=list)
+    shown: list[HeldPicture] = field(default_factory=list)
     X_ST: list[Array] = field(default_factory=list)
     points: Array = field(default_factory=lambda: np.zeros((0, 3)))
     normals: Array = field(default_factory=lambda: np.zeros((0, 3)))
@@ -123,7 +123,7 @@ class Followed:
 
 
 def follow(
-    so_far: Followed, more: Sequence[Shown], X_ST: Array, known: tuple[float, float] = TUNING.steady
+    so_far: Followed, more: Sequence[HeldPicture], X_ST: Array, known: tuple[float, float] = TUNING.steady
 ) -> Followed:
     """Return what was followed with more pictures of it.
 
@@ -251,7 +251,7 @@ def _moved(X: Array, twist: Array, about: Array) -> Array:
     return result
 
 
-def _sampled(one: Shown) -> tuple[Array, Array]:
+def _sampled(one: HeldPicture) -> tuple[Array, Array]:
     """Return points and normals (M, 3) of the object in the tool's frame, by the joints alone."""
     camera, window = one.picture.camera, _window(one.mask)
     view = make_view(_within(camera, window), one.picture.depth[window], one.mask[window])

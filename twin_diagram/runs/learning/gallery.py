@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from twin_diagram.runs.learning.record import Learned, RunRecord, RunState
+from twin_diagram.runs.learning.record import Learned, LearningRecord, RunState
 from twin_diagram.runtime import atomic_file
 from twin_diagram.signals.arrays import Array
 
@@ -88,7 +88,7 @@ class TrueCloud:
     colours: Array
 
 
-def write_gallery(record: RunRecord, state: RunState, true: Mapping[str, TrueCloud] | None = None) -> None:
+def write_gallery(record: LearningRecord, state: RunState, true: Mapping[str, TrueCloud] | None = None) -> None:
     """Write `gallery.html` of a run.
 
     Args:
@@ -133,7 +133,7 @@ def _packed(points: Array, colours: Array) -> dict[str, Any]:
     }
 
 
-def _card(record: RunRecord, one: Learned, drawn: bool) -> str:
+def _card(record: LearningRecord, one: Learned, drawn: bool) -> str:
     view = f'<canvas data-name="{escape(one.name)}"></canvas>' if drawn else ""
     file = record.folder / one.picture if one.picture else None
     if file is not None and file.is_file():

@@ -10,26 +10,30 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from twin_diagram.estimation.weighing import Excitation
 from twin_diagram.logs.frames.scene_folder import RgbdFrame
 from twin_diagram.logs.frames.transforms_folder import write_transforms
+from twin_diagram.model.model import Model
 from twin_diagram.perception.segmentation.robot_shape import RobotShape
 from twin_diagram.planning.grasps import Gripper
 from twin_diagram.runs.learning.bin_view import (
-    Thing,
+    SeenThing,
     downward,
     grasps_of_thing,
     things_within,
     wall_points,
 )
 from twin_diagram.runs.learning.cell import Cell, Picture
-from twin_diagram.runs.learning.display import display
+from twin_diagram.runs.learning.display import TUNING as DISPLAY
+from twin_diagram.runs.learning.display import NothingHeld, display
 from twin_diagram.runs.learning.following import TUNING as FOLLOWING
 from twin_diagram.runs.learning.following import Followed, cover, follow
 from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
 from twin_diagram.runs.learning.picking import TUNING as PICKING
 from twin_diagram.runs.learning.picking import Taken, go, reach_of, take
 from twin_diagram.runs.learning.regrasping import take_again
-from twin_diagram.runs.learning.setting_down import Standing, places_in, set_down
+from twin_diagram.runs.learning.setting_down import PutDown, places_in, set_down
+from twin_diagram.runs.learning.weighing import SWUNG, swing_empty, swing_held, write_swung
 from twin_diagram.scenario import Learning
 from twin_diagram.signals.arrays import Array
 
@@ -67,13 +71,14 @@ class Tools:
     gripper: Gripper
     learning: Learning
     home: Array
+    model: Model
 
 
 @dataclass
 class Picked:
     """What came of a pick: what is held and the thing as it lay, or why it is not."""
 
-    thing: Thing
+    thing: SeenThing
     taken: Taken | None = None
     why: str = ""
     tries: int = 0
@@ -87,16 +92,18 @@ class ShownObject:
         followed: pictures, poses, cloud.
         X_ST: (4, 4) of the tool in S, of each grasp.
         R_WT: (3, 3) the tool's axes in which it stands as it lay in the bin, held as it is now.
+        swung: how it was swung; None: it was not.
         notes: what went otherwise than it should.
     """
 
     followed: Followed = field(default_factory=Followed)
     X_ST: list[Array] = field(default_factory=list)
     R_WT: Array = field(default_factory=lambda: np.eye(3))
+    swung: Excitation | None = None
     notes: list[str] = field(default_factory=list)
 
 
-def look_into_bin(tools: Tools, given_up: Sequence[Sequence[float]]) -> tuple[Picture, list[Thing]]:
+def look_into_bin(tools: Tools, given_up: Sequence[Sequence[float]]) -> tuple[Picture, list[SeenThing]]:
     """Return a picture of the bin and what lies in it, without what was given up; the arm is out of the way."""
     go_home(tools)
     low, high = (np.array(corner) for corner in tools.learning.from_bin)
@@ -113,7 +120,7 @@ def go_home(tools: Tools) -> None:
         go(tools.cell, tools.mover.timed(tools.mover.path(tools.cell.commanded, tools.home[None])))
 
 
-def pick(tools: Tools, thing: Thing, others: Sequence[Thing], attempt: int) -> Picked:
+def pick(tools: Tools, thing: SeenThing, others: Sequence[SeenThing], attempt: int) -> Picked:
     """Try to take a thing once: the best grasp that is reached; further tries take others.
 
     Args:
@@ -190,7 +197,8 @@ def show_again(tools: Tools, shown: ShownObject) -> bool:
     shown.X_ST.append(X_ST)
     shown.R_WT = R_WS_lying @ X_ST[:3, :3]
     hold_seen(tools, shown)
-    pictures = display(tools.mover, tools.cell, tools.learning, tools.robot, len(shown.X_ST) - 1)
+    number, tilts = len(shown.X_ST) - 1, DISPLAY.later_tilts
+    pictures = display(tools.mover, tools.cell, tools.learning, tools.robot, number, tilts)
     before = shown.followed
     shown.followed = follow(before, pictures, X_ST, TUNING.regrasped)
     shown.X_ST[-1] = shown.followed.X_ST[-1]
@@ -199,8 +207,37 @@ def show_again(tools: Tools, shown: ShownObject) -> bool:
     return True
 
 
-def put_away(tools: Tools, shown: ShownObject, standing: Sequence[Standing]) -> Standing:
-    """Put what is held into the other bin, beside what stands there.
+def weigh_held(tools: Tools, shown: ShownObject, folder: Path) -> float:
+    """Swing what is held, keep the arm's messages in a folder, and return the mass that was first thought of [kg].
+
+    Raises:
+        NoWay: there is no room for it.
+        WeighingError: no motion is within the limits.
+        NothingHeld: it was lost.
+    """
+    learning = tools.learning
+    X_TS = np.linalg.inv(shown.X_ST[-1])
+    swung, shown.swung, mass = swing_held(
+        tools.model, tools.mover, tools.cell, X_TS, shown.followed.points, learning.force, learning.weigh_seconds
+    )
+    if tools.cell.opening < PICKING.empty:
+        raise NothingHeld("it was lost while it was swung")
+    write_swung(folder / SWUNG, swung)
+    return mass
+
+
+def weigh_empty(tools: Tools, shown: ShownObject, opening: float, file: Path) -> None:
+    """Swing the empty hand as the object was, with the fingers as far apart, and keep the arm's messages in a file.
+
+    Raises:
+        NoWay: there is no way to where that begins.
+    """
+    if shown.swung is not None:
+        write_swung(file, swing_empty(tools.model, tools.mover, tools.cell, shown.swung, opening))
+
+
+def put_away(tools: Tools, shown: ShownObject, standing: Sequence[PutDown]) -> tuple[PutDown, Array]:
+    """Put what is held into the other bin, beside what stands there; return where, and X_WS (4, 4) as it was let go.
 
     Raises:
         NoWay: no place is reached.
@@ -210,10 +247,11 @@ def put_away(tools: Tools, shown: ShownObject, standing: Sequence[Standing]) -> 
     places = places_in(low, high, standing, points_T, shown.R_WT)
     if not places:
         raise NoWay("no room in the other bin")
-    _, place = set_down(tools.mover, tools.cell, points_T, shown.R_WT, places)
+    X_WT, place = set_down(tools.mover, tools.cell, points_T, shown.R_WT, places)
     extent = np.ptp(points_T @ shown.R_WT.T, axis=0)
     radius = 0.5 * float(np.hypot(extent[0], extent[1]))
-    return Standing((float(place[0]), float(place[1])), radius, float(place[2] + extent[2]))
+    put = PutDown((float(place[0]), float(place[1])), radius, float(place[2] + extent[2]))
+    return put, X_WT @ np.linalg.inv(shown.X_ST[-1])
 
 
 def let_go(tools: Tools) -> None:
@@ -244,7 +282,7 @@ def write_frames(folder: Path, shown: ShownObject) -> None:
     write_transforms(folder, frames, hands)
 
 
-def save_picture(path: Path, picture: Picture, thing: Thing | None, text: str) -> None:
+def save_picture(path: Path, picture: Picture, thing: SeenThing | None, text: str) -> None:
     """Write a picture with a box about a thing and a line of text: what a report shows."""
     image = cv2.cvtColor(picture.rgb, cv2.COLOR_RGB2BGR)
     if thing is not None:

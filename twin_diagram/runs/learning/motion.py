@@ -62,14 +62,14 @@ class NoWay(Exception):
 
 
 @dataclass(frozen=True)
-class Motion:
+class TimedPath:
     """A timed path: times (M,) from 0 [s], joint angles (M, n) [rad]."""
 
     times: Array
     q: Array
 
 
-def timed(path: Array, speed: Array, acceleration: float) -> Motion:
+def timed(path: Array, speed: Array, acceleration: float) -> TimedPath:
     """Return a path (W, n) with smooth starts and stops at each way point.
 
     Each straight piece has the fifth-order blend of least jerk, whose peak speed is 15/8 of its mean and whose peak
@@ -88,7 +88,7 @@ def timed(path: Array, speed: Array, acceleration: float) -> Motion:
         times.append(now + took * s)
         rows.append(a + blend[:, None] * (b - a))
         now += took
-    return Motion(np.concatenate(times), np.concatenate(rows))
+    return TimedPath(np.concatenate(times), np.concatenate(rows))
 
 
 def pose(R: Array, p: Array) -> Array:
@@ -240,18 +240,18 @@ class Mover:
             raise NoWay("a joint's limit is in the way of a straight line of the tool")
         return q
 
-    def timed(self, path: Array, speed_share: float = 1.0) -> Motion:
+    def timed(self, path: Array, speed_share: float = 1.0) -> TimedPath:
         """Return a path with times; slower by a share where that is asked for."""
         return timed(path, self.speed * speed_share, TUNING.acceleration * speed_share)
 
-    def timed_line(self, line: Array, speed: float) -> Motion:
+    def timed_line(self, line: Array, speed: float) -> TimedPath:
         """Return a straight line of the tool (W, n) gone along at a speed [m/s], starting and stopping smoothly."""
         length = TUNING.line_step * (len(line) - 1)
         took = max(length / speed * 15.0 / 8.0, 0.3)
         count = max(4, int(np.ceil(took / TUNING.samples)))
         s = np.arange(count + 1) / count
         blend = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
-        return Motion(took * s, np.array([fraction_along(line, float(share)) for share in blend]))
+        return TimedPath(took * s, np.array([fraction_along(line, float(share)) for share in blend]))
 
 
 def _between(X_A: Array, X_B: Array, share: float) -> Array:

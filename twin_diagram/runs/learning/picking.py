@@ -9,7 +9,7 @@ import numpy as np
 
 from twin_diagram.planning.grasps import Grasps
 from twin_diagram.runs.learning.cell import Cell
-from twin_diagram.runs.learning.motion import Motion, Mover, NoWay
+from twin_diagram.runs.learning.motion import Mover, NoWay, TimedPath
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.pose_vectors import as_matrix
 
@@ -139,7 +139,7 @@ def back_out(mover: Mover, cell: Cell, reach: Reach) -> None:
     go(cell, mover.timed_line(reach.line[::-1], TUNING.slow * 2.0))
 
 
-def go(cell: Cell, motion: Motion) -> None:
+def go(cell: Cell, motion: TimedPath) -> None:
     """Go along a motion and come to rest."""
     cell.follow(motion.times, motion.q)
     cell.wait(0.05)

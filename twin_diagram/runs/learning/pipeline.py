@@ -12,21 +12,23 @@ from typing import Any
 import numpy as np
 
 from twin_diagram.errors import TwinError
+from twin_diagram.estimation.weighing import WeighingError
 from twin_diagram.model.model import Model
 from twin_diagram.perception.segmentation.robot_shape import RobotShape
 from twin_diagram.planning.grasps import gripper_of
 from twin_diagram.runs.learning import handling
-from twin_diagram.runs.learning.bin_view import Thing
+from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.runs.learning.cell import Cell, Picture
 from twin_diagram.runs.learning.display import NothingHeld
 from twin_diagram.runs.learning.finishing import write_learned
 from twin_diagram.runs.learning.gallery import write_gallery
 from twin_diagram.runs.learning.handling import Picked, ShownObject, Tools
 from twin_diagram.runs.learning.motion import Mover, NoWay
-from twin_diagram.runs.learning.record import Learned, RunRecord, RunState, plain
-from twin_diagram.runs.learning.setting_down import Standing
-from twin_diagram.runs.learning.shape_jobs import ShapeJobs
+from twin_diagram.runs.learning.record import Learned, LearningRecord, RunState, plain
+from twin_diagram.runs.learning.setting_down import PutDown
+from twin_diagram.runs.learning.shape_jobs import Done, ShapeJobs
 from twin_diagram.runs.learning.shape_worker import FRAMES, SHAPE, read_shape
+from twin_diagram.runs.learning.weighing import SWUNG, inertia_of, read_swung
 from twin_diagram.runtime import stopping
 from twin_diagram.scenario import Learning, Scenario
 
@@ -58,13 +60,13 @@ def tools_of(scenario: Scenario, learning: Learning) -> Tools:
     model = Model.load(twin.arm, packages)
     mover = Mover(twin, packages, np.asarray(model.velocity_limit), scenario.seed)
     home = np.array(twin.home, dtype=float) if twin.home else np.zeros(len(model.joints))
-    return Tools(cell, mover, RobotShape(twin.arm, packages), gripper, learning, home)
+    return Tools(cell, mover, RobotShape(twin.arm, packages), gripper, learning, home, model)
 
 
 class Learner:
     """One run over one bin."""
 
-    def __init__(self, tools: Tools, record: RunRecord, state: RunState, say: Say) -> None:
+    def __init__(self, tools: Tools, record: LearningRecord, state: RunState, say: Say) -> None:
         """Go on from a state.
 
         Args:
@@ -77,6 +79,7 @@ class Learner:
         self._jobs = ShapeJobs()
         self._begun, self._handled_before = time.monotonic(), len(state.learned)
         self._left = 0
+        self._made: list[Done] = []
 
     def run(self) -> None:
         """Empty the bin, wait for reconstructions under way, and write the gallery."""
@@ -111,7 +114,7 @@ class Learner:
         self.record.save(self.state)
         write_gallery(self.record, self.state)
 
-    def _next(self) -> tuple[Picture, Thing, list[Thing]] | None:
+    def _next(self) -> tuple[Picture, SeenThing, list[SeenThing]] | None:
         """Return a picture of the bin, what is to be taken next, and all that lies there; None: nothing is left."""
         if self.state.finished:
             return None
@@ -119,7 +122,7 @@ class Learner:
         self._left = len(things)
         return (picture, things[0], things) if things else None
 
-    def _handle(self, picture: Picture, thing: Thing, things: list[Thing]) -> None:
+    def _handle(self, picture: Picture, thing: SeenThing, things: list[SeenThing]) -> None:
         """Try to take a thing, and do with it all that is to be done."""
         name = f"object_{1 + sum(one.state != 'reported' for one in self.state.learned):02d}"
         picked = Picked(thing)
@@ -154,22 +157,42 @@ class Learner:
                     told.update(pictures=len(shown.followed.shown), slips=len(shown.followed.slips))
                 if told["outcome"] != "shown":
                     raise NothingHeld("it could not be taken from the platform again")
+            handling.write_frames(folder / FRAMES, shown)
+            self._jobs.add(name, folder)
+            opening = self.tools.cell.opening
+            if self.tools.learning.weigh_seconds > 0.0:
+                self._weigh(name, shown, folder)
             with self._stage(name, "put away"):
-                standing = [Standing((s[0], s[1]), s[2], s[3]) for o in self.state.learned if (s := o.standing)]
-                put = handling.put_away(self.tools, shown, standing)
+                standing = [PutDown((s[0], s[1]), s[2], s[3]) for o in self.state.learned if (s := o.standing)]
+                put, X_WS = handling.put_away(self.tools, shown, standing)
                 one.standing = [*put.place, put.radius, put.top]
+                one.figures["X_WS"] = X_WS.tolist()
+            empty = self.record.folder / SWUNG
+            if shown.swung is not None and not empty.is_file():
+                with self._stage(name, "swing the empty hand"):
+                    handling.weigh_empty(self.tools, shown, opening, empty)
         except (NoWay, NothingHeld) as why:
             one.why = str(why)
             self._let_go(one)
-        if shown.followed.shown:
+        if shown.followed.shown and not (folder / FRAMES).is_dir():
             handling.write_frames(folder / FRAMES, shown)
             self._jobs.add(name, folder)
-        else:
+        elif not shown.followed.shown:
             one.state = "failed"
         one.grasps = len(shown.X_ST)
         slips = [[s.picture, s.distance, s.angle] for s in shown.followed.slips]
-        one.figures = plain({"pictures": len(shown.followed.shown), "slips": slips})
+        one.figures |= plain({"pictures": len(shown.followed.shown), "slips": slips, "notes": shown.notes})
         self.state.learned.append(one)
+
+    def _weigh(self, name: str, shown: ShownObject, folder: Path) -> None:
+        """Swing what is held; where that cannot be, its inertia will be told from its shape alone."""
+        try:
+            with self._stage(name, "weigh") as told:
+                told["mass"] = handling.weigh_held(self.tools, shown, folder)
+                assert shown.swung is not None
+                told["use"] = shown.swung.use
+        except (NoWay, WeighingError) as why:
+            shown.notes.append(f"not weighed: {why}")
 
     def _let_go(self, one: Learned) -> None:
         """Leave the hand empty and the arm at home after something went wrong; keep a picture of it."""
@@ -179,7 +202,7 @@ class Learner:
         handling.save_picture(self.record.folder / one.picture, picture, None, one.why)
         handling.let_go(self.tools)
 
-    def _report(self, picture: Picture, thing: Thing, why: str) -> None:
+    def _report(self, picture: Picture, thing: SeenThing, why: str) -> None:
         """Note something that cannot be taken, with a picture."""
         number = 1 + sum(one.state == "reported" for one in self.state.learned)
         name = f"reported_{number:02d}"
@@ -192,14 +215,17 @@ class Learner:
 
     def _collect(self) -> None:
         """Write the assets of shapes that are made."""
-        for done in self._jobs.poll():
+        self._made += self._jobs.poll()
+        known = {one.name for one in self.state.learned}
+        ready, self._made = [d for d in self._made if d.name in known], [d for d in self._made if d.name not in known]
+        for done in ready:
             one = self.state.named(done.name)
             if done.why is not None:
                 one.state, one.why = "failed", done.why
                 self.record.event(object=one.name, stage="reconstruct", outcome=done.why)
                 self._say(f"{one.name}: {done.why}")
                 continue
-            finish(self.record, one)
+            finish(self.record, one, self.tools.model)
             self.record.event(
                 object=one.name, stage="asset", outcome=one.state, **({"why": one.why} if one.why else {})
             )
@@ -225,7 +251,7 @@ class Learner:
         told: dict[str, Any] = {"outcome": "done"}
         try:
             yield told
-        except (NoWay, NothingHeld) as why:
+        except (NoWay, NothingHeld, TwinError) as why:
             told["outcome"] = str(why)
             raise
         finally:
@@ -240,13 +266,22 @@ class Learner:
         return each * self._left
 
 
-def finish(record: RunRecord, one: Learned) -> None:
-    """Write an object's asset from the shape in its folder; what is wrong is noted in `one`."""
+def finish(record: LearningRecord, one: Learned, model: Model) -> None:
+    """Write an object's asset from shape and torques in its folder; what is wrong is noted in `one`."""
     folder: Path = record.of(one.name)
     try:
         if not (folder / SHAPE).is_file():
             raise TwinError("it has no shape yet")
-        figures = write_learned(one.name, record.library, read_shape(folder), np.array(one.R_WS), None)
+        shape, measured = read_shape(folder), None
+        if (folder / SWUNG).is_file():
+            empty = record.folder / SWUNG
+            try:
+                measured = inertia_of(
+                    model, read_swung(folder / SWUNG), read_swung(empty) if empty.is_file() else None, shape
+                )
+            except (TwinError, np.linalg.LinAlgError) as error:
+                one.figures["not weighed"] = str(error)
+        figures = write_learned(one.name, record.library, shape, np.array(one.R_WS), measured)
         one.figures = {**one.figures, **plain(figures)}
         one.state = "finished"
     except TwinError as error:

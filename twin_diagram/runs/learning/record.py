@@ -23,7 +23,9 @@ from twin_diagram.signals.arrays import Array
 STATE: Final = "state.npz"
 """Where everything lay, and what is known of each object; written whole, or not at all."""
 EVENTS: Final = "events.jsonl"
+"""A line a stage."""
 SCENARIO: Final = "scenario.yaml"
+"""What the run is of: it goes on with that alone."""
 OBJECTS: Final = "objects"
 """Folder of each object's frames, torques and shape."""
 LIBRARY: Final = "library"
@@ -47,7 +49,7 @@ class Learned:
         why: what went wrong, in words; "" where nothing did.
         grasps: in how many it was shown.
         figures: numbers for people and tables.
-        standing: where it was set down, see `setting_down.Standing`; empty: it was not.
+        standing: where it was set down, see `setting_down.PutDown`; empty: it was not.
         picture: file of a picture, below the run's folder; "": none.
         R_WS: (3, 3) by rows: axes of S, the frame of its pictures, in W when it lay in the bin.
     """
@@ -93,7 +95,7 @@ class RunState:
         raise LearningError(f"--again {name!r}: no such object in this run; these are: {told}")
 
 
-class RunRecord:
+class LearningRecord:
     """The files of a run."""
 
     def __init__(self, folder: Path, scenario: Scenario) -> None:

@@ -46,7 +46,7 @@ TUNING = Tuning()
 
 
 @dataclass(frozen=True)
-class Standing:
+class PutDown:
     """Something that was set down: its middle (2,), radius and top in W [m]."""
 
     place: tuple[float, float]
@@ -134,7 +134,7 @@ def retreat(mover: Mover, cell: Cell) -> None:
             continue
 
 
-def places_in(low: Array, high: Array, standing: Sequence[Standing], points_T: Array, R_WT: Array) -> list[Array]:
+def places_in(low: Array, high: Array, standing: Sequence[PutDown], points_T: Array, R_WT: Array) -> list[Array]:
     """Return places (3,) in a bin for what is held, the best first: beside others before upon them.
 
     Args:

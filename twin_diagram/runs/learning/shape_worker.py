@@ -15,7 +15,7 @@ from typing import Final
 
 import numpy as np
 
-from twin_diagram.assets.building.backends import Shape, ShapeBackend, TsdfBackend
+from twin_diagram.assets.building.backends import ColouredSurface, ShapeBackend, TsdfBackend
 from twin_diagram.errors import TwinError
 from twin_diagram.logs.frames.transforms_folder import TransformsFolder
 from twin_diagram.runtime import atomic_file
@@ -29,7 +29,7 @@ ORPHANED: Final = 3
 """Exit status where the starter is gone."""
 
 
-def make_shape(folder: Path, backend: ShapeBackend | None = None) -> Shape:
+def make_shape(folder: Path, backend: ShapeBackend | None = None) -> ColouredSurface:
     """Make the shape of the frames in a folder and write it beside them.
 
     Raises:
@@ -49,11 +49,11 @@ def make_shape(folder: Path, backend: ShapeBackend | None = None) -> Shape:
     return shape
 
 
-def read_shape(folder: Path) -> Shape:
+def read_shape(folder: Path) -> ColouredSurface:
     """Return the shape that was made in a folder."""
     with np.load(folder / SHAPE, allow_pickle=False) as data:
         told = data["told"]
-        return Shape(data["corners"], data["uv"], data["texture"], float(told[0]), float(told[1]))
+        return ColouredSurface(data["corners"], data["uv"], data["texture"], float(told[0]), float(told[1]))
 
 
 def main(folder: Path) -> int:

@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from twin_diagram.errors import ScenarioError
+from twin_diagram.model.model import Model
 from twin_diagram.runs.learning.cell import told_camera
 from twin_diagram.runs.learning.gallery import write_gallery
 from twin_diagram.runs.learning.pipeline import Learner, finish, tools_of
-from twin_diagram.runs.learning.record import LearningError, RunRecord, RunState
+from twin_diagram.runs.learning.record import LearningError, LearningRecord, RunState
 from twin_diagram.runs.learning.shape_worker import FRAMES, make_shape
 from twin_diagram.runtime import stopping
 from twin_diagram.runtime.threads import one_thread
@@ -63,7 +64,7 @@ def learn(scenario: Scenario, out: str | Path, *, resume: bool = False, say: Say
         Stopped: a signal came; the state is that before the object in hand.
     """
     learning = check_cell(scenario.twin)
-    record = RunRecord(Path(out), scenario)
+    record = LearningRecord(Path(out), scenario)
     if not resume:
         record.check_place()
     state = record.resume() if resume else None
@@ -83,7 +84,7 @@ def learn_again(scenario: Scenario, out: str | Path, name: str, say: Say = print
         LearningError: no run, another scenario, or no such object in it.
         FramesError: its frames cannot be used.
     """
-    record = RunRecord(Path(out), scenario)
+    record = LearningRecord(Path(out), scenario)
     state = record.resume()
     one = state.named(name)
     folder = record.of(name)
@@ -92,7 +93,7 @@ def learn_again(scenario: Scenario, out: str | Path, name: str, say: Say = print
     say(f"{name}: reconstruct")
     make_shape(folder)
     one.why = ""
-    finish(record, one)
+    finish(record, one, Model.load(scenario.twin.arm, dict(scenario.packages)))
     record.event(object=name, stage="again", outcome=one.state, **({"why": one.why} if one.why else {}))
     record.save(state)
     write_gallery(record, state)

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from pydrake.math import RigidTransform
 
-from twin_diagram.assets.building.backends import Shape as Surface
+from twin_diagram.assets.building.backends import ColouredSurface
 from twin_diagram.assets.building.measured import MeasuredInertia
 from twin_diagram.estimation.weighing import (
     EmptyRun,
@@ -34,7 +34,7 @@ from twin_diagram.runtime import atomic_file
 from twin_diagram.signals.arrays import Array
 
 SWUNG: Final = "swung.npz"
-"""File of an object's torques: of the loaded arm, and of the empty hand."""
+"""File of an object's torques, in its folder; of the empty hand's, in the run's."""
 
 
 @dataclass(frozen=True)
@@ -74,18 +74,17 @@ TUNING = Tuning()
 
 @dataclass(frozen=True)
 class Swung:
-    """Logs of one object: loaded and empty, where it was in the hand, and how far the fingers stood.
+    """A log of the swinging arm, and what was in the hand.
 
     Attributes:
-        loaded, empty: the arm's messages.
-        X_TS: (4, 4) of the object's frame S in the tool.
-        fingers: by name [m].
+        log: the arm's messages.
+        fingers: where they stood, by the names of their joints [m].
+        X_TS: (4, 4) of the object's frame S in the tool; the identity where the hand was empty.
     """
 
-    loaded: Log
-    empty: Log
-    X_TS: Array
+    log: Log
     fingers: dict[str, float]
+    X_TS: Array
 
 
 def swing_posture(mover: Mover, cell: Cell) -> Array:
@@ -137,6 +136,44 @@ def best_motion(
     )
 
 
+def swing_held(
+    model: Model, mover: Mover, cell: Cell, X_TS: Array, points_S: Array, force: float, seconds: float
+) -> tuple[Swung, Excitation, float]:
+    """Swing what is held; return the arm's messages, the motion, and the mass that was first thought of [kg].
+
+    Args:
+        model: the arm.
+        mover: knows what is held.
+        cell: whose arm holds it.
+        X_TS: (4, 4) of the object's S in the tool.
+        points_S: (N, 3) of its surface [m].
+        force: of each finger [N].
+        seconds: length of the motion [s].
+
+    Raises:
+        NoWay: there is no room for it.
+        WeighingError: no motion is within the limits.
+    """
+    posture = swing_posture(mover, cell)
+    mass = first_mass(model, cell)
+    motion = best_motion(model, mover, posture, X_TS, points_S, force, seconds, mass)
+    go(cell, mover.timed(mover.path(cell.commanded, motion.posture[None])))
+    return Swung(swing(cell, motion, model.joints, "loaded"), cell.fingers, X_TS), motion, mass
+
+
+def swing_empty(model: Model, mover: Mover, cell: Cell, motion: Excitation, opening: float) -> Swung:
+    """Swing the empty hand as what was held was swung, its fingers as far apart.
+
+    Raises:
+        NoWay: there is no way to where that began.
+    """
+    cell.grip(opening / cell.widest)
+    go(cell, mover.timed(mover.path(cell.commanded, motion.posture[None])))
+    swung = Swung(swing(cell, motion, model.joints, "empty"), cell.fingers, np.eye(4))
+    cell.grip(1.0)
+    return swung
+
+
 def swing(cell: Cell, motion: Excitation, joints: tuple[str, ...], source: str) -> Log:
     """Go along a motion and return the arm's messages on the way."""
     period = motion.harmonics.period
@@ -180,19 +217,17 @@ def first_mass(model: Model, cell: Cell) -> float:
 
 
 def write_swung(path: Path, swung: Swung) -> None:
-    """Write logs of an object, whole."""
+    """Write a log, whole."""
     data = io.BytesIO()
-    arrays = {}
-    for name, log in (("loaded", swung.loaded), ("empty", swung.empty)):
-        arrays |= {f"{name}_time": log.time, f"{name}_position": log.position, f"{name}_torque": log.torque}
-        arrays |= {f"{name}_velocity": log.velocity}
+    log = swung.log
+    assert log.velocity is not None and log.torque is not None
     np.savez(
         data,
-        X_TS=swung.X_TS,
-        joints=np.array(swung.loaded.joints),
+        **{"time": log.time, "position": log.position, "velocity": log.velocity, "torque": log.torque},
+        joints=np.array(log.joints),
         finger_names=np.array(list(swung.fingers)),
         fingers=np.array(list(swung.fingers.values())),
-        **arrays,
+        X_TS=swung.X_TS,
     )
     atomic_file.write(path, data.getvalue())
 
@@ -201,22 +236,19 @@ def read_swung(path: Path) -> Swung:
     """Return the inverse of `write_swung`."""
     with np.load(path, allow_pickle=False) as data:
         joints = tuple(str(name) for name in data["joints"])
-        logs = [
-            Log(
-                data[f"{name}_time"],
-                joints,
-                data[f"{name}_position"],
-                velocity=data[f"{name}_velocity"],
-                torque=data[f"{name}_torque"],
-                source=f"{path.parent.name} {name}",
-            )
-            for name in ("loaded", "empty")
-        ]
         fingers = dict(zip((str(name) for name in data["finger_names"]), data["fingers"].tolist(), strict=True))
-        return Swung(logs[0], logs[1], data["X_TS"], fingers)
+        log = Log(
+            data["time"],
+            joints,
+            data["position"],
+            velocity=data["velocity"],
+            torque=data["torque"],
+            source=f"{path.parent.name}/{path.name}",
+        )
+        return Swung(log, fingers, data["X_TS"])
 
 
-def inertia_of(model: Model, swung: Swung, surface: Surface) -> MeasuredInertia:
+def inertia_of(model: Model, swung: Swung, empty: Swung | None, surface: ColouredSurface) -> MeasuredInertia:
     """Return what torques and shape say of an object's inertia, in S.
 
     Raises:
@@ -225,8 +257,9 @@ def inertia_of(model: Model, swung: Swung, surface: Surface) -> MeasuredInertia:
     vertices = surface.corners.reshape(-1, 3)
     faces = np.arange(len(vertices)).reshape(-1, 3)
     prior = ShapePrior(Shape.of_mesh(vertices, faces))
-    loaded = LoadedRun(swung.loaded, RigidTransform(swung.X_TS), swung.fingers)
-    found = weigh(model, [loaded], [EmptyRun(swung.empty, swung.fingers)], prior)
+    loaded = LoadedRun(swung.log, RigidTransform(swung.X_TS), swung.fingers)
+    runs = [] if empty is None else [EmptyRun(empty.log, empty.fingers)]
+    found = weigh(model, [loaded], runs, prior)
     if not (np.isfinite(found.mass) and found.mass > 0.0):
         raise WeighingError(f"the torques tell a mass of {found.mass:g} kg")
     words = ("measured", "partly", "from shape alone")
