@@ -35,10 +35,12 @@ class Posterior:
     Attributes:
         bodies: (S, 10) inertial parameters in O.
         weights: (H,) probability of each hypothesis.
+        modes: (H, 10) most probable coordinates under each.
     """
 
     bodies: Array
     weights: Array
+    modes: Array
 
     @property
     def mean(self) -> Array:
@@ -51,7 +53,7 @@ class Posterior:
         return np.cov(self.bodies.T)
 
 
-def posterior(matrix: Array, vector: Array, hypotheses: Hypotheses, start: float, seed: int = 0) -> Posterior:
+def posterior(matrix: Array, vector: Array, hypotheses: Hypotheses, start: float | Array, seed: int = 0) -> Posterior:
     """Return what torques, −½ φᵀΛφ + ηᵀφ, and the ways in which the mass may lie say together.
 
     Each hypothesis' most probable body is found by Gauss and Newton with damping, its weight by Laplace's method
@@ -61,15 +63,18 @@ def posterior(matrix: Array, vector: Array, hypotheses: Hypotheses, start: float
         matrix: (10, 10) Λ.
         vector: (10,) η.
         hypotheses: with their weights.
-        start: mass to begin with [kg].
+        start: mass to begin with [kg], or coordinates (H, 10).
         seed: of the draws.
 
     Raises:
         WeighingError: no hypothesis leads to a body.
     """
     count = len(hypotheses)
-    u = np.zeros((count, 10))
-    u[:, 0] = np.log(start)
+    if np.ndim(start):
+        u = np.array(start, dtype=float)
+    else:
+        u = np.zeros((count, 10))
+        u[:, 0] = np.log(start)
     prior = hypotheses.information
     damping = np.full(count, 1e-3)
     cost = _cost(u, matrix, vector, hypotheses)
@@ -98,7 +103,7 @@ def posterior(matrix: Array, vector: Array, hypotheses: Hypotheses, start: float
     score = hypotheses.log_weight - cost + 0.5 * told
     weights = np.exp(score - score.max())
     weights /= weights.sum()
-    return Posterior(_drawn(u, curvature, weights, hypotheses, seed), weights)
+    return Posterior(_drawn(u, curvature, weights, hypotheses, seed), weights, u)
 
 
 def _cost(u: Array, matrix: Array, vector: Array, hypotheses: Hypotheses) -> Array:

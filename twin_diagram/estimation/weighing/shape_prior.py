@@ -60,7 +60,7 @@ class ShapePrior:
     @staticmethod
     def none(shape: Shape) -> ShapePrior:
         """Return what says nothing but that there is a body: torques alone decide."""
-        return ShapePrior(shape, spread=3.0, centre_spread=1.0, loads=((0.0, 1.0),), walls=((0.0, 1.0),), ignore=True)
+        return ShapePrior(shape, spread=1.0, centre_spread=1.0, loads=((0.0, 1.0),), walls=((0.0, 1.0),), ignore=True)
 
     @cached_property
     def hypotheses(self) -> Hypotheses:

@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import PrismaticJoint, RevoluteJoint
+from scipy.interpolate import make_interp_spline
 
 from twin_diagram.estimation.weighing.held import Held, WeighingError
-from twin_diagram.logs.differentiation import inner, lowpass, motion
+from twin_diagram.logs.differentiation import differentiate, inner, lowpass, motion
 from twin_diagram.logs.measured_log import Log
 from twin_diagram.model.model import Model
 from twin_diagram.model.rigid_body import from_plant
@@ -74,6 +75,7 @@ class TorqueRun:
         name: of the log.
         torque: (K, m) measured, as they reach the joints [N·m].
         arm: (K, m) of the arm without object, as the model has it.
+        late: (K, m) by what the torque changes where it is logged later than the motion, per second of that.
         beside: (K, m, len(COLUMNS)).
         Y_hand: (K, m, 10) per unit of the hand's own parameters in M.
         held: where the object is; None: nothing is held.
@@ -82,27 +84,33 @@ class TorqueRun:
     name: str
     torque: Array
     arm: Array
+    late: Array
     beside: Array
     Y_hand: Array
     held: Held | None
 
 
-def read_run(model: Model, run: LoadedRun | EmptyRun) -> TorqueRun:
+def read_run(model: Model, run: LoadedRun | EmptyRun, delay: float = 0.0) -> TorqueRun:
     """Return a log as regression.
+
+    Args:
+        model: the arm.
+        run: its log.
+        delay: by which torques are logged later than the motion that they belong to [s]; they are moved back by it.
 
     Raises:
         LogError: it lacks joints or torques.
         WeighingError: it is too short, too slow, not finite, or the fingers are no joints.
     """
     log = run.log.select(model.joints)
+    if np.any(np.diff(log.time) <= 0.0):
+        raise WeighingError(f"{log.source}: its times do not rise; sort them")
     if len(log) < 8 or log.time[-1] - log.time[0] < TUNING.least:
         raise WeighingError(f"{log.source}: shorter than {TUNING.least:g} s, which tells no inertia; move for longer")
     torque = log.motor_torque
     for name, values in (("time", log.time), ("position", log.position), ("torque", torque)):
         if not np.all(np.isfinite(values)):
             raise WeighingError(f"{log.source}: {name} holds values that are not finite; cut them out")
-    if np.any(np.diff(log.time) <= 0.0):
-        raise WeighingError(f"{log.source}: its times do not rise; sort them")
     if 1.0 / log.period < 2.0 * TUNING.cutoff:
         raise WeighingError(
             f"{log.source}: {1.0 / log.period:.3g} samples a second; at least {2 * TUNING.cutoff:g} are needed"
@@ -125,10 +133,12 @@ def read_run(model: Model, run: LoadedRun | EmptyRun) -> TorqueRun:
     def below(signal: Array) -> Array:
         return lowpass(signal, rate, TUNING.cutoff)[kept]
 
+    moved_back = make_interp_spline(time, lowpass(applied[:, rows], rate, TUNING.cutoff), k=3)(time[kept] + delay)
     return TorqueRun(
         log.source,
-        below(applied[:, rows]),
+        moved_back,
         below(arm),
+        -differentiate(lowpass(arm, rate, TUNING.cutoff), time, 1)[kept],
         np.stack([below(column) for column in beside], axis=-1),
         below(Y_hand.reshape(len(time), -1)).reshape(len(kept), len(rows), 10),
         held if isinstance(run, LoadedRun) else None,

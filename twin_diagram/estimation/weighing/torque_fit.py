@@ -25,6 +25,7 @@ class ArmDoubt:
         load: friction per torque transmitted.
         rotor: inertia on the motors' side [kg·m²].
         drift: of a joint's offset from one log to the next [N·m].
+        delay: by which all torques are logged later than the motion that they belong to [s].
         hand: mass [kg], first moment [kg·m] and inertia [kg·m²] of the hand.
         pose: of the object in the hand: along [m] and about [rad] each axis; in each run of its own.
     """
@@ -37,6 +38,7 @@ class ArmDoubt:
     load: float = 0.002
     rotor: float = 1e-4
     drift: float = 0.01
+    delay: float = 5e-3
     hand: tuple[float, float, float] = (2e-3, 2e-4, 5e-6)
     pose: tuple[float, float] = (5e-4, 2e-3)
 
@@ -54,6 +56,7 @@ class TorqueFit:
         matrix: (10, 10) Λ.
         vector: (10,) η.
         gain, gain_std: (m,) relative errors of the torques' gains: measured over true, less one.
+        delay: by which torques are logged later than they were taken to be [s].
         beside: (m, len(COLUMNS)) what was found of each joint, in the order of `COLUMNS`.
         noise: (m,) standard deviation of the kept samples' residuals [N·m].
         colour: (m,) of each joint's residual.
@@ -63,6 +66,7 @@ class TorqueFit:
     vector: Array
     gain: Array
     gain_std: Array
+    delay: float
     beside: Array
     noise: Array
     colour: tuple[Colour, ...]
@@ -103,6 +107,7 @@ def fit_torques(
         vector[layout.size - 10 :] - cross.T @ gone[:, 10],
         own[:, 0],
         std[: layout.own * m].reshape(m, layout.own)[:, 0],
+        float(x[layout.delay]),
         own[:, 1:],
         np.array([colour.size for colour in colours]),
         tuple(colours),
@@ -111,7 +116,7 @@ def fit_torques(
 
 @dataclass(frozen=True)
 class _Layout:
-    """Where unknowns stand: per joint gain and `COLUMNS`; per log and joint drift; hand; poses; object."""
+    """Where unknowns stand: per joint gain and `COLUMNS`; per log and joint drift; delay; hand; poses; object."""
 
     joints: int
     logs: int
@@ -126,8 +131,12 @@ class _Layout:
         return self.own * self.joints
 
     @property
-    def hand(self) -> int:
+    def delay(self) -> int:
         return self.drift + self.logs * self.joints
+
+    @property
+    def hand(self) -> int:
+        return self.delay + 1
 
     @property
     def pose(self) -> int:
@@ -144,6 +153,7 @@ class _Layout:
         std = [
             *each * self.joints,
             *[doubt.drift] * (self.logs * self.joints),
+            doubt.delay,
             *[mass, *[moment] * 3, *[inertia] * 6],
             *[*[doubt.pose[0]] * 3, *[doubt.pose[1]] * 3] * self.grasps,
         ]
@@ -158,16 +168,18 @@ def _design(runs: Sequence[TorqueRun], k: int, gain: Array, parameters: Array, l
     rigid = run.arm
     if run.held is not None:
         to_hand = transform_inertia(run.held.X_MO)
+        turned = to_hand @ by_pose(parameters)
         rigid = rigid + run.Y_hand @ (to_hand @ parameters)
     for j in range(m):
         A[j, :, layout.own * j] = rigid[:, j]
         A[j, :, layout.own * j + 1 : layout.own * (j + 1)] = run.beside[:, j]
         A[j, :, layout.drift + k * m + j] = 1.0
+        A[j, :, layout.delay] = run.late[:, j]
         Y = (1.0 + gain[j]) * run.Y_hand[:, j]
         A[j, :, layout.hand : layout.pose] = Y
         if run.held is not None:
             grasp = sum(earlier.held is not None for earlier in runs[:k])
-            A[j, :, layout.pose + 6 * grasp : layout.pose + 6 * (grasp + 1)] = Y @ to_hand @ by_pose(parameters)
+            A[j, :, layout.pose + 6 * grasp : layout.pose + 6 * (grasp + 1)] = Y @ turned
             A[j, :, -10:] = Y @ to_hand
     # (1 + γ)(arm + Yφ) ≈ arm + γ (arm + Yφ₀) + (1 + γ₀) Yφ − γ₀ Yφ₀
     shift = gain * (rigid - run.arm)

@@ -25,6 +25,12 @@ class Tuning:
     rounds: int = 4
     """Of fit and posterior in turn: gain times object is linearised anew in each; three change nothing any more."""
 
+    first_mass: float = 0.5
+    """With which the first round begins [kg]; the result does not depend on it."""
+
+    prompt: float = 1e-5
+    """A delay below this is none [s]: a torque that turns by 100 N·m/s is off by 1 mN·m."""
+
     measured: float = 0.9
     """Share of the variance before the torques that they take away, from which a parameter counts as measured."""
 
@@ -60,6 +66,7 @@ class Weighing:
         errors: standard errors of `mass`, `centre`, `moments`, `inertia` (six: xx, yy, zz, xy, xz, yz).
         verdicts: for each of `PARAMETERS`, and for `moment_1` to `moment_3`: one of `VERDICTS`.
         gain, gain_std: (m,) relative errors of the torques' gains, measured over true less one.
+        delay: by which torques were logged later than the motion that they belong to [s].
         noise: (m,) standard deviation of the residual torque below 8 Hz [N·m].
         fit: what the torques alone say.
         posterior: bodies drawn, for whoever wants other intervals.
@@ -76,6 +83,7 @@ class Weighing:
     verdicts: dict[str, str]
     gain: Array
     gain_std: Array
+    delay: float
     noise: Array
     fit: TorqueFit
     posterior: Posterior
@@ -136,19 +144,23 @@ def weigh(
         raise WeighingError("no run with the object in the hand; at least one is needed")
     doubt = ArmDoubt.of_side(side) if doubt is None else doubt
     told: list[LoadedRun | EmptyRun] = [*loaded, *empty]
+    delay = 0.0
     runs = [read_run(model, run) for run in told]
-    mass = 0.5
-    guess = prior.shape.even(mass)
+    guess = prior.shape.even(TUNING.first_mass)
+    start: float | Array = TUNING.first_mass
     fit: TorqueFit | None = None
-    for _ in range(TUNING.rounds):
+    for round_ in range(TUNING.rounds):
         fit = fit_torques(runs, doubt, guess, fit)
-        found = posterior(fit.matrix, fit.vector, prior.hypotheses, max(guess[0], 1e-3), seed)
-        guess = found.mean
+        found = posterior(fit.matrix, fit.vector, prior.hypotheses, start, seed)
+        guess, start = found.mean, found.modes
+        if abs(fit.delay) > TUNING.prompt and round_ + 1 < TUNING.rounds:
+            delay += fit.delay
+            runs = [read_run(model, run, delay) for run in told]
     assert fit is not None
-    return _summary(fit, found, prior, seed)
+    return _summary(fit, found, prior, delay + fit.delay, seed)
 
 
-def _summary(fit: TorqueFit, found: Posterior, prior: ShapePrior, seed: int) -> Weighing:
+def _summary(fit: TorqueFit, found: Posterior, prior: ShapePrior, delay: float, seed: int) -> Weighing:
     parameters, covariance = found.mean, found.covariance
     mass, centre, inertia = about_centre(parameters)
     moments, axes = np.linalg.eigh(inertia)
@@ -171,7 +183,7 @@ def _summary(fit: TorqueFit, found: Posterior, prior: ShapePrior, seed: int) -> 
     verdicts = {name: verdict(1.0 - a / b) for name, a, b in zip(names, left, known, strict=True)}
     return Weighing(
         parameters, covariance, float(mass), centre, inertia, moments, axes, errors, verdicts,
-        fit.gain, fit.gain_std, fit.noise, fit, found,
+        fit.gain, fit.gain_std, delay, fit.noise, fit, found,
     )  # fmt: skip
 
 
