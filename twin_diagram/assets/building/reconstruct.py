@@ -168,7 +168,7 @@ def reconstruct(
     found = align(views, low, high, plane, seed)
     say(f"poses refined: surfaces agree to {found.noise * 1000:.2f} mm")
     # Only now, for what surrounds the object tells where the cameras were.
-    views = [_kept_to_mask(view) for view in found.views]
+    views = [_kept_to_mask(view, 0 if held else CHOICE.growth) for view in found.views]
     _check_agreement(views, low, high, found.noise, where)
     surest = [doubted(view, c, found.centre, found.noise) for view, c in zip(views, found.covariances, strict=True)]
     fused = fuse(surest, _grid(low, high, TUNING.grid_points, TUNING.voxel), found.noise, found.plane)
@@ -293,15 +293,15 @@ def _check_agreement(views: Sequence[DepthView], low: Array, high: Array, noise:
         )
 
 
-def _kept_to_mask(view: DepthView) -> DepthView:
-    """Return the view with surfaces outside its grown mask no longer trusted, so that they do not become the object's.
+def _kept_to_mask(view: DepthView, growth: int) -> DepthView:
+    """Return the view with surfaces outside its mask, grown by so many pixels, no longer trusted: they are others'.
 
     Where there is no depth, either, as where nothing stands behind the object, its rays are looked through, as those
     beside an edge are.
     """
     if view.mask is None or view.colour is not view.camera:
         return view
-    inside = grown(view.mask)
+    inside = grown(view.mask, growth)
     nothing = ~grown(view.mask, TUNING.beside_mask) & (view.depth <= 0)
     depth = np.where(nothing, np.float32(TUNING.nothing_behind), view.depth)
     return replace(view.trusted_at(inside), depth=depth, near_edge=view.near_edge | nothing)

@@ -32,6 +32,9 @@ class Tuning:
     points: int = 700
     """Of a picture that are registered."""
 
+    least: int = 40
+    """Of a picture; one that shows fewer is left out."""
+
     cell: float = 0.002
     """Edge of the cells in which the object's cloud keeps a point each [m]."""
 
@@ -139,6 +142,8 @@ def follow(
     X, prior = X_ST.copy(), known
     for one in more:
         points, normals = _sampled(one)
+        if len(points) < TUNING.least:
+            continue
         if len(result.points):
             X, share = _located(result, points, normals, X, prior, len(result.shown))
         else:

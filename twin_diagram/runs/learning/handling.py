@@ -218,7 +218,7 @@ def weigh_held(tools: Tools, shown: ShownObject, folder: Path) -> float:
     learning = tools.learning
     X_TS = np.linalg.inv(shown.X_ST[-1])
     swung, shown.swung, mass = swing_held(
-        tools.model, tools.mover, tools.cell, X_TS, shown.followed.points, learning.force, learning.weigh_seconds
+        tools.model, tools.mover, tools.cell, X_TS, shown.followed.points, learning.weigh_seconds
     )
     if tools.cell.opening < PICKING.empty:
         raise NothingHeld("it was lost while it was swung")

@@ -53,8 +53,20 @@ class Tuning:
     friction: float = 0.3
     """Between pad and object that the swinging counts on."""
 
-    share: float = 0.6
-    """Of what the grip carries that the swinging asks for."""
+    share: float = 0.4
+    """Of what the grip carries that the swinging asks for: at 0.6 a box crept by two millimetres in 6 s."""
+
+    force: float = 75.0
+    """Of each finger while swinging [N]: nearly all that a WSG-50 has."""
+
+    pad_half: float = 0.0105
+    """Half of the pads' width [m]."""
+
+    pad: tuple[float, float] = (-0.035, 0.010)
+    """z of the pads' ends in the tool's frame [m]."""
+
+    pressed: float = 0.008
+    """Points this near to a pad's face are pressed by it [m]."""
 
     harmonics: int = 15
     """Of the motion: 1.5 Hz at the most in 10 s."""
@@ -62,7 +74,7 @@ class Tuning:
     clear: float = 0.02
     """Kept from everything while swinging [m]."""
 
-    acceleration: float = 5.0
+    acceleration: float = 4.0
     """Over speed limit of each joint [1/s]: what the driver's impedance follows closely."""
 
     rest: float = 0.3
@@ -102,8 +114,33 @@ def swing_posture(mover: Mover, cell: Cell) -> Array:
     raise NoWay("no place to weigh it is reached")
 
 
+def grip_on(points_T: Array, opening: float) -> Grip:
+    """Return what the pads hold with, by how much of them the object covers.
+
+    Args:
+        points_T: (N, 3) of the object's surface in the tool's frame [m].
+        opening: between the fingers [m].
+    """
+    low, high = TUNING.pad
+    beside = np.abs(np.abs(points_T[:, 1]) - 0.5 * opening) < TUNING.pressed
+    z = points_T[beside & (np.abs(points_T[:, 0]) < TUNING.pad_half), 2]
+    z = z[(z > low) & (z < high)]
+    if len(z) >= 3:
+        low, high = float(z.min()), float(z.max())
+    long = max(high - low, 0.006)
+    middle = (0.0, 0.0, 0.5 * (low + high))
+    return Grip(TUNING.force, TUNING.friction, 2 * TUNING.pad_half, long, middle, TUNING.share)
+
+
 def best_motion(
-    model: Model, mover: Mover, posture: Array, X_TS: Array, points_S: Array, force: float, seconds: float, mass: float
+    model: Model,
+    mover: Mover,
+    posture: Array,
+    X_TS: Array,
+    points_S: Array,
+    opening: float,
+    seconds: float,
+    mass: float,
 ) -> Excitation:
     """Return the motion that tells most of an object, as far as it was seen.
 
@@ -113,7 +150,7 @@ def best_motion(
         posture: (n,) about which it swings [rad].
         X_TS: (4, 4) of the object's S in the tool.
         points_S: (N, 3) of its surface [m]: the box about them stands for its shape.
-        force: of each finger [N].
+        opening: between the fingers [m].
         seconds: length of the motion [s].
         mass: that it is taken to have [kg].
 
@@ -130,14 +167,14 @@ def best_motion(
         Shape.box(high - low).even(mass),
         posture,
         limits=limits,
-        grip=Grip(force, TUNING.friction, share=TUNING.share),
+        grip=grip_on(points_S @ X_TS[:3, :3].T + X_TS[:3, 3], opening),
         clear=lambda q: mover.free(q, TUNING.clear),
         plan=ExcitationPlan(period=seconds, harmonics=TUNING.harmonics, starts=1, steps=40),
     )
 
 
 def swing_held(
-    model: Model, mover: Mover, cell: Cell, X_TS: Array, points_S: Array, force: float, seconds: float
+    model: Model, mover: Mover, cell: Cell, X_TS: Array, points_S: Array, seconds: float
 ) -> tuple[Swung, Excitation, float]:
     """Swing what is held; return the arm's messages, the motion, and the mass that was first thought of [kg].
 
@@ -147,7 +184,6 @@ def swing_held(
         cell: whose arm holds it.
         X_TS: (4, 4) of the object's S in the tool.
         points_S: (N, 3) of its surface [m].
-        force: of each finger [N].
         seconds: length of the motion [s].
 
     Raises:
@@ -155,8 +191,9 @@ def swing_held(
         WeighingError: no motion is within the limits.
     """
     posture = swing_posture(mover, cell)
+    cell.grip(0.0, 0.2, TUNING.force)
     mass = first_mass(model, cell)
-    motion = best_motion(model, mover, posture, X_TS, points_S, force, seconds, mass)
+    motion = best_motion(model, mover, posture, X_TS, points_S, cell.opening, seconds, mass)
     go(cell, mover.timed(mover.path(cell.commanded, motion.posture[None])))
     return Swung(swing(cell, motion, model.joints, "loaded"), cell.fingers, X_TS), motion, mass
 
