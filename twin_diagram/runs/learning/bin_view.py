@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from twin_diagram.assets.building.depth_view import make_view
 from twin_diagram.perception.segmentation.parting import part
-from twin_diagram.planning.grasps import Grasps, Gripper, Wanted, propose
+from twin_diagram.planning.grasps import Grasps, Gripper, Wanted, estimated_normals, propose
 from twin_diagram.runs.learning.cell import Picture
 from twin_diagram.signals.arrays import Array
 
@@ -18,8 +18,8 @@ from twin_diagram.signals.arrays import Array
 class Tuning:
     """Constants of this module, with their units and what set them."""
 
-    above: float = 0.006
-    """Height over the bin's bottom from which a point is a thing's [m]: four times a good camera's noise there."""
+    above: float = 0.004
+    """Height over the bin's bottom from which a point is a thing's [m]: thrice a good camera's noise there."""
 
     beside: float = 0.006
     """Distance from the bin's walls within which a point is theirs [m]."""
@@ -39,8 +39,14 @@ class Tuning:
     candidates: int = 24
     """Grasps of a thing that are held against the arm's reach."""
 
-    steepest: float = 0.5
+    steepest: float = 0.7
     """Least share of an approach that goes downwards: more slanted ones meet the bin's walls."""
+
+    slanted: float = 1.0
+    """Added to a grasp's cost, times what its approach lacks of straight down."""
+
+    one_sided: float = 0.15
+    """Added where the picture does not show both contacts: what is there is guessed."""
 
     walls: float = 0.008
     """Distance between points that stand for the bin's walls [m]."""
@@ -95,12 +101,14 @@ def things_within(picture: Picture, low: Array, high: Array, seed: int = 0) -> l
     rng = np.random.default_rng(seed)
     found = []
     for k in range(count):
-        rows = np.argwhere((label == k) & (np.linalg.norm(view.normals, axis=-1) > 0.5))
-        if len(rows) < TUNING.least:
-            continue
+        rows = np.argwhere(label == k)
         rows = rows[rng.permutation(len(rows))]
         at = (rows[:, 0], rows[:, 1])
-        found.append(SeenThing(points[at], normals[at], rows, picture.camera.p_WC))
+        # A rim is all edge, and has no normals of its own in the picture: its points' neighbours tell them.
+        own, bare = normals[at], np.linalg.norm(normals[at], axis=1) < 0.5
+        if bare.any():
+            own = np.where(bare[:, None], estimated_normals(points[at], picture.camera.p_WC), own)
+        found.append(SeenThing(points[at], own, rows, picture.camera.p_WC))
     return sorted(found, key=lambda thing: -thing.top)
 
 
@@ -145,8 +153,11 @@ def wall_points(low: Array, high: Array, thickness: float = 0.008) -> Array:
 
 
 def downward(grasps: Grasps) -> Array:
-    """Return the numbers of grasps that come from above, in their order."""
-    return np.flatnonzero(-grasps.approach[:, 2] >= TUNING.steepest)
+    """Return the numbers of grasps that come from above, the straightest of the good ones first."""
+    down = -grasps.approach[:, 2]
+    cost = grasps.score + TUNING.slanted * (1.0 - down) + TUNING.one_sided * (~grasps.seen).any(axis=1)
+    order = np.argsort(cost, kind="stable")
+    return np.asarray(order[down[order] >= TUNING.steepest])
 
 
 def filled(mask: Array) -> Array:

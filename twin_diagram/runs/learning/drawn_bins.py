@@ -19,10 +19,10 @@ class Tuning:
     """Constants of this module, with their units and what set them."""
 
     kinds: tuple[str, ...] = (
-        *("angle", "ring", "flask", "bottle", "can", "mug", "sugar_box", "gelatin_box"),
+        *("angle", "ring", "flask", "bottle", "can", "sugar_box", "gelatin_box"),
         "cracker_box",
     )
-    """What may lie in a bin: boxes and cylinders, and four that are not convex."""
+    """What may lie in a bin: boxes, cylinders, and four that are not convex; not the mug, which is full to the touch."""
 
     heaviest: float = 1.5
     """Masses are drawn from the asset's own up to this, evenly in their logarithm [kg]."""
