@@ -22,7 +22,7 @@ class Tuning:
         *("angle", "ring", "flask", "bottle", "can", "sugar_box", "gelatin_box"),
         "cracker_box",
     )
-    """What may lie in a bin: boxes, cylinders, and four that are not convex; not the mug, which is full to the touch."""
+    """What may lie in a bin: four of eight are not convex. Not the mug, which is full to the touch."""
 
     heaviest: float = 1.5
     """Masses are drawn from the asset's own up to this, evenly in their logarithm [kg]."""

@@ -137,7 +137,7 @@ def pick(tools: Tools, thing: SeenThing, others: Sequence[SeenThing], attempt: i
     if not len(order):
         return Picked(thing, why=grasps.why_empty() or "no grasp from above", tries=attempt)
     order = np.roll(order, -2 * attempt)
-    reach = reach_of(tools.mover, tools.cell, grasps, order.tolist(), 0.0)
+    reach = reach_of(tools.mover, tools.cell, grasps, order.tolist())
     if reach is None:
         return Picked(thing, why="out of reach", tries=attempt)
     taken = take(tools.mover, tools.cell, reach)

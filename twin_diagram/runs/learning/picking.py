@@ -33,6 +33,10 @@ class Tuning:
     slow: float = 0.08
     """Speed of the last centimetres down, and of the first up [m/s]."""
 
+    grazing: float = -0.015
+    """Clearance that is kept at a grasp [m]: the balls that stand for hand and wrist overlap walls by as much, and the
+    search for grasps has held the hand's own shape against them."""
+
     settle: float = 0.2
     """Rest before the fingers shut [s]."""
 
@@ -65,9 +69,7 @@ class Taken:
     grasp: int
 
 
-def reach_of(
-    mover: Mover, cell: Cell, grasps: Grasps, order: Sequence[int], clearance: float, most: int = 8
-) -> Reach | None:
+def reach_of(mover: Mover, cell: Cell, grasps: Grasps, order: Sequence[int], most: int = 8) -> Reach | None:
     """Return the first of some grasps, in order, that the arm can go to straight and has a way to; None: none.
 
     Both turns of the fingers, which are alike, are tried.
@@ -77,7 +79,6 @@ def reach_of(
         cell: where the arm is.
         grasps: in W.
         order: numbers of those that may be.
-        clearance: kept at the grasp itself from what stands about [m].
         most: path searches at the most.
     """
     q, searched = cell.commanded, 0
@@ -90,7 +91,7 @@ def reach_of(
             before[:3, 3] -= TUNING.retreat * X[:3, 2]
             for q_before in mover.goals(before, q)[:3]:
                 try:
-                    line = mover.line(q_before, X, clearance)
+                    line = mover.line(q_before, X, TUNING.grazing)
                     searched += 1
                     way = mover.path(q, line[:1])
                 except NoWay:

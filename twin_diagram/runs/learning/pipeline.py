@@ -79,6 +79,7 @@ class Learner:
         self._jobs = ShapeJobs()
         self._begun, self._handled_before = time.monotonic(), len(state.learned)
         self._left = 0
+        self._taken = 0
         self._made: list[Done] = []
 
     def run(self) -> None:
@@ -119,6 +120,11 @@ class Learner:
         if self.state.finished:
             return None
         picture, things = handling.look_into_bin(self.tools, self.state.given_up)
+        if not things and self.state.given_up and self._taken:
+            # What was in the way may be gone: what was given up has another chance.
+            self._taken, self.state.given_up = 0, []
+            self.state.learned = [one for one in self.state.learned if one.state != "reported"]
+            picture, things = handling.look_into_bin(self.tools, [])
         self._left = len(things)
         return (picture, things[0], things) if things else None
 
@@ -179,6 +185,7 @@ class Learner:
             self._jobs.add(name, folder)
         elif not shown.followed.shown:
             one.state = "failed"
+        self._taken += 1
         one.grasps = len(shown.X_ST)
         slips = [[s.picture, s.distance, s.angle] for s in shown.followed.slips]
         one.figures |= plain({"pictures": len(shown.followed.shown), "slips": slips, "notes": shown.notes})

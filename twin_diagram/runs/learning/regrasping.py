@@ -133,7 +133,7 @@ def take_again(
     for attempt in range(learning.tries):
         X_WS = stands_at(cell, learning, seen, X_WS)
         grasps = other_grasps(seen, X_WS, held, gripper, floor, attempt)
-        reach = reach_of(mover, cell, grasps, order_of(grasps, X_WS, held), 0.0)
+        reach = reach_of(mover, cell, grasps, order_of(grasps, X_WS, held))
         if reach is None:
             return None
         taken = take(mover, cell, reach)
