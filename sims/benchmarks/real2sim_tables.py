@@ -18,7 +18,7 @@ from pathlib import Path
 SIMS = Path(__file__).resolve().parent
 sys.path[:0] = [str(SIMS), str(SIMS.parents[1])]
 
-from real2sim_truth.scores import score_run  # noqa: E402
+from real2sim_truth.scores import observer, score_run  # noqa: E402
 from real2sim_truth.tables import told  # noqa: E402
 
 from twin_diagram import load_scenario  # noqa: E402
@@ -39,11 +39,15 @@ def main() -> int:
     parser.add_argument("--set", action="append", default=[], metavar="FIELD=VALUE", help="override a field")
     arguments = parser.parse_args()
     base = load_scenario("bin_picking", arguments.set)
+
+    def say(text: str) -> None:
+        print(text, file=sys.stderr, flush=True)
+
     rows = []
     for seed in range(arguments.first, arguments.first + arguments.count):
         scenario = draw_bin(base, seed, 2 if arguments.quick else arguments.objects)
         out = arguments.out / f"{seed:06d}"
-        learn(scenario, out, resume=(out / STATE).exists(), say=lambda text: print(text, file=sys.stderr, flush=True))
+        learn(scenario, out, resume=(out / STATE).exists(), say=say, observer=observer(out))
         rows += [{"seed": seed, **row} for row in score_run(scenario, out)]
         (arguments.out / "scores.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
     print(told(rows))

@@ -25,7 +25,7 @@ class Learning:
     """Where objects are set down to be taken anew; its highest z is the top."""
     display: list[float] = field(default_factory=lambda: [0.5, 0.0, 0.42])
     """Where the finger tips are while an object is shown [m]."""
-    force: float = 60.0
+    force: float = 75.0
     """With which each finger presses [N]."""
     tries: int = 3
     """Grasps of one object before another is taken."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -37,14 +38,23 @@ class TrueObject:
     inertia: Array
 
 
-def true_objects(scenario: Scenario, out: Path) -> list[TrueObject]:
-    """Return the world's objects where a run left them."""
+def observer(out: Path) -> Callable[[str, Array], None]:
+    """Return what writes down where everything truly was as an object was held, beside the run's folder."""
+
+    def note(name: str, positions: Array) -> None:
+        with out.with_suffix(".truth.jsonl").open("a") as file:
+            file.write(json.dumps({"object": name, "positions": positions.tolist()}) + "\n")
+
+    return note
+
+
+def true_objects(scenario: Scenario, positions: Array) -> list[TrueObject]:
+    """Return the world's objects at positions (nq,) of its plant."""
     builder = DiagramBuilder()
     world = build_world(builder, scenario)
     diagram = builder.Build()
     context = world.plant.GetMyContextFromRoot(diagram.CreateDefaultContext())
-    with np.load(out / STATE, allow_pickle=False) as data:
-        world.plant.SetPositions(context, data["world_positions"])
+    world.plant.SetPositions(context, positions)
     found = []
     for name, index in world.objects.items():
         body = world.plant.get_body(index)
@@ -75,6 +85,17 @@ def sampled(corners: Array, count: int, seed: int = 0) -> tuple[Array, Array]:
     return np.einsum("nk,nki->ni", share, corners[which]), cross[which] / area[which, None]
 
 
+def off_surface(points: Array, surface: Array, normals: Array) -> Array:
+    """Return how far points (M, 3) are from a surface that is sampled (N, 3) with its normals (N, 3).
+
+    Across the plane of the nearest sample, so that the distance between samples does not count; beyond an edge to it.
+    """
+    distance, index = cKDTree(surface).query(points)
+    across = np.abs(np.einsum("ni,ni->n", normals[index], points - surface[index]))
+    spacing = float(np.median(cKDTree(surface).query(surface, k=2)[0][:, 1]))
+    return np.where(distance < across + 3.0 * spacing, across, distance)
+
+
 def scored(one: dict[str, Any], folder: Path, true: TrueObject, X_WO: Array) -> dict[str, Any]:
     """Return how far a learned asset is off the true object.
 
@@ -91,7 +112,7 @@ def scored(one: dict[str, Any], folder: Path, true: TrueObject, X_WO: Array) -> 
     for reach, prior in ((0.03, (0.05, 0.5)), (0.012, (0.02, 0.2)), (0.006, (0.02, 0.2)), (0.004, (0.02, 0.2))):
         X, _ = register(truth, outward, points[:2500], normals[:2500], X, prior, reach)
     placed = points @ X[:3, :3].T + X[:3, 3]
-    there, back = cKDTree(truth).query(placed)[0], cKDTree(placed).query(truth)[0]
+    there, back = off_surface(placed, truth, outward), off_surface(truth, placed, normals @ X[:3, :3].T)
     spec = read_spec(folder)
     xx, yy, zz, xy, xz, yz = spec.inertia or [0.0] * 6
     inertia = X[:3, :3] @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ X[:3, :3].T
@@ -122,15 +143,18 @@ def score_run(scenario: Scenario, out: Path) -> list[dict[str, Any]]:
     """Return the scores of each finished object of a run, and a row for each other one."""
     with np.load(out / STATE, allow_pickle=False) as data:
         told = json.loads(str(data["told"]))
-    every, rows = true_objects(scenario, out), []
+    lines = out.with_suffix(".truth.jsonl").read_text().splitlines() if out.with_suffix(".truth.jsonl").exists() else []
+    truth = {line["object"]: np.array(line["positions"]) for line in map(json.loads, lines)}
+    rows: list[dict[str, Any]] = []
     for one in told["learned"]:
         figures = one["figures"]
-        if one["state"] != "finished" or "X_WS" not in figures:
+        if one["state"] != "finished" or "X_WS" not in figures or one["name"] not in truth:
             rows.append({"object": one["name"], "state": one["state"], "why": one["why"]})
             continue
         X_OS = np.eye(4)
         X_OS[:3, :3], X_OS[:3, 3] = figures["R_OS"], figures["p_OS"]
         X_WO = np.array(figures["X_WS"]) @ np.linalg.inv(X_OS)
+        every = true_objects(scenario, truth[one["name"]])
         true = min(every, key=lambda t: float(np.linalg.norm(t.X_WO[:3, 3] - X_WO[:3, 3])))
         rows.append({"state": "finished", **scored(one, out / "library" / one["name"], true, X_WO)})
     return rows

@@ -42,6 +42,9 @@ class Tuning:
     steepest: float = 0.7
     """Least share of an approach that goes downwards: more slanted ones meet the bin's walls."""
 
+    usual_mass: float = 0.7
+    """That a thing is taken to have [kg]."""
+
     slanted: float = 1.0
     """Added to a grasp's cost, times what its approach lacks of straight down."""
 
@@ -134,6 +137,9 @@ def grasps_of_thing(
         wanted=wanted,
         viewpoint=thing.viewpoint,
         table=np.array([0.0, 0.0, 1.0, floor]),
+        # Nobody knows its weight: a usual one in the middle keeps grasps from its ends, where it would turn.
+        mass=TUNING.usual_mass,
+        centre=thing.middle,
         surroundings=surroundings if len(surroundings) else None,
     )
 

@@ -41,6 +41,10 @@ class Tuning:
 TUNING = Tuning()
 
 
+Observer = Callable[[str, Array], None]
+"""Takes an object's name and the positions (nq,) of the world's plant."""
+
+
 @dataclass(frozen=True)
 class Picture:
     """One picture, and where the arm was when it was taken.
@@ -81,7 +85,7 @@ class Cell:
     """A simulated cell, advanced by those who ask something of it.
 
     Attributes:
-        contacts_watched: called after each tick with the station's context, by scorers alone; None: nobody.
+        observer: is told by `moment` where everything truly is, for scorers alone; None: nobody is.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -106,7 +110,7 @@ class Cell:
         self._opened, self._force = 1.0, scenario.twin.learning.force if scenario.twin.learning else 60.0
         self._recording: Recording | None = None
         self._frame = 0
-        self.contacts_watched: Callable[[SimStation, object], None] | None = None
+        self.observer: Observer | None = None
         self._send()
         self._simulator.Initialize()
 
@@ -138,6 +142,11 @@ class Cell:
         return self._fingers.opening(self._read(ports.GRIPPER_MEASURED)[: len(self._fingers.closed)])
 
     @property
+    def force(self) -> float:
+        """With which each finger presses [N]."""
+        return self._force
+
+    @property
     def fingers(self) -> dict[str, float]:
         """Where the fingers are, by the names of their joints [m]."""
         read = self._read(ports.GRIPPER_MEASURED)
@@ -160,8 +169,6 @@ class Cell:
     def _advance(self, until: float) -> None:
         self._send()
         self._simulator.AdvanceTo(until)
-        if self.contacts_watched is not None:
-            self.contacts_watched(self._station, self._context)
         if self._recording is not None:
             self._recording.time.append(float(self._read(ports.MEASUREMENT_TIME)[0]))
             self._recording.position.append(self._read(ports.POSITION_MEASURED))
@@ -220,7 +227,15 @@ class Cell:
         way = Alignment.of(told)
         colours = np.ascontiguousarray(way.colours(rgb)[..., :3])
         fingers = self._read(ports.GRIPPER_MEASURED)[: len(self._fingers.closed)]
-        return Picture(colours, way.depth(depth), told_camera(told), self.time, self.q, fingers)
+        # The newest message is a little older than the picture: the joints have moved on since.
+        late = self.time - max(0.0, float(self._read(ports.MEASUREMENT_TIME)[0]))
+        q = self.q + late * self._read(ports.VELOCITY_ESTIMATED)
+        return Picture(colours, way.depth(depth), told_camera(told), self.time, q, fingers)
+
+    def moment(self, name: str) -> None:
+        """Tell the observer, if there is one, where everything truly is now; no stage gets anything of it back."""
+        if self.observer is not None:
+            self.observer(name, self.snapshot()["positions"])
 
     def snapshot(self) -> dict[str, Array]:
         """Return where everything is, for a run that goes on later; nothing but `restore` reads it."""

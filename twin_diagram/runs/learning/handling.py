@@ -236,8 +236,8 @@ def weigh_empty(tools: Tools, shown: ShownObject, opening: float, file: Path) ->
         write_swung(file, swing_empty(tools.model, tools.mover, tools.cell, shown.swung, opening))
 
 
-def put_away(tools: Tools, shown: ShownObject, standing: Sequence[PutDown]) -> tuple[PutDown, Array]:
-    """Put what is held into the other bin, beside what stands there; return where, and X_WS (4, 4) as it was let go.
+def put_away(tools: Tools, shown: ShownObject, standing: Sequence[PutDown]) -> PutDown:
+    """Put what is held into the other bin, beside what stands there; return where.
 
     Raises:
         NoWay: no place is reached.
@@ -247,11 +247,10 @@ def put_away(tools: Tools, shown: ShownObject, standing: Sequence[PutDown]) -> t
     places = places_in(low, high, standing, points_T, shown.R_WT)
     if not places:
         raise NoWay("no room in the other bin")
-    X_WT, place = set_down(tools.mover, tools.cell, points_T, shown.R_WT, places)
+    _, place = set_down(tools.mover, tools.cell, points_T, shown.R_WT, places)
     extent = np.ptp(points_T @ shown.R_WT.T, axis=0)
     radius = 0.5 * float(np.hypot(extent[0], extent[1]))
-    put = PutDown((float(place[0]), float(place[1])), radius, float(place[2] + extent[2]))
-    return put, X_WT @ np.linalg.inv(shown.X_ST[-1])
+    return PutDown((float(place[0]), float(place[1])), radius, float(place[2] + extent[2]))
 
 
 def let_go(tools: Tools) -> None:

@@ -77,7 +77,7 @@ class Learner:
         """
         self.tools, self.record, self.state, self._say = tools, record, state, say
         self._jobs = ShapeJobs()
-        self._begun, self._handled_before = time.monotonic(), len(state.learned)
+        self._begun, self._handled = time.monotonic(), 0
         self._left = 0
         self._taken = 0
         self._made: list[Done] = []
@@ -168,11 +168,14 @@ class Learner:
             opening = self.tools.cell.opening
             if self.tools.learning.weigh_seconds > 0.0:
                 self._weigh(name, shown, folder)
+            # Where it is believed to be in the hand now, for whoever knows where it truly is.
+            X_WS = self.tools.mover.tool(self.tools.cell.q) @ np.linalg.inv(shown.X_ST[-1])
+            one.figures["X_WS"] = X_WS.tolist()
+            self.tools.cell.moment(name)
             with self._stage(name, "put away"):
                 standing = [PutDown((s[0], s[1]), s[2], s[3]) for o in self.state.learned if (s := o.standing)]
-                put, X_WS = handling.put_away(self.tools, shown, standing)
+                put = handling.put_away(self.tools, shown, standing)
                 one.standing = [*put.place, put.radius, put.top]
-                one.figures["X_WS"] = X_WS.tolist()
             empty = self.record.folder / SWUNG
             if shown.swung is not None and not empty.is_file():
                 with self._stage(name, "swing the empty hand"):
@@ -186,6 +189,7 @@ class Learner:
         elif not shown.followed.shown:
             one.state = "failed"
         self._taken += 1
+        self._handled += 1
         one.grasps = len(shown.X_ST)
         slips = [[s.picture, s.distance, s.angle] for s in shown.followed.slips]
         one.figures |= plain({"pictures": len(shown.followed.shown), "slips": slips, "notes": shown.notes})
@@ -268,7 +272,7 @@ class Learner:
 
     def remaining(self) -> float:
         """Return how long the bin's objects will take, by those so far [s of wall clock]."""
-        done = len(self.state.learned) - self._handled_before
+        done = self._handled
         each = (time.monotonic() - self._begun) / done if done else TUNING.usual
         return each * self._left
 

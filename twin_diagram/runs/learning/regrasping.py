@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin_diagram.planning.grasps import Grasps, Gripper, Wanted, propose
+from twin_diagram.runs.learning.bin_view import TUNING as BIN_VIEW
 from twin_diagram.runs.learning.bin_view import things_within
 from twin_diagram.runs.learning.cell import Cell
 from twin_diagram.runs.learning.following import Followed, register
@@ -85,7 +86,8 @@ def other_grasps(
     points = seen.points[order] @ X_WS[:3, :3].T + X_WS[:3, 3]
     normals = seen.normals[order] @ X_WS[:3, :3].T
     table = np.array([0.0, 0.0, 1.0, floor + TUNING.floor])
-    return propose(points, normals, gripper, wanted=Wanted(TUNING.candidates, seed + len(held)), table=table)
+    wanted, middle = Wanted(TUNING.candidates, seed + len(held)), 0.5 * (points.min(axis=0) + points.max(axis=0))
+    return propose(points, normals, gripper, wanted=wanted, table=table, mass=BIN_VIEW.usual_mass, centre=middle)
 
 
 def order_of(grasps: Grasps, X_WS: Array, held: Sequence[Array], steepest: float = 0.5) -> list[int]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from twin_diagram.errors import ScenarioError
 from twin_diagram.model.model import Model
-from twin_diagram.runs.learning.cell import told_camera
+from twin_diagram.runs.learning.cell import Observer, told_camera
 from twin_diagram.runs.learning.gallery import write_gallery
 from twin_diagram.runs.learning.pipeline import Learner, finish, tools_of
 from twin_diagram.runs.learning.record import LearningError, LearningRecord, RunState
@@ -46,7 +46,9 @@ def check_cell(twin: Twin) -> Learning:
 
 
 @one_thread()
-def learn(scenario: Scenario, out: str | Path, *, resume: bool = False, say: Say = print) -> RunState:
+def learn(
+    scenario: Scenario, out: str | Path, *, resume: bool = False, say: Say = print, observer: Observer | None = None
+) -> RunState:
     """Empty a bin and learn what lies in it.
 
     Args:
@@ -54,6 +56,7 @@ def learn(scenario: Scenario, out: str | Path, *, resume: bool = False, say: Say
         out: folder of the run: assets in `library/`, `events.jsonl`, `gallery.html`.
         resume: go on with the run in that folder.
         say: is told of each stage.
+        observer: of the true world, for scorers: nothing that is learned gets anything of it back.
 
     Returns:
         What is known of each object.
@@ -69,6 +72,7 @@ def learn(scenario: Scenario, out: str | Path, *, resume: bool = False, say: Say
         record.check_place()
     state = record.resume() if resume else None
     tools = tools_of(scenario, learning)  # what cannot be built leaves no folder behind
+    tools.cell.observer = observer
     if state is None:
         state = record.begin()
     with stopping.steps():

@@ -56,9 +56,6 @@ class Tuning:
     share: float = 0.4
     """Of what the grip carries that the swinging asks for: at 0.6 a box crept by two millimetres in 6 s."""
 
-    force: float = 75.0
-    """Of each finger while swinging [N]: nearly all that a WSG-50 has."""
-
     pad_half: float = 0.0105
     """Half of the pads' width [m]."""
 
@@ -114,12 +111,13 @@ def swing_posture(mover: Mover, cell: Cell) -> Array:
     raise NoWay("no place to weigh it is reached")
 
 
-def grip_on(points_T: Array, opening: float) -> Grip:
+def grip_on(points_T: Array, opening: float, force: float) -> Grip:
     """Return what the pads hold with, by how much of them the object covers.
 
     Args:
         points_T: (N, 3) of the object's surface in the tool's frame [m].
         opening: between the fingers [m].
+        force: with which each presses [N].
     """
     low, high = TUNING.pad
     beside = np.abs(np.abs(points_T[:, 1]) - 0.5 * opening) < TUNING.pressed
@@ -129,7 +127,7 @@ def grip_on(points_T: Array, opening: float) -> Grip:
         low, high = float(z.min()), float(z.max())
     long = max(high - low, 0.006)
     middle = (0.0, 0.0, 0.5 * (low + high))
-    return Grip(TUNING.force, TUNING.friction, 2 * TUNING.pad_half, long, middle, TUNING.share)
+    return Grip(force, TUNING.friction, 2 * TUNING.pad_half, long, middle, TUNING.share)
 
 
 def best_motion(
@@ -138,7 +136,7 @@ def best_motion(
     posture: Array,
     X_TS: Array,
     points_S: Array,
-    opening: float,
+    cell: Cell,
     seconds: float,
     mass: float,
 ) -> Excitation:
@@ -150,7 +148,7 @@ def best_motion(
         posture: (n,) about which it swings [rad].
         X_TS: (4, 4) of the object's S in the tool.
         points_S: (N, 3) of its surface [m]: the box about them stands for its shape.
-        opening: between the fingers [m].
+        cell: whose fingers hold it.
         seconds: length of the motion [s].
         mass: that it is taken to have [kg].
 
@@ -167,7 +165,7 @@ def best_motion(
         Shape.box(high - low).even(mass),
         posture,
         limits=limits,
-        grip=grip_on(points_S @ X_TS[:3, :3].T + X_TS[:3, 3], opening),
+        grip=grip_on(points_S @ X_TS[:3, :3].T + X_TS[:3, 3], cell.opening, cell.force),
         clear=lambda q: mover.free(q, TUNING.clear),
         plan=ExcitationPlan(period=seconds, harmonics=TUNING.harmonics, starts=1, steps=40),
     )
@@ -191,9 +189,8 @@ def swing_held(
         WeighingError: no motion is within the limits.
     """
     posture = swing_posture(mover, cell)
-    cell.grip(0.0, 0.2, TUNING.force)
     mass = first_mass(model, cell)
-    motion = best_motion(model, mover, posture, X_TS, points_S, cell.opening, seconds, mass)
+    motion = best_motion(model, mover, posture, X_TS, points_S, cell, seconds, mass)
     go(cell, mover.timed(mover.path(cell.commanded, motion.posture[None])))
     return Swung(swing(cell, motion, model.joints, "loaded"), cell.fingers, X_TS), motion, mass
 
