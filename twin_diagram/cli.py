@@ -17,6 +17,8 @@ from twin_diagram.assets.command import add_asset_commands
 from twin_diagram.errors import TwinError
 from twin_diagram.native import RUN, missing_packages_named, require_packages
 from twin_diagram.planning.grasps.command import add_grasps_command
+from twin_diagram.runs.fleet import command as fleet_command
+from twin_diagram.runs.learning.command import add_learn_command
 from twin_diagram.runs.tracking.command import add_track_command
 from twin_diagram.runtime.stopping import Stopped, stoppable
 from twin_diagram.runtime.threads import one_thread
@@ -115,6 +117,7 @@ def _parser() -> argparse.ArgumentParser:
     add_asset_commands(commands)
     add_track_command(commands)
     add_grasps_command(commands)
+    add_learn_command(commands)
     return parser
 
 
@@ -144,23 +147,19 @@ def _add_log_commands(commands: Any) -> None:
     predict.set_defaults(command=_predict)
 
     gap = commands.add_parser("gap", help="find what a model lacks to explain measured logs, and add it")
-    gap.add_argument("--model", required=True, help="URDF, SDF, MJCF or the folder of a corrected model")
+    gap.add_argument("--model", help="URDF, SDF, MJCF or the folder of a corrected model")
     gap.add_argument(
-        "--fit",
-        required=True,
-        type=Path,
-        action="append",
-        metavar="LOG",
-        help="measured log to find it in; may be repeated",
+        "--fit", type=Path, action="append", metavar="LOG", help="measured log to find it in; may be repeated"
     )
-    gap.add_argument("--holdout", required=True, type=Path, metavar="LOG", help="measured log that proves it")
+    gap.add_argument("--holdout", type=Path, metavar="LOG", help="measured log that proves it")
     gap.add_argument(
         "--out", required=True, type=Path, metavar="DIR", help="write gap.json, model/, experiments/ and report.html"
     )
+    fleet_command.add_fleet_options(gap)
     _add_columns(gap)
     _add_torque_side(gap)
     _add_packages(gap)
-    gap.set_defaults(command=_gap)
+    gap.set_defaults(command=_gap, refuse=gap.error)
 
 
 def _add_columns(parser: argparse.ArgumentParser) -> None:
@@ -175,9 +174,8 @@ def _add_torque_side(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--torque-side",
         choices=("motor", "link"),
-        default="motor",
         help="of the gear that torques were measured on: what the motor gives, or a sensor behind the gear, where no "
-        "rotor of its own shows (default: %(default)s)",
+        "rotor of its own shows (default: as the folder of a corrected model says, else motor)",
     )
 
 
@@ -310,6 +308,10 @@ def _predict(arguments: argparse.Namespace) -> int:
 
 
 def _gap(arguments: argparse.Namespace) -> int:
+    if wrong := fleet_command.one_or_many(arguments):
+        arguments.refuse(wrong)
+    if arguments.fleet is not None:
+        return fleet_command.run(arguments)
     from numpy.linalg import LinAlgError
 
     from twin_diagram.gap.report.words import headline

@@ -559,6 +559,16 @@ def test_a_moving_object_keeps_going_and_then_slows() -> None:
     np.testing.assert_allclose(slow.at(times)[0][0, :, :3, 3], np.tile([0.5, 0, 0.1], (4, 1)))
 
 
+def test_what_turns_in_place_goes_on_turning() -> None:
+    spin = np.array([0.0, 0, 0.8, 0.001, 0, 0])
+    forecast = Forecast.of_tracks(packed((0.5, 0, 0.1), status=ObjectStatus.MOVING, velocity=spin))
+    assert forecast.moving[0]
+    X_WO, _ = forecast.at(np.array([0.5]))
+    np.testing.assert_allclose(Rotation.from_matrix(X_WO[0, 0, :3, :3]).as_rotvec(), 0.5 * spin[:3], atol=1e-12)
+    np.testing.assert_allclose(X_WO[0, 0, :3, 3], [0.5, 0, 0.1])
+    assert not Forecast.of_tracks(packed((0.5, 0, 0.1), velocity=spin)).moving[0], "the noise of tracking turns, too"
+
+
 # What stands still.
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -18,23 +18,20 @@ from typing import Any
 import numpy as np
 
 from twin_diagram.errors import LogError, ModelError, TwinError
-from twin_diagram.gap.correction.add_effects import add
 from twin_diagram.gap.correction.held_out_evidence import confirmed
-from twin_diagram.gap.correction.held_out_onsets import with_held_onsets
 from twin_diagram.gap.experiments import advice as texts
 from twin_diagram.gap.experiments.trajectories import Experiment, design, visited
 from twin_diagram.gap.findings import Verdict
-from twin_diagram.gap.naming import name
 from twin_diagram.gap.report import gap_json, page
 from twin_diagram.gap.report.comparison import Shown, show
 from twin_diagram.gap.report.subject import Subject
 from twin_diagram.gap.residuals.prepared_logs import TUNING as PREPARED_LOGS
-from twin_diagram.gap.residuals.prepared_logs import Records, prepare, usable
+from twin_diagram.gap.residuals.prepared_logs import prepare, usable
 from twin_diagram.gap.verdict.deciding import TUNING as DECIDING
 from twin_diagram.gap.verdict.probabilities import less_sure
-from twin_diagram.gap.whole_robot.explain import WholeRobot
-from twin_diagram.gap.whole_robot.taking_over import taken_over, unsearched
+from twin_diagram.gap.whole_robot.few_or_whole import Explanation, explained, nameless, standing_after
 from twin_diagram.logs import Log, read_log, write_columns
+from twin_diagram.model.description import corrected_folder
 from twin_diagram.model.model import Model
 from twin_diagram.model.prediction import as_explained, load_model_for
 from twin_diagram.runtime import written_files
@@ -59,7 +56,8 @@ TUNING = Tuning()
 STAGES = MappingProxyType(
     {
         "reading the logs": 0.0,
-        "looking at the residual": 0.003,
+        "fitting the whole robot": 0.003,
+        "looking at the residual": 0.03,
         "searching for a name": 0.04,
         "searching again with the noise that is left": 0.22,
         "refining what was found": 0.6,
@@ -68,7 +66,6 @@ STAGES = MappingProxyType(
         "refining by torques": 0.85,
         "refining by simulated motion": 0.87,
         "refining by torques, all that is left counted alike": 0.89,
-        "fitting the whole robot": 0.895,
         "residual torque before and after": 0.9,
         "rollouts of the held-out run before and after": 0.905,
         "writing the report": 0.93,
@@ -80,7 +77,7 @@ which differ by a factor of two."""
 FOR_THE_UNKNOWN = (texts.SPEEDS, texts.SLOW, texts.LONG)
 """Experiments that show most of an effect that has no name yet."""
 
-PARTS = ("model", "experiments", "gap.json", "report.html")
+PARTS = ("model", "candidate_model", "experiments", "gap.json", "report.html")
 """What is written; what else is in the folder, and in those folders, is left alone."""
 FILES = "gap_files.txt"
 """Tells what was written; see `written_files`."""
@@ -99,6 +96,8 @@ class Gap:
         notes: what the reader of the logs should know.
         experiments: to run next, with the names of their files.
         seconds: that it took.
+        candidate: where nothing is named: the best partial explanation, not established; None: there is none.
+        standing: of the corrected model.
     """
 
     verdict: Verdict
@@ -109,6 +108,8 @@ class Gap:
     notes: tuple[str, ...]
     experiments: tuple[tuple[Experiment, str], ...]
     seconds: float
+    candidate: Model | None = None
+    standing: corrected_folder.CorrectedStanding = field(default_factory=corrected_folder.CorrectedStanding)
 
 
 @one_thread()
@@ -120,7 +121,7 @@ def run_gap(
     say: Say | None = None,
     packages: Mapping[str, str | Path] | None = None,
     columns: str | Path | None = None,
-    torque_side: str = "motor",
+    torque_side: str | None = None,
 ) -> Gap:
     """Find what a model lacks, add it, and show the gap shrink.
 
@@ -132,7 +133,8 @@ def run_gap(
         say: told what is being done, and how much time is left.
         packages: local folders for `package://` names.
         columns: what foreign logs' columns mean, see `read_log`.
-        torque_side: of the gears that torques were measured on: `motor`, or `link`, where no rotor shows.
+        torque_side: of the gears that torques were measured on: `motor`, or `link`, where no rotor shows;
+            None: as the folder of a corrected model says, else `motor`.
 
     Raises:
         TwinError: model, logs or folder cannot be used; nothing is written.
@@ -144,18 +146,13 @@ def run_gap(
     say("reading the logs")
     given, logs, held, notes = _read(model, fit, holdout, packages, columns, torque_side)
     records = prepare(given, logs)
-    verdict, corrected, whole = _found(given, logs, held, records, notes, say)
-    shown = show(given, corrected, logs, held, verdict.noise_floor, say=say)
-    agrees = partial(accepted, verdict, shown, partial(confirmed, given, corrected, held))
-    if whole is None and corrected is not given and not agrees():
-        notes.append("what was named did not shrink the gap on the held-out run on all joints, and was dropped")
-        verdict, corrected, shown = _nameless(verdict), given, shown.uncorrected()
-    if corrected is not given and not shown.is_exercised():
-        notes.append(
-            "the held-out run does nothing in which the two models differ, so it proves nothing: hold out a run that "
-            "moves more like those that were fitted"
-        )
-        verdict = _less_sure(verdict)
+    standing = corrected_folder.standing_of(model)
+    if not standing.established:
+        notes.append(f"{model}: is a partial explanation that was not established")
+    found = explained(given, logs, held, records, notes, say, standing)
+    verdict, corrected, shown = _proved(found, given, logs, held, notes, say)
+    candidate, more = _partial(verdict, found)
+    notes += more
     gap = Gap(
         verdict=verdict,
         given=given,
@@ -165,6 +162,8 @@ def run_gap(
         notes=tuple(notes),
         experiments=_experiments(given, verdict, shown, logs),
         seconds=time.perf_counter() - begin,
+        candidate=candidate,
+        standing=standing_after(standing, found, corrected, shown.fit_rms()[1]),
     )
     if out is not None:
         say("writing the report")
@@ -172,42 +171,34 @@ def run_gap(
     return gap
 
 
-def _found(
-    given: Model, logs: Sequence[Log], held: Log, records: Records, notes: list[str], say: Say
-) -> tuple[Verdict, Model, WholeRobot | None]:
-    """Return verdict and corrected model of the search, or of the robot as a whole; `notes` grow."""
-    try:
-        named = name(given, logs, say, records)
-    except np.linalg.LinAlgError:  # more that could explain the runs than samples to tell it by
+def _proved(
+    found: Explanation, given: Model, logs: Sequence[Log], held: Log, notes: list[str], say: Say
+) -> tuple[Verdict, Model, Shown]:
+    """Return verdict, corrected model and what they do on the held-out run, with what that says; `notes` grow."""
+    verdict, corrected = found.verdict, found.corrected
+    shown = show(given, corrected, logs, held, verdict.noise_floor, say=say)
+    agrees = partial(accepted, verdict, shown, partial(confirmed, given, corrected, held))
+    if found.whole is None and corrected is not given and not agrees():
+        notes.append("what was named did not shrink the gap on the held-out run on all joints, and was dropped")
+        verdict, corrected, shown = nameless(verdict), given, shown.uncorrected()
+    if corrected is not given and not shown.is_exercised():
         notes.append(
-            "these runs are too short, or move too little, to tell single effects apart: ten seconds in which each "
-            "joint moves to and fro do; the robot was fitted as a whole"
+            "the held-out run does nothing in which the two models differ, so it proves nothing: hold out a run that "
+            "moves more like those that were fitted"
         )
-        named = unsearched(records)
-    verdict, corrected, more = _corrected(given, logs, held, named, records, say)
-    notes += more
-    say("fitting the whole robot")
-    return taken_over(records, logs, verdict, corrected)
+        verdict = _less_sure(verdict)
+    return verdict, corrected, shown
 
 
-def _corrected(
-    given: Model, logs: Sequence[Log], held: Log, verdict: Verdict, records: Records, say: Say
-) -> tuple[Verdict, Model, list[str]]:
-    """Return the verdict with refined parameters, the corrected model (the given one where none can be), and notes."""
-    if not verdict.findings:
-        return verdict, given, []
-    say("adding what was named")
-    notes: list[str] = []
-    try:
-        added = add(given, logs, verdict.findings, say, records)
-        notes += added.notes
-        # What cannot be added was no explanation.
-        verdict = _nameless(verdict) if added.model is given else replace(verdict, findings=added.findings)
-        corrected, more = with_held_onsets(added.model, held, verdict.noise_floor)
-    except ModelError as error:
-        notes.append(f"what fits the runs best is not physical, so nothing is named: {error}")
-        return _nameless(verdict), given, notes
-    return verdict, corrected, notes + more
+def _partial(verdict: Verdict, found: Explanation) -> tuple[Model | None, list[str]]:
+    """Return the best partial explanation where nothing is named, and what is said of it."""
+    if verdict.verdict != "unknown" or found.partial is None or not found.partial.closes() > 0.0:
+        return None, []
+    share = found.partial.closes()
+    return found.partial.model, [
+        f"candidate_model/ is the best partial explanation, and not established: of motion that its fit has not "
+        f"seen it closes {share:.0%} of the residual torque"
+    ]
 
 
 def _called(model: Path) -> str:
@@ -216,11 +207,6 @@ def _called(model: Path) -> str:
         return model.name
     names = sorted(path.name for path in model.iterdir() if path.suffix in (".urdf", ".sdf", ".xml"))
     return f"{names[0]}, corrected before" if names else model.name
-
-
-def _nameless(verdict: Verdict) -> Verdict:
-    """Return the verdict without names."""
-    return replace(verdict, verdict="unknown", remainder=False, findings=(), separation=())
 
 
 def _less_sure(verdict: Verdict) -> Verdict:
@@ -249,7 +235,9 @@ def write(gap: Gap, out: Path, title: str) -> None:
     """Write everything, whole or not at all, for what was written there before; what else is in `out` stays."""
     try:
         with written_files.folder(out, FILES, _unlisted(out)) as aside:
-            gap.corrected.save(aside / "model")
+            gap.corrected.save(aside / "model", gap.standing)
+            if gap.candidate is not None:
+                gap.candidate.save(aside / "candidate_model", corrected_folder.CorrectedStanding(established=False))
             for experiment, file in gap.experiments:
                 write_columns(experiment.columns(), aside / file)
             (aside / "gap.json").write_text(gap_json.text(gap.answer), encoding="utf-8")
@@ -285,7 +273,7 @@ def _read(
     holdout: str | Path,
     packages: Mapping[str, str | Path] | None,
     columns: str | Path | None = None,
-    torque_side: str = "motor",
+    torque_side: str | None = None,
 ) -> tuple[Model, list[Log], Log, list[str]]:
     if not fit:
         raise LogError("no log to fit: give at least one with --fit")
@@ -305,7 +293,7 @@ def _read(
         usable(log)
     usable(kept, PREPARED_LOGS.shortest_held)
     notes = [warning.message for warning in warnings]
-    if torque_side == "link":
+    if given.arm.link_side:
         notes.append(
             "torques were measured behind the gears: friction is what is left of it there, and rotors do not show"
         )

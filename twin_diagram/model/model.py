@@ -110,7 +110,7 @@ class Model:
         spec_or_path: scenario.ArmModel | str | Path,
         packages: Mapping[str, str | Path] | None = None,
         base_dir: str | Path | None = None,
-        torque_side: str = "motor",
+        torque_side: str | None = None,
     ) -> Model:
         """Read a description, or the folder of a corrected model.
 
@@ -118,16 +118,18 @@ class Model:
             spec_or_path: an arm of a scenario, or the path of a URDF, SDF, MJCF or .dmd.yaml file or of a folder.
             packages: local folders for `package://` names.
             base_dir: folder that relative paths are looked up in first.
-            torque_side: of the gears that torques are measured on: `motor`, or `link`, where no rotor of its own shows.
+            torque_side: of the gears that torques are measured on: `motor`, or `link`, where no rotor of its own shows;
+                None: as the folder of a corrected model says, else `motor`.
 
         Raises:
             ModelError: see `add_arm.add_arm` and `effects.make`; or no such side.
         """
         plant = MultibodyPlant(0.0)
-        if torque_side not in TORQUE_SIDES:
+        if torque_side is not None and torque_side not in TORQUE_SIDES:
             raise ModelError(f"torque side {torque_side!r}: it is one of {', '.join(TORQUE_SIDES)}")
         arm = add_arm(plant, spec_or_path, packages, base_dir)
-        if torque_side == "link":
+        recorded = corrected_folder.standing_of(Path(arm.spec.model).parent).torque_side
+        if (torque_side or recorded) == "link":
             arm = arm.behind_gears(plant)
         effects = [make(spec) for spec in arm.spec.effects]
         try:
@@ -165,12 +167,18 @@ class Model:
         """
         return self._context.Clone()
 
-    def save(self, folder: str | Path) -> None:
+    def save(self, folder: str | Path, standing: corrected_folder.CorrectedStanding | None = None) -> None:
         """Write the description and `effects.yaml`; an existing folder is replaced once all is written.
 
         Files that the description names by relative paths are named by absolute ones in the copy.
+
+        Args:
+            folder: to be written.
+            standing: what is known of it as a corrected model; its torque's side is always said.
         """
-        corrected_folder.write(self.spec, folder)
+        side = "link" if self.arm.link_side else "motor"
+        known = replace(standing or corrected_folder.CorrectedStanding(), torque_side=side)
+        corrected_folder.write(self.spec, folder, known)
 
     # Dynamics.
 

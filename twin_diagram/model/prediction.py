@@ -190,7 +190,7 @@ def rollout_rms(
 
 
 def load_model_for(
-    log: Log, model: str | Path, packages: Mapping[str, str | Path] | None = None, torque_side: str = "motor"
+    log: Log, model: str | Path, packages: Mapping[str, str | Path] | None = None, torque_side: str | None = None
 ) -> tuple[Model, Log, list[LogWarning]]:
     """Return a model and a log that go together.
 
@@ -238,7 +238,7 @@ def predict(
     packages: Mapping[str, str | Path] | None = None,
     columns: str | Path | None = None,
     say: Callable[[str], None] | None = None,
-    torque_side: str = "motor",
+    torque_side: str | None = None,
 ) -> list[LogWarning]:
     """Read a log, and writes `torque_predicted.<joint>` and `position_predicted.<joint>` for each of its samples.
 
@@ -250,7 +250,7 @@ def predict(
         packages: local folders for `package://` names.
         columns: what a foreign log's columns mean, see `read_log`.
         say: told each joint's root mean square of measured less predicted torque and position, without the log's ends.
-        torque_side: of the gears that the torque was measured on, `motor` or `link`.
+        torque_side: of the gears that the torque was measured on, `motor` or `link`; None: as the model says.
 
     Raises:
         TwinError: the model or the log cannot be used; nothing is written.

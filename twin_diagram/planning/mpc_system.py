@@ -61,10 +61,12 @@ class Mpc(ModelUser[Model]):
         - further_tracks (optional)
         - things (optional)
         - hand (optional)
+        - brake (optional)
         output_ports:
         - position_commanded
         - torque_commanded
         - plan
+        - plan_time
         - reach
 
     Ports:
@@ -76,6 +78,8 @@ class Mpc(ModelUser[Model]):
         things: (T · THING_SIZE) unknown things, to be kept clear of as the objects are.
         hand: (HAND_SIZE) what is held is part of the arm's shape, from the first plan on, and no obstacle; what may be
             touched is no obstacle either. See `signals.hand`.
+        brake: (1 + n) whether something else has stopped the arm, and where it holds it [rad]: plans start there, from
+            rest.
         measurement_time: (1) time of the arm's newest message [s]; until it is >= 0 nothing is planned. Not connected:
             `arm_state` is trusted from the start.
         position_commanded: (n) [rad]; the plan now, twice continuously differentiable in time. Before the first plan:
@@ -83,6 +87,7 @@ class Mpc(ModelUser[Model]):
         torque_commanded: (n) [N·m] to add to the arm's own controller: the weight of the payload as learned, and what
             a corrected model needs beyond the given one to hold still.
         plan: (knots · n) the plan's knots from now on, row by row [rad].
+        plan_time: (1) when the plan was made [s], `NEVER` before the first.
         reach: (1) how many joint positions are known that put the tool at the goal; `NEVER` where there is none.
 
     Rate: plans at `planner.rate`, a periodic update. It comes right after the scene-graph updater's tick that
@@ -147,6 +152,7 @@ class Mpc(ModelUser[Model]):
         self._things_in = self.DeclareVectorInputPort("things", THING_SIZE * twin.slots.unknown)
 
         self._hand_in = self.DeclareVectorInputPort("hand", HAND_SIZE)
+        self._brake_in = self.DeclareVectorInputPort("brake", 1 + n)
 
         home = np.array(twin.home, dtype=float) if twin.home else np.zeros(n)
         self._state = self.DeclareDiscreteState(self.planner.initial(home).pack())
@@ -167,6 +173,7 @@ class Mpc(ModelUser[Model]):
             prerequisites_of_calc={arm, self._parameters_in.ticket(), self.all_parameters_ticket()},
         )
         self.DeclareVectorOutputPort("plan", self._knots * n, self._calc_plan, prerequisites_of_calc={state})
+        self.DeclareVectorOutputPort("plan_time", 1, self._calc_plan_time, prerequisites_of_calc={state})
         pending = self.abstract_state_ticket(self._pending)
         self.DeclareVectorOutputPort("reach", 1, self._calc_reach, prerequisites_of_calc={state, pending})
 
@@ -221,8 +228,12 @@ class Mpc(ModelUser[Model]):
                 tracks, further, things = obstacles_beside(hand, X_WT, self._radii, tracks, further, things)
             if hand.held != NOTHING:
                 planner = planner.holding(replace(hand, touched=NOTHING).pack().tobytes())
+        memory = self.memory(context)
+        brake = np.array(self._brake_in.Eval(context)) if self._brake_in.HasValue(context) else np.zeros(1)
+        if brake[0]:
+            memory = replace(planner.hold(memory, now, brake[1:]), stay=memory.stay)
         dynamics = ArmTorque(self._in_use(context), planner.scene.chain, self._payload(context))
-        memory, _ = planner.tick(self.memory(context), now, arm, tracks, goal, further, things, arm=dynamics)
+        memory, _ = planner.tick(memory, now, arm, tracks, goal, further, things, arm=dynamics)
         state.get_mutable_discrete_state().set_value(int(self._state), memory.pack())
         state.get_mutable_abstract_state(int(self._pending)).set_value(memory.pending)
         return EventStatus.Succeeded()
@@ -273,6 +284,9 @@ class Mpc(ModelUser[Model]):
     def _calc_plan(self, context: Context, output: BasicVector) -> None:
         trajectory = Memory.trajectory_of(self._vector(context), self._n, self._knots, self._step)
         output.SetFromVector(trajectory.knots.ravel())
+
+    def _calc_plan_time(self, context: Context, output: BasicVector) -> None:
+        output[0] = float(self._vector(context)[0])
 
     def _calc_reach(self, context: Context, output: BasicVector) -> None:
         memory = self.memory(context)

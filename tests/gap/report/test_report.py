@@ -22,7 +22,7 @@ from twin_diagram.gap.candidates.records import RECORDS
 from twin_diagram.gap.correction.named_effects import effects_of, sentence_of, specs_of
 from twin_diagram.gap.experiments import advice, trajectories
 from twin_diagram.gap.findings import Alternative, Estimate, Finding, Separation, Verdict
-from twin_diagram.gap.report import charts, gap_json, words
+from twin_diagram.gap.report import charts, gap_json, numbers, words
 from twin_diagram.gap.report import page as report
 from twin_diagram.gap.report.comparison import Shown, above_noise, compare, show
 from twin_diagram.gap.report.pictures import binned, image
@@ -107,7 +107,7 @@ def test_named(model: Model, shown: Shown) -> None:
     assert "at velocity reversals" in text and "repeat with a known payload" in text
     assert "+- name: coulomb_friction" in text  # the model's difference
     before, after = shown.holdout_rms()
-    assert words.number(before[1]) in text and words.number(after[1]) in text
+    assert numbers.number(before[1]) in text and numbers.number(after[1]) in text
     assert "very likely" in text and "practically certain" in text
 
 
@@ -269,7 +269,7 @@ def test_a_browser_shows_it(model: Model, shown: Shown, tmp_path: Path) -> None:
 
 @given(st.floats(-1e6, 1e6), st.floats(1e-6, 1e3))
 def test_value_is_within_its_rounded_error(value: float, std: float) -> None:
-    said = words.with_error(Estimate(value, std, "1"))
+    said = numbers.with_error(Estimate(value, std, "1"))
     number, error = (float(part) for part in said.split(" ± "))
     assert abs(number - value) <= 0.51 * max(std, 1e-3 * abs(value))
     assert error == pytest.approx(std, rel=0.06)

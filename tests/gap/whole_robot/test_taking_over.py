@@ -41,15 +41,15 @@ def test_few_places_are_no_whole_robot() -> None:
     assert not taking_over.outdoes(replace(whole, findings=few), [log_of(true)], ARM, named=False)
 
 
-def test_what_a_search_explains_is_left_alone(monkeypatch) -> None:
-    monkeypatch.setattr(taking_over, "explain", lambda records: 1 / 0)
+def test_what_a_search_explains_is_left_alone() -> None:
+    _, whole = lacking()
     records = noisy(ARM, ARM, 4.0)
     said = Finding("payload", (), ("tool0",), {}, 0.99)
     for verdict in (
         Verdict("none", False, (), (), (), np.ones(6)),
         Verdict("named", False, (said,), (), (), np.ones(6)),
     ):
-        assert taking_over.taken_over(records, [], verdict, ARM) == (verdict, ARM, None)
+        assert taking_over.taken_over(records, [], verdict, ARM, whole) == (verdict, ARM, None)
 
 
 def test_noise_is_that_of_the_torques_where_nothing_was_searched() -> None:
@@ -58,3 +58,43 @@ def test_noise_is_that_of_the_torques_where_nothing_was_searched() -> None:
     verdict = taking_over.unsearched(Records(ARM, (record(ARM, time, q, v, a, extra=noise),)))
     assert verdict.verdict == "unknown" and not verdict.findings
     np.testing.assert_allclose(verdict.noise_floor, 0.5 * np.sqrt(0.1), rtol=0.15)
+
+
+def test_a_robot_that_lacks_everything_need_not_be_searched() -> None:
+    _, whole = lacking()
+    noise = 0.5 * whole.left
+    assert taking_over.suffices(whole, noise)
+    assert taking_over.suffices(whole, 2.0 * whole.left)  # many names, and nothing is left
+    aloof = replace(whole, left=np.where(np.arange(6) == 2, 0.5 * whole.before, whole.left))
+    assert not taking_over.suffices(aloof, noise)
+    few = replace(whole, findings=tuple(replace(f, joints=f.joints[:1], links=f.links[:1]) for f in whole.findings))
+    assert not taking_over.suffices(few, noise)
+
+
+def test_of_an_arm_that_was_known_what_tells_much_is_enough() -> None:
+    true, whole = lacking()
+    assert taking_over.tells_of_change(whole, ARM, [log_of(true)])
+    assert not taking_over.tells_of_change(whole, whole.model, [log_of(true)])
+    assert not taking_over.tells_of_change(None, ARM, [log_of(true)])
+
+
+def test_what_was_recorded_is_no_news() -> None:
+    true, whole = lacking()
+    log = log_of(true)
+    left = np.exp(taking_over.size_of(ARM, [log]))
+    assert taking_over.no_more_than_recorded(ARM, [log], whole, left)
+    assert not taking_over.no_more_than_recorded(ARM, [log], whole, left / 1.2)
+    assert taking_over.no_more_than_recorded(ARM, [log], None, left / 1.2)
+    assert not taking_over.no_more_than_recorded(ARM, [log], None, left / 1.6)
+
+
+def test_the_verdict_of_the_whole_says_where_and_whether_something_is_left() -> None:
+    true, whole = lacking()
+    records = noisy(ARM, true)
+    bare = taking_over.unsearched(records)
+    verdict = taking_over.as_named(records, bare, whole)
+    assert verdict.verdict == "named" and verdict.findings == whole.findings
+    assert verdict.where and sum(place.share for place in verdict.where) <= 1.0 + 1e-9
+    rough = replace(whole, fitted=10.0 * bare.noise_floor)
+    assert taking_over.as_named(records, bare, rough).remainder
+    assert not taking_over.as_named(records, bare, rough, 10.0 * bare.noise_floor).remainder

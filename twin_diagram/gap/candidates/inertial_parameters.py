@@ -11,7 +11,7 @@ from twin_diagram.gap.candidates.candidate import Candidate, Values, transformed
 from twin_diagram.gap.candidates.given_link import link_inertia
 from twin_diagram.gap.candidates.merging import summed
 from twin_diagram.gap.candidates.records import EffectRecord, Wakes, register
-from twin_diagram.gap.candidates.whole_arm import in_link_frame, last_body, link_spread, reach
+from twin_diagram.gap.candidates.whole_arm import in_link_frame, last_body, link_spread, mass_scale, reach
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.model.effects import Effect
 from twin_diagram.model.effects.inertia import Payload
@@ -22,6 +22,9 @@ from twin_diagram.signals.arrays import Array
 @dataclass(frozen=True)
 class Tuning:
     """Constants of this module, with their units and what set them."""
+
+    heaviest: float = 3.0
+    """Times its described mass, and a load that such an arm may carry, that a link weighs at most."""
 
     ten: float = 5.0
     """Price of a link's ten numbers: of so many combinations some always suits the noise [nats]; by clean logs."""
@@ -41,7 +44,8 @@ def on_arm(terms: Terms) -> list[Candidate]:
 
         def admits(c: Array, present: Array = present) -> bool:
             now = present + c
-            return bool(now[0] > 0.0 and np.linalg.norm(now[1:4]) <= far * now[0])
+            heaviest = TUNING.heaviest * present[0] + mass_scale(terms)
+            return bool(0.0 < now[0] < heaviest and np.linalg.norm(now[1:4]) <= far * now[0])
 
         if np.sqrt(np.mean(full**2)) < 1e-9 or turns_only(full):
             continue

@@ -53,8 +53,8 @@ def on_joints(terms: Terms) -> list[list[Candidate]]:
 
 
 def stribeck(terms: Terms, j: int, speed: float) -> Candidate | None:
-    """Return Coulomb's level, and what breaking loose takes beyond it."""
-    if speed < TUNING.slowest:
+    """Return Coulomb's level, and what breaking loose takes beyond it; None where the joint does not show its speed."""
+    if speed < TUNING.slowest or speed > max(float(np.max(np.abs(r.v[:, j]))) for r in terms.records.records):
         return None
     parts = zip(terms.signs, terms.records.records, strict=True)
     bump = terms.reduce(tuple(s[:, j] * np.exp(-((r.v[:, j] / speed) ** 2)) for s, r in parts))

@@ -7,7 +7,7 @@ from html import escape
 
 import numpy as np
 
-from twin_diagram.gap.report.words import number
+from twin_diagram.gap.report.numbers import number
 from twin_diagram.signals.arrays import Array
 
 ROW = 46

@@ -6,7 +6,7 @@ from html import escape
 
 import numpy as np
 
-from twin_diagram.gap.report import words
+from twin_diagram.gap.report import numbers, words
 from twin_diagram.gap.report.section_found import found, where
 from twin_diagram.gap.report.section_gap import lost, pictures, sizes
 from twin_diagram.gap.report.section_next import difference, onward
@@ -71,17 +71,17 @@ def _tiles(subject: Subject) -> str:
                 "above the noise below 10 Hz on the run that was held out, with the given model or this one",
             ),
             (
-                f"{words.number(before[worst])} → {words.number(after[worst])}|{unit}",
+                f"{numbers.number(before[worst])} → {numbers.number(after[worst])}|{unit}",
                 f"residual {what} of {shown.joints[worst]}, held out; the noise is "
-                f"{words.number(shown.noise_floor[worst])}",
+                f"{numbers.number(shown.noise_floor[worst])}",
             ),
         ]
     else:
         tiles.append(
             (
-                f"{words.number(before[worst])}|{unit}",
+                f"{numbers.number(before[worst])}|{unit}",
                 f"largest residual against its noise: {shown.joints[worst]}, held out; the noise is "
-                f"{words.number(shown.noise_floor[worst])} {unit}",
+                f"{numbers.number(shown.noise_floor[worst])} {unit}",
             )
         )
     rolled = shown.holdout
@@ -109,7 +109,7 @@ def _tiles(subject: Subject) -> str:
 
 def _lost(error: float, most: float) -> str:
     """Return an error; how far beyond `most` a model has lost the arm tells nothing."""
-    return words.number(error) if error < most else f"> {words.number(most)}"
+    return numbers.number(error) if error < most else f"> {numbers.number(most)}"
 
 
 def _figure(text: str) -> str:

@@ -7,7 +7,7 @@ from html import escape
 from twin_diagram.gap.candidates.records import record_of
 from twin_diagram.gap.correction.named_effects import amount_of, sentence_of
 from twin_diagram.gap.findings import Estimate, Finding
-from twin_diagram.gap.report import charts, words
+from twin_diagram.gap.report import charts, numbers, words
 from twin_diagram.gap.report.subject import Subject
 
 
@@ -128,14 +128,14 @@ def _estimate(estimate: Estimate) -> str:
         along, effort = CURVES[estimate.unit]
         half = len(value) // 2
         pairs = "".join(
-            f'<tr><td class="n">{words.number(a)}</td><td class="n">{words.number(t)}</td></tr>'
+            f'<tr><td class="n">{numbers.number(a)}</td><td class="n">{numbers.number(t)}</td></tr>'
             for a, t in zip(value[:half], value[half:], strict=True)
         )
         return (
             f"a curve through {half} points<details><summary>points</summary><table>"
             f'<tr><th class="n">{along}</th><th class="n">{effort}</th></tr>{pairs}</table></details>'
         )
-    return escape(words.with_error(estimate))
+    return escape(numbers.with_error(estimate))
 
 
 def where(subject: Subject) -> str:

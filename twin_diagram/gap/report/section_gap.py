@@ -7,7 +7,7 @@ from html import escape
 import numpy as np
 
 from twin_diagram.gap.findings import Finding
-from twin_diagram.gap.report import charts, words
+from twin_diagram.gap.report import charts, numbers, words
 from twin_diagram.gap.report.comparison import Comparison, Shown, above_noise
 from twin_diagram.gap.report.pictures import residual_pictures
 from twin_diagram.gap.report.subject import Subject
@@ -92,10 +92,10 @@ def _table(shown: Shown, before: Array, after: Array, changed: bool) -> str:
     there, efforts = shown.has_gap(), shown.units(units.TORQUE)
     rows = []
     for k, joint in enumerate(shown.joints):
-        cells = [words.number(before[k])]
+        cells = [numbers.number(before[k])]
         if changed:
-            cells.append(words.number(after[k]))
-        cells.append(words.number(shown.noise_floor[k]))
+            cells.append(numbers.number(after[k]))
+        cells.append(numbers.number(shown.noise_floor[k]))
         if changed:
             # A joint whose residual was noise from the begin has no gap of which a share could be left.
             cells.append("no gap" if not there[k] else words.percent(float(gone[k])))

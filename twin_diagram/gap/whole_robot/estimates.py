@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from twin_diagram.gap.candidates.records import record_of
 from twin_diagram.gap.correction.physical_coordinates import from_log_cholesky
 from twin_diagram.gap.findings import Estimate, Finding
 from twin_diagram.gap.verdict.posterior import unit_of
@@ -14,7 +15,7 @@ from twin_diagram.gap.whole_robot.physical_fit import RobotProblem
 from twin_diagram.gap.whole_robot.torque_equations import OWN
 from twin_diagram.model.effects.actuation import TorqueBias
 from twin_diagram.model.effects.friction import CoulombFriction, ViscousFriction
-from twin_diagram.model.effects.inertia import ReflectedInertia
+from twin_diagram.model.effects.inertia import Payload, ReflectedInertia
 from twin_diagram.model.effects.link_inertia import InertialParameters
 from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
@@ -35,17 +36,19 @@ class Tuning:
     step: float = 1e-5
     """Of finite differences of a link's coordinates."""
 
+    own_mass: float = 0.1
+    """Of the last link's mass, by which any description may be off: a payload is known no better."""
+
 
 TUNING = Tuning()
 
 
 def covariance(problem: RobotProblem, z: Array) -> Array:
-    """Return (14 n, 14 n) of coordinates: the larger of the model's own and the sandwich over stretches of motion.
+    """Return (Z, Z) of coordinates: the larger of the model's own and the sandwich over stretches of motion.
 
     The laws are rough, so what is left hangs together within a stretch; the prior is in both.
     """
-    total = np.sum(problem.sums.sums, axis=0)
-    H, _ = problem.system(z, total)
+    H, _ = problem.system(z, problem.sums.whole)
     moving = np.flatnonzero(problem.free)
     own = np.zeros_like(H)
     own[np.ix_(moving, moving)] = np.linalg.inv(H[np.ix_(moving, moving)])
@@ -63,8 +66,8 @@ def findings(
 
     Args:
         problem: what was fitted.
-        z: (14 n,) its coordinates.
-        spread: (14 n, 14 n) their covariance.
+        z: (Z,) its coordinates.
+        spread: (Z, Z) their covariance.
         model: the given one.
         sure: confidence per name.
     """
@@ -82,7 +85,39 @@ def findings(
             for joint, i, error in zip(joints, places, errors, strict=True)
         }
         result.append(Finding(name, tuple(joints), (), {key: values}, sure[name]))
-    return tuple(result)
+    return tuple(result) + _further(problem, z, spread, model, sure)
+
+
+def _further(
+    problem: RobotProblem, z: Array, spread: Array, model: Model, sure: dict[str, float]
+) -> tuple[Finding, ...]:
+    """Return one finding per name of what is there beyond links and joints' own terms."""
+    found: dict[str, Finding] = {}
+    there = sorted(enumerate(problem.sums.further), key=lambda item: item[1].joints)
+    for at, candidate in there:
+        name, s = candidate.name, problem.place(at)
+        told = candidate.parameters(z[s], spread[s, s])
+        joints = tuple(model.joints[j] for j in candidate.joints)
+        before = found.get(name, Finding(name, (), candidate.links, {}, sure.get(name, 1.0)))
+        parameters = dict(before.parameters)
+        for key, (value, error) in told.items():
+            if not record_of(name).per_joint:
+                if name == Payload.name and key == "mass":
+                    error = np.hypot(error, own_doubt(problem))
+                parameters[key] = _estimate(value, error, unit_of(name, key))
+                continue
+            mine = {j: _estimate(value, error, unit_of(name, key, j in model.prismatic)) for j in joints}
+            others = parameters.get(key, {})
+            assert isinstance(others, dict)
+            parameters[key] = {**others, **mine}
+        found[name] = replace(before, joints=(*before.joints, *joints), parameters=parameters)
+    return tuple(found.values())
+
+
+def own_doubt(problem: RobotProblem) -> float:
+    """Return by how much the last link's described mass may be off, which no motion tells from a payload [kg]."""
+    heavy = problem.links.described[problem.links.heavy, 0]
+    return TUNING.own_mass * float(heavy[-1])
 
 
 def error_of(problem: RobotProblem, z: Array, spread: Array, place: int) -> float:

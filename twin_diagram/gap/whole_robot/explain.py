@@ -7,6 +7,7 @@ found.model, found.findings, found.left      # None: left-out motion earns nothi
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,23 +15,27 @@ import numpy as np
 from twin_diagram.errors import ModelError
 from twin_diagram.gap.correction.merge_effects import merged
 from twin_diagram.gap.correction.named_effects import specs_of
-from twin_diagram.gap.findings import Finding
+from twin_diagram.gap.findings import Finding, Separation
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.residuals.regressors import present
 from twin_diagram.gap.whole_robot import estimates
+from twin_diagram.gap.whole_robot.left_out import TUNING as LEFT_OUT
 from twin_diagram.gap.whole_robot.left_out import (
     LeftOut,
     Linearised,
     best_spread,
-    counted,
     earning,
     free_units,
+    likelihood,
     missed,
     units,
 )
+from twin_diagram.gap.whole_robot.physical_fit import TUNING as PHYSICAL_FIT
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
 from twin_diagram.gap.whole_robot.physical_links import Links
 from twin_diagram.gap.whole_robot.torque_equations import OWN, TorqueEquations, equations
+from twin_diagram.gap.whole_robot.unusual import BEYOND, price, room_for, unusual, without_doubtful
+from twin_diagram.model.effects.inertia import Payload
 from twin_diagram.model.effects.link_inertia import InertialParameters
 from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
@@ -48,6 +53,9 @@ class Tuning:
 
     settle: int = 3
     """Times that fit and noise take turns."""
+
+    turns: int = 2
+    """Times that what is unusual and what is usual take turns."""
 
     each: float = 1.0
     """Rise of the left-out log likelihood that each of many must bring beyond a few [nats]."""
@@ -72,6 +80,9 @@ class WholeRobot:
         before: (n,) residual of the given model on the fit logs [N·m].
         fitted: (n,) of the corrected one.
         left: (n,) of fits that had not seen the kind of motion that they are judged on.
+        problem: that was solved.
+        coordinates: its solution.
+        separation: of near pairs.
     """
 
     model: Model
@@ -79,49 +90,136 @@ class WholeRobot:
     before: Array
     fitted: Array
     left: Array
+    problem: RobotProblem
+    coordinates: Array
+    separation: tuple[Separation, ...] = ()
 
     def terms(self) -> int:
         """Return how many links and joints are named, each name counted."""
         return sum(len(finding.joints) + len(finding.links) for finding in self.findings)
+
+    def closes(self) -> float:
+        """Return the share of the residual torque that is gone on motion that fits have not seen, mean over joints."""
+        return float(np.mean(1.0 - np.minimum(self.left / np.maximum(self.before, 1e-12), 1.0)))
+
+    def links(self) -> int:
+        """Return how many links are named."""
+        return len({link for finding in self.findings for link in finding.links})
 
     def places(self) -> int:
         """Return how many joints have something of their own."""
         return len({joint for finding in self.findings for joint in finding.joints})
 
 
-def explain(records: Records) -> WholeRobot | None:
+def explain(records: Records, *, known: bool = False) -> WholeRobot | None:
     """Fit all links and joints at once, and keep what left-out motion asks for; None where that is nothing.
+
+    What is unusual is looked for beside what every arm lacks; and a payload before that, or the links stand in for it.
+    Left-out motion says which it is, and of two that are as good the one that says less.
 
     Args:
         records: prepared with the given model.
+        known: whether that was corrected before: links are then as they were, and all names are looked for first.
     """
-    problem = chosen(begun(records, equations(records)))
-    if not np.any(problem.free):
-        return None
-    problem, z, spread = sure_ones(problem)
-    if not (np.any(problem.links_free) or np.any(problem.said)):
+    whole = begun(records, equations(records))
+    if known:
+        whole = replace(whole, spread=max(PHYSICAL_FIT.known), spreads=PHYSICAL_FIT.known)
+    whole, start = settled(whole)
+    usual = chosen(whole, start)
+    found = [grown(concluded(usual), whole)] if np.any(usual.free) else []
+    nothing = np.zeros(whole.n, dtype=bool)
+    bare = replace(whole, links_free=nothing, own_free=np.zeros_like(whole.own_free))
+    strange = unusual(bare, solve(bare), records.model, BEYOND if known else (Payload.name,))
+    if strange.sums.further:
+        found.append(grown(concluded(settled_beside(strange, whole)), whole))
+    return max(filter(None, found), key=lambda one: worth(one, whole), default=None)
+
+
+def grown(found: WholeRobot | None, whole: RobotProblem) -> WholeRobot | None:
+    """Return what was found with what is unusual beside it, as long as there is more."""
+    for _ in range(TUNING.turns):
+        if found is None:
+            break
+        more = unusual(found.problem, found.coordinates, found.model)
+        if more.sums.further == found.problem.sums.further:
+            break
+        found = concluded(settled_beside(more, whole)) or found
+    return found
+
+
+def worth(found: WholeRobot, whole: RobotProblem) -> float:
+    """Return the left-out log likelihood less what is asked of all that is said [nats].
+
+    Args:
+        found: one of several explanations.
+        whole: whose noise counts for all of them.
+    """
+    problem = found.problem
+    asked = LEFT_OUT.link * np.sum(problem.links_free) + LEFT_OUT.own * np.sum(problem.said)
+    asked += sum(LEFT_OUT.link + price(candidate) for candidate in problem.sums.further)
+    return float(np.sum(likelihood(whole, found.left)) - asked)
+
+
+def settled_beside(problem: RobotProblem, whole: RobotProblem) -> RobotProblem:
+    """Return the problem with what links and joints' own terms are missed beside what is unusual.
+
+    Args:
+        problem: with it.
+        whole: of everything usual.
+    """
+    z = solve(problem)
+    problem = with_noise(problem, z)
+    links, own = room_for(problem.sums, last_of(whole))
+    every = replace(problem, links_free=whole.links_free & links, own_free=whole.own_free & own)
+    problem, left_out = missed(problem, every, z)
+    return earning(problem, left_out)
+
+
+def last_of(problem: RobotProblem) -> int:
+    """Return the index of the last link."""
+    model = problem.sums.records.model
+    return int(model.bodies.body_of(model.last_link)[0])
+
+
+def concluded(problem: RobotProblem) -> WholeRobot | None:
+    """Return what a problem says once doubtful terms are out of it; None where nothing is left, or cannot be."""
+    problem, z, spread = sure_ones(without_doubtful(problem))
+    kept = earning(problem, LeftOut.of(problem, z))
+    if np.any(free_units(kept) != free_units(problem)):
+        problem, z, spread = sure_ones(kept)
+    if not (np.any(problem.links_free) or np.any(problem.said) or problem.sums.further):
         return None
     left_out = LeftOut.of(problem, z)
-    found = estimates.findings(problem, z, spread, records.model, confidences(problem, left_out))
-    everywhere = np.ones(len(problem.sums.fold), dtype=bool)
-    fitted = np.sqrt(problem.squares(z, everywhere) / counted(problem))
+    given = problem.sums.records.model
+    found = estimates.findings(problem, z, spread, given, confidences(problem, left_out))
+    fitted = np.sqrt(problem.squares(z, problem.sums.whole) / problem.sums.counted)
+    model = corrected(given, found)
+    if model is None:
+        return None
+    return WholeRobot(model, found, problem.sums.residual_rms, fitted, left_out.rms, problem, z)
+
+
+def corrected(given: Model, found: Sequence[Finding]) -> Model | None:
+    """Return the given model with findings; None where they cannot be."""
     specs = [spec for finding in found for spec in specs_of(finding)]
     try:
-        model = records.model.with_effects(merged(records.model.effects, specs))
+        return given.with_effects(merged(given.effects, specs))
     except ModelError:
         return None
-    return WholeRobot(model, found, problem.sums.residual_rms, fitted, left_out.rms)
 
 
-def chosen(problem: RobotProblem) -> RobotProblem:
+def chosen(whole: RobotProblem, start: Array) -> RobotProblem:
     """Return the problem with the links and joints' terms that earn their place.
 
     Where few links are off, they come one by one: together, each would stand in for the others. Where all are, one
     alone stands in for all, and what does not matter goes one by one. Left-out motion says which it is.
     What everything together leaves is the noise: were it looked at again, a joint that fits badly would count less.
+
+    Args:
+        whole: everything free, with its noise.
+        start: its fit (Z,).
     """
-    whole, start = settled(problem)
-    bare = replace(whole, links_free=np.zeros(problem.n, dtype=bool))
+    bare = replace(whole, links_free=np.zeros(whole.n, dtype=bool))
     few, many = weeded(missed(bare, whole, solve(bare))[0], whole), weeded(whole, whole)
     more = int(np.sum(free_units(many))) - int(np.sum(free_units(few)))
     scores = [LeftOut.of(x, start).score() for x in (few, many)]
@@ -163,13 +261,13 @@ def settled(problem: RobotProblem, z: Array | None = None) -> tuple[RobotProblem
 
 def sure_ones(problem: RobotProblem) -> tuple[RobotProblem, Array, Array]:
     """Return the problem without joints' terms whose standard error is too large, its fit and covariance."""
-    z = None
+    z, own = None, slice(10 * problem.n, 14 * problem.n)
     while True:
         z = solve(problem, None, z)
         spread = estimates.covariance(problem, z)
-        size = np.abs(z[10 * problem.n :]).reshape(problem.n, len(OWN))
-        error = np.sqrt(np.diag(spread)[10 * problem.n :]).reshape(problem.n, len(OWN))
-        held = z[10 * problem.n :].reshape(size.shape) <= problem.least
+        size = np.abs(z[own]).reshape(problem.n, len(OWN))
+        error = np.sqrt(np.diag(spread)[own]).reshape(problem.n, len(OWN))
+        held = z[own].reshape(size.shape) <= problem.least
         doubtful = problem.own_free & ~(held & problem.stated) & ((error > TUNING.third * size) | (size == 0.0))
         if not np.any(doubtful):
             return problem, z, spread
@@ -193,7 +291,7 @@ def decided(problem: RobotProblem, z: Array, term: tuple[int, int]) -> RobotProb
 def confidences(problem: RobotProblem, left_out: LeftOut) -> dict[str, float]:
     """Return per name how sure all its places are: as the weakest of them, by what it brings left-out motion."""
     n, linear = problem.n, Linearised.of(left_out)
-    parts, nothing = units(n), np.zeros(len(problem.mean), dtype=bool)
+    parts, nothing = units(problem), np.zeros(len(problem.mean), dtype=bool)
     now = linear.likelihood(nothing)
     weakest: dict[str, float] = {}
     for k, part in enumerate(parts):

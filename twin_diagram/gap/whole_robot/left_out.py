@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -14,9 +16,6 @@ from twin_diagram.signals.arrays import Array
 @dataclass(frozen=True)
 class Tuning:
     """Constants of this module, chosen by hand; `sims/benchmarks/real_rows.py` shows what they do."""
-
-    spreads: tuple[float, ...] = (0.05, 0.1, 0.2, 0.4)
-    """Of links about their description, from which left-out motion chooses: machined parts to a cover left out."""
 
     own: float = 1.0
     """Rise of the left-out log likelihood that a joint's own term must bring [nats]."""
@@ -40,7 +39,7 @@ class LeftOut:
 
     Attributes:
         problem: what was fitted.
-        fits: (F, 14 n) coordinates per kind of motion left out.
+        fits: (F, Z) coordinates per kind of motion left out.
         rms: (n,) what they leave on the motion left out [N·m].
     """
 
@@ -51,29 +50,34 @@ class LeftOut:
     @staticmethod
     def of(problem: RobotProblem, start: Array) -> LeftOut:
         """Leave each kind of motion out in turn."""
-        fold = problem.sums.fold
-        kinds = np.unique(fold)
-        fits = np.stack([solve(problem, fold != kind, start) for kind in kinds])
-        squares = sum(problem.squares(z, fold == kind) for z, kind in zip(fits, kinds, strict=True))
-        return LeftOut(problem, fits, np.sqrt(squares / counted(problem)))
+        fits = np.stack([solve(problem, problem.sums.whole - own, start) for own in problem.sums.of_kinds])
+        return LeftOut(problem, fits, rms_of(problem, fits))
+
+    @cached_property
+    def systems(self) -> list[tuple[Array, Array]]:
+        """Normal matrix (Z, Z) and gradient (Z,) of each fit."""
+        sums = self.problem.sums
+        return [self.problem.system(z, sums.whole - own) for z, own in zip(self.fits, sums.of_kinds, strict=True)]
 
     def likelihood(self) -> Array:
         """Return (n,) left-out log likelihood, but for a constant [nats]."""
         return likelihood(self.problem, self.rms)
 
     def likelihood_with(self, part: Chosen) -> Array:
-        """Return (n,) of the same where coordinates `part` (14 n,) may move, too, to first order about each fit."""
-        problem, fold = self.problem, self.problem.sums.fold
-        squares = np.zeros(problem.n)
-        for z, kind in zip(self.fits, np.unique(fold), strict=True):
-            H, gradient = problem.system(z, np.sum(problem.sums.sums[fold != kind], axis=0))
-            step = bounded(H, gradient, problem.lower - z, problem.free | part)
-            squares += problem.squares(z + step, fold == kind)
-        return likelihood(problem, np.sqrt(squares / counted(problem)))
+        """Return (n,) of the same where coordinates `part` (Z,) may move, too, to first order about each fit."""
+        free, lower = self.problem.free | part, self.problem.lower
+        moved = [z + bounded(*both, lower - z, free) for z, both in zip(self.fits, self.systems, strict=True)]
+        return likelihood(self.problem, rms_of(self.problem, moved))
 
     def score(self) -> float:
         """Return the left-out log likelihood, but for a constant [nats]."""
         return float(np.sum(self.likelihood()))
+
+
+def rms_of(problem: RobotProblem, fits: Sequence[Array]) -> Array:
+    """Return (n,) what fits leave on the kinds of motion that they have not seen, one per kind [N·m]."""
+    squares = problem.squares_each(np.asarray(fits), problem.sums.of_kinds)
+    return np.asarray(np.sqrt(np.maximum(np.sum(squares, axis=0), 1e-30) / problem.sums.counted))
 
 
 @dataclass(frozen=True)
@@ -82,7 +86,7 @@ class Linearised:
 
     Attributes:
         left_out: the fits.
-        covariances: (F, 14 n, 14 n) of each, 0 where a coordinate does not move.
+        covariances: (F, Z, Z) of each, 0 where a coordinate does not move.
     """
 
     left_out: LeftOut
@@ -91,10 +95,8 @@ class Linearised:
     @staticmethod
     def of(left_out: LeftOut) -> Linearised:
         """Work out each fit's covariance."""
-        problem = left_out.problem
-        fold, result = problem.sums.fold, []
-        for z, kind in zip(left_out.fits, np.unique(fold), strict=True):
-            H, _ = problem.system(z, np.sum(problem.sums.sums[fold != kind], axis=0))
+        problem, result = left_out.problem, []
+        for z, (H, _) in zip(left_out.fits, left_out.systems, strict=True):
             moving = np.flatnonzero(problem.free & (z != problem.mean))
             C = np.zeros_like(H)
             C[np.ix_(moving, moving)] = np.linalg.inv(H[np.ix_(moving, moving)])
@@ -102,13 +104,9 @@ class Linearised:
         return Linearised(left_out, np.stack(result))
 
     def likelihood(self, described: Chosen) -> Array:
-        """Return (n,) left-out log likelihood where coordinates `described` (14 n,) are, the others settled anew."""
-        problem = self.left_out.problem
-        fold = problem.sums.fold
-        squares = np.zeros(problem.n)
-        for z, C, kind in zip(self.left_out.fits, self.covariances, np.unique(fold), strict=True):
-            squares += problem.squares(without(problem, z, C, described), fold == kind)
-        return likelihood(problem, np.sqrt(squares / counted(problem)))
+        """Return (n,) left-out log likelihood where coordinates `described` (Z,) are, the others settled anew."""
+        problem, both = self.left_out.problem, zip(self.left_out.fits, self.covariances, strict=True)
+        return likelihood(problem, rms_of(problem, [without(problem, z, C, described) for z, C in both]))
 
 
 def without(problem: RobotProblem, z: Array, C: Array, described: Chosen) -> Array:
@@ -122,10 +120,12 @@ def without(problem: RobotProblem, z: Array, C: Array, described: Chosen) -> Arr
     return moved
 
 
-def units(n: int) -> list[Chosen]:
-    """Return which coordinates (14 n,) belong together: each link's, then each joint's own terms one by one."""
+def units(problem: RobotProblem) -> list[Chosen]:
+    """Return which coordinates (Z,) belong together: each link's, then each joint's own terms one by one."""
+    n = problem.n
     owner = np.concatenate([np.repeat(np.arange(n), 10), n + np.arange(n * len(OWN))])
-    return [owner == k for k in range(n + n * len(OWN))]
+    rest = np.full(len(problem.mean) - len(owner), -1)
+    return [np.concatenate([owner, rest]) == k for k in range(n + n * len(OWN))]
 
 
 def earning(problem: RobotProblem, left_out: LeftOut) -> RobotProblem:
@@ -134,7 +134,7 @@ def earning(problem: RobotProblem, left_out: LeftOut) -> RobotProblem:
     A link must make left-out motion of all joints likelier, a joint's own term that of the joint.
     """
     linear, there = Linearised.of(left_out), free_units(problem)
-    parts = units(problem.n)
+    parts = units(problem)
     described = np.zeros(len(problem.mean), dtype=bool)
     while np.any(there):
         now = linear.likelihood(described)
@@ -157,9 +157,9 @@ def missed(problem: RobotProblem, whole: RobotProblem, start: Array) -> tuple[Ro
     Args:
         problem: without what was taken out.
         whole: with all that may be there.
-        start: coordinates (14 n,) to begin from.
+        start: coordinates (Z,) to begin from.
     """
-    allowed, parts = free_units(whole), units(problem.n)
+    allowed, parts = free_units(whole), units(problem)
     left_out = LeftOut.of(problem, start)
     for _ in range(TUNING.back):
         there, now = free_units(problem), left_out.likelihood()
@@ -202,18 +202,13 @@ def margin(problem: RobotProblem, unit: int, gain: Array) -> float:
     return float(gain[joint]) - (TUNING.stated if problem.stated[joint, term] else TUNING.own)
 
 
-def counted(problem: RobotProblem) -> Array:
-    """Return (n,) samples that count."""
-    return np.maximum(np.sum(problem.sums.counts, axis=0), 1.0)
-
-
 def likelihood(problem: RobotProblem, rms: Array) -> Array:
     """Return (…, n) log likelihood of residuals of this size, but for a constant: independent samples count [nats]."""
-    return np.asarray(-problem.share * counted(problem) * np.log(np.maximum(rms, 1e-12)))
+    return np.asarray(-problem.share * problem.sums.counted * np.log(np.maximum(rms, 1e-12)))
 
 
 def best_spread(problem: RobotProblem, start: Array) -> tuple[RobotProblem, LeftOut]:
     """Return the problem with the spread of links that left-out motion likes best."""
-    tried = [LeftOut.of(replace(problem, spread=spread), start) for spread in TUNING.spreads]
+    tried = [LeftOut.of(replace(problem, spread=spread), start) for spread in problem.spreads]
     best = max(tried, key=LeftOut.score)
     return best.problem, best

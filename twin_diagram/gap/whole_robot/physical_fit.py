@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from twin_diagram.gap.whole_robot.physical_links import Links, slopes
+from twin_diagram.gap.whole_robot.physical_links import Links, parameters, slopes
 from twin_diagram.gap.whole_robot.torque_equations import OWN, TorqueEquations
 from twin_diagram.signals.arrays import Array
 
@@ -15,6 +15,12 @@ from twin_diagram.signals.arrays import Array
 @dataclass(frozen=True)
 class Tuning:
     """Constants of this module, chosen by hand; `sims/benchmarks/real_rows.py` shows what they do."""
+
+    spreads: tuple[float, ...] = (0.05, 0.1, 0.2, 0.4)
+    """Of links about their description, from which left-out motion chooses: machined parts to a cover left out."""
+
+    known: tuple[float, ...] = (0.025, 0.05)
+    """The same of an arm whose links were found before: what changed since is no link's."""
 
     own: float = 10.0
     """Prior deviation of a joint's own terms: so many times the residual's size."""
@@ -25,7 +31,7 @@ class Tuning:
     rounds: int = 12
     """Gauss-Newton steps at most."""
 
-    settled: float = 1e-4
+    settled: float = 1e-3
     """A step this small, in prior deviations, is the last."""
 
     halvings: int = 6
@@ -53,7 +59,10 @@ class RobotProblem:
         share: (n,) of a sample that is independent of its neighbours.
         links_free: (n,) whose inertia may differ.
         own_free: (n, 4) which of joints' own terms may be there.
+        spreads: that it may be.
         gone: (n, 4) which of those that the description states are taken to be none at all.
+
+    Coordinates are Z = 14 n + E numbers: links' ten each, joints' own four each, the sums' further coefficients.
     """
 
     sums: TorqueEquations
@@ -65,6 +74,7 @@ class RobotProblem:
     links_free: Chosen
     own_free: Chosen
     gone: Chosen
+    spreads: tuple[float, ...] = TUNING.spreads
 
     @property
     def n(self) -> int:
@@ -73,13 +83,15 @@ class RobotProblem:
 
     @property
     def free(self) -> Chosen:
-        """(14 n,) which coordinates may move: links' ten each, then joints' four each."""
-        return np.concatenate([np.repeat(self.links_free, 10), self.own_free.ravel()])
+        """(Z,) which coordinates may move."""
+        further = np.ones(sum(c.size for c in self.sums.further), dtype=bool)
+        return np.concatenate([np.repeat(self.links_free, 10), self.own_free.ravel(), further])
 
     @property
     def mean(self) -> Array:
-        """(14 n,) of the description, without what is gone."""
-        return np.concatenate([self.links.mean.ravel(), np.where(self.gone, self.least, 0.0).ravel()])
+        """(Z,) of the description, without what is gone."""
+        own = np.where(self.gone, self.least, 0.0)
+        return np.concatenate([self.links.mean.ravel(), own.ravel(), *(np.zeros(c.size) for c in self.sums.further)])
 
     @property
     def stated(self) -> Chosen:
@@ -93,35 +105,48 @@ class RobotProblem:
 
     @property
     def deviation(self) -> Array:
-        """(14 n,) of the prior."""
+        """(Z,) of the prior."""
         size = np.maximum(self.sums.own_size, 1e-9)
         own = TUNING.own * self.sums.residual_rms[:, None] / size
-        return np.concatenate([self.spread * self.links.scale.ravel(), np.maximum(own, 1e-9).ravel()])
+        further = [c.spread for c in self.sums.further]
+        return np.concatenate([self.spread * self.links.scale.ravel(), np.maximum(own, 1e-9).ravel(), *further])
 
     @property
     def lower(self) -> Array:
-        """(14 n,) bounds."""
-        return np.concatenate([np.full(10 * self.n, -np.inf), self.least.ravel()])
+        """(Z,) bounds."""
+        further = [c.lower for c in self.sums.further]
+        return np.concatenate([np.full(10 * self.n, -np.inf), self.least.ravel(), *further])
+
+    def place(self, candidate: int) -> slice:
+        """Return where the coordinates of one of the sums' further candidates are."""
+        ends = np.cumsum([14 * self.n, *(c.size for c in self.sums.further)])
+        return slice(int(ends[candidate]), int(ends[candidate + 1]))
 
     def difference(self, z: Array) -> Array:
         """Return (n, K) by which parameters differ from the given model's, per joint's equations."""
-        n = self.n
-        links = self.links.differences(z[: 10 * n].reshape(n, 10)).ravel()
-        return np.concatenate([np.broadcast_to(links, (n, 10 * n)), z[10 * n :].reshape(n, len(OWN))], axis=1)
+        return self._differences(z[None])[0]
 
-    def squares(self, z: Array, stretches: Chosen) -> Array:
-        """Return (n,) sums of squares that coordinates leave on some stretches."""
-        total = np.sum(self.sums.sums[stretches], axis=0)
-        full = np.concatenate([-self.difference(z), np.ones((self.n, 1))], axis=1)
-        return np.asarray(np.einsum("jk,jkl,jl->j", full, total, full))
+    def _differences(self, z: Array) -> Array:
+        """Return (F, n, K) of coordinates (F, Z)."""
+        n, count = self.n, len(z)
+        links = parameters(z[:, : 10 * n].reshape(-1, 10)).reshape(count, -1) - self.links.described.ravel()
+        own = z[:, 10 * n : 14 * n].reshape(count, n, len(OWN))
+        shared = [np.broadcast_to(x[:, None], (count, n, x.shape[1])) for x in (links, z[:, 14 * n :])]
+        return np.concatenate([shared[0], own, shared[1]], axis=2)
+
+    def squares(self, z: Array, total: Array) -> Array:
+        """Return (n,) sums of squares that coordinates leave, of sums (n, K + 1, K + 1)."""
+        return self.squares_each(z[None], total[None])[0]
+
+    def squares_each(self, z: Array, totals: Array) -> Array:
+        """Return (F, n) of the same of each of coordinates (F, Z) on its own sums (F, n, K + 1, K + 1)."""
+        full = np.concatenate([-self._differences(z), np.ones((len(z), self.n, 1))], axis=2)
+        return np.asarray(np.sum((full[:, :, None] @ totals)[:, :, 0] * full, axis=2))
 
     def cost(self, z: Array, total: Array) -> float:
         """Return half the squares over their variance, the prior's counted, of sums (n, K + 1, K + 1)."""
-        full = np.concatenate([-self.difference(z), np.ones((self.n, 1))], axis=1)
-        squares = np.einsum("jk,jkl,jl->j", full, total, full)
-        return 0.5 * float(
-            np.sum(self.share / self.variance * squares) + np.sum(((z - self.mean) / self.deviation) ** 2)
-        )
+        squares = float(np.sum(self.share / self.variance * self.squares(z, total)))
+        return 0.5 * (squares + float(np.sum(((z - self.mean) / self.deviation) ** 2)))
 
     def slope(self, z: Array) -> Array:
         """Return (10 n, 10 n) derivative of the links' parameters by their coordinates."""
@@ -132,38 +157,45 @@ class RobotProblem:
         return result
 
     def pulls(self, z: Array, total: Array) -> Array:
-        """Return (14 n,) the part of the gradient that residuals in sums (n, K + 1, K + 1) have."""
-        weight, links = self.share / self.variance, 10 * self.n
-        left = total[:, :-1, -1] - np.einsum("jkl,jl->jk", total[:, :-1, :-1], self.difference(z))
+        """Return (Z,) the part of the gradient that residuals in sums (n, K + 1, K + 1) have."""
+        weight, links, own = self.share / self.variance, 10 * self.n, len(OWN)
+        left = total[:, :-1, -1] - (total[:, :-1, :-1] @ self.difference(z)[:, :, None])[:, :, 0]
         left = weight[:, None] * left
-        return -np.concatenate([self.slope(z).T @ np.sum(left[:, :links], axis=0), left[:, links:].ravel()])
+        shared, own_left = np.sum(left, axis=0), left[:, links : links + own]
+        return -np.concatenate([self.slope(z).T @ shared[:links], own_left.ravel(), shared[links + own :]])
 
     def system(self, z: Array, total: Array) -> tuple[Array, Array]:
-        """Return the normal matrix (14 n, 14 n) and gradient (14 n,) of half the squares, the prior's counted."""
+        """Return the normal matrix (Z, Z) and gradient (Z,) of half the squares, the prior's counted."""
         weight, links, own = self.share / self.variance, 10 * self.n, len(OWN)
         slope = self.slope(z)
         H = np.zeros((len(z), len(z)))
         weighted = weight[:, None, None] * total[:, :-1, :-1]
-        H[:links, :links] = slope.T @ np.sum(weighted[:, :links, :links], axis=0) @ slope
+        shared = np.sum(weighted, axis=0)
+        more = slice(14 * self.n, None)
+        H[:links, :links] = slope.T @ shared[:links, :links] @ slope
+        H[:links, more] = slope.T @ shared[:links, links + own :]
+        H[more, :links] = H[:links, more].T
+        H[more, more] = shared[links + own :, links + own :]
         for j in range(self.n):
-            s = slice(links + own * j, links + own * (j + 1))
-            H[:links, s] = slope.T @ weighted[j, :links, links:]
+            s, mine = slice(links + own * j, links + own * (j + 1)), slice(links, links + own)
+            H[:links, s] = slope.T @ weighted[j, :links, mine]
             H[s, :links] = H[:links, s].T
-            H[s, s] = weighted[j, links:, links:]
+            H[s, s] = weighted[j, mine, mine]
+            H[s, more] = weighted[j, mine, links + own :]
+            H[more, s] = H[s, more].T
         prior = self.deviation**-2.0
         return H + np.diag(prior), self.pulls(z, total) + prior * (z - self.mean)
 
 
-def solve(problem: RobotProblem, stretches: Chosen | None = None, start: Array | None = None) -> Array:
-    """Return the coordinates (14 n,) that fit best.
+def solve(problem: RobotProblem, total: Array | None = None, start: Array | None = None) -> Array:
+    """Return the coordinates (Z,) that fit best.
 
     Args:
         problem: what is fitted.
-        stretches: (S,) that count; None: all.
+        total: (n, K + 1, K + 1) sums that count; None: all.
         start: where to begin; None: as described.
     """
-    chosen = np.ones(len(problem.sums.fold), dtype=bool) if stretches is None else stretches
-    total = np.sum(problem.sums.sums[chosen], axis=0)
+    total = problem.sums.whole if total is None else total
     z = problem.mean if start is None else np.where(problem.free, start, problem.mean)
     deviation = problem.deviation
     for _ in range(TUNING.rounds):
@@ -202,8 +234,7 @@ def bounded(H: Array, gradient: Array, lower: Array, free: Chosen) -> Array:
 def with_noise(problem: RobotProblem, z: Array) -> RobotProblem:
     """Return the same with variance and colour of what coordinates leave."""
     left = problem.sums.left(problem.difference(z))
-    counts = np.maximum(np.sum(problem.sums.counts, axis=0), 1.0)
-    variance = np.sum(left**2, axis=0) / counts
+    variance = np.sum(left**2, axis=0) / problem.sums.counted
     least = min(1.0, problem.sums.seconds / TUNING.together / len(left))
     share = np.maximum(independent(left, problem.sums.gaps), least)
     return replace(problem, variance=np.maximum(variance, 1e-18), share=share)

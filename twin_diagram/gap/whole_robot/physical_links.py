@@ -26,6 +26,10 @@ class Tuning:
 
 TUNING = Tuning()
 
+DIAGONAL = np.arange(4)
+ROW, COLUMN = np.triu_indices(4, 1)
+"""Places of the ten coordinates in a triangular factor: its diagonal, then what is above it."""
+
 
 @dataclass(frozen=True)
 class Links:
@@ -55,10 +59,6 @@ class Links:
         described = parameters(mean)
         return Links(model.tree.link, described, mean, np.stack([scale_of(z) for z in mean]), heavy)
 
-    def differences(self, z: Array) -> Array:
-        """Return (n, 10) from the description, at coordinates (n, 10)."""
-        return parameters(z) - self.described
-
 
 def parameters(z: Array) -> Array:
     """Return (n, 10) about each link's origin from coordinates (n, 10)."""
@@ -70,10 +70,8 @@ def slopes(z: Array) -> Array:
     """Return (n, 10, 10) derivative of `parameters`: [:, i, k] of parameter i by coordinate k."""
     F = _factors(z)
     dF = np.zeros((len(z), 10, 4, 4))
-    diagonal = np.arange(4)
-    dF[:, diagonal, diagonal, diagonal] = F[:, diagonal, diagonal]
-    row, column = np.triu_indices(4, 1)
-    dF[:, 4 + np.arange(6), row, column] = 1.0
+    dF[:, DIAGONAL, DIAGONAL, DIAGONAL] = F[:, DIAGONAL, DIAGONAL]
+    dF[:, 4 + np.arange(6), ROW, COLUMN] = 1.0
     half = dF @ F.transpose(0, 2, 1)[:, None]
     return _parameters_of(half + half.transpose(0, 1, 3, 2)).transpose(0, 2, 1)
 
@@ -81,10 +79,8 @@ def slopes(z: Array) -> Array:
 def _factors(z: Array) -> Array:
     """Return (n, 4, 4) upper triangular factors of the pseudo-inertias."""
     F = np.zeros((len(z), 4, 4))
-    diagonal = np.arange(4)
-    F[:, diagonal, diagonal] = np.exp(np.clip(z[:, :4], -20.0, 10.0))
-    row, column = np.triu_indices(4, 1)
-    F[:, row, column] = z[:, 4:]
+    F[:, DIAGONAL, DIAGONAL] = np.exp(np.clip(z[:, :4], -20.0, 10.0))
+    F[:, ROW, COLUMN] = z[:, 4:]
     return F
 
 
@@ -99,6 +95,5 @@ def _parameters_of(P: Array) -> Array:
 def scale_of(z: Array) -> Array:
     """Return (10,) of coordinates: logarithms as they are, centres by length, products by their rows' own size."""
     size = np.exp(z[:4])
-    row, column = np.triu_indices(4, 1)
-    centres = np.maximum(TUNING.centre * size[3], size[row])
-    return np.concatenate([np.ones(4), np.where(column == 3, centres, np.maximum(size[row], TUNING.least))])
+    centres = np.maximum(TUNING.centre * size[3], size[ROW])
+    return np.concatenate([np.ones(4), np.where(COLUMN == 3, centres, np.maximum(size[ROW], TUNING.least))])

@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin_diagram.gap.findings import Verdict
+from twin_diagram.gap.findings import Place, Verdict
+from twin_diagram.gap.residuals import whitening
 from twin_diagram.gap.residuals.prepared_logs import Records, roughness
-from twin_diagram.gap.verdict.deciding import TUNING as DECIDING
-from twin_diagram.gap.verdict.probabilities import less_sure
-from twin_diagram.gap.whole_robot.explain import WholeRobot, explain
+from twin_diagram.gap.residuals.regressors import Terms, given_load, slow_speed
+from twin_diagram.gap.verdict.locating import locate
+from twin_diagram.gap.whole_robot.explain import WholeRobot
 from twin_diagram.logs import Log
 from twin_diagram.logs.differentiation import TUNING as DIFFERENTIATION
 from twin_diagram.model.model import Model
@@ -32,12 +33,30 @@ class Tuning:
     above: float = 1.5
     """Noise floors above which what is left counts as a remainder."""
 
+    many: float = 1.5
+    """Links and joints named, over the number of joints, from which on a robot lacks many things at once."""
+
+    most: float = 2.0
+    """The same where what is left is noise, which a search for a few names would reach, too."""
+
+    unexplained: float = 0.2
+    """Share of a joint's residual that is left where it is not explained."""
+
+    aloof: float = 3.0
+    """Times what is usually left by which a joint stands out."""
+
+    same: float = 1.1
+    """Times what was recorded of a corrected model that it may leave of a log and still be the same."""
+
+    known: float = 1.5
+    """The same of other motion, where nothing better is seen."""
+
 
 TUNING = Tuning()
 
 
 def taken_over(
-    records: Records, logs: Sequence[Log], verdict: Verdict, corrected: Model
+    records: Records, logs: Sequence[Log], verdict: Verdict, corrected: Model, whole: WholeRobot | None
 ) -> tuple[Verdict, Model, WholeRobot | None]:
     """Return verdict and corrected model, of the whole robot where that is the better answer, and what was found of it.
 
@@ -48,16 +67,80 @@ def taken_over(
         logs: of the fit, as the given model explains them.
         verdict: of the search.
         corrected: the given model with what the search has named.
+        whole: what was found of the robot as a whole.
     """
     if verdict.verdict == "none" or (verdict.verdict == "named" and not verdict.remainder):
         return verdict, corrected, None
-    whole = explain(records)
     if whole is None or not outdoes(whole, logs, corrected, named=bool(verdict.findings)):
         return verdict, corrected, None
-    remainder = bool(np.any(whole.fitted > TUNING.above * verdict.noise_floor))
-    found = tuple(less_sure(f, DECIDING.less_sure) for f in whole.findings) if remainder else whole.findings
-    changed = replace(verdict, verdict="named", remainder=remainder, findings=found, separation=())
-    return changed, whole.model, whole
+    return as_named(records, verdict, whole), whole.model, whole
+
+
+def as_named(records: Records, verdict: Verdict, whole: WholeRobot, recorded: Array | float = 0.0) -> Verdict:
+    """Return the verdict that names what was found of the robot as a whole.
+
+    Args:
+        records: of the fit.
+        verdict: whose noise floor holds.
+        whole: what was found.
+        recorded: (n,) what the given model is known to leave anyway [N·m].
+    """
+    floor = np.maximum(verdict.noise_floor, recorded)
+    remainder = bool(np.any(whole.fitted > TUNING.above * floor))
+    where = verdict.where or places(records, whole)
+    return replace(
+        verdict, verdict="named", remainder=remainder, findings=whole.findings, separation=whole.separation, where=where
+    )
+
+
+def places(records: Records, whole: WholeRobot) -> tuple[Place, ...]:
+    """Return where the given model's residual is, noise being what the robot as a whole leaves."""
+    terms = Terms(records, given_load(records), slow_speed(records))
+    explained = records.reduce(lambda r: whole.model.inverse_dynamics(r.q, r.v, r.a, time=r.time) - r.given)
+    return locate(records, terms, whitening.estimate(records.residual - explained, records.lengths))
+
+
+def suffices(whole: WholeRobot, noise: Array) -> bool:
+    """Return whether nothing need be searched for beside what was found of the robot as a whole.
+
+    That is where it lacks many things at once and no joint stands out by what is left.
+
+    Args:
+        whole: what was found.
+        noise: (n,) floor [N·m].
+    """
+    n = len(whole.left)
+    poor = whole.left > TUNING.unexplained * whole.before
+    aloof = poor & (whole.left > TUNING.aloof * np.median(whole.left))
+    rough = 2 * np.sum(whole.left > TUNING.above * noise) >= n
+    many = whole.terms() >= (TUNING.many if rough or 2 * whole.links() >= n else TUNING.most) * n
+    return bool(many and not np.any(aloof))
+
+
+def tells_of_change(whole: WholeRobot | None, given: Model, logs: Sequence[Log]) -> bool:
+    """Return whether what was found beyond a model that was corrected before tells much of what is left.
+
+    Args:
+        whole: what was found.
+        given: the corrected model.
+        logs: of the fit.
+    """
+    return whole is not None and gained(whole, logs, given) > TUNING.much
+
+
+def no_more_than_recorded(given: Model, logs: Sequence[Log], whole: WholeRobot | None, recorded: Array) -> bool:
+    """Return whether a corrected model leaves no more than what was recorded of it, and nothing clearly better is seen.
+
+    Args:
+        given: the corrected model.
+        logs: of the fit.
+        whole: what was found beyond it.
+        recorded: (n,) that it is known to leave [N·m].
+    """
+    ratio = np.exp(size_of(given, logs)) / recorded
+    if np.all(ratio <= TUNING.same):
+        return True
+    return bool(np.all(ratio <= TUNING.known)) and (whole is None or gained(whole, logs, given) < TUNING.better)
 
 
 def unsearched(records: Records) -> Verdict:
@@ -79,9 +162,13 @@ def outdoes(whole: WholeRobot, logs: Sequence[Log], corrected: Model, *, named: 
     n = len(whole.left)
     if whole.terms() < n or 2 * whole.places() < n:
         return False
+    return gained(whole, logs, corrected) > (TUNING.better if named else TUNING.much)
+
+
+def gained(whole: WholeRobot, logs: Sequence[Log], rival: Model) -> float:
+    """Return the fall of the residual's logarithm, mean over joints, on motion that no fit of it has seen."""
     unseen = np.log(whole.left / np.maximum(whole.fitted, 1e-12))
-    gained = np.mean(size_of(corrected, logs) - size_of(whole.model, logs) - unseen)
-    return bool(gained > (TUNING.better if named else TUNING.much))
+    return float(np.mean(size_of(rival, logs) - size_of(whole.model, logs) - unseen))
 
 
 def size_of(model: Model, logs: Sequence[Log]) -> Array:

@@ -5,12 +5,14 @@ What is fitted later costs the same however long the logs are: it sees sums of s
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.correction.equation_error import coarser
 from twin_diagram.gap.residuals import stiction
 from twin_diagram.gap.residuals.prepared_logs import Record, Records
@@ -51,7 +53,8 @@ OWN = ("viscous", "coulomb", "bias", "rotor")
 class TorqueEquations:
     """Sums over stretches of motion.
 
-    K = 10 n + 4 columns: links' inertial parameters in their own frames, then `OWN`; column K is the residual itself.
+    K = 10 n + 4 + E columns: links' inertial parameters in their own frames, then `OWN`, then one per coefficient of
+    the `further` candidates, 0 on joints that they do not touch; column K is the residual itself.
 
     Attributes:
         sums: (S, n, K + 1, K + 1) squares and products per stretch and joint.
@@ -61,6 +64,9 @@ class TorqueEquations:
         weights: (N, n) 0 where dry friction may hold a joint, else 1.
         gaps: (N,) whether a sample is the first of its log.
         seconds: that all logs last together.
+        stretch: (N,) which stretch a sample is of.
+        records: of the kept samples.
+        further: what else may be there.
     """
 
     sums: Array
@@ -70,6 +76,9 @@ class TorqueEquations:
     weights: Array
     gaps: npt.NDArray[np.bool_]
     seconds: float
+    stretch: npt.NDArray[np.int64]
+    records: Records
+    further: tuple[Candidate, ...] = ()
 
     @property
     def n(self) -> int:
@@ -79,13 +88,59 @@ class TorqueEquations:
     @cached_property
     def residual_rms(self) -> Array:
         """(n,) root mean square of the residual [N·m]."""
-        return np.sqrt(np.sum(self.sums[:, :, -1, -1], axis=0) / np.maximum(np.sum(self.counts, axis=0), 1.0))
+        return np.sqrt(self.whole[:, -1, -1] / self.counted)
+
+    @cached_property
+    def kinds(self) -> tuple[int, ...]:
+        """Kinds of motion that there are."""
+        return tuple(int(kind) for kind in np.unique(self.fold))
+
+    @cached_property
+    def of_kinds(self) -> Array:
+        """(F, n, K + 1, K + 1) sums over each kind of motion."""
+        return np.stack([np.sum(self.sums[self.fold == kind], axis=0) for kind in self.kinds])
+
+    @cached_property
+    def whole(self) -> Array:
+        """(n, K + 1, K + 1) sums over everything."""
+        return np.asarray(np.sum(self.of_kinds, axis=0))
+
+    @cached_property
+    def counted(self) -> Array:
+        """(n,) samples that count, at least 1."""
+        return np.maximum(np.sum(self.counts, axis=0), 1.0)
 
     @cached_property
     def own_size(self) -> Array:
         """(n, 4) root mean square of each joint's own columns."""
-        squares = np.sum(np.diagonal(self.sums, axis1=2, axis2=3), axis=0)[:, -5:-1]
-        return np.sqrt(squares / np.maximum(np.sum(self.counts, axis=0), 1.0)[:, None])
+        squares = np.diagonal(self.whole, axis1=1, axis2=2)[:, 10 * self.n : 10 * self.n + len(OWN)]
+        return np.sqrt(squares / self.counted[:, None])
+
+    def with_further(self, further: Sequence[Candidate]) -> TorqueEquations:
+        """Return the same with other further candidates, made of `records`."""
+        columns = np.concatenate(
+            [self.columns[:, :, : 10 * self.n + len(OWN)], *map(self.spread_out, further), self.columns[:, :, -1:]],
+            axis=2,
+        )
+        sums = summed(columns, self.weights, self.stretch)
+        return TorqueEquations(
+            sums,
+            self.counts,
+            self.fold,
+            columns,
+            self.weights,
+            self.gaps,
+            self.seconds,
+            self.stretch,
+            self.records,
+            tuple(further),
+        )
+
+    def spread_out(self, candidate: Candidate) -> Array:
+        """Return (N, n, k) columns of a candidate on all joints."""
+        result = np.zeros((len(self.columns), self.n, candidate.size))
+        result[:, list(candidate.rows)] = candidate.columns
+        return result
 
     def left(self, difference: Array) -> Array:
         """Return (N, n) of the residual that a difference in parameters (n, K) leaves, 0 where a joint may be held."""
@@ -100,30 +155,31 @@ def equations(records: Records) -> TorqueEquations:
         records: prepared with the given model.
     """
     records = coarser(records)
-    terms = Terms(records, given_load(records), slow_speed(records))
-    sliding = stiction.sliding(records, terms, range(records.n))
-    parts = [_columns(records, record, sign) for record, sign in zip(records.records, terms.signs, strict=True)]
     kept = [_thinned(records, record) for record in records.records]
-    columns = np.concatenate([part[k] for part, k in zip(parts, kept, strict=True)])
-    ends = np.cumsum([0, *records.lengths])
-    weights = np.concatenate(
-        [
-            _nearest(record, sliding[a:b], k)
-            for record, a, b, k in zip(records.records, ends[:-1], ends[1:], kept, strict=True)
-        ]
+    records = replace(records, records=tuple(replace(r, kept=k) for r, k in zip(records.records, kept, strict=True)))
+    terms = Terms(records, given_load(records), slow_speed(records))
+    weights = stiction.sliding(records, terms, range(records.n))
+    columns = np.concatenate(
+        [_columns(records, r, sign)[r.kept] for r, sign in zip(records.records, terms.signs, strict=True)]
     )
-    motion = np.concatenate(
-        [np.hstack([record.q[k], record.v[k]]) for record, k in zip(records.records, kept, strict=True)]
-    )
+    motion = np.hstack(records.motion[:2])
     gaps = np.concatenate([np.arange(len(k)) == 0 for k in kept])
     seconds = sum(float(record.time[-1] - record.time[0]) for record in records.records)
     stretch = _stretches(gaps, seconds)
     count = int(stretch[-1]) + 1
-    weighted = columns * weights[:, :, None]
-    sums = np.stack([np.einsum("njk,njl->jkl", weighted[stretch == s], columns[stretch == s]) for s in range(count)])
     counts = np.stack([np.sum(weights[stretch == s], axis=0) for s in range(count)])
     features = np.stack([np.mean(motion[stretch == s], axis=0) for s in range(count)])
-    return TorqueEquations(sums, counts, kinds_of_motion(features), columns, weights, gaps, seconds)
+    sums = summed(columns, weights, stretch)
+    return TorqueEquations(sums, counts, kinds_of_motion(features), columns, weights, gaps, seconds, stretch, records)
+
+
+def summed(columns: Array, weights: Array, stretch: npt.NDArray[np.int64]) -> Array:
+    """Return (S, n, K, K) weighted squares and products of columns (N, n, K) over each stretch."""
+    result = []
+    for s in range(int(stretch[-1]) + 1):
+        some = columns[stretch == s].transpose(1, 2, 0)
+        result.append((some * weights[stretch == s].T[:, None]) @ some.transpose(0, 2, 1))
+    return np.stack(result)
 
 
 def _columns(records: Records, record: Record, sign: Array) -> Array:
@@ -152,12 +208,6 @@ def _thinned(records: Records, record: Record) -> npt.NDArray[np.int64]:
     whole = sum(r.kept[-1] - r.kept[0] for r in records.records)
     stride = max(1, int(record.rate / (TUNING.thin * band)), int(np.ceil(whole / TUNING.samples)))
     return inside[::stride]
-
-
-def _nearest(record: Record, weights: Array, kept: npt.NDArray[np.int64]) -> Array:
-    """Return weights of the search's samples at other samples of the same log."""
-    nearest = np.searchsorted(record.kept, kept)
-    return weights[np.clip(nearest, 0, len(weights) - 1)]
 
 
 def _stretches(gaps: npt.NDArray[np.bool_], seconds: float) -> npt.NDArray[np.int64]:

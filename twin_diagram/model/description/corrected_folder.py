@@ -1,14 +1,16 @@
-"""The folder of a corrected model: the given description and what it lacks."""
+"""The folder of a corrected model: the given description, what it lacks, and what is left once that is there."""
 
 from __future__ import annotations
 
 import os
 import re
-from dataclasses import replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
+import yaml
 from pydrake.common.yaml import yaml_dump_typed
 
+from twin_diagram.errors import ModelError
 from twin_diagram.model.description.add_arm import EFFECTS_FILE
 from twin_diagram.runtime import atomic_file
 from twin_diagram.scenario import ArmModel
@@ -19,12 +21,50 @@ _FOLDER = re.compile(rb"""(\b(?:meshdir|texturedir|assetdir)\s*=\s*["'])\s*([^"'
 """Of an MJCF's meshes and pictures, which its files are looked up in."""
 
 
-def write(spec: ArmModel, folder: str | Path) -> None:
-    """Write the description and `effects.yaml`; see `Model.save`."""
+STANDING_FILE = "standing.yaml"
+"""Written beside `effects.yaml`, where there is something to say."""
+
+
+@dataclass
+class CorrectedStanding:
+    """How well a corrected model stands.
+
+    Attributes:
+        torque_side: of the gears, on which the torques were measured that it was corrected with.
+        established: whether its effects have earned their names; else it is the best partial explanation.
+        remainder: joint → root mean square of the torque that it leaves of motion like that of its logs [N·m].
+    """
+
+    torque_side: str = "motor"
+    established: bool = True
+    remainder: dict[str, float] = field(default_factory=dict)
+
+
+def write(spec: ArmModel, folder: str | Path, standing: CorrectedStanding | None = None) -> None:
+    """Write the description, `effects.yaml` and `standing.yaml`; see `Model.save`."""
     description = Path(spec.model)
     with atomic_file.folder(folder) as aside:
         (aside / description.name).write_bytes(_anchor_files(description))
         yaml_dump_typed(replace(spec, model=description.name), filename=str(aside / EFFECTS_FILE))
+        if standing is not None and standing != CorrectedStanding():
+            (aside / STANDING_FILE).write_text(yaml.safe_dump(asdict(standing), sort_keys=False), encoding="utf-8")
+
+
+def standing_of(model: str | Path) -> CorrectedStanding:
+    """Return how a corrected model stands; of what is no such folder, nothing is said.
+
+    Raises:
+        ModelError: the file cannot be read.
+    """
+    path = Path(model) / STANDING_FILE
+    if not path.is_file():
+        return CorrectedStanding()
+    try:
+        said = yaml.safe_load(path.read_text(encoding="utf-8"))
+        remainder = {str(joint): float(value) for joint, value in said.get("remainder", {}).items()}
+        return CorrectedStanding(str(said.get("torque_side", "motor")), bool(said.get("established", True)), remainder)
+    except (yaml.YAMLError, AttributeError, ValueError, TypeError, OSError) as error:
+        raise ModelError(f"{path}: {str(error).splitlines()[0]}") from error
 
 
 def _anchor_files(description: Path) -> bytes:

@@ -1,0 +1,192 @@
+"""Holds what `twin-diagram gap` says of an arm against what is true of it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from gap_truth.chain import Chain
+from gap_truth.phenomena import spring_torque, tilted_gravity
+from gap_truth.world import Nominal
+from real_references import least_squares
+from real_references.regression import equations
+from scipy.signal import butter, sosfiltfilt
+
+from twin_diagram.model.model import Model
+from whole_robots.runs import Robot
+
+Array = npt.NDArray[np.float64]
+
+USUAL = {
+    "viscous_friction",
+    "coulomb_friction",
+    "stribeck_friction",
+    "load_dependent_friction",
+    "reflected_inertia",
+    "torque_bias",
+    "torque_constant",
+    "inertial_parameters",
+}
+"""What any arm may lack."""
+
+PERCENTILES = (10, 50, 90)
+"""Of a log's speeds, at which friction is compared."""
+
+NEGLIGIBLE = 1e-9
+"""Directions of usual columns below this share of the largest say nothing."""
+
+
+def score(robot: Robot, folder: Path, out: Path) -> dict[str, Any]:
+    """All figures of one arm."""
+    said = json.loads((out / "gap.json").read_text(encoding="utf-8"))
+    corrected = Model.load(out / "model", torque_side="motor")
+    true = [thing.name for thing in robot.truth.unusual]
+    result: dict[str, Any] = {
+        "verdict": said["verdict"],
+        "remainder": said["remainder"],
+        "names": [effect["name"] for effect in said["effects"]],
+        "unusual": true,
+        "as_described": robot.truth.as_described,
+        "setting": robot.truth.setting,
+        "confidences": [[e["name"], e["confidence"], right(e, robot)] for e in said["effects"]],
+        "false": [e["name"] for e in said["effects"] if e["name"] not in USUAL and e["name"] not in true],
+        "found": all(any(e["name"] == name and right(e, robot) for e in said["effects"]) for name in true),
+        "separation": separation(robot, folder) if true else None,
+        "held_out": held_out(folder, said),
+    }
+    if not robot.truth.as_described:
+        result["friction"] = friction(robot, corrected, said)
+        result["rotors"] = rotors(robot, corrected)
+        result["payload"] = payload(robot, said)
+    return result
+
+
+def right(effect: dict[str, Any], robot: Robot) -> bool:
+    """Whether a name is true of all the places that it is said of."""
+    truth, name = robot.truth, effect["name"]
+    at = [truth.described.joints.index(joint) for joint in effect["joints"]]
+    if truth.as_described:
+        return False
+    if name == "load_dependent_friction":
+        return all(truth.friction.shape[j] == "load" for j in at)
+    if name == "reflected_inertia":
+        return all(truth.real.links[j].rotor != truth.described.links[j].rotor for j in at)
+    if name == "torque_bias":
+        return all(truth.offset[j] != 0.0 or truth.friction.shape[j] == "asymmetric" for j in at)
+    if name == "torque_constant":
+        return all(truth.gain[j] != 1.0 for j in at)
+    if name in USUAL:
+        return True
+    for thing in truth.unusual:
+        links = [] if thing.link is None else [truth.described.link_names[thing.link]]
+        if thing.name == name:
+            return sorted(at) == sorted(thing.joints) and (not links or effect["links"] == links)
+    return False
+
+
+def friction(robot: Robot, corrected: Model, said: dict[str, Any]) -> list[dict[str, float]]:
+    """Per joint and percentile of its speed: the friction there, what is said of it, and its standard error."""
+    run, laws = robot.fit, robot.truth.friction
+    home = np.median(run.q, axis=0)
+    load = np.sqrt(np.mean(run.torque**2, axis=0))[None]
+    result = []
+    for j, joint in enumerate(robot.truth.described.joints):
+        for percent in PERCENTILES:
+            v = np.zeros((2, len(home)))
+            v[:, j] = np.percentile(np.abs(run.v[:, j]), percent) * np.array([1.0, -1.0])
+            both = corrected.inverse_dynamics(np.stack([home, home]), v, np.zeros_like(v))[:, j]
+            true = np.concatenate([laws.sliding(v[k : k + 1], load) for k in range(2)])[:, j]
+            std = 0.0
+            for effect in said["effects"]:
+                for key, times in (("damping", v[0, j]), ("torque", 1.0), ("coulomb", 1.0)):
+                    if "friction" in effect["name"] and joint in effect["parameters"].get(key, {}):
+                        std = float(np.hypot(std, times * effect["parameters"][key][joint]["std"]))
+            told = {"true": float(0.5 * (true[0] - true[1])), "said": float(0.5 * (both[0] - both[1]))}
+            result.append({"joint": j, "percent": percent, **told, "std": std})
+    return result
+
+
+def rotors(robot: Robot, corrected: Model) -> list[list[float]]:
+    """Per joint: inertia about its own axis at the middle of the motion, true and as corrected [kg·m²]."""
+    home = np.median(robot.fit.q, axis=0)
+    true = np.diag(Nominal(with_payload(robot)).inertia(home))
+    said = np.diag(corrected.mass_matrix(home))
+    return [[float(x) for x in pair] for pair in zip(true, said, strict=True)]
+
+
+def with_payload(robot: Robot) -> Chain:
+    """The real arm, with the payload that it carries."""
+    chain = robot.truth.real
+    for thing in robot.truth.unusual:
+        if thing.name == "payload":
+            last = chain.links[-1].with_lump(thing.values["mass"][0], np.array(thing.values["com"]))
+            chain = replace(chain, links=(*chain.links[:-1], last))
+    return chain
+
+
+def payload(robot: Robot, said: dict[str, Any]) -> list[float]:
+    """Mass that is true, said, and its standard error [kg]: 0 where none is said; empty where there is none."""
+    true = [thing.values["mass"][0] for thing in robot.truth.unusual if thing.name == "payload"]
+    told = [e["parameters"]["mass"] for e in said["effects"] if e["name"] == "payload"]
+    return [true[0], *((told[0]["value"], told[0]["std"]) if told else (0.0, 0.0))] if true else []
+
+
+def held_out(folder: Path, said: dict[str, Any]) -> dict[str, float]:
+    """The held-out residual over that of an estimator that is told the structure, mean over joints."""
+    model = folder / "model.urdf"
+    seen, unseen = (equations(model, folder / f"{name}.csv", "motor") for name in ("fit", "holdout"))
+    told = unseen.left(least_squares.physical(seen))
+    rms = said["gap"]["torque_rms"]["holdout"]
+    before, after = (np.array(list(rms[when].values())) for when in ("before", "after"))
+    return {"over_told": float(np.mean(after / told)), "over_description": float(np.mean(after / before))}
+
+
+def separation(robot: Robot, folder: Path) -> float | None:
+    """Distance in units of the log's noise from what is unusual to the nearest combination of what is usual.
+
+    None for a push, which no usual thing resembles.
+    """
+    if robot.truth.unusual[0].name == "external_force":
+        return None
+    more = unusual_torque(robot)
+    sos = butter(4, 10.0, fs=1.0 / robot.period, output="sos")
+    low = sosfiltfilt(sos, more, axis=0)
+    eqs = equations(folder / "model.urdf", folder / "fit.csv", "motor")
+    samples, width = np.linspace(0.0, 1.0, eqs.torque.shape[1]), np.linspace(0.0, 1.0, len(low))
+    seen = np.stack([np.interp(samples, width, x) for x in low.T])
+    scale = robot.noise[:, None]
+    every = max(1, int(0.01 / robot.period))
+    X = np.concatenate(list((eqs.columns / scale[:, :, None])[:, ::every]))
+    y = (seen / scale)[:, ::every].ravel()
+    X = X / np.maximum(np.linalg.norm(X, axis=0), 1e-12)
+    values, vectors = np.linalg.eigh(X.T @ X)
+    kept = values > NEGLIGIBLE * values[-1]
+    left = y - X @ (vectors[:, kept] @ ((vectors[:, kept].T @ (X.T @ y)) / values[kept]))
+    return float(np.sqrt(np.sum(left**2) * every))
+
+
+def unusual_torque(robot: Robot) -> Array:
+    """Torque (N, n) that what is unusual takes along the fitted run [N·m]."""
+    run, truth = robot.fit, robot.truth
+    (thing,) = truth.unusual
+    q, v, a = run.q, run.v, run.a
+    plain = Nominal(truth.real)
+    if thing.name == "payload":
+        return Nominal(with_payload(robot)).inverse(q, v, a) - plain.inverse(q, v, a)
+    if thing.name == "gravity_tilt":
+        gravity = tilted_gravity(thing.values["roll"][0], thing.values["pitch"][0])
+        return Nominal(truth.real, gravity).inverse(q, v, a) - plain.inverse(q, v, a)
+    if thing.name == "encoder_offset":
+        off = np.zeros(q.shape[1])
+        off[list(thing.joints)] = thing.values["offset"]
+        return plain.inverse(q, v, a) - plain.inverse(q - off, v, a)
+    if thing.name == "time_delay":
+        return np.asarray(thing.values["delay"][0] * np.gradient(run.torque, robot.period, axis=0))
+    more = np.zeros_like(q)
+    for k, j in enumerate(thing.joints):
+        more[:, j] = spring_torque(thing, k, q[:, j])
+    return more

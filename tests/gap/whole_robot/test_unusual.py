@@ -1,0 +1,95 @@
+"""What is unusual beside what every arm lacks: found, told from nothing, and judged on motion that was left out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from tests.gap.made import ARM, effect, everywhere
+from tests.gap.whole_robot.test_explain import noisy
+from twin_diagram.gap.whole_robot.explain import begun, concluded, settled, settled_beside
+from twin_diagram.gap.whole_robot.left_out import LeftOut
+from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve
+from twin_diagram.gap.whole_robot.torque_equations import equations
+from twin_diagram.gap.whole_robot.unusual import Beside, offered, room_for, terms_of, unusual, with_candidate
+from twin_diagram.model.effects import Effect
+
+MASS, COM = 3.0, [0.02, 0.05, 0.06]
+
+
+@cache
+def problem(*added: Effect) -> RobotProblem:
+    """Of an arm with viscous friction and something more; friction is free, links are as described."""
+    true = ARM.with_effects([everywhere("viscous_friction", damping=2.0), *added])
+    records = noisy(ARM, true, 10.0)
+    whole, _ = settled(begun(records, equations(records)))
+    own = np.zeros((6, 4), dtype=bool)
+    own[:, 0] = True
+    return replace(whole, links_free=np.zeros(6, dtype=bool), own_free=own)
+
+
+PAYLOAD = effect("payload", links=["tool0"], mass=MASS, com=COM)
+TILT = effect("gravity_tilt", roll=0.05, pitch=-0.03)
+
+
+def test_a_payload_is_found_with_its_mass_and_centre() -> None:
+    start = problem(PAYLOAD)
+    found = unusual(start, solve(start), ARM)
+    assert [c.name for c in found.sums.further] == ["payload"]
+    z = solve(found)[found.place(0)]
+    np.testing.assert_allclose(z[0], MASS, rtol=0.03)
+    np.testing.assert_allclose(z[1:] / z[0], COM, atol=0.01)
+    told = concluded(found)
+    assert told is not None and "payload" in {finding.name for finding in told.findings}
+    (mass,) = [f.parameters["mass"] for f in told.findings if f.name == "payload"]
+    assert mass.std >= 0.1 * start.links.described[-1, 0]  # type: ignore[union-attr]  # the last link's own doubt
+
+
+def test_a_tilt_takes_the_place_of_nothing_and_nothing_is_found_of_nothing() -> None:
+    start = problem(TILT)
+    found = unusual(start, solve(start), ARM)
+    assert [c.name for c in found.sums.further] == ["gravity_tilt"]
+    np.testing.assert_allclose(solve(found)[found.place(0)], [0.05, -0.03], atol=0.004)
+    plain = problem()
+    assert not unusual(plain, solve(plain), ARM).sums.further
+
+
+@pytest.mark.parametrize(("name", "variant"), [("gravity_tilt", ""), ("joint_spring", "curve"), ("encoder_offset", "")])
+def test_what_a_candidate_brings_is_known_before_it_is_fitted(name: str, variant: str) -> None:
+    start = problem(TILT)
+    left_out = LeftOut.of(start, solve(start))
+    candidate = next(c for c in offered(terms_of(start.sums, ARM)) if (c.name, c.variant) == (name, variant))
+    tried = with_candidate(start, candidate, 5)
+    fitted = LeftOut.of(tried, solve(tried)).score() - left_out.score()
+    assert Beside.of(left_out).gain(candidate) == pytest.approx(fitted, rel=0.02, abs=0.3)
+
+
+def test_what_stands_for_the_same_makes_room() -> None:
+    start = problem(PAYLOAD)
+    there = offered(terms_of(start.sums, ARM))
+    spring = next(c for c in there if c.name == "joint_spring" and c.joints == (2,))
+    load = next(c for c in there if c.name == "payload")
+    links, own = room_for(start.sums.with_further([spring, load]), 5)
+    assert not links[5] and np.all(links[:5])
+    assert not own[2, 2] and np.sum(~own) == 1
+    both = settled_beside(with_candidate(start, load, 5), start)
+    assert not both.links_free[5]
+
+
+def test_sums_with_further_columns_say_what_is_left() -> None:
+    start = problem(TILT)
+    candidate = next(c for c in offered(terms_of(start.sums, ARM)) if c.name == "gravity_tilt")
+    more = with_candidate(start, candidate, 5)
+    z = solve(more)
+    left = more.sums.left(more.difference(z))
+    np.testing.assert_allclose(np.sum(left**2, axis=0), more.squares(z, more.sums.whole), rtol=1e-9)
+    step, total = 1e-5, more.sums.whole
+    _, gradient = more.system(z + 0.01 * more.deviation, total)
+    at = z + 0.01 * more.deviation
+    for k in (3, 60, 61, len(z) - 1):
+        d = step * more.deviation[k] * np.eye(len(z))[k]
+        slope = (more.cost(at + d, total) - more.cost(at - d, total)) / (2.0 * step * more.deviation[k])
+        assert gradient[k] == pytest.approx(slope, rel=1e-4, abs=1e-4 * np.max(np.abs(gradient)))

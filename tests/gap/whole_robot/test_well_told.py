@@ -1,0 +1,40 @@
+"""Names stand where their size is known to a third."""
+
+from __future__ import annotations
+
+from twin_diagram.gap.findings import Estimate, Finding
+from twin_diagram.gap.whole_robot.well_told import well_told
+
+
+def friction(**levels: tuple[float, float]) -> Finding:
+    values = {joint: Estimate(value, std, "N·m") for joint, (value, std) in levels.items()}
+    return Finding("coulomb_friction", tuple(levels), (), {"torque": values}, 0.9)
+
+
+def test_joints_that_are_known_too_little_are_left_out() -> None:
+    finding = friction(a=(3.0, 0.9), b=(3.0, 1.1), c=(-3.0, 0.9))
+    (kept,) = well_told([finding])
+    assert kept.joints == ("a", "c") and set(kept.parameters["torque"]) == {"a", "c"}  # type: ignore[arg-type]
+    assert well_told([friction(b=(3.0, 1.1))]) == ()
+    fine = friction(a=(3.0, 0.9))
+    assert well_told([fine]) == (fine,)
+
+
+def test_a_gain_is_held_against_one_and_a_payload_against_none() -> None:
+    def gain(value: float, std: float) -> Finding:
+        return Finding("torque_constant", ("a",), (), {"gain": {"a": Estimate(value, std, "1")}}, 0.9)
+
+    assert well_told([gain(0.62, 5.0)]) == () and well_told([gain(0.9, 0.05)]) == ()
+    assert len(well_told([gain(0.62, 0.1)])) == 1
+
+    def payload(std: float) -> Finding:
+        centre = Estimate([0.0, 0.0, 0.1], [0.1, 0.1, 0.1], "m")
+        return Finding("payload", (), ("tool",), {"mass": Estimate(3.0, std, "kg"), "com": centre}, 0.9)
+
+    assert len(well_told([payload(0.9)])) == 1 and well_told([payload(1.1)]) == ()
+
+
+def test_what_has_no_size_stands() -> None:
+    curve = {"a": Estimate([0.0, 1.0, 5.0, 6.0], [0.0, 0.0, 9.0, 9.0], "rad, N·m")}
+    finding = Finding("joint_spring", ("a",), (), {"curve": curve}, 0.9)
+    assert well_told([finding]) == (finding,)

@@ -1,0 +1,147 @@
+"""Fleets: a table of robots in, one line each out, whatever becomes of the others."""
+
+from __future__ import annotations
+
+import csv
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from twin_diagram.cli import main
+from twin_diagram.errors import TwinError
+from twin_diagram.runs.fleet import fleet, work
+from twin_diagram.runs.fleet.page import first_days, page
+from twin_diagram.runs.fleet.robots import read_fleet
+from twin_diagram.runs.fleet.work import Line
+
+HEADER = "robot,date,model,fit,holdout\n"
+ANSWER = {
+    "verdict": "named",
+    "remainder": True,
+    "effects": [{"name": "payload", "joints": [], "links": ["tool"]}],
+    "gap": {"torque_rms": {"holdout": {"before": {"a": 2.0, "b": 4.0}, "after": {"a": 1.0, "b": 1.0}}}},
+}
+
+
+@pytest.fixture
+def three(tmp_path: Path) -> Path:
+    """A table of three robots."""
+    path = tmp_path / "fleet.csv"
+    path.write_text(HEADER + "".join(f"r{k},2026-01-0{k},m{k}.urdf,a.csv;b.csv,c.csv\n" for k in (1, 2, 3)))
+    for name in ("a.csv", "b.csv", "c.csv"):
+        (tmp_path / name).write_text("time\n")
+    return path
+
+
+@pytest.fixture
+def stood_in(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """`gap` that knows m1, fails on m2 and hangs on m3; which models it was asked about."""
+    asked: list[str] = []
+
+    def run(command: list[str], timeout: float) -> tuple[int, str, str]:
+        model, out = (Path(command[command.index(name) + 1]) for name in ("--model", "--out"))
+        asked.append(model.name)
+        assert [Path(command[k + 1]).name for k, part in enumerate(command) if part == "--fit"] == ["a.csv", "b.csv"]
+        if model.name == "m2.urdf":
+            return 2, "", "error: m2.urdf: no such file or folder"
+        if model.name == "m3.urdf":
+            raise subprocess.TimeoutExpired(command, timeout)
+        (out / "gap.json").write_text(json.dumps(ANSWER))
+        return 0, "payload 2.0 kg; little left", ""
+
+    monkeypatch.setattr(work, "_run", run)
+    return asked
+
+
+def test_a_bad_or_hanging_robot_costs_its_own_line(three: Path, stood_in: list[str], tmp_path: Path) -> None:
+    lines = fleet.run_fleet(three, tmp_path / "out", jobs=2, timeout=7.0)
+    assert [line.verdict for line in lines] == ["named with remainder", "failed", "timeout"]
+    assert lines[0].left == pytest.approx(0.375) and lines[0].effects == ["payload tool"]
+    assert lines[1].headline == "error: m2.urdf: no such file or folder" and lines[2].headline == "stopped after 7 s"
+    with (tmp_path / "out" / "fleet.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["robot"] for row in rows] == ["r1", "r2", "r3"] and rows[0]["headline"] == "payload 2.0 kg; little left"
+    assert "payload" in (tmp_path / "out" / "fleet.html").read_text()
+
+
+def test_it_goes_on_where_it_stopped(three: Path, stood_in: list[str], tmp_path: Path) -> None:
+    for _ in range(2):
+        fleet.run_fleet(three, tmp_path / "out")
+    assert stood_in == ["m1.urdf", "m2.urdf", "m3.urdf", "m2.urdf", "m3.urdf"]
+    (tmp_path / "a.csv").write_text("time,more\n")
+    assert fleet.run_fleet(three, tmp_path / "out")[0].verdict == "named with remainder"
+    assert stood_in[5:] == ["m1.urdf", "m2.urdf", "m3.urdf"]
+
+
+def test_what_hangs_is_ended() -> None:
+    begin = time.monotonic()
+    with pytest.raises(subprocess.TimeoutExpired):
+        work._run([sys.executable, "-c", "import time; time.sleep(60)"], 0.5)
+    assert time.monotonic() - begin < 30.0
+    assert work._run([sys.executable, "-c", "print('so'); print('more')"], 60.0) == (0, "so", "ended without a word")
+    assert work._run([sys.executable, "-c", "import sys; sys.exit('why')"], 60.0) == (1, "", "why")
+
+
+def test_robots_are_sorted_by_what_is_wrong_and_the_first_day_that_shows_it() -> None:
+    lines = [
+        Line("b", "2026-02-02", "named", ["payload tool", "backlash j1"]),
+        Line("a", "2026-02-01", "named", ["payload tool"]),
+        Line("b", "2026-01-01", "named", ["payload tool"]),
+        Line("c", "2026-01-05", "unknown"),
+        Line("d", "2026-01-05", "none"),
+    ]
+    assert first_days(lines) == [
+        ("payload", "b", "2026-01-01"),
+        ("payload", "a", "2026-02-01"),
+        ("backlash", "b", "2026-02-02"),
+        ("unknown", "c", "2026-01-05"),
+    ]
+    assert "4 robots, 5 visits" in page(lines, ["x"] * 5)
+    assert "<script>" not in page([Line("<script>", "1", "none")], ["x"])
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "holds no robot"),
+        ("robot,date,model,fit\nr,1,m,a\n", "line 2: nothing in holdout"),
+        (HEADER + "r,1,m,a,h\nr,1,m,b,h\n", "line 3: r on 1 stands there twice"),
+    ],
+)
+def test_a_table_that_cannot_be_used_is_refused(text: str, said: str, tmp_path: Path) -> None:
+    (tmp_path / "fleet.csv").write_text(text)
+    with pytest.raises(TwinError, match=said):
+        read_fleet(tmp_path / "fleet.csv")
+
+
+def test_visits_have_folders_of_their_own(three: Path) -> None:
+    three.write_text(HEADER + "r/1,a,m,a.csv,c.csv\nr_1,a,m,a.csv,c.csv\n../..,a,m,a.csv,c.csv\n")
+    folders = [visit.folder for visit in read_fleet(three)]
+    assert len(set(folders)) == 3 and not any("/" in folder or folder.startswith(".") for folder in folders)
+
+
+def test_the_command_takes_one_robot_or_a_fleet(three: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = str(three.parent / "out")
+    for given, said in (
+        (["--model", "m.urdf"], "required: --fit, --holdout"),
+        (["--fleet", str(three), "--model", "m.urdf"], "leave out --model"),
+    ):
+        with pytest.raises(SystemExit) as end:
+            main(["gap", *given, "--out", out])
+        assert end.value.code == 2 and said in capsys.readouterr().err
+    assert main(["gap", "--fleet", str(three), "--out", out, "--jobs", "0"]) == 2
+    assert "--jobs 0" in capsys.readouterr().err
+    assert not Path(out).exists()
+
+
+def test_a_cluster_does_the_same(three: Path, stood_in: list[str], tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed", reason="the extra `fleet` is not installed")
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None
+    ) as cluster:
+        lines = fleet.run_fleet(three, tmp_path / "out", dask=cluster.scheduler_address)
+    assert [line.verdict for line in lines] == ["named with remainder", "failed", "timeout"]

@@ -1,0 +1,90 @@
+"""One line for a robot that lacks many things at once: what is unusual, what every arm lacks, and what is left.
+
+"payload 2.7 ± 0.2 kg; friction and rotors on all joints; little left"
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from twin_diagram.gap.candidates.records import record_of
+from twin_diagram.gap.findings import Estimate, Finding, Verdict
+from twin_diagram.gap.report.numbers import with_error
+from twin_diagram.model.effects.actuation import TorqueBias
+from twin_diagram.model.effects.link_inertia import InertialParameters
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, chosen by hand."""
+
+    names: int = 3
+    """From so many names on a sentence is too long."""
+
+    places: int = 4
+    """Joints and links from which on a robot lacks many things at once."""
+
+
+TUNING = Tuning()
+
+
+def is_whole_robot(verdict: Verdict) -> bool:
+    """Return whether a verdict names many things at once, on many places."""
+    places = {place for finding in verdict.findings for place in (*finding.joints, *finding.links)}
+    usual = any(_group(finding) for finding in verdict.findings)
+    return len(verdict.findings) >= TUNING.names and len(places) >= TUNING.places and usual
+
+
+def summary(verdict: Verdict) -> str:
+    """Return the verdict on one line."""
+    count = len(verdict.noise_floor)
+    sure = [finding for finding in verdict.findings if not finding.is_guess()]
+    parts = [_unusual(finding, count) for finding in sure if not _group(finding)]
+    groups: dict[str, set[str]] = {}
+    for finding in sure:
+        if word := _group(finding):
+            groups.setdefault(word, set()).update(finding.joints, finding.links)
+    alike: dict[str, list[str]] = {}
+    for word, places in groups.items():
+        on = _on(places, "link" if word == "inertia" else "joint", count)
+        alike.setdefault(on, []).append(word)
+    parts += [f"{_listed(words)} {on}" for on, words in alike.items()]
+    if len(sure) < len(verdict.findings):
+        parts.append("something more that can be guessed at only")
+    parts.append("structure left that has no name" if verdict.remainder else "little left")
+    return "; ".join(parts)
+
+
+def _group(finding: Finding) -> str:
+    """Return the word for what every arm lacks; empty for what is unusual."""
+    if finding.onset is not None or finding.end is not None:
+        return ""
+    record = record_of(finding.name)
+    if finding.name == InertialParameters.name:
+        return "inertia"
+    if finding.name == TorqueBias.name:
+        return "offsets"
+    if record.of_rotor and record.usual:
+        return "rotors"
+    return "friction" if "friction" in finding.name and not record.coupled else ""
+
+
+def _unusual(finding: Finding, count: int) -> str:
+    title = record_of(finding.name).title
+    words = (title[:1].lower() + title[1:]).removeprefix("a ").removeprefix("an ")
+    first = next(iter(finding.parameters.values()))
+    if isinstance(first, dict) and len(first) == 1:
+        first = next(iter(first.values()))
+    if isinstance(first, Estimate) and not isinstance(first.value, list):
+        words = f"{words} {with_error(first)}"
+    return f"{words} {_on(set(finding.joints), 'joint', count)}" if finding.joints else words
+
+
+def _on(places: set[str], kind: str, count: int) -> str:
+    if len(places) == count:
+        return f"on all {kind}s"
+    return f"on {next(iter(places))}" if len(places) == 1 else f"on {len(places)} {kind}s"
+
+
+def _listed(words: list[str]) -> str:
+    return " and ".join(filter(None, [", ".join(words[:-1]), words[-1]]))

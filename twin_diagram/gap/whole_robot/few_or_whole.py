@@ -1,0 +1,130 @@
+"""What explains fit logs: a few names, the robot as a whole, or what is known of a model that was corrected before."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin_diagram.errors import ModelError
+from twin_diagram.gap.correction.add_effects import add
+from twin_diagram.gap.correction.held_out_onsets import with_held_onsets
+from twin_diagram.gap.findings import Verdict
+from twin_diagram.gap.naming import name
+from twin_diagram.gap.residuals.prepared_logs import Records
+from twin_diagram.gap.whole_robot import taking_over
+from twin_diagram.gap.whole_robot.explain import WholeRobot, explain
+from twin_diagram.gap.whole_robot.well_told import well_told
+from twin_diagram.logs import Log
+from twin_diagram.model.description import corrected_folder
+from twin_diagram.model.model import Model
+from twin_diagram.signals.arrays import Array
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """Verdict and corrected model.
+
+    Attributes:
+        verdict: of the search, or of the robot as a whole.
+        corrected: the given model where nothing is named.
+        whole: where it is of the robot as a whole: what was found of it.
+        partial: what was found of the robot as a whole at all.
+    """
+
+    verdict: Verdict
+    corrected: Model
+    whole: WholeRobot | None
+    partial: WholeRobot | None
+
+
+def explained(
+    given: Model,
+    logs: Sequence[Log],
+    held: Log,
+    records: Records,
+    notes: list[str],
+    say: Say,
+    standing: corrected_folder.CorrectedStanding,
+) -> Explanation:
+    """Return what is found of the robot as a whole, or by the search for a few names; `notes` grow."""
+    say("fitting the whole robot")
+    try:
+        whole = explain(records, known=bool(standing.remainder))
+    except np.linalg.LinAlgError:  # a log in which next to nothing moves
+        whole = None
+    recorded = np.array([standing.remainder.get(joint, 0.0) for joint in given.joints])
+    known = bool(np.all(recorded > 0.0))
+    bare = taking_over.unsearched(records)
+    if known and taking_over.no_more_than_recorded(given, logs, whole, recorded):
+        notes.append("what is left is what was left when this model was corrected")
+        none = replace(bare, verdict="none", noise_floor=np.maximum(bare.noise_floor, recorded))
+        return Explanation(none, given, None, whole)
+    enough = taking_over.tells_of_change(whole, given, logs) if known else None
+    if whole is not None and (taking_over.suffices(whole, bare.noise_floor) if enough is None else enough):
+        return Explanation(taking_over.as_named(records, bare, whole, recorded), whole.model, whole, whole)
+    try:
+        named = name(given, logs, say, records)
+    except np.linalg.LinAlgError:  # more that could explain the runs than samples to tell it by
+        notes.append(
+            "these runs are too short, or move too little, to tell single effects apart: ten seconds in which each "
+            "joint moves to and fro do; the robot was fitted as a whole"
+        )
+        named = bare
+    verdict, corrected, more = _corrected(given, logs, held, named, records, say)
+    told = well_told(verdict.findings)
+    if told != verdict.findings:
+        more.append("some of what would fit these runs is known no better than to a third of its size: it has no name")
+        fewer = replace(verdict, findings=told, remainder=True) if told else nameless(verdict)
+        verdict, corrected, _ = _corrected(given, logs, held, fewer, records, say)
+    notes += more
+    return Explanation(*taking_over.taken_over(records, logs, verdict, corrected, whole), whole)
+
+
+def standing_after(
+    before: corrected_folder.CorrectedStanding, explanation: Explanation, corrected: Model, left: Array
+) -> corrected_folder.CorrectedStanding:
+    """Return how the corrected model stands: with the remainder that a later run may find again.
+
+    Args:
+        before: of the given model.
+        explanation: what was found.
+        corrected: what is written of it.
+        left: (n,) residual of the corrected model on the fit logs [N·m].
+    """
+    verdict, whole = explanation.verdict, explanation.whole
+    if corrected is not explanation.corrected or verdict.verdict != "named":
+        return before
+    if whole is not None:
+        left = np.maximum(left, np.maximum(whole.fitted, whole.left))
+    elif not verdict.remainder:
+        return before
+    return replace(before, established=True, remainder=dict(zip(corrected.joints, map(float, left), strict=True)))
+
+
+def _corrected(
+    given: Model, logs: Sequence[Log], held: Log, verdict: Verdict, records: Records, say: Say
+) -> tuple[Verdict, Model, list[str]]:
+    """Return the verdict with refined parameters, the corrected model (the given one where none can be), and notes."""
+    if not verdict.findings:
+        return verdict, given, []
+    say("adding what was named")
+    notes: list[str] = []
+    try:
+        added = add(given, logs, verdict.findings, say, records)
+        notes += added.notes
+        # What cannot be added was no explanation.
+        verdict = nameless(verdict) if added.model is given else replace(verdict, findings=added.findings)
+        corrected, more = with_held_onsets(added.model, held, verdict.noise_floor)
+    except ModelError as error:
+        notes.append(f"what fits the runs best is not physical, so nothing is named: {error}")
+        return nameless(verdict), given, notes
+    return verdict, corrected, notes + more
+
+
+def nameless(verdict: Verdict) -> Verdict:
+    """Return the verdict without names."""
+    return replace(verdict, verdict="unknown", remainder=False, findings=(), separation=())

@@ -1,0 +1,63 @@
+"""What of a search's findings is known well enough to bear its name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin_diagram.gap.candidates.records import record_of
+from twin_diagram.gap.findings import Estimate, Finding
+
+SIZES = ("gain", "delay", "offset", "amplitude", "coefficient", "torque")
+"""Parameters that say how large an effect is whose record names none as leading."""
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, chosen by hand."""
+
+    third: float = 1.0 / 3.0
+    """No name where the standard error is more than this share of what it says."""
+
+
+TUNING = Tuning()
+
+
+def well_told(findings: Sequence[Finding]) -> tuple[Finding, ...]:
+    """Return findings without the joints, or the names, whose size is known no better than to a third of it."""
+    result = []
+    for finding in findings:
+        per_joint = any(isinstance(value, dict) for value in finding.parameters.values())
+        if not (per_joint and finding.joints):
+            if _known([value for key, value in _sizes(finding) if isinstance(value, Estimate)], finding):
+                result.append(finding)
+            continue
+        kept = tuple(joint for joint in finding.joints if _known(_of_joint(finding, joint), finding))
+        if kept == finding.joints:
+            result.append(finding)
+        elif kept and record_of(finding.name).joint_by_joint:
+            parameters: dict[str, Estimate | dict[str, Estimate]] = {
+                key: {joint: value[joint] for joint in kept if joint in value} if isinstance(value, dict) else value
+                for key, value in finding.parameters.items()
+            }
+            result.append(replace(finding, joints=kept, parameters=parameters))
+    return tuple(result)
+
+
+def _sizes(finding: Finding) -> list[tuple[str, Estimate | dict[str, Estimate]]]:
+    keys = record_of(finding.name).leading or SIZES
+    return [(key, value) for key, value in finding.parameters.items() if key in keys]
+
+
+def _of_joint(finding: Finding, joint: str) -> list[Estimate]:
+    return [value[joint] for _, value in _sizes(finding) if isinstance(value, dict) and joint in value]
+
+
+def _known(sizes: Sequence[Estimate], finding: Finding) -> bool:
+    """Return whether any of the sizes is known well; one that has none is."""
+    nothing = 1.0 if "gain" in finding.parameters else 0.0
+    return not sizes or any(
+        bool(np.all(np.asarray(size.std) <= TUNING.third * np.abs(np.asarray(size.value) - nothing))) for size in sizes
+    )

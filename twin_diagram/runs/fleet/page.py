@@ -1,0 +1,81 @@
+"""The fleet's page and table: robots by what is wrong with them, and the first day that shows it."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from html import escape
+
+from twin_diagram.runs.fleet.work import Line
+
+COLUMNS = ("robot", "date", "verdict", "effects", "headline", "left", "seconds")
+"""Of the table."""
+
+STYLE = (
+    "body{font:15px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:70rem;padding:0 1rem;color:#1d2733}"
+    "table{border-collapse:collapse;width:100%}th,td{text-align:left;padding:.35rem .7rem;"
+    "border-bottom:1px solid #dde3ea;vertical-align:top}th{font-weight:600}.bad{color:#a3341c}"
+)
+
+
+def table(lines: Sequence[Line]) -> str:
+    """Return the table as CSV; effects are parted by `;`."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for line in lines:
+        left = "" if line.left is None else line.left
+        row = [line.robot, line.date, line.verdict, ";".join(line.effects), line.headline, left, line.seconds]
+        writer.writerow(row)
+    return text.getvalue()
+
+
+def first_days(lines: Sequence[Line]) -> list[tuple[str, str, str]]:
+    """Return what is wrong, robot and the first day that shows it: what most robots have first."""
+    first: dict[tuple[str, str], str] = {}
+    for line in sorted(lines, key=lambda line: line.date):
+        names = [effect.split(" ")[0] for effect in line.effects]
+        names += [line.verdict] if line.verdict in ("unknown", "failed", "timeout") else []
+        for name in names:
+            first.setdefault((name, line.robot), line.date)
+    count: dict[str, int] = {}
+    for name, _ in first:
+        count[name] = count.get(name, 0) + 1
+    order = sorted(first, key=lambda key: (-count[key[0]], key[0], first[key], key[1]))
+    return [(name, robot, first[name, robot]) for name, robot in order]
+
+
+def page(lines: Sequence[Line], folders: Sequence[str]) -> str:
+    """Return the page.
+
+    Args:
+        lines: one per visit.
+        folders: theirs, relative to the page.
+    """
+    wrong: dict[str, list[str]] = {}
+    for name, robot, day in first_days(lines):
+        wrong.setdefault(name, []).append(f"{escape(robot)} since {escape(day)}")
+    groups = "".join(
+        f"<tr><td>{escape(name.replace('_', ' '))}</td><td>{len(robots)}</td><td>{', '.join(robots)}</td></tr>"
+        for name, robots in wrong.items()
+    )
+    rows = "".join(
+        f"<tr><td>{escape(line.robot)}</td><td>{escape(line.date)}</td>{_verdict(line, folder)}"
+        f"<td>{escape(line.headline)}</td><td>{'' if line.left is None else f'{100 * line.left:.0f} %'}</td></tr>"
+        for line, folder in zip(lines, folders, strict=True)
+    )
+    return (
+        f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>Fleet</title><style>{STYLE}</style></head>'
+        f"<body><h1>{len({line.robot for line in lines})} robots, {len(lines)} visits</h1>"
+        "<h2>What is wrong, and the first day that shows it</h2>"
+        f"<table><tr><th>what</th><th>robots</th><th>which</th></tr>{groups}</table>"
+        "<h2>All visits</h2><table><tr><th>robot</th><th>date</th><th>verdict</th><th>in short</th>"
+        f"<th>held-out residual left</th></tr>{rows}</table></body></html>\n"
+    )
+
+
+def _verdict(line: Line, folder: str) -> str:
+    if line.verdict in ("failed", "timeout"):
+        return f'<td class="bad">{line.verdict}</td>'
+    return f'<td><a href="{escape(folder)}/report.html">{escape(line.verdict)}</a></td>'

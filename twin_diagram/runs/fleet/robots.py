@@ -1,0 +1,75 @@
+"""The table of a fleet: which logs are of which robot, and of which day."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from twin_diagram.errors import TwinError
+
+COLUMNS = ("robot", "date", "model", "fit", "holdout")
+"""Of the table; what else stands in it is left alone."""
+
+
+@dataclass(frozen=True)
+class Visit:
+    """One robot on one day.
+
+    Attributes:
+        robot: its name.
+        date: sorts as text does.
+        model: its description, or the folder of a corrected model.
+        fit: logs that are fitted.
+        holdout: the log that proves it.
+    """
+
+    robot: str
+    date: str
+    model: Path
+    fit: tuple[Path, ...]
+    holdout: Path
+
+    @property
+    def folder(self) -> str:
+        """Name of the folder that its results go to: readable, and no other visit's."""
+        words = re.sub(r"[^A-Za-z0-9.-]+", "_", f"{self.robot}_{self.date}").strip("._")[:60]
+        return f"{words}_{hashlib.sha256(f'{self.robot}|{self.date}'.encode()).hexdigest()[:6]}"
+
+    def mark(self) -> str:
+        """Return what changes where any of its inputs does: paths, sizes and times of change."""
+        told = []
+        for path in (self.model, *self.fit, self.holdout):
+            files = sorted(path.rglob("*")) if path.is_dir() else [path]
+            for file in files:
+                stat = file.stat() if file.is_file() else None
+                told.append(f"{file}:{stat.st_size}:{stat.st_mtime_ns}" if stat else f"{file}:-")
+        return hashlib.sha256("|".join(told).encode()).hexdigest()[:16]
+
+
+def read_fleet(path: Path) -> list[Visit]:
+    """Return the visits of a table, in its order; relative paths are relative to it.
+
+    Raises:
+        TwinError: no such file, a column that lacks, an empty field, or one robot twice on one day.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            rows = list(csv.DictReader(file))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise TwinError(f"--fleet {path}: cannot be read: {error}") from error
+    visits: dict[tuple[str, str], Visit] = {}
+    if not rows:
+        raise TwinError(f"--fleet {path}: holds no robot; its columns are {','.join(COLUMNS)}")
+    for number, row in enumerate(rows, 2):
+        fields = {column: (row.get(column) or "").strip() for column in COLUMNS}
+        if empty := [column for column, value in fields.items() if not value]:
+            raise TwinError(f"--fleet {path}: line {number}: nothing in {', '.join(empty)}")
+        key = fields["robot"], fields["date"]
+        if key in visits:
+            raise TwinError(f"--fleet {path}: line {number}: {key[0]} on {key[1]} stands there twice")
+        fit = tuple(path.parent / each.strip() for each in fields["fit"].split(";") if each.strip())
+        visits[key] = Visit(*key, path.parent / fields["model"], fit, path.parent / fields["holdout"])
+    return list(visits.values())
