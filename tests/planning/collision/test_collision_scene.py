@@ -34,9 +34,14 @@ def packed(**changes: Any) -> Array:
     return np.asarray(Track(**{**values, **changes}).pack())
 
 
-def test_slow_is_still() -> None:
+def test_slow_is_still_unless_it_turns_in_place() -> None:
+    for status, turns in ((ObjectStatus.TRACKED, False), (ObjectStatus.MOVING, True)):
+        for spin in (0.149, 0.151):
+            told = Forecast.of_tracks(packed(status=status, velocity=np.array([0, spin, 0, 0, 0.0149, 0])))
+            assert told.moving[0] == (turns and spin > 0.15)
+            assert not told.velocity.any()
+            np.testing.assert_allclose(told.spin, [[0, spin * told.moving[0], 0]])
     for speed, spin, moves, turns in (
-        (0.0149, 0.5, False, False),
         (0.0151, 0.149, True, False),
         (0.0151, 0.151, True, True),
         (-0.0151, -0.151, True, True),

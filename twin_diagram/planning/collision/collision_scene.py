@@ -278,8 +278,8 @@ class Forecast:
         spin[~moving] = 0.0
         covariance = rows[:, 15:].reshape(-1, 6, 6)
         unsure = {
-            int(k): Unsure.of(covariance[k], R_WO[k], None if shapes is None else shapes[k], moving=bool(moving[k]))
-            for k in np.flatnonzero(present)
+            k: Unsure.of(covariance[k], R_WO[k], None if shapes is None else shapes[k], moving=bool(moving[k]))
+            for k in np.flatnonzero(present).tolist()
         }
         grown = np.array([float(unsure[k].growth(np.zeros(1))[0]) if k in unsure else 0.0 for k in range(len(rows))])
         forecast = Forecast(present, moving, R_WO, rows[:, 6:9].copy(), spin, velocity, grown, unsure=unsure)
@@ -299,8 +299,8 @@ class Forecast:
         for k in np.flatnonzero(np.any(self.spin != 0.0, axis=1)):
             X_WO[k, :, :3, :3] = Rotation.from_rotvec(self.spin[k] * travelled[:, None]).as_matrix() @ self.R_WO[k]
         grown = np.repeat(self.grown[:, None], len(times), axis=1)
-        for k, how in self.unsure.items():
-            grown[k] = how.growth(times)
+        for number, how in self.unsure.items():
+            grown[number] = how.growth(times)
         return X_WO, grown
 
 

@@ -33,8 +33,9 @@ class Pairs:
 
     def take(self, chosen: Ints) -> Pairs:
         """Return some of them."""
-        fields = (self.row, self.ball, self.body, self.solid, self.p_O, self.size, self.at_least)
-        return Pairs(self.batch, *(part[chosen] for part in fields))
+        row, ball, body, solid = (part[chosen] for part in (self.row, self.ball, self.body, self.solid))
+        p_O, size, at_least = (part[chosen] for part in (self.p_O, self.size, self.at_least))
+        return Pairs(self.batch, row, ball, body, solid, p_O, size, at_least)
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from twin_diagram.signals.arrays import Array, Ints
 
@@ -170,8 +171,8 @@ def to_polytope(p: Array, which: Ints, faces: Faces) -> tuple[Array, Array]:
     return distance, slope
 
 
-def _above(p: Array, which: Ints, face: Ints, faces: Faces) -> Array:
+def _above(p: Array, which: Ints, face: Ints, faces: Faces) -> npt.NDArray[np.bool_]:
     """Return (M,) bool: whether points lie within the sides of one face each."""
     sides = np.einsum("mki,mi->mk", faces.side_normals[which, face], p)
-    result: Array = (sides <= faces.side_offsets[which, face]).all(axis=1)
+    result: npt.NDArray[np.bool_] = (sides <= faces.side_offsets[which, face]).all(axis=1)
     return result

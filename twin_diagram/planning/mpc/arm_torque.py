@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -135,7 +136,7 @@ def acceleration_limit(model: Model, velocity: Array, torque_share: float) -> Ar
     return result
 
 
-def described_acceleration(plant: MultibodyPlant, joints: list[JointIndex]) -> Array:
+def described_acceleration(plant: MultibodyPlant, joints: Sequence[JointIndex]) -> Array:
     """Return (n,) the joints' limits on acceleration in a description, infinite where it says nothing."""
     upper = np.array([float(plant.get_joint(index).acceleration_upper_limits()[0]) for index in joints])
     lower = np.array([float(plant.get_joint(index).acceleration_lower_limits()[0]) for index in joints])

@@ -182,7 +182,9 @@ class MotionPlanner:
         memory, q0, v0, a0, reanchored = self._anchor(memory, now, arm_state)
         stop = q0 + TUNING.stopping_time / 2 * v0
         forecast = self.scene.forecast(tracks, *beside)
-        question = Question((self.params.seed, memory.tick, 1), q0, goal, memory.goals, False, tracks, *beside)
+        further, things = (*beside, None, None)[:2]
+        seed = (self.params.seed, memory.tick, 1)
+        question = Question(seed, q0, goal, memory.goals, False, tracks, further, things)
         before = memory
         memory = self._aim(memory, q0, stop, goal, forecast, rng)
         memory = self._heard(memory, q0, forecast)
@@ -213,7 +215,8 @@ class MotionPlanner:
         """Return bounds on torque at the knots of a plan that starts now, about the plan before."""
         if arm is None or self.limits.torque is None:
             return None
-        q, v, a = memory.trajectory.at(now + self.params.step * np.arange(1, self.params.knots - 1))
+        knots: Array = now + self.params.step * np.arange(1.0, self.params.knots - 1)
+        q, v, a = memory.trajectory.at(knots)
         return torque_bounds(arm, q - memory.offset, v, a, self.limits.torque)
 
     def _margins(self, now: Situation, duration: float) -> Array:

@@ -158,36 +158,38 @@ class Optimiser:
         Returns:
             The better, by violation, of what was found and the fallback.
         """
-        base = q0 + self.samples[:, None] * v0 + self._P0[:, None] * a0
-        base_velocity = v0 + self._V0[:, None] * a0
+        base, base_velocity = self._coasting(q0, v0, a0)
         contacts = self._contacts(guess, around, margins)
         kept = self._lacking(contacts, margins)
         inner, present, solved, change = None, guess, True, np.inf
         for iteration in range(self.tuning.iterations):
             contacts = self._contacts(present, around, margins) if iteration else contacts
-            gradient = self._gradient(base, a0, present, reference)
             rows = self._rows(base, base_velocity, present, guess_velocity, contacts, margins)
-            bounds = self._torque_bounded(rows, torque)
-            found = self._program.solve(gradient, -base_velocity[-1], bounds, self._solver)
-            solved = found is not None
+            slope = self._gradient(base, a0, present, reference)
+            found = self._program.solve(slope, -base_velocity[-1], self._torque_bounded(rows, torque), self._solver)
             if found is None:
+                solved = False
                 break
-            inner, before, present = found, present, base + self._P @ found
+            before, inner, present = present, found, base + self._P @ found
             change = np.abs(present - before).max()
             if change < self.tuning.settled:
                 break
-        violation = kept
-        if inner is not None:
-            # Near the guess, distances are as linearised there; farther away they are measured.
-            near = change < self.tuning.settled and iteration == 0
-            ahead = self._lacking(self._ahead(contacts, present - guess), margins) if near else None
-            violation = self.assess(present, around, margins) if ahead is None else ahead
-            if violation > kept + self.tuning.worse:
-                inner, violation = self._halved(v0, a0, base, (present + guess) / 2, around, margins, kept)
         if inner is None:
             return Optimum(fallback, kept, solved)
-        accelerations = np.vstack([a0, inner, 0.0 * a0])
-        return Optimum(Trajectory(start, self.step, q0, v0, accelerations), violation, solved)
+        if change < self.tuning.settled and iteration == 0:
+            violation = self._lacking(self._ahead(contacts, present - guess), margins)  # distances are as linearised
+        else:
+            violation = self.assess(present, around, margins)
+        if violation > kept + self.tuning.worse:
+            inner, violation = self._halved(v0, a0, base, (present + guess) / 2, around, margins, kept)
+        if inner is None:
+            return Optimum(fallback, kept, solved)
+        plan = Trajectory(start, self.step, q0, v0, np.vstack([a0, inner, 0.0 * a0]))
+        return Optimum(plan, violation, solved)
+
+    def _coasting(self, q0: Array, v0: Array, a0: Array) -> tuple[Array, Array]:
+        """Return positions and velocities (M, n) at the samples where the free accelerations are zero."""
+        return q0 + self.samples[:, None] * v0 + self._P0[:, None] * a0, v0 + self._V0[:, None] * a0
 
     def _halved(
         self, v0: Array, a0: Array, base: Array, half: Array, around: Surroundings, margins: Array, kept: float

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from twin_diagram.planning.collision.collision_scene import Forecast, Scene
 from twin_diagram.planning.paths import rrt_connect
-from twin_diagram.planning.paths.time_optimal import TimedPath, profile
+from twin_diagram.planning.paths.time_optimal import SpeedProfile, profile
 from twin_diagram.signals.arrays import Array, Ints
 
 
@@ -155,7 +155,7 @@ class Router:
             now += took
         return np.concatenate(pieces), np.concatenate(times)
 
-    def travel(self, q: Array, route: Route, v: Array | None = None) -> TimedPath:
+    def travel(self, q: Array, route: Route, v: Array | None = None) -> SpeedProfile:
         """Return the quickest way along a route from where the arm is, (n,), at velocity v; None: at rest."""
         return profile(np.vstack([q, route.points]), self.speed, self.acceleration, v)
 

@@ -10,7 +10,6 @@ import os
 import pickle
 import queue
 import struct
-import sys
 import threading
 from dataclasses import dataclass
 from typing import BinaryIO, Final
@@ -73,4 +72,4 @@ def _read(incoming: queue.Queue[bytes]) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

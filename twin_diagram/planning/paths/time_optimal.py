@@ -29,7 +29,7 @@ TUNING = Tuning()
 
 
 @dataclass(frozen=True)
-class TimedPath:
+class SpeedProfile:
     """A path and when it is where; S pieces, each of which is accelerated along evenly.
 
     Attributes:
@@ -63,7 +63,7 @@ class TimedPath:
         return np.stack([np.interp(place, self.lengths, column) for column in self.points.T], axis=1)
 
 
-def profile(points: Array, velocity: Array, acceleration: Array, start: Array | None = None) -> TimedPath:
+def profile(points: Array, velocity: Array, acceleration: Array, start: Array | None = None) -> SpeedProfile:
     """Return the quickest way along a path, to rest at its end.
 
     Args:
@@ -76,7 +76,7 @@ def profile(points: Array, velocity: Array, acceleration: Array, start: Array | 
     kept = np.concatenate([[True], lengths > TUNING.tiny])
     points, lengths = points[kept], lengths[kept[1:]]
     if len(points) == 1:
-        return TimedPath(np.zeros(1), np.zeros(1), np.zeros(1), points, np.zeros(1))
+        return SpeedProfile(np.zeros(1), np.zeros(1), np.zeros(1), points, np.zeros(1))
     direction = np.diff(points, axis=0) / lengths[:, None]
     with np.errstate(divide="ignore"):
         fastest = (velocity / np.abs(direction)).min(axis=1)
@@ -103,7 +103,7 @@ def _corner_speeds(direction: Array, fastest: Array, acceleration: Array, begin:
     return result
 
 
-def _pieces(points: Array, lengths: Array, fastest: Array, strongest: Array, corners: Array) -> TimedPath:
+def _pieces(points: Array, lengths: Array, fastest: Array, strongest: Array, corners: Array) -> SpeedProfile:
     """Return the profile with at most three pieces between two corners of known speed."""
     ends = np.concatenate([[0.0], np.cumsum(lengths)])
     times, places, speeds = [0.0], [0.0], [float(corners[0])]
@@ -117,4 +117,4 @@ def _pieces(points: Array, lengths: Array, fastest: Array, strongest: Array, cor
         times += list(times[-1] + np.cumsum(took))
         places += [ends[i] + rise, ends[i + 1] - fall, ends[i + 1]]
         speeds += [peak, peak, b]
-    return TimedPath(np.array(times), np.array(places), np.array(speeds), points, ends)
+    return SpeedProfile(np.array(times), np.array(places), np.array(speeds), points, ends)
