@@ -73,7 +73,7 @@ def ordinary_run(seed: int, bare: bool) -> dict[str, Any]:
                 translation=[
                     float(rng.uniform(0.35, 0.65)),
                     float(rng.uniform(-0.4, 0.4)),
-                    float(rng.uniform(0.2, 0.4)),
+                    float(rng.uniform(0.3, 0.45)),
                 ],
                 rpy=[float(np.pi), 0.0, float(rng.uniform(-0.8, 0.8))],
             ),

@@ -26,8 +26,12 @@ DURATION = 15.0
 START = 0.5
 """When the arm sets off [s]."""
 SMALL = ("twin.camera.width=320", "twin.camera.height=240", "twin.camera.focal=300", "twin.perception.stride=1")
-TARGETS = ((0.50, 0.34, 0.30), (0.50, -0.34, 0.30)), ((0.46, 0.36, 0.22), (0.46, -0.36, 0.22)), (
-    (0.54, 0.32, 0.25), (0.44, -0.36, 0.30)), ((0.44, 0.36, 0.30), (0.54, -0.32, 0.25))  # fmt: skip
+TARGETS = (
+    ((0.48, 0.42, 0.30), (0.48, -0.42, 0.30)),
+    ((0.44, 0.44, 0.24), (0.44, -0.44, 0.24)),
+    ((0.50, 0.40, 0.25), (0.42, -0.44, 0.30)),
+    ((0.42, 0.44, 0.30), (0.50, -0.40, 0.25)),
+)
 """Pairs of places for the tool, which points down [m]; a seed's is its number's rest by four."""
 HOME = (0.6, -0.1, 0.0, -2.1, 0.0, 2.0, 1.4)
 """Beside the first target [rad]."""

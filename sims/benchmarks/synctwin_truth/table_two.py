@@ -150,7 +150,7 @@ class Oracle:
 
     def hopeless(self, draw: Draw) -> str:
         """Return why no motion survives a draw, nothing where one may."""
-        path, times = Path(draw.path, "path"), np.arange(0.0, DURATION, 0.25)
+        path, times = Path(draw.path, "path"), np.arange(0.0, DURATION, 0.75)
         if self._clear(self._home[None], path, 0.0)[0] < 0.0:
             return "the arm starts in contact"
         if draw.targets not in self._goals:

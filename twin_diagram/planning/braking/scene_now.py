@@ -19,6 +19,17 @@ from twin_diagram.signals.things import FURTHER_TRACK_SIZE, OWNER_SIZE, things_o
 
 
 @dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    doubt: float = 0.015
+    """A covariance adds no more than this [m]: what the arm hides for a while must not hold it for ever."""
+
+
+TUNING = Tuning()
+
+
+@dataclass(frozen=True)
 class SceneNow:
     """The scene at the time of a look.
 
@@ -51,7 +62,7 @@ class SceneNow:
         margin = np.full(f + slots, params.clearance + spare)
         growth, speed = np.zeros(f + slots), np.zeros(f + slots)
         count = len(self.radii)
-        margin[f : f + count] += self.forecast.grown
+        margin[f : f + count] += np.minimum(self.forecast.grown, TUNING.doubt)
         margin[f + count :] += COLLISION_SCENE.thing_growth
         margin[f:] += params.unforeseen * self.age
         growth[f:] = params.unforeseen
