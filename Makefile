@@ -22,7 +22,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 
 .PHONY: help
 help:
-	echo "make demo       closed loop in simulation for 10 s, then a gap found and closed; writes out/demo/"
+	echo "make demo       an object picked, carried and placed in simulation, then a gap found and closed; writes out/demo/"
 	echo "make test       ruff, mypy and the fast tests"
 	echo "make long       tests that take some seconds each; CI runs them, too"
 	echo "make slow       the slow tests"
@@ -52,7 +52,7 @@ install-demo install-test install-bench install-docs: install-%: check
 
 .PHONY: demo
 demo: install-demo
-	$(PY) sims/closed_loop.py --out out/demo $(ARGS)
+	$(PY) sims/closed_loop.py --scenario demo --out out/demo $(ARGS)
 	echo
 	$(PY) sims/close_the_gap.py --out out/demo/gap
 
@@ -106,8 +106,9 @@ wheels: install-test
 newcomer: install-test
 	$(PY) sims/benchmarks/newcomer.py $(ARGS)
 
+# Its wild motions are those of a test, which needs pytest.
 .PHONY: front-door
-front-door: install-bench
+front-door: install-test install-bench
 	$(PY) sims/benchmarks/front_door.py $(ARGS)
 
 .PHONY: bench

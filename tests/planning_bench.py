@@ -282,11 +282,12 @@ def main() -> None:
     parser.add_argument("--kind", default="cross", choices=KINDS)
     parser.add_argument("--seeds", default="0:20")
     parser.add_argument("--lag", type=float, default=0.06)
+    parser.add_argument("--rate", type=float, default=scenario.Planner().rate)
     parser.add_argument("--out", type=Path)
     arguments = parser.parse_args()
     first, last = map(int, arguments.seeds.split(":"))
     scene, library = load()
-    planner = MotionPlanner(scene, VELOCITY_LIMIT, scenario.Planner())
+    planner = MotionPlanner(scene, VELOCITY_LIMIT, scenario.Planner(rate=arguments.rate))
     clearances, reached, ticks = [], [], []
     for seed in range(first, last):
         world = draw(arguments.kind, seed, scene, library)

@@ -18,6 +18,7 @@ from twin_diagram.errors import TwinError
 from twin_diagram.native import RUN, missing_packages_named, require_packages
 from twin_diagram.planning.grasps.command import add_grasps_command
 from twin_diagram.runs.fleet import command as fleet_command
+from twin_diagram.runs.learning.command import add_learn_command
 from twin_diagram.runs.tracking.command import add_track_command
 from twin_diagram.runtime.stopping import Stopped, stoppable
 from twin_diagram.runtime.threads import one_thread
@@ -116,6 +117,7 @@ def _parser() -> argparse.ArgumentParser:
     add_asset_commands(commands)
     add_track_command(commands)
     add_grasps_command(commands)
+    add_learn_command(commands)
     return parser
 
 

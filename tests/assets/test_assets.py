@@ -18,10 +18,10 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial import ConvexHull, cKDTree
 
-from twin_diagram.assets import Asset
+from twin_diagram.assets import Asset, shapes
 from twin_diagram.assets.description import shell_inertia
 from twin_diagram.assets.mesh import Mesh, read_obj, read_png, sample, write_obj
-from twin_diagram.assets.procedural import write_bottle, write_box, write_can, write_mug
+from twin_diagram.assets.procedural import hollow_mug, write_bottle, write_box, write_can, write_mug
 from twin_diagram.errors import AssetError
 from twin_diagram.scenario.resources import models_dir
 
@@ -233,3 +233,43 @@ def test_a_measured_cloud_is_used_where_there_is_one(tmp_path: Path) -> None:
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     np.savez(path / "cloud.npz", points=0.05 * normals, normals=normals, colours=rng.random((200, 3)))
     assert len(Asset.load(path).points_O) == 200
+
+
+def test_a_mugs_contact_shapes_are_hollow_and_keep_to_its_surface(tmp_path: Path) -> None:
+    """Rays into the opening meet the bottom alone; from outside they meet the wall, at most 1 mm inside its surface."""
+    radius, height = 0.042, 0.1
+    parts = hollow_mug(radius, height)
+
+    def depth(p: np.ndarray, d: np.ndarray) -> float:
+        """Distance along a ray to the first part met, by the slabs of each box; of the bottom's cylinder its top."""
+        nearest = np.inf
+        for part in parts:
+            if part.kind == "cylinder":
+                top = part.translation[2] + part.size[1] / 2
+                if d[2] < 0 and np.linalg.norm((p + d * (top - p[2]) / d[2])[:2]) < part.size[0]:
+                    nearest = min(nearest, (top - p[2]) / d[2])
+                continue
+            R = RollPitchYaw(part.rpy).ToRotationMatrix().matrix()
+            a, b = R.T @ (p - part.translation), R.T @ d
+            half = np.array(part.size) / 2
+            with np.errstate(divide="ignore"):
+                times = np.sort(np.stack([(-half - a) / b, (half - a) / b]), axis=0)
+            enters, leaves = times[0].max(), times[1].min()
+            if enters < leaves and leaves > 0:
+                nearest = min(nearest, enters)
+        return float(nearest)
+
+    down = np.array([0.0, 0.0, -1.0])
+    wall = 0.004
+    for angle in np.linspace(0, 2 * np.pi, 37):
+        out = np.array([np.cos(angle), np.sin(angle), 0.0])
+        inside = out * (radius - wall - 0.001) + [0.0, 0.0, 0.08]
+        assert depth(inside, down) == pytest.approx(0.08 + height / 2 - wall)
+        met = 0.2 - depth(0.2 * out + [0.0, 0.0, 0.04], -out)
+        assert radius - 0.001 < met < radius + 1e-9, np.degrees(angle)
+    reach = max(shapes.handle_reach(radius, height)[0] + radius - wall / 2, 0.0)
+    handle = 0.2 - depth(np.array([0.2, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0]))
+    assert handle == pytest.approx(reach + shapes.TUNING.handle_tube, abs=0.002)
+    # A finger goes through the handle.
+    gap = np.array([radius + 0.6 * shapes.handle_reach(radius, height)[0], 0.2, 0.0])
+    assert depth(gap, np.array([0.0, -1.0, 0.0])) == np.inf

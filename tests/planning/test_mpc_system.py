@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,10 +18,11 @@ from twin_diagram.errors import ScenarioError
 from twin_diagram.model.model import Model
 from twin_diagram.planning.collision.collision_scene import Scene, load_scene
 from twin_diagram.planning.collision.held_shape import holding
+from twin_diagram.planning.mpc.arm_torque import ArmTorque
+from twin_diagram.planning.mpc.motion_program import MotionProgram
 from twin_diagram.planning.mpc.payload_gravity import gravity_regressor
 from twin_diagram.planning.mpc.planner import MotionPlanner
 from twin_diagram.planning.mpc.planner_state import Memory
-from twin_diagram.planning.mpc.quadratic_program import QpSolution, QpSolver, QuadraticProgram
 from twin_diagram.planning.mpc_system import PAYLOAD, Mpc, _check, _offset
 from twin_diagram.planning.paths import inverse_kinematics
 from twin_diagram.planning.paths.route import Aim, Route
@@ -223,21 +226,21 @@ def test_a_lasting_difference_is_made_up_for(planner: MotionPlanner) -> None:
     assert np.linalg.norm(X_WT[:3, 3] - GOAL[4:]) < 0.001
 
 
-class Refusing(QpSolver):
+class Refusing:
     """Solves the first few programs, then none."""
 
-    def __init__(self, solver: QpSolver, count: int) -> None:
-        self.solver, self.count = solver, count
+    def __init__(self, program: MotionProgram, count: int) -> None:
+        self.program, self.count = program, count
 
-    def solve(self, program: QuadraticProgram) -> QpSolution:
+    def solve(self, *arguments: Any) -> np.ndarray | None:
         self.count -= 1
-        return self.solver.solve(program) if self.count >= 0 else QpSolution(program.g * np.nan, False, 0)
+        return self.program.solve(*arguments) if self.count >= 0 else None
 
 
 def test_without_a_solver_the_last_plan_is_carried_out_to_rest(loaded) -> None:  # type: ignore[no-untyped-def]
     scene, _ = loaded
     planner = MotionPlanner(scene, bench.VELOCITY_LIMIT, scenario.Planner())
-    planner.optimiser._solver = Refusing(planner.optimiser._solver, 14)
+    planner.optimiser._program = Refusing(planner.optimiser._program, 14)  # type: ignore[assignment]
     memory, positions, unsolved = planner.initial(HOME), [], 0
     for tick in range(60):
         now = tick / 15
@@ -282,7 +285,7 @@ def test_memory_survives_packing(planner: MotionPlanner) -> None:
         route=Route(Aim.REFUGE, rng.normal(size=(2, 7))),
         goal=GOAL,
         tick=12,
-        searched=7,
+        asked=7,
     )
     vector = memory.pack()
     assert vector.shape == (Memory.size(7, 16),)
@@ -539,8 +542,13 @@ def test_what_is_held_is_in_the_first_plan_and_out_of_the_first_after_release(
         mpc.GetInputPort(name).FixValue(context, value)
     held = Hand(held=can, X_TO=np.array([1.0, 0, 0, 0, 0.0, 0.0, 0.03]))
     carrying = MotionPlanner(
-        holding(mpc.planner.scene, library["can"].convex_pieces, held), model.velocity_limit, twin.planner
+        holding(mpc.planner.scene, library["can"].convex_pieces, held),
+        model.velocity_limit,
+        twin.planner,
+        hand=held.pack().tobytes(),
+        limits=mpc.planner.limits,
     )
+    arm = ArmTorque(model, mpc.planner.scene.chain, np.zeros(4))
     free = tracks.copy()
     free[can, 0] = ObjectStatus.GONE
     steps = [
@@ -553,8 +561,44 @@ def test_what_is_held_is_in_the_first_plan_and_out_of_the_first_after_release(
     for k, (hand, planner, seen) in enumerate(steps):
         mpc.GetInputPort("hand").FixValue(context, hand.pack())
         context.SetTime(k / twin.planner.rate)
-        expected, _ = planner.tick(mpc.memory(context), context.get_time(), state, seen.ravel(), below, None, None)
-        after = mpc.AllocateDiscreteVariables()
-        mpc._tick(context, after)
-        np.testing.assert_array_equal(after.value(), expected.pack())
-        context.SetDiscreteState(after)
+        memory, now = mpc.memory(context), context.get_time()
+        expected, _ = planner.tick(memory, now, state, seen.ravel(), below, None, None, arm=arm)
+        after = context.Clone()
+        mpc._tick(context, after.get_mutable_state())
+        np.testing.assert_array_equal(after.get_discrete_state(0).value(), expected.pack())
+        context.SetTimeStateAndParametersFrom(after)
+
+
+# Searches beside.
+
+
+def searching(library: dict[str, Asset], *, beside: bool) -> list[np.ndarray]:
+    """Memories of a second before a wall of boxes, behind which the goal lies, of two Contexts, one a copy."""
+    twin = scenario.Twin(home=HOME.tolist(), library={name: "" for name in library})
+    twin.task.start = 0.0
+    mpc = Mpc(Model.load(twin.arm), twin, library)
+    tracks = np.zeros((len(library), TRACK_SIZE))
+    for k, x in ((0, 0.45), (1, 0.62)):
+        tracks[k] = track_of((x, 0.05, 0.2))
+    with mpc.searching_beside() if beside else nullcontext():
+        simulator = Simulator(mpc)
+        context = simulator.get_mutable_context()
+        values = {"arm_state": np.concatenate([HOME, np.zeros(7)]), "tracks": tracks.ravel()}
+        for name, value in {**values, "parameters": np.zeros(4), "goal": GOAL}.items():
+            mpc.GetInputPort(name).FixValue(context, value)
+        simulator.AdvanceTo(0.15)
+        memory = mpc.memory(context)
+        assert memory.pending is not None  # a way was asked for, and counts 0.2 s later
+        assert mpc.GetOutputPort("reach").Eval(context)[0] != 0.0
+        copied = Simulator(mpc, context.Clone())
+        simulator.AdvanceTo(0.5)
+        assert mpc.memory(context).heard
+        copied.AdvanceTo(0.5)
+        return [mpc.memory(each.get_context()).pack() for each in (simulator, copied)]
+
+
+def test_where_ways_are_searched_for_shows_in_no_figure(loaded: tuple[Scene, dict[str, Asset]]) -> None:
+    here, here_copied = searching(loaded[1], beside=False)
+    there, there_copied = searching(loaded[1], beside=True)
+    for other in (here_copied, there, there_copied):
+        np.testing.assert_array_equal(other, here)

@@ -25,10 +25,7 @@ from twin_diagram.planning.collision.ball_cover import TUNING as BALL_COVER
 from twin_diagram.planning.collision.ball_cover import arm_balls, arm_plant, box_cover
 from twin_diagram.planning.collision.chain import Chain, depths
 from twin_diagram.planning.collision.clearance import TUNING as CLEARANCE
-from twin_diagram.planning.collision.clearance import Body, Clearance, Surroundings
-from twin_diagram.planning.collision.collision_scene import (
-    TUNING as COLLISION_SCENE,
-)
+from twin_diagram.planning.collision.clearance import Clearance, Surroundings
 from twin_diagram.planning.collision.collision_scene import (
     Forecast,
     Scene,
@@ -36,6 +33,8 @@ from twin_diagram.planning.collision.collision_scene import (
     travel,
 )
 from twin_diagram.planning.collision.convex_solids import Ball, Box, Drum, Polytope, solid_of
+from twin_diagram.planning.collision.forecast_growth import TUNING as FORECAST_GROWTH
+from twin_diagram.planning.collision.solid_batch import Body
 from twin_diagram.planning.mpc.payload_gravity import gravity_regressor
 from twin_diagram.planning.mpc.quadratic_program import ProxQp, QuadraticProgram
 from twin_diagram.planning.mpc.trajectory import Trajectory, response
@@ -177,7 +176,7 @@ def test_distances_are_lipschitz_with_their_normals_as_slopes(seed: int) -> None
         wrong = np.abs(moved - d - np.einsum("mi,mi->m", n, step)) > 1e-9
         assert wrong.mean() < 0.15
         outside = d > 0
-        assert (solid.lower_bound(p)[outside] <= d[outside] + 1e-12).all()
+        assert (solid.box.distance(p)[0] <= d + 1e-12).all()
         surface, _ = solid.distance(p - d[:, None] * n)
         assert np.abs(surface[outside]).max(initial=0.0) < 1e-9
         centre, radius = solid.ball
@@ -541,7 +540,7 @@ def test_what_is_not_there_is_absent() -> None:
 
 
 def test_objects_grow_by_their_uncertainty_up_to_a_cap() -> None:
-    for std, expected in ((0.0, 0.0), (0.002, 0.006), (0.5, COLLISION_SCENE.growth_cap)):
+    for std, expected in ((0.0, 0.0), (0.002, 0.006), (0.5, FORECAST_GROWTH.cap)):
         covariance = np.diag([0.1, 0.1, 0.1, std**2, (std / 2) ** 2, 0.0])
         grown = Forecast.of_tracks(packed((0.5, 0, 0.1), covariance=covariance)).grown
         np.testing.assert_allclose(grown, [expected], atol=1e-12)
@@ -558,6 +557,16 @@ def test_a_moving_object_keeps_going_and_then_slows() -> None:
     slow = Forecast.of_tracks(packed((0.5, 0, 0.1), velocity=0.05 * velocity))
     assert not slow.moving[0]
     np.testing.assert_allclose(slow.at(times)[0][0, :, :3, 3], np.tile([0.5, 0, 0.1], (4, 1)))
+
+
+def test_what_turns_in_place_goes_on_turning() -> None:
+    spin = np.array([0.0, 0, 0.8, 0.001, 0, 0])
+    forecast = Forecast.of_tracks(packed((0.5, 0, 0.1), status=ObjectStatus.MOVING, velocity=spin))
+    assert forecast.moving[0]
+    X_WO, _ = forecast.at(np.array([0.5]))
+    np.testing.assert_allclose(Rotation.from_matrix(X_WO[0, 0, :3, :3]).as_rotvec(), 0.5 * spin[:3], atol=1e-12)
+    np.testing.assert_allclose(X_WO[0, 0, :3, 3], [0.5, 0, 0.1])
+    assert not Forecast.of_tracks(packed((0.5, 0, 0.1), velocity=spin)).moving[0], "the noise of tracking turns, too"
 
 
 # What stands still.

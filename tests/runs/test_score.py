@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from twin_diagram.runs.score import TUNING as SCORE
-from twin_diagram.runs.score import RunRecord, alarms, rotation_angle, summarize, table, within
+from twin_diagram.runs.score import RunRecord, alarms, rotation_angle, summarize, table, task_lines, within
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, AlarmKind, ObjectStatus
 
@@ -401,3 +401,25 @@ def test_only_timing_depends_on_the_clock() -> None:
     first, second = summary(record()), summary(record(), timing={})
     assert {k: v for k, v in first.items() if k != "timing"} == {k: v for k, v in second.items() if k != "timing"}
     assert "speed" not in table(second)
+
+
+def test_a_tasks_end_is_told_in_lines() -> None:
+    """Where steps grip things, clearance says nothing; what each step came to, and what nobody asked for, does."""
+    events = [
+        {"time": 1.5, "step": 0, "kind": "pick", "object": "can", "what": "started"},
+        {"time": 4.8, "step": 0, "kind": "pick", "object": "can", "what": "grasped"},
+        {"time": 5.4, "step": 0, "kind": "pick", "object": "can", "what": "done"},
+        {"time": 5.4, "step": 1, "kind": "place", "object": "can", "what": "started"},
+    ]
+    running = {"outcome": "running", "events": events, "collisions": {"point": 1, "surface": 2}}
+    assert task_lines(running) == [
+        "task       running (pick can done at 5.4 s, place can under way)",
+        "contacts   3 that no step asks for",
+    ]
+    failed = {"outcome": "failed", "why": "it fell", "events": [], "placed": {"can": {"off_mm": 7.06, "off_deg": 0.04}}}
+    assert task_lines(failed) == [
+        "task       failed: it fell (not begun)",
+        "placed     can 7.1 mm and 0.0° off its goal",
+    ]
+    whole = summary(record()) | {"task": running}
+    assert "contacts   3 that" in table(whole) and "clearance" not in table(whole)

@@ -66,6 +66,14 @@ class AssetSpec:
     """Where O, the centre of mass, lies in what the asset was made from, z upwards [m]."""
     inertia: list[float] | None = None
     """Moments about O, its axes: xx, yy, zz, xy, xz, yz [kg·m²]."""
+    mass_std: float | None = None
+    """Standard error of the mass, where it was measured [kg]."""
+    centre_std: list[float] | None = None
+    """Standard errors of where O, the centre of mass, is [m]."""
+    inertia_std: list[float] | None = None
+    """Standard errors of `inertia`, in its order [kg·m²]."""
+    inertial_by: dict[str, str] | None = None
+    """Where `mass`, `centre` and `inertia` are from: `measured`, `partly` or `from shape alone`."""
     volume: float | None = None
     """[m³]"""
     volume_by: str | None = None
@@ -173,6 +181,7 @@ def sdf(
     friction: float = 0.6,
     pieces: Sequence[ConvexFile] = (),
     feet_O: Array | None = None,
+    contact: Sequence[CollisionShape] = (),
 ) -> str:
     """Return the model as SDF: one free link `object`, frame O, textured visual, convex collision shapes.
 
@@ -186,6 +195,7 @@ def sdf(
         friction: of all shapes.
         pieces: further collision shapes.
         feet_O: (k, 3) centres of the feet [m]; None: those of the first solid.
+        contact: what is to be met in place of the solids, where those fill hollows.
     """
     i = np.asarray(inertia)
     text = (
@@ -195,7 +205,7 @@ def sdf(
         f"<ixy>{i[0, 1]:.9g}</ixy><ixz>{i[0, 2]:.9g}</ixz><iyz>{i[1, 2]:.9g}</iyz></inertia></inertial>\n"
         f'      <visual name="surface"><geometry><mesh><uri>{spec.visual}</uri></mesh></geometry></visual>\n'
     )
-    for k, solid in enumerate(spec.solids):
+    for k, solid in enumerate(contact or spec.solids):
         if solid.kind == "box":
             x, y, z = (edge - 2 * TUNING.recess for edge in solid.size)
             shape = f"<box><size>{x:.9g} {y:.9g} {z:.9g}</size></box>"

@@ -7,6 +7,9 @@ Example:
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +22,20 @@ from twin_diagram.assets.shapes import Patchwork
 from twin_diagram.assets.texture import patches
 from twin_diagram.errors import AssetError
 from twin_diagram.runtime import atomic_file
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with what set them."""
+
+    staves: int = 16
+    """Flat pieces of a mug's wall: they lie 0.8 mm inside a radius of 42 mm at most."""
+
+    handle: int = 7
+    """Straight pieces of its handle: an odd number, so that one stands where it reaches out farthest."""
+
+
+TUNING = Tuning()
 
 
 def write_box(
@@ -73,7 +90,35 @@ def write_mug(
         CollisionShape("box", [depth, thick, tall], [0.9 * radius + depth / 2, 0.0, 0.0]),
     ]
     spec = AssetSpec(name, "mug", [2 * reach, 2 * radius, height], mass, None, texture_seed, solids=solids)
-    return _write(Path(folder), spec, shapes.mug(radius, height))
+    return _write(Path(folder), spec, shapes.mug(radius, height), hollow_mug(radius, height))
+
+
+def hollow_mug(radius: float, height: float) -> list[CollisionShape]:
+    """Return a mug's bottom, the staves of its wall and the pieces of its handle: what fingers meet.
+
+    Staves and pieces touch the true surface in their middles and lie inside of it at their edges.
+    """
+    wall = shapes.TUNING.mug_wall
+    found = [CollisionShape("cylinder", [radius, wall], [0.0, 0.0, (wall - height) / 2])]
+    step = 2 * np.pi / TUNING.staves
+    # The corners of a stave's outer face lie on the circle.
+    edge, middle = 2 * radius * np.sin(step / 2), radius * np.cos(step / 2) - wall / 2
+    for k in range(TUNING.staves):
+        turn = k * step
+        place = [middle * float(np.cos(turn)), middle * float(np.sin(turn)), 0.0]
+        found.append(CollisionShape("box", [wall, edge, height], place, [0.0, 0.0, turn]))
+    bow_x, bow_z = shapes.handle_reach(radius, height)
+    angles = np.pi * (np.arange(TUNING.handle + 1) / TUNING.handle - 0.5)
+    inward = radius - wall / 2
+    ends = np.stack([inward + bow_x * np.cos(angles), bow_z * np.sin(angles)], axis=1)
+    tube = shapes.TUNING.handle_tube * np.sqrt(np.pi)  # a square of the tube's cross-section
+    for a, b in pairwise(ends):
+        x, z = (a + b) / 2
+        along = float(np.arctan2(b[0] - a[0], b[1] - a[1]))
+        # As much longer as leaves no notch on the outside of the bend to the next.
+        long = float(np.linalg.norm(b - a)) + tube * float(np.tan(np.pi / TUNING.handle / 2))
+        found.append(CollisionShape("box", [tube, tube, long], [float(x), 0.0, float(z)], [0.0, along, 0.0]))
+    return found
 
 
 def _check(name: str, mass: float, *lengths: float) -> None:
@@ -84,7 +129,7 @@ def _check(name: str, mass: float, *lengths: float) -> None:
         raise AssetError(f"asset name {name!r}: use letters, digits and underscores")
 
 
-def _write(folder: Path, spec: AssetSpec, patchwork: Patchwork) -> Path:
+def _write(folder: Path, spec: AssetSpec, patchwork: Patchwork, contact: Sequence[CollisionShape] = ()) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     colour = patches(patchwork.texels.reshape(-1, 3), spec.texture_seed).reshape(patchwork.texels.shape)
     write_obj(patchwork.mesh, folder / spec.visual, np.round(colour * 255).astype(np.uint8))
@@ -92,7 +137,7 @@ def _write(folder: Path, spec: AssetSpec, patchwork: Patchwork) -> Path:
         com, inertia = shell_inertia(patchwork.mesh, spec.mass)
     else:
         com, inertia = np.zeros(3), solid_inertia(spec)
-    atomic_file.write(folder / "model.sdf", sdf(spec, com, inertia).encode())
+    atomic_file.write(folder / "model.sdf", sdf(spec, com, inertia, contact=contact).encode())
     # Last, because a folder with an `asset.yaml` counts as an asset.
     atomic_file.write(folder / "asset.yaml", yaml_dump_typed(spec).encode())
     return folder

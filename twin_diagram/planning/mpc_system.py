@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Final, cast
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, InputPort
+from pydrake.common.value import Value
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, InputPort, State
 
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
@@ -17,11 +18,13 @@ from twin_diagram.errors import ScenarioError
 from twin_diagram.model.model import Model
 from twin_diagram.model.model_user import ModelUser
 from twin_diagram.planning.collision.collision_scene import load_scene
-from twin_diagram.planning.collision.held_shape import holding, obstacles_beside
+from twin_diagram.planning.collision.held_shape import obstacles_beside
+from twin_diagram.planning.mpc.arm_torque import ArmTorque
 from twin_diagram.planning.mpc.payload_gravity import gravity_regressor
-from twin_diagram.planning.mpc.planner import MotionPlanner
+from twin_diagram.planning.mpc.planner import MotionPlanner, limits_of
 from twin_diagram.planning.mpc.planner_state import Memory
 from twin_diagram.planning.mpc.quadratic_program import QpSolver
+from twin_diagram.planning.paths.search_process import Beside
 from twin_diagram.runtime.timing import timed
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.hand import HAND_SIZE, NOTHING, Hand
@@ -38,9 +41,6 @@ class Tuning:
 
     margin: float = 1e-3
     """A tick comes this long after the tracks that it uses [s]."""
-
-    grips: int = 8
-    """Shapes of an arm with something in its hand that are kept at hand: a few for each Context."""
 
 
 TUNING = Tuning()
@@ -61,10 +61,12 @@ class Mpc(ModelUser[Model]):
         - further_tracks (optional)
         - things (optional)
         - hand (optional)
+        - brake (optional)
         output_ports:
         - position_commanded
         - torque_commanded
         - plan
+        - plan_time
         - reach
 
     Ports:
@@ -76,6 +78,8 @@ class Mpc(ModelUser[Model]):
         things: (T · THING_SIZE) unknown things, to be kept clear of as the objects are.
         hand: (HAND_SIZE) what is held is part of the arm's shape, from the first plan on, and no obstacle; what may be
             touched is no obstacle either. See `signals.hand`.
+        brake: (1 + n) whether something else has stopped the arm, and where it holds it [rad]: plans start there, from
+            rest.
         measurement_time: (1) time of the arm's newest message [s]; until it is >= 0 nothing is planned. Not connected:
             `arm_state` is trusted from the start.
         position_commanded: (n) [rad]; the plan now, twice continuously differentiable in time. Before the first plan:
@@ -83,13 +87,15 @@ class Mpc(ModelUser[Model]):
         torque_commanded: (n) [N·m] to add to the arm's own controller: the weight of the payload as learned, and what
             a corrected model needs beyond the given one to hold still.
         plan: (knots · n) the plan's knots from now on, row by row [rad].
+        plan_time: (1) when the plan was made [s], `NEVER` before the first.
         reach: (1) how many joint positions are known that put the tool at the goal; `NEVER` where there is none.
 
-    Rate: plans at `planner.rate`, a periodic discrete update. It comes right after the scene-graph updater's tick that
+    Rate: plans at `planner.rate`, a periodic update. It comes right after the scene-graph updater's tick that
     first holds a new image's poses. Latency: commands follow the plan at any time that they are asked for; a plan
     reacts to an image as old as the camera's latency and one tick of the updater.
 
-    State: one discrete vector, see `planner_state.Memory`. The goal counts from `task.start` on. Which of its models a
+    State: one discrete vector, see `planner_state.Memory`, and what was asked of a search and not answered yet: an
+    answer counts `planner.route_after` later. The goal counts from `task.start` on. Which of its models a
     Context uses is a numeric parameter of that Context: see `ModelUser`; of a corrected one its torques alone count.
     """
 
@@ -121,16 +127,11 @@ class Mpc(ModelUser[Model]):
         self.set_name("mpc")
         _check(twin.planner)
         scene = load_scene(model.spec, twin.fixtures, library, packages)
-        self.planner: Final = MotionPlanner(scene, model.velocity_limit, twin.planner, solver)
-        self._pieces: Final = [tuple(asset.convex_pieces) for asset in library.values()]
+        pieces = [tuple(asset.convex_pieces) for asset in library.values()]
+        limits = limits_of(model, scene, model.velocity_limit, twin.planner)
+        self.planner: Final = MotionPlanner(scene, model.velocity_limit, twin.planner, solver, pieces, limits=limits)
         self._radii: Final = np.array([0.5 * float(np.linalg.norm(asset.size)) for asset in library.values()])
 
-        def made(vector: bytes) -> MotionPlanner:
-            hand = Hand.unpack(np.frombuffer(vector))
-            with_it = holding(scene, self._pieces[hand.held], hand)
-            return MotionPlanner(with_it, model.velocity_limit, twin.planner, solver)
-
-        self._planner_holding: Final = lru_cache(maxsize=TUNING.grips)(made)
         self._n, self._knots, self._step = len(model.joints), twin.planner.knots, twin.planner.step
         self._begin_with(model)
         self._start = twin.task.start
@@ -151,10 +152,12 @@ class Mpc(ModelUser[Model]):
         self._things_in = self.DeclareVectorInputPort("things", THING_SIZE * twin.slots.unknown)
 
         self._hand_in = self.DeclareVectorInputPort("hand", HAND_SIZE)
+        self._brake_in = self.DeclareVectorInputPort("brake", 1 + n)
 
         home = np.array(twin.home, dtype=float) if twin.home else np.zeros(n)
         self._state = self.DeclareDiscreteState(self.planner.initial(home).pack())
-        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / twin.planner.rate, _offset(twin), self._tick)
+        self._pending = self.DeclareAbstractState(Value(None))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / twin.planner.rate, _offset(twin), self._tick)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / twin.filter.rate, 0.0, self._latch)
         state, arm = self.discrete_state_ticket(self._state), self._arm_in.ticket()
         self.DeclareVectorOutputPort(
@@ -170,11 +173,31 @@ class Mpc(ModelUser[Model]):
             prerequisites_of_calc={arm, self._parameters_in.ticket(), self.all_parameters_ticket()},
         )
         self.DeclareVectorOutputPort("plan", self._knots * n, self._calc_plan, prerequisites_of_calc={state})
-        self.DeclareVectorOutputPort("reach", 1, self._calc_reach, prerequisites_of_calc={state})
+        self.DeclareVectorOutputPort("plan_time", 1, self._calc_plan_time, prerequisites_of_calc={state})
+        pending = self.abstract_state_ticket(self._pending)
+        self.DeclareVectorOutputPort("reach", 1, self._calc_reach, prerequisites_of_calc={state, pending})
 
     def memory(self, context: Context) -> Memory:
         """Return a copy of what the planner remembers."""
-        return Memory.unpack(self._vector(context), self._n, self._knots, self._step)
+        memory = Memory.unpack(self._vector(context), self._n, self._knots, self._step)
+        return replace(memory, pending=context.get_abstract_state(int(self._pending)).get_value())
+
+    @contextmanager
+    def searching_beside(self, *, waits: bool = True) -> Iterator[None]:
+        """Have ways be searched for in a process of their own, which starts and ends with the `with` statement.
+
+        Without it they are searched for within the tick in which they count, with the same result to the bit.
+
+        Args:
+            waits: a simulation waits for an answer that is late; a real arm does not: it counts when it comes.
+        """
+        before = self.planner.searcher
+        with Beside(self.planner.guide, waits=waits) as searcher:
+            self.planner.searcher = searcher
+            try:
+                yield
+            finally:
+                self.planner.searcher = before
 
     def _make(self, model: Model) -> Model:
         return model
@@ -189,7 +212,7 @@ class Mpc(ModelUser[Model]):
         return float(cast(Array, self._time_in.Eval(context))[0]) >= 0.0
 
     @timed("Mpc")
-    def _tick(self, context: Context, discrete: DiscreteValues) -> EventStatus:
+    def _tick(self, context: Context, state: State) -> EventStatus:
         if not self._known(context):
             return EventStatus.DidNothing()
         now = context.get_time()
@@ -204,9 +227,15 @@ class Mpc(ModelUser[Model]):
                 X_WT = chain.tool(chain.place(arm[None, : self._n]))[0]
                 tracks, further, things = obstacles_beside(hand, X_WT, self._radii, tracks, further, things)
             if hand.held != NOTHING:
-                planner = self._planner_holding(replace(hand, touched=NOTHING).pack().tobytes())
-        memory, _ = planner.tick(self.memory(context), now, arm, tracks, goal, further, things)
-        discrete.set_value(int(self._state), memory.pack())
+                planner = planner.holding(replace(hand, touched=NOTHING).pack().tobytes())
+        memory = self.memory(context)
+        brake = np.array(self._brake_in.Eval(context)) if self._brake_in.HasValue(context) else np.zeros(1)
+        if brake[0]:
+            memory = replace(planner.hold(memory, now, brake[1:]), stay=memory.stay)
+        dynamics = ArmTorque(self._in_use(context), planner.scene.chain, self._payload(context))
+        memory, _ = planner.tick(memory, now, arm, tracks, goal, further, things, arm=dynamics)
+        state.get_mutable_discrete_state().set_value(int(self._state), memory.pack())
+        state.get_mutable_abstract_state(int(self._pending)).set_value(memory.pending)
         return EventStatus.Succeeded()
 
     def _beside(self) -> tuple[InputPort, InputPort]:
@@ -223,6 +252,13 @@ class Mpc(ModelUser[Model]):
         discrete.set_value(int(self._state), memory.pack())
         return EventStatus.Succeeded()
 
+    def _payload(self, context: Context) -> Array:
+        """Return the payload as learned (4,), see `PAYLOAD`; zeros where it is not."""
+        if self._payload_index is None:
+            return np.zeros(len(PAYLOAD))
+        payload: Array = np.array(self._parameters_in.Eval(context))[self._payload_index]
+        return payload if np.isfinite(payload).all() else np.zeros(len(PAYLOAD))
+
     def _calc_position(self, context: Context, output: BasicVector) -> None:
         vector = self._vector(context)
         if vector[0] == NEVER and self._known(context):
@@ -236,12 +272,10 @@ class Mpc(ModelUser[Model]):
 
     def _calc_torque(self, context: Context, output: BasicVector) -> None:
         q = np.array(self._arm_in.Eval(context))[: self._n]
-        theta = np.array(self._parameters_in.Eval(context))
         torque: Array = np.zeros(self._n)
-        if self._payload_index is not None:
-            payload = theta[self._payload_index]
-            if np.isfinite(payload).all() and np.isfinite(q).all():
-                torque = gravity_regressor(self.planner.scene.chain, q) @ payload
+        payload = self._payload(context)
+        if payload.any() and np.isfinite(q).all():
+            torque = gravity_regressor(self.planner.scene.chain, q) @ payload
         number, still = self.model_number(context), np.zeros(self._n)
         if number and np.isfinite(q).all():
             torque = torque + self._made[number].bias(q, still) - self._made[0].bias(q, still)
@@ -251,9 +285,14 @@ class Mpc(ModelUser[Model]):
         trajectory = Memory.trajectory_of(self._vector(context), self._n, self._knots, self._step)
         output.SetFromVector(trajectory.knots.ravel())
 
+    def _calc_plan_time(self, context: Context, output: BasicVector) -> None:
+        output[0] = float(self._vector(context)[0])
+
     def _calc_reach(self, context: Context, output: BasicVector) -> None:
         memory = self.memory(context)
-        output[0] = len(memory.goals) if np.linalg.norm(memory.goal[:4]) > 0.5 else NEVER
+        known, found = np.linalg.norm(memory.goal[:4]) > 0.5, len(memory.goals)
+        # As long as the first search goes on nobody knows.
+        output[0] = found if known and (found or memory.pending is None or memory.heard) else NEVER
 
 
 def _offset(twin: scenario.Twin) -> float:
@@ -266,9 +305,11 @@ def _offset(twin: scenario.Twin) -> float:
 
 
 def _check(params: scenario.Planner) -> None:
-    limits = {"rate": 0.0, "step": 0.0, "clearance": 0.0, "influence": 0.0, "velocity_share": 0.0, "acceleration": 0.0}
-    for name, least in limits.items():
-        value = getattr(params, name)
+    positive = ("rate", "step", "clearance", "influence", "velocity_share", "torque_share", "acceleration")
+    for name in positive:
+        value, least = getattr(params, name), 0.0
+        if value is None:
+            continue
         if not (np.isfinite(value) and value > least):
             raise ScenarioError(f"twin.planner.{name}", f"{value} is not a positive number")
     if params.knots < 4:
@@ -277,5 +318,6 @@ def _check(params: scenario.Planner) -> None:
         raise ScenarioError(
             "twin.planner.influence", f"{params.influence} m must be well above clearance ({params.clearance} m)"
         )
-    if params.velocity_share > 1.0:
-        raise ScenarioError("twin.planner.velocity_share", f"{params.velocity_share} is above the joints' limits")
+    for name in ("velocity_share", "torque_share"):
+        if getattr(params, name) > 1.0:
+            raise ScenarioError(f"twin.planner.{name}", f"{getattr(params, name)} is above the joints' limits")

@@ -21,6 +21,7 @@ from twin_diagram import visualization
 from twin_diagram.errors import TwinError
 from twin_diagram.estimation.filter.parameter_status import standings
 from twin_diagram.logs import read_log
+from twin_diagram.runs.brake_watch import BrakeWatch
 from twin_diagram.runs.camera_score import camera_told
 from twin_diagram.runs.health_watch import HealthWatch
 from twin_diagram.runs.object_watch import ObjectWatch
@@ -104,6 +105,7 @@ def run_scenario(
             look.start(simulator, show or meldis, say)
         simulator.Initialize()
         leave.clear()
+        _search_beside(loop, stack)
         healer = stack.enter_context(mend.healer(loop.twin))
         stop, trial, summary = _simulate(loop, simulator, Progress(scenario.duration, quiet), healer.poll, leave, say)
         if stop is not None:
@@ -114,6 +116,13 @@ def run_scenario(
     if stop is not None:
         raise stop
     return summary
+
+
+def _search_beside(loop: ClosedLoop, stack: ExitStack) -> None:
+    """Start what searches for ways in a process of its own, where there is something to reach; it ends with the run."""
+    task, mpc = loop.scenario.twin.task, loop.twin.mpc
+    if mpc is not None and (task.steps or task.X_WG is not None):
+        stack.enter_context(mpc.searching_beside(waits=loop.scenario.station != "lcm"))
 
 
 def _simulator(loop: ClosedLoop) -> Simulator:
@@ -165,19 +174,20 @@ def _simulate(
         What ended it before its time, the trial, the summary.
     """
     duration, health = loop.scenario.duration, HealthWatch(loop.twin, say)
-    objects = ObjectWatch(loop.twin, leave.event)
+    objects, brakes = ObjectWatch(loop.twin, leave.event), BrakeWatch(loop.twin, leave.event)
     score = TaskScore(loop) if loop.twin.runner is not None and loop.scenario.station == "sim" else None
 
     def each(context: Context) -> None:
         between(context)
         health.poll(context)
         objects.poll(context)
+        brakes.poll(context)
         if score is not None:
             score.poll(context)
 
     def told() -> dict[str, Any]:
         context = simulator.get_context()
-        besides = {"things": objects.told(context), "health": health.told(context)}
+        besides = {"things": objects.told(context), "health": health.told(context)} | brakes.told(context)
         task = objects.task_told(context)
         if score is not None:
             task["task"] |= score.told(context)

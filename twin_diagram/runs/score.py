@@ -252,9 +252,12 @@ def table(summary: Mapping[str, Any]) -> str:
     )
     if goal["error_mm"] is not None:
         lines.append(f"goal       {'reached' if goal['reached'] else 'missed'}, {goal['error_mm']:.1f} mm off")
-    lines.append(
-        f"clearance  {figure(summary['clearance_min_mm'], '.0f')} mm at the least, {summary['contacts']} contacts"
-    )
+    if "task" in summary:
+        lines += task_lines(summary["task"])
+    else:
+        lines.append(
+            f"clearance  {figure(summary['clearance_min_mm'], '.0f')} mm at the least, {summary['contacts']} contacts"
+        )
     alarms = ", ".join(f"{a['kind']} at {a['time']:.2f} s" for a in summary["alarms"])
     lines.append(f"alarms     {alarms or 'none'}")
     if "calibration" in summary:
@@ -267,8 +270,38 @@ def table(summary: Mapping[str, Any]) -> str:
     if "health" in summary:
         lacking = ", ".join(f"{each['reason']} ({each['what']})" for each in summary["health"])
         lines.append(f"health     {lacking or 'nothing is lacking'}")
+    if "brakes" in summary:
+        stops = summary["brakes"]
+        causes = ", ".join(f"{cause} {count}" for cause, count in stops["causes"].items())
+        lines.append(
+            f"brakes     {stops['count']}, {stops['seconds']:.2f} s in all" + (f" ({causes})" if causes else "")
+        )
     timing = summary["timing"]
     if timing:
         shares = ", ".join(f"{name} {share:.0%}" for name, share in timing["systems"].items())
         lines.append(f"speed      {timing['real_time_factor']:.2f} × real time ({shares})")
     return "\n".join(lines)
+
+
+def task_lines(task: Mapping[str, Any]) -> list[str]:
+    """Return how a task of steps ended, for the terminal: each step, where things were put, and what was touched.
+
+    Hands touch what they take, so that clearance says nothing here: contacts that no step asks for do.
+    """
+    ends = {"done": "done", "failed": "failed"}
+    began: dict[int, float] = {}
+    steps: dict[int, str] = {}
+    for event in task.get("events", ()):
+        began.setdefault(event["step"], event["time"])
+        name = " ".join(filter(None, (event["kind"], event["object"])))
+        ended = ends.get(event["what"])
+        steps[event["step"]] = f"{name} {ended} at {event['time']:.1f} s" if ended else f"{name} under way"
+    told = ", ".join(steps[k] for k in sorted(steps)) or "not begun"
+    why = f": {task['why']}" if "why" in task else ""
+    lines = [f"task       {task['outcome']}{why} ({told})"]
+    for name, off in task.get("placed", {}).items():
+        lines.append(f"placed     {name} {off['off_mm']:.1f} mm and {off['off_deg']:.1f}° off its goal")
+    if "collisions" in task:
+        count = sum(task["collisions"].values())
+        lines.append(f"contacts   {count or 'none'} that no step asks for")
+    return lines

@@ -42,15 +42,16 @@ class TrueClearance:
         self._still = {g for body in fixed if body not in self._arm_bodies
                        for g in plant.GetCollisionGeometriesForBody(plant.get_body(_index(body)))}  # fmt: skip
 
-    def evaluate(self, context: Context) -> tuple[float, int]:
-        """Return the least distance [m], no more than `HORIZON`, and number of contacts now.
+    def evaluate(self, context: Context, horizon: float = TUNING.horizon) -> tuple[float, int]:
+        """Return the least distance [m], no more than `horizon` [m], and number of contacts now.
 
         Args:
             context: the station's.
+            horizon: distances beyond this are not told apart [m].
         """
         query: Any = self._station.GetOutputPort(ports.QUERY_OBJECT).Eval(context)
-        nearest = TUNING.horizon
-        for pair in query.ComputeSignedDistancePairwiseClosestPoints(TUNING.horizon):
+        nearest = horizon
+        for pair in query.ComputeSignedDistancePairwiseClosestPoints(horizon):
             a, b = pair.id_A, pair.id_B
             if (a in self._arm) == (b in self._arm):
                 continue

@@ -24,8 +24,13 @@ class Planner:
     """Pairs farther apart than this are left out [m]."""
     velocity_share: float = 0.4
     """Share of the joints' velocity limits that is used."""
-    acceleration: float = 4.0
-    """[rad/s²]"""
+    acceleration: float | None = None
+    """No joint is accelerated by more than this [rad/s²]; null: by what its description and its torque allow."""
+    torque_share: float = 0.7
+    """Share of the joints' torque limits that plans use; the arm's own controller needs the rest."""
+    route_after: float = 0.2
+    """A way that had to be searched for counts so long after it was asked for [s of the loop's own time]: as long as a
+    search takes on a slow core. A simulation waits for one that is late, so that equal runs are equal."""
     seed: int = 0
     """Of the search for routes around obstacles."""
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from twin_diagram.errors import ScenarioError
 from twin_diagram.scenario import (
+    Braking,
     Camera,
     DepthCamera,
     DepthNoise,
@@ -18,6 +19,7 @@ from twin_diagram.scenario import (
     Driver,
     Filter,
     Healing,
+    Learning,
     Lidar,
     LinkSensor,
     Perception,
@@ -34,6 +36,7 @@ from twin_diagram.scenario.depth_sheets import SHEETS
 from twin_diagram.scenario.task_steps import check_steps
 
 POSITIVE: dict[type, tuple[str, ...]] = {
+    Braking: ("rate", "acceleration", "torque_share", "state_periods", "image_periods", "plan_periods", "jump"),
     Camera: ("width", "height", "focal", "fx", "fy", "rate"),
     DepthCamera: ("width", "height", "fx", "fy", "scale"),
     Drift: ("period", "horizon", "learning_time", "sigma", "false_alarms"),
@@ -50,10 +53,11 @@ POSITIVE: dict[type, tuple[str, ...]] = {
         "parameter_rate",
     ),
     Healing: ("seconds", "patience"),
+    Learning: ("force", "tries", "grasps", "frames", "turn_speed"),
     Lidar: ("columns", "rows", "width", "height", "rate", "latency"),
     LinkSensor: ("rate",),
     Perception: ("stride", "cluster_gap", "smallest"),
-    Planner: ("rate", "knots", "step", "influence", "velocity_share", "acceleration"),
+    Planner: ("rate", "knots", "step", "influence", "velocity_share", "torque_share", "acceleration"),
     Registration: ("model_points", "iterations", "reach"),
     SceneUpdater: ("rate", "stale_after", "lost_after"),
     Task: ("position_tolerance", "rotation_tolerance"),
@@ -61,13 +65,15 @@ POSITIVE: dict[type, tuple[str, ...]] = {
 }
 """Fields that must be above zero, where they are told, by their dataclass."""
 NOT_NEGATIVE: dict[type, tuple[str, ...]] = {
+    Braking: ("clearance", "delay", "unforeseen", "resume_after"),
     Camera: ("latency", "focal_std", "centre_std", "depth_scale_std", "colour_std"),
     DepthNoise: ("floor", "growth", "correlated", "lasting"),
     Filter: ("excitation", "torque_drift_std", "parameter_walk", "learning_rate", "history", "noise_time"),
     Healing: ("attempts", "nice"),
+    Learning: ("weigh_seconds",),
     LinkSensor: ("latency",),
     Perception: ("table_clearance", "robot_clearance"),
-    Planner: ("clearance", "seed"),
+    Planner: ("clearance", "route_after", "seed"),
     Registration: ("search_period",),
     SceneUpdater: (
         "acceleration_std",
@@ -87,8 +93,9 @@ NOT_NEGATIVE: dict[type, tuple[str, ...]] = {
 }
 """Fields that may be zero, but not below."""
 SHARE: dict[type, tuple[str, ...]] = {
+    Braking: ("torque_share",),
     Healing: ("held_out",),
-    Planner: ("velocity_share",),
+    Planner: ("velocity_share", "torque_share"),
     Registration: ("colour_weight", "minimum_quality"),
 }
 """From 0 to 1."""
@@ -107,6 +114,10 @@ def check_twin(twin: Twin) -> None:
         _healing(twin.healing, "twin.healing")
     if twin.camera is not None:
         check_optics(twin.camera, "twin.camera")
+    for name, camera in twin.cameras.items():
+        check_optics(camera, f"twin.cameras.{name}")
+    if twin.learning is not None:
+        _learning(twin.learning, twin.cameras, "twin.learning")
     if twin.lidar is not None:
         _near_far(twin.lidar.range, "twin.lidar.range")
         if not twin.lidar.latency < 1.0 / twin.lidar.rate:
@@ -183,6 +194,17 @@ def _check_fields(value: Any, name: str) -> None:
         for field in ("translation", "rpy"):
             if len(getattr(value, field)) != 3:
                 raise ScenarioError(f"{name}.{field}", f"{getattr(value, field)} is not three numbers")
+
+
+def _learning(learning: Learning, cameras: dict[str, Camera], name: str) -> None:
+    for field in ("bin_camera", "scan_camera"):
+        if getattr(learning, field) not in cameras:
+            told = ", ".join(cameras) or "none"
+            raise ScenarioError(f"{name}.{field}", f"{getattr(learning, field)!r} is none of twin.cameras: {told}")
+    for field in ("from_bin", "into_bin", "platform"):
+        _corners(getattr(learning, field), f"{name}.{field}")
+    if len(learning.display) != 3:
+        raise ScenarioError(f"{name}.display", f"{learning.display} is not three numbers")
 
 
 def _healing(healing: Healing, name: str) -> None:

@@ -30,8 +30,16 @@ class WorldObject:
     """Its true pose at the start [m]."""
     path: list[WayPoint] = field(default_factory=list)
     """Empty: it lies free on the table. Otherwise it is pushed along (x, y and yaw only)."""
+    push: float | None = None
+    """What pushes it along its path with at most [N], about z with a tenth of it in N·m, so that it gives way when hit;
+    none: 200 N, which nothing stops."""
     mass: float | None = None
     """Its true mass [kg], not below that of its asset's model; none: that. What is added is spread as the rest is."""
+    load_at: list[float] | None = None
+    """Where what is added to its mass sits, hidden inside, as a small ball in O [m]; null: spread as the rest is."""
+    friction: float | None = None
+    """Coefficient of all its surface, static and sliding; none: as its asset's model says. Of two that touch, a and b,
+    2ab/(a + b) counts."""
     reflective: bool = False
     """Whether a camera with `reflective_lost` and `reflective_deep` in its defects has trouble with its surface."""
 

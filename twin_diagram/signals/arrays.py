@@ -7,3 +7,6 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 """Real numbers; shapes, units and frames stand in the docstrings."""
+
+Ints = npt.NDArray[np.int64]
+"""Whole numbers, mostly indices."""

@@ -63,13 +63,20 @@ def connect_task(
 
 
 def export_acting(
-    builder: DiagramBuilder, goal: OutputPort, scene: TwinScene, updater: SceneGraphUpdater, runner: TaskRunner | None
+    builder: DiagramBuilder,
+    goal: OutputPort,
+    scene: TwinScene,
+    updater: SceneGraphUpdater,
+    runner: TaskRunner | None,
+    monitor: System | None,
 ) -> None:
     """Show the goal, take in where the fingers are, and command them as the steps say, else to stay as described."""
     builder.ExportOutput(goal, "goal")
     if not scene.gripper_position_index.size:
         return
     state = builder.ExportInput(updater.GetInputPort("gripper_state"), ports.GRIPPER_MEASURED)
+    if monitor is not None:
+        builder.ConnectInput(state, monitor.GetInputPort("gripper_state"))
     if runner is not None:
         builder.ConnectInput(state, runner.GetInputPort("gripper_state"))
         builder.ExportOutput(runner.GetOutputPort("gripper_position_commanded"), ports.GRIPPER_COMMANDED)

@@ -119,7 +119,7 @@ class Patience:
             image=0.0 if camera is None else camera.latency + TUNING.images / camera.rate,
             unseen=twin.scene.lost_after,
             behind=TUNING.plans / twin.planner.rate,
-            goal=(TUNING.searches * PLANNER.retry + 1.0) / twin.planner.rate,
+            goal=TUNING.searches * PLANNER.retry + 2 * twin.planner.route_after + 2.0 / twin.planner.rate,
         )
 
 

@@ -6,7 +6,8 @@ twin needs. For an arm of n joints, p learnt parameters and K objects in the lib
 - a **controller** may have the inputs `arm_state` (2n) [rad, rad/s], `parameters` (p), `tracks` (K packed `Track`s),
   `goal` (7) X_WG, `position_measured`, `velocity_estimated`, `torque_measured` (n each), `measurement_time` (1) [s]. It
   must have the output `position_commanded` (n) [rad] and may have `torque_commanded` (n) [N·m], which is added to the
-  arm's own controller, `plan` (knots · n) [rad], which is drawn, and `reach` (1), as `Mpc` has it.
+  arm's own controller, `plan` (knots · n) [rad], which is drawn, and `reach` and `plan_time` (1), as `Mpc` has them:
+  without the latter nobody notices that it hangs. An input `brake` (1 + n) tells it that the arm is held and where.
 - a **perception** may have the inputs `rgb_image` (ImageRgba8U), `depth_image` (ImageDepth32F) [m], `image_time` (1)
   [s], `arm_state` (2n). It must have the output `object_poses` (K packed `PoseMeasurement`s).
 """

@@ -25,6 +25,7 @@ from twin_diagram.model.description import add_arm as description
 from twin_diagram.model.model import Model
 from twin_diagram.perception.registration.pose_system import IcpPoseEstimator
 from twin_diagram.perception.segmentation.segmentation_system import PerceptionSystem
+from twin_diagram.planning.braking.stop_monitor import StopMonitor
 from twin_diagram.planning.mpc_system import Mpc
 from twin_diagram.planning.tasks.task_system import TaskRunner
 from twin_diagram.scenario.lenses import calibration_error
@@ -43,6 +44,7 @@ from twin_diagram.twin.fused_sensors import Fused, export, fused_sensors
 from twin_diagram.twin.health import HealthMonitor
 from twin_diagram.twin.kept_scene import keep_scene
 from twin_diagram.twin.own_systems import VALUE, check, inputs_of
+from twin_diagram.twin.stopping_in_time import add_stop_monitor, connect_commands
 
 Packages = Mapping[str, str | Path]
 Made = TypeVar("Made")
@@ -71,6 +73,7 @@ class TwinDiagram:
             where a controller of the user's own stands in its place.
         health: the system that says what the twin lacks.
         runner: the system that runs the steps of its task; None where it has none.
+        monitor: the system that stops the arm in time; None where it is told to have none.
     """
 
     diagram: Diagram
@@ -85,6 +88,7 @@ class TwinDiagram:
     mpc: Mpc | None
     health: HealthMonitor
     runner: TaskRunner | None
+    monitor: StopMonitor | None
 
     @property
     def _model_users(self) -> list[AdaptiveEkf | DriftMonitor | Mpc]:
@@ -129,6 +133,12 @@ class TwinDiagram:
         if self.runner is None:
             return []
         return self.runner.told(self.diagram.GetSubsystemContext(self.runner, context))
+
+    def brakes(self, context: Context) -> list[dict[str, Any]]:
+        """Return when and why the arm was stopped and went on, oldest first: see `StopMonitor.told`."""
+        return (
+            [] if self.monitor is None else self.monitor.told(self.diagram.GetSubsystemContext(self.monitor, context))
+        )
 
     def alarms(self, context: Context) -> list[dict[str, Any]]:
         """Return what the drift monitor raised, oldest first, with evidence: see `estimation.drift.alarm_events`."""
@@ -183,27 +193,31 @@ def make_twin(
     builder.AddNamedSystem("mpc" if mpc else "controller", moves)
     goal, runner = add_task(builder, twin, model, library, scene)
     health = builder.AddNamedSystem("health_monitor", HealthMonitor(twin))
-    _take_measurements(builder, ekf, drift, moves, health, runner)
+    monitor = _named("twin", lambda: add_stop_monitor(builder, twin, model, library, packages))
+    _take_measurements(builder, ekf, *(each for each in (drift, moves, health, runner, monitor) if each is not None))
     connect_task(builder, runner, ekf, updater, moves)
-    watched = ("arm_state", "parameters", "innovation", "nis", *(["sensor_tracks"] if fused else []))
-    _connect(builder, ekf, drift, *watched)
+    further = ["sensor_tracks"] if fused else []
+    _connect(builder, ekf, drift, "arm_state", "parameters", "innovation", "nis", *further)
     _connect(builder, drift, ekf, "alarm")
     _connect(builder, ekf, updater, "arm_state")
     _connect_controller(builder, ekf, updater, goal, moves, health)
     _connect(builder, updater, health, "tracks")
-    _add_sight(builder, twin, library, packages, ekf, updater, health, moves, perception, runner)
+    _add_sight(builder, twin, library, packages, ekf, updater, health, moves, perception, runner, monitor)
     _named("twin.filter.sensors", lambda: export(builder, ekf, fused, twin, model, packages))
 
-    _export_commands(builder, moves, len(model.joints))
-    export_acting(builder, goal, scene, updater, runner)
+    connect_commands(builder, moves, monitor, ekf, updater, runner, len(model.joints))
+    export_acting(builder, goal, scene, updater, runner, monitor)
     _export_beliefs(builder, ekf, drift, updater, moves, health)
     builder.ExportOutput(scene.query_output, "query_object")
+    mass_index = parameter_names.index(MASS) if MASS in parameter_names else None
+    learnt = parameter_names, mass_index, tuple(fused)
+    return TwinDiagram(_built(builder), model, library, scene, *learnt, ekf, drift, mpc, health, runner, monitor)
+
+
+def _built(builder: DiagramBuilder) -> Diagram:
     diagram = builder.Build()
     diagram.set_name("twin")
-    mass_index = parameter_names.index(MASS) if MASS in parameter_names else None
-    return TwinDiagram(
-        diagram, model, library, scene, parameter_names, mass_index, tuple(fused), ekf, drift, mpc, health, runner
-    )
+    return diagram
 
 
 def _add_updater(builder: DiagramBuilder, scene: TwinScene, twin: scenario.Twin) -> SceneGraphUpdater:
@@ -231,11 +245,11 @@ def _model(twin: scenario.Twin, packages: Packages | None) -> Model:
 def _check_controller(system: System, n: int, objects: int, parameters: int, slots: scenario.Slots) -> None:
     """Refuse a controller of n joints that does not fit; raises TwinError."""
     beside = {"further_tracks": FURTHER_TRACK_SIZE * slots.further(objects), "things": THING_SIZE * slots.unknown}
-    beside["hand"] = HAND_SIZE
+    beside |= {"hand": HAND_SIZE, "brake": 1 + n}
     arm = dict.fromkeys(("position_measured", "velocity_estimated", "torque_measured"), n)
     inputs = {"arm_state": 2 * n, "tracks": TRACK_SIZE * objects, "parameters": parameters, "goal": POSE_SIZE}
     inputs |= beside
-    further = {"torque_commanded": n, "reach": 1}
+    further = {"torque_commanded": n, "reach": 1, "plan_time": 1}
     check("controller", system, {**inputs, **arm, "measurement_time": 1}, {"position_commanded": n}, further)
 
 
@@ -256,31 +270,14 @@ def _connect_controller(
         _connect(builder, controller, health, "reach")
 
 
-def _export_commands(builder: DiagramBuilder, controller: System, n: int) -> None:
-    """Show what the controller of n joints commands."""
-    builder.ExportOutput(controller.GetOutputPort("position_commanded"), ports.POSITION_COMMANDED)
-    if controller.HasOutputPort("torque_commanded"):
-        torque = controller.GetOutputPort("torque_commanded")
-    else:
-        torque = builder.AddNamedSystem("no_torque", ConstantVectorSource(np.zeros(n))).get_output_port()
-    builder.ExportOutput(torque, ports.TORQUE_COMMANDED)
-
-
 def _connect(builder: DiagramBuilder, source: System, to: System, *names: str) -> None:
     """Connect output ports of one system to another's input ports of the same names."""
     for name in names:
         builder.Connect(source.GetOutputPort(name), to.GetInputPort(name))
 
 
-def _take_measurements(
-    builder: DiagramBuilder,
-    ekf: AdaptiveEkf,
-    drift: DriftMonitor,
-    controller: System,
-    health: HealthMonitor,
-    runner: TaskRunner | None,
-) -> None:
-    """Let the arm's messages into filter, monitors, controller and task, under the station's names."""
+def _take_measurements(builder: DiagramBuilder, ekf: AdaptiveEkf, *others: System) -> None:
+    """Let the arm's messages into the filter and those of other systems that want them, under the station's names."""
     measured = {
         ports.POSITION_MEASURED: "position_measured",
         ports.VELOCITY_ESTIMATED: "velocity_estimated",
@@ -289,8 +286,8 @@ def _take_measurements(
     }
     for name, port in measured.items():
         builder.ExportInput(ekf.GetInputPort(port), name)
-        for system in (drift, controller, health, runner):
-            if system is not None and system.HasInputPort(port):
+        for system in others:
+            if system.HasInputPort(port):
                 builder.ConnectInput(name, system.GetInputPort(port))
 
 
@@ -305,6 +302,7 @@ def _add_sight(
     moves: System,
     own: System | None,
     runner: TaskRunner | None,
+    monitor: StopMonitor | None,
 ) -> None:
     """Add what leads from the camera to the scene; without a camera, what says that nothing was seen."""
     if twin.camera is None:
@@ -329,7 +327,8 @@ def _add_sight(
     for port, name in (("rgb_image", ports.rgb_image(camera.name)), ("depth_image", ports.depth_image(camera.name))):
         if first.HasInputPort(port):
             builder.ExportInput(first.GetInputPort(port), name)
-    timed = [system for system in (first, updater, health) if system.HasInputPort("image_time")]
+    users = (first, updater, health, *([] if monitor is None else [monitor]))
+    timed = [system for system in users if system.HasInputPort("image_time")]
     image_time = builder.ExportInput(timed[0].GetInputPort("image_time"), ports.image_time(camera.name))
     for system in timed[1:]:
         builder.ConnectInput(image_time, system.GetInputPort("image_time"))
@@ -345,7 +344,8 @@ def _add_sight(
         _connect(builder, last, user, "object_poses")
     builder.ExportOutput(last.GetOutputPort("object_poses"), "object_poses")
     # What a user's own perception does not tell of, there is none of.
-    for name, systems in (("further_poses", (updater,)), ("things", (updater, moves)), ("turned_away", (health,))):
+    wary = (updater, moves, *([] if monitor is None else [monitor]))
+    for name, systems in (("further_poses", (updater,)), ("things", wary), ("turned_away", (health,))):
         if last.HasOutputPort(name):
             for system in systems:
                 _connect(builder, last, system, *inputs_of(system, (name,)))

@@ -8,8 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from twin_diagram.planning.collision.ball_cover import Balls
 from twin_diagram.planning.collision.chain import Chain
-from twin_diagram.planning.collision.clearance import Body, Clearance, Surroundings
+from twin_diagram.planning.collision.clearance import Clearance, Surroundings
 from twin_diagram.planning.collision.convex_solids import Ball, Box, Drum
+from twin_diagram.planning.collision.solid_batch import Body
 from twin_diagram.signals.arrays import Array
 
 FAR = 1e3

@@ -99,17 +99,21 @@ def test_a_polytopes_distance_is_that_of_its_triangles(number: int) -> None:
     assert radius == pytest.approx(np.linalg.norm(points - centre, axis=1).max())
     np.testing.assert_allclose(centre, (points.min(axis=0) + points.max(axis=0)) / 2)
     low, high = points.min(axis=0), points.max(axis=0)
-    np.testing.assert_allclose(solid.lower_bound(p), np.linalg.norm(p - np.clip(p, low, high), axis=1), atol=1e-12)
+    np.testing.assert_allclose([solid.box.p_GB - solid.box.half, solid.box.p_GB + solid.box.half], [low, high])
 
 
 def test_bounds_are_as_close_as_their_shapes_are_cheap() -> None:
     p = P + 0.5 * np.random.default_rng(2).standard_normal((200, 3))
     box, drum, ball = Box(np.array([0.1, 0.2, 0.05]), R, P), Drum(P, R[:, 0], 0.1, 0.05), Ball(P, 0.2)
-    distance = box.distance(p)[0]
-    np.testing.assert_allclose(box.lower_bound(p), np.maximum(distance, 0.0), atol=1e-12)
-    far = np.linalg.norm(p - P, axis=1)
-    np.testing.assert_allclose(drum.lower_bound(p), far - np.hypot(0.1, 0.05))
-    np.testing.assert_allclose(ball.lower_bound(p), far - 0.2)
+    assert box.box is box
+    for solid, half in ((drum, [0.1, 0.1, 0.05]), (ball, [0.2, 0.2, 0.2])):
+        np.testing.assert_allclose(solid.box.half, half)
+        np.testing.assert_allclose(solid.box.R_GB @ solid.box.R_GB.T, np.eye(3), atol=1e-12)
+        np.testing.assert_allclose(solid.box.p_GB, P)
+        # Nowhere is it nearer than its box, and from a way along the box's axes it is as near.
+        assert (solid.distance(p)[0] >= solid.box.distance(p)[0] - 1e-12).all()
+        ahead = P + solid.box.R_GB.T * 0.5
+        np.testing.assert_allclose(solid.distance(ahead)[0], 0.5 - np.array(half), atol=1e-12)
     np.testing.assert_allclose([box.ball[1], drum.ball[1], ball.ball[1]], [np.sqrt(0.0525), np.hypot(0.1, 0.05), 0.2])
     found = bounding_box(np.array([[0.0, 1, 2], [1, 3, 2.5], [0.5, -1, 0]]))
     np.testing.assert_allclose([found.half, found.p_GB], [[0.5, 2, 1.25], [0.5, 1, 1.25]])

@@ -11,8 +11,8 @@ from tests import planning_bench as bench
 from tests.planning.tasks.small_world import DOWN, pose
 from twin_diagram.assets import Asset
 from twin_diagram.planning.collision.ball_cover import TUNING as BALL_COVER
-from twin_diagram.planning.collision.collision_scene import TUNING as COLLISION_SCENE
 from twin_diagram.planning.collision.collision_scene import Forecast, Scene
+from twin_diagram.planning.collision.forecast_growth import TUNING as FORECAST_GROWTH
 from twin_diagram.planning.collision.held_shape import TUNING, holding, obstacles_beside
 from twin_diagram.planning.paths import inverse_kinematics
 from twin_diagram.signals.arrays import Array
@@ -64,7 +64,7 @@ def test_the_held_can_comes_nearer_to_the_table_than_the_hand(loaded, q: Array) 
 def test_what_is_not_certain_is_larger(loaded, q: Array) -> None:  # type: ignore[no-untyped-def]
     scene, library = loaded
     plain = distances(holding(scene, library["can"].convex_pieces, HAND), q, tracks())[0]
-    for std, grown in ((0.004, COLLISION_SCENE.sigmas * 0.004), (0.1, COLLISION_SCENE.growth_cap)):
+    for std, grown in ((0.004, FORECAST_GROWTH.sigmas * 0.004), (0.1, FORECAST_GROWTH.cap)):
         covariance = np.diag([1.0, 1.0, 1.0, 1e-8, std**2, 1e-8])
         scene_of = holding(scene, library["can"].convex_pieces, replace(HAND, covariance=covariance))
         assert plain - distances(scene_of, q, tracks())[0] == pytest.approx(grown, abs=1e-4)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from twin_diagram.planning.collision.clearance import Contacts
-from twin_diagram.planning.mpc.quadratic_program import QpSolution, QpSolver, QuadraticProgram
+from twin_diagram.planning.mpc.motion_program import Rows
+from twin_diagram.planning.mpc.quadratic_program import QpSolver
 from twin_diagram.planning.mpc.trajectory import Trajectory
 from twin_diagram.planning.mpc.trajectory_optimisation import Limits, Optimiser
 from twin_diagram.signals.arrays import Array
@@ -26,28 +27,27 @@ class Wall:
         self.where = where
         self.reaches: list[tuple[float, float]] = []
 
-    def distances(self, q: Array, around: Any, reach: float) -> Array:
+    def distances(self, q: Array, around: Any, reach: float, own_reach: float) -> Array:
         distance = np.stack([self.where - q[:, 0], np.ones(len(q))], axis=1)
         return np.where(distance < reach, distance, 1e3)
 
-    def contacts(self, q: Array, around: Any, reach: float, own: float) -> Contacts:
+    def contacts(self, q: Array, around: Any, reach: float, own: float, margins: Array, most: int) -> Contacts:
         self.reaches.append((reach, own))
         distance = self.where - q[:, 0]
         row = np.flatnonzero(distance < reach)
         return Contacts(row, 0 * row, distance[row], -np.ones((len(row), 1)))
 
 
-class Told(QpSolver):
+class Told:
     """Answers with accelerations that it is told, one after the other."""
 
     def __init__(self, *inner: Array, solved: bool = True) -> None:
         self.inner, self.solved, self.asked = list(inner), solved, 0
 
-    def solve(self, program: QuadraticProgram) -> QpSolution:
-        x = np.zeros(len(program.g))
-        x[: KNOTS - 2] = self.inner[min(self.asked, len(self.inner) - 1)]
+    def solve(self, gradient: Array, end: Array, rows: Rows, solver: QpSolver) -> Array | None:
+        inner = self.inner[min(self.asked, len(self.inner) - 1)]
         self.asked += 1
-        return QpSolution(x, self.solved, 1)
+        return inner[:, None] if self.solved else None
 
 
 def to_rest(size: float) -> Array:
@@ -63,7 +63,8 @@ def path(optimiser: Optimiser, inner: Array) -> Array:
 
 
 def solved(solver: Told, wall: Wall, guess: Array | float = 0.0) -> tuple[Any, Optimiser]:
-    optimiser = Optimiser(wall, LIMITS, KNOTS, STEP, solver=solver)  # type: ignore[arg-type]
+    optimiser = Optimiser(wall, LIMITS, KNOTS, STEP)  # type: ignore[arg-type]
+    optimiser._program = solver  # type: ignore[assignment]
     m = len(optimiser.samples)
     guess = np.full((m, 1), guess) if isinstance(guess, float) else guess
     margins = np.tile([0.1, 0.01], (m, 1))
@@ -103,7 +104,7 @@ def test_what_a_plan_lacks_is_weighted_by_samples_and_fades() -> None:
     margins = np.tile([0.1, 1.02], (14, 1))
     expected = optimiser.fading @ np.maximum(np.maximum(0.1 - (0.5 - q[:, 0]), 0.02), 0.0)
     assert optimiser.assess(q, None, margins) == pytest.approx(expected)  # type: ignore[arg-type]
-    contacts = optimiser._contacts(q, None)  # type: ignore[arg-type]
+    contacts = optimiser._contacts(q, None, margins)  # type: ignore[arg-type]
     lacking = optimiser._lacking(contacts, margins)
     assert lacking == pytest.approx(optimiser.fading @ np.maximum(0.1 - (0.5 - q[:, 0]), 0.0))
     assert wall.reaches == [(0.2, 0.05)]
@@ -122,11 +123,11 @@ def test_a_misled_step_is_halved_or_left() -> None:
     class Bent(Wall):
         """Nothing is near half-way: walls on both sides of a gap at 0.2."""
 
-        def distances(self, q: Array, around: Any, reach: float) -> Array:
+        def distances(self, q: Array, around: Any, reach: float, own_reach: float) -> Array:
             distance = np.stack([0.12 - np.abs(q[:, 0] - 0.2), np.ones(len(q))], axis=1)
             return np.where(distance < reach, distance, 1e3)
 
-        def contacts(self, q: Array, around: Any, reach: float, own: float) -> Contacts:
+        def contacts(self, q: Array, around: Any, reach: float, own: float, margins: Array, most: int) -> Contacts:
             row = np.arange(len(q))
             return Contacts(row, 0 * row, 0.12 - np.abs(q[:, 0] - 0.2), np.ones((len(q), 1)))
 

@@ -29,7 +29,7 @@ class Wall:
         there = (times >= self.during[0]) & (times <= self.during[1])
         return np.where(there, np.abs(q[:, 0] - self.where) - 0.1, 1e3)
 
-    def distances(self, q: Array, around: Any, reach: float, own: bool = True) -> Array:
+    def distances(self, q: Array, around: Any, reach: float, own: bool = True, own_reach: float | None = None) -> Array:
         assert len(around.times) == len(q)
         self.asked.append((q, around.times))
         wall = self.wall(q) if around.fixtures else np.full(len(q), 1e3)
@@ -141,38 +141,48 @@ def test_the_nearest_free_goal_is_gone_to_straight() -> None:
     router, _ = world(Wall())
     rng = np.random.default_rng(0)
     goals = [[0.6, 0.0], [0.3, 0.0], [0.0, 0.2], [1.1, 0.0]]
-    route, failed = router.decide(Route.none(2), situation([0.0, 0.0], goals), rng, may_search=False)
-    assert (route.aim, failed) == (Aim.GOAL, False)
+    route, wants = router.decide(Route.none(2), situation([0.0, 0.0], goals), rng)
+    assert (route.aim, wants) == (Aim.GOAL, False)
     np.testing.assert_allclose(route.points, [[0.3, 0.0]])  # joint 2 is slower: 0.2 rad of it last longer
     # A goal within the margin and what is spared is none: 0.04 + 0.02.
     for q, aim in ((0.945, Aim.NOTHING), (0.935, Aim.GOAL)):
-        route, _ = router.decide(Route.none(2), situation([0.0, 0.0], [[q, 0.0]]), rng, may_search=False)
+        route, _ = router.decide(Route.none(2), situation([0.0, 0.0], [[q, 0.0]]), rng)
         assert route.aim is aim
 
 
 def test_the_way_around_is_searched_where_it_may_be() -> None:
     router, _ = world(Wall())
     now = situation([0.5, 0.0], [[1.7, 0.0]])
-    route, failed = router.decide(Route.none(2), now, np.random.default_rng(0), may_search=False)
-    assert (route.aim, failed) == (Aim.NOTHING, False)
-    route, failed = router.decide(Route.none(2), now, np.random.default_rng(0), may_search=True)
-    assert (route.aim, failed) == (Aim.GOAL, False) and len(route.points) > 1
-    np.testing.assert_allclose(route.points[-1], [1.7, 0.0])
-    assert np.abs(route.points[0] - now.q).max() > 1e-6  # where the arm is stands not among them
-    assert router.first_blocked(now, route.points, MARGINS) is None
+    route, wants = router.decide(Route.none(2), now, np.random.default_rng(0))
+    assert (route.aim, wants) == (Aim.NOTHING, True)
+    points = router.search(now, np.random.default_rng(0))
+    assert len(points) > 1
+    np.testing.assert_allclose(points[-1], [1.7, 0.0])
+    assert np.abs(points[0] - now.q).max() > 1e-6  # where the arm is stands not among them
+    assert router.first_blocked(now, points, MARGINS) is None
     closed, _ = world(Wall(top=9.0))
-    route, failed = closed.decide(Route.none(2), now, np.random.default_rng(0), may_search=True)
-    assert (route.aim, failed) == (Aim.NOTHING, True)
+    assert closed.search(now, np.random.default_rng(0)).shape == (0, 2)
+    # A goal in the wall is no goal, and nothing is wanted; a goal in sight needs no search.
+    blocked = situation([0.5, 0.0], [[1.1, 0.0]])
+    assert not router.decide(Route.none(2), blocked, np.random.default_rng(0))[1]
+    assert router.search(blocked, np.random.default_rng(0)).shape == (0, 2)
+    np.testing.assert_allclose(router.search(situation([0.5, 0.0], [[0.7, 0.0]]), np.random.default_rng(0)), [[0.7, 0]])
+    assert router.search(situation([0.5, 0.0], []), np.random.default_rng(0)).shape == (0, 2)
+
+
+def test_what_was_found_a_while_ago_is_followed_as_routes_are_kept() -> None:
+    for top, kept in ((1.2 - 0.6 * MARGIN - 0.001, True), (1.2 - 0.6 * MARGIN + 0.001, False)):
+        router, _ = world(Wall(top=top), resolution=0.01)
+        now = situation([0.5, 1.2], [[1.7, 1.2]])
+        assert router.follows(np.array([[1.7, 1.2]]), now) == kept
 
 
 def test_only_three_goals_are_tried_straight() -> None:
     goals = [[1.5, 0.0], [1.6, 0.0], [1.7, 0.0], [0.0, 1.0]]  # the last takes longest, and is the only one in sight
     router, _ = world(Wall())
-    route, _ = router.decide(Route.none(2), situation([0.5, 0.0], goals), np.random.default_rng(0), may_search=False)
+    route, _ = router.decide(Route.none(2), situation([0.5, 0.0], goals), np.random.default_rng(0))
     assert route.aim is Aim.NOTHING
-    route, _ = router.decide(
-        Route.none(2), situation([0.5, 0.0], goals[1:]), np.random.default_rng(0), may_search=False
-    )
+    route, _ = router.decide(Route.none(2), situation([0.5, 0.0], goals[1:]), np.random.default_rng(0))
     np.testing.assert_allclose(route.points, [[0.0, 1.0]])
 
 
@@ -181,7 +191,7 @@ def test_a_route_is_kept_until_six_tenths_of_its_margin_are_lost() -> None:
     for top, kept in ((1.2 - 0.6 * MARGIN - 0.001, True), (1.2 - 0.6 * MARGIN + 0.001, False)):
         router, _ = world(Wall(top=top), resolution=0.01)
         now = situation([0.5, 1.2], [[1.7, 1.2]])
-        route, _ = router.decide(Route(Aim.GOAL, np.array([[1.7, 1.2]])), now, rng, may_search=False)
+        route, _ = router.decide(Route(Aim.GOAL, np.array([[1.7, 1.2]])), now, rng)
         assert (route.aim is Aim.GOAL) == kept
 
 
@@ -190,8 +200,8 @@ def test_a_route_that_is_blocked_late_is_followed_for_want_of_a_better_one() -> 
     for start, aim in ((0.1, Aim.GOAL), (0.3, Aim.NOTHING)):  # blocked 0.88 s and 0.68 s from now
         router, _ = world(Wall(top=9.0), resolution=0.01)
         now = situation([start, 0.0], [[1.7, 0.0]])
-        route, failed = router.decide(Route(Aim.GOAL, np.array([[1.7, 0.0]])), now, rng, may_search=True)
-        assert (route.aim, failed) == (aim, True)
+        route, wants = router.decide(Route(Aim.GOAL, np.array([[1.7, 0.0]])), now, rng)
+        assert (route.aim, wants) == (aim, True)
 
 
 def test_way_points_are_passed_where_they_are_near_or_needless() -> None:
@@ -217,14 +227,14 @@ def test_the_arm_steps_aside_from_what_comes_and_stays_where_nothing_does() -> N
     wall = Wall(where=0.0, during=(0.5, 9.0))
     router, _ = world(wall)
     now = situation([0.0, 0.0], [], moving=True)
-    route, _ = router.decide(Route.none(2), now, np.random.default_rng(0), may_search=False)
+    route, _ = router.decide(Route.none(2), now, np.random.default_rng(0))
     assert route.aim is Aim.REFUGE
     assert abs(route.points[0][0]) >= 0.1 + MARGIN + 0.02 and route.points[0][0] < 1.0 - MARGIN
     # Of the refuges it takes one of the nearest; it stays with the one that it has.
-    again, _ = router.decide(route, now, np.random.default_rng(5), may_search=False)
+    again, _ = router.decide(route, now, np.random.default_rng(5))
     np.testing.assert_array_equal(again.points, route.points)
     assert (np.abs(route.points[0]) / SPEED).max() < 0.6
-    safe, _ = router.decide(route, situation([0.0, 0.5], [], moving=False), np.random.default_rng(0), may_search=False)
+    safe, _ = router.decide(route, situation([0.0, 0.5], [], moving=False), np.random.default_rng(0))
     assert safe.aim is Aim.NOTHING
 
 

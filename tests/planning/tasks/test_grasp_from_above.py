@@ -27,7 +27,7 @@ def turned(angle: float, x: float = 0.4, y: float = 0.2, z: float = 0.1) -> Arra
 def test_a_box_that_fits_one_way_is_taken_that_way(yaw: float) -> None:
     """0.12 m by 0.05 m between fingers that open by 0.08 m: across the short side, from above, over the middle."""
     X_WO = turned(yaw)
-    found = grasps_from_above(box(0.12, 0.05, 0.1), X_WO, 0.08, DOWN, NONE)
+    found = grasps_from_above(box(0.12, 0.05, 0.1), X_WO, 0.08, DOWN, NONE)[0]
     assert len(found)
     R_WO = rotations.matrix(X_WO[:4])
     for X_WG in found:
@@ -45,19 +45,19 @@ def test_the_hand_turns_no_more_than_need_be() -> None:
     for heading in (0.1, 1.5, 3.0, -2.0):
         near = Rotation.from_euler("z", heading) * Rotation.from_quat(DOWN[[1, 2, 3, 0]])
         q = near.as_quat()[[3, 0, 1, 2]]
-        first = grasps_from_above(pieces, turned(0.0), 0.08, q, NONE)[0]
+        first = grasps_from_above(pieces, turned(0.0), 0.08, q, NONE)[0][0]
         assert errors(pose(0, 0, 0, q), first)[1] < np.pi / 4 + 1e-9
 
 
 def test_how_deep_depends_on_how_tall_it_is() -> None:
     for height, above_bottom in ((0.2, 0.2 - TUNING.depth), (0.06, 0.03), (0.03, 0.015), (0.045, TUNING.bottom)):
-        X_WG = grasps_from_above(box(0.05, 0.05, height), turned(0.0, z=height / 2), 0.08, DOWN, NONE)[0]
+        X_WG = grasps_from_above(box(0.05, 0.05, height), turned(0.0, z=height / 2), 0.08, DOWN, NONE)[0][0]
         assert X_WG[6] == pytest.approx(above_bottom)
 
 
 def test_too_wide_is_none_and_just_narrow_enough_is_one() -> None:
     for width, count in ((0.0725, 0), (0.0715, 2)):
-        found = grasps_from_above(box(width, width, 0.1), turned(0.0), 0.08, DOWN, NONE)
+        found = grasps_from_above(box(width, width, 0.1), turned(0.0), 0.08, DOWN, NONE)[0]
         assert len(found) >= count and bool(len(found)) == bool(count)
 
 
@@ -65,8 +65,8 @@ def test_the_fingers_come_down_where_no_neighbour_is() -> None:
     """The present turn of the hand would put a finger onto the neighbour; a quarter turn more is free of it."""
     pieces = box(0.05, 0.05, 0.1)
     neighbour = np.array([[0.4, 0.29, 0.03]])
-    free = grasps_from_above(pieces, turned(0.0), 0.08, DOWN, NONE)[0]
-    beside = grasps_from_above(pieces, turned(0.0), 0.08, DOWN, neighbour)[0]
+    free = grasps_from_above(pieces, turned(0.0), 0.08, DOWN, NONE)[0][0]
+    beside = grasps_from_above(pieces, turned(0.0), 0.08, DOWN, neighbour)[0][0]
     closing = [abs(rotations.matrix(X[:4])[:, 1]) for X in (free, beside)]
     assert closing[0][1] > 0.9 and closing[1][0] > 0.9
 

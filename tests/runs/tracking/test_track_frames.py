@@ -276,3 +276,53 @@ def test_hypotheses_share_the_objects_probability(tracked: Path) -> None:
         assert sum(h["probability"] for h in one["hypotheses"]) == pytest.approx(one["probability"])
         turned = [angle(h["q_WO"], YAW) for h in one["hypotheses"]]
         assert max(turned) < np.radians(4.0) and len(turned) >= 2
+
+
+@pytest.fixture(scope="module")
+def two_alike(taken: Shots, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two bricks; the first is pushed towards the camera's right, both stay apart; the second is gone for a while."""
+    view = taken.frames[0].camera
+    frames = []
+    for k in range(14):
+        bodies = [body(SIZE, 0.005 * k - 0.06, 0.07, YAW)]
+        if not 6 <= k < 10:
+            bodies.append(body(SIZE, 0.02, -0.08, -0.5))
+        both = trimesh.util.concatenate(bodies)  # one body has one colour
+        frames.append(replace(shots([both], [view]).frames[0], number=k, time=k / 15.0))
+    return folder_of(Shots(frames), tmp_path_factory.mktemp("alike") / "frames")
+
+
+def bricks(line: dict[str, Any]) -> dict[int, dict[str, Any]]:
+    return {entry["track"]: entry for entry in line["objects"] if entry["asset"] == "brick"}
+
+
+def held_to_two_alike(found: list[dict[int, dict[str, Any]]], known_by: int) -> None:
+    """Hold tracks to where the two bricks were: each keeps its number, also the one that nobody saw for a while."""
+    first, second = (
+        next(t for t, one in found[known_by].items() if (one["p_WO"][1] > 0.0) == positive)
+        for positive in (True, False)
+    )
+    for k, line in enumerate(found[known_by:], start=known_by):
+        assert set(line) == {first, second}, k
+        assert np.linalg.norm(np.array(line[first]["p_WO"]) - [0.005 * k - 0.06, 0.07, SIZE[2] / 2]) < 0.005, k
+        if not 6 <= k < 11:
+            assert np.linalg.norm(np.array(line[second]["p_WO"]) - [0.02, -0.08, SIZE[2] / 2]) < 0.003, k
+    assert found[9][second]["probability"] < 0.5 < found[13][second]["probability"]
+
+
+def test_alikes_keep_their_numbers(library: Path, two_alike: Path, tmp_path: Path) -> None:
+    assert track(library, two_alike, tmp_path / "out") == 0
+    held_to_two_alike([bricks(line) for line in lines(tmp_path / "out")], 2)
+    rows = (tmp_path / "out" / "poses.csv").read_text().splitlines()[1:]
+    assert sum(row.split(",")[1] == "13" for row in rows) == 2
+
+
+def test_alikes_that_are_told_each_begin_where_they_are(library: Path, two_alike: Path, tmp_path: Path) -> None:
+    """The same row twice is one brick."""
+    assert track(library, two_alike, tmp_path / "out") == 0
+    head, *rows = (tmp_path / "out" / "poses.csv").read_text().splitlines()
+    told = [row.split(",", 2)[2] for row in rows if row.split(",")[1] == "2"]
+    poses = tmp_path / "poses.csv"
+    poses.write_text("\n".join([head, *(f"0,0,{row}" for row in [*told, told[0]])]) + "\n")
+    assert track(library, two_alike, tmp_path / "told", "--init", str(poses)) == 0
+    held_to_two_alike([bricks(line) for line in lines(tmp_path / "told")], 0)

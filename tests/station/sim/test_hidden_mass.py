@@ -33,3 +33,19 @@ def test_lighter_than_its_asset_is_refused(mass: float) -> None:
     scenario = load_scenario("tabletop", [*BLIND, f"world.objects.can.mass={mass}"])
     with pytest.raises(ScenarioError, match=r"world\.objects\.can\.mass: .*0\.35"):
         build_world(DiagramBuilder(), scenario)
+
+
+def test_friction_is_that_of_all_of_its_surface_and_of_nothing_else() -> None:
+    world = build_world(DiagramBuilder(), load_scenario("tabletop", [*BLIND, "world.objects.can.friction=0.45"]))
+    inspector = world.scene_graph.model_inspector()
+    for name, expected in (("can", 0.45), ("mug", 0.6)):
+        shapes = world.plant.GetCollisionGeometriesForBody(world.plant.get_body(world.objects[name]))
+        found = [inspector.GetProximityProperties(s).GetProperty("material", "coulomb_friction") for s in shapes]
+        assert len(shapes) > 1
+        assert {(f.static_friction(), f.dynamic_friction()) for f in found} == {(expected, expected)}
+
+
+def test_negative_friction_is_refused() -> None:
+    scenario = load_scenario("tabletop", [*BLIND, "world.objects.can.friction=-0.1"])
+    with pytest.raises(ScenarioError, match=r"world\.objects\.can\.friction: -0\.1"):
+        build_world(DiagramBuilder(), scenario)

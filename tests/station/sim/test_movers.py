@@ -72,7 +72,7 @@ def test_times_increase() -> None:
 # Carriages.
 
 
-def pushed(mass: float, off: Array, inertia: float = 1e-9) -> Array:
+def pushed(mass: float, off: Array, inertia: float = 1e-9, push: float | None = None) -> Array:
     """Speeds of x, y and yaw after one step, from rest, where the goal is `off` away."""
     plant = MultibodyPlant(STEP)
     plant.set_discrete_contact_approximation(DiscreteContactApproximation.kLagged)
@@ -80,7 +80,7 @@ def pushed(mass: float, off: Array, inertia: float = 1e-9) -> Array:
     body = plant.AddRigidBody("object", SpatialInertia.SolidSphereWithMass(mass, radius))
     instance = plant.AddModelInstance("carriages")
     path = Path([way(0.0, 0.3, -0.2, 0.4)], "p")
-    actuators = add_carriage(plant, instance, "thing", path, body)
+    actuators = add_carriage(plant, instance, "thing", path, body, push)
     plant.Finalize()
     assert len(actuators) == 3 and plant.num_positions() == 3
     simulator = Simulator(plant)
@@ -113,6 +113,12 @@ def test_it_pushes_with_two_hundred_newtons_at_most_and_weighs_a_gram() -> None:
     # A ball of a gram and a centimetre: 2/5 m r² = 4e-8 kg·m².
     v = pushed(1e-3, np.array([0.0, 0.0, 1e7]), inertia=1e-9)
     assert v[2] == pytest.approx(STEP * 200.0 / (4e-8 + 1e-9), rel=1e-2)
+
+
+def test_what_gives_way_is_pushed_with_what_is_told_and_turned_with_a_tenth() -> None:
+    assert pushed(0.5, np.array([0.0, 5.0, 0.0]), push=15.0)[1] == pytest.approx(STEP * 15.0 / 0.502, rel=1e-3)
+    v = pushed(1e-3, np.array([0.0, 0.0, 1e7]), inertia=1e-9, push=15.0)
+    assert v[2] == pytest.approx(STEP * 1.5 / (4e-8 + 1e-9), rel=1e-2)
 
 
 def test_the_driver_says_all_places_then_all_speeds() -> None:

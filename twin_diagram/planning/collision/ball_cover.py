@@ -20,10 +20,9 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from twin_diagram import scenario
 from twin_diagram.model.description import add_arm as description
-from twin_diagram.planning.collision.chain import Ints
 from twin_diagram.planning.collision.convex_solids import bounding_box
 from twin_diagram.planning.collision.geometry_to_solids import moved, points_of
-from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.arrays import Array, Ints
 
 
 @dataclass(frozen=True)

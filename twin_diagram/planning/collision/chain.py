@@ -14,9 +14,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FrameIndex, JointIndex, PrismaticJoint, RevoluteJoint
 
 from twin_diagram.errors import ModelError
-from twin_diagram.signals.arrays import Array
-
-Ints = npt.NDArray[np.int64]
+from twin_diagram.signals.arrays import Array, Ints
 
 
 @dataclass(frozen=True)

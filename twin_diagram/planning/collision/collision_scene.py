@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -13,11 +13,14 @@ from scipy.spatial.transform import Rotation
 
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
+from twin_diagram.planning.collision import forecast_growth
 from twin_diagram.planning.collision.ball_cover import arm_balls, arm_plant
 from twin_diagram.planning.collision.chain import Chain, depths
-from twin_diagram.planning.collision.clearance import Body, Clearance, Surroundings
+from twin_diagram.planning.collision.clearance import Clearance, Surroundings
 from twin_diagram.planning.collision.convex_solids import solid_of
+from twin_diagram.planning.collision.forecast_growth import TUNING as FORECAST_GROWTH
 from twin_diagram.planning.collision.geometry_to_solids import fixture_solids
+from twin_diagram.planning.collision.solid_batch import Body
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import TRACK_SIZE, ObjectStatus
 from twin_diagram.signals.things import FURTHER_TRACK_SIZE, OWNER_SIZE, things_of
@@ -30,12 +33,6 @@ class Tuning:
     `tests/planning_bench.py` shows their effect on an arm among things that move (touched, arrived), and
     `sims/closed_loop.py --seeds 20` in the loop with perception.
     """
-
-    sigmas: float = 3.0
-    """Objects grow by this many standard deviations of their position …"""
-
-    growth_cap: float = 0.03
-    """… but by no more than this [m]."""
 
     steady: float = 1.0
     """A moving object is taken to keep its velocity for this long [s] …"""
@@ -113,13 +110,14 @@ class Scene:
             further: (F · FURTHER_TRACK_SIZE) of further instances of them; None: there are none.
             things: (T · THING_SIZE) of unknown things; None: there are none.
         """
-        forecast = Forecast.of_tracks(tracks)
+        forecast = Forecast.of_tracks(tracks, shapes=self.clearance.bodies[self.fixture_count :])
         parts: list[tuple[tuple[Body, ...], Forecast]] = []
         if further is not None and len(further):
             rows = np.asarray(further, dtype=float).reshape(-1, FURTHER_TRACK_SIZE)
             rows = rows[np.isfinite(rows[:, :OWNER_SIZE]).all(axis=1) & (rows[:, 0] > 0)]
             kinds = self.clearance.bodies[self.fixture_count :]
-            parts.append((tuple(kinds[int(k)] for k in rows[:, 1]), Forecast.of_tracks(rows[:, OWNER_SIZE:])))
+            shapes = tuple(kinds[int(k)] for k in rows[:, 1])
+            parts.append((shapes, Forecast.of_tracks(rows[:, OWNER_SIZE:], shapes=shapes)))
         if things is not None and np.isfinite(things).all():
             standing = [thing for thing in things_of(things) if thing.stands and thing.pieces]
             shapes = tuple(body_of_pieces(*(corners.tobytes() for corners in thing.pieces)) for thing in standing)
@@ -171,6 +169,42 @@ def load_scene(
 
 
 @dataclass(frozen=True)
+class Unsure:
+    """What is not known of an object's pose, and how that grows.
+
+    Attributes:
+        spread: (S, 2) of its surface, see `forecast_growth.spread`.
+        place, turn: variances of its place [m²] and its turn [rad²], of one coordinate each.
+        moving: whether they grow.
+    """
+
+    spread: Array
+    place: float
+    turn: float
+    moving: bool
+
+    @staticmethod
+    def of(covariance: Array, R_WO: Array, shape: Body | None, *, moving: bool) -> Unsure:
+        """Return it for a pose's covariance (6, 6); without a shape, of an object that is a point."""
+        if shape is None:
+            worst = float(np.linalg.eigvalsh((covariance + covariance.T)[3:, 3:] / 2)[-1])
+            rows = np.array([[max(worst, 0.0), 0.0]])
+        else:
+            rows = forecast_growth.outermost(forecast_growth.spread(shape.surface_O, covariance, R_WO))
+        place, turn = (float(np.trace(part)) / 3 for part in (covariance[3:, 3:], covariance[:3, :3]))
+        return Unsure(rows, place, turn, moving)
+
+    def growth(self, times: Array) -> Array:
+        """Return (N,) how much larger it is taken to be at `times` (N,) from now on [s]."""
+        if not self.moving:
+            still = forecast_growth.growth(self.spread, np.zeros(1), np.zeros(1))
+            return np.repeat(still, len(times))
+        shift = forecast_growth.added_variance(self.place, FORECAST_GROWTH.unsteady, times)
+        turn = forecast_growth.added_variance(self.turn, FORECAST_GROWTH.unsteady_spin, times)
+        return forecast_growth.growth(self.spread, shift, turn)
+
+
+@dataclass(frozen=True)
 class Forecast:
     """Where K objects are going, as their tracks tell.
 
@@ -179,7 +213,8 @@ class Forecast:
         moving: (K,) bool.
         R_WO: (K, 3, 3), p_WO: (K, 3): poses now [m].
         spin, velocity: (K, 3): rad/s and m/s in W, zero where an object stands still.
-        grown: (K,) how much larger each is taken to be [m].
+        grown: (K,) how much larger each is taken to be now [m].
+        unsure: of those whose poses are estimates, by number, how that grows; see `Unsure`.
         beside: shapes of those that come after the library's objects: they are among the K.
     """
 
@@ -191,6 +226,7 @@ class Forecast:
     velocity: Array
     grown: Array
     beside: tuple[Body, ...] = ()
+    unsure: Mapping[int, Unsure] = field(default_factory=dict)
 
     @staticmethod
     def standing_still(count: int, grown: float) -> Forecast:
@@ -202,6 +238,9 @@ class Forecast:
     def joined(self, parts: Sequence[tuple[tuple[Body, ...], Forecast]]) -> Forecast:
         """Return this forecast and others, each with the shapes of its bodies."""
         all_ = [self, *(forecast for _, forecast in parts)]
+        before = np.cumsum([0, *(len(one.present) for one in all_)])
+        each = zip(before[:-1].tolist(), all_, strict=True)
+        unsure = {first + k: how for first, one in each for k, how in one.unsure.items()}
         return Forecast(
             present=np.concatenate([one.present for one in all_]),
             moving=np.concatenate([one.moving for one in all_]),
@@ -211,13 +250,15 @@ class Forecast:
             velocity=np.concatenate([one.velocity for one in all_]),
             grown=np.concatenate([one.grown for one in all_]),
             beside=tuple(body for bodies, _ in parts for body in bodies),
+            unsure=unsure,
         )
 
     @staticmethod
-    def of_tracks(tracks: Array, age: float = 0.0) -> Forecast:
-        """Read packed tracks (K · TRACK_SIZE), `age` seconds after their time.
+    def of_tracks(tracks: Array, age: float = 0.0, shapes: Sequence[Body] | None = None) -> Forecast:
+        """Read packed tracks (K · TRACK_SIZE), `age` seconds after their time, of objects of these shapes.
 
-        Objects never seen, held or gone are absent; so is one whose track is not finite.
+        Without shapes the uncertainty of places alone counts. Objects never seen, held or gone are absent; so is one
+        whose track is not finite.
         """
         rows: Array = np.asarray(tracks, dtype=float).reshape(-1, TRACK_SIZE)
         present = np.isfinite(rows).all(axis=1) & ~np.isin(rows[:, 0], [float(s) for s in _ABSENT])
@@ -229,18 +270,22 @@ class Forecast:
         R_WO = Rotation.from_quat(quaternion[:, [1, 2, 3, 0]]).as_matrix() if len(rows) else np.zeros((0, 3, 3))
         spin, velocity = rows[:, 9:12].copy(), rows[:, 12:15].copy()
         spin[np.linalg.norm(spin, axis=1) < TUNING.rest_spin] = 0.0
-        moving = present & (np.linalg.norm(velocity, axis=1) >= TUNING.rest_speed)
-        velocity[~moving] = 0.0
+        goes = np.linalg.norm(velocity, axis=1) >= TUNING.rest_speed
+        # What turns in place moves, too: at 1 rad/s the corner of a 20 cm box goes 14 cm/s.
+        turns = (rows[:, 0] == float(ObjectStatus.MOVING)) & spin.any(axis=1)
+        moving = present & (goes | turns)
+        velocity[~goes] = 0.0
         spin[~moving] = 0.0
-        covariance = rows[:, 15:].reshape(-1, 6, 6)[:, 3:, 3:]
-        variance = (
-            np.linalg.eigvalsh((covariance + covariance.transpose(0, 2, 1)) / 2)[:, -1] if len(rows) else rows[:, 0]
-        )
-        grown = np.minimum(TUNING.sigmas * np.sqrt(np.maximum(variance, 0.0)), TUNING.growth_cap)
-        forecast = Forecast(present, moving, R_WO, rows[:, 6:9].copy(), spin, velocity, grown)
+        covariance = rows[:, 15:].reshape(-1, 6, 6)
+        unsure = {
+            int(k): Unsure.of(covariance[k], R_WO[k], None if shapes is None else shapes[k], moving=bool(moving[k]))
+            for k in np.flatnonzero(present)
+        }
+        grown = np.array([float(unsure[k].growth(np.zeros(1))[0]) if k in unsure else 0.0 for k in range(len(rows))])
+        forecast = Forecast(present, moving, R_WO, rows[:, 6:9].copy(), spin, velocity, grown, unsure=unsure)
         if age > 0.0:
             X_WO, _ = forecast.at(np.array([age]))
-            forecast = Forecast(present, moving, X_WO[:, 0, :3, :3], X_WO[:, 0, :3, 3], spin, velocity, grown)
+            forecast = replace(forecast, R_WO=X_WO[:, 0, :3, :3], p_WO=X_WO[:, 0, :3, 3])
         return forecast
 
     def at(self, times: Array) -> tuple[Array, Array]:
@@ -253,7 +298,10 @@ class Forecast:
         X_WO[..., :3, 3] = self.p_WO[:, None] + self.velocity[:, None] * travelled[:, None]
         for k in np.flatnonzero(np.any(self.spin != 0.0, axis=1)):
             X_WO[k, :, :3, :3] = Rotation.from_rotvec(self.spin[k] * travelled[:, None]).as_matrix() @ self.R_WO[k]
-        return X_WO, np.repeat(self.grown[:, None], len(times), axis=1)
+        grown = np.repeat(self.grown[:, None], len(times), axis=1)
+        for k, how in self.unsure.items():
+            grown[k] = how.growth(times)
+        return X_WO, grown
 
 
 def travel(times: Array) -> Array:

@@ -1,30 +1,22 @@
-"""Signed distances from points to convex solids, exact and for many points at once.
-
-Boxes have a closed form. Any other polytope is a set of faces and edges: outside, the nearest point lies inside a
-face, or else on an edge; inside, the nearest face is the one whose plane is nearest.
-"""
+"""Convex solids: boxes, balls, drums, and polytopes as faces and edges, each with its exact distance from points."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from itertools import product
+from typing import Final
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from twin_diagram.errors import AssetError
+from twin_diagram.planning.collision import solid_distances
+from twin_diagram.planning.collision.solid_distances import Faces
 from twin_diagram.signals.arrays import Array
 
-
-@dataclass(frozen=True)
-class Tuning:
-    """Bounds against division by zero, far below any length that matters."""
-
-    tiny: float = 1e-12
-    """Lengths below this have no direction [m]: a picometre."""
-
-
-TUNING = Tuning()
+_ROUND: Final = 16
+"""Points around a drum's rim that stand for it."""
 
 
 class Solid(ABC):
@@ -34,9 +26,15 @@ class Solid(ABC):
     def distance(self, p_G: Array) -> tuple[Array, Array]:
         """Return signed distances (M,) [m] of points (M, 3), negative inside, and outward unit gradients (M, 3)."""
 
+    @property
     @abstractmethod
-    def lower_bound(self, p_G: Array) -> Array:
-        """Return something cheap, (M,), that is never above the distance of a point outside."""
+    def box(self) -> Box:
+        """A box that holds the solid, as close as its axes allow."""
+
+    @property
+    @abstractmethod
+    def surface(self) -> tuple[Array, Array]:
+        """Outermost points (S, 3) and unit normals there (S, 3), of faces and, at corners, of what lies between."""
 
     @property
     @abstractmethod
@@ -54,25 +52,22 @@ class Box(Solid):
 
     def distance(self, p_G: Array) -> tuple[Array, Array]:
         """Return signed distances and gradients, see `Solid`."""
-        p_B = (p_G - self.p_GB) @ self.R_GB
-        excess = np.abs(p_B) - self.half
-        outside = np.maximum(excess, 0.0)
-        norm = np.sqrt(np.einsum("mi,mi->m", outside, outside))
-        depth = excess.max(axis=1)
-        out = norm > TUNING.tiny
-        slope = outside / np.where(out, norm, 1.0)[:, None]
-        if not out.all():
-            inner = np.flatnonzero(~out)
-            slope[inner] = 0.0
-            slope[inner, excess[inner].argmax(axis=1)] = 1.0
-        slope *= np.where(p_B < 0.0, -1.0, 1.0)
-        return np.where(out, norm, depth), slope @ self.R_GB.T
+        distance, slope_B = solid_distances.to_box((p_G - self.p_GB) @ self.R_GB, self.half)
+        return distance, slope_B @ self.R_GB.T
 
-    def lower_bound(self, p_G: Array) -> Array:
-        """Return bounds from below, see `Solid`."""
-        p_B = (p_G - self.p_GB) @ self.R_GB
-        outside = np.maximum(np.abs(p_B) - self.half, 0.0)
-        return np.sqrt(np.einsum("mi,mi->m", outside, outside))
+    @property
+    def box(self) -> Box:
+        """See `Solid`."""
+        return self
+
+    @property
+    def surface(self) -> tuple[Array, Array]:
+        """See `Solid`."""
+        signs = np.array(list(product((-1.0, 1.0), repeat=3)))
+        faces = np.concatenate([np.eye(3) * sign for sign in signs])
+        normals = np.concatenate([faces, signs / np.sqrt(3.0)])
+        points = np.concatenate([np.repeat(signs, 3, axis=0), signs]) * self.half
+        return points @ self.R_GB.T + self.p_GB, normals @ self.R_GB.T
 
     @property
     def ball(self) -> tuple[Array, float]:
@@ -95,16 +90,18 @@ class Ball(Solid):
 
     def distance(self, p_G: Array) -> tuple[Array, Array]:
         """Return signed distances and gradients, see `Solid`."""
-        offset = p_G - self.centre
-        norm = np.linalg.norm(offset, axis=1)
-        slope = np.where(
-            norm[:, None] > TUNING.tiny, offset / np.maximum(norm, TUNING.tiny)[:, None], [[0.0, 0.0, 1.0]]
-        )
-        return norm - self.size, slope
+        return solid_distances.to_ball(p_G - self.centre, np.full(len(p_G), self.size))
 
-    def lower_bound(self, p_G: Array) -> Array:
-        """Return bounds from below, see `Solid`."""
-        return np.linalg.norm(p_G - self.centre, axis=1) - self.size
+    @property
+    def box(self) -> Box:
+        """See `Solid`."""
+        return Box(np.full(3, self.size), np.eye(3), self.centre)
+
+    @property
+    def surface(self) -> tuple[Array, Array]:
+        """See `Solid`."""
+        normals = np.concatenate([np.eye(3), -np.eye(3)])
+        return self.centre + self.size * normals, normals
 
     @property
     def ball(self) -> tuple[Array, float]:
@@ -123,25 +120,28 @@ class Drum(Solid):
 
     def distance(self, p_G: Array) -> tuple[Array, Array]:
         """Return signed distances and gradients, see `Solid`."""
-        offset = p_G - self.centre
-        height = offset @ self.axis
-        across = offset - height[:, None] * self.axis
-        radius = np.sqrt(np.einsum("mi,mi->m", across, across))
-        outward = across / np.maximum(radius, TUNING.tiny)[:, None]
-        upward = np.where(height < 0.0, -1.0, 1.0)
-        beside, beyond = radius - self.size, np.abs(height) - self.half
-        out_beside, out_beyond = np.maximum(beside, 0.0), np.maximum(beyond, 0.0)
-        norm = np.hypot(out_beside, out_beyond)
-        out = norm > TUNING.tiny
-        safe = np.where(out, norm, 1.0)
-        sideways = np.where(out, out_beside / safe, beside >= beyond)
-        endways = np.where(out, out_beyond / safe, beside < beyond)
-        slope = sideways[:, None] * outward + (endways * upward)[:, None] * self.axis
-        return np.where(out, norm, np.maximum(beside, beyond)), slope
+        axis, one = np.broadcast_to(self.axis, p_G.shape), np.ones(len(p_G))
+        return solid_distances.to_drum(p_G - self.centre, axis, self.size * one, self.half * one)
 
-    def lower_bound(self, p_G: Array) -> Array:
-        """Return bounds from below, see `Solid`."""
-        return np.linalg.norm(p_G - self.centre, axis=1) - self.ball[1]
+    @property
+    def box(self) -> Box:
+        """See `Solid`."""
+        side = np.cross(self.axis, np.eye(3)[np.abs(self.axis).argmin()])
+        side = side / np.linalg.norm(side)
+        R_GB = np.column_stack([side, np.cross(self.axis, side), self.axis])
+        return Box(np.array([self.size, self.size, self.half]), R_GB, self.centre)
+
+    @property
+    def surface(self) -> tuple[Array, Array]:
+        """See `Solid`."""
+        angles = np.arange(_ROUND) * (2.0 * np.pi / _ROUND)
+        out = np.cos(angles)[:, None] * self.box.R_GB[:, 0] + np.sin(angles)[:, None] * self.box.R_GB[:, 1]
+        points, normals = [], []
+        for end in (self.axis, -self.axis):
+            for normal in (out, np.broadcast_to(end, out.shape), (out + end) / np.sqrt(2.0)):
+                points.append(self.centre + self.size * out + self.half * end)
+                normals.append(normal)
+        return np.concatenate(points), np.concatenate(normals)
 
     @property
     def ball(self) -> tuple[Array, float]:
@@ -151,6 +151,9 @@ class Drum(Solid):
 
 class Polytope(Solid):
     """The convex hull of points.
+
+    Attributes:
+        faces: of it, with its edges.
 
     Args:
         points: (V, 3) [m], not all in a plane.
@@ -176,8 +179,8 @@ class Polytope(Solid):
                     break
             else:
                 faces.append((equation, [row]))
-        self._normals = np.array([hull.equations[members[0], :3] for _, members in faces])
-        self._offsets = np.array([hull.equations[members[0], 3] for _, members in faces])
+        normals = np.array([hull.equations[members[0], :3] for _, members in faces])
+        offsets = np.array([hull.equations[members[0], 3] for _, members in faces])
         edges: set[tuple[int, int]] = set()
         sides: list[list[tuple[Array, float]]] = []
         for face, (_, members) in enumerate(faces):
@@ -192,68 +195,54 @@ class Polytope(Solid):
             centre = hull.points[[k for key in border for k in key]].mean(axis=0)
             sides.append([])
             for i, j in border:
-                side = np.cross(hull.points[j] - hull.points[i], self._normals[face])
+                side = np.cross(hull.points[j] - hull.points[i], normals[face])
                 side /= np.linalg.norm(side)
                 if side @ (centre - hull.points[i]) > 0:
                     side = -side
                 sides[face].append((side, float(side @ hull.points[i])))
         ordered = sorted(edges)
-        self._starts = hull.points[[i for i, _ in ordered]]
-        span = hull.points[[j for _, j in ordered]] - self._starts
-        self._spans, self._span_squares = span, np.einsum("ei,ei->e", span, span)
-        self._start_squares = np.einsum("ei,ei->e", self._starts, self._starts)
-        self._span_starts = np.einsum("ei,ei->e", span, self._starts)
+        starts = hull.points[[i for i, _ in ordered]]
         most = max(map(len, sides))
-        self._side_normals = np.zeros((len(faces), most, 3))
-        self._side_offsets = np.full((len(faces), most), np.inf)
+        side_normals = np.zeros((len(faces), most, 3))
+        side_offsets = np.full((len(faces), most), np.inf)
         for face, borders in enumerate(sides):
             for k, (normal, offset) in enumerate(borders):
-                self._side_normals[face, k], self._side_offsets[face, k] = normal, offset
+                side_normals[face, k], side_offsets[face, k] = normal, offset
+        spans = hull.points[[j for _, j in ordered]] - starts
+        self.faces = Faces(normals, offsets, side_normals, side_offsets, starts, spans)
+        self._alone = Faces.stacked([self.faces])
         self._box = bounding_box(self._points)
+        self._surface = _corners(hull)
 
     def distance(self, p_G: Array) -> tuple[Array, Array]:
         """Return signed distances and gradients, see `Solid`."""
-        height = p_G @ self._normals.T + self._offsets
-        top = height.argmax(axis=1)
-        rows = np.arange(len(p_G))
-        distance, slope = height[rows, top], self._normals[top].copy()
-        outside = np.flatnonzero(distance > 0.0)
-        if not len(outside):
-            return distance, slope
-        # Most points lie above the face whose plane is farthest; the others are nearest to an edge or to another face.
-        face = top[outside]
-        above = np.einsum("mki,mi->mk", self._side_normals[face], p_G[outside]) <= self._side_offsets[face]
-        rest = outside[~above.all(axis=1)]
-        if not len(rest):
-            return distance, slope
-        p = p_G[rest]
-        here = np.arange(len(rest))
-        along = p @ self._spans.T - self._span_starts
-        share = np.clip(along / self._span_squares, 0.0, 1.0)
-        from_start = np.einsum("mi,mi->m", p, p)[:, None] - 2 * (p @ self._starts.T) + self._start_squares
-        squares = from_start + share * (share * self._span_squares - 2 * along)
-        nearest = squares.argmin(axis=1)
-        away = p - self._starts[nearest] - share[here, nearest][:, None] * self._spans[nearest]
-        d = np.sqrt(np.einsum("mi,mi->m", away, away))
-        n = away / np.maximum(d, TUNING.tiny)[:, None]
-        # A face counts where the point is above it, within its sides and nearer to its plane than to any edge.
-        which, flat = np.nonzero((height[rest] > 0.0) & (height[rest] < d[:, None]))
-        sides = np.einsum("mki,mi->mk", self._side_normals[flat], p[which]) <= self._side_offsets[flat]
-        inside = sides.all(axis=1)
-        which, flat = which[inside], flat[inside]
-        d[which], n[which] = height[rest[which], flat], self._normals[flat]
-        distance[rest], slope[rest] = d, n
-        return distance, slope
+        return solid_distances.to_polytope(p_G, np.zeros(len(p_G), dtype=int), self._alone)
 
-    def lower_bound(self, p_G: Array) -> Array:
-        """Return bounds from below, see `Solid`."""
-        return self._box.lower_bound(p_G)
+    @property
+    def box(self) -> Box:
+        """See `Solid`."""
+        return self._box
+
+    @property
+    def surface(self) -> tuple[Array, Array]:
+        """See `Solid`."""
+        return self._surface
 
     @property
     def ball(self) -> tuple[Array, float]:
         """See `Solid`."""
         centre = self._box.p_GB
         return centre, float(np.linalg.norm(self._points - centre, axis=1).max())
+
+
+def _corners(hull: ConvexHull) -> tuple[Array, Array]:
+    """Return each corner of each triangle with its normal, and each corner with the mean of its faces'."""
+    corner, face = hull.simplices.ravel(), np.repeat(np.arange(len(hull.simplices)), 3)
+    normals = hull.equations[face, :3]
+    mean = np.zeros_like(hull.points)
+    np.add.at(mean, corner, normals)
+    between = mean[hull.vertices] / np.linalg.norm(mean[hull.vertices], axis=1, keepdims=True)
+    return np.concatenate([hull.points[corner], hull.points[hull.vertices]]), np.concatenate([normals, between])
 
 
 def bounding_box(points: Array) -> Box:

@@ -9,9 +9,9 @@ import numpy as np
 
 from twin_diagram.planning.collision.ball_cover import TUNING as BALL_COVER
 from twin_diagram.planning.collision.ball_cover import Balls, box_cover
-from twin_diagram.planning.collision.collision_scene import TUNING as COLLISION_SCENE
 from twin_diagram.planning.collision.collision_scene import Scene
 from twin_diagram.planning.collision.convex_solids import bounding_box
+from twin_diagram.planning.collision.forecast_growth import TUNING as FORECAST_GROWTH
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.hand import NOTHING, Hand
 from twin_diagram.signals.layouts import TRACK_SIZE, ObjectStatus
@@ -45,7 +45,7 @@ def holding(scene: Scene, pieces_O: Sequence[Array], hand: Hand) -> Scene:
     n = scene.chain.size
     X_LO = scene.chain.X_LT @ as_matrix(hand.X_TO)
     variance = float(np.linalg.eigvalsh((hand.covariance + hand.covariance.T)[3:, 3:] / 2)[-1])
-    grown = min(COLLISION_SCENE.sigmas * float(np.sqrt(max(variance, 0.0))), COLLISION_SCENE.growth_cap)
+    grown = min(FORECAST_GROWTH.sigmas * float(np.sqrt(max(variance, 0.0))), FORECAST_GROWTH.cap)
     centres, radii = [], []
     for piece in pieces_O:
         box = bounding_box(np.asarray(piece))

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from twin_diagram import scenario
+from twin_diagram.model.model import Model
 from twin_diagram.planning.collision.collision_scene import Forecast, Scene
+from twin_diagram.planning.mpc.arm_torque import TUNING as ARM_TORQUE
+from twin_diagram.planning.mpc.arm_torque import ArmTorque, TorqueBounds, acceleration_limit, torque_bounds
+from twin_diagram.planning.mpc.planner_state import FRESH, Memory
 from twin_diagram.planning.mpc.planner_state import TUNING as PLANNER_STATE
-from twin_diagram.planning.mpc.planner_state import Memory
 from twin_diagram.planning.mpc.quadratic_program import QpSolver
 from twin_diagram.planning.mpc.trajectory import Trajectory
 from twin_diagram.planning.mpc.trajectory_optimisation import Limits, Optimiser, OptimiserTuning
-from twin_diagram.planning.paths import inverse_kinematics
-from twin_diagram.planning.paths.route import Aim, Route, Router, RouteTuning, Situation
+from twin_diagram.planning.paths.guide import TUNING as GUIDE
+from twin_diagram.planning.paths.guide import Guide, GuideSettings, Question
+from twin_diagram.planning.paths.inverse_kinematics import IkTuning
+from twin_diagram.planning.paths.route import Aim, Route, Situation
+from twin_diagram.planning.paths.searching import Here, Searcher
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, POSE_SIZE
 
@@ -28,35 +35,41 @@ class Tuning:
     `sims/closed_loop.py --seeds 20` in the loop with perception.
     """
 
-    retry: int = 30
-    """Ticks after which joint goals are drawn anew while no way to one is known."""
+    retry: float = 2.0
+    """Joint goals for a goal that seems out of reach are looked for again after this [s]."""
 
-    least: float = 0.25
-    """Share of the clearance that is always wanted, however near to a thing the goal is."""
+    patience: float = 0.2
+    """A search that found no way is made again so long after its answer [s]."""
 
-    least_at_rest: float = 0.6
-    """The same where there is no goal: nobody asked to be so near."""
+    decisions: float = 15.0
+    """Routes are decided upon this often, or at each tick where ticks come less often [Hz]: as often as images come."""
+
+    first_goals: IkTuning = field(default_factory=lambda: IkTuning(starts=12, iterations=24))
+    """What a tick itself looks for when a goal is new: joint goals near by, in few ms; a search finds the others."""
 
     approach: float = 0.1
     """How fast the margin grows to its full size away from a goal next to a thing [m/s of travel]."""
 
-    own_clearance: float = 0.01
-    """The arm keeps from itself [m]."""
-
     stopping_time: float = 0.5
     """Without anywhere to go the arm comes to rest in about this time [s]."""
 
-    surprise: float = 0.02
-    """How much more than the clearance plans keep from what lies ahead [m] …"""
-
     surprise_time: float = 1.0
-    """… by this many seconds or more, and less up to there."""
+    """Plans keep `guide.Tuning.surprise` more from what lies so far ahead or farther [s], and less up to there."""
 
     travel: float = 0.9
-    """Routes are travelled at this share of the speed limit, so that the motion can catch up."""
+    """Routes are travelled at this share of the limits of speed and acceleration, so that the motion can catch up."""
 
     reanchor: float = 0.25
     """The command starts anew from the measured position where it is farther from it than this [rad]."""
+
+    lag: float = 0.1
+    """What an arm follows its command behind along its own way [s] is no reason to plan otherwise: it comes along …"""
+
+    play: float = 0.02
+    """… nor is this [rad]; by anything more, plans start where the arm is measured to be, …"""
+
+    found_time: float = 0.1
+    """… low-passed with this time constant: a few of its messages [s]."""
 
     offset_time: float = 0.7
     """The lasting difference of command and position is learnt with this time constant while the arm is slow [s]."""
@@ -64,8 +77,8 @@ class Tuning:
     offset_speed: float = 0.1
     """Slow means below this [rad/s]."""
 
-    offset_cap: float = 0.05
-    """No more than this is made up for [rad]."""
+    offset_cap: float = 0.2
+    """Commands lead the arm by no more than this for good [rad]."""
 
 
 TUNING = Tuning()
@@ -84,29 +97,56 @@ class Report:
 class MotionPlanner:
     """Plans an arm's motion in a scene. Holds constants alone: what changes is in `Memory`.
 
-    Args:
-        scene: shapes and kinematics.
-        limits: velocity (n,) and acceleration limits come from here and from `params`.
-        params: tuning.
-        solver: for quadratic programs; None for ProxQP.
+    Attributes:
+        guide: what is searched with.
+        searcher: where that runs; here, unless somebody sets another.
     """
 
     def __init__(
-        self, scene: Scene, velocity_limit: Array, params: scenario.Planner, solver: QpSolver | None = None
+        self,
+        scene: Scene,
+        velocity_limit: Array,
+        params: scenario.Planner,
+        solver: QpSolver | None = None,
+        pieces_O: Sequence[Sequence[Array]] = (),
+        hand: bytes = b"",
+        limits: Limits | None = None,
     ) -> None:
-        n = scene.chain.size
+        """Prepare what is constant.
+
+        Args:
+            scene: shapes and kinematics.
+            velocity_limit: (n,) the joints' [rad/s].
+            params: tuning.
+            solver: for quadratic programs; None for ProxQP.
+            pieces_O: corners of the convex pieces of each object that may be held [m].
+            hand: what the arm of `scene` holds, a packed `Hand`; empty: nothing. See `holding`.
+            limits: of `limits_of`; None: as speed and `params` allow, and no torque.
+        """
         self.scene, self.params = scene, params
-        velocity = params.velocity_share * np.where(np.isfinite(velocity_limit), velocity_limit, np.pi)
-        self.limits = Limits(scene.lower, scene.upper, velocity, np.full(n, params.acceleration))
-        self.router = Router(scene, TUNING.travel * velocity, RouteTuning())
+        self.limits = limits or limits_of(None, scene, velocity_limit, params)
+        speed, acceleration = TUNING.travel * self.limits.velocity, TUNING.travel * self.limits.acceleration
+        self.guide = Guide(scene, GuideSettings(speed, params.clearance, pieces_O, acceleration))
+        self.router = self.guide.router
+        self.searcher: Searcher = Here(self.guide)
         self.optimiser = Optimiser(
-            scene.clearance,
-            self.limits,
-            params.knots,
-            params.step,
-            OptimiserTuning(reach=params.influence),
-            solver,
+            scene.clearance, self.limits, params.knots, params.step, OptimiserTuning(reach=params.influence), solver
         )
+        self._velocity_limit, self._solver, self._hand = velocity_limit, solver, hand
+        self._holding = lru_cache(maxsize=GUIDE.grips)(self._made)
+        rate = params.rate
+        self._latency, self._patience = (max(1, round(t * rate)) for t in (params.route_after, TUNING.patience))
+        self._retry, self._every = round(TUNING.retry * rate), max(1, round(rate / TUNING.decisions))
+
+    def _made(self, hand: bytes) -> MotionPlanner:
+        guide = self.guide.holding(hand)
+        return MotionPlanner(guide.scene, self._velocity_limit, self.params, self._solver, (), hand, self.limits)
+
+    def holding(self, hand: bytes) -> MotionPlanner:
+        """Return the planner of the same arm with something in its hand, a packed `Hand`."""
+        result = self._holding(hand)
+        result.searcher = self.searcher
+        return result
 
     def initial(self, q: Array) -> Memory:
         """Return the memory before the first tick, at rest at `q` (n,)."""
@@ -125,6 +165,7 @@ class MotionPlanner:
         tracks: Array,
         goal: Array,
         *beside: Array | None,
+        arm: ArmTorque | None = None,
     ) -> tuple[Memory, Report]:
         """Plan anew.
 
@@ -135,64 +176,96 @@ class MotionPlanner:
             tracks: (K · TRACK_SIZE,) of the library's objects.
             goal: (7,) X_WG of the tool frame; an all-zero quaternion: stay.
             beside: further instances and unknown things, as `Scene.forecast` takes them.
+            arm: dynamics as known now, for bounds on torque; None: there are none.
         """
         rng = np.random.default_rng([self.params.seed, memory.tick])
         memory, q0, v0, a0, reanchored = self._anchor(memory, now, arm_state)
+        stop = q0 + TUNING.stopping_time / 2 * v0
         forecast = self.scene.forecast(tracks, *beside)
-        memory = self._aim(memory, q0, q0 + TUNING.stopping_time / 2 * v0, goal, forecast, rng)
-
-        situation = self._situation(
-            q0, forecast, memory.goals, TUNING.least if np.any(memory.goal) else TUNING.least_at_rest
-        )
-        may_search = memory.tick - memory.searched >= self.router.tuning.patience
-        route, failed = self.router.decide(memory.route, situation, rng, may_search=may_search)
+        question = Question((self.params.seed, memory.tick, 1), q0, goal, memory.goals, False, tracks, *beside)
+        before = memory
+        memory = self._aim(memory, q0, stop, goal, forecast, rng)
+        memory = self._heard(memory, q0, forecast)
+        if memory.tick % self._every == 0 or memory is not before:
+            memory = self._decided(memory, q0, forecast, question, rng)
+        route = memory.route
 
         samples = self.optimiser.samples
-        goal_index = situation.goal_of(route) if route.aim is Aim.GOAL else None
-        # Plans keep more the farther ahead, so that there is room left when something does what was not foreseen.
-        extra = TUNING.surprise * np.minimum(samples / TUNING.surprise_time, 1.0)
-        left = np.maximum(self.router.duration(q0, route) - samples, 0.0)
-        margins = np.stack(
-            [
-                situation.margins(goal_index, float(e), TUNING.approach * float(t))
-                for e, t in zip(extra, left, strict=True)
-            ]
-        )
+        end = route.points[-1:] if route.aim is Aim.GOAL else memory.goals[:0]
+        situation = self.guide.margins_at(forecast, end, at_rest=not np.any(memory.goal))
+        way = self.router.travel(q0, route, v0)
+        margins = self._margins(situation, way.duration)
         around = self.scene.around(forecast, samples)
         old_q, old_v, _ = memory.trajectory.at(now + samples)
         guess = old_q - memory.offset
         if route.aim is Aim.NOTHING:
-            reference = np.repeat((q0 + TUNING.stopping_time / 2 * v0)[None], len(samples), axis=0)
+            reference = np.repeat(stop[None], len(samples), axis=0)
         else:
-            reference = self.router.reference(q0, route, samples)
+            reference = way.at(samples)
         fallback = replace(memory.trajectory, q0=memory.trajectory.q0 - memory.offset)
-        outcome = self.optimiser.solve(now, q0, v0, a0, guess, old_v, reference, around, margins, fallback)
+        torque = self._torque(memory, now, arm)
+        outcome = self.optimiser.solve(now, q0, v0, a0, guess, old_v, reference, around, margins, fallback, torque)
         plan = replace(outcome.trajectory, q0=outcome.trajectory.q0 + memory.offset)
-        memory = replace(
-            memory,
-            trajectory=plan,
-            route=Route(route.aim, route.points[: PLANNER_STATE.way_points]),
-            tick=memory.tick + 1,
-            searched=memory.tick if failed else memory.searched,
-        )
+        memory = replace(memory, trajectory=plan, tick=memory.tick + 1)
         return memory, Report(route.aim, outcome.violation, outcome.solved, reanchored)
 
-    def _situation(self, q: Array, forecast: Forecast, goals: Array, least: float) -> Situation:
-        """Return what is near, here and at the goals; `least` share of the clearance is wanted there."""
-        scene, clearance = self.scene, self.params.clearance
-        q_all = np.vstack([q[None], goals])
-        around = scene.around(forecast, np.zeros(len(q_all)))
-        distance = scene.clearance.distances(
-            q_all, around, clearance + max(self.router.tuning.spare, TUNING.surprise) + 0.01
-        )
-        still = np.ones(scene.fixture_count + len(forecast.present), dtype=bool)
-        still[scene.fixture_count :] = ~forecast.moving
-        return Situation(
-            q, forecast, goals, distance[0], distance[1:], still, clearance, least * clearance, TUNING.own_clearance
-        )
+    def _torque(self, memory: Memory, now: float, arm: ArmTorque | None) -> TorqueBounds | None:
+        """Return bounds on torque at the knots of a plan that starts now, about the plan before."""
+        if arm is None or self.limits.torque is None:
+            return None
+        q, v, a = memory.trajectory.at(now + self.params.step * np.arange(1, self.params.knots - 1))
+        return torque_bounds(arm, q - memory.offset, v, a, self.limits.torque)
+
+    def _margins(self, now: Situation, duration: float) -> Array:
+        """Return (M, B + 1) the distances to keep at the samples, on a way that takes so long [s].
+
+        Plans keep more the farther ahead, so that there is room left when something does what was not foreseen.
+        """
+        samples = self.optimiser.samples
+        extra = GUIDE.surprise * np.minimum(samples / TUNING.surprise_time, 1.0)
+        away = TUNING.approach * np.maximum(duration - samples, 0.0)
+        return now.margins(0 if len(now.goals) else None, extra, away)
+
+    def _heard(self, memory: Memory, q0: Array, forecast: Forecast) -> Memory:
+        """Take the answer to what was asked, when it is due."""
+        question = memory.pending
+        if question is None or memory.tick - memory.asked < self._latency or not self.searcher.ready(question):
+            return memory
+        answer = self.searcher.answer(question)
+        if answer is None:
+            return replace(memory, pending=None, braked=True, route=Route.none(len(q0)))
+        memory = replace(memory, pending=None, heard=True, goals=answer.goals)
+        points = answer.points[: PLANNER_STATE.way_points]
+        now = self.guide.situation(q0, forecast, answer.goals)
+        good = memory.route.aim is Aim.GOAL and self.router.follows(memory.route.points, now)
+        if len(points) and not good and self.router.follows(points, now):
+            memory = replace(memory, route=Route(Aim.GOAL, points))
+        return memory
+
+    def _decided(
+        self, memory: Memory, q0: Array, forecast: Forecast, question: Question, rng: np.random.Generator
+    ) -> Memory:
+        """Choose the route, and ask for a search where that may find a better one."""
+        if memory.braked:
+            return replace(memory, route=Route.none(len(q0)))
+        now = self.guide.situation(q0, forecast, memory.goals, at_rest=not np.any(memory.goal))
+        route, wants = self.router.decide(memory.route, now, rng)
+        memory = replace(memory, route=Route(route.aim, route.points[: PLANNER_STATE.way_points]))
+        wanted, known = bool(np.any(memory.goal)), len(memory.goals) > 0
+        since = memory.tick - memory.asked - self._latency
+        due = since >= (self._patience if known else self._retry) or memory.asked == FRESH
+        if memory.pending is not None or not due or not (wants or (wanted and route.aim is not Aim.GOAL)):
+            return memory
+        question = replace(question, goal=memory.goal, goals=memory.goals, more_goals=wanted, hand=self._hand)
+        self.searcher.ask(question)
+        return replace(memory, pending=question, asked=memory.tick)
 
     def _anchor(self, memory: Memory, now: float, arm_state: Array) -> tuple[Memory, Array, Array, Array, bool]:
-        """Return where the new plan starts: where the old one is now, unless the arm is somewhere else altogether."""
+        """Return where the new plan starts: where the arm is, but for what it lags behind along its own way.
+
+        Speed and acceleration are those of the command, so that commands go on smoothly. Where the arm is somewhere
+        else altogether they start anew.
+        """
         n = self.scene.chain.size
         q_measured, v_measured = arm_state[:n], arm_state[n:]
         known = bool(np.isfinite(arm_state).all())
@@ -208,11 +281,25 @@ class MotionPlanner:
             return memory, q_measured.copy(), v, trajectory.accelerations[0], True
         if first:
             memory = replace(memory, trajectory=replace(memory.trajectory, start=now))
-        if known and np.abs(v).max() < TUNING.offset_speed and np.abs(v_measured).max() < TUNING.offset_speed:
-            gain = min(1.0, 1.0 / (self.params.rate * TUNING.offset_time))
-            offset = memory.offset + gain * (q - q_measured - memory.offset)
-            memory = replace(memory, offset=np.clip(offset, -TUNING.offset_cap, TUNING.offset_cap))
+        if known:
+            slow = max(float(np.abs(v).max()), float(np.abs(v_measured).max())) < TUNING.offset_speed
+            memory = replace(memory, offset=self._lead(memory.offset, q - q_measured, v, slow=slow))
         return memory, q - memory.offset, v, a, False
+
+    def _lead(self, offset: Array, ahead: Array, v: Array, *, slow: bool) -> Array:
+        """Return how far commands lead the arm, (n,), beyond what it lags behind.
+
+        Args:
+            offset: what was known of it [rad].
+            ahead: (n,) the command less the measured position now [rad].
+            v: (n,) of the command [rad/s].
+            slow: whether what is left is lasting.
+        """
+        lead, lag = ahead - offset, TUNING.lag * np.abs(v) + TUNING.play
+        beyond = lead - np.clip(lead, -lag, lag)
+        quick, slowly = (min(1.0, 1.0 / (self.params.rate * time)) for time in (TUNING.found_time, TUNING.offset_time))
+        learnt = offset + quick * beyond + (slowly * (lead - beyond) if slow else 0.0)
+        return np.clip(learnt, -TUNING.offset_cap, TUNING.offset_cap)
 
     def _stop(self, now: float, q: Array, v: Array) -> Trajectory:
         """Come to rest from a velocity, evenly within the horizon."""
@@ -227,7 +314,7 @@ class MotionPlanner:
     def _aim(
         self, memory: Memory, q0: Array, stop: Array, goal: Array, forecast: Forecast, rng: np.random.Generator
     ) -> Memory:
-        """Find the joint goals for the goal, anew when it changes and now and then while no way is known to any.
+        """Find joint goals near by for a goal that is new.
 
         Args:
             memory: from the last tick.
@@ -244,24 +331,33 @@ class MotionPlanner:
         if not wanted:
             if had:
                 # The goal was taken away: stay where the arm soon comes to rest.
-                return replace(
-                    memory, goal=np.zeros(POSE_SIZE), stay=stop, goals=stop[None], route=Route(Aim.GOAL, stop[None])
-                )
+                route = Route(Aim.GOAL, stop[None])
+                still = np.zeros(POSE_SIZE)
+                memory = replace(memory, goal=still, stay=stop, goals=stop[None], route=route)
+                return replace(memory, pending=None, heard=False, asked=FRESH)
             if len(memory.goals) == 0:
                 return replace(memory, goals=memory.stay[None], route=Route(Aim.GOAL, memory.stay[None]))
             return memory
-        same = had and np.array_equal(goal, memory.goal)
-        stuck = memory.route.aim is not Aim.GOAL and memory.tick % TUNING.retry == 0
-        if same and not stuck:
+        if had and np.array_equal(goal, memory.goal):
             return memory
-        X_WG = np.eye(4)
-        X_WG[:3, :3] = Rotation.from_quat(goal[[1, 2, 3, 0]]).as_matrix()
-        X_WG[:3, 3] = goal[4:]
-        found = inverse_kinematics.solve(self.scene.chain, X_WG, q0, self.scene.lower, self.scene.upper, rng)
-        # Those that are clear of everything come first, the nearest first among them.
-        situation = self._situation(q0, forecast, found, TUNING.least)
-        clear = (situation.at_goals >= np.append(np.full(len(situation.still), situation.least), situation.own)).all(
-            axis=1
-        )
-        found = found[np.argsort(~clear, kind="stable")]
-        return replace(memory, goal=goal.copy(), goals=found[: PLANNER_STATE.goals], route=Route.none(n))
+        found = self.guide.joint_goals(q0, goal, forecast, rng, TUNING.first_goals)
+        memory = replace(memory, goal=goal.copy(), goals=found, route=Route.none(n))
+        return replace(memory, pending=None, heard=False, asked=FRESH)
+
+
+def limits_of(model: Model | None, scene: Scene, velocity_limit: Array, params: scenario.Planner) -> Limits:
+    """Return what the joints may do.
+
+    Args:
+        model: of the arm, whose description and torques limit accelerations; None: `params` and speeds do alone.
+        scene: has the joints' range.
+        velocity_limit: (n,) the joints' [rad/s], may be infinite.
+        params: tuning.
+    """
+    velocity = params.velocity_share * np.where(np.isfinite(velocity_limit), velocity_limit, np.pi)
+    most = np.inf if params.acceleration is None else params.acceleration
+    if model is None:
+        return Limits(scene.lower, scene.upper, velocity, np.minimum(most, velocity / ARM_TORQUE.quickest))
+    acceleration = np.minimum(most, acceleration_limit(model, velocity, params.torque_share))
+    effort = params.torque_share * np.where(model.effort_limit > 0.0, model.effort_limit, np.inf)
+    return Limits(scene.lower, scene.upper, velocity, acceleration, effort if np.isfinite(effort).any() else None)

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from twin_diagram.planning.mpc.trajectory import Trajectory
+from twin_diagram.planning.paths.guide import TUNING as GUIDE
+from twin_diagram.planning.paths.guide import Question
 from twin_diagram.planning.paths.route import Aim, Route
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, POSE_SIZE
@@ -16,14 +19,14 @@ from twin_diagram.signals.layouts import NEVER, POSE_SIZE
 class Tuning:
     """How much is remembered: the lengths of the system's state; chosen by hand."""
 
-    goals: int = 8
-    """Joint goals that are remembered."""
-
     way_points: int = 12
     """Way points that are remembered; of a longer route the first ones."""
 
 
 TUNING = Tuning()
+
+FRESH: Final = -1_000_000
+"""Stands for the tick of a search that was never made."""
 
 
 @dataclass(frozen=True)
@@ -32,13 +35,16 @@ class Memory:
 
     Attributes:
         trajectory: the plan, in commanded positions; its start is `NEVER` before the first tick.
-        offset: (n,) how far the command has to lead the position, as learnt at low speed [rad].
+        offset: (n,) how far the command leads the arm, beyond what it lags behind [rad].
         goal: (7,) the goal that `goals` are for, all zero for none.
         stay: (n,) where to stay without a goal [rad].
-        goals: (G, n) joint goals, G <= `Tuning.goals`.
+        goals: (G, n) joint goals, G <= `guide.Tuning.goals`.
         route: the way ahead.
         tick: number of ticks.
-        searched: tick at which the global planner was last asked in vain.
+        asked: tick at which the last search was asked for.
+        heard: a search has answered since the goal is the present one.
+        braked: what searches has failed: the arm rests from here on.
+        pending: what was asked and not yet answered; no part of the vector.
     """
 
     trajectory: Trajectory
@@ -48,12 +54,15 @@ class Memory:
     goals: Array
     route: Route
     tick: int
-    searched: int
+    asked: int
+    heard: bool = False
+    braked: bool = False
+    pending: Question | None = None
 
     @staticmethod
     def size(n: int, knots: int) -> int:
         """Return the length of the packed vector."""
-        return 1 + n * (2 + knots) + n + POSE_SIZE + n + 1 + TUNING.goals * n + 2 + TUNING.way_points * n + 2
+        return 1 + n * (2 + knots) + n + POSE_SIZE + n + 1 + GUIDE.goals * n + 2 + TUNING.way_points * n + 4
 
     @staticmethod
     def initial(q: Array, knots: int, step: float) -> Memory:
@@ -68,13 +77,13 @@ class Memory:
             np.zeros((0, n)),
             Route.none(n),
             0,
-            -1000,
+            FRESH,
         )
 
     def pack(self) -> Array:
         """Return the memory as a vector."""
         t, n = self.trajectory, len(self.offset)
-        goals, points = np.zeros((TUNING.goals, n)), np.zeros((TUNING.way_points, n))
+        goals, points = np.zeros((GUIDE.goals, n)), np.zeros((TUNING.way_points, n))
         goals[: len(self.goals)] = self.goals
         count = min(len(self.route.points), TUNING.way_points)
         points[:count] = self.route.points[:count]
@@ -82,7 +91,7 @@ class Memory:
             [
                 [t.start], t.q0, t.v0, t.accelerations.ravel(), self.offset, self.goal, self.stay,
                 [len(self.goals)], goals.ravel(), [int(self.route.aim), count], points.ravel(),
-                [self.tick, self.searched],
+                [self.tick, self.asked, self.heard, self.braked],
             ]
         )  # fmt: skip
 
@@ -96,16 +105,18 @@ class Memory:
 
     @staticmethod
     def unpack(vector: Array, n: int, knots: int, step: float) -> Memory:
-        """Return the inverse of `pack`; copies."""
-        parts = np.cumsum([1, n, n, knots * n, n, POSE_SIZE, n, 1, TUNING.goals * n, 2, TUNING.way_points * n])
+        """Return the inverse of `pack`, with nothing pending; copies."""
+        parts = np.cumsum([1, n, n, knots * n, n, POSE_SIZE, n, 1, GUIDE.goals * n, 2, TUNING.way_points * n])
         _, _, _, _, offset, goal, stay, count, goals, route, points, last = np.split(np.array(vector), parts)
         return Memory(
             Memory.trajectory_of(vector, n, knots, step),
             offset,
             goal,
             stay,
-            goals.reshape(TUNING.goals, n)[: int(count[0])],
+            goals.reshape(GUIDE.goals, n)[: int(count[0])],
             Route(Aim(int(route[0])), points.reshape(TUNING.way_points, n)[: int(route[1])]),
             int(last[0]),
             int(last[1]),
+            bool(last[2]),
+            bool(last[3]),
         )

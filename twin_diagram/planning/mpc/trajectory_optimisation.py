@@ -7,24 +7,27 @@ solvable. The last knot is at rest, so that any plan can be carried out to its e
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from twin_diagram.planning.collision.clearance import Clearance, Contacts, Surroundings
-from twin_diagram.planning.mpc.quadratic_program import ProxQp, QpSolver, QuadraticProgram
+from twin_diagram.planning.mpc.arm_torque import TorqueBounds
+from twin_diagram.planning.mpc.motion_program import MotionProgram, Rows
+from twin_diagram.planning.mpc.quadratic_program import ProxQp, QpSolver
 from twin_diagram.planning.mpc.trajectory import Trajectory, response
 from twin_diagram.signals.arrays import Array
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What the joints may do; (n,) each."""
+    """What the joints may do; (n,) each. Without torque none is looked at."""
 
     lower: Array
     upper: Array
     velocity: Array
     acceleration: Array
+    torque: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -49,7 +52,7 @@ class OptimiserTuning:
     """Distances above this are left out [m]."""
     own_reach: float = 0.05
     """The same for the arm's distance to itself [m]."""
-    rows: int = 100
+    rows: int = 64
     """Most distances in one program, the smallest first."""
     iterations: int = 2
     """Linearisations of the distances in one tick, at most: the next tick starts from this one's plan."""
@@ -118,19 +121,10 @@ class Optimiser:
         difference = np.diff(np.eye(knots), axis=0)
         change = (difference.T @ difference)[1:-1, 1:-1] * t.change * step
         self._change0 = (difference.T @ difference)[1:-1, 0] * t.change * step
-        per_joint = (t.tracking + t.proximity) * tracking + t.acceleration * step * np.eye(self._free) + change
-        m = len(self.samples)
-        size = self._free * n + m
-        self._H = np.zeros((size, size))
-        self._H[: self._free * n, : self._free * n] = np.kron(per_joint, np.eye(n))
-        self._H[self._free * n :, self._free * n :] = np.diag(t.slack_square * self.fading)
+        price = (t.tracking + t.proximity) * tracking + t.acceleration * step * np.eye(self._free) + change
         self._tracking_gain = (self._P * weight[:, None]).T
-        rest = self._V[-1:]
-        self._A = np.hstack([np.kron(rest, np.eye(n)), np.zeros((n, m))])
-        self._velocity_rows = np.hstack(
-            [np.kron(self._V[self._at_knots[:-1]], np.eye(n)), np.zeros(((knots - 2) * n, m))]
-        )
-        self._position_rows = np.hstack([np.kron(self._P[self._at_knots], np.eye(n)), np.zeros(((knots - 1) * n, m))])
+        self.price = price
+        self._program = MotionProgram(price, self._V[-1], t.slack * self.fading, t.slack_square * self.fading)
 
     def solve(
         self,
@@ -144,6 +138,7 @@ class Optimiser:
         around: Surroundings,
         margins: Array,
         fallback: Trajectory,
+        torque: TorqueBounds | None = None,
     ) -> Optimum:
         """Optimise one plan; M samples, B bodies.
 
@@ -158,23 +153,26 @@ class Optimiser:
             around: the bodies at the samples.
             margins: (M, B + 1) distance to keep from each body, and of the arm from itself, at each sample [m].
             fallback: what to keep to where no program is solved; it starts in the same state.
+            torque: bounds at the knots but the first and last; None: none.
 
         Returns:
             The better, by violation, of what was found and the fallback.
         """
         base = q0 + self.samples[:, None] * v0 + self._P0[:, None] * a0
         base_velocity = v0 + self._V0[:, None] * a0
-        contacts = self._contacts(guess, around)
+        contacts = self._contacts(guess, around, margins)
         kept = self._lacking(contacts, margins)
-        inner, present, solved = None, guess, True
+        inner, present, solved, change = None, guess, True, np.inf
         for iteration in range(self.tuning.iterations):
-            contacts = self._contacts(present, around) if iteration else contacts
-            program = self._program(base, base_velocity, a0, present, guess_velocity, reference, contacts, margins)
-            solution = self._solver.solve(program)
-            solved = solution.solved
-            if not solved:
+            contacts = self._contacts(present, around, margins) if iteration else contacts
+            gradient = self._gradient(base, a0, present, reference)
+            rows = self._rows(base, base_velocity, present, guess_velocity, contacts, margins)
+            rows = rows if torque is None else Rows.joined([rows, _torque_rows(torque)])
+            found = self._program.solve(gradient, -base_velocity[-1], rows, self._solver)
+            solved = found is not None
+            if found is None:
                 break
-            inner = solution.x[: self._free * self._n].reshape(self._free, self._n)
+            inner = found
             moved = base + self._P @ inner
             change, present = np.abs(moved - present).max(), moved
             if change < self.tuning.settled:
@@ -182,7 +180,10 @@ class Optimiser:
 
         violation = kept
         if inner is not None:
-            violation = self.assess(present, around, margins)
+            # Near the guess, distances are as linearised there; farther away they are measured.
+            near = change < self.tuning.settled and iteration == 0
+            ahead = self._ahead(contacts, present - guess) if near else None
+            violation = self.assess(present, around, margins) if ahead is None else self._lacking(ahead, margins)
             if violation > kept + self.tuning.worse:
                 # The linearisation misled; half of the step is often good.
                 half = (present + guess) / 2
@@ -193,14 +194,21 @@ class Optimiser:
         accelerations = np.vstack([a0, inner, 0.0 * a0])
         return Optimum(Trajectory(start, self.step, q0, v0, accelerations), violation, solved)
 
-    def _contacts(self, q: Array, around: Surroundings) -> Contacts:
-        """Return what positions (M, n) at the samples come near to."""
-        return self._clearance.contacts(q, around, self.tuning.reach, self.tuning.own_reach)
+    def _contacts(self, q: Array, around: Surroundings, margins: Array) -> Contacts:
+        """Return what positions (M, n) at the samples come near to, beside what is wanted."""
+        t = self.tuning
+        return self._clearance.contacts(q, around, t.reach, t.own_reach, margins, t.rows)
 
     def assess(self, q: Array, around: Surroundings, margins: Array) -> float:
         """Return what positions (M, n) at the samples lack of the margins; see `Optimum.violation`."""
-        distance = self._clearance.distances(q, around, float(margins.max()) + 1e-6)
+        reach, own = float(margins.max()) + 1e-6, float(margins[:, -1].max()) + 1e-6
+        distance = self._clearance.distances(q, around, reach, own_reach=own)
         return float(self.fading @ np.maximum(margins - distance, 0.0).max(axis=1))
+
+    def _ahead(self, contacts: Contacts, moved: Array) -> Contacts:
+        """Return contacts as their slopes foresee them after positions at the samples moved by (M, n)."""
+        change = np.einsum("mn,mn->m", contacts.gradient, moved[contacts.row])
+        return replace(contacts, distance=contacts.distance + change)
 
     def _lacking(self, contacts: Contacts, margins: Array) -> float:
         """Return what contacts lack of the margins; see `Optimum.violation`."""
@@ -224,46 +232,58 @@ class Optimiser:
             return None
         return np.asarray(inner)
 
-    def _program(
+    def _gradient(self, base: Array, a0: Array, present: Array, reference: Array) -> Array:
+        """Return the price's slope by the free accelerations (k, n) where they are zero; arguments as in `solve`."""
+        t = self.tuning
+        pull = t.tracking * (base - reference) + t.proximity * (base - present)
+        result: Array = self._tracking_gain @ pull + self._change0[:, None] * a0
+        return result
+
+    def _rows(
         self,
         base: Array,
         base_velocity: Array,
-        a0: Array,
         present: Array,
         guess_velocity: Array,
-        reference: Array,
         contacts: Contacts,
         margins: Array,
-    ) -> QuadraticProgram:
-        t, n, m = self.tuning, self._n, len(self.samples)
-        size = self._free * n
-        pull = self._tracking_gain @ (t.tracking * (base - reference) + t.proximity * (base - present))
-        gradient = pull + self._change0[:, None] * a0
-        g = np.concatenate([gradient.ravel(), t.slack * self.fading])
+    ) -> Rows:
+        """Return all bounds on the free accelerations.
 
-        order = np.argsort(contacts.distance - margins[contacts.row, contacts.body], kind="stable")[: t.rows]
+        Args:
+            base: (M, n) positions at the samples where the free accelerations are zero.
+            base_velocity: (M, n) likewise.
+            present: (M, n) positions about which distances are linearised.
+            guess_velocity: (M, n) its excess over the limits is allowed.
+            contacts: at `present`.
+            margins: see `solve`.
+        """
+        order = np.argsort(contacts.distance - margins[contacts.row, contacts.body], kind="stable")
+        order = order[: self.tuning.rows]
         sample, slope = contacts.row[order], contacts.gradient[order]
-        clear = np.zeros((len(order), size + m))
-        clear[:, :size] = (self._P[sample][:, :, None] * slope[:, None, :]).reshape(len(order), size)
-        clear[np.arange(len(order)), size + sample] = 1.0
         needed = margins[sample, contacts.body[order]] - contacts.distance[order]
         needed += np.einsum("mn,mn->m", slope, present[sample] - base[sample])
+        clear = Rows(self._P[sample], slope, needed, np.full(len(order), np.inf), sample)
 
-        knots = self._at_knots
+        knots, most = self._at_knots, self.limits.acceleration
         speed = np.maximum(self.limits.velocity, np.abs(guess_velocity[knots[:-1]]) + 1e-6)
-        fast_low = (-speed - base_velocity[knots[:-1]]).ravel()
-        fast_high = (speed - base_velocity[knots[:-1]]).ravel()
+        still = base_velocity[knots[:-1]]
         lower = np.minimum(self.limits.lower, present[knots])
         upper = np.maximum(self.limits.upper, present[knots])
-        near = ((present[knots] - lower < 0.5) | (upper - present[knots] < 0.5)).ravel()
-        return QuadraticProgram(
-            H=self._H,
-            g=g,
-            A=self._A,
-            b=-(base_velocity[-1]),
-            C=np.vstack([clear, self._velocity_rows, self._position_rows[near]]),
-            low=np.concatenate([needed, fast_low, (lower - base[knots]).ravel()[near]]),
-            high=np.concatenate([np.full(len(order), 1e20), fast_high, (upper - base[knots]).ravel()[near]]),
-            lower=np.concatenate([np.tile(-self.limits.acceleration, self._free), np.zeros(m)]),
-            upper=np.concatenate([np.tile(self.limits.acceleration, self._free), np.full(m, 1e20)]),
+        bounded = np.tile(most, (self._free, 1))
+        return Rows.joined(
+            [
+                clear,
+                Rows.of_joints(np.eye(self._free), -bounded, bounded),
+                Rows.of_joints(self._V[knots[:-1]], -speed - still, speed - still),
+                Rows.of_joints(self._P[knots], lower - base[knots], upper - base[knots]),
+            ]
         )
+
+
+def _torque_rows(torque: TorqueBounds) -> Rows:
+    """Return rows that bound the torque at the free knots (K, n)."""
+    count, n = torque.load.shape
+    low, high = -torque.allowed - torque.load, torque.allowed - torque.load
+    mass = torque.mass.reshape(count * n, n)
+    return Rows(np.repeat(np.eye(count), n, axis=0), mass, low.ravel(), high.ravel(), np.full(count * n, -1))

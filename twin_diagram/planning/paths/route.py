@@ -15,7 +15,8 @@ import numpy.typing as npt
 
 from twin_diagram.planning.collision.collision_scene import Forecast, Scene
 from twin_diagram.planning.paths import rrt_connect
-from twin_diagram.signals.arrays import Array
+from twin_diagram.planning.paths.time_optimal import Profile, profile
+from twin_diagram.signals.arrays import Array, Ints
 
 
 class Aim(IntEnum):
@@ -54,9 +55,7 @@ class RouteTuning:
     horizon: float = 2.0
     """An end must stay free for this long from now [s]."""
     checks: int = 1800
-    """Of the global planner, in one tick."""
-    patience: int = 3
-    """Ticks between two tries of the global planner after one that failed."""
+    """Of the global planner, in one search."""
     direct: int = 3
     """Goals to which a straight line is tried."""
     dwell: tuple[float, ...] = (0.0, 0.4, 0.8)
@@ -97,13 +96,18 @@ class Situation:
     least: float
     own: float
 
-    def margins(self, goal: int | None = None, extra: float = 0.0, away: float = 0.0) -> Array:
-        """Return (B + 1,) distances to keep on the way to a goal: less of what rests near it, `away` more [m]."""
-        result = np.full(len(self.here), self.clearance + extra)
+    def margins(self, goal: int | None = None, extra: Array | float = 0.0, away: Array | float = 0.0) -> Array:
+        """Return distances to keep on the way to a goal: less of what rests near it, `away` more [m].
+
+        (B + 1,); with `extra` and `away` of M samples (M, B + 1).
+        """
+        most = self.clearance + np.asarray(extra)[..., None]
+        result = np.repeat(most, len(self.here), axis=-1)
         if goal is not None:
-            near = np.clip(self.at_goals[goal, :-1] - 0.003 + away, self.least, self.clearance + extra)
-            result[:-1] = np.where(self.still, near, result[:-1])
-        result[-1] = self.own
+            wanted = self.at_goals[goal, :-1] - 0.003 + np.asarray(away)[..., None]
+            near = np.minimum(np.maximum(wanted, self.least), most)
+            result[..., :-1] = np.where(self.still, near, result[..., :-1])
+        result[..., -1] = self.own
         return result
 
     def allowed(self, margins: Array, share: float = 1.0) -> Array:
@@ -126,10 +130,14 @@ class Router:
         scene: shapes and limits.
         speed: (n,) the speed at which routes are travelled [rad/s].
         tuning: None for the defaults.
+        acceleration: (n,) with which [rad/s²]; None: no limit.
     """
 
-    def __init__(self, scene: Scene, speed: Array, tuning: RouteTuning | None = None) -> None:
+    def __init__(
+        self, scene: Scene, speed: Array, tuning: RouteTuning | None = None, acceleration: Array | None = None
+    ) -> None:
         self.scene, self.speed = scene, speed
+        self.acceleration = np.full(len(speed), np.inf) if acceleration is None else acceleration
         self.tuning = tuning or RouteTuning()
         bound = np.full(scene.chain.size, np.pi)
         self._lower, self._upper = np.maximum(scene.lower, -bound), np.minimum(scene.upper, bound)
@@ -147,17 +155,9 @@ class Router:
             now += took
         return np.concatenate(pieces), np.concatenate(times)
 
-    def reference(self, q: Array, route: Route, times: Array) -> Array:
-        """Return (M, n) where to be at `times` (M,) from now on, along the route."""
-        points = np.vstack([q, route.points])
-        took = (np.abs(np.diff(points, axis=0)) / self.speed).max(axis=1, initial=0.0)
-        at = np.concatenate([[0.0], np.cumsum(took)])
-        return np.stack([np.interp(times, at, points[:, j]) for j in range(len(q))], axis=1)
-
-    def duration(self, q: Array, route: Route) -> float:
-        """Return how long the route takes from where the arm is [s]."""
-        points = np.vstack([q, route.points])
-        return float((np.abs(np.diff(points, axis=0)) / self.speed).max(axis=1, initial=0.0).sum())
+    def travel(self, q: Array, route: Route, v: Array | None = None) -> Profile:
+        """Return the quickest way along a route from where the arm is, (n,), at velocity v; None: at rest."""
+        return profile(np.vstack([q, route.points]), self.speed, self.acceleration, v)
 
     def first_blocked(self, now: Situation, points: Array, margins: Array) -> float | None:
         """Tell when the way from where the arm is along `points` (W, n) is blocked first [s]; None if never."""
@@ -165,9 +165,8 @@ class Router:
         stay = np.arange(times[-1] + 0.4, self.tuning.horizon + 0.2, 0.4)
         q = np.vstack([q[1:], np.repeat(q[-1:], len(stay), axis=0)])
         times = np.concatenate([times[1:], stay])
-        distance = self.scene.clearance.distances(
-            q, self.scene.around(now.forecast, times), float(margins.max()) + 1e-6
-        )
+        reach, own = float(margins.max()) + 1e-6, float(margins[-1]) + 1e-6
+        distance = self.scene.clearance.distances(q, self.scene.around(now.forecast, times), reach, own_reach=own)
         bad = (distance < margins).any(axis=1)
         return float(times[np.argmax(bad)]) if bad.any() else None
 
@@ -176,17 +175,16 @@ class Router:
         arrival = (np.abs(ends - now.q) / self.speed).max(axis=1)
         return self._free_at(now, ends, np.stack([arrival, np.maximum(arrival, self.tuning.horizon)], axis=1), margins)
 
-    def decide(self, route: Route, now: Situation, rng: np.random.Generator, *, may_search: bool) -> tuple[Route, bool]:
-        """Choose the route from here on.
+    def decide(self, route: Route, now: Situation, rng: np.random.Generator) -> tuple[Route, bool]:
+        """Choose the route from here on, among those that need no search.
 
         Args:
             route: the present one.
             now: the situation.
             rng: of this tick.
-            may_search: whether the global planner may be asked.
 
         Returns:
-            The route, and whether the global planner was asked in vain.
+            The route, and whether a search might find a better one.
         """
         spare, share = self.tuning.spare, self.tuning.blocked
         coarse = now.allowed(now.margins(now.goal_of(route)), share)
@@ -196,23 +194,45 @@ class Router:
             blocked_at = self.first_blocked(now, route.points, coarse)
             if blocked_at is None:
                 return route, False
-        wanted = [now.allowed(now.margins(g, spare)) for g in range(len(now.goals))]
-        free = [g for g in range(len(now.goals)) if self.ends_free(now, now.goals[g][None], wanted[g])[0]]
-        free.sort(key=lambda g: float((np.abs(now.goals[g] - now.q) / self.speed).max()))
-        failed = False
-        if free:
-            for g in free[: self.tuning.direct]:
-                if self.first_blocked(now, now.goals[g][None], wanted[g]) is None:
-                    return Route(Aim.GOAL, now.goals[g][None]), False
-            if may_search:
-                least: Array = np.stack([wanted[g] for g in free]).min(axis=0)
-                found = self._search(now, now.goals[free], least, rng)
-                if found is not None:
-                    return Route(Aim.GOAL, found), False
-                failed = True
+        free, wanted = self._free_goals(now)
+        direct = self._direct(now, free, wanted)
+        if direct is not None:
+            return Route(Aim.GOAL, direct), False
         if blocked_at is not None and blocked_at > self.tuning.near_future:
-            return route, failed
-        return self._aside(route, now, coarse, rng), failed
+            return route, bool(len(free))
+        return self._aside(route, now, coarse, rng), bool(len(free))
+
+    def search(self, now: Situation, rng: np.random.Generator) -> Array:
+        """Return way points (W, n) to one of the goals, straight or as the global planner finds them; W = 0: none."""
+        free, wanted = self._free_goals(now)
+        found = self._direct(now, free, wanted)
+        if found is None and len(free):
+            least: Array = wanted[free].min(axis=0)
+            found = self._search(now, now.goals[free], least, rng)
+        return np.zeros((0, len(now.q))) if found is None else found
+
+    def follows(self, points: Array, now: Situation) -> bool:
+        """Return whether way points (W, n) that were found a while ago are still good enough to be followed."""
+        route = Route(Aim.GOAL, points)
+        coarse = now.allowed(now.margins(now.goal_of(route)), self.tuning.blocked)
+        return self.first_blocked(now, points, coarse) is None
+
+    def _free_goals(self, now: Situation) -> tuple[Ints, Array]:
+        """Return which goals are free, the nearest first, and the margins (G, B + 1) that are wanted at each."""
+        count = len(now.goals)
+        if not count:
+            return np.zeros(0, dtype=int), np.zeros((0, len(now.here)))
+        wanted = np.stack([now.allowed(now.margins(g, self.tuning.spare)) for g in range(count)])
+        free = np.flatnonzero(self.ends_free(now, now.goals, wanted))
+        far = (np.abs(now.goals[free] - now.q) / self.speed).max(axis=1)
+        return free[np.argsort(far, kind="stable")], wanted
+
+    def _direct(self, now: Situation, free: Ints, wanted: Array) -> Array | None:
+        """Return the first of the nearest free goals, (1, n), that a straight line leads to."""
+        for g in free[: self.tuning.direct]:
+            if self.first_blocked(now, now.goals[g][None], wanted[g]) is None:
+                return np.asarray(now.goals[g][None])
+        return None
 
     def _shortcut(self, route: Route, now: Situation, margins: Array, coarse: Array) -> Route:
         """Drop way points that are reached, or needless from here.
@@ -266,12 +286,16 @@ class Router:
         return Route.none(n)
 
     def _free_at(self, now: Situation, q: Array, times: Array, margins: Array) -> npt.NDArray[np.bool_]:
-        """Return (M,) bool: configurations (M, n) that keep the margins at each of their times (M, T)."""
+        """Return (M,) bool: configurations (M, n) that keep the margins at each of their times (M, T).
+
+        Margins are (B + 1,), the same for all, or (M, B + 1).
+        """
         scene = self.scene
         reach = float(margins.max()) + 1e-6
         count = len(q)
         still = replace(now.forecast, present=now.forecast.present & ~now.forecast.moving)
-        distance = scene.clearance.distances(q, scene.around(still, np.zeros(count)), reach)
+        own_reach = float(margins[..., -1].max()) + 1e-6
+        distance = scene.clearance.distances(q, scene.around(still, np.zeros(count)), reach, own_reach=own_reach)
         free: npt.NDArray[np.bool_] = np.all(distance >= margins, axis=1)
         rows = np.flatnonzero(free)
         if now.forecast.moving.any() and len(rows):
@@ -280,5 +304,6 @@ class Router:
             )
             again = np.repeat(q[rows], times.shape[1], axis=0)
             near = scene.clearance.distances(again, moving, reach, own=False)
-            free[rows] = (near >= margins).all(axis=1).reshape(len(rows), -1).all(axis=1)
+            kept = margins if margins.ndim == 1 else np.repeat(margins[rows], times.shape[1], axis=0)
+            free[rows] = (near >= kept).all(axis=1).reshape(len(rows), -1).all(axis=1)
         return free

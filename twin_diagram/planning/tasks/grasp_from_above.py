@@ -1,7 +1,7 @@
 """Grasps from above of an object whose convex pieces are known: the plainest that there are.
 
-They stand in for a search over the object's surface; whoever has one gives `pick` a goal, or puts it in this function's
-place. The tool frame lies between the finger tips: z along the approach, y along the fingers' opening.
+What cannot be taken so, `grasp_choice` takes as the object's shape offers. The tool frame lies between the finger tips:
+z along the approach, y along the fingers' opening.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ TUNING = Tuning()
 
 def grasps_from_above(
     pieces_O: tuple[Array, ...], X_WO: Array, opening: float, near: Array, others: Array, *, symmetric: bool = False
-) -> Array:
-    """Return where the tool could take an object from above, the best first.
+) -> tuple[Array, Array]:
+    """Return where the tool could take an object from above, the best first, and what each costs.
 
     Args:
         pieces_O: corners (m, 3) of the convex pieces that hold the object [m].
@@ -51,7 +51,7 @@ def grasps_from_above(
         symmetric: whether the object looks the same however it is turned about its own z axis.
 
     Returns:
-        (G, 7) X_WG; none where it is too wide, whichever way it is taken.
+        (G, 7) X_WG, none where it is too wide, whichever way it is taken; (G,) costs.
     """
     R_WO = rotations.matrix(X_WO[:4])
     corners = np.concatenate(pieces_O) @ R_WO.T + X_WO[4:]
@@ -67,17 +67,17 @@ def grasps_from_above(
             continue
         middle = 0.5 * (across.max() + across.min()) * closing + 0.5 * (length.max() + length.min()) * along
         ends = [middle + side * (0.5 * opening + TUNING.finger) * closing for side in (-1.0, 1.0)]
-        crowded = _crowding(ends, others)
+        crowded = crowding(ends, others)
         for flip in (0.0, np.pi):
             q = _pointing_down(turn + flip)
             angle = float(np.linalg.norm(rotations.difference(q, near)))
             # A narrow side first; a neighbour in the way weighs more than any turn of the hand.
             found.append((width / opening + 0.2 * angle + 30.0 * crowded, np.array([*q, *middle, z])))
     found.sort(key=lambda entry: entry[0])
-    return np.array([X_WG for _, X_WG in found]).reshape(-1, 7)
+    return np.array([X_WG for _, X_WG in found]).reshape(-1, 7), np.array([price for price, _ in found])
 
 
-def _crowding(ends: list[Array], others: Array) -> float:
+def crowding(ends: list[Array], others: Array) -> float:
     """Return how far other objects reach into where the fingers come down, at worst [m]."""
     worst = 0.0
     for x, y, radius in others:
@@ -100,7 +100,7 @@ def centred(X_TO: Array, covariance: Array, pieces_O: tuple[Array, ...], known: 
     Args:
         X_TO: (7) before.
         covariance: (6, 6) of it, rotation then translation.
-        pieces_O: corners (m, 3) of its convex pieces [m].
+        pieces_O: corners (m, 3) of its convex pieces, or of what of it is between the fingers [m].
         known: standard deviation along y afterwards [m].
     """
     y = (np.concatenate(pieces_O) @ rotations.matrix(X_TO[:4]).T)[:, 1] + X_TO[5]

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from twin_diagram.planning.tasks.grasp_from_above import centred, grasps_from_above
+from twin_diagram.planning.tasks.grasp_choice import between_fingers, choices
+from twin_diagram.planning.tasks.grasp_from_above import centred
 from twin_diagram.planning.tasks.step_ends import TUNING, arrived, done, fail, passed, steady
 from twin_diagram.planning.tasks.step_state import Note, Phase, Step, TaskState, Why
 from twin_diagram.planning.tasks.step_view import StepView, Takeable
@@ -32,7 +33,7 @@ def again(state: TaskState, seen: StepView, step: Step, why: Why) -> TaskState:
 
 
 def _grasp(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable], near: Array) -> Array | None:
-    """Return where to take the object (7): as told, or from above; None where it is too wide."""
+    """Return where to take the object (7): as told, or the best that is left; None where nothing offers itself."""
     track, known = seen.tracks[step.target], library[step.target]
     if step.goal.any():
         return compose(track.pose, step.goal)
@@ -43,7 +44,8 @@ def _grasp(state: TaskState, seen: StepView, step: Step, library: Sequence[Takea
         if k != step.target and other.status not in there
     ]
     rows = np.array(others).reshape(-1, 3)
-    found = grasps_from_above(known.pieces, track.pose, seen.widest, near, rows, symmetric=known.symmetric)
+    pose, wide = track.pose, seen.widest
+    found = choices(known.pieces, pose, wide, near, rows, known.shape, symmetric=known.symmetric)
     return found[min(state.attempt, len(found) - 1)] if len(found) else None
 
 
@@ -96,12 +98,11 @@ def close(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeab
         return again(state, seen, step, Why.MISSED)
     track = seen.tracks[step.target]
     R_TW = np.kron(np.eye(2), rotations.matrix(seen.X_WT[:4]).T)
-    X_TO, covariance = centred(
-        compose(inverse(seen.X_WT), track.pose),
-        R_TW @ track.covariance @ R_TW.T,
-        library[step.target].pieces,
-        TUNING.finger_error,
-    )
+    X_TO = compose(inverse(seen.X_WT), track.pose)
+    known = library[step.target]
+    held = between_fingers(known.shape, X_TO)
+    pieces = known.pieces if held is None else (held,)
+    X_TO, covariance = centred(X_TO, R_TW @ track.covariance @ R_TW.T, pieces, TUNING.finger_error)
     hand = Hand(step.target, NOTHING, True, X_TO, covariance)
     state = replace(state, hand=hand, elsewhere=0, slipped=0, image=track.last_seen).noting(Note.GRASPED, seen.now)
     return state.entering(Phase.LIFT, seen.now, moved(state.grasp, np.array([0.0, 0.0, TUNING.above])))

@@ -71,7 +71,7 @@ SENTENCES: Final = {
     Why.OUT_OF_REACH: "no joint positions found that reach it",
     Why.NOT_SEEN: "the object has not been seen",
     Why.TARGET_LOST: "the object is not seen any more",
-    Why.TOO_WIDE: "the object is too wide for the fingers, whichever way they take it from above",
+    Why.TOO_WIDE: "no grasp: too wide for the fingers from above, and no rim, neck or handle that they can come at",
     Why.MISSED: "the fingers closed on nothing",
     Why.DROPPED: "the fingers closed fully on what they held: it is lost",
     Why.SEEN_ELSEWHERE: "what was held is seen elsewhere: it is lost",

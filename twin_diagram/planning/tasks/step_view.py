@@ -3,20 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from twin_diagram.planning.tasks.grasp_choice import ShapeGrasps
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import PoseMeasurement, Track
 
 
 @dataclass(frozen=True)
 class Takeable:
-    """An object of the library, as far as taking it goes."""
+    """An object of the library, as far as taking it goes.
+
+    Attributes:
+        pieces: corners (m, 3) of the convex pieces that hold it, in O [m].
+        symmetric: whether it looks the same however it is turned about its z axis.
+        shape: grasps of its shape; none where nobody asked for them.
+    """
 
     pieces: tuple[Array, ...]
     symmetric: bool
+    shape: ShapeGrasps = field(default_factory=ShapeGrasps)
 
     @property
     def radius(self) -> float:

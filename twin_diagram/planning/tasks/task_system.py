@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import product
 from typing import Any, Final, cast
 
 import numpy as np
@@ -15,7 +16,11 @@ from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.errors import ScenarioError
 from twin_diagram.model.model import Model
+from twin_diagram.planning.grasps.gripper import SHIPPED
+from twin_diagram.planning.grasps.kept_grasps import grasps_of
+from twin_diagram.planning.grasps.known_object import read_known
 from twin_diagram.planning.tasks import step_state
+from twin_diagram.planning.tasks.grasp_choice import ShapeGrasps
 from twin_diagram.planning.tasks.step_state import Phase, TaskOutcome, TaskState
 from twin_diagram.planning.tasks.step_view import StepView, Takeable
 from twin_diagram.planning.tasks.transitions import advance
@@ -29,6 +34,9 @@ from twin_diagram.signals.pose_vectors import from_matrix
 @dataclass(frozen=True)
 class Tuning:
     """Constants of this module, with their units and what set them."""
+
+    grasps: int = 30
+    """Grasps of an object's shape that are kept: some come from below, or from where others stand."""
 
     ticks: float = 2.0
     """Of the task for one of the planner: a goal that changes waits for half a plan's period at most."""
@@ -71,6 +79,18 @@ class Fingers:
     def at(self, share: float) -> Array:
         """Return positions (g,) [m] opened by a share of the travel; where it is negative, as described."""
         return self.described if share < 0.0 else self.closed + share * (self.opened - self.closed)
+
+
+def shape_grasps(asset: Asset, tool_frame: str) -> ShapeGrasps:
+    """Return the grasps of an asset's shape for the gripper whose tool frame it is; none for one that is not known."""
+    gripper = next((one for one in SHIPPED.values() if one.frame == tool_frame), None)
+    if gripper is None:
+        return ShapeGrasps()
+    grasps = grasps_of(read_known(asset.folder), gripper, count=TUNING.grasps)
+    low, high = gripper.boxes(retreat=0.0)
+    ends = np.stack([low, high])
+    corners = np.concatenate([ends[list(pick), :, [0, 1, 2]].T for pick in product((0, 1), repeat=3)])
+    return ShapeGrasps(grasps.poses, grasps.score, grasps.contacts, corners)
 
 
 class TaskRunner(LeafSystem):
@@ -130,8 +150,14 @@ class TaskRunner(LeafSystem):
         self.set_name("task_runner")
         self.told_steps: Final = tuple(twin.task.steps)
         self._steps: Final = step_state.steps_of(twin.task, list(library))
+        picked = {step.object for step in self.told_steps if step.kind == "pick" and step.goal is None}
         self._library: Final = [
-            Takeable(tuple(asset.convex_pieces), asset.symmetric_axis is not None) for asset in library.values()
+            Takeable(
+                tuple(asset.convex_pieces),
+                asset.symmetric_axis is not None,
+                shape_grasps(asset, twin.arm.tool_frame) if name in picked else ShapeGrasps(),
+            )
+            for name, asset in library.items()
         ]
         if not (np.isfinite(fingers.widest) and fingers.widest > 0.0):
             for index, step in enumerate(self.told_steps):

@@ -11,34 +11,35 @@ from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.perception.registration.alternatives import PoseHypothesis
 from twin_diagram.perception.registration.assessment import assess
-from twin_diagram.perception.registration.colour_shift import ALIGNED, ColourShift
+from twin_diagram.perception.registration.colour_shift import ColourShift
 from twin_diagram.perception.registration.data_association import Poses
 from twin_diagram.perception.registration.frame import Frame
+from twin_diagram.perception.registration.instances import TUNING as INSTANCES
+from twin_diagram.perception.registration.instances import Instance
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed
 from twin_diagram.perception.registration.settling import SettledPose, settle
 from twin_diagram.perception.registration.slots import Slot
-from twin_diagram.perception.registration.tracking import Known, step
-from twin_diagram.perception.segmentation.pieces import convex_pieces, floor_below
+from twin_diagram.perception.registration.tracking import Known
+from twin_diagram.perception.registration.whole_image import ImageSettings, OtherMemory, advance
 from twin_diagram.perception.segmentation.segments import Segments
+from twin_diagram.perception.things.memory import Life
 from twin_diagram.scene import object_filter, object_update
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, ObjectStatus, PoseMeasurement
+from twin_diagram.signals.things import FURTHER_MEASUREMENT_SIZE, OWNER_SIZE, things_of
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of unknown things, chosen by hand for objects of a hand's size."""
+    """Constants of what is believed, chosen by hand for objects of a hand's size."""
 
     owned: float = 0.015
     """Points this near to a known object's surface are its own [m]."""
 
-    unknown_points: int = 120
-    """Points that nothing explains, of one segment, that make an unknown thing."""
-
-    same: float = 0.05
-    """An unknown thing this near to where one was is the same [m]."""
+    least_points: int = 30
+    """Fewer points weigh no poses against one another."""
 
     around: float = 0.025
     """Points this near to an object's surface, in the segment that is its own, should be explained by it [m]."""
@@ -93,8 +94,48 @@ class TrackedObject:
     found: bool
 
 
+@dataclass
+class _Individual:
+    """What the tracker believes of one object, be it the first of its kind or a further one.
+
+    Attributes:
+        track: its number.
+        asset: its kind's, in the library.
+        filter: what its measurements made of its pose; see `object_filter`.
+        odds: logarithm of the odds that it is there and what it is named.
+        rivals: what it may be mistaken for, as X_OO' (turn, shift) and probability, from when it was found.
+        followed: whether the frame before showed it.
+    """
+
+    track: int
+    asset: int
+    filter: Array
+    odds: float = 0.0
+    rivals: tuple[tuple[Array, Array, float], ...] = ()
+    followed: bool = False
+
+    def believed(self, found: bool, shape: float, whole: float, since: float) -> float:
+        """Return how probable it is after a frame, of which `whole` could be seen, and of that `shape` fits."""
+        if found:
+            self.odds = np.log(2.0) + (shape - 0.5) / TUNING.doubt
+            return float(1.0 - 0.5 * np.exp(-max(shape - 0.5, 0.0) / TUNING.doubt))
+        self.odds -= since * (TUNING.missed * whole * (1.0 - shape) + max(self.odds, 0.0) / TUNING.forgotten)
+        self.odds = float(np.clip(self.odds, -20.0, 20.0))
+        return float(1.0 / (1.0 + np.exp(-self.odds)))
+
+    def with_rivals(self, after: SettledPose) -> tuple[PoseHypothesis, ...]:
+        """Return what a frame allows, and what the object may have been mistaken for when it was found."""
+        one, rest = after.registration, 1.0 - sum(probability for _, _, probability in self.rivals)
+        own = [replace(h, probability=rest * h.probability) for h in after.hypotheses]
+        others = [
+            PoseHypothesis(one.R @ turn, one.p + one.R @ shift, one.covariance, probability)
+            for turn, shift, probability in self.rivals
+        ]
+        return (*own, *others)
+
+
 class ObjectTracker:
-    """Remembers poses from frame to frame; each object of the library is there once at most.
+    """Remembers poses from frame to frame, by the twin's own means: alikes and unknown things keep their numbers.
 
     Args:
         library: assets by name.
@@ -104,153 +145,176 @@ class ObjectTracker:
     def __init__(self, library: Mapping[str, Asset], perception: scenario.Perception) -> None:
         self.names = tuple(library)
         self._params = scenario.Registration()
-        self._smallest = perception.smallest
         models = [ModelCloud.of(asset, self._params.model_points) for asset in library.values()]
-        self._known = [Known.of(model) for model in models]
         self._slots = [Slot() for _ in models]
-        self._settings = object_filter.FilterSettings.of(scenario.SceneUpdater())
-        self._filters = object_filter.initial_filters(len(models))
+        scene = scenario.SceneUpdater()
+        self._told = ImageSettings(
+            tuple(Known.of(model) for model in models),
+            self._params,
+            perception.smallest,
+            scenario.Slots(),
+            Life(scene.stale_after, scene.lost_after),
+            TUNING.aside,
+        )
+        self._beside = OtherMemory.empty(self._told)
+        self._settings = object_filter.FilterSettings.of(scene)
         self._axes = np.array([[0.0, 0.0, float(a.symmetric_axis == "z")] for a in library.values()]).reshape(-1, 3)
-        self._odds = np.zeros(len(models))
-        self._shift: ColourShift | None = None
-        """Of colours beside depth, from the first frame on."""
-        self._rivals: list[tuple[tuple[Array, Array, float], ...]] = [() for _ in models]
-        """By object: what it may be mistaken for, as X_OO' (turn, shift) and probability, from when it was found."""
-        self._followed = [False for _ in models]
+        self._first = [self._individual(k, k) for k in range(len(models))]
+        self._further: dict[int, _Individual] = {}
+        """By identity."""
+        self._things: dict[int, int] = {}
+        """Tracks of unknown things, by identity."""
         self._last = NEVER
-        self._unknown: list[tuple[int, Array]] = []
+        self._seen_any = False
         self._next = len(models)
 
     def start(self, name: str, R: Array, p: Array, time: float) -> None:
-        """Tell where an object is before the first frame: R (3, 3), p (3,) [m] in T."""
-        self._slots[self.names.index(name)] = Slot(True, R, p, np.zeros(6), time)
-        self._followed[self.names.index(name)] = True
+        """Tell where an object is before the first frame: R (3, 3), p (3,) [m] in T; of alikes one after the other.
+
+        One that lies where its like is was told already.
+        """
+        asset = self.names.index(name)
+        slot = Slot(True, R, p, np.zeros(6), time)
+        if not self._slots[asset].known:
+            self._slots[asset] = slot
+            self._first[asset].followed = True
+            return
+        alikes = [
+            self._slots[asset],
+            *(one.slot for one in self._beside.further if one.identity and one.asset == asset),
+        ]
+        least = INSTANCES.same_place * self._told.library[asset].model.radius
+        free = next((k for k, one in enumerate(self._beside.further) if not one.identity), None)
+        if free is None or min(float(np.linalg.norm(one.p - p)) for one in alikes) < least:
+            return
+        identity, thing = self._beside.identities
+        further = list(self._beside.further)
+        further[free] = Instance(identity, asset, NEVER, slot)
+        self._beside = replace(self._beside, further=tuple(further), identities=(identity + 1, thing))
+        self._further[identity] = self._individual(self._numbered(), asset)
+        self._further[identity].followed = True
 
     def observe(self, segments: Segments) -> list[TrackedObject]:
         """Return what is known of all objects after a frame; those never seen are left out."""
-        if self._shift is None:
-            self._shift = ColourShift.told(TUNING.aside * segments.camera.width / 640)
-        self._slots, measured, self._shift = step(
-            self._known, self._slots, segments, self._params, self._smallest, self._shift
-        )
-        for k, one in enumerate(measured):
-            if one.quality > 0:
-                self._filters[k] = object_update.update(
-                    self._filters[k], one, segments.time, self._settings, bool(self._axes[k, 2])
-                )
-        return [*self._objects(segments, measured), *self._things(segments, measured)]
+        if not self._seen_any:
+            aside = TUNING.aside * segments.camera.width / 640
+            self._beside = replace(self._beside, shift=ColourShift.told(aside))
+            self._seen_any = True
+        after = advance(self._slots, self._beside, segments, self._told)
+        self._slots, self._beside = after.slots, after.beside
+        rows = after.further.reshape(-1, FURTHER_MEASUREMENT_SIZE)
+        further = {int(row[0]): PoseMeasurement.unpack(row[OWNER_SIZE:]) for row in rows if row[0] > 0}
+        held = {one.identity: one.asset for one in self._beside.further if one.identity}
+        before = self._further
+        self._further = {i: before.get(i) or self._individual(self._numbered(), asset) for i, asset in held.items()}
+        pairs = [*zip(self._first, after.poses, strict=True), *((self._further[i], further[i]) for i in held)]
+        for one, measured in pairs:
+            if measured.quality > 0:
+                symmetric = bool(self._axes[one.asset, 2])
+                one.filter = object_update.update(one.filter, measured, segments.time, self._settings, symmetric)
+        return [*self._objects(segments, pairs), *self._unknown(after.things, segments)]
 
-    def _objects(self, segments: Segments, measured: Sequence[PoseMeasurement]) -> list[TrackedObject]:
+    def _individual(self, track: int, asset: int) -> _Individual:
+        return _Individual(track, asset, object_filter.initial_filters(1)[0])
+
+    def _numbered(self) -> int:
+        self._next += 1
+        return self._next - 1
+
+    def _objects(self, segments: Segments, pairs: Sequence[tuple[_Individual, PoseMeasurement]]) -> list[TrackedObject]:
         """Return the library's objects that were seen at some time."""
         now = segments.time
-        belief = object_filter.propagate(self._filters, now, self._settings)
-        status = object_filter.statuses(self._filters, now, self._settings)
-        covariance = object_filter.pose_covariances(belief, self._axes, self._settings)
-        frame = Frame.of(segments, self._shift or ALIGNED)
+        filters = np.stack([one.filter for one, _ in pairs])
+        axes = self._axes[[one.asset for one, _ in pairs]]
+        belief = object_filter.propagate(filters, now, self._settings)
+        status = object_filter.statuses(filters, now, self._settings)
+        covariance = object_filter.pose_covariances(belief, axes, self._settings)
+        frame = Frame.of(segments, self._beside.shift)
         since = min(now - self._last, TUNING.longest) if self._last >= 0.0 else TUNING.longest
         self._last = now
         result = []
-        for k, name in enumerate(self.names):
+        for k, (one, measured) in enumerate(pairs):
             if status[k] == ObjectStatus.UNSEEN:
                 continue
-            found = measured[k].quality > 0
+            found = measured.quality > 0
             # In view, the picture has the say; what the filter makes of it lags behind what is pushed.
-            pose = measured[k].pose if found else belief.poses[k]
+            pose = measured.pose if found else belief.poses[k]
             R, p = rotations.matrix(pose[None, :4])[0], pose[4:]
             spread, hypotheses = covariance[k], None
             if found:
-                R, p, spread, hypotheses = self._settled(k, R, p, measured[k], segments, frame)
-            self._followed[k] = found
-            fit = assess(self._known[k].model, frame, Poses(R[None], p[None]), self._params.model_points)
+                R, p, spread, hypotheses = self._settled(one, R, p, measured, segments, frame)
+            one.followed = found
+            model = self._told.library[one.asset].model
+            fit = assess(model, frame, Poses(R[None], p[None]), self._params.model_points)
             shape, whole = float(min(fit.shape[0], 1.0)), float(np.clip(fit.visible_share[0], 0.0, 1.0))
-            sure = self._believed(k, found, shape, whole, since)
+            sure = one.believed(found, shape, whole, since)
             life = ObjectStatus(int(status[k])).name.lower()
             if not found and sure < 0.5:
                 life = ObjectStatus.LOST.name.lower()
             visible = whole if found else whole * shape
             only = hypotheses or (PoseHypothesis(R, p, spread, 1.0),)
-            result.append(TrackedObject(k, name, life, sure, visible, R, p, spread, only, (), found))
+            name = self.names[one.asset]
+            result.append(TrackedObject(one.track, name, life, sure, visible, R, p, spread, only, (), found))
         return result
 
-    def _believed(self, k: int, found: bool, shape: float, whole: float, since: float) -> float:
-        """Return how probable an object is after a frame, of which `whole` could be seen, and of that `shape` fits."""
-        if found:
-            self._odds[k] = np.log(2.0) + (shape - 0.5) / TUNING.doubt
-            return float(1.0 - 0.5 * np.exp(-max(shape - 0.5, 0.0) / TUNING.doubt))
-        self._odds[k] -= since * (TUNING.missed * whole * (1.0 - shape) + max(self._odds[k], 0.0) / TUNING.forgotten)
-        self._odds[k] = float(np.clip(self._odds[k], -20.0, 20.0))
-        return float(1.0 / (1.0 + np.exp(-self._odds[k])))
-
     def _settled(
-        self, k: int, R: Array, p: Array, one: PoseMeasurement, segments: Segments, frame: Frame
+        self, one: _Individual, R: Array, p: Array, measured: PoseMeasurement, segments: Segments, frame: Frame
     ) -> tuple[Array, Array, Array, tuple[PoseHypothesis, ...]]:
         """Return pose, covariance and hypotheses of an object found; tracking goes on from the likeliest."""
-        model = self._known[k].model
+        model = self._told.library[one.asset].model
         own = claimed(model, segments, R, p, TUNING.owned)
         near = claimed(model, segments, R, p, TUNING.around)
         if len(own):
             label = np.bincount(segments.labels[own]).argmax()
             near = near[segments.labels[near] == label]
         points = segments.points_W[near]
-        start = RegisteredPose(R, p, one.covariance, one.quality, one.quality, 1.0, float(len(near)))
-        axis = R @ self._axes[k]
+        start = RegisteredPose(R, p, measured.covariance, measured.quality, measured.quality, 1.0, float(len(near)))
+        axis = R @ self._axes[one.asset]
         free = np.zeros((6, 6))
         free[:3, :3] = object_filter.TUNING.unknown_variance[0] * np.outer(axis, axis)
-        if len(points) < TUNING.unknown_points // 4:
-            return R, p, one.covariance + free, ()
-        new = not self._followed[k]
+        if len(points) < TUNING.least_points:
+            return R, p, measured.covariance + free, ()
+        new = not one.followed
         after = settle(model, frame, [start], points, self._params, turns=new)
         result = after.registration
         if after.moved:
-            self._slots[k] = replace(self._slots[k], R=result.R, p=result.p)
+            self._go_on_from(one, result.R, result.p)
         if new:
-            self._rivals[k] = tuple(
+            one.rivals = tuple(
                 (result.R.T @ other.R, result.R.T @ (other.p - result.p), other.probability)
                 for other in after.hypotheses[1:]
                 if np.trace(result.R.T @ other.R) < 1.0
             )
-        hypotheses = after.hypotheses if new else self._with_rivals(k, after)
+        hypotheses = after.hypotheses if new else one.with_rivals(after)
         return result.R, result.p, result.covariance + free, hypotheses
 
-    def _with_rivals(self, k: int, after: SettledPose) -> tuple[PoseHypothesis, ...]:
-        """Return what a frame allows, and what the object may have been mistaken for when it was found."""
-        one, rest = after.registration, 1.0 - sum(probability for _, _, probability in self._rivals[k])
-        own = [replace(h, probability=rest * h.probability) for h in after.hypotheses]
-        others = [
-            PoseHypothesis(one.R @ turn, one.p + one.R @ shift, one.covariance, probability)
-            for turn, shift, probability in self._rivals[k]
-        ]
-        return (*own, *others)
+    def _go_on_from(self, one: _Individual, R: Array, p: Array) -> None:
+        """Track an object from another pose on than the one that tracking found."""
+        if one is self._first[one.asset]:
+            self._slots[one.asset] = replace(self._slots[one.asset], R=R, p=p)
+            return
+        identity = next(i for i, other in self._further.items() if other is one)
+        further = tuple(
+            replace(each, slot=replace(each.slot, R=R, p=p)) if each.identity == identity else each
+            for each in self._beside.further
+        )
+        self._beside = replace(self._beside, further=further)
 
-    def _things(self, segments: Segments, measured: Sequence[PoseMeasurement]) -> list[TrackedObject]:
-        """Return what stands there and is none of the objects, as convex pieces."""
-        free = np.ones(len(segments.labels), dtype=bool)
-        for k, one in enumerate(measured):
-            if one.quality > 0:
-                R = rotations.matrix(one.pose[None, :4])[0]
-                free[claimed(self._known[k].model, segments, R, one.pose[4:], TUNING.owned)] = False
-        before, self._unknown = self._unknown, []
+    def _unknown(self, things: Array, segments: Segments) -> list[TrackedObject]:
+        """Return what stands there, or did when it was last seen, and is none of the objects, as convex pieces."""
         result = []
-        for label in range(segments.count):
-            points = segments.points_W[free & (segments.labels == label)]
-            if len(points) < TUNING.unknown_points or not segments.planes:
+        for thing in things_of(things):
+            if not thing.identity or thing.status == ObjectStatus.GONE or not thing.pieces:
                 continue
-            pieces = convex_pieces(points, segments.camera.p_WC, floor_below(points, segments.planes))
-            if not pieces:
-                continue
-            middle = points.mean(axis=0)
-            track = self._number(middle, before)
-            self._unknown.append((track, middle))
-            spread = np.diag([*object_filter.TUNING.unknown_variance[:3], *np.var(points, axis=0)])
-            result.append(
-                TrackedObject(track, None, "tracked", 1.0, 1.0, np.eye(3), middle, spread, (), tuple(pieces), True)
-            )
+            track = self._things.get(thing.identity)
+            if track is None:
+                track = self._things[thing.identity] = self._numbered()
+            seen = thing.last_seen >= segments.time
+            once = thing.status == ObjectStatus.UNSEEN
+            status = (ObjectStatus.TRACKED if once else thing.status).name.lower()
+            extent = np.concatenate(thing.pieces)
+            spread = np.diag([*object_filter.TUNING.unknown_variance[:3], *np.maximum(np.var(extent, axis=0), 1e-8)])
+            sure, shown = 0.5 if once else 1.0, 1.0 if seen else 0.0
+            place = (np.eye(3), thing.middle, spread, ())
+            result.append(TrackedObject(track, None, status, sure, shown, *place, thing.pieces, seen))
         return result
-
-    def _number(self, middle: Array, before: list[tuple[int, Array]]) -> int:
-        """Return the number of the unknown thing that was nearest, taken out of `before`, or a new one."""
-        apart = [float(np.linalg.norm(middle - place)) for _, place in before]
-        if apart and min(apart) < TUNING.same:
-            return before.pop(int(np.argmin(apart)))[0]
-        self._next += 1
-        return self._next - 1

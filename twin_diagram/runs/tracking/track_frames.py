@@ -63,7 +63,7 @@ def track_frames(
         raise FramesError(f"--seed {seed}: must not be negative")
     folder = FrameFolder(frames)
     assets, numbers = _library(library, say)
-    told = {} if init is None else _first_poses(init, folder.numbers[0], numbers)
+    told = [] if init is None else _first_poses(init, folder.numbers[0], numbers)
     tracker = ObjectTracker(assets, PERCEPTION)
     rows: list[list[str]] = []
     lines: list[str] = []
@@ -79,7 +79,7 @@ def track_frames(
             base = table_frame(depth, camera, seed)
             if not base.found:
                 say("note: no table in view; all that is seen counts as standing")
-            for name, (R_CO, p_CO) in told.items():
+            for name, R_CO, p_CO in told:
                 R_TC, p_TC = base.camera(camera)
                 tracker.start(name, R_TC @ R_CO, R_TC @ p_CO + p_TC, frame.time - 1e-3)
         grid = Grid.of(_pinhole(frame.colour, *base.camera(camera), noise), PERCEPTION.stride)
@@ -112,10 +112,10 @@ def _library(library: Path, say: Callable[[str], None]) -> tuple[dict[str, Asset
     return assets, numbers
 
 
-def _first_poses(path: Path, first: int, numbers: Mapping[str, int]) -> dict[str, tuple[Array, Array]]:
-    """Read X_CO of the first frame's objects from BOP results; the best of each."""
+def _first_poses(path: Path, first: int, numbers: Mapping[str, int]) -> list[tuple[str, Array, Array]]:
+    """Read X_CO of the first frame's objects from BOP results, the best first; of alikes each has a row."""
     names = {number: name for name, number in numbers.items()}
-    best: dict[str, tuple[float, Array, Array]] = {}
+    told: list[tuple[float, str, Array, Array]] = []
     try:
         rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
     except (OSError, UnicodeDecodeError) as error:
@@ -138,11 +138,10 @@ def _first_poses(path: Path, first: int, numbers: Mapping[str, int]) -> dict[str
             raise FramesError(f"{path}: line {number}: t is {said} mm: not before the camera within {FARTHEST:g} m")
         if which not in names:
             raise FramesError(f"{path}: line {number}: obj_id {which} is none of the library's {sorted(names)}")
-        if names[which] not in best or score > best[names[which]][0]:
-            best[names[which]] = (score, R, t / 1000.0)
-    if not best:
+        told.append((score, names[which], R, t / 1000.0))
+    if not told:
         raise FramesError(f"{path}: no pose of the first frame, im_id {first}")
-    return {name: (R, p) for name, (_, R, p) in best.items()}
+    return [(name, R, p) for _, name, R, p in sorted(told, key=lambda one: -one[0])]
 
 
 def _check(frame: RgbdFrame, frames: Path) -> None:

@@ -38,7 +38,10 @@ class Tuning:
     """[N·s/m; N·m·s/rad]"""
 
     strength: float = 200.0
-    """What a carriage pushes with at most [N; N·m]."""
+    """What a carriage pushes with at most, unless it is told [N; N·m]."""
+
+    arm: float = 0.1
+    """Where a force is told, a carriage turns with it at this distance at most [m]: half the edge of a box."""
 
     carriage: tuple[float, ...] = (1e-3, 0.01)
     """Mass [kg] and radius [m] of the ball that stands for a carriage: little beside any object."""
@@ -101,7 +104,12 @@ class Path:
 
 
 def add_carriage(
-    plant: MultibodyPlant, instance: ModelInstanceIndex, name: str, path: Path, body: RigidBody
+    plant: MultibodyPlant,
+    instance: ModelInstanceIndex,
+    name: str,
+    path: Path,
+    body: RigidBody,
+    push: float | None = None,
 ) -> list[JointActuator]:
     """Put a free body on a carriage that stands at the start of its path.
 
@@ -111,6 +119,7 @@ def add_carriage(
         name: of the object.
         path: where it goes.
         body: the object's only body.
+        push: what the carriage pushes with at most [N]; None for `Tuning.strength`.
 
     Returns:
         Actuators of x, y and yaw.
@@ -126,7 +135,8 @@ def add_carriage(
             direction = np.eye(3)[k]
             joint = plant.AddJoint(PrismaticJoint(f"{name}_{axis}", parent, carriage.body_frame(), direction))
         joint.set_default_positions([path.start[k]])
-        actuator = plant.AddJointActuator(f"{name}_{axis}", joint, TUNING.strength)
+        limit = TUNING.strength if push is None else push * (TUNING.arm if axis == "yaw" else 1.0)
+        actuator = plant.AddJointActuator(f"{name}_{axis}", joint, limit)
         actuator.set_controller_gains(PdControllerGains(p=TUNING.stiffness, d=TUNING.damping))
         actuators.append(actuator)
         parent = carriage.body_frame()

@@ -1,0 +1,1 @@
+"""Reaching among things that move: how worlds are drawn, and how runs are counted."""

@@ -1,0 +1,201 @@
+"""Motions that are looked for: slopes, limits, grip, surroundings."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform, RotationMatrix
+
+from tests.estimation.weighing.conftest import POSTURE
+from twin_diagram.estimation.weighing import (
+    Excitation,
+    ExcitationPlan,
+    Grip,
+    MotionLimits,
+    Shape,
+    WeighingError,
+    crlb,
+    feed_forward,
+    optimise_excitation,
+)
+from twin_diagram.estimation.weighing.carried_motion import CarriedMotion
+from twin_diagram.estimation.weighing.excitation_cost import ExcitationCost
+from twin_diagram.estimation.weighing.harmonics import Harmonics
+from twin_diagram.estimation.weighing.held import Held
+from twin_diagram.model import Model
+
+SHORT = ExcitationPlan(period=4.0, harmonics=5, starts=1, steps=6)
+SHORTEST = ExcitationPlan(period=4.0, harmonics=4, starts=1, steps=2)
+
+
+@pytest.fixture(scope="module")
+def carried(iiwa: Model, X_TO: RigidTransform, off_centre: np.ndarray) -> CarriedMotion:
+    return CarriedMotion(iiwa, Held.in_tool(iiwa, X_TO), off_centre, X_TO.inverse(), POSTURE)
+
+
+def test_the_hand_gives_what_joints_feel(carried: CarriedMotion, iiwa: Model, plain: Excitation) -> None:
+    q, v, a = plain.sampled(5.0)[1]
+    asked = carried.asked(q, v, a)
+    by_object = asked.Y @ carried.parameters
+    np.testing.assert_allclose(asked.torque, iiwa.inverse_dynamics(q, v, a) + by_object, atol=1e-9)
+    for k in range(0, len(q), 7):  # virtual work: Jᵀ of the wrench at the tool, where G is
+        R = iiwa.tool_pose(q[k]).rotation().matrix()
+        force, moment = R @ asked.wrench[k, :3], R @ asked.wrench[k, 3:]
+        J = iiwa.tool_jacobian(q[k])
+        np.testing.assert_allclose(J[:3].T @ moment + J[3:].T @ force, by_object[k], atol=1e-8)
+
+
+def test_at_rest_the_hand_carries_the_weight(carried: CarriedMotion) -> None:
+    zero = np.zeros((1, 7))
+    wrench = carried.asked(POSTURE[None], zero, zero).wrench[0]
+    assert np.linalg.norm(wrench[:3]) == pytest.approx(0.8 * 9.81, rel=1e-3)
+
+
+def test_slopes(carried: CarriedMotion, plain: Excitation) -> None:
+    q, v, a = plain.sampled(1.0)[1]
+    _, slopes = carried.with_slopes(q, v, a)
+    step = 1e-4
+    for k, (dq, dv, da) in {2: (1, 0, 0), 8: (0, 1, 0), 20: (0, 0, 1)}.items():
+        e = step * np.eye(7)[k % 7]
+        plus, minus = (carried.asked(q + s * dq * e, v + s * dv * e, a + s * da * e) for s in (1, -1))
+        for name in ("Y", "torque", "wrench"):
+            numeric = (getattr(plus, name) - getattr(minus, name)) / (2 * step)
+            np.testing.assert_allclose(getattr(slopes, name)[k], numeric, atol=2e-4)
+
+
+def test_the_slope_of_the_cost_with_every_limit_passed(carried: CarriedMotion, iiwa: Model) -> None:
+    limits = MotionLimits.of(iiwa)
+    tight = replace(limits.near(POSTURE, 0.3), acceleration=0.5 * limits.acceleration, torque=0.5 * limits.torque)
+    cost = ExcitationCost.of(carried, tight, Grip(15.0), Harmonics(4.0, 5))
+    x = cost.drawn(np.random.default_rng(0))
+    x[7:] *= 2.0
+    use = cost.use(x, cost.time)
+    assert min(use.values()) > 1.0, use
+    value, slope = cost.value_and_slope(x, 0.1)
+    for k in (0, 3, 5, 6, 9, 20, 33, 50):
+        e = 1e-5 * np.eye(len(x))[k]
+        numeric = (cost.value_and_slope(x + e, 0.1)[0] - cost.value_and_slope(x - e, 0.1)[0]) / 2e-5
+        assert slope[k] == pytest.approx(numeric, rel=1e-3, abs=1e-4), k
+    assert cost.value_and_slope(x, 0.2)[0] > value
+
+
+def test_what_is_told_is_what_the_bound_says(carried: CarriedMotion, iiwa: Model, X_TO: RigidTransform) -> None:
+    cost = ExcitationCost.of(carried, MotionLimits.of(iiwa), None, Harmonics(10.0, 15))
+    x = cost.drawn(np.random.default_rng(1))
+    q, v, a = cost.motion(x, np.arange(1000) / 100.0)
+    bound = crlb(iiwa, X_TO, carried.parameters, (q, v, a), 0.05)
+    errors = np.concatenate([[bound.mass / 0.001], bound.centre / 0.0005, bound.moments / 0.12])
+    told = np.exp(cost.value_and_slope(x, 0.0)[0])
+    assert told == pytest.approx(np.sum(errors**4) ** 0.25, rel=0.1)  # dry friction is wider in the cost
+
+
+def test_it_is_much_better_than_its_start_and_meets_the_targets(
+    excitation: Excitation, iiwa: Model, X_TO: RigidTransform, box: Shape
+) -> None:
+    assert excitation.bound is not None
+    assert excitation.bound.mass < 0.001
+    assert np.all(excitation.bound.centre < 0.0005)
+    assert np.all(excitation.bound.moments < 0.18)
+    again = crlb(iiwa, X_TO, box.even(0.5), excitation.sampled(100.0)[1], 0.05)
+    np.testing.assert_allclose(again.moments, excitation.bound.moments)
+
+
+def test_every_limit_is_kept_at_all_times(
+    excitation: Excitation, iiwa: Model, X_TO: RigidTransform, box: Shape
+) -> None:
+    q, v, a = excitation.sampled(500.0)[1]
+    limits = MotionLimits.of(iiwa)
+    held = Held.in_tool(iiwa, X_TO)
+    torque = iiwa.inverse_dynamics(q, v, a) + held.regressor(iiwa, q, v, a) @ box.even(0.5)
+    for value, bound in ((v, limits.velocity), (a, limits.acceleration), (torque, limits.torque)):
+        assert np.max(np.abs(value) / bound) < 1.003
+    assert np.all(q > limits.lower - 1e-3)
+    assert np.all(q < limits.upper + 1e-3)
+    assert max(excitation.use.values()) <= 1.0
+
+
+def test_it_rests_at_both_ends_and_outside(excitation: Excitation) -> None:
+    q, v, a = excitation.at(np.array([-1.0, 0.0, 10.0, 11.0]))
+    np.testing.assert_allclose(q, np.tile(excitation.posture, (4, 1)), atol=1e-9)
+    np.testing.assert_allclose(v, 0.0, atol=1e-9)
+    np.testing.assert_allclose(a, 0.0, atol=1e-8)
+
+
+def test_a_weaker_grip_moves_it_less(iiwa: Model, X_TO: RigidTransform, box: Shape) -> None:
+    heavy = box.even(1.5)
+    held = Held.in_tool(iiwa, X_TO)
+    grip = Grip(30.0)
+    found = optimise_excitation(iiwa, X_TO, heavy, POSTURE, grip=grip, plan=SHORT)
+    q, v, a = found.sampled(200.0)[1]
+    carried = CarriedMotion(iiwa, held, heavy, X_TO.inverse(), POSTURE)
+    assert grip.use(carried.asked(q, v, a).wrench).max() <= 1.003
+    with pytest.raises(WeighingError, match="limit of grip: at rest it takes"):
+        optimise_excitation(iiwa, X_TO, heavy, POSTURE, grip=Grip(5.0), plan=SHORT)
+
+
+def test_the_grips_forces_are_told_at_its_own_centre(iiwa: Model, box: Shape) -> None:
+    """A box held at its middle, 2 cm behind the tool's origin, does not turn between the pads when at rest."""
+    X_TO = RigidTransform(RotationMatrix(), [0.0, 0.0, -0.02])
+    heavy = box.even(1.5)
+    for centre, holds in (((0.0, 0.0, -0.02), True), ((0.2, 0.0, -0.02), False)):
+        grip = Grip(25.0, centre=centre)
+        if holds:
+            assert optimise_excitation(iiwa, X_TO, heavy, POSTURE, grip=grip, plan=SHORT).use["grip"] <= 1.0
+        else:
+            with pytest.raises(WeighingError, match="grip"):
+                optimise_excitation(iiwa, X_TO, heavy, POSTURE, grip=grip, plan=SHORT)
+
+
+def test_it_stays_clear_of_what_a_predicate_tells(iiwa: Model, X_TO: RigidTransform, box: Shape) -> None:
+    def clear(q: np.ndarray) -> np.ndarray:
+        return np.asarray(np.abs(q[:, 5] - POSTURE[5]) < 0.4)
+
+    found = optimise_excitation(iiwa, X_TO, box.even(0.5), POSTURE, clear=clear, plan=SHORTEST)
+    assert np.all(clear(found.sampled(300.0)[1][0]))
+    free = optimise_excitation(iiwa, X_TO, box.even(0.5), POSTURE, plan=SHORTEST)
+    assert not np.all(clear(free.sampled(300.0)[1][0]))
+    with pytest.raises(WeighingError, match="no motion about this posture is clear"):
+        optimise_excitation(
+            iiwa, X_TO, box.even(0.5), POSTURE, clear=lambda q: np.abs(q - POSTURE).max(axis=1) < 1e-6, plan=SHORTEST
+        )
+
+
+def test_what_cannot_be_is_refused(iiwa: Model, X_TO: RigidTransform, box: Shape) -> None:
+    body = box.even(0.5)
+    with pytest.raises(WeighingError, match="7 finite numbers"):
+        optimise_excitation(iiwa, X_TO, body, POSTURE[:6], plan=SHORT)
+    with pytest.raises(WeighingError, match="iiwa_joint_2 outside"):
+        optimise_excitation(iiwa, X_TO, body, POSTURE + [0, 3, 0, 0, 0, 0, 0], plan=SHORT)
+    with pytest.raises(WeighingError, match="not clear"):
+        optimise_excitation(iiwa, X_TO, body, POSTURE, clear=lambda q: np.zeros(len(q), dtype=bool), plan=SHORT)
+    with pytest.raises(WeighingError, match="not those of a body"):
+        optimise_excitation(iiwa, X_TO, np.zeros(10), POSTURE, plan=SHORT)
+    with pytest.raises(WeighingError, match="harmonics must be at least 3"):
+        ExcitationPlan(harmonics=2)
+    with pytest.raises(WeighingError, match="period must be positive"):
+        ExcitationPlan(period=-1.0)
+
+
+def test_limits_of_a_description(iiwa: Model) -> None:
+    limits = MotionLimits.of(iiwa)
+    np.testing.assert_allclose(limits.velocity, 0.9 * iiwa.velocity_limit)
+    np.testing.assert_allclose(limits.torque, 0.9 * iiwa.effort_limit)
+    np.testing.assert_allclose(limits.acceleration[-1], 22.0, rtol=0.01)
+    np.testing.assert_allclose(limits.upper - iiwa.upper, -0.05)
+    np.testing.assert_allclose(limits.lower - iiwa.lower, 0.05)
+    near = limits.near(POSTURE, 0.1)
+    np.testing.assert_allclose(near.upper - near.lower, 0.2)
+    np.testing.assert_allclose(MotionLimits.of(iiwa, np.full(7, 5.0)).acceleration, 5.0)
+
+
+def test_feed_forward_is_what_a_motion_takes_beyond_holding_the_arm(
+    iiwa: Model, X_TO: RigidTransform, off_centre: np.ndarray, plain: Excitation
+) -> None:
+    q, v, a = plain.sampled(10.0)[1]
+    torque = feed_forward(iiwa, X_TO, off_centre, (q, v, a))
+    whole = CarriedMotion(iiwa, Held.in_tool(iiwa, X_TO), off_centre, X_TO.inverse(), POSTURE).asked(q, v, a).torque
+    holding = iiwa.inverse_dynamics(q, 0 * v, 0 * a)
+    np.testing.assert_allclose(torque + holding, whole, atol=1e-9)
+    np.testing.assert_allclose(feed_forward(iiwa, X_TO, np.zeros(10), (q, 0 * v, 0 * a)), 0.0, atol=1e-9)

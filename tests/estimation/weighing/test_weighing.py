@@ -1,0 +1,214 @@
+"""From logs to ten parameters: truth found again, claims that hold, bad logs refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform
+from scipy.interpolate import make_interp_spline
+
+from tests.estimation.weighing.conftest import Recorder
+from twin_diagram.errors import LogError
+from twin_diagram.estimation.weighing import (
+    ArmDoubt,
+    EmptyRun,
+    Excitation,
+    LoadedRun,
+    Shape,
+    ShapePrior,
+    Weighing,
+    WeighingError,
+    weigh,
+)
+from twin_diagram.estimation.weighing.torque_data import hand_change, read_run
+from twin_diagram.estimation.weighing.torque_fit import by_pose
+from twin_diagram.estimation.weighing.weighing import VERDICTS, verdict
+from twin_diagram.logs.measured_log import Log
+from twin_diagram.model import Model
+from twin_diagram.model.rigid_body.mass_properties import about_centre
+from twin_diagram.model.rigid_body.rigid_tree import transform_inertia
+
+GAIN = np.array([0.02, -0.015, 0.01, -0.02, 0.015, -0.01, 0.012])
+BIAS = np.array([0.3, -0.2, 0.1, 0.2, -0.3, 0.1, -0.1])
+SENSORS: dict[str, Any] = {"gain": GAIN, "bias": BIAS, "viscous": 0.3, "dry": 0.2}
+
+
+@pytest.fixture(scope="module")
+def both(
+    recorder: Recorder, iiwa_link: Model, excitation: Excitation, X_TO: RigidTransform, off_centre: np.ndarray
+) -> tuple[Log, Log]:
+    """With the object and without, hardly any noise."""
+    loaded = recorder(iiwa_link, excitation, X_TO, off_centre, noise=1e-4, seed=1, **SENSORS)
+    return loaded, recorder(iiwa_link, excitation, noise=1e-4, seed=2, **SENSORS)
+
+
+def test_truth_is_found_again_through_gains_offsets_and_frictions(
+    both: tuple[Log, Log], iiwa_link: Model, X_TO: RigidTransform, box: Shape, off_centre: np.ndarray
+) -> None:
+    sure = replace(ArmDoubt(), hand=(1e-6, 1e-7, 1e-9), pose=(1e-7, 1e-7))
+    found = weigh(iiwa_link, [LoadedRun(both[0], X_TO)], [EmptyRun(both[1])], ShapePrior.none(box), "link", sure)
+    mass, centre, inertia = about_centre(off_centre)
+    assert found.mass == pytest.approx(mass, rel=2e-4)
+    np.testing.assert_allclose(found.centre, centre, atol=5e-5)
+    np.testing.assert_allclose(found.moments, np.linalg.eigvalsh(inertia), rtol=0.01)
+    np.testing.assert_allclose(found.gain, GAIN, atol=5e-4)
+    np.testing.assert_allclose(found.fit.beside[:, 0], BIAS, atol=0.02)
+    np.testing.assert_allclose(found.fit.beside[:, 1], 0.3 * (1.0 + GAIN), atol=0.01)
+    np.testing.assert_allclose(found.fit.beside[:, 2], 0.2 * (1.0 + GAIN), atol=0.01)
+    assert np.all(found.gain_std < 2e-3)
+    assert found.verdicts["mass"] == found.verdicts["moment_1"] == "measured"
+
+
+def test_gains_that_are_taken_for_right_spoil_the_moments(
+    both: tuple[Log, Log], iiwa_link: Model, X_TO: RigidTransform, box: Shape, off_centre: np.ndarray
+) -> None:
+    blind = replace(ArmDoubt(), gain=1e-6)
+    found = weigh(iiwa_link, [LoadedRun(both[0], X_TO)], [EmptyRun(both[1])], ShapePrior.none(box), "link", blind)
+    moments = np.linalg.eigvalsh(about_centre(off_centre)[2])
+    assert np.max(np.abs(found.moments / moments - 1.0)) > 0.1
+
+
+def test_motor_side_torques_tell_as_much(
+    recorder: Recorder, iiwa: Model, excitation: Excitation, X_TO: RigidTransform, box: Shape, off_centre: np.ndarray
+) -> None:
+    loaded = recorder(iiwa, excitation, X_TO, off_centre, noise=1e-3, seed=1, **SENSORS)
+    empty = recorder(iiwa, excitation, noise=1e-3, seed=2, **SENSORS)
+    found = weigh(iiwa, [LoadedRun(loaded, X_TO)], [EmptyRun(empty)], ShapePrior(box), "motor")
+    assert found.mass == pytest.approx(off_centre[0], rel=2e-3)
+    np.testing.assert_allclose(found.moments, np.linalg.eigvalsh(about_centre(off_centre)[2]), rtol=0.05)
+
+
+def test_told_errors_hold_the_truth(
+    recorder: Recorder,
+    iiwa_link: Model,
+    excitation: Excitation,
+    X_TO: RigidTransform,
+    box: Shape,
+    off_centre: np.ndarray,
+) -> None:
+    held, squares = [], []
+    for seed in range(5):
+        random = np.random.default_rng(seed)
+        sensors = {
+            "gain": 0.01 * random.normal(size=7), "bias": 0.2 * random.normal(size=7),
+            "viscous": random.uniform(0.0, 0.5, 7), "dry": random.uniform(0.0, 0.5, 7), "noise": 0.2,
+        }  # fmt: skip
+        loaded = recorder(iiwa_link, excitation, X_TO, off_centre, seed=100 + seed, **sensors)
+        empty = recorder(iiwa_link, excitation, seed=200 + seed, **sensors)
+        found = weigh(iiwa_link, [LoadedRun(loaded, X_TO)], [EmptyRun(empty)], ShapePrior(box))
+        low, high = found.interval()
+        held.append((low <= off_centre) & (off_centre <= high))
+        squares.append(
+            (off_centre - found.parameters) @ np.linalg.solve(found.covariance, off_centre - found.parameters)
+        )
+        mass, centre, inertia = about_centre(off_centre)
+        assert abs(found.mass / mass - 1.0) < 0.01
+        assert np.linalg.norm(found.centre - centre) < 0.003
+        assert np.max(np.abs(found.moments / np.linalg.eigvalsh(inertia) - 1.0)) < 0.3
+        np.testing.assert_array_less(np.abs(found.gain - sensors["gain"]), 4.5 * found.gain_std)
+    assert np.mean(held) >= 0.88
+    assert 3.0 < np.mean(squares) < 16.0  # χ² with ten degrees of freedom
+
+
+def test_a_summary_is_of_one_body(both: tuple[Log, Log], iiwa_link: Model, X_TO: RigidTransform, box: Shape) -> None:
+    found: Weighing = weigh(iiwa_link, [LoadedRun(both[0], X_TO)], [EmptyRun(both[1])], ShapePrior(box))
+    mass, centre, inertia = about_centre(found.parameters)
+    assert found.mass == pytest.approx(mass)
+    np.testing.assert_allclose(found.centre, centre)
+    np.testing.assert_allclose(found.axes @ np.diag(found.moments) @ found.axes.T, inertia, atol=1e-15)
+    assert set(found.verdicts.values()) <= set(VERDICTS)
+    table = found.as_dict()
+    assert table["mass"]["value"] == found.mass
+    assert table["centre"]["std"] == found.errors["centre"].tolist()
+    assert np.shape(table["covariance"]) == (10, 10)
+    again = weigh(iiwa_link, [LoadedRun(both[0], X_TO)], [EmptyRun(both[1])], ShapePrior(box))
+    np.testing.assert_array_equal(again.parameters, found.parameters)
+
+
+def test_an_even_object_that_hardly_moves_is_known_by_its_shape(
+    recorder: Recorder, iiwa_link: Model, plain: Excitation, X_TO: RigidTransform, box: Shape
+) -> None:
+    slow = replace(plain, coefficients=0.02 * plain.coefficients)
+    loaded = recorder(iiwa_link, slow, X_TO, box.even(0.5), noise=0.2, seed=1)
+    empty = recorder(iiwa_link, slow, noise=0.2, seed=2)
+    found = weigh(iiwa_link, [LoadedRun(loaded, X_TO)], [EmptyRun(empty)], ShapePrior(box))
+    assert found.verdicts["mass"] == "measured"
+    assert {found.verdicts[f"moment_{k}"] for k in (1, 2, 3)} == {"from shape alone"}
+    np.testing.assert_allclose(found.moments, np.linalg.eigvalsh(about_centre(box.even(found.mass))[2]), rtol=0.2)
+
+
+def test_the_words_of_a_verdict() -> None:
+    assert [verdict(share) for share in (0.95, 0.9, 0.5, 0.3, 0.1, -0.2)] == [
+        "measured", "measured", "partly", "partly", "from shape alone", "from shape alone",
+    ]  # fmt: skip
+
+
+def test_an_object_moved_in_the_hand(off_centre: np.ndarray) -> None:
+    slopes = by_pose(off_centre)
+    step = 1e-4
+    moved = transform_inertia(RigidTransform([0.0, step, 0.0])) @ off_centre
+    np.testing.assert_allclose(slopes[:, 1] * step, moved - off_centre, atol=1e-8)
+    assert np.all(slopes[0] == 0.0)
+    np.testing.assert_allclose(slopes[1:4, 5], np.cross([0, 0, 1], off_centre[1:4]), atol=1e-6)
+
+
+def test_fingers_elsewhere_change_the_hand(iiwa: Model) -> None:
+    change = hand_change(iiwa, {"left_finger_sliding_joint": -0.03, "right_finger_sliding_joint": 0.03})
+    assert np.all(change[:-1] == 0.0)
+    mass, moment, inertia = change[-1, 0], change[-1, 1:4], change[-1, 4:7]
+    assert mass == pytest.approx(0.0, abs=1e-12)
+    np.testing.assert_allclose(moment, 0.0, atol=1e-9)  # symmetric
+    # Two fingers of 50 g go from 11.5 mm (the joints' places) to 41.5 mm off the middle.
+    expected = 2 * 0.05 * (0.0415**2 - 0.0115**2)
+    assert sorted(inertia)[1:] == pytest.approx([expected, expected], rel=1e-6)
+    assert sorted(inertia)[0] == pytest.approx(0.0, abs=1e-9)
+    assert np.all(hand_change(iiwa, {}) == 0.0)
+
+
+def test_bad_logs_are_refused(both: tuple[Log, Log], iiwa_link: Model, X_TO: RigidTransform, box: Shape) -> None:
+    good = both[0]
+
+    def tried(log: Log) -> Weighing:
+        return weigh(iiwa_link, [LoadedRun(log, X_TO)], [EmptyRun(both[1])], ShapePrior(box))
+
+    with pytest.raises(WeighingError, match="shorter than 3 s"):
+        tried(good.between(0.0, 2.0))
+    spoilt = np.array(good.torque)
+    spoilt[100, 2] = np.nan
+    with pytest.raises(WeighingError, match="torque holds values that are not finite"):
+        tried(replace(good, torque=spoilt))
+    with pytest.raises(LogError, match="neither torque_measured"):
+        tried(replace(good, torque=None))
+    with pytest.raises(LogError, match="missing"):
+        tried(replace(good, joints=tuple(f"elbow_{k}" for k in range(7))))
+    with pytest.raises(WeighingError, match="do not rise"):
+        tried(replace(good, time=good.time[::-1]))
+    with pytest.raises(WeighingError, match="samples a second"):
+        tried(Log(good.time[::20], good.joints, good.position[::20], torque=np.array(good.torque)[::20]))
+    with pytest.raises(WeighingError, match="no joint outside the arm"):
+        read_run(iiwa_link, EmptyRun(good, {"iiwa_joint_3": 0.1}))
+    with pytest.raises(WeighingError, match="stands at nan"):
+        read_run(iiwa_link, EmptyRun(good, {"left_finger_sliding_joint": float("nan")}))
+    with pytest.raises(WeighingError, match="at least one"):
+        weigh(iiwa_link, [], [EmptyRun(good)], ShapePrior(box))
+    with pytest.raises(WeighingError, match="torques at the link"):
+        weigh(iiwa_link, [LoadedRun(good, X_TO)], [], ShapePrior(box), "motor")
+
+
+def test_torques_that_come_late_are_moved_back(
+    both: tuple[Log, Log], iiwa_link: Model, X_TO: RigidTransform, box: Shape, off_centre: np.ndarray
+) -> None:
+    """A simulator's torques are of its last step; at 100 N·m/s 2.5 ms are 0.25 N·m, ten times what is looked for."""
+
+    def late(log: Log, seconds: float) -> Log:
+        torque = make_interp_spline(log.time, np.array(log.torque), k=3)(np.maximum(log.time - seconds, 0.0))
+        return replace(log, torque=torque)
+
+    loaded, empty = (late(log, 0.004) for log in both)
+    found = weigh(iiwa_link, [LoadedRun(loaded, X_TO)], [EmptyRun(empty)], ShapePrior(box))
+    assert found.delay == pytest.approx(0.004, abs=5e-5)
+    assert found.mass == pytest.approx(off_centre[0], rel=1e-3)
+    np.testing.assert_allclose(found.moments, np.linalg.eigvalsh(about_centre(off_centre)[2]), rtol=0.03)

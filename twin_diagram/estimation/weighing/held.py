@@ -1,0 +1,67 @@
+"""An object that an arm holds: where it is on the last body, and which joints feel it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from pydrake.math import RigidTransform
+
+from twin_diagram.errors import TwinError
+from twin_diagram.model.model import Model
+from twin_diagram.model.rigid_body.kinematic_tree import Kinematics
+from twin_diagram.model.rigid_body.rigid_tree import transform_inertia
+from twin_diagram.signals.arrays import Array
+
+
+class WeighingError(TwinError):
+    """What an object cannot be weighed with: logs, limits or a grasp that do not fit."""
+
+
+@dataclass(frozen=True)
+class Held:
+    """An object's frame O, fixed on a body of an arm's tree.
+
+    Attributes:
+        body: index of the tree's body that carries it.
+        X_MO: pose of O in that body's frame M.
+        rows: (m,) indices of the turning joints that move it, in the model's order.
+    """
+
+    body: int
+    X_MO: RigidTransform
+    rows: npt.NDArray[np.int64]
+
+    @staticmethod
+    def in_tool(model: Model, X_TO: RigidTransform) -> Held:
+        """Return an object at X_TO in the model's tool frame T.
+
+        Raises:
+            WeighingError: the pose is not finite, or no turning joint moves the tool.
+        """
+        if not np.all(np.isfinite(X_TO.GetAsMatrix34())):
+            raise WeighingError(f"X_TO is not finite: {np.array2string(X_TO.GetAsMatrix34(), precision=3)}")
+        body, _ = model.bodies.body_of(model.last_link)
+        rest = np.zeros((1, len(model.joints)))
+        motion = Kinematics.of(model.tree, model.true_position(rest).T)
+        R_WM, p_WM = motion.R[:, :, body, 0], motion.p[:, body, 0]
+        X_WT = model.tool_pose(rest[0])
+        R_MT = R_WM.T @ X_WT.rotation().matrix()
+        p_MT = R_WM.T @ (X_WT.translation() - p_WM)
+        X_MT = np.vstack([np.column_stack([R_MT, p_MT]), [0.0, 0.0, 0.0, 1.0]])
+        rows = np.flatnonzero((model.tree.ancestors[body] > 0.0) & model.tree.revolute)
+        if not len(rows):
+            raise WeighingError(f"{model.last_link}: no turning joint moves it, so nothing held there can be weighed")
+        return Held(body, RigidTransform(X_MT) @ X_TO, rows)
+
+    def regressor(self, model: Model, q: Array, v: Array, a: Array) -> Array:
+        """Return torques (N, m, 10) of the `rows` per unit of each of the object's parameters in O.
+
+        Args:
+            model: the arm.
+            q: (N, n) true positions [rad].
+            v: (N, n) velocities [rad/s].
+            a: (N, n) accelerations [rad/s²].
+        """
+        return model.tree.regressor(q, v, a, self.body)[:, self.rows] @ transform_inertia(self.X_MO)

@@ -1,0 +1,193 @@
+"""What is searched for beside the tick: joint goals, and a way to one of them; a pure function of a question."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from twin_diagram.planning.collision.collision_scene import Forecast, Scene
+from twin_diagram.planning.collision.held_shape import holding
+from twin_diagram.planning.paths import inverse_kinematics
+from twin_diagram.planning.paths.route import Router, Situation
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.hand import Hand
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """How near things may be and how much is kept at hand; chosen by hand."""
+
+    least: float = 0.25
+    """Share of the clearance that is always wanted, however near to a thing the goal is."""
+
+    least_at_rest: float = 0.6
+    """The same where there is no goal: nobody asked to be so near."""
+
+    own_clearance: float = 0.01
+    """The arm keeps from itself [m]."""
+
+    surprise: float = 0.02
+    """How much more than the clearance plans keep from what lies ahead [m]."""
+
+    goals: int = 8
+    """Joint goals that are kept of those found."""
+
+    grips: int = 8
+    """Shapes of an arm with something in its hand that are kept at hand: a few for each Context."""
+
+
+TUNING = Tuning()
+
+
+@dataclass(frozen=True)
+class Question:
+    """All that a search depends on; immutable, so that copies are shared.
+
+    Attributes:
+        seed: of the random numbers, with what tells this question from others.
+        q: (n,) where the arm is [rad].
+        goal: (7,) X_WG of the tool frame; an all-zero quaternion: none.
+        goals: (G, n) joint goals that are known.
+        more_goals: whether to look for joint goals.
+        tracks, further, things: as `Scene.forecast` takes them.
+        hand: what is held, a packed `Hand`; empty: nothing.
+    """
+
+    seed: tuple[int, ...]
+    q: Array
+    goal: Array
+    goals: Array
+    more_goals: bool
+    tracks: Array
+    further: Array | None = None
+    things: Array | None = None
+    hand: bytes = b""
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Question:
+        return self
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a search found.
+
+    Attributes:
+        goals: (G, n) joint goals: those that were known and those found.
+        points: (W, n) way points to one of them; W = 0 where none was found.
+    """
+
+    goals: Array
+    points: Array
+
+
+@dataclass(frozen=True)
+class GuideSettings:
+    """What a guide is made of beside shapes.
+
+    Attributes:
+        speed: (n,) at which routes are travelled [rad/s].
+        clearance: to keep from everything [m].
+        pieces_O: corners (m, 3) of the convex pieces of each of the library's objects [m].
+        acceleration: (n,) with which routes are travelled [rad/s²]; None: no limit.
+    """
+
+    speed: Array
+    clearance: float
+    pieces_O: Sequence[Sequence[Array]] = field(default_factory=list)
+    acceleration: Array | None = None
+
+
+class Guide:
+    """Finds joint goals and ways. Holds constants alone.
+
+    Args:
+        scene: shapes and limits, with an empty hand.
+        settings: see there.
+    """
+
+    def __init__(self, scene: Scene, settings: GuideSettings) -> None:
+        self.scene, self.settings = scene, settings
+        self.router = Router(scene, settings.speed, acceleration=settings.acceleration)
+        self._holding = lru_cache(maxsize=TUNING.grips)(self._made)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Guide, (self.scene, self.settings)
+
+    def holding(self, hand: bytes) -> Guide:
+        """Return the guide of an arm that holds something, a packed `Hand`; this one where that is empty."""
+        return self._holding(hand) if hand else self
+
+    def _made(self, hand: bytes) -> Guide:
+        held = Hand.unpack(np.frombuffer(hand))
+        return Guide(holding(self.scene, self.settings.pieces_O[held.held], held), self.settings)
+
+    def situation(self, q: Array, forecast: Forecast, goals: Array, *, at_rest: bool = False) -> Situation:
+        """Return what is near (n,) and at the goals (G, n) of an arm, which may be there without having been asked."""
+        q_all = np.vstack([q[None], goals])
+        around = self.scene.around(forecast, np.zeros(len(q_all)))
+        distance = self.scene.clearance.distances(q_all, around, self._reach)
+        return self._situation_of(q, forecast, goals, distance[0], distance[1:], at_rest=at_rest)
+
+    @property
+    def _reach(self) -> float:
+        """Distances are told apart up to this [m]."""
+        return self.settings.clearance + max(self.router.tuning.spare, TUNING.surprise) + 0.01
+
+    def _situation_of(
+        self, q: Array, forecast: Forecast, goals: Array, here: Array, at_goals: Array, *, at_rest: bool
+    ) -> Situation:
+        clearance, fixtures = self.settings.clearance, self.scene.fixture_count
+        least = TUNING.least_at_rest if at_rest else TUNING.least
+        still = np.concatenate([np.ones(fixtures, dtype=bool), ~forecast.moving])
+        own = TUNING.own_clearance
+        return Situation(q, forecast, goals, here, at_goals, still, clearance, least * clearance, own)
+
+    def margins_at(self, forecast: Forecast, goal: Array, *, at_rest: bool = False) -> Situation:
+        """Return a situation that tells margins at goals (G, n) alone, G <= 1: nothing of where the arm is."""
+        far = np.full(self.scene.fixture_count + len(forecast.present) + 1, np.inf)
+        at_goals = far[None][: len(goal)]
+        if len(goal):
+            around = self.scene.around(forecast, np.zeros(len(goal)))
+            at_goals = self.scene.clearance.distances(goal, around, self._reach, own=False)
+        return self._situation_of(far[:0], forecast, goal, far, at_goals, at_rest=at_rest)
+
+    def joint_goals(
+        self, q: Array, goal: Array, forecast: Forecast, rng: np.random.Generator, tuning: Any = None
+    ) -> Array:
+        """Return joint positions (G, n) that put the tool at a goal (7,).
+
+        Those that are clear of everything come first, the nearest first among them.
+        """
+        X_WG = np.eye(4)
+        X_WG[:3, :3] = Rotation.from_quat(goal[[1, 2, 3, 0]]).as_matrix()
+        X_WG[:3, 3] = goal[4:]
+        found = inverse_kinematics.solve(self.scene.chain, X_WG, q, self.scene.lower, self.scene.upper, rng, tuning)
+        if not len(found):
+            return found
+        now = self.situation(q, forecast, found)
+        clear = (now.at_goals >= np.append(np.full(len(now.still), now.least), now.own)).all(axis=1)
+        return found[np.argsort(~clear, kind="stable")][: TUNING.goals]
+
+    def answer(self, question: Question) -> Answer:
+        """Return what a search finds."""
+        guide = self.holding(question.hand)
+        rng = np.random.default_rng(list(question.seed))
+        forecast = guide.scene.forecast(question.tracks, question.further, question.things)
+        goals = question.goals
+        if question.more_goals:
+            goals = together(goals, guide.joint_goals(question.q, question.goal, forecast, rng))
+        now = guide.situation(question.q, forecast, goals, at_rest=not np.any(question.goal))
+        return Answer(goals, guide.router.search(now, rng))
+
+
+def together(known: Array, found: Array) -> Array:
+    """Return joint goals (G, n) that are known and those found that are others, `Tuning.goals` at most."""
+    distinct = inverse_kinematics.IkTuning().distinct
+    others = [q for q in found if not len(known) or np.abs(known - q).max(axis=1).min() >= distinct]
+    result: Array = np.concatenate([known, np.array(others).reshape(-1, found.shape[1])])
+    return result[: TUNING.goals]

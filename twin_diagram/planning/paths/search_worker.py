@@ -1,0 +1,76 @@
+"""The process that searches beside a running loop: `python -m twin_diagram.planning.paths.search_worker`.
+
+It reads a guide and then questions from its standard input, and writes the answers to its standard output. It lives no
+longer than the one that started it: when its standard input ends, so does it, whatever it is at.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import queue
+import struct
+import sys
+import threading
+from dataclasses import dataclass
+from typing import BinaryIO, Final
+
+LENGTH: Final = struct.Struct("<Q")
+"""Goes before each message: how many bytes it has."""
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    orphaned: int = 3
+    """Exit status where the starter is gone."""
+
+
+TUNING = Tuning()
+
+
+def send(stream: BinaryIO, message: bytes) -> None:
+    """Write one message."""
+    stream.write(LENGTH.pack(len(message)) + message)
+    stream.flush()
+
+
+def receive(stream: BinaryIO) -> bytes:
+    """Return the next message.
+
+    Raises:
+        EOFError: there is none.
+    """
+    head = stream.read(LENGTH.size)
+    if len(head) < LENGTH.size:
+        raise EOFError
+    size = LENGTH.unpack(head)[0]
+    message = stream.read(size)
+    if len(message) < size:
+        raise EOFError
+    return message
+
+
+def main() -> None:
+    """Answer questions until there are no more."""
+    answers = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what anything prints is no answer
+    incoming: queue.Queue[bytes] = queue.Queue()
+    threading.Thread(target=_read, args=(incoming,), daemon=True).start()
+    guide = pickle.loads(incoming.get())
+    while True:
+        send(answers, pickle.dumps(guide.answer(pickle.loads(incoming.get()))))
+
+
+def _read(incoming: queue.Queue[bytes]) -> None:
+    stream = os.fdopen(os.dup(0), "rb")
+    try:
+        while True:
+            incoming.put(receive(stream))
+    except EOFError:
+        os._exit(TUNING.orphaned)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
