@@ -14,7 +14,7 @@ from twin_diagram.gap.whole_robot.explain import begun, concluded, settled, sett
 from twin_diagram.gap.whole_robot.left_out import LeftOut
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve
 from twin_diagram.gap.whole_robot.torque_equations import equations
-from twin_diagram.gap.whole_robot.unusual import Beside, offered, room_for, terms_of, unusual, with_candidate
+from twin_diagram.gap.whole_robot.unusual import ReadyFits, offered, room_for, terms_of, unusual, with_candidate
 from twin_diagram.model.effects import Effect
 
 MASS, COM = 3.0, [0.02, 0.05, 0.06]
@@ -64,7 +64,7 @@ def test_what_a_candidate_brings_is_known_before_it_is_fitted(name: str, variant
     candidate = next(c for c in offered(terms_of(start.sums, ARM)) if (c.name, c.variant) == (name, variant))
     tried = with_candidate(start, candidate, 5)
     fitted = LeftOut.of(tried, solve(tried)).score() - left_out.score()
-    assert Beside.of(left_out).gain(candidate) == pytest.approx(fitted, rel=0.02, abs=0.3)
+    assert ReadyFits.of(left_out).gain(candidate) == pytest.approx(fitted, rel=0.02, abs=0.3)
 
 
 def test_what_stands_for_the_same_makes_room() -> None:

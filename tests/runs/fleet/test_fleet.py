@@ -16,7 +16,7 @@ from twin_diagram.errors import TwinError
 from twin_diagram.runs.fleet import fleet, work
 from twin_diagram.runs.fleet.page import first_days, page
 from twin_diagram.runs.fleet.robots import read_fleet
-from twin_diagram.runs.fleet.work import Line
+from twin_diagram.runs.fleet.work import VisitResult
 
 HEADER = "robot,date,model,fit,holdout\n"
 ANSWER = {
@@ -88,11 +88,11 @@ def test_what_hangs_is_ended() -> None:
 
 def test_robots_are_sorted_by_what_is_wrong_and_the_first_day_that_shows_it() -> None:
     lines = [
-        Line("b", "2026-02-02", "named", ["payload tool", "backlash j1"]),
-        Line("a", "2026-02-01", "named", ["payload tool"]),
-        Line("b", "2026-01-01", "named", ["payload tool"]),
-        Line("c", "2026-01-05", "unknown"),
-        Line("d", "2026-01-05", "none"),
+        VisitResult("b", "2026-02-02", "named", ["payload tool", "backlash j1"]),
+        VisitResult("a", "2026-02-01", "named", ["payload tool"]),
+        VisitResult("b", "2026-01-01", "named", ["payload tool"]),
+        VisitResult("c", "2026-01-05", "unknown"),
+        VisitResult("d", "2026-01-05", "none"),
     ]
     assert first_days(lines) == [
         ("payload", "b", "2026-01-01"),
@@ -101,7 +101,7 @@ def test_robots_are_sorted_by_what_is_wrong_and_the_first_day_that_shows_it() ->
         ("unknown", "c", "2026-01-05"),
     ]
     assert "4 robots, 5 visits" in page(lines, ["x"] * 5)
-    assert "<script>" not in page([Line("<script>", "1", "none")], ["x"])
+    assert "<script>" not in page([VisitResult("<script>", "1", "none")], ["x"])
 
 
 @pytest.mark.parametrize(

@@ -59,6 +59,22 @@ def covariance(problem: RobotProblem, z: Array) -> Array:
     return own * np.outer(ratio, ratio)
 
 
+def widened(spread: Array, fits: Array) -> Array:
+    """Return a covariance (Z, Z) that is no smaller than what fits without one kind of motion each differ by.
+
+    Where a law is only rough, each kind of motion has numbers of its own: a jackknife over kinds.
+
+    Args:
+        spread: of the model, see `covariance`.
+        fits: (F, Z) coordinates.
+    """
+    count = len(fits)
+    apart = (count - 1.0) / count * np.sum((fits - np.mean(fits, axis=0)) ** 2, axis=0)
+    ratio = np.sqrt(np.maximum(apart / np.maximum(np.diag(spread), 1e-300), 1.0))
+    ratio[np.diag(spread) <= 0.0] = 1.0
+    return np.asarray(spread * np.outer(ratio, ratio))
+
+
 def findings(
     problem: RobotProblem, z: Array, spread: Array, model: Model, sure: dict[str, float]
 ) -> tuple[Finding, ...]:

@@ -15,6 +15,7 @@ import numpy as np
 from twin_diagram.errors import ModelError
 from twin_diagram.gap.correction.merge_effects import merged
 from twin_diagram.gap.correction.named_effects import specs_of
+from twin_diagram.gap.experiments.advice import experiment
 from twin_diagram.gap.findings import Finding, Separation
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.residuals.regressors import present
@@ -132,7 +133,31 @@ def explain(records: Records, *, known: bool = False) -> WholeRobot | None:
     strange = unusual(bare, solve(bare), records.model, BEYOND if known else (Payload.name,))
     if strange.sums.further:
         found.append(grown(concluded(settled_beside(strange, whole)), whole))
-    return max(filter(None, found), key=lambda one: worth(one, whole), default=None)
+    told = sorted(filter(None, found), key=lambda one: -worth(one, whole))
+    return replace(told[0], separation=nearest(told, whole)) if told else None
+
+
+def nearest(told: Sequence[WholeRobot], whole: RobotProblem) -> tuple[Separation, ...]:
+    """Return how far an explanation with a payload is from one in which links stand in for it, or the other way round.
+
+    Args:
+        told: the better one, and its rival, if there is one.
+        whole: whose noise counts for both.
+    """
+    if len(told) < 2:
+        return ()
+    loads = [[f"{f.name} on {f.links[0]}" for f in one.findings if f.name == Payload.name] for one in told]
+    if bool(loads[0]) == bool(loads[1]):
+        return ()
+    links = [
+        f"{f.name} on {', '.join(f.links)}" for f in told[bool(loads[0])].findings if f.name == InertialParameters.name
+    ]
+    if not links:
+        return ()
+    likelier = float(np.sum(likelihood(whole, told[0].left) - likelihood(whole, told[1].left)))
+    pair = (loads[0][0], links[0]) if loads[0] else (links[0], loads[1][0])
+    names = (Payload.name, InertialParameters.name)
+    return (Separation(*pair, float(np.sqrt(2.0 * max(likelier, 0.0))), experiment(*names)),)
 
 
 def grown(found: WholeRobot | None, whole: RobotProblem) -> WholeRobot | None:
@@ -191,6 +216,7 @@ def concluded(problem: RobotProblem) -> WholeRobot | None:
         return None
     left_out = LeftOut.of(problem, z)
     given = problem.sums.records.model
+    spread = estimates.widened(spread, left_out.fits)
     found = estimates.findings(problem, z, spread, given, confidences(problem, left_out))
     fitted = np.sqrt(problem.squares(z, problem.sums.whole) / problem.sums.counted)
     model = corrected(given, found)

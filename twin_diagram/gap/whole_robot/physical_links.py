@@ -27,6 +27,8 @@ class Tuning:
 TUNING = Tuning()
 
 DIAGONAL = np.arange(4)
+"""Of a factor."""
+
 ROW, COLUMN = np.triu_indices(4, 1)
 """Places of the ten coordinates in a triangular factor: its diagonal, then what is above it."""
 

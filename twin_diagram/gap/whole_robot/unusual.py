@@ -62,8 +62,8 @@ class Tuning:
     most: int = 4
     """That are named at most: so many things at once rather follow something that has no name."""
 
-    third: float = 1.0 / 3.0
-    """No name where the standard error is more than this share of the value."""
+    sure: float = 0.3
+    """No name where the standard error is more than this share of the value: of so many names some always suits."""
 
     beyond_own: float = 2.0
     """Times the last link's own doubt that a payload must weigh."""
@@ -109,7 +109,7 @@ def unusual(problem: RobotProblem, start: Array, model: Model, names: tuple[str,
     z = start
     left_out = LeftOut.of(problem, z)
     for _ in range(TUNING.most):
-        beside = Beside.of(left_out)
+        beside = ReadyFits.of(left_out)
         screened = [beside.gain(c) - price(c) - 0.5 * asked(problem, problem, c) for c in there]
         order = [int(k) for k in np.argsort(screened)[::-1] if screened[k] > 0.0][: TUNING.tried]
         # A payload shows little as long as the last link stands in for it.
@@ -188,9 +188,11 @@ def believable(problem: RobotProblem, at: int = -1) -> bool:
         return False
     if candidate.name == Payload.name:
         own, mass = estimates.own_doubt(problem), abs(z[s][0])
-        return bool(mass > TUNING.beyond_own * own and np.hypot(np.sqrt(covariance[0, 0]), own) < TUNING.third * mass)
-    size = float(np.sqrt(z[s] @ np.linalg.pinv(covariance, hermitian=True) @ z[s] / len(z[s])))
-    return size > 1.0 / TUNING.third
+        return bool(mass > TUNING.beyond_own * own and np.hypot(np.sqrt(covariance[0, 0]), own) < TUNING.sure * mass)
+    # A straight spring's level alone would be an offset.
+    told = slice(0, 1) if candidate.name == JointSpring.name and not candidate.variant else slice(None)
+    size, spread = z[s][told], covariance[told, told]
+    return float(np.sqrt(size @ np.linalg.pinv(spread, hermitian=True) @ size / len(size))) > 1.0 / TUNING.sure
 
 
 def without_doubtful(problem: RobotProblem) -> RobotProblem:
@@ -204,7 +206,7 @@ def without_doubtful(problem: RobotProblem) -> RobotProblem:
 
 
 @dataclass(frozen=True)
-class Beside:
+class ReadyFits:
     """Left-out fits to first order, ready for one candidate after the other.
 
     Attributes:
@@ -222,7 +224,7 @@ class Beside:
     full: Array
 
     @staticmethod
-    def of(left_out: LeftOut) -> Beside:
+    def of(left_out: LeftOut) -> ReadyFits:
         """Make fits ready."""
         problem = left_out.problem
         moving = [np.flatnonzero(problem.free & (z > problem.lower)) for z in left_out.fits]
@@ -232,7 +234,7 @@ class Beside:
             scale = np.sqrt(np.diag(inner))
             inverses.append(np.linalg.inv(inner / np.outer(scale, scale)) / np.outer(scale, scale))
         full = [np.concatenate([-problem.difference(z), np.ones((problem.n, 1))], axis=1) for z in left_out.fits]
-        return Beside(left_out, moving, inverses, [problem.slope(z) for z in left_out.fits], np.stack(full))
+        return ReadyFits(left_out, moving, inverses, [problem.slope(z) for z in left_out.fits], np.stack(full))
 
     def gain(self, candidate: Candidate) -> float:
         """Return the rise of the left-out log likelihood that a candidate brings beside all that is free.

@@ -11,7 +11,7 @@ from typing import Any
 from twin_diagram.errors import TwinError
 from twin_diagram.runs.fleet.page import page, table
 from twin_diagram.runs.fleet.robots import Visit, read_fleet
-from twin_diagram.runs.fleet.work import Line, known, work
+from twin_diagram.runs.fleet.work import VisitResult, known, work
 from twin_diagram.runtime import atomic_file
 from twin_diagram.runtime.output_place import why_not
 
@@ -27,7 +27,7 @@ def run_fleet(
     dask: str = "",
     options: tuple[str, ...] = (),
     say: Callable[[str], None] = lambda text: None,
-) -> list[Line]:
+) -> list[VisitResult]:
     """Run `gap` on each visit of a table; write `fleet.csv` and `fleet.html` after each of them.
 
     Args:
@@ -71,15 +71,15 @@ def run_fleet(
     return [lines[visit] for visit in visits]
 
 
-def _line(visit: Visit, future: Any) -> Line:
+def _line(visit: Visit, future: Any) -> VisitResult:
     """Return what work found; what it could not even try is a line, too."""
     error = future.exception()
     if error is None:
-        return Line(**vars(future.result()))
-    return Line(visit.robot, visit.date, "failed", headline=f"{type(error).__name__}: {error}")
+        return VisitResult(**vars(future.result()))
+    return VisitResult(visit.robot, visit.date, "failed", headline=f"{type(error).__name__}: {error}")
 
 
-def _write(out: Path, visits: list[Visit], lines: dict[Visit, Line]) -> None:
+def _write(out: Path, visits: list[Visit], lines: dict[Visit, VisitResult]) -> None:
     there = [visit for visit in visits if visit in lines]
     told = [lines[visit] for visit in there]
     atomic_file.write(out / "fleet.csv", table(told))

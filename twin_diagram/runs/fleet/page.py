@@ -7,7 +7,7 @@ import io
 from collections.abc import Sequence
 from html import escape
 
-from twin_diagram.runs.fleet.work import Line
+from twin_diagram.runs.fleet.work import VisitResult
 
 COLUMNS = ("robot", "date", "verdict", "effects", "headline", "left", "seconds")
 """Of the table."""
@@ -17,9 +17,10 @@ STYLE = (
     "table{border-collapse:collapse;width:100%}th,td{text-align:left;padding:.35rem .7rem;"
     "border-bottom:1px solid #dde3ea;vertical-align:top}th{font-weight:600}.bad{color:#a3341c}"
 )
+"""Of the page: plain, so that it prints well."""
 
 
-def table(lines: Sequence[Line]) -> str:
+def table(lines: Sequence[VisitResult]) -> str:
     """Return the table as CSV; effects are parted by `;`."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -31,7 +32,7 @@ def table(lines: Sequence[Line]) -> str:
     return text.getvalue()
 
 
-def first_days(lines: Sequence[Line]) -> list[tuple[str, str, str]]:
+def first_days(lines: Sequence[VisitResult]) -> list[tuple[str, str, str]]:
     """Return what is wrong, robot and the first day that shows it: what most robots have first."""
     first: dict[tuple[str, str], str] = {}
     for line in sorted(lines, key=lambda line: line.date):
@@ -46,7 +47,7 @@ def first_days(lines: Sequence[Line]) -> list[tuple[str, str, str]]:
     return [(name, robot, first[name, robot]) for name, robot in order]
 
 
-def page(lines: Sequence[Line], folders: Sequence[str]) -> str:
+def page(lines: Sequence[VisitResult], folders: Sequence[str]) -> str:
     """Return the page.
 
     Args:
@@ -75,7 +76,7 @@ def page(lines: Sequence[Line], folders: Sequence[str]) -> str:
     )
 
 
-def _verdict(line: Line, folder: str) -> str:
+def _verdict(line: VisitResult, folder: str) -> str:
     if line.verdict in ("failed", "timeout"):
         return f'<td class="bad">{line.verdict}</td>'
     return f'<td><a href="{escape(folder)}/report.html">{escape(line.verdict)}</a></td>'

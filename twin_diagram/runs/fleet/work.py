@@ -20,7 +20,7 @@ LINE_FILE = "fleet_line.json"
 
 
 @dataclass
-class Line:
+class VisitResult:
     """What is said of one robot on one day.
 
     Attributes:
@@ -43,16 +43,16 @@ class Line:
     mark: str = ""
 
 
-def known(visit: Visit, out: Path) -> Line | None:
+def known(visit: Visit, out: Path) -> VisitResult | None:
     """Return what an earlier call found of a visit; None where inputs have changed, or it did not come to an end."""
     try:
-        line = Line(**json.loads((out / visit.folder / LINE_FILE).read_text(encoding="utf-8")))
+        line = VisitResult(**json.loads((out / visit.folder / LINE_FILE).read_text(encoding="utf-8")))
     except (OSError, ValueError, TypeError):
         return None
     return line if line.mark == visit.mark() and line.verdict not in ("failed", "timeout") else None
 
 
-def work(visit: Visit, out: Path, options: tuple[str, ...], timeout: float) -> Line:
+def work(visit: Visit, out: Path, options: tuple[str, ...], timeout: float) -> VisitResult:
     """Run `gap` on a visit and write its line.
 
     Args:
@@ -69,9 +69,9 @@ def work(visit: Visit, out: Path, options: tuple[str, ...], timeout: float) -> L
     try:
         status, said, complaint = _run(command, timeout)
     except subprocess.TimeoutExpired:
-        line = Line(visit.robot, visit.date, "timeout", headline=f"stopped after {timeout:g} s")
+        line = VisitResult(visit.robot, visit.date, "timeout", headline=f"stopped after {timeout:g} s")
     else:
-        line = _read(visit, folder, said) if status == 0 else Line(visit.robot, visit.date, "failed")
+        line = _read(visit, folder, said) if status == 0 else VisitResult(visit.robot, visit.date, "failed")
         line.headline = line.headline or complaint
     line.seconds, line.mark = round(time.perf_counter() - begin, 2), mark
     atomic_file.write(folder / LINE_FILE, json.dumps(asdict(line), ensure_ascii=False, indent=1) + "\n")
@@ -93,11 +93,11 @@ def _run(command: list[str], timeout: float) -> tuple[int, str, str]:
     return process.returncode, said[0] if said else "", complaints[-1] if complaints else "ended without a word"
 
 
-def _read(visit: Visit, folder: Path, headline: str) -> Line:
+def _read(visit: Visit, folder: Path, headline: str) -> VisitResult:
     answer: dict[str, Any] = json.loads((folder / "gap.json").read_text(encoding="utf-8"))
     effects = [" ".join([e["name"], *e["joints"], *e["links"]]) for e in answer["effects"]]
     held = answer["gap"]["torque_rms"]["holdout"]
     ratios = [held["after"][j] / before for j, before in held["before"].items() if before and held["after"].get(j)]
     verdict = answer["verdict"] + (" with remainder" if answer["remainder"] else "")
     left = round(sum(ratios) / len(ratios), 4) if ratios else None
-    return Line(visit.robot, visit.date, verdict, effects, headline, left)
+    return VisitResult(visit.robot, visit.date, verdict, effects, headline, left)
