@@ -18,6 +18,7 @@ from twin_diagram.errors import TwinError
 from twin_diagram.native import RUN, missing_packages_named, require_packages
 from twin_diagram.planning.grasps.command import add_grasps_command
 from twin_diagram.runs.fleet import command as fleet_command
+from twin_diagram.runs.learning.command import add_learn_command
 from twin_diagram.runs.tracking.command import add_track_command
 from twin_diagram.runtime.stopping import Stopped, stoppable
 from twin_diagram.runtime.threads import one_thread
@@ -116,6 +117,7 @@ def _parser() -> argparse.ArgumentParser:
     add_asset_commands(commands)
     add_track_command(commands)
     add_grasps_command(commands)
+    add_learn_command(commands)
     return parser
 
 
@@ -157,7 +159,7 @@ def _add_log_commands(commands: Any) -> None:
     _add_columns(gap)
     _add_torque_side(gap)
     _add_packages(gap)
-    gap.set_defaults(command=_gap)
+    gap.set_defaults(command=_gap, refuse=gap.error)
 
 
 def _add_columns(parser: argparse.ArgumentParser) -> None:
@@ -306,7 +308,8 @@ def _predict(arguments: argparse.Namespace) -> int:
 
 
 def _gap(arguments: argparse.Namespace) -> int:
-    fleet_command.check_one_or_many(arguments)
+    if wrong := fleet_command.one_or_many(arguments):
+        arguments.refuse(wrong)
     if arguments.fleet is not None:
         return fleet_command.run(arguments)
     from numpy.linalg import LinAlgError

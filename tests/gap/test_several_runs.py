@@ -13,11 +13,11 @@ import pytest
 
 from tests import gap_bench as bench
 from twin_diagram.errors import ModelError
-from twin_diagram.gap import workflow
 from twin_diagram.gap.correction.add_effects import add
 from twin_diagram.gap.findings import Estimate, Finding
 from twin_diagram.gap.naming import name
 from twin_diagram.gap.report.gap_json import one_per_name
+from twin_diagram.gap.whole_robot import few_or_whole
 from twin_diagram.gap.workflow import run_gap
 from twin_diagram.logs import Log, fingerprint, write_log
 from twin_diagram.model.effects import make, spec_of
@@ -99,7 +99,7 @@ def test_a_held_out_run_may_have_an_onset_of_its_own(
     for run, path in zip((fit, held), paths, strict=True):
         write_log(run, path)
     found = [bench.friction_finding(onset=bench.begin(0, 4.0))]
-    monkeypatch.setattr(workflow, "name", lambda *_: bench.verdict("named", found))
+    monkeypatch.setattr(few_or_whole, "name", lambda *_: bench.verdict("named", found))
     gap = run_gap(bench.arm(tmp_path), paths[:1], paths[1], tmp_path / "out")
     answer = json.loads((tmp_path / "out" / "gap.json").read_text())
     assert answer["verdict"] == "named" and answer["effects"][0]["onset"] == pytest.approx(4.0, abs=0.02)
@@ -127,7 +127,7 @@ def test_a_healthy_held_out_run_still_denies_a_name(
     for run, path in zip((switched(model, 1, 4.0), bench.run(model, seed=2)), paths, strict=True):
         write_log(run, path)
     found = [bench.friction_finding(onset=bench.begin(0, 4.0))]
-    monkeypatch.setattr(workflow, "name", lambda *_: bench.verdict("named", found))
+    monkeypatch.setattr(few_or_whole, "name", lambda *_: bench.verdict("named", found))
     assert run_gap(bench.arm(tmp_path), paths[:1], paths[1]).verdict.verdict == "unknown"
 
 

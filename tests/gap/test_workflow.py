@@ -20,6 +20,7 @@ from twin_diagram.gap import naming, workflow
 from twin_diagram.gap.correction import add_effects
 from twin_diagram.gap.naming import name
 from twin_diagram.gap.residuals.prepared_logs import Records, prepare
+from twin_diagram.gap.whole_robot import few_or_whole
 from twin_diagram.gap.workflow import Gap, run_gap
 from twin_diagram.logs import Log, read_log, write_log
 from twin_diagram.model.effects import REGISTRY, Effect, ParameterKind, register
@@ -54,7 +55,7 @@ def arguments(model: Path, fit: list[Path], held: Path, out: Path) -> list[str]:
 @pytest.fixture
 def stub(monkeypatch: pytest.MonkeyPatch) -> None:
     """The search, which has tests of its own, answers at once."""
-    monkeypatch.setattr(workflow, "name", lambda *_: bench.verdict("named", [bench.friction_finding()]))
+    monkeypatch.setattr(few_or_whole, "name", lambda *_: bench.verdict("named", [bench.friction_finding()]))
 
 
 # What it finds, and writes.
@@ -152,7 +153,7 @@ def test_exit_is_0_whatever_the_verdict(
 ) -> None:
     model, (fit, held, _) = runs
     for kind in ("none", "unknown"):
-        monkeypatch.setattr(workflow, "name", lambda *_, kind=kind: bench.verdict(kind))
+        monkeypatch.setattr(few_or_whole, "name", lambda *_, kind=kind: bench.verdict(kind))
         assert cli.main(arguments(model, [fit], held, tmp_path / kind)) == 0
         answer = json.loads((tmp_path / kind / "gap.json").read_text())
         assert answer["verdict"] == kind and answer["effects"] == []
@@ -167,7 +168,7 @@ def test_a_name_that_the_held_out_run_denies_is_dropped(
     model, (fit, _, _) = runs
     healthy = tmp_path / "healthy.csv"
     write_log(bench.run(Model.load(model), seed=9), healthy)
-    monkeypatch.setattr(workflow, "name", lambda *_: bench.verdict("named", [bench.friction_finding()]))
+    monkeypatch.setattr(few_or_whole, "name", lambda *_: bench.verdict("named", [bench.friction_finding()]))
     gap = run_gap(model, [fit], healthy)
     assert gap.verdict.verdict == "unknown" and gap.corrected is gap.given
     assert any("held-out" in note for note in gap.notes)
@@ -178,7 +179,7 @@ def test_a_name_that_cannot_be_added_is_no_error(
 ) -> None:
     model, (fit, held, _) = runs
     less = bench.friction_finding(torque=-3.0)  # there is none to take away
-    monkeypatch.setattr(workflow, "name", lambda *_: bench.verdict("named", [less]))
+    monkeypatch.setattr(few_or_whole, "name", lambda *_: bench.verdict("named", [less]))
     gap = run_gap(model, [fit], held)
     assert gap.verdict.verdict == "unknown" and gap.answer["effects"] == []
 

@@ -66,6 +66,14 @@ class AssetSpec:
     """Where O, the centre of mass, lies in what the asset was made from, z upwards [m]."""
     inertia: list[float] | None = None
     """Moments about O, its axes: xx, yy, zz, xy, xz, yz [kg·m²]."""
+    mass_std: float | None = None
+    """Standard error of the mass, where it was measured [kg]."""
+    centre_std: list[float] | None = None
+    """Standard errors of where O, the centre of mass, is [m]."""
+    inertia_std: list[float] | None = None
+    """Standard errors of `inertia`, in its order [kg·m²]."""
+    inertial_by: dict[str, str] | None = None
+    """Where `mass`, `centre` and `inertia` are from: `measured`, `partly` or `from shape alone`."""
     volume: float | None = None
     """[m³]"""
     volume_by: str | None = None

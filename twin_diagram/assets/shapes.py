@@ -165,3 +165,67 @@ def handle_reach(radius: float, height: float) -> tuple[float, float]:
     And half its height [m], both to the tube's centre line.
     """
     return 0.62 * radius, 0.30 * height
+
+
+def _rectangle(corner: Array, right: Array, up: Array) -> _Chart:
+    """Return a flat chart from a corner (3,) along two edges (3,) each; right × up points outwards."""
+    normal = np.cross(right, up) / (np.linalg.norm(right) * np.linalg.norm(up))
+
+    def point(s: Array, t: Array) -> Array:
+        return cast(Array, corner + s[..., None] * right + t[..., None] * up)
+
+    def constant(s: Array, t: Array) -> Array:
+        return np.broadcast_to(normal, (*s.shape, 3))
+
+    return _Chart(point, constant, np.array([0.0, 1.0]), np.array([0.0, 1.0]))
+
+
+def angle(legs: tuple[float, float], width: float, thick: float) -> Patchwork:
+    """Return an L: legs along x and z from the origin, `width` about y = 0, `thick` [m]; closed, no T-junctions."""
+    (a, b), w, t = legs, width, thick
+    y, across = np.array([0.0, 1.0, 0.0]), np.array([0.0, w, 0.0])
+    # The outline (x, z), counter-clockwise seen from −y, cut where the legs' inner faces meet it.
+    outline = np.array([[0, 0], [t, 0], [a, 0], [a, t], [t, t], [t, b], [0, b], [0, t]], dtype=float)
+    charts = []
+    for k, (x, z) in enumerate(outline):
+        step = outline[(k + 1) % len(outline)] - (x, z)
+        charts.append(_rectangle(np.array([x, -w / 2, z]), np.array([step[0], 0.0, step[1]]), across))
+    for low, size in (((0.0, 0.0), (t, t)), ((t, 0.0), (a - t, t)), ((0.0, t), (t, b - t))):
+        right, up = np.array([size[0], 0.0, 0.0]), np.array([0.0, 0.0, size[1]])
+        corner = np.array([low[0], 0.0, low[1]])
+        charts.append(_rectangle(corner - w / 2 * y, right, up))
+        charts.append(_rectangle(corner + w / 2 * y + right, -right, up))
+    charts = [chart if _outward(chart, np.array([t / 2, 0.0, t / 2])) else _turned_over(chart) for chart in charts]
+    return _assemble(charts, 4, 84, 84)
+
+
+def _outward(chart: _Chart, inside: Array) -> bool:
+    """Return whether a flat chart's normal leads away from a point that lies behind it."""
+    middle = np.array([0.5])
+    return bool((chart.normal(middle, middle)[0] @ (chart.point(middle, middle)[0] - inside)) > 0)
+
+
+def _turned_over(chart: _Chart) -> _Chart:
+    """Return a flat chart with its other side outwards."""
+    corner = chart.point(np.array([0.0]), np.array([0.0]))[0]
+    right = chart.point(np.array([1.0]), np.array([0.0]))[0] - corner
+    up = chart.point(np.array([0.0]), np.array([1.0]))[0] - corner
+    return _rectangle(corner + right, -right, up)
+
+
+def ring(radii: tuple[float, float], height: float) -> Patchwork:
+    """Return an upright ring about O: inner and outer radius, height [m]."""
+    (inner, outer), h = radii, height / 2
+    outline = np.array([[inner, -h], [outer, -h], [outer, h], [inner, h], [inner, -h]])
+    return _assemble([_turned(outline, 48)], 1, 256, 192)
+
+
+def flask_profile(radii: tuple[float, float], height: float) -> Array:
+    """Return the outline (N, 2) of a flask, radius and z, pole to pole: foot, taper, neck."""
+    (foot, neck), h = radii, height / 2
+    return np.array([[0.0, -h], [foot, -h], [foot, -0.45 * h], [neck, 0.5 * h], [neck, h], [0.0, h]])
+
+
+def flask(radii: tuple[float, float], height: float) -> Patchwork:
+    """Return an upright flask about O that tapers from its foot to its neck [m]."""
+    return _assemble([_turned(flask_profile(radii, height), 40)], 1, 256, 256)

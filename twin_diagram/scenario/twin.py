@@ -7,6 +7,7 @@ from twin_diagram.scenario.braking import Braking
 from twin_diagram.scenario.camera import Camera
 from twin_diagram.scenario.estimation import Drift, Filter, Healing
 from twin_diagram.scenario.field_table import document
+from twin_diagram.scenario.learning import Learning
 from twin_diagram.scenario.models import ArmModel, Fixture
 from twin_diagram.scenario.perception import Perception, Registration, SceneUpdater, Slots
 from twin_diagram.scenario.planning import Planner, Task
@@ -32,6 +33,8 @@ class Twin:
     """Folders of the known objects' assets, by the name of the object."""
     camera: Camera | None = field(default_factory=Camera)
     """The camera as calibrated; null: none."""
+    cameras: dict[str, Camera] = field(default_factory=dict)
+    """Further cameras as calibrated, by name; a picture is rendered where somebody looks through one."""
     lidar: Lidar | None = None
     """Its clouds reach the filter where ``filter.sensors`` says so, kind `lidar`."""
     task: Task = field(default_factory=Task)
@@ -54,3 +57,5 @@ class Twin:
     """Tuning of the planner."""
     stop_monitor: Braking | None = field(default_factory=Braking)
     """What stops the arm in time whatever the planner does; null: nothing."""
+    learning: Learning | None = None
+    """Where objects are learned by handling them (`twin-diagram learn`); null: nowhere."""

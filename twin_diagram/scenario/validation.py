@@ -19,6 +19,7 @@ from twin_diagram.scenario import (
     Driver,
     Filter,
     Healing,
+    Learning,
     Lidar,
     LinkSensor,
     Perception,
@@ -52,6 +53,7 @@ POSITIVE: dict[type, tuple[str, ...]] = {
         "parameter_rate",
     ),
     Healing: ("seconds", "patience"),
+    Learning: ("force", "tries", "grasps", "frames", "turn_speed"),
     Lidar: ("columns", "rows", "width", "height", "rate", "latency"),
     LinkSensor: ("rate",),
     Perception: ("stride", "cluster_gap", "smallest"),
@@ -68,6 +70,7 @@ NOT_NEGATIVE: dict[type, tuple[str, ...]] = {
     DepthNoise: ("floor", "growth", "correlated", "lasting"),
     Filter: ("excitation", "torque_drift_std", "parameter_walk", "learning_rate", "history", "noise_time"),
     Healing: ("attempts", "nice"),
+    Learning: ("weigh_seconds",),
     LinkSensor: ("latency",),
     Perception: ("table_clearance", "robot_clearance"),
     Planner: ("clearance", "route_after", "seed"),
@@ -111,6 +114,10 @@ def check_twin(twin: Twin) -> None:
         _healing(twin.healing, "twin.healing")
     if twin.camera is not None:
         check_optics(twin.camera, "twin.camera")
+    for name, camera in twin.cameras.items():
+        check_optics(camera, f"twin.cameras.{name}")
+    if twin.learning is not None:
+        _learning(twin.learning, twin.cameras, "twin.learning")
     if twin.lidar is not None:
         _near_far(twin.lidar.range, "twin.lidar.range")
         if not twin.lidar.latency < 1.0 / twin.lidar.rate:
@@ -187,6 +194,17 @@ def _check_fields(value: Any, name: str) -> None:
         for field in ("translation", "rpy"):
             if len(getattr(value, field)) != 3:
                 raise ScenarioError(f"{name}.{field}", f"{getattr(value, field)} is not three numbers")
+
+
+def _learning(learning: Learning, cameras: dict[str, Camera], name: str) -> None:
+    for field in ("bin_camera", "scan_camera"):
+        if getattr(learning, field) not in cameras:
+            told = ", ".join(cameras) or "none"
+            raise ScenarioError(f"{name}.{field}", f"{getattr(learning, field)!r} is none of twin.cameras: {told}")
+    for field in ("from_bin", "into_bin", "platform"):
+        _corners(getattr(learning, field), f"{name}.{field}")
+    if len(learning.display) != 3:
+        raise ScenarioError(f"{name}.display", f"{learning.display} is not three numbers")
 
 
 def _healing(healing: Healing, name: str) -> None:

@@ -35,6 +35,8 @@ class WorldObject:
     none: 200 N, which nothing stops."""
     mass: float | None = None
     """Its true mass [kg], not below that of its asset's model; none: that. What is added is spread as the rest is."""
+    load_at: list[float] | None = None
+    """Where what is added to its mass sits, hidden inside, as a small ball in O [m]; null: spread as the rest is."""
     friction: float | None = None
     """Coefficient of all its surface, static and sliding; none: as its asset's model says. Of two that touch, a and b,
     2ab/(a + b) counts."""

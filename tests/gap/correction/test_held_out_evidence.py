@@ -11,6 +11,7 @@ from tests import gap_bench as bench
 from twin_diagram.gap import workflow
 from twin_diagram.gap.correction.held_out_evidence import confirmed
 from twin_diagram.gap.findings import Estimate, Finding
+from twin_diagram.gap.whole_robot import few_or_whole
 from twin_diagram.gap.workflow import run_gap
 from twin_diagram.logs import write_log
 from twin_diagram.model.effects import make
@@ -56,6 +57,6 @@ def test_a_fast_ripple_is_kept_where_the_held_out_run_has_it(
     values = {"amplitude": (0.15, "N·m"), "cycles": (CYCLES, "1"), "phase": (0.4, "rad")}
     told = {key: {"elbow": Estimate(value, 0.01, unit)} for key, (value, unit) in values.items()}
     found = Finding("torque_ripple", ("elbow",), (), told, 0.9)  # type: ignore[arg-type]
-    monkeypatch.setattr(workflow, "name", lambda *_: bench.verdict("named", [found]))
+    monkeypatch.setattr(few_or_whole, "name", lambda *_: bench.verdict("named", [found]))
     monkeypatch.setattr(workflow.Shown, "shrinks", lambda self: False)  # below 10 Hz it is chance
     assert run_gap(tmp_path / "arm.urdf", paths[:1], paths[1]).verdict.verdict == ("named" if there else "unknown")

@@ -19,6 +19,8 @@ from twin_diagram.assets.building.texture_atlas import lay_out, textured
 from twin_diagram.assets.building.write_asset import place_for
 from twin_diagram.errors import AssetError, FramesError
 from twin_diagram.logs.frames.scene_folder import FrameFolder
+from twin_diagram.logs.frames.transforms_folder import FILE as TRANSFORMS
+from twin_diagram.logs.frames.transforms_folder import TransformsFolder
 from twin_diagram.runtime.threads import one_thread
 from twin_diagram.signals.arrays import Array
 
@@ -39,7 +41,7 @@ def build_from_frames(
     Its z axis is the normal of the plane that it stands on, or W's where there is none.
 
     Args:
-        folder: a BOP scene with the cameras' poses.
+        folder: a BOP scene with the cameras' poses, or Nerfstudio's `transforms.json` with depth.
         name: of the asset.
         library: the folder of assets; made where there is none.
         mass: [kg]
@@ -54,6 +56,9 @@ def build_from_frames(
     """
     check_told(mass, density, "m")
     place_for(name, library, replace_it)
+    if masks is None and (Path(folder) / TRANSFORMS).is_file():
+        told = AssetPlace(name, library, mass, density, replace_it)
+        return asset_of_frames(TransformsFolder(folder), told, str(folder), say)
     frames = FrameFolder(folder, masks)
     if not frames.posed:
         raise FramesError(

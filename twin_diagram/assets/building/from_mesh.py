@@ -15,6 +15,7 @@ from typing import Final, TypeVar
 import numpy as np
 
 from twin_diagram.assets.building.inertia import EvenBody, solid_of
+from twin_diagram.assets.building.measured import MeasuredInertia
 from twin_diagram.assets.building.one_texture import one_texture
 from twin_diagram.assets.building.pieces import pieces_of
 from twin_diagram.assets.building.source_mesh import read_source
@@ -105,7 +106,8 @@ def build_from_mesh(
 class AssetPlace:
     """What is told of an asset to be.
 
-    Its `name` and `library`, its `mass` [kg] or `density` [kg/m³], and whether one there goes.
+    Its `name` and `library`, its `mass` [kg] or `density` [kg/m³], whether one there goes, and what was measured of its
+    inertia in the frame of its triangles: then O is at the centre that was measured.
     """
 
     name: str
@@ -113,6 +115,7 @@ class AssetPlace:
     mass: float | None = None
     density: float | None = None
     replace_it: bool = False
+    measured: MeasuredInertia | None = None
 
 
 def build_from_triangles(
@@ -144,10 +147,12 @@ def build_from_triangles(
     if not len(surface.faces):
         raise AssetError("the mesh has no faces (triangles) with an area")
     solid = solid_of(surface)
-    surface = replace(surface, vertices=surface.vertices - solid.centre)
+    measured = told.measured
+    centre = solid.centre if measured is None else np.asarray(measured.centre)
+    surface = replace(surface, vertices=surface.vertices - centre)
     pieces = pieces_of(surface.vertices, surface.faces, solid.volume)
     said = [*notes, *_volume_notes(surface, solid), f"held by {pieces.how}"]
-    mass = told.mass
+    mass = told.mass if measured is None else measured.mass
     if mass is None:
         mass = (told.density or TUNING.density) * solid.volume
         if told.density is None:
@@ -158,13 +163,14 @@ def build_from_triangles(
         name=told.name,
         mesh=with_normals(surface, surface.of_corners(uv)),
         texture=texture,
-        solid=replace(solid, centre=np.zeros(3)),
+        solid=replace(solid, centre=solid.centre - centre),
         mass=float(mass),
         pieces=pieces.vertices,
-        origin=solid.centre,
+        origin=centre,
         unit=unit,
         source=source,
         unseen=unseen,
+        measured=None if measured is None else replace(measured, centre=np.zeros(3)),
     )
     folder = write_asset(new, told.library, told.replace_it)
     return BuiltAsset(folder, float(mass), solid.volume, np.ptp(surface.vertices, axis=0), tuple(said))

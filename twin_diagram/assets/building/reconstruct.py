@@ -87,6 +87,9 @@ class Tuning:
     one_side: float = float(np.radians(15.0))
     """Angle that views must span about the object [rad]: from one side alone, no object is told."""
 
+    asked_views: int = 24
+    """About how many of the views of a held object tell where it is."""
+
     asked: int = 400
     """Points of each view that are asked about."""
 
@@ -128,7 +131,12 @@ class Reconstruction:
 
 
 def reconstruct(
-    frames: FrameSource, where: str = "frames", seed: int = 0, say: Callable[[str], None] = lambda text: None
+    frames: FrameSource,
+    where: str = "frames",
+    seed: int = 0,
+    say: Callable[[str], None] = lambda text: None,
+    *,
+    held: bool = False,
 ) -> Reconstruction:
     """Return the object's mesh.
 
@@ -139,6 +147,7 @@ def reconstruct(
         where: begins the message of an error.
         seed: of all that is drawn.
         say: is told of each step.
+        held: it is held in a hand, and stands on nothing; the frames have masks.
 
     Raises:
         FramesError: too few views, nothing or two things there, views that contradict each other, or an impossible
@@ -146,7 +155,8 @@ def reconstruct(
     """
     if len(frames) < TUNING.least_views:
         raise FramesError(f"{where}: {len(frames)} views, at least {TUNING.least_views} are needed to build an object")
-    points, plane = object_points([thinned(frames.read(k), TUNING.thinned) for k in range(len(frames))], where, seed)
+    looks = [thinned(frames.read(k), TUNING.thinned) for k in range(len(frames))]
+    points, plane = held_points(looks, where) if held else object_points(looks, where, seed)
     check_size(points, where)
     low, high = points.min(axis=0), points.max(axis=0)
     box = np.stack(np.meshgrid(*np.stack([low - 0.01, high + 0.01], axis=1)), axis=-1).reshape(-1, 3)
@@ -158,7 +168,7 @@ def reconstruct(
     found = align(views, low, high, plane, seed)
     say(f"poses refined: surfaces agree to {found.noise * 1000:.2f} mm")
     # Only now, for what surrounds the object tells where the cameras were.
-    views = [_kept_to_mask(view) for view in found.views]
+    views = [_kept_to_mask(view, 0 if held else CHOICE.growth) for view in found.views]
     _check_agreement(views, low, high, found.noise, where)
     surest = [doubted(view, c, found.centre, found.noise) for view, c in zip(views, found.covariances, strict=True)]
     fused = fuse(surest, _grid(low, high, TUNING.grid_points, TUNING.voxel), found.noise, found.plane)
@@ -215,6 +225,14 @@ def object_points(views: Sequence[DepthView], where: str, seed: int) -> tuple[Ar
         foot = kept - np.outer(kept @ plane[:3] - plane[3], plane[:3])
         kept = np.concatenate([kept, foot])
     return kept, plane
+
+
+def held_points(views: Sequence[DepthView], where: str) -> tuple[Array, None]:
+    """Return the points (N, 3) that most masks hold, of an object with no plane under it."""
+    some = views[:: max(1, len(views) // TUNING.asked_views)]
+    points = np.concatenate([view_points(view, 2, None)[0] for view in some])
+    kept = points[masked_by_most(some, points, [grown(view.mask) for view in some if view.mask is not None])]
+    return kept[the_one_thing(kept, where)], None
 
 
 def check_size(points: Array, where: str) -> None:
@@ -275,15 +293,15 @@ def _check_agreement(views: Sequence[DepthView], low: Array, high: Array, noise:
         )
 
 
-def _kept_to_mask(view: DepthView) -> DepthView:
-    """Return the view with surfaces outside its grown mask no longer trusted, so that they do not become the object's.
+def _kept_to_mask(view: DepthView, growth: int) -> DepthView:
+    """Return the view with surfaces outside its mask, grown by so many pixels, no longer trusted: they are others'.
 
     Where there is no depth, either, as where nothing stands behind the object, its rays are looked through, as those
     beside an edge are.
     """
     if view.mask is None or view.colour is not view.camera:
         return view
-    inside = grown(view.mask)
+    inside = grown(view.mask, growth)
     nothing = ~grown(view.mask, TUNING.beside_mask) & (view.depth <= 0)
     depth = np.where(nothing, np.float32(TUNING.nothing_behind), view.depth)
     return replace(view.trusted_at(inside), depth=depth, near_edge=view.near_edge | nothing)

@@ -17,9 +17,11 @@ from scipy.spatial import HalfspaceIntersection, QhullError
 from twin_diagram.assets.asset import TUNING as ASSET
 from twin_diagram.assets.asset import Asset
 from twin_diagram.assets.building.inertia import EvenBody, hull_of, outward
+from twin_diagram.assets.building.measured import SIX, MeasuredInertia
 from twin_diagram.assets.description import TUNING as SDF
 from twin_diagram.assets.description import VERSION, AssetSpec, ConvexFile, sdf
 from twin_diagram.assets.mesh import Image, Mesh, sample, write_obj
+from twin_diagram.assets.mjcf import mjcf
 from twin_diagram.errors import AssetError
 from twin_diagram.runtime import atomic_file, written_files
 from twin_diagram.runtime.output_place import why_not
@@ -55,6 +57,8 @@ class NewAsset:
         unit: of the source.
         source: the source's name, without a path.
         unseen: share of the surface that was never seen; None where that is not known.
+        measured: its inertia in O, whose origin is its centre; None: that of an even body. With it `model.xml`, an
+            MJCF, is written, too.
     """
 
     name: str
@@ -67,6 +71,7 @@ class NewAsset:
     unit: str
     source: str
     unseen: float | None = None
+    measured: MeasuredInertia | None = None
 
 
 def place_for(name: str, library: str | Path, replace: bool) -> Path:
@@ -109,7 +114,7 @@ def write_asset(new: NewAsset, library: str | Path, replace: bool = False) -> Pa
 
 def own_files(folder: Path) -> set[str]:
     """Return the files of a folder that belong to the asset, as paths below it."""
-    usual = {"asset.yaml", "model.sdf", "cloud.npz", "visual.obj", "visual.mtl", "visual.png"}
+    usual = {"asset.yaml", "model.sdf", "cloud.npz", "visual.obj", "visual.mtl", "visual.png", "model.xml"}
     every = list(written_files.files_of(folder))
     made = re.compile(r"pieces/piece\d+\.obj|grasps/[A-Za-z0-9_-]+\.json")
     return {path for path in every if path in usual or made.fullmatch(path)}
@@ -134,7 +139,7 @@ def _write_files(new: NewAsset, folder: Path) -> None:
     files = [ConvexFile(f"pieces/piece{k}.obj", vertices) for k, vertices in enumerate(new.pieces)]
     for file in files:
         (folder / file.name).write_text(_obj_of(file.vertices))
-    inertia = new.solid.inertia(new.mass)
+    inertia = new.solid.inertia(new.mass) if new.measured is None else new.measured.inertia
     reach = np.abs(new.mesh.vertices).max(axis=0)
     spec = AssetSpec(
         name=new.name,
@@ -144,7 +149,7 @@ def _write_files(new: NewAsset, folder: Path) -> None:
         pieces=[file.name for file in files],
         version=VERSION,
         origin=[float(x) for x in new.origin],
-        inertia=[float(inertia[i, j]) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))],
+        inertia=[float(inertia[i, j]) for i, j in SIX],
         volume=new.solid.volume,
         volume_by=new.solid.by,
         symmetries=[],
@@ -152,12 +157,26 @@ def _write_files(new: NewAsset, folder: Path) -> None:
         source=new.source,
         unseen=new.unseen,
     )
+    if new.measured is not None:
+        _tell_errors(spec, new.measured)
+        (folder / "model.xml").write_text(mjcf(spec, np.zeros(3), inertia, [file.name for file in files]))
     model = sdf(spec, np.zeros(3), inertia, pieces=files, feet_O=feet(new.mesh.vertices))
     (folder / "model.sdf").write_text(model)
     spec.files = {
         path: hashlib.sha256((folder / path).read_bytes()).hexdigest() for path in written_files.files_of(folder)
     }
     (folder / "asset.yaml").write_text(yaml_dump_typed(spec))
+
+
+def _tell_errors(spec: AssetSpec, measured: MeasuredInertia) -> None:
+    """Put into a description how well its inertia is known; what is not known at all is left out."""
+    if np.isfinite(measured.mass_std):
+        spec.mass_std = float(measured.mass_std)
+    if np.isfinite(measured.centre_std).all():
+        spec.centre_std = [float(x) for x in measured.centre_std]
+    if np.isfinite(measured.inertia_std).all():
+        spec.inertia_std = [float(x) for x in measured.inertia_std]
+    spec.inertial_by = dict(measured.by)
 
 
 def _obj_of(vertices: Array) -> str:

@@ -64,6 +64,9 @@ class RobotShape:
         """Overwritten before each use."""
         self._position_index = np.array([plant.get_joint(i).position_start() for i in placed.joint_indices], dtype=int)
         self._positions = plant.GetPositions(self._scratch)
+        self._finger_index = np.array(
+            [plant.get_joint(i).position_start() for i in placed.gripper_joint_indices], dtype=int
+        )
         for index in placed.gripper_joint_indices:
             joint = plant.get_joint(index)
             low, high = joint.position_lower_limits()[0], joint.position_upper_limits()[0]
@@ -88,13 +91,20 @@ class RobotShape:
         """Number of the arm's joints."""
         return len(self._position_index)
 
-    def near(self, points_W: Array, q: Array, margin: float) -> npt.NDArray[np.bool_]:
-        """Return which of the points (N, 3) lie within `margin` [m] of the robot at joint angles `q` (n,)."""
+    def near(
+        self, points_W: Array, q: Array, margin: float, fingers: Array | None = None
+    ) -> npt.NDArray[np.bool_]:
+        """Return which of the points (N, 3) lie within `margin` [m] of the robot at joint angles `q` (n,).
+
+        Where `fingers` (g,) are is told [m], or they are taken to be half open.
+        """
         result = np.zeros(len(points_W), dtype=bool)
         if not len(points_W) or not self._parts:
             return result
         positions = self._positions.copy()
         positions[self._position_index] = q
+        if fingers is not None:
+            positions[self._finger_index] = fingers
         self._plant.SetPositions(self._scratch, positions)
         poses = self._plant.get_body_poses_output_port().Eval(self._scratch)
         p_WG = np.empty((len(self._parts), 3))

@@ -6,8 +6,6 @@ import argparse
 import sys
 from pathlib import Path
 
-from twin_diagram.errors import TwinError
-
 
 def add_fleet_options(gap: argparse.ArgumentParser) -> None:
     """Add what `gap` takes instead of one robot's model and logs."""
@@ -29,18 +27,14 @@ def add_fleet_options(gap: argparse.ArgumentParser) -> None:
     gap.add_argument("--dask", default="", metavar="ADDRESS", help="a Dask scheduler whose workers see the same files")
 
 
-def check_one_or_many(arguments: argparse.Namespace) -> None:
-    """Refuse a command that tells neither one robot nor a fleet, or both.
-
-    Raises:
-        TwinError: with the options that lack, or are too many.
-    """
+def one_or_many(arguments: argparse.Namespace) -> str:
+    """Return what is wrong with a command that tells neither one robot nor a fleet, or both; empty: nothing."""
     one = {"--model": arguments.model, "--fit": arguments.fit, "--holdout": arguments.holdout}
     if arguments.fleet is None:
-        if lacking := [name for name, value in one.items() if value is None]:
-            raise TwinError(f"the following arguments are required: {', '.join(lacking)} (see twin-diagram gap --help)")
-    elif there := [name for name, value in one.items() if value is not None]:
-        raise TwinError(f"--fleet: its table tells models and logs; leave out {', '.join(there)}")
+        lacking = [name for name, value in one.items() if value is None]
+        return f"the following arguments are required: {', '.join(lacking)}" if lacking else ""
+    there = [name for name, value in one.items() if value is not None]
+    return f"--fleet: its table tells models and logs; leave out {', '.join(there)}" if there else ""
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -180,7 +180,8 @@ def add_camera(builder: DiagramBuilder, scenario: Scenario, world: WorldPlant) -
     return _add_real_camera(builder, scenario, camera, world)
 
 
-def _render_params() -> RenderEngineVtkParams:
+def render_params() -> RenderEngineVtkParams:
+    """Return light and background of every simulated camera."""
     return RenderEngineVtkParams(
         default_clear_color=np.array(TUNING.background),
         lights=lights(),
@@ -199,7 +200,7 @@ def _add_real_camera(builder: DiagramBuilder, scenario: Scenario, camera: Camera
     )
     builder.Connect(plant.get_state_output_port(), shutter.get_input_port())
     near, far = camera.depth_range
-    renderer = WorldRenderer(scenario, _render_params(), clipping(camera), DepthRange(near, far))
+    renderer = WorldRenderer(scenario, render_params(), clipping(camera), DepthRange(near, far))
     labels = [int(world.objects[name]) for name, item in scenario.world.objects.items() if item.reflective]
     real = builder.AddNamedSystem(
         f"{camera.name}_real", RealCamera(scenario, true_camera(scenario), plant, renderer, labels)
@@ -215,7 +216,7 @@ def _add_ideal_camera(
     """Add a camera whose depth is that of its colours, in time and place."""
     X_WC = transform(scenario.world.X_WC or camera.X_WC, "world.X_WC")
     poses, scene_graph = build_appearance(builder, scenario)
-    scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(_render_params()))
+    scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(render_params()))
     start = plant.GetPositions(plant.CreateDefaultContext())
     shutter = builder.AddNamedSystem(f"{camera.name}_shutter", Shutter(start, camera.rate, camera.latency))
     sizes = [plant.num_positions(), plant.num_velocities()]

@@ -28,7 +28,7 @@ from pydrake.geometry import (
     Shape,
     Sphere,
 )
-from pydrake.multibody.plant import ContactModel, MultibodyPlant
+from pydrake.multibody.plant import ContactModel, CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import Joint, PrismaticJoint, RigidBody
 
 COMPLIANCE = ("hydroelastic", "compliance_type")
@@ -102,6 +102,14 @@ def touch_by_surfaces(
         for shape in plant.GetCollisionGeometriesForBody(body):
             if not _told(scene_graph, shape):
                 _make_rigid(plant, scene_graph, shape)
+
+
+def rub(plant: MultibodyPlant, scene_graph: SceneGraph, body: RigidBody, friction: float) -> None:
+    """Give all shapes of a body a coefficient of friction; after the plant is finalized."""
+    for shape in plant.GetCollisionGeometriesForBody(body):
+        properties = ProximityProperties(scene_graph.model_inspector().GetProximityProperties(shape))
+        properties.UpdateProperty("material", "coulomb_friction", CoulombFriction(friction, friction))
+        _replace(plant, scene_graph, shape, properties)
 
 
 def _told(scene_graph: SceneGraph, geometry: GeometryId) -> bool:

@@ -6,14 +6,13 @@ from dataclasses import dataclass, field
 from pathlib import Path as FilePath
 
 import numpy as np
-from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, ProximityProperties, RoleAssign, SceneGraph
+from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
 from pydrake.multibody.plant import (
     AddMultibodyPlantSceneGraph,
-    CoulombFriction,
     DiscreteContactApproximation,
     MultibodyPlant,
 )
-from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex, RigidBody, SpatialInertia
+from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex, RigidBody, SpatialInertia, UnitInertia
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 
@@ -22,9 +21,20 @@ from twin_diagram.scenario import Scenario, WorldObject
 from twin_diagram.scenario.resources import resolve
 from twin_diagram.station.add_models import add_model, transform, weld_roots
 from twin_diagram.station.sim.arm_plant import ArmPlant, add_arm
-from twin_diagram.station.sim.grip_contact import make_gripping, touch_by_surfaces
+from twin_diagram.station.sim.grip_contact import make_gripping, rub, touch_by_surfaces
 from twin_diagram.station.sim.merged_shapes import merge_shapes
 from twin_diagram.station.sim.movers import Path, add_carriage
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    load: float = 0.01
+    """Radius of a load that is hidden in an object [m]: a lump of lead of 50 g."""
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -63,7 +73,9 @@ def build_world(builder: DiagramBuilder, scenario: Scenario) -> WorldPlant:
     objects = [plant.get_body(index) for index in world.objects.values()]
     for (name, spec), body in zip(scenario.world.objects.items(), objects, strict=True):
         if spec.friction is not None:
-            _make_rougher(world, body, spec.friction, f"world.objects.{name}.friction")
+            if not (np.isfinite(spec.friction) and spec.friction >= 0.0):
+                raise ScenarioError(f"world.objects.{name}.friction", f"{spec.friction} is no coefficient of friction")
+            rub(plant, scene_graph, body, spec.friction)
     touch_by_surfaces(plant, scene_graph, world.arm.fingers, objects)
     return world
 
@@ -154,30 +166,25 @@ def _add_object(plant: MultibodyPlant, name: str, spec: WorldObject, scenario: S
         raise AssetError(f"world.objects.{name}.asset: {file} is not one model with one link called `object`")
     body = plant.GetBodyByName("object", instances[0])
     if spec.mass is not None:
-        _make_heavier(plant, body, spec.mass, f"world.objects.{name}.mass")
+        _make_heavier(plant, body, spec, f"world.objects.{name}")
     return body
 
 
-def _make_rougher(world: WorldPlant, body: RigidBody, friction: float, field: str) -> None:
-    """Give all of a body's contact shapes a coefficient of friction."""
-    if not (np.isfinite(friction) and friction >= 0.0):
-        raise ScenarioError(field, f"{friction} is no coefficient of friction")
-    plant, scene_graph = world.plant, world.scene_graph
-    for shape in plant.GetCollisionGeometriesForBody(body):
-        known = scene_graph.model_inspector().GetProximityProperties(shape)
-        properties = ProximityProperties(known)
-        properties.UpdateProperty("material", "coulomb_friction", CoulombFriction(friction, friction))
-        scene_graph.AssignRole(plant.get_source_id(), shape, properties, RoleAssign.kReplace)
-
-
-def _make_heavier(plant: MultibodyPlant, body: RigidBody, mass: float, field: str) -> None:
-    """Weld to a body what it lacks of a mass [kg], with the same middle and gyration."""
+def _make_heavier(plant: MultibodyPlant, body: RigidBody, spec: WorldObject, field: str) -> None:
+    """Weld to a body what it lacks of a mass [kg], with the same middle and gyration, or as a ball."""
     own = body.default_spatial_inertia()
-    more = mass - own.get_mass()
-    if not (np.isfinite(mass) and more >= 0.0):
-        raise ScenarioError(field, f"{mass} kg is less than the asset's own, {own.get_mass():g} kg")
+    assert spec.mass is not None
+    more = spec.mass - own.get_mass()
+    if not (np.isfinite(spec.mass) and more >= 0.0):
+        raise ScenarioError(f"{field}.mass", f"{spec.mass} kg is less than the asset's own, {own.get_mass():g} kg")
+    if spec.load_at is not None and len(spec.load_at) != 3:
+        raise ScenarioError(f"{field}.load_at", f"{spec.load_at} is not three numbers")
     if more > 0.0:
         inertia = SpatialInertia(more, own.get_com(), own.get_unit_inertia())
+        if spec.load_at is not None:
+            at = np.array(spec.load_at)
+            ball = UnitInertia.SolidSphere(TUNING.load).ShiftFromCenterOfMass(-at)
+            inertia = SpatialInertia(more, at, ball)
         load = plant.AddRigidBody("load", body.model_instance(), inertia)
         plant.WeldFrames(body.body_frame(), load.body_frame())
 

@@ -1,0 +1,58 @@
+"""Scores learning by handling: bins drawn from seeds are emptied, and each asset is held against the true object.
+
+    python sims/benchmarks/real2sim_tables.py --first 0 --count 1 --quick
+    python sims/benchmarks/real2sim_tables.py --first 0 --count 20 --objects 5 --set world.arm_defects.torque_noise=0.2
+
+A bin that was begun is gone on with, one that is done is only scored. Writes `OUT/SEED/` (a run of
+`twin-diagram learn`) and `OUT/scores.jsonl`. `--quick`: two objects a bin. Held back: seeds from 100000.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+import sys
+from pathlib import Path
+
+SIMS = Path(__file__).resolve().parent
+sys.path[:0] = [str(SIMS), str(SIMS.parents[1])]
+
+from real2sim_truth.scores import observer, score_run  # noqa: E402
+from real2sim_truth.tables import told  # noqa: E402
+
+from twin_diagram import load_scenario  # noqa: E402
+from twin_diagram.runs.learning import learn  # noqa: E402
+from twin_diagram.runs.learning.drawn_bins import draw_bin  # noqa: E402
+from twin_diagram.runs.learning.record import STATE  # noqa: E402
+
+
+def main() -> int:
+    """Parse the command line and run."""
+    logging.getLogger("drake").setLevel(logging.ERROR)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--first", type=int, default=0, help="the first seed (default: %(default)s)")
+    parser.add_argument("--count", type=int, default=1, help="how many bins (default: %(default)s)")
+    parser.add_argument("--objects", type=int, default=5, help="in each (default: %(default)s)")
+    parser.add_argument("--quick", action="store_true", help="two objects a bin")
+    parser.add_argument("--out", type=Path, default=Path("out/real2sim"), help="folder (default: %(default)s)")
+    parser.add_argument("--set", action="append", default=[], metavar="FIELD=VALUE", help="override a field")
+    arguments = parser.parse_args()
+    base = load_scenario("bin_picking", arguments.set)
+
+    def say(text: str) -> None:
+        print(text, file=sys.stderr, flush=True)
+
+    rows = []
+    for seed in range(arguments.first, arguments.first + arguments.count):
+        scenario = draw_bin(base, seed, 2 if arguments.quick else arguments.objects)
+        out = arguments.out / f"{seed:06d}"
+        learn(scenario, out, resume=(out / STATE).exists(), say=say, observer=observer(out))
+        rows += [{"seed": seed, **row} for row in score_run(scenario, out)]
+        (arguments.out / "scores.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    print(told(rows))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,160 @@
+"""Holds learned assets against the true objects of the world that they were learned in."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from pydrake.systems.framework import DiagramBuilder
+from scipy.spatial import cKDTree
+
+from twin_diagram.assets.building.inertia import solid_of
+from twin_diagram.assets.building.surface import weld
+from twin_diagram.assets.description import read_spec
+from twin_diagram.assets.mesh import parse_obj
+from twin_diagram.runs.learning.following import register
+from twin_diagram.runs.learning.record import STATE
+from twin_diagram.scenario import Scenario
+from twin_diagram.scenario.resources import resolve
+from twin_diagram.station.sim.world_plant import build_world
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TrueObject:
+    """One object of the world: its name, X_WO at the run's end, surface in O, and its inertia about its centre."""
+
+    name: str
+    X_WO: Array
+    corners: Array
+    mass: float
+    centre: Array
+    inertia: Array
+
+
+def observer(out: Path) -> Callable[[str, Array], None]:
+    """Return what writes down where everything truly was as an object was held, beside the run's folder."""
+
+    def note(name: str, positions: Array) -> None:
+        with out.with_suffix(".truth.jsonl").open("a") as file:
+            file.write(json.dumps({"object": name, "positions": positions.tolist()}) + "\n")
+
+    return note
+
+
+def true_objects(scenario: Scenario, positions: Array) -> list[TrueObject]:
+    """Return the world's objects at positions (nq,) of its plant."""
+    builder = DiagramBuilder()
+    world = build_world(builder, scenario)
+    diagram = builder.Build()
+    context = world.plant.GetMyContextFromRoot(diagram.CreateDefaultContext())
+    world.plant.SetPositions(context, positions)
+    found = []
+    for name, index in world.objects.items():
+        body = world.plant.get_body(index)
+        bodies = world.plant.GetBodyIndices(body.model_instance())
+        inertia = world.plant.CalcSpatialInertia(context, body.body_frame(), bodies)
+        X_WO = world.plant.EvalBodyPoseInWorld(context, body).GetAsMatrix4()
+        folder = resolve(scenario.world.objects[name].asset, scenario.packages)
+        centre = np.asarray(inertia.get_com())
+        about = inertia.Shift(centre).CalcRotationalInertia().CopyToFullMatrix3()
+        found.append(TrueObject(name, X_WO, triangles(folder / "visual.obj"), inertia.get_mass(), centre, about))
+    return found
+
+
+def triangles(path: Path) -> Array:
+    """Return the corners (F, 3, 3) of an OBJ file's triangles."""
+    text = parse_obj(path)
+    return np.asarray(text.v)[text.corners[:, :, 0]]
+
+
+def sampled(corners: Array, count: int, seed: int = 0) -> tuple[Array, Array]:
+    """Return points and outward normals (N, 3), evenly over triangles (F, 3, 3)."""
+    rng = np.random.default_rng(seed)
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(cross, axis=1)
+    which = rng.choice(len(corners), count, p=area / area.sum())
+    a, b = np.sort(rng.uniform(size=(2, count)), axis=0)
+    share = np.stack([a, b - a, 1.0 - b], axis=1)
+    return np.einsum("nk,nki->ni", share, corners[which]), cross[which] / area[which, None]
+
+
+def off_surface(points: Array, surface: Array, normals: Array) -> Array:
+    """Return how far points (M, 3) are from a surface that is sampled (N, 3) with its normals (N, 3).
+
+    Across the plane of the nearest sample, so that the distance between samples does not count; beyond an edge to it.
+    """
+    distance, index = cKDTree(surface).query(points)
+    across = np.abs(np.einsum("ni,ni->n", normals[index], points - surface[index]))
+    spacing = float(np.median(cKDTree(surface).query(surface, k=2)[0][:, 1]))
+    return np.where(distance < across + 3.0 * spacing, across, distance)
+
+
+def scored(one: dict[str, Any], folder: Path, true: TrueObject, X_WO: Array) -> dict[str, Any]:
+    """Return how far a learned asset is off the true object.
+
+    Args:
+        one: its entry in the run's state.
+        folder: of the asset.
+        true: the object.
+        X_WO: (4, 4) where the asset's O was last told to be, which is a first guess alone.
+    """
+    learned = triangles(folder / "visual.obj")
+    points, normals = sampled(learned, 20000)
+    truth, outward = sampled(true.corners, 20000)
+    X = np.linalg.solve(true.X_WO, X_WO)
+    for reach, prior in ((0.03, (0.05, 0.5)), (0.012, (0.02, 0.2)), (0.006, (0.02, 0.2)), (0.004, (0.02, 0.2))):
+        X, _ = register(truth, outward, points[:2500], normals[:2500], X, prior, reach)
+    placed = points @ X[:3, :3].T + X[:3, 3]
+    there, back = off_surface(placed, truth, outward), off_surface(truth, placed, normals @ X[:3, :3].T)
+    spec = read_spec(folder)
+    xx, yy, zz, xy, xz, yz = spec.inertia or [0.0] * 6
+    inertia = X[:3, :3] @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ X[:3, :3].T
+    even = solid_of(weld(learned)).inertia(spec.mass)
+    want = np.linalg.eigvalsh(true.inertia)
+
+    def worst(moments: Array) -> float:
+        return float(np.abs(moments / want - 1.0).max())
+
+    return {
+        "object": one["name"],
+        "true": true.name,
+        "to_truth_mm": 1e3 * float(there.mean()),
+        "to_mesh_mm": 1e3 * float(back.mean()),
+        "within_3mm": float((back < 3e-3).mean()),
+        "unseen": spec.unseen,
+        "true_mass": true.mass,
+        "mass": spec.mass / true.mass - 1.0,
+        "centre_mm": 1e3 * float(np.linalg.norm(X[:3, 3] - true.centre)),
+        "moments": worst(np.linalg.eigvalsh(inertia)),
+        "even_moments": worst(np.linalg.eigvalsh(even)),
+        "by": spec.inertial_by,
+        "mass_z": None if not spec.mass_std else (spec.mass - true.mass) / spec.mass_std,
+    }
+
+
+def score_run(scenario: Scenario, out: Path) -> list[dict[str, Any]]:
+    """Return the scores of each finished object of a run, and a row for each other one."""
+    with np.load(out / STATE, allow_pickle=False) as data:
+        told = json.loads(str(data["told"]))
+    lines = out.with_suffix(".truth.jsonl").read_text().splitlines() if out.with_suffix(".truth.jsonl").exists() else []
+    truth = {line["object"]: np.array(line["positions"]) for line in map(json.loads, lines)}
+    rows: list[dict[str, Any]] = []
+    for one in told["learned"]:
+        figures = one["figures"]
+        if one["state"] != "finished" or "X_WS" not in figures or one["name"] not in truth:
+            rows.append({"object": one["name"], "state": one["state"], "why": one["why"]})
+            continue
+        X_OS = np.eye(4)
+        X_OS[:3, :3], X_OS[:3, 3] = figures["R_OS"], figures["p_OS"]
+        X_WO = np.array(figures["X_WS"]) @ np.linalg.inv(X_OS)
+        every = true_objects(scenario, truth[one["name"]])
+        true = min(every, key=lambda t: float(np.linalg.norm(t.X_WO[:3, 3] - X_WO[:3, 3])))
+        rows.append({"state": "finished", **scored(one, out / "library" / one["name"], true, X_WO)})
+    return rows

@@ -1,0 +1,75 @@
+"""Nerfstudio's folders: what is written is read again, and what cannot be used is refused in one line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.runs.learning.held_box import shown, turned
+from twin_diagram.errors import FramesError
+from twin_diagram.logs.frames.scene_folder import RgbdFrame
+from twin_diagram.logs.frames.transforms_folder import TransformsFolder, write_transforms
+
+
+def frames(count: int = 2) -> list[RgbdFrame]:
+    X_TB = np.eye(4)
+    X_TB[2, 3] = 0.05
+    found = []
+    for k in range(count):
+        one = shown(turned(0.5 * k), X_TB, k)
+        rgb = np.random.default_rng(k).integers(0, 255, one.picture.rgb.shape).astype(np.uint8)
+        camera = one.picture.camera
+        found.append(RgbdFrame(k, float(k), rgb, one.picture.depth, one.mask, camera, camera))
+    return found
+
+
+def test_what_is_written_is_read_again(tmp_path: Path) -> None:
+    sent = frames()
+    folder = write_transforms(tmp_path / "frames", sent, [~frame.mask for frame in sent if frame.mask is not None])
+    got = TransformsFolder(folder)
+    assert len(got) == 2 and got.has_masks
+    for k, frame in enumerate(sent):
+        back = got.read(k)
+        assert back.rgb is not None and (back.rgb == frame.rgb).all()
+        assert back.mask is not None and (back.mask == frame.mask).all()
+        assert back.depth == pytest.approx(frame.depth, abs=5.1e-5)
+        assert back.camera.R_WC == pytest.approx(frame.camera.R_WC)
+        assert back.camera.p_WC == pytest.approx(frame.camera.p_WC)
+        for name in ("fx", "fy", "cx", "cy", "width", "height"):
+            assert getattr(back.camera, name) == getattr(frame.camera, name)
+    assert (folder / "hands" / "0001.png").is_file()
+
+
+def test_poses_and_pixels_are_as_nerfstudio_has_them(tmp_path: Path) -> None:
+    told = json.loads((write_transforms(tmp_path / "frames", frames(1)) / "transforms.json").read_text())
+    camera = frames(1)[0].camera
+    X = np.array(told["frames"][0]["transform_matrix"])
+    # OpenGL: the camera looks along its own negative z axis, y is up in the picture.
+    assert X[:3, 2] == pytest.approx(-camera.R_WC[:, 2]) and X[:3, 1] == pytest.approx(-camera.R_WC[:, 1])
+    assert X[:3, 0] == pytest.approx(camera.R_WC[:, 0])
+    # A pixel's centre is at a half there.
+    assert (told["cx"], told["cy"]) == (camera.cx + 0.5, camera.cy + 0.5)
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        (lambda told: told.pop("frames"), "frames"),
+        (lambda told: told["frames"][1].pop("depth_file_path"), "depth"),
+        (lambda told: told["frames"][0].pop("transform_matrix"), "transform_matrix"),
+        (lambda told: told["frames"][0].update(transform_matrix=(2 * np.eye(4)).tolist()), "rotation"),
+        (lambda told: told.update(k1=0.1), "distortion"),
+        (lambda told: told.update(camera_model="OPENCV_FISHEYE"), "FISHEYE"),
+    ],
+)
+def test_what_cannot_be_used_is_refused_in_one_line(tmp_path: Path, change: object, word: str) -> None:
+    folder = write_transforms(tmp_path / "frames", frames())
+    told = json.loads((folder / "transforms.json").read_text())
+    change(told)  # type: ignore[operator]
+    (folder / "transforms.json").write_text(json.dumps(told))
+    with pytest.raises(FramesError, match=word) as error:
+        TransformsFolder(folder)
+    assert "\n" not in str(error.value)

@@ -1,0 +1,58 @@
+"""Where the camera was about what is held: by what it saw, whatever the arm says."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.runs.learning.held_box import HALF, shown, turned
+from twin_diagram.runs.learning.following import Followed, apart, follow
+
+X_TB = np.eye(4)
+X_TB[:3, 3] = [0.0, 0.0, 0.05]
+ANGLES = np.linspace(0.0, 2.4, 13)
+
+
+def placed(p: list[float]) -> np.ndarray:
+    X = np.eye(4)
+    X[:3, 3] = p
+    return X
+
+
+def off(found: Followed, true: list[np.ndarray]) -> list[float]:
+    """How far each tool pose takes the box's middle from where it is [m]; `true`: X_TB of each picture."""
+    middle = X_TB[:3, 3]
+    # S is the tool's frame in the first picture, where the box was at X_TB.
+    return [apart(X, X_TB @ np.linalg.inv(own), middle)[0] for X, own in zip(found.X_ST, true, strict=True)]
+
+
+def test_a_firm_grip_is_followed_to_half_a_millimetre() -> None:
+    pictures = [shown(turned(a), X_TB, k) for k, a in enumerate(ANGLES)]
+    found = follow(Followed(), pictures, np.eye(4))
+    assert max(off(found, [X_TB] * len(pictures))) < 6e-4
+    assert not found.slips
+    # The cloud is that of the box: on its faces, with normals that lead outwards.
+    p_B, n_B = found.points - X_TB[:3, 3], found.normals
+    assert np.abs(np.abs(p_B / HALF).max(axis=1) - 1.0).max() < 0.12
+    assert (np.einsum("ni,ni->n", p_B / HALF, n_B) > 0.5).mean() > 0.98
+
+
+@pytest.mark.parametrize("p", [[0.010, 0.0, 0.0], [0.006, 0.0, 0.008]])
+def test_a_slip_of_ten_millimetres_is_noticed_and_followed(p: list[float]) -> None:
+    true = [X_TB if k < 4 else placed(p) @ X_TB for k in range(len(ANGLES))]
+    pictures = [shown(turned(a), X, k) for k, (a, X) in enumerate(zip(ANGLES, true, strict=True))]
+    found = follow(Followed(), pictures, np.eye(4))
+    assert [slip.picture for slip in found.slips] == [4]
+    assert found.slips[0].distance == pytest.approx(0.010, abs=0.002)
+    assert max(off(found, true)) < 1.5e-3
+    # What the arm's motion alone tells is off by all of it.
+    assert apart(np.eye(4), true[-1] @ np.linalg.inv(X_TB), X_TB[:3, 3])[0] == pytest.approx(0.010, abs=1e-4)
+
+
+def test_the_camera_is_where_the_tool_and_the_arm_put_it() -> None:
+    pictures = [shown(turned(a), X_TB, k) for k, a in enumerate(ANGLES[:3])]
+    found = follow(Followed(), pictures, np.eye(4))
+    for one, X_SC in zip(pictures, found.camera_poses(), strict=True):
+        X_TW = np.linalg.inv(one.X_WT)
+        assert X_SC[:3, 3] == pytest.approx(X_TW[:3, :3] @ one.picture.camera.p_WC + X_TW[:3, 3], abs=1e-3)
+        assert X_SC[:3, :3] == pytest.approx(X_TW[:3, :3] @ one.picture.camera.R_WC, abs=4e-3)

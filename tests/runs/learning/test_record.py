@@ -1,0 +1,90 @@
+"""What a run of learning keeps: a state that is whole or not there, and refusals of one line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from twin_diagram.runs.learning.gallery import write_gallery
+from twin_diagram.runs.learning.record import Learned, LearningError, LearningRecord, RunState, plain
+from twin_diagram.scenario import Scenario
+from twin_diagram.scenario.file import copy_scenario
+
+
+def begun(folder: Path, scenario: Scenario | None = None) -> tuple[LearningRecord, RunState]:
+    record = LearningRecord(folder, scenario or Scenario())
+    return record, record.begin()
+
+
+def filled(folder: Path) -> tuple[LearningRecord, RunState]:
+    record, state = begun(folder)
+    state.learned = [Learned("object_01", figures=plain({"mass": 0.5, "size": np.array([0.1, 0.2, 0.3])}))]
+    state.world, state.sim_time = {"positions": np.arange(5.0)}, 12.5
+    record.fresh("object_01")
+    record.save(state)
+    return record, state
+
+
+def test_a_state_comes_back_as_it_was_saved(tmp_path: Path) -> None:
+    _, state = filled(tmp_path / "run")
+    back = LearningRecord(tmp_path / "run", Scenario()).resume()
+    assert back.learned == state.learned and back.sim_time == 12.5 and not back.finished
+    assert (back.world["positions"] == np.arange(5.0)).all()
+
+
+def test_what_a_killed_run_left_half_done_goes_and_what_is_finished_stays(tmp_path: Path) -> None:
+    record, _ = filled(tmp_path / "run")
+    record.event(object="object_01", stage="pick")
+    with (record.folder / "events.jsonl").open("a") as file:
+        file.write('{"object": "object_02", "sta')
+    record.fresh("object_02")
+    (record.library / ".object_02.abc").mkdir(parents=True)
+    (record.library / "object_01").mkdir()
+    (record.folder / ".state.npz.77.part").write_text("half")
+    again = LearningRecord(record.folder, Scenario())
+    again.resume()
+    assert sorted(path.name for path in (record.folder / "objects").iterdir()) == ["object_01"]
+    assert [path.name for path in record.library.iterdir()] == ["object_01"]
+    assert not list(record.folder.glob(".*"))
+    events = [json.loads(line) for line in (record.folder / "events.jsonl").read_text().splitlines()]
+    assert [event["stage"] for event in events] == ["pick"]
+
+
+def test_refusals_are_one_line_and_write_nothing(tmp_path: Path) -> None:
+    filled(tmp_path / "run")
+    other = copy_scenario(Scenario())
+    other.seed = 77
+    for call, words in (
+        (LearningRecord(tmp_path / "run", other).resume, "another scenario"),
+        (LearningRecord(tmp_path / "none", Scenario()).resume, "no run to go on with"),
+        (LearningRecord(tmp_path / "run", Scenario()).begin, "--resume goes on"),
+        (LearningRecord(tmp_path / "run" / "state.npz" / "x", Scenario()).begin, "--out"),
+        (lambda: filled(tmp_path / "more")[1].named("object_09"), "object_01"),
+    ):
+        with pytest.raises(LearningError, match=words) as error:
+            call()
+        assert "\n" not in str(error.value)
+    assert not (tmp_path / "none").exists()
+
+
+def test_a_disk_without_room_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("twin_diagram.runs.learning.record.SPARE", 10**18)
+    with pytest.raises(LearningError, match="MB are free"):
+        begun(tmp_path / "run")
+
+
+def test_the_gallery_is_one_file_that_shows_what_failed(tmp_path: Path) -> None:
+    record, state = filled(tmp_path / "run")
+    state.learned[0].state = "finished"
+    cloud = record.library / "object_01"
+    cloud.mkdir(parents=True)
+    points = np.random.default_rng(0).normal(size=(50, 3))
+    np.savez(cloud / "cloud.npz", points=points, normals=points, colours=np.full((50, 3), 0.5))
+    state.learned.append(Learned("reported_01", "reported", "too wide <for> the fingers"))
+    write_gallery(record, state)
+    page = (record.folder / "gallery.html").read_text()
+    assert "1 of 2 finished" in page and "too wide &lt;for&gt; the fingers" in page and "500 g" in page
+    assert page.count("<canvas") == 1 and "http" not in page.replace("http-equiv", "")

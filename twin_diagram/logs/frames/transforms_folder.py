@@ -1,0 +1,169 @@
+"""Reads and writes Nerfstudio's folders of posed frames: `transforms.json`, pictures, depth and masks.
+
+(https://docs.nerf.studio/quickstart/data_conventions.html) Poses are camera to world with OpenGL's axes: x right, y up,
+z backwards; here C is x right, y down, z forwards. There a pixel's centre lies at (u + 0.5, v + 0.5), here at (u, v).
+Depth is 16 bits; its unit is `depth_unit_scale_factor` [m], a millimetre where the file does not say.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.errors import FramesError
+from twin_diagram.logs.frames.folder_files import in_folder, read_json
+from twin_diagram.logs.frames.scene_folder import RgbdFrame, read_mask
+from twin_diagram.logs.frames.view_camera import ViewCamera
+from twin_diagram.runtime import atomic_file
+from twin_diagram.signals.arrays import Array
+
+FILE: Final = "transforms.json"
+"""That makes a folder one of Nerfstudio's."""
+UNIT: Final = 1e-4
+"""Of the depth that is written [m]: a tenth of a millimetre, 6.5 m at the most."""
+_FLIP: Final = np.diag([1.0, -1.0, -1.0])
+"""Takes OpenGL's axes to those of C, and back."""
+
+
+class TransformsFolder:
+    """Posed frames as Nerfstudio has them, read one at a time.
+
+    Attributes:
+        has_masks: whether every frame has one.
+        posed: they always are.
+
+    Raises:
+        FramesError: a file is missing, leads out of the folder, or says what cannot be; the message names it.
+    """
+
+    posed: Final = True
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = Path(folder)
+        self._file = in_folder(self.folder, FILE)
+        self._all = read_json(self._file)
+        if not isinstance(self._all, dict) or not isinstance(self._all.get("frames"), list) or not self._all["frames"]:
+            raise FramesError(f"{self._file}: has no list of frames")
+        self._frames: list[dict[str, Any]] = self._all["frames"]
+        for k, frame in enumerate(self._frames):
+            if not isinstance(frame, dict) or "depth_file_path" not in frame:
+                raise FramesError(f"{self._file}: frame {k} has no depth_file_path: meshing needs depth")
+        model = str(self._all.get("camera_model", "OPENCV"))
+        bent = [key for key in ("k1", "k2", "k3", "k4", "p1", "p2") if abs(float(self._all.get(key, 0.0))) > 0.0]
+        if model not in ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE") or bent:
+            what = f"camera_model {model}" if not bent else f"distortion {', '.join(bent)}"
+            raise FramesError(f"{self._file}: {what}: only pictures without distortion are read")
+        self.has_masks = all("mask_path" in frame for frame in self._frames)
+        self._poses = [self._pose(k) for k in range(len(self._frames))]
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def read(self, index: int) -> RgbdFrame:
+        """Read the frame at a place in the list.
+
+        Raises:
+            FramesError: an image cannot be read or has another size.
+        """
+        frame = self._frames[index]
+        depth = _image(in_folder(self.folder, str(frame["depth_file_path"])), cv2.IMREAD_UNCHANGED)
+        if depth.ndim != 2 or depth.dtype != np.uint16:
+            raise FramesError(f"{self.folder / frame['depth_file_path']}: depth must be one channel of 16 bits")
+        unit = float(self._all.get("depth_unit_scale_factor", 1e-3))
+        rgb = None
+        if "file_path" in frame:
+            picture = _image(in_folder(self.folder, str(frame["file_path"])), cv2.IMREAD_COLOR)
+            rgb = cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
+            if rgb.shape[:2] != depth.shape:
+                raise FramesError(f"{self.folder}: frame {index}: depth is of another size than its picture")
+        mask = read_mask(in_folder(self.folder, str(frame["mask_path"])), depth.shape) if self.has_masks else None
+        height, width = depth.shape
+        fx, cx, cy = (self._number(frame, key) for key in ("fl_x", "cx", "cy"))
+        fy = self._number(frame, "fl_y", fx)
+        R, p = self._poses[index]
+        camera = ViewCamera(width, height, fx, fy, cx - 0.5, cy - 0.5, R, p)
+        metres = np.asarray(depth * np.float32(unit), dtype=np.float32)
+        colours = None if rgb is None else np.asarray(rgb, dtype=np.uint8)
+        return RgbdFrame(index, float(index), colours, metres, mask, camera, camera)
+
+    def _number(self, frame: dict[str, Any], key: str, usual: float | None = None) -> float:
+        value = frame.get(key, self._all.get(key, usual))
+        if not isinstance(value, (int, float)) or not np.isfinite(value):
+            raise FramesError(f"{self._file}: {key} is {value!r}, not a number")
+        return float(value)
+
+    def _pose(self, number: int) -> tuple[Array, Array]:
+        try:
+            X = np.array(self._frames[number]["transform_matrix"], dtype=float).reshape(4, 4)
+        except (KeyError, TypeError, ValueError):
+            raise FramesError(f"{self._file}: frame {number} has no transform_matrix of 4 × 4") from None
+        R = X[:3, :3] @ _FLIP
+        if not np.isfinite(X).all() or np.abs(R @ R.T - np.eye(3)).max() > 2e-3 or np.linalg.det(R) < 0:
+            raise FramesError(f"{self._file}: frame {number}: transform_matrix holds no rotation")
+        u, _, vt = np.linalg.svd(R)
+        return u @ vt, X[:3, 3]
+
+
+def write_transforms(
+    folder: str | Path, frames: Sequence[RgbdFrame], hands: Sequence[npt.NDArray[np.bool_]] | None = None
+) -> Path:
+    """Write posed frames as Nerfstudio reads them, whole or not at all. Returns the folder.
+
+    Args:
+        folder: is replaced.
+        frames: of one lens, with colours, without distortion; the grids of depth and colours are one.
+        hands: (h, w) masks of the hand that holds the object, under `hand_mask_path`: what others leave out.
+
+    Raises:
+        FramesError: frames without colours.
+    """
+    folder = Path(folder)
+    first = frames[0].camera
+    listed: list[dict[str, Any]] = []
+    with atomic_file.folder(folder) as aside:
+        for name in ("images", "depth", "masks", "hands"):
+            (aside / name).mkdir()
+        for k, frame in enumerate(frames):
+            if frame.rgb is None:
+                raise FramesError(f"frame {k} has no colours to write")
+            one = {"file_path": f"images/{k:04d}.png", "depth_file_path": f"depth/{k:04d}.png"}
+            _write(aside / one["file_path"], cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2BGR))
+            depth = np.where(np.isfinite(frame.depth), frame.depth, 0.0)
+            _write(aside / one["depth_file_path"], np.clip(np.rint(depth / UNIT), 0, 65535).astype(np.uint16))
+            if frame.mask is not None:
+                one["mask_path"] = f"masks/{k:04d}.png"
+                _write(aside / one["mask_path"], frame.mask.astype(np.uint8) * 255)
+            if hands is not None:
+                one["hand_mask_path"] = f"hands/{k:04d}.png"
+                _write(aside / one["hand_mask_path"], hands[k].astype(np.uint8) * 255)
+            X = np.eye(4)
+            X[:3, :3], X[:3, 3] = frame.camera.R_WC @ _FLIP, frame.camera.p_WC
+            listed.append({**one, "transform_matrix": X.tolist()})
+        told = {
+            "camera_model": "OPENCV",
+            **{"w": first.width, "h": first.height, "fl_x": first.fx, "fl_y": first.fy},
+            **{"cx": first.cx + 0.5, "cy": first.cy + 0.5, "depth_unit_scale_factor": UNIT},
+            "frames": listed,
+        }
+        (aside / FILE).write_text(json.dumps(told, indent=1))
+    return folder
+
+
+def _write(path: Path, image: npt.NDArray[Any]) -> None:
+    good, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    assert good
+    path.write_bytes(data.tobytes())
+
+
+def _image(path: Path, flags: int) -> npt.NDArray[Any]:
+    data = np.frombuffer(path.read_bytes(), np.uint8)
+    image = cv2.imdecode(data, flags) if data.size else None
+    if image is None:
+        raise FramesError(f"{path}: not a readable image")
+    return np.asarray(image)

@@ -1,0 +1,171 @@
+"""What lies in the bin, by one picture: points of things, the highest first, and grasps of one of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from twin_diagram.assets.building.depth_view import make_view
+from twin_diagram.perception.segmentation.parting import part
+from twin_diagram.planning.grasps import Grasps, Gripper, Wanted, estimated_normals, propose
+from twin_diagram.runs.learning.cell import Picture
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    above: float = 0.004
+    """Height over the bin's bottom from which a point is a thing's [m]: thrice a good camera's noise there."""
+
+    beside: float = 0.006
+    """Distance from the bin's walls within which a point is theirs [m]."""
+
+    least: int = 120
+    """Pixels of the smallest thing: 1.5 cm square from 0.9 m."""
+
+    noise: float = 0.001
+    """Standard deviation of depth in the bin [m]."""
+
+    gap: float = 0.012
+    """Step in depth at which one thing ends and another begins [m]."""
+
+    points: int = 3000
+    """Of a thing that grasps are searched on, at the most."""
+
+    candidates: int = 24
+    """Grasps of a thing that are held against the arm's reach."""
+
+    steepest: float = 0.7
+    """Least share of an approach that goes downwards: more slanted ones meet the bin's walls."""
+
+    usual_mass: float = 0.7
+    """That a thing is taken to have [kg]."""
+
+    slanted: float = 1.0
+    """Added to a grasp's cost, times what its approach lacks of straight down."""
+
+    one_sided: float = 0.15
+    """Added where the picture does not show both contacts: what is there is guessed."""
+
+    walls: float = 0.008
+    """Distance between points that stand for the bin's walls [m]."""
+
+
+TUNING = Tuning()
+
+
+@dataclass(frozen=True)
+class SeenThing:
+    """Something that lies in a bin or stands on the platform, as one picture shows it.
+
+    Attributes:
+        points: (N, 3) in W, in random order [m].
+        normals: (N, 3) towards the camera.
+        pixels: (N, 2) row and column.
+        viewpoint: (3,) where the camera was.
+    """
+
+    points: Array
+    normals: Array
+    pixels: Array
+    viewpoint: Array
+
+    @property
+    def middle(self) -> Array:
+        """(3,) of the box about it [m]."""
+        return np.asarray((self.points.min(axis=0) + self.points.max(axis=0)) / 2)
+
+    @property
+    def top(self) -> float:
+        """Height of its highest points [m]."""
+        return float(np.quantile(self.points[:, 2], 0.98))
+
+
+def things_within(picture: Picture, low: Array, high: Array, seed: int = 0) -> list[SeenThing]:
+    """Return what a picture shows within a box, the highest first.
+
+    Args:
+        picture: of a camera that looks into it.
+        low: (3,) lowest corner; its z is the bottom's upper side [m].
+        high: (3,) highest corner; what stands out above it counts as well.
+        seed: of the points' order.
+    """
+    points = picture.points()
+    inside = (points[..., :2] > low[:2] + TUNING.beside).all(-1) & (points[..., :2] < high[:2] - TUNING.beside).all(-1)
+    mask = inside & (points[..., 2] > low[2] + TUNING.above) & (picture.depth > 0)
+    depth = np.where(picture.depth > 0, picture.depth, 0).astype(np.float32)
+    label, count = part(depth, mask, 1.0 / picture.camera.fx, TUNING.noise, TUNING.gap, TUNING.least)
+    view = make_view(picture.camera, picture.depth, reach=1)
+    normals = view.normals @ picture.camera.R_WC.T
+    rng = np.random.default_rng(seed)
+    found = []
+    for k in range(count):
+        rows = np.argwhere(label == k)
+        rows = rows[rng.permutation(len(rows))]
+        at = (rows[:, 0], rows[:, 1])
+        # A rim is all edge, and has no normals of its own in the picture: its points' neighbours tell them.
+        own, bare = normals[at], np.linalg.norm(normals[at], axis=1) < 0.5
+        if bare.any():
+            own = np.where(bare[:, None], estimated_normals(points[at], picture.camera.p_WC), own)
+        found.append(SeenThing(points[at], own, rows, picture.camera.p_WC))
+    return sorted(found, key=lambda thing: -thing.top)
+
+
+def grasps_of_thing(
+    thing: SeenThing, gripper: Gripper, floor: float, surroundings: Array, seed: int = 0, *, count: int = 0
+) -> Grasps:
+    """Return grasps of a thing in W, the best first.
+
+    Args:
+        thing: that is to be taken.
+        gripper: that takes it.
+        floor: height that the fingers stay above [m].
+        surroundings: (S, 3) points of what is in the way.
+        seed: of the search.
+        count: how many are asked for; 0: the usual number.
+    """
+    points, normals = thing.points[: TUNING.points], thing.normals[: TUNING.points]
+    wanted = Wanted(count or TUNING.candidates, seed)
+    return propose(
+        points,
+        normals,
+        gripper,
+        wanted=wanted,
+        viewpoint=thing.viewpoint,
+        table=np.array([0.0, 0.0, 1.0, floor]),
+        # Nobody knows its weight: a usual one in the middle keeps grasps from its ends, where it would turn.
+        mass=TUNING.usual_mass,
+        centre=thing.middle,
+        surroundings=surroundings if len(surroundings) else None,
+    )
+
+
+def wall_points(low: Array, high: Array, thickness: float = 0.008) -> Array:
+    """Return points (N, 3) on the walls of a bin with this inside [m], which its fingers keep clear of."""
+    z = np.arange(low[2], high[2] + 1e-9, TUNING.walls)
+    found = []
+    for axis in (0, 1):
+        along = np.arange(low[1 - axis], high[1 - axis], TUNING.walls)
+        for at in (low[axis] - thickness / 2, high[axis] + thickness / 2):
+            a, b = np.meshgrid(along, z)
+            wall = np.zeros((a.size, 3))
+            wall[:, axis], wall[:, 1 - axis], wall[:, 2] = at, a.ravel(), b.ravel()
+            found.append(wall)
+    return np.concatenate(found)
+
+
+def downward(grasps: Grasps) -> Array:
+    """Return the numbers of grasps that come from above, the straightest of the good ones first."""
+    down = -grasps.approach[:, 2]
+    cost = grasps.score + TUNING.slanted * (1.0 - down) + TUNING.one_sided * (~grasps.seen).any(axis=1)
+    order = np.argsort(cost, kind="stable")
+    return np.asarray(order[down[order] >= TUNING.steepest])
+
+
+def filled(mask: Array) -> Array:
+    """Return a mask with its holes closed."""
+    return np.asarray(ndimage.binary_fill_holes(mask))

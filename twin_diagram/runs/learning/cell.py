@@ -1,0 +1,276 @@
+"""The robot's side of learning: an arm that goes where it is told, fingers, and cameras that look when asked.
+
+What stages get of the simulated world is what a real cell would give them: messages of the arm and pictures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+from pydrake.systems.analysis import Simulator
+
+from twin_diagram.errors import ScenarioError
+from twin_diagram.logs.frames.view_camera import ViewCamera
+from twin_diagram.perception.alignment import Alignment
+from twin_diagram.planning.tasks.task_system import Fingers
+from twin_diagram.runtime import stopping
+from twin_diagram.scenario import Camera, Scenario
+from twin_diagram.scenario.lenses import colour_lens
+from twin_diagram.scenario.poses import pose
+from twin_diagram.signals.arrays import Array
+from twin_diagram.station import ports
+from twin_diagram.station.sim.cameras_on_demand import CamerasOnDemand
+from twin_diagram.station.sim.station import SimStation
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    tick: float = 0.01
+    """Between two commands while the arm moves [s]: the driver's filter smooths over as long."""
+
+    weighed_tick: float = 0.005
+    """The same while torques are recorded [s]: a message each."""
+
+
+TUNING = Tuning()
+
+
+Observer = Callable[[str, Array], None]
+"""Takes an object's name and the positions (nq,) of the world's plant."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One picture, and where the arm was when it was taken.
+
+    Attributes:
+        rgb: (H, W, 3).
+        depth: (H, W) on the colours' grid [m], 0 where none is.
+        camera: as calibrated, with its pose in W.
+        time: [s].
+        q: (n,) joint angles as measured [rad].
+        fingers: (g,) as measured [m].
+    """
+
+    rgb: npt.NDArray[np.uint8]
+    depth: npt.NDArray[np.float32]
+    camera: ViewCamera
+    time: float
+    q: Array
+    fingers: Array
+
+    def points(self) -> Array:
+        """Return (H, W, 3) in W [m]; of pixels without depth where the camera is."""
+        p_C = self.camera.rays() * self.depth[..., None]
+        return np.asarray(p_C @ self.camera.R_WC.T + self.camera.p_WC)
+
+
+@dataclass
+class Recording:
+    """Messages of the arm, as they came: (N,) times [s] and (N, n) each of positions, speeds and torques."""
+
+    time: list[float] = field(default_factory=list)
+    position: list[Array] = field(default_factory=list)
+    velocity: list[Array] = field(default_factory=list)
+    torque: list[Array] = field(default_factory=list)
+
+
+class Cell:
+    """A simulated cell, advanced by those who ask something of it.
+
+    Attributes:
+        observer: is told by `moment` where everything truly is, for scorers alone; None: nobody is.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        """Build the station and settle what lies about.
+
+        Raises:
+            ScenarioError, ModelError, AssetError: what it is to be built from is missing or malformed.
+            NativeLibraryError: EGL is missing.
+        """
+        self._cameras = scenario.twin.cameras
+        self._eyes = CamerasOnDemand(scenario)
+        self._station = SimStation(scenario)
+        arm = self._station.world.arm
+        if not arm.fingers:
+            raise ScenarioError("twin.arm.model", f"{scenario.twin.arm.model} has no gripper to take objects with")
+        self._plant = self._station.world.plant
+        described = np.array([finger.default_positions()[0] for finger in arm.fingers])
+        self._fingers = Fingers.of(self._plant, arm.arm.gripper_joint_indices, described)
+        self._simulator = Simulator(self._station)
+        self._context = self._simulator.get_mutable_context()
+        self._command = arm.q0[: len(arm.joints)].copy()
+        self._opened, self._force = 1.0, scenario.twin.learning.force if scenario.twin.learning else 60.0
+        self._recording: Recording | None = None
+        self._frame = 0
+        self.observer: Observer | None = None
+        self._send()
+        self._simulator.Initialize()
+
+    @property
+    def time(self) -> float:
+        """How long the cell has been running [s]."""
+        return float(self._context.get_time())
+
+    @property
+    def q(self) -> Array:
+        """(n,) joint angles as measured, as commanded before the first message [rad]."""
+        if float(self._read(ports.MEASUREMENT_TIME)[0]) < 0.0:
+            return self._command.copy()
+        return self._read(ports.POSITION_MEASURED)
+
+    @property
+    def torque(self) -> Array:
+        """(n,) as measured [N·m]."""
+        return self._read(ports.TORQUE_MEASURED)
+
+    @property
+    def widest(self) -> float:
+        """Greatest travel of the fingers from each other [m]."""
+        return self._fingers.widest
+
+    @property
+    def opening(self) -> float:
+        """Distance between the pads, or what the fingers' travel says of it [m]."""
+        return self._fingers.opening(self._read(ports.GRIPPER_MEASURED)[: len(self._fingers.closed)])
+
+    @property
+    def force(self) -> float:
+        """With which each finger presses [N]."""
+        return self._force
+
+    @property
+    def fingers(self) -> dict[str, float]:
+        """Where the fingers are, by the names of their joints [m]."""
+        read = self._read(ports.GRIPPER_MEASURED)
+        return {finger.name(): float(read[k]) for k, finger in enumerate(self._station.world.arm.fingers)}
+
+    @property
+    def commanded(self) -> Array:
+        """(n,) joint angles that the arm was last told [rad]."""
+        return self._command.copy()
+
+    def _read(self, name: str) -> Array:
+        return np.array(self._station.GetOutputPort(name).Eval(self._context))
+
+    def _send(self) -> None:
+        station, context = self._station, self._context
+        station.GetInputPort(ports.POSITION_COMMANDED).FixValue(context, self._command)
+        station.GetInputPort(ports.GRIPPER_COMMANDED).FixValue(context, self._fingers.at(self._opened))
+        station.GetInputPort(ports.GRIPPER_FORCE_LIMIT).FixValue(context, [self._force])
+
+    def _advance(self, until: float) -> None:
+        self._send()
+        self._simulator.AdvanceTo(until)
+        if self._recording is not None:
+            self._recording.time.append(float(self._read(ports.MEASUREMENT_TIME)[0]))
+            self._recording.position.append(self._read(ports.POSITION_MEASURED))
+            self._recording.velocity.append(self._read(ports.VELOCITY_ESTIMATED))
+            self._recording.torque.append(self._read(ports.TORQUE_MEASURED))
+        stopping.check()
+
+    def follow(self, times: Array, q: Array, at: Callable[[float], None] | None = None) -> None:
+        """Go along joint angles.
+
+        Args:
+            times: (M,) from now, ascending [s].
+            q: (M, n) [rad].
+            at: called after each tick with the time since the begin [s].
+        """
+        begin, tick = self.time, TUNING.weighed_tick if self._recording is not None else TUNING.tick
+        for k in range(1, int(np.ceil(times[-1] / tick)) + 1):
+            now = min(k * tick, float(times[-1]))
+            self._command = np.array([np.interp(now, times, q[:, j]) for j in range(q.shape[1])])
+            self._advance(begin + k * tick)
+            if at is not None:
+                at(now)
+
+    def wait(self, seconds: float) -> None:
+        """Stay where it is."""
+        self.follow(np.array([0.0, seconds]), np.stack([self._command, self._command]))
+
+    def grip(self, opened: float, seconds: float = 0.7, force: float | None = None) -> float:
+        """Move the fingers, 0 shut to 1 open, and return how far the pads are apart then [m].
+
+        Args:
+            opened: where to.
+            seconds: that are waited.
+            force: of each finger from here on [N]; None: as before.
+        """
+        self._opened = opened
+        self._force = self._force if force is None else force
+        self.wait(seconds)
+        return self.opening
+
+    @contextmanager
+    def recording(self) -> Iterator[Recording]:
+        """Record the arm's messages, one each tick."""
+        self._recording = Recording()
+        try:
+            yield self._recording
+        finally:
+            self._recording = None
+
+    def look(self, name: str) -> Picture:
+        """Take a picture; what the camera delivers is brought onto the colours' grid as it is calibrated."""
+        told = self._cameras[name]
+        self._frame += 1
+        positions = np.array(self._plant.GetPositions(self._plant.GetMyContextFromRoot(self._context)))
+        rgb, depth = self._eyes.look(name, positions, self._frame)
+        way = Alignment.of(told)
+        colours = np.ascontiguousarray(way.colours(rgb)[..., :3])
+        fingers = self._read(ports.GRIPPER_MEASURED)[: len(self._fingers.closed)]
+        # The newest message is a little older than the picture: the joints have moved on since.
+        late = self.time - max(0.0, float(self._read(ports.MEASUREMENT_TIME)[0]))
+        q = self.q + late * self._read(ports.VELOCITY_ESTIMATED)
+        return Picture(colours, way.depth(depth), told_camera(told), self.time, q, fingers)
+
+    def moment(self, name: str) -> None:
+        """Tell the observer, if there is one, where everything truly is now; no stage gets anything of it back."""
+        if self.observer is not None:
+            self.observer(name, self.snapshot()["positions"])
+
+    def snapshot(self) -> dict[str, Array]:
+        """Return where everything is, for a run that goes on later; nothing but `restore` reads it."""
+        context = self._plant.GetMyContextFromRoot(self._context)
+        return {
+            "positions": np.array(self._plant.GetPositions(context)),
+            "command": self._command.copy(),
+            "fingers": np.array([self._opened, self._force]),
+            "frame": np.array([self._frame, self.time]),
+        }
+
+    def restore(self, kept: dict[str, Array]) -> None:
+        """Put everything back to where it lay, at rest.
+
+        Raises:
+            ScenarioError: it is of another world.
+        """
+        context = self._plant.GetMyMutableContextFromRoot(self._context)
+        if len(kept["positions"]) != self._plant.num_positions():
+            raise ScenarioError("world", "has other objects than the run that is to go on")
+        self._context.SetTime(float(kept["frame"][1]))
+        self._plant.SetPositions(context, kept["positions"])
+        self._plant.SetVelocities(context, np.zeros(self._plant.num_velocities()))
+        self._command, self._frame = kept["command"].copy(), int(kept["frame"][0])
+        self._opened, self._force = float(kept["fingers"][0]), float(kept["fingers"][1])
+        driver = self._station.GetSubsystemByName("arm_driver")
+        desired = np.concatenate([self._command, self._fingers.at(self._opened)])
+        inner = driver.GetMyMutableContextFromRoot(self._context)
+        inner.SetDiscreteState(np.concatenate([desired, np.zeros_like(desired)]))
+        self._send()
+        self._simulator.Initialize()
+
+
+def told_camera(camera: Camera) -> ViewCamera:
+    """Return a camera as its calibration has it, without distortion."""
+    lens, X_WC = colour_lens(camera).straight, pose(camera.X_WC)
+    R_WC, p_WC = X_WC.rotation().matrix(), X_WC.translation()
+    return ViewCamera(camera.width, camera.height, lens.fx, lens.fy, lens.cx, lens.cy, R_WC, p_WC)

@@ -1,0 +1,43 @@
+"""The command `twin-diagram learn`. Cheap to import, as the command line is."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+
+def add_learn_command(commands: Any) -> None:
+    """Add the command that empties a bin and learns what lies in it."""
+    learn = commands.add_parser(
+        "learn", help="take objects from a bin, show and weigh them, and write an asset of each"
+    )
+    learn.add_argument("scenario", help="a YAML file, or the name of a scenario that comes along, e.g. bin_picking")
+    learn.add_argument("--out", required=True, type=Path, metavar="DIR", help="folder of the run")
+    learn.add_argument("--resume", action="store_true", help="go on with the run in that folder")
+    learn.add_argument("--again", metavar="NAME", help="make this object's asset anew from what the run kept of it")
+    learn.add_argument("--set", action="append", default=[], metavar="FIELD=VALUE", help="override a field")
+    learn.set_defaults(command=_learn)
+
+
+def _learn(arguments: argparse.Namespace) -> int:
+    from twin_diagram.native import RUN, require_egl, require_packages
+    from twin_diagram.scenario.file import load_scenario
+
+    scenario = load_scenario(arguments.scenario, arguments.set)
+    require_packages(*RUN)
+    from twin_diagram.runs.learning.start import learn, learn_again
+
+    def say(text: str) -> None:
+        print(text, file=sys.stderr, flush=True)
+
+    if arguments.again:
+        state = learn_again(scenario, arguments.out, arguments.again, say)
+    else:
+        require_egl()
+        state = learn(scenario, arguments.out, resume=arguments.resume, say=say)
+    for one in state.learned:
+        print(f"{one.name}: {one.state}{f' ({one.why})' if one.why else ''}")
+    print(f"see {arguments.out / 'gallery.html'}")
+    return 0

@@ -1,0 +1,211 @@
+"""Shows what is held to the scanning camera: full turns of the last joint at several tilts of the tool's axis.
+
+The masks of object and hand are taken from where the arm's own shapes are; where the object is within the hand they do
+not say, `following` does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.perception.segmentation.robot_shape import RobotShape
+from twin_diagram.runs.learning.cell import Cell, Picture
+from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
+from twin_diagram.runs.learning.picking import go
+from twin_diagram.scenario import Learning
+from twin_diagram.signals.arrays import Array
+
+Mask = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    tilts: tuple[float, ...] = (0.87, 0.2, -0.45)
+    """Of the tool's axis from straight down towards the camera [rad]: at the first the far end is seen, then the sides
+    up to the fingers, then what faces the palm."""
+
+    later_tilts: tuple[float, ...] = (0.5, -0.3)
+    """The same in further grasps, which show what the fingers of the first one hid."""
+
+    nearer: float = 0.12
+    """By which it is shown nearer to the arm where the axis leads away from the camera [m]: there the arm reaches."""
+
+    more_tilts: tuple[float, ...] = (0.7, 0.52, 0.35, 0.0)
+    """Tried in their place where the arm does not reach one."""
+
+    turn: float = 2.95
+    """Of the last joint to both sides [rad]: nearly all of its range, 340° in all."""
+
+    reach: float = 0.24
+    """Farther from the finger tips than this is no part of the object [m]."""
+
+    palm: float = -0.070
+    """z in the tool's frame behind which is the hand [m]: the palm's front."""
+
+    beside: float = 0.004
+    """Distance from the hand's shapes within which a point is the hand's [m]."""
+
+    least: int = 60
+    """Pixels of an object in a picture; fewer show nothing."""
+
+
+TUNING = Tuning()
+
+
+class NothingHeld(Exception):
+    """The hand is empty where something should be in it."""
+
+
+@dataclass(frozen=True)
+class HeldPicture:
+    """One picture of what the hand holds.
+
+    Attributes:
+        picture: as taken.
+        X_WT: (4, 4) of the tool then, by the joints as measured.
+        mask: (H, W) where the object shows.
+        hand: (H, W) where the hand does.
+        grasp: number of the grasp in which it is held.
+    """
+
+    picture: Picture
+    X_WT: Array
+    mask: Mask
+    hand: Mask
+    grasp: int
+
+    def points_T(self, stride: int = 1) -> Array:
+        """Return the object's points (N, 3) in the tool's frame by the joints alone [m]."""
+        rows = self.mask.copy()
+        if stride > 1:
+            thin = np.zeros_like(rows)
+            thin[::stride, ::stride] = True
+            rows &= thin
+        return (self.picture.points()[rows] - self.X_WT[:3, 3]) @ self.X_WT[:3, :3]
+
+
+def shown(picture: Picture, X_WT: Array, robot: RobotShape, grasp: int) -> HeldPicture:
+    """Return a picture with the masks of object and hand."""
+    points = picture.points()
+    points_T = (points - X_WT[:3, 3]) @ X_WT[:3, :3]
+    near = (np.linalg.norm(points_T, axis=-1) < TUNING.reach) & (picture.depth > 0)
+    hand = np.zeros(near.shape, dtype=bool)
+    hand[near] = robot.near(points[near], picture.q, TUNING.beside, picture.fingers)
+    mask = near & ~hand & (points_T[..., 2] > TUNING.palm)
+    mask = _largest(mask)
+    return HeldPicture(picture, X_WT, mask, hand | (near & (points_T[..., 2] <= TUNING.palm)), grasp)
+
+
+def _largest(mask: Mask) -> Mask:
+    """Return a mask without specks: parts that are much smaller than its largest."""
+    count, label, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    if count < 2:
+        return mask
+    size = stats[1:, cv2.CC_STAT_AREA]
+    kept = 1 + np.flatnonzero(size >= max(TUNING.least, 0.02 * size.max()))
+    return np.asarray(np.isin(label, kept))
+
+
+def display(
+    mover: Mover,
+    cell: Cell,
+    learning: Learning,
+    robot: RobotShape,
+    grasp: int,
+    tilts: tuple[float, ...] = TUNING.tilts,
+    during: Callable[[float], None] | None = None,
+) -> list[HeldPicture]:
+    """Show what is held, a full turn of the last joint at each tilt, and return the pictures.
+
+    Args:
+        mover: plans; it knows what is held.
+        cell: whose arm holds something.
+        learning: where, how fast, how many pictures.
+        robot: the arm's own shapes.
+        grasp: number of this one.
+        tilts: of the tool's axis towards the camera [rad].
+        during: is told the time of each tick, for tests that meddle.
+
+    Raises:
+        NoWay: the arm cannot show it at any tilt.
+        NothingHeld: no picture shows anything in the hand.
+    """
+    taken: list[HeldPicture] = []
+    ways = 0
+    for tilt in tilts:
+        q = _posture(mover, cell, learning, (tilt, *TUNING.more_tilts) if tilt == tilts[0] else (tilt,))
+        if q is None:
+            continue
+        ways += 1
+        taken += _turn(mover, cell, learning, robot, grasp, q, during)
+    if not ways:
+        raise NoWay("cannot be shown to the camera: no posture is reached")
+    good = [one for one in taken if int(one.mask.sum()) >= TUNING.least]
+    if not good:
+        raise NothingHeld("no picture shows anything in the hand")
+    return good
+
+
+def _posture(mover: Mover, cell: Cell, learning: Learning, tilts: tuple[float, ...]) -> Array | None:
+    """Go to where the last joint's turn begins; return the joint angles there, None where no tilt is reached."""
+    for tilt in tilts:
+        approach = np.array([np.sin(tilt), 0.0, -np.cos(tilt)])
+        place = np.array(learning.display) - [TUNING.nearer if tilt < -0.1 else 0.0, 0.0, 0.0]
+        X_WT = pose(pointing(approach, np.array([0.0, 1.0, 0.0])), place)
+        goals = mover.goals(X_WT, cell.commanded)
+        if not len(goals):
+            continue
+        # The turn begins at the end that is nearer; the last joint hardly changes what the arm is near to.
+        side = np.sign(cell.commanded[-1]) or 1.0
+        goals = goals.copy()
+        goals[:, -1] = side * TUNING.turn
+        turned = np.repeat(goals[:, None], 9, axis=1)
+        turned[:, :, -1] = np.linspace(-TUNING.turn, TUNING.turn, 9)
+        clear = mover.free(turned.reshape(-1, goals.shape[1]), 0.005).reshape(len(goals), 9).all(axis=1)
+        try:
+            go(cell, mover.timed(mover.path(cell.commanded, goals[clear])))
+        except NoWay:
+            continue
+        return cell.commanded
+    return None
+
+
+def _turn(
+    mover: Mover,
+    cell: Cell,
+    learning: Learning,
+    robot: RobotShape,
+    grasp: int,
+    q: Array,
+    during: Callable[[float], None] | None,
+) -> list[HeldPicture]:
+    """Turn the last joint from one end to the other, and take pictures on the way."""
+    end = q.copy()
+    end[-1] = -q[-1]
+    took = float(abs(end[-1] - q[-1])) / learning.turn_speed
+    count = max(2, int(np.ceil(took / 0.02)))
+    s = np.arange(count + 1) / count
+    # Even speed but for both ends: a blend of 10 % of the way each.
+    ramp = np.interp(s, [0.0, 0.1, 0.9, 1.0], [0.0, 1.0, 1.0, 0.0])
+    blend = np.concatenate([[0.0], np.cumsum(0.5 * (ramp[1:] + ramp[:-1]))])
+    blend /= blend[-1]
+    due = list(np.linspace(0.0, took, learning.frames))
+    pictures: list[HeldPicture] = []
+
+    def look(now: float) -> None:
+        if during is not None:
+            during(now)
+        if due and now >= due[0] - 1e-9:
+            due.pop(0)
+            picture = cell.look(learning.scan_camera)
+            pictures.append(shown(picture, mover.tool(picture.q), robot, grasp))
+
+    cell.follow(took * s, q + blend[:, None] * (end - q), look)
+    return pictures

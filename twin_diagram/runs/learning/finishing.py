@@ -1,0 +1,68 @@
+"""From an object's shape and what was weighed of it to its asset."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twin_diagram.assets.building.backends import ColouredSurface
+from twin_diagram.assets.building.from_mesh import TUNING as FROM_MESH
+from twin_diagram.assets.building.from_mesh import AssetPlace, build_from_triangles
+from twin_diagram.assets.building.inertia import solid_of
+from twin_diagram.assets.building.measured import MeasuredInertia, from_shape_alone
+from twin_diagram.assets.building.surface import weld
+from twin_diagram.signals.arrays import Array
+
+
+def write_learned(
+    name: str, library: Path, shape: ColouredSurface, R_WS: Array, measured: MeasuredInertia | None
+) -> dict[str, Any]:
+    """Write an object's asset, whole or not at all, and return figures of it.
+
+    Args:
+        name: of the asset; one of that name is replaced.
+        library: folder of the assets.
+        shape: its surface in S.
+        R_WS: (3, 3) axes of S in those of W when it lay in the bin: the asset's z is upwards then.
+        measured: its inertia in S; None: from the shape alone, as if of water.
+
+    Raises:
+        AssetError: what cannot be written, or no body.
+    """
+    turned = shape.corners @ R_WS.T
+    low, high = turned.reshape(-1, 3).min(axis=0), turned.reshape(-1, 3).max(axis=0)
+    middle = 0.5 * (low + high)
+    corners = turned - middle
+    if measured is None:
+        own = from_shape_alone(solid_of(weld(corners)), FROM_MESH.density)
+    else:
+        found = measured.turned(R_WS)
+        own = MeasuredInertia(
+            found.mass,
+            found.centre - middle,
+            found.inertia,
+            found.mass_std,
+            found.centre_std,
+            found.inertia_std,
+            found.by,
+        )
+    told = AssetPlace(name, library, replace_it=True, measured=own)
+    notes = [f"{100 * shape.unseen:.0f} % of the surface was never seen"]
+    built = build_from_triangles(corners, shape.uv, shape.texture, told, name, unseen=shape.unseen, notes=notes)
+    return {
+        "mass": own.mass,
+        "mass_std": own.mass_std if np.isfinite(own.mass_std) else None,
+        "centre_std": own.centre_std if np.isfinite(own.centre_std).all() else None,
+        "moments": np.linalg.eigvalsh(own.inertia),
+        "by": own.by,
+        "volume": built.volume,
+        "size": built.size,
+        "unseen": shape.unseen,
+        "noise": shape.noise,
+        "notes": list(built.notes),
+        # X_OS as rows: the frame of the pictures in the asset's.
+        "R_OS": R_WS,
+        "p_OS": -(middle + own.centre),
+    }

@@ -1,0 +1,171 @@
+"""The page of a run: one HTML file that needs no network, each learned object to turn, its figures, what failed."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from html import escape
+from typing import Any
+
+import numpy as np
+
+from twin_diagram.runs.learning.record import Learned, LearningRecord, RunState
+from twin_diagram.runtime import atomic_file
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    points: int = 2600
+    """Of an object that are drawn: enough to see its shape, few enough to turn smoothly."""
+
+
+TUNING = Tuning()
+
+STYLE = """
+body { margin:0; font:15px/1.5 system-ui,-apple-system,"Segoe UI",Roboto,"DejaVu Sans",sans-serif; color:#1d2735;
+  background:#f4f6f9; }
+main { max-width:1120px; margin:0 auto; padding:20px; }
+h1 { font-size:24px; margin:0 0 4px; } h2 { font-size:17px; margin:0 0 6px; } p { margin:4px 0; color:#566173; }
+.grid { display:grid; grid-template-columns:repeat(auto-fill,minmax(340px,1fr)); gap:16px; margin-top:16px; }
+.card { background:#fff; border:1px solid #e1e6ed; border-radius:12px; padding:14px; }
+canvas { width:100%; height:260px; border-radius:8px; background:#eef2f7; touch-action:none; cursor:grab; }
+img { max-width:100%; border-radius:8px; }
+table { border-collapse:collapse; width:100%; font-variant-numeric:tabular-nums; margin-top:8px; }
+th, td { text-align:left; padding:3px 6px; border-bottom:1px solid #eef1f5; vertical-align:top; }
+th { color:#566173; font-weight:500; width:38%; }
+.failed { border-color:#d98b8b; } .reported { border-color:#d9b36b; }
+.tag { font-size:12px; padding:1px 8px; border-radius:9px; background:#e3f1e6; color:#23683a; float:right; }
+.failed .tag { background:#f8e2e2; color:#8f2525; } .reported .tag { background:#faf0da; color:#7a5510; }
+"""
+"""CSS of the page."""
+
+SCRIPT = """
+const D = JSON.parse(document.getElementById('data').textContent);
+document.querySelectorAll('canvas').forEach(canvas => {
+  const c = canvas.getContext('2d'), clouds = D[canvas.dataset.name];
+  const decode = (text, kind) => new kind(Uint8Array.from(atob(text), s => s.charCodeAt(0)).buffer);
+  const parts = clouds.map(k => ({p: decode(k.points, Float32Array), c: decode(k.colours, Uint8Array)}));
+  let yaw = 0.6, pitch = 0.45, zoom = 1;
+  function draw() {
+    const ratio = window.devicePixelRatio || 1;
+    canvas.width = canvas.clientWidth*ratio; canvas.height = canvas.clientHeight*ratio;
+    c.clearRect(0, 0, canvas.width, canvas.height);
+    const wide = canvas.width / parts.length, radius = clouds[0].radius;
+    parts.forEach((part, k) => {
+      const s = zoom*0.42*Math.min(wide, canvas.height)/radius, n = part.p.length/3, seen = [];
+      for (let i = 0; i < n; i++) {
+        const x = part.p[3*i], y = part.p[3*i+1], z = part.p[3*i+2];
+        const u = Math.cos(yaw)*x + Math.sin(yaw)*y, v = -Math.sin(yaw)*x + Math.cos(yaw)*y;
+        seen.push([wide*(k+0.5) + s*u, canvas.height/2 - s*(Math.cos(pitch)*z + Math.sin(pitch)*v),
+          Math.cos(pitch)*v - Math.sin(pitch)*z, i]);
+      }
+      seen.sort((a, b) => b[2]-a[2]);
+      const size = Math.max(2*ratio, 0.05*s*radius);
+      for (const q of seen) { const i = 3*q[3];
+        c.fillStyle = `rgb(${part.c[i]},${part.c[i+1]},${part.c[i+2]})`;
+        c.fillRect(q[0]-size/2, q[1]-size/2, size, size); }
+    });
+  }
+  canvas.addEventListener('pointermove', e => { if (e.buttons) { yaw += e.movementX*0.01;
+    pitch = Math.max(-1.57, Math.min(1.57, pitch + e.movementY*0.01)); draw(); } });
+  canvas.addEventListener('wheel', e => { e.preventDefault(); zoom *= Math.exp(-e.deltaY*0.001); draw(); });
+  window.addEventListener('resize', draw); draw();
+});
+"""
+"""What draws: coloured points, projected in parallel; a second cloud stands beside the first."""
+
+
+@dataclass(frozen=True)
+class TrueCloud:
+    """The true object beside a learned one, where somebody knows it: points (N, 3) in the asset's O [m], colours."""
+
+    points: Array
+    colours: Array
+
+
+def write_gallery(record: LearningRecord, state: RunState, true: Mapping[str, TrueCloud] | None = None) -> None:
+    """Write `gallery.html` of a run.
+
+    Args:
+        record: its files.
+        state: what it knows.
+        true: the true objects by name, for those who know them; None: nobody does.
+    """
+    data: dict[str, list[dict[str, Any]]] = {}
+    cards = []
+    for one in state.learned:
+        file = record.library / one.name / "cloud.npz"
+        if one.state == "finished" and file.is_file():
+            with np.load(file, allow_pickle=False) as cloud:
+                clouds = [_packed(cloud["points"], cloud["colours"])]
+            if true and one.name in true:
+                clouds.append(_packed(true[one.name].points, true[one.name].colours))
+            data[one.name] = clouds
+        cards.append(_card(record, one, one.name in data))
+    done = sum(one.state == "finished" for one in state.learned)
+    told = f"{done} of {len(state.learned)} finished, {state.sim_time:.0f} s simulated"
+    # Within <script> no text may end it, whatever an object is called.
+    packed = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
+    atomic_file.write(
+        record.folder / "gallery.html",
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>Learned objects</title><style>{STYLE}</style></head><body><main><h1>Learned objects</h1>"
+        f"<p>{told}. Drag to turn, wheel to zoom.</p><div class='grid'>{''.join(cards)}</div></main>"
+        f'<script type="application/json" id="data">{packed}</script><script>{SCRIPT}</script></body></html>\n',
+    )
+
+
+def _packed(points: Array, colours: Array) -> dict[str, Any]:
+    points, colours = np.asarray(points)[: TUNING.points], np.asarray(colours)[: TUNING.points]
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    own = (points - middle).astype("<f4")
+    shades = np.clip(np.rint(255 * colours), 0, 255).astype(np.uint8)
+    return {
+        "points": base64.b64encode(own.tobytes()).decode(),
+        "colours": base64.b64encode(shades.tobytes()).decode(),
+        "radius": float(np.linalg.norm(own, axis=1).max()),
+    }
+
+
+def _card(record: LearningRecord, one: Learned, drawn: bool) -> str:
+    view = f'<canvas data-name="{escape(one.name)}"></canvas>' if drawn else ""
+    file = record.folder / one.picture if one.picture else None
+    if file is not None and file.is_file():
+        view += f'<img alt="" src="data:image/png;base64,{base64.b64encode(file.read_bytes()).decode()}">'
+    rows = "".join(f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in _rows(one))
+    return (
+        f'<div class="card {escape(one.state)}"><span class="tag">{escape(one.state)}</span>'
+        f"<h2>{escape(one.name)}</h2>{view}<table>{rows}</table></div>"
+    )
+
+
+def _rows(one: Learned) -> list[tuple[str, str]]:
+    """Return what the table of an object says."""
+    rows = [("what failed", one.why)] if one.why else []
+    f = one.figures
+    by = f.get("by", {})
+    if "mass" in f:
+        rows.append(("mass", _value(1e3 * f["mass"], f.get("mass_std"), 1e3, "g") + f" ({by.get('mass', '')})"))
+    if "moments" in f:
+        moments = ", ".join(f"{1e6 * x:.4g}" for x in f["moments"])
+        rows.append(("principal moments", f"{moments} kg·mm² ({by.get('inertia', '')})"))
+    if f.get("centre_std"):
+        rows.append(("centre known to", ", ".join(f"{1e3 * x:.2g}" for x in f["centre_std"]) + " mm"))
+    if "size" in f:
+        rows.append(("size", " × ".join(f"{1e3 * x:.0f}" for x in f["size"]) + " mm"))
+    if "unseen" in f:
+        rows.append(("surface not seen", f"{100 * f['unseen']:.1f} %"))
+    if f.get("pictures"):
+        slips = f.get("slips", [])
+        rows.append(("displayed", f"{f['pictures']} pictures in {one.grasps} grasps, {len(slips)} slips in the hand"))
+    return rows
+
+
+def _value(value: float, std: float | None, scale: float, unit: str) -> str:
+    return f"{value:.4g} {unit}" if std is None else f"{value:.4g} ± {1.96 * scale * std:.2g} {unit}"

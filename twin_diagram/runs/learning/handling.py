@@ -1,0 +1,296 @@
+"""What is done with one object, from the bin that is emptied to the one that is filled; each part can be used alone."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from twin_diagram.estimation.weighing import Excitation
+from twin_diagram.logs.frames.scene_folder import RgbdFrame
+from twin_diagram.logs.frames.transforms_folder import write_transforms
+from twin_diagram.model.model import Model
+from twin_diagram.perception.segmentation.robot_shape import RobotShape
+from twin_diagram.planning.grasps import Gripper
+from twin_diagram.runs.learning.bin_view import (
+    SeenThing,
+    downward,
+    grasps_of_thing,
+    things_within,
+    wall_points,
+)
+from twin_diagram.runs.learning.cell import Cell, Picture
+from twin_diagram.runs.learning.display import TUNING as DISPLAY
+from twin_diagram.runs.learning.display import NothingHeld, display
+from twin_diagram.runs.learning.following import TUNING as FOLLOWING
+from twin_diagram.runs.learning.following import Followed, cover, follow
+from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
+from twin_diagram.runs.learning.picking import TUNING as PICKING
+from twin_diagram.runs.learning.picking import Taken, go, reach_of, take
+from twin_diagram.runs.learning.regrasping import take_again
+from twin_diagram.runs.learning.setting_down import PutDown, places_in, set_down
+from twin_diagram.runs.learning.weighing import SWUNG, swing_empty, swing_held, write_swung
+from twin_diagram.scenario import Learning
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    regrasped: tuple[float, float] = (0.004, 0.04)
+    """How well the place of what was taken again is known [m], [rad]: what shutting fingers push it by."""
+
+    same_place: float = 0.04
+    """A thing within this of one that was given up is that one [m]."""
+
+    floor: float = 0.003
+    """Height over the bin's bottom that fingers stay above [m]."""
+
+    dropped: float = 0.22
+    """Height over the bin's bottom of the finger tips from which what cannot be set down is let go [m]."""
+
+    platform_spots: tuple[float, ...] = (0.0, 0.03, -0.03)
+    """Off the platform's middle where things are set down [m]."""
+
+
+TUNING = Tuning()
+
+
+@dataclass(frozen=True)
+class Tools:
+    """What handling needs: the cell, who plans, the arm's shapes, the gripper's figures, and where things are."""
+
+    cell: Cell
+    mover: Mover
+    robot: RobotShape
+    gripper: Gripper
+    learning: Learning
+    home: Array
+    model: Model
+
+
+@dataclass
+class Picked:
+    """What came of a pick: what is held and the thing as it lay, or why it is not."""
+
+    thing: SeenThing
+    taken: Taken | None = None
+    why: str = ""
+    tries: int = 0
+
+
+@dataclass
+class ShownObject:
+    """All pictures of an object, followed, and how it is held now.
+
+    Attributes:
+        followed: pictures, poses, cloud.
+        X_ST: (4, 4) of the tool in S, of each grasp.
+        R_WT: (3, 3) the tool's axes in which it stands as it lay in the bin, held as it is now.
+        swung: how it was swung; None: it was not.
+        notes: what went otherwise than it should.
+    """
+
+    followed: Followed = field(default_factory=Followed)
+    X_ST: list[Array] = field(default_factory=list)
+    R_WT: Array = field(default_factory=lambda: np.eye(3))
+    swung: Excitation | None = None
+    notes: list[str] = field(default_factory=list)
+
+
+def look_into_bin(tools: Tools, given_up: Sequence[Sequence[float]]) -> tuple[Picture, list[SeenThing]]:
+    """Return a picture of the bin and what lies in it, without what was given up; the arm is out of the way."""
+    go_home(tools)
+    low, high = (np.array(corner) for corner in tools.learning.from_bin)
+    picture = tools.cell.look(tools.learning.bin_camera)
+    things = things_within(picture, low, high)
+    gone = np.array([place[:3] for place in given_up]).reshape(-1, 3)
+    kept = [t for t in things if not len(gone) or np.linalg.norm(gone - t.middle, axis=1).min() > TUNING.same_place]
+    return picture, kept
+
+
+def go_home(tools: Tools) -> None:
+    """Go to where the arm hides nothing from the bin's camera."""
+    if np.abs(tools.cell.commanded - tools.home).max() > 0.01:
+        go(tools.cell, tools.mover.timed(tools.mover.path(tools.cell.commanded, tools.home[None])))
+
+
+def pick(tools: Tools, thing: SeenThing, others: Sequence[SeenThing], attempt: int) -> Picked:
+    """Try to take a thing once: the best grasp that is reached; further tries take others.
+
+    Args:
+        tools: of the cell.
+        thing: that is to be taken.
+        others: what lies about.
+        attempt: number of the try, from 0.
+    """
+    low, high = (np.array(corner) for corner in tools.learning.from_bin)
+    beside = [wall_points(low, high)] + [other.points[:800] for other in others if other is not thing]
+    floor = float(low[2]) + TUNING.floor
+    grasps = grasps_of_thing(thing, tools.gripper, floor, np.concatenate(beside), attempt)
+    order = downward(grasps)
+    if not len(order):
+        return Picked(thing, why=grasps.why_empty() or "no grasp from above", tries=attempt)
+    order = np.roll(order, -2 * attempt)
+    reach = reach_of(tools.mover, tools.cell, grasps, order.tolist())
+    if reach is None:
+        return Picked(thing, why="out of reach", tries=attempt)
+    taken = take(tools.mover, tools.cell, reach)
+    if taken is None:
+        return Picked(thing, why="the fingers held nothing", tries=attempt + 1)
+    tools.mover.hold((thing.points - taken.X_WT[:3, 3]) @ taken.X_WT[:3, :3])
+    return Picked(thing, taken, tries=attempt + 1)
+
+
+def show_first(tools: Tools, picked: Picked) -> ShownObject:
+    """Show what was picked to the scanning camera, in its first grasp.
+
+    Raises:
+        NoWay, NothingHeld: see `display`.
+    """
+    assert picked.taken is not None
+    pictures = display(tools.mover, tools.cell, tools.learning, tools.robot, 0)
+    followed = follow(Followed(), pictures, np.eye(4))
+    R_WS_lying = picked.taken.X_WT[:3, :3]  # S is the tool's frame, and it has not been turned since it was taken
+    result = ShownObject(followed, [followed.X_ST[-1]], R_WS_lying @ followed.X_ST[-1][:3, :3])
+    hold_seen(tools, result)
+    return result
+
+
+def hold_seen(tools: Tools, shown: ShownObject) -> None:
+    """Tell the planner what is held, as far as it was seen."""
+    tools.mover.hold(in_tool(shown))
+
+
+def in_tool(shown: ShownObject) -> Array:
+    """Return the object's cells (N, 3) in the tool's frame as it is held now [m]."""
+    X_TS = np.linalg.inv(shown.X_ST[-1])
+    return np.asarray(cover(shown.followed) @ X_TS[:3, :3].T + X_TS[:3, 3])
+
+
+def show_again(tools: Tools, shown: ShownObject) -> bool:
+    """Set the object down on the platform, take it in another grasp and show it again; whether that succeeded.
+
+    Where the first turn of the fingers cannot be had, what is known stays, and the hand may be empty: `holding` tells.
+
+    Raises:
+        NoWay: it cannot be set down.
+        NothingHeld: it was lost on the way.
+    """
+    low, high = (np.array(corner) for corner in tools.learning.platform)
+    middle = 0.5 * (low + high)[:2]
+    spots = [np.array([*(middle + [dx, dy]), high[2]]) for dx in TUNING.platform_spots for dy in TUNING.platform_spots]
+    X_WT, _ = set_down(tools.mover, tools.cell, in_tool(shown), shown.R_WT, spots)
+    # As it stands it is turned about the vertical only, beside how it lay.
+    X_WS = X_WT @ np.linalg.inv(shown.X_ST[-1])
+    R_WS_lying = shown.R_WT @ np.linalg.inv(shown.X_ST[-1])[:3, :3]
+    go_home(tools)  # out of the camera's sight of the platform
+    found = take_again(tools.mover, tools.cell, tools.learning, tools.gripper, shown.followed, X_WS, shown.X_ST)
+    if found is None:
+        return False
+    _, X_ST = found
+    shown.X_ST.append(X_ST)
+    shown.R_WT = R_WS_lying @ X_ST[:3, :3]
+    hold_seen(tools, shown)
+    number, tilts = len(shown.X_ST) - 1, DISPLAY.later_tilts
+    pictures = display(tools.mover, tools.cell, tools.learning, tools.robot, number, tilts)
+    before = shown.followed
+    shown.followed = follow(before, pictures, X_ST, TUNING.regrasped)
+    shown.X_ST[-1] = shown.followed.X_ST[-1]
+    shown.R_WT = R_WS_lying @ shown.X_ST[-1][:3, :3]
+    hold_seen(tools, shown)
+    return True
+
+
+def weigh_held(tools: Tools, shown: ShownObject, folder: Path) -> float:
+    """Swing what is held, keep the arm's messages in a folder, and return the mass that was first thought of [kg].
+
+    Raises:
+        NoWay: there is no room for it.
+        WeighingError: no motion is within the limits.
+        NothingHeld: it was lost.
+    """
+    learning = tools.learning
+    X_TS = np.linalg.inv(shown.X_ST[-1])
+    swung, shown.swung, mass = swing_held(
+        tools.model, tools.mover, tools.cell, X_TS, shown.followed.points, learning.weigh_seconds
+    )
+    if tools.cell.opening < PICKING.empty:
+        raise NothingHeld("it was lost while it was swung")
+    write_swung(folder / SWUNG, swung)
+    return mass
+
+
+def weigh_empty(tools: Tools, shown: ShownObject, opening: float, file: Path) -> None:
+    """Swing the empty hand as the object was, with the fingers as far apart, and keep the arm's messages in a file.
+
+    Raises:
+        NoWay: there is no way to where that begins.
+    """
+    if shown.swung is not None:
+        write_swung(file, swing_empty(tools.model, tools.mover, tools.cell, shown.swung, opening))
+
+
+def put_away(tools: Tools, shown: ShownObject, standing: Sequence[PutDown]) -> PutDown:
+    """Put what is held into the other bin, beside what stands there; return where.
+
+    Raises:
+        NoWay: no place is reached.
+    """
+    low, high = (np.array(corner) for corner in tools.learning.into_bin)
+    points_T = in_tool(shown)
+    places = places_in(low, high, standing, points_T, shown.R_WT)
+    if not places:
+        raise NoWay("no room in the other bin")
+    _, place = set_down(tools.mover, tools.cell, points_T, shown.R_WT, places)
+    extent = np.ptp(points_T @ shown.R_WT.T, axis=0)
+    radius = 0.5 * float(np.hypot(extent[0], extent[1]))
+    return PutDown((float(place[0]), float(place[1])), radius, float(place[2] + extent[2]))
+
+
+def let_go(tools: Tools) -> None:
+    """Empty the hand over the bin that is filled, or where it is if there is no way there, and go home."""
+    low, high = (np.array(corner) for corner in tools.learning.into_bin)
+    over = pose(
+        pointing(np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0])),
+        np.array([*(0.5 * (low + high)[:2]), low[2] + TUNING.dropped]),
+    )
+    if tools.cell.opening > PICKING.empty:
+        with contextlib.suppress(NoWay):
+            goals = tools.mover.goals(over, tools.cell.commanded)
+            go(tools.cell, tools.mover.timed(tools.mover.path(tools.cell.commanded, goals)))
+    tools.cell.grip(1.0)
+    tools.mover.hold(None)
+    go_home(tools)
+
+
+def write_frames(folder: Path, shown: ShownObject) -> None:
+    """Write the pictures with poses in S and masks of object and hand, as reconstruction backends read them."""
+    frames, hands = [], []
+    for k, (one, X_SC) in enumerate(zip(shown.followed.shown, shown.followed.camera_poses(), strict=True)):
+        if shown.followed.explained[k] < 0.5 * FOLLOWING.explained:
+            continue
+        camera = one.picture.camera.moved(X_SC[:3, :3], X_SC[:3, 3])
+        frames.append(RgbdFrame(k, one.picture.time, one.picture.rgb, one.picture.depth, one.mask, camera, camera))
+        hands.append(one.hand)
+    write_transforms(folder, frames, hands)
+
+
+def save_picture(path: Path, picture: Picture, thing: SeenThing | None, text: str) -> None:
+    """Write a picture with a box about a thing and a line of text: what a report shows."""
+    image = cv2.cvtColor(picture.rgb, cv2.COLOR_RGB2BGR)
+    if thing is not None:
+        (v0, u0), (v1, u1) = thing.pixels.min(axis=0) - 4, thing.pixels.max(axis=0) + 4
+        cv2.rectangle(image, (int(u0), int(v0)), (int(u1), int(v1)), (40, 40, 230), 2)
+    cv2.putText(
+        image, text.encode("ascii", "replace").decode(), (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (20, 20, 20), 1
+    )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    good, data = cv2.imencode(".png", image)
+    assert good
+    path.write_bytes(data.tobytes())

@@ -1,0 +1,272 @@
+"""Ways for the arm: joint goals of tool poses, paths clear of what stands about, and their timing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.planning.collision.ball_cover import Balls
+from twin_diagram.planning.collision.clearance import Surroundings
+from twin_diagram.planning.collision.collision_scene import Scene, load_scene
+from twin_diagram.planning.paths import inverse_kinematics, rrt_connect
+from twin_diagram.scenario import Twin
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    clearance: float = 0.015
+    """Kept from what stands about on the way [m]: the arm sags by some millimetres under a load."""
+
+    close: float = 0.002
+    """Kept where a stage goes near on purpose [m]: the cover by balls stands out as much again."""
+
+    own: float = 0.005
+    """Kept by the arm from itself [m]."""
+
+    speed_share: float = 0.55
+    """Share of the joints' limits that is used."""
+
+    acceleration: float = 3.0
+    """Of the fastest joint [rad/s²]: what is held by 60 N does not slip."""
+
+    checks: int = 6000
+    """Of the path search."""
+
+    resolution: float = 0.06
+    """Between checked configurations [rad]."""
+
+    line_step: float = 0.008
+    """Between points of a straight line of the tool [m]."""
+
+    line_jump: float = 0.25
+    """A joint that moves farther from one such point to the next has changed its branch [rad]."""
+
+    samples: float = 0.02
+    """Between points of a timed path [s]."""
+
+    cell: float = 0.025
+    """Edge of the cells whose balls stand for what is held [m]."""
+
+
+TUNING = Tuning()
+
+
+class NoWay(Exception):
+    """The arm cannot get there; the message says where."""
+
+
+@dataclass(frozen=True)
+class TimedPath:
+    """A timed path: times (M,) from 0 [s], joint angles (M, n) [rad]."""
+
+    times: Array
+    q: Array
+
+
+def timed(path: Array, speed: Array, acceleration: float) -> TimedPath:
+    """Return a path (W, n) with smooth starts and stops at each way point.
+
+    Each straight piece has the fifth-order blend of least jerk, whose peak speed is 15/8 of its mean and whose peak
+    acceleration 5.77 times its length over its time squared.
+    """
+    times, rows, now = [np.zeros(1)], [path[:1]], 0.0
+    for a, b in pairwise(path):
+        by_speed = float((np.abs(b - a) / speed).max()) * 15.0 / 8.0
+        by_acceleration = float(np.sqrt(5.7735 * np.abs(b - a).max() / acceleration))
+        took = max(by_speed, by_acceleration)
+        if took < 1e-6:
+            continue
+        count = max(2, int(np.ceil(took / TUNING.samples)))
+        s = np.arange(1, count + 1) / count
+        blend = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+        times.append(now + took * s)
+        rows.append(a + blend[:, None] * (b - a))
+        now += took
+    return TimedPath(np.concatenate(times), np.concatenate(rows))
+
+
+def pose(R: Array, p: Array) -> Array:
+    """Return a rotation (3, 3) and a place (3,) as a matrix (4, 4)."""
+    X = np.eye(4)
+    X[:3, :3], X[:3, 3] = R, p
+    return X
+
+
+def pointing(approach: Array, closing: Array) -> Array:
+    """Return the axes (3, 3) of a tool: z along an approach (3,), y as near to a closing axis (3,) as that allows."""
+    z = approach / np.linalg.norm(approach)
+    y = closing - (closing @ z) * z
+    y /= np.linalg.norm(y)
+    return np.stack([np.cross(y, z), y, z], axis=1)
+
+
+def fraction_along(points: Array, share: float) -> Array:
+    """Return the place at a share of a path's (W, n) points, in between where it falls so."""
+    at = share * (len(points) - 1)
+    return np.asarray([np.interp(at, np.arange(len(points)), points[:, j]) for j in range(points.shape[1])])
+
+
+class Mover:
+    """Plans for one arm among its fixtures; what is held and what lies about is told by call.
+
+    Attributes:
+        scene: shapes and limits.
+        speed: (n,) that is used [rad/s].
+    """
+
+    def __init__(self, twin: Twin, packages: dict[str, str], speed_limits: Array, seed: int = 0) -> None:
+        """Read the shapes of ``twin.arm`` and ``twin.fixtures``."""
+        self.scene: Scene = load_scene(twin.arm, twin.fixtures, {}, packages)
+        self.speed = TUNING.speed_share * speed_limits
+        self._rng = np.random.default_rng(seed)
+        bound = np.full(self.scene.chain.size, 3.05)
+        self._lower, self._upper = np.maximum(self.scene.lower, -bound), np.minimum(self.scene.upper, bound)
+        self._carrying = self.scene
+
+    def tool(self, q: Array) -> Array:
+        """Return X_WT (4, 4) at joint angles (n,)."""
+        return np.asarray(self.scene.chain.tool(self.scene.chain.place(q[None]))[0])
+
+    def hold(self, points_T: Array | None) -> None:
+        """Take what is held into account from here on: points (N, 3) of it in the tool's frame; None: nothing is."""
+        if points_T is None or not len(points_T):
+            self._carrying = self.scene
+            return
+        n, X_LT = self.scene.chain.size, self.scene.chain.X_LT
+        cells = np.unique(np.floor(points_T / TUNING.cell), axis=0)
+        centres = (cells + 0.5) * TUNING.cell @ X_LT[:3, :3].T + X_LT[:3, 3]
+        count = len(centres)
+        radius = np.full(count, 0.75 * TUNING.cell)
+        cover = Balls(centres, radius, np.full(count, n), np.zeros(count, int), np.zeros((0, 2), int))
+        self._carrying = replace(self.scene, clearance=self.scene.clearance.carrying(cover, n - 2))
+
+    def distances(self, q: Array, reach: float = 0.1) -> Array:
+        """Return how far the arm and what it holds are from all that stands about and from themselves.
+
+        Args:
+            q: (M, n).
+            reach: distances beyond are not told apart [m].
+
+        Returns:
+            (M, B + 1), the last to the arm itself [m].
+        """
+        count = len(self._carrying.clearance.bodies)
+        poses = np.broadcast_to(np.eye(4), (count, len(q), 4, 4))
+        on = np.ones(count, dtype=bool)
+        return self._carrying.clearance.distances(q, Surroundings(poses, np.zeros((count, len(q))), on, on), reach)
+
+    def free(self, q: Array, clearance: float) -> npt.NDArray[np.bool_]:
+        """Return (M,) which joint angles (M, n) keep a distance [m]."""
+        near = self.distances(q, max(clearance, TUNING.own) + 1e-6)
+        return np.asarray((near[:, :-1] >= clearance).all(axis=1) & (near[:, -1] >= TUNING.own))
+
+    def bare_free(self, q: Array, clearance: float) -> bool:
+        """Return whether the arm alone, without what it holds, keeps a distance [m] at joint angles (M, n)."""
+        kept, self._carrying = self._carrying, self.scene
+        try:
+            return bool(self.free(q, clearance).all())
+        finally:
+            self._carrying = kept
+
+    def goals(self, X_WT: Array, near: Array, clearance: float = TUNING.clearance) -> Array:
+        """Return (G, n) joint angles of a tool pose (4, 4) that are clear, the nearest to some first."""
+        found = inverse_kinematics.solve(self.scene.chain, X_WT, near, self._lower, self._upper, self._rng)
+        return found[self.free(found, clearance)] if len(found) else found
+
+    def path(self, q: Array, goals: Array, clearance: float = TUNING.clearance) -> Array:
+        """Return (W, n) a path from `q` to one of several joint goals (G, n).
+
+        Raises:
+            NoWay: there is no goal, or none was reached.
+        """
+        if not len(goals):
+            raise NoWay("out of reach")
+        # What is not kept here and there cannot be asked of the way between.
+        ends = self.distances(np.vstack([q[None], goals]), clearance + 1e-6)
+        least = np.minimum(clearance, ends.min(axis=0)[:-1] - 1e-3)
+        own = min(TUNING.own, float(ends[:, -1].min()) - 1e-3)
+
+        def is_free(some: Array) -> npt.NDArray[np.bool_]:
+            near = self.distances(some, clearance + 1e-6)
+            return np.asarray((near[:, :-1] >= least).all(axis=1) & (near[:, -1] >= own))
+
+        for goal in goals[:3]:
+            if is_free(rrt_connect.interpolate(q, goal, TUNING.resolution)).all():
+                return np.stack([q, goal])
+        found = rrt_connect.plan(
+            q, goals, is_free, self._lower, self._upper, self._rng, TUNING.checks, weights=1.0 / self.speed
+        )
+        if found is None:
+            raise NoWay("no way past what stands about")
+        return found
+
+    def line(self, q: Array, X_WT: Array, clearance: float | None = None) -> Array:
+        """Return (W, n) joint angles along the straight line of the tool from `q` to a pose (4, 4).
+
+        Raises:
+            NoWay: a joint's limit, another branch, or a clearance that is not kept [m].
+        """
+        start = self.tool(q)
+        distance = float(np.linalg.norm(X_WT[:3, 3] - start[:3, 3]))
+        count = max(2, int(np.ceil(distance / TUNING.line_step)))
+        rows = [q]
+        for k in range(1, count + 1):
+            rows.append(self._stepped(rows[-1], _between(start, X_WT, k / count)))
+        line = np.array(rows)
+        if np.abs(np.diff(line, axis=0)).max() > TUNING.line_jump:
+            raise NoWay("no straight line of the tool: the arm would have to turn over")
+        if clearance is not None and not self.free(line[1:], clearance).all():
+            raise NoWay("something is in the way of a straight line of the tool")
+        return line
+
+    def _stepped(self, q: Array, X_WT: Array) -> Array:
+        """Return the joint angles of a pose near to those that are given."""
+        chain = self.scene.chain
+        for _ in range(12):
+            placement = chain.place(q[None])
+            error = inverse_kinematics.pose_error(chain.tool(placement), X_WT)[0]
+            if float(np.abs(error).max()) < 1e-6:
+                break
+            J = chain.tool_jacobian(placement)[0]
+            q = np.clip(q + J.T @ np.linalg.solve(J @ J.T + 1e-6 * np.eye(6), error), self._lower, self._upper)
+        error = inverse_kinematics.pose_error(chain.tool(chain.place(q[None])), X_WT)[0]
+        if float(np.abs(error).max()) > 2e-3:
+            raise NoWay("a joint's limit is in the way of a straight line of the tool")
+        return q
+
+    def timed(self, path: Array, speed_share: float = 1.0) -> TimedPath:
+        """Return a path with times; slower by a share where that is asked for."""
+        return timed(path, self.speed * speed_share, TUNING.acceleration * speed_share)
+
+    def timed_line(self, line: Array, speed: float) -> TimedPath:
+        """Return a straight line of the tool (W, n) gone along at a speed [m/s], starting and stopping smoothly."""
+        length = TUNING.line_step * (len(line) - 1)
+        took = max(length / speed * 15.0 / 8.0, 0.3)
+        count = max(4, int(np.ceil(took / TUNING.samples)))
+        s = np.arange(count + 1) / count
+        blend = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+        return TimedPath(took * s, np.array([fraction_along(line, float(share)) for share in blend]))
+
+
+def _between(X_A: Array, X_B: Array, share: float) -> Array:
+    """Return the pose at a share of the way between two poses (4, 4)."""
+    from scipy.spatial.transform import Rotation, Slerp
+
+    turn = Slerp([0.0, 1.0], Rotation.from_matrix([X_A[:3, :3], X_B[:3, :3]]))(share).as_matrix()
+    return pose(turn, (1.0 - share) * X_A[:3, 3] + share * X_B[:3, 3])
+
+
+def cloud_cells(points: Array, edge: float) -> Array:
+    """Return one point of each cell of an edge [m] that points (N, 3) fill: their mean."""
+    if not len(points):
+        return points
+    _, index = np.unique(np.floor(points / edge).astype(np.int64), axis=0, return_inverse=True)
+    index = np.asarray(index).ravel()
+    count = np.bincount(index)
+    return np.stack([np.bincount(index, points[:, j]) / count for j in range(3)], axis=1)

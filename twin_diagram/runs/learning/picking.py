@@ -1,0 +1,146 @@
+"""Takes one thing: grasps of what a picture shows, a way there, a straight approach, fingers shut, and up again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin_diagram.planning.grasps import Grasps
+from twin_diagram.runs.learning.cell import Cell
+from twin_diagram.runs.learning.motion import Mover, NoWay, TimedPath
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.pose_vectors import as_matrix
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    retreat: float = 0.10
+    """Length of the straight approach [m]."""
+
+    lift: float = 0.20
+    """By which what is held is lifted straight up [m]: out of a bin, over its walls."""
+
+    least_lift: float = 0.10
+    """By which at least, where the arm does not reach farther [m]."""
+
+    empty: float = 0.004
+    """Fingers closer than this hold nothing [m]."""
+
+    slow: float = 0.08
+    """Speed of the last centimetres down, and of the first up [m/s]."""
+
+    grazing: float = -0.015
+    """Clearance that is kept at a grasp [m]: the balls that stand for hand and wrist overlap walls by as much, and the
+    search for grasps has held the hand's own shape against them."""
+
+    settle: float = 0.2
+    """Rest before the fingers shut [s]."""
+
+
+TUNING = Tuning()
+
+
+@dataclass(frozen=True)
+class Reach:
+    """A grasp that the arm can go to: way and line (W, n) [rad], and the tool's pose there (4, 4)."""
+
+    grasp: int
+    X_WT: Array
+    way: Array
+    line: Array
+
+
+@dataclass(frozen=True)
+class Taken:
+    """What the hand holds after a pick.
+
+    Attributes:
+        X_WT: (4, 4) of the tool when the fingers shut: what was at points of W is in its frame since then.
+        opening: between the fingers [m].
+        grasp: which of the grasps it was.
+    """
+
+    X_WT: Array
+    opening: float
+    grasp: int
+
+
+def reach_of(mover: Mover, cell: Cell, grasps: Grasps, order: Sequence[int], most: int = 8) -> Reach | None:
+    """Return the first of some grasps, in order, that the arm can go to straight and has a way to; None: none.
+
+    Both turns of the fingers, which are alike, are tried.
+
+    Args:
+        mover: plans.
+        cell: where the arm is.
+        grasps: in W.
+        order: numbers of those that may be.
+        most: path searches at the most.
+    """
+    q, searched = cell.commanded, 0
+    for k in order:
+        X_WT = as_matrix(grasps.poses[int(k)])
+        for turn in (1.0, -1.0):
+            X = X_WT.copy()
+            X[:3, :2] *= turn
+            before = X.copy()
+            before[:3, 3] -= TUNING.retreat * X[:3, 2]
+            for q_before in mover.goals(before, q)[:3]:
+                try:
+                    line = mover.line(q_before, X, TUNING.grazing)
+                    searched += 1
+                    way = mover.path(q, line[:1])
+                except NoWay:
+                    if searched >= most:
+                        return None
+                    continue
+                return Reach(int(k), X, way, line)
+    return None
+
+
+def take(mover: Mover, cell: Cell, reach: Reach) -> Taken | None:
+    """Go to a grasp, shut the fingers and lift; None where they hold nothing."""
+    cell.grip(1.0, 0.0 if cell.opening > 0.10 else 0.5)
+    go(cell, mover.timed(reach.way))
+    go(cell, mover.timed_line(reach.line, TUNING.slow * 2.0))
+    cell.wait(TUNING.settle)
+    X_WT = mover.tool(cell.q)
+    opening = cell.grip(0.0)
+    if opening < TUNING.empty:
+        back_out(mover, cell, reach)
+        return None
+    lift(mover, cell)
+    opening = cell.opening
+    if opening < TUNING.empty:
+        cell.grip(1.0)
+        return None
+    return Taken(X_WT, opening, reach.grasp)
+
+
+def lift(mover: Mover, cell: Cell) -> None:
+    """Go straight up as far as the arm reaches."""
+    start = mover.tool(cell.commanded)
+    for height in np.arange(TUNING.lift, TUNING.least_lift - 1e-9, -0.02):
+        above = start.copy()
+        above[2, 3] += height
+        try:
+            go(cell, mover.timed_line(mover.line(cell.commanded, above), TUNING.slow * 1.5))
+            return
+        except NoWay:
+            continue
+
+
+def back_out(mover: Mover, cell: Cell, reach: Reach) -> None:
+    """Open the fingers and go back the way that was come."""
+    cell.grip(1.0)
+    go(cell, mover.timed_line(reach.line[::-1], TUNING.slow * 2.0))
+
+
+def go(cell: Cell, motion: TimedPath) -> None:
+    """Go along a motion and come to rest."""
+    cell.follow(motion.times, motion.q)
+    cell.wait(0.05)

@@ -1,0 +1,299 @@
+"""Empties a bin and learns what lies in it, object by object, until nothing is left that can be taken."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twin_diagram.errors import TwinError
+from twin_diagram.estimation.weighing import WeighingError
+from twin_diagram.model.model import Model
+from twin_diagram.perception.segmentation.robot_shape import RobotShape
+from twin_diagram.planning.grasps import gripper_of
+from twin_diagram.runs.learning import handling
+from twin_diagram.runs.learning.bin_view import SeenThing
+from twin_diagram.runs.learning.cell import Cell, Picture
+from twin_diagram.runs.learning.display import NothingHeld
+from twin_diagram.runs.learning.finishing import write_learned
+from twin_diagram.runs.learning.gallery import write_gallery
+from twin_diagram.runs.learning.handling import Picked, ShownObject, Tools
+from twin_diagram.runs.learning.motion import Mover, NoWay
+from twin_diagram.runs.learning.record import Learned, LearningRecord, RunState, plain
+from twin_diagram.runs.learning.setting_down import PutDown
+from twin_diagram.runs.learning.shape_jobs import Done, ShapeJobs
+from twin_diagram.runs.learning.shape_worker import FRAMES, SHAPE, read_shape
+from twin_diagram.runs.learning.weighing import SWUNG, inertia_of, read_swung
+from twin_diagram.runtime import stopping
+from twin_diagram.scenario import Learning, Scenario
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    usual: float = 180.0
+    """What an object is taken to need before one is done [s of wall clock]."""
+
+    poll: float = 0.5
+    """Between two looks at reconstructions under way, when nothing else is left to do [s]."""
+
+    settle: float = 1.5
+    """Before the first picture: what lies in the bin comes to rest [s]."""
+
+
+TUNING = Tuning()
+
+
+def tools_of(scenario: Scenario, learning: Learning) -> Tools:
+    """Build the cell of a scenario and what handles it."""
+    twin, packages = scenario.twin, dict(scenario.packages)
+    gripper = gripper_of(learning.gripper)
+    cell = Cell(scenario)
+    model = Model.load(twin.arm, packages)
+    mover = Mover(twin, packages, np.asarray(model.velocity_limit), scenario.seed)
+    home = np.array(twin.home, dtype=float) if twin.home else np.zeros(len(model.joints))
+    return Tools(cell, mover, RobotShape(twin.arm, packages), gripper, learning, home, model)
+
+
+class Learner:
+    """One run over one bin."""
+
+    def __init__(self, tools: Tools, record: LearningRecord, state: RunState, say: Say) -> None:
+        """Go on from a state.
+
+        Args:
+            tools: of the cell.
+            record: files of the run.
+            state: what was done so far.
+            say: is told of each stage.
+        """
+        self.tools, self.record, self.state, self._say = tools, record, state, say
+        self._jobs = ShapeJobs()
+        self._begun, self._handled = time.monotonic(), 0
+        self._left = 0
+        self._taken = 0
+        self._made: list[Done] = []
+
+    def run(self) -> None:
+        """Empty the bin, wait for reconstructions under way, and write the gallery."""
+        try:
+            self._start()
+            while (found := self._next()) is not None:
+                self._handle(*found)
+                self._save()
+            if not self.state.finished:
+                self.state.finished = True
+                self.record.event(stage="bin", outcome="empty" if not self.state.given_up else "nothing left to take")
+            self._wait()
+            self._save()
+        finally:
+            self._jobs.close()
+
+    def _start(self) -> None:
+        if self.state.world:
+            self.tools.cell.restore(self.state.world)
+            self.record.event(stage="resume", sim=self.tools.cell.time, objects=len(self.state.learned))
+        else:
+            self.tools.cell.wait(TUNING.settle)
+        for one in self.state.learned:
+            if one.state == "handled":
+                self._jobs.add(one.name, self.record.of(one.name))
+        self._save()
+
+    def _save(self) -> None:
+        self._collect()
+        self.state.world = self.tools.cell.snapshot()
+        self.state.sim_time = self.tools.cell.time
+        self.record.save(self.state)
+        write_gallery(self.record, self.state)
+
+    def _next(self) -> tuple[Picture, SeenThing, list[SeenThing]] | None:
+        """Return a picture of the bin, what is to be taken next, and all that lies there; None: nothing is left."""
+        if self.state.finished:
+            return None
+        picture, things = handling.look_into_bin(self.tools, self.state.given_up)
+        if not things and self.state.given_up and self._taken:
+            # What was in the way may be gone: what was given up has another chance.
+            self._taken, self.state.given_up = 0, []
+            self.state.learned = [one for one in self.state.learned if one.state != "reported"]
+            picture, things = handling.look_into_bin(self.tools, [])
+        self._left = len(things)
+        return (picture, things[0], things) if things else None
+
+    def _handle(self, picture: Picture, thing: SeenThing, things: list[SeenThing]) -> None:
+        """Try to take a thing, and do with it all that is to be done."""
+        name = f"object_{1 + sum(one.state != 'reported' for one in self.state.learned):02d}"
+        picked = Picked(thing)
+        for attempt in range(self.tools.learning.tries):
+            with self._stage(name, "pick") as told:
+                picked = handling.pick(self.tools, thing, things, attempt)
+                told["outcome"] = "taken" if picked.taken else picked.why
+            if picked.taken is not None:
+                break
+            picture, things = handling.look_into_bin(self.tools, self.state.given_up)
+            thing = min(things, key=lambda one: float(np.linalg.norm(one.middle - thing.middle)), default=thing)
+            if not things:
+                return
+        if picked.taken is None:
+            self._report(picture, thing, picked.why)
+            return
+        self._learn(name, picked)
+
+    def _learn(self, name: str, picked: Picked) -> None:
+        """Show, weigh and put away what was picked, and have its shape made."""
+        assert picked.taken is not None
+        folder = self.record.fresh(name)
+        one = Learned(name, R_WS=picked.taken.X_WT[:3, :3].tolist())
+        shown = ShownObject()
+        try:
+            with self._stage(name, "display") as told:
+                shown = handling.show_first(self.tools, picked)
+                told.update(pictures=len(shown.followed.shown), slips=len(shown.followed.slips))
+            for _ in range(1, self.tools.learning.grasps):
+                with self._stage(name, "display again") as told:
+                    told["outcome"] = "shown" if handling.show_again(self.tools, shown) else "not taken again"
+                    told.update(pictures=len(shown.followed.shown), slips=len(shown.followed.slips))
+                if told["outcome"] != "shown":
+                    raise NothingHeld("it could not be taken from the platform again")
+            handling.write_frames(folder / FRAMES, shown)
+            self._jobs.add(name, folder)
+            opening = self.tools.cell.opening
+            if self.tools.learning.weigh_seconds > 0.0:
+                self._weigh(name, shown, folder)
+            # Where it is believed to be in the hand now, for whoever knows where it truly is.
+            X_WS = self.tools.mover.tool(self.tools.cell.q) @ np.linalg.inv(shown.X_ST[-1])
+            one.figures["X_WS"] = X_WS.tolist()
+            self.tools.cell.moment(name)
+            with self._stage(name, "put away"):
+                standing = [PutDown((s[0], s[1]), s[2], s[3]) for o in self.state.learned if (s := o.standing)]
+                put = handling.put_away(self.tools, shown, standing)
+                one.standing = [*put.place, put.radius, put.top]
+            empty = self.record.folder / SWUNG
+            if shown.swung is not None and not empty.is_file():
+                with self._stage(name, "swing the empty hand"):
+                    handling.weigh_empty(self.tools, shown, opening, empty)
+        except (NoWay, NothingHeld) as why:
+            one.why = str(why)
+            self._let_go(one)
+        if shown.followed.shown and not (folder / FRAMES).is_dir():
+            handling.write_frames(folder / FRAMES, shown)
+            self._jobs.add(name, folder)
+        elif not shown.followed.shown:
+            one.state = "failed"
+        self._taken += 1
+        self._handled += 1
+        one.grasps = len(shown.X_ST)
+        slips = [[s.picture, s.distance, s.angle] for s in shown.followed.slips]
+        one.figures |= plain({"pictures": len(shown.followed.shown), "slips": slips, "notes": shown.notes})
+        self.state.learned.append(one)
+
+    def _weigh(self, name: str, shown: ShownObject, folder: Path) -> None:
+        """Swing what is held; where that cannot be, its inertia will be told from its shape alone."""
+        try:
+            with self._stage(name, "weigh") as told:
+                told["mass"] = handling.weigh_held(self.tools, shown, folder)
+                assert shown.swung is not None
+                told["use"] = shown.swung.use
+        except (NoWay, WeighingError) as why:
+            shown.notes.append(f"not weighed: {why}")
+
+    def _let_go(self, one: Learned) -> None:
+        """Leave the hand empty and the arm at home after something went wrong; keep a picture of it."""
+        cell = self.tools.cell
+        picture = cell.look(self.tools.learning.scan_camera)
+        one.picture = f"objects/{one.name}/failed.png"
+        handling.save_picture(self.record.folder / one.picture, picture, None, one.why)
+        handling.let_go(self.tools)
+
+    def _report(self, picture: Picture, thing: SeenThing, why: str) -> None:
+        """Note something that cannot be taken, with a picture."""
+        number = 1 + sum(one.state == "reported" for one in self.state.learned)
+        name = f"reported_{number:02d}"
+        file = f"reported/{number:02d}.png"
+        handling.save_picture(self.record.folder / file, picture, thing, why)
+        self.state.learned.append(Learned(name, "reported", why, picture=file))
+        self.state.given_up.append(thing.middle.tolist())
+        self.record.event(object=name, stage="report", why=why, picture=file)
+        self._say(f"{name}: {why}; left in the bin")
+
+    def _collect(self) -> None:
+        """Write the assets of shapes that are made."""
+        self._made += self._jobs.poll()
+        known = {one.name for one in self.state.learned}
+        ready, self._made = [d for d in self._made if d.name in known], [d for d in self._made if d.name not in known]
+        for done in ready:
+            one = self.state.named(done.name)
+            if done.why is not None:
+                one.state, one.why = "failed", done.why
+                self.record.event(object=one.name, stage="reconstruct", outcome=done.why)
+                self._say(f"{one.name}: {done.why}")
+                continue
+            finish(self.record, one, self.tools.model)
+            self.record.event(
+                object=one.name, stage="asset", outcome=one.state, **({"why": one.why} if one.why else {})
+            )
+            self._say(f"{one.name}: {one.state}, {self.record.library / one.name}")
+
+    def _wait(self) -> None:
+        """Wait for reconstructions under way."""
+        told = False
+        while self._jobs.pending:
+            if not told:
+                self._say(f"nothing is left to take; waiting for {', '.join(self._jobs.pending)}")
+                told = True
+            self._collect()
+            stopping.check()
+            time.sleep(TUNING.poll)
+
+    @contextmanager
+    def _stage(self, name: str, stage: str) -> Iterator[dict[str, Any]]:
+        """Tell of a stage: a line on the terminal, and one among the events when it is over."""
+        cell, wall = self.tools.cell, time.monotonic()
+        sim = cell.time
+        self._say(f"{name}: {stage} · {sim:.0f} s simulated · about {self.remaining():.0f} s remain")
+        told: dict[str, Any] = {"outcome": "done"}
+        try:
+            yield told
+        except (NoWay, NothingHeld, TwinError) as why:
+            told["outcome"] = str(why)
+            raise
+        finally:
+            took = {"sim": round(cell.time - sim, 3), "took": round(time.monotonic() - wall, 2)}
+            self.record.event(object=name, stage=stage, at=round(cell.time, 3), **took, **plain(told))
+            self._collect()
+
+    def remaining(self) -> float:
+        """Return how long the bin's objects will take, by those so far [s of wall clock]."""
+        done = self._handled
+        each = (time.monotonic() - self._begun) / done if done else TUNING.usual
+        return each * self._left
+
+
+def finish(record: LearningRecord, one: Learned, model: Model) -> None:
+    """Write an object's asset from shape and torques in its folder; what is wrong is noted in `one`."""
+    folder: Path = record.of(one.name)
+    try:
+        if not (folder / SHAPE).is_file():
+            raise TwinError("it has no shape yet")
+        shape, measured = read_shape(folder), None
+        if (folder / SWUNG).is_file():
+            empty = record.folder / SWUNG
+            try:
+                measured = inertia_of(
+                    model, read_swung(folder / SWUNG), read_swung(empty) if empty.is_file() else None, shape
+                )
+            except (TwinError, np.linalg.LinAlgError) as error:
+                one.figures["not weighed"] = str(error)
+        figures = write_learned(one.name, record.library, shape, np.array(one.R_WS), measured)
+        one.figures = {**one.figures, **plain(figures)}
+        one.state = "finished"
+    except TwinError as error:
+        one.state, one.why = "failed", str(error)

@@ -1,0 +1,221 @@
+"""What a run of learning remembers: events, a line a stage, and a state from which it goes on after any end."""
+
+from __future__ import annotations
+
+import io
+import json
+import shutil
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from twin_diagram.errors import TwinError
+from twin_diagram.runtime import atomic_file
+from twin_diagram.runtime.output_place import why_not
+from twin_diagram.scenario import Scenario
+from twin_diagram.scenario.file import dump_scenario
+from twin_diagram.signals.arrays import Array
+
+STATE: Final = "state.npz"
+"""Where everything lay, and what is known of each object; written whole, or not at all."""
+EVENTS: Final = "events.jsonl"
+"""A line a stage."""
+SCENARIO: Final = "scenario.yaml"
+"""What the run is of: it goes on with that alone."""
+OBJECTS: Final = "objects"
+"""Folder of each object's frames, torques and shape."""
+LIBRARY: Final = "library"
+"""Folder of the assets."""
+SPARE: Final = 200_000_000
+"""Bytes that must be free for a run's files: some 20 MB an object."""
+
+
+class LearningError(TwinError):
+    """A run of learning that cannot be, or cannot go on."""
+
+
+@dataclass
+class Learned:
+    """What is known of one object.
+
+    Attributes:
+        name: of the asset.
+        state: `handled` (in the other bin, its asset still to come), `finished`, `failed` (kept with its data) or
+            `reported` (it could not be handled).
+        why: what went wrong, in words; "" where nothing did.
+        grasps: in how many it was shown.
+        figures: numbers for people and tables.
+        standing: where it was set down, see `setting_down.PutDown`; empty: it was not.
+        picture: file of a picture, below the run's folder; "": none.
+        R_WS: (3, 3) by rows: axes of S, the frame of its pictures, in W when it lay in the bin.
+    """
+
+    name: str
+    state: str = "handled"
+    why: str = ""
+    grasps: int = 0
+    figures: dict[str, Any] = field(default_factory=dict)
+    standing: list[float] = field(default_factory=list)
+    picture: str = ""
+    R_WS: list[list[float]] = field(default_factory=lambda: np.eye(3).tolist())
+
+
+@dataclass
+class RunState:
+    """What a run goes on from.
+
+    Attributes:
+        learned: objects so far, in order.
+        given_up: (3,) places in W of things that were reported and still lie in the bin [m].
+        world: of `Cell.snapshot`.
+        sim_time: simulated so far [s].
+        finished: the bin is empty, or holds only what was reported.
+    """
+
+    learned: list[Learned] = field(default_factory=list)
+    given_up: list[list[float]] = field(default_factory=list)
+    world: dict[str, Array] = field(default_factory=dict)
+    sim_time: float = 0.0
+    finished: bool = False
+
+    def named(self, name: str) -> Learned:
+        """Return what is known of an object.
+
+        Raises:
+            LearningError: no such object.
+        """
+        for one in self.learned:
+            if one.name == name:
+                return one
+        told = ", ".join(one.name for one in self.learned) or "none"
+        raise LearningError(f"--again {name!r}: no such object in this run; these are: {told}")
+
+
+class LearningRecord:
+    """The files of a run."""
+
+    def __init__(self, folder: Path, scenario: Scenario) -> None:
+        """Name the folder; nothing is written yet."""
+        self.folder, self._told = folder, dump_scenario(scenario)
+        self._begun = time.monotonic()
+
+    @property
+    def library(self) -> Path:
+        """Folder of the assets."""
+        return self.folder / LIBRARY
+
+    def of(self, name: str) -> Path:
+        """Return the folder of an object's data."""
+        return self.folder / OBJECTS / name
+
+    def begin(self) -> RunState:
+        """Make the folder ready for a new run.
+
+        Raises:
+            LearningError: it cannot be written, has no room, or has another run in it.
+        """
+        self.check_place()
+        atomic_file.write(self.folder / SCENARIO, self._told)
+        (self.folder / EVENTS).unlink(missing_ok=True)
+        return RunState()
+
+    def check_place(self) -> None:
+        """Refuse a folder that a new run cannot be in.
+
+        Raises:
+            LearningError: it cannot be written, has no room, or has another run in it.
+        """
+        if why := why_not(self.folder, folder=True):
+            raise LearningError(f"--out {self.folder}: {why}")
+        if (self.folder / STATE).exists():
+            raise LearningError(f"--out {self.folder}: there is a run in it; --resume goes on with it")
+        self._check_room()
+
+    def resume(self) -> RunState:
+        """Return the state that a run was left in.
+
+        Raises:
+            LearningError: there is none, or it is another scenario's.
+        """
+        if not (self.folder / STATE).is_file():
+            raise LearningError(f"--resume: {self.folder} has no run to go on with")
+        if why := why_not(self.folder, folder=True):
+            raise LearningError(f"--out {self.folder}: {why}")
+        self._check_room()
+        if (self.folder / SCENARIO).read_text() != self._told:
+            raise LearningError(
+                f"--resume: {self.folder} is a run of another scenario; give it that one, or another --out"
+            )
+        with np.load(self.folder / STATE, allow_pickle=False) as data:
+            told = json.loads(str(data["told"]))
+            world = {key.removeprefix("world_"): data[key] for key in data.files if key.startswith("world_")}
+        learned = [Learned(**one) for one in told["learned"]]
+        state = RunState(learned, told["given_up"], world, told["sim_time"], told["finished"])
+        self._tidy(state)
+        return state
+
+    def save(self, state: RunState) -> None:
+        """Write the state, whole."""
+        told = {
+            "learned": [asdict(one) for one in state.learned],
+            **{"given_up": state.given_up, "sim_time": state.sim_time, "finished": state.finished},
+        }
+        data = io.BytesIO()
+        arrays: dict[str, Any] = {f"world_{key}": value for key, value in state.world.items()}
+        np.savez(data, told=np.array(json.dumps(told)), **arrays)
+        atomic_file.write(self.folder / STATE, data.getvalue())
+
+    def event(self, **what: Any) -> None:
+        """Add a line to the events."""
+        line = json.dumps({"wall": round(time.monotonic() - self._begun, 2), **what}, ensure_ascii=False)
+        with (self.folder / EVENTS).open("a", encoding="utf-8") as file:
+            file.write(line + "\n")
+
+    def fresh(self, name: str) -> Path:
+        """Return an empty folder for an object's data."""
+        folder = self.of(name)
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+        return folder
+
+    def _check_room(self) -> None:
+        above = next(way for way in (self.folder.absolute(), *self.folder.absolute().parents) if way.exists())
+        free = shutil.disk_usage(above).free
+        if free < SPARE:
+            raise LearningError(
+                f"--out {self.folder}: {free / 1e6:.0f} MB are free there, {SPARE / 1e6:.0f} are needed"
+            )
+
+    def _tidy(self, state: RunState) -> None:
+        """Remove what a killed run left half done: hidden folders, objects that no state knows, half a line."""
+        known = {one.name for one in state.learned}
+        for parent in (self.folder, self.folder / OBJECTS, self.library):
+            for path in parent.glob(".*") if parent.is_dir() else ():
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
+        for path in (self.folder / OBJECTS).glob("*") if (self.folder / OBJECTS).is_dir() else ():
+            if path.name not in known:
+                shutil.rmtree(path, ignore_errors=True)
+        events = self.folder / EVENTS
+        if events.is_file():
+            text = events.read_text(encoding="utf-8", errors="ignore")
+            if text and not text.endswith("\n"):
+                atomic_file.write(events, text[: text.rfind("\n") + 1])
+
+
+def plain(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return figures as JSON has them: arrays as lists, numbers rounded to six places that count."""
+
+    def one(value: Any) -> Any:
+        if isinstance(value, np.ndarray):
+            return [one(item) for item in value.tolist()]
+        if isinstance(value, (list, tuple)):
+            return [one(item) for item in value]
+        if isinstance(value, (float, np.floating)):
+            return float(f"{float(value):.6g}")
+        return value
+
+    return {key: one(value) for key, value in values.items()}

@@ -1,0 +1,144 @@
+"""Takes what stands on the platform in another grasp, whose fingers hide another part of the surface."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin_diagram.planning.grasps import Grasps, Gripper, Wanted, propose
+from twin_diagram.runs.learning.bin_view import TUNING as BIN_VIEW
+from twin_diagram.runs.learning.bin_view import things_within
+from twin_diagram.runs.learning.cell import Cell
+from twin_diagram.runs.learning.following import Followed, register
+from twin_diagram.runs.learning.motion import Mover
+from twin_diagram.runs.learning.picking import Taken, reach_of, take
+from twin_diagram.scenario import Learning
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    candidates: int = 40
+    """Grasps that are looked at."""
+
+    across: float = 0.6
+    """Closing axes whose cosine is below this hide other sides of the surface."""
+
+    elsewhere: float = 0.035
+    """Grasps of the same direction do so where their middles are so far apart [m]: more than a pad."""
+
+    moved: tuple[float, float] = (0.01, 0.15)
+    """By how much what is let go may move [m], [rad]."""
+
+    reach: float = 0.012
+    """Within which points of the picture are held against those that are known [m]."""
+
+    around: float = 0.05
+    """Beside the platform in which its object is looked for [m]."""
+
+    floor: float = 0.004
+    """Height over the platform that fingers stay above [m]."""
+
+
+TUNING = Tuning()
+
+
+def stands_at(cell: Cell, learning: Learning, seen: Followed, X_WS: Array) -> Array:
+    """Return the pose X_WS (4, 4) of what was set down on the platform, as the camera sees it there.
+
+    Args:
+        cell: whose camera looks.
+        learning: where the platform is.
+        seen: the object's cloud in S.
+        X_WS: by where the fingers let go.
+    """
+    low, high = (np.array(corner) for corner in learning.platform)
+    box = np.array([*(low[:2] - TUNING.around), high[2]]), np.array([*(high[:2] + TUNING.around), high[2] + 0.3])
+    things = things_within(cell.look(learning.scan_camera), *box)
+    if not things:
+        return X_WS
+    one = max(things, key=lambda thing: len(thing.points))
+    points, normals = one.points[:1500], one.normals[:1500]
+    # The picture's points are brought to the cloud: what comes out is where W is in S.
+    X_SW, share = register(seen.points, seen.normals, points, normals, np.linalg.inv(X_WS), TUNING.moved, TUNING.reach)
+    return np.linalg.inv(X_SW) if share > 0.5 else X_WS
+
+
+def other_grasps(
+    seen: Followed, X_WS: Array, held: Sequence[Array], gripper: Gripper, floor: float, seed: int
+) -> Grasps:
+    """Return grasps in W of an object whose cloud is known; see `order_of` for which of them are wanted.
+
+    Args:
+        seen: the object's cloud in S.
+        X_WS: (4, 4) where it stands.
+        held: unused but told for the search's seed: (4, 4) tool poses X_ST of earlier grasps.
+        gripper: that takes it.
+        floor: height of what it stands on [m].
+        seed: of the search.
+    """
+    rng = np.random.default_rng(seed)
+    order = rng.permutation(len(seen.points))
+    points = seen.points[order] @ X_WS[:3, :3].T + X_WS[:3, 3]
+    normals = seen.normals[order] @ X_WS[:3, :3].T
+    table = np.array([0.0, 0.0, 1.0, floor + TUNING.floor])
+    wanted, middle = Wanted(TUNING.candidates, seed + len(held)), 0.5 * (points.min(axis=0) + points.max(axis=0))
+    return propose(points, normals, gripper, wanted=wanted, table=table, mass=BIN_VIEW.usual_mass, centre=middle)
+
+
+def order_of(grasps: Grasps, X_WS: Array, held: Sequence[Array], steepest: float = 0.5) -> list[int]:
+    """Return the numbers of grasps from above, those first that hide what earlier grasps did not.
+
+    Args:
+        grasps: in W.
+        X_WS: (4, 4) where the object stands.
+        held: (4, 4) tool poses X_ST of earlier grasps.
+        steepest: least share of the approach that goes downwards.
+    """
+    R_SW = X_WS[:3, :3].T
+    other, alike = [], []
+    for k in range(len(grasps)):
+        if -grasps.approach[k, 2] < steepest:
+            continue
+        closing = R_SW @ grasps.R[k][:, 1]
+        middle = R_SW @ (grasps.poses[k, 4:] - X_WS[:3, 3])
+        hides = [
+            abs(float(closing @ X[:3, 1])) > TUNING.across and np.linalg.norm(middle - X[:3, 3]) < TUNING.elsewhere
+            for X in held
+        ]
+        (alike if any(hides) else other).append(k)
+    return other + alike
+
+
+def take_again(
+    mover: Mover, cell: Cell, learning: Learning, gripper: Gripper, seen: Followed, X_WS: Array, held: Sequence[Array]
+) -> tuple[Taken, Array] | None:
+    """Take what stands on the platform, in another grasp where there is one.
+
+    Args:
+        mover: plans.
+        cell: whose arm is empty.
+        learning: where the platform is.
+        gripper: that takes it.
+        seen: the object's cloud in S.
+        X_WS: (4, 4) by where the fingers let go.
+        held: (4, 4) tool poses X_ST of earlier grasps.
+
+    Returns:
+        What is held, and X_ST (4, 4) of the tool as it took it; None: every try failed.
+    """
+    floor = float(learning.platform[1][2])
+    for attempt in range(learning.tries):
+        X_WS = stands_at(cell, learning, seen, X_WS)
+        grasps = other_grasps(seen, X_WS, held, gripper, floor, attempt)
+        reach = reach_of(mover, cell, grasps, order_of(grasps, X_WS, held))
+        if reach is None:
+            return None
+        taken = take(mover, cell, reach)
+        if taken is not None:
+            return taken, np.linalg.solve(X_WS, taken.X_WT)
+    return None

@@ -1,0 +1,79 @@
+"""The process that makes a shape of an object's frames: `python -m twin_diagram.runs.learning.shape_worker FOLDER`.
+
+FOLDER holds `frames/`; `shape.npz` appears beside it once it is whole. It lives no longer than the one that started it:
+when its standard input ends, so does it, whichever way the other ended.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+import threading
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from twin_diagram.assets.building.backends import ColouredSurface, ShapeBackend, TsdfBackend
+from twin_diagram.errors import TwinError
+from twin_diagram.logs.frames.transforms_folder import TransformsFolder
+from twin_diagram.runtime import atomic_file
+from twin_diagram.runtime.threads import one_thread
+
+FRAMES: Final = "frames"
+"""Folder of the posed pictures, as Nerfstudio has them."""
+SHAPE: Final = "shape.npz"
+"""What comes out."""
+ORPHANED: Final = 3
+"""Exit status where the starter is gone."""
+
+
+def make_shape(folder: Path, backend: ShapeBackend | None = None) -> ColouredSurface:
+    """Make the shape of the frames in a folder and write it beside them.
+
+    Raises:
+        FramesError: frames that cannot be used.
+    """
+    backend = TsdfBackend() if backend is None else backend
+    shape = backend.shape(TransformsFolder(folder / FRAMES), folder.name, lambda text: print(text, flush=True))
+    data = io.BytesIO()
+    np.savez(
+        data,
+        corners=shape.corners,
+        uv=shape.uv,
+        texture=shape.texture,
+        told=np.array([shape.unseen, shape.noise]),
+    )
+    atomic_file.write(folder / SHAPE, data.getvalue())
+    return shape
+
+
+def read_shape(folder: Path) -> ColouredSurface:
+    """Return the shape that was made in a folder."""
+    with np.load(folder / SHAPE, allow_pickle=False) as data:
+        told = data["told"]
+        return ColouredSurface(data["corners"], data["uv"], data["texture"], float(told[0]), float(told[1]))
+
+
+def main(folder: Path) -> int:
+    """Run as a process of its own."""
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    try:
+        with one_thread():
+            make_shape(folder)
+    except TwinError as error:
+        print(" ".join(str(error).split()), file=sys.stderr)
+        return 2
+    return 0
+
+
+def _end_with_parent() -> None:
+    # Not through sys.stdin: whoever holds its lock when the interpreter ends brings it down.
+    while os.read(0, 4096):
+        pass
+    os._exit(ORPHANED)
+
+
+if __name__ == "__main__":
+    sys.exit(main(Path(sys.argv[1])))

@@ -1,0 +1,105 @@
+"""Begins or resumes a run of learning, and refuses at the start what cannot be: each refusal is one line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from twin_diagram.errors import ScenarioError
+from twin_diagram.model.model import Model
+from twin_diagram.runs.learning.cell import Observer, told_camera
+from twin_diagram.runs.learning.gallery import write_gallery
+from twin_diagram.runs.learning.pipeline import Learner, finish, tools_of
+from twin_diagram.runs.learning.record import LearningError, LearningRecord, RunState
+from twin_diagram.runs.learning.shape_worker import FRAMES, make_shape
+from twin_diagram.runtime import stopping
+from twin_diagram.runtime.threads import one_thread
+from twin_diagram.scenario import Learning, Scenario, Twin
+
+Say = Callable[[str], None]
+
+
+def check_cell(twin: Twin) -> Learning:
+    """Return what a scenario says of learning, checked against its cameras.
+
+    Raises:
+        ScenarioError: it says nothing, or a camera sees neither bin nor platform; it names the field.
+    """
+    learning = twin.learning
+    if learning is None:
+        raise ScenarioError("twin.learning", "is missing: it tells the bins, the platform and the cameras")
+    platform = [[*learning.platform[0][:2], learning.platform[1][2]], learning.platform[1]]
+    for field, box in (("bin_camera", learning.from_bin), ("scan_camera", platform)):
+        name = getattr(learning, field)
+        camera = told_camera(twin.cameras[name])
+        middle = np.mean(np.array(box), axis=0)
+        u, v, z = camera.project(middle)
+        near, far = twin.cameras[name].depth_range
+        if not (0 <= u < camera.width and 0 <= v < camera.height and near < z < far):
+            what = "the bin" if field == "bin_camera" else "the platform"
+            raise ScenarioError(
+                f"twin.cameras.{name}.X_WC", f"the camera does not see {what} at {middle.round(3).tolist()}"
+            )
+    return learning
+
+
+@one_thread()
+def learn(
+    scenario: Scenario, out: str | Path, *, resume: bool = False, say: Say = print, observer: Observer | None = None
+) -> RunState:
+    """Empty a bin and learn what lies in it.
+
+    Args:
+        scenario: with ``twin.learning``.
+        out: folder of the run: assets in `library/`, `events.jsonl`, `gallery.html`.
+        resume: go on with the run in that folder.
+        say: is told of each stage.
+        observer: of the true world, for scorers: nothing that is learned gets anything of it back.
+
+    Returns:
+        What is known of each object.
+
+    Raises:
+        ScenarioError, ModelError: a cell that cannot be.
+        LearningError: a folder that cannot be written, or is another run's.
+        Stopped: a signal came; the state is that before the object in hand.
+    """
+    learning = check_cell(scenario.twin)
+    record = LearningRecord(Path(out), scenario)
+    if not resume:
+        record.check_place()
+    state = record.resume() if resume else None
+    tools = tools_of(scenario, learning)  # what cannot be built leaves no folder behind
+    tools.cell.observer = observer
+    if state is None:
+        state = record.begin()
+    with stopping.steps():
+        Learner(tools, record, state, say).run()
+    return state
+
+
+@one_thread()
+def learn_again(scenario: Scenario, out: str | Path, name: str, say: Say = print) -> RunState:
+    """Make an object's asset once more from the data that a run kept of it.
+
+    Raises:
+        LearningError: no run, another scenario, or no such object in it.
+        FramesError: its frames cannot be used.
+    """
+    record = LearningRecord(Path(out), scenario)
+    state = record.resume()
+    one = state.named(name)
+    folder = record.of(name)
+    if not (folder / FRAMES).is_dir():
+        raise LearningError(f"--again {name}: no pictures of it were kept")
+    say(f"{name}: reconstruct")
+    make_shape(folder)
+    one.why = ""
+    finish(record, one, Model.load(scenario.twin.arm, dict(scenario.packages)))
+    record.event(object=name, stage="again", outcome=one.state, **({"why": one.why} if one.why else {}))
+    record.save(state)
+    write_gallery(record, state)
+    say(f"{name}: {one.state}")
+    return state
