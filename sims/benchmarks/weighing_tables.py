@@ -45,8 +45,8 @@ def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--first", type=int, default=0, help="first seed")
-    parser.add_argument("--count", type=int, default=60, help="objects")
-    parser.add_argument("--quick", action="store_true", help=f"{QUICK} objects, excitations looked for less long")
+    parser.add_argument("--count", type=int, help=f"objects; 60, or {QUICK} where it is to be quick")
+    parser.add_argument("--quick", action="store_true", help="excitations looked for less long")
     parser.add_argument("--torque-side", choices=["motor", "link"], default="link")
     parser.add_argument("--out", type=Path, default=Path("out/weighing_tables"))
     parser.add_argument("--report", action="store_true", help="only print what is there")
@@ -54,7 +54,7 @@ def main() -> None:
     out = given.out / (given.torque_side + ("_quick" if given.quick else ""))
     out.mkdir(parents=True, exist_ok=True)
     path = out / "results.jsonl"
-    wanted = range(given.first, given.first + (min(QUICK, given.count) if given.quick else given.count))
+    wanted = range(given.first, given.first + (given.count or (QUICK if given.quick else 60)))
     done = {row["seed"] for row in read(path) if row.get("last")}
     for seed in wanted if not given.report else ():
         if seed in done:

@@ -34,3 +34,10 @@ def test_white_noise_stays_as_it_is_and_none_is_no_division_by_zero() -> None:
     still = Colour.of([np.zeros(100)])
     assert np.all(np.isfinite(still.whitened(np.ones((10, 2)))))
     np.testing.assert_allclose(Colour.white(0.5).whitened(np.ones((3, 1))), 2.0)
+
+
+def test_a_few_far_residuals_are_no_noise() -> None:
+    spoilt = coloured(4000, 5)
+    spoilt[::200] += 30.0
+    assert abs(Colour.of([spoilt]).sigma - 0.3) < 0.1
+    assert Colour.of([coloured(4000, 5)]).sigma < Colour.of([spoilt]).sigma < 0.45

@@ -60,6 +60,8 @@ def test_half_a_box_filled_is_found_among_denser_ends(box: Shape) -> None:
     exact[2] -= (0.175 / 8.0) ** 2
     np.testing.assert_allclose(np.diag(second), exact, rtol=0.01)
     np.testing.assert_allclose(np.diag(ends.offset[ends.by_load < 0.0][0]), 0.09 * np.diag(box.second) + 1.5e-3**2)
+    np.testing.assert_allclose(ends.information[0, 4, 4], 1.0 / (2.5 * 0.06) ** 2)
+    np.testing.assert_allclose(ends.information[0, 9, 9], 2.0 / (2.5 * 0.06) ** 2)
     far = u.copy()
     far[:, 3] = 10.0
     assert all(is_physical(p) for p in ends.parameters(far)[ends.by_load < 0.0])
@@ -85,8 +87,8 @@ def test_drawn_bodies_lie_where_the_prior_says(box: Shape) -> None:
     second = second_of(about_centre(even)[2])
     L = np.sqrt(np.diag(box.second))
     relative = second / np.outer(L, L)
-    np.testing.assert_allclose(np.std(relative[:, 0, 0]), 0.05, rtol=0.06)
-    np.testing.assert_allclose(np.std(relative[:, 0, 1]), 0.05 / np.sqrt(2.0), rtol=0.06)
+    np.testing.assert_allclose(np.std(relative[:, 0, 0]), 0.06, rtol=0.06)
+    np.testing.assert_allclose(np.std(relative[:, 0, 1]), 0.06 / np.sqrt(2.0), rtol=0.06)
 
 
 def test_sharp_torques_decide_alone(box: Shape, off_centre: np.ndarray) -> None:

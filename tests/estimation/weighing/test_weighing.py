@@ -21,6 +21,8 @@ from twin_diagram.estimation.weighing import (
     ShapePrior,
     Weighing,
     WeighingError,
+    coloured_noise,
+    torque_fit,
     weigh,
 )
 from twin_diagram.estimation.weighing.torque_data import hand_change, read_run
@@ -68,7 +70,8 @@ def test_gains_that_are_taken_for_right_spoil_the_moments(
     blind = replace(ArmDoubt(), gain=1e-6)
     found = weigh(iiwa_link, [LoadedRun(both[0], X_TO)], [EmptyRun(both[1])], ShapePrior.none(box), "link", blind)
     moments = np.linalg.eigvalsh(about_centre(off_centre)[2])
-    assert np.max(np.abs(found.moments / moments - 1.0)) > 0.1
+    assert abs(found.mass / off_centre[0] - 1.0) > 0.005
+    assert np.max(np.abs(found.moments / moments - 1.0)) > 0.03
 
 
 def test_motor_side_torques_tell_as_much(
@@ -107,7 +110,8 @@ def test_told_errors_hold_the_truth(
         mass, centre, inertia = about_centre(off_centre)
         assert abs(found.mass / mass - 1.0) < 0.01
         assert np.linalg.norm(found.centre - centre) < 0.003
-        assert np.max(np.abs(found.moments / np.linalg.eigvalsh(inertia) - 1.0)) < 0.3
+        assert np.max(np.abs(found.moments - np.linalg.eigvalsh(inertia)) / found.errors["moments"]) < 3.5
+        assert np.max(found.errors["moments"] / found.moments) < 0.4
         np.testing.assert_array_less(np.abs(found.gain - sensors["gain"]), 4.5 * found.gain_std)
     assert np.mean(held) >= 0.88
     assert 3.0 < np.mean(squares) < 16.0  # χ² with ten degrees of freedom
@@ -136,7 +140,9 @@ def test_an_even_object_that_hardly_moves_is_known_by_its_shape(
     empty = recorder(iiwa_link, slow, noise=0.2, seed=2)
     found = weigh(iiwa_link, [LoadedRun(loaded, X_TO)], [EmptyRun(empty)], ShapePrior(box))
     assert found.verdicts["mass"] == "measured"
-    assert {found.verdicts[f"moment_{k}"] for k in (1, 2, 3)} == {"from shape alone"}
+    words = [found.verdicts[f"moment_{k}"] for k in (1, 2, 3)]
+    assert "measured" not in words  # that the middle is the centre says of a hidden load what torques do not
+    assert "from shape alone" in words
     np.testing.assert_allclose(found.moments, np.linalg.eigvalsh(about_centre(box.even(found.mass))[2]), rtol=0.2)
 
 
@@ -212,3 +218,28 @@ def test_torques_that_come_late_are_moved_back(
     assert found.delay == pytest.approx(0.004, abs=5e-5)
     assert found.mass == pytest.approx(off_centre[0], rel=1e-3)
     np.testing.assert_allclose(found.moments, np.linalg.eigvalsh(about_centre(off_centre)[2]), rtol=0.03)
+
+
+def test_joints_that_stick_for_a_moment_spoil_little(
+    both: tuple[Log, Log], iiwa_link: Model, X_TO: RigidTransform, box: Shape, off_centre: np.ndarray,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    """Where a joint turns round, friction is not what its law says for some hundredths of a second."""
+
+    def sticking(log: Log, seed: int) -> Log:
+        speed = np.gradient(np.array(log.position), log.period, axis=0)
+        noise = 0.02 * np.random.default_rng(seed).normal(size=speed.shape)
+        return replace(log, torque=np.array(log.torque) + noise + 0.3 * (np.abs(speed) < 0.04))
+
+    loaded, empty = sticking(both[0], 0), sticking(both[1], 1)
+
+    def found() -> Weighing:
+        return weigh(iiwa_link, [LoadedRun(loaded, X_TO)], [EmptyRun(empty)], ShapePrior.none(box))
+
+    ours = found()
+    moments = np.linalg.eigvalsh(about_centre(off_centre)[2])
+    assert np.all(np.abs(ours.moments - moments) < 3.0 * ours.errors["moments"])
+    monkeypatch.setattr(torque_fit, "TUNING", torque_fit.Tuning(rare=1e9))
+    monkeypatch.setattr(coloured_noise, "TUNING", coloured_noise.Tuning(rare=1e9))
+    plain = found()
+    assert np.all(ours.errors["moments"] < 0.85 * plain.errors["moments"])

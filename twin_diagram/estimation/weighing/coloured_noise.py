@@ -18,6 +18,9 @@ class Tuning:
     memory: int = 10
     """Most samples that one may remember: 0.4 s at 25 a second, half a period of slow motion."""
 
+    rare: float = 3.0
+    """Residuals beyond so many deviations count as that many: joints that stick as they turn round are no noise."""
+
     least: float = 1e-9
     """Noise is at least this [N·m]: logs without any exist in tests."""
 
@@ -47,6 +50,8 @@ class Colour:
     @staticmethod
     def of(residuals: Sequence[Array]) -> Colour:
         """Return the noise that residuals (N,) of several logs show (Yule and Walker's equations)."""
+        most_usual = TUNING.rare * 1.4826 * float(np.median(np.abs(np.concatenate(residuals))))
+        residuals = [np.clip(r, -most_usual, most_usual) for r in residuals]
         count = sum(len(r) for r in residuals)
         most = min(TUNING.memory, min(len(r) for r in residuals) // 8)
         lags = np.array([sum(float(r[k:] @ r[: len(r) - k]) for r in residuals) for k in range(most + 1)]) / count

@@ -36,6 +36,9 @@ class Tuning:
     edge: float = 0.1
     """Softness of the box that loads do not leave, as a share of it: surfaces round off its corners, scans err."""
 
+    rougher: float = 2.5
+    """Spread of E over that elsewhere where one end is denser: how density changes from end to end is not told."""
+
 
 TUNING = Tuning()
 
@@ -56,7 +59,7 @@ class ShapePrior:
     """
 
     shape: Shape
-    spread: float = 0.05
+    spread: float = 0.06
     centre_spread: float = 1.5e-3
     loads: tuple[tuple[float, float], ...] = (
         (0.0, 0.5), (0.07, 0.04), (0.13, 0.05), (0.2, 0.06), (0.28, 0.06), (0.36, 0.06), (0.45, 0.06), (0.55, 0.06),
@@ -64,7 +67,7 @@ class ShapePrior:
     )  # fmt: skip
     load_sizes: tuple[tuple[float, float], ...] = ((0.1, 0.4), (0.4, 0.3), (0.75, 0.3))
     walls: tuple[tuple[float, float], ...] = ((0.0, 0.7), (0.35, 0.15), (1.0, 0.15))
-    ends: tuple[float, float] = (0.2, 0.35)
+    ends: tuple[float, float] = (0.15, 0.35)
     ignore: bool = False
 
     def __post_init__(self) -> None:
@@ -113,7 +116,8 @@ class ShapePrior:
         room = np.maximum((1.0 - size)[:, None] * self.shape.half - np.abs(centre - self.shape.middle), 0.0)
         most = np.where(ended, 0.5, f)[:, None] * room + 2.0 * self.centre_spread
         by_load = np.where(ended, -1.0, by_load)
-        return Hypotheses(centre, base, offset, most, by_load, np.log(weight / weight.sum()), self.spread)
+        spread = np.where(ended, TUNING.rougher, 1.0) * self.spread
+        return Hypotheses(centre, base, offset, most, by_load, np.log(weight / weight.sum()), spread)
 
 
 @dataclass(frozen=True)
@@ -127,7 +131,7 @@ class Hypotheses:
         most: (H, 3) how far d can be along each axis [m].
         by_load: (H,) how much d dᵀ adds; below zero: one end is denser.
         log_weight: (H,) logarithms of probabilities.
-        spread: of E's elements.
+        spread: (H,) of E's elements.
     """
 
     centre: Array
@@ -136,7 +140,7 @@ class Hypotheses:
     most: Array
     by_load: Array
     log_weight: Array
-    spread: float
+    spread: Array
 
     def __len__(self) -> int:
         return len(self.log_weight)
@@ -171,8 +175,8 @@ class Hypotheses:
         result = np.zeros((len(self), 10, 10))
         result[:, 1:4, 1:4] = np.linalg.inv(self.offset)
         # Off-diagonal elements stand twice in E: half the variance keeps the prior alike in all directions.
-        each = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0]) / self.spread**2
-        result[:, range(4, 10), range(4, 10)] = each
+        each = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
+        result[:, range(4, 10), range(4, 10)] = each / self.spread[:, None] ** 2
         return result
 
     def drawn(self, mass: float, count: int, random: np.random.Generator) -> Array:
@@ -181,5 +185,5 @@ class Hypotheses:
         u = np.zeros((count, 10))
         u[:, 0] = np.log(mass)
         u[:, 1:4] = np.einsum("nij,nj->ni", np.linalg.cholesky(self.offset)[which], random.normal(size=(count, 3)))
-        u[:, 4:] = self.spread * random.normal(size=(count, 6)) * np.sqrt([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
+        u[:, 4:] = self.spread[which, None] * random.normal(size=(count, 6)) * np.sqrt([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
         return self.parameters(u, which)

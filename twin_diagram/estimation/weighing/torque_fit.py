@@ -16,6 +16,17 @@ from twin_diagram.signals.arrays import Array
 
 
 @dataclass(frozen=True)
+class Tuning:
+    """Constants of this module."""
+
+    rare: float = 2.5
+    """White residuals beyond so many deviations count less, the farther the less: of Gaussian ones 1 % are."""
+
+
+TUNING = Tuning()
+
+
+@dataclass(frozen=True)
 class ArmDoubt:
     """How far the arm may be from what its model says, as standard deviations.
 
@@ -91,9 +102,9 @@ def fit_torques(
         colours = _colours(designs, white[2])
     else:
         colours = list(before.colour)
-    matrix, vector, x = _solved(designs, colours, prior)
+    x = _solved(designs, colours, prior)[2]
     colours = _colours(designs, x)
-    matrix, vector, x = _solved(designs, colours, prior)
+    matrix, vector, x = _solved(designs, colours, prior, x)
     nuisance = slice(0, layout.size - 10)
     inner = scipy.linalg.cho_factor(matrix[nuisance, nuisance])
     cross = matrix[nuisance, layout.size - 10 :]
@@ -199,13 +210,19 @@ def by_pose(parameters: Array) -> Array:
 
 
 def _solved(
-    designs: Sequence[tuple[Array, Array]], colours: Sequence[Colour], prior: Array
+    designs: Sequence[tuple[Array, Array]], colours: Sequence[Colour], prior: Array, near: Array | None = None
 ) -> tuple[Array, Array, Array]:
-    """Return normal matrix (size, size), right side (size,) and solution (size,)."""
+    """Return normal matrix (size, size), right side (size,) and solution (size,).
+
+    What is far off at the solution `near` (size,) counts less (a redescending M-estimate, Huber 1981, ch. 4).
+    """
     matrix, vector = np.diag(prior), np.zeros(len(prior))
     for A, y in designs:
         for j, colour in enumerate(colours):
             white = colour.whitened(np.column_stack([A[j], y[j]]))
+            if near is not None:
+                off = np.abs(white[:, -1] - white[:, :-1] @ near)
+                white *= np.minimum(1.0, TUNING.rare / np.maximum(off, 1e-12))[:, None]
             matrix += white[:, :-1].T @ white[:, :-1]
             vector += white[:, :-1].T @ white[:, -1]
     scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-30))
