@@ -30,9 +30,12 @@ def test_the_scenario_that_comes_along_can_be() -> None:
         (lambda: check_cell(changed("twin.learning=null").twin), "twin.learning: is missing"),
         (lambda: check_cell(changed("twin.cameras.bin.X_WC.translation=[0.4, 0.9, 0.9]").twin), "not see the bin"),
         (lambda: check_cell(changed("twin.cameras.scan.X_WC.rpy=[0.0, 0.0, 0.0]").twin), "not see the platform"),
-        (lambda: changed("twin.learning.scan_camera=other"), "scan_camera.*none of twin.cameras: bin, scan"),
-        (lambda: changed("twin.learning.from_bin=[[1, 1, 1], [0, 0, 0]]"), "twin.learning.from_bin"),
-        (lambda: changed("twin.learning.tries=0"), "twin.learning.tries"),
+        (
+            lambda: check_cell(changed("twin.learning.scan_camera=other").twin),
+            "scan_camera.*none of twin.cameras: bin, scan",
+        ),
+        (lambda: check_cell(changed("twin.learning.from_bin=[[1, 1, 1], [0, 0, 0]]").twin), "twin.learning.from_bin"),
+        (lambda: check_cell(changed("twin.learning.tries=0").twin), "twin.learning.tries"),
     ],
 )
 def test_refusals(make: Callable[[], object], words: str) -> None:
