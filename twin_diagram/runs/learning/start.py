@@ -17,6 +17,7 @@ from twin_diagram.runs.learning.shape_worker import FRAMES, make_shape
 from twin_diagram.runtime import stopping
 from twin_diagram.runtime.threads import one_thread
 from twin_diagram.scenario import Learning, Scenario, Twin
+from twin_diagram.scenario.validation import check_twin
 
 Say = Callable[[str], None]
 
@@ -25,8 +26,9 @@ def check_cell(twin: Twin) -> Learning:
     """Return what a scenario says of learning, checked against its cameras.
 
     Raises:
-        ScenarioError: it says nothing, or a camera sees neither bin nor platform; it names the field.
+        ScenarioError: it says nothing or what cannot be, or a camera sees neither bin nor platform; it names the field.
     """
+    check_twin(twin)
     learning = twin.learning
     if learning is None:
         raise ScenarioError("twin.learning", "is missing: it tells the bins, the platform and the cameras")
