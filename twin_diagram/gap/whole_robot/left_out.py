@@ -74,7 +74,7 @@ class LeftOut:
         return float(np.sum(self.likelihood()))
 
 
-def rms_of(problem: RobotProblem, fits: Sequence[Array]) -> Array:
+def rms_of(problem: RobotProblem, fits: Array | Sequence[Array]) -> Array:
     """Return (n,) what fits leave on the kinds of motion that they have not seen, one per kind [N·m]."""
     squares = problem.squares_each(np.asarray(fits), problem.sums.of_kinds)
     return np.asarray(np.sqrt(np.maximum(np.sum(squares, axis=0), 1e-30) / problem.sums.counted))

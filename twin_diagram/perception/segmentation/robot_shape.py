@@ -91,9 +91,7 @@ class RobotShape:
         """Number of the arm's joints."""
         return len(self._position_index)
 
-    def near(
-        self, points_W: Array, q: Array, margin: float, fingers: Array | None = None
-    ) -> npt.NDArray[np.bool_]:
+    def near(self, points_W: Array, q: Array, margin: float, fingers: Array | None = None) -> npt.NDArray[np.bool_]:
         """Return which of the points (N, 3) lie within `margin` [m] of the robot at joint angles `q` (n,).
 
         Where `fingers` (g,) are is told [m], or they are taken to be half open.

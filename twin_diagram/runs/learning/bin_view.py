@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 from scipy import ndimage
 
 from twin_diagram.assets.building.depth_view import make_view
@@ -71,7 +72,7 @@ class SeenThing:
 
     points: Array
     normals: Array
-    pixels: Array
+    pixels: npt.NDArray[np.int64]
     viewpoint: Array
 
     @property

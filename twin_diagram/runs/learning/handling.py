@@ -216,7 +216,7 @@ def weigh_held(tools: Tools, shown: ShownObject, folder: Path) -> float:
         NothingHeld: it was lost.
     """
     learning = tools.learning
-    X_TS = np.linalg.inv(shown.X_ST[-1])
+    X_TS = np.asarray(np.linalg.inv(shown.X_ST[-1]), dtype=float)
     swung, shown.swung, mass = swing_held(
         tools.model, tools.mover, tools.cell, X_TS, shown.followed.points, learning.weigh_seconds
     )

@@ -64,8 +64,9 @@ def stands_at(cell: Cell, learning: Learning, seen: Followed, X_WS: Array) -> Ar
     one = max(things, key=lambda thing: len(thing.points))
     points, normals = one.points[:1500], one.normals[:1500]
     # The picture's points are brought to the cloud: what comes out is where W is in S.
-    X_SW, share = register(seen.points, seen.normals, points, normals, np.linalg.inv(X_WS), TUNING.moved, TUNING.reach)
-    return np.linalg.inv(X_SW) if share > 0.5 else X_WS
+    start = np.asarray(np.linalg.inv(X_WS), dtype=float)
+    X_SW, share = register(seen.points, seen.normals, points, normals, start, TUNING.moved, TUNING.reach)
+    return np.asarray(np.linalg.inv(X_SW), dtype=float) if share > 0.5 else X_WS
 
 
 def other_grasps(
@@ -100,7 +101,8 @@ def order_of(grasps: Grasps, X_WS: Array, held: Sequence[Array], steepest: float
         steepest: least share of the approach that goes downwards.
     """
     R_SW = X_WS[:3, :3].T
-    other, alike = [], []
+    other: list[int] = []
+    alike: list[int] = []
     for k in range(len(grasps)):
         if -grasps.approach[k, 2] < steepest:
             continue
@@ -140,5 +142,5 @@ def take_again(
             return None
         taken = take(mover, cell, reach)
         if taken is not None:
-            return taken, np.linalg.solve(X_WS, taken.X_WT)
+            return taken, np.asarray(np.linalg.solve(X_WS, taken.X_WT), dtype=float)
     return None

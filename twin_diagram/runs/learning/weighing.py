@@ -257,7 +257,10 @@ def write_swung(path: Path, swung: Swung) -> None:
     assert log.velocity is not None and log.torque is not None
     np.savez(
         data,
-        **{"time": log.time, "position": log.position, "velocity": log.velocity, "torque": log.torque},
+        time=log.time,
+        position=log.position,
+        velocity=log.velocity,
+        torque=log.torque,
         joints=np.array(log.joints),
         finger_names=np.array(list(swung.fingers)),
         fingers=np.array(list(swung.fingers.values())),
