@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -78,7 +79,7 @@ class Pinhole:
         """The camera that takes the same pictures without distortion."""
         return replace(self, lens=self.optics.straight) if self.optics.distortion else self
 
-    @property
+    @cached_property
     def optics(self) -> Lens:
         """Its lens, told or plain."""
         return self.lens or Lens.centred(self.width, self.height, self.focal)
@@ -111,14 +112,14 @@ class Pinhole:
 
     def project(self, points_W: Array) -> tuple[Array, Array, Array]:
         """Return the pixel coordinates u, v and the depth of points (..., 3)."""
-        p_C = (points_W - self.p_WC) @ self.R_WC
+        x, y, depth = np.tensordot(self.R_WC, points_W - self.p_WC, axes=(0, -1))
         lens = self.optics
-        z = np.maximum(p_C[..., 2], 1e-6)
+        z = np.maximum(depth, 1e-6)
         if lens.distortion:
-            u, v = lens.pixel(p_C[..., 0] / z, p_C[..., 1] / z)
+            u, v = lens.pixel(x / z, y / z)
         else:
-            u, v = p_C[..., 0] * (lens.fx / z) + lens.cx, p_C[..., 1] * (lens.fy / z) + lens.cy
-        return u, v, p_C[..., 2]
+            u, v = x * (lens.fx / z) + lens.cx, y * (lens.fy / z) + lens.cy
+        return u, v, depth
 
 
 def back_project(depth: DepthImage, rays: Array, p_WC: Array) -> Array:

@@ -126,7 +126,7 @@ def costs(model: ModelCloud, frame: Frame, poses: Poses, points_W: Array, looked
     on = looked.near & (np.abs(looked.deeper) < ASSESSMENT.same_surface)
     # How well each fits is the image's points' to say: those are the same at all poses, the model's are not.
     placed = on & (np.abs(looked.distance) < TUNING.placed * sigma)
-    found, _, _ = frame.colour_at(looked.u, looked.v, COARSE)
+    found = frame.plain_colour_at(looked.u, looked.v, COARSE)
     weight = looked.facing * placed
     gain = brightness(found, looked.colour, looked.n, weight)
     difference = found - np.minimum(looked.colour * gain[..., None], 1.0)

@@ -12,6 +12,7 @@ from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.residuals import TUNING as RESIDUALS
 from twin_diagram.perception.registration.residuals import brightness, tukey
+from twin_diagram.perception.registration.rotation import dot
 from twin_diagram.signals.arrays import Array
 
 
@@ -58,17 +59,17 @@ def assess(
 
 def judge(looked: Looked, frame: Frame, level: int = FINE, slack: float = 0.003) -> PoseFit:
     """Compare what was looked up at poses with the model; see `assess`."""
-    sigma = np.hypot(frame.camera.depth_noise(looked.z), RESIDUALS.model_noise)
+    sigma = np.sqrt(frame.camera.depth_noise(looked.z) ** 2 + RESIDUALS.model_noise**2)
     tolerance = slack + 3.0 * sigma
     in_place = looked.near & (np.abs(looked.distance) < tolerance) & (np.abs(looked.deeper) < TUNING.same_surface)
     hidden = looked.seen & ~in_place & (looked.deeper < 0)
     behind = looked.seen & ~in_place & ~hidden
-    found, _, _ = frame.colour_at(looked.u, looked.v, level)
+    found = frame.plain_colour_at(looked.u, looked.v, level)
     weight = looked.facing * in_place
     gain = brightness(found, looked.colour, looked.n, weight)
     difference = found - np.minimum(looked.colour * gain[..., None], 1.0)
     # In proportion to the light, or else everything fits in the dark.
-    size = np.sqrt(np.einsum("bpi,bpi->bp", difference, difference)) / np.maximum(gain, 0.2)
+    size = np.sqrt(dot(difference, difference)) / np.maximum(gain, 0.2)
     fits = (weight * (size < RESIDUALS.colour_cut)).sum(axis=1)
     whole = (looked.facing * looked.counted * (looked.facing > 0.1)).sum(axis=1)
     open_ = (looked.facing * (in_place | behind)).sum(axis=1)

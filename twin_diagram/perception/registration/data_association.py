@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
-from twin_diagram.perception.registration.rotation import exp
+from twin_diagram.perception.registration.rotation import components_last, dot, exp
 from twin_diagram.signals.arrays import Array
 
 
@@ -94,33 +94,31 @@ class Looked:
 def look(model: ModelCloud, frame: Frame, poses: Poses, count: int, level: int) -> Looked:
     """Look the visible points of the model, at most `count` each, up in the image."""
     camera = frame.camera
-    towards = np.einsum("bij,bi->bj", poses.R, camera.p_WC - poses.p)
+    towards = ((camera.p_WC - poses.p)[:, None] @ poses.R)[:, 0]
     view = np.argmax(towards @ model.directions.T, axis=1)
     index = model.views[view, :count]
     counted = np.arange(index.shape[1]) < model.view_counts[view][:, None]
-    R_OW = poses.R.transpose(0, 2, 1)
-    r = model.points[index] @ R_OW
-    n = model.normals[index] @ R_OW
+    told = model.rows.take(index, axis=1)
+    r, n = ((poses.R @ part.transpose(1, 0, 2)).transpose(0, 2, 1) for part in (told[:3], told[3:6]))
     x = r + poses.p[:, None]
     u, v, z = camera.project(x)
     depth, y, there = frame.depth_at(u, v)
     sight = camera.p_WC - x
-    facing = np.einsum("bpi,bpi->bp", n, sight) / np.linalg.norm(sight, axis=2)
+    facing = dot(n, sight) / np.sqrt(dot(sight, sight))
     robot = frame.robot_at(u, v)
-    distance = np.einsum("bpi,bpi->bp", n, y - x)
+    distance = dot(n, y - x)
     a, b, c = frame.table
     on_table = np.abs(y[..., 2] - (a * y[..., 0] + b * y[..., 1] + c)) < TUNING.table_thickness
     above = x[..., 2] - (a * x[..., 0] + b * x[..., 1] + c) > 2.0 * TUNING.table_thickness
     seen = there & ~robot & counted & (facing > 0.1)
     near = seen & ~(on_table & above)
     normal = frame.normal_at(u, v)
-    cosine = np.einsum("bpi,bpi->bp", n, normal)
-    matched = near & ((cosine > TUNING.least_cosine) | (np.einsum("bpi,bpi->bp", normal, normal) == 0.0))
+    matched = near & ((dot(n, normal) > TUNING.least_cosine) | ~normal.any(axis=2))
     return Looked(
         r=r,
         n=n,
         facing=facing,
-        colour=model.colours[level][index],
+        colour=components_last(told[7 + 3 * level : 10 + 3 * level]),
         u=u,
         v=v,
         z=z,
@@ -131,5 +129,5 @@ def look(model: ModelCloud, frame: Frame, poses: Poses, count: int, level: int) 
         matched=matched,
         robot=robot & counted,
         counted=counted,
-        texture=model.texture[index],
+        texture=told[6],
     )

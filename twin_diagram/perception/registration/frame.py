@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import cast
 
 import cv2
@@ -11,6 +12,7 @@ import numpy.typing as npt
 
 from twin_diagram.perception.pinhole import DepthImage, Pinhole
 from twin_diagram.perception.registration.colour_shift import ALIGNED, ColourShift
+from twin_diagram.perception.registration.rotation import components_last
 from twin_diagram.perception.segmentation.segments import TUNING as SEGMENTS
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.signals.arrays import Array
@@ -82,13 +84,11 @@ class Frame:
         else:
             v0, v1, u0, u1 = 0, 2, 0, 2
         part = segments.rgb[v0:v1, u0:u1].astype(np.float32) * np.float32(1.0 / 255.0)
-        robot, object_ = (
-            np.repeat(np.repeat(mask, stride, axis=0), stride, axis=1)[:height, :width]
-            for mask in (label == SEGMENTS.robot, label >= 0)
-        )
+        robot = whole_pixels(label == SEGMENTS.robot, stride, (height, width))
+        object_ = whole_pixels(standing, stride, (height, width))
         colours = tuple(blur_within(part, object_[v0:v1, u0:u1].astype(np.float32), sigma) for sigma in TUNING.blur)
         normals = np.zeros((*label.shape, 3), dtype=np.float32)
-        normals[label >= 0] = segments.normals_W
+        normals[standing] = segments.normals_W
         return Frame(
             camera=segments.camera,
             depth=segments.depth,
@@ -103,6 +103,11 @@ class Frame:
             shift=shift,
         )
 
+    @cached_property
+    def robot_in_view(self) -> bool:
+        """Whether any pixel shows the robot."""
+        return bool(self.robot.any())
+
     def depth_at(self, u: Array, v: Array) -> tuple[Array, Array, Mask]:
         """Return the depth at the pixels nearest to (u, v), any shape.
 
@@ -113,26 +118,25 @@ class Frame:
         inside = (u > -0.5) & (u < width - 0.5) & (v > -0.5) & (v < height - 0.5)
         column = np.where(inside, np.rint(u), 0).astype(np.int64)
         row = np.where(inside, np.rint(v), 0).astype(np.int64)
-        depth = self.depth[row, column].astype(float)
+        depth = self.depth.reshape(-1).take(row * width + column).astype(float)
         camera = self.camera
         cu, cv = camera.centre
-        p_C = np.stack([(column - cu) / camera.fx, (row - cv) / camera.fy, np.ones(u.shape)], axis=-1)
-        p_C *= depth[..., None]
-        return depth, p_C @ camera.R_WC.T + camera.p_WC, inside & (depth > 0)
+        p_C = np.stack([(column - cu) / camera.fx * depth, (row - cv) / camera.fy * depth, depth])
+        p_W = camera.R_WC @ p_C.reshape(3, -1) + camera.p_WC[:, None]
+        return depth, components_last(p_W.reshape(p_C.shape)), inside & (depth > 0)
 
     def robot_at(self, u: Array, v: Array) -> Mask:
         """Return whether the pixels nearest to (u, v) show the robot; clamped to the image."""
         height, width = self.depth.shape
-        column = np.clip(np.rint(u), 0, width - 1).astype(np.int64)
-        row = np.clip(np.rint(v), 0, height - 1).astype(np.int64)
-        return cast(Mask, self.robot[row, column])
+        if not self.robot_in_view:
+            return np.zeros(u.shape, dtype=bool)
+        return cast(Mask, self.robot.reshape(-1).take(_cell(u, v, height, width)))
 
     def normal_at(self, u: Array, v: Array) -> Array:
         """Return the normals (..., 3) in W seen at the pixels nearest to (u, v); 0 where none is known."""
         height, width = self.normals.shape[:2]
-        column = np.clip(np.rint(u / self.stride), 0, width - 1).astype(np.int64)
-        row = np.clip(np.rint(v / self.stride), 0, height - 1).astype(np.int64)
-        return self.normals[row, column].astype(float)
+        cell = _cell(u / self.stride, v / self.stride, height, width)
+        return self.normals.reshape(-1, 3).take(cell, axis=0).astype(float)
 
     def colour_at(self, u: Array, v: Array, level: int) -> tuple[Array, Array, Array]:
         """Look RGB up of what depth shows at (u, v), each (B, P), and its derivatives by u and v: three (B, P, 3)."""
@@ -143,8 +147,28 @@ class Frame:
         one = np.float32(1.0)
         maps_x = np.concatenate([x, x + one, x - one, x, x])
         maps_y = np.concatenate([y, y, y, y + one, y - one])
-        found = _remap(image, maps_x, maps_y).reshape(5, count, -1, 3).astype(float)
+        rows = _remap(image, maps_x, maps_y).reshape(-1, 3).T.astype(float, order="C")
+        found = rows.reshape(3, 5, count, -1).transpose(1, 2, 3, 0)
         return found[0], 0.5 * (found[1] - found[2]), 0.5 * (found[3] - found[4])
+
+    def plain_colour_at(self, u: Array, v: Array, level: int) -> Array:
+        """Look up as `colour_at` does, without derivatives: (B, P, 3)."""
+        x = (u - (self.corner[0] - self.shift.mean[0])).astype(np.float32)
+        y = (v - (self.corner[1] - self.shift.mean[1])).astype(np.float32)
+        return components_last(_remap(self.colours[level], x, y).transpose(2, 0, 1).astype(float, order="C"))
+
+
+def whole_pixels(mask: Mask, stride: int, shape: tuple[int, int]) -> Mask:
+    """Return a mask of every `stride`-th pixel as one (H, W) of all pixels."""
+    wide = cv2.resize(mask.view(np.uint8), None, fx=stride, fy=stride, interpolation=cv2.INTER_NEAREST)
+    return cast(Mask, wide[: shape[0], : shape[1]].view(bool))
+
+
+def _cell(u: Array, v: Array, height: int, width: int) -> npt.NDArray[np.int64]:
+    """Return the number of the cell nearest to (u, v), clamped to the grid."""
+    column = np.minimum(np.maximum(np.rint(u), 0), width - 1)
+    row = np.minimum(np.maximum(np.rint(v), 0), height - 1)
+    return np.asarray(row * width + column).astype(np.int64)
 
 
 def blur_within(image: npt.NDArray[np.float32], mask: npt.NDArray[np.float32], width: int) -> npt.NDArray[np.float32]:

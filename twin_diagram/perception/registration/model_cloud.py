@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -71,6 +72,11 @@ class ModelCloud:
     radius: float
     texture: Array
     turns: Array
+
+    @cached_property
+    def rows(self) -> Array:
+        """(13, M) points, normals, texture, fine and coarse colours: what each step of a registration looks up."""
+        return np.concatenate([self.points.T, self.normals.T, self.texture[None], *self.colours.transpose(0, 2, 1)])
 
     @staticmethod
     def of(asset: Asset, view_points: int) -> ModelCloud:

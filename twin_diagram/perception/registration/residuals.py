@@ -15,6 +15,7 @@ towards them.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +24,7 @@ from twin_diagram.perception.registration.colour_shift import ColourShift, Shift
 from twin_diagram.perception.registration.data_association import FINE, Looked, Poses
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
-from twin_diagram.perception.registration.rotation import cross, log, skew
+from twin_diagram.perception.registration.rotation import components_last, dot, log, screw, skew
 from twin_diagram.signals.arrays import Array
 
 
@@ -57,20 +58,27 @@ TUNING = Tuning()
 
 def tukey(residual: Array, cut: float | Array) -> Array:
     """Return Tukey's weights: 1 at no residual, 0 from `cut` on."""
-    return np.asarray(np.maximum(1.0 - (residual / cut) ** 2, 0.0) ** 2)
+    left = np.maximum(1.0 - (residual / cut) ** 2, 0.0)
+    return np.asarray(left * left)
 
 
 def brightness(found: Array, colour: Array, n: Array, weight: Array) -> Array:
     """Fit the brightness g(n) = a + b · n of each point (B, P): g · colour is nearest to what was found."""
-    feature = np.concatenate([np.ones((*n.shape[:2], 1)), n], axis=2)
-    energy = np.einsum("bpi,bpi->bp", colour, colour) * weight
-    match = np.einsum("bpi,bpi->bp", colour, found) * weight
+    rows = np.ones((4, *n.shape[:2]))
+    rows[1:] = n.transpose(2, 0, 1)
+    feature = components_last(rows)
+    energy = dot(colour, colour) * weight
+    match = dot(colour, found) * weight
     normal = (feature * energy[..., None]).transpose(0, 2, 1) @ feature
     total = energy.sum(axis=1)[:, None, None] + 1e-6
-    normal += total * np.diag([1e-6, 0.02, 0.02, 0.02])
-    right = np.einsum("bpi,bp->bi", feature, match)[..., None]
+    normal += total * _EVEN
+    right = feature.transpose(0, 2, 1) @ match[..., None]
     gain = (feature @ np.linalg.solve(normal, right))[..., 0]
-    return np.clip(gain, 0.1, 2.0)
+    return np.asarray(np.minimum(np.maximum(gain, 0.1), 2.0))
+
+
+_EVEN: Final = np.diag([1e-6, 0.02, 0.02, 0.02])
+"""What holds the brightness the same from all sides, for the colours' whole energy."""
 
 
 @dataclass(frozen=True)
@@ -84,9 +92,9 @@ class Normal:
 def depth_pairs(looked: Looked, frame: Frame, reach: float) -> tuple[Array, Array, Array]:
     """Return Jacobians (B, P, 6), weights (B, P) and noise (B, P) [m] of the point-to-plane distances looked up."""
     depth_noise = frame.camera.depth_noise(looked.z)
-    sigma = np.hypot(depth_noise * np.maximum(looked.facing, 0.2), TUNING.model_noise)
-    w = np.where(_near(looked, reach), tukey(looked.distance, reach), 0.0) / sigma**2
-    return -np.concatenate([cross(looked.r, looked.n), looked.n], axis=2), w, sigma
+    variance = (depth_noise * np.maximum(looked.facing, 0.2)) ** 2 + TUNING.model_noise**2
+    w = tukey(looked.distance, reach) * _near(looked, reach) / variance
+    return -screw(looked.r, looked.n), w, np.sqrt(variance)
 
 
 def _near(looked: Looked, reach: float) -> npt.NDArray[np.bool_]:
@@ -155,21 +163,22 @@ def colour_terms(looked: Looked, frame: Frame, level: int, reach: float, colour_
     gain = brightness(found, looked.colour, looked.n, on)
     expected = np.minimum(looked.colour * gain[..., None], 1.0)
     difference = found - expected
-    size = np.sqrt(np.einsum("bpi,bpi->bp", difference, difference))
+    size = np.sqrt(dot(difference, difference))
     w = on * tukey(size, TUNING.colour_cut if level == FINE else 1.5 * TUNING.colour_cut)
-    steep = np.einsum("bpi,bpi->bp", du, du) + np.einsum("bpi,bpi->bp", dv, dv)
+    uu, uv, vv = dot(du, du), dot(du, dv), dot(dv, dv)
     camera = frame.camera
     told = TUNING.steeper * looked.texture * (looked.z / camera.fx) ** 2
-    steep = np.maximum(steep, 1e-12)
-    w = w * np.clip(np.minimum(1.0 - frame.colour_slopes[level] / steep, told / steep), 0.0, 1.0)
+    steep = np.maximum(uu + vv, 1e-12)
+    w = w * np.minimum(np.maximum(np.minimum(steep - frame.colour_slopes[level], told) / steep, 0.0), 1.0)
     cu, cv = camera.centre
-    right, down, ahead = camera.R_WC.T
-    a_u = (right - ((looked.u - cu) / camera.fx)[..., None] * ahead) * (camera.fx / looked.z)[..., None]
-    a_v = (down - ((looked.v - cv) / camera.fy)[..., None] * ahead) * (camera.fy / looked.z)[..., None]
-    A_u = np.concatenate([cross(looked.r, a_u), a_u], axis=2)
-    A_v = np.concatenate([cross(looked.r, a_v), a_v], axis=2)
-    uu, uv, vv = ((np.einsum("bpi,bpi->bp", x, y) * w)[..., None] for x, y in ((du, du), (du, dv), (dv, dv)))
-    ru, rv = ((np.einsum("bpi,bpi->bp", x, difference) * w)[..., None] for x in (du, dv))
+    right, down, ahead = camera.R_WC.T[..., None, None]
+    a_u, a_v = (
+        components_last((way - ((at - middle) / focal) * ahead) * (focal / looked.z))
+        for way, at, middle, focal in ((right, looked.u, cu, camera.fx), (down, looked.v, cv, camera.fy))
+    )
+    A_u, A_v = screw(looked.r, a_u), screw(looked.r, a_v)
+    uu, uv, vv = ((part * w)[..., None] for part in (uu, uv, vv))
+    ru, rv = ((dot(x, difference) * w)[..., None] for x in (du, dv))
     left_u = A_u * uu + A_v * uv
     left_v = A_u * uv + A_v * vv
     H = left_u.transpose(0, 2, 1) @ A_u + left_v.transpose(0, 2, 1) @ A_v
@@ -178,7 +187,7 @@ def colour_terms(looked: Looked, frame: Frame, level: int, reach: float, colour_
     a, b, c = (part.sum(axis=(1, 2)) for part in (uu, uv, vv))
     return ColourNormal(
         factor * H,
-        -factor * (A_u * ru + A_v * rv).sum(axis=1),
+        -factor * (A_u.transpose(0, 2, 1) @ ru + A_v.transpose(0, 2, 1) @ rv)[..., 0],
         factor * cross_terms,
         factor * np.stack([np.stack([a, b], axis=1), np.stack([b, c], axis=1)], axis=2),
         -factor * np.stack([ru.sum(axis=(1, 2)), rv.sum(axis=(1, 2))], axis=1),
@@ -238,24 +247,39 @@ def opposite_pairs(
     local = (points_W - p) @ R
     distance, index = model.tree.query(local, distance_upper_bound=reach, workers=1)
     good = np.isfinite(distance)
-    good[good] = np.einsum("ni,ni->n", model.normals[index[good]], (p_WC - p) @ R - model.points[index[good]]) > 0.0
-    index = index[good]
-    r = model.points[index] @ R.T
-    n = model.normals[index] @ R.T
-    apart = points_W[good] - p - r
-    along = np.einsum("ni,ni->n", apart, n)
+    good = np.flatnonzero(np.isfinite(distance))
+    point, normal = model.points[index[good]], model.normals[index[good]]
+    front = dot(normal, (p_WC - p) @ R - point) > 0.0
+    good = good[front]
+    r, n = ((R @ part[front].T).T for part in (point, normal))
+    seen = points_W[good]
+    apart = seen - p - r
+    along = dot(apart, n)
     tangent = apart - along[:, None] * n
-    slide = np.linalg.norm(tangent, axis=1)
-    tangent *= np.maximum(1.0 - model.spacing / np.maximum(slide, 1e-9), 0.0)[:, None]
+    slide = np.sqrt(dot(tangent, tangent))
     w = tukey(distance[good], reach) / (2.0 * TUNING.model_noise) ** 2
-    J = -np.concatenate([cross(r, n), n], axis=1)
-    H = (J * w[:, None]).T @ J
-    b = -(J * w[:, None]).T @ along
+    J = -screw(r, n)
+    weighted = (J * w[:, None]).T
+    H = weighted @ J
+    b = -weighted @ along
     # Where there is nothing to pull, nothing must hold either.
-    far = slide > model.spacing
-    if far.any():
-        block = np.concatenate([-skew(r[far]), np.broadcast_to(np.eye(3), (int(far.sum()), 3, 3))], axis=2)
-        weighted = (block * (share * w[far])[:, None, None]).reshape(-1, 6).T
-        H += weighted @ block.reshape(-1, 6)
-        b += weighted @ tangent[far].ravel()
-    return OppositePairs(points_W[good], J, w, n, H, b)
+    far = np.flatnonzero(slide > model.spacing)
+    if far.size:
+        pull = tangent[far] * (1.0 - model.spacing / slide[far])[:, None]
+        H_far, b_far = point_pull(r[far], pull, share * w[far])
+        H, b = H + H_far, b + b_far
+    return OppositePairs(seen, J, w, n, H, b)
+
+
+def point_pull(r: Array, pull: Array, w: Array) -> tuple[Array, Array]:
+    """Return the normal equations (6, 6), (6,) that move points r (N, 3) about the origin by `pull` (N, 3) each.
+
+    A turn a and a shift s move r by a x r + s, whose derivative is [-skew(r), I].
+    """
+    weighted = r * w[:, None]
+    spread, lever = weighted.T @ r, skew(weighted.sum(axis=0))
+    H = np.empty((6, 6))
+    H[:3, :3] = np.trace(spread) * np.eye(3) - spread
+    H[:3, 3:], H[3:, :3] = lever, lever.T
+    H[3:, 3:] = w.sum() * np.eye(3)
+    return H, w @ screw(r, pull)

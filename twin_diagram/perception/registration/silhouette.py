@@ -18,7 +18,7 @@ from twin_diagram.perception.registration.data_association import Looked, Poses
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.residuals import Normal, tukey
-from twin_diagram.perception.registration.rotation import cross
+from twin_diagram.perception.registration.rotation import screw
 from twin_diagram.signals.arrays import Array
 
 
@@ -48,13 +48,15 @@ class Silhouette:
 
     Attributes:
         corner: (row, column) of the cut-out's first cell in the grid of normals.
-        target: (h, w, 2) the nearest cell (column, row) that may show the object, in the whole grid.
+        target: (T, 2) cells (column, row) that may show the object, in the whole grid.
+        nearest: (h, w) the number of the nearest of them.
         away: (h, w) distance to it [cells].
         stride: pixels of a cell.
     """
 
     corner: tuple[int, int]
     target: npt.NDArray[np.float32]
+    nearest: npt.NDArray[np.int32]
     away: npt.NDArray[np.float32]
     stride: int
 
@@ -83,33 +85,46 @@ class Silhouette:
         row, column = np.nonzero(~free)
         table = np.zeros((int(label.max()) + 1, 2), dtype=np.float32)
         table[label[row, column]] = np.stack([column + c0, row + r0], axis=1)
-        return Silhouette((r0, c0), table[label], away, stride)
+        return Silhouette((r0, c0), table, label, away, stride)
 
-    def outside(self, looked: Looked) -> tuple[npt.NDArray[np.bool_], Array, Array]:
-        """Return which points looked up stick out (B, P), and by how much [px], along the image's axes (B, P) each."""
+    def outside(self, looked: Looked) -> tuple[tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]], Array, Array]:
+        """Return which points looked up stick out (numbers of pose and point, (K,) each), and by how much [px].
+
+        Returns:
+            The numbers, in order; what is missing along the image's axes, (K,) each.
+        """
         (r0, c0), (height, width) = self.corner, self.away.shape
-        column = np.rint(looked.u / self.stride).astype(np.int64) - c0
-        row = np.rint(looked.v / self.stride).astype(np.int64) - r0
-        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-        column, row = np.where(inside, column, 0), np.where(inside, row, 0)
-        out = inside & looked.counted & (self.away[row, column] > 0.0) & (looked.deeper > TUNING.behind)
-        goal = self.target[row, column] * self.stride
-        return out, goal[..., 0] - looked.u, goal[..., 1] - looked.v
+        some = np.nonzero(looked.counted & (looked.deeper > TUNING.behind))
+        u, v = looked.u[some], looked.v[some]
+        column = np.rint(u / self.stride).astype(np.int64) - c0
+        row = np.rint(v / self.stride).astype(np.int64) - r0
+        within = np.flatnonzero((column >= 0) & (column < width) & (row >= 0) & (row < height))
+        out = within[self.away[row[within], column[within]] > 0.0]
+        goal = self.target[self.nearest[row[out], column[out]]] * self.stride
+        return (some[0][out], some[1][out]), goal[:, 0] - u[out], goal[:, 1] - v[out]
 
 
 def inward(silhouette: Silhouette | None, looked: Looked, camera: Pinhole) -> Normal:
     """Return the normal equations that draw what sticks out of a silhouette into it."""
     count = len(looked.r)
+    result = Normal(np.zeros((count, 6, 6)), np.zeros((count, 6)))
     if silhouette is None:
-        return Normal(np.zeros((count, 6, 6)), np.zeros((count, 6)))
+        return result
     out, du, dv = silhouette.outside(looked)
-    x, y = du * looked.z / camera.fx, dv * looked.z / camera.fy
-    length = np.hypot(x, y)
-    rim = TUNING.rim * silhouette.stride * looked.z / camera.fx
-    beyond = np.where(out, np.maximum(length - rim, 0.0), 0.0)
-    w = np.where(out & (length > 0.0), looked.facing.clip(0.0) * tukey(beyond, TUNING.farthest), 0.0)
-    w = w / TUNING.deviation**2 * (beyond > 0.0)
-    way = (x[..., None] * camera.R_WC[:, 0] + y[..., None] * camera.R_WC[:, 1]) / np.maximum(length, 1e-9)[..., None]
-    J = np.concatenate([cross(looked.r, way), way], axis=2)
-    weighted = (J * w[..., None]).transpose(0, 2, 1)
-    return Normal(weighted @ J, (weighted @ beyond[..., None])[..., 0])
+    z = looked.z[out]
+    x, y = du * z / camera.fx, dv * z / camera.fy
+    length = np.sqrt(x * x + y * y)
+    beyond = length - TUNING.rim * silhouette.stride * z / camera.fx
+    on = np.flatnonzero(beyond > 0.0)
+    if not on.size:
+        return result
+    pose, point, beyond = out[0][on], out[1][on], beyond[on]
+    way = (x[on, None] * camera.R_WC[:, 0] + y[on, None] * camera.R_WC[:, 1]) / length[on, None]
+    w = np.maximum(looked.facing[pose, point], 0.0) * tukey(beyond, TUNING.farthest) / TUNING.deviation**2
+    J = screw(looked.r[pose, point], way)
+    weighted = J * w[:, None]
+    bounds = np.searchsorted(pose, np.arange(count + 1))
+    for k in range(count):
+        own = slice(bounds[k], bounds[k + 1])
+        result.H[k], result.b[k] = weighted[own].T @ J[own], weighted[own].T @ beyond[own]
+    return result
