@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import cast
 
 import cv2
@@ -84,22 +84,26 @@ class Frame:
         else:
             v0, v1, u0, u1 = 0, 2, 0, 2
         part = segments.rgb[v0:v1, u0:u1].astype(np.float32) * np.float32(1.0 / 255.0)
-        robot = whole_pixels(label == SEGMENTS.robot, stride, (height, width))
-        object_ = whole_pixels(standing, stride, (height, width))
-        colours = tuple(blur_within(part, object_[v0:v1, u0:u1].astype(np.float32), sigma) for sigma in TUNING.blur)
+        robot = label == SEGMENTS.robot
+        seen = whole_pixels(robot, stride, (height, width)) if robot.any() else np.zeros((height, width), dtype=bool)
+        r0, c0 = v0 // stride, u0 // stride
+        cells = standing[r0 : -(-v1 // stride), c0 : -(-u1 // stride)]
+        object_ = whole_pixels(cells, stride, (v1 - r0 * stride, u1 - c0 * stride))
+        own = object_[v0 - r0 * stride :, u0 - c0 * stride :].astype(np.float32)
+        colours = tuple(blur_within(part, own, width) for width in TUNING.blur)
         normals = np.zeros((*label.shape, 3), dtype=np.float32)
         normals[standing] = segments.normals_W
         return Frame(
             camera=segments.camera,
             depth=segments.depth,
-            robot=robot,
+            robot=seen,
             normals=normals,
             stride=stride,
             colours=colours,
             corner=(u0, v0),
             table=segments.table,
             past=label == SEGMENTS.background,
-            colour_slopes=noise_slopes(part),
+            colour_slopes=noise_slopes(segments.rgb[v0:v1, u0:u1]),
             shift=shift,
         )
 
@@ -186,19 +190,29 @@ def blur_within(image: npt.NDArray[np.float32], mask: npt.NDArray[np.float32], w
     return cast("npt.NDArray[np.float32]", cv2.merge([plane / total for plane in planes]))
 
 
-def noise_slopes(image: npt.NDArray[np.float32]) -> tuple[float, ...]:
-    """Return the mean squared length of derivatives that white noise makes of (h, w, 3) after each blur.
+def noise_slopes(image: npt.NDArray[np.uint8]) -> tuple[float, ...]:
+    """Return the mean squared length of derivatives that white noise makes of (h, w, 3) after each blur, of 1.
 
     The noise is what a difference of Laplacians leaves (Immerkær, Fast Noise Variance Estimation, 1996), as its median,
     so that edges do not count.
     """
     if min(image.shape[:2]) < 5:
         return 0.0, 0.0
-    left = cv2.filter2D(image, -1, np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32))[1:-1, 1:-1]
-    variance = (1.4826 * np.median(np.abs(left[::2, ::2]), axis=(0, 1))) ** 2 / 36.0
+    kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32)
+    left = np.abs(cv2.filter2D(image, cv2.CV_16S, kernel)[1:-1:2, 1:-1:2])
+    middle = np.array([whole_median(plane) for plane in cv2.split(left)]) / 255.0
+    variance = (1.4826 * middle) ** 2 / 36.0
     return tuple(float(variance.sum()) * _slope_gain(width) for width in TUNING.blur)
 
 
+def whole_median(numbers: npt.NDArray[np.int16]) -> float:
+    """Return the median of whole numbers from 0 on, any shape, by counting them."""
+    below = np.cumsum(np.bincount(numbers.reshape(-1)))
+    low, high = np.searchsorted(below, [(numbers.size - 1) // 2, numbers.size // 2], side="right")
+    return 0.5 * float(low + high)
+
+
+@cache
 def _slope_gain(width: int) -> float:
     """Return what two boxes and a central difference leave of white noise's variance, both directions together."""
     box = np.convolve(np.full(width, 1.0 / width), np.full(width, 1.0 / width))
