@@ -64,9 +64,12 @@ def spread(a: Array, u: Array, v: Array, sigma: float) -> Array:
     laid = np.stack([np.bincount(place, weights=part, minlength=width * height) for part in a.T], axis=1)
     if sigma <= 0.0:
         return np.asarray(laid.T @ laid)
+    # In single precision, of numbers about 1: six digits of a covariance are more than it is worth.
+    size = np.maximum(np.abs(laid).max(axis=0), 1e-300)
+    laid = (laid / size).astype(np.float32)
     blurred = cv2.GaussianBlur(laid.reshape(height, width, -1), (0, 0), TUNING.cell).reshape(len(laid), -1)
     kernel = cv2.getGaussianKernel(8 * int(TUNING.cell) + 1, TUNING.cell)[:, 0]
-    return np.asarray(blurred.T @ blurred) / float((kernel**2).sum()) ** 2
+    return np.asarray((blurred.T @ blurred) * np.outer(size, size)) / float((kernel**2).sum()) ** 2
 
 
 def claim(

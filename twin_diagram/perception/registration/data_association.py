@@ -98,7 +98,7 @@ def look(model: ModelCloud, frame: Frame, poses: Poses, count: int, level: int) 
     view = np.argmax(towards @ model.directions.T, axis=1)
     index = model.views[view, :count]
     counted = np.arange(index.shape[1]) < model.view_counts[view][:, None]
-    told = model.rows.take(index, axis=1)
+    told = model.rows[:, index]
     r, n = ((poses.R @ part.transpose(1, 0, 2)).transpose(0, 2, 1) for part in (told[:3], told[3:6]))
     x = r + poses.p[:, None]
     u, v, z = camera.project(x)
@@ -108,12 +108,13 @@ def look(model: ModelCloud, frame: Frame, poses: Poses, count: int, level: int) 
     robot = frame.robot_at(u, v)
     distance = dot(n, y - x)
     a, b, c = frame.table
-    on_table = np.abs(y[..., 2] - (a * y[..., 0] + b * y[..., 1] + c)) < TUNING.table_thickness
-    above = x[..., 2] - (a * x[..., 0] + b * x[..., 1] + c) > 2.0 * TUNING.table_thickness
+    up = np.array([-a, -b, 1.0])
+    on_table = np.abs(y @ up - c) < TUNING.table_thickness
+    above = x @ up > 2.0 * TUNING.table_thickness + c
     seen = there & ~robot & counted & (facing > 0.1)
     near = seen & ~(on_table & above)
     normal = frame.normal_at(u, v)
-    matched = near & ((dot(n, normal) > TUNING.least_cosine) | ~normal.any(axis=2))
+    matched = near & ((dot(n, normal) > TUNING.least_cosine) | (dot(normal, normal) == 0.0))
     return Looked(
         r=r,
         n=n,
