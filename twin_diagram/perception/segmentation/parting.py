@@ -160,11 +160,11 @@ def numbered(mask: Mask, smallest: int, connectivity: int = 4) -> tuple[Labels, 
     Returns:
         (h, w) numbers from 0, -1 elsewhere; how many parts there are.
     """
-    count, part, stats, _ = cv2.connectedComponentsWithStats(
-        mask.astype(np.uint8), connectivity=connectivity, ltype=cv2.CV_32S
-    )
-    large = stats[:, cv2.CC_STAT_AREA] >= smallest
-    large[0] = False
+    if not mask.any():
+        return np.full(mask.shape, -1, dtype=np.int32), 0
+    count, part = cv2.connectedComponents(np.ascontiguousarray(mask).view(np.uint8), connectivity=connectivity)
+    # Counted among the mask's pixels alone: most of an image is empty.
+    large = np.bincount(part[mask], minlength=count) >= smallest
     number = np.full(count, -1, dtype=np.int32)
     number[large] = np.arange(int(large.sum()), dtype=np.int32)
     return np.asarray(number[part], dtype=np.int32), int(large.sum())
@@ -174,11 +174,11 @@ def grown(label: Labels, into: Mask, rounds: int) -> Labels:
     """Let parts grow by a pixel a round, over edges of pixels only, into what is free."""
     # OpenCV's largest-of-neighbours; 0 is nobody's.
     cross = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], dtype=np.uint8)
-    current = (label + 1).astype(np.uint16)
+    current = (label + 1).astype(np.uint8 if label.max(initial=-1) < 255 else np.uint16)
+    free = into & (current == 0)
     for _ in range(rounds):
-        spread = cv2.dilate(current, cross)
-        free = into & (current == 0)
-        current = np.where(free, spread, current)
+        np.copyto(current, cv2.dilate(current, cross), where=free)
+        free &= current == 0
     return current.astype(np.int32) - 1
 
 

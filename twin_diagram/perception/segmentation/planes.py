@@ -240,13 +240,14 @@ def _flat_patches(z: Array, r: Array, noise: Noise) -> _Patches:
     w = np.where(valid, 1.0 / np.where(valid, z, 1.0), 0.0)
     # Sums over blocks of all products of (ray, inverse depth, 1); then over 2 × 2 blocks that overlap by half.
     edge = TUNING.block
-    height, width = z.shape[0] // edge, z.shape[1] // edge
-    terms = np.concatenate([r * valid[..., None], w[..., None], valid[..., None]], axis=-1)
-    terms = terms[: height * edge, : width * edge].reshape(height, edge, width, edge, 5).transpose(0, 2, 1, 3, 4)
-    terms = np.ascontiguousarray(terms).reshape(height, width, edge * edge, 5)
-    blocks = terms.transpose(0, 1, 3, 2) @ terms
-    sums = (blocks[:-1, :-1] + blocks[1:, :-1] + blocks[:-1, 1:] + blocks[1:, 1:]).reshape(-1, 5, 5)
-    sums = sums[sums[:, 4, 4] >= TUNING.filled * (2 * edge) ** 2]
+    terms = np.stack([*(r * valid[..., None]).transpose(2, 0, 1), w, valid])
+    first, second = np.triu_indices(5)
+    # A term's products at a time: what is larger does not stay in the processor's cache.
+    blocks = np.concatenate([block_sums(term * terms[k:], edge) for k, term in enumerate(terms)])
+    each = (blocks[:, :-1, :-1] + blocks[:, 1:, :-1] + blocks[:, :-1, 1:] + blocks[:, 1:, 1:]).reshape(len(first), -1).T
+    each = each[each[:, -1] >= TUNING.filled * (2 * edge) ** 2]
+    sums = np.empty((len(each), 5, 5))
+    sums[:, first, second] = sums[:, second, first] = each
     count = sums[:, 4, 4]
     A, b = sums[:, :3, :3], sums[:, :3, 3]
     if not len(count):
@@ -264,6 +265,13 @@ def _flat_patches(z: Array, r: Array, noise: Noise) -> _Patches:
     pixel = float(np.linalg.norm(np.cross(r[1, 0] - r[0, 0], r[0, 1] - r[0, 0])))
     area = pixel * edge**2 * depth**2 / facing
     return _selected(_Patches(A, b, count, ray, inverse, slope, area, sigma), flat)
+
+
+def block_sums(images: Array, edge: int) -> Array:
+    """Return the sums (k, h // edge, w // edge) of images (k, h, w) over blocks; what is left at their ends is not."""
+    height, width = (size // edge * edge for size in images.shape[1:])
+    rows = sum((images[:, k:height:edge, :width] for k in range(1, edge)), images[:, 0:height:edge, :width])
+    return np.asarray(sum((rows[..., k::edge] for k in range(1, edge)), rows[..., ::edge]))
 
 
 def _selected(patches: _Patches, keep: Mask) -> _Patches:

@@ -170,13 +170,16 @@ def standing_out(depth: DepthImage, grid: Grid, table: Plane, params: scenario.P
     low, high = (np.asarray(corner, dtype=float) for corner in params.workspace)
     up = table.normal[2]
     floor, ceiling = up * (low[2] - params.table_height), up * (high[2] - params.table_height)
-    result = (height > np.float32(max(params.table_clearance, floor))) & (height < np.float32(ceiling)) & (depth > 0)
+    above, below = np.float32(max(params.table_clearance, floor)), np.float32(ceiling)
+    result = height > above
+    result &= height < below
     at = np.flatnonzero(result)
     z = depth.ravel()[at]
     slack = TUNING.table_sigmas * grid.noise(z) * np.abs(facing.ravel()[at])
-    keep = height.ravel()[at] > slack
+    keep = (height.ravel()[at] > slack) & (z > 0)
+    rays = grid.small.reshape(-1, 3)
     for k in (0, 1):
-        place = np.float32(p_WC[k]) + z * grid.small.reshape(-1, 3)[at, k]
+        place = np.float32(p_WC[k]) + z * rays[at, k]
         keep &= (place > low[k]) & (place < high[k])
     result.ravel()[at[~keep]] = False
     return result
