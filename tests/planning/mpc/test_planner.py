@@ -124,7 +124,7 @@ def test_margins_grow_with_time_and_with_what_is_left_of_the_way(
     expected = np.empty((len(samples), 3))
     for row, t in enumerate(samples):
         most = clearance + 0.02 * min(t, 1.0)
-        way = 0.1 * max(arrival - t, 0.0)
+        way = 0.1 * max(arrival - 0.15 - t, 0.0)
         near = np.clip(at_goal[:2] - 0.003 + way, 0.25 * clearance, most)
         expected[row] = [near[0], most if velocity else near[1], 0.01]
     np.testing.assert_allclose(spied.asked["margins"], expected)
@@ -135,6 +135,19 @@ def test_margins_grow_with_time_and_with_what_is_left_of_the_way(
     expected_way = np.where(late < ramp, down, up)
     expected_way[samples < ramp] = harder * samples[samples < ramp] ** 2 / 2
     np.testing.assert_allclose(spied.asked["reference"][:, 0], HOME[0] + expected_way, atol=1e-9)
+
+
+def test_what_is_nearly_at_its_goal_may_be_as_near_to_things_as_there(spied: Spied) -> None:
+    """A motion that runs past its end by millimetres is not pushed away from there."""
+    samples = spied.planner.optimiser.samples
+    far = np.array([1.0, 1.0])
+    at_goal = np.array([[0.02, 1.0]])
+    still = np.array([True])
+    now = Situation(HOME, Forecast.of_tracks(track()), HOME[None], far, at_goal, still, 0.06, 0.01, 0.005)
+    for duration in (0.0, 0.14, 0.4):
+        left = np.maximum(duration - 0.15 - samples, 0.0)
+        expected = np.stack([0.02 - 0.003 + 0.1 * left, np.full(len(samples), 0.005)], axis=1)
+        np.testing.assert_allclose(spied.planner._margins(now, duration), expected)
 
 
 def test_without_a_goal_six_tenths_of_the_clearance_are_always_wanted(spied: Spied, at_home: Memory) -> None:

@@ -248,6 +248,19 @@ def test_stations_of_a_straight_line_are_kept_until_they_are_passed() -> None:
     assert (route.aim, wants) == (Aim.NOTHING, True)
 
 
+def test_a_line_is_travelled_gently_from_what_is_not_passed() -> None:
+    router, _ = world(Wall())
+    router.acceleration = np.array([4.0, 4.0])
+    line = np.array([[0.1, 0.0], [0.2, 0.0], [0.3, 0.0]])
+    q, v = np.array([0.15, 0.0]), np.zeros(2)
+    gentle, quick = (router.travel(q, Route(aim, line[1:]), v) for aim in (Aim.LINE, Aim.GOAL))
+    # Half the way at a quarter of the acceleration takes twice as long.
+    assert gentle.duration == pytest.approx(2.0 * quick.duration) == pytest.approx(2.0 * np.sqrt(0.15 / 1.0))
+    # A way point that lies behind is no place to go to, even before that was decided.
+    assert router.travel(q, Route(Aim.LINE, line), v).duration == pytest.approx(gentle.duration)
+    assert router.travel(q, Route(Aim.GOAL, line), v).duration > quick.duration
+
+
 def test_the_arm_steps_aside_from_what_comes_and_stays_where_nothing_does() -> None:
     wall = Wall(where=0.0, during=(0.5, 9.0))
     router, _ = world(wall)

@@ -50,6 +50,9 @@ class Tuning:
     approach: float = 0.1
     """How fast the margin grows to its full size away from a goal next to a thing [m/s of travel]."""
 
+    at_goal: float = 0.15
+    """… from so long before the goal on [s]: a motion that is off by millimetres takes that long to be there."""
+
     stopping_time: float = 0.5
     """Without anywhere to go the arm comes to rest in about this time [s]."""
 
@@ -226,7 +229,7 @@ class MotionPlanner:
         """
         samples = self.optimiser.samples
         extra = GUIDE.surprise * np.minimum(samples / TUNING.surprise_time, 1.0)
-        away = TUNING.approach * np.maximum(duration - samples, 0.0)
+        away = TUNING.approach * np.maximum(duration - TUNING.at_goal - samples, 0.0)
         return now.margins(0 if len(now.goals) else None, extra, away)
 
     def _heard(self, memory: Memory, q0: Array, forecast: Forecast) -> Memory:
