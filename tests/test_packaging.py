@@ -299,7 +299,8 @@ def test_every_import_is_declared() -> None:
         known = declared(*extras)
         return {name: path for name, path in third_party(paths).items() if name not in known}
 
-    optional = {"mujoco", "onnxruntime", "rosbags"}  # read where it is installed; the error says so where it is not
+    # Read where it is installed; the error says so where it is not.
+    optional = {"distributed", "mujoco", "onnxruntime", "rosbags"}
     assert not {k: v for k, v in missing(MODULES).items() if k not in optional}
     assert not missing(SIMS, "demo", "bench")
     assert not missing(sorted((CHECKOUT / "tests").rglob("*.py")), "test")

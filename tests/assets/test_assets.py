@@ -45,7 +45,7 @@ def test_cloud_fills_its_box_and_faces_outwards(name: str) -> None:
     assert np.allclose(np.linalg.norm(asset.normals_O, axis=1), 1.0)
     assert (asset.colours >= 0).all() and (asset.colours <= 1).all()
     assert np.abs(asset.points_O[:, 2]).max() > 0.98 * half[2]
-    if name not in ("mug", "bottle"):
+    if name not in ("mug", "bottle", "angle", "ring", "flask"):
         # These are convex: a little way along the normal lies outside, a little way back inside.
         planes = ConvexHull(read_obj(folder(name) / "visual.obj").vertices).equations
         for step, outside in ((1e-3, True), (-1e-3, False)):
@@ -71,12 +71,14 @@ def test_every_turn_by_180_degrees_changes_the_look(name: str) -> None:
 @pytest.mark.parametrize("name", DEFAULTS)
 def test_convex_pieces_hold_the_object(name: str) -> None:
     asset = Asset.load(folder(name))
+    # A ring's and a flask's pieces have fewer sides than the surface: their chords lie that much inside [m].
+    sagitta = 2e-4 if name in ("ring", "flask") else 1e-6
     inside = np.zeros(len(asset.points_O), dtype=bool)
     volume = 0.0
     for piece in asset.convex_pieces:
         hull = ConvexHull(piece)
         volume += hull.volume
-        inside |= (asset.points_O @ hull.equations[:, :3].T + hull.equations[:, 3] < 1e-6).all(axis=1)
+        inside |= (asset.points_O @ hull.equations[:, :3].T + hull.equations[:, 3] < sagitta).all(axis=1)
     assert inside.mean() > 0.97
     assert volume < 1.05 * np.prod(asset.size)
 
@@ -95,7 +97,7 @@ def test_stands_still_in_drake(name: str) -> None:
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
     plant_context = plant.GetMyMutableContextFromRoot(context)
-    X_WO = RigidTransform(RollPitchYaw(0.0, 0.0, 0.7), [0.4, 0.1, asset.size[2] / 2 + 0.001])
+    X_WO = RigidTransform(RollPitchYaw(0.0, 0.0, 0.7), [0.4, 0.1, 0.001 - asset.points_O[:, 2].min()])
     plant.SetFreeBodyPose(plant_context, body, X_WO)
     Simulator(diagram, context).AdvanceTo(0.4)
     now = plant.EvalBodyPoseInWorld(plant_context, body)

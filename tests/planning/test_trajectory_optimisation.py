@@ -98,17 +98,21 @@ def test_the_objective_is_the_sum_over_the_motion(optimiser: Optimiser) -> None:
     q0, v0, a0 = HOME, 0.3 * rng.standard_normal(n), rng.standard_normal(n)
     reference, guess = HOME + 0.2 * rng.standard_normal((2, m, n))
     base = q0 + optimiser.samples[:, None] * v0 + optimiser._P0[:, None] * a0
-    gradient = optimiser._gradient(base, a0, guess, reference)
+    gradient = optimiser._gradient(base, v0 + optimiser._V0[:, None] * a0, a0, guess, reference)
+    told_speed = np.gradient(reference, STEP / 2, axis=0)
     prices = optimiser._program
 
     def cost(x: Array) -> float:
         inner, slack = x[: (KNOTS - 2) * n].reshape(-1, n), x[(KNOTS - 2) * n :]
         accelerations = np.vstack([a0, inner, np.zeros(n)])
-        q = Trajectory(0.0, STEP, q0, v0, accelerations).at(optimiser.samples)[0]
+        plan = Trajectory(0.0, STEP, q0, v0, accelerations)
+        q = plan.at(optimiser.samples)[0]
+        v = plan.at(optimiser.samples - 1e-12)[1]  # beyond its end a plan rests
         weight = STEP / 2
         late = np.exp(-optimiser.samples / (t.fade * optimiser.samples[-1])) * weight
         return float(
             weight * (t.tracking * np.sum((q - reference) ** 2) + t.proximity * np.sum((q - guess) ** 2)) / 2
+            + weight * t.speed * np.sum((v - told_speed) ** 2) / 2
             + STEP * t.acceleration * np.sum(inner**2) / 2
             + STEP * t.change * sum(np.sum((b - a) ** 2) for a, b in pairwise(accelerations)) / 2
             + t.slack * late @ slack

@@ -293,7 +293,7 @@ def task_lines(task: Mapping[str, Any]) -> list[str]:
     steps: dict[int, str] = {}
     for event in task.get("events", ()):
         began.setdefault(event["step"], event["time"])
-        name = " ".join(filter(None, (event["kind"], event["object"])))
+        name = " ".join(filter(None, (event["kind"], event.get("object"))))
         ended = ends.get(event["what"])
         steps[event["step"]] = f"{name} {ended} at {event['time']:.1f} s" if ended else f"{name} under way"
     told = ", ".join(steps[k] for k in sorted(steps)) or "not begun"

@@ -19,6 +19,7 @@ from twin_diagram.planning.paths.guide import Answer, Question
 from twin_diagram.planning.paths.route import Aim, Route, Situation
 from twin_diagram.planning.paths.searching import Searcher
 from twin_diagram.scenario.resources import models_dir
+from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, ObjectStatus, Track
 
@@ -123,7 +124,7 @@ def test_margins_grow_with_time_and_with_what_is_left_of_the_way(
     expected = np.empty((len(samples), 3))
     for row, t in enumerate(samples):
         most = clearance + 0.02 * min(t, 1.0)
-        way = 0.1 * max(arrival - t, 0.0)
+        way = 0.1 * max(arrival - 0.15 - t, 0.0)
         near = np.clip(at_goal[:2] - 0.003 + way, 0.25 * clearance, most)
         expected[row] = [near[0], most if velocity else near[1], 0.01]
     np.testing.assert_allclose(spied.asked["margins"], expected)
@@ -134,6 +135,19 @@ def test_margins_grow_with_time_and_with_what_is_left_of_the_way(
     expected_way = np.where(late < ramp, down, up)
     expected_way[samples < ramp] = harder * samples[samples < ramp] ** 2 / 2
     np.testing.assert_allclose(spied.asked["reference"][:, 0], HOME[0] + expected_way, atol=1e-9)
+
+
+def test_what_is_nearly_at_its_goal_may_be_as_near_to_things_as_there(spied: Spied) -> None:
+    """A motion that runs past its end by millimetres is not pushed away from there."""
+    samples = spied.planner.optimiser.samples
+    far = np.array([1.0, 1.0])
+    at_goal = np.array([[0.02, 1.0]])
+    still = np.array([True])
+    now = Situation(HOME, Forecast.of_tracks(track()), HOME[None], far, at_goal, still, 0.06, 0.01, 0.005)
+    for duration in (0.0, 0.14, 0.4):
+        left = np.maximum(duration - 0.15 - samples, 0.0)
+        expected = np.stack([0.02 - 0.003 + 0.1 * left, np.full(len(samples), 0.005)], axis=1)
+        np.testing.assert_allclose(spied.planner._margins(now, duration), expected)
 
 
 def test_without_a_goal_six_tenths_of_the_clearance_are_always_wanted(spied: Spied, at_home: Memory) -> None:
@@ -336,6 +350,30 @@ def test_joint_goals_near_by_are_found_at_once_and_others_by_a_search(
     for nothing in (0.49 * GOAL, np.full(7, np.nan)):
         after, _ = spied.tick(memory, 0.1, goal=nothing)
         assert not after.goal.any() and len(after.goals) == 1
+
+
+def test_a_short_move_is_straight_in_space_where_nothing_is_in_the_way(scene: Scene) -> None:
+    planner = MotionPlanner(scene, np.full(7, 2.0), PARAMS)
+    aside = track(place=(0.3, 0.6, 0.06))
+    at_rest = np.concatenate([HOME, NONE])
+    begin, _ = planner.tick(planner.initial(HOME), 0.0, at_rest, aside, NONE)
+    X = scene.chain.tool(scene.chain.place(HOME[None]))[0]
+
+    def towards(down: float, tracks: Array) -> tuple[Route, Array]:
+        goal = np.concatenate([rotations.from_matrix(X[:3, :3]), X[:3, 3] - [0.0, 0.0, down]])
+        memory, _ = planner.tick(begin, 0.1, at_rest, tracks, goal)
+        return memory.route, memory.goals
+
+    route, goals = towards(0.08, aside)
+    assert route.aim is Aim.LINE
+    np.testing.assert_array_equal(goals[0], route.points[-1])
+    reached = scene.chain.tool(scene.chain.place(route.points))[:, :3, 3]
+    below = np.array([0.02, 0.04, 0.06, 0.08])[:, None]
+    np.testing.assert_allclose(reached, X[:3, 3] - below * [0.0, 0.0, 1.0], atol=1e-4)
+    assert towards(0.2, aside)[0].aim is Aim.GOAL
+    in_the_way = track(place=(X[0, 3], X[1, 3], X[2, 3] - 0.07))
+    assert towards(0.14, aside)[0].aim is Aim.LINE
+    assert towards(0.14, in_the_way)[0].aim is not Aim.LINE
 
 
 def test_a_goal_that_seems_out_of_reach_is_looked_at_again_after_two_seconds(

@@ -223,6 +223,44 @@ def test_way_points_are_passed_where_they_are_near_or_needless() -> None:
     assert len(shortened([0.5 - 0.29, 1.02], low)) == 3
 
 
+def test_stations_of_a_straight_line_are_kept_until_they_are_passed() -> None:
+    router, _ = world(Wall())
+    line = np.array([[0.1, 0.05], [0.2, 0.1], [0.3, 0.15]])
+    rng = np.random.default_rng(0)
+    for q, left in (
+        ([0.0, 0.0], 3),
+        ([0.092, 0.041], 2),  # within 0.01 rad of the first
+        ([0.088, 0.05], 3),
+        ([0.13, -0.009], 2),  # beyond the first, if aside
+        ([0.13, -0.011], 3),
+        ([0.25, 0.1], 1),
+        ([0.9, 0.5], 1),  # the last stays
+    ):
+        route, wants = router.decide(Route(Aim.LINE, line), situation(q, line[-1:]), rng)
+        np.testing.assert_array_equal(route.points, line[3 - left :])
+        assert route.aim is Aim.LINE and not wants
+        # Way points of another route are dropped where the last is in sight.
+        assert len(router.decide(Route(Aim.GOAL, line), situation(q, line[-1:]), rng)[0].points) == 1
+    # Where it is blocked, it is given up like any other.
+    router, _ = world(Wall(top=9.0), resolution=0.01)
+    across = np.array([[0.9, 0.0], [1.7, 0.0]])
+    route, wants = router.decide(Route(Aim.LINE, across), situation([0.3, 0.0], [[1.7, 0.0]]), rng)
+    assert (route.aim, wants) == (Aim.NOTHING, True)
+
+
+def test_a_line_is_travelled_gently_from_what_is_not_passed() -> None:
+    router, _ = world(Wall())
+    router.acceleration = np.array([4.0, 4.0])
+    line = np.array([[0.1, 0.0], [0.2, 0.0], [0.3, 0.0]])
+    q, v = np.array([0.15, 0.0]), np.zeros(2)
+    gentle, quick = (router.travel(q, Route(aim, line[1:]), v) for aim in (Aim.LINE, Aim.GOAL))
+    # Half the way at a quarter of the acceleration takes twice as long.
+    assert gentle.duration == pytest.approx(2.0 * quick.duration) == pytest.approx(2.0 * np.sqrt(0.15 / 1.0))
+    # A way point that lies behind is no place to go to, even before that was decided.
+    assert router.travel(q, Route(Aim.LINE, line), v).duration == pytest.approx(gentle.duration)
+    assert router.travel(q, Route(Aim.GOAL, line), v).duration > quick.duration
+
+
 def test_the_arm_steps_aside_from_what_comes_and_stays_where_nothing_does() -> None:
     wall = Wall(where=0.0, during=(0.5, 9.0))
     router, _ = world(wall)

@@ -591,7 +591,9 @@ def test_a_run_mends_its_model_and_says_so(corrected: Model, tmp_path: Path, mon
     run_scenario(plan, out=tmp_path / "out", say=said.append, quiet=True, pictures=False)
     lines = (tmp_path / "out" / EVENTS).read_text(encoding="utf-8").splitlines()
     names = [json.loads(line)["event"] for line in lines]
-    assert [name for name in names if name != "alarm"][:3] == ["gap_started", "gap_verdict", "model_swapped"]
+    # The push makes the plan start anew, at which the stop monitor may brake for a moment.
+    kept = [name for name in names if name not in ("alarm", "brake", "resume")]
+    assert kept[:3] == ["gap_started", "gap_verdict", "model_swapped"]
     folder = tmp_path / "out" / "healing" / "1"
     assert {"fit.npz", "holdout.npz", "gap.json", "request.json"} <= {path.name for path in folder.iterdir()}
     assert any("goes on with" in line and "1.5" in line for line in said)

@@ -19,7 +19,7 @@ from twin_diagram.planning.mpc.quadratic_program import QpSolver
 from twin_diagram.planning.mpc.trajectory import Trajectory
 from twin_diagram.planning.mpc.trajectory_optimisation import Limits, Optimiser, OptimiserTuning
 from twin_diagram.planning.paths.guide import TUNING as GUIDE
-from twin_diagram.planning.paths.guide import Guide, GuideSettings, Question
+from twin_diagram.planning.paths.guide import Guide, GuideSettings, Question, together
 from twin_diagram.planning.paths.inverse_kinematics import IkTuning
 from twin_diagram.planning.paths.route import Aim, Route, Situation
 from twin_diagram.planning.paths.searching import Here, Searcher
@@ -49,6 +49,9 @@ class Tuning:
 
     approach: float = 0.1
     """How fast the margin grows to its full size away from a goal next to a thing [m/s of travel]."""
+
+    at_goal: float = 0.15
+    """… from so long before the goal on [s]: a motion that is off by millimetres takes that long to be there."""
 
     stopping_time: float = 0.5
     """Without anywhere to go the arm comes to rest in about this time [s]."""
@@ -193,7 +196,7 @@ class MotionPlanner:
         route = memory.route
 
         samples = self.optimiser.samples
-        end = route.points[-1:] if route.aim is Aim.GOAL else memory.goals[:0]
+        end = route.points[-1:] if route.to_goal else memory.goals[:0]
         situation = self.guide.margins_at(forecast, end, at_rest=not np.any(memory.goal))
         way = self.router.travel(q0, route, v0)
         margins = self._margins(situation, way.duration)
@@ -226,7 +229,7 @@ class MotionPlanner:
         """
         samples = self.optimiser.samples
         extra = GUIDE.surprise * np.minimum(samples / TUNING.surprise_time, 1.0)
-        away = TUNING.approach * np.maximum(duration - samples, 0.0)
+        away = TUNING.approach * np.maximum(duration - TUNING.at_goal - samples, 0.0)
         return now.margins(0 if len(now.goals) else None, extra, away)
 
     def _heard(self, memory: Memory, q0: Array, forecast: Forecast) -> Memory:
@@ -240,7 +243,7 @@ class MotionPlanner:
         memory = replace(memory, pending=None, heard=True, goals=answer.goals)
         points = answer.points[: PLANNER_STATE.way_points]
         now = self.guide.situation(q0, forecast, answer.goals)
-        good = memory.route.aim is Aim.GOAL and self.router.follows(memory.route.points, now)
+        good = memory.route.to_goal and self.router.follows(memory.route.points, now)
         if len(points) and not good and self.router.follows(points, now):
             memory = replace(memory, route=Route(Aim.GOAL, points))
         return memory
@@ -257,7 +260,7 @@ class MotionPlanner:
         wanted, known = bool(np.any(memory.goal)), len(memory.goals) > 0
         since = memory.tick - memory.asked - self._latency
         due = since >= (self._patience if known else self._retry) or memory.asked == FRESH
-        if memory.pending is not None or not due or not (wants or (wanted and route.aim is not Aim.GOAL)):
+        if memory.pending is not None or not due or not (wants or (wanted and not route.to_goal)):
             return memory
         question = replace(question, goal=memory.goal, goals=memory.goals, more_goals=wanted, hand=self._hand)
         self.searcher.ask(question)
@@ -344,7 +347,13 @@ class MotionPlanner:
         if had and np.array_equal(goal, memory.goal):
             return memory
         found = self.guide.joint_goals(q0, goal, forecast, rng, TUNING.first_goals)
-        memory = replace(memory, goal=goal.copy(), goals=found, route=Route.none(n))
+        line = self.guide.straight_way(q0, goal)
+        route = Route.none(n)
+        if len(line):
+            found = together(line[-1:], found)
+            if self.router.follows(line, self.guide.situation(q0, forecast, found)):
+                route = Route(Aim.LINE, line)
+        memory = replace(memory, goal=goal.copy(), goals=found, route=route)
         return replace(memory, pending=None, heard=False, asked=FRESH)
 
 

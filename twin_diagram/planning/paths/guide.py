@@ -8,14 +8,14 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from twin_diagram.planning.collision.collision_scene import Forecast, Scene
 from twin_diagram.planning.collision.held_shape import holding
-from twin_diagram.planning.paths import inverse_kinematics
+from twin_diagram.planning.paths import inverse_kinematics, straight_line
 from twin_diagram.planning.paths.route import Router, Situation
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.hand import Hand
+from twin_diagram.signals.pose_vectors import as_matrix
 
 
 @dataclass(frozen=True)
@@ -163,15 +163,17 @@ class Guide:
 
         Those that are clear of everything come first, the nearest first among them.
         """
-        X_WG = np.eye(4)
-        X_WG[:3, :3] = Rotation.from_quat(goal[[1, 2, 3, 0]]).as_matrix()
-        X_WG[:3, 3] = goal[4:]
-        found = inverse_kinematics.solve(self.scene.chain, X_WG, q, self.scene.lower, self.scene.upper, rng, tuning)
+        chain, low, high = self.scene.chain, self.scene.lower, self.scene.upper
+        found = inverse_kinematics.solve(chain, _pose(goal), q, low, high, rng, tuning)
         if not len(found):
             return found
         now = self.situation(q, forecast, found)
         clear = (now.at_goals >= np.append(np.full(len(now.still), now.least), now.own)).all(axis=1)
         return found[np.argsort(~clear, kind="stable")][: TUNING.goals]
+
+    def straight_way(self, q: Array, goal: Array) -> Array:
+        """Return way points (W, n) that take the tool straight to a goal (7,) near by; W = 0: see `straight_line`."""
+        return straight_line.straight_way(self.scene.chain, q, _pose(goal), self.scene.lower, self.scene.upper)
 
     def answer(self, question: Question) -> Answer:
         """Return what a search finds."""
@@ -191,3 +193,8 @@ def together(known: Array, found: Array) -> Array:
     others = [q for q in found if not len(known) or np.abs(known - q).max(axis=1).min() >= distinct]
     result: Array = np.concatenate([known, np.array(others).reshape(-1, found.shape[1])])
     return result[: TUNING.goals]
+
+
+def _pose(goal: Array) -> Array:
+    """Return a goal (7,) as a matrix (4, 4), whatever the norm of its quaternion."""
+    return as_matrix(np.concatenate([goal[:4] / np.linalg.norm(goal[:4]), goal[4:]]))

@@ -77,11 +77,11 @@ def solve(
         error = pose_error(chain.tool(placement), X_WG)
         J = chain.tool_jacobian(placement)
         # Joints at a limit that would have to pass it take no part in this step.
-        step = _damped_step(J, error, identity)
+        step = damped_step(J, error, identity)
         stuck = ((q <= low) & (step < 0.0)) | ((q >= high) & (step > 0.0))
         if stuck.any():
             J = np.where(stuck[:, None, :], 0.0, J)
-            step = _damped_step(J, error, identity)
+            step = damped_step(J, error, identity)
         longest = np.abs(step).max(axis=1, keepdims=True)
         q = np.clip(q + step * np.minimum(1.0, tuning.step / np.maximum(longest, 1e-12)), low, high)
     error = pose_error(chain.tool(chain.place(q)), X_WG)
@@ -97,7 +97,8 @@ def solve(
     return np.array(distinct).reshape(-1, n)
 
 
-def _damped_step(J: Array, error: Array, damping: Array) -> Array:
+def damped_step(J: Array, error: Array, damping: Array) -> Array:
+    """Return (N, n) the steps of damped least squares that take away errors (N, 6), with Jacobians (N, 6, n)."""
     gram = J @ J.transpose(0, 2, 1) + damping
     result: Array = (J.transpose(0, 2, 1) @ np.linalg.solve(gram, error[..., None]))[..., 0]
     return result

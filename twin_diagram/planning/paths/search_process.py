@@ -152,9 +152,10 @@ class SearchProcess(Searcher):
             if self.why:
                 return
             self.why = why
+            # Told before anyone who waits goes on.
+            logging.getLogger("twin_diagram").warning("the process that searches for ways %s: the arm brakes", why)
             self._changed.notify_all()
         self._process.kill()
-        logging.getLogger("twin_diagram").warning("the process that searches for ways %s: the arm brakes", why)
 
     def _ending(self) -> str:
         status = self._process.wait()
