@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pytest
 
 from tests.registration_bench import TABLE, frame, view
-from twin_diagram.perception.registration.frame import Frame, blur_within
+from twin_diagram.perception.registration.frame import Frame, blur_within, whole_median, whole_pixels
 from twin_diagram.perception.segmentation.segments import Segments
 
 Array = npt.NDArray[np.float64]
@@ -154,3 +154,26 @@ def test_colours_are_looked_up_between_pixels_and_their_slopes_by_a_pixel_each_w
             np.testing.assert_allclose(found[k], at(x, y), atol=0.02)
             np.testing.assert_allclose(du[k], 0.5 * (at(x + 1, y) - at(x - 1, y)), atol=0.02)
             np.testing.assert_allclose(dv[k], 0.5 * (at(x, y + 1) - at(x, y - 1)), atol=0.02)
+
+
+def test_a_plain_look_up_is_that_of_the_slopes() -> None:
+    image = frame()
+    rng = np.random.default_rng(2303)
+    u, v = rng.uniform(12.0, 140.0, (3, 30)), rng.uniform(8.0, 100.0, (3, 30))
+    for level in (0, 1):
+        np.testing.assert_array_equal(image.plain_colour_at(u, v, level), image.colour_at(u, v, level)[0])
+
+
+def test_masks_of_cells_are_laid_on_all_their_pixels() -> None:
+    rng = np.random.default_rng(2304)
+    mask = rng.random((7, 9)) < 0.4
+    for stride in (1, 2, 3):
+        wanted = np.repeat(np.repeat(mask, stride, axis=0), stride, axis=1)[: 7 * stride - stride + 1, : 9 * stride]
+        np.testing.assert_array_equal(whole_pixels(mask, stride, (7 * stride - stride + 1, 9 * stride)), wanted)
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 8, 301, 400])
+def test_medians_of_whole_numbers_are_counted(count: int) -> None:
+    numbers = np.random.default_rng(count).integers(0, 40, count).astype(np.int16)
+    assert whole_median(numbers) == np.median(numbers)
+    assert whole_median(np.repeat(numbers, 2)[1:]) == np.median(np.repeat(numbers, 2)[1:])

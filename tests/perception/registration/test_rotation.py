@@ -3,9 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
-from twin_diagram.perception.registration.rotation import cross, exp, from_quaternion, log, skew, to_quaternion
+from twin_diagram.perception.registration.rotation import (
+    components_last,
+    cross,
+    dot,
+    exp,
+    from_quaternion,
+    log,
+    screw,
+    skew,
+    to_quaternion,
+)
 
 RNG = np.random.default_rng(2161)
 WAYS = RNG.normal(size=(40, 3))
@@ -42,3 +53,22 @@ def test_quaternions_begin_with_the_cosine_and_may_have_any_length() -> None:
         np.testing.assert_allclose(from_quaternion(3.0 * wxyz), R.as_matrix(), atol=1e-12)
         found = to_quaternion(R.as_matrix())
         np.testing.assert_allclose(abs(found @ wxyz), 1.0)
+
+
+@pytest.mark.parametrize("shape", [(), (5,), (2, 7)])
+def test_screws_move_points_as_turns_and_shifts_do(shape: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(2301)
+    r, way = rng.normal(size=(2, *shape, 3))
+    found = screw(r, way)
+    np.testing.assert_allclose(found, np.concatenate([np.cross(r, way), way], axis=-1), atol=1e-15)
+    np.testing.assert_allclose(cross(r, way), np.cross(r, way), atol=1e-15)
+    np.testing.assert_allclose(dot(r, way), (r * way).sum(axis=-1), atol=1e-14)
+    # One direction for all points.
+    np.testing.assert_allclose(screw(r, way.reshape(-1, 3)[0])[..., :3], np.cross(r, way.reshape(-1, 3)[0]), atol=1e-15)
+
+
+def test_components_come_last_without_a_copy() -> None:
+    rows = np.arange(24.0).reshape(4, 2, 3)
+    view = components_last(rows)
+    assert view.shape == (2, 3, 4) and np.shares_memory(view, rows)
+    np.testing.assert_array_equal(view[1, 2], rows[:, 1, 2])

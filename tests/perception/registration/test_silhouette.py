@@ -81,3 +81,17 @@ def test_out_of_view_there_is_none() -> None:
     assert Silhouette.of(model(), seen_as(np.ones((60, 80), dtype=bool)), near()) is None
     nothing = inward(None, look(model(), frame(), poses(), 40, FINE), frame().camera)
     assert nothing.H.shape == (4, 6, 6) and not nothing.H.any() and not nothing.b.any()
+
+
+def test_each_pose_is_drawn_in_by_its_own_points() -> None:
+    """Of three poses the middle one sticks out nowhere; together they are as each alone."""
+    found = Silhouette.of(model(), seen_as(outline()), near())
+    assert found is not None
+    one, none, other = at(60.0, 60.0), at(80.0, 60.0), at(80.0, 80.0)
+    arrays = {k: np.concatenate([getattr(x, k) for x in (one, none, other)]) for k in vars(one)}
+    together = inward(found, SimpleNamespace(**arrays), frame().camera)  # type: ignore[arg-type]
+    for k, alone in enumerate((one, none, other)):
+        apart = inward(found, alone, frame().camera)
+        np.testing.assert_allclose(together.H[k], apart.H[0], rtol=1e-12)
+        np.testing.assert_allclose(together.b[k], apart.b[0], rtol=1e-12)
+    assert together.H[0].any() and not together.H[1].any() and together.H[2].any()

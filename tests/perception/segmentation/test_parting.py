@@ -215,3 +215,29 @@ def test_a_thing_without_a_core_is_one_if_it_is_large_enough() -> None:
     for smallest, found in ((60, 1), (61, 0)):
         label, count = part(z, standing, 0.003, 1e-3, 0.02, smallest)
         assert count == found and ((label == 0) == (standing if found else False)).all()
+
+
+def test_parts_are_numbered_by_size_and_an_empty_mask_has_none() -> None:
+    mask = np.zeros((12, 20), dtype=bool)
+    label, count = numbered(mask, 1)
+    assert count == 0 and (label == -1).all()
+    mask[1:4, 1:4] = mask[6:8, 2:4] = mask[6:11, 10:15] = True
+    label, count = numbered(mask, 5)
+    assert count == 2 and (label == -1).sum() == mask.size - 9 - 25
+    assert {int((label == k).sum()) for k in range(2)} == {9, 25}
+    assert numbered(mask, 9)[1] == 2 and numbered(mask, 10)[1] == 1
+
+
+@pytest.mark.parametrize("many", [4, 300])
+def test_parts_grow_into_what_is_free_only(many: int) -> None:
+    """However many there are: numbers beyond a byte are kept."""
+    label = np.full((3, 4 * many), -1, dtype=np.int32)
+    label[1, ::4] = np.arange(many)
+    into = np.ones(label.shape, dtype=bool)
+    into[:, 3::4] = False
+    found = grown(label, into, 2)
+    wanted = np.repeat(np.arange(many), 4)
+    for column in (0, 1):
+        np.testing.assert_array_equal(found[:, column::4], np.broadcast_to(wanted[column::4], (3, many)))
+    np.testing.assert_array_equal(found[1, 2::4], np.arange(many))
+    assert (found[0, 2::4] == -1).all() and (found[:, 3::4] == -1).all()

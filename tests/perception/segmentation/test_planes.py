@@ -12,7 +12,7 @@ from tests.synthetic_scene import Thing, camera, picture, yawed
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.perception.pinhole import Pinhole
-from twin_diagram.perception.segmentation.planes import Plane, Told, find_plane, level_surfaces
+from twin_diagram.perception.segmentation.planes import Plane, Told, block_sums, find_plane, level_surfaces
 from twin_diagram.perception.segmentation.segmentation import Grid, segment, support_plane
 from twin_diagram.scenario.resources import models_dir
 
@@ -208,3 +208,9 @@ def test_a_plane_is_what_its_numbers_say() -> None:
         on = np.array([x, y, a * x + b * y + c])
         assert plane.height(on) == pytest.approx(0.0, abs=1e-12)
         assert plane.height(on + 0.07 * normal) == pytest.approx(0.07)
+
+
+def test_blocks_are_summed_and_what_is_left_over_is_not() -> None:
+    images = np.random.default_rng(2305).normal(size=(3, 11, 14))
+    wanted = images[:, :8, :12].reshape(3, 2, 4, 3, 4).sum(axis=(2, 4))
+    np.testing.assert_allclose(block_sums(images, 4), wanted, atol=1e-12)
