@@ -246,14 +246,15 @@ def _flat_patches(z: Array, r: Array, noise: Noise) -> _Patches:
     blocks = np.concatenate([block_sums(term * terms[k:], edge) for k, term in enumerate(terms)])
     each = (blocks[:, :-1, :-1] + blocks[:, 1:, :-1] + blocks[:, :-1, 1:] + blocks[:, 1:, 1:]).reshape(len(first), -1).T
     each = each[each[:, -1] >= TUNING.filled * (2 * edge) ** 2]
-    sums = np.empty((len(each), 5, 5))
+    sums: Array = np.empty((len(each), 5, 5))
     sums[:, first, second] = sums[:, second, first] = each
     count = sums[:, 4, 4]
     A, b = sums[:, :3, :3], sums[:, :3, 3]
     if not len(count):
         return _Patches(A, b, count, b, count, b, count, count)
     ray, inverse = sums[:, :3, 4] / count[:, None], sums[:, 3, 4] / count
-    slope = np.linalg.solve(A + 1e-9 * count[:, None, None] * np.eye(3), b[..., None])[..., 0]
+    held = A + 1e-9 * count[:, None, None] * np.eye(3)
+    slope: Array = np.asarray(np.linalg.solve(held, b[..., None])[..., 0], dtype=float)
     spread = np.sqrt(np.maximum(sums[:, 3, 3] - np.einsum("ni,ni->n", slope, b), 0.0) / np.maximum(count - 3.0, 1.0))
     depth = 1.0 / inverse
     sigma: Array = np.asarray(noise(depth), dtype=float)
