@@ -190,6 +190,18 @@ def test_the_grasp_follows_what_moved_meanwhile() -> None:
     np.testing.assert_allclose(state.grasp[4:6], world.X_WO[4:6], atol=1e-9)
 
 
+def test_a_hand_that_leaves_its_way_down_tries_anew_and_keeps_clear_of_the_object_again() -> None:
+    for off, astray in ((0.13, False), (0.15, True)):
+        world = SmallWorld(PICK_AND_PLACE)
+        state = world.until(Phase.DESCEND)
+        assert state.hand.touched == 0
+        world.frozen = True
+        world.X_WT = state.grasp + np.array([0, 0, 0, 0, 0.0, 0.0, off])
+        state = world.tick()
+        assert (state.phase is Phase.LOOK) == astray and (state.hand.touched == NOTHING) == astray
+        assert ((0, Note.TRIED_AGAIN, Why.NO_WAY_DOWN) in notes(state)) == astray
+
+
 def test_what_is_held_is_where_perception_saw_it_and_the_fingers_put_it() -> None:
     """Along the fingers' axis it is in their middle; its covariance turns with the tool and shrinks there alone."""
     world = SmallWorld((step("pick"),))

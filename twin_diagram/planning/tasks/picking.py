@@ -82,7 +82,9 @@ def approach(state: TaskState, seen: StepView, step: Step, library: Sequence[Tak
 
 
 def descend(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:
-    """Go down to the grasp, and close there."""
+    """Go down to the grasp, and close there; from no other side, since the hand no longer keeps clear of the object."""
+    if errors(seen.X_WT, state.grasp)[0] > TUNING.astray:
+        return again(state, seen, step, Why.NO_WAY_DOWN)
     state, there = arrived(state, seen, step)
     if not there:
         return state

@@ -18,6 +18,10 @@ class Tuning:
     above: float = 0.08
     """The tool comes to above a grasp, lifts and lowers by this much [m]: the fingers' depth and some room."""
 
+    astray: float = 0.14
+    """A tool that is this far from the grasp that it goes down to goes some other way [m]: it set out from `above`, and
+    what it is to take may have moved a little meanwhile."""
+
     passing: float = 0.02
     """Points on the way count as reached within this [m] …"""
 

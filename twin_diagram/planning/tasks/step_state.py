@@ -63,6 +63,7 @@ class Why(IntEnum):
     MISSED = 6
     DROPPED = 7
     SEEN_ELSEWHERE = 8
+    NO_WAY_DOWN = 9
 
 
 SENTENCES: Final = {
@@ -75,6 +76,7 @@ SENTENCES: Final = {
     Why.MISSED: "the fingers closed on nothing",
     Why.DROPPED: "the fingers closed fully on what they held: it is lost",
     Why.SEEN_ELSEWHERE: "what was held is seen elsewhere: it is lost",
+    Why.NO_WAY_DOWN: "something is in the way from above it down to the grasp",
 }
 """Each of `Why`, for people."""
 
