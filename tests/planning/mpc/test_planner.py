@@ -150,6 +150,31 @@ def test_what_is_nearly_at_its_goal_may_be_as_near_to_things_as_there(spied: Spi
         np.testing.assert_allclose(spied.planner._margins(now, duration), expected)
 
 
+def test_what_rests_beside_the_hand_is_left_gently_and_what_moves_is_not(spied: Spied) -> None:
+    """A hand that is 2 cm from a thing, on its way to where there is none, is not pushed aside at once."""
+    samples = spied.planner.optimiser.samples
+    here, at_goal = np.array([0.02, 1.0, 0.005, 1.0]), np.full((1, 4), 1.0)
+    full = 0.06 + 0.02 * np.minimum(samples, 1.0)
+    for still in (True, False):
+        now = Situation(
+            HOME,
+            Forecast.of_tracks(track()),
+            HOME[None],
+            here,
+            at_goal,
+            np.array([still, True, True]),
+            0.06,
+            0.01,
+            0.004,
+        )
+        told = spied.planner._margins(now, 0.4)
+        gentle = np.minimum(0.02 - 0.003 + 0.1 * samples, full)
+        np.testing.assert_allclose(told[:, 0], gentle if still else full)
+        np.testing.assert_allclose(told[:, 1], full)
+        np.testing.assert_allclose(told[:, 2], np.minimum(0.01 + 0.1 * samples, full))  # the least is always wanted
+        np.testing.assert_allclose(told[:, 3], 0.004)
+
+
 def test_without_a_goal_six_tenths_of_the_clearance_are_always_wanted(spied: Spied, at_home: Memory) -> None:
     spied.tick(at_home, 0.1)
     assert spied.situation.least == pytest.approx(0.6 * PARAMS.clearance)

@@ -50,6 +50,9 @@ class Tuning:
     approach: float = 0.1
     """How fast the margin grows to its full size away from a goal next to a thing [m/s of travel]."""
 
+    kept: float = 0.003
+    """What is nearer than the margin now may come nearer by this [m]: plans are followed to a millimetre or two."""
+
     at_goal: float = 0.15
     """… from so long before the goal on [s]: a motion that is off by millimetres takes that long to be there."""
 
@@ -197,7 +200,7 @@ class MotionPlanner:
 
         samples = self.optimiser.samples
         end = route.points[-1:] if route.to_goal else memory.goals[:0]
-        situation = self.guide.margins_at(forecast, end, at_rest=not np.any(memory.goal))
+        situation = self.guide.margins_at(q0, forecast, end, at_rest=not np.any(memory.goal))
         way = self.router.travel(q0, route, v0)
         margins = self._margins(situation, way.duration)
         around = self.scene.around(forecast, samples)
@@ -225,12 +228,17 @@ class MotionPlanner:
     def _margins(self, now: Situation, duration: float) -> Array:
         """Return (M, B + 1) the distances to keep at the samples, on a way that takes so long [s].
 
-        Plans keep more the farther ahead, so that there is room left when something does what was not foreseen.
+        Plans keep more the farther ahead, so that there is room left when something does what was not foreseen. What
+        rests and is near now is left as gently as it would be come up to: nobody is to be jerked away from it.
         """
         samples = self.optimiser.samples
         extra = GUIDE.surprise * np.minimum(samples / TUNING.surprise_time, 1.0)
         away = TUNING.approach * np.maximum(duration - TUNING.at_goal - samples, 0.0)
-        return now.margins(0 if len(now.goals) else None, extra, away)
+        result = now.margins(0 if len(now.goals) else None, extra, away)
+        here = np.maximum(now.here[:-1] - TUNING.kept, now.least)
+        leaving = np.minimum(result[:, :-1], here + TUNING.approach * samples[:, None])
+        result[:, :-1] = np.where(now.still, leaving, result[:, :-1])
+        return result
 
     def _heard(self, memory: Memory, q0: Array, forecast: Forecast) -> Memory:
         """Take the answer to what was asked, when it is due."""

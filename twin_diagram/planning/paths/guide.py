@@ -147,14 +147,12 @@ class Guide:
         own = TUNING.own_clearance
         return Situation(q, forecast, goals, here, at_goals, still, clearance, least * clearance, own)
 
-    def margins_at(self, forecast: Forecast, goal: Array, *, at_rest: bool = False) -> Situation:
-        """Return a situation that tells margins at goals (G, n) alone, G <= 1: nothing of where the arm is."""
-        far = np.full(self.scene.fixture_count + len(forecast.present) + 1, np.inf)
-        at_goals = far[None][: len(goal)]
-        if len(goal):
-            around = self.scene.around(forecast, np.zeros(len(goal)))
-            at_goals = self.scene.clearance.distances(goal, around, self._reach, own=False)
-        return self._situation_of(far[:0], forecast, goal, far, at_goals, at_rest=at_rest)
+    def margins_at(self, q: Array, forecast: Forecast, goal: Array, *, at_rest: bool = False) -> Situation:
+        """Return a situation that tells margins (n,) and at goals (G, n), G <= 1; not the arm's distance to itself."""
+        q_all = np.vstack([q[None], goal])
+        around = self.scene.around(forecast, np.zeros(len(q_all)))
+        distance = self.scene.clearance.distances(q_all, around, self._reach, own=False)
+        return self._situation_of(q, forecast, goal, distance[0], distance[1:], at_rest=at_rest)
 
     def joint_goals(
         self, q: Array, goal: Array, forecast: Forecast, rng: np.random.Generator, tuning: Any = None
