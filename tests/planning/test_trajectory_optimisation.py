@@ -168,6 +168,27 @@ def test_the_constraints_are_those_of_the_motion(optimiser: Optimiser, scene: Sc
     np.testing.assert_allclose((rows.high - value)[count:], below, atol=1e-9)
 
 
+def test_distances_are_linearised_where_less_is_lacking(optimiser: Optimiser, scene: Scene) -> None:
+    """About the plan before, unless that lacks something and the reference lacks less than half of it."""
+    m = len(optimiser.samples)
+    beside, away = np.tile(HOME, (m, 1)), np.tile(HOME - [0.7, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], (m, 1))
+    around = scene.around(Forecast.of_tracks(tracks((0.5, 0.1, 0.35), (3.0, 3.0, 0.5))), np.zeros(m))
+    bodies = scene.clearance.distances(beside, around, 0.5).shape[1]
+    margins = np.full((m, bodies), 0.06)
+    margins[:, -1] = 0.005
+    lacking = optimiser.assess(beside, around, margins)
+    assert lacking > 1e-3 > optimiser.assess(away, around, margins)
+    for guess, reference, chosen in ((beside, away, away), (away, beside, away), (beside, beside, beside)):
+        about, contacts, kept = optimiser._begin(guess, reference, around, margins)
+        assert about is chosen and kept == pytest.approx(optimiser.assess(guess, around, margins))
+        expected = optimiser._contacts(chosen, around, margins)
+        np.testing.assert_array_equal(contacts.distance, expected.distance)
+    # Half as good is not enough.
+    between = np.where(np.arange(m)[:, None] < 0.3 * m, beside, away)
+    assert 0.5 * lacking < optimiser.assess(between, around, margins) < lacking
+    assert optimiser._begin(beside, between, around, margins)[0] is beside
+
+
 def test_a_plan_stops_within_the_limits_and_at_rest(scene: Scene) -> None:
     planner = MotionPlanner(scene, np.full(7, 2.0), scenario.Planner())
     for speed in (0.05, 0.5, 1.2):

@@ -35,6 +35,7 @@ def plan(duration: float = 1.0) -> Scenario:
     twin.arm, world.arm = ArmModel(**arm), ArmModel(**arm, effects=[payload])
     twin.home, twin.camera, world.objects, world.fixtures = list(HOME), None, {}, []
     twin.task.X_WG, twin.task.start = Pose([0.35, 0.25, 0.45], [3.1, 0.0, 0.4]), 0.1
+    twin.planner.acceleration = 2.0  # speeds that lag by a millisecond then tell the gyro's bias to its noise
     twin.sensors = [LinkSensor("imu", X_BS=Pose([0.0, 0.02, 0.03], [0.2, 0.0, 0.4])), LinkSensor("wrench", rate=100.0)]
     twin.filter.sensors = [SensorSpec("imu", name="flange_imu"), SensorSpec("wrench")]
     world.sensor_defects = {IMU: SensorDefects(bias=[*GYRO_BIAS, 0.0, 0.0, 0.0])}

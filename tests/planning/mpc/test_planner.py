@@ -175,6 +175,26 @@ def test_what_rests_beside_the_hand_is_left_gently_and_what_moves_is_not(spied: 
         np.testing.assert_allclose(told[:, 3], 0.004)
 
 
+def test_what_rests_may_be_as_near_as_to_the_line_that_was_found_free(scene: Scene) -> None:
+    """3 mm nearer, to be exact, but never nearer than the least; what moves keeps its distance."""
+    planner = MotionPlanner(scene, np.full(7, 2.0), PARAMS)
+    way = np.tile(HOME, (len(planner.optimiser.samples), 1))
+    X = scene.chain.tool(scene.chain.place(HOME[None]))[0]
+    for moves in (False, True):
+        forecast = Forecast.of_tracks(track(0.1 if moves else 0.0, place=(X[0, 3] + 0.1, X[1, 3], X[2, 3])))
+        around = scene.around(forecast, planner.optimiser.samples)
+        now = planner.guide.margins_at(HOME, forecast, HOME[None])
+        near = scene.clearance.distances(way, around, 1.0, own=False)
+        margins = np.full(near.shape, 0.3)
+        told = planner._as_near_as(way, around, margins, now)
+        least = 0.25 * PARAMS.clearance
+        gentle = np.minimum(0.3, np.maximum(near[:, 1] - 0.003, least))
+        np.testing.assert_allclose(told[:, 1], 0.3 if moves else gentle)
+        assert moves or (gentle < 0.2).all()
+        np.testing.assert_array_equal(told[:, -1], margins[:, -1])
+        np.testing.assert_array_equal(margins, 0.3)
+
+
 def test_without_a_goal_six_tenths_of_the_clearance_are_always_wanted(spied: Spied, at_home: Memory) -> None:
     spied.tick(at_home, 0.1)
     assert spied.situation.least == pytest.approx(0.6 * PARAMS.clearance)

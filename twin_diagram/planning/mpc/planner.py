@@ -10,6 +10,7 @@ import numpy as np
 
 from twin_diagram import scenario
 from twin_diagram.model.model import Model
+from twin_diagram.planning.collision.clearance import Surroundings
 from twin_diagram.planning.collision.collision_scene import Forecast, Scene
 from twin_diagram.planning.mpc.arm_torque import TUNING as ARM_TORQUE
 from twin_diagram.planning.mpc.arm_torque import ArmTorque, TorqueBounds, acceleration_limit, torque_bounds
@@ -211,6 +212,8 @@ class MotionPlanner:
         else:
             reference = way.at(samples)
         fallback = replace(memory.trajectory, q0=memory.trajectory.q0 - memory.offset)
+        if route.aim is Aim.LINE:
+            margins = self._as_near_as(reference, around, margins, situation)
         torque = self._torque(memory, now, arm)
         outcome = self.optimiser.solve(now, q0, v0, a0, guess, old_v, reference, around, margins, fallback, torque)
         plan = replace(outcome.trajectory, q0=outcome.trajectory.q0 + memory.offset)
@@ -238,6 +241,17 @@ class MotionPlanner:
         here = np.maximum(now.here[:-1] - TUNING.kept, now.least)
         leaving = np.minimum(result[:, :-1], here + TUNING.approach * samples[:, None])
         result[:, :-1] = np.where(now.still, leaving, result[:, :-1])
+        return result
+
+    def _as_near_as(self, way: Array, around: Surroundings, margins: Array, now: Situation) -> Array:
+        """Return margins (M, B + 1) by which what rests may be as near as it is to a way (M, n) that was found free.
+
+        Between things that stand close together the hand then keeps to its line, rather than to their middle.
+        """
+        near = self.scene.clearance.distances(way, around, float(margins.max()) + TUNING.kept, own=False)
+        result = margins.copy()
+        wanted = np.minimum(margins[:, :-1], np.maximum(near[:, :-1] - TUNING.kept, now.least))
+        result[:, :-1] = np.where(now.still, wanted, margins[:, :-1])
         return result
 
     def _heard(self, memory: Memory, q0: Array, forecast: Forecast) -> Memory:

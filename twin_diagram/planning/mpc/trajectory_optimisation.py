@@ -61,6 +61,8 @@ class OptimiserTuning:
     """Linearisations of the distances in one tick, at most: the next tick starts from this one's plan."""
     settled: float = 0.02
     """A step smaller than this needs no further iteration [rad]."""
+    better: float = 0.5
+    """Distances are linearised about the reference where it lacks less than this share of what the last plan lacks."""
     worse: float = 1e-4
     """A plan may lack this much more of the margins than the one before and be taken [m·s]: the solver's noise."""
 
@@ -157,7 +159,7 @@ class Optimiser:
             q0: (n,) position there, kept [rad].
             v0: (n,) velocity there, kept.
             a0: (n,) acceleration there, kept.
-            guess: (M, n) positions at the samples, to linearise about.
+            guess: (M, n) positions at the samples, to linearise about unless the reference keeps clear of more.
             guess_velocity: (M, n) of the guess; its excess over the limits is allowed.
             reference: (M, n) where to be at the samples [rad].
             around: the bodies at the samples.
@@ -169,9 +171,8 @@ class Optimiser:
             The better, by violation, of what was found and the fallback.
         """
         base, base_velocity = self._coasting(q0, v0, a0)
-        contacts = self._contacts(guess, around, margins)
-        kept = self._lacking(contacts, margins)
-        inner, present, solved, change = None, guess, True, np.inf
+        about, contacts, kept = self._begin(guess, reference, around, margins)
+        inner, present, solved, change = None, about, True, np.inf
         for iteration in range(self.tuning.iterations):
             contacts = self._contacts(present, around, margins) if iteration else contacts
             rows = self._rows(base, base_velocity, present, guess_velocity, contacts, margins)
@@ -187,7 +188,7 @@ class Optimiser:
         if inner is None:
             return Optimum(fallback, kept, solved)
         if change < self.tuning.settled and iteration == 0:
-            violation = self._lacking(self._ahead(contacts, present - guess), margins)  # distances are as linearised
+            violation = self._lacking(self._ahead(contacts, present - about), margins)  # distances are as linearised
         else:
             violation = self.assess(present, around, margins)
         if violation > kept + self.tuning.worse:
@@ -196,6 +197,21 @@ class Optimiser:
             return Optimum(fallback, kept, solved)
         plan = Trajectory(start, self.step, q0, v0, np.vstack([a0, inner, 0.0 * a0]))
         return Optimum(plan, violation, solved)
+
+    def _begin(
+        self, guess: Array, reference: Array, around: Surroundings, margins: Array
+    ) -> tuple[Array, Contacts, float]:
+        """Return the positions to linearise about, what they come near to, and what the guess lacks of the margins.
+
+        Where the plan before would stay among things, their slopes may mislead; the reference leads away from them.
+        """
+        contacts = self._contacts(guess, around, margins)
+        kept = self._lacking(contacts, margins)
+        if kept > self.tuning.worse:
+            there = self._contacts(reference, around, margins)
+            if self._lacking(there, margins) < self.tuning.better * kept:
+                return reference, there, kept
+        return guess, contacts, kept
 
     def _coasting(self, q0: Array, v0: Array, a0: Array) -> tuple[Array, Array]:
         """Return positions and velocities (M, n) at the samples where the free accelerations are zero."""
