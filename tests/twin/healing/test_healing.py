@@ -555,7 +555,8 @@ def test_a_run_writes_its_alarms(tmp_path: Path) -> None:
     (tmp_path / EVENTS).write_text("of an earlier run\n")
     run_scenario(plan, out=tmp_path, say=lambda text: None, quiet=True, pictures=False)
     events = [json.loads(line) for line in (tmp_path / EVENTS).read_text(encoding="utf-8").splitlines()]
-    assert events and all(event["event"] == "alarm" for event in events)
+    # The push makes the plan start anew, at which the stop monitor may brake for a moment.
+    assert events and {event["event"] for event in events} <= {"alarm", "brake", "resume"}
     assert 1.2 < events[0]["time"] < 1.3 and events[0]["statistic"] > 1.0
     assert len(events[0]["evidence"]["joints"]) == 6
     assert not (tmp_path / "healing").exists()
