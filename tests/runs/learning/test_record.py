@@ -41,7 +41,7 @@ def test_what_a_killed_run_left_half_done_goes_and_what_is_finished_stays(tmp_pa
     with (record.folder / "events.jsonl").open("a") as file:
         file.write('{"object": "object_02", "sta')
     record.fresh("object_02")
-    (record.library / ".object_02.abc").mkdir(parents=True)
+    (record.library / ".object_02.ab_c0123").mkdir(parents=True)
     (record.library / "object_01").mkdir()
     (record.folder / ".state.npz.77.part").write_text("half")
     again = LearningRecord(record.folder, Scenario())
@@ -51,6 +51,20 @@ def test_what_a_killed_run_left_half_done_goes_and_what_is_finished_stays(tmp_pa
     assert not list(record.folder.glob(".*"))
     events = [json.loads(line) for line in (record.folder / "events.jsonl").read_text().splitlines()]
     assert [event["stage"] for event in events] == ["pick"]
+
+
+def test_resuming_touches_nothing_that_others_keep_in_the_folder(tmp_path: Path) -> None:
+    record, _ = filled(tmp_path / "run")
+    foreign = {".git/config", ".env", ".vimrc.personal/x", ".notes.77.part", "objects/.git/config", "library/.env"}
+    foreign |= {"objects/mug/model.sdf", "objects/object_drawing", "library/.mug.12345678/x", "library/.git/config"}
+    foreign |= {"objects/.object_01.12345678/x", ".git.12345678/x"}
+    for name in foreign:
+        (record.folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (record.folder / name).write_text("theirs")
+    (record.folder / ".swung.npz.77.part").write_text("half")
+    LearningRecord(record.folder, Scenario()).resume()
+    left = {str(path.relative_to(record.folder)) for path in record.folder.rglob("*") if path.is_file()}
+    assert left == foreign | {"state.npz", "scenario.yaml"}
 
 
 def test_refusals_are_one_line_and_write_nothing(tmp_path: Path) -> None:

@@ -31,9 +31,10 @@ from twin_diagram.runs.learning.following import Followed, cover, follow
 from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
 from twin_diagram.runs.learning.picking import TUNING as PICKING
 from twin_diagram.runs.learning.picking import Taken, go, reach_of, take
+from twin_diagram.runs.learning.record import SWUNG
 from twin_diagram.runs.learning.regrasping import take_again
 from twin_diagram.runs.learning.setting_down import PutDown, places_in, set_down
-from twin_diagram.runs.learning.weighing import SWUNG, swing_empty, swing_held, write_swung
+from twin_diagram.runs.learning.weighing import swing_empty, swing_held, write_swung
 from twin_diagram.scenario import Learning
 from twin_diagram.signals.arrays import Array
 

@@ -24,11 +24,11 @@ from twin_diagram.runs.learning.finishing import write_learned
 from twin_diagram.runs.learning.gallery import write_gallery
 from twin_diagram.runs.learning.handling import Picked, ShownObject, Tools
 from twin_diagram.runs.learning.motion import Mover, NoWay
-from twin_diagram.runs.learning.record import Learned, LearningRecord, RunState, plain
+from twin_diagram.runs.learning.record import SWUNG, Learned, LearningRecord, RunState, plain
 from twin_diagram.runs.learning.setting_down import PutDown
 from twin_diagram.runs.learning.shape_jobs import Done, ShapeJobs
 from twin_diagram.runs.learning.shape_worker import FRAMES, SHAPE, read_shape
-from twin_diagram.runs.learning.weighing import SWUNG, inertia_of, read_swung
+from twin_diagram.runs.learning.weighing import inertia_of, read_swung
 from twin_diagram.runtime import stopping
 from twin_diagram.scenario import Learning, Scenario
 

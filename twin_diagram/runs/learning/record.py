@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import shutil
 import time
 from collections.abc import Mapping
@@ -26,10 +27,18 @@ EVENTS: Final = "events.jsonl"
 """A line a stage."""
 SCENARIO: Final = "scenario.yaml"
 """What the run is of: it goes on with that alone."""
+GALLERY: Final = "gallery.html"
+"""The page that shows all of it."""
+SWUNG: Final = "swung.npz"
+"""File of an object's torques, in its folder; of the empty hand's, in the run's."""
+FILES: Final = (STATE, EVENTS, SCENARIO, GALLERY, SWUNG)
+"""All that is written as a whole into the run's folder."""
 OBJECTS: Final = "objects"
 """Folder of each object's frames, torques and shape."""
 LIBRARY: Final = "library"
 """Folder of the assets."""
+OBJECT: Final = re.compile(r"object_[0-9]{2,}")
+"""Names of objects: whatever else lies in those folders is somebody else's."""
 SPARE: Final = 200_000_000
 """Bytes that must be free for a run's files: some 20 MB an object."""
 
@@ -191,13 +200,18 @@ class LearningRecord:
             )
 
     def _tidy(self, state: RunState) -> None:
-        """Remove what a killed run left half done: hidden folders, objects that no state knows, half a line."""
+        """Remove what a killed run left half done: files written aside, objects that no state knows, half a line."""
         known = {one.name for one in state.learned}
-        for parent in (self.folder, self.folder / OBJECTS, self.library):
-            for path in parent.glob(".*") if parent.is_dir() else ():
-                shutil.rmtree(path) if path.is_dir() else path.unlink()
-        for path in (self.folder / OBJECTS).glob("*") if (self.folder / OBJECTS).is_dir() else ():
-            if path.name not in known:
+        # What others keep in these folders, hidden or not, is not touched: `--out` may be any folder.
+        for parent in (self.folder, self.library):
+            for path in sorted(parent.glob(".*")):
+                name = atomic_file.unfinished(path)
+                if name and path.is_dir() and parent == self.library and OBJECT.fullmatch(name):
+                    shutil.rmtree(path, ignore_errors=True)
+                elif name and path.is_file() and parent == self.folder and name in FILES:
+                    path.unlink()
+        for path in sorted((self.folder / OBJECTS).glob("*")):
+            if OBJECT.fullmatch(path.name) and path.name not in known and not path.is_symlink():
                 shutil.rmtree(path, ignore_errors=True)
         events = self.folder / EVENTS
         if events.is_file():
