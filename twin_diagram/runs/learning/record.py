@@ -79,7 +79,8 @@ class RunState:
 
     Attributes:
         learned: objects so far, in order.
-        given_up: (3,) places in W of things that were reported and still lie in the bin [m].
+        given_up: (3,) places in W of things that were reported, or failed too often, and still lie in the bin [m].
+        failed_at: (3,) places in W from which things were taken that failed, since one was last put away [m].
         world: of `Cell.snapshot`.
         sim_time: simulated so far [s].
         finished: the bin is empty, or holds only what was reported.
@@ -87,6 +88,7 @@ class RunState:
 
     learned: list[Learned] = field(default_factory=list)
     given_up: list[list[float]] = field(default_factory=list)
+    failed_at: list[list[float]] = field(default_factory=list)
     world: dict[str, Array] = field(default_factory=dict)
     sim_time: float = 0.0
     finished: bool = False
@@ -163,7 +165,9 @@ class LearningRecord:
             told = json.loads(str(data["told"]))
             world = {key.removeprefix("world_"): data[key] for key in data.files if key.startswith("world_")}
         learned = [Learned(**one) for one in told["learned"]]
-        state = RunState(learned, told["given_up"], world, told["sim_time"], told["finished"])
+        state = RunState(
+            learned, told["given_up"], told.get("failed_at", []), world, told["sim_time"], told["finished"]
+        )
         self._tidy(state)
         return state
 
@@ -171,7 +175,8 @@ class LearningRecord:
         """Write the state, whole."""
         told = {
             "learned": [asdict(one) for one in state.learned],
-            **{"given_up": state.given_up, "sim_time": state.sim_time, "finished": state.finished},
+            **{"given_up": state.given_up, "failed_at": state.failed_at},
+            **{"sim_time": state.sim_time, "finished": state.finished},
         }
         data = io.BytesIO()
         arrays: dict[str, Any] = {f"world_{key}": value for key, value in state.world.items()}
