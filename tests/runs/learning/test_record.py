@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -74,6 +76,7 @@ def test_refusals_are_one_line_and_write_nothing(tmp_path: Path) -> None:
     for call, words in (
         (LearningRecord(tmp_path / "run", other).resume, "another scenario"),
         (LearningRecord(tmp_path / "none", Scenario()).resume, "no run to go on with"),
+        (lambda: LearningRecord(tmp_path / "none", Scenario()).alone(new=False).__enter__(), "no run to go on with"),
         (LearningRecord(tmp_path / "run", Scenario()).begin, "--resume goes on"),
         (LearningRecord(tmp_path / "run" / "state.npz" / "x", Scenario()).begin, "--out"),
         (lambda: filled(tmp_path / "more")[1].named("object_09"), "object_01"),
@@ -82,6 +85,35 @@ def test_refusals_are_one_line_and_write_nothing(tmp_path: Path) -> None:
             call()
         assert "\n" not in str(error.value)
     assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda whole: b"",
+        lambda whole: b"no archive",
+        lambda whole: whole[:-40],
+        lambda whole: whole.replace("finished".encode("utf-32-le"), "finishes".encode("utf-32-le")),
+        lambda whole: packed(other=np.zeros(2)),
+        lambda whole: packed(told=np.array("[]")),
+        lambda whole: packed(told=np.array('{"learned": [{"nme": 1}]}')),
+        lambda whole: packed(told=np.array("{")),
+    ],
+)
+def test_a_damaged_state_is_told_in_a_line(tmp_path: Path, damage: Callable[[bytes], bytes]) -> None:
+    record, _ = filled(tmp_path / "run")
+    record.fresh("object_02")
+    file = record.folder / "state.npz"
+    file.write_bytes(damage(file.read_bytes()))
+    with pytest.raises(LearningError, match=r"^--resume: .*state\.npz cannot be read: ") as error:
+        record.resume()
+    assert "\n" not in str(error.value) and record.of("object_02").is_dir()
+
+
+def packed(**arrays: np.ndarray) -> bytes:
+    data = io.BytesIO()
+    np.savez(data, **arrays)  # type: ignore[arg-type]
+    return data.getvalue()
 
 
 def test_a_disk_without_room_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

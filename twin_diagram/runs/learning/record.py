@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import fcntl
 import io
 import json
 import re
 import shutil
 import time
-from collections.abc import Mapping
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -33,6 +37,8 @@ SWUNG: Final = "swung.npz"
 """File of an object's torques, in its folder; of the empty hand's, in the run's."""
 FILES: Final = (STATE, EVENTS, SCENARIO, GALLERY, SWUNG)
 """All that is written as a whole into the run's folder."""
+LOCK: Final = "run.lock"
+"""Held by the process that is at work in the folder; empty, and it stays."""
 OBJECTS: Final = "objects"
 """Folder of each object's frames, torques and shape."""
 LIBRARY: Final = "library"
@@ -123,6 +129,27 @@ class LearningRecord:
         """Return the folder of an object's data."""
         return self.folder / OBJECTS / name
 
+    @contextmanager
+    def alone(self, *, new: bool) -> Iterator[None]:
+        """Keep other processes out of the folder, which `begin` (`new`) or `resume` could use, until the block ends.
+
+        Raises:
+            LearningError: another process is at work in it, or it cannot be used.
+        """
+        if new:
+            self.check_place()
+            self.folder.mkdir(parents=True, exist_ok=True)
+        else:
+            self.check_kept()
+        with (self.folder / LOCK).open("a") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise LearningError(
+                    f"--out {self.folder}: another process is at work in it; wait for its end, or give another --out"
+                ) from None
+            yield
+
     def begin(self) -> RunState:
         """Make the folder ready for a new run.
 
@@ -146,30 +173,45 @@ class LearningRecord:
             raise LearningError(f"--out {self.folder}: there is a run in it; --resume goes on with it")
         self._check_room()
 
-    def resume(self) -> RunState:
-        """Return the state that a run was left in.
+    def check_kept(self) -> None:
+        """Refuse a folder without a run of this scenario that can go on.
 
         Raises:
-            LearningError: there is none, or it is another scenario's.
+            LearningError: there is none, it is another scenario's, or the folder cannot be written or has no room.
         """
         if not (self.folder / STATE).is_file():
             raise LearningError(f"--resume: {self.folder} has no run to go on with")
         if why := why_not(self.folder, folder=True):
             raise LearningError(f"--out {self.folder}: {why}")
         self._check_room()
-        if (self.folder / SCENARIO).read_text() != self._told:
+        if (self.folder / SCENARIO).read_text(encoding="utf-8", errors="replace") != self._told:
             raise LearningError(
                 f"--resume: {self.folder} is a run of another scenario; give it that one, or another --out"
             )
+
+    def resume(self) -> RunState:
+        """Return the state that a run was left in.
+
+        Raises:
+            LearningError: there is none, it cannot be read, or it is another scenario's.
+        """
+        self.check_kept()
+        try:
+            state = self._read_state()
+        except (BadZipFile, KeyError, TypeError, EOFError, ValueError, AttributeError, zlib.error) as error:
+            why = " ".join(str(error).split()) or type(error).__name__
+            raise LearningError(
+                f"--resume: {self.folder / STATE} cannot be read: {why}; begin anew with another --out"
+            ) from error
+        self._tidy(state)
+        return state
+
+    def _read_state(self) -> RunState:
         with np.load(self.folder / STATE, allow_pickle=False) as data:
             told = json.loads(str(data["told"]))
             world = {key.removeprefix("world_"): data[key] for key in data.files if key.startswith("world_")}
         learned = [Learned(**one) for one in told["learned"]]
-        state = RunState(
-            learned, told["given_up"], told.get("failed_at", []), world, told["sim_time"], told["finished"]
-        )
-        self._tidy(state)
-        return state
+        return RunState(learned, told["given_up"], told.get("failed_at", []), world, told["sim_time"], told["finished"])
 
     def save(self, state: RunState) -> None:
         """Write the state, whole."""
