@@ -30,6 +30,18 @@ def test_only_its_parts_are_replaced_where_they_are_named(tmp_path: Path) -> Non
     assert tree(tmp_path) == {"kept": "kept", "own": "changed"}
 
 
+def test_what_is_cut_off_is_known_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[str | None] = []
+    with monkeypatch.context() as patch:
+        patch.setattr("os.replace", lambda part, _: seen.append(atomic_file.unfinished(part)))
+        atomic_file.write(tmp_path / "a.b", "x")
+    assert seen == ["a.b"] and atomic_file.unfinished(atomic_file.make_aside(tmp_path / "a.b")) == "a.b"
+    (tmp_path / ".git").mkdir()
+    (tmp_path / ".env").write_text("x")
+    (tmp_path / ".a.12345678").symlink_to(tmp_path / ".git")
+    assert [atomic_file.unfinished(tmp_path / name) for name in (".git", ".env", ".a.12345678")] == [None] * 3
+
+
 @pytest.mark.parametrize("parts", [(), ("a",)])
 def test_a_failure_leaves_what_was_there(tmp_path: Path, parts: tuple[str, ...]) -> None:
     place = tmp_path / "out"

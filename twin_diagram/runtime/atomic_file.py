@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Final
+
+ASIDE_FILE: Final = re.compile(r"\.(.+)\.[0-9]+\.part")
+"""Names that `write` gives files until they are whole."""
+ASIDE_FOLDER: Final = re.compile(r"\.(.+)\.[a-z0-9_]{8}")
+"""Names that `make_aside` gives folders: eight characters of `tempfile` at the end."""
 
 
 def write(path: str | Path, content: bytes | str) -> Path:
@@ -67,3 +74,14 @@ def put_in_place(aside: Path, path: Path, parts: Collection[str] = ()) -> None:
             os.replace(aside, path)
     finally:
         shutil.rmtree(old, ignore_errors=True)
+
+
+def unfinished(path: Path) -> str | None:
+    """Return the name that a file or folder was to get when its writing was cut off; None: it is nothing of the kind.
+
+    A foreign file can look the same by chance: compare the name with those that are written there.
+    """
+    if path.is_symlink():
+        return None
+    told = (ASIDE_FOLDER if path.is_dir() else ASIDE_FILE).fullmatch(path.name)
+    return told[1] if told else None

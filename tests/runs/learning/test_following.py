@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tests.runs.learning.held_box import HALF, shown, turned
+from twin_diagram.runs.learning.display import NothingHeld
 from twin_diagram.runs.learning.following import Followed, apart, follow
 
 X_TB = np.eye(4)
@@ -56,3 +59,16 @@ def test_the_camera_is_where_the_tool_and_the_arm_put_it() -> None:
         X_TW = np.linalg.inv(one.X_WT)
         assert X_SC[:3, 3] == pytest.approx(X_TW[:3, :3] @ one.picture.camera.p_WC + X_TW[:3, 3], abs=1e-3)
         assert X_SC[:3, :3] == pytest.approx(X_TW[:3, :3] @ one.picture.camera.R_WC, abs=4e-3)
+
+
+def test_pictures_that_all_show_too_little_are_told_and_not_taken_for_followed() -> None:
+    good = [shown(turned(a), X_TB, k) for k, a in enumerate(ANGLES[:2])]
+    speck = np.zeros_like(good[0].mask)
+    speck[100:105, 118:123] = True
+    bad = [replace(one, mask=speck) for one in good]
+    for before in (Followed(), follow(Followed(), good, np.eye(4))):
+        count = len(before.shown)
+        with pytest.raises(NothingHeld, match="no picture can be followed: each of 2 "):
+            follow(before, bad, np.eye(4))
+        assert len(before.shown) == count
+    assert len(follow(Followed(), [bad[0], good[0]], np.eye(4)).shown) == 1

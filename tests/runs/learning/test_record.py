@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -41,7 +43,7 @@ def test_what_a_killed_run_left_half_done_goes_and_what_is_finished_stays(tmp_pa
     with (record.folder / "events.jsonl").open("a") as file:
         file.write('{"object": "object_02", "sta')
     record.fresh("object_02")
-    (record.library / ".object_02.abc").mkdir(parents=True)
+    (record.library / ".object_02.ab_c0123").mkdir(parents=True)
     (record.library / "object_01").mkdir()
     (record.folder / ".state.npz.77.part").write_text("half")
     again = LearningRecord(record.folder, Scenario())
@@ -53,6 +55,20 @@ def test_what_a_killed_run_left_half_done_goes_and_what_is_finished_stays(tmp_pa
     assert [event["stage"] for event in events] == ["pick"]
 
 
+def test_resuming_touches_nothing_that_others_keep_in_the_folder(tmp_path: Path) -> None:
+    record, _ = filled(tmp_path / "run")
+    foreign = {".git/config", ".env", ".vimrc.personal/x", ".notes.77.part", "objects/.git/config", "library/.env"}
+    foreign |= {"objects/mug/model.sdf", "objects/object_drawing", "library/.mug.12345678/x", "library/.git/config"}
+    foreign |= {"objects/.object_01.12345678/x", ".git.12345678/x"}
+    for name in foreign:
+        (record.folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (record.folder / name).write_text("theirs")
+    (record.folder / ".swung.npz.77.part").write_text("half")
+    LearningRecord(record.folder, Scenario()).resume()
+    left = {str(path.relative_to(record.folder)) for path in record.folder.rglob("*") if path.is_file()}
+    assert left == foreign | {"state.npz", "scenario.yaml"}
+
+
 def test_refusals_are_one_line_and_write_nothing(tmp_path: Path) -> None:
     filled(tmp_path / "run")
     other = copy_scenario(Scenario())
@@ -60,6 +76,7 @@ def test_refusals_are_one_line_and_write_nothing(tmp_path: Path) -> None:
     for call, words in (
         (LearningRecord(tmp_path / "run", other).resume, "another scenario"),
         (LearningRecord(tmp_path / "none", Scenario()).resume, "no run to go on with"),
+        (lambda: LearningRecord(tmp_path / "none", Scenario()).alone(new=False).__enter__(), "no run to go on with"),
         (LearningRecord(tmp_path / "run", Scenario()).begin, "--resume goes on"),
         (LearningRecord(tmp_path / "run" / "state.npz" / "x", Scenario()).begin, "--out"),
         (lambda: filled(tmp_path / "more")[1].named("object_09"), "object_01"),
@@ -68,6 +85,35 @@ def test_refusals_are_one_line_and_write_nothing(tmp_path: Path) -> None:
             call()
         assert "\n" not in str(error.value)
     assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda whole: b"",
+        lambda whole: b"no archive",
+        lambda whole: whole[:-40],
+        lambda whole: whole.replace("finished".encode("utf-32-le"), "finishes".encode("utf-32-le")),
+        lambda whole: packed(other=np.zeros(2)),
+        lambda whole: packed(told=np.array("[]")),
+        lambda whole: packed(told=np.array('{"learned": [{"nme": 1}]}')),
+        lambda whole: packed(told=np.array("{")),
+    ],
+)
+def test_a_damaged_state_is_told_in_a_line(tmp_path: Path, damage: Callable[[bytes], bytes]) -> None:
+    record, _ = filled(tmp_path / "run")
+    record.fresh("object_02")
+    file = record.folder / "state.npz"
+    file.write_bytes(damage(file.read_bytes()))
+    with pytest.raises(LearningError, match=r"^--resume: .*state\.npz cannot be read: ") as error:
+        record.resume()
+    assert "\n" not in str(error.value) and record.of("object_02").is_dir()
+
+
+def packed(**arrays: np.ndarray) -> bytes:
+    data = io.BytesIO()
+    np.savez(data, **arrays)  # type: ignore[arg-type]
+    return data.getvalue()
 
 
 def test_a_disk_without_room_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

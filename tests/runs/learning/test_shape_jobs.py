@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import time
 from pathlib import Path
 
 from twin_diagram.runs.learning.shape_jobs import Done, ShapeJobs
+from twin_diagram.runs.learning.shape_worker import SHAPE
 
 
 def ended(jobs: ShapeJobs, count: int) -> list[Done]:
@@ -34,6 +37,15 @@ def test_one_that_takes_too_long_is_ended(tmp_path: Path) -> None:
     jobs.add("object_01", tmp_path)
     (found,) = ended(jobs, 1)
     assert found.why == "the reconstruction took more than 0.05 s"
+
+
+def test_one_that_has_ended_is_not_late_because_nobody_looked(tmp_path: Path) -> None:
+    jobs = ShapeJobs(longest=5.0)
+    (tmp_path / SHAPE).write_text("a shape")
+    process = subprocess.Popen([sys.executable, "-c", ""])
+    process.wait()
+    jobs._running = ("object_01", tmp_path, process, time.monotonic() - 60.0)
+    assert jobs.poll() == [Done("object_01", None)]
 
 
 def test_closing_ends_what_runs(tmp_path: Path) -> None:

@@ -6,11 +6,14 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from twin_diagram.errors import ScenarioError
-from twin_diagram.runs.learning.start import check_cell
+from twin_diagram.runs.learning import start
+from twin_diagram.runs.learning.record import LearningError, LearningRecord, RunState
+from twin_diagram.runs.learning.start import check_cell, learn, learn_again
 from twin_diagram.scenario import Scenario
 from twin_diagram.scenario.file import load_scenario
 
@@ -20,22 +23,24 @@ def changed(*overrides: str) -> Scenario:
 
 
 def test_the_scenario_that_comes_along_can_be() -> None:
-    learning = check_cell(changed().twin)
+    learning = check_cell(changed())
     assert learning.bin_camera == "bin" and learning.tries == 3
 
 
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: check_cell(changed("twin.learning=null").twin), "twin.learning: is missing"),
-        (lambda: check_cell(changed("twin.cameras.bin.X_WC.translation=[0.4, 0.9, 0.9]").twin), "not see the bin"),
-        (lambda: check_cell(changed("twin.cameras.scan.X_WC.rpy=[0.0, 0.0, 0.0]").twin), "not see the platform"),
+        (lambda: check_cell(changed("twin.learning=null")), "twin.learning: is missing"),
+        (lambda: check_cell(changed("twin.cameras.bin.X_WC.translation=[0.4, 0.9, 0.9]")), "not see the bin"),
+        (lambda: check_cell(changed("twin.cameras.scan.X_WC.rpy=[0.0, 0.0, 0.0]")), "not see the platform"),
         (
-            lambda: check_cell(changed("twin.learning.scan_camera=other").twin),
+            lambda: check_cell(changed("twin.learning.scan_camera=other")),
             "scan_camera.*none of twin.cameras: bin, scan",
         ),
-        (lambda: check_cell(changed("twin.learning.from_bin=[[1, 1, 1], [0, 0, 0]]").twin), "twin.learning.from_bin"),
-        (lambda: check_cell(changed("twin.learning.tries=0").twin), "twin.learning.tries"),
+        (lambda: check_cell(changed("twin.learning.from_bin=[[1, 1, 1], [0, 0, 0]]")), "twin.learning.from_bin"),
+        (lambda: check_cell(changed("station=lcm")), "station: 'lcm'.*simulated"),
+        (lambda: check_cell(changed("station=replay")), "station: 'replay'.*simulated"),
+        (lambda: check_cell(changed("twin.learning.tries=0")), "twin.learning.tries"),
     ],
 )
 def test_refusals(make: Callable[[], object], words: str) -> None:
@@ -50,3 +55,47 @@ def test_the_command_ends_with_2_and_writes_nothing(tmp_path: Path) -> None:
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert done.returncode == 2 and done.stderr.startswith("error: twin.learning") and done.stderr.count("\n") == 1
     assert not out.exists()
+
+
+def test_a_folder_in_which_another_process_is_at_work_is_left_alone(tmp_path: Path) -> None:
+    scenario = changed()
+    record = LearningRecord(tmp_path / "run", scenario)
+    calls: list[Callable[[], object]] = [
+        lambda: learn(scenario, record.folder, resume=True),
+        lambda: learn_again(scenario, record.folder, "object_01"),
+    ]
+    with record.alone(new=True):
+        with (
+            pytest.raises(LearningError, match="another process is at work"),
+            LearningRecord(record.folder, scenario).alone(new=True),
+        ):
+            pass
+        record.save(record.begin())
+        record.fresh("object_01")  # in hand: no state knows it yet
+        for call in calls:
+            with pytest.raises(LearningError, match=r"another process is at work.*wait") as error:
+                call()
+            assert "\n" not in str(error.value)
+        assert record.of("object_01").is_dir()
+    with pytest.raises(LearningError, match="no such object"):  # its end frees the folder
+        learn_again(scenario, record.folder, "object_01")
+
+
+def test_a_new_run_holds_its_folder_until_it_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario, ran = changed(), []
+
+    class Looker:
+        def __init__(self, tools: object, record: LearningRecord, state: RunState, say: object) -> None:
+            self.record, self.state = record, state
+
+        def run(self) -> None:
+            self.record.save(self.state)
+            with pytest.raises(LearningError, match="another process"):
+                learn(scenario, self.record.folder, resume=True)
+            ran.append(True)
+
+    monkeypatch.setattr(start, "tools_of", lambda *_: SimpleNamespace(cell=SimpleNamespace(observer=None)))
+    monkeypatch.setattr(start, "Learner", Looker)
+    for resume in (False, True):
+        learn(scenario, tmp_path / "run", resume=resume)
+    assert len(ran) == 2

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram.errors import TwinError
 from twin_diagram.perception.segmentation.robot_shape import RobotShape
 from twin_diagram.runs.learning.cell import Cell, Picture
 from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
@@ -59,7 +60,7 @@ class Tuning:
 TUNING = Tuning()
 
 
-class NothingHeld(Exception):
+class NothingHeld(TwinError):
     """The hand is empty where something should be in it."""
 
 

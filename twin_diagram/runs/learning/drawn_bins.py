@@ -22,7 +22,8 @@ class Tuning:
         *("angle", "ring", "flask", "bottle", "can", "sugar_box", "gelatin_box"),
         "cracker_box",
     )
-    """What may lie in a bin: four of eight are not convex. Not the mug, which is full to the touch."""
+    """What may lie in a bin: four of eight are not convex. The mug, hollow to fingers too, is not
+    among them: with it every seed would draw another bin."""
 
     heaviest: float = 1.5
     """Masses are drawn from the asset's own up to this, evenly in their logarithm [kg]."""

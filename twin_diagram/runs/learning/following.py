@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from twin_diagram.assets.building.depth_view import make_view
 from twin_diagram.logs.frames.view_camera import ViewCamera
-from twin_diagram.runs.learning.display import HeldPicture
+from twin_diagram.runs.learning.display import HeldPicture, NothingHeld
 from twin_diagram.runs.learning.motion import cloud_cells
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
@@ -135,6 +135,9 @@ def follow(
         more: in the order in which they were taken, in one grasp.
         X_ST: (4, 4) first guess of the tool in S at the first of them.
         known: standard deviations of that guess [m], [rad].
+
+    Raises:
+        NothingHeld: none of them shows enough of it to be followed.
     """
     result = Followed(
         [*so_far.shown], [*so_far.X_ST], so_far.points, so_far.normals, [*so_far.slips], [*so_far.explained]
@@ -153,6 +156,8 @@ def follow(
         result.X_ST.append(X)
         result.explained.append(share)
         _add(result, points @ X[:3, :3].T + X[:3, 3], normals @ X[:3, :3].T)
+    if len(result.shown) == len(so_far.shown):
+        raise NothingHeld(f"no picture can be followed: each of {len(more)} has under {TUNING.least} points with depth")
     return result
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from twin_diagram.runs.learning.record import Learned, LearningRecord, RunState
+from twin_diagram.runs.learning.record import GALLERY, Learned, LearningRecord, RunState
 from twin_diagram.runtime import atomic_file
 from twin_diagram.signals.arrays import Array
 
@@ -112,7 +112,7 @@ def write_gallery(record: LearningRecord, state: RunState, true: Mapping[str, Tr
     # Within <script> no text may end it, whatever an object is called.
     packed = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
     atomic_file.write(
-        record.folder / "gallery.html",
+        record.folder / GALLERY,
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>Learned objects</title><style>{STYLE}</style></head><body><main><h1>Learned objects</h1>"

@@ -31,9 +31,10 @@ from twin_diagram.runs.learning.following import Followed, cover, follow
 from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
 from twin_diagram.runs.learning.picking import TUNING as PICKING
 from twin_diagram.runs.learning.picking import Taken, go, reach_of, take
+from twin_diagram.runs.learning.record import SWUNG, LearningError
 from twin_diagram.runs.learning.regrasping import take_again
 from twin_diagram.runs.learning.setting_down import PutDown, places_in, set_down
-from twin_diagram.runs.learning.weighing import SWUNG, swing_empty, swing_held, write_swung
+from twin_diagram.runs.learning.weighing import swing_empty, swing_held, write_swung
 from twin_diagram.scenario import Learning
 from twin_diagram.signals.arrays import Array
 
@@ -104,8 +105,17 @@ class ShownObject:
 
 
 def look_into_bin(tools: Tools, given_up: Sequence[Sequence[float]]) -> tuple[Picture, list[SeenThing]]:
-    """Return a picture of the bin and what lies in it, without what was given up; the arm is out of the way."""
-    go_home(tools)
+    """Return a picture of the bin and what lies in it, without what was given up; the arm is out of the way.
+
+    Raises:
+        LearningError: the arm cannot get out of the way.
+    """
+    try:
+        go_home(tools)
+    except NoWay as why:
+        raise LearningError(
+            f"the arm cannot go home to look into the bin: {why}; check twin.home and what stands about"
+        ) from why
     low, high = (np.array(corner) for corner in tools.learning.from_bin)
     picture = tools.cell.look(tools.learning.bin_camera)
     things = things_within(picture, low, high)
@@ -180,7 +190,7 @@ def show_again(tools: Tools, shown: ShownObject) -> bool:
 
     Raises:
         NoWay: it cannot be set down.
-        NothingHeld: it was lost on the way.
+        NothingHeld: it was lost on the way, or no picture shows enough of it to be followed.
     """
     low, high = (np.array(corner) for corner in tools.learning.platform)
     middle = 0.5 * (low + high)[:2]
@@ -254,7 +264,11 @@ def put_away(tools: Tools, shown: ShownObject, standing: Sequence[PutDown]) -> P
 
 
 def let_go(tools: Tools) -> None:
-    """Empty the hand over the bin that is filled, or where it is if there is no way there, and go home."""
+    """Empty the hand over the bin that is filled, or where it is if there is no way there, and go home.
+
+    Raises:
+        NoWay: there is no way home; the hand is empty.
+    """
     low, high = (np.array(corner) for corner in tools.learning.into_bin)
     over = pose(
         pointing(np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0])),

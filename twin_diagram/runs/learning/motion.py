@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram.errors import TwinError
 from twin_diagram.planning.collision.ball_cover import Balls
 from twin_diagram.planning.collision.clearance import Surroundings
 from twin_diagram.planning.collision.collision_scene import Scene, load_scene
@@ -57,7 +58,7 @@ class Tuning:
 TUNING = Tuning()
 
 
-class NoWay(Exception):
+class NoWay(TwinError):
     """The arm cannot get there; the message says where."""
 
 

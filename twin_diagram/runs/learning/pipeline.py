@@ -24,13 +24,14 @@ from twin_diagram.runs.learning.finishing import write_learned
 from twin_diagram.runs.learning.gallery import write_gallery
 from twin_diagram.runs.learning.handling import Picked, ShownObject, Tools
 from twin_diagram.runs.learning.motion import Mover, NoWay
-from twin_diagram.runs.learning.record import Learned, LearningRecord, RunState, plain
+from twin_diagram.runs.learning.record import SWUNG, Learned, LearningRecord, RunState, plain
 from twin_diagram.runs.learning.setting_down import PutDown
 from twin_diagram.runs.learning.shape_jobs import Done, ShapeJobs
 from twin_diagram.runs.learning.shape_worker import FRAMES, SHAPE, read_shape
-from twin_diagram.runs.learning.weighing import SWUNG, inertia_of, read_swung
+from twin_diagram.runs.learning.weighing import inertia_of, read_swung
 from twin_diagram.runtime import stopping
 from twin_diagram.scenario import Learning, Scenario
+from twin_diagram.signals.arrays import Array
 
 Say = Callable[[str], None]
 
@@ -44,6 +45,9 @@ class Tuning:
 
     poll: float = 0.5
     """Between two looks at reconstructions under way, when nothing else is left to do [s]."""
+
+    rolling: int = 3
+    """Times `learning.tries` that objects may fail in all before each is left where it lies; one put away: from 0."""
 
     settle: float = 1.5
     """Before the first picture: what lies in the bin comes to rest [s]."""
@@ -188,7 +192,11 @@ class Learner:
             self._jobs.add(name, folder)
         elif not shown.followed.shown:
             one.state = "failed"
-        self._taken += 1
+        if one.standing:
+            self._taken += 1
+            self.state.failed_at = []
+        else:
+            self._note_failure(one, picked.thing.middle)
         self._handled += 1
         one.grasps = len(shown.X_ST)
         slips = [[s.picture, s.distance, s.angle] for s in shown.followed.slips]
@@ -211,7 +219,23 @@ class Learner:
         picture = cell.look(self.tools.learning.scan_camera)
         one.picture = f"objects/{one.name}/failed.png"
         handling.save_picture(self.record.folder / one.picture, picture, None, one.why)
-        handling.let_go(self.tools)
+        try:
+            handling.let_go(self.tools)
+        except NoWay as why:  # the next look into the bin tries the way home again, and ends the run if there is none
+            one.why += f"; then the arm could not go home: {why}"
+
+    def _note_failure(self, one: Learned, place: Array) -> None:
+        """Count a failure of what lay at a place (3,) in W; after `tries` of them it is left where it lies.
+
+        What falls back into the bin may roll: after many failures in all each place is left at its first.
+        """
+        tries, failed = self.tools.learning.tries, self.state.failed_at
+        failed.append(place.tolist())
+        here = np.linalg.norm(np.array(failed) - place, axis=1) <= handling.TUNING.same_place
+        if here.sum() >= tries or len(failed) >= TUNING.rolling * tries:
+            self.state.given_up.append(place.tolist())
+            self.record.event(object=one.name, stage="give up", why=one.why)
+            self._say(f"{one.name}: {one.why}; what lies there is left in the bin")
 
     def _report(self, picture: Picture, thing: SeenThing, why: str) -> None:
         """Note something that cannot be taken, with a picture."""
@@ -262,7 +286,7 @@ class Learner:
         told: dict[str, Any] = {"outcome": "done"}
         try:
             yield told
-        except (NoWay, NothingHeld, TwinError) as why:
+        except TwinError as why:
             told["outcome"] = str(why)
             raise
         finally:

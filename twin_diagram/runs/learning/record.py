@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import fcntl
 import io
 import json
+import re
 import shutil
 import time
-from collections.abc import Mapping
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -26,10 +31,20 @@ EVENTS: Final = "events.jsonl"
 """A line a stage."""
 SCENARIO: Final = "scenario.yaml"
 """What the run is of: it goes on with that alone."""
+GALLERY: Final = "gallery.html"
+"""The page that shows all of it."""
+SWUNG: Final = "swung.npz"
+"""File of an object's torques, in its folder; of the empty hand's, in the run's."""
+FILES: Final = (STATE, EVENTS, SCENARIO, GALLERY, SWUNG)
+"""All that is written as a whole into the run's folder."""
+LOCK: Final = "run.lock"
+"""Held by the process that is at work in the folder; empty, and it stays."""
 OBJECTS: Final = "objects"
 """Folder of each object's frames, torques and shape."""
 LIBRARY: Final = "library"
 """Folder of the assets."""
+OBJECT: Final = re.compile(r"object_[0-9]{2,}")
+"""Names of objects: whatever else lies in those folders is somebody else's."""
 SPARE: Final = 200_000_000
 """Bytes that must be free for a run's files: some 20 MB an object."""
 
@@ -70,7 +85,8 @@ class RunState:
 
     Attributes:
         learned: objects so far, in order.
-        given_up: (3,) places in W of things that were reported and still lie in the bin [m].
+        given_up: (3,) places in W of things that were reported, or failed too often, and still lie in the bin [m].
+        failed_at: (3,) places in W from which things were taken that failed, since one was last put away [m].
         world: of `Cell.snapshot`.
         sim_time: simulated so far [s].
         finished: the bin is empty, or holds only what was reported.
@@ -78,6 +94,7 @@ class RunState:
 
     learned: list[Learned] = field(default_factory=list)
     given_up: list[list[float]] = field(default_factory=list)
+    failed_at: list[list[float]] = field(default_factory=list)
     world: dict[str, Array] = field(default_factory=dict)
     sim_time: float = 0.0
     finished: bool = False
@@ -112,6 +129,27 @@ class LearningRecord:
         """Return the folder of an object's data."""
         return self.folder / OBJECTS / name
 
+    @contextmanager
+    def alone(self, *, new: bool) -> Iterator[None]:
+        """Keep other processes out of the folder, which `begin` (`new`) or `resume` could use, until the block ends.
+
+        Raises:
+            LearningError: another process is at work in it, or it cannot be used.
+        """
+        if new:
+            self.check_place()
+            self.folder.mkdir(parents=True, exist_ok=True)
+        else:
+            self.check_kept()
+        with (self.folder / LOCK).open("a") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise LearningError(
+                    f"--out {self.folder}: another process is at work in it; wait for its end, or give another --out"
+                ) from None
+            yield
+
     def begin(self) -> RunState:
         """Make the folder ready for a new run.
 
@@ -135,34 +173,52 @@ class LearningRecord:
             raise LearningError(f"--out {self.folder}: there is a run in it; --resume goes on with it")
         self._check_room()
 
-    def resume(self) -> RunState:
-        """Return the state that a run was left in.
+    def check_kept(self) -> None:
+        """Refuse a folder without a run of this scenario that can go on.
 
         Raises:
-            LearningError: there is none, or it is another scenario's.
+            LearningError: there is none, it is another scenario's, or the folder cannot be written or has no room.
         """
         if not (self.folder / STATE).is_file():
             raise LearningError(f"--resume: {self.folder} has no run to go on with")
         if why := why_not(self.folder, folder=True):
             raise LearningError(f"--out {self.folder}: {why}")
         self._check_room()
-        if (self.folder / SCENARIO).read_text() != self._told:
+        if (self.folder / SCENARIO).read_text(encoding="utf-8", errors="replace") != self._told:
             raise LearningError(
                 f"--resume: {self.folder} is a run of another scenario; give it that one, or another --out"
             )
+
+    def resume(self) -> RunState:
+        """Return the state that a run was left in.
+
+        Raises:
+            LearningError: there is none, it cannot be read, or it is another scenario's.
+        """
+        self.check_kept()
+        try:
+            state = self._read_state()
+        except (BadZipFile, KeyError, TypeError, EOFError, ValueError, AttributeError, zlib.error) as error:
+            why = " ".join(str(error).split()) or type(error).__name__
+            raise LearningError(
+                f"--resume: {self.folder / STATE} cannot be read: {why}; begin anew with another --out"
+            ) from error
+        self._tidy(state)
+        return state
+
+    def _read_state(self) -> RunState:
         with np.load(self.folder / STATE, allow_pickle=False) as data:
             told = json.loads(str(data["told"]))
             world = {key.removeprefix("world_"): data[key] for key in data.files if key.startswith("world_")}
         learned = [Learned(**one) for one in told["learned"]]
-        state = RunState(learned, told["given_up"], world, told["sim_time"], told["finished"])
-        self._tidy(state)
-        return state
+        return RunState(learned, told["given_up"], told.get("failed_at", []), world, told["sim_time"], told["finished"])
 
     def save(self, state: RunState) -> None:
         """Write the state, whole."""
         told = {
             "learned": [asdict(one) for one in state.learned],
-            **{"given_up": state.given_up, "sim_time": state.sim_time, "finished": state.finished},
+            **{"given_up": state.given_up, "failed_at": state.failed_at},
+            **{"sim_time": state.sim_time, "finished": state.finished},
         }
         data = io.BytesIO()
         arrays: dict[str, Any] = {f"world_{key}": value for key, value in state.world.items()}
@@ -191,13 +247,18 @@ class LearningRecord:
             )
 
     def _tidy(self, state: RunState) -> None:
-        """Remove what a killed run left half done: hidden folders, objects that no state knows, half a line."""
+        """Remove what a killed run left half done: files written aside, objects that no state knows, half a line."""
         known = {one.name for one in state.learned}
-        for parent in (self.folder, self.folder / OBJECTS, self.library):
-            for path in parent.glob(".*") if parent.is_dir() else ():
-                shutil.rmtree(path) if path.is_dir() else path.unlink()
-        for path in (self.folder / OBJECTS).glob("*") if (self.folder / OBJECTS).is_dir() else ():
-            if path.name not in known:
+        # What others keep in these folders, hidden or not, is not touched: `--out` may be any folder.
+        for parent in (self.folder, self.library):
+            for path in sorted(parent.glob(".*")):
+                name = atomic_file.unfinished(path)
+                if name and path.is_dir() and parent == self.library and OBJECT.fullmatch(name):
+                    shutil.rmtree(path, ignore_errors=True)
+                elif name and path.is_file() and parent == self.folder and name in FILES:
+                    path.unlink()
+        for path in sorted((self.folder / OBJECTS).glob("*")):
+            if OBJECT.fullmatch(path.name) and path.name not in known and not path.is_symlink():
                 shutil.rmtree(path, ignore_errors=True)
         events = self.folder / EVENTS
         if events.is_file():

@@ -55,8 +55,9 @@ class ShapeJobs:
         done: list[Done] = []
         if self._running is not None:
             name, folder, process, begun = self._running
-            late = time.monotonic() - begun > self._longest
-            if late and process.poll() is None:
+            # What has ended in time is not late because nobody looked for a while.
+            late = process.poll() is None and time.monotonic() - begun > self._longest
+            if late:
                 process.kill()
                 process.wait()
             if process.poll() is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -16,18 +17,24 @@ from twin_diagram.runs.learning.record import LearningError, LearningRecord, Run
 from twin_diagram.runs.learning.shape_worker import FRAMES, make_shape
 from twin_diagram.runtime import stopping
 from twin_diagram.runtime.threads import one_thread
-from twin_diagram.scenario import Learning, Scenario, Twin
+from twin_diagram.scenario import Learning, Scenario
 from twin_diagram.scenario.validation import check_twin
 
 Say = Callable[[str], None]
 
 
-def check_cell(twin: Twin) -> Learning:
+def check_cell(scenario: Scenario) -> Learning:
     """Return what a scenario says of learning, checked against its cameras.
 
     Raises:
-        ScenarioError: it says nothing or what cannot be, or a camera sees neither bin nor platform; it names the field.
+        ScenarioError: its station is not the simulated one, it says nothing or what cannot be, or a camera
+            sees neither bin nor platform; it names the field.
     """
+    twin = scenario.twin
+    if scenario.station != "sim":
+        raise ScenarioError(
+            "station", f"{scenario.station!r}: objects are learned in the simulated station alone; set sim"
+        )
     check_twin(twin)
     learning = twin.learning
     if learning is None:
@@ -65,20 +72,24 @@ def learn(
 
     Raises:
         ScenarioError, ModelError: a cell that cannot be.
-        LearningError: a folder that cannot be written, or is another run's.
+        LearningError: a folder that cannot be written, is another run's, or has another process at work in it.
         Stopped: a signal came; the state is that before the object in hand.
     """
-    learning = check_cell(scenario.twin)
+    learning = check_cell(scenario)
     record = LearningRecord(Path(out), scenario)
     if not resume:
         record.check_place()
-    state = record.resume() if resume else None
-    tools = tools_of(scenario, learning)  # what cannot be built leaves no folder behind
-    tools.cell.observer = observer
-    if state is None:
-        state = record.begin()
-    with stopping.steps():
-        Learner(tools, record, state, say).run()
+    with ExitStack() as held:
+        if resume:
+            held.enter_context(record.alone(new=False))
+        state = record.resume() if resume else None
+        tools = tools_of(scenario, learning)  # what cannot be built leaves no folder behind
+        tools.cell.observer = observer
+        if state is None:
+            held.enter_context(record.alone(new=True))
+            state = record.begin()
+        with stopping.steps():
+            Learner(tools, record, state, say).run()
     return state
 
 
@@ -87,10 +98,15 @@ def learn_again(scenario: Scenario, out: str | Path, name: str, say: Say = print
     """Make an object's asset once more from the data that a run kept of it.
 
     Raises:
-        LearningError: no run, another scenario, or no such object in it.
+        LearningError: no run, another scenario, another process at work in it, or no such object in it.
         FramesError: its frames cannot be used.
     """
     record = LearningRecord(Path(out), scenario)
+    with record.alone(new=False):
+        return _learn_again(scenario, record, name, say)
+
+
+def _learn_again(scenario: Scenario, record: LearningRecord, name: str, say: Say) -> RunState:
     state = record.resume()
     one = state.named(name)
     folder = record.of(name)

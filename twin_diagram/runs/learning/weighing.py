@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -32,9 +31,6 @@ from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
 from twin_diagram.runs.learning.picking import go
 from twin_diagram.runtime import atomic_file
 from twin_diagram.signals.arrays import Array
-
-SWUNG: Final = "swung.npz"
-"""File of an object's torques, in its folder; of the empty hand's, in the run's."""
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,114 @@
+"""A run over a bin ends, whatever fails in it, and tells why: stages fail on purpose, nothing is simulated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.runs.learning.held_box import shown, turned
+from twin_diagram.errors import TwinError
+from twin_diagram.runs.learning import handling
+from twin_diagram.runs.learning.bin_view import SeenThing
+from twin_diagram.runs.learning.display import NothingHeld
+from twin_diagram.runs.learning.handling import Picked
+from twin_diagram.runs.learning.motion import NoWay
+from twin_diagram.runs.learning.picking import Taken
+from twin_diagram.runs.learning.pipeline import Learner
+from twin_diagram.runs.learning.record import LearningError, LearningRecord, RunState
+from twin_diagram.scenario import Learning, Scenario
+
+PICTURE = shown(turned(0.0), np.eye(4), 0).picture
+
+
+def thing(x: float) -> SeenThing:
+    points = np.array([[x, 0.0, 0.0], [x, 0.02, 0.02]])
+    return SeenThing(points, points, np.array([[9, 9], [20, 20]]), np.zeros(3))
+
+
+@dataclass
+class Bin:
+    """Things at places that fail when they are shown; each place is told of its failures."""
+
+    places: list[float]
+    rolls: float = 0.0
+    failures: list[float] = field(default_factory=list)
+    let_go: Callable[[Any], None] = lambda tools: None
+
+    def look(self, tools: Any, given_up: Sequence[Sequence[float]]) -> tuple[Any, list[SeenThing]]:
+        seen = [thing(x) for x in self.places]
+        return PICTURE, [t for t in seen if all(np.linalg.norm(t.middle - np.array(g)) > 0.04 for g in given_up)]
+
+    def show(self, tools: Any, picked: Picked) -> Any:
+        self.failures.append(float(picked.thing.points[0, 0]))
+        assert len(self.failures) < 50, "it goes on for ever"
+        self.places = [x + self.rolls if x == self.failures[-1] else x for x in self.places]
+        raise NothingHeld("it was lost")
+
+
+def learner(bin_: Bin, folder: Path, monkeypatch: pytest.MonkeyPatch, tries: int = 3) -> Learner:
+    cell = SimpleNamespace(time=0.0, snapshot=dict, look=lambda name: PICTURE, wait=lambda seconds: None)
+    taken = Taken(np.eye(4), 0.05, 0)
+    monkeypatch.setattr(handling, "look_into_bin", bin_.look)
+    monkeypatch.setattr(handling, "pick", lambda tools, one, things, attempt: Picked(one, taken))
+    monkeypatch.setattr(handling, "show_first", bin_.show)
+    monkeypatch.setattr(handling, "let_go", bin_.let_go)
+    record = LearningRecord(folder, Scenario())
+    tools: Any = SimpleNamespace(cell=cell, learning=Learning(tries=tries))
+    return Learner(tools, record, record.begin(), lambda text: None)
+
+
+def test_what_fails_again_and_again_is_left_in_the_bin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bin_ = Bin([0.0, 0.3])
+    run = learner(bin_, tmp_path / "run", monkeypatch)
+    run.run()
+    assert bin_.failures == [0.0] * 3 + [0.3] * 3
+    assert run.state.finished and [g[0] for g in run.state.given_up] == [0.0, 0.3]
+    assert [one.state for one in run.state.learned] == ["failed"] * 6
+    assert '"give up", "why": "it was lost"' in (tmp_path / "run" / "events.jsonl").read_text()
+    assert LearningRecord(tmp_path / "run", Scenario()).resume().failed_at == run.state.failed_at != []
+
+
+def test_what_rolls_elsewhere_at_each_failure_is_left_at_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bin_ = Bin([0.0], rolls=0.1)
+    monkeypatch.setattr(bin_, "look", lambda tools, given_up: (PICTURE, [] if given_up else [thing(bin_.places[0])]))
+    run = learner(bin_, tmp_path / "run", monkeypatch, tries=2)
+    run.run()
+    assert len(bin_.failures) == 6 and run.state.finished
+
+
+def test_an_arm_that_cannot_go_home_leaves_a_record(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stuck(tools: Any) -> None:
+        raise NoWay("no way past what stands about")
+
+    run = learner(Bin([0.0], let_go=stuck), tmp_path / "run", monkeypatch, tries=1)
+    run.run()
+    (one,) = LearningRecord(tmp_path / "run", Scenario()).resume().learned
+    assert one.state == "failed" and one.why.startswith("it was lost; then the arm could not go home: no way past")
+
+
+def test_a_bin_that_cannot_be_looked_into_is_told_in_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    def stuck(tools: Any) -> None:
+        raise NoWay("no way past what stands about")
+
+    monkeypatch.setattr(handling, "go_home", stuck)
+    tools: Any = SimpleNamespace()
+    with pytest.raises(LearningError, match=r"cannot go home.*no way past.*twin\.home") as error:
+        handling.look_into_bin(tools, [])
+    assert "\n" not in str(error.value)
+    # What no stage catches ends the command with a line, not with a traceback.
+    assert issubclass(NoWay, TwinError) and issubclass(NothingHeld, TwinError)
+
+
+def test_an_object_put_away_gives_what_was_given_up_another_chance_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = learner(Bin([0.0]), tmp_path / "run", monkeypatch)
+    run.state.given_up, run._taken = [[0.0, 0.01, 0.01]], 1
+    run.run()
+    assert [one.state for one in run.state.learned] == ["failed"] * 3 and isinstance(run.state, RunState)
