@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import csv
 import json
+import os
+import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -17,6 +20,7 @@ from twin_diagram.runs.fleet import fleet, work
 from twin_diagram.runs.fleet.page import first_days, page
 from twin_diagram.runs.fleet.robots import read_fleet
 from twin_diagram.runs.fleet.work import VisitResult
+from twin_diagram.runtime.stopping import Stopped, stoppable
 
 HEADER = "robot,date,model,fit,holdout\n"
 ANSWER = {
@@ -84,6 +88,71 @@ def test_what_hangs_is_ended() -> None:
     assert time.monotonic() - begin < 30.0
     assert work._run([sys.executable, "-c", "print('so'); print('more')"], 60.0) == (0, "so", "ended without a word")
     assert work._run([sys.executable, "-c", "import sys; sys.exit('why')"], 60.0) == (1, "", "why")
+
+
+HANGS = """
+import os, subprocess, sys, time
+from pathlib import Path
+below = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
+note = Path(sys.argv[sys.argv.index("--out") + 1]) / "note"
+note.write_text(f"{os.getpid()} {below.pid}")
+note.rename(note.with_name("pids"))
+time.sleep(60)
+"""
+
+
+def gone(pid: int) -> bool:
+    """Whether a process has ended, be it that nobody has asked how."""
+    try:
+        os.kill(pid, 0)
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+    except (ProcessLookupError, FileNotFoundError):
+        return True
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_with_all_that_runs(
+    number: signal.Signals, three: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(work, "COMMAND", (sys.executable, "-c", HANGS))
+    begin: list[float] = []
+
+    def stop() -> None:
+        while len(list(tmp_path.glob("out/robots/*/pids"))) < 2:
+            time.sleep(0.02)
+        begin.append(time.monotonic())
+        os.kill(os.getpid(), number)
+
+    threading.Thread(target=stop, daemon=True).start()
+    with stoppable(), pytest.raises(Stopped):
+        fleet.run_fleet(three, tmp_path / "out", jobs=2)
+    assert time.monotonic() - begin[0] < 2.0
+    pids = [int(pid) for file in tmp_path.glob("out/robots/*/pids") for pid in file.read_text().split()]
+    assert len(pids) == 4 and all(map(gone, pids)), "the third, which waited, was never started"
+    assert (tmp_path / "out" / "fleet.csv").read_text().count("\n") == 1, "no line about what was stopped"
+
+
+def test_a_child_ends_with_its_parent(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "fifo")
+    child = f"""
+import os, time
+from twin_diagram.runs.fleet.child import end_with_parent
+end_with_parent()
+fifo = open({str(tmp_path / "fifo")!r}, "w", buffering=1)
+time.sleep(0.2)
+fifo.write(f"{{os.getpid()}}\\n")
+time.sleep(20)
+fifo.write("outlived it")
+"""
+    starter = (
+        f"import sys; from twin_diagram.runs.fleet import work; work._run([sys.executable, '-c', {child!r}], 60.0)"
+    )
+    parent = subprocess.Popen([sys.executable, "-c", starter])
+    with (tmp_path / "fifo").open() as fifo:
+        assert fifo.readline().strip().isdigit(), "it goes on while its parent is there"
+        parent.kill()
+        assert fifo.read() == ""
+    assert parent.wait() == -signal.SIGKILL
 
 
 def test_robots_are_sorted_by_what_is_wrong_and_the_first_day_that_shows_it() -> None:
