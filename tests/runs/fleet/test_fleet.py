@@ -10,7 +10,10 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
+from typing import ClassVar
 
 import pytest
 
@@ -79,6 +82,28 @@ def test_it_goes_on_where_it_stopped(three: Path, stood_in: list[str], tmp_path:
     (tmp_path / "a.csv").write_text("time,more\n")
     assert fleet.run_fleet(three, tmp_path / "out")[0].verdict == "named with remainder"
     assert stood_in[5:] == ["m1.urdf", "m2.urdf", "m3.urdf"]
+
+
+def test_other_options_are_another_question(three: Path, stood_in: list[str], tmp_path: Path) -> None:
+    for name in ("map.yaml", "own.py"):
+        (tmp_path / name).write_text("# 1")
+    told = ("--torque-side", "link", "--columns", str(tmp_path / "map.yaml"), "--import", str(tmp_path / "own.py"))
+
+    def asks(*options: str) -> bool:
+        stood_in.clear()
+        fleet.run_fleet(three, tmp_path / "out", options=options)
+        return "m1.urdf" in stood_in
+
+    assert asks() and asks(*told) and not asks(*told) and asks("--torque-side", "motor", *told[2:])
+    for name in ("map.yaml", "own.py"):
+        asks(*told)
+        before = (tmp_path / name).stat()
+        (tmp_path / name).write_text("# 2")
+        os.utime(tmp_path / name, ns=(before.st_atime_ns, before.st_mtime_ns))
+        assert asks(*told) and not asks(*told), "contents count"
+    assert (
+        asks(*told, "--packages", "a=b") and asks(*told, "--packages", "a=c") and not asks(*told, "--packages", "a=c")
+    )
 
 
 def test_what_hangs_is_ended() -> None:
@@ -195,16 +220,75 @@ def test_visits_have_folders_of_their_own(three: Path) -> None:
 
 def test_the_command_takes_one_robot_or_a_fleet(three: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = str(three.parent / "out")
+    one = ["--model", "m.urdf", "--fit", "a.csv", "--holdout", "c.csv"]
     for given, said in (
         (["--model", "m.urdf"], "required: --fit, --holdout"),
         (["--fleet", str(three), "--model", "m.urdf"], "leave out --model"),
+        ([*one, "--jobs", "1"], "--jobs: only with --fleet"),
+        ([*one, "--timeout", "0", "--dask", ""], "--timeout, --dask: only with --fleet"),
     ):
         with pytest.raises(SystemExit) as end:
             main(["gap", *given, "--out", out])
         assert end.value.code == 2 and said in capsys.readouterr().err
     assert main(["gap", "--fleet", str(three), "--out", out, "--jobs", "0"]) == 2
     assert "--jobs 0" in capsys.readouterr().err
+    assert main(["gap", "--fleet", str(three), "--out", out, "--packages", "robot=nowhere"]) == 2
+    assert "--packages robot=nowhere: 'nowhere' is no folder" in capsys.readouterr().err
     assert not Path(out).exists()
+
+
+def test_the_command_hands_on_what_it_is_told(three: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[tuple[list[str], float]] = []
+
+    def run(command: list[str], timeout: float) -> tuple[int, str, str]:
+        told.append((command, timeout))
+        return 2, "", ""
+
+    monkeypatch.setattr(work, "_run", run)
+    monkeypatch.chdir(three.parent)
+    (three.parent / "meshes").mkdir()
+    given = ["--timeout", "7", "--columns", "libfranka", "--packages", "robot=meshes"]
+    assert main(["gap", "--fleet", str(three), "--out", "out", *given]) == 0 and len(told) == 3
+    for command, timeout in told:
+        text = " ".join(command)
+        assert timeout == 7.0 and f"--columns libfranka --packages robot={three.parent / 'meshes'} --fit" in text
+    assert main(["gap", "--fleet", str(three), "--out", "out"]) == 0 and told[-1][1] == 3600.0
+
+
+class StoodInClient(ThreadPoolExecutor):
+    """Of `distributed`: what is asked of a cluster is done here."""
+
+    asked: ClassVar[list[tuple[str, bool]]] = []
+
+    def __init__(self, address: str, timeout: int) -> None:
+        if address == "nobody":
+            raise OSError(f"timed out after {timeout} s")
+        super().__init__(2)
+        self.address = address
+
+    def get_executor(self, pure: bool) -> StoodInClient:
+        self.asked.append((self.address, pure))
+        return self
+
+
+def test_work_goes_to_a_cluster(
+    three: Path,
+    stood_in: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", SimpleNamespace(Client=StoodInClient))
+    monkeypatch.setattr(StoodInClient, "asked", [])
+    monkeypatch.setattr(fleet, "ThreadPoolExecutor", None)
+    lines = fleet.run_fleet(three, tmp_path / "out", dask="tcp://there:1")
+    assert [line.verdict for line in lines] == ["named with remainder", "failed", "timeout"]
+    assert StoodInClient.asked == [("tcp://there:1", False)], "what was asked before is asked again"
+    with pytest.raises(TwinError, match="--dask nobody: no scheduler answers there: timed out after 10 s"):
+        fleet.run_fleet(three, tmp_path / "out", dask="nobody")
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    assert main(["gap", "--fleet", str(three), "--out", str(tmp_path / "out"), "--dask", "tcp://there:1"]) == 2
+    assert "twin-diagram[fleet]" in capsys.readouterr().err
 
 
 def test_a_cluster_does_the_same(three: Path, stood_in: list[str], tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""`twin-diagram` as a fleet's child: `python -m twin_diagram.runs.fleet.child gap …` ends with the one that started it."""
+"""`twin-diagram` as a fleet's child, which ends with its starter: `python -m twin_diagram.runs.fleet.child gap …`."""
 
 from __future__ import annotations
 

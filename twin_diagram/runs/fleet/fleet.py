@@ -64,7 +64,7 @@ def run_fleet(
     if not timeout > 0.0:
         raise TwinError(f"--timeout {timeout:g}: it is positive [s]")
     robots = out.resolve() / ROBOTS
-    lines = {visit: line for visit in visits if (line := known(visit, robots))}
+    lines = {visit: line for visit in visits if (line := known(visit, robots, options))}
     asked = [visit for visit in visits if visit not in lines]
     out.mkdir(parents=True, exist_ok=True)
     _write(out, visits, lines)

@@ -37,7 +37,7 @@ class VisitResult:
         headline: one line for people, or what went wrong.
         left: held-out residual torque after over before, mean over joints; None: not known.
         seconds: that it took.
-        mark: of its inputs.
+        mark: of its inputs, options among them.
     """
 
     robot: str
@@ -50,13 +50,19 @@ class VisitResult:
     mark: str = ""
 
 
-def known(visit: Visit, out: Path) -> VisitResult | None:
-    """Return what an earlier call found of a visit; None where inputs have changed, or it did not come to an end."""
+def known(visit: Visit, out: Path, options: tuple[str, ...] = ()) -> VisitResult | None:
+    """Return what an earlier call found of a visit; None where inputs have changed, or it did not come to an end.
+
+    Args:
+        visit: robot and day.
+        out: folder of all visits' folders.
+        options: further ones of the command.
+    """
     try:
         line = VisitResult(**json.loads((out / visit.folder / LINE_FILE).read_text(encoding="utf-8")))
     except (OSError, ValueError, TypeError):
         return None
-    return line if line.mark == visit.mark() and line.verdict not in ("failed", "timeout") else None
+    return line if line.mark == visit.mark(options) and line.verdict not in ("failed", "timeout") else None
 
 
 def work(visit: Visit, out: Path, options: tuple[str, ...], timeout: float) -> VisitResult:
@@ -72,7 +78,7 @@ def work(visit: Visit, out: Path, options: tuple[str, ...], timeout: float) -> V
     folder.mkdir(parents=True, exist_ok=True)
     command = [*COMMAND, "--model", str(visit.model), "--out", str(folder), *options]
     command += [part for log in visit.fit for part in ("--fit", str(log))] + ["--holdout", str(visit.holdout)]
-    begin, mark = time.perf_counter(), visit.mark()
+    begin, mark = time.perf_counter(), visit.mark(options)
     try:
         status, said, complaint = _run(command, timeout)
     except subprocess.TimeoutExpired:
