@@ -89,6 +89,7 @@ def verdict(*findings: Finding) -> Verdict:
 # From logs to the files.
 
 
+@pytest.mark.long
 def test_json_has_each_joints_own_unit(gap: Gap, folder: Path) -> None:
     """Metres and newtons are found, and told; the truth is 15 N and 2 N·m."""
     answer = json.loads((folder / "out" / "gap.json").read_text())
@@ -105,6 +106,7 @@ def test_json_has_each_joints_own_unit(gap: Gap, folder: Path) -> None:
     assert all("rad/s or m/s" in near["experiment"] for near in answer["separation"] if "rad/s" in near["experiment"])
 
 
+@pytest.mark.long
 def test_report_tells_newtons_and_millimetres(gap: Gap, folder: Path) -> None:
     text = text_of((folder / "out" / "report.html").read_text())
     assert re.search(r"Dry friction of 15(\.0\d)? N on rail, (2|1\.99\d|2\.00\d) N·m on shoulder\.", text)
@@ -123,6 +125,7 @@ def test_report_tells_newtons_and_millimetres(gap: Gap, folder: Path) -> None:
     assert after[0] < 0.01 * before[0]
 
 
+@pytest.mark.long
 def test_the_corrected_model_says_itself_so(gap: Gap, folder: Path) -> None:
     """Also when it is read again from its folder, with its joints as they were."""
     again = Model.load(folder / "out" / "model")
@@ -131,6 +134,7 @@ def test_the_corrected_model_says_itself_so(gap: Gap, folder: Path) -> None:
         assert re.search(r"dry friction of 15(\.0\d)? N on rail", said) and "N·m on shoulder" in said
 
 
+@pytest.mark.long
 def test_predict_writes_newtons(gap: Gap, folder: Path, model: Model) -> None:
     """Without friction, a push along the rail is mass times acceleration and weight along it."""
     predict(folder / "out" / "model", folder / "c.csv", folder / "p.csv")

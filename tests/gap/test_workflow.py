@@ -385,6 +385,7 @@ def test_nothing_is_left_where_writing_fails(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.long
 def test_a_joint_without_torque_is_no_crash(runs: tuple[Path, list[Path]], tmp_path: Path) -> None:
     """A drive that logs nothing: the run does not follow the model, and no catalogue says so of a motor."""
     model, (fit, held, _) = runs

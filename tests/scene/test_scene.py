@@ -105,6 +105,7 @@ def test_folding_about_z_keeps_the_axis_and_forgets_the_turn(measured: Array, ne
 # The filter.
 
 
+@pytest.mark.long
 def test_a_still_object_averages_to_a_fraction_of_a_millimetre_and_stays_at_rest() -> None:
     for claimed in (1.0, 0.5, 0.2):
         rows = follow(lambda t: STILL, 60, claimed=claimed)

@@ -149,6 +149,7 @@ def without_timing(summary: dict[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in summary.items() if key != "timing"}
 
 
+@pytest.mark.long
 def test_two_contexts_in_turn_give_what_one_gives_alone(alone: Run) -> None:
     """Another run of the same Diagram, a little ahead, in another Context: neither feels the other."""
     loop = alone.loop

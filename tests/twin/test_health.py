@@ -191,6 +191,7 @@ def test_an_object_that_the_camera_never_sees_is_named(egl: None) -> None:
 STILL = ("twin.task.X_WG=null",)
 
 
+@pytest.mark.long
 def test_a_goal_out_of_reach_is_said_with_where_it_is() -> None:
     far = "twin.task.X_WG={translation: [3.0, 0.0, 0.4], rpy: [3.141593, 0.0, 0.0]}"
     plan = small_scenario(*BLIND, far, "twin.task.start=0.2", "twin.planner.rate=10", "duration=3.3", objects=())
@@ -202,6 +203,7 @@ def test_a_goal_out_of_reach_is_said_with_where_it_is() -> None:
     assert any("the goal is out of reach" in line for line in said)
 
 
+@pytest.mark.long
 def test_healthy_scenarios_lack_nothing(egl: None) -> None:
     """Those that come along, and a loop with a camera that sees all that it is told of."""
     summary = run_scenario(

@@ -111,6 +111,7 @@ def test_a_planner_that_fails_leaves_the_arm_at_rest(kind: str, cause: str) -> N
     assert np.isfinite(failed.arm()).all() and np.abs(failed.arm()[N:]).max() < 0.05
 
 
+@pytest.mark.long
 def test_the_twins_own_planner_goes_on_from_where_it_was_stopped() -> None:
     """The monitor alone is told of a thing in the way; when that is gone the arm reaches its goal all the same."""
     scenario = small_scenario(*BLIND, "twin.task.start=0.1", "twin.planner.velocity_share=0.4", objects=("can",))

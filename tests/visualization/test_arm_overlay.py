@@ -113,6 +113,7 @@ def kinematics(scene: TwinScene, q: Array) -> tuple[Array, Array, Array]:
     return *tool(q), J
 
 
+@pytest.mark.long
 def test_the_ghost_is_where_the_arm_will_be(recorded: tuple[Path, TwinScene], page: Browser) -> None:
     for at in (0.7, 0.9):
         page.run(f"viewer.animator.seek({at})")
@@ -123,12 +124,14 @@ def test_the_ghost_is_where_the_arm_will_be(recorded: tuple[Path, TwinScene], pa
         np.testing.assert_allclose(pose(page, "ghost", "panda_hand"), X_WH, atol=4e-3)
 
 
+@pytest.mark.long
 def test_an_arm_at_rest_has_no_ghost(page: Browser) -> None:
     page.run("viewer.animator.seek(0.3)")
     assert not page.run(find("ghost") + ".visible") and not page.run(find("then") + ".visible")
     assert page.run(find("now") + ".visible")
 
 
+@pytest.mark.long
 def test_the_ellipsoids_are_the_covariance_at_every_time_of_the_recording(
     recorded: tuple[Path, TwinScene], page: Browser
 ) -> None:

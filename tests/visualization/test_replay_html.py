@@ -279,6 +279,7 @@ def test_goal_plan_and_uncertainty_are_drawn(page: Browser) -> None:
     assert shown == ["stale"]
 
 
+@pytest.mark.long
 def test_something_is_on_the_screen(page: Browser) -> None:
     page.run("new Promise(resolve => setTimeout(resolve, 500))")
     image = page.picture()

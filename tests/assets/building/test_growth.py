@@ -46,6 +46,7 @@ def test_a_side_counts_once() -> None:
         Growth().partial()
 
 
+@pytest.mark.long
 def test_a_camera_that_moves_around_makes_an_asset(tmp_path: Path) -> None:
     growth, ready = Growth(), []
     for frame in shots([box(EDGES)], cameras(9, 0.015), masked=True).frames:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from twin_diagram.assets.asset import Asset
 from twin_diagram.assets.building.from_mesh import AssetPlace, build_from_triangles
@@ -69,6 +71,18 @@ def test_a_measurement_turns_with_its_frame() -> None:
     # x and y change places: so do their errors.
     assert quarter.centre_std == pytest.approx([2e-3, 1e-3, 3e-3])
     assert quarter.inertia_std == pytest.approx(np.array([2, 1, 3, 4, 6, 5]) * 1e-6)
+
+
+def test_errors_of_a_turned_inertia_are_those_of_many_that_are_turned() -> None:
+    R = Rotation.from_rotvec([0.5, -0.8, 0.4]).as_matrix()
+    rng = np.random.default_rng(0)
+    noise = rng.standard_normal((200_000, 6)) * measured().inertia_std
+    errors = noise[:, [0, 3, 4, 3, 1, 5, 4, 5, 2]].reshape(-1, 3, 3)  # xx yy zz xy xz yz
+    turned = (R @ errors @ R.T)[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    assert measured().turned(R).inertia_std == pytest.approx(turned.std(axis=0), rel=0.01)
+    known = replace(measured(), inertia_std=np.array([1e-6, 1e-6, np.inf, 1e-6, np.inf, np.inf]))
+    about_z = known.turned(Rotation.from_rotvec([0, 0, 0.3]).as_matrix()).inertia_std
+    assert np.isfinite(about_z).tolist() == [True, True, False, True, False, False]
 
 
 @pytest.mark.parametrize("inertia", [np.diag([1e-4, 1e-4, 3e-4]), np.diag([-1e-4, 1e-4, 1e-4])])

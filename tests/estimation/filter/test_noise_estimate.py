@@ -87,6 +87,7 @@ def test_wrong_noise_is_found(wrong: float) -> None:
     np.testing.assert_allclose(wrong * found["velocity"][moved], 1.0, atol=0.2)
 
 
+@pytest.mark.long
 def test_right_noise_is_kept() -> None:
     ekf = Ekf(terms(), Filter(encoder_std=POSITION, velocity_std=SPEED))
     follow(ekf, noisy())

@@ -573,6 +573,7 @@ CALLS = st.lists(
 )
 
 
+@pytest.mark.long
 @settings(max_examples=40)
 @given(CALLS)
 def test_hostile_readings_never_poison_the_state(calls):

@@ -84,6 +84,7 @@ def test_motor_side_torques_tell_as_much(
     np.testing.assert_allclose(found.moments, np.linalg.eigvalsh(about_centre(off_centre)[2]), rtol=0.05)
 
 
+@pytest.mark.long
 def test_told_errors_hold_the_truth(
     recorder: Recorder,
     iiwa_link: Model,

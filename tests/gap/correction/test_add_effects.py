@@ -75,6 +75,7 @@ FINDINGS: dict[str, tuple[EffectSpec, dict[str, Estimate | dict[str, Estimate]]]
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "name",
     [

@@ -132,6 +132,7 @@ def marks(name: str) -> list[pytest.MarkDecorator]:
     return [] if name in BRIEF else [pytest.mark.slow if name in TWICE else pytest.mark.long]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", [pytest.param(name, marks=marks(name)) for name in CASES])
 def test_model_explains_what_is_simulated(name: str) -> None:
     log = recorded(CASES[name]).between(0.3, 3.0)

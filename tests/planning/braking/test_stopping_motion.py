@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from twin_diagram.planning.braking.stopping_motion import (
     TUNING,
@@ -84,6 +86,19 @@ def test_a_plan_is_joined_smoothly_and_within_a_share_of_the_limits() -> None:
     used = max(np.abs(v).max() / (TUNING.rejoin_share * 2.0), np.abs(a[2:-2]).max() / (TUNING.rejoin_share * 10.0))
     assert used > 0.98, "and no slower than that"
     assert np.abs(v[0]).max() < 1e-3 and np.abs(v[-1]).max() < 1e-3
+
+
+@settings(max_examples=60)
+@given(offset=st.floats(-0.5, 0.5), rate=st.floats(-1.0, 1.0), acceleration=st.floats(2.0, 20.0))
+def test_joining_keeps_its_share_of_acceleration_whatever_the_plan_does(
+    offset: float, rate: float, acceleration: float
+) -> None:
+    limits = np.array([2.0]), np.array([acceleration])
+    fade = Rejoin.within(0.0, np.array([offset]), np.array([rate]), *limits)
+    t = np.linspace(0.0, fade.time, 4001)
+    q = np.array([fade.at(float(x))[0] for x in t])
+    a = np.diff(q, 2) / (t[1] - t[0]) ** 2
+    assert np.abs(a).max() <= TUNING.rejoin_share * acceleration * 1.01
 
 
 def test_an_arm_at_rest_joins_a_plan_that_moves_without_a_jerk() -> None:

@@ -102,6 +102,18 @@ def test_one_that_is_killed_is_told_of(beside: SearchProcess, caplog: pytest.Log
     assert len(caplog.messages) == 1 and "Killed" in caplog.messages[0]
 
 
+def test_who_does_not_wait_is_told_of_one_that_hangs(guide: Guide, caplog: pytest.LogCaptureFixture) -> None:
+    stuck = replace(QUESTION, seed=(0, 13, 1))
+    with SearchProcess(guide, waits=False, patience=0.3) as searcher, caplog.at_level(logging.WARNING, "twin_diagram"):
+        assert not searcher.ready(stuck), "nobody asked"
+        searcher.ask(stuck)
+        assert not searcher.ready(stuck)
+        time.sleep(0.4)
+        assert searcher.ready(stuck) and searcher.answer(stuck) is None
+        assert ended(searcher)
+    assert len(caplog.messages) == 1 and "within 0.3 s" in caplog.messages[0]
+
+
 def test_it_ends_with_its_user_however_busy_it_is(guide: Guide, caplog: pytest.LogCaptureFixture) -> None:
     with SearchProcess(guide) as searcher:
         searcher.ask(replace(QUESTION, seed=(0, 13, 1)))

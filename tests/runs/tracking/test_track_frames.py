@@ -251,6 +251,7 @@ def test_a_negative_seed_is_refused(
     assert capsys.readouterr().err.strip() == "error: --seed -1: must not be negative"
 
 
+@pytest.mark.long
 def test_what_is_taken_away_is_lost_within_half_a_second_and_found_again(
     library: Path, taken: Shots, tmp_path: Path
 ) -> None:

@@ -45,12 +45,15 @@ class MeasuredInertia:
             raise AssetError(f"mass {self.mass:g} kg with principal moments {moments} kg·m²: no body has these")
 
     def turned(self, R: Array) -> MeasuredInertia:
-        """Return it in axes turned by R (3, 3): p' = R p; standard errors along the new axes."""
+        """Return it in axes turned by R (3, 3): p' = R p; standard errors along the new axes.
+
+        Errors of the six elements count as independent; an element off the diagonal stands in the matrix twice.
+        """
         centre_std = np.sqrt(np.maximum(np.diag(R @ np.diag(self.centre_std**2) @ R.T), 0.0))
         std = np.zeros((3, 3))
         for value, (i, j) in zip(self.inertia_std, SIX, strict=True):
             std[i, j] = std[j, i] = value
-        squares = (R**2) @ (std**2) @ (R**2).T
+        squares = np.array([[_variance(R[i], R[j], std) for j in range(3)] for i in range(3)])
         return MeasuredInertia(
             self.mass,
             R @ self.centre,
@@ -60,6 +63,14 @@ class MeasuredInertia:
             np.array([np.sqrt(squares[i, j]) for i, j in SIX]),
             self.by,
         )
+
+
+def _variance(a: Array, b: Array, std: Array) -> float:
+    """Return the variance of a · I b for directions (3,), where each of I's six elements has an error of its own."""
+    both = np.outer(a, b)
+    share = (np.triu(both) + np.triu(both.T, 1)) ** 2
+    # What is not known at all, and has no part in it, leaves it known.
+    return float(np.sum(share * np.where(share > 0.0, std**2, 0.0)))
 
 
 def from_shape_alone(solid: EvenBody, density: float) -> MeasuredInertia:

@@ -30,6 +30,8 @@ PEAK_RATE = 15.0 / 8.0
 """Greatest rate of the fifth-order step from 0 to 1 in unit time."""
 PEAK_ACCELERATION = 10.0 / np.sqrt(3.0)
 """Greatest second derivative of the same."""
+PEAK_OF_RATE = 3.9403
+"""Greatest second derivative of the quintic over unit time that begins at rate 1 and has nothing else at either end."""
 
 
 def stopping_time(v: Array, acceleration: Array, mass: Array, bias: Array, effort: Array) -> float:
@@ -117,10 +119,15 @@ class Rejoin:
 
     @staticmethod
     def within(start: float, offset: Array, rate: Array, speed: Array, acceleration: Array) -> Rejoin:
-        """Return the quickest that takes no more than its share of the limits (n,) [rad/s, rad/s²]."""
+        """Return the quickest that takes no more than its share of the limits (n,) [rad/s, rad/s²].
+
+        Of speed, that counts for the offset alone: the rate is there already.
+        """
         share = TUNING.rejoin_share
         by_speed = PEAK_RATE * np.abs(offset) / (share * speed)
-        by_acceleration = np.sqrt(PEAK_ACCELERATION * np.abs(offset) / (share * acceleration))
+        # Both parts together: PEAK_ACCELERATION |offset| / T² + PEAK_OF_RATE |rate| / T is the share.
+        most, turn = share * acceleration, PEAK_OF_RATE * np.abs(rate)
+        by_acceleration = (turn + np.sqrt(turn**2 + 4.0 * most * PEAK_ACCELERATION * np.abs(offset))) / (2.0 * most)
         time = max(TUNING.shortest, float(by_speed.max()), float(by_acceleration.max()))
         return Rejoin(start, time, offset, rate)
 

@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -75,6 +76,7 @@ class SearchProcess(Searcher):
         )
         self._asked: queue.Queue[bytes | None] = queue.Queue()
         self._known: dict[bytes, Answer | None] = {}
+        self._since: dict[bytes, float] = {}
         self._changed = threading.Condition()
         threading.Thread(target=self._serve, args=(pickle.dumps(guide),), daemon=True).start()
 
@@ -85,16 +87,24 @@ class SearchProcess(Searcher):
             if key in self._known or self.why:
                 return
             while len(self._known) >= TUNING.kept:
-                self._known.pop(next(iter(self._known)))
+                oldest = next(iter(self._known))
+                self._known.pop(oldest)
+                self._since.pop(oldest)
             self._known[key] = None
+            self._since[key] = time.monotonic()
         self._asked.put(key)
 
     def ready(self, question: Question) -> bool:
-        """See `Searcher`."""
+        """See `Searcher`; also true once what was asked hangs, which `answer` then tells."""
         if self._waits:
             return True
+        key = pickle.dumps(question)
         with self._changed:
-            return bool(self.why) or self._known.get(pickle.dumps(question)) is not None
+            there = bool(self.why) or self._known.get(key) is not None
+            late = not there and time.monotonic() - self._since.get(key, float("inf")) > self._patience
+        if late:
+            self._fail(f"gave no answer within {self._patience:g} s")
+        return there or late
 
     def answer(self, question: Question) -> Answer | None:
         """See `Searcher`."""
