@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
+import runpy
 import signal
-import sys
 import threading
 
 
@@ -22,6 +22,5 @@ def _wait_for_the_end() -> None:
 
 if __name__ == "__main__":
     end_with_parent()
-    from twin_diagram.cli import main
-
-    sys.exit(main())
+    # As `python -m twin_diagram`: commands stand above this package, which must not import them.
+    runpy.run_module("twin_diagram", run_name="__main__", alter_sys=True)
