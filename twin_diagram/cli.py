@@ -311,7 +311,7 @@ def _gap(arguments: argparse.Namespace) -> int:
     if wrong := fleet_command.one_or_many(arguments):
         arguments.refuse(wrong)
     if arguments.fleet is not None:
-        return fleet_command.run(arguments)
+        return fleet_command.run(arguments, _packages(arguments))
     from numpy.linalg import LinAlgError
 
     from twin_diagram.gap.report.words import headline

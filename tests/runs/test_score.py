@@ -416,10 +416,14 @@ def test_a_tasks_end_is_told_in_lines() -> None:
         "task       running (pick can done at 5.4 s, place can under way)",
         "contacts   3 that no step asks for",
     ]
-    failed = {"outcome": "failed", "why": "it fell", "events": [], "placed": {"can": {"off_mm": 7.06, "off_deg": 0.04}}}
-    assert task_lines(failed) == [
-        "task       failed: it fell (not begun)",
-        "placed     can 7.1 mm and 0.0° off its goal",
-    ]
+    placed = {"can": {"off_mm": 7.06, "off_deg": 0.04}}
+    failed = {"outcome": "failed", "why": "it fell", "events": [], "placed": placed}
+    assert task_lines(failed) == ["task       failed: it fell (not begun)"], "where it stands, it stood"
+    # A place step need not name what it puts down: that is what was grasped.
+    for named in ({"object": "can"}, {}):
+        put = [*events, {"time": 9.2, "step": 1, "kind": "place", "what": "released", **named}]
+        assert task_lines({"outcome": "running", "events": put, "placed": placed})[1:] == [
+            "placed     can 7.1 mm and 0.0° off its goal",
+        ]
     whole = summary(record()) | {"task": running}
     assert "contacts   3 that" in table(whole) and "clearance" not in table(whole)

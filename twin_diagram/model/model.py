@@ -38,9 +38,6 @@ from twin_diagram.model.rigid_body.arm_bodies import ArmBodies, DescribedLinks
 from twin_diagram.model.rigid_body.plant_calls import PlantCalls
 from twin_diagram.signals.arrays import Array
 
-TORQUE_SIDES = ("motor", "link")
-"""Of the gears, on which torques may be measured."""
-
 
 class Model:
     """An arm's plant and its effects. One thread at a time: calls share a scratch context.
@@ -125,8 +122,8 @@ class Model:
             ModelError: see `add_arm.add_arm` and `effects.make`; or no such side.
         """
         plant = MultibodyPlant(0.0)
-        if torque_side is not None and torque_side not in TORQUE_SIDES:
-            raise ModelError(f"torque side {torque_side!r}: it is one of {', '.join(TORQUE_SIDES)}")
+        if torque_side is not None and torque_side not in corrected_folder.TORQUE_SIDES:
+            raise ModelError(f"torque side {torque_side!r}: it is one of {', '.join(corrected_folder.TORQUE_SIDES)}")
         arm = add_arm(plant, spec_or_path, packages, base_dir)
         recorded = corrected_folder.standing_of(Path(arm.spec.model).parent).torque_side
         if (torque_side or recorded) == "link":

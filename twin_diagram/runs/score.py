@@ -289,10 +289,13 @@ def task_lines(task: Mapping[str, Any]) -> list[str]:
     Hands touch what they take, so that clearance says nothing here: contacts that no step asks for do.
     """
     ends = {"done": "done", "failed": "failed"}
-    began: dict[int, float] = {}
     steps: dict[int, str] = {}
+    held, put = "", set[str]()
     for event in task.get("events", ()):
-        began.setdefault(event["step"], event["time"])
+        if event["what"] == "grasped":
+            held = event.get("object", "")
+        elif event["what"] == "released":
+            put.add(event.get("object", held))
         name = " ".join(filter(None, (event["kind"], event.get("object"))))
         ended = ends.get(event["what"])
         steps[event["step"]] = f"{name} {ended} at {event['time']:.1f} s" if ended else f"{name} under way"
@@ -300,6 +303,8 @@ def task_lines(task: Mapping[str, Any]) -> list[str]:
     why = f": {task['why']}" if "why" in task else ""
     lines = [f"task       {task['outcome']}{why} ({told})"]
     for name, off in task.get("placed", {}).items():
+        if name not in put:
+            continue  # it stands where it stood
         lines.append(f"placed     {name} {off['off_mm']:.1f} mm and {off['off_deg']:.1f}° off its goal")
     if "collisions" in task:
         count = sum(task["collisions"].values())

@@ -62,7 +62,18 @@ def test_poses_and_pixels_are_as_nerfstudio_has_them(tmp_path: Path) -> None:
         (lambda told: told["frames"][0].pop("transform_matrix"), "transform_matrix"),
         (lambda told: told["frames"][0].update(transform_matrix=(2 * np.eye(4)).tolist()), "rotation"),
         (lambda told: told.update(k1=0.1), "distortion"),
+        (lambda told: told.update(p2=-1e-4), "distortion p2"),
+        (lambda told: told["frames"][1].update(k1=-0.1, p1=0.01), "frame 1: distortion k1, p1"),
+        (lambda told: told["frames"][0].update(k4=0.1), "frame 0: distortion k4"),
+        (lambda told: told.update(k1=None), "k1 is None, not a number"),
+        (lambda told: told["frames"][1].update(k2="x"), "k2 is 'x', not a number"),
+        (lambda told: told.update(k3=float("nan")), "k3 is nan"),
+        (lambda told: told.update(depth_unit_scale_factor="1 mm"), "depth_unit_scale_factor is '1 mm'"),
+        (lambda told: told.update(depth_unit_scale_factor=[1]), "depth_unit_scale_factor is"),
+        (lambda told: told.update(depth_unit_scale_factor=True), "depth_unit_scale_factor is True"),
+        (lambda told: told.update(depth_unit_scale_factor=0), "depth_unit_scale_factor is 0 m"),
         (lambda told: told.update(camera_model="OPENCV_FISHEYE"), "FISHEYE"),
+        (lambda told: told["frames"][1].update(camera_model="OPENCV_FISHEYE"), "frame 1: camera_model OPENCV_FISHEYE"),
     ],
 )
 def test_what_cannot_be_used_is_refused_in_one_line(tmp_path: Path, change: object, word: str) -> None:
@@ -73,3 +84,14 @@ def test_what_cannot_be_used_is_refused_in_one_line(tmp_path: Path, change: obje
     with pytest.raises(FramesError, match=word) as error:
         TransformsFolder(folder)
     assert "\n" not in str(error.value)
+
+
+def test_a_lens_that_is_told_to_bend_nothing_is_read(tmp_path: Path) -> None:
+    folder = write_transforms(tmp_path / "frames", frames(1))
+    told = json.loads((folder / "transforms.json").read_text())
+    told.update(k1=0, p1=0.0)
+    told["frames"][0].update(k2=0.0)
+    del told["depth_unit_scale_factor"]
+    before = TransformsFolder(folder).read(0).depth
+    (folder / "transforms.json").write_text(json.dumps(told))
+    assert TransformsFolder(folder).read(0).depth == pytest.approx(10.0 * before), "a millimetre, where nothing is told"

@@ -40,3 +40,13 @@ def test_a_file_that_cannot_be_read_is_refused(text: str, tmp_path: Path) -> Non
     (tmp_path / STANDING_FILE).write_text(text)
     with pytest.raises(ModelError, match=STANDING_FILE):
         standing_of(tmp_path)
+
+
+@pytest.mark.parametrize("side", ["Link", "joint", "links", "''", "null", "[link]", "2"])
+def test_a_side_that_is_none_is_refused(side: str, tmp_path: Path) -> None:
+    Model.load(ArmModel(model="arms/iiwa7.urdf", tool_frame=""), torque_side="link").save(tmp_path / "model")
+    file = tmp_path / "model" / STANDING_FILE
+    file.write_text(file.read_text().replace("torque_side: link", f"torque_side: {side}"))
+    with pytest.raises(ModelError, match=rf"{STANDING_FILE}: torque_side .*: it is one of motor, link") as error:
+        Model.load(tmp_path / "model")
+    assert side.strip("[]'").replace("null", "None") in str(error.value)

@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import csv
 import json
+import os
+import signal
 import subprocess
 import sys
+import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
+from typing import ClassVar
 
 import pytest
 
@@ -17,6 +23,7 @@ from twin_diagram.runs.fleet import fleet, work
 from twin_diagram.runs.fleet.page import first_days, page
 from twin_diagram.runs.fleet.robots import read_fleet
 from twin_diagram.runs.fleet.work import VisitResult
+from twin_diagram.runtime.stopping import Stopped, stoppable
 
 HEADER = "robot,date,model,fit,holdout\n"
 ANSWER = {
@@ -77,6 +84,28 @@ def test_it_goes_on_where_it_stopped(three: Path, stood_in: list[str], tmp_path:
     assert stood_in[5:] == ["m1.urdf", "m2.urdf", "m3.urdf"]
 
 
+def test_other_options_are_another_question(three: Path, stood_in: list[str], tmp_path: Path) -> None:
+    for name in ("map.yaml", "own.py"):
+        (tmp_path / name).write_text("# 1")
+    told = ("--torque-side", "link", "--columns", str(tmp_path / "map.yaml"), "--import", str(tmp_path / "own.py"))
+
+    def asks(*options: str) -> bool:
+        stood_in.clear()
+        fleet.run_fleet(three, tmp_path / "out", options=options)
+        return "m1.urdf" in stood_in
+
+    assert asks() and asks(*told) and not asks(*told) and asks("--torque-side", "motor", *told[2:])
+    for name in ("map.yaml", "own.py"):
+        asks(*told)
+        before = (tmp_path / name).stat()
+        (tmp_path / name).write_text("# 2")
+        os.utime(tmp_path / name, ns=(before.st_atime_ns, before.st_mtime_ns))
+        assert asks(*told) and not asks(*told), "contents count"
+    assert (
+        asks(*told, "--packages", "a=b") and asks(*told, "--packages", "a=c") and not asks(*told, "--packages", "a=c")
+    )
+
+
 def test_what_hangs_is_ended() -> None:
     begin = time.monotonic()
     with pytest.raises(subprocess.TimeoutExpired):
@@ -84,6 +113,71 @@ def test_what_hangs_is_ended() -> None:
     assert time.monotonic() - begin < 30.0
     assert work._run([sys.executable, "-c", "print('so'); print('more')"], 60.0) == (0, "so", "ended without a word")
     assert work._run([sys.executable, "-c", "import sys; sys.exit('why')"], 60.0) == (1, "", "why")
+
+
+HANGS = """
+import os, subprocess, sys, time
+from pathlib import Path
+below = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
+note = Path(sys.argv[sys.argv.index("--out") + 1]) / "note"
+note.write_text(f"{os.getpid()} {below.pid}")
+note.rename(note.with_name("pids"))
+time.sleep(60)
+"""
+
+
+def gone(pid: int) -> bool:
+    """Whether a process has ended, be it that nobody has asked how."""
+    try:
+        os.kill(pid, 0)
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+    except (ProcessLookupError, FileNotFoundError):
+        return True
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_with_all_that_runs(
+    number: signal.Signals, three: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(work, "COMMAND", (sys.executable, "-c", HANGS))
+    begin: list[float] = []
+
+    def stop() -> None:
+        while len(list(tmp_path.glob("out/robots/*/pids"))) < 2:
+            time.sleep(0.02)
+        begin.append(time.monotonic())
+        os.kill(os.getpid(), number)
+
+    threading.Thread(target=stop, daemon=True).start()
+    with stoppable(), pytest.raises(Stopped):
+        fleet.run_fleet(three, tmp_path / "out", jobs=2)
+    assert time.monotonic() - begin[0] < 2.0
+    pids = [int(pid) for file in tmp_path.glob("out/robots/*/pids") for pid in file.read_text().split()]
+    assert len(pids) == 4 and all(map(gone, pids)), "the third, which waited, was never started"
+    assert (tmp_path / "out" / "fleet.csv").read_text().count("\n") == 1, "no line about what was stopped"
+
+
+def test_a_child_ends_with_its_parent(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "fifo")
+    child = f"""
+import os, time
+from twin_diagram.runs.fleet.child import end_with_parent
+end_with_parent()
+fifo = open({str(tmp_path / "fifo")!r}, "w", buffering=1)
+time.sleep(0.2)
+fifo.write(f"{{os.getpid()}}\\n")
+time.sleep(20)
+fifo.write("outlived it")
+"""
+    starter = (
+        f"import sys; from twin_diagram.runs.fleet import work; work._run([sys.executable, '-c', {child!r}], 60.0)"
+    )
+    parent = subprocess.Popen([sys.executable, "-c", starter])
+    with (tmp_path / "fifo").open() as fifo:
+        assert fifo.readline().strip().isdigit(), "it goes on while its parent is there"
+        parent.kill()
+        assert fifo.read() == ""
+    assert parent.wait() == -signal.SIGKILL
 
 
 def test_robots_are_sorted_by_what_is_wrong_and_the_first_day_that_shows_it() -> None:
@@ -126,16 +220,75 @@ def test_visits_have_folders_of_their_own(three: Path) -> None:
 
 def test_the_command_takes_one_robot_or_a_fleet(three: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = str(three.parent / "out")
+    one = ["--model", "m.urdf", "--fit", "a.csv", "--holdout", "c.csv"]
     for given, said in (
         (["--model", "m.urdf"], "required: --fit, --holdout"),
         (["--fleet", str(three), "--model", "m.urdf"], "leave out --model"),
+        ([*one, "--jobs", "1"], "--jobs: only with --fleet"),
+        ([*one, "--timeout", "0", "--dask", ""], "--timeout, --dask: only with --fleet"),
     ):
         with pytest.raises(SystemExit) as end:
             main(["gap", *given, "--out", out])
         assert end.value.code == 2 and said in capsys.readouterr().err
     assert main(["gap", "--fleet", str(three), "--out", out, "--jobs", "0"]) == 2
     assert "--jobs 0" in capsys.readouterr().err
+    assert main(["gap", "--fleet", str(three), "--out", out, "--packages", "robot=nowhere"]) == 2
+    assert "--packages robot=nowhere: 'nowhere' is no folder" in capsys.readouterr().err
     assert not Path(out).exists()
+
+
+def test_the_command_hands_on_what_it_is_told(three: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[tuple[list[str], float]] = []
+
+    def run(command: list[str], timeout: float) -> tuple[int, str, str]:
+        told.append((command, timeout))
+        return 2, "", ""
+
+    monkeypatch.setattr(work, "_run", run)
+    monkeypatch.chdir(three.parent)
+    (three.parent / "meshes").mkdir()
+    given = ["--timeout", "7", "--columns", "libfranka", "--packages", "robot=meshes"]
+    assert main(["gap", "--fleet", str(three), "--out", "out", *given]) == 0 and len(told) == 3
+    for command, timeout in told:
+        text = " ".join(command)
+        assert timeout == 7.0 and f"--columns libfranka --packages robot={three.parent / 'meshes'} --fit" in text
+    assert main(["gap", "--fleet", str(three), "--out", "out"]) == 0 and told[-1][1] == 3600.0
+
+
+class StoodInClient(ThreadPoolExecutor):
+    """Of `distributed`: what is asked of a cluster is done here."""
+
+    asked: ClassVar[list[tuple[str, bool]]] = []
+
+    def __init__(self, address: str, timeout: int) -> None:
+        if address == "nobody":
+            raise OSError(f"timed out after {timeout} s")
+        super().__init__(2)
+        self.address = address
+
+    def get_executor(self, pure: bool) -> StoodInClient:
+        self.asked.append((self.address, pure))
+        return self
+
+
+def test_work_goes_to_a_cluster(
+    three: Path,
+    stood_in: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", SimpleNamespace(Client=StoodInClient))
+    monkeypatch.setattr(StoodInClient, "asked", [])
+    monkeypatch.setattr(fleet, "ThreadPoolExecutor", None)
+    lines = fleet.run_fleet(three, tmp_path / "out", dask="tcp://there:1")
+    assert [line.verdict for line in lines] == ["named with remainder", "failed", "timeout"]
+    assert StoodInClient.asked == [("tcp://there:1", False)], "what was asked before is asked again"
+    with pytest.raises(TwinError, match="--dask nobody: no scheduler answers there: timed out after 10 s"):
+        fleet.run_fleet(three, tmp_path / "out", dask="nobody")
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    assert main(["gap", "--fleet", str(three), "--out", str(tmp_path / "out"), "--dask", "tcp://there:1"]) == 2
+    assert "twin-diagram[fleet]" in capsys.readouterr().err
 
 
 def test_a_cluster_does_the_same(three: Path, stood_in: list[str], tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder
 
 from twin_diagram.errors import ScenarioError, StationError
-from twin_diagram.scenario import Camera, Pose, Scenario, WorldObject
+from twin_diagram.scenario import Camera, Pose, Scenario, WayPoint, WorldObject
 from twin_diagram.station.sim.cameras_on_demand import CamerasOnDemand
 from twin_diagram.station.sim.world_plant import WorldPlant, build_world
 
@@ -44,9 +44,23 @@ def test_a_load_without_a_place_is_spread_as_the_rest() -> None:
     assert mass == pytest.approx(2 * own) and there == pytest.approx(centre) and moments == pytest.approx(2 * about)
 
 
-def test_a_place_that_is_none_is_refused_by_its_field() -> None:
-    with pytest.raises(ScenarioError, match=r"world\.objects\.box\.load_at"):
-        world(mass=1.0, load_at=[0.0, 0.1])
+@pytest.mark.parametrize(
+    ("told", "said"),
+    [
+        ({"mass": 1.0, "load_at": [0.0, 0.1]}, r"load_at: .* is not three numbers"),
+        ({"mass": 1.0, "load_at": [float("nan"), 0.0, 0.0]}, r"load_at: .* is not three numbers"),
+        ({"mass": 1.0, "load_at": [0.0, 0.0, float("-inf")]}, r"load_at: .* is not three numbers"),
+        ({"load_at": [0.0, 0.0, 0.1]}, r"load_at: .* without a mass"),
+        ({"push": 5.0}, r"push: 5.0 N push nothing without a path"),
+        ({"push": -5.0}, r"push: -5.0 N is not positive"),
+        ({"push": 0.0, "path": [WayPoint(0.0), WayPoint(1.0)]}, r"push: 0.0 N is not positive"),
+        ({"push": float("nan"), "path": [WayPoint(0.0), WayPoint(1.0)]}, r"push: nan N is not positive"),
+    ],
+)
+def test_what_cannot_be_or_would_have_no_effect_is_refused_by_its_field(told: dict[str, object], said: str) -> None:
+    with pytest.raises(ScenarioError, match=r"world\.objects\.box\." + said) as error:
+        world(**told)
+    assert "\n" not in str(error.value)
 
 
 def test_friction_is_as_told() -> None:

@@ -27,6 +27,8 @@ FILE: Final = "transforms.json"
 """That makes a folder one of Nerfstudio's."""
 UNIT: Final = 1e-4
 """Of the depth that is written [m]: a tenth of a millimetre, 6.5 m at the most."""
+_BENDING: Final = ("k1", "k2", "k3", "k4", "p1", "p2")
+"""Coefficients of distortion; zero: the lens bends nothing."""
 _FLIP: Final = np.diag([1.0, -1.0, -1.0])
 """Takes OpenGL's axes to those of C, and back."""
 
@@ -54,11 +56,10 @@ class TransformsFolder:
         for k, frame in enumerate(self._frames):
             if not isinstance(frame, dict) or "depth_file_path" not in frame:
                 raise FramesError(f"{self._file}: frame {k} has no depth_file_path: meshing needs depth")
-        model = str(self._all.get("camera_model", "OPENCV"))
-        bent = [key for key in ("k1", "k2", "k3", "k4", "p1", "p2") if abs(float(self._all.get(key, 0.0))) > 0.0]
-        if model not in ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE") or bent:
-            what = f"camera_model {model}" if not bent else f"distortion {', '.join(bent)}"
-            raise FramesError(f"{self._file}: {what}: only pictures without distortion are read")
+        self._refuse_bent()
+        self._unit = self._number({}, "depth_unit_scale_factor", 1e-3)
+        if not self._unit > 0.0:
+            raise FramesError(f"{self._file}: depth_unit_scale_factor is {self._unit:g} m, not positive")
         self.has_masks = all("mask_path" in frame for frame in self._frames)
         self._poses = [self._pose(k) for k in range(len(self._frames))]
 
@@ -75,7 +76,6 @@ class TransformsFolder:
         depth = _image(in_folder(self.folder, str(frame["depth_file_path"])), cv2.IMREAD_UNCHANGED)
         if depth.ndim != 2 or depth.dtype != np.uint16:
             raise FramesError(f"{self.folder / frame['depth_file_path']}: depth must be one channel of 16 bits")
-        unit = float(self._all.get("depth_unit_scale_factor", 1e-3))
         rgb = None
         if "file_path" in frame:
             picture = _image(in_folder(self.folder, str(frame["file_path"])), cv2.IMREAD_COLOR)
@@ -88,13 +88,22 @@ class TransformsFolder:
         fy = self._number(frame, "fl_y", fx)
         R, p = self._poses[index]
         camera = ViewCamera(width, height, fx, fy, cx - 0.5, cy - 0.5, R, p)
-        metres = np.asarray(depth * np.float32(unit), dtype=np.float32)
+        metres = np.asarray(depth * np.float32(self._unit), dtype=np.float32)
         colours = None if rgb is None else np.asarray(rgb, dtype=np.uint8)
         return RgbdFrame(index, float(index), colours, metres, mask, camera, camera)
 
+    def _refuse_bent(self) -> None:
+        """Raise FramesError where a frame, or what holds for all, tells of a lens that bends straight lines."""
+        for where, frame in [("", {}), *((f"frame {k}: ", frame) for k, frame in enumerate(self._frames))]:
+            model = str(frame.get("camera_model", self._all.get("camera_model", "OPENCV")))
+            bent = [key for key in _BENDING if self._number(frame, key, 0.0) != 0.0]
+            if model not in ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE") or bent:
+                what = f"camera_model {model}" if not bent else f"distortion {', '.join(bent)}"
+                raise FramesError(f"{self._file}: {where}{what}: only pictures without distortion are read")
+
     def _number(self, frame: dict[str, Any], key: str, usual: float | None = None) -> float:
         value = frame.get(key, self._all.get(key, usual))
-        if not isinstance(value, (int, float)) or not np.isfinite(value):
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < np.inf:
             raise FramesError(f"{self._file}: {key} is {value!r}, not a number")
         return float(value)
 

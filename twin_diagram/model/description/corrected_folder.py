@@ -21,6 +21,8 @@ _FOLDER = re.compile(rb"""(\b(?:meshdir|texturedir|assetdir)\s*=\s*["'])\s*([^"'
 """Of an MJCF's meshes and pictures, which its files are looked up in."""
 
 
+TORQUE_SIDES = ("motor", "link")
+"""Of the gears, on which torques are measured."""
 STANDING_FILE = "standing.yaml"
 """Written beside `effects.yaml`, where there is something to say."""
 
@@ -54,7 +56,7 @@ def standing_of(model: str | Path) -> CorrectedStanding:
     """Return how a corrected model stands; of what is no such folder, nothing is said.
 
     Raises:
-        ModelError: the file cannot be read.
+        ModelError: the file cannot be read, or no such side.
     """
     path = Path(model) / STANDING_FILE
     if not path.is_file():
@@ -62,9 +64,12 @@ def standing_of(model: str | Path) -> CorrectedStanding:
     try:
         said = yaml.safe_load(path.read_text(encoding="utf-8"))
         remainder = {str(joint): float(value) for joint, value in said.get("remainder", {}).items()}
-        return CorrectedStanding(str(said.get("torque_side", "motor")), bool(said.get("established", True)), remainder)
+        standing = CorrectedStanding(said.get("torque_side", "motor"), bool(said.get("established", True)), remainder)
     except (yaml.YAMLError, AttributeError, ValueError, TypeError, OSError) as error:
         raise ModelError(f"{path}: {str(error).splitlines()[0]}") from error
+    if standing.torque_side not in TORQUE_SIDES:
+        raise ModelError(f"{path}: torque_side {standing.torque_side!r}: it is one of {', '.join(TORQUE_SIDES)}")
+    return standing
 
 
 def _anchor_files(description: Path) -> bytes:

@@ -2,21 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed, wait
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from twin_diagram.errors import TwinError
 from twin_diagram.runs.fleet.page import page, table
 from twin_diagram.runs.fleet.robots import Visit, read_fleet
-from twin_diagram.runs.fleet.work import VisitResult, known, work
+from twin_diagram.runs.fleet.work import VisitResult, end_running, known, work
 from twin_diagram.runtime import atomic_file
 from twin_diagram.runtime.output_place import why_not
 
 ROBOTS = "robots"
 """Folder of the visits' folders."""
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    patience: float = 0.05
+    """Between two attempts at ending what runs [s]; a stopped command closes within 2 s."""
+
+
+TUNING = Tuning()
 
 
 def run_fleet(
@@ -53,7 +64,7 @@ def run_fleet(
     if not timeout > 0.0:
         raise TwinError(f"--timeout {timeout:g}: it is positive [s]")
     robots = out.resolve() / ROBOTS
-    lines = {visit: line for visit in visits if (line := known(visit, robots))}
+    lines = {visit: line for visit in visits if (line := known(visit, robots, options))}
     asked = [visit for visit in visits if visit not in lines]
     out.mkdir(parents=True, exist_ok=True)
     _write(out, visits, lines)
@@ -66,12 +77,19 @@ def run_fleet(
                 _write(out, visits, lines)
                 say(f"{count}/{len(asked)} {visit.robot} {visit.date}: {lines[visit].verdict}")
         finally:
-            for future in futures:
-                future.cancel()
+            _end_all(futures)
     return [lines[visit] for visit in visits]
 
 
-def _line(visit: Visit, future: Any) -> VisitResult:
+def _end_all(futures: Iterable[Future[VisitResult]]) -> None:
+    """Start nothing more, and end what runs here: what a cluster's workers are at ends by its timeout."""
+    going = [future for future in futures if not future.cancel() and not future.done()]
+    while going:  # more than once, since one may be about to start its process
+        end_running()
+        going = list(wait(going, TUNING.patience).not_done)
+
+
+def _line(visit: Visit, future: Future[VisitResult]) -> VisitResult:
     """Return what work found; what it could not even try is a line, too."""
     error = future.exception()
     if error is None:

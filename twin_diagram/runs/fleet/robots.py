@@ -14,6 +14,10 @@ COLUMNS = ("robot", "date", "model", "fit", "holdout")
 """Of the table; what else stands in it is left alone."""
 
 
+READ = ("--columns", "--import")
+"""Options of `gap` that may name a file."""
+
+
 @dataclass(frozen=True)
 class Visit:
     """One robot on one day.
@@ -38,15 +42,29 @@ class Visit:
         words = re.sub(r"[^A-Za-z0-9.-]+", "_", f"{self.robot}_{self.date}").strip("._")[:60]
         return f"{words}_{hashlib.sha256(f'{self.robot}|{self.date}'.encode()).hexdigest()[:6]}"
 
-    def mark(self) -> str:
-        """Return what changes where any of its inputs does: paths, sizes and times of change."""
-        told = []
+    def mark(self, options: tuple[str, ...] = ()) -> str:
+        """Return what changes where any of its inputs does.
+
+        Args:
+            options: further ones of the command, whose words count, and the contents of the files among `READ`.
+
+        Returns:
+            Of models and logs paths, sizes and times of change count.
+        """
+        told = [_of_option(name, value) for name, value in zip(("", *options), options, strict=False)]
         for path in (self.model, *self.fit, self.holdout):
             files = sorted(path.rglob("*")) if path.is_dir() else [path]
             for file in files:
                 stat = file.stat() if file.is_file() else None
                 told.append(f"{file}:{stat.st_size}:{stat.st_mtime_ns}" if stat else f"{file}:-")
         return hashlib.sha256("|".join(told).encode()).hexdigest()[:16]
+
+
+def _of_option(before: str, word: str) -> str:
+    """Return what a word after another one among the options stands for."""
+    if before in READ and Path(word).is_file():
+        return f"{word}:{hashlib.sha256(Path(word).read_bytes()).hexdigest()}"
+    return word
 
 
 def read_fleet(path: Path) -> list[Visit]:

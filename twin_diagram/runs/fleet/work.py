@@ -7,16 +7,23 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from twin_diagram.runs.fleet.robots import Visit
 from twin_diagram.runtime import atomic_file
 
 LINE_FILE = "fleet_line.json"
 """In a visit's folder: what the fleet's table says of it, and what it was made of."""
+COMMAND: Final = (sys.executable, "-m", "twin_diagram.runs.fleet.child", "gap")
+"""`gap` in a process that ends with this one."""
+
+_running: Final[set[subprocess.Popen[bytes]]] = set()
+_running_lock: Final = threading.Lock()
 
 
 @dataclass
@@ -30,7 +37,7 @@ class VisitResult:
         headline: one line for people, or what went wrong.
         left: held-out residual torque after over before, mean over joints; None: not known.
         seconds: that it took.
-        mark: of its inputs.
+        mark: of its inputs, options among them.
     """
 
     robot: str
@@ -43,13 +50,19 @@ class VisitResult:
     mark: str = ""
 
 
-def known(visit: Visit, out: Path) -> VisitResult | None:
-    """Return what an earlier call found of a visit; None where inputs have changed, or it did not come to an end."""
+def known(visit: Visit, out: Path, options: tuple[str, ...] = ()) -> VisitResult | None:
+    """Return what an earlier call found of a visit; None where inputs have changed, or it did not come to an end.
+
+    Args:
+        visit: robot and day.
+        out: folder of all visits' folders.
+        options: further ones of the command.
+    """
     try:
         line = VisitResult(**json.loads((out / visit.folder / LINE_FILE).read_text(encoding="utf-8")))
     except (OSError, ValueError, TypeError):
         return None
-    return line if line.mark == visit.mark() and line.verdict not in ("failed", "timeout") else None
+    return line if line.mark == visit.mark(options) and line.verdict not in ("failed", "timeout") else None
 
 
 def work(visit: Visit, out: Path, options: tuple[str, ...], timeout: float) -> VisitResult:
@@ -63,9 +76,9 @@ def work(visit: Visit, out: Path, options: tuple[str, ...], timeout: float) -> V
     """
     folder = out / visit.folder
     folder.mkdir(parents=True, exist_ok=True)
-    command = [sys.executable, "-m", "twin_diagram", "gap", "--model", str(visit.model), "--out", str(folder), *options]
+    command = [*COMMAND, "--model", str(visit.model), "--out", str(folder), *options]
     command += [part for log in visit.fit for part in ("--fit", str(log))] + ["--holdout", str(visit.holdout)]
-    begin, mark = time.perf_counter(), visit.mark()
+    begin, mark = time.perf_counter(), visit.mark(options)
     try:
         status, said, complaint = _run(command, timeout)
     except subprocess.TimeoutExpired:
@@ -78,17 +91,43 @@ def work(visit: Visit, out: Path, options: tuple[str, ...], timeout: float) -> V
     return line
 
 
+def end_running() -> None:
+    """End the processes that `work` waits for in this one, and those that they have started."""
+    with _running_lock:
+        for process in _running:
+            _end(process)
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    if process.poll() is None:
+        with suppress(ProcessLookupError):  # another thread has just seen it end
+            os.killpg(process.pid, signal.SIGKILL)
+
+
 def _run(command: list[str], timeout: float) -> tuple[int, str, str]:
     """Return status, first line of output and last of complaints; all its processes end with it."""
-    process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL, start_new_session=True
-    )
+    # A pipe of its own, since `communicate` would close that of the process, by whose end it knows that we are gone.
+    theirs, ours = os.pipe()
+    try:
+        process = subprocess.Popen(
+            command, stdin=theirs, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
+        )
+    except BaseException:
+        os.close(ours)
+        raise
+    finally:
+        os.close(theirs)
+    with _running_lock:
+        _running.add(process)
     try:
         out, error = process.communicate(timeout=timeout)
     finally:
         if process.poll() is None:
-            os.killpg(process.pid, signal.SIGKILL)
+            _end(process)
             process.communicate()
+        with _running_lock:
+            _running.discard(process)
+        os.close(ours)
     said, complaints = (x.decode("utf-8", "replace").strip().splitlines() for x in (out, error))
     return process.returncode, said[0] if said else "", complaints[-1] if complaints else "ended without a word"
 

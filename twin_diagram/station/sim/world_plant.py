@@ -112,6 +112,7 @@ def _populate(plant: MultibodyPlant, scene_graph: SceneGraph, scenario: Scenario
     bodies: dict[str, RigidBody] = {}
     paths: dict[str, Path] = {}
     for name, spec in world.objects.items():
+        _check_told(name, spec)
         body = _add_object(plant, name, spec, scenario)
         bodies[name] = body
         if spec.path:
@@ -121,10 +122,7 @@ def _populate(plant: MultibodyPlant, scene_graph: SceneGraph, scenario: Scenario
     carriages = plant.AddModelInstance("carriages") if paths else None
     for name, path in paths.items():
         assert carriages is not None
-        push = world.objects[name].push
-        if push is not None and not (np.isfinite(push) and push > 0.0):
-            raise ScenarioError(f"world.objects.{name}.push", f"{push} N is not positive")
-        add_carriage(plant, carriages, name, path, bodies[name], push)
+        add_carriage(plant, carriages, name, path, bodies[name], world.objects[name].push)
     make_gripping(plant, arm.fingers)
     plant.Finalize()
     # What is moved on a carriage needs no table to stand on, and the arm's base stands in it.
@@ -156,6 +154,19 @@ def _add_fixtures(plant: MultibodyPlant, scenario: Scenario) -> list[RigidBody]:
     return bodies
 
 
+def _check_told(name: str, spec: WorldObject) -> None:
+    """Raise ScenarioError for what cannot be, or would have no effect."""
+    push, at = spec.push, spec.load_at
+    if push is not None and not (np.isfinite(push) and push > 0.0):
+        raise ScenarioError(f"world.objects.{name}.push", f"{push} N is not positive")
+    if push is not None and not spec.path:
+        raise ScenarioError(f"world.objects.{name}.push", f"{push} N push nothing without a path")
+    if at is not None and not (len(at) == 3 and np.isfinite(at).all()):
+        raise ScenarioError(f"world.objects.{name}.load_at", f"{at} is not three numbers")
+    if at is not None and spec.mass is None:
+        raise ScenarioError(f"world.objects.{name}.load_at", f"{at}: nothing sits there without a mass")
+
+
 def _add_object(plant: MultibodyPlant, name: str, spec: WorldObject, scenario: Scenario) -> RigidBody:
     file = object_model(name, spec, scenario)
     try:
@@ -177,8 +188,6 @@ def _make_heavier(plant: MultibodyPlant, body: RigidBody, spec: WorldObject, fie
     more = spec.mass - own.get_mass()
     if not (np.isfinite(spec.mass) and more >= 0.0):
         raise ScenarioError(f"{field}.mass", f"{spec.mass} kg is less than the asset's own, {own.get_mass():g} kg")
-    if spec.load_at is not None and len(spec.load_at) != 3:
-        raise ScenarioError(f"{field}.load_at", f"{spec.load_at} is not three numbers")
     if more > 0.0:
         inertia = SpatialInertia(more, own.get_com(), own.get_unit_inertia())
         if spec.load_at is not None:

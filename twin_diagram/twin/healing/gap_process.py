@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from twin_diagram.logs import Log, write_log
+from twin_diagram.model.description import corrected_folder
 from twin_diagram.model.model import Model
 from twin_diagram.runtime import atomic_file
 from twin_diagram.runtime.threads import one_thread_variables
@@ -88,7 +89,8 @@ class GapProcess:
         """
         self.folder = folder
         folder.mkdir(parents=True, exist_ok=True)
-        model.save(folder / "given")
+        # Of a corrected model, what it is known to leave goes along: it is no news.
+        model.save(folder / "given", corrected_folder.standing_of(Path(model.arm.spec.model).parent))
         write_log(fit, folder / "fit.npz")
         write_log(holdout, folder / "holdout.npz")
         request = {
