@@ -16,11 +16,13 @@ from twin_diagram.errors import TwinError
 from twin_diagram.runs.learning import handling
 from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.runs.learning.display import NothingHeld
-from twin_diagram.runs.learning.handling import Picked
+from twin_diagram.runs.learning.following import Followed
+from twin_diagram.runs.learning.handling import Picked, ShownObject
 from twin_diagram.runs.learning.motion import NoWay
 from twin_diagram.runs.learning.picking import Taken
 from twin_diagram.runs.learning.pipeline import Learner
 from twin_diagram.runs.learning.record import LearningError, LearningRecord, RunState
+from twin_diagram.runs.learning.setting_down import PutDown
 from twin_diagram.scenario import Learning, Scenario
 
 PICTURE = shown(turned(0.0), np.eye(4), 0).picture
@@ -112,3 +114,28 @@ def test_an_object_put_away_gives_what_was_given_up_another_chance_once(
     run.state.given_up, run._taken = [[0.0, 0.01, 0.01]], 1
     run.run()
     assert [one.state for one in run.state.learned] == ["failed"] * 3 and isinstance(run.state, RunState)
+
+
+def test_an_object_put_away_ends_the_count_of_failures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bin_ = Bin([0.0])
+    run = learner(bin_, tmp_path / "run", monkeypatch)
+    held = ShownObject(Followed(shown=[shown(turned(0.0), np.eye(4), 0)]), [np.eye(4)])
+
+    def put_away(tools: Any, what: ShownObject, standing: Sequence[PutDown]) -> PutDown:
+        bin_.places = []
+        return PutDown((0.4, 0.4), 0.05, 0.1)
+
+    for name, stage in (
+        ("show_first", lambda tools, picked: held if len(bin_.failures) == 2 else bin_.show(tools, picked)),
+        ("write_frames", lambda folder, what: None),
+        ("put_away", put_away),
+    ):
+        monkeypatch.setattr(handling, name, stage)
+    jobs: Any = SimpleNamespace(add=lambda name, folder: None, poll=list, pending=[], close=lambda: None)
+    run._jobs, learning = jobs, Learning(grasps=1, weigh_seconds=0.0)
+    cell = SimpleNamespace(**vars(run.tools.cell), opening=0.05, q=np.zeros(7), moment=lambda name: None)
+    tools: Any = SimpleNamespace(cell=cell, learning=learning, mover=SimpleNamespace(tool=lambda q: np.eye(4)))
+    run.tools = tools
+    run.run()
+    assert [one.state for one in run.state.learned] == ["failed", "failed", "handled"]
+    assert run.state.failed_at == [] and run.state.given_up == []

@@ -54,6 +54,7 @@ def test_a_load_without_a_place_is_spread_as_the_rest() -> None:
         ({"push": 5.0}, r"push: 5.0 N push nothing without a path"),
         ({"push": -5.0}, r"push: -5.0 N is not positive"),
         ({"push": 0.0, "path": [WayPoint(0.0), WayPoint(1.0)]}, r"push: 0.0 N is not positive"),
+        ({"push": float("inf"), "path": [WayPoint(0.0), WayPoint(1.0)]}, r"push: inf N is not positive"),
         ({"push": float("nan"), "path": [WayPoint(0.0), WayPoint(1.0)]}, r"push: nan N is not positive"),
     ],
 )
