@@ -182,6 +182,10 @@ class Mpc(ModelUser[Model]):
         memory = Memory.unpack(self._vector(context), self._n, self._knots, self._step)
         return replace(memory, pending=context.get_abstract_state(int(self._pending)).get_value())
 
+    def braked(self, context: Context) -> bool:
+        """Return whether the arm rests because what searches for ways has failed and does not work again yet."""
+        return self.memory(context).braked
+
     @contextmanager
     def searching_beside(self, *, waits: bool = True) -> Iterator[None]:
         """Have ways be searched for in a process of their own, which starts and ends with the `with` statement.

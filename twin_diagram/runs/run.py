@@ -28,6 +28,7 @@ from twin_diagram.runs.object_watch import ObjectWatch
 from twin_diagram.runs.outputs import Keeping, Looking, Mending, Say, check_places
 from twin_diagram.runs.run_folder import RunFolder
 from twin_diagram.runs.score import alarms, summarize, table
+from twin_diagram.runs.search_watch import SearchWatch
 from twin_diagram.runs.task_score import TaskScore
 from twin_diagram.runs.trial import TUNING as TRIAL
 from twin_diagram.runs.trial import Trial, run_trial
@@ -175,6 +176,7 @@ def _simulate(
     """
     duration, health = loop.scenario.duration, HealthWatch(loop.twin, say)
     objects, brakes = ObjectWatch(loop.twin, leave.event), BrakeWatch(loop.twin, leave.event)
+    searches = SearchWatch(loop.twin, leave.event)
     score = TaskScore(loop) if loop.twin.runner is not None and loop.scenario.station == "sim" else None
 
     def each(context: Context) -> None:
@@ -182,12 +184,14 @@ def _simulate(
         health.poll(context)
         objects.poll(context)
         brakes.poll(context)
+        searches.poll(context)
         if score is not None:
             score.poll(context)
 
     def told() -> dict[str, Any]:
         context = simulator.get_context()
-        besides = {"things": objects.told(context), "health": health.told(context)} | brakes.told(context)
+        lacks = health.told(context) + searches.told()
+        besides = {"things": objects.told(context), "health": lacks} | brakes.told(context)
         task = objects.task_told(context)
         if score is not None:
             task["task"] |= score.told(context)

@@ -49,7 +49,7 @@ class Spied:
         self.situation: Any = None
         self.answers: list[Answer | None] = []
         self.questions: list[Question] = []
-        self.decided = 0
+        self.decided, self.works = 0, True
         self.asked: dict[str, Any] = {}
 
         def decide(route: Route, now: Situation, rng: Any) -> tuple[Route, bool]:
@@ -64,6 +64,9 @@ class Spied:
             def answer(_, question: Question) -> Answer | None:
                 assert question is self.questions[-1]
                 return self.answers.pop(0)
+
+            def works(_) -> bool:
+                return self.works
 
         def solve(*arguments: Any) -> Optimum:
             names = "start q0 v0 a0 guess guess_velocity reference around margins fallback torque"
@@ -341,8 +344,8 @@ def test_a_way_that_was_found_is_taken_unless_the_present_one_is_good(spied: Spi
         assert heard.heard and heard.pending is None
 
 
-def test_where_the_search_has_failed_the_arm_brakes_for_good(spied: Spied, at_home: Memory) -> None:
-    spied.wants, spied.answers = True, [None]
+def test_where_the_search_has_failed_the_arm_brakes_until_it_works_again(spied: Spied, at_home: Memory) -> None:
+    spied.wants, spied.answers, spied.works = True, [None], False
     memory = at_home
     for k in range(5):
         memory, _ = spied.tick(memory, 0.1 + k / 15)
@@ -352,6 +355,11 @@ def test_where_the_search_has_failed_the_arm_brakes_for_good(spied: Spied, at_ho
     memory, _ = spied.tick(replace(memory, trajectory=replace(memory.trajectory, start=1.0, v0=v)), 1.0, v=v, goal=GOAL)
     assert memory.route.aim is Aim.NOTHING and len(spied.questions) == 1
     np.testing.assert_allclose(spied.asked["reference"], np.tile(HOME + 0.25 * v, (len(spied.asked["reference"]), 1)))
+    spied.works = True
+    memory, _ = spied.tick(memory, 1.0 + 1 / 15, goal=GOAL)
+    # It goes on along what needs no search, and asks anew without waiting.
+    assert not memory.braked and memory.route.aim is Aim.GOAL and len(spied.questions) == 2
+    assert memory.pending is spied.questions[-1]
 
 
 def test_routes_are_decided_upon_fifteen_times_a_second_and_where_something_is_new(

@@ -78,26 +78,75 @@ def test_answers_are_those_that_are_found_here(guide: Guide, beside: SearchProce
 
 def ended(searcher: SearchProcess) -> bool:
     deadline = time.monotonic() + 10.0
-    while searcher._process.poll() is None and time.monotonic() < deadline:
+    while searcher._child.process.poll() is None and time.monotonic() < deadline:
         time.sleep(0.02)
-    return searcher._process.poll() is not None
+    return searcher._child.process.poll() is not None
 
 
 @pytest.mark.parametrize(("seed", "patience", "told"), [(14, 60.0, "the search fell over"), (13, 3.0, "within 3 s")])
 def test_one_that_crashes_or_hangs_is_told_of_in_one_line(
     guide: Guide, seed: int, patience: float, told: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    with SearchProcess(guide, patience=patience) as searcher, caplog.at_level(logging.WARNING, "twin_diagram"):
+    with (
+        SearchProcess(guide, patience=patience, pauses=()) as searcher,
+        caplog.at_level(logging.WARNING, "twin_diagram"),
+    ):
         assert searcher.answer(replace(QUESTION, seed=(0, seed, 1))) is None
-        assert searcher.answer(QUESTION) is None  # nor are there any from then on
+        assert searcher.answer(QUESTION) is None and not searcher.works()  # nor are there any from then on
         assert ended(searcher)
     assert len(caplog.messages) == 1 and told in caplog.messages[0] and "\n" not in caplog.messages[0]
     assert caplog.messages[0].endswith("the arm brakes")
 
 
+def waited_for(searcher: SearchProcess) -> bool:
+    deadline = time.monotonic() + 10.0
+    while not searcher.works() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    return searcher.works()
+
+
+@pytest.mark.parametrize("how", ["killed", "hangs"])
+def test_it_is_started_anew_after_pauses_that_grow_and_then_no_more(
+    guide: Guide, how: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    pauses, processes = (0.05, 0.4), []
+    with SearchProcess(guide, patience=60.0, pauses=pauses) as searcher, caplog.at_level(logging.WARNING):
+        expected = searcher.answer(QUESTION)
+        for k in range(3):
+            processes.append(searcher._child.process)
+            if how == "killed":
+                searcher._child.process.kill()
+            else:
+                searcher._patience = 0.2
+            assert searcher.answer(replace(QUESTION, seed=(0, 13, k))) is None
+            searcher._patience = 60.0
+            assert searcher.ready(QUESTION) and not searcher.works()  # the pause is on
+            if k < 2:
+                failed_at = time.monotonic()
+                assert waited_for(searcher) and time.monotonic() - failed_at > 0.8 * pauses[k]
+                assert searcher._child.process.pid != processes[-1].pid and processes[-1].poll() is not None
+                again = searcher.answer(replace(QUESTION))
+                assert again is not None and expected is not None and np.array_equal(again.points, expected.points)
+                assert searcher.answer(replace(QUESTION, more_goals=False)) is not None, "the new one answers"
+        time.sleep(0.5)
+        assert not searcher.works() and searcher.answer(QUESTION) is None
+        assert len(searcher.failures) == 3 and searcher.last_failure == searcher.failures[-1]
+    assert all(process.poll() is not None for process in processes)
+    assert [("started anew in" in line) for line in caplog.messages] == [True, True, False]
+    assert "in 0.05 s" in caplog.messages[0] and "in 0.4 s" in caplog.messages[1]
+    assert "3 times in all, it is not started again" in caplog.messages[2]
+    assert all(line.endswith("the arm brakes") and "\n" not in line for line in caplog.messages)
+
+
+def test_one_that_is_closed_is_not_started_anew(guide: Guide) -> None:
+    searcher = SearchProcess(guide, pauses=(0.0,))
+    searcher.close()
+    assert not searcher.works() and searcher._child.process.poll() is not None
+
+
 def test_one_that_is_killed_is_told_of(beside: SearchProcess, caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING, "twin_diagram"):
-        beside._process.kill()
+        beside._child.process.kill()
         assert beside.answer(QUESTION) is None
     assert len(caplog.messages) == 1 and "Killed" in caplog.messages[0]
 
@@ -118,7 +167,7 @@ def test_it_ends_with_its_user_however_busy_it_is(guide: Guide, caplog: pytest.L
     with SearchProcess(guide) as searcher:
         searcher.ask(replace(QUESTION, seed=(0, 13, 1)))
         begin = time.monotonic()
-    assert searcher._process.poll() is not None and time.monotonic() - begin < 2.0
+    assert searcher._child.process.poll() is not None and time.monotonic() - begin < 2.0
     assert not caplog.messages  # that is no failure
 
 
@@ -132,7 +181,7 @@ def test_who_does_not_wait_is_told_whether_an_answer_is_there(guide: Guide) -> N
             time.sleep(0.05)
         assert searcher.ready(QUESTION) and searcher.answer(QUESTION) is not None
         assert not searcher.ready(replace(QUESTION, seed=(0, 9, 1)))
-        searcher._process.kill()
+        searcher._child.process.kill()
         searcher.ask(replace(QUESTION, seed=(0, 9, 1)))
         while not searcher.ready(replace(QUESTION, seed=(0, 9, 1))) and time.monotonic() < deadline:
             time.sleep(0.05)
@@ -147,7 +196,7 @@ scene = load_scene(scenario.ArmModel(), [scenario.Fixture()], {"mover": asset})
 guide = Stuck(scene, GuideSettings(np.full(7, 0.8), 0.04))
 searcher = SearchProcess(guide)
 searcher.ask(replace(QUESTION, seed=(0, 13, 1)))
-print(searcher._process.pid, flush=True)
+print(searcher._child.process.pid, flush=True)
 time.sleep(600)
 """
 

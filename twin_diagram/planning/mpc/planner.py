@@ -186,6 +186,8 @@ class MotionPlanner:
             arm: dynamics as known now, for bounds on torque; None: there are none.
         """
         rng = np.random.default_rng([self.params.seed, memory.tick])
+        if memory.braked and self.searcher.works():
+            memory = replace(memory, braked=False, pending=None, asked=FRESH)
         memory, q0, v0, a0, reanchored = self._anchor(memory, now, arm_state)
         stop = q0 + TUNING.stopping_time / 2 * v0
         forecast = self.scene.forecast(tracks, *beside)

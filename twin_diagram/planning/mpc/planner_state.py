@@ -43,7 +43,7 @@ class Memory:
         tick: number of ticks.
         asked: tick at which the last search was asked for.
         heard: a search has answered since the goal is the present one.
-        braked: what searches has failed: the arm rests from here on.
+        braked: what searches has failed: the arm rests until it works again.
         pending: what was asked and not yet answered; no part of the vector.
     """
 

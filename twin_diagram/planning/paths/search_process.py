@@ -1,25 +1,17 @@
-"""Searches in a process of their own: started with a run, ended with it, and never left behind."""
+"""Searches in a process of their own: started with a run, anew when it fails, ended with it, never left behind."""
 
 from __future__ import annotations
 
 import logging
-import os
 import pickle
-import queue
-import signal
-import subprocess
-import sys
 import threading
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from tempfile import TemporaryFile
-from typing import Final
 
 from twin_diagram.planning.paths.guide import Answer, Guide, Question
-from twin_diagram.planning.paths.search_worker import receive, send
+from twin_diagram.planning.paths.search_child import SearchChild
 from twin_diagram.planning.paths.searching import Searcher
-from twin_diagram.runtime.threads import one_thread_variables
 
 
 @dataclass(frozen=True)
@@ -29,8 +21,9 @@ class Tuning:
     patience: float = 20.0
     """A search that takes longer hangs [s of the wall clock]: on a busy machine it takes up to a second."""
 
-    grace: float = 0.2
-    """After it was asked to end, the process has this long before it is ended [s]."""
+    pauses: tuple[float, ...] = (0.5, 1.0, 2.0, 4.0, 8.0)
+    """Between a failure and the next start [s of the wall clock], one for each start anew: what fails by chance is soon
+    back, what fails always does not take up the machine, and is given up after the last."""
 
     kept: int = 64
     """Answers that are kept at hand: another Context may ask the same."""
@@ -38,47 +31,46 @@ class Tuning:
 
 TUNING = Tuning()
 
-WORKER: Final = (sys.executable, "-m", "twin_diagram.planning.paths.search_worker")
-"""The command that searches in a process of its own."""
-
 
 class SearchProcess(Searcher):
     """Searches in a process of its own.
 
     Use as a context manager, or `close` it: both end the process, whatever it does. Where this process is killed, that
-    one ends by itself. Once it has failed there are no more answers, and one line has told why.
+    one ends by itself. When it fails one line tells why, and there are no answers until `works` has started another.
 
     Attributes:
-        why: in one line what went wrong; empty while all is well.
+        why: in one line what is wrong; empty while all is well.
+        failures: what went wrong so far, oldest first.
     """
 
-    def __init__(self, guide: Guide, *, waits: bool = True, patience: float = TUNING.patience) -> None:
+    def __init__(
+        self,
+        guide: Guide,
+        *,
+        waits: bool = True,
+        patience: float | None = None,
+        pauses: Sequence[float] | None = None,
+    ) -> None:
         """Start the process.
 
         Args:
             guide: what searches; a copy of it works there.
             waits: the asker waits for an answer that is late, so that runs are alike; else it counts when it comes.
-            patience: see `Tuning`.
+            patience: see `Tuning`; None: what stands there.
+            pauses: likewise.
         """
         self.why = ""
-        self._waits, self._patience = waits, patience
-        self._told = TemporaryFile()
-        here = str(Path(__file__).resolve().parents[3])
-        path = os.pathsep.join([here, *filter(None, [os.environ.get("PYTHONPATH")])])
-        # Not multiprocessing, which would run the user's own script once more.
-        self._process = subprocess.Popen(
-            WORKER,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=self._told,
-            env={**os.environ, "PYTHONPATH": path, **one_thread_variables(os.environ)},
-            start_new_session=True,  # a terminal's signal is for the run, which ends the search
-        )
-        self._asked: queue.Queue[bytes | None] = queue.Queue()
+        self.failures: list[str] = []
+        self._waits = waits
+        self._patience = TUNING.patience if patience is None else patience
+        self._pauses = TUNING.pauses if pauses is None else tuple(pauses)
         self._known: dict[bytes, Answer | None] = {}
         self._since: dict[bytes, float] = {}
+        self._failed_at = 0.0
+        self._closed = False
         self._changed = threading.Condition()
-        threading.Thread(target=self._serve, args=(pickle.dumps(guide),), daemon=True).start()
+        self._guide = pickle.dumps(guide)
+        self._child = SearchChild(self._guide, self._answered, self._fail)
 
     def ask(self, question: Question) -> None:
         """See `Searcher`; returns at once."""
@@ -92,7 +84,7 @@ class SearchProcess(Searcher):
                 self._since.pop(oldest)
             self._known[key] = None
             self._since[key] = time.monotonic()
-        self._asked.put(key)
+        self._child.ask(key)
 
     def ready(self, question: Question) -> bool:
         """See `Searcher`; also true once what was asked hangs, which `answer` then tells."""
@@ -103,7 +95,7 @@ class SearchProcess(Searcher):
             there = bool(self.why) or self._known.get(key) is not None
             late = not there and time.monotonic() - self._since.get(key, float("inf")) > self._patience
         if late:
-            self._fail(f"gave no answer within {self._patience:g} s")
+            self._fail(self._child, f"gave no answer within {self._patience:g} s")
         return there or late
 
     def answer(self, question: Question) -> Answer | None:
@@ -114,26 +106,40 @@ class SearchProcess(Searcher):
             there = self._changed.wait_for(lambda: self.why or self._known[key] is not None, self._patience)
             if there:
                 return None if self.why else self._known[key]
-        self._fail(f"gave no answer within {self._patience:g} s")
+        self._fail(self._child, f"gave no answer within {self._patience:g} s")
         return None
+
+    @property
+    def last_failure(self) -> str:
+        """See `Searcher`."""
+        return self.failures[-1] if self.failures else ""
+
+    def works(self) -> bool:
+        """See `Searcher`: where the process has failed and its pause is over, another is started."""
+        with self._changed:
+            if not self.why:
+                return True
+            tries = len(self.failures)
+            if self._closed or tries > len(self._pauses):
+                return False
+            if time.monotonic() - self._failed_at < self._pauses[tries - 1]:
+                return False
+        self._child.end(0.0)
+        with self._changed:
+            # What was asked of the one before nobody answers any more.
+            self._known = {key: answer for key, answer in self._known.items() if answer is not None}
+            self._since = {key: self._since[key] for key in self._known}
+            self._child = SearchChild(self._guide, self._answered, self._fail)
+            self.why = ""
+        return True
 
     def close(self) -> None:
         """End the process."""
         with self._changed:
+            self._closed = True
             self.why = self.why or "closed"
             self._changed.notify_all()
-        self._asked.put(None)
-        process = self._process
-        assert process.stdin is not None
-        try:
-            process.stdin.close()
-        except OSError:
-            pass
-        try:
-            process.wait(TUNING.grace)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+        self._child.end()
 
     def __enter__(self) -> SearchProcess:
         return self
@@ -141,36 +147,24 @@ class SearchProcess(Searcher):
     def __exit__(self, *error: object) -> None:
         self.close()
 
-    def _serve(self, guide: bytes) -> None:
-        """Carry questions over and answers back, one at a time; in a thread of its own."""
-        to, back = self._process.stdin, self._process.stdout
-        assert to is not None and back is not None
-        try:
-            send(to, guide)  # type: ignore[arg-type]
-            while (key := self._asked.get()) is not None:
-                send(to, key)  # type: ignore[arg-type]
-                answer = pickle.loads(receive(back))  # type: ignore[arg-type]
-                with self._changed:
-                    self._known[key] = answer
-                    self._changed.notify_all()
-        except (OSError, EOFError, ValueError):
-            if not self.why:
-                self._fail(self._ending())
-
-    def _fail(self, why: str) -> None:
+    def _answered(self, key: bytes, answer: Answer) -> None:
         with self._changed:
-            if self.why:
+            self._known[key] = answer
+            self._changed.notify_all()
+
+    def _fail(self, child: SearchChild, why: str) -> None:
+        with self._changed:
+            if self.why or child is not self._child:
                 return
             self.why = why
+            self.failures.append(why)
+            self._failed_at = time.monotonic()
+            count, most = len(self.failures), len(self._pauses)
+            again = f"it is started anew in {self._pauses[count - 1]:g} s, " if count <= most else ""
+            often = f" ({count} times in all, it is not started again)" if count > most > 0 else ""
             # Told before anyone who waits goes on.
-            logging.getLogger("twin_diagram").warning("the process that searches for ways %s: the arm brakes", why)
+            logging.getLogger("twin_diagram").warning(
+                "the process that searches for ways %s%s: %sthe arm brakes", why, often, again
+            )
             self._changed.notify_all()
-        self._process.kill()
-
-    def _ending(self) -> str:
-        status = self._process.wait()
-        if status < 0:
-            return f"was ended by a signal ({signal.strsignal(-status) or -status})"
-        self._told.seek(0)
-        lines = [line for line in self._told.read().decode(errors="replace").splitlines() if line.strip()]
-        return f"ended with status {status} ({lines[-1].strip() if lines else 'it said nothing'})"
+        child.process.kill()

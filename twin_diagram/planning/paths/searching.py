@@ -26,6 +26,15 @@ class Searcher(ABC):
     def answer(self, question: Question) -> Answer | None:
         """Return the answer; None where there will be none: what searches has failed."""
 
+    @property
+    def last_failure(self) -> str:
+        """What went wrong the last time, in one line; empty where nothing has."""
+        return ""
+
+    def works(self) -> bool:
+        """Return whether what is asked from now on will be answered; what has failed may begin anew here."""
+        return True
+
 
 class Here(Searcher):
     """Searches in this process, when an answer is due."""

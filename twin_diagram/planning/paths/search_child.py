@@ -1,0 +1,109 @@
+"""One process that searches, and the thread that carries questions over to it and answers back."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import queue
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryFile
+from typing import Final
+
+from twin_diagram.planning.paths.guide import Answer
+from twin_diagram.planning.paths.search_worker import receive, send
+from twin_diagram.runtime.threads import one_thread_variables
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    grace: float = 0.2
+    """After it was asked to end, the process has this long before it is ended [s]."""
+
+
+TUNING = Tuning()
+
+WORKER: Final = (sys.executable, "-m", "twin_diagram.planning.paths.search_worker")
+"""The command that searches in a process of its own."""
+
+
+class SearchChild:
+    """A process that answers questions until it ends, by itself or by `end`; it is never started again.
+
+    Attributes:
+        process: the process.
+    """
+
+    def __init__(
+        self, guide: bytes, answered: Callable[[bytes, Answer], None], failed: Callable[[SearchChild, str], None]
+    ) -> None:
+        """Start the process.
+
+        Args:
+            guide: what searches, pickled; a copy of it works there.
+            answered: takes a question, pickled, and its answer; called in a thread of its own.
+            failed: takes what went wrong where the process ended without being asked to; called likewise.
+        """
+        self._answered, self._failed = answered, failed
+        self._told = TemporaryFile()
+        here = str(Path(__file__).resolve().parents[3])
+        path = os.pathsep.join([here, *filter(None, [os.environ.get("PYTHONPATH")])])
+        # Not multiprocessing, which would run the user's own script once more.
+        self.process = subprocess.Popen(
+            WORKER,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._told,
+            env={**os.environ, "PYTHONPATH": path, **one_thread_variables(os.environ)},
+            start_new_session=True,  # a terminal's signal is for the run, which ends the search
+        )
+        self._asked: queue.Queue[bytes | None] = queue.Queue()
+        self._ended = False
+        threading.Thread(target=self._serve, args=(guide,), daemon=True).start()
+
+    def ask(self, key: bytes) -> None:
+        """Hand a question over, pickled; returns at once."""
+        self._asked.put(key)
+
+    def end(self, grace: float = TUNING.grace) -> None:
+        """End the process, which has so long to do so by itself [s]."""
+        self._ended = True
+        self._asked.put(None)
+        assert self.process.stdin is not None
+        try:
+            self.process.stdin.close()
+        except OSError:
+            pass
+        try:
+            self.process.wait(grace)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+
+    def _serve(self, guide: bytes) -> None:
+        """Carry questions over and answers back, one at a time; in a thread of its own."""
+        to, back = self.process.stdin, self.process.stdout
+        assert to is not None and back is not None
+        try:
+            send(to, guide)  # type: ignore[arg-type]
+            while (key := self._asked.get()) is not None:
+                send(to, key)  # type: ignore[arg-type]
+                self._answered(key, pickle.loads(receive(back)))  # type: ignore[arg-type]
+        except (OSError, EOFError, ValueError):
+            if not self._ended:
+                self._failed(self, self._ending())
+
+    def _ending(self) -> str:
+        status = self.process.wait()
+        if status < 0:
+            return f"was ended by a signal ({signal.strsignal(-status) or -status})"
+        self._told.seek(0)
+        lines = [line for line in self._told.read().decode(errors="replace").splitlines() if line.strip()]
+        return f"ended with status {status} ({lines[-1].strip() if lines else 'it said nothing'})"
