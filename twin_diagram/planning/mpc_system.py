@@ -117,7 +117,7 @@ class Mpc(ModelUser[Model]):
             library: the known objects by name, in the order of the tracks.
             packages: local folders for `package://` names.
             parameter_names: of the `parameters` port, in order; a unit in brackets after a name does not count.
-            solver: for quadratic programs; None for ProxQP.
+            solver: for quadratic programs; None for `ActiveSet`.
 
         Raises:
             ScenarioError: a tuning value that makes no sense.

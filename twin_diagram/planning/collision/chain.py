@@ -121,19 +121,10 @@ class Chain:
 
     def place(self, q: Array) -> Placement:
         """Place the links in configurations `q`, (N, n) [rad or m]."""
-        angle = q[..., None, None]
-        relative = self.constant + np.sin(angle) * self.sine + np.cos(angle) * self.cosine
-        if self.prismatic.any():
-            relative = relative + angle * self.linear
-        count = len(q)
-        X_WL = np.empty((count, self.size + 1, 4, 4))
-        X_WL[:, 0] = np.eye(4)
-        for k in range(self.size):
-            np.matmul(X_WL[:, k], relative[:, k], out=X_WL[:, k + 1])
-        R_WP, p_WP = X_WL[:, :-1, :3, :3], X_WL[:, :-1, :3, 3]
-        axes_W = (R_WP @ self.axes_P[:, :, None])[..., 0]
-        origins_W = p_WP + (R_WP @ self.origins_P[:, :, None])[..., 0]
-        return Placement(X_WL, axes_W, origins_W)
+        from twin_diagram.planning.collision import kernel  # compiled; not with every import
+
+        arrays = self.constant, self.sine, self.cosine, self.linear, self.axes_P, self.origins_P
+        return Placement(*kernel.place(np.ascontiguousarray(q, dtype=float), *arrays))
 
     def tool(self, placement: Placement) -> Array:
         """Return X_WT, (N, 4, 4)."""

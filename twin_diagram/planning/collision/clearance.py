@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.planning.collision.ball_cover import Balls
-from twin_diagram.planning.collision.chain import Chain, Placement, point_jacobian
-from twin_diagram.planning.collision.nearest_pairs import Pairs, Wanting, expanded, into, nearest_of, smallest
-from twin_diagram.planning.collision.solid_batch import Body, SolidBatch
+from twin_diagram.planning.collision.chain import Chain, Placement
+from twin_diagram.planning.collision.solid_batch import Body, solids_of
 from twin_diagram.signals.arrays import Array, Ints
+
+if TYPE_CHECKING:
+    from twin_diagram.planning.collision import kernel
 
 
 @dataclass(frozen=True)
@@ -22,11 +26,14 @@ class Tuning:
     far: float = 1.0e3
     """Stands for a distance beyond reach [m]: far above any."""
 
+    tiny: float = 1e-9
+    """Lengths below this have no direction [m]."""
+
+    rough: int = 3
+    """As long as distances are known roughly, so many times as many are looked at as are wanted."""
+
     kept: int = 8
     """Sets of further bodies whose tables are kept at hand: those of the last images, for a Context or two."""
-
-    exact: float = 1e-9
-    """Distances that are quickly computed are this exact or better [m]."""
 
 
 TUNING = Tuning()
@@ -72,21 +79,6 @@ class Contacts:
     gradient: Array
 
 
-@dataclass(frozen=True)
-class _Arm:
-    """The arm in N configurations, as balls.
-
-    Attributes:
-        placement: of its links.
-        centres: (N, S, 3) of balls in W [m].
-        middles: (N, G, 3) of balls about each part [m].
-    """
-
-    placement: Placement
-    centres: Array
-    middles: Array
-
-
 class Clearance:
     """Distances between an arm and bodies. Holds constants alone; calls may be made in any order.
 
@@ -108,18 +100,14 @@ class Clearance:
         self._balls = balls
         self._centres_L, self._radii = balls.centres_L[order], balls.radii[order]
         self._links, self._groups = balls.links[order], balls.groups[order]
-        self._slices = [(k, slice(*np.searchsorted(self._links, [k, k + 1]))) for k in range(1, chain.size + 1)]
         self._group_count = int(self._groups.max()) + 1
         if ignored is None:
             ignored = np.zeros((chain.size + 1, len(bodies)), dtype=bool)
         self._ignored = ignored
-        self._counted = ~ignored[self._links] if bodies else np.ones((len(self._links), 1), dtype=bool)
-        self._last_body = len(bodies) - 1
+        self._counted = ~ignored[self._links]
         self._members = np.argsort(self._groups, kind="stable")
-        self._member_count = np.bincount(self._groups, minlength=self._group_count)
-        self._member_start = np.cumsum(self._member_count) - self._member_count
-        self._batch = SolidBatch(self.bodies)
-        self._batches: dict[tuple[int, ...], SolidBatch] = {}
+        self._member_start = np.append(0, np.cumsum(np.bincount(self._groups, minlength=self._group_count)))
+        self._tables: dict[tuple[int, ...], tuple[tuple[Body, ...], kernel.Solids]] = {}
         self._prepare_self(back[balls.pairs])
 
     def _prepare_self(self, pairs: Ints) -> None:
@@ -136,13 +124,15 @@ class Clearance:
         key = self._groups[pairs[:, 0]] * self._group_count + self._groups[pairs[:, 1]]
         order = np.argsort(key, kind="stable")
         self._pairs = pairs[order]
-        keys, self._pair_start, self._pair_count = np.unique(key[order], return_index=True, return_counts=True)
+        keys, counts = np.unique(key[order], return_counts=True)
+        self._pair_start = np.append(0, np.cumsum(counts))
         self._group_pairs = np.stack([keys // self._group_count, keys % self._group_count], axis=1)
 
     def drop_group_pairs(self, drop: npt.NDArray[np.bool_]) -> None:
         """Forget pairs of parts of the arm, a bool for each of `group_pairs`."""
-        self._group_pairs = self._group_pairs[~drop]
-        self._pair_start, self._pair_count = self._pair_start[~drop], self._pair_count[~drop]
+        counts = np.diff(self._pair_start)
+        self._pairs = self._pairs[np.repeat(~drop, counts)]
+        self._group_pairs, self._pair_start = self._group_pairs[~drop], np.append(0, np.cumsum(counts[~drop]))
 
     def among(self, bodies: Sequence[Body]) -> Clearance:
         """Return the same for an arm among other bodies, of which the first are those that it has."""
@@ -187,11 +177,7 @@ class Clearance:
 
     def centres(self, placement: Placement) -> Array:
         """Return (N, S, 3) the balls' centres in W."""
-        result = np.empty((len(placement.X_WL), len(self._radii), 3))
-        for k, part in self._slices:
-            X_WL = placement.X_WL[:, k]
-            result[:, part] = self._centres_L[part] @ X_WL[:, :3, :3].transpose(0, 2, 1) + X_WL[:, None, :3, 3]
-        return result
+        return _compiled().carried(placement.X_WL, self._centres_L, self._links)
 
     def distances(
         self, q: Array, around: Surroundings, reach: float, own: bool = True, own_reach: float | None = None
@@ -208,36 +194,26 @@ class Clearance:
         Returns:
             (N, B + 1) [m]
         """
-        arm = self._arm(q)
-        pairs = self._pairs_near(arm, around, np.full((len(q), self._count(around)), reach))
-        best = nearest_of(pairs, pairs.row * self._count(around) + pairs.body)
-        result = np.full((len(q), self._count(around) + 1), TUNING.far)
-        result[best.row, best.body] = best.distance
-        if own:
-            row, _, _, distance, _ = self._near_self(arm, reach if own_reach is None else own_reach)
-            np.minimum.at(result[:, -1], row, distance)
-        return result
+        arm, _ = self._arm(q, np.zeros(self._group_count, dtype=np.int64))
+        result = np.full((len(q), self._count(around) + 1), np.inf)
+        result[:, :-1] = self._near(arm, around, reach)[0][..., 0]
+        if own and len(self._group_pairs):
+            result[:, -1] = self._near_self(arm, reach if own_reach is None else own_reach)[0].min(axis=1)
+        return np.where(np.isfinite(result), result, TUNING.far)
 
     def link_distances(self, q: Array, around: Surroundings) -> Array:
         """Return the smallest distance of each link (from joint 1's on) to each body, however far: (N, n, B) [m]."""
-        n, count = self.chain.size, self._count(around)
-        pairs = self._pairs_near(self._arm(q), around, np.full((len(q), count), TUNING.far))
-        best = nearest_of(pairs, (pairs.row * (n + 1) + self._links[pairs.ball]) * count + pairs.body)
-        result = np.full((len(q), n, count), TUNING.far)
-        result[best.row, self._links[best.ball] - 1, best.body] = best.distance
-        return result
+        arm, _ = self._arm(q, self._group_link)
+        best = self._near(arm, around, TUNING.far)[0][..., 1:]
+        return np.where(np.isfinite(best), best, TUNING.far).transpose(0, 2, 1)
 
     def own_distances(self, q: Array, reach: float) -> Array:
         """Return the smallest distance between the two parts of each of `group_pairs`, (N, G) [m].
 
         `Tuning.far` beyond reach.
         """
-        row, first, second, distance, _ = self._near_self(self._arm(q), reach)
-        column = np.full((self._group_count, self._group_count), -1)
-        column[self._group_pairs[:, 0], self._group_pairs[:, 1]] = np.arange(len(self._group_pairs))
-        result = np.full((len(q), len(self._group_pairs)), TUNING.far)
-        np.minimum.at(result, (row, column[self._groups[first], self._groups[second]]), distance)
-        return result
+        best, _ = self._near_self(self._arm(q, np.zeros(self._group_count, dtype=np.int64))[0], reach)
+        return np.where(np.isfinite(best), best, TUNING.far)
 
     def contacts(
         self,
@@ -259,136 +235,101 @@ class Clearance:
             most: about so many entries are enough, those that lack most of their margins; None: all are given. Whatever
                 does not keep its margin is given.
         """
-        arm = self._arm(q)
-        placement, centres, count = arm.placement, arm.centres, self._count(around)
-        wanting = Wanting(margins, most, self._group_count) if most is not None and margins is not None else None
-        pairs = self._pairs_near(arm, around, np.full((len(q), count), reach), wanting)
-        best = nearest_of(pairs, self._key(pairs.row, pairs.body, pairs.ball, around))
-        near = np.flatnonzero(best.distance < reach)
-        b_row, ball, body = best.row[near], best.ball[near], best.body[near]
-        normal = (around.X_WO[body, b_row, :3, :3] @ best.normal_O[near][:, :, None])[..., 0]
-        velocity = point_jacobian(placement, centres[b_row, ball], self._links[ball], b_row, self.chain.prismatic)
-        row, first, second, distance, own_normal = self._near_self(arm, own_reach)
-        key = (row * self._group_count + self._groups[first]) * self._group_count + self._groups[second]
-        one = smallest(key, distance)
-        row, first, second, distance, own_normal = row[one], first[one], second[one], distance[one], own_normal[one]
-        own = point_jacobian(placement, centres[row, first], self._links[first], row, self.chain.prismatic)
-        own -= point_jacobian(placement, centres[row, second], self._links[second], row, self.chain.prismatic)
-        gradients = (np.einsum("mnk,mk->mn", velocity, normal), np.einsum("mnk,mk->mn", own, own_normal))
+        compiled = _compiled()
+        arm, placement = self._arm(q, np.arange(self._group_count))
+        if most is None or margins is None:
+            best, balls, normals = self._near(arm, around, reach)
+            limit = np.inf
+        else:
+            best, balls, normals = self._near(arm, around, reach, margins, most)
+            limit = _limit(best, margins, most)
+        wanted = best < reach
+        if limit < np.inf and margins is not None:
+            wanted &= best <= margins[:, :-1, None] + limit
+        row, body, part = np.nonzero(wanted)
+        ball = balls[row, body, part]
+        normal = compiled.turned(np.ascontiguousarray(around.X_WO), body, row, normals[row, body, part])
+        at = placement.axes_W, placement.origins_W, self.chain.prismatic
+        gradient = compiled.slopes(arm.centres[row, ball], self._links[ball], row, normal, *at)
+        own, which = self._near_self(arm, own_reach)
+        own_row, pair = np.nonzero(own < own_reach)
+        first, second = self._pairs[which[own_row, pair]].T
+        p, to = arm.centres[own_row, first], arm.centres[own_row, second]
+        across = p - to
+        normal = across / np.maximum(np.linalg.norm(across, axis=1), TUNING.tiny)[:, None]
+        own_gradient = compiled.slopes(p, self._links[first], own_row, normal, *at)
+        own_gradient -= compiled.slopes(to, self._links[second], own_row, normal, *at)
         return Contacts(
-            np.concatenate([b_row, row]),
-            np.concatenate([body, np.full(len(row), count)]),
-            np.concatenate([best.distance[near], distance]),
-            np.concatenate(gradients),
+            np.concatenate([row, own_row]),
+            np.concatenate([body, np.full(len(own_row), self._count(around))]),
+            np.concatenate([best[row, body, part], own[own_row, pair]]),
+            np.concatenate([gradient, own_gradient]),
         )
 
-    def _arm(self, q: Array) -> _Arm:
-        """Return where the arm's balls and parts are in configurations (N, n)."""
+    def _arm(self, q: Array, key: Ints) -> tuple[kernel.Balls, Placement]:
+        """Return the arm in configurations (N, n), with what kind of nearest pairs each of its parts (G,) is for."""
+        compiled = _compiled()
         placement = self.chain.place(q)
-        X_WL = placement.X_WL[:, self._group_link]
-        middles = (X_WL[..., :3, :3] @ self._group_centre[:, :, None])[..., 0] + X_WL[..., :3, 3]
-        return _Arm(placement, self.centres(placement), middles)
+        balls = compiled.Balls(
+            centres=self.centres(placement),
+            radii=self._radii,
+            members=self._members,
+            first=self._member_start,
+            middles=compiled.carried(placement.X_WL, self._group_centre, self._group_link),
+            reaches=self._group_radius,
+            key=key,
+            kinds=int(key.max()) + 1,
+            counted=self._counted,
+        )
+        return balls, placement
 
     def _count(self, around: Surroundings) -> int:
         return len(self.bodies) + len(around.beside)
 
-    def _batch_of(self, around: Surroundings) -> SolidBatch:
+    def _tables_of(self, around: Surroundings) -> kernel.Solids:
         """Return the tables of all bodies."""
-        if not around.beside:
-            return self._batch
         key = tuple(map(id, around.beside))
-        found = self._batches.get(key)
-        # A table holds its bodies, so that no other can have their identity.
+        found = self._tables.get(key)
         if found is None:
-            while len(self._batches) >= TUNING.kept:
-                self._batches.pop(next(iter(self._batches)))
-            found = self._batches[key] = SolidBatch([*self.bodies, *around.beside])
-        return found
+            while len(self._tables) >= TUNING.kept:
+                self._tables.pop(next(iter(self._tables)))
+            # Kept with its bodies, so that no other can have their identity.
+            found = self._tables[key] = (around.beside, solids_of([*self.bodies, *around.beside]))
+        return found[1]
 
-    def _pairs_near(self, arm: _Arm, around: Surroundings, reach: Array, wanting: Wanting | None = None) -> Pairs:
-        """Return balls and solids that may be within reach (N, B) of each other: by boxes about the solids.
+    def _near(
+        self, arm: kernel.Balls, around: Surroundings, reach: float, margins: Array | None = None, most: int = 0
+    ) -> tuple[Array, Ints, Array]:
+        """Return what is near bodies, see `kernel.near_bodies`.
 
-        With `wanting`, about so many of the parts of the arm and bodies as that asks for.
+        With margins (N, B + 1) about the `most` that lack most of them are enough.
         """
-        batch = self._batch_of(around)
-        present = np.flatnonzero(around.present)
-        R, p = around.X_WO[present, :, :3, :3], around.X_WO[present, :, :3, 3]
-        b, row, part = self._parts_near(arm, around, reach, batch)
-        # A box about each body: for parts, then for balls.
-        body = present[b]
-        far = reach[row, body] + TUNING.exact
-        at_least = batch.bodies_at_least(body, into(R[b, row], arm.middles[row, part] - p[b, row]))
-        at_least -= self._group_radius[part] + around.grown[body, row]
-        kept = np.flatnonzero(at_least < far)
-        if wanting is not None:
-            kept = kept[wanting.of_parts(row[kept], body[kept], part[kept], at_least[kept], 3)]
-        entry, within = expanded(self._member_count[part[kept]])
-        entry = kept[entry]
-        ball = self._members[self._member_start[part[entry]] + within]
-        counted = np.flatnonzero(self._counts(ball, body[entry]))
-        entry, ball = entry[counted], ball[counted]
-        b, row, body, far = b[entry], row[entry], body[entry], far[entry]
-        p_O = into(R[b, row], arm.centres[row, ball] - p[b, row])
-        size = self._radii[ball] + around.grown[body, row]
-        at_least = batch.bodies_at_least(body, p_O) - size
-        kept = np.flatnonzero(at_least < far)
-        if wanting is not None:
-            kept = kept[wanting.of_parts(row[kept], body[kept], self._groups[ball[kept]], at_least[kept], 2)]
-        # Solids.
-        entry, within = expanded(batch.count[body[kept]])
-        pair = kept[entry]
-        solid, p_O = batch.first[body[pair]] + within, p_O[pair]
-        at_least = batch.at_least(solid, p_O) - size[pair]
-        chosen = np.flatnonzero(at_least < far[pair])
-        if wanting is not None:
-            on = pair[chosen]
-            chosen = chosen[wanting.of_parts(row[on], body[on], self._groups[ball[on]], at_least[chosen], 1)]
-        pair = pair[chosen]
-        return Pairs(batch, row[pair], ball[pair], body[pair], solid[chosen], p_O[chosen], size[pair], at_least[chosen])
+        # One layout: for another the loops would be compiled anew.
+        where = [np.ascontiguousarray(part) for part in (around.X_WO, around.grown, around.present)]
+        tables, compiled = self._tables_of(around), _compiled()
+        far = np.full((len(arm.centres), self._count(around)), float(reach))
+        if margins is not None:
+            # Roughly at first: bodies as boxes, parts as balls.
+            bounds = compiled.never_below(arm, tables, *where, float(reach))
+            far = np.minimum(far, margins[:, :-1] + _limit(bounds, margins, TUNING.rough * most) + TUNING.tiny)
+        return compiled.near_bodies(arm, tables, *where, far)
 
-    def _parts_near(self, arm: _Arm, around: Surroundings, reach: Array, batch: SolidBatch) -> tuple[Ints, Ints, Ints]:
-        """Return parts of the arm and bodies that may be within reach (N, B) of each other: by balls about them.
+    def _near_self(self, arm: kernel.Balls, reach: float) -> tuple[Array, Ints]:
+        """Return what is near each other; see `kernel.near_itself`."""
+        return _compiled().near_itself(arm, self._group_pairs, self._pair_start, self._pairs, float(reach))
 
-        Index among the bodies that are present, configuration, part.
-        """
-        present, parts = np.flatnonzero(around.present), arm.middles
-        X_WO = around.X_WO[present]
-        middle = (X_WO[..., :3, :3] @ batch.centres[present][:, None, :, None])[..., 0] + X_WO[..., :3, 3]
-        # |c − m|² for all at once.
-        squares = np.einsum("ngi,ngi->ng", parts, parts)[None] + np.einsum("bni,bni->bn", middle, middle)[..., None]
-        squares -= 2 * np.matmul(middle.transpose(1, 0, 2), parts.transpose(0, 2, 1)).transpose(1, 0, 2)
-        wide = batch.radii[present][:, None] + around.grown[present] + reach[:, present].T
-        limit = np.maximum(wide[..., None] + self._group_radius + TUNING.exact, 0.0)
-        b, row, part = np.nonzero(squares < limit * limit)
-        return b, row, part
 
-    def _counts(self, ball: Ints, body: Ints) -> npt.NDArray[np.bool_]:
-        """Return (M,) whether balls and bodies (M,) count against each other."""
-        result: npt.NDArray[np.bool_] = self._counted[ball, np.minimum(body, self._last_body)]
-        return result | (body > self._last_body)
+def _compiled() -> ModuleType:
+    """Return the compiled loops: they are loaded when first wanted, not with every import."""
+    from twin_diagram.planning.collision import kernel
 
-    def _key(self, row: Ints, body: Ints, ball: Ints, around: Surroundings) -> Ints:
-        """Return a number for each configuration, body and part of the arm."""
-        return (row * self._count(around) + body) * self._group_count + self._groups[ball]
+    return kernel
 
-    def _near_self(self, arm: _Arm, reach: float) -> tuple[Ints, Ints, Ints, Array, Array]:
-        """Return pairs of balls within reach of each other.
 
-        Row, first, second, distance, normal from second to first.
-        """
-        middles, centres = arm.middles, arm.centres
-        i, j = self._group_pairs[:, 0], self._group_pairs[:, 1]
-        offset = middles[:, i] - middles[:, j]
-        limit = reach + self._group_radius[i] + self._group_radius[j]
-        row, pair = np.nonzero(np.einsum("nsi,nsi->ns", offset, offset) < limit**2)
-        count = self._pair_count[pair]
-        entry, within = expanded(count)
-        chosen = self._pair_start[pair[entry]] + within
-        row = row[entry]
-        first, second = self._pairs[chosen, 0], self._pairs[chosen, 1]
-        offset = centres[row, first] - centres[row, second]
-        norm = np.sqrt(np.einsum("mi,mi->m", offset, offset))
-        distance = norm - self._radii[first] - self._radii[second]
-        near = np.flatnonzero(distance < reach)
-        normal = offset[near] / np.maximum(norm[near], 1e-9)[:, None]
-        return row[near], first[near], second[near], distance[near], normal
+def _limit(distance: Array, margins: Array, most: int) -> float:
+    """Return how far (N, B, G) may be beyond their margins (N, B + 1) to be among the `most` that lack most of them.
+
+    Not below 0: whatever does not keep its margin counts.
+    """
+    lack = distance - margins[:, :-1, None]
+    return max(0.0, float(np.partition(lack, most - 1, axis=None)[most - 1])) if lack.size > most else np.inf

@@ -125,7 +125,7 @@ class MotionPlanner:
             scene: shapes and kinematics.
             velocity_limit: (n,) the joints' [rad/s].
             params: tuning.
-            solver: for quadratic programs; None for ProxQP.
+            solver: for quadratic programs; None for `ActiveSet`.
             pieces_O: corners of the convex pieces of each object that may be held [m].
             hand: what the arm of `scene` holds, a packed `Hand`; empty: nothing. See `holding`.
             limits: of `limits_of`; None: as speed and `params` allow, and no torque.

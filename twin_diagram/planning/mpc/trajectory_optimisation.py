@@ -14,7 +14,8 @@ import numpy as np
 from twin_diagram.planning.collision.clearance import Clearance, Contacts, Surroundings
 from twin_diagram.planning.mpc.arm_torque import TorqueBounds
 from twin_diagram.planning.mpc.motion_program import MotionProgram, Rows
-from twin_diagram.planning.mpc.quadratic_program import ProxQp, QpSolver
+from twin_diagram.planning.mpc.active_set import ActiveSet
+from twin_diagram.planning.mpc.quadratic_program import QpSolver
 from twin_diagram.planning.mpc.trajectory import Trajectory, response
 from twin_diagram.signals.arrays import Array
 
@@ -91,7 +92,7 @@ class Optimiser:
         knots: N.
         step: between knots [s].
         tuning: None for the defaults.
-        solver: None for ProxQP.
+        solver: None for `ActiveSet`.
     """
 
     def __init__(
@@ -107,7 +108,7 @@ class Optimiser:
         self.limits = limits
         self.knots, self.step = knots, step
         self._clearance = clearance
-        self._solver = solver or ProxQp()
+        self._solver = solver or ActiveSet()
         n = clearance.chain.size
         self._n = n
         # Samples: the knots after the first, and half-way between.
