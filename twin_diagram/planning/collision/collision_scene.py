@@ -194,11 +194,15 @@ class Unsure:
         place, turn = (float(np.trace(part)) / 3 for part in (covariance[3:, 3:], covariance[:3, :3]))
         return Unsure(rows, place, turn, moving)
 
+    @property
+    def now(self) -> float:
+        """How much larger it is taken to be now [m]."""
+        return float(forecast_growth.growth(self.spread, np.zeros(1), np.zeros(1))[0])
+
     def growth(self, times: Array) -> Array:
         """Return (N,) how much larger it is taken to be at `times` (N,) from now on [s]."""
         if not self.moving:
-            still = forecast_growth.growth(self.spread, np.zeros(1), np.zeros(1))
-            return np.repeat(still, len(times))
+            return np.full(len(times), self.now)
         shift = forecast_growth.added_variance(self.place, FORECAST_GROWTH.unsteady, times)
         turn = forecast_growth.added_variance(self.turn, FORECAST_GROWTH.unsteady_spin, times)
         return forecast_growth.growth(self.spread, shift, turn)
@@ -281,7 +285,7 @@ class Forecast:
             k: Unsure.of(covariance[k], R_WO[k], None if shapes is None else shapes[k], moving=bool(moving[k]))
             for k in np.flatnonzero(present).tolist()
         }
-        grown = np.array([float(unsure[k].growth(np.zeros(1))[0]) if k in unsure else 0.0 for k in range(len(rows))])
+        grown = np.array([unsure[k].now if k in unsure else 0.0 for k in range(len(rows))])
         forecast = Forecast(present, moving, R_WO, rows[:, 6:9].copy(), spin, velocity, grown, unsure=unsure)
         if age > 0.0:
             X_WO, _ = forecast.at(np.array([age]))
@@ -300,7 +304,8 @@ class Forecast:
             X_WO[k, :, :3, :3] = Rotation.from_rotvec(self.spin[k] * travelled[:, None]).as_matrix() @ self.R_WO[k]
         grown = np.repeat(self.grown[:, None], len(times), axis=1)
         for number, how in self.unsure.items():
-            grown[number] = how.growth(times)
+            if how.moving:
+                grown[number] = how.growth(times)
         return X_WO, grown
 
 

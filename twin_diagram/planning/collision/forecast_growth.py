@@ -62,17 +62,17 @@ def spread(rows: Array, covariance: Array, R_WO: Array) -> Array:
             object's origin.
         R_WO: (3, 3)
     """
-    turned = np.hstack([rows[:, :3] @ R_WO.T, rows[:, 3:] @ R_WO.T])
-    symmetric = (covariance + covariance.T) / 2
-    variance = ((turned @ symmetric) * turned).sum(axis=1)
-    return np.stack([np.maximum(variance, 0.0), (rows[:, :3] ** 2).sum(axis=1)], axis=1)
+    from twin_diagram.planning.collision import growth_kernel  # compiled; not with every import
+
+    ordered = (np.ascontiguousarray(part, dtype=float) for part in (rows, covariance, R_WO))
+    return np.asarray(growth_kernel.spread(*ordered))
 
 
 def outermost(spread_: Array) -> Array:
     """Return those rows of a spread (S, 2) that may be the worst: no other has both more variance and more lever."""
-    ordered = spread_[np.lexsort((-spread_[:, 1], -spread_[:, 0]))]
-    before = np.maximum.accumulate(np.concatenate([[-1.0], ordered[:-1, 1]]))
-    return np.asarray(ordered[ordered[:, 1] > before])
+    from twin_diagram.planning.collision import growth_kernel
+
+    return np.asarray(growth_kernel.outermost(spread_))
 
 
 def added_variance(variance: float, density: float, times: Array) -> Array:
@@ -102,6 +102,6 @@ def growth(spread_: Array, shift: Array, turn: Array) -> Array:
         shift: (N,) variance added to each coordinate of its place [m²].
         turn: (N,) variance added to its turn about any axis [rad²].
     """
-    worst = (spread_[:, :1] + spread_[:, 1:] * turn).max(axis=0) + shift
-    result: Array = np.minimum(TUNING.sigmas * np.sqrt(worst), TUNING.cap)
-    return result
+    from twin_diagram.planning.collision import growth_kernel
+
+    return np.asarray(growth_kernel.growth(spread_, shift, turn, TUNING.sigmas, TUNING.cap))
