@@ -39,6 +39,7 @@ DISTRIBUTIONS: Final = MappingProxyType(
         "fast_simplification": "fast-simplification",
         "libusb_package": "libusb-package",
         "matplotlib": "matplotlib",
+        "numba": "numba",
         "numpy": "numpy",
         "open3d": "open3d",
         "proxsuite": "proxsuite",
@@ -52,7 +53,7 @@ DISTRIBUTIONS: Final = MappingProxyType(
 )
 """What to install by the name under which it is imported: the dependencies of pyproject.toml."""
 
-RUN: Final = ("cv2", "proxsuite", "trimesh")
+RUN: Final = ("cv2", "numba", "proxsuite", "trimesh")
 """What station, perception and planner import beyond the slim installation."""
 
 _LIBUSB: Final = "libusb-1.0.so.0"

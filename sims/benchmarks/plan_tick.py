@@ -30,6 +30,7 @@ from planning_worlds.crowd import Crowd, crowded_scene  # noqa: E402
 
 from twin_diagram import scenario  # noqa: E402
 from twin_diagram.planning import MotionPlanner  # noqa: E402
+from twin_diagram.planning.mpc.warm_up import warm_up  # noqa: E402
 from twin_diagram.planning.paths.search_process import SearchProcess  # noqa: E402
 from twin_diagram.signals.arrays import Array  # noqa: E402
 
@@ -79,6 +80,7 @@ def main() -> None:
     count, seconds = (2, 4.0) if args.quick else (args.count, args.seconds)
     scene = crowded_scene()
     planner = MotionPlanner(scene, VELOCITY, replace(scenario.Planner(), rate=args.rate, velocity_share=0.4))
+    warm_up(planner)
     beside = SearchProcess(planner.guide)
     planner.searcher = beside
     file = args.out / f"ticks_{args.rate:g}Hz_{seconds:g}s.jsonl"

@@ -20,10 +20,12 @@ from twin_diagram.model.model_user import ModelUser
 from twin_diagram.planning.collision.collision_scene import load_scene
 from twin_diagram.planning.collision.held_shape import obstacles_beside
 from twin_diagram.planning.mpc.arm_torque import ArmTorque
+from twin_diagram.planning.mpc.limits import limits_of
 from twin_diagram.planning.mpc.payload_gravity import gravity_regressor
-from twin_diagram.planning.mpc.planner import MotionPlanner, limits_of
+from twin_diagram.planning.mpc.planner import MotionPlanner
 from twin_diagram.planning.mpc.planner_state import Memory
 from twin_diagram.planning.mpc.quadratic_program import QpSolver
+from twin_diagram.planning.mpc.warm_up import warm_up
 from twin_diagram.planning.paths.search_process import SearchProcess
 from twin_diagram.runtime.timing import timed
 from twin_diagram.signals.arrays import Array
@@ -130,6 +132,7 @@ class Mpc(ModelUser[Model]):
         pieces = [tuple(asset.convex_pieces) for asset in library.values()]
         limits = limits_of(model, scene, model.velocity_limit, twin.planner)
         self.planner: Final = MotionPlanner(scene, model.velocity_limit, twin.planner, solver, pieces, limits=limits)
+        warm_up(self.planner)
         self._radii: Final = np.array([0.5 * float(np.linalg.norm(asset.size)) for asset in library.values()])
 
         self._n, self._knots, self._step = len(model.joints), twin.planner.knots, twin.planner.step

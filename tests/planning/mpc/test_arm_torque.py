@@ -12,7 +12,8 @@ from twin_diagram.model.model import Model
 from twin_diagram.planning.collision.chain import Chain
 from twin_diagram.planning.collision.collision_scene import Scene, load_scene
 from twin_diagram.planning.mpc.arm_torque import ArmTorque, acceleration_limit, described_acceleration, torque_bounds
-from twin_diagram.planning.mpc.planner import MotionPlanner, limits_of
+from twin_diagram.planning.mpc.limits import limits_of
+from twin_diagram.planning.mpc.planner import MotionPlanner
 from twin_diagram.signals.arrays import Array
 
 HOME = np.array([0.55, 0.1, 0.0, -2.0, 0.0, 2.1, 1.33])

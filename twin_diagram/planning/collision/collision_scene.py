@@ -191,8 +191,8 @@ class Unsure:
             rows = np.array([[max(worst, 0.0), 0.0]])
         else:
             rows = forecast_growth.outermost(forecast_growth.spread(shape.surface_O, covariance, R_WO))
-        place, turn = (float(np.trace(part)) / 3 for part in (covariance[3:, 3:], covariance[:3, :3]))
-        return Unsure(rows, place, turn, moving)
+        variances = covariance.diagonal()
+        return Unsure(rows, float(variances[3:].sum()) / 3, float(variances[:3].sum()) / 3, moving)
 
     @property
     def now(self) -> float:
@@ -294,14 +294,9 @@ class Forecast:
 
     def at(self, times: Array) -> tuple[Array, Array]:
         """Return the poses (K, N, 4, 4) and growths (K, N) at `times` (N,) from now [s]."""
-        travelled = travel(times)
-        count = len(self.present)
-        X_WO = np.zeros((count, len(times), 4, 4))
-        X_WO[..., 3, 3] = 1.0
-        X_WO[..., :3, :3] = self.R_WO[:, None]
-        X_WO[..., :3, 3] = self.p_WO[:, None] + self.velocity[:, None] * travelled[:, None]
-        for k in np.flatnonzero(np.any(self.spin != 0.0, axis=1)):
-            X_WO[k, :, :3, :3] = Rotation.from_rotvec(self.spin[k] * travelled[:, None]).as_matrix() @ self.R_WO[k]
+        from twin_diagram.planning.collision import forecast_kernel  # compiled; not with every import
+
+        X_WO = forecast_kernel.moved(self.R_WO, self.p_WO, self.spin, self.velocity, travel(times))
         grown = np.repeat(self.grown[:, None], len(times), axis=1)
         for number, how in self.unsure.items():
             if how.moving:

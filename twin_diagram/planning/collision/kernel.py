@@ -132,9 +132,7 @@ def turned(X_WO: Array, body: Ints, row: Ints, vectors_O: Array) -> Array:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def slopes(
-    p_W: Array, link: Ints, row: Ints, normal: Array, axes: Array, origins: Array, prismatic: Array
-) -> Array:
+def slopes(p_W: Array, link: Ints, row: Ints, normal: Array, axes: Array, origins: Array, prismatic: Array) -> Array:
     """Return (M, n) how fast points (M, 3) that move with links (M,) go along normals (M, 3) with each joint."""
     n = axes.shape[1]
     result = np.zeros((len(p_W), n))

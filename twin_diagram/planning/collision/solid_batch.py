@@ -45,7 +45,9 @@ def solids_of(bodies: Sequence[Body]) -> Solids:
     at = starts([len(body.solids) for body in bodies])
     whole = [bounding_box(np.vstack([box.vertices for box in boxes[i:j]])) for i, j in pairwise(at.tolist())]
     polytopes = [solid.faces for solid in solids if isinstance(solid, Polytope)]
-    faces = [[sides[np.isfinite(sides[:, 3])] for sides in _with(one.side_normals, one.side_offsets)] for one in polytopes]
+    faces = [
+        [sides[np.isfinite(sides[:, 3])] for sides in _with(one.side_normals, one.side_offsets)] for one in polytopes
+    ]
     flat = [sides for one in faces for sides in one]
     edges = [np.hstack([f.starts, f.spans, 1.0 / (f.spans**2).sum(axis=1, keepdims=True)]) for f in polytopes]
     is_polytope = np.array([isinstance(solid, Polytope) for solid in solids], dtype=bool)

@@ -17,7 +17,8 @@ def solve(
     Args:
         wish: (m,)
         rows: (R, m); the first `units` are rows of the identity, each another one.
-        low, high: (R,) bounds.
+        low: (R,) bounds from below.
+        high: (R,) from above.
         units: see there.
         broken: rows that are broken by more than this are taken in.
         endless: bounds beyond ± this are none.
@@ -56,7 +57,9 @@ def solve(
     for j in range(size):
         for r in range(count):
             value[r] += turned[j, r] * x[j]
-    return _steps(x, rows, turned, length, value, low, high, which, side, price, Q, R, inside, active, broken, endless, most)
+    return _steps(
+        x, rows, turned, length, value, low, high, which, side, price, Q, R, inside, active, broken, endless, most
+    )
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]

@@ -9,11 +9,10 @@ from functools import lru_cache
 import numpy as np
 
 from twin_diagram import scenario
-from twin_diagram.model.model import Model
 from twin_diagram.planning.collision.clearance import Surroundings
 from twin_diagram.planning.collision.collision_scene import Forecast, Scene
-from twin_diagram.planning.mpc.arm_torque import TUNING as ARM_TORQUE
-from twin_diagram.planning.mpc.arm_torque import ArmTorque, TorqueBounds, acceleration_limit, torque_bounds
+from twin_diagram.planning.mpc.arm_torque import ArmTorque, TorqueBounds, torque_bounds
+from twin_diagram.planning.mpc.limits import limits_of
 from twin_diagram.planning.mpc.planner_state import FRESH, Memory
 from twin_diagram.planning.mpc.planner_state import TUNING as PLANNER_STATE
 from twin_diagram.planning.mpc.quadratic_program import QpSolver
@@ -62,6 +61,12 @@ class Tuning:
 
     surprise_time: float = 1.0
     """Plans keep `guide.Tuning.surprise` more from what lies so far ahead or farther [s], and less up to there."""
+
+    standing: float = 0.02
+    """A plan that moves no joint by more than this [rad] stands: it may have found no way between margins …"""
+
+    going: float = 0.1
+    """… where the way leads on by more than this [rad]; then it may come as near to what rests as the way does."""
 
     travel: float = 0.9
     """Routes are travelled at this share of the limits of speed and acceleration, so that the motion can catch up."""
@@ -214,7 +219,7 @@ class MotionPlanner:
         else:
             reference = way.at(samples)
         fallback = replace(memory.trajectory, q0=memory.trajectory.q0 - memory.offset)
-        if route.aim is Aim.LINE:
+        if route.aim is Aim.LINE or (route.to_goal and _stands(guess, reference)):
             margins = self._as_near_as(reference, around, margins, situation)
         torque = self._torque(memory, now, arm)
         outcome = self.optimiser.solve(now, q0, v0, a0, guess, old_v, reference, around, margins, fallback, torque)
@@ -381,19 +386,6 @@ class MotionPlanner:
         return replace(memory, pending=None, heard=False, asked=FRESH)
 
 
-def limits_of(model: Model | None, scene: Scene, velocity_limit: Array, params: scenario.Planner) -> Limits:
-    """Return what the joints may do.
-
-    Args:
-        model: of the arm, whose description and torques limit accelerations; None: `params` and speeds do alone.
-        scene: has the joints' range.
-        velocity_limit: (n,) the joints' [rad/s], may be infinite.
-        params: tuning.
-    """
-    velocity = params.velocity_share * np.where(np.isfinite(velocity_limit), velocity_limit, np.pi)
-    most = np.inf if params.acceleration is None else params.acceleration
-    if model is None:
-        return Limits(scene.lower, scene.upper, velocity, np.minimum(most, velocity / ARM_TORQUE.quickest))
-    acceleration = np.minimum(most, acceleration_limit(model, velocity, params.torque_share))
-    effort = params.torque_share * np.where(model.effort_limit > 0.0, model.effort_limit, np.inf)
-    return Limits(scene.lower, scene.upper, velocity, acceleration, effort if np.isfinite(effort).any() else None)
+def _stands(guess: Array, reference: Array) -> bool:
+    """Tell whether the plan before (M, n) stays where it is though the way (M, n) leads elsewhere."""
+    return bool(np.ptp(guess, axis=0).max() < TUNING.standing and np.ptp(reference, axis=0).max() > TUNING.going)

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin_diagram.planning.collision.clearance import Clearance, Contacts, Surroundings
+from twin_diagram.planning.mpc.active_set import ActiveSet
 from twin_diagram.planning.mpc.arm_torque import TorqueBounds
 from twin_diagram.planning.mpc.motion_program import MotionProgram, Rows
-from twin_diagram.planning.mpc.active_set import ActiveSet
 from twin_diagram.planning.mpc.quadratic_program import QpSolver
 from twin_diagram.planning.mpc.trajectory import Trajectory, response
 from twin_diagram.signals.arrays import Array
@@ -137,6 +137,8 @@ class Optimiser:
         self._tracking_gain = (self._P * weight[:, None]).T
         self._speed_gain = (self._V * weight[:, None]).T
         self.price = price
+        limited = np.concatenate([np.eye(self._free), self._V[self._at_knots[:-1]], self._P[self._at_knots]])
+        self._limited = Rows.of_joints(limited, np.zeros((len(limited), n)), np.zeros((len(limited), n)))
         self._program = MotionProgram(price, self._V[-1], t.slack * self.fading, t.slack_square * self.fading)
 
     def solve(
@@ -307,14 +309,9 @@ class Optimiser:
         lower = np.minimum(self.limits.lower, present[knots])
         upper = np.maximum(self.limits.upper, present[knots])
         bounded = np.tile(most, (self._free, 1))
-        return Rows.joined(
-            [
-                clear,
-                Rows.of_joints(np.eye(self._free), -bounded, bounded),
-                Rows.of_joints(self._V[knots[:-1]], -speed - still, speed - still),
-                Rows.of_joints(self._P[knots], lower - base[knots], upper - base[knots]),
-            ]
-        )
+        low = np.concatenate([-bounded, -speed - still, lower - base[knots]])
+        high = np.concatenate([bounded, speed - still, upper - base[knots]])
+        return Rows.joined([clear, replace(self._limited, low=low.ravel(), high=high.ravel())])
 
 
 def _torque_rows(torque: TorqueBounds) -> Rows:

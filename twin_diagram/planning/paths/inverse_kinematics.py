@@ -64,6 +64,8 @@ def solve(
     Returns:
         (G, n) distinct solutions, the nearest to `near` first; G may be zero.
     """
+    from twin_diagram.planning.paths import inverse_kernel  # compiled; not with every import
+
     tuning = tuning or IkTuning()
     n, half = chain.size, tuning.starts // 2
     margin = np.minimum(tuning.limit_margin, 0.1 * (upper - lower))
@@ -71,20 +73,9 @@ def solve(
     spread = np.linspace(0.0, 1.5, half)[:, None] * rng.standard_normal((half, n))
     anywhere = rng.uniform(np.maximum(low, -np.pi), np.minimum(high, np.pi), (tuning.starts - half, n))
     q = np.clip(np.concatenate([near + spread, anywhere]), low, high)
-    identity = tuning.damping * np.eye(6)
-    for _ in range(tuning.iterations):
-        placement = chain.place(q)
-        error = pose_error(chain.tool(placement), X_WG)
-        J = chain.tool_jacobian(placement)
-        # Joints at a limit that would have to pass it take no part in this step.
-        step = damped_step(J, error, identity)
-        stuck = ((q <= low) & (step < 0.0)) | ((q >= high) & (step > 0.0))
-        if stuck.any():
-            J = np.where(stuck[:, None, :], 0.0, J)
-            step = damped_step(J, error, identity)
-        longest = np.abs(step).max(axis=1, keepdims=True)
-        q = np.clip(q + step * np.minimum(1.0, tuning.step / np.maximum(longest, 1e-12)), low, high)
-    error = pose_error(chain.tool(chain.place(q)), X_WG)
+    arrays = (chain.constant, chain.sine, chain.cosine, chain.linear, chain.axes_P, chain.origins_P, chain.prismatic)
+    ends = (np.ascontiguousarray(part, dtype=float) for part in (chain.X_LT, X_WG, low, high))
+    q, error = inverse_kernel.search(q, *arrays, *ends, tuning.iterations, tuning.damping, tuning.step)
     good = (np.linalg.norm(error[:, :3], axis=1) < tuning.rotation_tolerance) & (
         np.linalg.norm(error[:, 3:], axis=1) < tuning.position_tolerance
     )

@@ -65,6 +65,8 @@ class RouteTuning:
     """Of the global planner, in one search."""
     direct: int = 3
     """Goals to which a straight line is tried."""
+    roomier: float = 1.0
+    """A goal with nothing within the clearance is worth so much longer a way than one that touches something [s]."""
     dwell: tuple[float, ...] = (0.0, 0.4, 0.8)
     """The global planner wants a configuration free at these times after the earliest arrival [s]."""
     near_future: float = 0.8
@@ -230,9 +232,11 @@ class Router:
         """Return way points (W, n) to one of the goals, straight or as the global planner finds them; W = 0: none."""
         free, wanted = self._free_goals(now)
         found = self._direct(now, free, wanted)
-        if found is None and len(free):
-            least: Array = wanted[free].min(axis=0)
-            found = self._search(now, now.goals[free], least, rng)
+        roomy = free[now.at_goals[free, :-1].min(axis=1, initial=np.inf) >= now.clearance]
+        for goals in (roomy, free) if len(roomy) < len(free) else (free,):
+            if found is None and len(goals):
+                least: Array = wanted[goals].min(axis=0)
+                found = self._search(now, now.goals[goals], least, rng)
         return np.zeros((0, len(now.q))) if found is None else found
 
     def follows(self, points: Array, now: Situation) -> bool:
@@ -249,7 +253,8 @@ class Router:
         wanted = np.stack([now.allowed(now.margins(g, self.tuning.spare)) for g in range(count)])
         free = np.flatnonzero(self.ends_free(now, now.goals, wanted))
         far = (np.abs(now.goals[free] - now.q) / self.speed).max(axis=1)
-        return free[np.argsort(far, kind="stable")], wanted
+        tight = 1.0 - now.at_goals[free, :-1].min(axis=1, initial=now.clearance) / now.clearance
+        return free[np.argsort(far + self.tuning.roomier * tight, kind="stable")], wanted
 
     def _direct(self, now: Situation, free: Ints, wanted: Array) -> Array | None:
         """Return the first of the nearest free goals, (1, n), that a straight line leads to."""

@@ -1,4 +1,4 @@
-"""The compiled part of `forecast_growth`: short loops over a surface's points, for each object at each tick."""
+"""The compiled part of forecasts: short loops, for each object at each tick."""
 
 from __future__ import annotations
 
@@ -68,4 +68,46 @@ def growth(spread_: Array, shift: Array, turn: Array, sigmas: float, cap: float)
         for s in range(len(spread_)):
             worst = max(worst, spread_[s, 0] + spread_[s, 1] * turn[at])
         result[at] = min(sigmas * np.sqrt(worst + shift[at]), cap)
+    return result
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def added_variance(variance: float, density: float, times: Array, reaction: float) -> Array:
+    """Return (N,), see `forecast_growth.added_variance`."""
+    # Settled: P = √2 q^¼ r^¾, with the speed √q √r, and of the speed √2 q^¾ r^¼.
+    r = (max(variance, 0.0) / (np.sqrt(2.0) * density**0.25)) ** (4.0 / 3.0)
+    both, speed = np.sqrt(density * r), np.sqrt(2.0) * density**0.75 * r**0.25
+    result = np.empty(len(times))
+    for at in range(len(times)):
+        t = min(times[at], reaction)
+        result[at] = 2.0 * both * t + speed * t**2 + density * t**3 / 3.0
+    return result
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def moved(R_WO: Array, p_WO: Array, spin: Array, velocity: Array, travelled: Array) -> Array:
+    """Return poses (K, N, 4, 4) of bodies that go on with spin and velocity (K, 3) for so many seconds (N,)."""
+    bodies, count = len(R_WO), len(travelled)
+    result, turn = np.zeros((bodies, count, 4, 4)), np.empty((3, 3))
+    for b in range(bodies):
+        rate = np.sqrt(spin[b, 0] ** 2 + spin[b, 1] ** 2 + spin[b, 2] ** 2)
+        for at in range(count):
+            X = result[b, at]
+            X[3, 3] = 1.0
+            for i in range(3):
+                X[i, 3] = p_WO[b, i] + velocity[b, i] * travelled[at]
+                for j in range(3):
+                    X[i, j] = R_WO[b, i, j]
+            if rate == 0.0:
+                continue
+            # Rodrigues.
+            x, y, z = spin[b, 0] / rate, spin[b, 1] / rate, spin[b, 2] / rate
+            s, c = np.sin(rate * travelled[at]), np.cos(rate * travelled[at])
+            d = 1.0 - c
+            turn[0, 0], turn[0, 1], turn[0, 2] = c + d * x * x, d * x * y - s * z, d * x * z + s * y
+            turn[1, 0], turn[1, 1], turn[1, 2] = d * x * y + s * z, c + d * y * y, d * y * z - s * x
+            turn[2, 0], turn[2, 1], turn[2, 2] = d * x * z - s * y, d * y * z + s * x, c + d * z * z
+            for i in range(3):
+                for j in range(3):
+                    X[i, j] = turn[i, 0] * R_WO[b, 0, j] + turn[i, 1] * R_WO[b, 1, j] + turn[i, 2] * R_WO[b, 2, j]
     return result
