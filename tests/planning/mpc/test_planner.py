@@ -49,11 +49,11 @@ class Spied:
         self.situation: Any = None
         self.answers: list[Answer | None] = []
         self.questions: list[Question] = []
-        self.decided, self.works = 0, True
+        self.decided, self.works, self.fresh = 0, True, False
         self.asked: dict[str, Any] = {}
 
-        def decide(route: Route, now: Situation, rng: Any) -> tuple[Route, bool]:
-            self.situation = now
+        def decide(route: Route, now: Situation, rng: Any, *, fresh: bool) -> tuple[Route, bool]:
+            self.situation, self.fresh = now, fresh
             self.decided += 1
             return self.route, self.wants
 

@@ -49,7 +49,8 @@ def world(wall: Wall, **tuning: Any) -> tuple[Router, Any]:
         lower=np.array([-4.0, -1.0]),
         upper=np.array([2.9, 2.5]),
     )
-    return Router(scene, SPEED, RouteTuning(**tuning)), scene
+    # There is no tool that could be lifted.
+    return Router(scene, SPEED, RouteTuning(**{"over": 0, **tuning})), scene
 
 
 def situation(q: Any, goals: Any, *, moving: bool = False) -> Situation:
@@ -254,8 +255,11 @@ def test_a_line_is_travelled_gently_from_what_is_not_passed() -> None:
     line = np.array([[0.1, 0.0], [0.2, 0.0], [0.3, 0.0]])
     q, v = np.array([0.15, 0.0]), np.zeros(2)
     gentle, quick = (router.travel(q, Route(aim, line[1:]), v) for aim in (Aim.LINE, Aim.GOAL))
-    # Half the way at a quarter of the acceleration takes twice as long.
-    assert gentle.duration == pytest.approx(2.0 * quick.duration) == pytest.approx(2.0 * np.sqrt(0.15 / 1.0))
+    # Set off along with eight tenths of the acceleration, 3.2 rad/s², and braked on with a fifth of that.
+    assert quick.duration == pytest.approx(2.0 * np.sqrt(0.15 / 4.0))
+    peak = np.sqrt(2 * 0.15 / (1 / 3.2 + 1 / 0.64))
+    assert gentle.duration == pytest.approx(peak / 3.2 + peak / 0.64)
+    np.testing.assert_allclose(gentle.at(np.array([peak / 3.2]))[0, 0], 0.15 + peak**2 / 6.4)
     # A way point that lies behind is no place to go to, even before that was decided.
     assert router.travel(q, Route(Aim.LINE, line), v).duration == pytest.approx(gentle.duration)
     assert router.travel(q, Route(Aim.GOAL, line), v).duration > quick.duration

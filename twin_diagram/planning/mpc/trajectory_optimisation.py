@@ -37,12 +37,12 @@ class OptimiserTuning:
 
     tracking: float = 1.0
     """Cost per rad² and second away from the reference."""
-    speed: float = 0.05
+    speed: float = 0.02
     """Per (rad/s)² and second of difference from the reference's speed: twice the root of tracking and acceleration,
     by which a step is followed without overshoot."""
-    acceleration: float = 5e-4
-    """Per (rad/s²)² and second: what is off is made up for in some 0.15 s."""
-    change: float = 5e-4
+    acceleration: float = 1e-4
+    """Per (rad/s²)² and second: what is off is made up for in some 0.1 s."""
+    change: float = 1e-4
     """Per (rad/s²)² that the acceleration changes from knot to knot, and second."""
     proximity: float = 0.05
     """Per rad² and second away from the guess that distances were linearised about."""

@@ -65,6 +65,12 @@ class RouteTuning:
     """Of the global planner, in one search."""
     direct: int = 3
     """Goals to which a straight line is tried."""
+    over: int = 2
+    """Goals to which a way is tried that lifts the tool in the middle …"""
+    lifts: tuple[float, ...] = (0.06, 0.12, 0.18, 0.24, 0.32)
+    """… by this much [m]: things on a table are passed over …"""
+    lift_steps: int = 3
+    """… found in so many steps of Gauss and Newton: a rough height will do."""
     roomier: float = 1.0
     """A goal with nothing within the clearance is worth so much longer a way than one that touches something [s]."""
     dwell: tuple[float, ...] = (0.0, 0.4, 0.8)
@@ -75,9 +81,10 @@ class RouteTuning:
     """A way point this near is passed [rad]: half a checked step."""
     way_point_near: float = 0.3
     """From this near a way point is dropped where the way beyond is just free [rad]: the motion rounds corners off."""
-    line_acceleration: float = 0.25
-    """Straight lines in space are travelled with this share of the acceleration: the motion then runs past their end
-    by 3 mm at most (eight descents of 8 cm from 0.12 m/s)."""
+    line_acceleration: float = 0.8
+    """Straight lines in space are set off along with this share of the acceleration …"""
+    line_braking: float = 0.2
+    """… and braked on with this share of that: the arm follows late, and would run past their end."""
     station_reached: float = 0.01
     """A way point of a straight line this near is passed [rad]: a fifth of what lies between two."""
     refuge_tries: int = 48
@@ -174,8 +181,9 @@ class Router:
 
         Straight lines in space end gently.
         """
-        share = self.tuning.line_acceleration if route.aim is Aim.LINE else 1.0
-        return profile(np.vstack([q, self._ahead(q, route)]), self.speed, share * self.acceleration, v)
+        line = route.aim is Aim.LINE
+        share, gentle = (self.tuning.line_acceleration, self.tuning.line_braking) if line else (1.0, 1.0)
+        return profile(np.vstack([q, self._ahead(q, route)]), self.speed, share * self.acceleration, v, gentle)
 
     def _ahead(self, q: Array, route: Route) -> Array:
         """Return the way points (W, n) of a route that are ahead: of a line those that are not passed."""
@@ -201,13 +209,16 @@ class Router:
         arrival = (np.abs(ends - now.q) / self.speed).max(axis=1)
         return self._free_at(now, ends, np.stack([arrival, np.maximum(arrival, self.tuning.horizon)], axis=1), margins)
 
-    def decide(self, route: Route, now: Situation, rng: np.random.Generator) -> tuple[Route, bool]:
+    def decide(
+        self, route: Route, now: Situation, rng: np.random.Generator, *, fresh: bool = False
+    ) -> tuple[Route, bool]:
         """Choose the route from here on, among those that need no search.
 
         Args:
             route: the present one.
             now: the situation.
             rng: of this tick.
+            fresh: whether the goal is new, so that a little more is tried.
 
         Returns:
             The route, and whether a search might find a better one.
@@ -222,6 +233,8 @@ class Router:
                 return route, False
         free, wanted = self._free_goals(now)
         direct = self._direct(now, free, wanted)
+        if direct is None and fresh:
+            direct = self._over(now, free, wanted)
         if direct is not None:
             return Route(Aim.GOAL, direct), False
         if blocked_at is not None and blocked_at > self.tuning.near_future:
@@ -232,6 +245,8 @@ class Router:
         """Return way points (W, n) to one of the goals, straight or as the global planner finds them; W = 0: none."""
         free, wanted = self._free_goals(now)
         found = self._direct(now, free, wanted)
+        if found is None:
+            found = self._over(now, free, wanted)
         roomy = free[now.at_goals[free, :-1].min(axis=1, initial=np.inf) >= now.clearance]
         for goals in (roomy, free) if len(roomy) < len(free) else (free,):
             if found is None and len(goals):
@@ -262,6 +277,28 @@ class Router:
             if self.first_blocked(now, now.goals[g][None], wanted[g]) is None:
                 return np.asarray(now.goals[g][None])
         return None
+
+    def _over(self, now: Situation, free: Ints, wanted: Array) -> Array | None:
+        """Return a way (2, n) to one of the nearest free goals that lifts the tool, no more than need be; else None."""
+        for height in self.tuning.lifts:
+            for g in free[: self.tuning.over]:
+                middle = self._lifted(0.5 * (now.q + now.goals[g]), height)
+                way = np.stack([middle, now.goals[g]])
+                if self.first_blocked(now, way, wanted[g]) is None:
+                    return way
+        return None
+
+    def _lifted(self, q: Array, height: float) -> Array:
+        """Return joint angles (n,) near `q` with the tool so much higher [m], as far as the limits let it."""
+        chain, up = self.scene.chain, -self.scene.chain.gravity_W
+        placement = chain.place(q[None])
+        goal = chain.tool(placement)[0, :3, 3] + height * up / max(float(np.linalg.norm(up)), 1e-9)
+        for _ in range(self.tuning.lift_steps):
+            J = chain.tool_jacobian(placement)[0, 3:]
+            off = goal - chain.tool(placement)[0, :3, 3]
+            q = np.clip(q + J.T @ np.linalg.solve(J @ J.T + 1e-3 * np.eye(3), off), self._lower, self._upper)
+            placement = chain.place(q[None])
+        return q
 
     def _shortcut(self, route: Route, now: Situation, margins: Array, coarse: Array) -> Route:
         """Drop way points that are reached, or needless from here.

@@ -63,7 +63,9 @@ class SpeedProfile:
         return np.stack([np.interp(place, self.lengths, column) for column in self.points.T], axis=1)
 
 
-def profile(points: Array, velocity: Array, acceleration: Array, start: Array | None = None) -> SpeedProfile:
+def profile(
+    points: Array, velocity: Array, acceleration: Array, start: Array | None = None, gentle: float = 1.0
+) -> SpeedProfile:
     """Return the quickest way along a path, to rest at its end.
 
     Args:
@@ -71,6 +73,7 @@ def profile(points: Array, velocity: Array, acceleration: Array, start: Array | 
         velocity: (n,) limits [rad/s].
         acceleration: (n,) limits [rad/s²], may be infinite.
         start: (n,) velocity at the first point, of which the part along the path counts; None: rest.
+        gentle: share of the acceleration that is used to brake.
     """
     lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
     kept = np.concatenate([[True], lengths > TUNING.tiny])
@@ -86,9 +89,9 @@ def profile(points: Array, velocity: Array, acceleration: Array, start: Array | 
     for i in range(len(lengths)):  # as fast as it can be reached …
         corners[i + 1] = min(corners[i + 1], np.sqrt(corners[i] ** 2 + 2 * strongest[i] * lengths[i]))
     for i in range(len(lengths) - 1, -1, -1):  # … and left again
-        corners[i] = min(corners[i], np.sqrt(corners[i + 1] ** 2 + 2 * strongest[i] * lengths[i]))
+        corners[i] = min(corners[i], np.sqrt(corners[i + 1] ** 2 + 2 * gentle * strongest[i] * lengths[i]))
     corners[0] = begin  # who is too fast already brakes harder
-    return _pieces(points, lengths, fastest, strongest, corners)
+    return _pieces(points, lengths, fastest, strongest, corners, gentle)
 
 
 def _corner_speeds(direction: Array, fastest: Array, acceleration: Array, begin: float) -> Array:
@@ -103,17 +106,20 @@ def _corner_speeds(direction: Array, fastest: Array, acceleration: Array, begin:
     return result
 
 
-def _pieces(points: Array, lengths: Array, fastest: Array, strongest: Array, corners: Array) -> SpeedProfile:
+def _pieces(
+    points: Array, lengths: Array, fastest: Array, strongest: Array, corners: Array, gentle: float
+) -> SpeedProfile:
     """Return the profile with at most three pieces between two corners of known speed."""
     ends = np.concatenate([[0.0], np.cumsum(lengths)])
     times, places, speeds = [0.0], [0.0], [float(corners[0])]
     for i, length in enumerate(lengths):
-        a, b, most = float(corners[i]), float(corners[i + 1]), float(strongest[i])
-        if a * a - b * b > 2 * most * length:
-            most = (a * a - b * b) / (2 * length)
-        peak = min(float(fastest[i]), float(np.sqrt(most * length + (a * a + b * b) / 2)))
-        rise, fall = (peak * peak - a * a) / (2 * most), (peak * peak - b * b) / (2 * most)
-        took = ((peak - a) / most, max(length - rise - fall, 0.0) / peak, (peak - b) / most)
+        a, b, up, down = float(corners[i]), float(corners[i + 1]), float(strongest[i]), gentle * float(strongest[i])
+        if a * a - b * b > 2 * down * length:
+            down = (a * a - b * b) / (2 * length)
+        peak = np.sqrt((2 * up * down * length + down * a * a + up * b * b) / (up + down))
+        peak = min(float(fastest[i]), float(peak))
+        rise, fall = (peak * peak - a * a) / (2 * up), (peak * peak - b * b) / (2 * down)
+        took = ((peak - a) / up, max(length - rise - fall, 0.0) / peak, (peak - b) / down)
         times += list(times[-1] + np.cumsum(took))
         places += [ends[i] + rise, ends[i + 1] - fall, ends[i + 1]]
         speeds += [peak, peak, b]

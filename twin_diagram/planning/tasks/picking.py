@@ -85,7 +85,7 @@ def descend(state: TaskState, seen: StepView, step: Step, library: Sequence[Take
     """Go down to the grasp, and close there; from no other side, since the hand no longer keeps clear of the object."""
     if errors(seen.X_WT, state.grasp)[0] > TUNING.astray:
         return again(state, seen, step, Why.NO_WAY_DOWN)
-    state, there = arrived(state, seen, step)
+    state, there = arrived(state, seen, step, TUNING.slow)
     if not there:
         return state
     return replace(state, opened=0.0).entering(Phase.CLOSE, seen.now, state.goal)
@@ -107,7 +107,7 @@ def close(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeab
     X_TO, covariance = centred(X_TO, R_TW @ track.covariance @ R_TW.T, pieces, TUNING.finger_error)
     hand = Hand(step.target, NOTHING, True, X_TO, covariance)
     state = replace(state, hand=hand, elsewhere=0, slipped=0, image=track.last_seen).noting(Note.GRASPED, seen.now)
-    return state.entering(Phase.LIFT, seen.now, moved(state.grasp, np.array([0.0, 0.0, TUNING.above])))
+    return state.entering(Phase.LIFT, seen.now, moved(state.grasp, np.array([0.0, 0.0, TUNING.raised])))
 
 
 def lift(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:
@@ -115,5 +115,5 @@ def lift(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeabl
     if state.hand.on_support and seen.X_WT[6] > state.grasp[6] + TUNING.clear:
         state = replace(state, hand=replace(state.hand, on_support=False))
     # Once it is up, where it goes sideways is no matter of this step.
-    up = seen.X_WT[6] > state.grasp[6] + TUNING.above - TUNING.passing
+    up = seen.X_WT[6] > state.grasp[6] + TUNING.raised - TUNING.passing
     return done(state, seen.now) if up else state

@@ -23,7 +23,7 @@ def carrying(state: TaskState, seen: StepView, step: Step, library: Sequence[Tak
         goal[:4] = rotations.fold_about_z(goal[:4], compose(seen.X_WT, state.hand.X_TO)[:4])
     last = compose(goal, inverse(state.hand.X_TO))
     state = replace(state, grasp=last)
-    return state.entering(Phase.CARRY, seen.now, moved(last, np.array([0.0, 0.0, TUNING.above])))
+    return state.entering(Phase.CARRY, seen.now, moved(last, np.array([0.0, 0.0, TUNING.raised])))
 
 
 def carry(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:

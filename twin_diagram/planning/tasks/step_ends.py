@@ -16,7 +16,10 @@ class Tuning:
     """Constants of this module, with their units and what set them; chosen by hand."""
 
     above: float = 0.08
-    """The tool comes to above a grasp, lifts and lowers by this much [m]: the fingers' depth and some room."""
+    """The tool comes to above a grasp by this much [m]: the fingers' depth and some room."""
+
+    raised: float = 0.06
+    """What is held is lifted and lowered by this much [m]: the planner's clearance, and some room."""
 
     astray: float = 0.14
     """A tool that is this far from the grasp that it goes down to goes some other way [m]: it set out from `above`, and
@@ -30,6 +33,9 @@ class Tuning:
 
     still: float = 0.02
     """A tool slower than this is at rest [m/s]: fingers that close in 0.1 s then move by less than its tolerance."""
+
+    slow: float = 0.05
+    """A tool slower than this may close its fingers [m/s]: in the 0.1 s that this takes it moves by half a tolerance."""
 
     settled: float = 0.10
     """So long must the end of a phase last [s]."""
@@ -108,11 +114,11 @@ def steady(state: TaskState, seen: StepView, good: bool, lasting: float = TUNING
     return replace(state, steady=since), seen.now - since >= lasting - 1e-9
 
 
-def arrived(state: TaskState, seen: StepView, step: Step) -> tuple[TaskState, bool]:
-    """Tell whether the tool rests at its goal, or near it for long."""
+def arrived(state: TaskState, seen: StepView, step: Step, still: float = TUNING.still) -> tuple[TaskState, bool]:
+    """Tell whether the tool rests, slower than `still` [m/s], at its goal, or near it for long."""
     off, angle = errors(seen.X_WT, state.goal)
     times = max(off / step.position_tolerance, angle / step.rotation_tolerance)
-    state, rests = steady(state, seen, seen.speed < TUNING.still and times < 2.0)
+    state, rests = steady(state, seen, seen.speed < still and times < 2.0)
     return state, rests and (times < 1.0 or seen.now - state.steady >= TUNING.late)
 
 
