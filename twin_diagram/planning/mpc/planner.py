@@ -63,8 +63,8 @@ class Tuning:
     """Plans keep `guide.Tuning.surprise` more from what lies so far ahead or farther [s], and less up to there."""
 
     ahead: float = 0.1
-    """What is followed is this far ahead on a straight line [s]: by so much a plan lags, whose first acceleration is the one
-    before's. Descents of 6 cm then run past their end by 0.4 mm, where they did by 2."""
+    """What is followed on a straight line is so far ahead [s]: by so much a plan lags, whose first acceleration is that
+    of the one before. Descents of 6 cm then run past their end by 0.4 mm, where they did by 2."""
 
     standing: float = 0.02
     """A plan that moves no joint by more than this [rad] stands: it may have found no way between margins …"""

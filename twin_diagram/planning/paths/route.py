@@ -232,11 +232,9 @@ class Router:
             if blocked_at is None:
                 return route, False
         free, wanted = self._free_goals(now)
-        direct = self._direct(now, free, wanted)
-        if direct is None and fresh:
-            direct = self._over(now, free, wanted)
-        if direct is not None:
-            return Route(Aim.GOAL, direct), False
+        found = self._plain(now, free, wanted) if fresh else self._direct(now, free, wanted)
+        if found is not None:
+            return Route(Aim.GOAL, found), False
         if blocked_at is not None and blocked_at > self.tuning.near_future:
             return route, bool(len(free))
         return self._aside(route, now, coarse, rng), bool(len(free))
@@ -244,9 +242,7 @@ class Router:
     def search(self, now: Situation, rng: np.random.Generator) -> Array:
         """Return way points (W, n) to one of the goals, straight or as the global planner finds them; W = 0: none."""
         free, wanted = self._free_goals(now)
-        found = self._direct(now, free, wanted)
-        if found is None:
-            found = self._over(now, free, wanted)
+        found = self._plain(now, free, wanted)
         roomy = free[now.at_goals[free, :-1].min(axis=1, initial=np.inf) >= now.clearance]
         for goals in (roomy, free) if len(roomy) < len(free) else (free,):
             if found is None and len(goals):
@@ -277,6 +273,14 @@ class Router:
             if self.first_blocked(now, now.goals[g][None], wanted[g]) is None:
                 return np.asarray(now.goals[g][None])
         return None
+
+    def _plain(self, now: Situation, free: Ints, wanted: Array) -> Array | None:
+        """Return the quicker way (W, n) of one straight to a goal and one over what is in between; None: neither."""
+        direct = self._direct(now, free, wanted)
+        if direct is not None and np.array_equal(direct[0], now.goals[free[0]]):
+            return direct
+        ways = [way for way in (direct, self._over(now, free, wanted)) if way is not None]
+        return min(ways, key=lambda way: self.travel(now.q, Route(Aim.GOAL, way)).duration, default=None)
 
     def _over(self, now: Situation, free: Ints, wanted: Array) -> Array | None:
         """Return a way (2, n) to one of the nearest free goals that lifts the tool, no more than need be; else None."""

@@ -35,7 +35,7 @@ class Tuning:
     """A tool slower than this is at rest [m/s]: fingers that close in 0.1 s then move by less than its tolerance."""
 
     slow: float = 0.05
-    """A tool slower than this may close its fingers [m/s]: in the 0.1 s that this takes it moves by half a tolerance."""
+    """A tool slower than this may close its fingers [m/s]: in the 0.1 s that it takes it moves by half a tolerance."""
 
     settled: float = 0.10
     """So long must the end of a phase last [s]."""
