@@ -90,7 +90,7 @@ class Tuning:
     offset_time: float = 0.7
     """The lasting difference of command and position is learnt with this time constant while the arm is slow [s]."""
 
-    offset_speed: float = 0.03
+    offset_speed: float = 0.1
     """Slow means below this [rad/s]."""
 
     offset_cap: float = 0.2
