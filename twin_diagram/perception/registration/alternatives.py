@@ -267,12 +267,13 @@ def distinct(found: Profile, centre: Poses, narrow: Array, wide: Array) -> tuple
         on = on[np.argsort(found.offset[on])]
         share[on] = np.maximum(share[on], weights(found.cost[on], found.offset[on]))
     chosen, mass = [0], [float(share[0])]
-    for k in np.argsort(-share, kind="stable"):
-        near = [j for j, one in enumerate(chosen) if not _apart(poses, int(k), one)]
+    for number in np.argsort(-share, kind="stable"):
+        k = int(number)
+        near = [j for j, one in enumerate(chosen) if not _apart(poses, k, one)]
         if near:
             mass[near[0]] += float(share[k]) if k else 0.0
         elif share[k] > TUNING.likely:
-            chosen.append(int(k))
+            chosen.append(k)
             mass.append(float(share[k]))
     whole = max(sum(mass), 1e-12)
     order = [0, *sorted(range(1, len(chosen)), key=lambda j: -mass[j])]
