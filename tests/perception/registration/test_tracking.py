@@ -9,8 +9,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from tests.registration_kernels import colour_at
 from twin_diagram import scenario
 from twin_diagram.perception.registration import recognition, tracking
+from twin_diagram.perception.registration.colour_shift import ALIGNED
 from twin_diagram.perception.registration.frame import Frame, blur_within
 from twin_diagram.perception.registration.global_search import Found
 from twin_diagram.perception.registration.model_cloud import fibonacci_sphere
@@ -181,9 +183,10 @@ def test_colours_derivatives_are_those_of_the_image() -> None:
     frame = object.__new__(Frame)
     object.__setattr__(frame, "colours", (image, 2 * image))
     object.__setattr__(frame, "corner", (100, 200))
+    object.__setattr__(frame, "shift", ALIGNED)
     at_u, at_v = np.array([[110.0, 120.5], [130.25, 115.0]]), np.array([[210.0, 220.5], [215.0, 230.75]])
     for level in (0, 1):
-        found, du, dv = frame.colour_at(at_u, at_v, level)
+        found, du, dv = colour_at(frame, at_u, at_v, level)
         x, y = at_u - 100, at_v - 200
         expected = (level + 1) * np.stack([0.01 * x, 0.02 * y, 0.005 * x - 0.01 * y + 0.5], axis=2)
         np.testing.assert_allclose(found, expected, atol=1e-3)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from twin_diagram.assets import Asset
+from twin_diagram.perception.registration.nearest_points import NearestPoints
 from twin_diagram.perception.registration.rotation import exp
 from twin_diagram.signals.arrays import Array
 
@@ -74,9 +75,24 @@ class ModelCloud:
     turns: Array
 
     @cached_property
-    def rows(self) -> Array:
-        """(13, M) points, normals, texture, fine and coarse colours: what each step of a registration looks up."""
-        return np.concatenate([self.points.T, self.normals.T, self.texture[None], *self.colours.transpose(0, 2, 1)])
+    def table(self) -> Array:
+        """(M, 13) points, normals, texture, fine and coarse colours: what each step of a registration looks up."""
+        return np.ascontiguousarray(np.hstack([self.points, self.normals, self.texture[:, None], *self.colours]))
+
+    @cached_property
+    def seen(self) -> tuple[object, ...]:
+        """What `look_up` reads: the table, directions, what is seen from each, and how much of it."""
+        return self.table, self.directions, self.views, self.view_counts
+
+    @cached_property
+    def nearest(self) -> NearestPoints:
+        """Its points, to be searched for the nearest."""
+        return NearestPoints.of(self.points, self.spacing)
+
+    @cached_property
+    def cloud(self) -> tuple[object, ...]:
+        """What `cloud_kernels` read: points, normals, grid."""
+        return np.ascontiguousarray(self.points), np.ascontiguousarray(self.normals), self.nearest.grid
 
     @staticmethod
     def of(asset: Asset, view_points: int) -> ModelCloud:
