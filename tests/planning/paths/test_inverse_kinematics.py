@@ -103,3 +103,24 @@ def test_the_errors_turn_and_move_the_tool_into_the_goal(chain: Chain) -> None:
         np.testing.assert_allclose(
             pose_error(chain.tool(placement), X_WG)[0] / h, chain.tool_jacobian(placement)[0] @ v, atol=1e-4
         )
+
+
+def test_what_turns_the_tool_is_told_for_half_turns_too() -> None:
+    from scipy.spatial.transform import Rotation
+
+    from twin_diagram.planning.paths.inverse_kernels import _error
+
+    rng, error = np.random.default_rng(8), np.empty(6)
+    for angle in (0.0, 1e-9, 0.3, 2.0, np.pi - 1e-4, np.pi):
+        X_WT, X_WG = np.eye(4), np.eye(4)
+        axis = rng.standard_normal(3)
+        axis /= np.linalg.norm(axis)
+        X_WT[:3, :3] = Rotation.random(random_state=3).as_matrix()
+        X_WG[:3, :3] = Rotation.from_rotvec(angle * axis).as_matrix() @ X_WT[:3, :3]
+        X_WT[:3, 3], X_WG[:3, 3] = rng.standard_normal(3), rng.standard_normal(3)
+        p = _error(X_WT, np.eye(4), X_WG, error)
+        np.testing.assert_allclose(p, X_WT[:3, 3])
+        np.testing.assert_allclose(error[3:], X_WG[:3, 3] - X_WT[:3, 3])
+        turned = Rotation.from_rotvec(error[:3]).as_matrix() @ X_WT[:3, :3]
+        np.testing.assert_allclose(turned, X_WG[:3, :3], atol=1e-6)
+        assert np.linalg.norm(error[:3]) == pytest.approx(angle, abs=1e-6)

@@ -318,3 +318,62 @@ def test_a_route_leads_to_the_goal_at_its_end() -> None:
         now.q, now.forecast, now.goals, np.array([0.02, 0.004, 1.0]), now.at_goals, now.still, 0.04, 0.01, 0.012
     )
     np.testing.assert_allclose(close.allowed(MARGINS), [0.017, 0.003, 0.012])
+
+
+def test_roomy_goals_are_gone_to_first_where_there_is_a_way() -> None:
+    """Of two goals behind the wall the one that nothing is near to, though it is farther."""
+    from dataclasses import replace
+
+    router, _ = world(Wall())
+    now = situation([0.5, 0.0], [[1.5, 0.0], [1.9, 0.0]])
+    tight = now.at_goals.copy()
+    tight[0, 0] = 0.5 * MARGIN
+    for at_goals, there in ((tight, [1.9, 0.0]), (tight[::-1], [1.5, 0.0])):
+        points = router.search(replace(now, at_goals=at_goals), np.random.default_rng(0))
+        np.testing.assert_allclose(points[-1], there)
+    # One that is in the wall is none, however roomy it is said to be.
+    only = replace(situation([0.5, 0.0], [[1.5, 0.0], [1.1, 0.0]]), at_goals=tight)
+    np.testing.assert_allclose(router.search(only, np.random.default_rng(0))[-1], [1.5, 0.0])
+
+
+@pytest.fixture(scope="module")
+def boxed() -> Any:
+    """The Panda between two sides of a tall box."""
+    from twin_diagram import scenario
+    from twin_diagram.assets import Asset
+    from twin_diagram.planning.collision.collision_scene import load_scene
+    from twin_diagram.scenario.resources import models_dir
+
+    library = {"sugar_box": Asset.load(models_dir() / "objects" / "sugar_box")}
+    return load_scene(scenario.ArmModel(), [scenario.Fixture()], library)
+
+
+def test_a_box_between_is_passed_over_no_higher_than_need_be(boxed: Any) -> None:
+    from twin_diagram.planning.paths.guide import Guide, GuideSettings
+    from twin_diagram.signals.layouts import ObjectStatus, Track
+
+    q, goal = np.array([-0.6, 0.3, 0.0, -2.2, 0.0, 2.5, 0.785]), np.array([0.6, 0.3, 0.0, -2.2, 0.0, 2.5, 0.785])
+    tool = boxed.chain.tool(boxed.chain.place(np.stack([q, 0.5 * (q + goal)])))[:, :3, 3]
+    pose = np.array([1.0, 0, 0, 0, tool[1, 0], 0.0, 0.0875])
+    guide = Guide(boxed, GuideSettings(np.full(7, 1.0), 0.04, [], np.full(7, 5.0)))
+
+    def decided(tracks: Array, fresh: bool) -> tuple[Route, bool]:
+        now = guide.situation(q, boxed.forecast(tracks), goal[None])
+        return guide.router.decide(Route.none(7), now, np.random.default_rng(0), fresh=fresh)
+
+    box = Track(ObjectStatus.TRACKED, 0.0, pose, np.zeros(6), 1e-8 * np.eye(6)).pack()
+    route, wants = decided(box, True)
+    assert route.aim is Aim.GOAL and len(route.points) == 2 and not wants
+    np.testing.assert_array_equal(route.points[1], goal)
+    above = boxed.chain.tool(boxed.chain.place(route.points[:1]))[0, :3, 3]
+    assert 0.05 < above[2] - tool[1, 2] < 0.35 and np.abs(above[:2] - tool[1, :2]).max() < 0.05
+    lowest = min(height for height in guide.router.tuning.lifts if abs(above[2] - tool[1, 2] - height) < 0.03)
+    now = guide.situation(q, boxed.forecast(box), goal[None])
+    for height in guide.router.tuning.lifts:
+        way = np.stack([guide.router._lifted(0.5 * (q + goal), height), goal])
+        wanted = now.allowed(now.margins(0, guide.router.tuning.spare))
+        assert (guide.router.first_blocked(now, way, wanted) is None) == (height >= lowest)
+    # A goal that is not new is left to the search; nothing in between needs no way over it.
+    assert decided(box, False)[0].aim is not Aim.GOAL
+    far = Track(ObjectStatus.GONE, 0.0, pose, np.zeros(6), 1e-8 * np.eye(6)).pack()
+    np.testing.assert_array_equal(decided(far, True)[0].points, goal[None])

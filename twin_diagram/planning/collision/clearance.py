@@ -16,7 +16,7 @@ from twin_diagram.planning.collision.solid_batch import Body, solids_of
 from twin_diagram.signals.arrays import Array, Ints
 
 if TYPE_CHECKING:
-    from twin_diagram.planning.collision import kernel
+    from twin_diagram.planning.collision import near_kernels
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ class Clearance:
         self._counted = ~ignored[self._links]
         self._members = np.argsort(self._groups, kind="stable")
         self._member_start = np.append(0, np.cumsum(np.bincount(self._groups, minlength=self._group_count)))
-        self._tables: dict[tuple[int, ...], tuple[tuple[Body, ...], kernel.Solids]] = {}
+        self._tables: dict[tuple[int, ...], tuple[tuple[Body, ...], near_kernels.Solids]] = {}
         self._prepare_self(back[balls.pairs])
 
     def _prepare_self(self, pairs: Ints) -> None:
@@ -237,15 +237,10 @@ class Clearance:
         """
         compiled = _compiled()
         arm, placement = self._arm(q, np.arange(self._group_count))
-        if most is None or margins is None:
-            best, balls, normals = self._near(arm, around, reach)
-            limit = np.inf
-        else:
-            best, balls, normals = self._near(arm, around, reach, margins, most)
-            limit = _limit(best, margins, most)
+        best, balls, normals = self._near(arm, around, reach, margins, most)
         wanted = best < reach
-        if limit < np.inf and margins is not None:
-            wanted &= best <= margins[:, :-1, None] + limit
+        if most is not None and margins is not None:
+            wanted &= best - margins[:, :-1, None] <= _limit(best, margins, most)
         row, body, part = np.nonzero(wanted)
         ball = balls[row, body, part]
         normal = compiled.turned(np.ascontiguousarray(around.X_WO), body, row, normals[row, body, part])
@@ -266,7 +261,7 @@ class Clearance:
             np.concatenate([gradient, own_gradient]),
         )
 
-    def _arm(self, q: Array, key: Ints) -> tuple[kernel.Balls, Placement]:
+    def _arm(self, q: Array, key: Ints) -> tuple[near_kernels.Balls, Placement]:
         """Return the arm in configurations (N, n), with what kind of nearest pairs each of its parts (G,) is for."""
         compiled = _compiled()
         placement = self.chain.place(q)
@@ -286,7 +281,7 @@ class Clearance:
     def _count(self, around: Surroundings) -> int:
         return len(self.bodies) + len(around.beside)
 
-    def _tables_of(self, around: Surroundings) -> kernel.Solids:
+    def _tables_of(self, around: Surroundings) -> near_kernels.Solids:
         """Return the tables of all bodies."""
         key = tuple(map(id, around.beside))
         found = self._tables.get(key)
@@ -298,9 +293,14 @@ class Clearance:
         return found[1]
 
     def _near(
-        self, arm: kernel.Balls, around: Surroundings, reach: float, margins: Array | None = None, most: int = 0
+        self,
+        arm: near_kernels.Balls,
+        around: Surroundings,
+        reach: float,
+        margins: Array | None = None,
+        most: int | None = None,
     ) -> tuple[Array, Ints, Array]:
-        """Return what is near bodies, see `kernel.near_bodies`.
+        """Return what is near bodies, see `near_kernels.near_bodies`.
 
         With margins (N, B + 1) about the `most` that lack most of them are enough.
         """
@@ -308,22 +308,22 @@ class Clearance:
         where = [np.ascontiguousarray(part) for part in (around.X_WO, around.grown, around.present)]
         tables, compiled = self._tables_of(around), _compiled()
         far = np.full((len(arm.centres), self._count(around)), float(reach))
-        if margins is not None:
+        if margins is not None and most is not None:
             # Roughly at first: bodies as boxes, parts as balls.
             bounds = compiled.never_below(arm, tables, *where, float(reach))
             far = np.minimum(far, margins[:, :-1] + _limit(bounds, margins, TUNING.rough * most) + TUNING.tiny)
         return compiled.near_bodies(arm, tables, *where, far)
 
-    def _near_self(self, arm: kernel.Balls, reach: float) -> tuple[Array, Ints]:
-        """Return what is near each other; see `kernel.near_itself`."""
+    def _near_self(self, arm: near_kernels.Balls, reach: float) -> tuple[Array, Ints]:
+        """Return what is near each other; see `near_kernels.near_itself`."""
         return _compiled().near_itself(arm, self._group_pairs, self._pair_start, self._pairs, float(reach))
 
 
 def _compiled() -> ModuleType:
     """Return the compiled loops: they are loaded when first wanted, not with every import."""
-    from twin_diagram.planning.collision import kernel
+    from twin_diagram.planning.collision import near_kernels
 
-    return kernel
+    return near_kernels
 
 
 def _limit(distance: Array, margins: Array, most: int) -> float:

@@ -294,9 +294,9 @@ class Forecast:
 
     def at(self, times: Array) -> tuple[Array, Array]:
         """Return the poses (K, N, 4, 4) and growths (K, N) at `times` (N,) from now [s]."""
-        from twin_diagram.planning.collision import forecast_kernel  # compiled; not with every import
+        from twin_diagram.planning.collision import forecast_kernels  # compiled; not with every import
 
-        X_WO = forecast_kernel.moved(self.R_WO, self.p_WO, self.spin, self.velocity, travel(times))
+        X_WO = forecast_kernels.moved(self.R_WO, self.p_WO, self.spin, self.velocity, travel(times))
         grown = np.repeat(self.grown[:, None], len(times), axis=1)
         for number, how in self.unsure.items():
             if how.moving:

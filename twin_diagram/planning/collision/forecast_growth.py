@@ -62,17 +62,17 @@ def spread(rows: Array, covariance: Array, R_WO: Array) -> Array:
             object's origin.
         R_WO: (3, 3)
     """
-    from twin_diagram.planning.collision import forecast_kernel  # compiled; not with every import
+    from twin_diagram.planning.collision import forecast_kernels  # compiled; not with every import
 
     ordered = (np.ascontiguousarray(part, dtype=float) for part in (rows, covariance, R_WO))
-    return np.asarray(forecast_kernel.spread(*ordered))
+    return np.asarray(forecast_kernels.spread(*ordered))
 
 
 def outermost(spread_: Array) -> Array:
     """Return those rows of a spread (S, 2) that may be the worst: no other has both more variance and more lever."""
-    from twin_diagram.planning.collision import forecast_kernel
+    from twin_diagram.planning.collision import forecast_kernels
 
-    return np.asarray(forecast_kernel.outermost(spread_))
+    return np.asarray(forecast_kernels.outermost(spread_))
 
 
 def added_variance(variance: float, density: float, times: Array) -> Array:
@@ -86,9 +86,9 @@ def added_variance(variance: float, density: float, times: Array) -> Array:
         density: of its acceleration.
         times: from now on [s].
     """
-    from twin_diagram.planning.collision import forecast_kernel
+    from twin_diagram.planning.collision import forecast_kernels
 
-    return np.asarray(forecast_kernel.added_variance(variance, density, np.asarray(times), TUNING.reaction))
+    return np.asarray(forecast_kernels.added_variance(variance, density, np.asarray(times), TUNING.reaction))
 
 
 def growth(spread_: Array, shift: Array, turn: Array) -> Array:
@@ -99,6 +99,6 @@ def growth(spread_: Array, shift: Array, turn: Array) -> Array:
         shift: (N,) variance added to each coordinate of its place [m²].
         turn: (N,) variance added to its turn about any axis [rad²].
     """
-    from twin_diagram.planning.collision import forecast_kernel
+    from twin_diagram.planning.collision import forecast_kernels
 
-    return np.asarray(forecast_kernel.growth(spread_, shift, turn, TUNING.sigmas, TUNING.cap))
+    return np.asarray(forecast_kernels.growth(spread_, shift, turn, TUNING.sigmas, TUNING.cap))

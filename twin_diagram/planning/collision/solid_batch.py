@@ -14,7 +14,7 @@ from twin_diagram.planning.collision.forecast_growth import surface_rows
 from twin_diagram.signals.arrays import Array
 
 if TYPE_CHECKING:
-    from twin_diagram.planning.collision.kernel import Solids
+    from twin_diagram.planning.collision.near_kernels import Solids
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Body:
 
 def solids_of(bodies: Sequence[Body]) -> Solids:
     """Return the tables of several bodies' solids, numbered body by body."""
-    from twin_diagram.planning.collision.kernel import Solids, starts  # compiled; not with every import
+    from twin_diagram.planning.collision.near_kernels import Solids, starts  # compiled; not with every import
 
     solids = [solid for body in bodies for solid in body.solids]
     boxes = [solid.box for solid in solids]
@@ -78,4 +78,4 @@ def _with(normals: Array, offsets: Array) -> Array:
 
 
 _KINDS: Final = (Box, Ball, Drum, Polytope)
-"""Kinds of solids, by the numbers that stand for them in `kernel.Solids`."""
+"""Kinds of solids, by the numbers that stand for them in `near_kernels.Solids`."""

@@ -46,7 +46,7 @@ class ActiveSet(QpSolver):
         Raises:
             ValueError: the program has equations.
         """
-        from twin_diagram.planning.mpc.active_set_kernel import solve  # compiled; not with every import
+        from twin_diagram.planning.mpc.active_set_kernels import solve  # compiled; not with every import
 
         if len(program.b):
             raise ValueError(f"{len(program.b)} equations: ActiveSet takes bounds alone")

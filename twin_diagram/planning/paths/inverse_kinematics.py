@@ -64,7 +64,7 @@ def solve(
     Returns:
         (G, n) distinct solutions, the nearest to `near` first; G may be zero.
     """
-    from twin_diagram.planning.paths import inverse_kernel  # compiled; not with every import
+    from twin_diagram.planning.paths import inverse_kernels  # compiled; not with every import
 
     tuning = tuning or IkTuning()
     n, half = chain.size, tuning.starts // 2
@@ -75,7 +75,7 @@ def solve(
     q = np.clip(np.concatenate([near + spread, anywhere]), low, high)
     arrays = (chain.constant, chain.sine, chain.cosine, chain.linear, chain.axes_P, chain.origins_P, chain.prismatic)
     ends = (np.ascontiguousarray(part, dtype=float) for part in (chain.X_LT, X_WG, low, high))
-    q, error = inverse_kernel.search(q, *arrays, *ends, tuning.iterations, tuning.damping, tuning.step)
+    q, error = inverse_kernels.search(q, *arrays, *ends, tuning.iterations, tuning.damping, tuning.step)
     good = (np.linalg.norm(error[:, :3], axis=1) < tuning.rotation_tolerance) & (
         np.linalg.norm(error[:, 3:], axis=1) < tuning.position_tolerance
     )

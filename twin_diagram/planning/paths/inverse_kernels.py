@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from twin_diagram.planning.collision.kernel import place
+from twin_diagram.planning.collision.near_kernels import place
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.compiled import compiled
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def search(
     q: Array, constant: Array, sine: Array, cosine: Array, linear: Array, axes_P: Array, origins_P: Array,
     prismatic: Array, X_LT: Array, X_WG: Array, low: Array, high: Array,
@@ -49,7 +49,7 @@ def search(
     return q, errors
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def _error(X_WL: Array, X_LT: Array, X_WG: Array, error: Array) -> Array:
     """Fill in what turns and moves the tool into its goal, (6,); returns where the tool is, (3,)."""
     X_WT, turn = np.zeros((3, 4)), np.zeros((3, 3))
@@ -81,7 +81,7 @@ def _error(X_WL: Array, X_LT: Array, X_WG: Array, error: Array) -> Array:
     return X_WT[:, 3].copy()
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def _jacobian(axes: Array, origins: Array, prismatic: Array, p: Array, J: Array) -> None:
     """Fill in the jacobian (6, n) of a point of the last link: angular above linear."""
     for k in range(len(axes)):
@@ -96,7 +96,7 @@ def _jacobian(axes: Array, origins: Array, prismatic: Array, p: Array, J: Array)
         J[3, k], J[4, k], J[5, k] = a[1] * z - a[2] * y, a[2] * x - a[0] * z, a[0] * y - a[1] * x
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def _damped(J: Array, error: Array, damping: float, step: Array) -> None:
     """Fill in the step (n,) of damped least squares: Jᵀ (J Jᵀ + damping)⁻¹ error, by Cholesky's factor."""
     L, y = np.zeros((6, 6)), np.empty(6)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.compiled import compiled
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def spread(rows: Array, covariance: Array, R: Array) -> Array:
     """Return (S, 2), see `forecast_growth.spread`."""
     # The covariance along the object's own axes.
@@ -36,7 +36,7 @@ def spread(rows: Array, covariance: Array, R: Array) -> Array:
     return result
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def outermost(spread_: Array) -> Array:
     """Return those rows that may be the worst, see `forecast_growth.outermost`."""
     kept, count = np.empty_like(spread_), 0
@@ -59,7 +59,7 @@ def outermost(spread_: Array) -> Array:
     return kept[:count].copy()
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def growth(spread_: Array, shift: Array, turn: Array, sigmas: float, cap: float) -> Array:
     """Return (N,), see `forecast_growth.growth`."""
     result = np.empty(len(turn))
@@ -71,7 +71,7 @@ def growth(spread_: Array, shift: Array, turn: Array, sigmas: float, cap: float)
     return result
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def added_variance(variance: float, density: float, times: Array, reaction: float) -> Array:
     """Return (N,), see `forecast_growth.added_variance`."""
     # Settled: P = √2 q^¼ r^¾, with the speed √q √r, and of the speed √2 q^¾ r^¼.
@@ -84,7 +84,7 @@ def added_variance(variance: float, density: float, times: Array, reaction: floa
     return result
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def moved(R_WO: Array, p_WO: Array, spin: Array, velocity: Array, travelled: Array) -> Array:
     """Return poses (K, N, 4, 4) of bodies that go on with spin and velocity (K, 3) for so many seconds (N,)."""
     bodies, count = len(R_WO), len(travelled)

@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from twin_diagram.signals.arrays import Array, Ints
+from twin_diagram.signals.compiled import compiled
 
 
 class Solids(NamedTuple):
@@ -78,7 +78,7 @@ class Balls(NamedTuple):
     counted: Array
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def place(
     q: Array, constant: Array, sine: Array, cosine: Array, linear: Array, axes_P: Array, origins_P: Array
 ) -> tuple[Array, Array, Array]:
@@ -107,7 +107,7 @@ def place(
     return X, axes, origins
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def carried(X_WL: Array, points_L: Array, links: Ints) -> Array:
     """Return points (S, 3) of links (S,) in W, (N, S, 3)."""
     result = np.empty((len(X_WL), len(points_L), 3))
@@ -120,7 +120,7 @@ def carried(X_WL: Array, points_L: Array, links: Ints) -> Array:
     return result
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def turned(X_WO: Array, body: Ints, row: Ints, vectors_O: Array) -> Array:
     """Return vectors (M, 3) of bodies' frames in W, (M, 3)."""
     result = np.empty_like(vectors_O)
@@ -131,7 +131,7 @@ def turned(X_WO: Array, body: Ints, row: Ints, vectors_O: Array) -> Array:
     return result
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def slopes(p_W: Array, link: Ints, row: Ints, normal: Array, axes: Array, origins: Array, prismatic: Array) -> Array:
     """Return (M, n) how fast points (M, 3) that move with links (M,) go along normals (M, 3) with each joint."""
     n = axes.shape[1]
@@ -150,7 +150,7 @@ def slopes(p_W: Array, link: Ints, row: Ints, normal: Array, axes: Array, origin
     return result
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def near_itself(balls: Balls, parts: Ints, first: Ints, pairs: Ints, reach: float) -> tuple[Array, Ints]:
     """Return, for each pair of parts, the distance of its nearest pair of balls within reach, and which that is.
 
@@ -189,7 +189,7 @@ def near_itself(balls: Balls, parts: Ints, first: Ints, pairs: Ints, reach: floa
     return best, which
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def never_below(balls: Balls, solids: Solids, X_WO: Array, grown: Array, present: Array, reach: float) -> Array:
     """Return (N, B, G) what the distances of parts to bodies are never below, infinite beyond reach [m].
 
@@ -209,7 +209,7 @@ def never_below(balls: Balls, solids: Solids, X_WO: Array, grown: Array, present
     return result
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def near_bodies(
     balls: Balls, solids: Solids, X_WO: Array, grown: Array, present: Array, reach: Array
 ) -> tuple[Array, Ints, Array]:
@@ -266,7 +266,7 @@ def near_bodies(
     return best, which, normals
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def _to_body(solids: Solids, b: int, X: Array, p: Array) -> float:
     """Return what the distance of a point of W to a body is never below: that to a box about it."""
     x, y, z = p[0] - X[0, 3], p[1] - X[1, 3], p[2] - X[2, 3]
@@ -279,7 +279,7 @@ def _to_body(solids: Solids, b: int, X: Array, p: Array) -> float:
     )
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def _look(solids: Solids, b: int, X: Array, p: Array, size: float, near: float, found: Array) -> float:
     """Return the distance of a ball from a body where it is below `near`, else that; fills in `found[1:]`."""
     slack = 1e-9
@@ -313,7 +313,7 @@ def _look(solids: Solids, b: int, X: Array, p: Array, size: float, near: float, 
     return near
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def _to_box(x: float, y: float, z: float, half: Array) -> float:
     """Return the signed distance of a point in a box's axes, from its middle."""
     x, y, z = abs(x) - half[0], abs(y) - half[1], abs(z) - half[2]
@@ -321,10 +321,10 @@ def _to_box(x: float, y: float, z: float, half: Array) -> float:
     if deepest <= 0.0:
         return deepest
     x, y, z = max(x, 0.0), max(y, 0.0), max(z, 0.0)
-    return np.sqrt(x * x + y * y + z * z)  # type: ignore[no-any-return]
+    return np.sqrt(x * x + y * y + z * z)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def _box(x: float, y: float, z: float, half: Array, R: Array, found: Array) -> None:
     """Fill in distance and outward normal of a point in a box's axes."""
     ex, ey, ez = abs(x) - half[0], abs(y) - half[1], abs(z) - half[2]
@@ -351,7 +351,7 @@ def _box(x: float, y: float, z: float, half: Array, R: Array, found: Array) -> N
         found[1 + i] = R[i, 0] * sx + R[i, 1] * sy + R[i, 2] * sz
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def _ball(x: float, y: float, z: float, size: float, found: Array) -> None:
     d = np.sqrt(x * x + y * y + z * z)
     found[0] = d - size
@@ -361,7 +361,7 @@ def _ball(x: float, y: float, z: float, size: float, found: Array) -> None:
         found[1], found[2], found[3] = 0.0, 0.0, 1.0
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def _drum(x: float, y: float, z: float, axis: Array, size: float, half: float, found: Array) -> None:
     height = x * axis[0] + y * axis[1] + z * axis[2]
     x, y, z = x - height * axis[0], y - height * axis[1], z - height * axis[2]
@@ -382,7 +382,7 @@ def _drum(x: float, y: float, z: float, axis: Array, size: float, half: float, f
     found[1], found[2], found[3] = out * x + up * axis[0], out * y + up * axis[1], out * z + up * axis[2]
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def _polytope(x: float, y: float, z: float, solids: Solids, which: int, below: float, found: Array) -> bool:
     """Fill in distance and outward normal of a point; False where the distance is `below` or more.
 
@@ -421,7 +421,7 @@ def _polytope(x: float, y: float, z: float, solids: Solids, which: int, below: f
     return True
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def _above(x: float, y: float, z: float, solids: Solids, face: int) -> bool:
     """Return whether a point lies within the sides of a face."""
     sides = solids.sides

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from twin_diagram.signals.arrays import Array, Ints
+from twin_diagram.signals.compiled import compiled
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def solve(
     wish: Array, rows: Array, low: Array, high: Array, units: int, broken: float, endless: float, most: int
 ) -> tuple[Array, bool, int]:
@@ -62,7 +62,7 @@ def solve(
     )
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def _steps(
     x: Array, rows: Array, turned: Array, length: Array, value: Array, low: Array, high: Array,
     which: Ints, side: Array, price: Array, Q: Array, R: Array, inside: Array, active: int,
@@ -84,7 +84,13 @@ def _steps(
             if above > broken and above > worst * length[r] and high[r] < endless:
                 worst, new, sign = above / length[r], r, -1.0
         if new < 0:
-            return x, True, steps
+            # None that could be taken in; what is empty, or at odds with itself, may yet be broken.
+            kept = True
+            for r in range(count):
+                below, above = low[r] - value[r], value[r] - high[r]
+                kept = kept and not (below > 100.0 * broken and low[r] > -endless)
+                kept = kept and not (above > 100.0 * broken and high[r] < endless)
+            return x, kept, steps
         cost = 0.0
         while True:
             steps += 1
@@ -146,7 +152,7 @@ def _steps(
             active = _drop(gone, active, which, side, price, Q, R)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def _drop(gone: int, active: int, which: Ints, side: Array, price: Array, Q: Array, R: Array) -> int:
     """Leave an active row out, by rotations that keep R a triangle; returns how many are left."""
     for k in range(gone, active - 1):
@@ -168,7 +174,7 @@ def _drop(gone: int, active: int, which: Ints, side: Array, price: Array, Q: Arr
     return active
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def _dot(a: Array, b: Array) -> float:
     """Return a · b, by four sums side by side: one after the other each addition would wait for the one before."""
     s, t, u, v = 0.0, 0.0, 0.0, 0.0
