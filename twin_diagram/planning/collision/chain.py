@@ -121,10 +121,10 @@ class Chain:
 
     def place(self, q: Array) -> Placement:
         """Place the links in configurations `q`, (N, n) [rad or m]."""
-        from twin_diagram.planning.collision import near_kernels  # compiled; not with every import
+        from twin_diagram.planning.collision import arm_kernels  # compiled; not with every import
 
         arrays = self.constant, self.sine, self.cosine, self.linear, self.axes_P, self.origins_P
-        return Placement(*near_kernels.place(np.ascontiguousarray(q, dtype=float), *arrays))
+        return Placement(*arm_kernels.place(np.ascontiguousarray(q, dtype=float), *arrays))
 
     def tool(self, placement: Placement) -> Array:
         """Return X_WT, (N, 4, 4)."""

@@ -177,7 +177,7 @@ class Clearance:
 
     def centres(self, placement: Placement) -> Array:
         """Return (N, S, 3) the balls' centres in W."""
-        return _compiled().carried(placement.X_WL, self._centres_L, self._links)
+        return _arm_kernels().carried(placement.X_WL, self._centres_L, self._links)
 
     def distances(
         self, q: Array, around: Surroundings, reach: float, own: bool = True, own_reach: float | None = None
@@ -235,7 +235,7 @@ class Clearance:
             most: about so many entries are enough, those that lack most of their margins; None: all are given. Whatever
                 does not keep its margin is given.
         """
-        compiled = _compiled()
+        arm_loops = _arm_kernels()
         arm, placement = self._arm(q, np.arange(self._group_count))
         best, balls, normals = self._near(arm, around, reach, margins, most)
         wanted = best < reach
@@ -243,17 +243,17 @@ class Clearance:
             wanted &= best - margins[:, :-1, None] <= _limit(best, margins, most)
         row, body, part = np.nonzero(wanted)
         ball = balls[row, body, part]
-        normal = compiled.turned(np.ascontiguousarray(around.X_WO), body, row, normals[row, body, part])
+        normal = arm_loops.turned(np.ascontiguousarray(around.X_WO), body, row, normals[row, body, part])
         at = placement.axes_W, placement.origins_W, self.chain.prismatic
-        gradient = compiled.slopes(arm.centres[row, ball], self._links[ball], row, normal, *at)
+        gradient = arm_loops.slopes(arm.centres[row, ball], self._links[ball], row, normal, *at)
         own, which = self._near_self(arm, own_reach)
         own_row, pair = np.nonzero(own < own_reach)
         first, second = self._pairs[which[own_row, pair]].T
         p, to = arm.centres[own_row, first], arm.centres[own_row, second]
         across = p - to
         normal = across / np.maximum(np.linalg.norm(across, axis=1), TUNING.tiny)[:, None]
-        own_gradient = compiled.slopes(p, self._links[first], own_row, normal, *at)
-        own_gradient -= compiled.slopes(to, self._links[second], own_row, normal, *at)
+        own_gradient = arm_loops.slopes(p, self._links[first], own_row, normal, *at)
+        own_gradient -= arm_loops.slopes(to, self._links[second], own_row, normal, *at)
         return Contacts(
             np.concatenate([row, own_row]),
             np.concatenate([body, np.full(len(own_row), self._count(around))]),
@@ -261,16 +261,16 @@ class Clearance:
             np.concatenate([gradient, own_gradient]),
         )
 
-    def _arm(self, q: Array, key: Ints) -> tuple[near_kernels.Balls, Placement]:
+    def _arm(self, q: Array, key: Ints) -> tuple[near_kernels.PlacedBalls, Placement]:
         """Return the arm in configurations (N, n), with what kind of nearest pairs each of its parts (G,) is for."""
-        compiled = _compiled()
+        near = _near_kernels()
         placement = self.chain.place(q)
-        balls = compiled.Balls(
+        balls = near.PlacedBalls(
             centres=self.centres(placement),
             radii=self._radii,
             members=self._members,
             first=self._member_start,
-            middles=compiled.carried(placement.X_WL, self._group_centre, self._group_link),
+            middles=_arm_kernels().carried(placement.X_WL, self._group_centre, self._group_link),
             reaches=self._group_radius,
             key=key,
             kinds=int(key.max()) + 1,
@@ -294,7 +294,7 @@ class Clearance:
 
     def _near(
         self,
-        arm: near_kernels.Balls,
+        arm: near_kernels.PlacedBalls,
         around: Surroundings,
         reach: float,
         margins: Array | None = None,
@@ -306,24 +306,30 @@ class Clearance:
         """
         # One layout: for another the loops would be compiled anew.
         where = [np.ascontiguousarray(part) for part in (around.X_WO, around.grown, around.present)]
-        tables, compiled = self._tables_of(around), _compiled()
+        tables, near = self._tables_of(around), _near_kernels()
         far = np.full((len(arm.centres), self._count(around)), float(reach))
         if margins is not None and most is not None:
             # Roughly at first: bodies as boxes, parts as balls.
-            bounds = compiled.never_below(arm, tables, *where, float(reach))
+            bounds = near.never_below(arm, tables, *where, float(reach))
             far = np.minimum(far, margins[:, :-1] + _limit(bounds, margins, TUNING.rough * most) + TUNING.tiny)
-        return compiled.near_bodies(arm, tables, *where, far)
+        return near.near_bodies(arm, tables, *where, far)
 
-    def _near_self(self, arm: near_kernels.Balls, reach: float) -> tuple[Array, Ints]:
+    def _near_self(self, arm: near_kernels.PlacedBalls, reach: float) -> tuple[Array, Ints]:
         """Return what is near each other; see `near_kernels.near_itself`."""
-        return _compiled().near_itself(arm, self._group_pairs, self._pair_start, self._pairs, float(reach))
+        return _near_kernels().near_itself(arm, self._group_pairs, self._pair_start, self._pairs, float(reach))
 
 
-def _compiled() -> ModuleType:
-    """Return the compiled loops: they are loaded when first wanted, not with every import."""
+def _near_kernels() -> ModuleType:
+    """Return compiled loops: they are loaded when first wanted, not with every import."""
     from twin_diagram.planning.collision import near_kernels
 
     return near_kernels
+
+
+def _arm_kernels() -> ModuleType:
+    from twin_diagram.planning.collision import arm_kernels
+
+    return arm_kernels
 
 
 def _limit(distance: Array, margins: Array, most: int) -> float:

@@ -74,44 +74,18 @@ def _steps(
     d, r_, z, change = np.zeros(room), np.zeros(room), np.zeros(size), np.zeros(count)
     steps = 0
     while True:
-        worst, new, sign = 0.0, -1, 0.0
-        for r in range(count):
-            if inside[r] or length[r] == 0.0:
-                continue
-            below, above = low[r] - value[r], value[r] - high[r]
-            if below > broken and below > worst * length[r] and low[r] > -endless:
-                worst, new, sign = below / length[r], r, 1.0
-            if above > broken and above > worst * length[r] and high[r] < endless:
-                worst, new, sign = above / length[r], r, -1.0
+        new, sign = _most_broken(value, low, high, length, inside, broken, endless)
         if new < 0:
             # None that could be taken in; what is empty, or at odds with itself, may yet be broken.
-            kept = True
-            for r in range(count):
-                below, above = low[r] - value[r], value[r] - high[r]
-                kept = kept and not (below > 100.0 * broken and low[r] > -endless)
-                kept = kept and not (above > 100.0 * broken and high[r] < endless)
-            return x, kept, steps
+            return x, _keeps(value, low, high, 100.0 * broken, endless), steps
         cost = 0.0
         while True:
             steps += 1
             if steps > most:
                 return x, False, steps
-            # What of the row the active ones do not span; twice, so that rounding leaves nothing of them.
-            for j in range(size):
-                z[j] = sign * rows[new, j]
-            d[:active] = 0.0
-            for _ in range(2):
-                for k in range(active):
-                    part = _dot(Q[k], z)
-                    d[k] += part
-                    for j in range(size):
-                        z[j] -= part * Q[k, j]
+            _across(sign, rows[new], Q, active, d, z)
             square = _dot(z, z)
-            for k in range(active - 1, -1, -1):
-                total = d[k]
-                for i in range(k + 1, active):
-                    total -= R[k, i] * r_[i]
-                r_[k] = total / R[k, k]
+            _backwards(R, d, active, r_)
             # How far until a multiplier vanishes, and until the row is kept.
             until, gone = np.inf, -1
             for k in range(active):
@@ -150,6 +124,58 @@ def _steps(
                 break
             inside[which[gone]] = False
             active = _drop(gone, active, which, side, price, Q, R)
+
+
+@compiled
+def _most_broken(
+    value: Array, low: Array, high: Array, length: Array, inside: Array, broken: float, endless: float
+) -> tuple[int, float]:
+    """Return the row outside the active ones that is broken by most of its length, and on which side; −1: none."""
+    worst, new, sign = 0.0, -1, 0.0
+    for r in range(len(value)):
+        if inside[r] or length[r] == 0.0:
+            continue
+        below, above = low[r] - value[r], value[r] - high[r]
+        if below > broken and below > worst * length[r] and low[r] > -endless:
+            worst, new, sign = below / length[r], r, 1.0
+        if above > broken and above > worst * length[r] and high[r] < endless:
+            worst, new, sign = above / length[r], r, -1.0
+    return new, sign
+
+
+@compiled
+def _keeps(value: Array, low: Array, high: Array, broken: float, endless: float) -> bool:
+    """Return whether no row is broken."""
+    for r in range(len(value)):
+        if low[r] - value[r] > broken and low[r] > -endless:
+            return False
+        if value[r] - high[r] > broken and high[r] < endless:
+            return False
+    return True
+
+
+@compiled
+def _across(sign: float, row: Array, Q: Array, active: int, d: Array, z: Array) -> None:
+    """Fill in what of a row the active ones span, `d`, and what they do not, `z`; twice, so that rounding adds none."""
+    for j in range(len(z)):
+        z[j] = sign * row[j]
+    d[:active] = 0.0
+    for _ in range(2):
+        for k in range(active):
+            part = _dot(Q[k], z)
+            d[k] += part
+            for j in range(len(z)):
+                z[j] -= part * Q[k, j]
+
+
+@compiled
+def _backwards(R: Array, d: Array, active: int, r: Array) -> None:
+    """Fill in R⁻¹ d."""
+    for k in range(active - 1, -1, -1):
+        total = d[k]
+        for i in range(k + 1, active):
+            total -= R[k, i] * r[i]
+        r[k] = total / R[k, k]
 
 
 @compiled

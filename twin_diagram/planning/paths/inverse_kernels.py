@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from twin_diagram.planning.collision.near_kernels import place
+from twin_diagram.planning.collision.arm_kernels import place
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.compiled import compiled
 
