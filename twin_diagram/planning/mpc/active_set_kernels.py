@@ -116,8 +116,7 @@ def _steps(
                 long = np.sqrt(square)
                 for j in range(size):
                     Q[active, j] = z[j] / long
-                for k in range(active):
-                    R[k, active] = d[k]
+                R[:active, active] = d[:active]
                 R[active, active] = long
                 which[active], side[active], price[active], inside[new] = new, sign, cost, True
                 active += 1
