@@ -35,8 +35,8 @@ class Tuning:
     """Slower than this is standing still [rad/s], [m/s]."""
 
     told: float = 1.5
-    """And slower than so many deviations of a speed that two images tell: before a D435, nine tenths of what stood still
-    counted as moving without it (`sims/benchmarks/perception_rate.py`, seed 1)."""
+    """And slower than so many deviations of a speed that two images tell: without it nine tenths of what stands still
+    before a D435 count as moving (`sims/benchmarks/perception_rate.py`, seed 1)."""
 
     newest: float = 0.6
     """Share of the newest speed in what is remembered."""

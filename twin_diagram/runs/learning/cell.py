@@ -255,7 +255,7 @@ class Cell:
         """
         context = self._plant.GetMyMutableContextFromRoot(self._context)
         if lacking := sorted(self.snapshot().keys() - kept.keys()):
-            raise ScenarioError("world", f"cannot go on: what is kept of the run lacks {', '.join(lacking)}; begin anew")
+            raise ScenarioError("world", f"cannot go on: what is kept of it lacks {', '.join(lacking)}; begin anew")
         if len(kept["positions"]) != self._plant.num_positions():
             raise ScenarioError("world", "has other objects than the run that is to go on")
         self._context.SetTime(float(kept["frame"][1]))

@@ -174,7 +174,7 @@ class LearningRecord:
         foreign = [name for name in (EVENTS, SCENARIO) if (self.folder / name).exists()]
         if foreign == [EVENTS]:
             # Of a run that was killed before its first state both are there.
-            raise LearningError(f"--out {self.folder}: its {EVENTS} is of something else; move it, or give another --out")
+            raise LearningError(f"--out {self.folder}: its {EVENTS} is of something else; give another --out")
         self._check_room()
 
     def check_kept(self) -> None:
