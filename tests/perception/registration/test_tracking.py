@@ -20,7 +20,7 @@ from twin_diagram.perception.registration.recognition import hues, recognise
 from twin_diagram.perception.registration.registration import RegisteredPose
 from twin_diagram.perception.registration.residuals import tukey
 from twin_diagram.perception.registration.rotation import exp
-from twin_diagram.perception.registration.slots import Slot, measurement, postponed, predict, seen
+from twin_diagram.perception.registration.slots import Slot, measurement, postponed, predict, seen, stands_still
 from twin_diagram.perception.registration.tracking import believable
 
 Array = npt.NDArray[np.float64]
@@ -172,6 +172,21 @@ def test_only_dark_colours_have_no_hue() -> None:
     assert hues(dark).sum() == 0.0 and hues(dim).sum() == pytest.approx(1.0)
     share = hues(np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.26, 0.26, 0.48]]))
     np.testing.assert_allclose(share[[11 * 12, 11, 3 * 12 + 3]], 1 / 3)
+
+
+@pytest.mark.parametrize(("part", "least"), [(slice(0, 3), 0.1), (slice(3, 6), 0.012)])
+def test_what_images_cannot_tell_from_standing_still_is(part: slice, least: float) -> None:
+    """From 1.5 deviations on of what two poses a fifteenth of a second apart tell, three fifths of it new."""
+    for deviation in (0.0, 0.02):
+        covariance = np.zeros((6, 6))
+        for k in range(6)[part]:
+            covariance[k, k] = deviation**2
+        told = max(least, 1.5 * 0.6 * np.sqrt(2.0 * 3.0) * deviation * 15.0)
+        way = np.array([2.0, -1.0, 2.0]) / 3.0
+        for share, still in ((0.99, True), (1.01, False)):
+            velocity = np.zeros(6)
+            velocity[part] = share * told * way
+            assert stands_still(velocity, covariance, 1.0 / 15.0) is still
 
 
 # Look-ups.
