@@ -241,14 +241,15 @@ class Clearance:
         wanted = best < reach
         if most is not None and margins is not None:
             wanted &= best - margins[:, :-1, None] <= _limit(best, margins, most)
-        row, body, part = np.nonzero(wanted)
+        # One layout: for another the loops would be compiled anew.
+        row, body, part = map(np.ascontiguousarray, np.nonzero(wanted))
         ball = balls[row, body, part]
         normal = arm_loops.turned(np.ascontiguousarray(around.X_WO), body, row, normals[row, body, part])
         at = placement.axes_W, placement.origins_W, self.chain.prismatic
         gradient = arm_loops.slopes(arm.centres[row, ball], self._links[ball], row, normal, *at)
         own, which = self._near_self(arm, own_reach)
-        own_row, pair = np.nonzero(own < own_reach)
-        first, second = self._pairs[which[own_row, pair]].T
+        own_row, pair = map(np.ascontiguousarray, np.nonzero(own < own_reach))
+        first, second = map(np.ascontiguousarray, self._pairs[which[own_row, pair]].T)
         p, to = arm.centres[own_row, first], arm.centres[own_row, second]
         across = p - to
         normal = across / np.maximum(np.linalg.norm(across, axis=1), TUNING.tiny)[:, None]
@@ -304,7 +305,6 @@ class Clearance:
 
         With margins (N, B + 1) about the `most` that lack most of them are enough.
         """
-        # One layout: for another the loops would be compiled anew.
         where = [np.ascontiguousarray(part) for part in (around.X_WO, around.grown, around.present)]
         tables, near = self._tables_of(around), _near_kernels()
         far = np.full((len(arm.centres), self._count(around)), float(reach))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from twin_diagram.signals.arrays import Array, Ints
 from twin_diagram.signals.compiled import compiled
@@ -65,7 +66,7 @@ def solve(
 @compiled
 def _steps(
     x: Array, rows: Array, turned: Array, length: Array, value: Array, low: Array, high: Array,
-    which: Ints, side: Array, price: Array, Q: Array, R: Array, inside: Array, active: int,
+    which: Ints, side: Array, price: Array, Q: Array, R: Array, inside: npt.NDArray[np.bool_], active: int,
     broken: float, endless: float, most: int,
 ) -> tuple[Array, bool, int]:  # fmt: skip
     """Take broken rows in until none is left."""
@@ -127,7 +128,7 @@ def _steps(
 
 @compiled
 def _most_broken(
-    value: Array, low: Array, high: Array, length: Array, inside: Array, broken: float, endless: float
+    value: Array, low: Array, high: Array, length: Array, inside: npt.NDArray[np.bool_], broken: float, endless: float
 ) -> tuple[int, float]:
     """Return the row outside the active ones that is broken by most of its length, and on which side; −1: none."""
     worst, new, sign = 0.0, -1, 0.0

@@ -116,8 +116,9 @@ def _pieces(
         a, b, up, down = float(corners[i]), float(corners[i + 1]), float(strongest[i]), gentle * float(strongest[i])
         if a * a - b * b > 2 * down * length:
             down = (a * a - b * b) / (2 * length)
-        peak = np.sqrt((2 * up * down * length + down * a * a + up * b * b) / (up + down))
-        peak = min(float(fastest[i]), float(peak))
+        peak = float(fastest[i])
+        if np.isfinite(up):
+            peak = min(peak, float(np.sqrt((2 * up * down * length + down * a * a + up * b * b) / (up + down))))
         rise, fall = (peak * peak - a * a) / (2 * up), (peak * peak - b * b) / (2 * down)
         took = ((peak - a) / up, max(length - rise - fall, 0.0) / peak, (peak - b) / down)
         times += list(times[-1] + np.cumsum(took))
