@@ -63,8 +63,8 @@ class ActiveSet(QpSolver):
         if root is not None:
             g, rows = root @ g, rows @ root.T
         first = int(bounds.sum()) if root is None else 0
-        ordered = (np.ascontiguousarray(part, dtype=float) for part in (-g, rows, low, high))
-        y, solved, steps = solve(*ordered, first, TUNING.broken, TUNING.endless, self._steps)
+        wish, rows, low, high = (np.ascontiguousarray(part, dtype=float) for part in (-g, rows, low, high))
+        y, solved, steps = solve(wish, rows, low, high, first, TUNING.broken, TUNING.endless, self._steps)
         x = np.asarray(y if root is None else root.T @ y)
         return QpSolution(x, bool(solved and np.isfinite(x).all()), int(steps))
 

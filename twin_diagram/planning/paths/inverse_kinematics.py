@@ -73,9 +73,11 @@ def solve(
     spread = np.linspace(0.0, 1.5, half)[:, None] * rng.standard_normal((half, n))
     anywhere = rng.uniform(np.maximum(low, -np.pi), np.minimum(high, np.pi), (tuning.starts - half, n))
     q = np.clip(np.concatenate([near + spread, anywhere]), low, high)
-    arrays = (chain.constant, chain.sine, chain.cosine, chain.linear, chain.axes_P, chain.origins_P, chain.prismatic)
-    ends = (np.ascontiguousarray(part, dtype=float) for part in (chain.X_LT, X_WG, low, high))
-    q, error = inverse_kernels.search(q, *arrays, *ends, tuning.iterations, tuning.damping, tuning.step)
+    X_LT, X_WG, low, high = (np.ascontiguousarray(part, dtype=float) for part in (chain.X_LT, X_WG, low, high))
+    q, error = inverse_kernels.search(
+        q, chain.constant, chain.sine, chain.cosine, chain.linear, chain.axes_P, chain.origins_P, chain.prismatic,
+        X_LT, X_WG, low, high, tuning.iterations, tuning.damping, tuning.step,
+    )  # fmt: skip
     good = (np.linalg.norm(error[:, :3], axis=1) < tuning.rotation_tolerance) & (
         np.linalg.norm(error[:, 3:], axis=1) < tuning.position_tolerance
     )
