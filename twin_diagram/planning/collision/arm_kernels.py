@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from twin_diagram.signals.arrays import Array, Ints
 from twin_diagram.signals.compiled import compiled
@@ -62,7 +63,9 @@ def turned(X_WO: Array, body: Ints, row: Ints, vectors_O: Array) -> Array:
 
 
 @compiled
-def slopes(p_W: Array, link: Ints, row: Ints, normal: Array, axes: Array, origins: Array, prismatic: Array) -> Array:
+def slopes(
+    p_W: Array, link: Ints, row: Ints, normal: Array, axes: Array, origins: Array, prismatic: npt.NDArray[np.bool_]
+) -> Array:
     """Return (M, n) how fast points (M, 3) that move with links (M,) go along normals (M, 3) with each joint."""
     n = axes.shape[1]
     result = np.zeros((len(p_W), n))

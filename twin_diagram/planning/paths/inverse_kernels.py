@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from twin_diagram.planning.collision.arm_kernels import place
 from twin_diagram.signals.arrays import Array
@@ -12,7 +13,7 @@ from twin_diagram.signals.compiled import compiled
 @compiled
 def search(
     q: Array, constant: Array, sine: Array, cosine: Array, linear: Array, axes_P: Array, origins_P: Array,
-    prismatic: Array, X_LT: Array, X_WG: Array, low: Array, high: Array,
+    prismatic: npt.NDArray[np.bool_], X_LT: Array, X_WG: Array, low: Array, high: Array,
     iterations: int, damping: float, longest: float,
 ) -> tuple[Array, Array]:  # fmt: skip
     """Return where searches from configurations (N, n) end, and their errors there (N, 6), see `pose_error`.
@@ -82,7 +83,7 @@ def _error(X_WL: Array, X_LT: Array, X_WG: Array, error: Array) -> Array:
 
 
 @compiled
-def _jacobian(axes: Array, origins: Array, prismatic: Array, p: Array, J: Array) -> None:
+def _jacobian(axes: Array, origins: Array, prismatic: npt.NDArray[np.bool_], p: Array, J: Array) -> None:
     """Fill in the jacobian (6, n) of a point of the last link: angular above linear."""
     for k in range(len(axes)):
         a, o = axes[k], origins[k]
