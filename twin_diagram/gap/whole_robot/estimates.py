@@ -9,7 +9,7 @@ import numpy as np
 
 from twin_diagram.gap.candidates.records import record_of
 from twin_diagram.gap.correction.physical_coordinates import from_log_cholesky
-from twin_diagram.gap.findings import Estimate, Finding
+from twin_diagram.gap.findings import Estimate, Finding, Moment
 from twin_diagram.gap.verdict.posterior import unit_of
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem
 from twin_diagram.gap.whole_robot.torque_equations import OWN
@@ -109,12 +109,15 @@ def _further(
 ) -> tuple[Finding, ...]:
     """Return one finding per name of what is there beyond links and joints' own terms."""
     found: dict[str, Finding] = {}
+    step = 1.0 / problem.sums.records.rate
     there = sorted(enumerate(problem.sums.further), key=lambda item: item[1].joints)
     for at, candidate in there:
         name, s = candidate.name, problem.place(at)
         told = candidate.parameters(z[s], spread[s, s])
         joints = tuple(model.joints[j] for j in candidate.joints)
-        before = found.get(name, Finding(name, (), candidate.links, {}, sure.get(name, 1.0)))
+        when = [None if moment is None else Moment(*moment, step) for moment in (candidate.onset, candidate.end)]
+        nothing = Finding(name, (), candidate.links, {}, sure.get(name, 1.0), onset=when[0], end=when[1])
+        before = found.get(name, nothing)
         parameters = dict(before.parameters)
         for key, (value, error) in told.items():
             if not record_of(name).per_joint:

@@ -133,6 +133,11 @@ def explain(records: Records, *, known: bool = False) -> WholeRobot | None:
     strange = unusual(bare, solve(bare), records.model, BEYOND if known else (Payload.name,))
     if strange.sums.further:
         found.append(grown(concluded(settled_beside(strange, whole)), whole))
+    # Of a joint that something unusual drives, nothing usual earns its place as long as that has no name.
+    beside = unusual(whole, start, records.model)
+    if beside.sums.further:
+        beside, _ = settled(beside)
+        found.append(grown(concluded(weeded(beside, beside)), whole))
     told = sorted(filter(None, found), key=lambda one: -worth(one, whole))
     return replace(told[0], separation=nearest(told, whole)) if told else None
 
@@ -219,15 +224,15 @@ def concluded(problem: RobotProblem) -> WholeRobot | None:
     spread = estimates.widened(spread, left_out.fits)
     found = estimates.findings(problem, z, spread, given, confidences(problem, left_out))
     fitted = np.sqrt(problem.squares(z, problem.sums.whole) / problem.sums.counted)
-    model = corrected(given, found)
+    model = corrected(given, found, [record.mark for record in problem.sums.records.records])
     if model is None:
         return None
     return WholeRobot(model, found, problem.sums.residual_rms, fitted, left_out.rms, problem, z)
 
 
-def corrected(given: Model, found: Sequence[Finding]) -> Model | None:
-    """Return the given model with findings; None where they cannot be."""
-    specs = [spec for finding in found for spec in specs_of(finding)]
+def corrected(given: Model, found: Sequence[Finding], marks: Sequence[str]) -> Model | None:
+    """Return the given model with findings about runs of some fingerprints; None where they cannot be."""
+    specs = [spec for finding in found for spec in specs_of(finding, marks)]
     try:
         return given.with_effects(merged(given.effects, specs))
     except ModelError:

@@ -17,10 +17,11 @@ from twin_diagram.gap.candidates.whole_arm import last_body
 from twin_diagram.gap.residuals.regressors import Terms, slow_speed
 from twin_diagram.gap.whole_robot import estimates
 from twin_diagram.gap.whole_robot.left_out import LeftOut, likelihood
-from twin_diagram.gap.whole_robot.physical_fit import Chosen, RobotProblem, solve
+from twin_diagram.gap.whole_robot.physical_fit import Chosen, RobotProblem, coupling, solve
+from twin_diagram.gap.whole_robot.pushes import pushes
 from twin_diagram.gap.whole_robot.torque_equations import OWN, TorqueEquations
 from twin_diagram.model.effects.actuation import TimeDelay, TorqueBias, TorqueConstant
-from twin_diagram.model.effects.environment import GravityTilt
+from twin_diagram.model.effects.environment import ExternalForce, GravityTilt
 from twin_diagram.model.effects.friction_stribeck_load import LoadDependentFriction
 from twin_diagram.model.effects.inertia import Payload
 from twin_diagram.model.effects.sensing import EncoderOffset
@@ -36,6 +37,7 @@ BEYOND = (
     LoadDependentFriction.name,
     EncoderOffset.name,
     TimeDelay.name,
+    ExternalForce.name,
 )
 """Names that are looked for."""
 
@@ -105,10 +107,12 @@ def unusual(problem: RobotProblem, start: Array, model: Model, names: tuple[str,
     """
     terms = terms_of(problem.sums, model)
     last = last_body(terms)
-    there = [c for c in offered(terms, names) if not any(same(c, other) for other in problem.sums.further)]
+    steady = [c for c in offered(terms, names) if not any(same(c, other) for other in problem.sums.further)]
     z = start
     left_out = LeftOut.of(problem, z)
     for _ in range(TUNING.most):
+        pushed = ExternalForce.name in (c.name for c in problem.sums.further)
+        there = steady + (pushes(problem, z, terms) if ExternalForce.name in names and not pushed else [])
         beside = ReadyFits.of(left_out)
         screened = [beside.gain(c) - price(c) - 0.5 * asked(problem, problem, c) for c in there]
         order = [int(k) for k in np.argsort(screened)[::-1] if screened[k] > 0.0][: TUNING.tried]
@@ -120,13 +124,13 @@ def unusual(problem: RobotProblem, start: Array, model: Model, names: tuple[str,
             found = LeftOut.of(tried, solve(tried, None, carried(problem, z, tried)))
             gain = found.score() - left_out.score() - price(there[k])
             if gain > asked(problem, tried, there[k]) and (best is None or gain > best[0]) and believable(tried):
-                best = gain, tried, found, k
+                best = gain, tried, found, there[k]
         if best is None:
             break
         before = problem
-        _, problem, left_out, k = best
+        _, problem, left_out, added = best
         z = solve(problem, None, carried(before, z, problem))
-        del there[k]
+        steady = [c for c in steady if c is not added]
     return problem
 
 
@@ -150,8 +154,8 @@ def asked(problem: RobotProblem, tried: RobotProblem, candidate: Candidate) -> f
 
 
 def price(candidate: Candidate) -> float:
-    """Return what is asked of a candidate for its further coefficients [nats]."""
-    return TUNING.each * (candidate.size - 1)
+    """Return what is asked of a candidate for its further coefficients, and for its times [nats]."""
+    return TUNING.each * (candidate.size - 1) + (candidate.cost if candidate.onset is not None else 0.0)
 
 
 def with_candidate(problem: RobotProblem, candidate: Candidate, last: int) -> RobotProblem:
@@ -288,22 +292,3 @@ def candidate_sums(sums: TorqueEquations, candidate: Candidate) -> tuple[Array, 
         cross.append(sums.columns[some][:, rows].transpose(1, 2, 0) @ mine)
         own.append(candidate.columns[some].transpose(1, 2, 0) @ mine)
     return np.stack(cross), np.stack(own)
-
-
-def coupling(problem: RobotProblem, rows: list[int], slope: Array, cross: Array) -> Array:
-    """Return (Z, k) of the normal matrix between coordinates and a candidate that is not among them.
-
-    Args:
-        problem: of the coordinates.
-        rows: joints that the candidate touches.
-        slope: (10 n, 10 n) of links' parameters.
-        cross: (r, K + 1, k) weighted products with all columns, one per joint that the candidate touches.
-    """
-    links, own = 10 * problem.n, len(OWN)
-    B = np.zeros((len(problem.mean), cross.shape[2]))
-    shared = np.sum(cross, axis=0)
-    B[:links] = slope.T @ shared[:links]
-    for j, block in zip(rows, cross, strict=True):
-        B[links + own * j : links + own * (j + 1)] = block[links : links + own]
-    B[links + own * problem.n :] = shared[links + own : -1]
-    return B
