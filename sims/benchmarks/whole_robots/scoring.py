@@ -9,16 +9,19 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from gap_truth.chain import Chain
+from gap_truth.chain import Chain, Link
 from gap_truth.phenomena import spring_torque, tilted_gravity
 from gap_truth.world import Nominal
 from real_references import least_squares
 from real_references.regression import equations
-from scipy.signal import butter, sosfiltfilt
 
+from twin_diagram.logs import read_log
+from twin_diagram.logs.differentiation import below_cutoff, motion
 from twin_diagram.model.effects import make
 from twin_diagram.model.model import Model
+from twin_diagram.model.prediction import load_model_for
 from twin_diagram.scenario import EffectSpec
+from whole_robots.arms import other_link
 from whole_robots.runs import Robot
 
 Array = npt.NDArray[np.float64]
@@ -44,8 +47,8 @@ SLIDING = 0.02
 LEVELS = {"torque": 1.0, "torque_positive": 0.5, "torque_negative": 0.5, "coulomb": 1.0}
 """Parameters of dry friction, and their share of the mean of both directions."""
 
-NEGLIGIBLE = 1e-9
-"""Directions of usual columns below this share of the largest say nothing."""
+DRAWN = 400
+"""Links, for how much they may be off."""
 
 
 def score(robot: Robot, folder: Path, out: Path) -> dict[str, Any]:
@@ -165,22 +168,41 @@ def held_out(folder: Path, said: dict[str, Any]) -> dict[str, float]:
 
 
 def separation(robot: Robot, folder: Path) -> float:
-    """Distance in units of the log's noise from what is unusual to the nearest combination of what is usual."""
-    more = unusual_torque(robot, folder)
-    sos = butter(4, 10.0, fs=1.0 / robot.period, output="sos")
-    low = sosfiltfilt(sos, more, axis=0)
+    """Distance in units of the log's noise from what is unusual to the nearest combination of what is usual.
+
+    Links are off by what this arm's are off by, or a last link that may be anything would be any payload.
+    """
     eqs = equations(folder / "model.urdf", folder / "fit.csv", "motor")
-    samples, width = np.linspace(0.0, 1.0, eqs.torque.shape[1]), np.linspace(0.0, 1.0, len(low))
-    seen = np.stack([np.interp(samples, width, x) for x in low.T])
+    _, log, _ = load_model_for(read_log(folder / "fit.csv"), folder / "model.urdf")
+    regular = motion(replace(log, velocity=None), cutoff=10.0).log
+    more = unusual_torque(robot, folder)
+    seen = np.stack([np.interp(regular.time, robot.fit.time, x) for x in more.T], axis=1)
     scale = robot.noise[:, None]
     every = max(1, int(0.01 / robot.period))
     X = np.concatenate(list((eqs.columns / scale[:, :, None])[:, ::every]))
-    y = (seen / scale)[:, ::every].ravel()
-    X = X / np.maximum(np.linalg.norm(X, axis=0), 1e-12)
-    values, vectors = np.linalg.eigh(X.T @ X)
-    kept = values > NEGLIGIBLE * values[-1]
-    left = y - X @ (vectors[:, kept] @ ((vectors[:, kept].T @ (X.T @ y)) / values[kept]))
-    return float(np.sqrt(np.sum(left**2) * every))
+    y = (below_cutoff(seen, regular).T / scale)[:, ::every].ravel()
+    links = 10 * eqs.n
+    wide = np.concatenate([np.zeros(links), np.full(4 * eqs.n, 1e-9)])
+    prior = np.diag(wide)
+    for k, link in enumerate(robot.truth.described.links):
+        prior[10 * k : 10 * k + 10, 10 * k : 10 * k + 10] = np.linalg.inv(spread_of(link, robot.truth.setting["links"]))
+    left = y - X @ np.linalg.solve(X.T @ X + prior, X.T @ y)
+    return float(np.sqrt(max(y @ left, 0.0) * every))
+
+
+def spread_of(link: Link, size: float | str) -> Array:
+    """(10, 10) covariance of a link's inertial parameters, drawn as arms' are."""
+    rng = np.random.default_rng(0)
+    drawn = np.stack([parameters(other_link(link, float(size), rng)) for _ in range(DRAWN)])
+    off = drawn - parameters(link)
+    return np.asarray(off.T @ off / DRAWN) + 1e-9 * np.eye(10)
+
+
+def parameters(link: Link) -> Array:
+    """(10,) mass, mass times centre, and moments about the link's origin."""
+    about = link.inertia + link.mass * (link.com @ link.com * np.eye(3) - np.outer(link.com, link.com))
+    moments = [about[0, 0], about[1, 1], about[2, 2], about[0, 1], about[0, 2], about[1, 2]]
+    return np.array([link.mass, *(link.mass * link.com), *moments])
 
 
 def unusual_torque(robot: Robot, folder: Path) -> Array:

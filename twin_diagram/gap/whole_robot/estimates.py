@@ -36,6 +36,9 @@ class Tuning:
     step: float = 1e-5
     """Of finite differences of a link's coordinates."""
 
+    third: float = 1.0 / 3.0
+    """Share of its value up to which an own term's error counts what has no name: nothing is named beyond that."""
+
     own_mass: float = 0.1
     """Of the last link's mass, by which any description may be off: a payload is known no better."""
 
@@ -72,6 +75,23 @@ def widened(spread: Array, fits: Array) -> Array:
     apart = (count - 1.0) / count * np.sum((fits - np.mean(fits, axis=0)) ** 2, axis=0)
     ratio = np.sqrt(np.maximum(apart / np.maximum(np.diag(spread), 1e-300), 1.0))
     ratio[np.diag(spread) <= 0.0] = 1.0
+    return np.asarray(spread * np.outer(ratio, ratio))
+
+
+def beside_all(spread: Array, every: RobotProblem, z: Array) -> Array:
+    """Return a covariance (Z, Z) that is no smaller than if all that was not named were there, too.
+
+    Friction whose damping had no name may have some yet: its level is known the less.
+
+    Args:
+        spread: of what is named, 0 elsewhere.
+        every: the same problem with everything free.
+        z: (Z,) coordinates.
+    """
+    wide, own = np.sqrt(np.diag(covariance(every, z))), np.sqrt(np.maximum(np.diag(spread), 0.0))
+    terms = slice(10 * every.n, 14 * every.n)
+    wide[terms] = np.minimum(wide[terms], TUNING.third * np.abs(z[terms]))
+    ratio = np.where(own > 0.0, np.maximum(wide / np.maximum(own, 1e-300), 1.0), 1.0)
     return np.asarray(spread * np.outer(ratio, ratio))
 
 

@@ -31,11 +31,13 @@ from twin_diagram.gap.whole_robot.left_out import (
     missed,
     units,
 )
+from twin_diagram.gap.whole_robot.loads import TUNING as LOADS
+from twin_diagram.gap.whole_robot.loads import evidence, loaded
 from twin_diagram.gap.whole_robot.physical_fit import TUNING as PHYSICAL_FIT
-from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
+from twin_diagram.gap.whole_robot.physical_fit import Chosen, RobotProblem, solve, with_noise
 from twin_diagram.gap.whole_robot.physical_links import Links
 from twin_diagram.gap.whole_robot.torque_equations import OWN, TorqueEquations, equations
-from twin_diagram.gap.whole_robot.unusual import BEYOND, price, room_for, unusual, without_doubtful
+from twin_diagram.gap.whole_robot.unusual import price, room_for, unusual, without_doubtful
 from twin_diagram.model.effects.inertia import Payload
 from twin_diagram.model.effects.link_inertia import InertialParameters
 from twin_diagram.model.model import Model
@@ -126,20 +128,52 @@ def explain(records: Records, *, known: bool = False) -> WholeRobot | None:
     if known:
         whole = replace(whole, spread=max(PHYSICAL_FIT.known), spreads=PHYSICAL_FIT.known)
     whole, start = settled(whole)
+    plain = best_of(whole, start, known)
+    load = loaded(whole, start)
+    carried = None if load is None else best_of(*settled(load), known)
+    if carried is None or Payload.name not in (c.name for c in carried.problem.sums.further):
+        return plain
+    if plain is None:
+        return carried
+    noise = quieter(whole, [plain, carried])
+    noise = replace(noise, variance=np.minimum(plain.problem.variance, carried.problem.variance))
+    if evidence(carried.problem, noise)[0] - evidence(plain.problem, noise)[0] < LOADS.worth:
+        return plain
+    return replace(carried, separation=nearest([carried, plain], noise))
+
+
+def best_of(whole: RobotProblem, start: Array, known: bool) -> WholeRobot | None:
+    """Return the best explanation in which there is a payload, or there is none.
+
+    Args:
+        whole: with everything usual free.
+        start: its fit (Z,).
+        known: whether links are rather as they were, see `explain`.
+    """
     usual = chosen(whole, start)
     found = [grown(concluded(usual), whole)] if np.any(usual.free) else []
-    nothing = np.zeros(whole.n, dtype=bool)
-    bare = replace(whole, links_free=nothing, own_free=np.zeros_like(whole.own_free))
-    strange = unusual(bare, solve(bare), records.model, BEYOND if known else (Payload.name,))
-    if strange.sums.further:
-        found.append(grown(concluded(settled_beside(strange, whole)), whole))
+    if known:
+        nothing = np.zeros(whole.n, dtype=bool)
+        bare = replace(whole, links_free=nothing, own_free=np.zeros_like(whole.own_free))
+        strange = unusual(bare, solve(bare), whole.sums.records.model)
+        if strange.sums.further:
+            found.append(grown(concluded(settled_beside(strange, whole)), whole))
     # Of a joint that something unusual drives, nothing usual earns its place as long as that has no name.
-    beside = unusual(whole, start, records.model)
-    if beside.sums.further:
+    beside = unusual(whole, start, whole.sums.records.model)
+    if beside.sums.further != whole.sums.further:
         beside, _ = settled(beside)
         found.append(grown(concluded(weeded(beside, beside)), whole))
-    told = sorted(filter(None, found), key=lambda one: -worth(one, whole))
-    return replace(told[0], separation=nearest(told, whole)) if told else None
+    there = [one for one in found if one is not None]
+    return max(there, key=lambda one: worth(one, quieter(whole, there)), default=None)
+
+
+def quieter(whole: RobotProblem, found: Sequence[WholeRobot]) -> RobotProblem:
+    """Return a problem with the noise that explanations are judged by.
+
+    What one of them explains is no noise: were it, a joint that the others leave coloured would count too little.
+    """
+    shares = [with_noise(one.problem, one.coordinates).share for one in found]
+    return replace(whole, share=np.max([whole.share, *shares], axis=0))
 
 
 def nearest(told: Sequence[WholeRobot], whole: RobotProblem) -> tuple[Separation, ...]:
@@ -221,13 +255,25 @@ def concluded(problem: RobotProblem) -> WholeRobot | None:
         return None
     left_out = LeftOut.of(problem, z)
     given = problem.sums.records.model
-    spread = estimates.widened(spread, left_out.fits)
+    spread = estimates.beside_all(estimates.widened(spread, left_out.fits), every_beside(problem), z)
     found = estimates.findings(problem, z, spread, given, confidences(problem, left_out))
     fitted = np.sqrt(problem.squares(z, problem.sums.whole) / problem.sums.counted)
     model = corrected(given, found, [record.mark for record in problem.sums.records.records])
     if model is None:
         return None
     return WholeRobot(model, found, problem.sums.residual_rms, fitted, left_out.rms, problem, z)
+
+
+def every_beside(problem: RobotProblem) -> RobotProblem:
+    """Return the problem with all that a robot may lack free: what has no name may still be there."""
+    last = last_of(problem)
+    own = own_terms(problem.sums.records) & room_for(problem.sums, last)[1] & ~problem.gone
+    return replace(problem, links_free=problem.links.heavy, own_free=own | problem.own_free)
+
+
+def own_terms(records: Records) -> Chosen:
+    """Return (n, 4) which of joints' own terms there may be: behind the gears no rotor shows."""
+    return np.tile([not (records.model.arm.link_side and term == "rotor") for term in OWN], (records.n, 1))
 
 
 def corrected(given: Model, found: Sequence[Finding], marks: Sequence[str]) -> Model | None:
@@ -278,7 +324,7 @@ def begun(records: Records, sums: TorqueEquations) -> RobotProblem:
         share=np.full(records.n, TUNING.share),
         links_free=links.heavy,
         gone=np.zeros((records.n, len(OWN)), dtype=bool),
-        own_free=np.tile([not (records.model.arm.link_side and term == "rotor") for term in OWN], (records.n, 1)),
+        own_free=own_terms(records),
     )
 
 

@@ -13,7 +13,7 @@ from twin_diagram.gap.candidates.external_force import external_forces
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.search.normal_equations import increments
 from twin_diagram.gap.search.proposals import active
-from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, coupling
+from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, coupling, solve, with_noise
 from twin_diagram.signals.arrays import Array
 
 
@@ -50,30 +50,39 @@ def pushes(problem: RobotProblem, z: Array, terms: Terms) -> list[Candidate]:
         z: (Z,) its coordinates.
         terms: of the same samples.
     """
-    beside = _Beside.of(problem, z)
     wrenches = [c for c in external_forces(terms) if c.size == 6]
+    found = _best(_Beside.of(problem, z), wrenches)
+    _, wrench, at, to = max(found, key=lambda one: one[0])
+    # What a push explains is no noise: what is left beside the best one is.
+    tried = replace(problem, sums=problem.sums.with_further([*problem.sums.further, _spanned(terms, wrench, at, to)]))
+    noise = with_noise(tried, solve(tried, None, np.concatenate([z, np.zeros(wrench.size)])))
+    quiet = replace(problem, variance=noise.variance, share=noise.share)
+    found = _best(_Beside.of(quiet, solve(quiet, None, z)), wrenches)
+    top = max(found, key=lambda one: one[0])
+    if top[0] < TUNING.worth:
+        return []
+    inner = next(one for one in found if one[0] >= top[0] - TUNING.alike)  # inner links come first
+    return [_spanned(terms, wrench, at, to) for _, wrench, at, to in ([top] if inner is top else [inner, top])]
+
+
+Span = tuple[float, Candidate, int, int]
+"""Rise of the evidence, wrench, and samples from which and until which it acts."""
+
+
+def _best(beside: _Beside, wrenches: list[Candidate]) -> list[Span]:
+    """Return each wrench with the span that suits it best."""
     count = len(beside.left)
     edges = np.unique(np.round(np.linspace(0, count, TUNING.blocks + 1)).astype(np.int64))
-    longest = int(TUNING.longest * (len(edges) - 1))
-    ends = len(edges)
+    ends, longest = len(edges), int(TUNING.longest * (len(edges) - 1))
     pairs = np.array([(i, k) for i in range(1, ends - 1) for k in range(i + 1, min(i + longest, ends - 1) + 1)])
-    found: list[tuple[float, int, int, int]] = []
-    for index, wrench in enumerate(wrenches):
-        scores = beside.scores(wrench, edges, pairs)
-        best = int(np.argmax(scores))
-        found.append((float(scores[best]), index, *(int(edges[x]) for x in pairs[best])))
-    top = max(score for score, *_ in found)
-    if top < TUNING.worth:
-        return []
-    step = max(1, int(edges[1]))
-    refined = [_refined(beside, wrenches[k], at, to, step) for s, k, at, to in found if s > top - 6.0 * TUNING.alike]
-    top = max(score for score, *_ in refined)
-    enough = [one for one in refined if one[0] >= top - TUNING.alike]  # inner links come first
-    chosen = {id(one[1]): one for one in (enough[0], max(refined, key=lambda one: one[0]))}
-    return [_spanned(terms, wrench, at, to) for _, wrench, at, to in chosen.values()]
+    result = []
+    for wrench in wrenches:
+        best = pairs[int(np.argmax(beside.scores(wrench, edges, pairs)))]
+        result.append(_refined(beside, wrench, int(edges[best[0]]), int(edges[best[1]]), max(1, int(edges[1]))))
+    return result
 
 
-def _refined(beside: _Beside, wrench: Candidate, at: int, to: int, step: int) -> tuple[float, Candidate, int, int]:
+def _refined(beside: _Beside, wrench: Candidate, at: int, to: int, step: int) -> Span:
     """Return a wrench with the best samples at which it begins and ends, near those given, and its score."""
     count = len(beside.left)
     stride = max(1, step // TUNING.fine)

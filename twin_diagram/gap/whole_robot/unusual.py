@@ -17,7 +17,7 @@ from twin_diagram.gap.candidates.whole_arm import last_body
 from twin_diagram.gap.residuals.regressors import Terms, slow_speed
 from twin_diagram.gap.whole_robot import estimates
 from twin_diagram.gap.whole_robot.left_out import LeftOut, likelihood
-from twin_diagram.gap.whole_robot.physical_fit import Chosen, RobotProblem, coupling, solve
+from twin_diagram.gap.whole_robot.physical_fit import Chosen, RobotProblem, coupling, solve, with_noise
 from twin_diagram.gap.whole_robot.pushes import pushes
 from twin_diagram.gap.whole_robot.torque_equations import OWN, TorqueEquations
 from twin_diagram.model.effects.actuation import TimeDelay, TorqueBias, TorqueConstant
@@ -30,7 +30,6 @@ from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
 
 BEYOND = (
-    Payload.name,
     GravityTilt.name,
     JointSpring.name,
     TorqueConstant.name,
@@ -116,13 +115,16 @@ def unusual(problem: RobotProblem, start: Array, model: Model, names: tuple[str,
         beside = ReadyFits.of(left_out)
         screened = [beside.gain(c) - price(c) - 0.5 * asked(problem, problem, c) for c in there]
         order = [int(k) for k in np.argsort(screened)[::-1] if screened[k] > 0.0][: TUNING.tried]
+        # What a candidate explains was no noise, so colour that it takes away counts neither before nor after it.
         # A payload shows little as long as the last link stands in for it.
         order += [k for k, c in enumerate(there) if c.name == Payload.name and k not in order]
         best = None
         for k in order:
             tried = with_candidate(problem, there[k], last)
-            found = LeftOut.of(tried, solve(tried, None, carried(problem, z, tried)))
-            gain = found.score() - left_out.score() - price(there[k])
+            fitted = solve(tried, None, carried(problem, z, tried))
+            found = LeftOut.of(tried, fitted)
+            whiter = replace(problem, share=np.maximum(problem.share, with_noise(tried, fitted).share))
+            gain = float(np.sum(likelihood(whiter, found.rms) - likelihood(whiter, left_out.rms))) - price(there[k])
             if gain > asked(problem, tried, there[k]) and (best is None or gain > best[0]) and believable(tried):
                 best = gain, tried, found, there[k]
         if best is None:
@@ -131,6 +133,33 @@ def unusual(problem: RobotProblem, start: Array, model: Model, names: tuple[str,
         _, problem, left_out, added = best
         z = solve(problem, None, carried(before, z, problem))
         steady = [c for c in steady if c is not added]
+    return still_needed(problem, z)
+
+
+def still_needed(problem: RobotProblem, z: Array) -> RobotProblem:
+    """Return the problem without further candidates that earn their place no more beside what came after them.
+
+    Args:
+        problem: with all of them.
+        z: (Z,) its coordinates.
+    """
+    while len(problem.sums.further) > 1:
+        now, short = LeftOut.of(problem, z), []
+        whiter = replace(problem, share=np.maximum(problem.share, with_noise(problem, z).share))
+        for k, candidate in enumerate(problem.sums.further):
+            if candidate.name == Payload.name:
+                continue
+            rest = [c for c in problem.sums.further if c is not candidate]
+            fewer = replace(problem, sums=problem.sums.with_further(rest))
+            left = LeftOut.of(fewer, solve(fewer, None, carried(problem, z, fewer))).rms
+            lost = float(np.sum(likelihood(whiter, now.rms) - likelihood(whiter, left)))
+            short.append((lost - price(candidate) - TUNING.gain, k))
+        if not short or min(short)[0] >= 0.0:
+            break
+        weakest = min(short)[1]
+        rest = [c for k, c in enumerate(problem.sums.further) if k != weakest]
+        fewer = replace(problem, sums=problem.sums.with_further(rest))
+        problem, z = fewer, solve(fewer, None, carried(problem, z, fewer))
     return problem
 
 
@@ -187,7 +216,7 @@ def believable(problem: RobotProblem, at: int = -1) -> bool:
     z = solve(problem)
     at = at % len(problem.sums.further)
     candidate, s = problem.sums.further[at], problem.place(at)
-    covariance = estimates.covariance(problem, z)[s, s]
+    covariance = estimates.covariance(with_noise(problem, z), z)[s, s]  # what it explains is no noise
     if not candidate.allows(z[s]):
         return False
     if candidate.name == Payload.name:

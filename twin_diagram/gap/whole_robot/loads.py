@@ -1,0 +1,79 @@
+"""Whether a robot carries a payload: what the prior of all its links says of it, not what left-out motion says.
+
+A last link that may be anything explains any payload, on any motion. What tells the two apart is how far from their
+descriptions the links would have to be: the evidence, the links' priors in it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin_diagram.gap.candidates.payload import payload
+from twin_diagram.gap.candidates.whole_arm import last_body
+from twin_diagram.gap.whole_robot.physical_fit import TUNING as PHYSICAL_FIT
+from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
+from twin_diagram.gap.whole_robot.unusual import believable, carried, terms_of, with_candidate
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, chosen by hand; `sims/benchmarks/gap_whole_robots.py` shows what they do."""
+
+    worth: float = 5.0
+    """Rise of the evidence that a payload must bring: few arms of a hundred carry one that no one knows [nats]."""
+
+    spreads: tuple[float, ...] = (0.0125, 0.025, 0.05, 0.1, 0.2, 0.4)
+    """Of links about their description, from which the evidence chooses."""
+
+    usual: float = 0.06
+    """What they are as a rule: masses, centres and moments off by some 3 to 30 %."""
+
+    factor: float = 2.0
+    """By which this differs from arm to arm, one standard deviation."""
+
+
+TUNING = Tuning()
+
+
+def loaded(whole: RobotProblem, start: Array) -> RobotProblem | None:
+    """Return the problem with a payload in the last link's place; None where it is not worth looking at.
+
+    Args:
+        whole: everything usual free, with its noise.
+        start: its coordinates (Z,).
+    """
+    terms = terms_of(whole.sums, whole.sums.records.model)
+    candidate = payload(terms)
+    beside = replace(whole, sums=whole.sums.with_further([*whole.sums.further, candidate]))
+    z = solve(beside, None, carried(whole, start, beside))
+    noise = with_noise(beside, z)
+    likely, spread = evidence(beside, noise)
+    if likely - evidence(whole, noise)[0] < TUNING.worth:
+        return None
+    load = replace(with_candidate(whole, candidate, last_body(terms)), spread=spread)
+    return load if believable(load) else None
+
+
+def evidence(problem: RobotProblem, noise: RobotProblem) -> tuple[float, float]:
+    """Return how likely fit logs are with all links and own terms free, their priors counted [nats], and at what spread.
+
+    Args:
+        problem: with what is there beside them.
+        noise: whose variance and colour count.
+    """
+    every = replace(problem, links_free=problem.links.heavy, own_free=noise.own_free, gone=np.zeros_like(noise.gone))
+    every = replace(every, variance=noise.variance, share=noise.share)
+    best, z = (-np.inf, TUNING.usual), None
+    for spread in TUNING.spreads if problem.spreads == PHYSICAL_FIT.spreads else problem.spreads:
+        tried = replace(every, spread=spread)
+        z = solve(tried, None, z)
+        some = np.flatnonzero(tried.free)
+        H, _ = tried.system(z, tried.sums.whole)
+        scale = tried.deviation[some]
+        _, size = np.linalg.slogdet(H[np.ix_(some, some)] * np.outer(scale, scale))
+        rare = 0.5 * (np.log(spread / TUNING.usual) / np.log(TUNING.factor)) ** 2
+        best = max(best, (-tried.cost(z, tried.sums.whole) - 0.5 * float(size) - float(rare), spread))
+    return best
