@@ -133,7 +133,21 @@ def unusual(problem: RobotProblem, start: Array, model: Model, names: tuple[str,
         _, problem, left_out, added = best
         z = solve(problem, None, carried(before, z, problem))
         steady = [c for c in steady if c is not added]
+        problem, z = recentred(problem, z, terms, last)
+        left_out = LeftOut.of(problem, z)
     return still_needed(problem, z)
+
+
+def recentred(problem: RobotProblem, z: Array, terms: Terms, last: int) -> tuple[RobotProblem, Array]:
+    """Return the problem with its newest candidate about where it was found to be, if its law is no straight one."""
+    newest = len(problem.sums.further) - 1
+    candidate = problem.sums.further[newest]
+    about = record_of(candidate.name).recentred
+    nearer = about(terms, candidate, z[problem.place(newest)]) if about is not None else None
+    if nearer is None or nearer.size != candidate.size:
+        return problem, z
+    moved = with_candidate(problem, nearer, last)
+    return moved, solve(moved, None, z)
 
 
 def still_needed(problem: RobotProblem, z: Array) -> RobotProblem:
