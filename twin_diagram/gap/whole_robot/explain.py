@@ -37,7 +37,7 @@ from twin_diagram.gap.whole_robot.physical_fit import TUNING as PHYSICAL_FIT
 from twin_diagram.gap.whole_robot.physical_fit import Chosen, RobotProblem, solve, with_noise
 from twin_diagram.gap.whole_robot.physical_links import Links
 from twin_diagram.gap.whole_robot.torque_equations import OWN, TorqueEquations, equations
-from twin_diagram.gap.whole_robot.unusual import price, room_for, unusual, without_doubtful
+from twin_diagram.gap.whole_robot.unusual import between, least, price, room_for, unusual, without_doubtful
 from twin_diagram.model.effects.inertia import Payload
 from twin_diagram.model.effects.link_inertia import InertialParameters
 from twin_diagram.model.model import Model
@@ -170,10 +170,11 @@ def best_of(whole: RobotProblem, start: Array, known: bool) -> WholeRobot | None
 def quieter(whole: RobotProblem, found: Sequence[WholeRobot]) -> RobotProblem:
     """Return a problem with the noise that explanations are judged by.
 
-    What one of them explains is no noise: were it, a joint that the others leave coloured would count too little.
+    What one of them explains is no noise, or a joint that the others leave coloured would count too little.
     """
-    shares = [with_noise(one.problem, one.coordinates).share for one in found]
-    return replace(whole, share=np.max([whole.share, *shares], axis=0))
+    for one in found:
+        whole = between(whole, with_noise(one.problem, one.coordinates))
+    return whole
 
 
 def nearest(told: Sequence[WholeRobot], whole: RobotProblem) -> tuple[Separation, ...]:
@@ -220,7 +221,7 @@ def worth(found: WholeRobot, whole: RobotProblem) -> float:
     """
     problem = found.problem
     asked = LEFT_OUT.link * np.sum(problem.links_free) + LEFT_OUT.own * np.sum(problem.said)
-    asked += sum(LEFT_OUT.link + price(candidate) for candidate in problem.sums.further)
+    asked += sum(least(candidate) + price(candidate) for candidate in problem.sums.further)
     return float(np.sum(likelihood(whole, found.left)) - asked)
 
 

@@ -40,6 +40,9 @@ BEYOND = (
 )
 """Names that are looked for."""
 
+COMMON = (TorqueConstant.name, LoadDependentFriction.name)
+"""Of which many arms have some."""
+
 
 @dataclass(frozen=True)
 class Tuning:
@@ -47,6 +50,9 @@ class Tuning:
 
     gain: float = 12.0
     """Rise of the left-out log likelihood that a name must bring on all joints together [nats]."""
+
+    common: float = 8.0
+    """The same of what many arms have: gains that are off, and friction that grows with the load."""
 
     shape: float = 1.0
     """The same of another shape of what is there already."""
@@ -115,7 +121,6 @@ def unusual(problem: RobotProblem, start: Array, model: Model, names: tuple[str,
         beside = ReadyFits.of(left_out)
         screened = [beside.gain(c) - price(c) - 0.5 * asked(problem, problem, c) for c in there]
         order = [int(k) for k in np.argsort(screened)[::-1] if screened[k] > 0.0][: TUNING.tried]
-        # What a candidate explains was no noise, so colour that it takes away counts neither before nor after it.
         # A payload shows little as long as the last link stands in for it.
         order += [k for k, c in enumerate(there) if c.name == Payload.name and k not in order]
         best = None
@@ -123,9 +128,10 @@ def unusual(problem: RobotProblem, start: Array, model: Model, names: tuple[str,
             tried = with_candidate(problem, there[k], last)
             fitted = solve(tried, None, carried(problem, z, tried))
             found = LeftOut.of(tried, fitted)
-            whiter = replace(problem, share=np.maximum(problem.share, with_noise(tried, fitted).share))
+            whiter = between(problem, with_noise(tried, fitted))
             gain = float(np.sum(likelihood(whiter, found.rms) - likelihood(whiter, left_out.rms))) - price(there[k])
-            if gain > asked(problem, tried, there[k]) and (best is None or gain > best[0]) and believable(tried):
+            gain -= asked(problem, tried, there[k])
+            if gain > 0.0 and (best is None or gain > best[0]) and believable(tried):
                 best = gain, tried, found, there[k]
         if best is None:
             break
@@ -159,7 +165,7 @@ def still_needed(problem: RobotProblem, z: Array) -> RobotProblem:
     """
     while len(problem.sums.further) > 1:
         now, short = LeftOut.of(problem, z), []
-        whiter = replace(problem, share=np.maximum(problem.share, with_noise(problem, z).share))
+        whiter = between(problem, with_noise(problem, z))
         for k, candidate in enumerate(problem.sums.further):
             if candidate.name == Payload.name:
                 continue
@@ -167,7 +173,7 @@ def still_needed(problem: RobotProblem, z: Array) -> RobotProblem:
             fewer = replace(problem, sums=problem.sums.with_further(rest))
             left = LeftOut.of(fewer, solve(fewer, None, carried(problem, z, fewer))).rms
             lost = float(np.sum(likelihood(whiter, now.rms) - likelihood(whiter, left)))
-            short.append((lost - price(candidate) - TUNING.gain, k))
+            short.append((lost - price(candidate) - least(candidate), k))
         if not short or min(short)[0] >= 0.0:
             break
         weakest = min(short)[1]
@@ -193,7 +199,20 @@ def asked(problem: RobotProblem, tried: RobotProblem, candidate: Candidate) -> f
     """Return what a candidate must bring beyond its price [nats]: a name, or another shape of one that is there."""
     if any(candidate.place == other.place for other in problem.sums.further):
         return TUNING.shape
-    return TUNING.instead if np.sum(tried.links_free) < np.sum(problem.links_free) else TUNING.gain
+    return TUNING.instead if np.sum(tried.links_free) < np.sum(problem.links_free) else least(candidate)
+
+
+def least(candidate: Candidate) -> float:
+    """Return what a name must bring: of what is common, less [nats]."""
+    return TUNING.common if candidate.name in COMMON else TUNING.gain
+
+
+def between(problem: RobotProblem, after: RobotProblem) -> RobotProblem:
+    """Return the problem with the colour of noise half-way to that beside something more.
+
+    Colour that a candidate takes away was no noise if it is there, and was if it is not.
+    """
+    return replace(problem, share=np.sqrt(problem.share * np.maximum(problem.share, after.share)))
 
 
 def price(candidate: Candidate) -> float:
