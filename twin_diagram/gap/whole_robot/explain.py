@@ -32,7 +32,7 @@ from twin_diagram.gap.whole_robot.left_out import (
     units,
 )
 from twin_diagram.gap.whole_robot.loads import TUNING as LOADS
-from twin_diagram.gap.whole_robot.loads import evidence, loaded
+from twin_diagram.gap.whole_robot.loads import loaded, needed
 from twin_diagram.gap.whole_robot.physical_fit import TUNING as PHYSICAL_FIT
 from twin_diagram.gap.whole_robot.physical_fit import Chosen, RobotProblem, solve, with_noise
 from twin_diagram.gap.whole_robot.physical_links import Links
@@ -135,11 +135,9 @@ def explain(records: Records, *, known: bool = False) -> WholeRobot | None:
         return plain
     if plain is None:
         return carried
-    noise = quieter(whole, [plain, carried])
-    noise = replace(noise, variance=np.minimum(plain.problem.variance, carried.problem.variance))
-    if evidence(carried.problem, noise)[0] - evidence(plain.problem, noise)[0] < LOADS.worth:
+    if needed(carried.problem, plain.problem.sums.further) < LOADS.worth:
         return plain
-    return replace(carried, separation=nearest([carried, plain], noise))
+    return replace(carried, separation=nearest([carried, plain], quieter(whole, [plain, carried])))
 
 
 def best_of(whole: RobotProblem, start: Array, known: bool) -> WholeRobot | None:

@@ -6,15 +6,18 @@ descriptions the links would have to be: the evidence, the links' priors in it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.candidates.payload import payload
 from twin_diagram.gap.candidates.whole_arm import last_body
 from twin_diagram.gap.whole_robot.physical_fit import TUNING as PHYSICAL_FIT
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
 from twin_diagram.gap.whole_robot.unusual import believable, carried, terms_of, with_candidate
+from twin_diagram.model.effects.inertia import Payload
 from twin_diagram.signals.arrays import Array
 
 
@@ -63,6 +66,20 @@ def loaded(whole: RobotProblem, start: Array) -> RobotProblem | None:
         return None
     load = replace(with_candidate(whole, candidate, last_body(terms)), spread=spread)
     return load if believable(load) else None
+
+
+def needed(problem: RobotProblem, others: Sequence[Candidate]) -> float:
+    """Return by how much evidence rises with a problem's payload, beside all else that there may be [nats].
+
+    Args:
+        problem: with a payload.
+        others: what is there in an explanation without one.
+    """
+    there = {candidate.place: candidate for candidate in (*others, *problem.sums.further)}
+    rest = [candidate for candidate in there.values() if candidate.name != Payload.name]
+    both = replace(problem, sums=problem.sums.with_further(list(there.values())))
+    noise = with_noise(both, solve(both))
+    return evidence(both, noise)[0] - evidence(replace(both, sums=problem.sums.with_further(rest)), noise)[0]
 
 
 def evidence(problem: RobotProblem, noise: RobotProblem) -> tuple[float, float]:

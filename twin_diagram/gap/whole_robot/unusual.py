@@ -54,6 +54,9 @@ class Tuning:
     common: float = 8.0
     """The same of what many arms have: gains that are off, and friction that grows with the load."""
 
+    gains: float = 0.06
+    """Motors' torque constants are off by the order of this."""
+
     shape: float = 1.0
     """The same of another shape of what is there already."""
 
@@ -98,7 +101,8 @@ def offered(terms: Terms, names: tuple[str, ...] = BEYOND) -> list[Candidate]:
             result += [candidate for each in record.on_joints(terms) for candidate in each]
         if record.on_arm is not None:
             result += record.on_arm(terms)
-    return [c for c in result if c.variant != "bulky"]
+    result = [c for c in result if c.variant != "bulky"]
+    return [replace(c, spread=0.0 * c.spread + TUNING.gains) if c.name == TorqueConstant.name else c for c in result]
 
 
 def unusual(problem: RobotProblem, start: Array, model: Model, names: tuple[str, ...] = BEYOND) -> RobotProblem:
