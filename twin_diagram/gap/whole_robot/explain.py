@@ -131,10 +131,11 @@ def explain(records: Records, *, known: bool = False) -> WholeRobot | None:
     plain = best_of(whole, start, known)
     load = loaded(whole, start)
     carried = None if load is None else best_of(*settled(load), known)
-    if carried is None or Payload.name not in (c.name for c in carried.problem.sums.further):
-        return plain
-    if plain is None:
-        return carried
+    if carried is None or plain is None:
+        return plain or carried
+    if Payload.name not in (c.name for c in carried.problem.sums.further):  # what was found beside it may yet be better
+        judge = quieter(whole, [plain, carried])
+        return max(plain, carried, key=lambda one: worth(one, judge))
     if needed(carried.problem, plain.problem.sums.further) < LOADS.worth:
         return plain
     return replace(carried, separation=nearest([carried, plain], quieter(whole, [plain, carried])))
