@@ -293,7 +293,9 @@ def _read(
         usable(log)
     usable(kept, PREPARED_LOGS.shortest_held)
     if not any(moves(log) for log in logs):
-        raise LogError(f"{logs[0].source}: no joint moves beyond its encoder's noise: give a log in which the arm moves")
+        raise LogError(
+            f"{logs[0].source}: no joint moves beyond its encoder's noise: give a log in which the arm moves"
+        )
     notes = [warning.message for warning in warnings]
     if given.arm.link_side:
         notes.append(

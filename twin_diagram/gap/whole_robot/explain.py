@@ -117,8 +117,9 @@ class WholeRobot:
 def explain(records: Records, *, known: bool = False) -> WholeRobot | None:
     """Fit all links and joints at once, and keep what left-out motion asks for; None where that is nothing.
 
-    What is unusual is looked for beside what every arm lacks; and a payload before that, or the links stand in for it.
-    Left-out motion says which it is, and of two that are as good the one that says less.
+    What is unusual is looked for beside what every arm lacks, once what does not matter is gone and once before that.
+    Left-out motion says which it is, and of two that are as good the one that says less. A payload is decided on by
+    the links' priors: on left-out motion, links stand in for any.
 
     Args:
         records: prepared with the given model.

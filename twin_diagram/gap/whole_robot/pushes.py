@@ -1,4 +1,4 @@
-"""Pushes from outside that a robot as a whole may have felt: link, wrench and span of time, from what its fit leaves."""
+"""Pushes from outside that a whole robot may have felt: link, wrench and span of time, from what its fit leaves."""
 
 from __future__ import annotations
 
@@ -90,7 +90,9 @@ def _refined(beside: _Beside, wrench: Candidate, at: int, to: int, step: int) ->
     first = np.arange(max(at - step, 1), min(at + step, middle) + 1, stride)
     last = np.arange(max(to - step, middle + 1), min(to + step, count) + 1, stride)
     edges = np.unique(np.concatenate([[0], first, last, [count]]))
-    pairs = np.array([(i, k) for i, k in itertools.product(np.searchsorted(edges, first), np.searchsorted(edges, last))])
+    pairs = np.array(
+        [(i, k) for i, k in itertools.product(np.searchsorted(edges, first), np.searchsorted(edges, last))]
+    )
     scores = beside.scores(wrench, edges, pairs)
     best = pairs[int(np.argmax(scores))]
     return float(np.max(scores)), wrench, int(edges[best[0]]), int(edges[best[1]])
@@ -150,6 +152,8 @@ class _Beside:
             right.append(np.einsum("njk,nj->k", weighted[block], self.left[block][:, rows]))
             cross = problem.sums.columns[block][:, rows].transpose(1, 2, 0) @ mine
             shared.append(self.factor @ coupling(problem, rows, self.slope, cross)[self.moving])
-        sums = [np.concatenate([np.zeros_like(x[:1]), np.cumsum(x, axis=0)]) for x in map(np.stack, (own, right, shared))]
+        sums = [
+            np.concatenate([np.zeros_like(x[:1]), np.cumsum(x, axis=0)]) for x in map(np.stack, (own, right, shared))
+        ]
         G, b, U = (x[pairs[:, 1]] - x[pairs[:, 0]] for x in sums)
         return increments(G - U.transpose(0, 2, 1) @ U, b, np.broadcast_to(candidate.spread, b.shape))

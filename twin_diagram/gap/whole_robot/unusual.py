@@ -63,9 +63,6 @@ class Tuning:
     each: float = 1.5
     """The same of a coefficient beyond the first of a place."""
 
-    instead: float = -6.0
-    """The same of a payload in the place of the last link's ten numbers."""
-
     tried: int = 3
     """That are fitted in full in each round."""
 
@@ -123,10 +120,8 @@ def unusual(problem: RobotProblem, start: Array, model: Model, names: tuple[str,
         pushed = ExternalForce.name in (c.name for c in problem.sums.further)
         there = steady + (pushes(problem, z, terms) if ExternalForce.name in names and not pushed else [])
         beside = ReadyFits.of(left_out)
-        screened = [beside.gain(c) - price(c) - 0.5 * asked(problem, problem, c) for c in there]
+        screened = [beside.gain(c) - price(c) - 0.5 * asked(problem, c) for c in there]
         order = [int(k) for k in np.argsort(screened)[::-1] if screened[k] > 0.0][: TUNING.tried]
-        # A payload shows little as long as the last link stands in for it.
-        order += [k for k, c in enumerate(there) if c.name == Payload.name and k not in order]
         best = None
         for k in order:
             tried = with_candidate(problem, there[k], last)
@@ -134,7 +129,7 @@ def unusual(problem: RobotProblem, start: Array, model: Model, names: tuple[str,
             found = LeftOut.of(tried, fitted)
             whiter = between(problem, with_noise(tried, fitted))
             gain = float(np.sum(likelihood(whiter, found.rms) - likelihood(whiter, left_out.rms))) - price(there[k])
-            gain -= asked(problem, tried, there[k])
+            gain -= asked(problem, there[k])
             if gain > 0.0 and (best is None or gain > best[0]) and believable(tried):
                 best = gain, tried, found, there[k]
         if best is None:
@@ -199,11 +194,10 @@ def same(a: Candidate, b: Candidate) -> bool:
     return a.place == b.place and a.variant == b.variant and a.size == b.size
 
 
-def asked(problem: RobotProblem, tried: RobotProblem, candidate: Candidate) -> float:
+def asked(problem: RobotProblem, candidate: Candidate) -> float:
     """Return what a candidate must bring beyond its price [nats]: a name, or another shape of one that is there."""
-    if any(candidate.place == other.place for other in problem.sums.further):
-        return TUNING.shape
-    return TUNING.instead if np.sum(tried.links_free) < np.sum(problem.links_free) else least(candidate)
+    there = any(candidate.place == other.place for other in problem.sums.further)
+    return TUNING.shape if there else least(candidate)
 
 
 def least(candidate: Candidate) -> float:
