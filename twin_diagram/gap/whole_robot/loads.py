@@ -83,7 +83,9 @@ def needed(problem: RobotProblem, others: Sequence[Candidate]) -> float:
 
 
 def evidence(problem: RobotProblem, noise: RobotProblem) -> tuple[float, float]:
-    """Return how likely fit logs are with all links and own terms free, their priors counted [nats], and at what spread.
+    """Return how likely fit logs are with all links and own terms free, priors counted [nats]; and the links' spread.
+
+    That is the one that makes the logs likeliest.
 
     Args:
         problem: with what is there beside them.
