@@ -9,7 +9,7 @@ from pathlib import Path
 
 from mutants.draw import Mutant
 from mutants.maths_modules import PACKAGE
-from mutants.probes import PROBE, probed
+from mutants.probes import PROBE, is_compiled, probed
 
 Place = tuple[int, int]
 
@@ -121,6 +121,8 @@ class Package:
     def blocks_of(self, mutant: Mutant) -> set[str]:
         """Return the blocks that a test must reach to have a chance of noticing a mutant."""
         module = self.modules[mutant.path]
+        if is_compiled(mutant.path):
+            return self.callers(module)
         before = mutant.source.encode()[: mutant.site.begin]
         where = mutant.site.line, len(before) - (before.rfind(b"\n") + 1)
         block = module.block_at(where)
@@ -133,6 +135,20 @@ class Package:
         for name in names:
             found |= self.readers(module, name)
         return found or {name for _, _, name in module.blocks}
+
+    def callers(self, kernels: Module) -> set[str]:
+        """Return the blocks that call compiled functions of a module, through other compiled ones, too."""
+        names: set[str] = set()
+        left = [kernels]
+        while left:
+            module = left.pop()
+            own = {node.name for node in module.tree.body if isinstance(node, ast.FunctionDef)} - names
+            names |= own
+            stem = Path(module.path).stem
+            compiled = (other for other in self.modules.values() if is_compiled(other.path))
+            left += [other for other in compiled if own and stem in other.imported]
+        plain = [module for module in self.modules.values() if not is_compiled(module.path)]
+        return set[str]().union(*(module.reads[name] for module in plain for name in names & module.imported))
 
     def readers(self, module: Module, name: str) -> set[str]:
         """Return the blocks that read a module's constant or field: in the module, and where it is imported."""

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from mutants.maths_modules import PACKAGE
-from mutants.probes import Finder, Reached, install, probed
+from mutants.probes import Finder, Reached, install, is_compiled, probed
 
 PLAIN = ("-q", "-p", "no:cacheprovider", "--no-header", "-p", "_hypothesis_pytestplugin")
 """Of pytest's plugins hypothesis' alone, whose profile in `tests/conftest.py` repeats its examples."""
@@ -45,6 +45,9 @@ class FirstFailure:
 
 def run_tests(root: Path, chosen: Sequence[str], path: str, text: str) -> dict[str, Any]:
     """Run the chosen tests until one fails, with `text` in the place of the module at `path` where there is one."""
+    if is_compiled(path):
+        # What is kept of the compiled functions does not know of the fault.
+        os.environ["NUMBA_DISABLE_JIT"] = "1"
     if path:
         install(Finder(root, PACKAGE, lambda *_: text, only=path))
     else:

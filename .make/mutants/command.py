@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mutants.draw import Mutant, draw
+from mutants.probes import is_compiled
 
 if TYPE_CHECKING:
     from mutants.children import Job
@@ -20,6 +21,9 @@ RECORD_LIMIT = 1800
 """Seconds for one file of tests, once."""
 PATIENCE, GRACE = 3.0, 20.0
 """A mutant that computes this many times as long as its tests should, and so many seconds more, counts as killed."""
+
+UNCOMPILED = 10.0
+"""Faults in compiled functions are run uncompiled, which takes so many times as long."""
 
 
 def arguments(given: Sequence[str] | None) -> argparse.Namespace:
@@ -127,7 +131,7 @@ class Bench:
             chosen = self.map.choose(mutant.path, blocks, self.given.budget, self.given.tests)
             if not chosen.tests:
                 return self._say(mutant, "survived", "no test reaches it", begin, 0)
-            limit = GRACE + PATIENCE * chosen.seconds
+            limit = (GRACE + PATIENCE * chosen.seconds) * (UNCOMPILED if is_compiled(mutant.path) else 1.0)
             answer = yield {"kind": "run", "run": [list(chosen.tests), mutant.path, mutant.text], "limit": limit}
             failed = answer["failed"]
             if not failed:

@@ -10,6 +10,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 from twin_diagram.assets.description import AssetSpec, CollisionShape, read_spec
 from twin_diagram.assets.mesh import Cloud, parse_obj, read_obj, read_png, sample
+from twin_diagram.assets.symmetry import parsed
 from twin_diagram.errors import AssetError
 from twin_diagram.signals.arrays import Array
 
@@ -39,6 +40,7 @@ class Asset:
         convex_pieces: vertices (m, 3) of convex pieces that together hold the object [m].
         mass: [kg]
         size: (3,) edge lengths of the box about O that holds it [m].
+        symmetries: axis of O (0 to 2) and repetitions in a whole turn (0: any) of turns that nothing tells apart.
     """
 
     name: str
@@ -50,6 +52,7 @@ class Asset:
     convex_pieces: tuple[Array, ...]
     mass: float
     size: Array
+    symmetries: tuple[tuple[int, int], ...] = ()
 
     @property
     def model_file(self) -> Path:
@@ -91,6 +94,7 @@ class Asset:
             pieces,
             float(spec.mass),
             size,
+            parsed(spec.symmetries or (), str(description)),
         )
 
 

@@ -79,7 +79,7 @@ class AssetSpec:
     volume_by: str | None = None
     """What volume and inertia were computed from: `surface`, `filling` (of an open one) or `hull`."""
     symmetries: list[str] | None = None
-    """Turns that are not to be told apart, beside `symmetric_axis`; none are proposed yet."""
+    """Turns that are not to be told apart: `z 4` is a quarter turn about z, `x any` every turn about x."""
     obj_id: int | None = None
     """Its number in results of the BOP layout; None: its place in the library, from 1."""
     unit: str | None = None

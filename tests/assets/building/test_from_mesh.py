@@ -70,7 +70,7 @@ def test_what_asset_yaml_says(tmp_path: Path) -> None:
     mesh = write_stl(tmp_path / "brick.stl", box(100, 60, 40, at=(10, 20, 30)))
     build_from_mesh(mesh, "brick", tmp_path / "lib", density=500.0, unit="mm")
     spec = read_spec(tmp_path / "lib" / "brick")
-    assert (spec.version, spec.unit, spec.source, spec.symmetries) == (1, "mm", "brick.stl", [])
+    assert (spec.version, spec.unit, spec.source, spec.symmetries) == (1, "mm", "brick.stl", ["x 2", "y 2", "z 2"])
     assert spec.mass == pytest.approx(0.12, rel=1e-6) and spec.volume == pytest.approx(2.4e-4, rel=1e-6)
     np.testing.assert_allclose(spec.origin, [0.01, 0.02, 0.03], atol=1e-8)
     expected = np.diag(box_inertia(0.12, 0.1, 0.06, 0.04))

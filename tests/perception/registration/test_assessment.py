@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tests.registration_bench import frame, model, poses
+from tests.registration_kernels import colour_at
 from twin_diagram.perception.registration.assessment import assess
 from twin_diagram.perception.registration.data_association import COARSE, FINE, look
 from twin_diagram.perception.registration.residuals import brightness
@@ -19,7 +20,7 @@ def test_shares_are_counted_as_they_are_described(level: int, slack: float, ligh
     given = {} if slack == 0.003 else {"slack": slack}
     fit = assess(cloud, image, poses(), 40, level, **given)
     looked = look(cloud, image, poses(), 40, level)
-    seen, _, _ = image.colour_at(looked.u, looked.v, level)
+    seen, _, _ = colour_at(image, looked.u, looked.v, level)
     kinds = np.zeros(5, dtype=int)
     for b in range(4):
         place = np.zeros(40, dtype=bool)

@@ -8,7 +8,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from tests.registration_bench import TABLE, frame, view
+from tests.registration_bench import TABLE, frame, model, view
+from tests.registration_kernels import colour_at
+from twin_diagram.perception.registration.data_association import Poses, look
 from twin_diagram.perception.registration.frame import Frame, blur_within, whole_median, whole_pixels
 from twin_diagram.perception.segmentation.segments import Segments
 
@@ -76,28 +78,10 @@ def test_blur_is_a_box_twice_over_the_mask_and_black_far_from_it() -> None:
     assert not found[:, 17:].any()
 
 
-def test_depth_and_point_are_those_of_the_nearest_pixel() -> None:
-    image, camera = frame(), view()
-    rng = np.random.default_rng(2103)
-    u, v = rng.uniform(-3.0, 163.0, (40, 5)), rng.uniform(-3.0, 123.0, (40, 5))
-    depth, points, there = image.depth_at(u, v)
-    inside_count = 0
-    for at in np.ndindex(40, 5):
-        inside = -0.5 < u[at] < 159.5 and -0.5 < v[at] < 119.5
-        if not inside:
-            assert not there[at]
-            continue
-        inside_count += 1
-        column, row = round(u[at]), round(v[at])
-        assert depth[at] == pytest.approx(float(image.depth[row, column]))
-        assert there[at] == (image.depth[row, column] > 0.0)
-        ray = np.array([(column - 79.5) / 250.0, (row - 59.5) / 250.0, 1.0])
-        np.testing.assert_allclose(points[at], camera.p_WC + camera.R_WC @ ray * depth[at], atol=1e-9)
-    assert 150 < inside_count < 200
-
-
 def test_the_images_edge_is_half_a_pixel_beyond_its_last_ones() -> None:
-    image = replace(frame(), depth=np.ones((H, W), np.float32))
+    camera = view()
+    image = replace(frame(), depth=np.ones((H, W), np.float32), robot=np.zeros((H, W), bool), table=np.zeros(3))
+    one = replace(model(), points=np.zeros((120, 3)), normals=np.tile(-camera.R_WC[:, 2], (120, 1)))
     for u, v, wanted in (
         (-0.49, 5.0, True),
         (-0.51, 5.0, False),
@@ -108,20 +92,11 @@ def test_the_images_edge_is_half_a_pixel_beyond_its_last_ones() -> None:
         (5.0, 119.49, True),
         (5.0, 119.51, False),
     ):
-        assert image.depth_at(np.array([u]), np.array([v]))[2].item() is wanted, (u, v)
-
-
-def test_robot_and_normals_are_those_of_the_nearest_pixel_or_the_edge() -> None:
-    image = frame()
-    rng = np.random.default_rng(2104)
-    u, v = rng.uniform(-9.0, 169.0, 400), rng.uniform(-9.0, 129.0, 400)
-    robot, normals = image.robot_at(u, v), image.normal_at(u, v)
-    for k in range(400):
-        column, row = min(max(round(u[k]), 0), 159), min(max(round(v[k]), 0), 119)
-        assert robot[k] == image.robot[row, column]
-        column, row = min(max(round(u[k] / 2), 0), 79), min(max(round(v[k] / 2), 0), 59)
-        np.testing.assert_allclose(normals[k], image.normals[row, column])
-    assert robot.any() and not robot.all()
+        ray = np.array([(u - 79.5) / 250.0, (v - 59.5) / 250.0, 1.0])
+        at = Poses(np.eye(3)[None], (camera.p_WC + 0.5 * camera.R_WC @ ray)[None])
+        found = look(one, image, at, 1, 0)
+        assert bool(found.seen[0, 0]) is wanted, (u, v)
+        assert found.deeper[0, 0] == pytest.approx(0.5 if wanted else -0.5)
 
 
 def test_the_robots_pixels_are_those_of_its_labels() -> None:
@@ -147,13 +122,12 @@ def test_colours_are_looked_up_between_pixels_and_their_slopes_by_a_pixel_each_w
             rows = (1 - b) * colour[i : i + 2, j] + b * colour[i : i + 2, j + 1]
             return np.asarray((1 - a) * rows[0] + a * rows[1])
 
-        found, du, dv = image.colour_at(u, v, level)
+        found, du, dv = colour_at(image, u, v, level)
         for k in np.ndindex(3, 30):
             x, y = u[k], v[k]
-            # OpenCV counts places between pixels in 32nds.
-            np.testing.assert_allclose(found[k], at(x, y), atol=0.02)
-            np.testing.assert_allclose(du[k], 0.5 * (at(x + 1, y) - at(x - 1, y)), atol=0.02)
-            np.testing.assert_allclose(dv[k], 0.5 * (at(x, y + 1) - at(x, y - 1)), atol=0.02)
+            np.testing.assert_allclose(found[k], at(x, y), atol=1e-6)
+            np.testing.assert_allclose(du[k], 0.5 * (at(x + 1, y) - at(x - 1, y)), atol=1e-6)
+            np.testing.assert_allclose(dv[k], 0.5 * (at(x, y + 1) - at(x, y - 1)), atol=1e-6)
 
 
 def test_a_plain_look_up_is_that_of_the_slopes() -> None:
@@ -161,7 +135,7 @@ def test_a_plain_look_up_is_that_of_the_slopes() -> None:
     rng = np.random.default_rng(2303)
     u, v = rng.uniform(12.0, 140.0, (3, 30)), rng.uniform(8.0, 100.0, (3, 30))
     for level in (0, 1):
-        np.testing.assert_array_equal(image.plain_colour_at(u, v, level), image.colour_at(u, v, level)[0])
+        np.testing.assert_array_equal(image.plain_colour_at(u, v, level), colour_at(image, u, v, level)[0])
 
 
 def test_masks_of_cells_are_laid_on_all_their_pixels() -> None:

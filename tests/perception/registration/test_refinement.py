@@ -12,14 +12,20 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tests.registration_bench import frame, model, poses, turn
+from tests.registration_kernels import inward, linearise, unexplained
 from twin_diagram import scenario
-from twin_diagram.perception.registration import registration
-from twin_diagram.perception.registration.data_association import COARSE, FINE, Poses
+from twin_diagram.perception.registration import refinement_kernels, registration
+from twin_diagram.perception.registration.colour_shift import ColourShift
+from twin_diagram.perception.registration.data_association import COARSE, FINE, Poses, look
 from twin_diagram.perception.registration.registration import claimed, information, refine, register
-from twin_diagram.perception.registration.residuals import Normal
+from twin_diagram.perception.registration.silhouette import Silhouette
 
 Array = npt.NDArray[np.float64]
 PARAMS = scenario.Registration(reach=0.02, iterations=12)
+KERNELS = SimpleNamespace(
+    **{name: getattr(refinement_kernels, name).py_func for name in ("refine_poses", "refine_one")}
+)
+"""The loops as they are written, uncompiled: what they call can be put in their place."""
 FREE = np.zeros(6)
 """A prior that holds nothing."""
 
@@ -30,25 +36,22 @@ class Course:
     def __init__(self, monkeypatch: pytest.MonkeyPatch, steps: list[tuple[float, float]]) -> None:
         self.steps = steps
         self.asked: list[tuple[int, float]] = []
-        self.pulls: list[tuple[float, float]] = []
-        monkeypatch.setattr(registration, "look", lambda *given: given)
-        none = Normal(np.zeros((1, 6, 6)), np.zeros((1, 6)))
-        monkeypatch.setattr(registration, "inward", lambda *given: none)
-        monkeypatch.setattr(registration, "linearise", self.linearise)
-        monkeypatch.setattr(registration, "unexplained", self.unexplained)
+        self.explained: list[int] = []
+        monkeypatch.setattr(refinement_kernels, "normal_equations", self.normal_equations)
+        monkeypatch.setattr(registration, "refine_poses", KERNELS.refine_poses)
+        monkeypatch.setattr(refinement_kernels, "refine_one", KERNELS.refine_one)
 
-    def linearise(self, looked: Any, image: Any, level: int, reach: float, share: float) -> tuple[Normal, Array]:
-        assert share == PARAMS.colour_weight and looked[4] == level
+    def normal_equations(self, R: Array, p: Array, *given: Any) -> None:
+        _, _, _, points_W, rules, (level, reach), _, (H, b) = given
+        assert rules[2][2] == PARAMS.colour_weight / (1.0 - PARAMS.colour_weight) / 0.05**2
+        # A tenth of the pull of points is point-to-point.
+        assert rules[4] == (0.1, 2.0 * 0.0007, model().spacing)
         turned, shifted = self.steps[min(len(self.asked), len(self.steps) - 1)]
         self.asked.append((level, round(reach, 9)))
-        step = np.array([[0.0, 0.0, turned, shifted, 0.0, 0.0]])
-        return Normal(np.eye(6)[None], step), np.zeros((1, 1))
+        self.explained.append(len(points_W))
+        H[0], b[0] = np.eye(6), [0.0, 0.0, turned, shifted, 0.0, 0.0]
 
-    def unexplained(self, cloud: Any, points: Array, at: Poses, p_WC: Array, reach: float, share: float) -> Normal:
-        self.pulls.append((round(reach, 9), share))
-        return Normal(np.eye(6)[None], np.array([[0.0, 0.0, 0.0, 0.0, 0.003, 0.0]]))
-
-    def run(self, count: int = 12, prior: Array = FREE, **more: Any) -> tuple[Poses, Normal]:
+    def run(self, count: int = 12, prior: Array = FREE, **more: Any) -> Poses:
         start = Poses(np.eye(3)[None], np.zeros((1, 3)))
         return refine(model(), frame(), start, 10, count, prior, PARAMS, **more)
 
@@ -104,7 +107,7 @@ def test_a_step_that_is_lost_in_the_noise_is_the_last(
 
 def test_steps_are_cut_at_what_the_look_ups_know(monkeypatch: pytest.MonkeyPatch) -> None:
     for step, share in (((0.6, 0.0), 0.5), ((0.29, 0.029), 1.0), ((0.1, 0.06), 0.5), ((0.6, 0.12), 0.25)):
-        at, _ = Course(monkeypatch, [step]).run(1)
+        at = Course(monkeypatch, [step]).run(1)
         np.testing.assert_allclose(at.p[0], [share * step[1], 0.0, 0.0], atol=1e-12)
         turned = Rotation.from_matrix(at.R[0]).as_rotvec()
         np.testing.assert_allclose(turned, [0.0, 0.0, share * step[0]], atol=1e-12)
@@ -116,19 +119,52 @@ def test_many_starts_stay_coarse_and_wide_where_that_is_asked_for(monkeypatch: p
     assert course.asked == [(COARSE, 0.02)] * 6
 
 
-def test_a_prior_holds_and_points_pull(monkeypatch: pytest.MonkeyPatch) -> None:
-    at, data = Course(monkeypatch, [(0.0, 0.02)]).run(1, np.full(6, 3.0))
+def test_a_prior_holds_and_points_are_handed_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    at = Course(monkeypatch, [(0.0, 0.02)]).run(1, np.full(6, 3.0))
     np.testing.assert_allclose(at.p[0], [0.02 / 4.0, 0.0, 0.0])
-    np.testing.assert_allclose(data.H[0], np.eye(6))
-    course = Course(monkeypatch, [(0.0, 0.02)])
-    at, data = course.run(1, points_W=np.zeros((5, 3)))
-    np.testing.assert_allclose(at.p[0], [0.01, 0.0015, 0.0])
-    np.testing.assert_allclose(data.H[0], 2.0 * np.eye(6))
-    # A tenth of the pull is point-to-point.
-    assert course.pulls == [(0.02, 0.1)]
-    course = Course(monkeypatch, [(0.0, 0.02)])
-    course.run(1, points_W=np.zeros((0, 3)))
-    assert course.pulls == []
+    for points in (5, 0):
+        course = Course(monkeypatch, [(0.0, 0.02)])
+        course.run(1, points_W=np.zeros((points, 3)))
+        assert course.explained == [points]
+
+
+@pytest.mark.parametrize("aside", [0.0, 1.5])
+@pytest.mark.parametrize("some", [True, False])
+def test_a_step_solves_the_sum_of_all_terms(aside: float, some: bool) -> None:
+    """Depth, colours whatever their shift, what sticks out, points that pull, and the prior."""
+    image, cloud = replace(frame(), shift=ColourShift.told(aside), colour_slopes=(1e-4, 2e-5)), model()
+    at, held = poses(), np.array([9.0, 8.0, 7.0, 600.0, 500.0, 400.0])
+    points = at.p[0] + 0.06 * np.random.default_rng(5).normal(size=(30, 3)) if some else None
+    found = refine(cloud, image, at, 40, 1, held, PARAMS, points_W=points)
+    for k in range(len(at.p)):
+        own = at[np.array([k])]
+        looked = look(cloud, image, own, 40, COARSE)
+        data, _ = linearise(looked, image, COARSE, PARAMS.reach, PARAMS.colour_weight)
+        drawn = inward(Silhouette.of(cloud, image, at), looked, image.camera)
+        H, b = data.H[0] + drawn.H[0] + np.diag(held), data.b[0] + drawn.b[0]
+        if points is not None:
+            pulled = unexplained(cloud, points, own, image.camera.p_WC, PARAMS.reach, 0.1)
+            H, b = H + pulled.H[0], b + pulled.b[0]
+        step = np.linalg.solve(H, b)
+        share = min(1.0, 0.3 / np.linalg.norm(step[:3]), 0.03 / np.linalg.norm(step[3:]))
+        wanted = own.moved(share * step[None])
+        np.testing.assert_allclose(found.R[k], wanted.R[0], atol=1e-9)
+        np.testing.assert_allclose(found.p[k], wanted.p[0], atol=1e-9)
+
+
+def test_a_prior_pulls_back_to_where_it_began() -> None:
+    at = poses()
+    nothing = replace(frame(), depth=np.zeros_like(frame().depth))
+    found = refine(model(), nothing, at, 40, 3, np.full(6, 2.0), PARAMS)
+    np.testing.assert_allclose(found.R, at.R, atol=1e-12)
+    R, p = turn(0.2, -0.1, 0.3) @ at.R[0], at.p[0] + [0.01, -0.02, 0.03]
+    H, b = np.zeros((6, 6)), np.zeros(6)
+    held = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
+    refinement_kernels.add_prior(R, p, (at.R[0], at.p[0]), held, H, b)
+    np.testing.assert_allclose(H, np.diag(held))
+    back = np.linalg.solve(H, b)
+    np.testing.assert_allclose(Rotation.from_rotvec(back[:3]).as_matrix() @ R, at.R[0], atol=1e-9)
+    np.testing.assert_allclose(p + back[3:], at.p[0], atol=1e-12)
 
 
 def test_information_is_the_inverse_variance() -> None:
@@ -140,9 +176,9 @@ def test_a_registration_begins_where_it_is_told_and_says_what_fits(monkeypatch: 
     at = poses()[np.array([2])]
     H = np.diag(np.arange(1.0, 7.0)) * 1e4
 
-    def refined(*given: Any, **more: Any) -> tuple[Poses, Normal]:
+    def refined(*given: Any, **more: Any) -> Poses:
         asked[:] = [*given, more["points_W"]]
-        return at, Normal(H[None], np.zeros((1, 6)))
+        return at
 
     fit = SimpleNamespace(quality=[1.3], likeness=[0.7], visible_share=[0.4], points=[55.0], shape=[1.4])
     monkeypatch.setattr(registration, "refine", refined)
@@ -185,13 +221,6 @@ def test_an_objects_own_points_are_those_near_its_surface() -> None:
     nowhere: Any = SimpleNamespace(points_W=points + 9.0)
     assert claimed(cloud, nowhere, R, p, 0.012).size == 0
     # The ball is as large as the object and the reach.
-    lone: Any = replace(cloud, radius=0.05, tree=_Everything())
     edge: Any = SimpleNamespace(points_W=p + np.array([[0.0619, 0.0, 0.0], [0.0, 0.0621, 0.0]]))
-    assert claimed(lone, edge, R, p, 0.012).tolist() == [0]
-
-
-class _Everything:
-    """A search tree to which all is near."""
-
-    def query(self, points: Array, **_: Any) -> tuple[Array, Array]:
-        return np.zeros(len(points)), np.zeros(len(points), dtype=int)
+    lone: Any = replace(cloud, radius=0.05, points=np.array([[0.0, 0.06, 0.0], [0.06, 0.0, 0.0]]))
+    assert claimed(lone, edge, np.eye(3), p, 0.012).tolist() == [0]

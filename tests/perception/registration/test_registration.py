@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RotationMatrix
 
+from tests.registration_kernels import linearise, unexplained
 from tests.synthetic_scene import Thing, camera, picture, yawed
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
@@ -24,7 +25,7 @@ from twin_diagram.perception.registration.global_search import resting, search
 from twin_diagram.perception.registration.model_cloud import ModelCloud, fibonacci_sphere, visible
 from twin_diagram.perception.registration.recognition import alike, hues, recognise
 from twin_diagram.perception.registration.registration import RegisteredPose, register
-from twin_diagram.perception.registration.residuals import brightness, linearise, unexplained
+from twin_diagram.perception.registration.residuals import brightness
 from twin_diagram.perception.registration.rotation import cross, exp, from_quaternion, log, skew, to_quaternion
 from twin_diagram.perception.registration.slots import SLOT_SIZE, Slot
 from twin_diagram.perception.registration.tracking import Known, step

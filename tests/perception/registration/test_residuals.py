@@ -7,15 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tests.registration_bench import FOCAL, HEIGHT, WIDTH, Array, frame, model, poses, view
+from tests.registration_kernels import colour_at, linearise, unexplained
 from twin_diagram.perception.registration.data_association import COARSE, FINE, Looked, Poses, look
-from twin_diagram.perception.registration.residuals import (
-    brightness,
-    linearise,
-    point_pull,
-    toward,
-    tukey,
-    unexplained,
-)
+from twin_diagram.perception.registration.residuals import brightness, toward, tukey
 
 
 def weight(x: float, cut: float) -> float:
@@ -93,7 +87,7 @@ def test_colour_is_the_images_slope_along_the_points_way(level: int, cut: float,
     image, looked = frame(), looked_up(level)
     plain, _ = linearise(looked, image, level, reach, 0.0)
     both, _ = linearise(looked, image, level, reach, 0.4)
-    seen, du, dv = image.colour_at(looked.u, looked.v, level)
+    seen, du, dv = colour_at(image, looked.u, looked.v, level)
     R_WC, p_part = view().R_WC, 0
     for b in range(4):
         near = geometry(looked, b, reach)[2]
@@ -189,14 +183,3 @@ def test_points_that_nothing_explains_pull_the_model_towards_them(share: float) 
     assert pulled > 15 and slid > 5
     np.testing.assert_allclose(found.H[0], H, rtol=1e-8, atol=1e-6)
     np.testing.assert_allclose(found.b[0], right, rtol=1e-8, atol=1e-6)
-
-
-def test_points_pull_as_the_least_squares_of_their_derivatives_do() -> None:
-    rng = np.random.default_rng(2302)
-    r, pull, w = rng.normal(size=(9, 3)), rng.normal(size=(9, 3)), rng.uniform(0.1, 2.0, 9)
-    H, b = point_pull(r, pull, w)
-    step = 1e-6 * np.eye(6)
-    J = np.stack([(np.cross(one[:3], r) + one[3:]).ravel() / 1e-6 for one in step], axis=1)
-    W = np.repeat(w, 3)[:, None]
-    np.testing.assert_allclose(H, J.T @ (J * W), rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(b, J.T @ (pull.ravel() * W[:, 0]), rtol=1e-9, atol=1e-12)

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from tests.registration_bench import frame, model, poses
+from tests.registration_kernels import inward
 from twin_diagram.perception.registration.data_association import FINE, Poses, look
-from twin_diagram.perception.registration.silhouette import Silhouette, inward
+from twin_diagram.perception.registration.silhouette import Silhouette
 
 
 def seen_as(past: Any, depth: float = 1.0) -> Any:
@@ -89,7 +90,7 @@ def test_each_pose_is_drawn_in_by_its_own_points() -> None:
     assert found is not None
     one, none, other = at(60.0, 60.0), at(80.0, 60.0), at(80.0, 80.0)
     arrays = {k: np.concatenate([getattr(x, k) for x in (one, none, other)]) for k in vars(one)}
-    together = inward(found, SimpleNamespace(**arrays), frame().camera)  # type: ignore[arg-type]
+    together = inward(found, SimpleNamespace(**arrays), frame().camera)
     for k, alone in enumerate((one, none, other)):
         apart = inward(found, alone, frame().camera)
         np.testing.assert_allclose(together.H[k], apart.H[0], rtol=1e-12)

@@ -9,8 +9,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from tests.registration_kernels import colour_at
 from twin_diagram import scenario
 from twin_diagram.perception.registration import recognition, tracking
+from twin_diagram.perception.registration.colour_shift import ALIGNED
 from twin_diagram.perception.registration.frame import Frame, blur_within
 from twin_diagram.perception.registration.global_search import Found
 from twin_diagram.perception.registration.model_cloud import fibonacci_sphere
@@ -18,7 +20,7 @@ from twin_diagram.perception.registration.recognition import hues, recognise
 from twin_diagram.perception.registration.registration import RegisteredPose
 from twin_diagram.perception.registration.residuals import tukey
 from twin_diagram.perception.registration.rotation import exp
-from twin_diagram.perception.registration.slots import Slot, measurement, postponed, predict, seen
+from twin_diagram.perception.registration.slots import Slot, measurement, postponed, predict, seen, stands_still
 from twin_diagram.perception.registration.tracking import believable
 
 Array = npt.NDArray[np.float64]
@@ -172,6 +174,21 @@ def test_only_dark_colours_have_no_hue() -> None:
     np.testing.assert_allclose(share[[11 * 12, 11, 3 * 12 + 3]], 1 / 3)
 
 
+@pytest.mark.parametrize(("part", "least"), [(slice(0, 3), 0.1), (slice(3, 6), 0.012)])
+def test_what_images_cannot_tell_from_standing_still_is(part: slice, least: float) -> None:
+    """From 1.5 deviations on of what two poses a fifteenth of a second apart tell, three fifths of it new."""
+    for deviation in (0.0, 0.02):
+        covariance = np.zeros((6, 6))
+        for k in range(6)[part]:
+            covariance[k, k] = deviation**2
+        told = max(least, 1.5 * 0.6 * np.sqrt(2.0 * 3.0) * deviation * 15.0)
+        way = np.array([2.0, -1.0, 2.0]) / 3.0
+        for share, still in ((0.99, True), (1.01, False)):
+            velocity = np.zeros(6)
+            velocity[part] = share * told * way
+            assert stands_still(velocity, covariance, 1.0 / 15.0) is still
+
+
 # Look-ups.
 
 
@@ -181,9 +198,10 @@ def test_colours_derivatives_are_those_of_the_image() -> None:
     frame = object.__new__(Frame)
     object.__setattr__(frame, "colours", (image, 2 * image))
     object.__setattr__(frame, "corner", (100, 200))
+    object.__setattr__(frame, "shift", ALIGNED)
     at_u, at_v = np.array([[110.0, 120.5], [130.25, 115.0]]), np.array([[210.0, 220.5], [215.0, 230.75]])
     for level in (0, 1):
-        found, du, dv = frame.colour_at(at_u, at_v, level)
+        found, du, dv = colour_at(frame, at_u, at_v, level)
         x, y = at_u - 100, at_v - 200
         expected = (level + 1) * np.stack([0.01 * x, 0.02 * y, 0.005 * x - 0.01 * y + 0.5], axis=2)
         np.testing.assert_allclose(found, expected, atol=1e-3)

@@ -239,6 +239,8 @@ def test_the_command_takes_one_robot_or_a_fleet(three: Path, capsys: pytest.Capt
     assert "--jobs 0" in capsys.readouterr().err
     assert main(["gap", "--fleet", str(three), "--out", out, "--packages", "robot=nowhere"]) == 2
     assert "--packages robot=nowhere: 'nowhere' is no folder" in capsys.readouterr().err
+    assert main(["gap", "--fleet", str(three), "--out", out, "--columns", "nowhere.yaml"]) == 2
+    assert "nowhere.yaml: no such map of columns" in capsys.readouterr().err
     assert not Path(out).exists()
 
 

@@ -71,6 +71,8 @@ def test_resuming_touches_nothing_that_others_keep_in_the_folder(tmp_path: Path)
 
 def test_refusals_are_one_line_and_write_nothing(tmp_path: Path) -> None:
     filled(tmp_path / "run")
+    (tmp_path / "theirs").mkdir()
+    (tmp_path / "theirs" / "events.jsonl").write_text("{}\n")
     other = copy_scenario(Scenario())
     other.seed = 77
     for call, words in (
@@ -79,12 +81,14 @@ def test_refusals_are_one_line_and_write_nothing(tmp_path: Path) -> None:
         (lambda: LearningRecord(tmp_path / "none", Scenario()).alone(new=False).__enter__(), "no run to go on with"),
         (LearningRecord(tmp_path / "run", Scenario()).begin, "--resume goes on"),
         (LearningRecord(tmp_path / "run" / "state.npz" / "x", Scenario()).begin, "--out"),
+        (LearningRecord(tmp_path / "theirs", Scenario()).begin, "events.jsonl is of something else"),
         (lambda: filled(tmp_path / "more")[1].named("object_09"), "object_01"),
     ):
         with pytest.raises(LearningError, match=words) as error:
             call()
         assert "\n" not in str(error.value)
     assert not (tmp_path / "none").exists()
+    assert [path.name for path in (tmp_path / "theirs").iterdir()] == ["events.jsonl"]
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,7 @@ from twin_diagram.assets.building.pieces import pieces_of
 from twin_diagram.assets.building.source_mesh import read_source
 from twin_diagram.assets.building.surface import Surface, weld, with_normals
 from twin_diagram.assets.building.write_asset import NewAsset, place_for, write_asset
+from twin_diagram.assets.description import read_spec
 from twin_diagram.assets.mesh import Image
 from twin_diagram.errors import AssetError
 from twin_diagram.runtime.threads import one_thread
@@ -173,6 +174,8 @@ def build_from_triangles(
         measured=None if measured is None else replace(measured, centre=np.zeros(3)),
     )
     folder = write_asset(new, told.library, told.replace_it)
+    if symmetries := read_spec(folder).symmetries:
+        said.append(f"looks the same turned: {', '.join(symmetries)} (asset.yaml: symmetries)")
     return BuiltAsset(folder, float(mass), solid.volume, np.ptp(surface.vertices, axis=0), tuple(said))
 
 

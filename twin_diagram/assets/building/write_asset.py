@@ -14,6 +14,7 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from scipy.spatial import HalfspaceIntersection, QhullError
 
+from twin_diagram.assets import symmetry
 from twin_diagram.assets.asset import TUNING as ASSET
 from twin_diagram.assets.asset import Asset
 from twin_diagram.assets.building.inertia import EvenBody, hull_of, outward
@@ -141,6 +142,7 @@ def _write_files(new: NewAsset, folder: Path) -> None:
         (folder / file.name).write_text(_obj_of(file.vertices))
     inertia = new.solid.inertia(new.mass) if new.measured is None else new.measured.inertia
     reach = np.abs(new.mesh.vertices).max(axis=0)
+    symmetries = symmetry.proposed(cloud.points, cloud.normals, cloud.colours)
     spec = AssetSpec(
         name=new.name,
         shape="mesh",
@@ -152,7 +154,8 @@ def _write_files(new: NewAsset, folder: Path) -> None:
         inertia=[float(inertia[i, j]) for i, j in SIX],
         volume=new.solid.volume,
         volume_by=new.solid.by,
-        symmetries=[],
+        symmetric_axis="z" if f"z {symmetry.ANY}" in symmetries else None,
+        symmetries=list(symmetries),
         unit=new.unit,
         source=new.source,
         unseen=new.unseen,

@@ -198,7 +198,7 @@ class ArmTerms:
         """
         poses = np.random.default_rng(0).uniform(-np.pi, np.pi, (16, self.n))
         weight = np.max([np.abs(self.inverse_dynamics(q, np.zeros(self.n), 0.0)) for q in poses], axis=0)
-        inertia = np.max([self.mass_matrix(q).diagonal() for q in poses], axis=0)
+        inertia = np.asarray(np.max([self.mass_matrix(q).diagonal() for q in poses], axis=0), dtype=np.float64)
         return 2.0 * weight + TUNING.brisk * inertia, inertia
 
     def set_payload(self, payload: Array) -> None:

@@ -168,10 +168,10 @@ def _summary(fit: TorqueFit, found: Posterior, prior: ShapePrior, delay: float, 
     # Along the estimate's own axes: sorted moments of drawn bodies push each other apart where two are alike.
     along = np.einsum("ik,nij,jk->nk", axes, each_inertia, axes)
     order = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-    errors = {
-        "mass": np.std(each_mass),
-        "centre": np.std(each_centre, axis=0),
-        "moments": np.std(along, axis=0),
+    errors: dict[str, Array] = {
+        "mass": np.asarray(np.std(each_mass)),
+        "centre": np.asarray(np.std(each_centre, axis=0)),
+        "moments": np.asarray(np.std(along, axis=0)),
         "inertia": np.array([np.std(each_inertia[:, i, j]) for i, j in order]),
     }
     before = prior.hypotheses.drawn(float(mass), TUNING.prior_draws, np.random.default_rng(seed))

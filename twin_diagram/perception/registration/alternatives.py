@@ -16,6 +16,7 @@ import numpy as np
 from twin_diagram.perception.depth_noise import TUNING as DEPTH
 from twin_diagram.perception.registration.assessment import TUNING as ASSESSMENT
 from twin_diagram.perception.registration.claims import TUNING as CLAIMS
+from twin_diagram.perception.registration.cloud_kernels import mean_costs
 from twin_diagram.perception.registration.data_association import COARSE, FINE, Looked, Poses, look
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
@@ -61,6 +62,9 @@ class Tuning:
 
     placed: float = 4.5
     """A model point is in place within so many deviations."""
+
+    unexplained: float = 0.02
+    """An image point farther from the model belongs to something else [m]."""
 
     hidden: float = 0.15
     """Cost of a point that something else hides, beside 4.5 of one that is not where it should be."""
@@ -143,19 +147,11 @@ def costs(model: ModelCloud, frame: Frame, poses: Poses, points_W: Array, looked
 
 def _unexplained(model: ModelCloud, frame: Frame, poses: Poses, points_W: Array) -> Array:
     """Return (B,) the mean cost of the image's points: how far they are from the model, for its spacing."""
-    local = (points_W[None] - poses.p[:, None]) @ poses.R
-    reach = 0.02
-    _, index = model.tree.query(local, distance_upper_bound=reach, workers=1)
-    hit = index < len(model.points)
-    index = np.where(hit, index, 0)
-    apart = local - model.points[index]
-    along = np.einsum("bni,bni->bn", apart, model.normals[index])
-    slide = np.sqrt(np.maximum(np.einsum("bni,bni->bn", apart, apart) - along**2, 0.0))
     z = (points_W - frame.camera.p_WC) @ frame.camera.R_WC[:, 2]
-    sigma = np.hypot(frame.camera.depth_noise(z), RESIDUALS.model_noise)[None]
-    beyond = np.maximum(slide - 0.5 * model.spacing, 0.0) / TUNING.edge
-    far = np.minimum(np.hypot(along / sigma, beyond), TUNING.cut)
-    return np.asarray(0.5 * np.where(hit, far, TUNING.cut) ** 2).mean(axis=1)
+    sigma = np.hypot(frame.camera.depth_noise(z), RESIDUALS.model_noise)
+    cuts = (TUNING.unexplained, 0.5 * model.spacing, TUNING.edge, TUNING.cut)
+    R, p = np.ascontiguousarray(poses.R), np.ascontiguousarray(poses.p)
+    return mean_costs(np.ascontiguousarray(points_W), R, p, sigma, model.cloud, cuts)
 
 
 def weak_directions(looked: Looked, frame: Frame, votes_each: float, colour_share: float) -> list[tuple[Array, float]]:
@@ -267,12 +263,13 @@ def distinct(found: Profile, centre: Poses, narrow: Array, wide: Array) -> tuple
         on = on[np.argsort(found.offset[on])]
         share[on] = np.maximum(share[on], weights(found.cost[on], found.offset[on]))
     chosen, mass = [0], [float(share[0])]
-    for k in np.argsort(-share, kind="stable"):
-        near = [j for j, one in enumerate(chosen) if not _apart(poses, int(k), one)]
+    for number in np.argsort(-share, kind="stable"):
+        k = int(number)
+        near = [j for j, one in enumerate(chosen) if not _apart(poses, k, one)]
         if near:
             mass[near[0]] += float(share[k]) if k else 0.0
         elif share[k] > TUNING.likely:
-            chosen.append(int(k))
+            chosen.append(k)
             mass.append(float(share[k]))
     whole = max(sum(mass), 1e-12)
     order = [0, *sorted(range(1, len(chosen)), key=lambda j: -mass[j])]

@@ -66,7 +66,7 @@ def pull(model: ModelCloud, points_W: Array, normals_W: Array, pose: Poses, reac
         reach: pairs farther apart are cut [m].
     """
     R, p = pose.R[0], pose.p[0]
-    distance, index = model.tree.query((points_W - p) @ R, distance_upper_bound=reach, workers=1)
+    distance, index = model.nearest.query((points_W - p) @ R, reach)
     good = np.isfinite(distance)
     good[good] = np.einsum("ni,ni->n", model.normals[index[good]], (normals_W @ R)[good]) > TUNING.least_cosine
     index = index[good]

@@ -8,11 +8,12 @@ import numpy as np
 
 from twin_diagram.perception.depth_noise import excess
 from twin_diagram.perception.registration.data_association import FINE, Looked, Poses, look
+from twin_diagram.perception.registration.data_association import TUNING as LOOKING
+from twin_diagram.perception.registration.fit_kernels import counts, placed_weights
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.residuals import TUNING as RESIDUALS
-from twin_diagram.perception.registration.residuals import brightness, tukey
-from twin_diagram.perception.registration.rotation import dot
+from twin_diagram.perception.registration.residuals import brightness
 from twin_diagram.signals.arrays import Array
 
 
@@ -22,6 +23,12 @@ class Tuning:
 
     same_surface: float = 0.03
     """What is seen farther than this from a model point along the line of sight is something else [m]."""
+
+    placed: float = 3.0
+    """A point is in place within its slack and so many deviations of depth."""
+
+    enough: float = 0.3
+    """Of a pose of which less than this share is looked up, the whole counts: most of it is out of the image."""
 
     finest: float = 0.0001
     """No depth is taken to be more exact [m]: a recording may hold whole units of it."""
@@ -59,27 +66,20 @@ def assess(
 
 def judge(looked: Looked, frame: Frame, level: int = FINE, slack: float = 0.003) -> PoseFit:
     """Compare what was looked up at poses with the model; see `assess`."""
-    sigma = np.sqrt(frame.camera.depth_noise(looked.z) ** 2 + RESIDUALS.model_noise**2)
-    tolerance = slack + 3.0 * sigma
-    in_place = looked.near & (np.abs(looked.distance) < tolerance) & (np.abs(looked.deeper) < TUNING.same_surface)
-    hidden = looked.seen & ~in_place & (looked.deeper < 0)
-    behind = looked.seen & ~in_place & ~hidden
+    noise = frame.camera.depth_noise
+    cuts = (slack, TUNING.placed, TUNING.same_surface, RESIDUALS.model_noise)
+    weight = placed_weights(looked.told, looked.flags, (noise.floor, noise.growth, noise.start), cuts)
     found = frame.plain_colour_at(looked.u, looked.v, level)
-    weight = looked.facing * in_place
     gain = brightness(found, looked.colour, looked.n, weight)
-    difference = found - np.minimum(looked.colour * gain[..., None], 1.0)
-    # In proportion to the light, or else everything fits in the dark.
-    size = np.sqrt(dot(difference, difference)) / np.maximum(gain, 0.2)
-    fits = (weight * (size < RESIDUALS.colour_cut)).sum(axis=1)
-    whole = (looked.facing * looked.counted * (looked.facing > 0.1)).sum(axis=1)
-    open_ = (looked.facing * (in_place | behind)).sum(axis=1)
-    lost = (looked.facing * (hidden | looked.robot) * (looked.facing > 0.1)).sum(axis=1)
+    sums = counts(looked.told, looked.flags, weight, found, gain, (RESIDUALS.colour_cut, LOOKING.least_facing))
+    fits, alike, placed, open_, lost, whole, points = sums.T
+    shown = np.maximum(open_, 1e-9)
     return PoseFit(
-        quality=fits / np.maximum(open_, 1e-9),
-        likeness=(weight * tukey(size, RESIDUALS.colour_cut)).sum(axis=1) / np.maximum(open_, 1e-9),
-        shape=weight.sum(axis=1) / np.maximum(open_, 1e-9),
-        visible_share=open_ / np.maximum(np.where(open_ + lost > 0.3 * whole, open_ + lost, whole), 1e-9),
-        points=(in_place & (size < RESIDUALS.colour_cut)).sum(axis=1).astype(float),
+        quality=fits / shown,
+        likeness=alike / shown,
+        shape=placed / shown,
+        visible_share=open_ / np.maximum(np.where(open_ + lost > TUNING.enough * whole, open_ + lost, whole), 1e-9),
+        points=points,
     )
 
 

@@ -10,6 +10,7 @@ Gaussian: a few small images instead of all pairs.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import cv2
 import numpy as np
@@ -17,6 +18,7 @@ import numpy as np
 from twin_diagram.perception.depth_noise import TUNING as DEPTH
 from twin_diagram.perception.registration.colour_shift import ShiftEvidence
 from twin_diagram.perception.registration.data_association import FINE, Looked, Poses
+from twin_diagram.perception.registration.fit_kernels import lay
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.residuals import colour_terms, depth_pairs, opposite_pairs
@@ -58,18 +60,21 @@ def spread(a: Array, u: Array, v: Array, sigma: float) -> Array:
     """
     cell = sigma / TUNING.cell if sigma > 0.0 else 1.0
     margin = 4 * int(np.ceil(TUNING.cell)) if sigma > 0.0 else 0
-    column, row = (np.rint((x - x.min()) / cell).astype(np.int64) + margin for x in (u, v))
-    width, height = int(column.max()) + 1 + margin, int(row.max()) + 1 + margin
-    place = row * width + column
-    laid = np.stack([np.bincount(place, weights=part, minlength=width * height) for part in a.T], axis=1)
-    if sigma <= 0.0:
-        return np.asarray(laid.T @ laid)
     # In single precision, of numbers about 1: six digits of a covariance are more than it is worth.
-    size = np.maximum(np.abs(laid).max(axis=0), 1e-300)
-    laid = (laid / size).astype(np.float32)
-    blurred = cv2.GaussianBlur(laid.reshape(height, width, -1), (0, 0), TUNING.cell).reshape(len(laid), -1)
+    size = np.maximum(np.abs(a).max(axis=0), 1e-300)
+    laid = lay(np.ascontiguousarray(a / size), u, v, cell, margin)
+    if sigma > 0.0:
+        laid = cv2.GaussianBlur(laid, (0, 0), TUNING.cell)
+    flat = laid.reshape(-1, a.shape[1])
+    spread_out = np.asarray((flat.T @ flat) * np.outer(size, size))
+    return spread_out / _blur_share() if sigma > 0.0 else spread_out
+
+
+@cache
+def _blur_share() -> float:
+    """Return what is left at its own place of what two blurs of one cell leave."""
     kernel = cv2.getGaussianKernel(8 * int(TUNING.cell) + 1, TUNING.cell)[:, 0]
-    return np.asarray((blurred.T @ blurred) * np.outer(size, size)) / float((kernel**2).sum()) ** 2
+    return float((kernel**2).sum()) ** 2
 
 
 def claim(

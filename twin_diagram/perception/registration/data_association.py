@@ -6,14 +6,18 @@ Projective data association: each visible point of the model is paired with what
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram.perception.registration import point_kernels as kernels
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
-from twin_diagram.perception.registration.rotation import components_last, dot, exp
+from twin_diagram.perception.registration.rotation import exp
 from twin_diagram.signals.arrays import Array
+
+Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -28,6 +32,14 @@ class Tuning:
 
     least_cosine: float = 0.5
     """Between the normals of a model point and of what is seen in its place."""
+
+    least_facing: float = 0.1
+    """Cosine between a normal and the line of sight from which a point counts as seen."""
+
+    @property
+    def limits(self) -> tuple[float, float, float]:
+        """As `look_up` takes them."""
+        return self.table_thickness, self.least_cosine, self.least_facing
 
 
 TUNING = Tuning()
@@ -54,81 +66,107 @@ class Poses:
 
 @dataclass(frozen=True)
 class Looked:
-    """What an image shows where the model's visible points should be; all arrays (B, P, …).
+    """What an image shows where the model's visible points should be, B poses of P points each.
 
     Attributes:
-        r: points relative to the object's origin, axes of W.
-        n: normals in W.
-        facing: cosine between normal and line of sight.
-        colour: the model's.
-        u: pixel coordinates.
-        v: pixel coordinates.
-        z: depth of the model points [m].
-        distance: n · (y - x), seen point to model surface [m].
-        deeper: seen depth minus the model point's [m].
-        seen: there is depth, and it is not the robot's.
-        near: seen, and not the table below or behind the model point.
-        matched: near, and what is seen does not face another way: the floor of a mug is not its rim.
-        robot: the pixel shows the robot.
-        counted: not a repetition.
-        texture: squared slope of the model's colours [1/m²].
+        told: (B, P, COLUMNS) numbers, of which the properties are views.
+        flags: (B, P) bits.
     """
 
-    r: Array
-    n: Array
-    facing: Array
-    colour: Array
-    u: Array
-    v: Array
-    z: Array
-    distance: Array
-    deeper: Array
-    seen: npt.NDArray[np.bool_]
-    near: npt.NDArray[np.bool_]
-    matched: npt.NDArray[np.bool_]
-    robot: npt.NDArray[np.bool_]
-    counted: npt.NDArray[np.bool_]
-    texture: Array
+    told: Array
+    flags: npt.NDArray[np.uint8]
+
+    @property
+    def r(self) -> Array:
+        """(B, P, 3) points relative to the object's origin, axes of W."""
+        return self.told[..., kernels.R_AT : kernels.R_AT + 3]
+
+    @property
+    def n(self) -> Array:
+        """(B, P, 3) normals in W."""
+        return self.told[..., kernels.N_AT : kernels.N_AT + 3]
+
+    @property
+    def facing(self) -> Array:
+        """(B, P) cosine between normal and line of sight."""
+        return self.told[..., kernels.FACING]
+
+    @property
+    def colour(self) -> Array:
+        """(B, P, 3) the model's."""
+        return self.told[..., kernels.COLOUR : kernels.COLOUR + 3]
+
+    @property
+    def u(self) -> Array:
+        """(B, P) pixel coordinates."""
+        return self.told[..., kernels.U]
+
+    @property
+    def v(self) -> Array:
+        """(B, P) pixel coordinates."""
+        return self.told[..., kernels.V]
+
+    @property
+    def z(self) -> Array:
+        """(B, P) depth of the model points [m]."""
+        return self.told[..., kernels.Z]
+
+    @property
+    def distance(self) -> Array:
+        """(B, P) n · (y - x), seen point to model surface [m]."""
+        return self.told[..., kernels.DISTANCE]
+
+    @property
+    def deeper(self) -> Array:
+        """(B, P) seen depth minus the model point's [m]; what shows no depth is seen at 0."""
+        return self.told[..., kernels.DEEPER]
+
+    @property
+    def texture(self) -> Array:
+        """(B, P) squared slope of the model's colours [1/m²]."""
+        return self.told[..., kernels.TEXTURE]
+
+    @cached_property
+    def seen(self) -> Mask:
+        """(B, P) whether there is depth, and it is not the robot's."""
+        return self.flags & kernels.SEEN != 0
+
+    @cached_property
+    def near(self) -> Mask:
+        """(B, P) seen, and not the table below or behind the model point."""
+        return self.flags & kernels.NEAR != 0
+
+    @cached_property
+    def matched(self) -> Mask:
+        """(B, P) near, and what is seen does not face another way: the floor of a mug is not its rim."""
+        return self.flags & kernels.MATCHED != 0
+
+    @cached_property
+    def robot(self) -> Mask:
+        """(B, P) whether the pixel shows the robot."""
+        return self.flags & kernels.ROBOT != 0
+
+    @cached_property
+    def counted(self) -> Mask:
+        """(B, P) whether the point is no repetition."""
+        return self.flags & kernels.COUNTED != 0
 
 
 def look(model: ModelCloud, frame: Frame, poses: Poses, count: int, level: int) -> Looked:
     """Look the visible points of the model, at most `count` each, up in the image."""
-    camera = frame.camera
-    towards = ((camera.p_WC - poses.p)[:, None] @ poses.R)[:, 0]
-    view = np.argmax(towards @ model.directions.T, axis=1)
-    index = model.views[view, :count]
-    counted = np.arange(index.shape[1]) < model.view_counts[view][:, None]
-    told = model.rows[:, index]
-    r, n = ((poses.R @ part.transpose(1, 0, 2)).transpose(0, 2, 1) for part in (told[:3], told[3:6]))
-    x = r + poses.p[:, None]
-    u, v, z = camera.project(x)
-    depth, y, there = frame.depth_at(u, v)
-    sight = camera.p_WC - x
-    facing = dot(n, sight) / np.sqrt(dot(sight, sight))
-    robot = frame.robot_at(u, v)
-    distance = dot(n, y - x)
-    a, b, c = frame.table
-    up = np.array([-a, -b, 1.0])
-    on_table = np.abs(y @ up - c) < TUNING.table_thickness
-    above = x @ up > 2.0 * TUNING.table_thickness + c
-    seen = there & ~robot & counted & (facing > 0.1)
-    near = seen & ~(on_table & above)
-    normal = frame.normal_at(u, v)
-    matched = near & ((dot(n, normal) > TUNING.least_cosine) | (dot(normal, normal) == 0.0))
-    return Looked(
-        r=r,
-        n=n,
-        facing=facing,
-        colour=components_last(told[7 + 3 * level : 10 + 3 * level]),
-        u=u,
-        v=v,
-        z=z,
-        distance=distance,
-        deeper=depth - z,
-        seen=seen,
-        near=near,
-        matched=matched,
-        robot=robot & counted,
-        counted=counted,
-        texture=told[6],
+    count = min(count, model.views.shape[1])
+    told = np.empty((len(poses.p), count, kernels.COLUMNS))
+    flags = np.empty((len(poses.p), count), dtype=np.uint8)
+    kernels.look_up(
+        np.ascontiguousarray(poses.R),
+        np.ascontiguousarray(poses.p),
+        model.seen,
+        frame.images,
+        frame.view,
+        TUNING.limits,
+        count,
+        level,
+        told,
+        flags,
     )
+    return Looked(told, flags)

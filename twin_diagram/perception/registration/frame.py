@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.perception.pinhole import DepthImage, Pinhole
+from twin_diagram.perception.registration.colour_kernels import plain_colours
 from twin_diagram.perception.registration.colour_shift import ALIGNED, ColourShift
-from twin_diagram.perception.registration.rotation import components_last
 from twin_diagram.perception.segmentation.segments import TUNING as SEGMENTS
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.signals.arrays import Array
@@ -112,67 +112,32 @@ class Frame:
         """Whether any pixel shows the robot."""
         return bool(self.robot.any())
 
-    def depth_at(self, u: Array, v: Array) -> tuple[Array, Array, Mask]:
-        """Return the depth at the pixels nearest to (u, v), any shape.
+    @cached_property
+    def images(self) -> tuple[object, ...]:
+        """What `point_kernels.look_up` reads: depth, robot, whether any is in view, normals, their stride."""
+        depth = np.ascontiguousarray(self.depth, dtype=np.float32)
+        return depth, self.robot, self.robot_in_view, self.normals, self.stride
 
-        Returns:
-            depth [m]; points (..., 3) in W seen there; whether there is one (inside the image, with depth).
-        """
-        height, width = self.depth.shape
-        inside = (u > -0.5) & (u < width - 0.5) & (v > -0.5) & (v < height - 0.5)
-        column = np.where(inside, np.rint(u), 0).astype(np.int64)
-        row = np.where(inside, np.rint(v), 0).astype(np.int64)
-        depth = self.depth.reshape(-1).take(row * width + column).astype(float)
-        camera = self.camera
-        cu, cv = camera.centre
-        p_C = np.stack([(column - cu) / camera.fx * depth, (row - cv) / camera.fy * depth, depth])
-        p_W = camera.R_WC @ p_C.reshape(3, -1) + camera.p_WC[:, None]
-        return depth, components_last(p_W.reshape(p_C.shape)), inside & (depth > 0)
+    @cached_property
+    def view(self) -> tuple[object, ...]:
+        """How `point_kernels` take the camera: fx, fy, cx, cy, R_WC, p_WC, the table's (a, b, c)."""
+        one = self.camera
+        arrays = (np.array(part, dtype=float, order="C") for part in (one.R_WC, one.p_WC, self.table))
+        return float(one.fx), float(one.fy), *map(float, one.centre), *arrays
 
-    def robot_at(self, u: Array, v: Array) -> Mask:
-        """Return whether the pixels nearest to (u, v) show the robot; clamped to the image."""
-        height, width = self.depth.shape
-        if not self.robot_in_view:
-            return np.zeros(u.shape, dtype=bool)
-        return cast(Mask, self.robot.reshape(-1).take(_cell(u, v, height, width)))
-
-    def normal_at(self, u: Array, v: Array) -> Array:
-        """Return the normals (..., 3) in W seen at the pixels nearest to (u, v); 0 where none is known."""
-        height, width = self.normals.shape[:2]
-        cell = _cell(u / self.stride, v / self.stride, height, width)
-        return self.normals.reshape(-1, 3).take(cell, axis=0).astype(float)
-
-    def colour_at(self, u: Array, v: Array, level: int) -> tuple[Array, Array, Array]:
-        """Look RGB up of what depth shows at (u, v), each (B, P), and its derivatives by u and v: three (B, P, 3)."""
-        image = self.colours[level]
-        x = (u - (self.corner[0] - self.shift.mean[0])).astype(np.float32)
-        y = (v - (self.corner[1] - self.shift.mean[1])).astype(np.float32)
-        count = u.shape[0]
-        one = np.float32(1.0)
-        maps_x = np.concatenate([x, x + one, x - one, x, x])
-        maps_y = np.concatenate([y, y, y, y + one, y - one])
-        rows = _remap(image, maps_x, maps_y).reshape(-1, 3).T.astype(float, order="C")
-        found = rows.reshape(3, 5, count, -1).transpose(1, 2, 3, 0)
-        return found[0], 0.5 * (found[1] - found[2]), 0.5 * (found[3] - found[4])
+    def corner_of_colours(self) -> tuple[float, float]:
+        """Return where the first pixel of `colours` lies, as depth counts pixels."""
+        return float(self.corner[0] - self.shift.mean[0]), float(self.corner[1] - self.shift.mean[1])
 
     def plain_colour_at(self, u: Array, v: Array, level: int) -> Array:
-        """Look up as `colour_at` does, without derivatives: (B, P, 3)."""
-        x = (u - (self.corner[0] - self.shift.mean[0])).astype(np.float32)
-        y = (v - (self.corner[1] - self.shift.mean[1])).astype(np.float32)
-        return components_last(_remap(self.colours[level], x, y).transpose(2, 0, 1).astype(float, order="C"))
+        """Look RGB up of what depth shows at (u, v), each (B, P): (B, P, 3)."""
+        return plain_colours(self.colours[level], u, v, self.corner_of_colours())
 
 
 def whole_pixels(mask: Mask, stride: int, shape: tuple[int, int]) -> Mask:
     """Return a mask of every `stride`-th pixel as one (H, W) of all pixels."""
     wide = cv2.resize(mask.view(np.uint8), None, fx=stride, fy=stride, interpolation=cv2.INTER_NEAREST)
     return cast(Mask, wide[: shape[0], : shape[1]].view(bool))
-
-
-def _cell(u: Array, v: Array, height: int, width: int) -> npt.NDArray[np.int64]:
-    """Return the number of the cell nearest to (u, v), clamped to the grid."""
-    column = np.minimum(np.maximum(np.rint(u), 0), width - 1)
-    row = np.minimum(np.maximum(np.rint(v), 0), height - 1)
-    return np.asarray(row * width + column).astype(np.int64)
 
 
 def blur_within(image: npt.NDArray[np.float32], mask: npt.NDArray[np.float32], width: int) -> npt.NDArray[np.float32]:
@@ -217,13 +182,3 @@ def _slope_gain(width: int) -> float:
     """Return what two boxes and a central difference leave of white noise's variance, both directions together."""
     box = np.convolve(np.full(width, 1.0 / width), np.full(width, 1.0 / width))
     return 2.0 * float((box**2).sum() * (np.convolve(box, [0.5, 0.0, -0.5]) ** 2).sum())
-
-
-def _remap(image: npt.NDArray[np.float32], x: npt.NDArray[np.float32], y: npt.NDArray[np.float32]) -> Array:
-    """Bilinear look-up; in slices, because OpenCV's images end at 32767 rows."""
-    slices = range(0, len(x), 16384)
-    parts = [
-        cv2.remap(image, x[k : k + 16384], y[k : k + 16384], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        for k in slices
-    ]
-    return np.concatenate(parts) if len(parts) > 1 else parts[0]

@@ -180,9 +180,7 @@ def starts(model: ModelCloud, frame: Frame, points_W: Array, orientations: list[
 
 def explained(model: ModelCloud, points_W: Array, registration: RegisteredPose, reach: float = 0.008) -> float:
     """Return the share of points within `reach` [m] of the object's surface."""
-    distance, _ = model.tree.query(
-        (points_W - registration.p) @ registration.R, distance_upper_bound=reach + model.spacing / 2, workers=1
-    )
+    distance, _ = model.nearest.query((points_W - registration.p) @ registration.R, reach + model.spacing / 2)
     return float(np.isfinite(distance).mean())
 
 
@@ -269,9 +267,7 @@ def best_of(
 
     A score of `sure` ends it.
     """
-    poses, _ = refine(
-        model, frame, laid, TUNING.coarse_points, TUNING.coarse_iterations, prior, params, coarse_only=True
-    )
+    poses = refine(model, frame, laid, TUNING.coarse_points, TUNING.coarse_iterations, prior, params, coarse_only=True)
     fit = assess(model, frame, poses, TUNING.coarse_points, COARSE, slack=0.005)
     score = (
         fit.likeness * np.minimum(fit.visible_share / TUNING.least_visible, 1.0) * np.minimum(fit.points / 20.0, 1.0)

@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from twin_diagram.assets import Asset
+from twin_diagram.assets import Asset, symmetry
+from twin_diagram.perception.registration.nearest_points import NearestPoints
 from twin_diagram.perception.registration.rotation import exp
 from twin_diagram.signals.arrays import Array
 
@@ -74,9 +75,37 @@ class ModelCloud:
     turns: Array
 
     @cached_property
-    def rows(self) -> Array:
-        """(13, M) points, normals, texture, fine and coarse colours: what each step of a registration looks up."""
-        return np.concatenate([self.points.T, self.normals.T, self.texture[None], *self.colours.transpose(0, 2, 1)])
+    def table(self) -> Array:
+        """(M, 13) points, normals, texture, fine and coarse colours: what each step of a registration looks up."""
+        return np.ascontiguousarray(np.hstack([self.points, self.normals, self.texture[:, None], *self.colours]))
+
+    @cached_property
+    def same(self) -> Array:
+        """(K, 3, 3) turns that leave the object as it is, the first being none."""
+        return symmetry.turns(self.asset.symmetries)
+
+    def turn_between(self, R_first: Array, R_second: Array) -> float:
+        """Return the angle [rad] between two orientations (3, 3), of what can be told apart."""
+        if self.asset.symmetric_axis == "z":
+            ends = R_first[:, 2] @ (R_second @ self.same)[:, :, 2].T
+            return float(np.arccos(np.clip(ends.max(), -1.0, 1.0)))
+        traces = np.einsum("ji,kji->k", R_first, R_second @ self.same)
+        return float(np.arccos(np.clip(0.5 * (traces.max() - 1.0), -1.0, 1.0)))
+
+    @cached_property
+    def seen(self) -> tuple[object, ...]:
+        """What `look_up` reads: the table, directions, what is seen from each, and how much of it."""
+        return self.table, self.directions, self.views, self.view_counts
+
+    @cached_property
+    def nearest(self) -> NearestPoints:
+        """Its points, to be searched for the nearest."""
+        return NearestPoints.of(self.points, self.spacing)
+
+    @cached_property
+    def cloud(self) -> tuple[object, ...]:
+        """What `cloud_kernels` read: points, normals, grid."""
+        return np.ascontiguousarray(self.points), np.ascontiguousarray(self.normals), self.nearest.grid
 
     @staticmethod
     def of(asset: Asset, view_points: int) -> ModelCloud:

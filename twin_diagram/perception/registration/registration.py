@@ -11,12 +11,17 @@ from twin_diagram import scenario
 from twin_diagram.perception.registration.assessment import judge, residual_excess
 from twin_diagram.perception.registration.claims import TUNING as CLAIMS
 from twin_diagram.perception.registration.claims import claim
+from twin_diagram.perception.registration.cloud_kernels import within
 from twin_diagram.perception.registration.colour_shift import ShiftEvidence
-from twin_diagram.perception.registration.data_association import COARSE, FINE, Poses, look
+from twin_diagram.perception.registration.data_association import FINE, Poses, look
+from twin_diagram.perception.registration.data_association import TUNING as LOOKING
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
-from twin_diagram.perception.registration.residuals import Normal, linearise, toward, unexplained
-from twin_diagram.perception.registration.silhouette import Silhouette, inward
+from twin_diagram.perception.registration.refinement_kernels import refine_poses
+from twin_diagram.perception.registration.residuals import TUNING as RESIDUALS
+from twin_diagram.perception.registration.residuals import residual_constants
+from twin_diagram.perception.registration.silhouette import TUNING as SILHOUETTE
+from twin_diagram.perception.registration.silhouette import Silhouette
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.signals.arrays import Array
 
@@ -31,8 +36,17 @@ class Tuning:
     coarse_steps: int = 4
     """At most so many iterations on coarse colours; fewer where the steps become small."""
 
-    small_step: tuple[float, ...] = (1e-3, 2e-4)
+    small_step: tuple[float, float] = (1e-3, 2e-4)
     """After a step smaller than this the next would be lost in the noise [rad], [m]."""
+
+    fine_from: tuple[float, float] = (0.03, 0.004)
+    """After a step smaller than this colours are fine [rad], [m]."""
+
+    right: tuple[float, float] = (0.01, 0.002)
+    """A prediction was right that is no farther off on coarse colours: it needs no wide reach [rad], [m]."""
+
+    largest_step: tuple[float, float] = (0.3, 1.5)
+    """A longer step is cut: look-ups cannot know [rad], [reaches]."""
 
     widest: tuple[float, ...] = CLAIMS.widest
     """Standard deviations where the image says nothing [rad], [m]."""
@@ -87,8 +101,8 @@ def refine(
     *,
     coarse_only: bool = False,
     points_W: Array | None = None,
-) -> tuple[Poses, Normal]:
-    """Refine many starts at once by Gauss-Newton.
+) -> Poses:
+    """Refine starts by Gauss-Newton, each by itself.
 
     Args:
         model: the object.
@@ -99,41 +113,45 @@ def refine(
         prior: (6,) information of `start`: keeps weak directions where they were.
         params: tuning.
         coarse_only: leave the colours coarse and the reach wide.
-        points_W: (N, 3) image points to be explained; only with one start.
-
-    Returns:
-        The poses, and the normal equations of the data alone at the last but one of them.
+        points_W: (N, 3) image points to be explained.
     """
-    poses = start
-    level, reach, coarse = COARSE, params.reach, 0
+    R, p = np.array(start.R, dtype=float, order="C"), np.array(start.p, dtype=float, order="C")
     silhouette = Silhouette.of(model, frame, start)
-    for _ in range(iterations):
-        looked = look(model, frame, poses, count, level)
-        data, _ = linearise(looked, frame, level, reach, params.colour_weight)
-        within = inward(silhouette, looked, frame.camera)
-        data = Normal(data.H + within.H, data.b + within.b)
-        if points_W is not None and len(points_W):
-            opposite = unexplained(model, points_W, poses, frame.camera.p_WC, reach, TUNING.point_to_point)
-            data = Normal(data.H + opposite.H, data.b + opposite.b)
-        held = toward(poses, start, prior)
-        step = np.linalg.solve(data.H + held.H, (data.b + held.b)[..., None])[..., 0]
-        turn, shift = (np.linalg.norm(step[:, k : k + 3], axis=1) for k in (0, 3))
-        # A step beyond what the look-ups can know is cut.
-        factor = np.minimum(1.0, np.minimum(0.3 / np.maximum(turn, 1e-9), 1.5 * reach / np.maximum(shift, 1e-9)))
-        poses = poses.moved(step * factor[:, None])
-        if coarse_only:
-            continue
-        coarse += 1
-        if level == COARSE and (coarse >= TUNING.coarse_steps or (turn.max() < 0.03 and shift.max() < 0.004)):
-            level = FINE
-            # A prediction that was right needs no wide reach.
-            if turn.max() < 0.01 and shift.max() < 0.002:
-                reach = min(reach, TUNING.narrow)
-        elif level == FINE:
-            if turn.max() < TUNING.small_step[0] and shift.max() < TUNING.small_step[1] and reach <= TUNING.narrow:
-                break
-            reach = max(TUNING.narrow, 0.6 * reach)
-    return poses, data
+    inward = (silhouette or Silhouette.nowhere()).arrays
+    shift = frame.shift
+    picture = (
+        frame.images,
+        frame.view,
+        frame.colours,
+        frame.corner_of_colours(),
+        frame.colour_slopes,
+        np.zeros((2, 2)) if shift.certain else shift.information,
+        shift.certain,
+        inward,
+        silhouette is not None,
+    )
+    explain = np.empty((0, 3)) if points_W is None else np.ascontiguousarray(points_W)
+    whole = np.ascontiguousarray(prior, dtype=float)
+    rules = _rules(model, frame, params, iterations, coarse_only)
+    refine_poses(R, p, model.seen, model.cloud, picture, explain, whole, rules, min(count, model.views.shape[1]))
+    return Poses(R, p)
+
+
+def _rules(
+    model: ModelCloud, frame: Frame, params: scenario.Registration, iterations: int, coarse_only: bool
+) -> tuple[object, ...]:
+    """Return the constants of all terms, as `refine_poses` takes them."""
+    noise = frame.camera.depth_noise
+    t = TUNING
+    return (
+        LOOKING.limits,
+        (noise.floor, noise.growth, noise.start),
+        residual_constants(params.colour_weight),
+        SILHOUETTE.cuts,
+        (t.point_to_point, 2.0 * RESIDUALS.model_noise, model.spacing),
+        (params.reach, t.narrow, *t.small_step, *t.fine_from, *t.right, *t.largest_step),
+        (iterations, t.coarse_steps, coarse_only),
+    )
 
 
 def register(
@@ -159,7 +177,7 @@ def register(
     """
     start = Poses(R[None], p[None])
     held = information(0.3, 0.05) if prior is None else prior
-    poses, _ = refine(model, frame, start, params.model_points, params.iterations, held, params, points_W=points_W)
+    poses = refine(model, frame, start, params.model_points, params.iterations, held, params, points_W=points_W)
     looked = look(model, frame, poses, params.model_points, FINE)
     fit = judge(looked, frame)
     # A data sheet that promises too much must not make claims too narrow.
@@ -188,5 +206,4 @@ def claimed(
         near = near[:: max(1, len(near) // most)]
     if not near.size:
         return near
-    distance, _ = model.tree.query(local[near] @ R, distance_upper_bound=reach, workers=1)
-    return np.asarray(near[np.isfinite(distance)])
+    return np.asarray(near[within(segments.points_W[near], np.ascontiguousarray(R), p, model.nearest.grid, reach)])

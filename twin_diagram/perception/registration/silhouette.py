@@ -13,13 +13,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from twin_diagram.perception.pinhole import Pinhole
-from twin_diagram.perception.registration.data_association import Looked, Poses
+from twin_diagram.perception.registration.data_association import Poses
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
-from twin_diagram.perception.registration.residuals import Normal, tukey
-from twin_diagram.perception.registration.rotation import screw
-from twin_diagram.signals.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -37,6 +33,11 @@ class Tuning:
 
     farthest: float = 0.04
     """What sticks out farther than this is no matter of an edge [m]."""
+
+    @property
+    def cuts(self) -> tuple[float, float, float, float]:
+        """As `inward_normal` takes them."""
+        return self.behind, self.rim, self.farthest, self.deviation
 
 
 TUNING = Tuning()
@@ -87,44 +88,15 @@ class Silhouette:
         table[label[row, column]] = np.stack([column + c0, row + r0], axis=1)
         return Silhouette((r0, c0), table, label, away, stride)
 
-    def outside(self, looked: Looked) -> tuple[tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]], Array, Array]:
-        """Return which points looked up stick out (numbers of pose and point, (K,) each), and by how much [px].
+    @staticmethod
+    def nowhere() -> Silhouette:
+        """Return one that holds nothing."""
+        return Silhouette(
+            (0, 0), np.zeros((1, 2), np.float32), np.zeros((1, 1), np.int32), np.zeros((1, 1), np.float32), 1
+        )
 
-        Returns:
-            The numbers, in order; what is missing along the image's axes, (K,) each.
-        """
-        (r0, c0), (height, width) = self.corner, self.away.shape
-        some = np.nonzero(looked.counted & (looked.deeper > TUNING.behind))
-        u, v = looked.u[some], looked.v[some]
-        column = np.rint(u / self.stride).astype(np.int64) - c0
-        row = np.rint(v / self.stride).astype(np.int64) - r0
-        within = np.flatnonzero((column >= 0) & (column < width) & (row >= 0) & (row < height))
-        out = within[self.away[row[within], column[within]] > 0.0]
-        goal = self.target[self.nearest[row[out], column[out]]] * self.stride
-        return (some[0][out], some[1][out]), goal[:, 0] - u[out], goal[:, 1] - v[out]
-
-
-def inward(silhouette: Silhouette | None, looked: Looked, camera: Pinhole) -> Normal:
-    """Return the normal equations that draw what sticks out of a silhouette into it."""
-    count = len(looked.r)
-    result = Normal(np.zeros((count, 6, 6)), np.zeros((count, 6)))
-    if silhouette is None:
-        return result
-    out, du, dv = silhouette.outside(looked)
-    z = looked.z[out]
-    x, y = du * z / camera.fx, dv * z / camera.fy
-    length = np.sqrt(x * x + y * y)
-    beyond = length - TUNING.rim * silhouette.stride * z / camera.fx
-    on = np.flatnonzero(beyond > 0.0)
-    if not on.size:
-        return result
-    pose, point, beyond = out[0][on], out[1][on], beyond[on]
-    way = (x[on, None] * camera.R_WC[:, 0] + y[on, None] * camera.R_WC[:, 1]) / length[on, None]
-    w = np.maximum(looked.facing[pose, point], 0.0) * tukey(beyond, TUNING.farthest) / TUNING.deviation**2
-    J = screw(looked.r[pose, point], way)
-    weighted = J * w[:, None]
-    bounds = np.searchsorted(pose, np.arange(count + 1))
-    for k in range(count):
-        own = slice(bounds[k], bounds[k + 1])
-        result.H[k], result.b[k] = weighted[own].T @ J[own], weighted[own].T @ beyond[own]
-    return result
+    @property
+    def arrays(self) -> tuple[object, ...]:
+        """As `inward_normal` takes it."""
+        row, column = self.corner
+        return row, column, self.away, self.nearest, self.target, self.stride

@@ -34,6 +34,13 @@ class Tuning:
     rests: tuple[float, ...] = (0.1, 0.012)
     """Slower than this is standing still [rad/s], [m/s]."""
 
+    told: float = 1.5
+    """And slower than so many deviations of a speed that two images tell: without it nine tenths of what stands still
+    before a D435 count as moving (`sims/benchmarks/perception_rate.py`, seed 1)."""
+
+    newest: float = 0.6
+    """Share of the newest speed in what is remembered."""
+
     longest_wait: int = 4
     """A search that keeps failing is repeated after so many search periods."""
 
@@ -98,10 +105,19 @@ def seen(slot: Slot, result: RegisteredPose, time: float) -> Slot:
         rate = np.concatenate([log((result.R @ slot.R.T)[None])[0], result.p - slot.p]) / step
         # What the image does not tell it did not do: it would be predicted to go on for ever.
         process = np.diag(np.repeat(np.square(TUNING.changes), 3))
-        velocity = 0.4 * slot.velocity + 0.6 * process @ np.linalg.solve(process + result.covariance, rate)
-        if np.linalg.norm(velocity[:3]) < TUNING.rests[0] and np.linalg.norm(velocity[3:]) < TUNING.rests[1]:
+        newest = process @ np.linalg.solve(process + result.covariance, rate)
+        velocity = (1.0 - TUNING.newest) * slot.velocity + TUNING.newest * newest
+        if stands_still(velocity, result.covariance, step):
             velocity = np.zeros(6)
     return Slot(True, result.R, result.p, velocity, time, NEVER, 0)
+
+
+def stands_still(velocity: Array, covariance: Array, step: float) -> bool:
+    """Return whether a velocity (6,) is none that images a `step` [s] apart can tell, whose poses have a covariance."""
+    spread = np.diag(covariance)
+    told = TUNING.told * TUNING.newest * np.sqrt(2.0 * np.array([spread[:3].sum(), spread[3:].sum()])) / step
+    speed = np.linalg.norm(velocity.reshape(2, 3), axis=1)
+    return bool(np.all(speed < np.maximum(TUNING.rests, told)))
 
 
 def postponed(slot: Slot, time: float, params: scenario.Registration) -> Slot:

@@ -48,9 +48,15 @@ def run(arguments: argparse.Namespace, packages: Mapping[str, str | Path]) -> in
     Args:
         arguments: of the command.
         packages: local folders for `package://` names.
+
+    Raises:
+        TwinError: of the table, or of a map of columns that is none.
     """
+    from twin_diagram.logs.column_map import column_map
     from twin_diagram.runs.fleet.fleet import run_fleet
 
+    if arguments.columns is not None:
+        column_map(arguments.columns)  # told once, not by each robot
     options: list[str] = []
     for name in ("columns", "torque_side"):
         if (value := getattr(arguments, name)) is not None:

@@ -251,9 +251,11 @@ class Cell:
         """Put everything back to where it lay, at rest.
 
         Raises:
-            ScenarioError: it is of another world.
+            ScenarioError: it is of another world, or lacks something.
         """
         context = self._plant.GetMyMutableContextFromRoot(self._context)
+        if lacking := sorted(self.snapshot().keys() - kept.keys()):
+            raise ScenarioError("world", f"cannot go on: what is kept of it lacks {', '.join(lacking)}; begin anew")
         if len(kept["positions"]) != self._plant.num_positions():
             raise ScenarioError("world", "has other objects than the run that is to go on")
         self._context.SetTime(float(kept["frame"][1]))

@@ -235,7 +235,7 @@ def first_mass(model: Model, cell: Cell) -> float:
 
     The second joint's torque beyond the arm's own, over the lever at which the tool hangs.
     """
-    q, taken = cell.q, []
+    q = cell.q
     with cell.recording() as messages:
         cell.wait(0.3)
     taken = np.mean(np.array(messages.torque), axis=0)

@@ -1,0 +1,101 @@
+"""Turns that nothing tells apart: of shapes whose symmetry is known, with colours that break it, and as told."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from twin_diagram.assets import symmetry
+from twin_diagram.errors import AssetError
+from twin_diagram.perception.registration.model_cloud import ModelCloud
+
+Array = npt.NDArray[np.float64]
+CAN = trimesh.creation.cylinder(0.034, 0.1, sections=96)
+HEXAGON = trimesh.creation.cylinder(0.03, 0.08, sections=6)
+CONE = trimesh.creation.cone(0.04, 0.1, sections=96)
+
+
+def cloud(mesh: trimesh.Trimesh, seed: int = 1) -> tuple[Array, Array]:
+    points, face = trimesh.sample.sample_surface(mesh, 4000, seed=seed)
+    return np.asarray(points), np.asarray(mesh.face_normals[face])
+
+
+def cup() -> trimesh.Trimesh:
+    handle = trimesh.creation.box((0.03, 0.01, 0.05))
+    handle.apply_translation([0.045, 0.0, 0.0])
+    return trimesh.util.concatenate([CAN, handle])
+
+
+@pytest.mark.parametrize(
+    ("mesh", "expected"),
+    [
+        (trimesh.creation.box((0.06, 0.1, 0.18)), ("x 2", "y 2", "z 2")),
+        (trimesh.creation.box((0.08, 0.08, 0.18)), ("x 2", "y 2", "z 4")),
+        (trimesh.creation.box((0.21, 0.16, 0.07)), ("x 2", "y 2", "z 2")),
+        (CAN, ("x 2", "y 2", "z any")),
+        (HEXAGON, ("x 2", "y 2", "z 6")),
+        (trimesh.creation.icosphere(4, 0.05), ("x any", "y any", "z any")),
+        (cup(), ("x 2",)),
+    ],
+)
+def test_shapes_repeat_themselves_as_they_do(mesh: trimesh.Trimesh, expected: tuple[str, ...]) -> None:
+    points, normals = cloud(mesh)
+    assert symmetry.proposed(points, normals, np.full((4000, 3), 0.4)) == expected
+
+
+def test_a_cone_has_no_upside_down() -> None:
+    points, normals = cloud(CONE)
+    points = points - points.mean(axis=0)
+    assert symmetry.proposed(points, normals, np.full((4000, 3), 0.4)) == ("z any",)
+
+
+def test_colours_break_what_the_shape_has() -> None:
+    points, normals = cloud(CAN)
+    colours = np.full((4000, 3), 0.6)
+    label = (np.arctan2(points[:, 1], points[:, 0]) % np.pi < 0.6) & (np.abs(points[:, 2]) < 0.04)
+    colours[label] = [0.6, 0.1, 0.1]
+    # Two labels opposite each other, the same upside down: half a turn about z is left.
+    assert symmetry.proposed(points, normals, colours)[-1] == "z 2"
+    colours[points[:, 2] > 0.03] = 0.1
+    assert symmetry.proposed(points, normals, colours) == ("z 2",)
+    # As little as light and shade do it does not matter.
+    assert symmetry.proposed(points, normals, np.full((4000, 3), 0.5) + 0.05 * normals[:, :1])[-1] == "z any"
+
+
+def test_what_is_told_is_read_or_refused() -> None:
+    assert symmetry.parsed(["z 4", "x any"], "here") == ((2, 4), (0, 0))
+    for wrong in ("z", "z 1", "w 2", "z -2", "z 4.5", "z 0", "zz 2", "", "x 999"):
+        with pytest.raises(AssetError, match=r"^here: symmetries holds"):
+            symmetry.parsed([wrong], "here")
+
+
+def test_turns_are_the_whole_group() -> None:
+    np.testing.assert_array_equal(symmetry.turns(()), np.eye(3)[None])
+    for told, count in ((((2, 4),), 4), (((0, 2), (1, 2), (2, 2)), 4), (((0, 2), (2, 4)), 8), (((0, 4), (2, 4)), 24)):
+        group = symmetry.turns(told)
+        assert len(group) == count
+        for one in group:
+            assert Rotation.from_matrix(one).as_matrix() == pytest.approx(one, abs=1e-9)
+            assert min(np.abs(one @ group[-1] - other).max() for other in group) < 1e-9
+    quarter = symmetry.turns(((2, 4),))[1]
+    np.testing.assert_allclose(quarter, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12)
+    assert len(symmetry.turns(((2, 0),))) == 1
+
+
+@pytest.mark.parametrize("axis", [None, "z"])
+def test_poses_are_told_apart_by_what_can_be(axis: str | None) -> None:
+    same = symmetry.turns(((0, 2), (1, 2), (2, 2)))
+    model: Any = SimpleNamespace(asset=SimpleNamespace(symmetric_axis=axis), same=same)
+    rng = np.random.default_rng(11)
+    R = Rotation.from_rotvec(rng.normal(size=3)).as_matrix()
+    for flip in same:
+        assert ModelCloud.turn_between(model, R, R @ flip) == pytest.approx(0.0, abs=1e-6)
+    for way, expected in ((np.array([0.3, 0.0, 0.0]), 0.3), (np.array([0.0, 0.0, 0.3]), 0.0 if axis else 0.3)):
+        turned = R @ same[2] @ Rotation.from_rotvec(way).as_matrix()
+        assert ModelCloud.turn_between(model, R, turned) == pytest.approx(expected, abs=1e-6)

@@ -1,0 +1,68 @@
+"""Calls registration's compiled sums one by one, for laws that are worked out point by point."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.perception.pinhole import Pinhole
+from twin_diagram.perception.registration import colour_kernels, point_kernels
+from twin_diagram.perception.registration.data_association import Looked, Poses
+from twin_diagram.perception.registration.frame import Frame
+from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.residuals import TUNING, Normal, colour_terms, depth_pairs, opposite_pairs
+from twin_diagram.perception.registration.silhouette import TUNING as SILHOUETTE
+from twin_diagram.perception.registration.silhouette import Silhouette
+
+Array = npt.NDArray[np.float64]
+
+
+def linearise(looked: Looked, frame: Frame, level: int, reach: float, share: float) -> tuple[Normal, Array]:
+    """Normal equations of depth and colour, and the noise of each point."""
+    count = len(looked.told)
+    H, b = np.zeros((count, 6, 6)), np.zeros((count, 6))
+    noise = frame.camera.depth_noise
+    cuts = (reach, TUNING.deepest * reach, TUNING.model_noise)
+    told = (noise.floor, noise.growth, noise.start)
+    point_kernels.depth_normal(looked.told, looked.flags, told, cuts, H, b)
+    if share > 0.0:
+        colours = colour_terms(looked, frame, level, reach, share).without_shift(frame.shift)
+        H, b = H + colours.H, b + colours.b
+    return Normal(H, b), depth_pairs(looked, frame, reach)[2]
+
+
+def inward(silhouette: Silhouette | None, looked: Any, camera: Pinhole) -> Normal:
+    """Normal equations of what sticks out, of points told by their names."""
+    shape = looked.z.shape
+    result = Normal(np.zeros((shape[0], 6, 6)), np.zeros((shape[0], 6)))
+    if silhouette is None:
+        return result
+    told = np.zeros((*shape, point_kernels.COLUMNS))
+    told[..., :3] = looked.r
+    for column, name in (
+        (point_kernels.U, "u"),
+        (point_kernels.V, "v"),
+        (point_kernels.Z, "z"),
+        (point_kernels.DEEPER, "deeper"),
+        (point_kernels.FACING, "facing"),
+    ):
+        told[..., column] = getattr(looked, name)
+    flags = (looked.counted * point_kernels.COUNTED).astype(np.uint8)
+    view = (camera.fx, camera.fy, *camera.centre, np.ascontiguousarray(camera.R_WC), camera.p_WC, np.zeros(3))
+    point_kernels.inward_normal(told, flags, silhouette.arrays, view, SILHOUETTE.cuts, result.H, result.b)
+    return result
+
+
+def unexplained(cloud: ModelCloud, points_W: Array, poses: Poses, p_WC: Array, reach: float, share: float) -> Normal:
+    """Normal equations of image points, each with its nearest model point."""
+    pairs = opposite_pairs(cloud, points_W, poses, p_WC, reach, share)
+    return Normal(pairs.H[None], pairs.b[None])
+
+
+def colour_at(frame: Frame, u: Array, v: Array, level: int) -> tuple[Array, Array, Array]:
+    """Colours at pixels (B, P), and their derivatives by u and v."""
+    every = np.ones(u.shape)
+    found = colour_kernels.sloped_colours(frame.colours[level], u, v, every, frame.corner_of_colours())
+    return found[..., :3], found[..., 3:6], found[..., 6:]

@@ -1,0 +1,141 @@
+"""Turns of an object that nothing tells apart, neither its shape nor its colours: found, written down, and read.
+
+A symmetry is an axis of O and how often the object repeats itself in a whole turn about it: `z 4` is a quarter turn
+about z, `z any` every turn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from twin_diagram.errors import AssetError
+from twin_diagram.signals import rotations
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """When a turned object counts as the same, with what set it."""
+
+    points: int = 1500
+    """Of the cloud that are turned."""
+
+    share: float = 0.97
+    """So many points lie on the surface again, in their colour: fewer than a cup's handle or a can's label has."""
+
+    apart: tuple[float, float] = (0.0015, 0.01)
+    """They are off the surface by no more than this [m], [of its radius]: what depth cameras tell a metre away."""
+
+    colour: float = 0.12
+    """Their colours differ by no more than this (of 1), which registration takes for light and shade."""
+
+    neighbours: int = 6
+    """Points whose mean colour is compared: a cloud's points lie elsewhere when turned."""
+
+    facing: float = 0.5
+    """Cosine between the normals of a point and of where it lies when turned."""
+
+    counts: tuple[int, ...] = (8, 6, 5, 4, 3, 2)
+    """Repetitions that are tried, the most first."""
+
+    odd: tuple[float, ...] = (0.071, 0.187, 0.293, 0.437)
+    """Shares of a whole turn that no such repetition has: after all of them, any turn is alike."""
+
+
+TUNING = Tuning()
+AXES = "xyz"
+"""Of O."""
+ANY = "any"
+"""In the place of a number: every turn about that axis."""
+
+
+def proposed(points: Array, normals: Array, colours: Array) -> tuple[str, ...]:
+    """Return the symmetries about the axes of O that shape and colours have.
+
+    Args:
+        points: (M, 3) of the surface in O [m].
+        normals: (M, 3) outward.
+        colours: (M, 3) of 1.
+    """
+    cloud = _Cloud(points, normals, colours)
+    found = []
+    for name, way in zip(AXES, np.eye(3), strict=True):
+        if all(cloud.looks_same(share * way) for share in TUNING.odd):
+            found.append(f"{name} {ANY}")
+            continue
+        most = next((count for count in TUNING.counts if cloud.looks_same(way / count)), 1)
+        found += [f"{name} {most}"] if most > 1 else []
+    return tuple(found)
+
+
+class _Cloud:
+    """A coloured surface that is turned and laid on itself."""
+
+    def __init__(self, points: Array, normals: Array, colours: Array):
+        self._points, self._normals, self._colours = points, normals, colours
+        self._tree = cKDTree(points)
+        every = max(1, len(points) // TUNING.points)
+        self._some, self._ways = points[::every], normals[::every]
+        self._own = self.near(self._some)
+        self._slack = max(TUNING.apart[0], TUNING.apart[1] * float(np.linalg.norm(points, axis=1).max()))
+
+    def near(self, places: Array) -> Array:
+        """Return the mean colours (N, 3) about places (N, 3)."""
+        _, index = self._tree.query(places, k=min(TUNING.neighbours, len(self._points)), workers=1)
+        return np.asarray(self._colours[index].mean(axis=1))
+
+    def looks_same(self, share: Array) -> bool:
+        """Return whether the surface, turned by `share` (3,) of whole turns, lies on itself, in its colours."""
+        turn = rotations.matrix(rotations.exp(2.0 * np.pi * share))
+        places, ways = self._some @ turn.T, self._ways @ turn.T
+        _, index = self._tree.query(places, k=min(TUNING.neighbours, len(self._points)), workers=1)
+        normal = self._normals[index]
+        off = np.abs(np.einsum("nki,nki->nk", normal, places[:, None] - self._points[index]))
+        # About an edge the very nearest point may be of the other side.
+        there = ((off < self._slack) & (np.einsum("nki,ni->nk", normal, ways) > TUNING.facing)).any(axis=1)
+        unlike = np.linalg.norm(self._colours[index].mean(axis=1) - self._own, axis=1) / np.sqrt(3.0)
+        good = there & (unlike < TUNING.colour)
+        return bool(good.mean() >= TUNING.share)
+
+
+def parsed(told: Sequence[str], where: str) -> tuple[tuple[int, int], ...]:
+    """Return axis (0 to 2) and repetitions (0: any) of each symmetry.
+
+    Args:
+        told: such as `z 4`.
+        where: it stands, for messages.
+
+    Raises:
+        AssetError: one that cannot be.
+    """
+    result = []
+    for one in told:
+        axis, _, count = one.partition(" ")
+        times = 0 if count == ANY else max(int(count), 1) if count.isdecimal() else 1
+        if len(axis) != 1 or axis not in AXES or times == 1 or times > 360:
+            raise AssetError(f"{where}: symmetries holds {one!r}; one is an axis and a number, such as z 4, or x any")
+        result.append((AXES.index(axis), times))
+    return tuple(result)
+
+
+def turns(symmetries: Sequence[tuple[int, int]]) -> Array:
+    """Return the rotations (K, 3, 3) that leave the object as it is, the first being none.
+
+    Of an axis about which any turn does, only that it is one is used: see `Asset.symmetric_axis`.
+    """
+    found = [np.eye(3)]
+    steps = [
+        rotations.matrix(rotations.exp(2.0 * np.pi / times * np.eye(3)[axis])) for axis, times in symmetries if times
+    ]
+    at = 0
+    while at < len(found) and len(found) < 60:
+        for step in steps:
+            new = found[at] @ step
+            if all(np.abs(new - old).max() > 1e-6 for old in found):
+                found.append(new)
+        at += 1
+    return np.array(found)

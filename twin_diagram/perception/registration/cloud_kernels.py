@@ -1,0 +1,196 @@
+"""Finds the nearest points of a cloud, and what image points say of a pose by them, compiled."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.compiled import compiled
+
+Mask = npt.NDArray[np.bool_]
+Index = npt.NDArray[np.int64]
+
+
+@compiled
+def nearest_one(x: float, y: float, z: float, grid: tuple[Any, ...], reach: float) -> tuple[float, int]:
+    """Return the distance to the nearest point and its number; infinity and -1 where none is within `reach`.
+
+    Cells are searched in growing shells about the point's own, from the first that holds any, until what is found is
+    nearer than any shell to come.
+    """
+    points, order, starts, empty, corner, cell = grid
+    shape = empty.shape
+    gx, gy, gz = (x - corner[0]) / cell, (y - corner[1]) / cell, (z - corner[2]) / cell
+    i0, j0, k0 = int(np.floor(gx)), int(np.floor(gy)), int(np.floor(gz))
+    # To the nearest wall of its own cell: what later shells are farther away than, with their whole cells.
+    slack = min(min(gx - i0, i0 + 1 - gx), min(min(gy - j0, j0 + 1 - gy), min(gz - k0, k0 + 1 - gz))) * cell
+    best, found = reach * reach, -1
+    inside = i0 >= 0 and j0 >= 0 and k0 >= 0 and i0 < shape[0] and j0 < shape[1] and k0 < shape[2]
+    for ring in range(empty[i0, j0, k0] if inside else 0, int(reach / cell) + 2):
+        if ring > 0 and ((ring - 1) * cell + slack) ** 2 >= best:
+            break
+        for i in range(max(i0 - ring, 0), min(i0 + ring, shape[0] - 1) + 1):
+            for j in range(max(j0 - ring, 0), min(j0 + ring, shape[1] - 1) + 1):
+                step = 1 if abs(i - i0) == ring or abs(j - j0) == ring else max(2 * ring, 1)
+                for k in range(k0 - ring, k0 + ring + 1, step):
+                    if k < 0 or k >= shape[2]:
+                        continue
+                    for m in range(starts[i, j, k], starts[i, j, k + 1]):
+                        dx, dy, dz = points[m, 0] - x, points[m, 1] - y, points[m, 2] - z
+                        squared = dx * dx + dy * dy + dz * dz
+                        if squared < best:
+                            best, found = squared, m
+    if found < 0:
+        return np.inf, -1
+    return np.sqrt(best), order[found]
+
+
+@compiled
+def nearest(local: Array, grid: tuple[Any, ...], reach: float, distance: Array, index: Index) -> None:
+    """Fill in the distance (N,) to the nearest point and its number (N,), as `nearest_one` does."""
+    for k in range(local.shape[0]):
+        distance[k], index[k] = nearest_one(local[k, 0], local[k, 1], local[k, 2], grid, reach)
+
+
+@compiled
+def within(points_W: Array, R: Array, p: Array, grid: tuple[Any, ...], reach: float) -> Mask:
+    """Return which points (N, 3) in W lie within `reach` of a cloud at R (3, 3), p (3,)."""
+    result = np.empty(points_W.shape[0], dtype=np.bool_)
+    local = np.empty(3)
+    for k in range(points_W.shape[0]):
+        into(points_W[k], R, p, local)
+        result[k] = nearest_one(local[0], local[1], local[2], grid, reach)[1] >= 0
+    return result
+
+
+@compiled
+def into(point: Array, R: Array, p: Array, local: Array) -> None:
+    """Write a point (3,) in W as one of the object at R, p."""
+    x, y, z = point[0] - p[0], point[1] - p[1], point[2] - p[2]
+    for i in range(3):
+        local[i] = R[0, i] * x + R[1, i] * y + R[2, i] * z
+
+
+@compiled
+def mean_costs(
+    points_W: Array,
+    R: Array,
+    p: Array,
+    sigma: Array,
+    cloud: tuple[Any, ...],
+    cuts: tuple[float, float, float, float],
+) -> Array:
+    """Return (B,) the mean cost of image points: how far they are from a model at each pose.
+
+    Args:
+        points_W: (N, 3).
+        R: (B, 3, 3).
+        p: (B, 3).
+        sigma: (N,) deviation of depth [m].
+        cloud: points, normals, grid.
+        cuts: reach [m]; how far aside nothing is meant by it [m]; deviation of an edge [m]; the largest deviation.
+    """
+    points, normals, grid = cloud
+    result = np.zeros(R.shape[0])
+    local = np.empty(3)
+    for b in range(R.shape[0]):
+        for k in range(points_W.shape[0]):
+            into(points_W[k], R[b], p[b], local)
+            _, m = nearest_one(local[0], local[1], local[2], grid, cuts[0])
+            far = cuts[3]
+            if m >= 0:
+                along, squared = 0.0, 0.0
+                for i in range(3):
+                    apart = local[i] - points[m, i]
+                    along += apart * normals[m, i]
+                    squared += apart * apart
+                slide = np.sqrt(max(squared - along * along, 0.0))
+                beyond = max(slide - cuts[1], 0.0) / cuts[2]
+                far = min(np.sqrt((along / sigma[k]) ** 2 + beyond * beyond), cuts[3])
+            result[b] += 0.5 * far * far / points_W.shape[0]
+    return result
+
+
+@compiled
+def opposite(
+    points_W: Array,
+    pose: tuple[Array, Array],
+    p_WC: Array,
+    cloud: tuple[Any, ...],
+    cuts: tuple[float, float, float, float],
+    pairs: tuple[Array, Array, Array],
+    sums: tuple[Array, Array],
+) -> None:
+    """Pair image points with the nearest points of a model, and add their normal equations.
+
+    Args:
+        points_W: (N, 3).
+        pose: R (3, 3), p (3,).
+        p_WC: (3,) where the camera is.
+        cloud: points, normals, grid.
+        cuts: reach [m]; weight of point-to-point; deviation of a pair [m]; the model's spacing [m].
+        pairs: J (N, 6), w (N,), n (N, 3) in W, filled; w is -1 where there is no pair.
+        sums: H (6, 6), b (6,), added to.
+    """
+    R, p = pose
+    points, normals, grid = cloud
+    local, seen, r, n, pull = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    into(p_WC, R, p, seen)
+    for k in range(points_W.shape[0]):
+        pairs[1][k] = -1.0
+        into(points_W[k], R, p, local)
+        distance, m = nearest_one(local[0], local[1], local[2], grid, cuts[0])
+        if m < 0:
+            continue
+        front, along = 0.0, 0.0
+        for i in range(3):
+            front += normals[m, i] * (seen[i] - points[m, i])
+            along += normals[m, i] * (local[i] - points[m, i])
+        if front <= 0.0:
+            continue
+        for i in range(3):
+            r[i] = R[i, 0] * points[m, 0] + R[i, 1] * points[m, 1] + R[i, 2] * points[m, 2]
+            n[i] = R[i, 0] * normals[m, 0] + R[i, 1] * normals[m, 1] + R[i, 2] * normals[m, 2]
+            pull[i] = points_W[k, i] - p[i] - r[i] - along * n[i]
+            pairs[2][k, i] = n[i]
+        left = 1.0 - (distance / cuts[0]) ** 2
+        w = left * left / cuts[2] ** 2
+        pairs[1][k] = w
+        _add_plane(r, n, along, w, pairs[0][k], sums)
+        slide = np.sqrt(pull[0] ** 2 + pull[1] ** 2 + pull[2] ** 2)
+        # Where there is nothing to pull, nothing must hold either.
+        if slide > cuts[3]:
+            _add_pull(r, pull, 1.0 - cuts[3] / slide, cuts[1] * w, sums)
+
+
+@compiled
+def _add_plane(r: Array, n: Array, along: float, w: float, J: Array, sums: tuple[Array, Array]) -> None:
+    """Add the equations of one point-to-plane distance; write its Jacobian."""
+    J[0], J[1], J[2] = -(r[1] * n[2] - r[2] * n[1]), -(r[2] * n[0] - r[0] * n[2]), -(r[0] * n[1] - r[1] * n[0])
+    J[3], J[4], J[5] = -n[0], -n[1], -n[2]
+    for i in range(6):
+        sums[1][i] -= w * along * J[i]
+        for j in range(6):
+            sums[0][i, j] += w * J[i] * J[j]
+
+
+@compiled
+def _add_pull(r: Array, pull: Array, share: float, w: float, sums: tuple[Array, Array]) -> None:
+    """Add the equations that move a point r by `share` of `pull`: a turn a and a shift s move it by a x r + s."""
+    H, b = sums
+    squared = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        for column in range(3):
+            H[i, column] -= w * r[i] * r[column]
+        H[i, i] += w * squared
+        H[i, 3 + j] -= w * r[k]
+        H[i, 3 + k] += w * r[j]
+        H[3 + j, i] -= w * r[k]
+        H[3 + k, i] += w * r[j]
+        H[3 + i, 3 + i] += w
+        b[i] += w * share * (r[j] * pull[k] - r[k] * pull[j])
+        b[3 + i] += w * share * pull[i]

@@ -1,0 +1,101 @@
+"""Samples colours at many pixels and fits their brightness, compiled; B poses, P points each."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.compiled import compiled
+
+
+@compiled
+def sample(image: Array, x: float, y: float, out: Array) -> None:
+    """Write what an image (h, w, 3) shows at (x, y), bilinear, its rim going on outside."""
+    height, width = image.shape[:2]
+    x, y = min(max(x, -2.0), width + 1.0), min(max(y, -2.0), height + 1.0)
+    column, line = int(np.floor(x)), int(np.floor(y))
+    s, t = x - column, y - line
+    left, right = min(max(column, 0), width - 1), min(max(column + 1, 0), width - 1)
+    top, bottom = min(max(line, 0), height - 1), min(max(line + 1, 0), height - 1)
+    for i in range(3):
+        above = image[top, left, i] * (1.0 - s) + image[top, right, i] * s
+        below = image[bottom, left, i] * (1.0 - s) + image[bottom, right, i] * s
+        out[i] = above * (1.0 - t) + below * t
+
+
+@compiled
+def plain_colours(image: Array, u: Array, v: Array, corner: tuple[float, float]) -> Array:
+    """Return what an image from `corner` on shows at pixels u, v (B, P): (B, P, 3)."""
+    found = np.empty((*u.shape, 3))
+    for b in range(u.shape[0]):
+        for k in range(u.shape[1]):
+            sample(image, u[b, k] - corner[0], v[b, k] - corner[1], found[b, k])
+    return found
+
+
+@compiled
+def solve(A: Array, b: Array) -> None:
+    """Turn b (n,) into the solution of A x = b, A (n, n) being positive definite; both are written over."""
+    n = b.shape[0]
+    for i in range(n):
+        for j in range(i + 1, n):
+            share = A[j, i] / A[i, i]
+            for k in range(i + 1, n):
+                A[j, k] -= share * A[i, k]
+            b[j] -= share * b[i]
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            b[i] -= A[i, k] * b[k]
+        b[i] /= A[i, i]
+
+
+@compiled
+def gains(found: Array, colour: Array, n: Array, weight: Array, even: Array) -> Array:
+    """Return the brightness (B, P) of points: g(n) = a + b · n for which g · colour is nearest to what was found."""
+    result = np.empty(weight.shape)
+    feature = np.ones(4)
+    for b in range(weight.shape[0]):
+        normal, right, total = np.zeros((4, 4)), np.zeros(4), 1e-6
+        for k in range(weight.shape[1]):
+            w = weight[b, k]
+            if w == 0.0:
+                continue
+            energy, match = 0.0, 0.0
+            for i in range(3):
+                energy += colour[b, k, i] * colour[b, k, i] * w
+                match += colour[b, k, i] * found[b, k, i] * w
+                feature[1 + i] = n[b, k, i]
+            total += energy
+            for i in range(4):
+                right[i] += feature[i] * match
+                for j in range(4):
+                    normal[i, j] += feature[i] * feature[j] * energy
+        for i in range(4):
+            normal[i, i] += total * even[i]
+        solve(normal, right)
+        for k in range(weight.shape[1]):
+            gain = right[0] + right[1] * n[b, k, 0] + right[2] * n[b, k, 1] + right[3] * n[b, k, 2]
+            result[b, k] = min(max(gain, 0.1), 2.0)
+    return result
+
+
+@compiled
+def sloped_colours(image: Array, u: Array, v: Array, weight: Array, corner: tuple[float, float]) -> Array:
+    """Return colours and their derivatives by u and v (B, P, 9) where `weight` (B, P) is not 0."""
+    found = np.zeros((*weight.shape, 9))
+    more, less = np.empty(3), np.empty(3)
+    for b in range(weight.shape[0]):
+        for k in range(weight.shape[1]):
+            if weight[b, k] == 0.0:
+                continue
+            x, y = u[b, k] - corner[0], v[b, k] - corner[1]
+            sample(image, x, y, found[b, k])
+            sample(image, x + 1.0, y, more)
+            sample(image, x - 1.0, y, less)
+            for i in range(3):
+                found[b, k, 3 + i] = 0.5 * (more[i] - less[i])
+            sample(image, x, y + 1.0, more)
+            sample(image, x, y - 1.0, less)
+            for i in range(3):
+                found[b, k, 6 + i] = 0.5 * (more[i] - less[i])
+    return found

@@ -1,0 +1,53 @@
+"""Compiles loops over arrays to machine code (Numba), kept on disk between runs.
+
+Registration looks hundreds of points up some ten times a frame and object, planning measures thousands of distances a
+tick: as NumPy calls, each of which costs microseconds whatever it sums, that is ten times slower than as one loop.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import TypeVar, cast
+
+import numba
+
+F = TypeVar("F", bound=Callable[..., object])
+
+PACKAGE = Path(__file__).resolve().parents[1]
+"""The folder of `twin_diagram`."""
+
+
+def compiled(function: F) -> F:
+    """Compile a function of arrays and numbers when it is first called; later runs load it.
+
+    It may call compiled functions of other modules whose names end in `_kernels`. Sums are in the order of the source,
+    so that results are the same on each run.
+    """
+    options = {"nogil": True, "error_model": "numpy"}
+    before = numba.config.CACHE_DIR
+    try:
+        # Numba notices that a function's own file has changed, not that one has which it calls.
+        numba.config.CACHE_DIR = before or str(kept_in())
+        return cast(F, numba.njit(cache=True, **options)(function))
+    except (RuntimeError, OSError):
+        return cast(F, numba.njit(**options)(function))  # nothing can be written: compiled in each run
+    finally:
+        numba.config.CACHE_DIR = before
+
+
+@cache
+def kept_in() -> Path:
+    """Return the folder for what was compiled from the package's kernels as they are: in the package, or the user's."""
+    digest = hashlib.sha256()
+    for file in sorted(PACKAGE.rglob("*_kernels.py")):
+        digest.update(file.read_bytes())
+    name = f"kernels-{digest.hexdigest()[:16]}"
+    own = PACKAGE / "__pycache__"
+    if os.access(own if own.is_dir() else PACKAGE, os.W_OK):
+        return own / name
+    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(home) / "twin_diagram" / name
