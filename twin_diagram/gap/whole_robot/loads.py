@@ -65,6 +65,9 @@ def loaded(whole: RobotProblem, start: Array) -> RobotProblem | None:
     if likely - evidence(whole, noise)[0] < TUNING.worth:
         return None
     load = replace(with_candidate(whole, candidate, last_body(terms)), spread=spread)
+    # Links that may be further off than that would take the payload over again.
+    nearer = tuple(one for one in whole.spreads if one <= max(spread, min(whole.spreads)))
+    load = replace(load, spreads=nearer)
     return load if believable(load) else None
 
 
@@ -94,7 +97,7 @@ def evidence(problem: RobotProblem, noise: RobotProblem) -> tuple[float, float]:
     every = replace(problem, links_free=problem.links.heavy, own_free=noise.own_free, gone=np.zeros_like(noise.gone))
     every = replace(every, variance=noise.variance, share=noise.share)
     best, z = (-np.inf, TUNING.usual), None
-    for spread in TUNING.spreads if problem.spreads == PHYSICAL_FIT.spreads else problem.spreads:
+    for spread in problem.spreads if problem.spreads == PHYSICAL_FIT.known else TUNING.spreads:
         tried = replace(every, spread=spread)
         z = solve(tried, None, z)
         some = np.flatnonzero(tried.free)
