@@ -26,7 +26,7 @@ from twin_diagram.gap.report import gap_json, page
 from twin_diagram.gap.report.comparison import Shown, show
 from twin_diagram.gap.report.subject import Subject
 from twin_diagram.gap.residuals.prepared_logs import TUNING as PREPARED_LOGS
-from twin_diagram.gap.residuals.prepared_logs import prepare, usable
+from twin_diagram.gap.residuals.prepared_logs import moves, prepare, usable
 from twin_diagram.gap.verdict.deciding import TUNING as DECIDING
 from twin_diagram.gap.verdict.probabilities import less_sure
 from twin_diagram.gap.whole_robot.few_or_whole import Explanation, explained, nameless, standing_after
@@ -292,6 +292,10 @@ def _read(
     for log in logs:
         usable(log)
     usable(kept, PREPARED_LOGS.shortest_held)
+    if not any(moves(log) for log in logs):
+        raise LogError(
+            f"{logs[0].source}: no joint moves beyond its encoder's noise: give a log in which the arm moves"
+        )
     notes = [warning.message for warning in warnings]
     if given.arm.link_side:
         notes.append(

@@ -78,7 +78,10 @@ class Log:
         """
         torque = self.torque if self.torque is not None else self.torque_commanded
         if torque is None:
-            raise LogError(f"{self.source}: has neither torque_measured nor torque_commanded; one is required")
+            raise LogError(
+                f"{self.source}: has neither torque_measured nor torque_commanded; one is required (currents become "
+                "torques by --columns, which takes each joint's torque_constant)"
+            )
         return torque
 
     @property

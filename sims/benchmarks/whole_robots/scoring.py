@@ -9,14 +9,19 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from gap_truth.chain import Chain
+from gap_truth.chain import Chain, Link
 from gap_truth.phenomena import spring_torque, tilted_gravity
 from gap_truth.world import Nominal
 from real_references import least_squares
 from real_references.regression import equations
-from scipy.signal import butter, sosfiltfilt
 
+from twin_diagram.logs import read_log
+from twin_diagram.logs.differentiation import below_cutoff, motion
+from twin_diagram.model.effects import make
 from twin_diagram.model.model import Model
+from twin_diagram.model.prediction import load_model_for
+from twin_diagram.scenario import EffectSpec
+from whole_robots.arms import other_link
 from whole_robots.runs import Robot
 
 Array = npt.NDArray[np.float64]
@@ -36,8 +41,14 @@ USUAL = {
 PERCENTILES = (10, 50, 90)
 """Of a log's speeds, at which friction is compared."""
 
-NEGLIGIBLE = 1e-9
-"""Directions of usual columns below this share of the largest say nothing."""
+SLIDING = 0.02
+"""Slower, a joint may stick, and what holds it is no friction's curve [rad/s]."""
+
+LEVELS = {"torque": 1.0, "torque_positive": 0.5, "torque_negative": 0.5, "coulomb": 1.0}
+"""Parameters of dry friction, and their share of the mean of both directions."""
+
+DRAWN = 400
+"""Links, for how much they may be off."""
 
 
 def score(robot: Robot, folder: Path, out: Path) -> dict[str, Any]:
@@ -89,24 +100,35 @@ def right(effect: dict[str, Any], robot: Robot) -> bool:
 
 
 def friction(robot: Robot, corrected: Model, said: dict[str, Any]) -> list[dict[str, float]]:
-    """Per joint and percentile of its speed: the friction there, what is said of it, and its standard error."""
+    """Per joint and percentile of its speed while it slides: friction there, what is said of it, its standard error.
+
+    Friction that grows with the load is compared at the log's load.
+    """
     run, laws = robot.fit, robot.truth.friction
     home = np.median(run.q, axis=0)
     load = np.sqrt(np.mean(run.torque**2, axis=0))[None]
     result = []
     for j, joint in enumerate(robot.truth.described.joints):
-        for percent in PERCENTILES:
-            v = np.zeros((2, len(home)))
-            v[:, j] = np.percentile(np.abs(run.v[:, j]), percent) * np.array([1.0, -1.0])
-            both = corrected.inverse_dynamics(np.stack([home, home]), v, np.zeros_like(v))[:, j]
+        speeds = np.abs(run.v[:, j])
+        speeds = speeds[speeds > SLIDING]
+        for percent in PERCENTILES if len(speeds) else ():
+            v = np.zeros((3, len(home)))
+            v[:, j] = np.percentile(speeds, percent) * np.array([1.0, -1.0, 0.0])
+            both = corrected.inverse_dynamics(np.stack([home] * 3), v, np.zeros_like(v))[:, j]
             true = np.concatenate([laws.sliding(v[k : k + 1], load) for k in range(2)])[:, j]
-            std = 0.0
+            std, more = 0.0, 0.0
             for effect in said["effects"]:
-                for key, times in (("damping", v[0, j]), ("torque", 1.0), ("coulomb", 1.0)):
-                    if "friction" in effect["name"] and joint in effect["parameters"].get(key, {}):
-                        std = float(np.hypot(std, times * effect["parameters"][key][joint]["std"]))
-            told = {"true": float(0.5 * (true[0] - true[1])), "said": float(0.5 * (both[0] - both[1]))}
-            result.append({"joint": j, "percent": percent, **told, "std": std})
+                told = {key: value[joint] for key, value in effect["parameters"].items() if joint in value}
+                if effect["name"] == "load_dependent_friction" and told:
+                    coefficient = told["coefficient"]
+                    more = coefficient["value"] * (load[0, j] - abs(both[2]))
+                    std = float(np.hypot(std, load[0, j] * coefficient["std"]))
+                elif "friction" in effect["name"]:
+                    parts = [LEVELS[key] * one["std"] for key, one in told.items() if key in LEVELS]
+                    parts += [v[0, j] * one["std"] for key, one in told.items() if key == "damping"]
+                    std = float(np.linalg.norm([std, *parts]))
+            true, curve = 0.5 * (true[0] - true[1]), 0.5 * (both[0] - both[1]) + more
+            result.append({"joint": j, "percent": percent, "true": float(true), "said": float(curve), "std": std})
     return result
 
 
@@ -145,36 +167,56 @@ def held_out(folder: Path, said: dict[str, Any]) -> dict[str, float]:
     return {"over_told": float(np.mean(after / told)), "over_description": float(np.mean(after / before))}
 
 
-def separation(robot: Robot, folder: Path) -> float | None:
+def separation(robot: Robot, folder: Path) -> float:
     """Distance in units of the log's noise from what is unusual to the nearest combination of what is usual.
 
-    None for a push, which no usual thing resembles.
+    Links are off by what this arm's are off by, or a last link that may be anything would be any payload.
     """
-    if robot.truth.unusual[0].name == "external_force":
-        return None
-    more = unusual_torque(robot)
-    sos = butter(4, 10.0, fs=1.0 / robot.period, output="sos")
-    low = sosfiltfilt(sos, more, axis=0)
     eqs = equations(folder / "model.urdf", folder / "fit.csv", "motor")
-    samples, width = np.linspace(0.0, 1.0, eqs.torque.shape[1]), np.linspace(0.0, 1.0, len(low))
-    seen = np.stack([np.interp(samples, width, x) for x in low.T])
+    _, log, _ = load_model_for(read_log(folder / "fit.csv"), folder / "model.urdf")
+    regular = motion(replace(log, velocity=None), cutoff=10.0).log
+    more = unusual_torque(robot, folder)
+    seen = np.stack([np.interp(regular.time, robot.fit.time, x) for x in more.T], axis=1)
     scale = robot.noise[:, None]
     every = max(1, int(0.01 / robot.period))
     X = np.concatenate(list((eqs.columns / scale[:, :, None])[:, ::every]))
-    y = (seen / scale)[:, ::every].ravel()
-    X = X / np.maximum(np.linalg.norm(X, axis=0), 1e-12)
-    values, vectors = np.linalg.eigh(X.T @ X)
-    kept = values > NEGLIGIBLE * values[-1]
-    left = y - X @ (vectors[:, kept] @ ((vectors[:, kept].T @ (X.T @ y)) / values[kept]))
-    return float(np.sqrt(np.sum(left**2) * every))
+    y = (below_cutoff(seen, regular).T / scale)[:, ::every].ravel()
+    links = 10 * eqs.n
+    wide = np.concatenate([np.zeros(links), np.full(4 * eqs.n, 1e-9)])
+    prior = np.diag(wide)
+    for k, link in enumerate(robot.truth.described.links):
+        prior[10 * k : 10 * k + 10, 10 * k : 10 * k + 10] = np.linalg.inv(spread_of(link, robot.truth.setting["links"]))
+    left = y - X @ np.linalg.solve(X.T @ X + prior, X.T @ y)
+    return float(np.sqrt(max(y @ left, 0.0) * every))
 
 
-def unusual_torque(robot: Robot) -> Array:
+def spread_of(link: Link, size: float | str) -> Array:
+    """(10, 10) covariance of a link's inertial parameters, drawn as arms' are."""
+    rng = np.random.default_rng(0)
+    drawn = np.stack([parameters(other_link(link, float(size), rng)) for _ in range(DRAWN)])
+    off = drawn - parameters(link)
+    return np.asarray(off.T @ off / DRAWN) + 1e-9 * np.eye(10)
+
+
+def parameters(link: Link) -> Array:
+    """(10,) mass, mass times centre, and moments about the link's origin."""
+    about = link.inertia + link.mass * (link.com @ link.com * np.eye(3) - np.outer(link.com, link.com))
+    moments = [about[0, 0], about[1, 1], about[2, 2], about[0, 1], about[0, 2], about[1, 2]]
+    return np.array([link.mass, *(link.mass * link.com), *moments])
+
+
+def unusual_torque(robot: Robot, folder: Path) -> Array:
     """Torque (N, n) that what is unusual takes along the fitted run [N·m]."""
     run, truth = robot.fit, robot.truth
     (thing,) = truth.unusual
     q, v, a = run.q, run.v, run.a
     plain = Nominal(truth.real)
+    if thing.name == "external_force":
+        link = truth.described.link_names[thing.link or 0]
+        spec = EffectSpec(thing.name, [], [link], {"wrench": list(thing.values["wrench"])})
+        described = Model.load(folder / "model.urdf")
+        pushed = described.with_effects([make(spec)]).inverse_dynamics(q, v, a) - described.inverse_dynamics(q, v, a)
+        return np.asarray(pushed * np.array([[thing.acts(t)] for t in run.time]))
     if thing.name == "payload":
         return Nominal(with_payload(robot)).inverse(q, v, a) - plain.inverse(q, v, a)
     if thing.name == "gravity_tilt":

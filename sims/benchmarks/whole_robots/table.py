@@ -16,7 +16,7 @@ def text(results: list[dict[str, Any]]) -> str:
     """One line per figure."""
     fine = [r for r in results if "error" not in r]
     real = [r for r in fine if not r["as_described"]]
-    clear = [r for r in real if r["unusual"] and (r["separation"] is None or r["separation"] >= CLEAR)]
+    clear = [r for r in real if r["unusual"] and r["separation"] >= CLEAR]
     curves = [row for r in real for row in joints_of(r["friction"])]
     loads = [r["payload"] for r in real if r["payload"] and r["payload"][2] > 0.0]
     later = [r["loaded"] for r in fine if "loaded" in r]

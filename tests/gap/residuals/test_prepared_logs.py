@@ -14,6 +14,7 @@ from twin_diagram.gap.residuals.prepared_logs import (
     Record,
     Records,
     mean_inertia,
+    moves,
     prepare,
     roughness,
     shaken,
@@ -226,3 +227,14 @@ def test_what_gears_pass_on_is_without_dry_friction() -> None:
     np.testing.assert_allclose(off[moving], 4.0 * np.sign(with_it.v[moving, ELBOW]), atol=1e-6)
     made: Record = with_it
     assert made.torque.shape == made.q.shape
+
+
+def test_an_arm_at_rest_does_not_move_whatever_its_encoders_noise_and_a_slow_one_does() -> None:
+    moving = log_of(position_noise=1e-4)
+    noise = np.random.default_rng(1).normal(size=moving.position.shape)
+    home = np.broadcast_to(moving.position[0], moving.position.shape)
+    assert moves(moving)
+    assert not moves(replace(moving, position=home.copy()))
+    assert not moves(replace(moving, position=home + 1e-3 * noise))
+    slow = home + 0.02 * (moving.position - home) + 1e-4 * noise
+    assert moves(replace(moving, position=slow))

@@ -10,9 +10,12 @@ import pytest
 
 from tests.gap.made import ARM, effect, everywhere
 from tests.gap.whole_robot.test_explain import noisy
+from twin_diagram.gap.candidates.payload import payload
 from twin_diagram.gap.whole_robot.explain import begun, concluded, settled, settled_beside
 from twin_diagram.gap.whole_robot.left_out import LeftOut
+from twin_diagram.gap.whole_robot.loads import evidence, loaded
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve
+from twin_diagram.gap.whole_robot.pushes import pushes
 from twin_diagram.gap.whole_robot.torque_equations import equations
 from twin_diagram.gap.whole_robot.unusual import ReadyFits, offered, room_for, terms_of, unusual, with_candidate
 from twin_diagram.model.effects import Effect
@@ -37,8 +40,8 @@ TILT = effect("gravity_tilt", roll=0.05, pitch=-0.03)
 
 def test_a_payload_is_found_with_its_mass_and_centre() -> None:
     start = problem(PAYLOAD)
-    found = unusual(start, solve(start), ARM)
-    assert [c.name for c in found.sums.further] == ["payload"]
+    found = loaded(start, solve(start))
+    assert found is not None and [c.name for c in found.sums.further] == ["payload"]
     z = solve(found)[found.place(0)]
     np.testing.assert_allclose(z[0], MASS, rtol=0.03)
     np.testing.assert_allclose(z[1:] / z[0], COM, atol=0.01)
@@ -55,6 +58,7 @@ def test_a_tilt_takes_the_place_of_nothing_and_nothing_is_found_of_nothing() -> 
     np.testing.assert_allclose(solve(found)[found.place(0)], [0.05, -0.03], atol=0.004)
     plain = problem()
     assert not unusual(plain, solve(plain), ARM).sums.further
+    assert loaded(plain, solve(plain)) is None
 
 
 @pytest.mark.parametrize(("name", "variant"), [("gravity_tilt", ""), ("joint_spring", "curve"), ("encoder_offset", "")])
@@ -69,9 +73,9 @@ def test_what_a_candidate_brings_is_known_before_it_is_fitted(name: str, variant
 
 def test_what_stands_for_the_same_makes_room() -> None:
     start = problem(PAYLOAD)
-    there = offered(terms_of(start.sums, ARM))
-    spring = next(c for c in there if c.name == "joint_spring" and c.joints == (2,))
-    load = next(c for c in there if c.name == "payload")
+    terms = terms_of(start.sums, ARM)
+    spring = next(c for c in offered(terms) if c.name == "joint_spring" and c.joints == (2,))
+    load = payload(terms)
     links, own = room_for(start.sums.with_further([spring, load]), 5)
     assert not links[5] and np.all(links[:5])
     assert not own[2, 2] and np.sum(~own) == 1
@@ -93,3 +97,35 @@ def test_sums_with_further_columns_say_what_is_left() -> None:
         d = step * more.deviation[k] * np.eye(len(z))[k]
         slope = (more.cost(at + d, total) - more.cost(at - d, total)) / (2.0 * step * more.deviation[k])
         assert gradient[k] == pytest.approx(slope, rel=1e-4, abs=1e-4 * np.max(np.abs(gradient)))
+
+
+def test_links_that_may_be_anything_are_less_likely_than_a_payload_and_that_says_at_what_spread() -> None:
+    start = problem(PAYLOAD)
+    load = loaded(start, solve(start))
+    assert load is not None
+    with_load, spread = evidence(load, load)
+    without, wider = evidence(start, load)
+    assert with_load - without > 20.0
+    assert spread < 0.1 < wider
+
+
+def test_a_push_is_found_with_its_link_wrench_and_times_and_in_nothing_none() -> None:
+    true = ARM.with_effects([everywhere("viscous_friction", damping=2.0)])
+    push = effect("external_force", links=["forearm_link"], wrench=[20.0, -10.0, 15.0, 0.0, 0.0, 0.0])
+    records = noisy(ARM, true, 10.0)
+    pushed = noisy(ARM, true.with_effects([*true.effects, push]), 10.0)
+    (record,), (other,) = records.records, pushed.records
+    during = ((record.time > 4.0) & (record.time < 6.0))[:, None]
+    records = replace(records, records=(replace(record, torque=np.where(during, other.torque, record.torque)),))
+    whole, start = settled(begun(records, equations(records)))
+    found = pushes(whole, start, terms_of(whole.sums, ARM))
+    links = [ARM.tree.link[k] for k in range(6)]
+    assert found and found[0].links == ("forearm_link",) and links.index("forearm_link") == 2
+    assert found[0].onset is not None and found[0].end is not None
+    assert found[0].onset[1] == pytest.approx(4.0, abs=0.1) and found[0].end[1] == pytest.approx(6.0, abs=0.1)
+    beside = unusual(whole, start, ARM)
+    (push_found,) = [c for c in beside.sums.further if c.name == "external_force"]
+    wrench = solve(beside)[beside.place(beside.sums.further.index(push_found))]
+    np.testing.assert_allclose(wrench[:3], [20.0, -10.0, 15.0], atol=3.0)
+    calm = problem()
+    assert not pushes(calm, solve(calm), terms_of(calm.sums, ARM))

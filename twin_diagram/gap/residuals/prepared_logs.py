@@ -51,6 +51,12 @@ class Tuning:
     shortest: float = 2.0
     """A log that is fitted must have this much left after its ends are cut [s]."""
 
+    beyond_noise: float = 12.0
+    """Noise of a joint at rest reaches from end to end over so many deviations at most, in a million samples."""
+
+    least_motion: float = 1e-5
+    """What no encoder tells from rest [rad or m]."""
+
     shortest_held: float = 1.0
     """A log that is held out must have this much left [s]: five rollouts."""
 
@@ -300,6 +306,12 @@ def usable(log: Log, shortest: float = TUNING.shortest) -> float:
     if not np.any(log.motor_torque):
         raise LogError(f"{log.source}: all torques are zero throughout, so there is nothing to compare a model with")
     return duration
+
+
+def moves(log: Log) -> bool:
+    """Return whether any joint of a log moves by more than its encoder's noise."""
+    noise = roughness(log.position, log.period)
+    return bool(np.any(np.ptp(log.position, axis=0) > np.maximum(TUNING.beyond_noise * noise, TUNING.least_motion)))
 
 
 def _record(model: Model, log: Log, index: int, band: float) -> Record:

@@ -9,7 +9,7 @@ import numpy as np
 
 from twin_diagram.gap.candidates.records import record_of
 from twin_diagram.gap.correction.physical_coordinates import from_log_cholesky
-from twin_diagram.gap.findings import Estimate, Finding
+from twin_diagram.gap.findings import Estimate, Finding, Moment
 from twin_diagram.gap.verdict.posterior import unit_of
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem
 from twin_diagram.gap.whole_robot.torque_equations import OWN
@@ -35,6 +35,9 @@ class Tuning:
 
     step: float = 1e-5
     """Of finite differences of a link's coordinates."""
+
+    third: float = 1.0 / 3.0
+    """Share of its value up to which an own term's error counts what has no name: nothing is named beyond that."""
 
     own_mass: float = 0.1
     """Of the last link's mass, by which any description may be off: a payload is known no better."""
@@ -75,6 +78,23 @@ def widened(spread: Array, fits: Array) -> Array:
     return np.asarray(spread * np.outer(ratio, ratio))
 
 
+def beside_all(spread: Array, every: RobotProblem, z: Array) -> Array:
+    """Return a covariance (Z, Z) that is no smaller than if all that was not named were there, too.
+
+    Friction whose damping had no name may have some yet: its level is known the less.
+
+    Args:
+        spread: of what is named, 0 elsewhere.
+        every: the same problem with everything free.
+        z: (Z,) coordinates.
+    """
+    wide, own = np.sqrt(np.diag(covariance(every, z))), np.sqrt(np.maximum(np.diag(spread), 0.0))
+    terms = slice(10 * every.n, 14 * every.n)
+    wide[terms] = np.minimum(wide[terms], TUNING.third * np.abs(z[terms]))
+    ratio = np.where(own > 0.0, np.maximum(wide / np.maximum(own, 1e-300), 1.0), 1.0)
+    return np.asarray(spread * np.outer(ratio, ratio))
+
+
 def findings(
     problem: RobotProblem, z: Array, spread: Array, model: Model, sure: dict[str, float]
 ) -> tuple[Finding, ...]:
@@ -109,12 +129,15 @@ def _further(
 ) -> tuple[Finding, ...]:
     """Return one finding per name of what is there beyond links and joints' own terms."""
     found: dict[str, Finding] = {}
+    step = 1.0 / problem.sums.records.rate
     there = sorted(enumerate(problem.sums.further), key=lambda item: item[1].joints)
     for at, candidate in there:
         name, s = candidate.name, problem.place(at)
         told = candidate.parameters(z[s], spread[s, s])
         joints = tuple(model.joints[j] for j in candidate.joints)
-        before = found.get(name, Finding(name, (), candidate.links, {}, sure.get(name, 1.0)))
+        when = [None if moment is None else Moment(*moment, step) for moment in (candidate.onset, candidate.end)]
+        nothing = Finding(name, (), candidate.links, {}, sure.get(name, 1.0), onset=when[0], end=when[1])
+        before = found.get(name, nothing)
         parameters = dict(before.parameters)
         for key, (value, error) in told.items():
             if not record_of(name).per_joint:

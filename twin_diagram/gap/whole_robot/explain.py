@@ -31,11 +31,13 @@ from twin_diagram.gap.whole_robot.left_out import (
     missed,
     units,
 )
+from twin_diagram.gap.whole_robot.loads import TUNING as LOADS
+from twin_diagram.gap.whole_robot.loads import loaded, needed
 from twin_diagram.gap.whole_robot.physical_fit import TUNING as PHYSICAL_FIT
-from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
+from twin_diagram.gap.whole_robot.physical_fit import Chosen, RobotProblem, solve, with_noise
 from twin_diagram.gap.whole_robot.physical_links import Links
 from twin_diagram.gap.whole_robot.torque_equations import OWN, TorqueEquations, equations
-from twin_diagram.gap.whole_robot.unusual import BEYOND, price, room_for, unusual, without_doubtful
+from twin_diagram.gap.whole_robot.unusual import between, least, price, room_for, unusual, without_doubtful
 from twin_diagram.model.effects.inertia import Payload
 from twin_diagram.model.effects.link_inertia import InertialParameters
 from twin_diagram.model.model import Model
@@ -115,8 +117,9 @@ class WholeRobot:
 def explain(records: Records, *, known: bool = False) -> WholeRobot | None:
     """Fit all links and joints at once, and keep what left-out motion asks for; None where that is nothing.
 
-    What is unusual is looked for beside what every arm lacks; and a payload before that, or the links stand in for it.
-    Left-out motion says which it is, and of two that are as good the one that says less.
+    What is unusual is looked for beside what every arm lacks, once what does not matter is gone and once before that.
+    Left-out motion says which it is, and of two that are as good the one that says less. A payload is decided on by
+    the links' priors: on left-out motion, links stand in for any.
 
     Args:
         records: prepared with the given model.
@@ -126,15 +129,52 @@ def explain(records: Records, *, known: bool = False) -> WholeRobot | None:
     if known:
         whole = replace(whole, spread=max(PHYSICAL_FIT.known), spreads=PHYSICAL_FIT.known)
     whole, start = settled(whole)
+    plain = best_of(whole, start, known)
+    load = loaded(whole, start)
+    carried = None if load is None else best_of(*settled(load), known)
+    if carried is None or plain is None:
+        return plain or carried
+    if Payload.name not in (c.name for c in carried.problem.sums.further):  # what was found beside it may yet be better
+        judge = quieter(whole, [plain, carried])
+        return max(plain, carried, key=lambda one: worth(one, judge))
+    if needed(carried.problem, plain.problem.sums.further) < LOADS.worth:
+        return plain
+    return replace(carried, separation=nearest([carried, plain], quieter(whole, [plain, carried])))
+
+
+def best_of(whole: RobotProblem, start: Array, known: bool) -> WholeRobot | None:
+    """Return the best explanation in which there is a payload, or there is none.
+
+    Args:
+        whole: with everything usual free.
+        start: its fit (Z,).
+        known: whether links are rather as they were, see `explain`.
+    """
     usual = chosen(whole, start)
     found = [grown(concluded(usual), whole)] if np.any(usual.free) else []
-    nothing = np.zeros(whole.n, dtype=bool)
-    bare = replace(whole, links_free=nothing, own_free=np.zeros_like(whole.own_free))
-    strange = unusual(bare, solve(bare), records.model, BEYOND if known else (Payload.name,))
-    if strange.sums.further:
-        found.append(grown(concluded(settled_beside(strange, whole)), whole))
-    told = sorted(filter(None, found), key=lambda one: -worth(one, whole))
-    return replace(told[0], separation=nearest(told, whole)) if told else None
+    if known:
+        nothing = np.zeros(whole.n, dtype=bool)
+        bare = replace(whole, links_free=nothing, own_free=np.zeros_like(whole.own_free))
+        strange = unusual(bare, solve(bare), whole.sums.records.model)
+        if strange.sums.further:
+            found.append(grown(concluded(settled_beside(strange, whole)), whole))
+    # Of a joint that something unusual drives, nothing usual earns its place as long as that has no name.
+    beside = unusual(whole, start, whole.sums.records.model)
+    if beside.sums.further != whole.sums.further:
+        beside, _ = settled(beside)
+        found.append(grown(concluded(weeded(beside, beside)), whole))
+    there = [one for one in found if one is not None]
+    return max(there, key=lambda one: worth(one, quieter(whole, there)), default=None)
+
+
+def quieter(whole: RobotProblem, found: Sequence[WholeRobot]) -> RobotProblem:
+    """Return a problem with the noise that explanations are judged by.
+
+    What one of them explains is no noise, or a joint that the others leave coloured would count too little.
+    """
+    for one in found:
+        whole = between(whole, with_noise(one.problem, one.coordinates))
+    return whole
 
 
 def nearest(told: Sequence[WholeRobot], whole: RobotProblem) -> tuple[Separation, ...]:
@@ -181,7 +221,7 @@ def worth(found: WholeRobot, whole: RobotProblem) -> float:
     """
     problem = found.problem
     asked = LEFT_OUT.link * np.sum(problem.links_free) + LEFT_OUT.own * np.sum(problem.said)
-    asked += sum(LEFT_OUT.link + price(candidate) for candidate in problem.sums.further)
+    asked += sum(least(candidate) + price(candidate) for candidate in problem.sums.further)
     return float(np.sum(likelihood(whole, found.left)) - asked)
 
 
@@ -216,18 +256,30 @@ def concluded(problem: RobotProblem) -> WholeRobot | None:
         return None
     left_out = LeftOut.of(problem, z)
     given = problem.sums.records.model
-    spread = estimates.widened(spread, left_out.fits)
+    spread = estimates.beside_all(estimates.widened(spread, left_out.fits), every_beside(problem), z)
     found = estimates.findings(problem, z, spread, given, confidences(problem, left_out))
     fitted = np.sqrt(problem.squares(z, problem.sums.whole) / problem.sums.counted)
-    model = corrected(given, found)
+    model = corrected(given, found, [record.mark for record in problem.sums.records.records])
     if model is None:
         return None
     return WholeRobot(model, found, problem.sums.residual_rms, fitted, left_out.rms, problem, z)
 
 
-def corrected(given: Model, found: Sequence[Finding]) -> Model | None:
-    """Return the given model with findings; None where they cannot be."""
-    specs = [spec for finding in found for spec in specs_of(finding)]
+def every_beside(problem: RobotProblem) -> RobotProblem:
+    """Return the problem with all that a robot may lack free: what has no name may still be there."""
+    last = last_of(problem)
+    own = own_terms(problem.sums.records) & room_for(problem.sums, last)[1] & ~problem.gone
+    return replace(problem, links_free=problem.links.heavy, own_free=own | problem.own_free)
+
+
+def own_terms(records: Records) -> Chosen:
+    """Return (n, 4) which of joints' own terms there may be: behind the gears no rotor shows."""
+    return np.tile([not (records.model.arm.link_side and term == "rotor") for term in OWN], (records.n, 1))
+
+
+def corrected(given: Model, found: Sequence[Finding], marks: Sequence[str]) -> Model | None:
+    """Return the given model with findings about runs of some fingerprints; None where they cannot be."""
+    specs = [spec for finding in found for spec in specs_of(finding, marks)]
     try:
         return given.with_effects(merged(given.effects, specs))
     except ModelError:
@@ -273,7 +325,7 @@ def begun(records: Records, sums: TorqueEquations) -> RobotProblem:
         share=np.full(records.n, TUNING.share),
         links_free=links.heavy,
         gone=np.zeros((records.n, len(OWN)), dtype=bool),
-        own_free=np.tile([not (records.model.arm.link_side and term == "rotor") for term in OWN], (records.n, 1)),
+        own_free=own_terms(records),
     )
 
 

@@ -231,6 +231,25 @@ def bounded(H: Array, gradient: Array, lower: Array, free: Chosen) -> Array:
     return np.maximum(step, lower)
 
 
+def coupling(problem: RobotProblem, rows: list[int], slope: Array, cross: Array) -> Array:
+    """Return (Z, k) of the normal matrix between coordinates and a candidate that is not among them.
+
+    Args:
+        problem: of the coordinates.
+        rows: joints that the candidate touches.
+        slope: (10 n, 10 n) of links' parameters.
+        cross: (r, K + 1, k) weighted products with all columns, one per joint that the candidate touches.
+    """
+    links, own = 10 * problem.n, len(OWN)
+    B = np.zeros((len(problem.mean), cross.shape[2]))
+    shared = np.sum(cross, axis=0)
+    B[:links] = slope.T @ shared[:links]
+    for j, block in zip(rows, cross, strict=True):
+        B[links + own * j : links + own * (j + 1)] = block[links : links + own]
+    B[links + own * problem.n :] = shared[links + own : -1]
+    return B
+
+
 def with_noise(problem: RobotProblem, z: Array) -> RobotProblem:
     """Return the same with variance and colour of what coordinates leave."""
     left = problem.sums.left(problem.difference(z))

@@ -111,7 +111,8 @@ def suffices(whole: WholeRobot, noise: Array) -> bool:
     """
     n = len(whole.left)
     poor = whole.left > TUNING.unexplained * whole.before
-    aloof = poor & (whole.left > TUNING.aloof * np.median(whole.left))
+    above = whole.left / noise  # a large joint's noise is large, too
+    aloof = poor & (whole.left > TUNING.aloof * np.median(whole.left)) & (above > TUNING.aloof * np.median(above))
     rough = 2 * np.sum(whole.left > TUNING.above * noise) >= n
     many = whole.terms() >= (TUNING.many if rough or 2 * whole.links() >= n else TUNING.most) * n
     return bool(many and not np.any(aloof))

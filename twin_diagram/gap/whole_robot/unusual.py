@@ -17,10 +17,11 @@ from twin_diagram.gap.candidates.whole_arm import last_body
 from twin_diagram.gap.residuals.regressors import Terms, slow_speed
 from twin_diagram.gap.whole_robot import estimates
 from twin_diagram.gap.whole_robot.left_out import LeftOut, likelihood
-from twin_diagram.gap.whole_robot.physical_fit import Chosen, RobotProblem, solve
+from twin_diagram.gap.whole_robot.physical_fit import Chosen, RobotProblem, coupling, solve, with_noise
+from twin_diagram.gap.whole_robot.pushes import pushes
 from twin_diagram.gap.whole_robot.torque_equations import OWN, TorqueEquations
 from twin_diagram.model.effects.actuation import TimeDelay, TorqueBias, TorqueConstant
-from twin_diagram.model.effects.environment import GravityTilt
+from twin_diagram.model.effects.environment import ExternalForce, GravityTilt
 from twin_diagram.model.effects.friction_stribeck_load import LoadDependentFriction
 from twin_diagram.model.effects.inertia import Payload
 from twin_diagram.model.effects.sensing import EncoderOffset
@@ -29,15 +30,18 @@ from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
 
 BEYOND = (
-    Payload.name,
     GravityTilt.name,
     JointSpring.name,
     TorqueConstant.name,
     LoadDependentFriction.name,
     EncoderOffset.name,
     TimeDelay.name,
+    ExternalForce.name,
 )
 """Names that are looked for."""
+
+COMMON = (TorqueConstant.name, LoadDependentFriction.name)
+"""Of which many arms have some."""
 
 
 @dataclass(frozen=True)
@@ -47,14 +51,17 @@ class Tuning:
     gain: float = 12.0
     """Rise of the left-out log likelihood that a name must bring on all joints together [nats]."""
 
+    common: float = 8.0
+    """The same of what many arms have: gains that are off, and friction that grows with the load."""
+
+    gains: float = 0.06
+    """Motors' torque constants are off by the order of this."""
+
     shape: float = 1.0
     """The same of another shape of what is there already."""
 
     each: float = 1.5
     """The same of a coefficient beyond the first of a place."""
-
-    instead: float = -6.0
-    """The same of a payload in the place of the last link's ten numbers."""
 
     tried: int = 3
     """That are fitted in full in each round."""
@@ -91,7 +98,8 @@ def offered(terms: Terms, names: tuple[str, ...] = BEYOND) -> list[Candidate]:
             result += [candidate for each in record.on_joints(terms) for candidate in each]
         if record.on_arm is not None:
             result += record.on_arm(terms)
-    return [c for c in result if c.variant != "bulky"]
+    result = [c for c in result if c.variant != "bulky"]
+    return [replace(c, spread=0.0 * c.spread + TUNING.gains) if c.name == TorqueConstant.name else c for c in result]
 
 
 def unusual(problem: RobotProblem, start: Array, model: Model, names: tuple[str, ...] = BEYOND) -> RobotProblem:
@@ -105,28 +113,72 @@ def unusual(problem: RobotProblem, start: Array, model: Model, names: tuple[str,
     """
     terms = terms_of(problem.sums, model)
     last = last_body(terms)
-    there = [c for c in offered(terms, names) if not any(same(c, other) for other in problem.sums.further)]
+    steady = [c for c in offered(terms, names) if not any(same(c, other) for other in problem.sums.further)]
     z = start
     left_out = LeftOut.of(problem, z)
     for _ in range(TUNING.most):
+        pushed = ExternalForce.name in (c.name for c in problem.sums.further)
+        there = steady + (pushes(problem, z, terms) if ExternalForce.name in names and not pushed else [])
         beside = ReadyFits.of(left_out)
-        screened = [beside.gain(c) - price(c) - 0.5 * asked(problem, problem, c) for c in there]
+        screened = [beside.gain(c) - price(c) - 0.5 * asked(problem, c) for c in there]
         order = [int(k) for k in np.argsort(screened)[::-1] if screened[k] > 0.0][: TUNING.tried]
-        # A payload shows little as long as the last link stands in for it.
-        order += [k for k, c in enumerate(there) if c.name == Payload.name and k not in order]
         best = None
         for k in order:
             tried = with_candidate(problem, there[k], last)
-            found = LeftOut.of(tried, solve(tried, None, carried(problem, z, tried)))
-            gain = found.score() - left_out.score() - price(there[k])
-            if gain > asked(problem, tried, there[k]) and (best is None or gain > best[0]) and believable(tried):
-                best = gain, tried, found, k
+            fitted = solve(tried, None, carried(problem, z, tried))
+            found = LeftOut.of(tried, fitted)
+            whiter = between(problem, with_noise(tried, fitted))
+            gain = float(np.sum(likelihood(whiter, found.rms) - likelihood(whiter, left_out.rms))) - price(there[k])
+            gain -= asked(problem, there[k])
+            if gain > 0.0 and (best is None or gain > best[0]) and believable(tried):
+                best = gain, tried, found, there[k]
         if best is None:
             break
         before = problem
-        _, problem, left_out, k = best
+        _, problem, left_out, added = best
         z = solve(problem, None, carried(before, z, problem))
-        del there[k]
+        steady = [c for c in steady if c is not added]
+        problem, z = recentred(problem, z, terms, last)
+        left_out = LeftOut.of(problem, z)
+    return still_needed(problem, z)
+
+
+def recentred(problem: RobotProblem, z: Array, terms: Terms, last: int) -> tuple[RobotProblem, Array]:
+    """Return the problem with its newest candidate about where it was found to be, if its law is no straight one."""
+    newest = len(problem.sums.further) - 1
+    candidate = problem.sums.further[newest]
+    about = record_of(candidate.name).recentred
+    nearer = about(terms, candidate, z[problem.place(newest)]) if about is not None else None
+    if nearer is None or nearer.size != candidate.size:
+        return problem, z
+    moved = with_candidate(problem, nearer, last)
+    return moved, solve(moved, None, z)
+
+
+def still_needed(problem: RobotProblem, z: Array) -> RobotProblem:
+    """Return the problem without further candidates that earn their place no more beside what came after them.
+
+    Args:
+        problem: with all of them.
+        z: (Z,) its coordinates.
+    """
+    while len(problem.sums.further) > 1:
+        now, short = LeftOut.of(problem, z), []
+        whiter = between(problem, with_noise(problem, z))
+        for k, candidate in enumerate(problem.sums.further):
+            if candidate.name == Payload.name:
+                continue
+            rest = [c for c in problem.sums.further if c is not candidate]
+            fewer = replace(problem, sums=problem.sums.with_further(rest))
+            left = LeftOut.of(fewer, solve(fewer, None, carried(problem, z, fewer))).rms
+            lost = float(np.sum(likelihood(whiter, now.rms) - likelihood(whiter, left)))
+            short.append((lost - price(candidate) - least(candidate), k))
+        if not short or min(short)[0] >= 0.0:
+            break
+        weakest = min(short)[1]
+        rest = [c for k, c in enumerate(problem.sums.further) if k != weakest]
+        fewer = replace(problem, sums=problem.sums.with_further(rest))
+        problem, z = fewer, solve(fewer, None, carried(problem, z, fewer))
     return problem
 
 
@@ -142,16 +194,28 @@ def same(a: Candidate, b: Candidate) -> bool:
     return a.place == b.place and a.variant == b.variant and a.size == b.size
 
 
-def asked(problem: RobotProblem, tried: RobotProblem, candidate: Candidate) -> float:
+def asked(problem: RobotProblem, candidate: Candidate) -> float:
     """Return what a candidate must bring beyond its price [nats]: a name, or another shape of one that is there."""
-    if any(candidate.place == other.place for other in problem.sums.further):
-        return TUNING.shape
-    return TUNING.instead if np.sum(tried.links_free) < np.sum(problem.links_free) else TUNING.gain
+    there = any(candidate.place == other.place for other in problem.sums.further)
+    return TUNING.shape if there else least(candidate)
+
+
+def least(candidate: Candidate) -> float:
+    """Return what a name must bring: of what is common, less [nats]."""
+    return TUNING.common if candidate.name in COMMON else TUNING.gain
+
+
+def between(problem: RobotProblem, after: RobotProblem) -> RobotProblem:
+    """Return the problem with the colour of noise half-way to that beside something more.
+
+    Colour that a candidate takes away was no noise if it is there, and was if it is not.
+    """
+    return replace(problem, share=np.sqrt(problem.share * np.maximum(problem.share, after.share)))
 
 
 def price(candidate: Candidate) -> float:
-    """Return what is asked of a candidate for its further coefficients [nats]."""
-    return TUNING.each * (candidate.size - 1)
+    """Return what is asked of a candidate for its further coefficients, and for its times [nats]."""
+    return TUNING.each * (candidate.size - 1) + (candidate.cost if candidate.onset is not None else 0.0)
 
 
 def with_candidate(problem: RobotProblem, candidate: Candidate, last: int) -> RobotProblem:
@@ -183,7 +247,7 @@ def believable(problem: RobotProblem, at: int = -1) -> bool:
     z = solve(problem)
     at = at % len(problem.sums.further)
     candidate, s = problem.sums.further[at], problem.place(at)
-    covariance = estimates.covariance(problem, z)[s, s]
+    covariance = estimates.covariance(with_noise(problem, z), z)[s, s]  # what it explains is no noise
     if not candidate.allows(z[s]):
         return False
     if candidate.name == Payload.name:
@@ -288,22 +352,3 @@ def candidate_sums(sums: TorqueEquations, candidate: Candidate) -> tuple[Array, 
         cross.append(sums.columns[some][:, rows].transpose(1, 2, 0) @ mine)
         own.append(candidate.columns[some].transpose(1, 2, 0) @ mine)
     return np.stack(cross), np.stack(own)
-
-
-def coupling(problem: RobotProblem, rows: list[int], slope: Array, cross: Array) -> Array:
-    """Return (Z, k) of the normal matrix between coordinates and a candidate that is not among them.
-
-    Args:
-        problem: of the coordinates.
-        rows: joints that the candidate touches.
-        slope: (10 n, 10 n) of links' parameters.
-        cross: (r, K + 1, k) weighted products with all columns, one per joint that the candidate touches.
-    """
-    links, own = 10 * problem.n, len(OWN)
-    B = np.zeros((len(problem.mean), cross.shape[2]))
-    shared = np.sum(cross, axis=0)
-    B[:links] = slope.T @ shared[:links]
-    for j, block in zip(rows, cross, strict=True):
-        B[links + own * j : links + own * (j + 1)] = block[links : links + own]
-    B[links + own * problem.n :] = shared[links + own : -1]
-    return B
