@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.compiled import compiled
 
+Image = npt.NDArray[np.float32]
+
 
 @compiled
-def sample(image: Array, x: float, y: float, out: Array) -> None:
+def sample(image: Image, x: float, y: float, out: Array) -> None:
     """Write what an image (h, w, 3) shows at (x, y), bilinear, its rim going on outside."""
     height, width = image.shape[:2]
     x, y = min(max(x, -2.0), width + 1.0), min(max(y, -2.0), height + 1.0)
@@ -24,7 +27,7 @@ def sample(image: Array, x: float, y: float, out: Array) -> None:
 
 
 @compiled
-def plain_colours(image: Array, u: Array, v: Array, corner: tuple[float, float]) -> Array:
+def plain_colours(image: Image, u: Array, v: Array, corner: tuple[float, float]) -> Array:
     """Return what an image from `corner` on shows at pixels u, v (B, P): (B, P, 3)."""
     found = np.empty((*u.shape, 3))
     for b in range(u.shape[0]):
@@ -80,7 +83,7 @@ def gains(found: Array, colour: Array, n: Array, weight: Array, even: Array) -> 
 
 
 @compiled
-def sloped_colours(image: Array, u: Array, v: Array, weight: Array, corner: tuple[float, float]) -> Array:
+def sloped_colours(image: Image, u: Array, v: Array, weight: Array, corner: tuple[float, float]) -> Array:
     """Return colours and their derivatives by u and v (B, P, 9) where `weight` (B, P) is not 0."""
     found = np.zeros((*weight.shape, 9))
     more, less = np.empty(3), np.empty(3)

@@ -158,8 +158,8 @@ def colour_terms(looked: Looked, frame: Frame, level: int, reach: float, colour_
     gain = brightness(found, looked.colour, looked.n, weight)
     cut = TUNING.colour_cut if level == FINE else 1.5 * TUNING.colour_cut
     cuts = (cut, TUNING.steeper, frame.colour_slopes[level])
-    shapes = ((6, 6), (6,), (6, 2), (2, 2), (2,))
-    sums = tuple(np.zeros((count, *shape)) for shape in shapes)
+    own = np.zeros((count, 6, 6)), np.zeros((count, 6))
+    sums = *own, np.zeros((count, 6, 2)), np.zeros((count, 2, 2)), np.zeros((count, 2))
     colour_normal(told, found, weight, gain, frame.view, cuts, sums)
     factor = colour_factor(colour_share)
     return ColourNormal(*(factor * part for part in sums))
