@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 import pytest
 import trimesh
-from scipy.spatial.transform import Rotation
 
 from twin_diagram.assets import symmetry
 from twin_diagram.errors import AssetError
-from twin_diagram.perception.registration.model_cloud import ModelCloud
 
 Array = npt.NDArray[np.float64]
 CAN = trimesh.creation.cylinder(0.034, 0.1, sections=96)
@@ -73,29 +68,3 @@ def test_what_is_told_is_read_or_refused() -> None:
     for wrong in ("z", "z 1", "w 2", "z -2", "z 4.5", "z 0", "zz 2", "", "x 999"):
         with pytest.raises(AssetError, match=r"^here: symmetries holds"):
             symmetry.parsed([wrong], "here")
-
-
-def test_turns_are_the_whole_group() -> None:
-    np.testing.assert_array_equal(symmetry.turns(()), np.eye(3)[None])
-    for told, count in ((((2, 4),), 4), (((0, 2), (1, 2), (2, 2)), 4), (((0, 2), (2, 4)), 8), (((0, 4), (2, 4)), 24)):
-        group = symmetry.turns(told)
-        assert len(group) == count
-        for one in group:
-            assert Rotation.from_matrix(one).as_matrix() == pytest.approx(one, abs=1e-9)
-            assert min(np.abs(one @ group[-1] - other).max() for other in group) < 1e-9
-    quarter = symmetry.turns(((2, 4),))[1]
-    np.testing.assert_allclose(quarter, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12)
-    assert len(symmetry.turns(((2, 0),))) == 1
-
-
-@pytest.mark.parametrize("axis", [None, "z"])
-def test_poses_are_told_apart_by_what_can_be(axis: str | None) -> None:
-    same = symmetry.turns(((0, 2), (1, 2), (2, 2)))
-    model: Any = SimpleNamespace(asset=SimpleNamespace(symmetric_axis=axis), same=same)
-    rng = np.random.default_rng(11)
-    R = Rotation.from_rotvec(rng.normal(size=3)).as_matrix()
-    for flip in same:
-        assert ModelCloud.turn_between(model, R, R @ flip) == pytest.approx(0.0, abs=1e-6)
-    for way, expected in ((np.array([0.3, 0.0, 0.0]), 0.3), (np.array([0.0, 0.0, 0.3]), 0.0 if axis else 0.3)):
-        turned = R @ same[2] @ Rotation.from_rotvec(way).as_matrix()
-        assert ModelCloud.turn_between(model, R, turned) == pytest.approx(expected, abs=1e-6)

@@ -7,7 +7,7 @@ import shutil
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.geometry import QueryObject
@@ -228,6 +228,7 @@ def test_uncertainty_grows_while_unseen_and_stops_growing(seed: int, moving: boo
     assert (beliefs[-1].velocities == 0).all()
 
 
+@example(value=1.7554336108207775e81, at=16, move=[3.6, 1.5, 988.7490405920071, 0.0, 0.0, 0.0])
 @settings(max_examples=200, deadline=None)
 @given(
     st.floats(allow_nan=True, allow_infinity=True),

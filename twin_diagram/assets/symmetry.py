@@ -120,22 +120,3 @@ def parsed(told: Sequence[str], where: str) -> tuple[tuple[int, int], ...]:
             raise AssetError(f"{where}: symmetries holds {one!r}; one is an axis and a number, such as z 4, or x any")
         result.append((AXES.index(axis), times))
     return tuple(result)
-
-
-def turns(symmetries: Sequence[tuple[int, int]]) -> Array:
-    """Return the rotations (K, 3, 3) that leave the object as it is, the first being none.
-
-    Of an axis about which any turn does, only that it is one is used: see `Asset.symmetric_axis`.
-    """
-    found = [np.eye(3)]
-    steps = [
-        rotations.matrix(rotations.exp(2.0 * np.pi / times * np.eye(3)[axis])) for axis, times in symmetries if times
-    ]
-    at = 0
-    while at < len(found) and len(found) < 60:
-        for step in steps:
-            new = found[at] @ step
-            if all(np.abs(new - old).max() > 1e-6 for old in found):
-                found.append(new)
-        at += 1
-    return np.array(found)

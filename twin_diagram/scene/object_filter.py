@@ -163,7 +163,8 @@ def propagate(filters: Array, now: float, tuning: FilterSettings) -> ObjectBelie
     covariances: Array = filters[:, FilterLayout.COVARIANCE].reshape(count, 12, 12).copy()
 
     # Where the hypothesis of constant velocity moves the pose: exact mean, covariance to first order.
-    turn = rotations.exp(velocities[:, :3] * coasted[:, None])
+    # Of a turn of very many rounds, as a hostile message may ask for, rounding leaves no unit quaternion.
+    turn = rotations.normalized(rotations.exp(velocities[:, :3] * coasted[:, None]))
     poses[:, :4] = rotations.multiply(turn, poses[:, :4])
     poses[:, 4:] += velocities[:, 3:] * coasted[:, None]
     transition = np.zeros((count, 12, 12))

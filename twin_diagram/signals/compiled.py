@@ -14,7 +14,10 @@ from pathlib import Path
 from typing import TypeVar, cast
 
 import numba
+import numpy as np
+import numpy.typing as npt
 
+Scalar = TypeVar("Scalar", bound=np.generic)
 F = TypeVar("F", bound=Callable[..., object])
 
 PACKAGE = Path(__file__).resolve().parents[1]
@@ -37,6 +40,11 @@ def compiled(function: F) -> F:
         return cast(F, numba.njit(**options)(function))  # nothing can be written: compiled in each run
     finally:
         numba.config.CACHE_DIR = before
+
+
+def one_layout(array: npt.NDArray[Scalar]) -> npt.NDArray[Scalar]:
+    """Return an array as compiled functions take it: contiguous and writable; of others they are compiled anew."""
+    return np.require(array, requirements=("C", "W"))
 
 
 @cache

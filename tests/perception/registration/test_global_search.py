@@ -216,9 +216,9 @@ class Judged:
         table = np.array(coarse).T
         fit = SimpleNamespace(likeness=table[0], visible_share=table[1], points=table[2])
 
-        def refined(*given: Any, **more: Any) -> tuple[Poses, None]:
+        def refined(*given: Any, **more: Any) -> Poses:
             assert given[3:5] == (110, 6) and more == {"coarse_only": True}
-            return self.laid, None
+            return self.laid
 
         def assessed(cloud: Any, image: Any, at: Poses, number: int, level: int, slack: float) -> Any:
             assert (number, level, slack) == (110, COARSE, 0.005)

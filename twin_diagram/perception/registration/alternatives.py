@@ -24,6 +24,7 @@ from twin_diagram.perception.registration.residuals import TUNING as RESIDUALS
 from twin_diagram.perception.registration.residuals import brightness, colour_terms, depth_pairs
 from twin_diagram.perception.registration.rotation import log
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.compiled import one_layout
 
 
 @dataclass(frozen=True)
@@ -150,8 +151,8 @@ def _unexplained(model: ModelCloud, frame: Frame, poses: Poses, points_W: Array)
     z = (points_W - frame.camera.p_WC) @ frame.camera.R_WC[:, 2]
     sigma = np.hypot(frame.camera.depth_noise(z), RESIDUALS.model_noise)
     cuts = (TUNING.unexplained, 0.5 * model.spacing, TUNING.edge, TUNING.cut)
-    R, p = np.ascontiguousarray(poses.R), np.ascontiguousarray(poses.p)
-    return mean_costs(np.ascontiguousarray(points_W), R, p, sigma, model.cloud, cuts)
+    R, p = one_layout(poses.R), one_layout(poses.p)
+    return mean_costs(one_layout(points_W), R, p, sigma, model.cloud, cuts)
 
 
 def weak_directions(looked: Looked, frame: Frame, votes_each: float, colour_share: float) -> list[tuple[Array, float]]:

@@ -16,6 +16,7 @@ from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.rotation import exp
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.compiled import one_layout
 
 Mask = npt.NDArray[np.bool_]
 
@@ -158,8 +159,8 @@ def look(model: ModelCloud, frame: Frame, poses: Poses, count: int, level: int) 
     told = np.empty((len(poses.p), count, kernels.COLUMNS))
     flags = np.empty((len(poses.p), count), dtype=np.uint8)
     kernels.look_up(
-        np.ascontiguousarray(poses.R),
-        np.ascontiguousarray(poses.p),
+        one_layout(poses.R),
+        one_layout(poses.p),
         model.seen,
         frame.images,
         frame.view,

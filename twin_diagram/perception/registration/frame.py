@@ -16,6 +16,7 @@ from twin_diagram.perception.registration.colour_shift import ALIGNED, ColourShi
 from twin_diagram.perception.segmentation.segments import TUNING as SEGMENTS
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.compiled import one_layout
 
 Mask = npt.NDArray[np.bool_]
 
@@ -115,8 +116,8 @@ class Frame:
     @cached_property
     def images(self) -> tuple[object, ...]:
         """What `point_kernels.look_up` reads: depth, robot, whether any is in view, normals, their stride."""
-        depth = np.ascontiguousarray(self.depth, dtype=np.float32)
-        return depth, self.robot, self.robot_in_view, self.normals, self.stride
+        depth = one_layout(self.depth.astype(np.float32, copy=False))
+        return depth, one_layout(self.robot), self.robot_in_view, one_layout(self.normals), self.stride
 
     @cached_property
     def view(self) -> tuple[object, ...]:

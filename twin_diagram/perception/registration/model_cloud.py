@@ -10,10 +10,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from twin_diagram.assets import Asset, symmetry
+from twin_diagram.assets import Asset
 from twin_diagram.perception.registration.nearest_points import NearestPoints
 from twin_diagram.perception.registration.rotation import exp
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.compiled import one_layout
 
 
 @dataclass(frozen=True)
@@ -80,22 +81,9 @@ class ModelCloud:
         return np.ascontiguousarray(np.hstack([self.points, self.normals, self.texture[:, None], *self.colours]))
 
     @cached_property
-    def same(self) -> Array:
-        """(K, 3, 3) turns that leave the object as it is, the first being none."""
-        return symmetry.turns(self.asset.symmetries)
-
-    def turn_between(self, R_first: Array, R_second: Array) -> float:
-        """Return the angle [rad] between two orientations (3, 3), of what can be told apart."""
-        if self.asset.symmetric_axis == "z":
-            ends = R_first[:, 2] @ (R_second @ self.same)[:, :, 2].T
-            return float(np.arccos(np.clip(ends.max(), -1.0, 1.0)))
-        traces = np.einsum("ji,kji->k", R_first, R_second @ self.same)
-        return float(np.arccos(np.clip(0.5 * (traces.max() - 1.0), -1.0, 1.0)))
-
-    @cached_property
     def seen(self) -> tuple[object, ...]:
         """What `look_up` reads: the table, directions, what is seen from each, and how much of it."""
-        return self.table, self.directions, self.views, self.view_counts
+        return self.table, one_layout(self.directions), one_layout(self.views), one_layout(self.view_counts)
 
     @cached_property
     def nearest(self) -> NearestPoints:
@@ -105,7 +93,7 @@ class ModelCloud:
     @cached_property
     def cloud(self) -> tuple[object, ...]:
         """What `cloud_kernels` read: points, normals, grid."""
-        return np.ascontiguousarray(self.points), np.ascontiguousarray(self.normals), self.nearest.grid
+        return one_layout(self.points), one_layout(self.normals), self.nearest.grid
 
     @staticmethod
     def of(asset: Asset, view_points: int) -> ModelCloud:

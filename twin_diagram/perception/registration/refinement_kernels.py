@@ -53,7 +53,8 @@ def refine_poses(
     """
     told, flags = np.empty((1, count, 16)), np.empty((1, count), dtype=np.uint8)
     for k in range(R.shape[0]):
-        refine_one(R[k : k + 1], p[k : k + 1], model, cloud, picture, points_W, prior, rules, (told, flags))
+        own = (R[k].reshape((1, 3, 3)), p[k].reshape((1, 3)))
+        refine_one(own[0], own[1], model, cloud, picture, points_W, prior, rules, (told, flags))
 
 
 @compiled

@@ -24,6 +24,7 @@ from twin_diagram.perception.registration.silhouette import TUNING as SILHOUETTE
 from twin_diagram.perception.registration.silhouette import Silhouette
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.compiled import one_layout
 
 
 @dataclass(frozen=True)
@@ -130,8 +131,8 @@ def refine(
         inward,
         silhouette is not None,
     )
-    explain = np.empty((0, 3)) if points_W is None else np.ascontiguousarray(points_W)
-    whole = np.ascontiguousarray(prior, dtype=float)
+    explain = np.empty((0, 3)) if points_W is None else one_layout(points_W)
+    whole = one_layout(np.asarray(prior, dtype=float))
     rules = _rules(model, frame, params, iterations, coarse_only)
     refine_poses(R, p, model.seen, model.cloud, picture, explain, whole, rules, min(count, model.views.shape[1]))
     return Poses(R, p)
@@ -206,4 +207,4 @@ def claimed(
         near = near[:: max(1, len(near) // most)]
     if not near.size:
         return near
-    return np.asarray(near[within(segments.points_W[near], np.ascontiguousarray(R), p, model.nearest.grid, reach)])
+    return np.asarray(near[within(segments.points_W[near], one_layout(R), p, model.nearest.grid, reach)])

@@ -29,6 +29,7 @@ from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.point_kernels import colour_normal, colour_weights
 from twin_diagram.perception.registration.rotation import log, screw
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.compiled import one_layout
 
 
 @dataclass(frozen=True)
@@ -212,8 +213,8 @@ def opposite_pairs(
     J, w, n = np.empty((count, 6)), np.empty(count), np.empty((count, 3))
     H, b = np.zeros((6, 6)), np.zeros(6)
     opposite(
-        np.ascontiguousarray(points_W),
-        (np.ascontiguousarray(poses.R[0]), np.ascontiguousarray(poses.p[0])),
+        one_layout(points_W),
+        (one_layout(poses.R[0]), one_layout(poses.p[0])),
         p_WC,
         model.cloud,
         (reach, share, 2.0 * TUNING.model_noise, model.spacing),

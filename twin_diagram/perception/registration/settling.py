@@ -21,7 +21,7 @@ from twin_diagram.perception.registration.data_association import FINE, Poses, l
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.registration import RegisteredPose, register
-from twin_diagram.perception.registration.rotation import exp
+from twin_diagram.perception.registration.rotation import exp, log
 from twin_diagram.signals.arrays import Array
 
 
@@ -78,7 +78,7 @@ def settle(
     wide = widened(result.covariance, spread)
     poses = distinct(laid, after, result.covariance, wide)
     if len(rivals) > 1:
-        poses = beside(model, poses, rivals, cost)
+        poses = beside(poses, rivals, cost)
     moved = result is not candidates[0] or bool(np.any(step))
     return SettledPose(replace(result, R=after.R[0], p=after.p[0], covariance=wide), poses, moved)
 
@@ -93,28 +93,27 @@ def turned(
     R = np.concatenate([one.R[None], one.R @ model.turns, upright @ one.R])
     laid = Poses(R, one.p + (one.R @ middle) - R @ middle)
     cost = compare(model, frame, laid, points_W)
-    others = (int(k) for k in np.argsort(cost, kind="stable"))
-    nearest = [k for k in others if model.turn_between(R[k], one.R) > TUNING.apart[0]][: TUNING.rivals]
+    nearest = [int(k) for k in np.argsort(cost, kind="stable") if k > 0][: TUNING.rivals]
     return [register(model, frame, laid.R[k], laid.p[k], params, points_W=points_W) for k in nearest]
 
 
 def beside(
-    model: ModelCloud, poses: tuple[PoseHypothesis, ...], rivals: Sequence[RegisteredPose], cost: Array
+    poses: tuple[PoseHypothesis, ...], rivals: Sequence[RegisteredPose], cost: Array
 ) -> tuple[PoseHypothesis, ...]:
     """Add rivals to hypotheses, as likely as their costs (B,) say, where none is near them."""
     listed = list(poses)
     for k, one in enumerate(rivals):
         odds = float(np.exp(-min(cost[k] - cost.min(), 50.0)))
-        if odds > TUNING.likely and all(apart(model, one, other) for other in listed):
+        if odds > TUNING.likely and all(apart(one, other) for other in listed):
             listed.append(PoseHypothesis(one.R, one.p, one.covariance, odds))
     whole = sum(one.probability for one in listed)
     first, *others = [replace(one, probability=one.probability / whole) for one in listed]
     return first, *sorted(others, key=lambda one: -one.probability)
 
 
-def apart(model: ModelCloud, first: RegisteredPose | PoseHypothesis, second: RegisteredPose | PoseHypothesis) -> bool:
-    """Return whether two poses differ by more than hypotheses must, in what can be told apart."""
-    turn = model.turn_between(first.R, second.R)
+def apart(first: RegisteredPose | PoseHypothesis, second: RegisteredPose | PoseHypothesis) -> bool:
+    """Return whether two poses differ by more than hypotheses must."""
+    turn = float(np.linalg.norm(log((first.R @ second.R.T)[None])))
     return turn > TUNING.apart[0] or float(np.linalg.norm(first.p - second.p)) > TUNING.apart[1]
 
 
