@@ -57,7 +57,13 @@ demo: install-demo
 	$(PY) sims/close_the_gap.py --out out/demo/gap
 
 .PHONY: test
-test: lint typecheck pytest
+test: lint loops typecheck pytest
+
+# Compiles the loops of registration and planning, by tests that need them, while types are checked: nobody waits for it.
+.PHONY: loops
+loops: install-test
+	$(PY) -m pytest -q -p no:cacheprovider tests/planning/mpc/test_active_set.py \
+		tests/assets/building/test_from_mesh.py::test_a_built_object_is_found_in_a_picture >/dev/null 2>&1 &
 
 .PHONY: lint
 lint: install-test

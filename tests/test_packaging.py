@@ -363,6 +363,7 @@ print(json.dumps(said))
 """
 
 
+@pytest.mark.long
 def test_scripts_answer_a_call_for_help() -> None:
     """All in one process: they share what they import, which is most of the time that each takes alone."""
     done = subprocess.run(

@@ -202,6 +202,7 @@ def test_what_else_is_in_the_folder_stays(stub: None, runs: tuple[Path, list[Pat
     assert [path.name for path in tmp_path.iterdir()] == ["out"]  # nothing temporary is left
 
 
+@pytest.mark.long
 def test_a_second_run_removes_what_the_first_one_wrote(
     stub: None, runs: tuple[Path, list[Path]], tmp_path: Path
 ) -> None:

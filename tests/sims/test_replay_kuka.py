@@ -24,7 +24,7 @@ def script() -> ModuleType:
     return importlib.import_module("kuka_kr300.runs")
 
 
-@pytest.mark.parametrize("run", ["A", pytest.param("B", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("run", [pytest.param("A", marks=pytest.mark.long), pytest.param("B", marks=pytest.mark.slow)])
 def test_residual_torque(script: ModuleType, data_dir: Path, run: str) -> None:
     """Within 10 % is asked; both ways come within 2 %."""
     found = script.residuals(run, data_dir / "kuka_kr300")

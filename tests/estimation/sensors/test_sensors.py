@@ -534,6 +534,7 @@ def test_steady_error_of_calibration_becomes_a_bias():
     assert ekf.odd_one_out() is None
 
 
+@pytest.mark.long
 def test_gyro_bias_that_jumps_is_noticed():
     _, run = recording()
     ekf = Ekf(terms(), Filter())

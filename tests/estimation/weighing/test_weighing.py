@@ -118,6 +118,7 @@ def test_told_errors_hold_the_truth(
     assert 3.0 < np.mean(squares) < 16.0  # χ² with ten degrees of freedom
 
 
+@pytest.mark.long
 def test_a_summary_is_of_one_body(both: tuple[Log, Log], iiwa_link: Model, X_TO: RigidTransform, box: Shape) -> None:
     found: Weighing = weigh(iiwa_link, [LoadedRun(both[0], X_TO)], [EmptyRun(both[1])], ShapePrior(box))
     mass, centre, inertia = about_centre(found.parameters)

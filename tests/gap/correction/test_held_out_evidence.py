@@ -45,7 +45,7 @@ def test_what_is_too_fast_for_the_residual_is_confirmed_above_it(model: Model, s
     assert not confirmed(model, with_phase(0.4), held.between(0.0, 2.0))  # too short to tell
 
 
-@pytest.mark.parametrize("there", [True, False])
+@pytest.mark.parametrize("there", [True, pytest.param(False, marks=pytest.mark.long)])
 def test_a_fast_ripple_is_kept_where_the_held_out_run_has_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, there: bool
 ) -> None:

@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 
 from tests.gap.made import ARM, effect, everywhere, record, swing
 from twin_diagram.gap.correction.named_effects import specs_of
@@ -113,6 +114,7 @@ def test_a_placeholder_is_said_to_be_too_much_and_no_more_than_it_is() -> None:
     assert np.all(found.left < 0.05 * found.before)
 
 
+@pytest.mark.long
 def test_one_link_is_said_without_its_name_in_each_value() -> None:
     true = ARM.with_effects([effect("inertial_parameters", links=["forearm_link"], mass=2.0, com=[0.0, 0.03, 0.0])])
     found = explain(noisy(ARM, true))
