@@ -61,6 +61,7 @@ def stub(monkeypatch: pytest.MonkeyPatch) -> None:
 # What it finds, and writes.
 
 
+@pytest.mark.long
 def test_fitted_logs_are_prepared_once(
     stub: None, runs: tuple[Path, list[Path]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -373,6 +374,7 @@ def test_options_are_required(capsys: pytest.CaptureFixture[str]) -> None:
     assert "--holdout" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_nothing_is_left_where_writing_fails(
     stub: None, monkeypatch: pytest.MonkeyPatch, runs: tuple[Path, list[Path]], tmp_path: Path
 ) -> None:

@@ -52,6 +52,7 @@ def test_what_a_step_asks_for_is_no_collision(a: int, b: int, at: TaskState, ask
     assert asked_for(b, a, PARTS, "can", at) is asked
 
 
+@pytest.mark.long
 def test_drawn_tables_are_tasks_of_their_own() -> None:
     base = load_scenario("pick_and_place")
     drawn = [draw_picks(base, seed) for seed in range(40)]

@@ -69,6 +69,7 @@ def test_two_seeds_keep_every_bound_and_are_told_in_a_table(egl: None, tmp_path:
     assert first.twin == second.twin
 
 
+@pytest.mark.long
 def test_bad_input_ends_in_one_line(tmp_path: Path) -> None:
     done = closed_loop("--seeds", "1", "--set", "twin.filtr.rate=3", out=tmp_path / "out")
     assert done.returncode == 2

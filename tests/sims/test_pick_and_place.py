@@ -20,6 +20,7 @@ def test_one_table(tmp_path: Path) -> None:
     assert (folder / "replay.html").is_file() and (folder / "events.jsonl").is_file()
 
 
+@pytest.mark.long
 def test_what_cannot_be_drawn_is_one_line(tmp_path: Path) -> None:
     command = [sys.executable, str(SCRIPT), "--scenario", "tabletop", "--out", str(tmp_path / "out")]
     done = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False)

@@ -230,6 +230,7 @@ def summary(**fields) -> dict:
     return {**whole, **fields}
 
 
+@pytest.mark.long
 def test_plots_are_written_and_not_empty(tmp_path: Path) -> None:
     files = plots.write_plots(samples(), summary(), tmp_path)
     assert [f.name for f in files] == ["objects.png", "arm.png", "payload.png", "clearance.png", "timing.png"]

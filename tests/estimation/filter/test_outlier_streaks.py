@@ -107,6 +107,7 @@ def test_noisy_encoders_neither_throw_the_state_nor_its_covariance(factor: float
     np.testing.assert_allclose(ekf.noise()["encoder"][:3], factor, rtol=0.35)
 
 
+@pytest.mark.long
 def test_a_jump_still_begins_anew() -> None:
     ekf, off, _ = told_wrong(1.0, 0.02)
     assert ekf.belief.header[Entry.RESTARTS] == 1.0

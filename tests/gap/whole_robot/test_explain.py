@@ -103,6 +103,7 @@ def test_an_arm_as_described_lacks_nothing() -> None:
     assert explain(noisy(ARM, ARM, 8.0)) is None
 
 
+@pytest.mark.long
 def test_a_placeholder_is_said_to_be_too_much_and_no_more_than_it_is() -> None:
     given = ARM.with_effects([everywhere("coulomb_friction", torque=10.0), everywhere("viscous_friction", damping=1.0)])
     found = explain(noisy(given, ARM))

@@ -114,6 +114,7 @@ def test_a_thing_of_two_heights_gets_more_pieces_than_one() -> None:
     assert held(np.array([[-0.03, 0.02, 0.1], [-0.03, 0.2, 0.02], [-0.03, 0.075, 0.02]]), pieces).all()
 
 
+@pytest.mark.long
 def test_pieces_go_with_the_world() -> None:
     """Turned and raised, floor, camera and all: the same pieces, turned and raised."""
     seen = ball_seen(np.array([0.5, 0.0, 0.05]), 0.05)

@@ -88,6 +88,7 @@ def test_a_plan_is_joined_smoothly_and_within_a_share_of_the_limits() -> None:
     assert np.abs(v[0]).max() < 1e-3 and np.abs(v[-1]).max() < 1e-3
 
 
+@pytest.mark.long
 @settings(max_examples=60)
 @given(offset=st.floats(-0.5, 0.5), rate=st.floats(-1.0, 1.0), acceleration=st.floats(2.0, 20.0))
 def test_joining_keeps_its_share_of_acceleration_whatever_the_plan_does(

@@ -546,6 +546,7 @@ def test_the_true_camera_may_stand_elsewhere_than_the_twin_thinks(egl) -> None:
     assert 0.02 < np.median((told - true)[(told > 0) & (true > 0)]) < 0.08
 
 
+@pytest.mark.long
 def test_merged_shapes_look_like_the_shapes_themselves(egl, monkeypatch) -> None:
     clean = CameraDefects(depth_noise=0.0, colour_noise=0.0, edge_dropout=0.0)
     merged = Run(scenario(small_camera(), camera_defects=clean)).to(0.05)
