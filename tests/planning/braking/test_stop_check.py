@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -76,3 +78,33 @@ def test_the_nearest_to_its_margin_is_named() -> None:
     both = Allowances(np.array([0.005, 0.02]), np.zeros(2), np.zeros(2))
     found, _ = breach(query, both, 0.2, 0.04, 0.1)
     assert found is not None and (found.part, found.body, found.distance) == (2, 1, 0.006)
+
+
+@pytest.mark.parametrize(
+    ("distance", "speed", "guessed", "stopped"),
+    [
+        (-0.05, 0.9, True, False),
+        (-0.05, 1.1, True, True),
+        (-0.05, 0.9, False, True),
+        (-0.009, 0.9, True, True),
+        (0.002, 0.9, True, True),
+    ],
+)
+def test_deep_in_a_guess_the_arm_may_go_on_slowly(distance: float, speed: float, guessed: bool, stopped: bool) -> None:
+    """What the arm is a centimetre and more inside of is not there; speeds in shares of `backing`."""
+    speed *= TUNING.backing
+    one = replace(others(0.005), guessed=np.array([guessed]))
+    assert (breach(wall(distance, speed), one, speed, 0.04, 0.16)[0] is not None) == stopped
+
+
+def test_a_guess_that_is_wrong_here_is_believed_elsewhere() -> None:
+    """A link that is not inside of the thing keeps clear of it, and so does one that gets into it on the way."""
+
+    def query(time: float, gone: float, within: float) -> Nearness:
+        left = np.array([-0.05, 0.012 - 0.06 * gone])
+        one = np.ones(2)
+        return Nearness(np.array([1, 2]), np.zeros(2, dtype=int), left, 0.06 * one, 0.06 * one)
+
+    one = replace(others(0.005), guessed=np.array([True]))
+    found, _ = breach(query, one, 0.06, 0.1, 0.3)
+    assert found is not None and found.part == 2

@@ -178,6 +178,15 @@ def test_what_rests_beside_the_hand_is_left_gently_and_what_moves_is_not(spied: 
         np.testing.assert_allclose(told[:, 3], 0.004)
 
 
+def test_what_overlaps_at_rest_is_left_from_where_it_is_on(spied: Spied) -> None:
+    """An arm that is 5 cm inside of something does not leap out of it."""
+    samples = spied.planner.optimiser.samples
+    here, still = np.array([-0.05, 1.0, 1.0]), np.array([True, True])
+    now = Situation(HOME, Forecast.of_tracks(track()), HOME[None], here, np.ones((1, 3)), still, 0.06, 0.01, 0.004)
+    full = 0.06 + 0.02 * np.minimum(samples, 1.0)
+    np.testing.assert_allclose(spied.planner._margins(now, 0.4)[:, 0], np.minimum(-0.05 + 0.1 * samples, full))
+
+
 def test_what_rests_may_be_as_near_as_to_the_line_that_was_found_free(scene: Scene) -> None:
     """3 mm nearer, to be exact, but never nearer than the least; what moves keeps its distance."""
     planner = MotionPlanner(scene, np.full(7, 2.0), PARAMS)

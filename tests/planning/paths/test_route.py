@@ -370,7 +370,7 @@ def test_a_box_between_is_passed_over_no_higher_than_need_be(boxed: Any) -> None
     lowest = min(height for height in guide.router.tuning.lifts if abs(above[2] - tool[1, 2] - height) < 0.03)
     now = guide.situation(q, boxed.forecast(box), goal[None])
     for height in guide.router.tuning.lifts:
-        way = np.stack([guide.router._lifted(0.5 * (q + goal), height), goal])
+        way = np.stack([guide.router.lifted(0.5 * (q + goal), height), goal])
         wanted = now.allowed(now.margins(0, guide.router.tuning.spare))
         assert (guide.router.first_blocked(now, way, wanted) is None) == (height >= lowest)
     # A goal that is not new is left to the search; nothing in between needs no way over it.

@@ -315,6 +315,34 @@ def test_what_is_too_wide_is_said_to_be() -> None:
     assert (state.outcome, state.why) == (TaskOutcome.FAILED, Why.TOO_WIDE)
 
 
+def test_a_grasp_to_which_no_way_leads_is_left_for_another_without_being_a_try() -> None:
+    world = SmallWorld((step("pick", tries=1),), frozen=True)
+    first = world.until(Phase.APPROACH).grasp
+    while notes(world.state)[-1][1] is not Note.OTHER_GRASP:
+        world.tick()
+        assert world.now < TUNING.no_way + 1.0
+    other = world.state
+    assert (other.phase, other.attempt) == (Phase.APPROACH, 0) and notes(other)[-1][2] is Why.NO_WAY
+    off, angle = errors(first, other.grasp)
+    assert off > 0.03 or angle > 0.4
+    world.frozen = False
+    state = world.run()
+    assert state.outcome is TaskOutcome.DONE
+    assert errors(state.grasp, other.grasp)[1] < 1e-6, "it is the other that was taken"
+
+
+def test_a_grasp_out_of_reach_is_left_for_another_too_and_one_that_was_told_never() -> None:
+    world = SmallWorld((step("pick", tries=1),), frozen=True, reach=0.0)
+    world.until(Phase.APPROACH)
+    while world.state.others == 0:
+        world.tick()
+    assert notes(world.state)[-1][1:] == (Note.OTHER_GRASP, Why.OUT_OF_REACH)
+    state = world.run()
+    assert (state.outcome, state.why) == (TaskOutcome.FAILED, Why.OUT_OF_REACH), "in the end it is given up"
+    told = SmallWorld((step("pick", pose(0.0, 0.0, 0.02, DOWN), tries=1, time_limit=4.0),), frozen=True)
+    assert told.run().why is Why.TIME_LIMIT and told.state.others == 0
+
+
 @pytest.mark.parametrize("status", [ObjectStatus.UNSEEN, ObjectStatus.MOVING, ObjectStatus.STALE, ObjectStatus.GONE])
 def test_nothing_is_taken_that_does_not_lie_still_in_sight(status: ObjectStatus) -> None:
     world = SmallWorld((step("pick", time_limit=2.0),), status=status)

@@ -68,7 +68,8 @@ class SceneNow:
         growth[f:] = params.unforeseen
         turning = np.linalg.norm(self.forecast.spin, axis=1) * self.radii
         speed[f : f + count] = np.linalg.norm(self.forecast.velocity, axis=1) + turning
-        return Allowances(margin, growth, speed)
+        guessed = np.arange(f + slots) >= f + count
+        return Allowances(margin, growth, speed, guessed)
 
 
 def read_scene(

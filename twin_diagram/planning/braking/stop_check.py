@@ -7,7 +7,7 @@ of the distances found at the first, for no point of the arm and no obstacle is 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +28,12 @@ class Tuning:
 
     approach: float = 0.005
     """The arm counts as coming nearer to a thing above this [m/s]; slower, its own motion does no harm."""
+
+    inside: float = 0.01
+    """No real thing has the arm so deep inside [m]: what is guessed of it is wrong where the arm is …"""
+
+    backing: float = 0.08
+    """… and there the arm may go deeper at this speed, on its way out [m/s]: plans that back out go 0.05 m/s."""
 
     widest: float = 0.06
     """Distances are asked for up to this [m]: each pair costs time, and the rest is asked for later."""
@@ -66,11 +72,13 @@ class Allowances:
         margin: (B,) distance to be left at the beginning [m].
         growth: (B,) how fast that grows, for what is not known of their motion [m/s].
         speed: (B,) how fast any point of them moves, as far as that is known [m/s].
+        guessed: (B,) whether part of its shape is a guess, which the arm itself may prove wrong; empty: of none.
     """
 
     margin: Array
     growth: Array
     speed: Array
+    guessed: npt.NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
 
 
 @dataclass(frozen=True)
@@ -108,6 +116,7 @@ def breach(query: Query, others: Allowances, reach: float, delay: float, stop: f
     widest = float(margins.max(initial=0.0))
     fastest = float(others.speed.max(initial=0.0))
     time, count = 0.0, 0
+    wrong = _Wrong(others)
     while time < end:
         gone, share = travelled(time, delay, stop), pace(time, delay, stop)
         rest = travelled(end, delay, stop) - gone
@@ -116,7 +125,7 @@ def breach(query: Query, others: Allowances, reach: float, delay: float, stop: f
         near = query(time, gone, within)
         count += 1
         slack = near.distance - (others.margin + others.growth * time)[near.body]
-        comes = near.approach * share > TUNING.approach
+        comes = near.approach * share > np.where(wrong.there(near), TUNING.backing, TUNING.approach)
         bad = np.flatnonzero((slack < TUNING.touching) & comes)
         if len(bad):
             worst = int(bad[np.argmin(slack[bad])])
@@ -130,3 +139,19 @@ def breach(query: Query, others: Allowances, reach: float, delay: float, stop: f
         step = min(float(steps.min(initial=np.inf)), unseen) if live.all() else 0.0
         time += max(step, TUNING.least_step)
     return None, count
+
+
+class _Wrong:
+    """Where guesses are proved wrong by the arm: pairs of its parts and of things that they are deep inside of now."""
+
+    def __init__(self, others: Allowances) -> None:
+        self._guessed = others.guessed
+        self._pairs: set[tuple[int, int]] | None = None if others.guessed.any() else set()
+
+    def there(self, near: Nearness) -> npt.NDArray[np.bool_]:
+        """Return (P,) bool; what is `near` first is what is near now."""
+        if self._pairs is None:
+            deep = (near.distance < -TUNING.inside) & self._guessed[near.body]
+            self._pairs = set(zip(near.part[deep].tolist(), near.body[deep].tolist(), strict=True))
+        pairs = zip(near.part.tolist(), near.body.tolist(), strict=True)
+        return np.array([pair in self._pairs for pair in pairs], dtype=bool)

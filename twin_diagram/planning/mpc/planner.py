@@ -12,6 +12,7 @@ from twin_diagram import scenario
 from twin_diagram.planning.collision.clearance import Surroundings
 from twin_diagram.planning.collision.collision_scene import Forecast, Scene
 from twin_diagram.planning.mpc.arm_torque import ArmTorque, TorqueBounds, torque_bounds
+from twin_diagram.planning.mpc.backing_out import proved_wrong, way_out, without
 from twin_diagram.planning.mpc.limits import limits_of
 from twin_diagram.planning.mpc.planner_state import FRESH, Memory
 from twin_diagram.planning.mpc.planner_state import TUNING as PLANNER_STATE
@@ -225,6 +226,9 @@ class MotionPlanner:
         fallback = replace(memory.trajectory, q0=memory.trajectory.q0 - memory.offset)
         if route.aim is Aim.LINE or (route.to_goal and _stands(guess, reference)):
             margins = self._as_near_as(reference, around, margins, situation)
+        out = way_out(self.scene, self.router.lifted, situation, self.limits.velocity)
+        if out is not None:
+            reference, margins = out.at(samples), without(margins, proved_wrong(situation))
         torque = self._torque(memory, now, arm)
         outcome = self.optimiser.solve(now, q0, v0, a0, guess, old_v, reference, around, margins, fallback, torque)
         plan = replace(outcome.trajectory, q0=outcome.trajectory.q0 + memory.offset)
@@ -249,7 +253,8 @@ class MotionPlanner:
         extra = GUIDE.surprise * np.minimum(samples / TUNING.surprise_time, 1.0)
         away = TUNING.approach * np.maximum(duration - TUNING.at_goal - samples, 0.0)
         result = now.margins(0 if len(now.goals) else None, extra, away)
-        here = np.maximum(now.here[:-1] - TUNING.kept, now.least)
+        # What overlaps is left from where it is on: to ask for all of the margin at once would be to leap.
+        here = np.where(now.here[:-1] < 0.0, now.here[:-1], np.maximum(now.here[:-1] - TUNING.kept, now.least))
         leaving = np.minimum(result[:, :-1], here + TUNING.approach * samples[:, None])
         result[:, :-1] = np.where(now.still, leaving, result[:, :-1])
         return result

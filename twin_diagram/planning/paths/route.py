@@ -286,13 +286,13 @@ class Router:
         """Return a way (2, n) to one of the nearest free goals that lifts the tool, no more than need be; else None."""
         for height in self.tuning.lifts:
             for g in free[: self.tuning.over]:
-                middle = self._lifted(0.5 * (now.q + now.goals[g]), height)
+                middle = self.lifted(0.5 * (now.q + now.goals[g]), height)
                 way = np.stack([middle, now.goals[g]])
                 if self.first_blocked(now, way, wanted[g]) is None:
                     return way
         return None
 
-    def _lifted(self, q: Array, height: float) -> Array:
+    def lifted(self, q: Array, height: float) -> Array:
         """Return joint angles (n,) near `q` with the tool so much higher [m], as far as the limits let it."""
         chain, up = self.scene.chain, -self.scene.chain.gravity_W
         placement = chain.place(q[None])

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from twin_diagram.planning.tasks.grasp_choice import TUNING as GRASP_CHOICE
 from twin_diagram.planning.tasks.grasp_choice import between_fingers, choices
 from twin_diagram.planning.tasks.grasp_from_above import centred
 from twin_diagram.planning.tasks.step_ends import TUNING, arrived, done, fail, passed, steady
@@ -26,7 +27,7 @@ def looking(state: TaskState, now: float, step: Step) -> TaskState:
 
 def again(state: TaskState, seen: StepView, step: Step, why: Why) -> TaskState:
     """Try a pick once more, or give up."""
-    state = replace(state, attempt=state.attempt + 1, hand=Hand(), why=why)
+    state = replace(state, attempt=state.attempt + 1, others=0, hand=Hand(), why=why)
     if state.attempt >= step.tries:
         return fail(state, seen, why)
     return looking(state.noting(Note.TRIED_AGAIN, seen.now, why), seen.now, step)
@@ -34,9 +35,43 @@ def again(state: TaskState, seen: StepView, step: Step, why: Why) -> TaskState:
 
 def _grasp(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable], near: Array) -> Array | None:
     """Return where to take the object (7): as told, or the best that is left; None where nothing offers itself."""
-    track, known = seen.tracks[step.target], library[step.target]
     if step.goal.any():
-        return compose(track.pose, step.goal)
+        return compose(seen.tracks[step.target].pose, step.goal)
+    found = _offered(seen, step, library, near)
+    return found[min(state.attempt, len(found) - 1)] if len(found) else None
+
+
+def another_grasp(
+    state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable], why: Why
+) -> TaskState | None:
+    """Go for the next grasp, after one to which no way leads; None where there is none.
+
+    Nothing was touched, so it is no further try. After the last comes the first again, for what was in the way may go;
+    of those out of reach only a few are gone through.
+    """
+    most = TUNING.out_of_reach if why is Why.OUT_OF_REACH else np.inf
+    if step.goal.any() or state.others + 1 >= most:
+        return None
+    apart: list[Array] = []
+    for each in _offered(seen, step, library, seen.X_WT[:4]):
+        if not any(_same(each, other) for other in apart):
+            apart.append(each)
+    grasp = apart[(state.attempt + state.others + 1) % len(apart)]
+    if _same(grasp, state.grasp):
+        return None
+    state = replace(state, others=state.others + 1, grasp=grasp).noting(Note.OTHER_GRASP, seen.now, why)
+    return state.entering(Phase.APPROACH, seen.now, before_grasp(grasp))
+
+
+def _same(X_WG: Array, other: Array) -> bool:
+    """Tell whether two grasps (7) are much the same."""
+    off, angle = errors(X_WG, other)
+    return bool(off < GRASP_CHOICE.same[0] and angle < GRASP_CHOICE.same[1])
+
+
+def _offered(seen: StepView, step: Step, library: Sequence[Takeable], near: Array) -> Array:
+    """Return where the object could be taken (G, 7), the best first."""
+    track, known = seen.tracks[step.target], library[step.target]
     there = (ObjectStatus.UNSEEN, ObjectStatus.GONE)
     others = [
         [*other.pose[4:6], library[k].radius]
@@ -45,8 +80,16 @@ def _grasp(state: TaskState, seen: StepView, step: Step, library: Sequence[Takea
     ]
     rows = np.array(others).reshape(-1, 3)
     pose, wide = track.pose, seen.widest
-    found = choices(known.pieces, pose, wide, near, rows, known.shape, symmetric=known.symmetric)
-    return found[min(state.attempt, len(found) - 1)] if len(found) else None
+    return choices(known.pieces, pose, wide, near, rows, known.shape, symmetric=known.symmetric)
+
+
+def _nearest(X_WG: Array, seen: StepView, step: Step, library: Sequence[Takeable]) -> Array | None:
+    """Return the grasp (7) of those offered now that is nearest to one (7) chosen before; as told, where one was."""
+    if step.goal.any():
+        return compose(seen.tracks[step.target].pose, step.goal)
+    found = _offered(seen, step, library, X_WG[:4])
+    near, turn = GRASP_CHOICE.same
+    return min(found, key=lambda X: sum(np.divide(errors(X, X_WG), (near, turn))), default=None)
 
 
 def look(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:
@@ -71,10 +114,14 @@ def approach(state: TaskState, seen: StepView, step: Step, library: Sequence[Tak
     track = seen.tracks[step.target]
     if track.status in (ObjectStatus.UNSEEN, ObjectStatus.GONE, ObjectStatus.LOST):
         return again(state, seen, step, Why.TARGET_LOST)
-    if not passed(state, seen, step) or seen.opening < 0.9 * seen.widest:
+    if not passed(state, seen, step):
+        state, stands = steady(state, seen, seen.speed < TUNING.still, TUNING.no_way)
+        why = Why.OUT_OF_REACH if seen.reach == 0.0 else Why.NO_WAY
+        return (another_grasp(state, seen, step, library, why) if stands else None) or state
+    if seen.opening < 0.9 * seen.widest:
         return state
     # The object is taken where it is now, with the hand turned as it is.
-    fresh = _grasp(replace(state, attempt=0), seen, step, library, state.grasp[:4])
+    fresh = _nearest(state.grasp, seen, step, library)
     if fresh is not None and errors(fresh, state.grasp)[1] < 4 * TUNING.follow_turn:
         state = replace(state, grasp=fresh)
     state = replace(state, hand=Hand(touched=step.target))

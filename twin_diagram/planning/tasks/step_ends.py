@@ -67,6 +67,13 @@ class Tuning:
     patience: float = 3.5
     """A goal that no joint positions reach is given up after this [s]: joint goals are drawn anew every 2 s."""
 
+    no_way: float = 1.5
+    """A hand that rests for so long on its way to a grasp has found none, and goes for another grasp [s]: a search is
+    answered in a fifth of a second, and made anew after another."""
+
+    out_of_reach: int = 4
+    """So many grasps that no joint positions reach are gone through before the object counts as out of reach."""
+
     lost: float = 2.0
     """What is followed may be out of sight for so long [s]."""
 

@@ -64,6 +64,7 @@ class Why(IntEnum):
     DROPPED = 7
     SEEN_ELSEWHERE = 8
     NO_WAY_DOWN = 9
+    NO_WAY = 10
 
 
 SENTENCES: Final = {
@@ -76,6 +77,7 @@ SENTENCES: Final = {
     Why.MISSED: "the fingers closed on nothing",
     Why.DROPPED: "the fingers closed fully on what they held: it is lost",
     Why.SEEN_ELSEWHERE: "what was held is seen elsewhere: it is lost",
+    Why.NO_WAY: "the hand found no way to this grasp",
     Why.NO_WAY_DOWN: "something is in the way from above it down to the grasp",
 }
 """Each of `Why`, for people."""
@@ -94,6 +96,8 @@ class Note(IntEnum):
     FAILED = 8
     SLIPPED = 9
     """What is held is not where it was in the hand; told once."""
+    OTHER_GRASP = 10
+    """No way led to a grasp, and the next is gone for."""
 
 
 RING: Final = 32
@@ -154,7 +158,7 @@ def steps_of(task: scenario.Task, names: Sequence[str]) -> tuple[Step, ...]:
     return tuple(result)
 
 
-NUMBERS: Final = 13
+NUMBERS: Final = 14
 """Of a packed `TaskState`, before its poses."""
 
 
@@ -169,6 +173,7 @@ class TaskState:
         since: when the phase began [s].
         steady: since when the phase has been as it should be at its end [s]; `NEVER`: it is not.
         attempt: how often a pick was tried before.
+        others: how many grasps of this try were left for the next, because no way led to them.
         elsewhere: images running that showed what is held elsewhere.
         slipped: images running that showed it elsewhere in the hand; negative once that was told.
         image: time of the newest image that was counted [s].
@@ -193,6 +198,7 @@ class TaskState:
     image: float = NEVER
     opened: float = -1.0
     force: float = float("nan")
+    others: int = 0
     goal: Array = field(default_factory=lambda: np.zeros(POSE_SIZE))
     grasp: Array = field(default_factory=lambda: np.zeros(POSE_SIZE))
     hand: Hand = field(default_factory=Hand)
@@ -212,7 +218,7 @@ class TaskState:
         """Return it as a vector of `STATE_SIZE`."""
         numbers = [
             self.step, self.phase, self.outcome, self.why, self.begun, self.since, self.steady, self.attempt,
-            self.elsewhere, self.slipped, self.image, self.opened, self.force,
+            self.elsewhere, self.slipped, self.image, self.opened, self.force, self.others,
         ]  # fmt: skip
         return np.concatenate([np.array(numbers, dtype=float), self.goal, self.grasp, self.hand.pack(), self.notes])
 
@@ -222,10 +228,10 @@ class TaskState:
         ends = np.cumsum([NUMBERS, POSE_SIZE, POSE_SIZE, HAND_SIZE])
         numbers, goal, grasp, hand, notes = np.split(np.array(vector), ends)
         step, phase, outcome, why, begun, since, steady, attempt, elsewhere, *rest = numbers.tolist()
-        slipped, image, opened, force = rest
+        slipped, image, opened, force, others = rest
         return TaskState(
             int(step), Phase(int(phase)), TaskOutcome(int(outcome)), Why(int(why)), begun, since, steady, int(attempt),
-            int(elsewhere), int(slipped), image, opened, force, goal, grasp, Hand.unpack(hand), notes,
+            int(elsewhere), int(slipped), image, opened, force, int(others), goal, grasp, Hand.unpack(hand), notes,
         )  # fmt: skip
 
 

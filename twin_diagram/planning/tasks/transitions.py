@@ -40,7 +40,8 @@ def advance(state: TaskState, seen: StepView, steps: Sequence[Step], library: Se
         return fail(state, seen, _late(state, seen, step))
     if state.goal.any() and seen.reach == 0.0 and seen.now - state.since > TUNING.patience:
         if state.phase is Phase.APPROACH:
-            return picking.again(state, seen, step, Why.OUT_OF_REACH)
+            other = picking.another_grasp(state, seen, step, library, Why.OUT_OF_REACH)
+            return other or picking.again(state, seen, step, Why.OUT_OF_REACH)
         return fail(state, seen, Why.OUT_OF_REACH)
     after = _PHASES[state.phase](state, seen, step, library)
     return _begin(after, seen, steps, library) if after.phase is Phase.START else after
@@ -51,7 +52,7 @@ def _begin(state: TaskState, seen: StepView, steps: Sequence[Step], library: Seq
     if state.step >= len(steps):
         return replace(state.entering(Phase.REST, seen.now), outcome=TaskOutcome.DONE)
     step, now = steps[state.step], seen.now
-    state = replace(state, begun=now, attempt=0).noting(Note.STARTED, now)
+    state = replace(state, begun=now, attempt=0, others=0).noting(Note.STARTED, now)
     if step.kind == "reach":
         return state.entering(Phase.MOVE, now, step.goal)
     if step.kind == "follow":
