@@ -12,6 +12,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import PrismaticJoint, SpatialInertia
 from pydrake.systems.analysis import Simulator
 
+from twin_diagram.planning.tasks.step_ends import TUNING as STEP_ENDS
 from twin_diagram.runs.true_clearance import TrueClearance
 from twin_diagram.scenario import Scenario, WorldObject, load_scenario
 from twin_diagram.station import ports
@@ -30,6 +31,8 @@ HOMES = {
     "arms/iiwa7_wsg.urdf": [0, 0.6, 0, -1.4, 0, 1.1, 0],
 }
 
+EMPTY = STEP_ENDS.empty
+
 BOX = """<?xml version="1.0"?>
 <sdf version="1.9" xmlns:drake="drake.mit.edu"><model name="box"><link name="object">
 <inertial><mass>{m}</mass><inertia><ixx>{i[0]}</ixx><iyy>{i[1]}</iyy><izz>{i[2]}</izz>
@@ -40,11 +43,11 @@ BOX = """<?xml version="1.0"?>
 """
 
 
-def plan(folder: Path, arm: str, time_step: float) -> Scenario:
+def plan(folder: Path, arm: str, time_step: float, width: float) -> Scenario:
     (folder / "box").mkdir(exist_ok=True)
-    a, b, c = SIZE
+    a, b, c = size = [SIZE[0], width, SIZE[2]]
     inertia = MASS / 12.0 * np.array([b * b + c * c, a * a + c * c, a * a + b * b])
-    (folder / "box" / "model.sdf").write_text(BOX.format(m=MASS, i=inertia, s=SIZE, mu=FRICTION))
+    (folder / "box" / "model.sdf").write_text(BOX.format(m=MASS, i=inertia, s=size, mu=FRICTION))
     scenario = load_scenario("tabletop", ["twin.camera=null", f"world.time_step={time_step}"])
     model = replace(scenario.twin.arm, model=arm, tool_frame=GRIPPERS[arm], effects=[])
     objects = {"box": WorldObject(asset=str(folder / "box"))}
@@ -62,6 +65,7 @@ class Held:
     dropped: bool
     contacts: int  # between arm and box, at the end
     squeeze: float  # normal force of each pad at the end [N]
+    opening: float  # of the fingers at the end [m]
 
 
 def hold(
@@ -71,16 +75,17 @@ def hold(
     off: float = 0.0,
     time_step: float = 0.0025,
     duration: float = 2.0,
+    width: float = SIZE[1],
 ) -> Held:
     """Take a box between the pads, `off` along their faces from its centre, and hold it; the hand points down."""
-    station = SimStation(plan(folder, arm, time_step))
+    station = SimStation(plan(folder, arm, time_step, width))
     simulator = Simulator(station)
     context = simulator.get_mutable_context()
     plant = station.world.plant
     inside = plant.GetMyMutableContextFromRoot(context)
     for finger in station.world.arm.fingers:
         side = np.sign(finger.position_lower_limits()[0] + finger.position_upper_limits()[0])
-        finger.set_translation(inside, side * 0.5 * SIZE[1])
+        finger.set_translation(inside, side * 0.5 * width)
     tool = plant.GetFrameByName(GRIPPERS[arm])
     box = plant.get_body(station.world.objects["box"])
     plant.SetFreeBodyPose(inside, box, tool.CalcPoseInWorld(inside) @ RigidTransform([off, 0.0, 0.0]))
@@ -108,7 +113,8 @@ def hold(
         abs(float(closing @ results.hydroelastic_contact_info(i).F_Ac_W().translational()))
         for i in range(results.num_hydroelastic_contacts())
     ]
-    return Held(moved, turned, in_hand().translation()[2] > 0.1, contacts, min(forces, default=0.0))
+    opening = sum(abs(finger.get_translation(inside)) for finger in station.world.arm.fingers)
+    return Held(moved, turned, in_hand().translation()[2] > 0.1, contacts, min(forces, default=0.0), opening)
 
 
 def test_a_box_is_held_off_its_centre(tmp_path: Path) -> None:
@@ -118,6 +124,16 @@ def test_a_box_is_held_off_its_centre(tmp_path: Path) -> None:
     assert held.turned < 0.2 * np.radians(1.0)
     assert held.squeeze == pytest.approx(40.0, rel=0.01), "whatever the width"
     assert held.contacts == 2, "surfaces count as contacts, too"
+
+
+@pytest.mark.parametrize(("arm", "width"), [("arms/panda_hand.urdf", 0.0035), ("arms/iiwa7_wsg.urdf", 0.0085)])
+def test_a_thin_wall_is_squeezed_as_a_box_is_and_told_from_nothing(tmp_path: Path, arm: str, width: float) -> None:
+    """As thin as a mug's; the WSG's pads are 5 mm apart where its fingers meet. A plain spring would press by 3.5 N."""
+    wall = hold(tmp_path, arm, width=width, duration=0.2)
+    assert wall.squeeze == pytest.approx(40.0, rel=0.02)
+    assert wall.opening > 1.5 * EMPTY
+    nothing = hold(tmp_path, arm, width=width, off=0.5, duration=0.1)
+    assert nothing.opening < 0.5 * EMPTY
 
 
 @pytest.mark.parametrize("share", [0.8, 1.25])

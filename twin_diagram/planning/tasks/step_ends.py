@@ -49,8 +49,8 @@ class Tuning:
     closing: float = 0.25
     """Fingers are given at least so long to close or open [s]: a command takes some 0.05 s to move them."""
 
-    empty: float = 0.003
-    """Fingers that are open by less than this hold nothing [m]."""
+    empty: float = 0.0012
+    """Fingers that are open by less than this hold nothing [m]: around a mug's wall soft pads leave 2.5 mm."""
 
     finger_error: float = 0.001
     """How well closed fingers tell where the middle of what they hold is [m]."""

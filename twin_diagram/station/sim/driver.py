@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Joint, PrismaticJoint
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from twin_diagram.errors import ScenarioError
@@ -21,6 +23,9 @@ class Tuning:
 
     bandwidth: float = 200.0
     """Of the filter through which commands go [rad/s]: it lags a steady motion by 2 / BANDWIDTH = 10 ms."""
+
+    meeting: float = 0.002
+    """Fingers told to be so near to where they meet are told to press, the nearer the more [m]: no jump of force."""
 
 
 TUNING = Tuning()
@@ -66,6 +71,39 @@ def held_back(desired: Array, position: Array, reach: Array) -> Array:
     off = desired[:g] - position
     back = np.abs(off) > reach
     return np.concatenate([position + np.clip(off, -reach, reach), np.where(back, 0.0, desired[g:])])
+
+
+def pressing(desired: Array, closed: Array, inward: Array, reach: Array) -> Array:
+    """Return fingers' desired state with springs wound up in full where they are told to close all the way.
+
+    A spring alone presses a thin thing less than a wide one: between fingers told to meet, a wall of 6 mm by 6 N.
+
+    Args:
+        desired: (2g,) positions, then speeds.
+        closed: (g,) where they meet [m].
+        inward: (g,) sign of the way there.
+        reach: (g,) as `held_back`.
+
+    Returns:
+        (2g,), beyond where they meet by up to `reach`, the nearer to there the more.
+    """
+    g = len(closed)
+    left = np.clip(inward * (closed - desired[:g]) / TUNING.meeting, 0.0, 1.0)
+    return np.concatenate([desired[:g] + inward * (1.0 - left) * reach, desired[g:]])
+
+
+def _meeting(fingers: Sequence[Joint]) -> tuple[Array, Array]:
+    """Return where fingers meet (g,) [m], the end of their travel nearer to zero, and the sign of the way there (g,).
+
+    The sign is 0 for one that turns, or that has no such end.
+    """
+    closed, inward = np.zeros(len(fingers)), np.zeros(len(fingers))
+    for k, finger in enumerate(fingers):
+        if isinstance(finger, PrismaticJoint):
+            near, far = sorted((finger.position_lower_limit(), finger.position_upper_limit()), key=abs)
+            if np.isfinite([near, far]).all():
+                closed[k], inward[k] = near, np.sign(near - far)
+    return closed, inward
 
 
 class NominalGravity:
@@ -122,7 +160,7 @@ class ArmDriver(LeafSystem):
     no command; a torque that is not a number counts as zero.
 
     The fingers' springs are wound up no further than `gripper_force_limit` allows: what is held is pressed with that
-    force from each side, whatever its width.
+    force from each side, whatever its width, by fingers that are told to close all the way.
 
     Ports: `position_commanded` (n) [rad], `torque_commanded` (n) [N·m], `gripper_commanded` (g) [m],
     `gripper_force_limit` (1) of each finger [N], `motor_state`
@@ -161,6 +199,7 @@ class ArmDriver(LeafSystem):
         self._fingers = self.DeclareVectorInputPort("gripper_commanded", g) if g else None
         self._force = self.DeclareVectorInputPort("gripper_force_limit", 1) if g else None
         self._driven, self._finger_stiffness = driven, arm.stiffness[n:]
+        self._meeting = _meeting([arm.fingers[k] for k in arm.driven])
         self._motor = self.DeclareVectorInputPort("motor_state", 2 * self._m)
         state = self.DeclareDiscreteState(np.concatenate([arm.q0, np.zeros(self._m)]))
         self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
@@ -207,7 +246,9 @@ class ArmDriver(LeafSystem):
         desired = context.get_discrete_state_vector().value()[self._finger_part]
         limit = self._force_limit(context)
         if np.isfinite(limit):
-            desired = held_back(desired, self._motor.Eval(context)[self._driven], limit / self._finger_stiffness)
+            reach = limit / self._finger_stiffness
+            desired = pressing(desired, *self._meeting, reach)
+            desired = held_back(desired, self._motor.Eval(context)[self._driven], reach)
         output.SetFromVector(desired)
 
     def _force_limit(self, context: Context) -> float:
