@@ -331,6 +331,17 @@ def test_a_grasp_to_which_no_way_leads_is_left_for_another_without_being_a_try()
     assert errors(state.grasp, other.grasp)[1] < 1e-6, "it is the other that was taken"
 
 
+def test_the_last_try_goes_for_another_grasp_where_the_way_down_is_barred() -> None:
+    world = SmallWorld((step("pick", tries=1),))
+    first = world.until(Phase.DESCEND).grasp
+    world.X_WT = world.X_WT + np.array([0.0, 0, 0, 0, 0.0, 0.0, 2 * TUNING.astray])
+    state = world.tick()
+    assert state.phase is Phase.APPROACH and state.hand.touched == NOTHING
+    assert notes(state)[-1] == (0, Note.OTHER_GRASP, Why.NO_WAY_DOWN)
+    assert not np.array_equal(state.grasp, first)
+    assert world.run().outcome is TaskOutcome.DONE
+
+
 def test_a_grasp_out_of_reach_is_left_for_another_too_and_one_that_was_told_never() -> None:
     world = SmallWorld((step("pick", tries=1),), frozen=True, reach=0.0)
     world.until(Phase.APPROACH)

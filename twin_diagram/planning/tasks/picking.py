@@ -115,8 +115,9 @@ def approach(state: TaskState, seen: StepView, step: Step, library: Sequence[Tak
     if track.status in (ObjectStatus.UNSEEN, ObjectStatus.GONE, ObjectStatus.LOST):
         return again(state, seen, step, Why.TARGET_LOST)
     if not passed(state, seen, step):
-        state, stands = steady(state, seen, seen.speed < TUNING.still, TUNING.no_way)
-        why = Why.OUT_OF_REACH if seen.reach == 0.0 else Why.NO_WAY
+        far = seen.reach == 0.0
+        state, stands = steady(state, seen, seen.speed < TUNING.still, TUNING.no_reach if far else TUNING.no_way)
+        why = Why.OUT_OF_REACH if far else Why.NO_WAY
         return (another_grasp(state, seen, step, library, why) if stands else None) or state
     if seen.opening < 0.9 * seen.widest:
         return state
@@ -131,7 +132,10 @@ def approach(state: TaskState, seen: StepView, step: Step, library: Sequence[Tak
 def descend(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:
     """Go down to the grasp, and close there; from no other side, since the hand no longer keeps clear of the object."""
     if errors(seen.X_WT, state.grasp)[0] > TUNING.astray:
-        return again(state, seen, step, Why.NO_WAY_DOWN)
+        last = state.attempt + 1 >= step.tries
+        free = replace(state, hand=Hand())
+        other = another_grasp(free, seen, step, library, Why.NO_WAY_DOWN) if last else None
+        return other or again(state, seen, step, Why.NO_WAY_DOWN)
     state, there = arrived(state, seen, step, TUNING.slow)
     if not there:
         return state

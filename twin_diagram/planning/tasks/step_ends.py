@@ -71,7 +71,10 @@ class Tuning:
     """A hand that rests for so long on its way to a grasp has found none, and goes for another grasp [s]: a search is
     answered in a fifth of a second, and made anew after another."""
 
-    out_of_reach: int = 4
+    no_reach: float = 0.5
+    """… or for so long, where a search found no joint positions at it [s]."""
+
+    out_of_reach: int = 8
     """So many grasps that no joint positions reach are gone through before the object counts as out of reach."""
 
     lost: float = 2.0
