@@ -50,9 +50,9 @@ Pairs = npt.NDArray[np.int64]
 
 
 def pushes(problem: RobotProblem, z: Array, terms: Terms) -> list[Candidate]:
-    """Return wrenches over the spans of time that they suit best, on links that may be it: innermost first.
+    """Return wrenches over the spans of time that they suit best: on the innermost link that suffices, then on others.
 
-    Each further out costs more, or the outermost, which may follow anything, would suit best as a rule.
+    Those cost more, or links further out, which may follow anything, would suit best as a rule.
 
     Args:
         problem: of what is there beside them.
@@ -70,12 +70,11 @@ def pushes(problem: RobotProblem, z: Array, terms: Terms) -> list[Candidate]:
     top = max(found, key=lambda one: one[0])
     if top[0] < TUNING.worth:
         return []
-    good = [
-        one for one in found if one[0] >= min(TUNING.near * top[0], top[0] - TUNING.alike)
-    ]  # inner links come first
-    likely = sorted(good, key=lambda one: one[0])[-TUNING.most :]
-    made = [_spanned(terms, wrench, at, to) for _, wrench, at, to in good if any(wrench is one[1] for one in likely)]
-    return [replace(one, cost=one.cost + TUNING.alike * k) for k, one in enumerate(made)]
+    inner = next(one for one in found if one[0] >= top[0] - TUNING.alike)  # inner links come first
+    rest = sorted((one for one in found if one is not inner), key=lambda one: -one[0])
+    likely = [inner, *(one for one in rest if one[0] >= TUNING.near * top[0])][: TUNING.most]
+    made = [_spanned(terms, wrench, at, to) for _, wrench, at, to in likely]
+    return [replace(one, cost=one.cost + TUNING.alike * bool(k)) for k, one in enumerate(made)]
 
 
 Span = tuple[float, Candidate, int, int]
