@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin_diagram.gap.candidates.candidate import Candidate
-from twin_diagram.gap.candidates.payload import payload
+from twin_diagram.gap.candidates.payload import payload, payload_about
 from twin_diagram.gap.candidates.whole_arm import last_body
 from twin_diagram.gap.whole_robot.physical_fit import TUNING as PHYSICAL_FIT
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
@@ -64,7 +64,7 @@ def loaded(whole: RobotProblem, start: Array) -> RobotProblem | None:
         own = z[beside.place(len(beside.sums.further) - 1)]
         if not own[0] > 0.0 or not candidate.allows(own):
             break
-        candidate = payload(terms, own[1:] / own[0])  # off its link's origin, a mass has inertia, too
+        candidate = payload_about(terms, own[1:] / own[0])  # off its link's origin, a mass has inertia, too
     beside = replace(whole, sums=whole.sums.with_further([*whole.sums.further, candidate]))
     z = solve(beside, None, carried(whole, start, beside))
     noise = with_noise(beside, z)

@@ -72,6 +72,9 @@ class Tuning:
     sure: float = 0.3
     """No name where the standard error is more than this share of the value: of so many names some always suits."""
 
+    edge: float = 0.05
+    """Share beyond the least that a name can say, up to which it says nothing: logs themselves may lag by a sample."""
+
     beyond_own: float = 2.0
     """Times the last link's own doubt that a payload must weigh."""
 
@@ -275,7 +278,8 @@ def believable(problem: RobotProblem, at: int = -1) -> bool:
     at = at % len(problem.sums.further)
     candidate, s = problem.sums.further[at], problem.place(at)
     covariance = estimates.covariance(with_noise(problem, z), z)[s, s]  # what it explains is no noise
-    if not candidate.allows(z[s]):
+    least = (candidate.lower > 0.0) & (z[s] <= (1.0 + TUNING.edge) * candidate.lower)
+    if not candidate.allows(z[s]) or np.any(least):  # no more than what is no effect at all
         return False
     if candidate.name == Payload.name:
         own, mass = estimates.own_doubt(problem), abs(z[s][0])
