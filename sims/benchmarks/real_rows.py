@@ -8,7 +8,8 @@ Per row and joint: held-out residual torque, RMS N·m in the contract's band (on
 description, of `classical` (all links' ten parameters by a weak ridge, viscous, Coulomb, offset, rotor per joint), of
 `physical` (the same with positive definite pseudo-inertias drawn to the description, frictions and rotors not negative)
 and of `gap`; then gap over the others. The held-out run of `lwr4` repeats the fitted one's motion, so does `panda`'s:
-only the cut rows prove anything about other motion. Data: `$TWIN_DIAGRAM_DATA`, or `../shared/data`.
+only the cut rows prove anything about other motion. Where both were run, torques of the models corrected from the two
+descriptions of the LWR4+ are compared on run 2. Data: `$TWIN_DIAGRAM_DATA`, or `../shared/data`.
 """
 
 from __future__ import annotations
@@ -46,6 +47,8 @@ def main(arguments: list[str] | None = None) -> int:
             figures = {name: list(values) for name, values in found.items()}
             file.write(json.dumps({"row": row.name, **figures, "gap": gap}) + "\n")
             file.flush()
+    if both := table.agreement_text(given.out):
+        print(both)
     return 0
 
 

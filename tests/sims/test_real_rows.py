@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.gap.made import ARM, swing
+
 SIMS = Path(__file__).resolve().parents[2] / "sims" / "benchmarks"
 if str(SIMS) not in sys.path:
     sys.path.insert(0, str(SIMS))
@@ -75,3 +77,21 @@ def test_the_table_says_ratios() -> None:
     assert "gap / physical      1.00   2.00  mean 1.50, most 2.00" in said
     assert "gap / description   0.50   0.50  mean 0.50, most 0.50" in said
     assert "named with remainder: payload(1)" in said
+
+
+def test_two_corrected_models_are_as_far_apart_as_their_torques(tmp_path: Path) -> None:
+    time, q, v, a = swing(4.0)
+    torque = ARM.inverse_dynamics(q, v, a) + 0.3
+    header = ",".join(["time", *(f"{s}.{j}" for s in ("position_measured", "torque_measured") for j in ARM.joints)])
+    log = tmp_path / "log.csv"
+    np.savetxt(log, np.column_stack([time, q, torque]), "%.9g", ",", header=header, comments="")
+    described = Path(__file__).resolve().parents[2] / "models" / "arms" / "ur5e.urdf"
+    heavier = described.read_text(encoding="utf-8").replace('<mass value="', '<mass value="1')
+    (tmp_path / "heavier.urdf").write_text(heavier, encoding="utf-8")
+    apart, left = table.agreement(described, described, log)
+    assert np.all(apart == 0.0)
+    np.testing.assert_allclose(left, 0.3, atol=0.1)
+    apart, least = table.agreement(described, tmp_path / "heavier.urdf", log)
+    assert np.all(apart[:-1] > 1.0) and apart[-1] < 1e-9  # nothing turns on the last joint but about its own axis
+    np.testing.assert_allclose(least, left)
+    assert table.agreement_text(tmp_path) == ""  # no run was done before

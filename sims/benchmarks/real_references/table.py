@@ -14,7 +14,9 @@ import numpy as np
 
 from real_references import least_squares
 from real_references.regression import equations
-from real_references.rows import Row, cut, data_folder
+from real_references.rows import LWR_RUNS, Row, cut, data_folder
+from twin_diagram.logs import read_log
+from twin_diagram.model.prediction import load_model_for, torque_residual
 from twin_diagram.signals.arrays import Array
 
 LONGEST = 1800.0
@@ -55,6 +57,32 @@ def run_gap(row: Row, folder: Path, sided: bool) -> dict[str, Any]:
     if done.returncode:
         return {"error": done.stderr.strip().splitlines()[-1][:200], "processor": seconds}
     return {**json.loads((folder / "gap" / "gap.json").read_text(encoding="utf-8")), "processor": seconds}
+
+
+def agreement(a: Path, b: Path, log: Path) -> tuple[Array, Array]:
+    """How far two corrected models' torques differ on a log, and what the better of them leaves, each (n,) RMS N·m."""
+    left = []
+    for folder in (a, b):
+        model, checked, _ = load_model_for(read_log(log), folder)
+        left.append(torque_residual(model, checked))
+    apart = np.sqrt(np.mean((left[0] - left[1]) ** 2, axis=0))
+    return apart, np.min(np.sqrt(np.mean(np.square(left), axis=1)), axis=0)
+
+
+def agreement_text(out: Path) -> str:
+    """What `agreement` says of both descriptions of the LWR4+, on run 2; of runs that were done before."""
+    folders = [out / name / "gap" / "model" for name in ("lwr4", "lwr4-published")]
+    if not all(folder.is_dir() for folder in folders):
+        return ""
+    apart, left = agreement(*folders, data_folder() / LWR_RUNS[1])
+    share = apart / left
+    return "\n".join(
+        [
+            "lwr4 and lwr4-published: corrected models' torques on run 2",
+            f"  apart             {_numbers(apart)}",
+            f"  over what is left {_numbers(share)}  mean {np.mean(share):.2f}, most {np.max(share):.2f}",
+        ]
+    )
 
 
 def _children() -> float:

@@ -396,3 +396,15 @@ def test_torque_per_inertial_parameter_is_in_the_links_own_frame() -> None:
             np.testing.assert_allclose(per_mass, wanted, atol=1e-9)
     motion = Kinematics.of(ARM.tree, terms.records.records[0].q.T)
     assert motion.p.shape[1] == 6
+
+
+def test_a_payload_about_a_centre_is_right_to_first_order_in_mass_and_moment() -> None:
+    """Looked for in turns, mass and centre then settle as Newton's steps do."""
+    terms = swinging()
+    mass, far = 2.0, np.array([0.05, -0.1, 0.2])
+    there = payload.payload_about(terms, far)
+    c = np.concatenate([[mass], mass * far])
+    assert disagreement(terms, there, list(c)) < 1e-6
+    for step in 1e-3 * np.eye(4):
+        ahead, behind = (law(terms, there, told(there, x)) for x in (c + step, c - step))
+        np.testing.assert_allclose(2.0 * torque(terms, there, step), ahead - behind, atol=1e-6 * np.max(np.abs(ahead)))

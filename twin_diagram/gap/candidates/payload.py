@@ -29,9 +29,7 @@ def payload(terms: Terms, centre: Array | None = None) -> Candidate:
     full = in_link_frame(terms, body)
     columns = full[..., :4].copy()
     if centre is not None:
-        tensor = centre @ centre * np.eye(3) - np.outer(centre, centre)
-        unit = np.array([*np.diag(tensor), tensor[0, 1], tensor[0, 2], tensor[1, 2]])
-        columns[..., 0] += full[..., 4:] @ unit
+        columns[..., 0] += full[..., 4:] @ _turned(centre, centre)
     spread = inertia_spread(terms)[:4]
     far = 0.35 * reach(terms)
 
@@ -54,6 +52,27 @@ def payload(terms: Terms, centre: Array | None = None) -> Candidate:
         parameters=transformed(values),
         admits=admits,
     )
+
+
+def payload_about(terms: Terms, centre: Array) -> Candidate:
+    """Return a mass at the last link whose inertia is to first order in m and m·c about a `centre`.
+
+    Of a point with first moment h, inertia is that of h hᵀ / m, which a heavier point has less of: were it taken to
+    grow with m alone, looking for mass and centre in turn would run away from both. As it is homogeneous, it is exact
+    where the centre is right.
+    """
+    plain, full = payload(terms), in_link_frame(terms, last_body(terms))[..., 4:]
+    columns = plain.columns.copy()
+    columns[..., 0] -= full @ _turned(centre, centre)
+    for k, axis in enumerate(np.eye(3)):
+        columns[..., 1 + k] += 2.0 * full @ _turned(centre, axis)
+    return replace(plain, columns=columns)
+
+
+def _turned(a: Array, b: Array) -> Array:
+    """Return (6,) moments and products of inertia that two halves of a product of lengths (3,) stand for [m²]."""
+    tensor = a @ b * np.eye(3) - 0.5 * (np.outer(a, b) + np.outer(b, a))
+    return np.array([*np.diag(tensor), tensor[0, 1], tensor[0, 2], tensor[1, 2]])
 
 
 def bulky_payload(terms: Terms) -> Candidate:

@@ -100,7 +100,8 @@ def merge(here: Parameters, more: Parameters) -> Parameters | None:
 def sentence(effect: Effect) -> str:
     """Return its levels at rest and at speed, on each joint."""
     parts = (
-        f"{s:.4g} {effect.unit('static', joint)} at rest, falling to {c:.4g} {effect.unit('coulomb', joint)} above "
+        f"{s:.4g} {effect.unit('static', joint)} at rest, {'falling' if c <= s else 'rising'} to "
+        f"{c:.4g} {effect.unit('coulomb', joint)} above "
         f"some {w:.3g} {effect.unit('stribeck_velocity', joint)}, on {joint}"
         for joint, c, s, w in zip(
             effect.joints,
@@ -117,7 +118,7 @@ register(
     EffectRecord(
         effect=StribeckFriction,
         title="Dry friction with a Stribeck dip",
-        explanation="Dry friction that is higher at a crawl than at speed: the joint sticks, then slips.",
+        explanation="Dry friction that is other at a crawl than at speed: higher, and the joint sticks, then slips.",
         sentence=sentence,
         keys={"coulomb": "friction at speed", "static": "friction at rest"},
         on_joints=on_joints,

@@ -20,6 +20,7 @@ from twin_diagram.gap.findings import Finding, Separation
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.residuals.regressors import present
 from twin_diagram.gap.whole_robot import estimates
+from twin_diagram.gap.whole_robot.dry_shapes import shaped
 from twin_diagram.gap.whole_robot.left_out import TUNING as LEFT_OUT
 from twin_diagram.gap.whole_robot.left_out import (
     LeftOut,
@@ -128,7 +129,7 @@ def explain(records: Records, *, known: bool = False) -> WholeRobot | None:
     whole = begun(records, equations(records))
     if known:
         whole = replace(whole, spread=max(PHYSICAL_FIT.known), spreads=PHYSICAL_FIT.known)
-    whole, start = settled(whole)
+    whole, start = shaped(*settled(whole))
     plain = best_of(whole, start, known)
     load = loaded(whole, start)
     carried = None if load is None else best_of(*settled(load), known)
@@ -377,9 +378,9 @@ def confidences(problem: RobotProblem, left_out: LeftOut) -> dict[str, float]:
             continue
         lost = now - linear.likelihood(part)
         j, term = divmod(k - n, len(OWN))
-        name = InertialParameters.name if k < n else estimates.NAMES[OWN[term]][0]
+        name = InertialParameters.name if k < n else estimates.name_of(problem, j, term)
         gain = float(np.sum(lost) if k < n else lost[j])
         weakest[name] = min(weakest.get(name, np.inf), gain)
-    for _, term in np.argwhere(problem.gone):
-        weakest.setdefault(estimates.NAMES[OWN[term]][0], TUNING.gone)
+    for j, term in np.argwhere(problem.gone):
+        weakest.setdefault(estimates.name_of(problem, int(j), int(term)), TUNING.gone)
     return {name: float(1.0 / (1.0 + np.exp(-np.clip(gain, -30.0, 30.0)))) for name, gain in weakest.items()}

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin_diagram.gap.candidates.candidate import Candidate
-from twin_diagram.gap.candidates.payload import payload
+from twin_diagram.gap.candidates.payload import payload, payload_about
 from twin_diagram.gap.candidates.whole_arm import last_body
 from twin_diagram.gap.whole_robot.physical_fit import TUNING as PHYSICAL_FIT
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
@@ -28,11 +28,14 @@ class Tuning:
     worth: float = 3.0
     """Rise of the evidence that a payload must bring: as likely as not beforehand, it then is at .95 [nats]."""
 
-    rounds: int = 2
+    rounds: int = 3
     """Times that a payload's centre is looked for, from where it was found before."""
 
-    spreads: tuple[float, ...] = (0.0125, 0.025, 0.05, 0.1, 0.2, 0.4)
-    """Of links about their description, from which the evidence chooses."""
+    spreads: tuple[float, ...] = (0.0125, 0.025, 0.05, 0.1, 0.15)
+    """Of links about their description, from which the evidence chooses: at the last, masses are off by 30 % as a rule.
+
+    Links that may be further off than that would be any payload, on any motion.
+    """
 
     usual: float = 0.06
     """What they are as a rule: masses, centres and moments off by some 3 to 30 %."""
@@ -53,18 +56,22 @@ def loaded(whole: RobotProblem, start: Array) -> RobotProblem | None:
     """
     terms = terms_of(whole.sums, whole.sums.records.model)
     candidate = payload(terms)
-    for _ in range(TUNING.rounds):
-        beside = replace(whole, sums=whole.sums.with_further([*whole.sums.further, candidate]))
-        z = solve(beside, None, carried(whole, start, beside))
+    last = last_body(terms)
+    near = replace(whole, spread=TUNING.usual)
+    for _ in range(TUNING.rounds):  # beside a last link as it is described, or that takes the centre over
+        beside = with_candidate(near, candidate, last)
+        z = solve(beside, None, carried(near, start, beside))
         own = z[beside.place(len(beside.sums.further) - 1)]
         if not own[0] > 0.0 or not candidate.allows(own):
             break
-        candidate = payload(terms, own[1:] / own[0])  # off its link's origin, a mass has inertia, too
+        candidate = payload_about(terms, own[1:] / own[0])  # off its link's origin, a mass has inertia, too
+    beside = replace(whole, sums=whole.sums.with_further([*whole.sums.further, candidate]))
+    z = solve(beside, None, carried(whole, start, beside))
     noise = with_noise(beside, z)
     likely, spread = evidence(beside, noise)
     if likely - evidence(whole, noise)[0] < TUNING.worth:
         return None
-    load = replace(with_candidate(whole, candidate, last_body(terms)), spread=spread)
+    load = replace(with_candidate(whole, candidate, last), spread=spread)
     # Links that may be further off than that would take the payload over again.
     nearer = tuple(one for one in whole.spreads if one <= max(spread, min(whole.spreads)))
     load = replace(load, spreads=nearer)

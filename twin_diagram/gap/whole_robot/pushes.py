@@ -36,6 +36,13 @@ class Tuning:
     alike: float = 4.0
     """A push on an inner link suffices where it explains as much, but for this [nats]."""
 
+    near: float = 0.8
+    """Share of the best one's evidence from which on a push on another link is looked at, too: first-order evidence,
+    with the noise that the best one leaves, does not yet tell links apart."""
+
+    most: int = 3
+    """Links that are looked at."""
+
 
 TUNING = Tuning()
 
@@ -43,7 +50,9 @@ Pairs = npt.NDArray[np.int64]
 
 
 def pushes(problem: RobotProblem, z: Array, terms: Terms) -> list[Candidate]:
-    """Return wrenches over the spans of time that they suit best: on the innermost link that suffices, and on the best.
+    """Return wrenches over the spans of time that they suit best: on the innermost link that suffices, then on others.
+
+    Those cost more, or links further out, which may follow anything, would suit best as a rule.
 
     Args:
         problem: of what is there beside them.
@@ -62,7 +71,10 @@ def pushes(problem: RobotProblem, z: Array, terms: Terms) -> list[Candidate]:
     if top[0] < TUNING.worth:
         return []
     inner = next(one for one in found if one[0] >= top[0] - TUNING.alike)  # inner links come first
-    return [_spanned(terms, wrench, at, to) for _, wrench, at, to in ([top] if inner is top else [inner, top])]
+    rest = sorted((one for one in found if one is not inner), key=lambda one: -one[0])
+    likely = [inner, *(one for one in rest if one[0] >= TUNING.near * top[0])][: TUNING.most]
+    made = [_spanned(terms, wrench, at, to) for _, wrench, at, to in likely]
+    return [replace(one, cost=one.cost + TUNING.alike * bool(k)) for k, one in enumerate(made)]
 
 
 Span = tuple[float, Candidate, int, int]
@@ -121,6 +133,8 @@ class _Beside:
         slope: (10 n, 10 n) of links' parameters.
         moving: coordinates that move.
         factor: inverse of the triangular factor of their normal matrix.
+        pull: what of the gradient is left where the fit has not quite settled, by that factor: along directions that
+            the motion hardly tells, a little of it would pass for a push.
     """
 
     problem: RobotProblem
@@ -128,15 +142,17 @@ class _Beside:
     slope: Array
     moving: npt.NDArray[np.int64]
     factor: Array
+    pull: Array
 
     @staticmethod
     def of(problem: RobotProblem, z: Array) -> _Beside:
-        H, _ = problem.system(z, problem.sums.whole)
+        H, gradient = problem.system(z, problem.sums.whole)
         moving = np.flatnonzero(problem.free & (z > problem.lower))
         inner = H[np.ix_(moving, moving)]
         scale = 1.0 / np.sqrt(np.diag(inner))
         factor = np.linalg.inv(np.linalg.cholesky(inner * np.outer(scale, scale))) * scale
-        return _Beside(problem, problem.sums.left(problem.difference(z)), problem.slope(z), moving, factor)
+        left = problem.sums.left(problem.difference(z))
+        return _Beside(problem, left, problem.slope(z), moving, factor, factor @ gradient[moving])
 
     def scores(self, candidate: Candidate, edges: npt.NDArray[np.int64], pairs: Pairs) -> Array:
         """Return (P,) rises of the evidence of a candidate that acts between pairs of edges alone, to first order."""
@@ -156,4 +172,5 @@ class _Beside:
             np.concatenate([np.zeros_like(x[:1]), np.cumsum(x, axis=0)]) for x in map(np.stack, (own, right, shared))
         ]
         G, b, U = (x[pairs[:, 1]] - x[pairs[:, 0]] for x in sums)
+        b = b + np.einsum("pzk,z->pk", U, self.pull)
         return increments(G - U.transpose(0, 2, 1) @ U, b, np.broadcast_to(candidate.spread, b.shape))

@@ -50,6 +50,26 @@ OWN = ("viscous", "coulomb", "bias", "rotor")
 
 
 @dataclass(frozen=True)
+class DryShape:
+    """How a joint's dry friction sets in; without any of these, at once.
+
+    Attributes:
+        way: over which it builds up after the joint has turned [rad].
+        speed: about which it changes as the joint gets under way [rad/s].
+        crawl: what it is far below that speed, over what it is far above.
+    """
+
+    way: float = 0.0
+    speed: float = 0.0
+    crawl: float = 1.0
+
+    @property
+    def told(self) -> bool:
+        """Whether it is another than that of friction that is there at once."""
+        return bool(self.way or self.speed)
+
+
+@dataclass(frozen=True)
 class TorqueEquations:
     """Sums over stretches of motion.
 
@@ -66,6 +86,9 @@ class TorqueEquations:
         seconds: that all logs last together.
         stretch: (N,) which stretch a sample is of.
         records: of the kept samples.
+        signs: per log (N, n) directions of motion.
+        stated_dry: (n,) dry friction that the given model has [N·m].
+        shapes: (n) of joints' dry friction.
         further: what else may be there.
     """
 
@@ -78,6 +101,9 @@ class TorqueEquations:
     seconds: float
     stretch: npt.NDArray[np.int64]
     records: Records
+    signs: tuple[Array, ...]
+    stated_dry: Array
+    shapes: tuple[DryShape, ...]
     further: tuple[Candidate, ...] = ()
 
     @property
@@ -122,19 +148,11 @@ class TorqueEquations:
             [self.columns[:, :, : 10 * self.n + len(OWN)], *map(self.spread_out, further), self.columns[:, :, -1:]],
             axis=2,
         )
-        sums = summed(columns, self.weights, self.stretch)
-        return TorqueEquations(
-            sums,
-            self.counts,
-            self.fold,
-            columns,
-            self.weights,
-            self.gaps,
-            self.seconds,
-            self.stretch,
-            self.records,
-            tuple(further),
-        )
+        return replace(self.with_columns(columns), further=tuple(further))
+
+    def with_columns(self, columns: Array) -> TorqueEquations:
+        """Return the same of other columns (N, n, K + 1)."""
+        return replace(self, columns=columns, sums=summed(columns, self.weights, self.stretch))
 
     def spread_out(self, candidate: Candidate) -> Array:
         """Return (N, n, k) columns of a candidate on all joints."""
@@ -170,7 +188,20 @@ def equations(records: Records) -> TorqueEquations:
     counts = np.stack([np.sum(weights[stretch == s], axis=0) for s in range(count)])
     features = np.stack([np.mean(motion[stretch == s], axis=0) for s in range(count)])
     sums = summed(columns, weights, stretch)
-    return TorqueEquations(sums, counts, kinds_of_motion(features), columns, weights, gaps, seconds, stretch, records)
+    return TorqueEquations(
+        sums=sums,
+        counts=counts,
+        fold=kinds_of_motion(features),
+        columns=columns,
+        weights=weights,
+        gaps=gaps,
+        seconds=seconds,
+        stretch=stretch,
+        records=records,
+        signs=terms.signs,
+        stated_dry=terms.present.coulomb,
+        shapes=(DryShape(),) * records.n,
+    )
 
 
 def summed(columns: Array, weights: Array, stretch: npt.NDArray[np.int64]) -> Array:
@@ -185,20 +216,21 @@ def summed(columns: Array, weights: Array, stretch: npt.NDArray[np.int64]) -> Ar
 def _columns(records: Records, record: Record, sign: Array) -> Array:
     """Return (N, n, K + 1) of a log at its full rate, low-passed as residuals are compared."""
     model, n = records.model, records.n
-    band = min(DIFFERENTIATION.residual_cutoff, record.band)
     result = np.empty((len(record.time), n, 10 * n + len(OWN) + 1))
-
-    def low(signal: Array) -> Array:
-        return lowpass(signal.reshape(len(signal), -1), record.rate, band).reshape(signal.shape)
-
     for body in range(n):
         _, X_ML = model.bodies.body_of(model.tree.link[body])
         rigid = model.tree.regressor(record.q, record.v, record.a, body) @ rigid_tree.transform_inertia(X_ML)
-        result[:, :, 10 * body : 10 * body + 10] = low(rigid)
+        result[:, :, 10 * body : 10 * body + 10] = low_passed(rigid, record)
     own = [record.v, sign, -np.ones_like(record.v), record.a]
     for k, signal in enumerate([*own, record.torque - record.given]):
-        result[:, :, 10 * n + k] = low(signal)
+        result[:, :, 10 * n + k] = low_passed(signal, record)
     return result
+
+
+def low_passed(signal: Array, record: Record) -> Array:
+    """Return a signal (N, …) of a log's full rate, low-passed as residuals are compared."""
+    band = min(DIFFERENTIATION.residual_cutoff, record.band)
+    return lowpass(signal.reshape(len(signal), -1), record.rate, band).reshape(signal.shape)
 
 
 def _thinned(records: Records, record: Record) -> npt.NDArray[np.int64]:

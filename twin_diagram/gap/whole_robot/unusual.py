@@ -72,6 +72,9 @@ class Tuning:
     sure: float = 0.3
     """No name where the standard error is more than this share of the value: of so many names some always suits."""
 
+    edge: float = 0.05
+    """Share beyond the least that a name can say, up to which it says nothing: logs themselves may lag by a sample."""
+
     beyond_own: float = 2.0
     """Times the last link's own doubt that a payload must weigh."""
 
@@ -119,15 +122,15 @@ def unusual(problem: RobotProblem, start: Array, model: Model, names: tuple[str,
     for _ in range(TUNING.most):
         pushed = ExternalForce.name in (c.name for c in problem.sums.further)
         there = steady + (pushes(problem, z, terms) if ExternalForce.name in names and not pushed else [])
-        beside = ReadyFits.of(left_out)
-        screened = [beside.gain(c) - price(c) - 0.5 * asked(problem, c) for c in there]
-        order = [int(k) for k in np.argsort(screened)[::-1] if screened[k] > 0.0][: TUNING.tried]
         best = None
-        for k in order:
+        for k in worth_trying(ReadyFits.of(left_out), there):
             tried = with_candidate(problem, there[k], last)
             fitted = solve(tried, None, carried(problem, z, tried))
+            if there[k].name == ExternalForce.name:  # beside which the joints that it pushes are as quiet as others
+                tried = with_noise(tried, fitted)
+                fitted = solve(tried, None, fitted)
             found = LeftOut.of(tried, fitted)
-            whiter = between(problem, with_noise(tried, fitted))
+            whiter = whitened(problem, with_noise(tried, fitted), there[k])
             gain = float(np.sum(likelihood(whiter, found.rms) - likelihood(whiter, left_out.rms))) - price(there[k])
             gain -= asked(problem, there[k])
             if gain > 0.0 and (best is None or gain > best[0]) and believable(tried):
@@ -141,6 +144,19 @@ def unusual(problem: RobotProblem, start: Array, model: Model, names: tuple[str,
         problem, z = recentred(problem, z, terms, last)
         left_out = LeftOut.of(problem, z)
     return still_needed(problem, z)
+
+
+def worth_trying(beside: ReadyFits, there: list[Candidate]) -> list[int]:
+    """Return which candidates are fitted in full: the best to first order, and pushes, which were looked for before.
+
+    Args:
+        beside: fits without them.
+        there: candidates.
+    """
+    pushed = [k for k, c in enumerate(there) if c.name == ExternalForce.name]
+    screened = [beside.gain(c) - price(c) - 0.5 * asked(beside.left_out.problem, c) for c in there]
+    order = [int(k) for k in np.argsort(screened)[::-1] if screened[k] > 0.0 and k not in pushed][: TUNING.tried]
+    return order + pushed
 
 
 def recentred(problem: RobotProblem, z: Array, terms: Terms, last: int) -> tuple[RobotProblem, Array]:
@@ -164,10 +180,10 @@ def still_needed(problem: RobotProblem, z: Array) -> RobotProblem:
     """
     while len(problem.sums.further) > 1:
         now, short = LeftOut.of(problem, z), []
-        whiter = between(problem, with_noise(problem, z))
         for k, candidate in enumerate(problem.sums.further):
             if candidate.name == Payload.name:
                 continue
+            whiter = whitened(problem, with_noise(problem, z), candidate)
             rest = [c for c in problem.sums.further if c is not candidate]
             fewer = replace(problem, sums=problem.sums.with_further(rest))
             left = LeftOut.of(fewer, solve(fewer, None, carried(problem, z, fewer))).rms
@@ -213,6 +229,20 @@ def between(problem: RobotProblem, after: RobotProblem) -> RobotProblem:
     return replace(problem, share=np.sqrt(problem.share * np.maximum(problem.share, after.share)))
 
 
+def whitened(problem: RobotProblem, after: RobotProblem, candidate: Candidate) -> RobotProblem:
+    """Return the problem with the colour of noise by which a candidate is judged.
+
+    Args:
+        problem: without it.
+        after: with it, and the noise that is left.
+        candidate: what is judged. A push alone lets a joint's residual hang together over all of its span: that is no
+            noise, which went on before and after it.
+    """
+    if candidate.name == ExternalForce.name:
+        return replace(problem, share=np.maximum(problem.share, after.share))
+    return between(problem, after)
+
+
 def price(candidate: Candidate) -> float:
     """Return what is asked of a candidate for its further coefficients, and for its times [nats]."""
     return TUNING.each * (candidate.size - 1) + (candidate.cost if candidate.onset is not None else 0.0)
@@ -248,7 +278,8 @@ def believable(problem: RobotProblem, at: int = -1) -> bool:
     at = at % len(problem.sums.further)
     candidate, s = problem.sums.further[at], problem.place(at)
     covariance = estimates.covariance(with_noise(problem, z), z)[s, s]  # what it explains is no noise
-    if not candidate.allows(z[s]):
+    least = (candidate.lower > 0.0) & (z[s] <= (1.0 + TUNING.edge) * candidate.lower)
+    if not candidate.allows(z[s]) or np.any(least):  # no more than what is no effect at all
         return False
     if candidate.name == Payload.name:
         own, mass = estimates.own_doubt(problem), abs(z[s][0])

@@ -1,0 +1,91 @@
+"""How dry friction sets in: bristles against a closed form, and shapes found with the right level."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from tests.gap.made import ARM, everywhere
+from tests.gap.whole_robot.test_explain import noisy
+from twin_diagram.gap.residuals.prepared_logs import Records
+from twin_diagram.gap.whole_robot import estimates
+from twin_diagram.gap.whole_robot.dry_shapes import bent, shaped, with_shapes
+from twin_diagram.gap.whole_robot.explain import begun, settled
+from twin_diagram.gap.whole_robot.physical_fit import RobotProblem
+from twin_diagram.gap.whole_robot.torque_equations import OWN, DryShape, equations
+from twin_diagram.model.effects import Effect
+
+LEVEL = 6.0
+WAY = 6e-3
+SPEED = 0.07
+
+
+def fitted(records: Records) -> tuple[RobotProblem, np.ndarray]:
+    return shaped(*settled(begun(records, equations(records))))
+
+
+def levels(z: np.ndarray) -> np.ndarray:
+    return z[60:84].reshape(6, 4)[:, OWN.index("coulomb")]
+
+
+@cache
+def bending(given: tuple[Effect, ...] = ()) -> Records:
+    """An arm whose dry friction builds up over a way."""
+    model = ARM.with_effects(list(given))
+    records = noisy(model, ARM, 10.0)
+    (made,) = records.records
+    way = np.stack([bent(made.q[:, j], WAY) for j in range(6)], axis=1)
+    return Records(model, (replace(made, torque=made.torque + LEVEL * way),))
+
+
+def test_bristles_go_to_the_level_exponentially_and_back_after_a_turn() -> None:
+    q = np.concatenate([np.linspace(0.0, 0.1, 400), np.linspace(0.1, 0.0, 57)[1:]])
+    share = bent(q, 0.01)
+    np.testing.assert_allclose(share[:400], 1.0, atol=1e-9)  # it moved before the log began
+    np.testing.assert_allclose(share[400:], 2.0 * np.exp(-(0.1 - q[400:]) / 0.01) - 1.0, atol=1e-9)
+    np.testing.assert_allclose(bent(np.repeat(q, 3), 0.01)[::3][1:], share[1:])  # what rests bends no further
+    assert np.all(bent(np.zeros(5), 0.01) == 0.0)
+    np.testing.assert_allclose(bent(-q, 0.01), -share)
+
+
+def test_friction_that_builds_up_over_a_way_is_found_with_its_level() -> None:
+    problem, z = fitted(bending())
+    assert {shape.way for shape in problem.sums.shapes} == {WAY}
+    np.testing.assert_allclose(levels(z), LEVEL, rtol=0.02)
+
+
+def test_a_description_that_states_friction_tells_the_same_level() -> None:
+    """What it states changes its shape with the rest: else the sum of both would depend on what was stated."""
+    stated = 10.0
+    problem, z = fitted(bending((everywhere("coulomb_friction", torque=stated),)))
+    assert {shape.way for shape in problem.sums.shapes} == {WAY}
+    np.testing.assert_allclose(stated + levels(z), LEVEL, rtol=0.02)
+
+
+@pytest.mark.parametrize("crawl", [0.3, 1.6])
+def test_friction_that_changes_with_speed_has_its_own_name(crawl: float) -> None:
+    law = everywhere("stribeck_friction", coulomb=LEVEL, static=crawl * LEVEL, stribeck_velocity=SPEED)
+    problem, z = fitted(noisy(ARM, ARM.with_effects([law]), 10.0))
+    assert {(shape.speed, shape.crawl) for shape in problem.sums.shapes} == {(SPEED, crawl)}
+    np.testing.assert_allclose(levels(z), LEVEL, rtol=0.03)
+    k = OWN.index("coulomb")
+    own = np.zeros((6, len(OWN)), dtype=bool)
+    own[:, k] = True
+    only = replace(problem, own_free=own, links_free=np.zeros(6, dtype=bool))
+    names = {estimates.name_of(only, j, k) for j in range(6)}
+    assert names == {"stribeck_friction"}
+    (told,) = estimates.findings(only, z, np.eye(len(z)) * 1e-4, ARM, {"stribeck_friction": 1.0})
+    assert told.joints == ARM.joints and set(told.parameters) == {"coulomb", "static", "stribeck_velocity"}
+
+
+def test_plain_friction_keeps_its_shape_and_back_is_as_before() -> None:
+    records = noisy(ARM, ARM.with_effects([everywhere("coulomb_friction", torque=LEVEL)]), 10.0)
+    problem, _ = fitted(records)
+    assert sum(shape.told for shape in problem.sums.shapes) <= 1
+    sums = equations(records)
+    there = with_shapes(sums, [DryShape(way=WAY)] * 6)
+    assert np.max(np.abs(there.whole - sums.whole)) > 0.0
+    np.testing.assert_allclose(with_shapes(there, [DryShape()] * 6).whole, sums.whole)

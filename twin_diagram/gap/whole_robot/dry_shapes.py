@@ -1,0 +1,146 @@
+"""How each joint's dry friction sets in: at once, over a way that the joint bends first, or as it gets under way.
+
+A law that is wrong about reversals is wrong about the level, too: where friction takes some milliradians to build up,
+the best level of a law that has it at once is too low. Left-out motion says which law a joint has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin_diagram.gap.residuals.prepared_logs import Record
+from twin_diagram.gap.whole_robot.left_out import LeftOut
+from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
+from twin_diagram.gap.whole_robot.torque_equations import OWN, DryShape, TorqueEquations, low_passed
+from twin_diagram.model.effects.friction_stribeck_load import StribeckFriction
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, chosen by hand; `sims/benchmarks/gap_whole_robots.py` shows what they do."""
+
+    ways: tuple[float, ...] = (1e-3, 2.5e-3, 6e-3, 1.5e-2)
+    """Over which friction builds up after a joint has turned [rad]: teeth and grease; beyond, it would be a spring."""
+
+    speeds: tuple[float, ...] = (0.015, 0.025, 0.04, 0.07, 0.12)
+    """About which friction changes as a joint gets under way [rad/s]: from where a joint may be held on."""
+
+    below: float = 0.3
+    """Of the level at speed, that friction which rises has at a crawl: so it is nearest to tanh(v / w)."""
+
+    above: float = 1.6
+    """The same of friction that falls: dry friction before it slides is some 1.2 to 2 times what it is then."""
+
+    worth: float = 3.0
+    """Rise of a joint's left-out log likelihood that a shape must bring [nats]: one of some fourteen, and one more."""
+
+    share: float = 0.5
+    """Of a joint's fastest motion, above which no speed is told."""
+
+
+TUNING = Tuning()
+
+
+def shaped(problem: RobotProblem, z: Array) -> tuple[RobotProblem, Array]:
+    """Return the problem with the shape of each joint's dry friction that left-out motion likes best, and its fit.
+
+    Each shape is tried on all joints at once: what one joint's friction does hardly changes another's residual.
+
+    Args:
+        problem: with everything usual free, and its noise.
+        z: (Z,) its fit.
+    """
+    if problem.sums.records.model.arm.link_side:  # what is left of friction behind the sensor is no drive's
+        return problem, z
+    plain = LeftOut.of(problem, z).likelihood()
+    best, chosen = np.full(problem.n, TUNING.worth), [DryShape()] * problem.n
+    for shape in _shapes():
+        there = [shape if _may_have(problem, j, shape) else DryShape() for j in range(problem.n)]
+        if not any(one.told for one in there):
+            continue
+        tried = replace(problem, sums=with_shapes(problem.sums, there))
+        gain = LeftOut.of(tried, solve(tried, None, z)).likelihood() - plain
+        for j in range(problem.n):
+            if there[j].told and gain[j] > best[j]:
+                best[j], chosen[j] = gain[j], shape
+    if not any(shape.told for shape in chosen):
+        return problem, z
+    problem = replace(problem, sums=with_shapes(problem.sums, chosen))
+    z = solve(problem, None, z)
+    problem = with_noise(problem, z)
+    return problem, solve(problem, None, z)
+
+
+def with_shapes(sums: TorqueEquations, shapes: Sequence[DryShape]) -> TorqueEquations:
+    """Return the sums with other shapes of dry friction, one per joint.
+
+    What the given model has of dry friction changes its shape, too, or a description that states some would tell
+    another level than one that states none.
+    """
+    columns, records, n = sums.columns.copy(), sums.records, sums.n
+    at = 10 * n + OWN.index("coulomb")
+    for j, shape in enumerate(shapes):
+        if shape == sums.shapes[j]:
+            continue
+        parts = zip(records.records, sums.signs, strict=True)
+        column = np.concatenate([low_passed(law(r, j, s, shape), r)[r.kept] for r, s in parts])
+        columns[:, j, -1] -= sums.stated_dry[j] * (column - columns[:, j, at])
+        columns[:, j, at] = column
+    return replace(sums.with_columns(columns), shapes=tuple(shapes))
+
+
+def law(record: Record, j: int, sign: Array, shape: DryShape) -> Array:
+    """Return (N,) a joint's dry friction of a level of one, along a log.
+
+    Args:
+        record: the log.
+        j: joint.
+        sign: (N, n) directions of motion.
+        shape: how friction sets in.
+    """
+    if shape.way:
+        return bent(record.q[:, j], shape.way)
+    if shape.speed:
+        return np.asarray(sign[:, j] * (1.0 + (shape.crawl - 1.0) * np.exp(-((record.v[:, j] / shape.speed) ** 2))))
+    return np.asarray(sign[:, j])
+
+
+def bent(q: Array, way: float) -> Array:
+    """Return (N,) share of dry friction that bristles bear which give way over some angle (Dahl 1968, exponent 1).
+
+    Exact for steps of any length: between two samples the share goes to 1 or −1 as exp(−|Δq| / way).
+
+    Args:
+        q: (N,) angles [rad].
+        way: over which friction builds up [rad].
+    """
+    steps = np.diff(q)
+    decay = np.exp(-np.abs(steps) / way)
+    result = np.empty(len(q))
+    share = float(np.sign(steps[np.argmax(np.abs(np.cumsum(steps)) > way)])) if len(steps) else 0.0
+    result[0] = share
+    for k, (kept, sign) in enumerate(zip(decay.tolist(), np.sign(steps).tolist(), strict=True)):
+        share = sign + (share - sign) * kept if sign else share
+        result[k + 1] = share
+    return result
+
+
+def _shapes() -> list[DryShape]:
+    speeds = [DryShape(speed=s, crawl=c) for s in TUNING.speeds for c in (TUNING.below, TUNING.above)]
+    return [*(DryShape(way=way) for way in TUNING.ways), *speeds]
+
+
+def _may_have(problem: RobotProblem, j: int, shape: DryShape) -> bool:
+    """Return whether a joint may have a shape: none that its motion does not show, or its description rules out."""
+    sums = problem.sums
+    names = {effect.name for effect in sums.records.model.effects if sums.records.model.joints[j] in effect.joints}
+    if StribeckFriction.name in names:
+        return False
+    fastest = max(float(np.max(np.abs(record.v[:, j]))) for record in sums.records.records)
+    if shape.speed:
+        return not sums.stated_dry[j] and shape.speed <= TUNING.share * fastest
+    return True
