@@ -111,6 +111,21 @@ def test_without_noise_it_is_exact_and_without_points_it_is_the_prior() -> None:
     np.testing.assert_allclose(nothing.covariance, np.diag(SHEET.variances), rtol=1e-9)
 
 
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_begun_at_a_wrong_place_of_rest_it_goes_back(sign: float) -> None:
+    errors, _ = trial(5, 1)
+    true, factor = corrected(TOLD, errors)
+    centres = np.array([[0.4, -0.2, 0.3], [0.6, 0.2, 0.2], [0.7, -0.1, 0.4]])
+    surfaces = seen(true, centres, np.zeros((120, 160)), 1.0 / factor, 0)
+    good = calibrate(surfaces, TOLD, SHEET)
+    deviation = np.sqrt(np.diag(good.covariance))
+    values, ways = np.linalg.eigh(good.covariance[:6, :6] / deviation[:6, None] / deviation[:6])
+    start = good.errors.copy()
+    start[:6] += sign * 3.0 * np.sqrt(values[-1]) * ways[:, -1] * deviation[:6]
+    again = calibrate(surfaces, TOLD, SHEET, start)
+    assert (np.abs(again.errors - good.errors) < 0.1 * deviation).all()
+
+
 def test_what_is_not_of_the_surface_and_a_place_known_badly_count_less() -> None:
     errors, found = trial(3)
     true, factor = corrected(TOLD, errors)

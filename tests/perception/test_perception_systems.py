@@ -199,15 +199,20 @@ def test_two_contexts_do_not_know_of_each_other(diagram: Diagram) -> None:
     assert np.array_equal(results[0], results[1]) and np.array_equal(results[0], results[2])
 
 
-def test_the_robot_is_posed_when_the_image_was_taken() -> None:
-    """x̂ is now, the image is older: an arm that turns fast must still be cut out where it was."""
+@pytest.mark.parametrize("late", [0.0, 0.5])
+def test_the_robot_is_posed_when_the_image_was_taken(late: float) -> None:
+    """x̂ is now, the image is older: an arm that turns fast must still be cut out where it was.
+
+    Depth may be half a frame older yet.
+    """
     perception = PerceptionSystem(scenario.ArmModel(), CAMERA, scenario.Perception())
     robot = perception._robot
     probe = np.random.default_rng(2).uniform([0.1, -0.4, 0.1], [0.8, 0.5, 0.6], (20000, 3))
-    inside = probe[robot.near(probe, Q, -0.01)]
-    rgb, depth, _ = picture(VIEW, [], balls=[(centre, 0.02) for centre in inside[:40]])
     speed = np.zeros(7)
     speed[0] = 2.0
+    shown = Q - late / CAMERA.rate * speed
+    inside = probe[robot.near(probe, shown, -0.01)]
+    rgb, depth, _ = picture(VIEW, [], balls=[(centre, 0.02) for centre in inside[:40]])
     context = perception.CreateDefaultContext()
     colour, range_ = images(rgb, depth)
     perception.GetInputPort("rgb_image").FixValue(context, Value[ImageRgba8U](colour))

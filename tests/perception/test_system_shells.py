@@ -106,9 +106,11 @@ class Shape:
 
     def __init__(self, *given: Any) -> None:
         self.given = given
+        self.asked: list[Any] = []
 
     def near(self, points: Any, q: Any, margin: float) -> Any:
-        return points, np.array(q), margin
+        self.asked.append((points.copy(), np.array(q), margin))
+        return np.zeros(len(points), dtype=bool)
 
 
 def test_an_image_is_taken_apart_with_the_arm_as_it_was_then(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -140,6 +142,7 @@ def test_an_image_is_taken_apart_with_the_arm_as_it_was_then(monkeypatch: pytest
         assert system.get_output_port().Eval(context).time == time
         assert asked[0].shape == (12, 16, 3) and asked[1].shape == (12, 16) and asked[2] == time
         assert asked[3].stride == 3 and asked[4] is params
-        points, q, margin = asked[5]
-        np.testing.assert_allclose(q, [1.0 - 10.0 * (0.75 - time), 2.0 + 20.0 * (0.75 - time)])
-        assert points.shape == (1, 3) and margin == 0.07
+        # Where it was then, and half a frame before.
+        for back, (points, q, margin) in zip((0.0, 0.5 / CAMERA.rate), system._robot.asked[-2:], strict=True):
+            np.testing.assert_allclose(q, [1.0 - 10.0 * (0.75 + back - time), 2.0 + 20.0 * (0.75 + back - time)])
+            assert points.shape == (1, 3) and margin == 0.07

@@ -3,8 +3,10 @@
 A point that the camera shows should lie on a known plane: the tangent plane of the arm's surface near by, or the
 table's top. By the errors e of the calibration (`signals.calibration_error`) it is shown aside by J e, so its distance
 from the plane is n · J e and noise. Gauss-Newton over e, beginning at what the data sheet promises, which is also its
-prior; the points are told anew by the camera as corrected before each step. Known is the camera's pose (6) and the
-scale of depth; the rest is carried along, so that what it leaves open is in the covariance.
+prior; the points are told anew by the camera as corrected before each step. Tukey's weights let go of what lies far
+off, so the steps may come to rest at more than one place: they are begun at several, and the likeliest end counts.
+Known is the camera's pose (6) and the scale of depth; the rest is carried along, so that what it leaves open is in the
+covariance.
 """
 
 from __future__ import annotations
@@ -47,6 +49,10 @@ class Tuning:
 
     first_doubt: float = 0.02
     """How far points may be aside before the first step [m]: 5 mm and half a degree at 2 m."""
+
+    aside: float = 3.0
+    """Other beginnings lie so many standard deviations to both sides along what is known least: wrong places of rest
+    were two to three of them away."""
 
 
 TUNING = Tuning()
@@ -107,32 +113,101 @@ def corrected(camera: Pinhole, errors: Array) -> tuple[Pinhole, float]:
     return moved, 1.0 / (1.0 + float(errors[6]))
 
 
-def calibrate(surfaces: Sequence[KnownSurface], camera: Pinhole, told: CalibrationError) -> CalibrationEstimate:
+def calibrate(
+    surfaces: Sequence[KnownSurface], camera: Pinhole, told: CalibrationError, before: Array | None = None
+) -> CalibrationEstimate:
     """Estimate the errors of a camera's calibration.
 
     Args:
         surfaces: what some frames show of arm and table; the more places and directions, the better.
         camera: as it was told, of depth, without distortion.
         told: what the data sheet says of the errors: the prior.
+        before: (10,) errors as estimated from fewer frames, where the steps begin; None: at none.
 
     Returns:
         Errors and covariance; with nothing seen, none and the prior's.
     """
     prior = np.maximum(told.variances, 1e-16)
-    errors, information = np.zeros(SIZE), np.diag(1.0 / prior)
     together = pixels_together(surfaces, camera.width)
+
+    def ended(start: Array, doubt: float) -> tuple[float, Array, Array]:
+        errors, information = _gauss_newton(surfaces, together, camera, prior, start, doubt)
+        return _cost(surfaces, together, corrected(camera, errors), errors, prior), errors, information
+
+    ends = [ended(np.zeros(SIZE), TUNING.first_doubt) if before is None else ended(before, 0.0)]
+    if surfaces:
+        _, best, information = ends[0]
+        step = TUNING.aside * _least_known(information, prior)
+        ends += [ended(best + step, 0.0), ended(best - step, 0.0)]
+    _, errors, information = min(ends, key=lambda end: end[0])
+    covariance = np.linalg.inv(information)
+    return CalibrationEstimate(errors, 0.5 * (covariance + covariance.T), sum(len(s.depth) for s in surfaces))
+
+
+def _gauss_newton(
+    surfaces: Sequence[KnownSurface],
+    together: Sequence[Array],
+    camera: Pinhole,
+    prior: Array,
+    start: Array,
+    doubt: float,
+) -> tuple[Array, Array]:
+    """Return errors (10,) where the steps from `start` come to rest, and the information (10, 10) there.
+
+    Args:
+        surfaces: seen.
+        together: for each, (N,) pixels that err together.
+        camera: as told.
+        prior: (10,) variances of the errors.
+        start: (10,)
+        doubt: how far points may be aside before the first step [m].
+    """
+    errors, information = start, np.diag(1.0 / prior)
     for k in range(TUNING.steps):
         H, b = np.diag(1.0 / prior), -errors / prior
-        doubt = TUNING.first_doubt if k == 0 else 0.0
+        view = corrected(camera, errors)
         for surface, alike in zip(surfaces, together, strict=True):
-            A, right = _normal_equations(surface, corrected(camera, errors), alike, doubt)
+            A, right = _normal_equations(surface, view, alike, doubt if k == 0 else 0.0)
             H, b = H + A, b + right
         step = np.linalg.solve(H, b)
         errors, information = errors + step, H
         if np.abs(step).max() < TUNING.settled:
             break
-    covariance = np.linalg.inv(information)
-    return CalibrationEstimate(errors, 0.5 * (covariance + covariance.T), sum(len(s.depth) for s in surfaces))
+    return errors, information
+
+
+def _least_known(information: Array, prior: Array) -> Array:
+    """Return one standard deviation (10,) along what the images tell least of, beside what was known before."""
+    scale = np.sqrt(prior)
+    values, ways = np.linalg.eigh(information[:6, :6] * scale[:6, None] * scale[:6])
+    found = np.zeros(SIZE)
+    found[:6] = ways[:, 0] * scale[:6] / np.sqrt(values[0])
+    return found
+
+
+def _cost(
+    surfaces: Sequence[KnownSurface],
+    together: Sequence[Array],
+    view: tuple[Pinhole, float],
+    errors: Array,
+    prior: Array,
+) -> float:
+    """Return the negative logarithm of how likely errors (10,) are, but for a constant: Tukey's loss and the prior."""
+    cost = 0.5 * float(np.sum(errors**2 / prior))
+    for surface, alike in zip(surfaces, together, strict=True):
+        if not len(surface.depth):
+            continue
+        seen = _residuals(surface, view)
+        spread = np.hypot(seen.sigma, surface.place_std)
+        weight = _weights(seen, spread, surface, alike)
+        shift = 0.0
+        if surface.place_std > 0.0:
+            shift = float(weight @ seen.distance) / (weight.sum() + surface.place_std**-2)
+            cost += 0.5 * (shift / surface.place_std) ** 2
+        far = np.minimum(((seen.distance - shift) / (TUNING.cut * spread)) ** 2, 1.0)
+        loss = TUNING.cut**2 / 6.0 * (spread / seen.sigma) ** 2 * (1.0 - (1.0 - far) ** 3)
+        cost += float(np.sum(loss / _worth(surface, alike)))
+    return cost
 
 
 def pixels_together(surfaces: Sequence[KnownSurface], width: int) -> list[Array]:
@@ -173,6 +248,31 @@ def _normal_equations(
     """
     if not len(surface.depth):
         return np.zeros((SIZE, SIZE)), np.zeros(SIZE)
+    camera, seen = corrected_view[0], _residuals(surface, corrected_view)
+    distance = seen.distance
+    shifts = point_shifts(seen.points_C, camera.R_WC, camera.fx, camera.fy)
+    J = np.einsum("ni,nij->nj", seen.normals, shifts)
+    weight = _weights(seen, np.hypot(seen.sigma, surface.place_std + doubt), surface, together)
+    H, b = (J * weight[:, None]).T @ J, (J * weight[:, None]).T @ distance
+    if surface.place_std > 0.0:
+        # One number more that all points share, the surface's place, is eliminated.
+        total, pull, along = weight.sum() + surface.place_std**-2, weight @ distance, weight @ J
+        H, b = H - np.outer(along, along) / total, b - along * pull / total
+    return H, b
+
+
+@dataclass(frozen=True)
+class _Residuals:
+    """Distances (N,) of points from a known surface [m], their noise (N,) [m], the points in C, the normals in W."""
+
+    distance: Array
+    sigma: Array
+    points_C: Array
+    normals: Array
+
+
+def _residuals(surface: KnownSurface, corrected_view: tuple[Pinhole, float]) -> _Residuals:
+    """Return how far off a surface the camera as believed shows its points."""
     view, factor = corrected_view
     z = surface.depth * factor
     (cu, cv), (u, v) = view.centre, surface.pixels.T
@@ -180,20 +280,21 @@ def _normal_equations(
     points_W = points_C @ view.R_WC.T + view.p_WC
     places, normals = surface.nearest(points_W)
     distance = np.einsum("ni,ni->n", normals, points_W - places)
-    J = np.einsum("ni,nij->nj", normals, point_shifts(points_C, view.R_WC, view.fx, view.fy))
     # Noise is along the line of sight; what of it shows is what of that is across the surface.
     across = np.abs(np.einsum("ni,ni->n", normals, points_W - view.p_WC)) / np.maximum(z, 1e-6)
     sigma = np.maximum(view.depth_noise(z) * across, 1e-5)
-    sigma *= excess(distance - np.median(distance), sigma)
-    spread = np.hypot(sigma, surface.place_std + doubt)
-    weight = np.maximum(1.0 - (distance / (TUNING.cut * spread)) ** 2, 0.0) ** 2
-    weight /= sigma**2 * np.maximum(1.0, together / surface.stride**2)
-    H, b = (J * weight[:, None]).T @ J, (J * weight[:, None]).T @ distance
-    if surface.place_std > 0.0:
-        # One number more that all points share, the surface's place, is eliminated.
-        total, pull, along = weight.sum() + surface.place_std**-2, weight @ distance, weight @ J
-        H, b = H - np.outer(along, along) / total, b - along * pull / total
-    return H, b
+    return _Residuals(distance, sigma * excess(distance - np.median(distance), sigma), points_C, normals)
+
+
+def _worth(surface: KnownSurface, together: Array) -> Array:
+    """Return how many points (N,) share one vote."""
+    return np.maximum(1.0, together / surface.stride**2)
+
+
+def _weights(seen: _Residuals, spread: Array, surface: KnownSurface, together: Array) -> Array:
+    """Return Tukey's weights (N,) [1/m²], of points that may be aside by `spread` (N,) [m]."""
+    weight = np.maximum(1.0 - (seen.distance / (TUNING.cut * spread)) ** 2, 0.0) ** 2
+    return np.asarray(weight / (seen.sigma**2 * _worth(surface, together)))
 
 
 def _rotation(turn: Array, angle: float) -> Array:

@@ -18,9 +18,10 @@ from twin_diagram.perception.registration.alternatives import (
     weights,
     widened,
 )
-from twin_diagram.perception.registration.data_association import FINE, Poses, look
+from twin_diagram.perception.registration.data_association import Poses, look
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.point_kernels import FINE
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
 from twin_diagram.scenario.resources import models_dir
 

@@ -10,7 +10,8 @@ import pytest
 from tests.registration_bench import frame, model, poses
 from tests.registration_kernels import colour_at
 from twin_diagram.perception.registration.assessment import assess
-from twin_diagram.perception.registration.data_association import COARSE, FINE, look
+from twin_diagram.perception.registration.data_association import look
+from twin_diagram.perception.registration.point_kernels import COARSE, FINE
 from twin_diagram.perception.registration.residuals import brightness
 
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from tests.registration_bench import FOCAL, HEIGHT, TABLE, WIDTH, frame, model, poses, turn, view
-from twin_diagram.perception.registration.data_association import COARSE, FINE, Poses, look
+from twin_diagram.perception.registration.data_association import Poses, look
+from twin_diagram.perception.registration.point_kernels import COARSE, FINE
 
 
 @pytest.mark.parametrize(("count", "level"), [(40, FINE), (33, COARSE), (12, FINE)])

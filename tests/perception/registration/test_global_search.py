@@ -13,7 +13,7 @@ import pytest
 from tests.registration_bench import TABLE, frame, model, turn, view
 from twin_diagram import scenario
 from twin_diagram.perception.registration import global_search
-from twin_diagram.perception.registration.data_association import COARSE, Poses
+from twin_diagram.perception.registration.data_association import Poses
 from twin_diagram.perception.registration.global_search import (
     Found,
     _apart,
@@ -24,6 +24,7 @@ from twin_diagram.perception.registration.global_search import (
     search,
     starts,
 )
+from twin_diagram.perception.registration.point_kernels import COARSE
 from twin_diagram.perception.registration.registration import RegisteredPose
 
 Array = npt.NDArray[np.float64]

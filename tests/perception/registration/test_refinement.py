@@ -16,7 +16,8 @@ from tests.registration_kernels import inward, linearise, unexplained
 from twin_diagram import scenario
 from twin_diagram.perception.registration import refinement_kernels, registration
 from twin_diagram.perception.registration.colour_shift import ColourShift
-from twin_diagram.perception.registration.data_association import COARSE, FINE, Poses, look
+from twin_diagram.perception.registration.data_association import Poses, look
+from twin_diagram.perception.registration.point_kernels import COARSE, FINE
 from twin_diagram.perception.registration.registration import claimed, information, refine, register
 from twin_diagram.perception.registration.silhouette import Silhouette
 

@@ -19,10 +19,11 @@ from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.assets.procedural import write_box
 from twin_diagram.perception.registration.assessment import assess
-from twin_diagram.perception.registration.data_association import COARSE, FINE, Poses, look
+from twin_diagram.perception.registration.data_association import Poses, look
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import resting, search
 from twin_diagram.perception.registration.model_cloud import ModelCloud, fibonacci_sphere, visible
+from twin_diagram.perception.registration.point_kernels import COARSE, FINE
 from twin_diagram.perception.registration.recognition import alike, hues, recognise
 from twin_diagram.perception.registration.registration import RegisteredPose, register
 from twin_diagram.perception.registration.residuals import brightness

@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from tests.registration_bench import FOCAL, HEIGHT, WIDTH, Array, frame, model, poses, view
 from tests.registration_kernels import colour_at, linearise, unexplained
-from twin_diagram.perception.registration.data_association import COARSE, FINE, Looked, Poses, look
+from twin_diagram.perception.registration.data_association import Looked, Poses, look
+from twin_diagram.perception.registration.point_kernels import COARSE, FINE
 from twin_diagram.perception.registration.residuals import brightness, toward, tukey
 
 

@@ -11,7 +11,8 @@ import pytest
 
 from tests.registration_bench import frame, model, poses
 from tests.registration_kernels import inward
-from twin_diagram.perception.registration.data_association import FINE, Poses, look
+from twin_diagram.perception.registration.data_association import Poses, look
+from twin_diagram.perception.registration.point_kernels import FINE
 from twin_diagram.perception.registration.silhouette import Silhouette
 
 

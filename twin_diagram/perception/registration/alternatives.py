@@ -17,9 +17,10 @@ from twin_diagram.perception.depth_noise import TUNING as DEPTH
 from twin_diagram.perception.registration.assessment import TUNING as ASSESSMENT
 from twin_diagram.perception.registration.claims import TUNING as CLAIMS
 from twin_diagram.perception.registration.cloud_kernels import mean_costs
-from twin_diagram.perception.registration.data_association import COARSE, FINE, Looked, Poses, look
+from twin_diagram.perception.registration.data_association import Looked, Poses, look
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.point_kernels import COARSE, FINE
 from twin_diagram.perception.registration.residuals import TUNING as RESIDUALS
 from twin_diagram.perception.registration.residuals import brightness, colour_terms, depth_pairs
 from twin_diagram.perception.registration.rotation import log
@@ -117,7 +118,7 @@ def votes(looked: Looked, frame: Frame, spacing: float) -> float:
     return max(TUNING.fewest, patch * points / max(area, 1.0))
 
 
-def costs(model: ModelCloud, frame: Frame, poses: Poses, points_W: Array, looked: Looked) -> Array:
+def costs(model: ModelCloud, frame: Frame, poses: Poses, points_W: Array, looked: Looked, level: int = COARSE) -> Array:
     """Return (B,) the negative log-likelihood of an image at poses, each point a vote.
 
     Args:
@@ -125,13 +126,14 @@ def costs(model: ModelCloud, frame: Frame, poses: Poses, points_W: Array, looked
         frame: the image.
         poses: B of them.
         points_W: (N, 3) the image's points that should be the object's.
-        looked: up at the poses on coarse colours.
+        looked: up at the poses on colours of that level.
+        level: of colours.
     """
     sigma = np.hypot(frame.camera.depth_noise(looked.z) * looked.facing.clip(0.3), RESIDUALS.model_noise)
     on = looked.near & (np.abs(looked.deeper) < ASSESSMENT.same_surface)
     # How well each fits is the image's points' to say: those are the same at all poses, the model's are not.
     placed = on & (np.abs(looked.distance) < TUNING.placed * sigma)
-    found = frame.plain_colour_at(looked.u, looked.v, COARSE)
+    found = frame.plain_colour_at(looked.u, looked.v, level)
     weight = looked.facing * placed
     gain = brightness(found, looked.colour, looked.n, weight)
     difference = found - np.minimum(looked.colour * gain[..., None], 1.0)
@@ -239,11 +241,14 @@ def settled(found: Profile) -> tuple[Array, Array]:
     return step, spread
 
 
-def compare(model: ModelCloud, frame: Frame, poses: Poses, points_W: Array) -> Array:
-    """Return (B,) negative log-likelihoods of poses, up to what all share, points that err alike with one vote."""
-    looked = look(model, frame, poses, TUNING.points, COARSE)
+def compare(model: ModelCloud, frame: Frame, poses: Poses, points_W: Array, level: int = COARSE) -> Array:
+    """Return (B,) negative log-likelihoods of poses, up to what all share, points that err alike with one vote.
+
+    Of poses that were registered, fine colours tell more: coarse ones forgive what lies a centimetre aside.
+    """
+    looked = look(model, frame, poses, TUNING.points, level)
     thin = points_W[:: max(1, len(points_W) // TUNING.points)]
-    return costs(model, frame, poses, thin, looked) / votes(looked, frame, model.spacing)
+    return costs(model, frame, poses, thin, looked, level) / votes(looked, frame, model.spacing)
 
 
 def distinct(found: Profile, centre: Poses, narrow: Array, wide: Array) -> tuple[PoseHypothesis, ...]:

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin_diagram.perception.depth_noise import excess
-from twin_diagram.perception.registration.data_association import FINE, Looked, Poses, look
 from twin_diagram.perception.registration.data_association import TUNING as LOOKING
+from twin_diagram.perception.registration.data_association import Looked, Poses, look
 from twin_diagram.perception.registration.fit_kernels import counts, placed_weights
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.point_kernels import FINE
 from twin_diagram.perception.registration.residuals import TUNING as RESIDUALS
 from twin_diagram.perception.registration.residuals import brightness
 from twin_diagram.signals.arrays import Array

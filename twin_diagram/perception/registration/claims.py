@@ -17,12 +17,14 @@ import numpy as np
 
 from twin_diagram.perception.depth_noise import TUNING as DEPTH
 from twin_diagram.perception.registration.colour_shift import ShiftEvidence
-from twin_diagram.perception.registration.data_association import FINE, Looked, Poses
+from twin_diagram.perception.registration.data_association import Looked, Poses
 from twin_diagram.perception.registration.fit_kernels import lay
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.point_kernels import FINE
 from twin_diagram.perception.registration.residuals import colour_terms, depth_pairs, opposite_pairs
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.compiled import one_layout
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,7 @@ def spread(a: Array, u: Array, v: Array, sigma: float) -> Array:
     margin = 4 * int(np.ceil(TUNING.cell)) if sigma > 0.0 else 0
     # In single precision, of numbers about 1: six digits of a covariance are more than it is worth.
     size = np.maximum(np.abs(a).max(axis=0), 1e-300)
-    laid = lay(np.ascontiguousarray(a / size), u, v, cell, margin)
+    laid = lay(one_layout(a / size), u, v, cell, margin)
     if sigma > 0.0:
         laid = cv2.GaussianBlur(laid, (0, 0), TUNING.cell)
     flat = laid.reshape(-1, a.shape[1])

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram.perception.registration.point_kernels import screw_row, tukey_weight
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.compiled import compiled
 
@@ -156,8 +157,7 @@ def opposite(
             n[i] = R[i, 0] * normals[m, 0] + R[i, 1] * normals[m, 1] + R[i, 2] * normals[m, 2]
             pull[i] = points_W[k, i] - p[i] - r[i] - along * n[i]
             pairs[2][k, i] = n[i]
-        left = 1.0 - (distance / cuts[0]) ** 2
-        w = left * left / cuts[2] ** 2
+        w = tukey_weight(distance, cuts[0]) / cuts[2] ** 2
         pairs[1][k] = w
         _add_plane(r, n, along, w, pairs[0][k], sums)
         slide = np.sqrt(pull[0] ** 2 + pull[1] ** 2 + pull[2] ** 2)
@@ -169,8 +169,7 @@ def opposite(
 @compiled
 def _add_plane(r: Array, n: Array, along: float, w: float, J: Array, sums: tuple[Array, Array]) -> None:
     """Add the equations of one point-to-plane distance; write its Jacobian."""
-    J[0], J[1], J[2] = -(r[1] * n[2] - r[2] * n[1]), -(r[2] * n[0] - r[0] * n[2]), -(r[0] * n[1] - r[1] * n[0])
-    J[3], J[4], J[5] = -n[0], -n[1], -n[2]
+    screw_row(r, -n[0], -n[1], -n[2], J)
     for i in range(6):
         sums[1][i] -= w * along * J[i]
         for j in range(6):

@@ -45,9 +45,6 @@ class Tuning:
 
 TUNING = Tuning()
 
-FINE, COARSE = 0, 1
-"""Scales of colour; indices of `Frame.colours` and `ModelCloud.colours`."""
-
 
 @dataclass(frozen=True)
 class Poses:

@@ -19,9 +19,11 @@ from twin_diagram.assets import Asset
 from twin_diagram.perception.registration.alternatives import PoseHypothesis
 from twin_diagram.perception.registration.approach import approach, rivals
 from twin_diagram.perception.registration.assessment import assess
-from twin_diagram.perception.registration.data_association import COARSE, Poses
+from twin_diagram.perception.registration.colour_shift import learnt
+from twin_diagram.perception.registration.data_association import Poses
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.point_kernels import COARSE
 from twin_diagram.perception.registration.registration import RegisteredPose, information, refine, register
 from twin_diagram.perception.registration.rotation import exp
 from twin_diagram.perception.registration.settling import settle
@@ -68,6 +70,9 @@ class Tuning:
 
     least_points: int = 60
     """Nor one of which fewer model points fit."""
+
+    alignments: int = 3
+    """Colours are aligned to depth in so many steps, of two pixels at most."""
 
 
 TUNING = Tuning()
@@ -279,12 +284,45 @@ def best_of(
             break
         result = register(model, frame, poses.R[k], poses.p[k], params, points_W=points_W)
         tried.append(result)
-        share = explained(model, points_W, result)
-        visible = min(result.visible_share / TUNING.least_visible, 1.0) * min(result.points / TUNING.least_points, 1.0)
-        rest = visible * (0.4 + 0.6 * share)
+        rest = judged(model, points_W, result)
         if best is None or result.likeness * rest > best.likeness:
             best = Found(result, result.quality * rest, result.likeness * rest)
-    return None if best is None else replace(best, others=tuple(one for one in tried if one is not best.registration))
+    if best is None:
+        return None
+    best = replace(best, others=tuple(one for one in tried if one is not best.registration))
+    return best if best.score >= sure else with_colours_aligned(model, frame, best, points_W, params)
+
+
+def with_colours_aligned(
+    model: ModelCloud, frame: Frame, found: Found, points_W: Array, params: scenario.Registration
+) -> Found:
+    """Register an object anew with its colours shifted by what it tells of their shift, as long as that fits better.
+
+    Before anything was found that shift may be several pixels, and colours so far aside look like another thing's.
+
+    Args:
+        model: the object.
+        frame: the image.
+        found: the object.
+        points_W: (N, 3) the segment's points.
+        params: tuning.
+    """
+    best, result, shift = found, found.registration, frame.shift
+    for _ in range(TUNING.alignments):
+        if result.evidence is None:
+            break
+        shift = learnt(shift, [result.evidence])
+        result = register(model, replace(frame, shift=shift), result.R, result.p, params, points_W=points_W)
+        share = judged(model, points_W, result)
+        if result.quality * share > best.score:
+            best = replace(best, registration=result, score=result.quality * share, likeness=result.likeness * share)
+    return best
+
+
+def judged(model: ModelCloud, points_W: Array, result: RegisteredPose) -> float:
+    """Return what a registration's quality is multiplied by: how much is to be seen of it, and of what is seen its."""
+    visible = min(result.visible_share / TUNING.least_visible, 1.0) * min(result.points / TUNING.least_points, 1.0)
+    return visible * (0.4 + 0.6 * explained(model, points_W, result))
 
 
 def _apart(poses: Poses, order: npt.NDArray[np.int64]) -> list[int]:

@@ -78,7 +78,7 @@ class ModelCloud:
     @cached_property
     def table(self) -> Array:
         """(M, 13) points, normals, texture, fine and coarse colours: what each step of a registration looks up."""
-        return np.ascontiguousarray(np.hstack([self.points, self.normals, self.texture[:, None], *self.colours]))
+        return one_layout(np.hstack([self.points, self.normals, self.texture[:, None], *self.colours]))
 
     @cached_property
     def seen(self) -> tuple[object, ...]:

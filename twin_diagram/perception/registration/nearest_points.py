@@ -11,6 +11,7 @@ from scipy.ndimage import distance_transform_cdt
 
 from twin_diagram.perception.registration.cloud_kernels import nearest
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.compiled import one_layout
 
 
 @dataclass(frozen=True)
@@ -57,14 +58,14 @@ class NearestPoints:
         starts[..., 1:] = count.cumsum().reshape(shape)
         starts[..., 0] = starts[..., 1] - count.reshape(shape)[..., 0]
         empty = distance_transform_cdt(count.reshape(shape) == 0, metric="chessboard").astype(np.int16)
-        return NearestPoints((np.ascontiguousarray(points[order]), order.astype(np.int64), starts, empty, low, cell))
+        return NearestPoints((one_layout(points[order]), order.astype(np.int64), starts, empty, low, cell))
 
     def query(self, points: Array, reach: float) -> tuple[Array, npt.NDArray[np.int64]]:
         """Return the distance (N,) of points (N, 3) to the cloud, and the number (N,) of the nearest.
 
         Where none is within `reach` [m], infinity and -1.
         """
-        local = np.ascontiguousarray(points, dtype=float)
+        local = one_layout(np.asarray(points, dtype=float))
         distance, index = np.empty(len(local)), np.empty(len(local), dtype=np.int64)
         nearest(local, self.grid, reach, distance, index)
         return distance, index

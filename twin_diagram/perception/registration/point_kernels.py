@@ -22,6 +22,8 @@ COLUMNS: Final = 16
 """How many there are."""
 COUNTED, SEEN, NEAR, MATCHED, ROBOT = 1, 2, 4, 8, 16
 """Bits of its flags."""
+FINE, COARSE = 0, 1
+"""Scales of colour; indices of `Frame.colours` and `ModelCloud.colours`."""
 
 
 @compiled

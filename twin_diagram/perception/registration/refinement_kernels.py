@@ -10,6 +10,14 @@ import numpy.typing as npt
 from twin_diagram.perception.registration.cloud_kernels import opposite
 from twin_diagram.perception.registration.colour_kernels import gains, sloped_colours, solve
 from twin_diagram.perception.registration.point_kernels import (
+    COARSE,
+    COLOUR,
+    COLUMNS,
+    FACING,
+    FINE,
+    N_AT,
+    U,
+    V,
     colour_normal,
     colour_weights,
     depth_normal,
@@ -51,7 +59,7 @@ def refine_poses(
             counts (steps, coarse steps, whether colours stay coarse).
         count: points used per pose.
     """
-    told, flags = np.empty((1, count, 16)), np.empty((1, count), dtype=np.uint8)
+    told, flags = np.empty((1, count, COLUMNS)), np.empty((1, count), dtype=np.uint8)
     for k in range(R.shape[0]):
         own = (R[k].reshape((1, 3, 3)), p[k].reshape((1, 3)))
         refine_one(own[0], own[1], model, cloud, picture, points_W, prior, rules, (told, flags))
@@ -74,7 +82,7 @@ def refine_one(
     reach, narrow = rules[5][:2]
     small_turn, small_shift, fine_turn, fine_shift, right_turn, right_shift, largest_turn, largest_shift = rules[5][2:]
     iterations, coarse_steps, stays_coarse = rules[6]
-    level, taken = 1, 0
+    level, taken = COARSE, 0
     H, b = np.empty((1, 6, 6)), np.empty((1, 6))
     for _ in range(iterations):
         normal_equations(R, p, model, cloud, picture, points_W, rules, (level, reach), room, (H, b))
@@ -84,9 +92,9 @@ def refine_one(
         if stays_coarse:
             continue
         taken += 1
-        if level == 1:
+        if level == COARSE:
             if taken >= coarse_steps or (turn < fine_turn and shift < fine_shift):
-                level = 0
+                level = FINE
                 # A prediction that was right needs no wide reach.
                 if turn < right_turn and shift < right_shift:
                     reach = min(reach, narrow)
@@ -146,10 +154,12 @@ def add_colours(
     deepest, _, factor, cut, steeper, aside, even = constants
     image = colours[level]
     weight = colour_weights(told, flags, (deepest * reach, max(0.5 * reach, aside)))
-    found = sloped_colours(image, told[:, :, 7], told[:, :, 8], weight, corner)
-    gain = gains(found, told[:, :, 13:16], told[:, :, 3:6], weight, even)
+    found = sloped_colours(image, told[:, :, U], told[:, :, V], weight, corner)
+    gain = gains(found, told[:, :, COLOUR:COLUMNS], told[:, :, N_AT:FACING], weight, even)
     sums = (np.zeros((1, 6, 6)), np.zeros((1, 6)), np.zeros((1, 6, 2)), np.zeros((1, 2, 2)), np.zeros((1, 2)))
-    colour_normal(told, found, weight, gain, camera, (cut if level == 0 else 1.5 * cut, steeper, slopes[level]), sums)
+    colour_normal(
+        told, found, weight, gain, camera, (cut if level == FINE else 1.5 * cut, steeper, slopes[level]), sums
+    )
     own, right, cross, held, pull = sums
     # Schur's complement of the shift.
     a, d = factor * held[0, 0, 0] + information[0, 0], factor * held[0, 1, 1] + information[1, 1]

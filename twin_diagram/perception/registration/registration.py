@@ -13,10 +13,11 @@ from twin_diagram.perception.registration.claims import TUNING as CLAIMS
 from twin_diagram.perception.registration.claims import claim
 from twin_diagram.perception.registration.cloud_kernels import within
 from twin_diagram.perception.registration.colour_shift import ShiftEvidence
-from twin_diagram.perception.registration.data_association import FINE, Poses, look
 from twin_diagram.perception.registration.data_association import TUNING as LOOKING
+from twin_diagram.perception.registration.data_association import Poses, look
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.point_kernels import FINE
 from twin_diagram.perception.registration.refinement_kernels import refine_poses
 from twin_diagram.perception.registration.residuals import TUNING as RESIDUALS
 from twin_diagram.perception.registration.residuals import residual_constants

@@ -23,10 +23,10 @@ import numpy.typing as npt
 from twin_diagram.perception.registration.cloud_kernels import opposite
 from twin_diagram.perception.registration.colour_kernels import gains, sloped_colours
 from twin_diagram.perception.registration.colour_shift import ColourShift, ShiftEvidence
-from twin_diagram.perception.registration.data_association import FINE, Looked, Poses
+from twin_diagram.perception.registration.data_association import Looked, Poses
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
-from twin_diagram.perception.registration.point_kernels import colour_normal, colour_weights
+from twin_diagram.perception.registration.point_kernels import FINE, colour_normal, colour_weights
 from twin_diagram.perception.registration.rotation import log, screw
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.compiled import one_layout

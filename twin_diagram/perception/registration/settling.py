@@ -17,9 +17,10 @@ from twin_diagram.perception.registration.alternatives import (
     settled,
     widened,
 )
-from twin_diagram.perception.registration.data_association import FINE, Poses, look
+from twin_diagram.perception.registration.data_association import Poses, look
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.point_kernels import FINE
 from twin_diagram.perception.registration.registration import RegisteredPose, register
 from twin_diagram.perception.registration.rotation import exp, log
 from twin_diagram.signals.arrays import Array
@@ -62,7 +63,7 @@ def settle(
     rivals = [*candidates, *(turned(model, frame, candidates[0], points_W, params) if turns else [])]
     cost = np.zeros(1)
     if len(rivals) > 1:
-        cost = compare(model, frame, _poses(rivals), points_W)
+        cost = compare(model, frame, _poses(rivals), points_W, FINE)
     chosen = int(np.argmin(cost))
     result = rivals[chosen]
     for turn in range(TUNING.rounds + 1):
@@ -75,6 +76,12 @@ def settle(
         result = register(model, frame, laid.poses.R[best], laid.poses.p[best], params, points_W=points_W)
     step, spread = settled(laid)
     after = pose.moved(step[None])
+    if np.any(step):
+        # A mean of two valleys, or along several directions at once, may be where nothing is likely.
+        both = Poses(np.concatenate([pose.R, after.R]), np.concatenate([pose.p, after.p]))
+        there = compare(model, frame, both, points_W)
+        if there[1] > there[0]:
+            step, after, spread = np.zeros(6), pose, spread + np.outer(step, step)
     wide = widened(result.covariance, spread)
     poses = distinct(laid, after, result.covariance, wide)
     if len(rivals) > 1:

@@ -10,12 +10,15 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram import scenario
+from twin_diagram.perception.registration.alternatives import TUNING as ALTERNATIVES
+from twin_diagram.perception.registration.alternatives import compare, votes, weak_directions
 from twin_diagram.perception.registration.assessment import assess
 from twin_diagram.perception.registration.colour_shift import ALIGNED, ColourShift, learnt
-from twin_diagram.perception.registration.data_association import COARSE, Poses
+from twin_diagram.perception.registration.data_association import Poses, look
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import nearby, resting
 from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.point_kernels import COARSE, FINE
 from twin_diagram.perception.registration.recognition import recognise
 from twin_diagram.perception.registration.registration import (
     RegisteredPose,
@@ -60,6 +63,21 @@ class Tuning:
 
     rough: float = 0.01
     """Slack of surfaces at a pose that is a guess [m]: a third of a step at half a metre a second."""
+
+    turned: float = 0.07
+    """A smaller turn from image to image is found again from either side [rad]."""
+
+    coloured: float = 0.8
+    """Where less than this share of what fits in shape fits in colour, too, it may have turned."""
+
+    turning: float = 0.8
+    """Share of a turn, in units that weigh alike, in a direction that counts as one."""
+
+    turned_by: tuple[float, ...] = (-0.4, -0.2, 0.2, 0.4)
+    """Then turns by so much are tried [rad]: registration finds back from about 0.12."""
+
+    around: float = 0.02
+    """Points this near to an object's surface weigh its poses against one another [m]."""
 
     slipped: float = 0.06
     """An object that was lost just now is looked for among points this far beyond its own radius [m]."""
@@ -230,22 +248,71 @@ def search_for(
 def register_where_expected(known: Known, slot: Slot, view: View) -> RegisteredPose | None:
     """Register an object near where it is expected; None where it is not to be seen there.
 
-    What moves goes on or stops: the image says which of the two is nearer, and is asked first there.
+    What moves goes on, stops, or stops turning. Where the shape fits and the colours do not, it may have turned about
+    an axis that the shape does not tell: then turns about it are registered, too. The image tells the likeliest.
     """
-    segments, params = view.segments, view.params
-    moves = bool(np.any(slot.velocity))
-    guesses = [(*predict(slot, segments.time), MOVING if moves else RESTING)]
-    if moves:
-        guesses.append((slot.R, slot.p, MOVING))
-        starts = Poses(np.stack([R for R, _, _ in guesses]), np.stack([p for _, p, _ in guesses]))
-        fits = assess(known.model, view.frame, starts, params.model_points, COARSE, TUNING.rough).points
-        guesses = [guesses[k] for k in np.argsort(-fits, kind="stable")]
-    for R, p, prior in guesses:
-        thin = segments.points_W[claimed(known.model, segments, R, p, params.reach, TUNING.thin)]
-        result = register(known.model, view.frame, R, p, params, prior=prior, points_W=thin)
-        if believable(result, params, R, p):
+    time = view.segments.time
+    R, p = predict(slot, time)
+    if not np.any(slot.velocity):
+        best = _registered(known, view, R, p, RESTING)
+    elif _turns(slot, time):
+        found = [_registered(known, view, *at, MOVING) for at in ((R, p), (slot.R, slot.p), (slot.R, p))]
+        best = likeliest(known, view, [one for one in found if one is not None])
+    else:
+        best = _goes_on_or_stops(known, slot, view, R, p)
+    if best is None or best.quality >= TUNING.coloured * best.shape:
+        return best
+    turned = [_registered(known, view, *at, MOVING) for at in turns(known, view, best)]
+    return likeliest(known, view, [best, *(one for one in turned if one is not None)])
+
+
+def _goes_on_or_stops(known: Known, slot: Slot, view: View, R: Array, p: Array) -> RegisteredPose | None:
+    """Register an object where it is expected (R, p), or where it was: first at that of which the image shows more."""
+    starts = Poses(np.stack([R, slot.R]), np.stack([p, slot.p]))
+    fits = assess(known.model, view.frame, starts, view.params.model_points, COARSE, TUNING.rough).points
+    for k in np.argsort(-fits, kind="stable"):
+        result = _registered(known, view, starts.R[k], starts.p[k], MOVING)
+        if result is not None:
             return result
     return None
+
+
+def turns(known: Known, view: View, one: RegisteredPose) -> list[tuple[Array, Array]]:
+    """Return poses turned to both sides about the axis, through the object's middle, that its shape tells least of."""
+    pose = Poses(one.R[None], one.p[None])
+    looked = look(known.model, view.frame, pose, view.params.model_points, FINE)
+    for way, _ in weak_directions(looked, view.frame, votes(looked, view.frame, known.model.spacing), 0.0):
+        if np.linalg.norm(way[:3]) > TUNING.turning:
+            steps = np.array(TUNING.turned_by)[:, None] * (way / np.linalg.norm(way[:3]))
+            # Units of turns and shifts differ; see `alternatives`.
+            steps[:, 3:] *= ALTERNATIVES.unit[1] / ALTERNATIVES.unit[0]
+            R, p = np.repeat(one.R[None], len(steps), axis=0), np.repeat(one.p[None], len(steps), axis=0)
+            moved = Poses(R, p).moved(steps)
+            return list(zip(moved.R, moved.p, strict=True))
+    return []
+
+
+def likeliest(known: Known, view: View, results: Sequence[RegisteredPose]) -> RegisteredPose | None:
+    """Return which of registered poses the image says is the likeliest; None of none."""
+    if len(results) < 2:
+        return results[0] if results else None
+    segments = view.segments
+    own = claimed(known.model, segments, results[0].R, results[0].p, TUNING.around)
+    poses = Poses(np.stack([one.R for one in results]), np.stack([one.p for one in results]))
+    cost = compare(known.model, view.frame, poses, segments.points_W[own], FINE)
+    return results[int(np.argmin(cost))]
+
+
+def _turns(slot: Slot, time: float) -> bool:
+    """Return whether an object is expected to have turned by more than registration finds back."""
+    return float(np.linalg.norm(slot.velocity[:3])) * (time - slot.seen) > TUNING.turned
+
+
+def _registered(known: Known, view: View, R: Array, p: Array, prior: Array) -> RegisteredPose | None:
+    """Register an object from a guess; None where what comes of it is not believable."""
+    thin = view.segments.points_W[claimed(known.model, view.segments, R, p, view.params.reach, TUNING.thin)]
+    result = register(known.model, view.frame, R, p, view.params, prior=prior, points_W=thin)
+    return result if believable(result, view.params, R, p) else None
 
 
 def register_around(known: Known, slot: Slot, view: View, free: Mask) -> RegisteredPose | None:

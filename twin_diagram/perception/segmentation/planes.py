@@ -92,11 +92,13 @@ class Plane:
         normal: (3,) unit, towards the camera.
         offset: [m]
         area: surface seen [m²].
+        part: whose it is: number of a thing in the image, or -1: none's.
     """
 
     normal: Array
     offset: float
     area: float
+    part: int = -1
 
     @property
     def graph(self) -> Array:
@@ -201,7 +203,7 @@ def level_surfaces(
             here = own[np.abs(plane.height(points_W[own])) < bin_]
             area = float(areas[here].sum())
             if area > TUNING.least_area and _width(points_W[here], plane) > TUNING.least_width:
-                found.append(Plane(plane.normal, plane.offset, area))
+                found.append(Plane(plane.normal, plane.offset, area, k))
     return sorted(found, key=lambda plane: -plane.area)
 
 

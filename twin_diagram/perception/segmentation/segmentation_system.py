@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import cast
 
 import numpy as np
+import numpy.typing as npt
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import Context, LeafSystem
 from pydrake.systems.sensors import ImageDepth32F, ImageRgba8U
@@ -19,7 +21,22 @@ from twin_diagram.perception.segmentation.robot_shape import RobotShape
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.runtime.timing import timed
+from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.calibration_error import CALIBRATION_SIZE, SIZE
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    late: float = 0.5
+    """Depth may be older than its image's time by so much of a frame's period: two sensors expose in turn."""
+
+    still: float = 0.002
+    """A joint that turned by less since then did not move [rad]: 2 mm of an arm 1 m long, a fifth of its clearance."""
+
+
+TUNING = Tuning()
 
 
 class PerceptionSystem(LeafSystem):
@@ -47,7 +64,8 @@ class PerceptionSystem(LeafSystem):
         segments: (`Segments`) in W.
 
     Computed when asked for, and cached: no state, no rate, no latency of its own. The image is older than x̂, so the
-    robot is posed at q - v·(t - image_time).
+    robot is posed at q - v·(t - image_time); where it moves also where it was half a frame before, for depth may be
+    late.
     """
 
     def __init__(
@@ -75,6 +93,7 @@ class PerceptionSystem(LeafSystem):
         self._corrected = lru_cache(maxsize=2)(self._corrected_grid)
         self._robot = RobotShape(arm, packages, base_dir)
         self._arm_joints = self._robot.joint_count
+        self._late = TUNING.late / camera.rate
         self._rgb = self.DeclareAbstractInputPort("rgb_image", Value[ImageRgba8U]())
         self._depth = self.DeclareAbstractInputPort("depth_image", Value[ImageDepth32F]())
         self._time = self.DeclareVectorInputPort("image_time", 1)
@@ -125,6 +144,14 @@ class PerceptionSystem(LeafSystem):
                 image_time,
                 grid,
                 self._params,
-                lambda points, margin: self._robot.near(points, q, margin),
+                lambda points, margin: self._near(points, margin, q, self._late * state[n:]),
             )
         )
+
+    def _near(self, points: Array, margin: float, q: Array, back: Array) -> npt.NDArray[np.bool_]:
+        """Return which points (N, 3) are within a margin [m] of the robot at q (n,), or before it moved by `back`."""
+        near = self._robot.near(points, q, margin)
+        if np.abs(back).max(initial=0.0) > TUNING.still:
+            others = np.flatnonzero(~near)
+            near[others] = self._robot.near(points[others], q - back, margin)
+        return near

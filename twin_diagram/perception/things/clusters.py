@@ -11,6 +11,7 @@ import numpy.typing as npt
 from twin_diagram.perception.pinhole import Pinhole
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.registration import claimed
+from twin_diagram.perception.segmentation.planes import Plane
 from twin_diagram.perception.segmentation.segments import TUNING as SEGMENTS
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.signals.arrays import Array
@@ -89,10 +90,46 @@ def _large(points: Array) -> bool:
 
 
 def _robots(segments: Segments, own: npt.NDArray[np.int64], label: int) -> bool:
-    """Return whether a cluster is what the robot's model leaves over: it borders on the robot and hangs in the air."""
-    heights = [float(np.percentile(plane.height(segments.points_W[own]), 2.0)) for plane in segments.planes]
-    if not heights or min(abs(h) for h in heights) < TUNING.floats:
+    """Return whether a cluster is what the robot's model leaves over: it borders on the robot and hangs in the air.
+
+    What hangs there so, nothing stands on: a lid of the robot's own, its hand or its elbow, is none.
+    """
+    if not segments.planes or not _beside_robot(segments, label):
         return False
+    points = segments.points_W[own]
+    if abs(_foot(segments.planes[0], points)) < TUNING.floats:
+        return False
+    return not any(
+        plane.part != label
+        and abs(_foot(plane, points)) < TUNING.floats
+        and _beneath(segments, plane, points)
+        and not _hangs(segments, plane.part)
+        for plane in segments.planes[1:]
+    )
+
+
+def _foot(plane: Plane, points: Array) -> float:
+    """Return how high the lowest of points (N, 3) are above a plane [m]."""
+    return float(np.percentile(plane.height(points), 2.0))
+
+
+def _hangs(segments: Segments, label: int) -> bool:
+    """Return whether a part of the image borders on the robot and does not reach down to the table."""
+    points = segments.points_W[segments.labels == label]
+    return _beside_robot(segments, label) and abs(_foot(segments.planes[0], points)) >= TUNING.floats
+
+
+def _beneath(segments: Segments, plane: Plane, points: Array) -> bool:
+    """Return whether the lid of a part is under points (N, 3), or beside them by no more than it may hang over."""
+    part = segments.points_W[segments.labels == plane.part]
+    lid = part[np.abs(plane.height(part)) < TUNING.floats]
+    if not len(lid):
+        return False
+    low, high = points[:, :2].min(axis=0) - TUNING.floats, points[:, :2].max(axis=0) + TUNING.floats
+    return bool(np.any((lid[:, :2] > low).all(axis=1) & (lid[:, :2] < high).all(axis=1)))
+
+
+def _beside_robot(segments: Segments, label: int) -> bool:
     rows, columns = np.nonzero(segments.label_image == label)
     r, far = TUNING.beside_robot, (segments.label_image.shape[0], segments.label_image.shape[1])
     around = segments.label_image[

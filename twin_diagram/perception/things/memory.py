@@ -257,7 +257,7 @@ def explained(places: Array, known: Sequence[Placed], segments: Segments) -> flo
         return 0.0
     on = np.zeros(len(places), dtype=bool)
     for model, R, p in known:
-        distance, _ = model.tree.query((places - p) @ R, distance_upper_bound=reach_at(segments.camera, p), workers=1)
+        distance, _ = model.nearest.query((places - p) @ R, reach_at(segments.camera, p))
         on |= np.isfinite(distance)
     return float(on.mean())
 

@@ -34,7 +34,7 @@ class Seen(NamedTuple):
     empty: float
     """The camera sees what is behind."""
     hidden: float
-    """Something nearer, or the robot, is in the way, there is no depth, or they are out of the image."""
+    """Something nearer is in the way, the robot is at them, there is no depth, or they are out of the image."""
 
 
 def seen_through(places_W: Array, segments: Segments) -> Seen:
@@ -47,9 +47,10 @@ def seen_through(places_W: Array, segments: Segments) -> Seen:
     column, row = (np.where(within, np.rint(x), 0.0).astype(int) for x in (u, v))
     depth = segments.depth[row, column].astype(float)
     label = segments.label_image[row // segments.stride, column // segments.stride]
-    open_ = within & (depth > 0.0) & (label != SEGMENTS.robot)
+    measured = within & (depth > 0.0)
     farther = depth - z
     slack = TUNING.slack + TUNING.sigmas * segments.camera.depth_noise(z)
-    there, empty = open_ & (np.abs(farther) <= slack), open_ & (farther > slack)
+    # The robot behind a place shows it to be empty as anything else does; what of it is at the place tells nothing.
+    there, empty = measured & (np.abs(farther) <= slack) & (label != SEGMENTS.robot), measured & (farther > slack)
     shares = float(there.mean()), float(empty.mean())
     return Seen(*shares, 1.0 - sum(shares))

@@ -133,7 +133,8 @@ class CameraCalibrator(LeafSystem):
         camera, factor = corrected(self._alignment.camera, errors)
         depth = self._alignment.depth(cast(ImageDepth32F, self._depth.Eval(context)).data[..., 0])
         samples.append(self._parts.sample(depth, camera, factor, self._table, q, v))
-        found = calibrate(self._parts.surfaces(samples, self._table), self._alignment.camera, self._told)
+        surfaces = self._parts.surfaces(samples, self._table)
+        found = calibrate(surfaces, self._alignment.camera, self._told, errors if len(samples) > 1 else None)
         kept[0] = len(samples)
         start = 1 + (len(samples) - 1) * self._row
         kept[start : start + self._row] = self._packed(samples[-1])
