@@ -312,11 +312,6 @@ def _gap(arguments: argparse.Namespace) -> int:
         arguments.refuse(wrong)
     if arguments.fleet is not None:
         return fleet_command.run(arguments, _packages(arguments))
-    if not Path(arguments.model).exists():  # said before a second of imports
-        raise TwinError(f"{arguments.model}: no such file or folder")
-    for log in map(str, (*arguments.fit, arguments.holdout)):
-        if not Path(log).exists() and "#" not in log:  # what follows a # names a stream of a bag
-            raise TwinError(f"{log}: no such log file")
     from numpy.linalg import LinAlgError
 
     from twin_diagram.gap.report.words import headline

@@ -461,16 +461,3 @@ def test_stages_are_told_in_their_order(runs: tuple[Path, list[Path]], stub: Non
     stages = [text.partition(" (")[0] for text in told]
     assert stages[0] == "reading the logs" and stages[-1] == "rollouts of the held-out run before and after"
     assert [stage for stage in workflow.STAGES if stage in stages] == stages
-
-
-@pytest.mark.parametrize("lacking", ["model", "fit", "holdout"])
-def test_what_is_not_there_is_refused_before_anything_is_imported(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], lacking: str
-) -> None:
-    there = tmp_path / "there"
-    there.write_text("", encoding="utf-8")
-    given = {"model": str(there), "fit": str(there), "holdout": str(there), lacking: str(tmp_path / "gone")}
-    told = [word for name, value in given.items() for word in (f"--{name}", value)]
-    assert cli.main(["gap", *told, "--out", str(tmp_path / "out")]) == 2
-    assert f"{tmp_path / 'gone'}: no such" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
