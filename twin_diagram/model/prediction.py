@@ -18,6 +18,9 @@ from pydrake.multibody.tree import PrismaticJoint, RevoluteJoint
 from twin_diagram.errors import LogError
 from twin_diagram.logs import Log, LogWarning, check, fingerprint, read_log, unwrapped, write_columns
 from twin_diagram.logs.differentiation import Motion, below_cutoff, inner, lowpass, motion
+from twin_diagram.logs.easing import eased
+from twin_diagram.logs.straightening import straightened
+from twin_diagram.logs.torque_constants import TorqueConstants
 from twin_diagram.logs.writing import check_kind
 from twin_diagram.model.description import add_arm as description
 from twin_diagram.model.model import Model
@@ -190,14 +193,18 @@ def rollout_rms(
 
 
 def load_model_for(
-    log: Log, model: str | Path, packages: Mapping[str, str | Path] | None = None, torque_side: str | None = None
+    log: Log,
+    model: str | Path,
+    packages: Mapping[str, str | Path] | None = None,
+    torque_side: str | None = None,
+    constants: TorqueConstants | None = None,
 ) -> tuple[Model, Log, list[LogWarning]]:
     """Return a model and a log that go together.
 
     The model with the log's joints, the log in the model's order, checked.
 
     Joints of the description that are driven by default must be in the log; prismatic joints become the arm's where
-    the log has them. `torque_side` as of `Model.load`.
+    the log has them. `torque_side` as of `Model.load`, `constants` as of `as_explained`.
 
     Raises:
         ModelError: see `Model.load`.
@@ -213,17 +220,18 @@ def load_model_for(
     logged = [joint for joint in movable if joint in loaded.joints or joint in log.joints]
     if len(logged) > len(loaded.joints):
         loaded = Model.load(replace(spec, joints=logged), packages, torque_side=torque_side)
-    return (loaded, *as_explained(loaded, log))
+    return (loaded, *as_explained(loaded, log, constants))
 
 
-def as_explained(model: Model, log: Log) -> tuple[Log, list[LogWarning]]:
+def as_explained(model: Model, log: Log, constants: TorqueConstants | None = None) -> tuple[Log, list[LogWarning]]:
     """Return a log as a model explains it: checked, with the model's joints in its order.
 
-    Angles that go on past a turn.
+    Angles that go on past a turn; torques where `constants` say what its currents are worth.
 
     Raises:
         LogError: see `logs.check`.
     """
+    log = log if constants is None else constants.applied(log, model.joints)
     warnings = check(log, model.limits)
     own, wrapped = unwrapped(log.select(model.joints), model.limits)
     return own, warnings + wrapped
@@ -239,6 +247,7 @@ def predict(
     columns: str | Path | None = None,
     say: Callable[[str], None] | None = None,
     torque_side: str | None = None,
+    constants: TorqueConstants | None = None,
 ) -> list[LogWarning]:
     """Read a log, and writes `torque_predicted.<joint>` and `position_predicted.<joint>` for each of its samples.
 
@@ -251,6 +260,7 @@ def predict(
         columns: what a foreign log's columns mean, see `read_log`.
         say: told each joint's root mean square of measured less predicted torque and position, without the log's ends.
         torque_side: of the gears that the torque was measured on, `motor` or `link`; None: as the model says.
+        constants: of the motors, where the log holds currents.
 
     Raises:
         TwinError: the model or the log cannot be used; nothing is written.
@@ -259,21 +269,23 @@ def predict(
     if why := why_not(out, folder=False):
         raise LogError(f"--out {out}: {why}")
     raw = read_log(log, columns)
-    loaded, measured, warnings = load_model_for(raw, model, packages, torque_side)
+    loaded, measured, warnings = load_model_for(raw, model, packages, torque_side, constants)
     turned = measured.position - raw.select(loaded.joints).position
     for warning in warnings:
         logging.getLogger("twin_diagram").warning("%s (%s)", warning.message, warning.code)
-    smooth = motion(measured)
+    even = straightened(measured)
+    used = eased(even)
+    smooth = motion(used)
     predicted = {"time": measured.time}
-    arrived = position_predicted(loaded, measured, horizon, smooth)
+    arrived = position_predicted(loaded, used, horizon, smooth)
     for name, values in (
-        ("torque_predicted", torque_predicted(loaded, measured, smooth)),
-        ("position_predicted", arrived - turned),
+        ("torque_predicted", _at(even.time, used.time, torque_predicted(loaded, used, smooth))),
+        ("position_predicted", _at(even.time, used.time, arrived) - turned),
     ):
         predicted |= {f"{name}.{joint}": values[:, k] for k, joint in enumerate(loaded.joints)}
     write_columns(predicted, out)
     if say is not None:
-        for line in _misfit(loaded, measured, smooth, arrived, horizon):
+        for line in _misfit(loaded, used, smooth, arrived, horizon):
             say(line)
     return warnings
 

@@ -18,12 +18,12 @@ from twin_diagram.gap.residuals.prepared_logs import (
     prepare,
     roughness,
     shaken,
-    straightened,
     trusted_band,
     usable,
 )
 from twin_diagram.logs import Log, fingerprint
 from twin_diagram.logs.differentiation import lowpass
+from twin_diagram.logs.straightening import straightened
 
 Array = npt.NDArray[np.float64]
 

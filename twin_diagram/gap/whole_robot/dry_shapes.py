@@ -119,14 +119,22 @@ def bent(q: Array, way: float) -> Array:
         way: over which friction builds up [rad].
     """
     steps = np.diff(q)
-    decay = np.exp(-np.abs(steps) / way)
-    result = np.empty(len(q))
-    share = float(np.sign(steps[np.argmax(np.abs(np.cumsum(steps)) > way)])) if len(steps) else 0.0
-    result[0] = share
-    for k, (kept, sign) in enumerate(zip(decay.tolist(), np.sign(steps).tolist(), strict=True)):
-        share = sign + (share - sign) * kept if sign else share
-        result[k + 1] = share
-    return result
+    moving = np.flatnonzero(steps)
+    if not len(moving):
+        return np.zeros(len(q))
+    gone = np.concatenate([[0.0], np.cumsum(np.abs(steps))]) / way
+    # Between two turns all is known in closed form: only the turns come one by one.
+    turned = moving[1:][np.sign(steps[moving[1:]]) != np.sign(steps[moving[:-1]])]
+    begins = np.concatenate([[0], turned])
+    signs = np.sign(steps[np.concatenate([moving[:1], turned])])
+    lasts = np.exp(-np.diff(gone[np.concatenate([begins, [len(q) - 1]])]))
+    shares = np.empty(len(begins))
+    share = float(np.sign(steps[np.argmax(np.abs(np.cumsum(steps)) > way)]))
+    for k, (sign, kept) in enumerate(zip(signs.tolist(), lasts.tolist(), strict=True)):
+        shares[k] = share
+        share = sign + (share - sign) * kept
+    run = np.searchsorted(begins, np.arange(len(q)), side="right") - 1
+    return np.asarray(signs[run] + (shares[run] - signs[run]) * np.exp(-(gone - gone[begins[run]])))
 
 
 def _shapes() -> list[DryShape]:

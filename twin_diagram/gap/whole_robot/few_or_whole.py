@@ -14,7 +14,8 @@ from twin_diagram.gap.findings import Verdict
 from twin_diagram.gap.naming import name
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.whole_robot import taking_over
-from twin_diagram.gap.whole_robot.explain import WholeRobot, explain
+from twin_diagram.gap.whole_robot.concluding import WholeRobot
+from twin_diagram.gap.whole_robot.explain import explain
 from twin_diagram.gap.whole_robot.well_told import well_told
 from twin_diagram.logs import Log
 from twin_diagram.model.description import corrected_folder

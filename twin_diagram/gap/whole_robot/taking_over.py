@@ -12,7 +12,7 @@ from twin_diagram.gap.residuals import whitening
 from twin_diagram.gap.residuals.prepared_logs import Records, roughness
 from twin_diagram.gap.residuals.regressors import Terms, given_load, slow_speed
 from twin_diagram.gap.verdict.locating import locate
-from twin_diagram.gap.whole_robot.explain import WholeRobot
+from twin_diagram.gap.whole_robot.concluding import WholeRobot
 from twin_diagram.logs import Log
 from twin_diagram.logs.differentiation import TUNING as DIFFERENTIATION
 from twin_diagram.model.model import Model
