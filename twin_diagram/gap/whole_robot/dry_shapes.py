@@ -12,6 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin_diagram.gap.residuals.prepared_logs import Record
+from twin_diagram.gap.residuals.regressors import TUNING as REGRESSORS
+from twin_diagram.gap.residuals.regressors import levers
 from twin_diagram.gap.whole_robot.left_out import LeftOut
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
 from twin_diagram.gap.whole_robot.torque_equations import OWN, DryShape, TorqueEquations, low_passed
@@ -58,15 +60,17 @@ def shaped(problem: RobotProblem, z: Array) -> tuple[RobotProblem, Array]:
         return problem, z
     plain = LeftOut.of(problem, z).likelihood()
     best, chosen = np.full(problem.n, TUNING.worth), [DryShape()] * problem.n
-    for shape in _shapes():
-        there = [shape if _may_have(problem, j, shape) else DryShape() for j in range(problem.n)]
+    units = levers(problem.sums.records)
+    for per_radian in _shapes():
+        of_joints = [per_radian.times(float(unit)) for unit in units]
+        there = [shape if _may_have(problem, j, shape) else DryShape() for j, shape in enumerate(of_joints)]
         if not any(one.told for one in there):
             continue
         tried = replace(problem, sums=with_shapes(problem.sums, there))
         gain = LeftOut.of(tried, solve(tried, None, z)).likelihood() - plain
         for j in range(problem.n):
             if there[j].told and gain[j] > best[j]:
-                best[j], chosen[j] = gain[j], shape
+                best[j], chosen[j] = gain[j], there[j]
     if not any(shape.told for shape in chosen):
         return problem, z
     problem = replace(problem, sums=with_shapes(problem.sums, chosen))
@@ -138,7 +142,9 @@ def bent(q: Array, way: float) -> Array:
 
 
 def _shapes() -> list[DryShape]:
-    speeds = [DryShape(speed=s, crawl=c) for s in TUNING.speeds for c in (TUNING.below, TUNING.above)]
+    """Return all shapes: below the speed at which a joint may be held, a fall passes for how it turns."""
+    both = [DryShape(speed=s, crawl=c) for s in TUNING.speeds for c in (TUNING.below, TUNING.above)]
+    speeds = [shape for shape in both if shape.crawl < 1.0 or shape.speed > REGRESSORS.rest]
     return [*(DryShape(way=way) for way in TUNING.ways), *speeds]
 
 
