@@ -284,7 +284,7 @@ def usable(log: Log, shortest: float = TUNING.shortest) -> float:
         shortest: it must have this much left after its ends are cut [s].
 
     Raises:
-        LogError: it is too short, or logs no torque at all.
+        LogError: it is too short, or logs no torque at all, or one that never changes.
     """
     duration = float(log.time[-1] - log.time[0])
     if duration - 2.0 * DIFFERENTIATION.residual_cut < shortest:
@@ -292,6 +292,8 @@ def usable(log: Log, shortest: float = TUNING.shortest) -> float:
         raise LogError(f"{log.source}: lasts {duration:.3g} s; at least {needed:g} s are needed")
     if not np.any(log.motor_torque):
         raise LogError(f"{log.source}: all torques are zero throughout, so there is nothing to compare a model with")
+    if not np.any(np.ptp(log.motor_torque, axis=0)):
+        raise LogError(f"{log.source}: no torque ever changes, so there is nothing to compare a model with")
     return duration
 
 

@@ -40,6 +40,13 @@ class Tuning:
     worth: float = 3.0
     """Rise of a joint's left-out log likelihood that a shape must bring [nats]: one of some fourteen, and one more."""
 
+    speedy: float = 4.0
+    """The same of a shape with a speed: there are more of them [nats]."""
+
+    rather: float = 3.0
+    """Beyond what a way brings that a shape with a speed must bring: what builds up over a way is weak where a joint
+    gets under way, too [nats]."""
+
     share: float = 0.5
     """Of a joint's fastest motion, above which no speed is told."""
 
@@ -61,7 +68,7 @@ def shaped(problem: RobotProblem, z: Array) -> tuple[RobotProblem, Array]:
     plain = LeftOut.of(problem, z).likelihood()
     best, chosen = np.full(problem.n, TUNING.worth), [DryShape()] * problem.n
     units = levers(problem.sums.records)
-    for per_radian in _shapes():
+    for per_radian in _shapes():  # ways come first
         of_joints = [per_radian.times(float(unit)) for unit in units]
         there = [shape if _may_have(problem, j, shape) else DryShape() for j, shape in enumerate(of_joints)]
         if not any(one.told for one in there):
@@ -69,7 +76,10 @@ def shaped(problem: RobotProblem, z: Array) -> tuple[RobotProblem, Array]:
         tried = replace(problem, sums=with_shapes(problem.sums, there))
         gain = LeftOut.of(tried, solve(tried, None, z)).likelihood() - plain
         for j in range(problem.n):
-            if there[j].told and gain[j] > best[j]:
+            least = max(best[j], TUNING.speedy) if there[j].speed else best[j]
+            if there[j].speed and chosen[j].way:
+                least = best[j] + TUNING.rather
+            if there[j].told and gain[j] > least:
                 best[j], chosen[j] = gain[j], there[j]
     if not any(shape.told for shape in chosen):
         return problem, z

@@ -85,9 +85,23 @@ def explain(records: Records, *, known: bool = False) -> WholeRobot | None:
     if Payload.name not in (c.name for c in carried.problem.sums.further):  # what was found beside it may yet be better
         judge = quieter(whole, [plain, carried])
         return max(plain, carried, key=lambda one: worth(one, judge))
-    if needed(carried.problem, plain.problem.sums.further) < LOADS.worth:
+    rise = needed(carried.problem, plain.problem.sums.further)
+    if rise < LOADS.worth:
         return plain
+    carried = as_sure(carried, rise)
     return replace(carried, separation=nearest([carried, plain], quieter(whole, [plain, carried])))
+
+
+def as_sure(found: WholeRobot, rise: float) -> WholeRobot:
+    """Return what was found with a payload that is as sure as the evidence for it.
+
+    Args:
+        found: with a payload.
+        rise: of the evidence that it brings [nats].
+    """
+    sure = float(1.0 / (1.0 + np.exp(-min(rise, 30.0))))
+    findings = [replace(one, confidence=sure) if one.name == Payload.name else one for one in found.findings]
+    return replace(found, findings=tuple(findings))
 
 
 def best_of(whole: RobotProblem, start: Array, known: bool) -> WholeRobot | None:
