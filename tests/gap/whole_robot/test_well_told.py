@@ -44,6 +44,6 @@ def test_what_has_no_size_stands() -> None:
 def test_names_that_honest_errors_leave_unsure_are_lost_and_links_are_not() -> None:
     link = Finding("inertial_parameters", (), ("tool",), {"mass": Estimate(0.1, 5.0, "kg")}, 0.9)
     tilt = Finding("gravity_tilt", (), (), {"roll": Estimate(0.1, 0.01, "rad")}, 0.9)
-    payload = Finding("payload", (), ("tool",), {"mass": Estimate(3.0, 1.1, "kg")}, 0.9)
-    found = [friction(a=(3.0, 0.9), b=(3.0, 1.1)), link, tilt, payload]
+    payload = Finding("payload", (), ("tool",), {"mass": Estimate(3.0, 1.2, "kg")}, 0.9)
+    found = [friction(a=(3.0, 1.05), b=(3.0, 1.2)), link, tilt, payload]
     assert lost_names(found) == {("coulomb_friction", "b"), ("payload", "")}

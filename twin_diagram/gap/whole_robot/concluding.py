@@ -33,6 +33,9 @@ class Tuning:
     unsure: int = 3
     """Times that what honest errors leave unsure is taken out."""
 
+    rough: float = 1.1
+    """Times a third that an error may be: one that is told by five kinds of motion is itself known to a third."""
+
     third: float = 1.0 / 3.0
     """No name where the standard error is more than this share of the value."""
 
@@ -87,17 +90,40 @@ def concluded(problem: RobotProblem) -> WholeRobot | None:
     kept = earning(problem, LeftOut.of(problem, z))
     if np.any(free_units(kept) != free_units(problem)):
         problem, z, spread = sure_ones(kept)
-    given = problem.sums.records.model
+    return said_of(problem, z, spread)
+
+
+def well_known(found: WholeRobot) -> WholeRobot | None:
+    """Return what was found without names that honest errors leave unsure; None where nothing is left.
+
+    That comes last: what is unsure as long as something else has no name may be sure beside it.
+    """
     for _ in range(TUNING.unsure):
-        if not (np.any(problem.links_free) or np.any(problem.said) or problem.sums.further):
-            return None
-        left_out = LeftOut.of(problem, z)
-        spread = estimates.beside_all(estimates.widened(spread, left_out.fits), every_beside(problem), z)
-        found = estimates.findings(problem, z, spread, given, confidences(problem, left_out))
-        lost = lost_names(found)
+        lost = lost_names(found.findings)
         if not lost:
             break
-        problem, z, spread = sure_ones(without_names(problem, z, lost))
+        fewer = said_of(*sure_ones(without_names(found.problem, found.coordinates, lost)))
+        if fewer is None:
+            return None
+        sure = {one.name: one.confidence for one in found.findings}  # each as sure as it was beside all of them
+        findings = tuple(replace(one, confidence=min(one.confidence, sure[one.name])) for one in fewer.findings)
+        found = replace(fewer, findings=findings, separation=found.separation)
+    return found
+
+
+def said_of(problem: RobotProblem, z: Array, spread: Array) -> WholeRobot | None:
+    """Return what a problem says.
+
+    Args:
+        problem: what was fitted.
+        z: (Z,) its coordinates.
+        spread: (Z, Z) their covariance, see `sure_ones`.
+    """
+    if not (np.any(problem.links_free) or np.any(problem.said) or problem.sums.further):
+        return None
+    given, left_out = problem.sums.records.model, LeftOut.of(problem, z)
+    spread = estimates.beside_all(estimates.widened(spread, left_out.fits), every_beside(problem), z)
+    found = estimates.findings(problem, z, spread, given, confidences(problem, left_out))
     fitted = np.sqrt(problem.squares(z, problem.sums.whole) / problem.sums.counted)
     model = corrected(given, found, [record.mark for record in problem.sums.records.records])
     if model is None:
@@ -111,7 +137,7 @@ def lost_names(found: Sequence[Finding]) -> set[tuple[str, str]]:
     Links are exempt: each of their base directions is known, or stays as described.
     """
     found = [one for one in found if one.name != InertialParameters.name]
-    told = {one.name: one.joints for one in well_told(found)}
+    told = {one.name: one.joints for one in well_told(found, TUNING.rough)}
     lost = {(one.name, joint) for one in found for joint in one.joints if joint not in told.get(one.name, ())}
     return lost | {(one.name, "") for one in found if not one.joints and one.name not in told}
 

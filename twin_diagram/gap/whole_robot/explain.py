@@ -16,7 +16,7 @@ from twin_diagram.gap.experiments.advice import experiment
 from twin_diagram.gap.findings import Separation
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.residuals.regressors import present
-from twin_diagram.gap.whole_robot.concluding import WholeRobot, concluded, last_of, own_terms
+from twin_diagram.gap.whole_robot.concluding import WholeRobot, concluded, last_of, own_terms, well_known
 from twin_diagram.gap.whole_robot.dry_shapes import shaped
 from twin_diagram.gap.whole_robot.left_out import TUNING as LEFT_OUT
 from twin_diagram.gap.whole_robot.left_out import (
@@ -80,16 +80,28 @@ def explain(records: Records, *, known: bool = False) -> WholeRobot | None:
     plain = best_of(whole, start, known)
     load = loaded(whole, start)
     carried = None if load is None else best_of(*settled(load), known)
+    found = better(plain, carried, whole)
+    return None if found is None else well_known(found)
+
+
+def better(plain: WholeRobot | None, carried: WholeRobot | None, whole: RobotProblem) -> WholeRobot | None:
+    """Return the better explanation of one without and one with a payload.
+
+    Args:
+        plain: without.
+        carried: with one, as far as there still is one in it.
+        whole: with everything usual free.
+    """
     if carried is None or plain is None:
         return plain or carried
+    judge = quieter(whole, [plain, carried])
     if Payload.name not in (c.name for c in carried.problem.sums.further):  # what was found beside it may yet be better
-        judge = quieter(whole, [plain, carried])
         return max(plain, carried, key=lambda one: worth(one, judge))
     rise = needed(carried.problem, plain.problem.sums.further)
     if rise < LOADS.worth:
         return plain
     carried = as_sure(carried, rise)
-    return replace(carried, separation=nearest([carried, plain], quieter(whole, [plain, carried])))
+    return replace(carried, separation=nearest([carried, plain], judge))
 
 
 def as_sure(found: WholeRobot, rise: float) -> WholeRobot:
