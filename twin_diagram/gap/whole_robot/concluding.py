@@ -13,11 +13,12 @@ from twin_diagram.gap.correction.named_effects import specs_of
 from twin_diagram.gap.findings import Finding, Separation
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.whole_robot import estimates
-from twin_diagram.gap.whole_robot.left_out import LeftOut, Linearised, earning, free_units, units
+from twin_diagram.gap.whole_robot.left_out import LeftOut, Linearised, earning, free_units, likelihood, units
 from twin_diagram.gap.whole_robot.physical_fit import Chosen, RobotProblem, solve
 from twin_diagram.gap.whole_robot.torque_equations import OWN
 from twin_diagram.gap.whole_robot.unusual import room_for, without_doubtful
 from twin_diagram.gap.whole_robot.well_told import well_told
+from twin_diagram.model.effects.actuation import TorqueBias
 from twin_diagram.model.effects.link_inertia import InertialParameters
 from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
@@ -30,7 +31,10 @@ class Tuning:
     gone: float = 1.0
     """What a name's weakest place brings where all of it is gone: it won over what is described [nats]."""
 
-    unsure: int = 3
+    matters: float = 3.0
+    """Fall of the left-out log likelihood, for each name that is gone, from which on offsets are missed [nats]."""
+
+    unsure: int = 4
     """Times that what honest errors leave unsure is taken out."""
 
     rough: float = 1.1
@@ -96,19 +100,30 @@ def concluded(problem: RobotProblem) -> WholeRobot | None:
 def well_known(found: WholeRobot) -> WholeRobot | None:
     """Return what was found without names that honest errors leave unsure; None where nothing is left.
 
-    That comes last: what is unsure as long as something else has no name may be sure beside it.
+    That comes last: what is unsure as long as something else has no name may be sure beside it. Offsets trade with
+    what gravity makes of links, which no motion parts; they stay where left-out motion misses them.
     """
+    kept: set[tuple[str, str]] = set()
     for _ in range(TUNING.unsure):
-        lost = lost_names(found.findings)
+        lost = lost_names(found.findings) - kept
         if not lost:
             break
         fewer = said_of(*sure_ones(without_names(found.problem, found.coordinates, lost)))
+        offsets = {one for one in lost if one[0] == TorqueBias.name}
+        if offsets and (fewer is None or missed_by(found, fewer) > TUNING.matters * len(lost)):
+            kept |= offsets
+            continue
         if fewer is None:
             return None
         sure = {one.name: one.confidence for one in found.findings}  # each as sure as it was beside all of them
         findings = tuple(replace(one, confidence=min(one.confidence, sure[one.name])) for one in fewer.findings)
         found = replace(fewer, findings=findings, separation=found.separation)
     return found
+
+
+def missed_by(found: WholeRobot, fewer: WholeRobot) -> float:
+    """Return by how much likelier left-out motion is with all that was found than with less of it [nats]."""
+    return float(np.sum(likelihood(found.problem, found.left) - likelihood(found.problem, fewer.left)))
 
 
 def said_of(problem: RobotProblem, z: Array, spread: Array) -> WholeRobot | None:
