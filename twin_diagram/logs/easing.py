@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -41,7 +42,7 @@ def eased(log: Log) -> Log:
     mark = fingerprint(log)
     log = uniform(log)
     rate = (len(log) - 1) / float(log.time[-1] - log.time[0])
-    signals = {
+    signals: dict[str, Any] = {
         name: np.ascontiguousarray(smooth(values, rate, TUNING.edge * rate / every)[::every])
         for name in SIGNALS.values()
         if (values := getattr(log, name)) is not None

@@ -42,9 +42,8 @@ def straightened(log: Log) -> Log:
     if is_regular(log.time) or len(log) < 50:
         return log
     index = np.arange(len(log))
-    even: Array | None = np.polynomial.Polynomial.fit(index, log.time, 1)(index)
-    if np.max(np.abs(log.time - even)) > 0.5 * log.period:
-        even = even_times(log.time)
+    straight: Array = np.polynomial.Polynomial.fit(index, log.time, 1)(index)
+    even = straight if np.max(np.abs(log.time - straight)) <= 0.5 * log.period else even_times(log.time)
     if even is None:
         return log
     changed = replace(log, time=even, identity=fingerprint(log))

@@ -60,7 +60,7 @@ class TorqueConstants:
         log = log.named(joints) if log.numbered else log
         known = dict(zip(joints, self.of(joints).tolist(), strict=True))
         scale = np.array([known.get(joint, 1.0) for joint in log.joints])
-        signals = {
+        signals: dict[str, Any] = {
             name: values * scale
             for name in ("torque", "torque_commanded")
             if (values := getattr(log, name)) is not None
