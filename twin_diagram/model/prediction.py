@@ -45,6 +45,9 @@ __all__ = [
 class Tuning:
     """Constants of this module, chosen by hand: results do not depend on them."""
 
+    long_rate: float = 200.0
+    """Of long and fast logs, samples per second that are rolled out to: ten minutes are 600 000 rollouts else [1/s]."""
+
     starts_at_once: int = 4096
     """Rollouts that run side by side: they share the work per step, but their arrays must stay in memory."""
 
@@ -73,11 +76,14 @@ def _torque_or_none(log: Log) -> Array | None:
     return None if log.torque is None and log.torque_commanded is None else log.motor_torque
 
 
-def position_predicted(model: Model, log: Log, horizon: float = 0.2, smooth: Motion | None = None) -> Array:
+def position_predicted(
+    model: Model, log: Log, horizon: float = 0.2, smooth: Motion | None = None, every: int = 1
+) -> Array:
     """Return the positions (N, n), each rolled out open loop from the measured state `horizon` seconds earlier [rad].
 
     The rollout starts at the measured position and the smoothed velocity, and applies the measured torques. Samples
-    earlier than `horizon` after the log's begin are rolled out from its first sample.
+    earlier than `horizon` after the log's begin are rolled out from its first sample. Where `every` is more than one,
+    only each so many-th sample is rolled out to, and how far it is from the motion goes evenly in between.
 
     Raises:
         LogError: the horizon is not positive, or longer than the log.
@@ -93,10 +99,14 @@ def position_predicted(model: Model, log: Log, horizon: float = 0.2, smooth: Mot
     if steps > 1:
         early = trajectory(*rolled.arguments(np.zeros(1, dtype=np.int64), steps - 1), arrived=True)
         result[1:steps] = [position[0] for position in early]
-    starts = np.arange(len(regular) - steps)
+    starts = np.arange(0, len(regular) - steps, every)
     for first in range(0, len(starts), TUNING.starts_at_once):
         chosen = starts[first : first + TUNING.starts_at_once]
         result[chosen + steps] = rollout(*rolled.arguments(chosen, steps), arrived=True)
+    if every > 1:
+        known = np.concatenate([np.arange(steps), starts + steps])
+        away = _at(regular.time, regular.time[known], result[known] - smooth.position[known])
+        result = smooth.position + away
     return _at(log.time, regular.time, result)
 
 
@@ -277,7 +287,8 @@ def predict(
     used = eased(even)
     smooth = motion(used)
     predicted = {"time": measured.time}
-    arrived = position_predicted(loaded, used, horizon, smooth)
+    every = 1 if used is even else max(1, round(1.0 / (TUNING.long_rate * used.period)))
+    arrived = position_predicted(loaded, used, horizon, smooth, every)
     for name, values in (
         ("torque_predicted", _at(even.time, used.time, torque_predicted(loaded, used, smooth))),
         ("position_predicted", _at(even.time, used.time, arrived) - turned),
