@@ -20,6 +20,7 @@ from twin_diagram.logs.measured_log import Log
 from twin_diagram.signals.arrays import Array
 
 OPTION = "--torque-constants"
+"""Of the command line, for messages."""
 
 
 @dataclass(frozen=True)
