@@ -40,6 +40,9 @@ class Tuning:
     laws: float = 240.0
     """Samples per second that are enough where laws are worked out in full [1/s]."""
 
+    spare: float = 2.5
+    """Times that rate that is not yet too much."""
+
     least_band: float = 8.0
     """Motion of arms and the edges of dry friction need at least this [Hz]."""
 
@@ -304,10 +307,13 @@ def moves(log: Log) -> bool:
 
 
 def round_stride(rate: float, stride: int) -> int:
-    """Return a stride of thinning, lowered to a multiple of that at which laws are worked out (`TUNING.laws`).
+    """Return a stride of thinning, lowered where nothing near `TUNING.laws` lies between the log's and the thinned rate.
 
-    One that is prime would leave nothing between the log's own rate and the thinned one.
+    A prime one would have laws worked out at the log's own rate.
     """
+    most = TUNING.spare * TUNING.laws
+    if any(stride % k == 0 and TUNING.laws <= rate / k <= most for k in range(1, stride + 1)) or rate <= most:
+        return stride
     every = max(1, int(rate / TUNING.laws + 1e-6))
     return every * max(1, stride // every)
 
