@@ -307,7 +307,7 @@ def moves(log: Log) -> bool:
 
 
 def round_stride(rate: float, stride: int) -> int:
-    """Return a stride of thinning, lowered where nothing near `TUNING.laws` lies between the log's and the thinned rate.
+    """Return a stride of thinning, lowered where no rate near `TUNING.laws` lies between a log's and the thinned one.
 
     A prime one would have laws worked out at the log's own rate.
     """
