@@ -11,7 +11,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from twin_diagram.assets.command import add_asset_commands
 from twin_diagram.errors import TwinError
@@ -22,6 +22,9 @@ from twin_diagram.runs.learning.command import add_learn_command
 from twin_diagram.runs.tracking.command import add_track_command
 from twin_diagram.runtime.stopping import Stopped, stoppable
 from twin_diagram.runtime.threads import one_thread
+
+if TYPE_CHECKING:
+    from twin_diagram.logs.torque_constants import TorqueConstants
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -142,6 +145,7 @@ def _add_log_commands(commands: Any) -> None:
     predict.add_argument("--out", required=True, type=Path, help="where the prediction is written, .csv or .npz")
     predict.add_argument("--horizon", type=float, default=0.2, help="length of a rollout [s] (default: %(default)s)")
     _add_columns(predict)
+    _add_torque_constants(predict)
     _add_torque_side(predict)
     _add_packages(predict)
     predict.set_defaults(command=_predict)
@@ -157,6 +161,7 @@ def _add_log_commands(commands: Any) -> None:
     )
     fleet_command.add_fleet_options(gap)
     _add_columns(gap)
+    _add_torque_constants(gap)
     _add_torque_side(gap)
     _add_packages(gap)
     gap.set_defaults(command=_gap, refuse=gap.error)
@@ -168,6 +173,22 @@ def _add_columns(parser: argparse.ArgumentParser) -> None:
         metavar="MAP",
         help="what a foreign log's columns mean: a YAML file or a preset (libfranka, franka_ros, ur_rtde, iiwa_fri, …)",
     )
+
+
+def _add_torque_constants(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--torque-constants",
+        nargs="+",
+        metavar="K",
+        help="the log holds currents [A] (current_measured, or in the place of torques): each joint's torque over "
+        "current [N·m/A, motor constant times gear ratio] in the model's order, JOINT=K, or a YAML file",
+    )
+
+
+def _constants(arguments: argparse.Namespace) -> TorqueConstants | None:
+    from twin_diagram.logs.torque_constants import torque_constants
+
+    return None if arguments.torque_constants is None else torque_constants(arguments.torque_constants)
 
 
 def _add_torque_side(parser: argparse.ArgumentParser) -> None:
@@ -303,7 +324,7 @@ def _predict(arguments: argparse.Namespace) -> int:
         raise TwinError(f"--horizon {arguments.horizon}: the length of a rollout is positive [s]")
     packages = _packages(arguments)
     given = (arguments.model, arguments.log, arguments.out, arguments.horizon, packages, arguments.columns)
-    predict(*given, say=print, torque_side=arguments.torque_side)
+    predict(*given, say=print, torque_side=arguments.torque_side, constants=_constants(arguments))
     return 0
 
 
@@ -330,6 +351,7 @@ def _gap(arguments: argparse.Namespace) -> int:
             packages=_packages(arguments),
             columns=arguments.columns,
             torque_side=arguments.torque_side,
+            constants=_constants(arguments),
         )
     except LinAlgError as error:  # more that could explain the runs than samples to tell it by
         raise TwinError(

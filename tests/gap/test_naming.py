@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from twin_diagram.gap.naming import name
-from twin_diagram.gap.residuals.prepared_logs import prepare, straightened
+from twin_diagram.gap.residuals.prepared_logs import prepare
 from twin_diagram.gap.residuals.whitening import estimate
 from twin_diagram.gap.verdict.locating import CONDITIONS
 from twin_diagram.logs import Log
+from twin_diagram.logs.straightening import straightened
 from twin_diagram.model.model import Model
 from twin_diagram.scenario import ArmModel, EffectSpec
 

@@ -23,6 +23,8 @@ from twin_diagram.gap.report import page as report
 from twin_diagram.gap.report.comparison import Shown, show
 from twin_diagram.gap.report.section_gap import lost
 from twin_diagram.gap.report.subject import Subject
+from twin_diagram.gap.residuals.prepared_logs import prepare
+from twin_diagram.gap.residuals.regressors import Terms, given_load, levers, slow_speed
 from twin_diagram.gap.verdict.locating import CONDITIONS, said
 from twin_diagram.gap.verdict.posterior import unit_of
 from twin_diagram.gap.workflow import Gap, run_gap
@@ -56,6 +58,13 @@ def gap(model: Model, folder: Path) -> Gap:
 def shown(model: Model) -> Shown:
     fit, held = (bench.run(model, seed=1010 + k, duration=2.5) for k in range(2))
     return show(model, model, [fit], held, np.full(2, 0.03))
+
+
+def test_what_is_slow_on_a_rail_is_told_in_metres(model: Model) -> None:
+    records = prepare(model, [bench.run(model, seed=1010, duration=2.9)])
+    np.testing.assert_allclose(levers(records), [0.25, 1.0])
+    terms = Terms(records, given_load(records), slow_speed(records))
+    assert terms.resting(0) == pytest.approx(0.004, rel=0.5) and terms.resting(1) >= 0.016
 
 
 def text_of(page: str) -> str:

@@ -118,6 +118,13 @@ def test_lagging_velocity_is_left_out(truth: Log) -> None:
         assert np.all(torque_residual_rms(MODEL, replace(truth, velocity=velocity)) < 0.05)
 
 
+def test_rollouts_to_some_samples_alone_tell_of_those_between(truth: Log) -> None:
+    short = truth.between(0.0, 2.0)
+    every, some = position_predicted(MODEL, short), position_predicted(MODEL, short, every=4)
+    away, apart = np.std(every - short.position), np.std(some - every)
+    assert apart < 0.1 * away + 1e-5
+
+
 def test_each_position_is_rolled_out_from_its_own_past(truth: Log) -> None:
     """The samples before the horizon start at the log's begin; a wrong torque later does not reach earlier samples."""
     short = truth.between(0.0, 1.0)

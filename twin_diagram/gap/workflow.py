@@ -25,12 +25,16 @@ from twin_diagram.gap.findings import Verdict
 from twin_diagram.gap.report import gap_json, page
 from twin_diagram.gap.report.comparison import Shown, show
 from twin_diagram.gap.report.subject import Subject
+from twin_diagram.gap.residuals import torque_sense
 from twin_diagram.gap.residuals.prepared_logs import TUNING as PREPARED_LOGS
 from twin_diagram.gap.residuals.prepared_logs import moves, prepare, usable
 from twin_diagram.gap.verdict.deciding import TUNING as DECIDING
 from twin_diagram.gap.verdict.probabilities import less_sure
 from twin_diagram.gap.whole_robot.few_or_whole import Explanation, explained, nameless, standing_after
-from twin_diagram.logs import Log, read_log, write_columns
+from twin_diagram.logs import Log, fingerprint, read_log, write_columns
+from twin_diagram.logs.easing import eased
+from twin_diagram.logs.straightening import straightened
+from twin_diagram.logs.torque_constants import TorqueConstants
 from twin_diagram.model.description import corrected_folder
 from twin_diagram.model.model import Model
 from twin_diagram.model.prediction import as_explained, load_model_for
@@ -122,6 +126,7 @@ def run_gap(
     packages: Mapping[str, str | Path] | None = None,
     columns: str | Path | None = None,
     torque_side: str | None = None,
+    constants: TorqueConstants | None = None,
 ) -> Gap:
     """Find what a model lacks, add it, and show the gap shrink.
 
@@ -135,6 +140,7 @@ def run_gap(
         columns: what foreign logs' columns mean, see `read_log`.
         torque_side: of the gears that torques were measured on: `motor`, or `link`, where no rotor shows;
             None: as the folder of a corrected model says, else `motor`.
+        constants: of the motors, where the logs hold currents.
 
     Raises:
         TwinError: model, logs or folder cannot be used; nothing is written.
@@ -144,8 +150,9 @@ def run_gap(
     if out is not None and (why := why_not(out, folder=True)):
         raise TwinError(f"--out {out}: {why}")
     say("reading the logs")
-    given, logs, held, notes = _read(model, fit, holdout, packages, columns, torque_side)
+    given, logs, held, notes = _read(model, fit, holdout, packages, columns, torque_side, constants)
     records = prepare(given, logs)
+    notes += torque_sense.checked(records)
     standing = corrected_folder.standing_of(model)
     if not standing.established:
         notes.append(f"{model}: is a partial explanation that was not established")
@@ -181,6 +188,12 @@ def _proved(
     if found.whole is None and corrected is not given and not agrees():
         notes.append("what was named did not shrink the gap on the held-out run on all joints, and was dropped")
         verdict, corrected, shown = nameless(verdict), given, shown.uncorrected()
+    if corrected is not given and np.any(worse := shown.worse()):
+        joints = ", ".join(joint for joint, one in zip(given.joints, worse, strict=True) if one)
+        notes.append(
+            f"on the held-out run the corrected model is further off than the given one on {joints}: it is another "
+            "robot's, or what was named holds of the fitted motion alone"
+        )
     if corrected is not given and not shown.is_exercised():
         notes.append(
             "the held-out run does nothing in which the two models differ, so it proves nothing: hold out a run that "
@@ -274,21 +287,19 @@ def _read(
     packages: Mapping[str, str | Path] | None,
     columns: str | Path | None = None,
     torque_side: str | None = None,
+    constants: TorqueConstants | None = None,
 ) -> tuple[Model, list[Log], Log, list[str]]:
     if not fit:
         raise LogError("no log to fit: give at least one with --fit")
     if not Path(model).exists():
         raise ModelError(f"{model}: no such file or folder")
-    raw = [read_log(path, columns) for path in fit]
-    held = read_log(holdout, columns)
-    given, first, warnings = load_model_for(raw[0], model, packages, torque_side)
-    logs = [first]
-    for log in raw[1:]:
-        own, more = as_explained(given, log)
-        logs.append(own)
+    given, first, warnings = load_model_for(read_log(fit[0], columns), model, packages, torque_side, constants)
+    logs = [eased(straightened(first))]
+    for path in [*fit[1:], holdout]:  # one at a time: each may be as large as all that is kept of them
+        own, more = as_explained(given, read_log(path, columns), constants)
+        logs.append(eased(straightened(own)))
         warnings += more
-    kept, more = as_explained(given, held)
-    warnings += more
+    kept = logs.pop()
     for log in logs:
         usable(log)
     usable(kept, PREPARED_LOGS.shortest_held)
@@ -301,13 +312,9 @@ def _read(
         notes.append(
             "torques were measured behind the gears: friction is what is left of it there, and rotors do not show"
         )
-    if any(_same(log, held) for log in raw):
-        notes.append(f"{held.source}: is also a fitted run, so it proves nothing; hold out another one")
+    if fingerprint(kept) in map(fingerprint, logs):
+        notes.append(f"{kept.source}: is also a fitted run, so it proves nothing; hold out another one")
     return given, logs, kept, notes
-
-
-def _same(a: Log, b: Log) -> bool:
-    return a.joints == b.joints and np.array_equal(a.time, b.time) and np.array_equal(a.position, b.position)
 
 
 def _experiments(

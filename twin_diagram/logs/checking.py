@@ -143,6 +143,8 @@ def _dead(log: Log) -> list[LogWarning]:
     for k, joint in enumerate(log.joints):
         if not np.any(log.motor_torque[:, k]):
             result.append(LogWarning("no_torque", f"{log.source}: the torque of {joint} is zero throughout", joint))
+        elif not np.ptp(log.motor_torque[:, k]):
+            result.append(LogWarning("no_torque", f"{log.source}: the torque of {joint} never changes", joint))
     return result
 
 

@@ -37,6 +37,7 @@ class Log:
         identity: `fingerprint` of the log that it was made from; empty: of its own.
         notes: what its reader found worth saying.
         numbered: whether its joints are only numbered, in a model's order: any model's names fit.
+        currents: whether its torques are the motors' currents [A], which `TorqueConstants` makes torques of.
     """
 
     time: Array
@@ -50,6 +51,7 @@ class Log:
     identity: str = ""
     notes: tuple[str, ...] = ()
     numbered: bool = False
+    currents: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", tuple(self.joints))
@@ -74,8 +76,13 @@ class Log:
         """The motors' torque (N, n): measured, or commanded where it is not measured [N·m].
 
         Raises:
-            LogError: neither is logged.
+            LogError: neither is logged, or currents are.
         """
+        if self.currents:
+            raise LogError(
+                f"{self.source}: holds currents; --torque-constants tells each joint's torque over current [N·m/A, "
+                "motor constant times gear ratio], which nobody can guess"
+            )
         torque = self.torque if self.torque is not None else self.torque_commanded
         if torque is None:
             raise LogError(
@@ -138,6 +145,9 @@ class Log:
 
 
 def _frozen(values: Any) -> Array:
+    """Return the values as an array that nobody writes to; itself where it is one already."""
+    if isinstance(values, np.ndarray) and values.dtype == float and values.base is None and not values.flags.writeable:
+        return values
     array = np.array(values, dtype=float)
     array.setflags(write=False)
     return array

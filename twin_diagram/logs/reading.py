@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import csv
-import io
 import math
 import zipfile
+from array import array
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -26,11 +26,16 @@ class Tuning:
     fewest: int = 10
     """Samples that make a log: a spline of fifth order and its ends need as many."""
 
+    block: int = 1 << 24
+    """Bytes of a file that are looked at at a time."""
+
 
 TUNING = Tuning()
 
 TORQUES = ("torque_measured", "torque_commanded")
 """Signals of which a log needs one."""
+CURRENT = "current_measured"
+"""A signal that stands for the first of them [A] where a log has none of them."""
 BAGS = (".mcap", ".db3", ".bag")
 """Endings of ROS bags: ROS 2's two stores, and ROS 1."""
 LCM_LOGS = (".lcm", ".lcmlog", ".log")
@@ -40,11 +45,11 @@ LCM_LOGS = (".lcm", ".lcmlog", ".log")
 def read_log(path: str | Path, columns: str | Path | None = None) -> Log:
     """Read a measured log: CSV or .npz in the log format, a ROS bag, or an LCM log.
 
-    CSV and .npz have columns `time` [s], then `<signal>.<joint>` with the signals of `measured_log.SIGNALS`; columns of
-    other names are left out. Of a ROS bag (.mcap, .db3, .bag, or a bag's folder) the joint states are read (`ros_bag`),
-    of an LCM log the status messages of an iiwa or a Panda (`lcm_log`); `FILE#NAME` names the topic or channel where
-    there are several. The values are taken as they are, but for what no one could use; `checking.check` looks at their
-    sense.
+    CSV and .npz have columns `time` [s], then `<signal>.<joint>` with the signals of `measured_log.SIGNALS`, or
+    `current_measured` [A] where there is no torque; columns of other names are left out. Of a ROS bag (.mcap, .db3,
+    .bag, or a bag's folder) the joint states are read (`ros_bag`), of an LCM log the status messages of an iiwa or a
+    Panda (`lcm_log`); `FILE#NAME` names the topic or channel where there are several. The values are taken as they are,
+    but for what no one could use; `checking.check` looks at their sense.
 
     Args:
         path: the file.
@@ -129,6 +134,7 @@ def log_from_columns(columns: Mapping[str, Array], source: str, where: Callable[
     joints = [name.partition(".")[2] for name in columns if name.startswith("position_measured.")]
     if not joints:
         raise LogError(f"{source}: has no column `position_measured.<joint>`; its columns are {_few(list(columns))}")
+    columns, currents = _currents_as_torques(columns)
     idle = _without_torque(columns, joints)
     joints = [joint for joint in joints if joint not in idle]
     columns = {name: values for name, values in columns.items() if name.partition(".")[2] not in idle}
@@ -140,7 +146,8 @@ def log_from_columns(columns: Mapping[str, Array], source: str, where: Callable[
             continue
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
-            raise LogError(f"{source}: {where(int(bad[0]))}: {name} is {_say(values[bad[0]])}")
+            shown = name.replace(TORQUES[0], CURRENT) if currents else name
+            raise LogError(f"{source}: {where(int(bad[0]))}: {shown} is {_say(values[bad[0]])}")
     _check_time(time, source, where)
     signals: dict[str, Any] = {
         attribute: signal
@@ -148,7 +155,15 @@ def log_from_columns(columns: Mapping[str, Array], source: str, where: Callable[
         if (signal := _signal(columns, name, joints, source)) is not None
     }
     notes = tuple(f"{source}: {joint} has no torque and is left out" for joint in idle)
-    return Log(time=time, joints=tuple(joints), source=source, notes=notes, **signals)
+    return Log(time=time, joints=tuple(joints), source=source, notes=notes, currents=currents, **signals)
+
+
+def _currents_as_torques(columns: Mapping[str, Array]) -> tuple[dict[str, Array], bool]:
+    """Return the columns with currents in the place of torques where there are no torques, and whether it is so."""
+    signals = {name.partition(".")[0] for name in columns}
+    if CURRENT not in signals or signals & set(TORQUES):
+        return dict(columns), False
+    return {name.replace(f"{CURRENT}.", f"{TORQUES[0]}.", 1): values for name, values in columns.items()}, True
 
 
 def _without_torque(columns: Mapping[str, Array], joints: Sequence[str]) -> list[str]:
@@ -183,12 +198,15 @@ def _check_time(time: Array, source: str, where: Callable[[int], str]) -> None:
 
 
 def read_columns(path: Path) -> dict[str, Array]:
-    """Return the columns of a CSV file of numbers with one line of names."""
+    """Return the columns of a CSV file of numbers with one line of names.
+
+    The file is read piece by piece: a log of ten minutes at 5 kHz is half a gigabyte of text.
+    """
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        with path.open(encoding="utf-8-sig") as file:
+            head = file.readline()
     except UnicodeDecodeError as error:
-        raise LogError(f"{path}: not a text file; a .csv log is UTF-8 text") from error
-    head, _, body = text.partition("\n")
+        raise _no_text(path) from error
     names = [name.strip() for name in next(csv.reader([head]), [])]
     if not any(names):
         raise LogError(f"{path}: is empty; its first line must name the columns")
@@ -197,16 +215,33 @@ def read_columns(path: Path) -> dict[str, Array]:
     for name in names:
         if names.count(name) > 1:
             raise LogError(f"{path}: column {name!r} is there {names.count(name)} times")
+    table = _quickly(path, len(names))
+    if table is None:
+        table = _slowly(path, names)
+    return {name: table[:, k] for k, name in enumerate(names)}
+
+
+def _no_text(path: Path) -> LogError:
+    return LogError(f"{path}: not a text file; a .csv log is UTF-8 text")
+
+
+def _quickly(path: Path, width: int) -> Array | None:
+    """Return the numbers (N, width) below the first line; None where not every line holds as many."""
+    with path.open("rb") as file:
+        last, lines = b"", 0
+        while block := file.read(TUNING.block):
+            last, lines = block[-1:], lines + block.count(b"\n")
+    lines += last not in (b"\n", b"")
+    if lines < 2:  # NumPy warns of what is empty
+        return None
     try:
-        if "\n\n" in body.rstrip() or body.startswith("\n") or not body.strip():
-            raise ValueError  # NumPy skips blank lines, and warns of what is empty
-        table = np.loadtxt(io.StringIO(body), delimiter=",", ndmin=2, comments=None)
-        if table.size and table.shape[1] != len(names):
-            raise ValueError
+        with path.open(encoding="utf-8-sig") as file:
+            table = np.loadtxt(file, delimiter=",", ndmin=2, comments=None, skiprows=1)
+    except UnicodeDecodeError as error:
+        raise _no_text(path) from error
     except ValueError:
-        table = _slowly(path, names, body)
-    table = table.reshape(-1, len(names))
-    return {name: np.ascontiguousarray(table[:, k]) for k, name in enumerate(names)}
+        return None
+    return table if table.shape == (lines - 1, width) else None  # NumPy skips blank lines
 
 
 def read_foreign_columns(path: Path, wanted: Sequence[str]) -> dict[str, Array]:
@@ -220,7 +255,7 @@ def read_foreign_columns(path: Path, wanted: Sequence[str]) -> dict[str, Array]:
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except UnicodeDecodeError as error:
-        raise LogError(f"{path}: not a text file; a .csv log is UTF-8 text") from error
+        raise _no_text(path) from error
     if not lines or not lines[0].strip():
         raise LogError(f"{path}: is empty; its first line must name the columns")
     mark = next((mark for mark in ",;\t" if mark in lines[0]), "")
@@ -245,32 +280,43 @@ def read_foreign_columns(path: Path, wanted: Sequence[str]) -> dict[str, Array]:
 
 
 def _numbers_of(cells: Sequence[str], path: Path, name: str) -> Array:
-    values: Array = np.empty(len(cells))
-    for k, cell in enumerate(cells):
-        try:
-            values[k] = float(cell)
-        except ValueError:
-            shown = "is empty" if not cell else f"is {cell[:40]!r}, not a number"
-            raise LogError(f"{path}: line {k + 2}: {name} {shown}") from None
-    return values
+    return np.array([_number(cell, f"{path}: line {k + 2}: {name}") for k, cell in enumerate(cells)], dtype=float)
 
 
-def _slowly(path: Path, names: Sequence[str], body: str) -> Array:
+def _slowly(path: Path, names: Sequence[str]) -> Array:
     """Read cell by cell: quoted cells and blank lines at the end pass, anything else is named."""
-    rows = list(csv.reader(io.StringIO(body)))
-    while rows and not any(cell.strip() for cell in rows[-1]):
-        rows.pop()
-    table = np.empty((len(rows), len(names)))
-    for k, row in enumerate(rows):
-        if len(row) != len(names):
-            raise LogError(f"{path}: line {k + 2} has {len(row)} cell(s), the first line names {len(names)} columns")
-        for column, cell in enumerate(row):
-            try:
-                table[k, column] = float(cell)
-            except ValueError:
-                shown = "is empty" if not cell.strip() else f"is {cell.strip()[:40]!r}, not a number"
-                raise LogError(f"{path}: line {k + 2}: {names[column]} {shown}") from None
-    return table
+    cells = array("d")
+    blank: list[tuple[int, int]] = []
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            file.readline()
+            for k, row in enumerate(csv.reader(file)):
+                if not any(cell.strip() for cell in row):
+                    blank.append((k, len(row)))
+                    continue
+                for at, width in [*blank, (k, len(row))]:
+                    if width != len(names):
+                        raise LogError(
+                            f"{path}: line {at + 2} has {width} cell(s), the first line names {len(names)} columns"
+                        )
+                if blank:
+                    raise LogError(f"{path}: line {blank[0][0] + 2}: {names[0]} is empty")
+                cells.extend(
+                    _number(cell, f"{path}: line {k + 2}: {name}") for name, cell in zip(names, row, strict=True)
+                )
+    except UnicodeDecodeError as error:
+        raise _no_text(path) from error
+    except csv.Error as error:
+        raise LogError(f"{path}: is no table of numbers: {error}") from error
+    return np.array(cells).reshape(-1, len(names))
+
+
+def _number(cell: str, where: str) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        shown = "is empty" if not cell.strip() else f"is {cell.strip()[:40]!r}, not a number"
+        raise LogError(f"{where} {shown}") from None
 
 
 def _read_npz(path: Path) -> dict[str, Array]:

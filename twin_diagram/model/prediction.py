@@ -18,6 +18,9 @@ from pydrake.multibody.tree import PrismaticJoint, RevoluteJoint
 from twin_diagram.errors import LogError
 from twin_diagram.logs import Log, LogWarning, check, fingerprint, read_log, unwrapped, write_columns
 from twin_diagram.logs.differentiation import Motion, below_cutoff, inner, lowpass, motion
+from twin_diagram.logs.easing import eased
+from twin_diagram.logs.straightening import straightened
+from twin_diagram.logs.torque_constants import TorqueConstants
 from twin_diagram.logs.writing import check_kind
 from twin_diagram.model.description import add_arm as description
 from twin_diagram.model.model import Model
@@ -41,6 +44,9 @@ __all__ = [
 @dataclass(frozen=True)
 class Tuning:
     """Constants of this module, chosen by hand: results do not depend on them."""
+
+    long_rate: float = 200.0
+    """Of long and fast logs, samples per second that are rolled out to: ten minutes are 600 000 rollouts else [1/s]."""
 
     starts_at_once: int = 4096
     """Rollouts that run side by side: they share the work per step, but their arrays must stay in memory."""
@@ -70,11 +76,14 @@ def _torque_or_none(log: Log) -> Array | None:
     return None if log.torque is None and log.torque_commanded is None else log.motor_torque
 
 
-def position_predicted(model: Model, log: Log, horizon: float = 0.2, smooth: Motion | None = None) -> Array:
+def position_predicted(
+    model: Model, log: Log, horizon: float = 0.2, smooth: Motion | None = None, every: int = 1
+) -> Array:
     """Return the positions (N, n), each rolled out open loop from the measured state `horizon` seconds earlier [rad].
 
     The rollout starts at the measured position and the smoothed velocity, and applies the measured torques. Samples
-    earlier than `horizon` after the log's begin are rolled out from its first sample.
+    earlier than `horizon` after the log's begin are rolled out from its first sample. Where `every` is more than one,
+    only each so many-th sample is rolled out to, and how far it is from the motion goes evenly in between.
 
     Raises:
         LogError: the horizon is not positive, or longer than the log.
@@ -90,10 +99,14 @@ def position_predicted(model: Model, log: Log, horizon: float = 0.2, smooth: Mot
     if steps > 1:
         early = trajectory(*rolled.arguments(np.zeros(1, dtype=np.int64), steps - 1), arrived=True)
         result[1:steps] = [position[0] for position in early]
-    starts = np.arange(len(regular) - steps)
+    starts = np.arange(0, len(regular) - steps, every)
     for first in range(0, len(starts), TUNING.starts_at_once):
         chosen = starts[first : first + TUNING.starts_at_once]
         result[chosen + steps] = rollout(*rolled.arguments(chosen, steps), arrived=True)
+    if every > 1:
+        known = np.concatenate([np.arange(steps), starts + steps])
+        away = _at(regular.time, regular.time[known], result[known] - smooth.position[known])
+        result = smooth.position + away
     return _at(log.time, regular.time, result)
 
 
@@ -190,14 +203,18 @@ def rollout_rms(
 
 
 def load_model_for(
-    log: Log, model: str | Path, packages: Mapping[str, str | Path] | None = None, torque_side: str | None = None
+    log: Log,
+    model: str | Path,
+    packages: Mapping[str, str | Path] | None = None,
+    torque_side: str | None = None,
+    constants: TorqueConstants | None = None,
 ) -> tuple[Model, Log, list[LogWarning]]:
     """Return a model and a log that go together.
 
     The model with the log's joints, the log in the model's order, checked.
 
     Joints of the description that are driven by default must be in the log; prismatic joints become the arm's where
-    the log has them. `torque_side` as of `Model.load`.
+    the log has them. `torque_side` as of `Model.load`, `constants` as of `as_explained`.
 
     Raises:
         ModelError: see `Model.load`.
@@ -213,17 +230,18 @@ def load_model_for(
     logged = [joint for joint in movable if joint in loaded.joints or joint in log.joints]
     if len(logged) > len(loaded.joints):
         loaded = Model.load(replace(spec, joints=logged), packages, torque_side=torque_side)
-    return (loaded, *as_explained(loaded, log))
+    return (loaded, *as_explained(loaded, log, constants))
 
 
-def as_explained(model: Model, log: Log) -> tuple[Log, list[LogWarning]]:
+def as_explained(model: Model, log: Log, constants: TorqueConstants | None = None) -> tuple[Log, list[LogWarning]]:
     """Return a log as a model explains it: checked, with the model's joints in its order.
 
-    Angles that go on past a turn.
+    Angles that go on past a turn; torques where `constants` say what its currents are worth.
 
     Raises:
         LogError: see `logs.check`.
     """
+    log = log if constants is None else constants.applied(log, model.joints)
     warnings = check(log, model.limits)
     own, wrapped = unwrapped(log.select(model.joints), model.limits)
     return own, warnings + wrapped
@@ -239,6 +257,7 @@ def predict(
     columns: str | Path | None = None,
     say: Callable[[str], None] | None = None,
     torque_side: str | None = None,
+    constants: TorqueConstants | None = None,
 ) -> list[LogWarning]:
     """Read a log, and writes `torque_predicted.<joint>` and `position_predicted.<joint>` for each of its samples.
 
@@ -251,6 +270,7 @@ def predict(
         columns: what a foreign log's columns mean, see `read_log`.
         say: told each joint's root mean square of measured less predicted torque and position, without the log's ends.
         torque_side: of the gears that the torque was measured on, `motor` or `link`; None: as the model says.
+        constants: of the motors, where the log holds currents.
 
     Raises:
         TwinError: the model or the log cannot be used; nothing is written.
@@ -259,21 +279,24 @@ def predict(
     if why := why_not(out, folder=False):
         raise LogError(f"--out {out}: {why}")
     raw = read_log(log, columns)
-    loaded, measured, warnings = load_model_for(raw, model, packages, torque_side)
+    loaded, measured, warnings = load_model_for(raw, model, packages, torque_side, constants)
     turned = measured.position - raw.select(loaded.joints).position
     for warning in warnings:
         logging.getLogger("twin_diagram").warning("%s (%s)", warning.message, warning.code)
-    smooth = motion(measured)
+    even = straightened(measured)
+    used = eased(even)
+    smooth = motion(used)
     predicted = {"time": measured.time}
-    arrived = position_predicted(loaded, measured, horizon, smooth)
+    every = 1 if used is even else max(1, round(1.0 / (TUNING.long_rate * used.period)))
+    arrived = position_predicted(loaded, used, horizon, smooth, every)
     for name, values in (
-        ("torque_predicted", torque_predicted(loaded, measured, smooth)),
-        ("position_predicted", arrived - turned),
+        ("torque_predicted", _at(even.time, used.time, torque_predicted(loaded, used, smooth))),
+        ("position_predicted", _at(even.time, used.time, arrived) - turned),
     ):
         predicted |= {f"{name}.{joint}": values[:, k] for k, joint in enumerate(loaded.joints)}
     write_columns(predicted, out)
     if say is not None:
-        for line in _misfit(loaded, measured, smooth, arrived, horizon):
+        for line in _misfit(loaded, used, smooth, arrived, horizon):
             say(line)
     return warnings
 

@@ -17,13 +17,14 @@ from twin_diagram.gap.residuals.prepared_logs import (
     moves,
     prepare,
     roughness,
+    round_stride,
     shaken,
-    straightened,
     trusted_band,
     usable,
 )
 from twin_diagram.logs import Log, fingerprint
 from twin_diagram.logs.differentiation import lowpass
+from twin_diagram.logs.straightening import straightened
 
 Array = npt.NDArray[np.float64]
 
@@ -212,8 +213,18 @@ def test_a_log_without_torque_or_no_log_at_all_cannot_be_compared() -> None:
     silent = log_of()
     with pytest.raises(LogError, match="zero throughout"):
         usable(replace(silent, torque=np.zeros_like(silent.position)))
+    with pytest.raises(LogError, match="no torque ever changes"):
+        usable(replace(silent, torque=np.ones_like(silent.position)))
     with pytest.raises(LogError, match="at least one"):
         prepare(ARM, [])
+
+
+@pytest.mark.parametrize(("rate", "stride"), [(4850.0, 97), (5000.0, 142), (1000.0, 20), (250.0, 5), (60.0, 1)])
+def test_a_thinned_log_keeps_a_rate_between_its_own_and_the_thinned_one(rate: float, stride: int) -> None:
+    rounded = round_stride(rate, stride)
+    assert 0.8 * stride <= rounded <= stride
+    between = [k for k in range(1, rounded + 1) if rounded % k == 0 and rate / k >= min(240.0, rate)]
+    assert rate / max(between) <= 600.0
 
 
 def test_what_gears_pass_on_is_without_dry_friction() -> None:

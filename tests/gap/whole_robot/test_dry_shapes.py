@@ -51,6 +51,17 @@ def test_bristles_go_to_the_level_exponentially_and_back_after_a_turn() -> None:
     np.testing.assert_allclose(bent(-q, 0.01), -share)
 
 
+def test_bristles_at_rest_follow_each_small_turn() -> None:
+    """Against the law, step by step, on an angle that trembles and rests."""
+    rng = np.random.default_rng(2)
+    q = np.cumsum(rng.choice([-1e-3, 0.0, 2e-3], 500))
+    steps, share = np.diff(q), bent(q, WAY)
+    for k, step in enumerate(steps):
+        sign = np.sign(step)
+        expected = sign + (share[k] - sign) * np.exp(-abs(step) / WAY) if step else share[k]
+        assert share[k + 1] == pytest.approx(expected, abs=1e-9)
+
+
 def test_friction_that_builds_up_over_a_way_is_found_with_its_level() -> None:
     problem, z = fitted(bending())
     assert {shape.way for shape in problem.sums.shapes} == {WAY}

@@ -12,7 +12,8 @@ from tests.gap.made import ARM, effect, everywhere, record, swing
 from twin_diagram.gap.correction.named_effects import specs_of
 from twin_diagram.gap.findings import Estimate, Finding
 from twin_diagram.gap.residuals.prepared_logs import Records
-from twin_diagram.gap.whole_robot.explain import WholeRobot, explain
+from twin_diagram.gap.whole_robot.concluding import WholeRobot
+from twin_diagram.gap.whole_robot.explain import explain
 from twin_diagram.model.model import Model
 
 DAMPING, LEVEL, BIAS, ROTOR = 3.0, 4.0, 1.5, 0.8

@@ -98,3 +98,11 @@ def test_the_verdict_of_the_whole_says_where_and_whether_something_is_left() -> 
     rough = replace(whole, fitted=10.0 * bare.noise_floor)
     assert taking_over.as_named(records, bare, rough).remainder
     assert not taking_over.as_named(records, bare, rough, 10.0 * bare.noise_floor).remainder
+
+
+def test_a_residual_at_the_noise_floor_is_no_gap() -> None:
+    log = log_of(ARM)
+    noise = np.random.default_rng(1).normal(size=log.position.shape)
+    noisy_log = replace(log, torque=log.motor_torque + noise)
+    left = np.exp(taking_over.size_of(ARM, [noisy_log]))
+    assert taking_over.is_noise(ARM, [noisy_log], left / 1.2) and not taking_over.is_noise(ARM, [noisy_log], left / 1.3)

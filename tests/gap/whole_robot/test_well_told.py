@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from twin_diagram.gap.findings import Estimate, Finding
+from twin_diagram.gap.whole_robot.concluding import lost_names
 from twin_diagram.gap.whole_robot.well_told import well_told
 
 
@@ -38,3 +39,11 @@ def test_what_has_no_size_stands() -> None:
     curve = {"a": Estimate([0.0, 1.0, 5.0, 6.0], [0.0, 0.0, 9.0, 9.0], "rad, N·m")}
     finding = Finding("joint_spring", ("a",), (), {"curve": curve}, 0.9)
     assert well_told([finding]) == (finding,)
+
+
+def test_names_that_honest_errors_leave_unsure_are_lost_and_links_are_not() -> None:
+    link = Finding("inertial_parameters", (), ("tool",), {"mass": Estimate(0.1, 5.0, "kg")}, 0.9)
+    tilt = Finding("gravity_tilt", (), (), {"roll": Estimate(0.1, 0.01, "rad")}, 0.9)
+    payload = Finding("payload", (), ("tool",), {"mass": Estimate(3.0, 1.2, "kg")}, 0.9)
+    found = [friction(a=(3.0, 1.05), b=(3.0, 1.2)), link, tilt, payload]
+    assert lost_names(found) == {("coulomb_friction", "b"), ("payload", "")}

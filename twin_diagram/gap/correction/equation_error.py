@@ -20,6 +20,7 @@ from twin_diagram.gap.correction.gauss_newton import Solution, minimise
 from twin_diagram.gap.correction.merge_effects import merged
 from twin_diagram.gap.correction.physical_coordinates import Coordinates
 from twin_diagram.gap.residuals import stiction, whitening
+from twin_diagram.gap.residuals.prepared_logs import TUNING as PREPARED_LOGS
 from twin_diagram.gap.residuals.prepared_logs import Record, Records
 from twin_diagram.gap.residuals.regressors import Terms, given_load, slow_speed
 from twin_diagram.logs.differentiation import lowpass
@@ -34,9 +35,6 @@ class Tuning:
 
     cluster: float = 0.5
     """Residuals nearer than this may hang together [s]."""
-
-    enough: float = 240.0
-    """Samples per second at which laws are worked out [1/s]."""
 
     retimed: int = 2
     """Times that onsets and parameters take turns."""
@@ -133,7 +131,9 @@ def coarser(records: Records) -> Records:
     def thinned(record: Record) -> Record:
         stride = int(record.kept[1] - record.kept[0])
         every = max(
-            k for k in range(1, stride + 1) if stride % k == 0 and record.rate / k >= min(TUNING.enough, record.rate)
+            k
+            for k in range(1, stride + 1)
+            if stride % k == 0 and record.rate / k >= min(PREPARED_LOGS.laws, record.rate)
         )
         if every == 1:
             return record

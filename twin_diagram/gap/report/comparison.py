@@ -132,8 +132,12 @@ class Shown:
 
     def worsens(self) -> bool:
         """Return whether any joint's held-out residual rises clearly: no truth mends one joint at another's cost."""
+        return bool(np.any(self.worse()))
+
+    def worse(self) -> npt.NDArray[np.bool_]:
+        """Return (n,) whether a joint's held-out residual rises clearly."""
         before, after = self.holdout_rms()
-        return bool(np.any(after > TUNING.beyond * np.maximum(before, TUNING.beyond * self.noise_floor)))
+        return np.asarray(after > TUNING.beyond * np.maximum(before, TUNING.beyond * self.noise_floor))
 
     def is_exercised(self) -> bool:
         """Return whether the held-out run does anything that tells the two models apart, beside its noise."""

@@ -8,7 +8,7 @@ them at the log's own rate, non-linear ones too, and only then low-passed and th
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -16,9 +16,10 @@ import numpy.typing as npt
 from scipy.ndimage import uniform_filter1d
 
 from twin_diagram.errors import LogError
-from twin_diagram.logs import Log, fingerprint, is_regular, uniform
+from twin_diagram.logs import Log, fingerprint, uniform
 from twin_diagram.logs.differentiation import TUNING as DIFFERENTIATION
 from twin_diagram.logs.differentiation import inner, lowpass, motion
+from twin_diagram.logs.straightening import straightened
 from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
 
@@ -35,6 +36,12 @@ class Tuning:
 
     thin: float = 2.5
     """Samples kept per second, times the band."""
+
+    laws: float = 240.0
+    """Samples per second that are enough where laws are worked out in full [1/s]."""
+
+    spare: float = 2.5
+    """Times that rate that is not yet too much."""
 
     least_band: float = 8.0
     """Motion of arms and the edges of dry friction need at least this [Hz]."""
@@ -222,23 +229,6 @@ def prepare(model: Model, logs: Sequence[Log]) -> Records:
     return Records(model, tuple(_record(model, log, index, band) for index, log in enumerate(regular)))
 
 
-def straightened(log: Log) -> Log:
-    """Return the log with evenly spread times, where its positions are smoother that way.
-
-    Times that jitter are either when the samples were taken, or late stamps on even ones; the wrong reading makes
-    position noise of speed times jitter.
-    """
-    if is_regular(log.time) or len(log) < 50:
-        return log
-    index = np.arange(len(log))
-    even = np.polynomial.Polynomial.fit(index, log.time, 1)(index)
-    if np.max(np.abs(log.time - even)) > 0.5 * log.period:
-        return log
-    changed = replace(log, time=even, identity=fingerprint(log))
-    roughness = [np.sum(np.diff(uniform(x).position, 4, axis=0) ** 2) for x in (log, changed)]
-    return changed if roughness[1] < roughness[0] else log
-
-
 def trusted_band(model: Model, log: Log) -> float:
     """Return the frequency [Hz] up to which position noise, as inertial torque, stays well below the torque's noise.
 
@@ -297,7 +287,7 @@ def usable(log: Log, shortest: float = TUNING.shortest) -> float:
         shortest: it must have this much left after its ends are cut [s].
 
     Raises:
-        LogError: it is too short, or logs no torque at all.
+        LogError: it is too short, or logs no torque at all, or one that never changes.
     """
     duration = float(log.time[-1] - log.time[0])
     if duration - 2.0 * DIFFERENTIATION.residual_cut < shortest:
@@ -305,6 +295,8 @@ def usable(log: Log, shortest: float = TUNING.shortest) -> float:
         raise LogError(f"{log.source}: lasts {duration:.3g} s; at least {needed:g} s are needed")
     if not np.any(log.motor_torque):
         raise LogError(f"{log.source}: all torques are zero throughout, so there is nothing to compare a model with")
+    if not np.any(np.ptp(log.motor_torque, axis=0)):
+        raise LogError(f"{log.source}: no torque ever changes, so there is nothing to compare a model with")
     return duration
 
 
@@ -314,11 +306,23 @@ def moves(log: Log) -> bool:
     return bool(np.any(np.ptp(log.position, axis=0) > np.maximum(TUNING.beyond_noise * noise, TUNING.least_motion)))
 
 
+def round_stride(rate: float, stride: int) -> int:
+    """Return a stride of thinning, lowered where no rate near `TUNING.laws` lies between a log's and the thinned one.
+
+    A prime one would have laws worked out at the log's own rate.
+    """
+    most = TUNING.spare * TUNING.laws
+    if any(stride % k == 0 and TUNING.laws <= rate / k <= most for k in range(1, stride + 1)) or rate <= most:
+        return stride
+    every = max(1, int(rate / TUNING.laws + 1e-6))
+    return every * max(1, stride // every)
+
+
 def _record(model: Model, log: Log, index: int, band: float) -> Record:
     duration = usable(log)
     rate = (len(log) - 1) / duration
     smooth = motion(log, TUNING.motion * band)
-    stride = max(1, int(rate / (TUNING.thin * band) + 1e-6))
+    stride = round_stride(rate, max(1, int(rate / (TUNING.thin * band) + 1e-6)))
     kept = np.flatnonzero(inner(log.time, DIFFERENTIATION.residual_cut))[::stride]
     mark = fingerprint(log)
     model = model.for_run(mark)

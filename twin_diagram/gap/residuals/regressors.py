@@ -30,6 +30,9 @@ class Tuning:
     rest: float = 0.016
     """Speed below which a joint may be sticking [rad/s]."""
 
+    lever: float = 0.25
+    """Metres that a prismatic joint slides where a revolute one would turn by a radian: gears and rims are so large."""
+
     brief: float = 0.08
     """A joint that turns within this time sticks for a moment at most [s]."""
 
@@ -91,7 +94,7 @@ class Terms:
 
     def resting(self, j: int) -> float:
         """Speed below which a joint may be sticking, as far as its velocity is known [rad/s]."""
-        return max(TUNING.rest, 2.0 * float(self.slow[j]))
+        return max(TUNING.rest * float(levers(self.records)[j]), 2.0 * float(self.slow[j]))
 
     def _turned(self, record: Record) -> Array:
         signs = np.tanh(record.v / self.slow)
@@ -191,12 +194,18 @@ def turns(record: Record, j: int, slow: float) -> list[tuple[int, int]]:
 
 
 def slow_speed(records: Records) -> Array:
-    """Return (n,) twice the noise of smoothed velocities, at least 1 mrad/s [rad/s]."""
+    """Return (n,) twice the noise of smoothed velocities, at least 1 mrad/s, or 0.25 mm/s [rad/s]."""
     result = np.zeros(records.n)
     for record in records.records:
         noise = np.std(record.v - lowpass(record.v, record.rate, 2.0 * record.band), axis=0)
         result = np.maximum(result, 2.0 * noise)
-    return np.clip(result, 1e-3, 1e-2)
+    return np.clip(result, 1e-3 * levers(records), 1e-2 * levers(records))
+
+
+def levers(records: Records) -> Array:
+    """Return (n,) what of a joint's unit is as much as a radian: of a prismatic joint, `TUNING.lever` metres."""
+    model = records.model
+    return np.array([TUNING.lever if joint in model.prismatic else 1.0 for joint in model.joints])
 
 
 def present(records: Records) -> Present:

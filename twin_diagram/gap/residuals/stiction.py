@@ -17,7 +17,7 @@ from scipy.ndimage import binary_opening, maximum_filter1d, uniform_filter1d
 
 from twin_diagram.gap.residuals.prepared_logs import Record, Records
 from twin_diagram.gap.residuals.regressors import TUNING as REGRESSORS
-from twin_diagram.gap.residuals.regressors import Terms, spread_of, turns
+from twin_diagram.gap.residuals.regressors import Terms, levers, spread_of, turns
 from twin_diagram.gap.residuals.whitening import Whitener
 from twin_diagram.model.effects.friction_stribeck_load import CoupledFriction
 from twin_diagram.signals.arrays import Array
@@ -91,7 +91,7 @@ def sliding(
     result = np.ones((sum(records.lengths), records.n))
     sticks = dry_joints(records)
     for j in joints:
-        least = REGRESSORS.rest if slowest is None else float(slowest[j])
+        least = REGRESSORS.rest * float(levers(records)[j]) if slowest is None else float(slowest[j])
         rests = [_at_rest(record, record.v[:, j], max(least, 2.0 * float(terms.slow[j]))) for record in records.records]
         if turning and j not in sticks:
             for record, still in zip(records.records, rests, strict=True):
@@ -101,7 +101,8 @@ def sliding(
         if np.mean(weights) > TUNING.fewest or j in sticks:
             result[:, j] = weights
     for i, j in {*coupled, *coupled_pairs(records)}:
-        slow = max(REGRESSORS.rest, 2.0 * float(np.hypot(terms.slow[i], terms.slow[j])))
+        unit = max(float(levers(records)[i]), float(levers(records)[j]))
+        slow = max(REGRESSORS.rest * unit, 2.0 * float(np.hypot(terms.slow[i], terms.slow[j])))
         rests = [_at_rest(record, record.v[:, i] + record.v[:, j], slow) for record in records.records]
         weights = _away(records, rests)
         if np.mean(weights) > TUNING.least:
@@ -174,18 +175,19 @@ def creep(records: Records, terms: Terms, left: Array, joints: Iterable[int]) ->
         left: (ΣD, n) torque that a hypothesis leaves [N·m].
         joints: columns that are looked at.
     """
-    result = np.full(records.n, REGRESSORS.rest)
+    unit = levers(records)
+    result = REGRESSORS.rest * unit
     speed = records.reduce(lambda r: r.v)
     for j in joints:
         weights = sliding(records, terms, [j])[:, j] > 0.0
         size = np.abs(speed[:, j])
         against = np.sign(speed[:, j]) * left[:, j]
-        fast = weights & (size > TUNING.fast)
+        fast = weights & (size > TUNING.fast * unit[j])
         if np.sum(fast) < TUNING.few:
             continue
         level = float(np.median(against[fast]))
         noise = float(spread_of(against[fast]))
-        for low, high in pairwise((REGRESSORS.rest, *TUNING.creeps)):
+        for low, high in pairwise(unit[j] * np.array([REGRESSORS.rest, *TUNING.creeps])):
             slow = weights & (size >= low) & (size < high)
             many = int(np.sum(slow))
             if many < TUNING.few:

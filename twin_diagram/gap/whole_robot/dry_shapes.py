@@ -12,6 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin_diagram.gap.residuals.prepared_logs import Record
+from twin_diagram.gap.residuals.regressors import TUNING as REGRESSORS
+from twin_diagram.gap.residuals.regressors import levers
 from twin_diagram.gap.whole_robot.left_out import LeftOut
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
 from twin_diagram.gap.whole_robot.torque_equations import OWN, DryShape, TorqueEquations, low_passed
@@ -38,6 +40,13 @@ class Tuning:
     worth: float = 3.0
     """Rise of a joint's left-out log likelihood that a shape must bring [nats]: one of some fourteen, and one more."""
 
+    speedy: float = 4.0
+    """The same of a shape with a speed: there are more of them [nats]."""
+
+    rather: float = 3.0
+    """Beyond what a way brings that a shape with a speed must bring: what builds up over a way is weak where a joint
+    gets under way, too [nats]."""
+
     share: float = 0.5
     """Of a joint's fastest motion, above which no speed is told."""
 
@@ -58,15 +67,20 @@ def shaped(problem: RobotProblem, z: Array) -> tuple[RobotProblem, Array]:
         return problem, z
     plain = LeftOut.of(problem, z).likelihood()
     best, chosen = np.full(problem.n, TUNING.worth), [DryShape()] * problem.n
-    for shape in _shapes():
-        there = [shape if _may_have(problem, j, shape) else DryShape() for j in range(problem.n)]
+    units = levers(problem.sums.records)
+    for per_radian in _shapes():  # ways come first
+        of_joints = [per_radian.times(float(unit)) for unit in units]
+        there = [shape if _may_have(problem, j, shape) else DryShape() for j, shape in enumerate(of_joints)]
         if not any(one.told for one in there):
             continue
         tried = replace(problem, sums=with_shapes(problem.sums, there))
         gain = LeftOut.of(tried, solve(tried, None, z)).likelihood() - plain
         for j in range(problem.n):
-            if there[j].told and gain[j] > best[j]:
-                best[j], chosen[j] = gain[j], shape
+            least = max(best[j], TUNING.speedy) if there[j].speed else best[j]
+            if there[j].speed and chosen[j].way:
+                least = best[j] + TUNING.rather
+            if there[j].told and gain[j] > least:
+                best[j], chosen[j] = gain[j], there[j]
     if not any(shape.told for shape in chosen):
         return problem, z
     problem = replace(problem, sums=with_shapes(problem.sums, chosen))
@@ -119,18 +133,28 @@ def bent(q: Array, way: float) -> Array:
         way: over which friction builds up [rad].
     """
     steps = np.diff(q)
-    decay = np.exp(-np.abs(steps) / way)
-    result = np.empty(len(q))
-    share = float(np.sign(steps[np.argmax(np.abs(np.cumsum(steps)) > way)])) if len(steps) else 0.0
-    result[0] = share
-    for k, (kept, sign) in enumerate(zip(decay.tolist(), np.sign(steps).tolist(), strict=True)):
-        share = sign + (share - sign) * kept if sign else share
-        result[k + 1] = share
-    return result
+    moving = np.flatnonzero(steps)
+    if not len(moving):
+        return np.zeros(len(q))
+    gone = np.concatenate([[0.0], np.cumsum(np.abs(steps))]) / way
+    # Between two turns all is known in closed form: only the turns come one by one.
+    turned = moving[1:][np.sign(steps[moving[1:]]) != np.sign(steps[moving[:-1]])]
+    begins = np.concatenate([[0], turned])
+    signs = np.sign(steps[np.concatenate([moving[:1], turned])])
+    lasts = np.exp(-np.diff(gone[np.concatenate([begins, [len(q) - 1]])]))
+    shares = np.empty(len(begins))
+    share = float(np.sign(steps[np.argmax(np.abs(np.cumsum(steps)) > way)]))
+    for k, (sign, kept) in enumerate(zip(signs.tolist(), lasts.tolist(), strict=True)):
+        shares[k] = share
+        share = sign + (share - sign) * kept
+    run = np.searchsorted(begins, np.arange(len(q)), side="right") - 1
+    return np.asarray(signs[run] + (shares[run] - signs[run]) * np.exp(-(gone - gone[begins[run]])))
 
 
 def _shapes() -> list[DryShape]:
-    speeds = [DryShape(speed=s, crawl=c) for s in TUNING.speeds for c in (TUNING.below, TUNING.above)]
+    """Return all shapes: below the speed at which a joint may be held, a fall passes for how it turns."""
+    both = [DryShape(speed=s, crawl=c) for s in TUNING.speeds for c in (TUNING.below, TUNING.above)]
+    speeds = [shape for shape in both if shape.crawl < 1.0 or shape.speed > REGRESSORS.rest]
     return [*(DryShape(way=way) for way in TUNING.ways), *speeds]
 
 

@@ -104,7 +104,8 @@ def beside_all(spread: Array, every: RobotProblem, z: Array) -> Array:
     """
     wide, own = np.sqrt(np.diag(covariance(every, z))), np.sqrt(np.maximum(np.diag(spread), 0.0))
     terms = slice(10 * every.n, 14 * every.n)
-    wide[terms] = np.minimum(wide[terms], TUNING.third * np.abs(z[terms]))
+    most = np.sqrt(TUNING.third**2 - TUNING.rough**2)  # friction's own roughness comes on top
+    wide[terms] = np.minimum(wide[terms], most * np.abs(z[terms]))
     ratio = np.where(own > 0.0, np.maximum(wide / np.maximum(own, 1e-300), 1.0), 1.0)
     return np.asarray(spread * np.outer(ratio, ratio))
 

@@ -12,36 +12,30 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin_diagram.errors import ModelError
-from twin_diagram.gap.correction.merge_effects import merged
-from twin_diagram.gap.correction.named_effects import specs_of
 from twin_diagram.gap.experiments.advice import experiment
-from twin_diagram.gap.findings import Finding, Separation
+from twin_diagram.gap.findings import Separation
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.residuals.regressors import present
-from twin_diagram.gap.whole_robot import estimates
+from twin_diagram.gap.whole_robot.concluding import WholeRobot, concluded, last_of, own_terms, well_known
 from twin_diagram.gap.whole_robot.dry_shapes import shaped
 from twin_diagram.gap.whole_robot.left_out import TUNING as LEFT_OUT
 from twin_diagram.gap.whole_robot.left_out import (
     LeftOut,
-    Linearised,
     best_spread,
     earning,
     free_units,
     likelihood,
     missed,
-    units,
 )
 from twin_diagram.gap.whole_robot.loads import TUNING as LOADS
 from twin_diagram.gap.whole_robot.loads import loaded, needed
 from twin_diagram.gap.whole_robot.physical_fit import TUNING as PHYSICAL_FIT
-from twin_diagram.gap.whole_robot.physical_fit import Chosen, RobotProblem, solve, with_noise
+from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
 from twin_diagram.gap.whole_robot.physical_links import Links
 from twin_diagram.gap.whole_robot.torque_equations import OWN, TorqueEquations, equations
-from twin_diagram.gap.whole_robot.unusual import between, least, price, room_for, unusual, without_doubtful
+from twin_diagram.gap.whole_robot.unusual import between, least, price, room_for, unusual
 from twin_diagram.model.effects.inertia import Payload
 from twin_diagram.model.effects.link_inertia import InertialParameters
-from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
 
 
@@ -64,55 +58,8 @@ class Tuning:
     each: float = 1.0
     """Rise of the left-out log likelihood that each of many must bring beyond a few [nats]."""
 
-    gone: float = 1.0
-    """What a name's weakest place brings where all of it is gone: it won over what is described [nats]."""
-
-    third: float = 1.0 / 3.0
-    """No name where the standard error is more than this share of the value."""
-
 
 TUNING = Tuning()
-
-
-@dataclass(frozen=True)
-class WholeRobot:
-    """What was found.
-
-    Attributes:
-        model: the given one with all of it.
-        findings: relative to the given model.
-        before: (n,) residual of the given model on the fit logs [N·m].
-        fitted: (n,) of the corrected one.
-        left: (n,) of fits that had not seen the kind of motion that they are judged on.
-        problem: that was solved.
-        coordinates: its solution.
-        separation: of near pairs.
-    """
-
-    model: Model
-    findings: tuple[Finding, ...]
-    before: Array
-    fitted: Array
-    left: Array
-    problem: RobotProblem
-    coordinates: Array
-    separation: tuple[Separation, ...] = ()
-
-    def terms(self) -> int:
-        """Return how many links and joints are named, each name counted."""
-        return sum(len(finding.joints) + len(finding.links) for finding in self.findings)
-
-    def closes(self) -> float:
-        """Return the share of the residual torque that is gone on motion that fits have not seen, mean over joints."""
-        return float(np.mean(1.0 - np.minimum(self.left / np.maximum(self.before, 1e-12), 1.0)))
-
-    def links(self) -> int:
-        """Return how many links are named."""
-        return len({link for finding in self.findings for link in finding.links})
-
-    def places(self) -> int:
-        """Return how many joints have something of their own."""
-        return len({joint for finding in self.findings for joint in finding.joints})
 
 
 def explain(records: Records, *, known: bool = False) -> WholeRobot | None:
@@ -133,14 +80,40 @@ def explain(records: Records, *, known: bool = False) -> WholeRobot | None:
     plain = best_of(whole, start, known)
     load = loaded(whole, start)
     carried = None if load is None else best_of(*settled(load), known)
+    found = better(plain, carried, whole)
+    return None if found is None else well_known(found)
+
+
+def better(plain: WholeRobot | None, carried: WholeRobot | None, whole: RobotProblem) -> WholeRobot | None:
+    """Return the better explanation of one without and one with a payload.
+
+    Args:
+        plain: without.
+        carried: with one, as far as there still is one in it.
+        whole: with everything usual free.
+    """
     if carried is None or plain is None:
         return plain or carried
+    judge = quieter(whole, [plain, carried])
     if Payload.name not in (c.name for c in carried.problem.sums.further):  # what was found beside it may yet be better
-        judge = quieter(whole, [plain, carried])
         return max(plain, carried, key=lambda one: worth(one, judge))
-    if needed(carried.problem, plain.problem.sums.further) < LOADS.worth:
+    rise = needed(carried.problem, plain.problem.sums.further)
+    if rise < LOADS.worth:
         return plain
-    return replace(carried, separation=nearest([carried, plain], quieter(whole, [plain, carried])))
+    carried = as_sure(carried, rise)
+    return replace(carried, separation=nearest([carried, plain], judge))
+
+
+def as_sure(found: WholeRobot, rise: float) -> WholeRobot:
+    """Return what was found with a payload that is as sure as the evidence for it.
+
+    Args:
+        found: with a payload.
+        rise: of the evidence that it brings [nats].
+    """
+    sure = float(1.0 / (1.0 + np.exp(-min(rise, 30.0))))
+    findings = [replace(one, confidence=sure) if one.name == Payload.name else one for one in found.findings]
+    return replace(found, findings=tuple(findings))
 
 
 def best_of(whole: RobotProblem, start: Array, known: bool) -> WholeRobot | None:
@@ -241,52 +214,6 @@ def settled_beside(problem: RobotProblem, whole: RobotProblem) -> RobotProblem:
     return earning(problem, left_out)
 
 
-def last_of(problem: RobotProblem) -> int:
-    """Return the index of the last link."""
-    model = problem.sums.records.model
-    return int(model.bodies.body_of(model.last_link)[0])
-
-
-def concluded(problem: RobotProblem) -> WholeRobot | None:
-    """Return what a problem says once doubtful terms are out of it; None where nothing is left, or cannot be."""
-    problem, z, spread = sure_ones(without_doubtful(problem))
-    kept = earning(problem, LeftOut.of(problem, z))
-    if np.any(free_units(kept) != free_units(problem)):
-        problem, z, spread = sure_ones(kept)
-    if not (np.any(problem.links_free) or np.any(problem.said) or problem.sums.further):
-        return None
-    left_out = LeftOut.of(problem, z)
-    given = problem.sums.records.model
-    spread = estimates.beside_all(estimates.widened(spread, left_out.fits), every_beside(problem), z)
-    found = estimates.findings(problem, z, spread, given, confidences(problem, left_out))
-    fitted = np.sqrt(problem.squares(z, problem.sums.whole) / problem.sums.counted)
-    model = corrected(given, found, [record.mark for record in problem.sums.records.records])
-    if model is None:
-        return None
-    return WholeRobot(model, found, problem.sums.residual_rms, fitted, left_out.rms, problem, z)
-
-
-def every_beside(problem: RobotProblem) -> RobotProblem:
-    """Return the problem with all that a robot may lack free: what has no name may still be there."""
-    last = last_of(problem)
-    own = own_terms(problem.sums.records) & room_for(problem.sums, last)[1] & ~problem.gone
-    return replace(problem, links_free=problem.links.heavy, own_free=own | problem.own_free)
-
-
-def own_terms(records: Records) -> Chosen:
-    """Return (n, 4) which of joints' own terms there may be: behind the gears no rotor shows."""
-    return np.tile([not (records.model.arm.link_side and term == "rotor") for term in OWN], (records.n, 1))
-
-
-def corrected(given: Model, found: Sequence[Finding], marks: Sequence[str]) -> Model | None:
-    """Return the given model with findings about runs of some fingerprints; None where they cannot be."""
-    specs = [spec for finding in found for spec in specs_of(finding, marks)]
-    try:
-        return given.with_effects(merged(given.effects, specs))
-    except ModelError:
-        return None
-
-
 def chosen(whole: RobotProblem, start: Array) -> RobotProblem:
     """Return the problem with the links and joints' terms that earn their place.
 
@@ -336,51 +263,3 @@ def settled(problem: RobotProblem, z: Array | None = None) -> tuple[RobotProblem
         z = solve(problem, None, z)
         problem = with_noise(problem, z)
     return problem, solve(problem, None, z)
-
-
-def sure_ones(problem: RobotProblem) -> tuple[RobotProblem, Array, Array]:
-    """Return the problem without joints' terms whose standard error is too large, its fit and covariance."""
-    z, own = None, slice(10 * problem.n, 14 * problem.n)
-    while True:
-        z = solve(problem, None, z)
-        spread = estimates.covariance(problem, z)
-        size = np.abs(z[own]).reshape(problem.n, len(OWN))
-        error = np.sqrt(np.diag(spread)[own]).reshape(problem.n, len(OWN))
-        held = z[own].reshape(size.shape) <= problem.least
-        doubtful = problem.own_free & ~(held & problem.stated) & ((error > TUNING.third * size) | (size == 0.0))
-        if not np.any(doubtful):
-            return problem, z, spread
-        worst = np.unravel_index(int(np.argmax(np.where(doubtful, error / np.maximum(size, 1e-12), 0.0))), size.shape)
-        problem = decided(problem, z, (int(worst[0]), int(worst[1])))
-
-
-def decided(problem: RobotProblem, z: Array, term: tuple[int, int]) -> RobotProblem:
-    """Return the problem with a doubtful term as described, or, where left-out motion likes it better, all gone."""
-    own, gone = problem.own_free.copy(), problem.gone.copy()
-    own[term] = False
-    as_described = replace(problem, own_free=own)
-    if not problem.stated[term]:
-        return as_described
-    gone[term] = True
-    without = replace(as_described, gone=gone)
-    left = [LeftOut.of(some, z).likelihood()[term[0]] for some in (as_described, without)]
-    return without if left[1] > left[0] else as_described
-
-
-def confidences(problem: RobotProblem, left_out: LeftOut) -> dict[str, float]:
-    """Return per name how sure all its places are: as the weakest of them, by what it brings left-out motion."""
-    n, linear = problem.n, Linearised.of(left_out)
-    parts, nothing = units(problem), np.zeros(len(problem.mean), dtype=bool)
-    now = linear.likelihood(nothing)
-    weakest: dict[str, float] = {}
-    for k, part in enumerate(parts):
-        if not np.any(problem.free & part):
-            continue
-        lost = now - linear.likelihood(part)
-        j, term = divmod(k - n, len(OWN))
-        name = InertialParameters.name if k < n else estimates.name_of(problem, j, term)
-        gain = float(np.sum(lost) if k < n else lost[j])
-        weakest[name] = min(weakest.get(name, np.inf), gain)
-    for j, term in np.argwhere(problem.gone):
-        weakest.setdefault(estimates.name_of(problem, int(j), int(term)), TUNING.gone)
-    return {name: float(1.0 / (1.0 + np.exp(-np.clip(gain, -30.0, 30.0)))) for name, gain in weakest.items()}

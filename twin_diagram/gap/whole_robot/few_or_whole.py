@@ -14,7 +14,8 @@ from twin_diagram.gap.findings import Verdict
 from twin_diagram.gap.naming import name
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.whole_robot import taking_over
-from twin_diagram.gap.whole_robot.explain import WholeRobot, explain
+from twin_diagram.gap.whole_robot.concluding import WholeRobot
+from twin_diagram.gap.whole_robot.explain import explain
 from twin_diagram.gap.whole_robot.well_told import well_told
 from twin_diagram.logs import Log
 from twin_diagram.model.description import corrected_folder
@@ -79,6 +80,8 @@ def explained(
     if told != verdict.findings:
         more.append("some of what would fit these runs is known no better than to a third of its size: it has no name")
         fewer = replace(verdict, findings=told, remainder=True) if told else nameless(verdict)
+        if not told and whole is None and taking_over.is_noise(given, logs, verdict.noise_floor):
+            fewer = replace(fewer, verdict="none")
         verdict, corrected, _ = _corrected(given, logs, held, fewer, records, say)
     notes += more
     return Explanation(*taking_over.taken_over(records, logs, verdict, corrected, whole), whole)

@@ -12,7 +12,7 @@ from twin_diagram.gap.residuals import whitening
 from twin_diagram.gap.residuals.prepared_logs import Records, roughness
 from twin_diagram.gap.residuals.regressors import Terms, given_load, slow_speed
 from twin_diagram.gap.verdict.locating import locate
-from twin_diagram.gap.whole_robot.explain import WholeRobot
+from twin_diagram.gap.whole_robot.concluding import WholeRobot
 from twin_diagram.logs import Log
 from twin_diagram.logs.differentiation import TUNING as DIFFERENTIATION
 from twin_diagram.model.model import Model
@@ -47,6 +47,9 @@ class Tuning:
 
     same: float = 1.1
     """Times what was recorded of a corrected model that it may leave of a log and still be the same."""
+
+    noise: float = 1.25
+    """Times the noise floor up to which a residual is no gap: noise itself differs from run to run."""
 
     known: float = 1.5
     """The same of other motion, where nothing better is seen."""
@@ -142,6 +145,11 @@ def no_more_than_recorded(given: Model, logs: Sequence[Log], whole: WholeRobot |
     if np.all(ratio <= TUNING.same):
         return True
     return bool(np.all(ratio <= TUNING.known)) and (whole is None or gained(whole, logs, given) < TUNING.better)
+
+
+def is_noise(given: Model, logs: Sequence[Log], floor: Array) -> bool:
+    """Return whether the given model leaves no more of the fit logs than noise (n,) does [N·m]."""
+    return bool(np.all(np.exp(size_of(given, logs)) <= TUNING.noise * floor))
 
 
 def unsearched(records: Records) -> Verdict:

@@ -63,6 +63,10 @@ class DryShape:
     speed: float = 0.0
     crawl: float = 1.0
 
+    def times(self, unit: float) -> DryShape:
+        """Return the same shape in another unit of position."""
+        return replace(self, way=self.way * unit, speed=self.speed * unit)
+
     @property
     def told(self) -> bool:
         """Whether it is another than that of friction that is there at once."""

@@ -63,6 +63,10 @@ class Tuning:
     each: float = 1.5
     """The same of a coefficient beyond the first of a place."""
 
+    screened: float = 0.2
+    """Share of what a name must bring that it must bring to first order to be fitted in full: the colour of noise, of
+    which it may be some itself, is in that still."""
+
     tried: int = 3
     """That are fitted in full in each round."""
 
@@ -154,7 +158,7 @@ def worth_trying(beside: ReadyFits, there: list[Candidate]) -> list[int]:
         there: candidates.
     """
     pushed = [k for k, c in enumerate(there) if c.name == ExternalForce.name]
-    screened = [beside.gain(c) - price(c) - 0.5 * asked(beside.left_out.problem, c) for c in there]
+    screened = [beside.gain(c) - price(c) - TUNING.screened * asked(beside.left_out.problem, c) for c in there]
     order = [int(k) for k in np.argsort(screened)[::-1] if screened[k] > 0.0 and k not in pushed][: TUNING.tried]
     return order + pushed
 

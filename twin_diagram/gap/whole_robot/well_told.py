@@ -25,16 +25,22 @@ class Tuning:
 TUNING = Tuning()
 
 
-def well_told(findings: Sequence[Finding]) -> tuple[Finding, ...]:
-    """Return findings without the joints, or the names, whose size is known no better than to a third of it."""
+def well_told(findings: Sequence[Finding], rough: float = 1.0) -> tuple[Finding, ...]:
+    """Return findings without the joints, or the names, whose size is known no better than to a third of it.
+
+    Args:
+        findings: any.
+        rough: times a third that counts as one: errors are known only so well.
+    """
+    most = rough * TUNING.third
     result = []
     for finding in findings:
         per_joint = any(isinstance(value, dict) for value in finding.parameters.values())
         if not (per_joint and finding.joints):
-            if _known([value for key, value in _sizes(finding) if isinstance(value, Estimate)], finding):
+            if _known([value for key, value in _sizes(finding) if isinstance(value, Estimate)], finding, most):
                 result.append(finding)
             continue
-        kept = tuple(joint for joint in finding.joints if _known(_of_joint(finding, joint), finding))
+        kept = tuple(joint for joint in finding.joints if _known(_of_joint(finding, joint), finding, most))
         if kept == finding.joints:
             result.append(finding)
         elif kept and record_of(finding.name).joint_by_joint:
@@ -55,9 +61,9 @@ def _of_joint(finding: Finding, joint: str) -> list[Estimate]:
     return [value[joint] for _, value in _sizes(finding) if isinstance(value, dict) and joint in value]
 
 
-def _known(sizes: Sequence[Estimate], finding: Finding) -> bool:
-    """Return whether any of the sizes is known well; one that has none is."""
+def _known(sizes: Sequence[Estimate], finding: Finding, most: float) -> bool:
+    """Return whether any of the sizes is known to a share `most`; one that has none is."""
     nothing = 1.0 if "gain" in finding.parameters else 0.0
     return not sizes or any(
-        bool(np.all(np.asarray(size.std) <= TUNING.third * np.abs(np.asarray(size.value) - nothing))) for size in sizes
+        bool(np.all(np.asarray(size.std) <= most * np.abs(np.asarray(size.value) - nothing))) for size in sizes
     )

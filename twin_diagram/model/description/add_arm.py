@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
 import numpy as np
+import yaml
 from pydrake.common.yaml import yaml_load_typed
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
@@ -172,6 +173,14 @@ def parser(plant: MultibodyPlant, packages: Mapping[str, str | Path] | None = No
     return result
 
 
+def _parsed(reader: Parser, path: Path) -> tuple[ModelInstanceIndex, ...]:
+    """Return the models in a file; an MJCF without a name, which MuJoCo does not ask for, is called `robot`."""
+    if not unparsed.is_nameless(path):
+        return tuple(reader.AddModels(path))
+    directive = {"add_model": {"name": "robot", "file": f"file://{path.resolve()}"}}
+    return tuple(reader.AddModelsFromString(yaml.safe_dump({"directives": [directive]}), ".dmd.yaml"))
+
+
 def add_arm(
     plant: MultibodyPlant,
     spec: scenario.ArmModel | str | Path,
@@ -189,7 +198,7 @@ def add_arm(
     """
     spec = resolve(spec, packages, base_dir)
     try:
-        instances = tuple(parser(plant, packages).AddModels(Path(spec.model)))
+        instances = _parsed(parser(plant, packages), Path(spec.model))
     except RuntimeError as error:
         said = _first_line(error)
         unknown = re.search(r"unknown package '([^']+)'", said)

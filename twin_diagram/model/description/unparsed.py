@@ -95,6 +95,14 @@ def effort_limits(path: Path) -> dict[str, float]:
     return result
 
 
+def is_nameless(path: Path) -> bool:
+    """Return whether a file is an MJCF that does not say what its model is called; Drake asks for a name."""
+    if path.suffix.lower() != ".xml" or not path.is_file():
+        return False
+    root = _root(path)
+    return root.tag == "mujoco" and not root.get("model")
+
+
 def _root(path: Path) -> Element:
     """Return the root of a file that Drake could read.
 

@@ -58,6 +58,8 @@ def run(arguments: argparse.Namespace, packages: Mapping[str, str | Path]) -> in
     if arguments.columns is not None:
         column_map(arguments.columns)  # told once, not by each robot
     options: list[str] = []
+    if arguments.torque_constants is not None:
+        options += ["--torque-constants", *arguments.torque_constants]
     for name in ("columns", "torque_side"):
         if (value := getattr(arguments, name)) is not None:
             options += [f"--{name.replace('_', '-')}", str(value)]

@@ -1,0 +1,36 @@
+"""Late stamps go back to even times, also where samples were lost; real times stay."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from twin_diagram.logs import Log
+from twin_diagram.logs.straightening import even_times, straightened
+
+
+@pytest.mark.parametrize("seconds", [2.0, 90.0])
+def test_even_times_are_found_where_samples_were_lost(seconds: float) -> None:
+    rng = np.random.default_rng(3)
+    whole = 7.0 + 0.004 * np.arange(round(seconds * 250.0))
+    kept = rng.random(len(whole)) > 0.05
+    kept[200:240] = False
+    even = whole[kept]
+    found = even_times(even + rng.uniform(-0.0012, 0.0012, len(even)))
+    assert found is not None
+    np.testing.assert_allclose(found - found.mean(), even - even.mean(), atol=1.5e-4)
+
+
+def test_a_clock_of_no_period_has_no_even_times() -> None:
+    rng = np.random.default_rng(4)
+    assert even_times(np.cumsum(rng.uniform(0.0007, 0.0015, 3000))) is None
+
+
+def test_positions_say_whether_stamps_are_late() -> None:
+    rng = np.random.default_rng(5)
+    even = (0.004 * np.arange(1500))[rng.random(1500) > 0.05]
+    late = even + rng.uniform(-0.001, 0.001, len(even))
+    for true, straight in ((even, True), (late, False)):
+        position = np.sin(2.0 * true)[:, None]
+        log = Log(late, ("a",), position, torque=position)
+        assert (straightened(log) is not log) == straight

@@ -1,0 +1,245 @@
+"""What a problem of the whole robot says in the end: names that honest errors leave standing, and their model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin_diagram.errors import ModelError
+from twin_diagram.gap.correction.merge_effects import merged
+from twin_diagram.gap.correction.named_effects import specs_of
+from twin_diagram.gap.findings import Finding, Separation
+from twin_diagram.gap.residuals.prepared_logs import Records
+from twin_diagram.gap.whole_robot import estimates
+from twin_diagram.gap.whole_robot.left_out import LeftOut, Linearised, earning, free_units, likelihood, units
+from twin_diagram.gap.whole_robot.physical_fit import Chosen, RobotProblem, solve
+from twin_diagram.gap.whole_robot.torque_equations import OWN
+from twin_diagram.gap.whole_robot.unusual import room_for, without_doubtful
+from twin_diagram.gap.whole_robot.well_told import well_told
+from twin_diagram.model.effects.actuation import TorqueBias
+from twin_diagram.model.effects.link_inertia import InertialParameters
+from twin_diagram.model.model import Model
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, chosen by hand; `sims/benchmarks/real_rows.py` shows what they do."""
+
+    gone: float = 1.0
+    """What a name's weakest place brings where all of it is gone: it won over what is described [nats]."""
+
+    matters: float = 3.0
+    """Fall of the left-out log likelihood, for each name that is gone, from which on offsets are missed [nats]."""
+
+    unsure: int = 4
+    """Times that what honest errors leave unsure is taken out."""
+
+    rough: float = 1.1
+    """Times a third that an error may be: one that is told by five kinds of motion is itself known to a third."""
+
+    third: float = 1.0 / 3.0
+    """No name where the standard error is more than this share of the value."""
+
+
+TUNING = Tuning()
+
+
+@dataclass(frozen=True)
+class WholeRobot:
+    """What was found.
+
+    Attributes:
+        model: the given one with all of it.
+        findings: relative to the given model.
+        before: (n,) residual of the given model on the fit logs [N·m].
+        fitted: (n,) of the corrected one.
+        left: (n,) of fits that had not seen the kind of motion that they are judged on.
+        problem: that was solved.
+        coordinates: its solution.
+        separation: of near pairs.
+    """
+
+    model: Model
+    findings: tuple[Finding, ...]
+    before: Array
+    fitted: Array
+    left: Array
+    problem: RobotProblem
+    coordinates: Array
+    separation: tuple[Separation, ...] = ()
+
+    def terms(self) -> int:
+        """Return how many links and joints are named, each name counted."""
+        return sum(len(finding.joints) + len(finding.links) for finding in self.findings)
+
+    def closes(self) -> float:
+        """Return the share of the residual torque that is gone on motion that fits have not seen, mean over joints."""
+        return float(np.mean(1.0 - np.minimum(self.left / np.maximum(self.before, 1e-12), 1.0)))
+
+    def links(self) -> int:
+        """Return how many links are named."""
+        return len({link for finding in self.findings for link in finding.links})
+
+    def places(self) -> int:
+        """Return how many joints have something of their own."""
+        return len({joint for finding in self.findings for joint in finding.joints})
+
+
+def concluded(problem: RobotProblem) -> WholeRobot | None:
+    """Return what a problem says once doubtful terms are out of it; None where nothing is left, or cannot be."""
+    problem, z, spread = sure_ones(without_doubtful(problem))
+    kept = earning(problem, LeftOut.of(problem, z))
+    if np.any(free_units(kept) != free_units(problem)):
+        problem, z, spread = sure_ones(kept)
+    return said_of(problem, z, spread)
+
+
+def well_known(found: WholeRobot) -> WholeRobot | None:
+    """Return what was found without names that honest errors leave unsure; None where nothing is left.
+
+    That comes last: what is unsure as long as something else has no name may be sure beside it. Offsets trade with
+    what gravity makes of links, which no motion parts; they stay where left-out motion misses them.
+    """
+    kept: set[tuple[str, str]] = set()
+    for _ in range(TUNING.unsure):
+        lost = lost_names(found.findings) - kept
+        if not lost:
+            break
+        fewer = said_of(*sure_ones(without_names(found.problem, found.coordinates, lost)))
+        offsets = {one for one in lost if one[0] == TorqueBias.name}
+        if offsets and (fewer is None or missed_by(found, fewer) > TUNING.matters * len(lost)):
+            kept |= offsets
+            continue
+        if fewer is None:
+            return None
+        sure = {one.name: one.confidence for one in found.findings}  # each as sure as it was beside all of them
+        findings = tuple(replace(one, confidence=min(one.confidence, sure[one.name])) for one in fewer.findings)
+        found = replace(fewer, findings=findings, separation=found.separation)
+    return found
+
+
+def missed_by(found: WholeRobot, fewer: WholeRobot) -> float:
+    """Return by how much likelier left-out motion is with all that was found than with less of it [nats]."""
+    return float(np.sum(likelihood(found.problem, found.left) - likelihood(found.problem, fewer.left)))
+
+
+def said_of(problem: RobotProblem, z: Array, spread: Array) -> WholeRobot | None:
+    """Return what a problem says.
+
+    Args:
+        problem: what was fitted.
+        z: (Z,) its coordinates.
+        spread: (Z, Z) their covariance, see `sure_ones`.
+    """
+    if not (np.any(problem.links_free) or np.any(problem.said) or problem.sums.further):
+        return None
+    given, left_out = problem.sums.records.model, LeftOut.of(problem, z)
+    spread = estimates.beside_all(estimates.widened(spread, left_out.fits), every_beside(problem), z)
+    found = estimates.findings(problem, z, spread, given, confidences(problem, left_out))
+    fitted = np.sqrt(problem.squares(z, problem.sums.whole) / problem.sums.counted)
+    model = corrected(given, found, [record.mark for record in problem.sums.records.records])
+    if model is None:
+        return None
+    return WholeRobot(model, found, problem.sums.residual_rms, fitted, left_out.rms, problem, z)
+
+
+def lost_names(found: Sequence[Finding]) -> set[tuple[str, str]]:
+    """Return names, with the joint of each or an empty one, that honest errors leave unknown to a third of their size.
+
+    Links are exempt: each of their base directions is known, or stays as described.
+    """
+    found = [one for one in found if one.name != InertialParameters.name]
+    told = {one.name: one.joints for one in well_told(found, TUNING.rough)}
+    lost = {(one.name, joint) for one in found for joint in one.joints if joint not in told.get(one.name, ())}
+    return lost | {(one.name, "") for one in found if not one.joints and one.name not in told}
+
+
+def without_names(problem: RobotProblem, z: Array, lost: set[tuple[str, str]]) -> RobotProblem:
+    """Return the problem without joints' own terms and further candidates of some names, see `lost_names`."""
+    joints = problem.sums.records.model.joints
+    for j, term in np.argwhere(problem.said):
+        if (estimates.name_of(problem, int(j), int(term)), joints[j]) in lost:
+            problem = decided(problem, z, (int(j), int(term)))
+    kept = [c for c in problem.sums.further if not {(c.name, joints[j]) for j in c.joints} & lost]
+    kept = [c for c in kept if (c.name, "") not in lost]
+    if len(kept) == len(problem.sums.further):
+        return problem
+    return replace(problem, sums=problem.sums.with_further(kept))
+
+
+def last_of(problem: RobotProblem) -> int:
+    """Return the index of the last link."""
+    model = problem.sums.records.model
+    return int(model.bodies.body_of(model.last_link)[0])
+
+
+def every_beside(problem: RobotProblem) -> RobotProblem:
+    """Return the problem with all that a robot may lack free: what has no name may still be there."""
+    last = last_of(problem)
+    own = own_terms(problem.sums.records) & room_for(problem.sums, last)[1] & ~problem.gone
+    return replace(problem, links_free=problem.links.heavy, own_free=own | problem.own_free)
+
+
+def own_terms(records: Records) -> Chosen:
+    """Return (n, 4) which of joints' own terms there may be: behind the gears no rotor shows."""
+    return np.tile([not (records.model.arm.link_side and term == "rotor") for term in OWN], (records.n, 1))
+
+
+def corrected(given: Model, found: Sequence[Finding], marks: Sequence[str]) -> Model | None:
+    """Return the given model with findings about runs of some fingerprints; None where they cannot be."""
+    specs = [spec for finding in found for spec in specs_of(finding, marks)]
+    try:
+        return given.with_effects(merged(given.effects, specs))
+    except ModelError:
+        return None
+
+
+def sure_ones(problem: RobotProblem) -> tuple[RobotProblem, Array, Array]:
+    """Return the problem without joints' terms whose standard error is too large, its fit and covariance."""
+    z, own = None, slice(10 * problem.n, 14 * problem.n)
+    while True:
+        z = solve(problem, None, z)
+        spread = estimates.covariance(problem, z)
+        size = np.abs(z[own]).reshape(problem.n, len(OWN))
+        error = np.sqrt(np.diag(spread)[own]).reshape(problem.n, len(OWN))
+        held = z[own].reshape(size.shape) <= problem.least
+        doubtful = problem.own_free & ~(held & problem.stated) & ((error > TUNING.third * size) | (size == 0.0))
+        if not np.any(doubtful):
+            return problem, z, spread
+        worst = np.unravel_index(int(np.argmax(np.where(doubtful, error / np.maximum(size, 1e-12), 0.0))), size.shape)
+        problem = decided(problem, z, (int(worst[0]), int(worst[1])))
+
+
+def decided(problem: RobotProblem, z: Array, term: tuple[int, int]) -> RobotProblem:
+    """Return the problem with a doubtful term as described, or, where left-out motion likes it better, all gone."""
+    own, gone = problem.own_free.copy(), problem.gone.copy()
+    own[term] = False
+    as_described = replace(problem, own_free=own)
+    if not problem.stated[term]:
+        return as_described
+    gone[term] = True
+    without = replace(as_described, gone=gone)
+    left = [LeftOut.of(some, z).likelihood()[term[0]] for some in (as_described, without)]
+    return without if left[1] > left[0] else as_described
+
+
+def confidences(problem: RobotProblem, left_out: LeftOut) -> dict[str, float]:
+    """Return per name how sure all its places are: as the weakest of them, by what it brings left-out motion."""
+    n, linear = problem.n, Linearised.of(left_out)
+    parts, nothing = units(problem), np.zeros(len(problem.mean), dtype=bool)
+    now = linear.likelihood(nothing)
+    weakest: dict[str, float] = {}
+    for k, part in enumerate(parts):
+        if not np.any(problem.free & part):
+            continue
+        lost = now - linear.likelihood(part)
+        j, term = divmod(k - n, len(OWN))
+        name = InertialParameters.name if k < n else estimates.name_of(problem, j, term)
+        gain = float(np.sum(lost) if k < n else lost[j])
+        weakest[name] = min(weakest.get(name, np.inf), gain)
+    for j, term in np.argwhere(problem.gone):
+        weakest.setdefault(estimates.name_of(problem, int(j), int(term)), TUNING.gone)
+    return {name: float(1.0 / (1.0 + np.exp(-np.clip(gain, -30.0, 30.0)))) for name, gain in weakest.items()}
