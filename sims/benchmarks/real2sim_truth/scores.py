@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -38,14 +37,20 @@ class TrueObject:
     inertia: Array
 
 
-def observer(out: Path) -> Callable[[str, Array], None]:
-    """Return what writes down where everything truly was as an object was held, beside the run's folder."""
+class TruthNotes:
+    """Writes down where everything truly was as an object was held, beside the run's folder; see `cell.Observer`."""
 
-    def note(name: str, positions: Array) -> None:
-        with out.with_suffix(".truth.jsonl").open("a") as file:
+    def __init__(self, out: Path) -> None:
+        """`out`: the run's folder."""
+        self._file = out.with_suffix(".truth.jsonl")
+
+    def moment(self, name: str, positions: Array) -> None:
+        """Add a line."""
+        with self._file.open("a") as file:
             file.write(json.dumps({"object": name, "positions": positions.tolist()}) + "\n")
 
-    return note
+    def ticked(self, station: Any, context: Any, doing: Any) -> None:
+        """Write nothing: contacts are counted by the run itself."""
 
 
 def true_objects(scenario: Scenario, positions: Array) -> list[TrueObject]:

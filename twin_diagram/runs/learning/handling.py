@@ -23,7 +23,7 @@ from twin_diagram.runs.learning.bin_view import (
     things_within,
     wall_points,
 )
-from twin_diagram.runs.learning.cell import Cell, Picture
+from twin_diagram.runs.learning.cell import RELEASE, Cell, Picture
 from twin_diagram.runs.learning.display import TUNING as DISPLAY
 from twin_diagram.runs.learning.display import NothingHeld, display
 from twin_diagram.runs.learning.following import TUNING as FOLLOWING
@@ -278,7 +278,8 @@ def let_go(tools: Tools) -> None:
         with contextlib.suppress(NoWay):
             goals = tools.mover.goals(over, tools.cell.commanded)
             go(tools.cell, tools.mover.timed(tools.mover.path(tools.cell.commanded, goals)))
-    tools.cell.grip(1.0)
+    with tools.cell.about(RELEASE, tools.mover.tool(tools.cell.q)[:3, 3]):
+        tools.cell.grip(1.0)
     tools.mover.hold(None)
     go_home(tools)
 

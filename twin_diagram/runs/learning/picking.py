@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin_diagram.planning.grasps import Grasps
-from twin_diagram.runs.learning.cell import Cell
+from twin_diagram.runs.learning.cell import GRASP, Cell
 from twin_diagram.runs.learning.motion import Mover, NoWay, TimedPath
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.pose_vectors import as_matrix
@@ -106,6 +106,12 @@ def take(mover: Mover, cell: Cell, reach: Reach) -> Taken | None:
     """Go to a grasp, shut the fingers and lift; None where they hold nothing."""
     cell.grip(1.0, 0.0 if cell.opening > 0.10 else 0.5)
     go(cell, mover.timed(reach.way))
+    with cell.about(GRASP, reach.X_WT[:3, 3]):
+        return _taken(mover, cell, reach)
+
+
+def _taken(mover: Mover, cell: Cell, reach: Reach) -> Taken | None:
+    """Take what is before the fingers, from where the straight way to it begins."""
     go(cell, mover.timed_line(reach.line, TUNING.slow * 2.0))
     cell.wait(TUNING.settle)
     X_WT = mover.tool(cell.q)

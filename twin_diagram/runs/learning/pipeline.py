@@ -20,6 +20,7 @@ from twin_diagram.runs.learning import handling
 from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.runs.learning.cell import Cell, Picture
 from twin_diagram.runs.learning.display import NothingHeld
+from twin_diagram.runs.learning.ending import end_early
 from twin_diagram.runs.learning.finishing import write_learned
 from twin_diagram.runs.learning.gallery import write_gallery
 from twin_diagram.runs.learning.handling import Picked, ShownObject, Tools
@@ -30,6 +31,7 @@ from twin_diagram.runs.learning.shape_jobs import Done, ShapeJobs
 from twin_diagram.runs.learning.shape_worker import FRAMES, SHAPE, read_shape
 from twin_diagram.runs.learning.weighing import inertia_of, read_swung
 from twin_diagram.runtime import stopping
+from twin_diagram.runtime.stopping import Stopped
 from twin_diagram.scenario import Learning, Scenario
 from twin_diagram.signals.arrays import Array
 
@@ -61,7 +63,7 @@ def tools_of(scenario: Scenario, learning: Learning) -> Tools:
     twin, packages = scenario.twin, dict(scenario.packages)
     gripper = gripper_of(learning.gripper)
     cell = Cell(scenario)
-    model = Model.load(twin.arm, packages)
+    model = Model.load(twin.arm, packages, torque_side=twin.driver.torque_side)
     mover = Mover(twin, packages, np.asarray(model.velocity_limit), scenario.seed)
     home = np.array(twin.home, dtype=float) if twin.home else np.zeros(len(model.joints))
     return Tools(cell, mover, RobotShape(twin.arm, packages), gripper, learning, home, model)
@@ -85,6 +87,7 @@ class Learner:
         self._left = 0
         self._taken = 0
         self._made: list[Done] = []
+        self._in_bin = True
 
     def run(self) -> None:
         """Empty the bin, wait for reconstructions under way, and write the gallery."""
@@ -93,13 +96,28 @@ class Learner:
             while (found := self._next()) is not None:
                 self._handle(*found)
                 self._save()
+                self._in_bin = True
             if not self.state.finished:
                 self.state.finished = True
                 self.record.event(stage="bin", outcome="empty" if not self.state.given_up else "nothing left to take")
             self._wait()
             self._save()
+        except Stopped:
+            self._jobs.close()
+            self._end_early()
+            raise
         finally:
             self._jobs.close()
+
+    def _end_early(self) -> None:
+        """Set down what is held, or hold it; where it lies in its bin again the run goes on from there."""
+        ending = end_early(self.tools)
+        if ending.empty and self._in_bin:
+            self.state.world = self.tools.cell.snapshot()
+            self.state.sim_time = self.tools.cell.time
+            self.record.save(self.state)
+        self.record.event(stage="stop", outcome=ending.told)
+        self._say(f"stopped: {ending.told}")
 
     def _start(self) -> None:
         if self.state.world:
@@ -163,6 +181,7 @@ class Learner:
                 told.update(pictures=len(shown.followed.shown), slips=len(shown.followed.slips))
             for _ in range(1, self.tools.learning.grasps):
                 with self._stage(name, "display again") as told:
+                    self._in_bin = False
                     told["outcome"] = "shown" if handling.show_again(self.tools, shown) else "not taken again"
                     told.update(pictures=len(shown.followed.shown), slips=len(shown.followed.slips))
                 if told["outcome"] != "shown":
@@ -177,6 +196,7 @@ class Learner:
             one.figures["X_WS"] = X_WS.tolist()
             self.tools.cell.moment(name)
             with self._stage(name, "put away"):
+                self._in_bin = False
                 standing = [PutDown((s[0], s[1]), s[2], s[3]) for o in self.state.learned if (s := o.standing)]
                 put = handling.put_away(self.tools, shown, standing)
                 one.standing = [*put.place, put.radius, put.top]
@@ -215,7 +235,7 @@ class Learner:
 
     def _let_go(self, one: Learned) -> None:
         """Leave the hand empty and the arm at home after something went wrong; keep a picture of it."""
-        cell = self.tools.cell
+        cell, self._in_bin = self.tools.cell, False
         picture = cell.look(self.tools.learning.scan_camera)
         one.picture = f"objects/{one.name}/failed.png"
         handling.save_picture(self.record.folder / one.picture, picture, None, one.why)

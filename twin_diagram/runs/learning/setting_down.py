@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin_diagram.runs.learning.cell import Cell
+from twin_diagram.runs.learning.cell import RELEASE, Cell
 from twin_diagram.runs.learning.motion import Mover, NoWay, cloud_cells, pose
 from twin_diagram.runs.learning.picking import go
 from twin_diagram.signals.arrays import Array
@@ -111,14 +111,20 @@ def set_down(
                     last = why
                     continue
                 go(cell, mover.timed(way))
-                go(cell, mover.timed_line(line, TUNING.speed))
-                cell.wait(0.2)
-                X_WT = mover.tool(cell.q)
-                cell.grip(1.0)
-                mover.hold(None)
-                retreat(mover, cell)
-                return X_WT, place
+                return release(mover, cell, line), place
     raise last
+
+
+def release(mover: Mover, cell: Cell, line: Array) -> Array:
+    """Go down a line (W, n), open the fingers and go back; return X_WT (4, 4) of the tool when they opened."""
+    with cell.about(RELEASE, mover.tool(line[-1])[:3, 3]):
+        go(cell, mover.timed_line(line, TUNING.speed))
+        cell.wait(0.2)
+        X_WT = mover.tool(cell.q)
+        cell.grip(1.0)
+        mover.hold(None)
+        retreat(mover, cell)
+    return X_WT
 
 
 def retreat(mover: Mover, cell: Cell) -> None:
