@@ -1,4 +1,4 @@
-"""Torques behind the gears: what the description of the arm says without rotors and drive friction, whatever these are."""
+"""Torques behind the gears: what the arm's description says without rotors and friction, whatever these are."""
 
 from __future__ import annotations
 

@@ -50,8 +50,8 @@ class Parts:
 def asked_for(a: int, b: int, parts: Parts, phase: str, wanted: int) -> bool:
     """Return whether a step asks for a contact of two bodies.
 
-    The gripper may touch the object that is wanted, or held, and nothing else but itself; that object may touch others, and what
-    stands still, while it is taken and while it is set down. Objects that nobody handles touch what they like.
+    The gripper may touch the object that is wanted, or held, and nothing else but itself; that object may touch others,
+    and what stands still, while it is taken and while it is set down. Objects that nobody handles touch what they like.
 
     Args:
         a: number of a body.
@@ -78,7 +78,8 @@ class ContactCount:
         self._tell = tell
         self._parts: Parts | None = None
         self._last: dict[tuple[int, int], float] = {}
-        self._wanted, self._phase, self._gripped = NOTHING, FREE.phase, False
+        self._wanted, self._gripped = NOTHING, False
+        self._before, self._phase = FREE.phase, FREE.phase
         self.count = 0
 
     def moment(self, name: str, positions: Array) -> None:
@@ -91,34 +92,36 @@ class ContactCount:
         assert self._parts is not None
         if doing.phase == GRASP and self._phase != GRASP and doing.place is not None:
             self._wanted, self._gripped = self._nearest(station, context, np.array(doing.place)), False
-        self._phase = doing.phase
+        self._before, self._phase = self._phase, doing.phase
         now = context.get_time()
         results: Any = station.GetOutputPort(ports.CONTACT_RESULTS).Eval(context)
-        pairs = {(min(a, b), max(a, b)) for a, b in self._pairs(results)}
+        where = {(min(a, b), max(a, b)): at for a, b, at in self._pairs(results)}
+        pairs = set(where)
         self._note_grip(pairs, doing, now)
         for a, b in sorted(pairs):
             if asked_for(a, b, self._parts, doing.phase, self._wanted):
                 continue
             if now - self._last.get((a, b), -np.inf) > TUNING.anew:
-                self._note([self._names.get(a, "fixture"), self._names.get(b, "fixture")], doing, now)
+                self._note([self._names.get(a, "fixture"), self._names.get(b, "fixture")], doing, now, where[a, b])
             self._last[a, b] = now
 
     def _note_grip(self, pairs: set[tuple[int, int]], doing: Doing, now: float) -> None:
         """Follow whether what is wanted is in the hand; what leaves it unasked is noted."""
         assert self._parts is not None
-        if self._wanted == NOTHING or doing.phase == GRASP:
+        if self._wanted == NOTHING or doing.phase in (GRASP, RELEASE):  # until it is let go the fingers may brush it
             return
         touched = any(self._wanted in pair and (set(pair) & self._parts.gripper) for pair in pairs)
         if touched:
             self._gripped = True
             return
-        if self._gripped and doing.phase != RELEASE:
+        if self._gripped and self._before != RELEASE:
             self._note([self._names[self._wanted], "nothing"], doing, now)
         self._wanted, self._gripped = NOTHING, False
 
-    def _note(self, between: list[str], doing: Doing, now: float) -> None:
+    def _note(self, between: list[str], doing: Doing, now: float, place: Array | None = None) -> None:
         self.count += 1
-        self._tell(between=between, doing=doing.phase, at=round(now, 3))
+        where = {} if place is None else {"place": [round(float(x), 4) for x in place]}
+        self._tell(between=between, doing=doing.phase, at=round(now, 3), **where)
 
     def _sort(self, station: SimStation) -> None:
         """Learn which bodies are what."""
@@ -141,14 +144,14 @@ class ContactCount:
         poses = np.array(station.GetOutputPort(ports.OBJECT_POSES).Eval(context)).reshape(-1, 7)
         return int(bodies[int(np.argmin(np.linalg.norm(poses[:, 4:] - place, axis=1)))])
 
-    def _pairs(self, results: Any) -> Iterator[tuple[int, int]]:
-        """Yield the bodies of each contact."""
+    def _pairs(self, results: Any) -> Iterator[tuple[int, int, Array]]:
+        """Yield the bodies of each contact, and where in W it is (3,)."""
         for i in range(results.num_point_pair_contacts()):
             info = results.point_pair_contact_info(i)
-            yield int(info.bodyA_index()), int(info.bodyB_index())
+            yield int(info.bodyA_index()), int(info.bodyB_index()), np.asarray(info.contact_point())
         for i in range(results.num_hydroelastic_contacts()):
             surface = results.hydroelastic_contact_info(i).contact_surface()
-            yield self._body_of[surface.id_M()], self._body_of[surface.id_N()]
+            yield self._body_of[surface.id_M()], self._body_of[surface.id_N()], np.asarray(surface.centroid())
 
 
 class Watchers:

@@ -71,7 +71,9 @@ def end_early(tools: Tools, within: float = TUNING.within) -> Ending:
             took = sum(float(part.times[-1]) for part in (way, line) if part is not None) + TUNING.opening
             left = within - TUNING.spare - (time.monotonic() - begun)
             if took * cell.pace > left:
-                return Ending(f"it is held: to set it down takes {took * cell.pace:.0f} s, {left:.0f} s are left", False)
+                return Ending(
+                    f"it is held: to set it down takes {took * cell.pace:.0f} s, {left:.0f} s are left", False
+                )
             if way is not None:
                 go(cell, way)
             with cell.about(RELEASE, tools.mover.tool(line.q[-1])[:3, 3]):

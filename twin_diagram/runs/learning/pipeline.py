@@ -25,7 +25,9 @@ from twin_diagram.runs.learning.finishing import write_learned
 from twin_diagram.runs.learning.gallery import write_gallery
 from twin_diagram.runs.learning.handling import Picked, ShownObject, Tools
 from twin_diagram.runs.learning.motion import Mover, NoWay
+from twin_diagram.runs.learning.picking import TUNING as PICKING
 from twin_diagram.runs.learning.record import SWUNG, Learned, LearningRecord, RunState, plain
+from twin_diagram.runs.learning.seeking import seek
 from twin_diagram.runs.learning.setting_down import PutDown
 from twin_diagram.runs.learning.shape_jobs import Done, ShapeJobs
 from twin_diagram.runs.learning.shape_worker import FRAMES, SHAPE, read_shape
@@ -179,13 +181,7 @@ class Learner:
             with self._stage(name, "display") as told:
                 shown = handling.show_first(self.tools, picked)
                 told.update(pictures=len(shown.followed.shown), slips=len(shown.followed.slips))
-            for _ in range(1, self.tools.learning.grasps):
-                with self._stage(name, "display again") as told:
-                    self._in_bin = False
-                    told["outcome"] = "shown" if handling.show_again(self.tools, shown) else "not taken again"
-                    told.update(pictures=len(shown.followed.shown), slips=len(shown.followed.slips))
-                if told["outcome"] != "shown":
-                    raise NothingHeld("it could not be taken from the platform again")
+            self._show_again(name, shown)
             handling.write_frames(folder / FRAMES, shown)
             self._jobs.add(name, folder)
             opening = self.tools.cell.opening
@@ -207,6 +203,8 @@ class Learner:
         except (NoWay, NothingHeld) as why:
             one.why = str(why)
             self._let_go(one)
+            if not one.standing:
+                self._seek(one)
         if shown.followed.shown and not (folder / FRAMES).is_dir():
             handling.write_frames(folder / FRAMES, shown)
             self._jobs.add(name, folder)
@@ -222,6 +220,39 @@ class Learner:
         slips = [[s.picture, s.distance, s.angle] for s in shown.followed.slips]
         one.figures |= plain({"pictures": len(shown.followed.shown), "slips": slips, "notes": shown.notes})
         self.state.learned.append(one)
+
+    def _show_again(self, name: str, shown: ShownObject) -> None:
+        """Show an object in its further grasps; one that cannot be set down goes on with what was seen of it.
+
+        Raises:
+            NothingHeld: it is no longer in the hand.
+        """
+        for _ in range(1, self.tools.learning.grasps):
+            self._in_bin = False
+            try:
+                with self._stage(name, "display again") as told:
+                    told["outcome"] = "shown" if handling.show_again(self.tools, shown) else "not taken again"
+                    told.update(pictures=len(shown.followed.shown), slips=len(shown.followed.slips))
+            except NoWay as why:
+                if self.tools.cell.opening < PICKING.empty or not self.tools.cell.shut:
+                    raise NothingHeld(f"it was set down, and then: {why}") from why
+                shown.notes.append(f"shown in {len(shown.X_ST)} grasps only: {why}")
+                return
+            if told["outcome"] != "shown":
+                raise NothingHeld("it could not be taken from the platform again")
+
+    def _seek(self, one: Learned) -> None:
+        """Look for what was lost where the cameras see, and put it away; what cannot be had is told with a picture."""
+        with self._stage(one.name, "seek") as told:
+            standing = [PutDown((s[0], s[1]), s[2], s[3]) for o in self.state.learned if (s := o.standing)]
+            found, picture = seek(self.tools, standing)
+            told["outcome"] = found.told
+        if found.put is not None:
+            one.standing = [*found.put.place, found.put.radius, found.put.top]
+            one.why += f"; {found.told}"
+        elif found.thing is not None:
+            handling.save_picture(self.record.folder / one.picture, picture, found.thing, found.told)
+            one.why += f"; {found.told}"
 
     def _weigh(self, name: str, shown: ShownObject, folder: Path) -> None:
         """Swing what is held; where that cannot be, its inertia will be told from its shape alone."""
@@ -240,7 +271,10 @@ class Learner:
         one.picture = f"objects/{one.name}/failed.png"
         handling.save_picture(self.record.folder / one.picture, picture, None, one.why)
         try:
-            handling.let_go(self.tools)
+            fell = handling.let_go(self.tools)
+            if fell is not None:
+                one.standing = [*fell.place, fell.radius, fell.top]
+                one.why += "; it was let fall into the other bin"
         except NoWay as why:  # the next look into the bin tries the way home again, and ends the run if there is none
             one.why += f"; then the arm could not go home: {why}"
 

@@ -11,8 +11,8 @@ from twin_diagram.station.sim.arm_sensors import ArmSensors
 from twin_diagram.station.sim.camera import add_camera
 from twin_diagram.station.sim.driver import ArmDriver, NominalGravity
 from twin_diagram.station.sim.lidar import add_lidar
-from twin_diagram.station.sim.link_torque import LinkTorque
 from twin_diagram.station.sim.link_sensors import add_link_sensors
+from twin_diagram.station.sim.link_torque import LinkTorque
 from twin_diagram.station.sim.movers import MoverDriver
 from twin_diagram.station.sim.truth import TruePoses, TrueState
 from twin_diagram.station.sim.world_plant import WorldPlant, build_world
