@@ -27,9 +27,10 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class TrueObject:
-    """One object of the world: its name, X_WO at the run's end, surface in O, and its inertia about its centre."""
+    """One object of the world: its name, folder, X_WO, surface in O, and its inertia about its centre."""
 
     name: str
+    folder: Path
     X_WO: Array
     corners: Array
     mass: float
@@ -69,7 +70,7 @@ def true_objects(scenario: Scenario, positions: Array) -> list[TrueObject]:
         folder = resolve(scenario.world.objects[name].asset, scenario.packages)
         centre = np.asarray(inertia.get_com())
         about = inertia.Shift(centre).CalcRotationalInertia().CopyToFullMatrix3()
-        found.append(TrueObject(name, X_WO, triangles(folder / "visual.obj"), inertia.get_mass(), centre, about))
+        found.append(TrueObject(name, folder, X_WO, triangles(folder / "visual.obj"), inertia.get_mass(), centre, about))
     return found
 
 
@@ -101,6 +102,22 @@ def off_surface(points: Array, surface: Array, normals: Array) -> Array:
     return np.where(distance < across + 3.0 * spacing, across, distance)
 
 
+def registered(points: Array, normals: Array, true: TrueObject, X_WO: Array) -> Array:
+    """Return the pose X_OA (4, 4) of a learned asset in the true object's O, by their surfaces.
+
+    Args:
+        points: (N, 3) of the asset's surface, in random order [m], with normals (N, 3).
+        normals: of them.
+        true: the object.
+        X_WO: (4, 4) where the asset's O was last told to be, which is a first guess alone.
+    """
+    truth, outward = sampled(true.corners, 20000)
+    X = np.linalg.solve(true.X_WO, X_WO)
+    for reach, prior in ((0.03, (0.05, 0.5)), (0.012, (0.02, 0.2)), (0.006, (0.02, 0.2)), (0.004, (0.02, 0.2))):
+        X, _ = register(truth, outward, points[:2500], normals[:2500], X, prior, reach)
+    return X
+
+
 def scored(one: dict[str, Any], folder: Path, true: TrueObject, X_WO: Array) -> dict[str, Any]:
     """Return how far a learned asset is off the true object.
 
@@ -113,9 +130,7 @@ def scored(one: dict[str, Any], folder: Path, true: TrueObject, X_WO: Array) -> 
     learned = triangles(folder / "visual.obj")
     points, normals = sampled(learned, 20000)
     truth, outward = sampled(true.corners, 20000)
-    X = np.linalg.solve(true.X_WO, X_WO)
-    for reach, prior in ((0.03, (0.05, 0.5)), (0.012, (0.02, 0.2)), (0.006, (0.02, 0.2)), (0.004, (0.02, 0.2))):
-        X, _ = register(truth, outward, points[:2500], normals[:2500], X, prior, reach)
+    X = registered(points, normals, true, X_WO)
     placed = points @ X[:3, :3].T + X[:3, 3]
     there, back = off_surface(placed, truth, outward), off_surface(truth, placed, normals @ X[:3, :3].T)
     spec = read_spec(folder)
@@ -144,22 +159,50 @@ def scored(one: dict[str, Any], folder: Path, true: TrueObject, X_WO: Array) -> 
     }
 
 
-def score_run(scenario: Scenario, out: Path) -> list[dict[str, Any]]:
-    """Return the scores of each finished object of a run, and a row for each other one."""
+@dataclass(frozen=True)
+class Matched:
+    """A learned object, and the true one that it is; None: it was not finished, or nobody noted where it was.
+
+    Attributes:
+        one: its entry in the run's state.
+        true: the object that it is.
+        X_WO: (4, 4) where its O was told to be when the true object was there.
+    """
+
+    one: dict[str, Any]
+    true: TrueObject | None = None
+    X_WO: Array | None = None
+
+
+def matched(scenario: Scenario, out: Path) -> list[Matched]:
+    """Return each object of a run beside the true one that was in the hand."""
     with np.load(out / STATE, allow_pickle=False) as data:
         told = json.loads(str(data["told"]))
     lines = out.with_suffix(".truth.jsonl").read_text().splitlines() if out.with_suffix(".truth.jsonl").exists() else []
     truth = {line["object"]: np.array(line["positions"]) for line in map(json.loads, lines)}
-    rows: list[dict[str, Any]] = []
+    found: list[Matched] = []
     for one in told["learned"]:
         figures = one["figures"]
         if one["state"] != "finished" or "X_WS" not in figures or one["name"] not in truth:
-            rows.append({"object": one["name"], "state": one["state"], "why": one["why"]})
+            found.append(Matched(one))
             continue
         X_OS = np.eye(4)
         X_OS[:3, :3], X_OS[:3, 3] = figures["R_OS"], figures["p_OS"]
         X_WO = np.array(figures["X_WS"]) @ np.linalg.inv(X_OS)
         every = true_objects(scenario, truth[one["name"]])
         true = min(every, key=lambda t: float(np.linalg.norm(t.X_WO[:3, 3] - X_WO[:3, 3])))
-        rows.append({"state": "finished", **scored(one, out / "library" / one["name"], true, X_WO)})
+        found.append(Matched(one, true, X_WO))
+    return found
+
+
+def score_run(scenario: Scenario, out: Path) -> list[dict[str, Any]]:
+    """Return the scores of each finished object of a run, and a row for each other one."""
+    rows: list[dict[str, Any]] = []
+    for each in matched(scenario, out):
+        one = each.one
+        if each.true is None or each.X_WO is None:
+            rows.append({"object": one["name"], "state": one["state"], "why": one["why"]})
+        else:
+            scores = scored(one, out / "library" / one["name"], each.true, each.X_WO)
+            rows.append({"state": "finished", "why": one["why"], **scores})
     return rows
