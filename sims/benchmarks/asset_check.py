@@ -70,11 +70,15 @@ def main() -> int:
         print(f"error: {error}", file=sys.stderr)
         return 2
     for row in rows:
-        print("  ".join(f"{name} {value:.2f}" if isinstance(value, float) else f"{value}" for name, value in row.items()))
+        print(
+            "  ".join(f"{name} {value:.2f}" if isinstance(value, float) else f"{value}" for name, value in row.items())
+        )
     for name, aim in AIMS.items():
         values = [row[name] for row in rows]
         if values:
-            print(f"{name:8s} median {np.median(values):6.2f}  90 % within {np.quantile(values, 0.9):6.2f}  aim {aim:g}")
+            print(
+                f"{name:8s} median {np.median(values):6.2f}  90 % within {np.quantile(values, 0.9):6.2f}  aim {aim:g}"
+            )
     print(f"the same face: {sum(row['fall face'] for row in rows)} of {len(rows)}")
     return 0
 

@@ -42,7 +42,7 @@ class Tuning:
     friction: float = 0.5
     """Told to both, for push and fall."""
 
-    rough: float = 3.0
+    rough: float = 20.0
     """Told to both while they are tilted: they topple before they slide."""
 
     swing: float = 2.0
@@ -241,7 +241,9 @@ def _run(
     body = _add(plant, subject)
     ground, driven = plant.world_body(), plant.AddModelInstance("driven")
     if over is not None:
-        ground = plant.AddRigidBody("plane", driven, SpatialInertia(50.0, np.zeros(3), UnitInertia.SolidBox(2.0, 2.0, 0.1)))
+        ground = plant.AddRigidBody(
+            "plane", driven, SpatialInertia(50.0, np.zeros(3), UnitInertia.SolidBox(2.0, 2.0, 0.1))
+        )
         joint = plant.AddJoint(
             RevoluteJoint("tilt", plant.world_frame(), ground.body_frame(), np.array([1.0, 0.0, 0.0]))
         )
@@ -264,9 +266,7 @@ def _run(
     poses = []
     for k in range(round(duration / 0.01) + 1):
         if desired is not None:
-            plant.get_desired_state_input_port(driven).FixValue(
-                context, np.array(desired(0.01 * k))
-            )
+            plant.get_desired_state_input_port(driven).FixValue(context, np.array(desired(0.01 * k)))
         simulator.AdvanceTo(0.01 * k)
         poses.append((body.EvalPoseInWorld(context) @ X_OA.inverse()).GetAsMatrix4())
         if over is not None and over(0.01 * k, poses[-1]):

@@ -70,7 +70,9 @@ def true_objects(scenario: Scenario, positions: Array) -> list[TrueObject]:
         folder = resolve(scenario.world.objects[name].asset, scenario.packages)
         centre = np.asarray(inertia.get_com())
         about = inertia.Shift(centre).CalcRotationalInertia().CopyToFullMatrix3()
-        found.append(TrueObject(name, folder, X_WO, triangles(folder / "visual.obj"), inertia.get_mass(), centre, about))
+        found.append(
+            TrueObject(name, folder, X_WO, triangles(folder / "visual.obj"), inertia.get_mass(), centre, about)
+        )
     return found
 
 
