@@ -9,7 +9,8 @@ import pytest
 
 from tests.runs.learning.held_box import HALF, shown, turned
 from twin_diagram.runs.learning.display import NothingHeld
-from twin_diagram.runs.learning.following import Followed, apart, follow
+from twin_diagram.runs.learning.following import Followed, apart, follow, found_again
+from twin_diagram.signals import rotations
 
 X_TB = np.eye(4)
 X_TB[:3, 3] = [0.0, 0.0, 0.05]
@@ -72,3 +73,21 @@ def test_pictures_that_all_show_too_little_are_told_and_not_taken_for_followed()
             follow(before, bad, np.eye(4))
         assert len(before.shown) == count
     assert len(follow(Followed(), [bad[0], good[0]], np.eye(4)).shown) == 1
+
+
+def test_what_crept_in_the_hand_is_found_again_along_every_axis() -> None:
+    X_TB = np.eye(4)
+    X_TB[2, 3] = 0.05
+    pictures = [shown(turned(angle, tilt), X_TB, k) for tilt in (0.9, 0.3, -0.4) for k, angle in
+                enumerate(np.linspace(-2.9, 2.9, 10))]  # fmt: skip
+    seen = follow(Followed(), pictures, np.eye(4))
+    crept = X_TB.copy()
+    crept[:3, :3] = rotations.matrix(rotations.exp(np.array([0.0, 0.03, 0.01])))
+    crept[:3, 3] += [0.005, 0.0, -0.009]
+    glances = [shown(turned(angle, 0.7), crept, 50 + k) for k, angle in enumerate(np.linspace(-2.9, 2.9, 6))]
+    X_ST = found_again(seen, glances, seen.X_ST[-1], (0.006, 0.03))
+    assert X_ST is not None
+    # The box's own frame, in S as it was and as it is found now.
+    before, after = seen.X_ST[-1] @ X_TB, X_ST @ crept
+    assert np.linalg.norm((before - after)[:3, 3]) < 0.0012
+    assert np.abs(before[:3, :3].T @ after[:3, :3] - np.eye(3)).max() < 0.006

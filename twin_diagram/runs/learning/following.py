@@ -47,6 +47,9 @@ class Tuning:
     far_reach: float = 0.03
     """The same at first where a slip is looked for [m]."""
 
+    crept_reach: tuple[float, ...] = (0.02, 0.012)
+    """The same where an object is found again that crept while it was swung: by a centimetre at the most."""
+
     facing: float = 0.6
     """Least cosine between a point's normal and the cloud's."""
 
@@ -159,6 +162,28 @@ def follow(
     if len(result.shown) == len(so_far.shown):
         raise NothingHeld(f"no picture can be followed: each of {len(more)} has under {TUNING.least} points with depth")
     return result
+
+
+def found_again(
+    seen: Followed, pictures: Sequence[HeldPicture], X_ST: Array, crept: tuple[float, float]
+) -> Array | None:
+    """Return the pose (4, 4) of the tool in S, of an object that crept in the hand and rests there now; None: unseen.
+
+    All pictures are registered as one: what one side leaves open, another one tells.
+
+    Args:
+        seen: what is known of it.
+        pictures: of it, in one grasp.
+        X_ST: (4, 4) before it crept.
+        crept: by how much it may have, as standard deviations [m], [rad].
+    """
+    parts = [part for part in map(_sampled, pictures) if len(part[0]) >= TUNING.least]
+    if not parts:
+        return None
+    points, normals = (np.concatenate(rows) for rows in zip(*parts, strict=True))
+    for reach in (*TUNING.crept_reach, TUNING.reach):
+        X_ST, _ = register(seen.points, seen.normals, points, normals, X_ST, crept, reach)
+    return X_ST
 
 
 def _located(

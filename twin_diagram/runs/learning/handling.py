@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
@@ -29,14 +29,14 @@ from twin_diagram.runs.learning.cell import RELEASE, Cell, Picture
 from twin_diagram.runs.learning.display import TUNING as DISPLAY
 from twin_diagram.runs.learning.display import NothingHeld, display
 from twin_diagram.runs.learning.following import TUNING as FOLLOWING
-from twin_diagram.runs.learning.following import Followed, cover, follow
+from twin_diagram.runs.learning.following import Followed, cover, follow, found_again
 from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
 from twin_diagram.runs.learning.picking import TUNING as PICKING
 from twin_diagram.runs.learning.picking import Taken, go, reach_of, take
 from twin_diagram.runs.learning.record import SWUNG, LearningError
 from twin_diagram.runs.learning.regrasping import take_again
 from twin_diagram.runs.learning.setting_down import PutDown, outline, places_in, resting, set_down
-from twin_diagram.runs.learning.weighing import swing_empty, swing_held, write_swung
+from twin_diagram.runs.learning.weighing import slipped, swing_empty, swing_held, write_swung
 from twin_diagram.scenario import Learning
 from twin_diagram.signals.arrays import Array
 
@@ -47,6 +47,15 @@ class Tuning:
 
     regrasped: tuple[float, float] = (0.004, 0.04)
     """How well the place of what was taken again is known [m], [rad]: what shutting fingers push it by."""
+
+    glances: int = 6
+    """Pictures of what is held after it was swung."""
+
+    glance: tuple[float, ...] = (0.7,)
+    """Tilts of the tool at which they are taken [rad]: sides and far end show alike."""
+
+    crept: tuple[float, float] = (0.006, 0.03)
+    """By how much it may have crept meanwhile, as standard deviations [m], [rad]."""
 
     same_place: float = 0.04
     """A thing within this of one that was given up is that one [m]."""
@@ -248,6 +257,24 @@ def weigh_held(tools: Tools, shown: ShownObject, folder: Path) -> float:
     )
     if tools.cell.opening < PICKING.empty:
         raise NothingHeld("it was lost while it was swung")
+    # Swinging makes it creep in the hand: where it is afterwards is seen.
+    try:
+        pictures = display(
+            tools.mover,
+            tools.cell,
+            replace(learning, frames=TUNING.glances),
+            tools.robot,
+            len(shown.X_ST) - 1,
+            TUNING.glance,
+        )
+        X_ST = found_again(shown.followed, pictures, shown.X_ST[-1], TUNING.crept)
+        if X_ST is not None:
+            swung = slipped(swung, np.asarray(np.linalg.inv(X_ST), dtype=float))
+            shown.R_WT = shown.R_WT @ shown.X_ST[-1][:3, :3].T @ X_ST[:3, :3]
+            shown.X_ST[-1] = X_ST
+            hold_seen(tools, shown)
+    except NoWay as why:
+        shown.notes.append(f"not looked at after it was swung: {why}")
     write_swung(folder / SWUNG, swung)
     return mass
 

@@ -343,6 +343,9 @@ class Learner:
         except TwinError as why:
             told["outcome"] = str(why)
             raise
+        except Stopped:
+            told["outcome"] = "stopped"
+            raise
         finally:
             took = {"sim": round(cell.time - sim, 3), "took": round(time.monotonic() - wall, 2)}
             self.record.event(object=name, stage=stage, at=round(cell.time, 3), **took, **plain(told))

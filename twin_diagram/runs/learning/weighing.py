@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import io
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from pydrake.math import RigidTransform
+from scipy.spatial.transform import Rotation
 
 from twin_diagram.assets.building.backends import ColouredSurface
 from twin_diagram.assets.building.measured import MeasuredInertia
 from twin_diagram.estimation.weighing import (
+    ArmDoubt,
     EmptyRun,
     Excitation,
     ExcitationPlan,
@@ -74,6 +76,9 @@ class Tuning:
     rest: float = 0.3
     """Before and after [s]."""
 
+    slipping: float = 0.25
+    """Share of a slip by which the pose in its middle may be off, as a standard deviation: slips are not even."""
+
 
 TUNING = Tuning()
 
@@ -85,12 +90,15 @@ class Swung:
     Attributes:
         log: the arm's messages.
         fingers: where they stood, by the names of their joints [m].
-        X_TS: (4, 4) of the object's frame S in the tool; the identity where the hand was empty.
+        X_TS: (4, 4) of the object's frame S in the tool, in the middle of the way that it slipped meanwhile; the
+            identity where the hand was empty.
+        slip: by how much it slipped from the begin to the end [m], [rad].
     """
 
     log: Log
     fingers: dict[str, float]
     X_TS: Array
+    slip: tuple[float, float] = (0.0, 0.0)
 
 
 def swing_posture(mover: Mover, cell: Cell) -> Array:
@@ -262,6 +270,7 @@ def write_swung(path: Path, swung: Swung) -> None:
         finger_names=np.array(list(swung.fingers)),
         fingers=np.array(list(swung.fingers.values())),
         X_TS=swung.X_TS,
+        slip=np.array(swung.slip),
     )
     atomic_file.write(path, data.getvalue())
 
@@ -279,7 +288,18 @@ def read_swung(path: Path) -> Swung:
             torque=data["torque"],
             source=f"{path.parent.name}/{path.name}",
         )
-        return Swung(log, fingers, data["X_TS"])
+        slip = data["slip"] if "slip" in data.files else np.zeros(2)
+        return Swung(log, fingers, data["X_TS"], (float(slip[0]), float(slip[1])))
+
+
+def slipped(swung: Swung, X_TS: Array) -> Swung:
+    """Return what was swung with where the object was found in the tool (4, 4) afterwards."""
+    turn = Rotation.from_matrix(swung.X_TS[:3, :3].T @ X_TS[:3, :3]).as_rotvec()
+    middle = np.eye(4)
+    middle[:3, :3] = swung.X_TS[:3, :3] @ Rotation.from_rotvec(0.5 * turn).as_matrix()
+    middle[:3, 3] = 0.5 * (swung.X_TS[:3, 3] + X_TS[:3, 3])
+    way = float(np.linalg.norm(X_TS[:3, 3] - swung.X_TS[:3, 3]))
+    return replace(swung, X_TS=middle, slip=(way, float(np.linalg.norm(turn))))
 
 
 def inertia_of(model: Model, swung: Swung, empty: Swung | None, surface: ColouredSurface) -> MeasuredInertia:
@@ -293,7 +313,9 @@ def inertia_of(model: Model, swung: Swung, empty: Swung | None, surface: Coloure
     prior = ShapePrior(Shape.of_mesh(vertices, faces))
     loaded = LoadedRun(swung.log, RigidTransform(swung.X_TS), swung.fingers)
     runs = [] if empty is None else [EmptyRun(empty.log, empty.fingers)]
-    found = weigh(model, [loaded], runs, prior)
+    doubt = ArmDoubt.of_side("link" if model.arm.link_side else "motor")
+    pose = np.hypot(doubt.pose, TUNING.slipping * np.array(swung.slip))
+    found = weigh(model, [loaded], runs, prior, doubt=replace(doubt, pose=(float(pose[0]), float(pose[1]))))
     if not (np.isfinite(found.mass) and found.mass > 0.0):
         raise WeighingError(f"the torques tell a mass of {found.mass:g} kg")
     words = ("measured", "partly", "from shape alone")
