@@ -10,12 +10,12 @@ import pytest
 
 from twin_diagram.runs.learning import contact_count
 from twin_diagram.runs.learning.cell import FREE, GRASP, RELEASE, Doing
-from twin_diagram.runs.learning.contact_count import NOTHING, ContactCount, Parts, Watchers, asked_for
+from twin_diagram.runs.learning.contact_count import NOTHING, CellParts, ContactCount, Watchers, asked_for
 from twin_diagram.runs.learning.record import LearningRecord
 from twin_diagram.scenario import Scenario
 
 TABLE, LINK, PALM, FINGER, MUG, CAN = range(6)
-PARTS = Parts(frozenset({LINK, PALM, FINGER}), frozenset({PALM, FINGER}), frozenset({MUG, CAN}))
+PARTS = CellParts(frozenset({LINK, PALM, FINGER}), frozenset({PALM, FINGER}), frozenset({MUG, CAN}))
 
 
 @pytest.mark.parametrize(

@@ -140,7 +140,7 @@ class TransformsFolder:
             X[: len(told)] = told
         if not _is_rigid(X):
             raise FramesError(f"{self._file}: applied_transform holds no rotation")
-        return np.linalg.inv(X), scale
+        return np.asarray(np.linalg.inv(X), dtype=float), scale
 
     def _refuse_bent(self) -> None:
         """Raise FramesError where a frame, or what holds for all, tells of a lens that bends straight lines."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -160,7 +161,11 @@ def grasps_of_thing(
     points, normals = thing.points[: TUNING.points], thing.normals[: TUNING.points]
     wanted = Wanted(count or TUNING.candidates, seed)
     # Nobody knows its weight: a usual one in the middle keeps grasps from its ends, where it would turn.
-    told = {"table": np.array([0.0, 0.0, 1.0, floor]), "mass": TUNING.usual_mass, "centre": thing.middle}
+    told: dict[str, Any] = {
+        "table": np.array([0.0, 0.0, 1.0, floor]),
+        "mass": TUNING.usual_mass,
+        "centre": thing.middle,
+    }
     others = surroundings if len(surroundings) else None
     found = propose(points, normals, gripper, wanted=wanted, viewpoint=thing.viewpoint, surroundings=others, **told)
     if len(downward(found)):
@@ -173,7 +178,7 @@ def grasps_of_thing(
         np.vstack([points, sides]),
         np.vstack([normals, outward]),
         surroundings=others,
-        **told,  # type: ignore[arg-type]
+        **told,
     )
     upright = rank(given_poses(upright_poses(thing, gripper, floor)), target, gripper, wanted)
     return upright if len(upright) else found

@@ -33,7 +33,7 @@ TUNING = Tuning()
 
 
 @dataclass(frozen=True)
-class Parts:
+class CellParts:
     """Which bodies of the world are what: numbers of bodies.
 
     Attributes:
@@ -47,7 +47,7 @@ class Parts:
     objects: frozenset[int]
 
 
-def asked_for(a: int, b: int, parts: Parts, phase: str, wanted: int) -> bool:
+def asked_for(a: int, b: int, parts: CellParts, phase: str, wanted: int) -> bool:
     """Return whether a step asks for a contact of two bodies.
 
     The gripper may touch the object that is wanted, or held, and nothing else but itself; that object may touch others,
@@ -76,7 +76,7 @@ class ContactCount:
     def __init__(self, tell: Callable[..., None]) -> None:
         """`tell`: is told of each by keywords `between`, `doing`, `at`."""
         self._tell = tell
-        self._parts: Parts | None = None
+        self._parts: CellParts | None = None
         self._last: dict[tuple[int, int], float] = {}
         self._wanted, self._gripped = NOTHING, False
         self._before, self._phase = FREE.phase, FREE.phase
@@ -130,7 +130,7 @@ class ContactCount:
         hand = {int(finger.child_body().index()) for finger in world.arm.fingers}
         hand |= {int(finger.parent_body().index()) for finger in world.arm.fingers}
         objects = {name: int(index) for name, index in world.objects.items()}
-        self._parts = Parts(frozenset(arm), frozenset(hand), frozenset(objects.values()))
+        self._parts = CellParts(frozenset(arm), frozenset(hand), frozenset(objects.values()))
         self._names = {index: plant.get_body(_index(index)).name() for index in arm}
         self._names |= {index: name for name, index in objects.items()}
         every = [_index(k) for k in range(plant.num_bodies())]
