@@ -1,4 +1,4 @@
-"""What an object does when it swings, is pushed, tilted and let fall: the same trials for an asset and for the truth."""
+"""What an object does when it swings, is pushed, tilted and let fall: the same for an asset and for the truth."""
 
 from __future__ import annotations
 
