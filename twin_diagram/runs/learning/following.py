@@ -66,7 +66,10 @@ class Tuning:
     """Points whose errors are one and the same."""
 
     explained: float = 0.75
-    """Share of a picture's points near the cloud below which a slip is looked for."""
+    """Share of a picture's points near the cloud in pictures that are well followed."""
+
+    new_sides: float = 0.4
+    """Share below which a slip is looked for though nothing contradicts: more than half is new in no picture."""
 
     contradicting: float = 0.08
     """Share of a picture's points beside a surface that is not theirs, from which a slip is looked for."""
@@ -192,7 +195,9 @@ def _located(
     """Return the tool's pose in S and the share of points explained; a slip is noted."""
     near, share = register(seen.points, seen.normals, points, normals, X, prior, TUNING.reach)
     contradicts = contradicting(seen, points, normals, near)
-    if contradicts < TUNING.contradicting and share >= TUNING.explained:
+    # What contradicts nothing and is not explained is a side that was not seen before: turning what is round until it
+    # lies upon one that was would explain it as well.
+    if contradicts < TUNING.contradicting and share >= TUNING.new_sides:
         return near, share
     far = X
     for reach in (TUNING.far_reach, 0.5 * TUNING.far_reach, TUNING.reach):
