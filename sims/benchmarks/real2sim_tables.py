@@ -18,7 +18,7 @@ from pathlib import Path
 SIMS = Path(__file__).resolve().parent
 sys.path[:0] = [str(SIMS), str(SIMS.parents[1])]
 
-from real2sim_truth.scores import observer, score_run  # noqa: E402
+from real2sim_truth.scores import TruthNotes, score_run  # noqa: E402
 from real2sim_truth.tables import told  # noqa: E402
 
 from twin_diagram import load_scenario  # noqa: E402
@@ -47,7 +47,7 @@ def main() -> int:
     for seed in range(arguments.first, arguments.first + arguments.count):
         scenario = draw_bin(base, seed, 2 if arguments.quick else arguments.objects)
         out = arguments.out / f"{seed:06d}"
-        learn(scenario, out, resume=(out / STATE).exists(), say=say, observer=observer(out))
+        learn(scenario, out, resume=(out / STATE).exists(), say=say, observer=TruthNotes(out))
         rows += [{"seed": seed, **row} for row in score_run(scenario, out)]
         (arguments.out / "scores.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
     print(told(rows))

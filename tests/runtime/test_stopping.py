@@ -103,3 +103,20 @@ def test_a_command_says_so(
     monkeypatch.setattr(cli, "_gap", lambda arguments: send(number))
     assert cli.main(["gap", "--model", "m", "--fit", "f", "--holdout", "h", "--out", "o"]) == status
     assert capsys.readouterr().err == "stopped\n"
+
+
+def test_closing_lets_steps_pass_for_as_long_as_it_may_take() -> None:
+    closed = []
+    with pytest.raises(Stopped) as stop, stoppable():
+        try:
+            with stopping.steps():
+                send(signal.SIGTERM)
+                stopping.check()
+        except Stopped:
+            with stopping.closing(0.2):
+                for _ in range(100):
+                    time.sleep(0.01)
+                    stopping.check()
+                    closed.append(True)
+    assert 5 < len(closed) < 40 and stop.value.status == 143
+    stopping.check()  # nothing of it is left

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -45,6 +46,9 @@ class _State:
     stepping: bool = False
     """Whether steps are taken, after each of which `check` is called."""
 
+    until: float = 0.0
+    """While what is open is closed, `check` lets steps pass up to this time of the monotonic clock [s]."""
+
 
 _state: Final = _State()
 
@@ -64,7 +68,7 @@ def stoppable() -> Iterator[None]:
         yield
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
-        _state.asked = 0
+        _state.asked, _state.until = 0, 0.0
         for number, handler in before.items():
             signal.signal(number, signal.SIG_DFL if handler is None else handler)
 
@@ -79,9 +83,20 @@ def steps() -> Iterator[None]:
         _state.stepping = False
 
 
+@contextmanager
+def closing(seconds: float) -> Iterator[None]:
+    """Let steps pass `check` once more after a signal, for as long as closing what is open may take [s]."""
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
+    _state.stepping, _state.until = False, time.monotonic() + seconds
+    try:
+        yield
+    finally:
+        _state.until = 0.0
+
+
 def check() -> None:
     """Raise `Stopped` if a signal came."""
-    if _state.asked:
+    if _state.asked and time.monotonic() >= _state.until:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         _state.stepping = False
         raise Stopped(_state.asked)

@@ -43,6 +43,8 @@ class Driver:
     """[N·m·s/rad]; empty: two times the square root of stiffness."""
     rate: float = 400.0
     """Status messages per second [1/s]."""
+    torque_side: str = "motor"
+    """Of the gears, on which torques are measured: `motor`, or `link`, behind friction and rotors."""
 
 
 @document

@@ -110,6 +110,8 @@ def check_twin(twin: Twin) -> None:
     _walk(twin, "twin")
     check_steps(twin.task, twin.library)
     _corners(twin.perception.workspace, "twin.perception.workspace")
+    if twin.driver.torque_side not in ("motor", "link"):
+        raise ScenarioError("twin.driver.torque_side", f"{twin.driver.torque_side!r} is none of motor, link")
     if twin.healing is not None:
         _healing(twin.healing, "twin.healing")
     if twin.camera is not None:

@@ -231,8 +231,10 @@ def _add_updater(builder: DiagramBuilder, scene: TwinScene, twin: scenario.Twin)
 
 def _model(twin: scenario.Twin, packages: Packages | None) -> Model:
     """Load the arm, with a home for each joint."""
+    # A corrected model's folder says itself on which side its torques were measured.
+    side = "link" if twin.driver.torque_side == "link" else None
     try:
-        model = Model.load(twin.arm, packages)
+        model = Model.load(twin.arm, packages, torque_side=side)
     except ModelError as error:
         raise description.scenario_error("twin.arm", error) from error
     if twin.home and len(twin.home) != len(model.joints):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,9 +27,10 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class TrueObject:
-    """One object of the world: its name, X_WO at the run's end, surface in O, and its inertia about its centre."""
+    """One object of the world: its name, folder, X_WO, surface in O, and its inertia about its centre."""
 
     name: str
+    folder: Path
     X_WO: Array
     corners: Array
     mass: float
@@ -38,14 +38,20 @@ class TrueObject:
     inertia: Array
 
 
-def observer(out: Path) -> Callable[[str, Array], None]:
-    """Return what writes down where everything truly was as an object was held, beside the run's folder."""
+class TruthNotes:
+    """Writes down where everything truly was as an object was held, beside the run's folder; see `cell.Observer`."""
 
-    def note(name: str, positions: Array) -> None:
-        with out.with_suffix(".truth.jsonl").open("a") as file:
+    def __init__(self, out: Path) -> None:
+        """`out`: the run's folder."""
+        self._file = out.with_suffix(".truth.jsonl")
+
+    def moment(self, name: str, positions: Array) -> None:
+        """Add a line."""
+        with self._file.open("a") as file:
             file.write(json.dumps({"object": name, "positions": positions.tolist()}) + "\n")
 
-    return note
+    def ticked(self, station: Any, context: Any, doing: Any) -> None:
+        """Write nothing: contacts are counted by the run itself."""
 
 
 def true_objects(scenario: Scenario, positions: Array) -> list[TrueObject]:
@@ -64,7 +70,9 @@ def true_objects(scenario: Scenario, positions: Array) -> list[TrueObject]:
         folder = resolve(scenario.world.objects[name].asset, scenario.packages)
         centre = np.asarray(inertia.get_com())
         about = inertia.Shift(centre).CalcRotationalInertia().CopyToFullMatrix3()
-        found.append(TrueObject(name, X_WO, triangles(folder / "visual.obj"), inertia.get_mass(), centre, about))
+        found.append(
+            TrueObject(name, folder, X_WO, triangles(folder / "visual.obj"), inertia.get_mass(), centre, about)
+        )
     return found
 
 
@@ -96,6 +104,22 @@ def off_surface(points: Array, surface: Array, normals: Array) -> Array:
     return np.where(distance < across + 3.0 * spacing, across, distance)
 
 
+def registered(points: Array, normals: Array, true: TrueObject, X_WO: Array) -> Array:
+    """Return the pose X_OA (4, 4) of a learned asset in the true object's O, by their surfaces.
+
+    Args:
+        points: (N, 3) of the asset's surface, in random order [m], with normals (N, 3).
+        normals: of them.
+        true: the object.
+        X_WO: (4, 4) where the asset's O was last told to be, which is a first guess alone.
+    """
+    truth, outward = sampled(true.corners, 20000)
+    X = np.linalg.solve(true.X_WO, X_WO)
+    for reach, prior in ((0.03, (0.05, 0.5)), (0.012, (0.02, 0.2)), (0.006, (0.02, 0.2)), (0.004, (0.02, 0.2))):
+        X, _ = register(truth, outward, points[:2500], normals[:2500], X, prior, reach)
+    return X
+
+
 def scored(one: dict[str, Any], folder: Path, true: TrueObject, X_WO: Array) -> dict[str, Any]:
     """Return how far a learned asset is off the true object.
 
@@ -108,9 +132,7 @@ def scored(one: dict[str, Any], folder: Path, true: TrueObject, X_WO: Array) -> 
     learned = triangles(folder / "visual.obj")
     points, normals = sampled(learned, 20000)
     truth, outward = sampled(true.corners, 20000)
-    X = np.linalg.solve(true.X_WO, X_WO)
-    for reach, prior in ((0.03, (0.05, 0.5)), (0.012, (0.02, 0.2)), (0.006, (0.02, 0.2)), (0.004, (0.02, 0.2))):
-        X, _ = register(truth, outward, points[:2500], normals[:2500], X, prior, reach)
+    X = registered(points, normals, true, X_WO)
     placed = points @ X[:3, :3].T + X[:3, 3]
     there, back = off_surface(placed, truth, outward), off_surface(truth, placed, normals @ X[:3, :3].T)
     spec = read_spec(folder)
@@ -139,22 +161,50 @@ def scored(one: dict[str, Any], folder: Path, true: TrueObject, X_WO: Array) -> 
     }
 
 
-def score_run(scenario: Scenario, out: Path) -> list[dict[str, Any]]:
-    """Return the scores of each finished object of a run, and a row for each other one."""
+@dataclass(frozen=True)
+class Matched:
+    """A learned object, and the true one that it is; None: it was not finished, or nobody noted where it was.
+
+    Attributes:
+        one: its entry in the run's state.
+        true: the object that it is.
+        X_WO: (4, 4) where its O was told to be when the true object was there.
+    """
+
+    one: dict[str, Any]
+    true: TrueObject | None = None
+    X_WO: Array | None = None
+
+
+def matched(scenario: Scenario, out: Path) -> list[Matched]:
+    """Return each object of a run beside the true one that was in the hand."""
     with np.load(out / STATE, allow_pickle=False) as data:
         told = json.loads(str(data["told"]))
     lines = out.with_suffix(".truth.jsonl").read_text().splitlines() if out.with_suffix(".truth.jsonl").exists() else []
     truth = {line["object"]: np.array(line["positions"]) for line in map(json.loads, lines)}
-    rows: list[dict[str, Any]] = []
+    found: list[Matched] = []
     for one in told["learned"]:
         figures = one["figures"]
         if one["state"] != "finished" or "X_WS" not in figures or one["name"] not in truth:
-            rows.append({"object": one["name"], "state": one["state"], "why": one["why"]})
+            found.append(Matched(one))
             continue
         X_OS = np.eye(4)
         X_OS[:3, :3], X_OS[:3, 3] = figures["R_OS"], figures["p_OS"]
         X_WO = np.array(figures["X_WS"]) @ np.linalg.inv(X_OS)
         every = true_objects(scenario, truth[one["name"]])
         true = min(every, key=lambda t: float(np.linalg.norm(t.X_WO[:3, 3] - X_WO[:3, 3])))
-        rows.append({"state": "finished", **scored(one, out / "library" / one["name"], true, X_WO)})
+        found.append(Matched(one, true, X_WO))
+    return found
+
+
+def score_run(scenario: Scenario, out: Path) -> list[dict[str, Any]]:
+    """Return the scores of each finished object of a run, and a row for each other one."""
+    rows: list[dict[str, Any]] = []
+    for each in matched(scenario, out):
+        one = each.one
+        if each.true is None or each.X_WO is None:
+            rows.append({"object": one["name"], "state": one["state"], "why": one["why"]})
+        else:
+            scores = scored(one, out / "library" / one["name"], each.true, each.X_WO)
+            rows.append({"state": "finished", "why": one["why"], **scores})
     return rows

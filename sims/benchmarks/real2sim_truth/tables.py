@@ -24,7 +24,8 @@ def wilson(hits: int, count: int) -> str:
 
 def told(rows: Sequence[dict[str, Any]]) -> str:
     """Return the tables: each object, then medians and 90th percentiles, then what failed, by cause."""
-    done = [row for row in rows if row["state"] == "finished"]
+    # What was lost on its way has an asset of what was seen by then, and does not count.
+    done = [row for row in rows if row["state"] == "finished" and "true" in row]
     lines = ["seed  object     true       → truth  → mesh  in 3 mm  unseen   mass %  centre mm  moments %  even %"]
     for row in done:
         lines.append(
@@ -45,6 +46,6 @@ def told(rows: Sequence[dict[str, Any]]) -> str:
         if len(values):
             worse = np.quantile(values, 0.1 if name == "within_3mm" else 0.9)
             lines.append(f"{name:12s} median {np.median(values):7.2f}  90 % within {worse:7.2f}  aim {aim}")
-    causes = Counter(row["why"] or row["state"] for row in rows if row["state"] != "finished")
+    causes = Counter(row["why"] or row["state"] for row in rows if row not in done)
     lines += [f"not finished: {why} ({count})" for why, count in causes.items()]
     return "\n".join(lines)

@@ -13,10 +13,10 @@ from tests.assets.building.pictured import Shots, box, cameras, cup, shots, writ
 from twin_diagram.assets import Asset
 from twin_diagram.assets.building import build_from_frames, build_from_predictions
 from twin_diagram.assets.building.decimation import enclosed_volume, is_closed
-from twin_diagram.assets.building.depth_view import make_view, surface_normals, thinned, view_points
+from twin_diagram.assets.building.depth_view import DepthView, make_view, surface_normals, thinned, view_points
 from twin_diagram.assets.building.fusion import FusionGrid, fuse
 from twin_diagram.assets.building.predictions import metric, read_predictions
-from twin_diagram.assets.building.reconstruct import Reconstruction, reconstruct
+from twin_diagram.assets.building.reconstruct import Reconstruction, agreeing, reconstruct
 from twin_diagram.assets.building.view_poses import align, mean_surface
 from twin_diagram.assets.description import read_spec
 from twin_diagram.assets.mesh import read_png
@@ -190,6 +190,22 @@ def test_views_that_were_told_each_others_poses_contradict() -> None:
     frames[2], frames[4] = replace(frames[2], camera=four, colour=four), replace(frames[4], camera=two, colour=two)
     with pytest.raises(FramesError, match=r"scan: view [24] contradicts the others: they look through \d\d %"):
         reconstruct(Shots(frames), "scan")
+
+
+def views_of(body: trimesh.Trimesh, others: trimesh.Trimesh, odd: list[int]) -> list[DepthView]:
+    """Ten views of a body, of which some show another one."""
+    both = [shots([one], cameras(10, 0.015), masked=True).frames for one in (body, others)]
+    frames = [both[k in odd][k] for k in range(10)]
+    return [make_view(frame.camera, frame.depth, frame.mask) for frame in frames]
+
+
+def test_views_of_a_held_object_that_contradict_are_left_out() -> None:
+    body, other = box((0.05, 0.04, 0.03)), box((0.03, 0.02, 0.09))
+    low, high = np.array([-0.025, -0.02, 0.0]), np.array([0.025, 0.02, 0.09])
+    assert agreeing(views_of(body, other, []), low, high, 0.0005) == list(range(10))
+    assert agreeing(views_of(body, other, [2, 7]), low, high, 0.0005) == [k for k in range(10) if k not in (2, 7)]
+    # Where more contradict than may be left out nobody tells which: all are kept, and refused.
+    assert agreeing(views_of(body, other, [0, 2, 5, 7]), low, high, 0.0005) == list(range(10))
 
 
 def test_views_from_one_side_are_refused() -> None:

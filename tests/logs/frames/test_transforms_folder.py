@@ -74,6 +74,21 @@ def test_poses_and_pixels_are_as_nerfstudio_has_them(tmp_path: Path) -> None:
         (lambda told: told.update(depth_unit_scale_factor=0), "depth_unit_scale_factor is 0 m"),
         (lambda told: told.update(camera_model="OPENCV_FISHEYE"), "FISHEYE"),
         (lambda told: told["frames"][1].update(camera_model="OPENCV_FISHEYE"), "frame 1: camera_model OPENCV_FISHEYE"),
+        (lambda told: told["frames"][1].pop("mask_path"), "frame 1 has no mask_path, others have"),
+        (lambda told: told["frames"][1].update(file_path="images/0009.png"), "images/0009.png: no such file"),
+        (lambda told: told["frames"][0].update(depth_file_path="../depth.png"), "depth.png: no such file"),
+        (lambda told: told["frames"][0].update(mask_path=7), "frame 0: mask_path is 7, not a file's name"),
+        (lambda told: told["frames"][1]["transform_matrix"][0].__setitem__(3, float("nan")), "frame 1: .* no rotation"),
+        (lambda told: told["frames"][1]["transform_matrix"].__setitem__(3, [0, 0, 1, 1]), "frame 1: .* no rotation"),
+        (lambda told: told["frames"][1].update(transform_matrix=np.diag([1.0, 1, -1, 1]).tolist()), "no rotation"),
+        (lambda told: told["frames"][1].update(fl_x=-300.0), "frame 1: fl_x and fl_y are -300"),
+        (lambda told: told.pop("fl_x"), "fl_x is None, not a number"),
+        (lambda told: told.update(applied_transform=[[1, 0], [0, 1]]), "applied_transform is not 3 × 4"),
+        (
+            lambda told: told.update(applied_transform=np.diag([2.0, 2, 2, 1])[:3].tolist()),
+            "applied_transform holds no",
+        ),
+        (lambda told: told.update(applied_scale=0), "applied_scale is 0"),
     ],
 )
 def test_what_cannot_be_used_is_refused_in_one_line(tmp_path: Path, change: object, word: str) -> None:
@@ -83,6 +98,42 @@ def test_what_cannot_be_used_is_refused_in_one_line(tmp_path: Path, change: obje
     (folder / "transforms.json").write_text(json.dumps(told))
     with pytest.raises(FramesError, match=word) as error:
         TransformsFolder(folder)
+    assert "\n" not in str(error.value)
+
+
+def changed(folder: Path, **more: object) -> TransformsFolder:
+    told = json.loads((folder / "transforms.json").read_text())
+    told.update(more)
+    (folder / "transforms.json").write_text(json.dumps(told))
+    return TransformsFolder(folder)
+
+
+def test_what_was_applied_to_the_poses_is_undone(tmp_path: Path) -> None:
+    folder = write_transforms(tmp_path / "frames", frames(2))
+    before = TransformsFolder(folder).read(1).camera
+    told = json.loads((folder / "transforms.json").read_text())
+    X_AW = np.array([[0.0, 1, 0, 0.2], [-1, 0, 0, 0.0], [0, 0, 1, -0.4], [0, 0, 0, 1]])
+    for frame in told["frames"]:
+        X = X_AW @ np.array(frame["transform_matrix"])
+        X[:3, 3] *= 0.25
+        frame["transform_matrix"] = X.tolist()
+    after = changed(folder, frames=told["frames"], applied_transform=X_AW[:3].tolist(), applied_scale=0.25).read(1)
+    assert after.camera.R_WC == pytest.approx(before.R_WC) and after.camera.p_WC == pytest.approx(before.p_WC)
+
+
+def test_each_frame_may_have_a_lens_of_its_own(tmp_path: Path) -> None:
+    folder = write_transforms(tmp_path / "frames", frames(2))
+    told = json.loads((folder / "transforms.json").read_text())
+    told["frames"][1].update(fl_x=300.0, fl_y=310.0, cx=100.5, cy=90.5)
+    got = changed(folder, frames=told["frames"])
+    assert got.read(0).camera.fx == 240.0
+    assert [getattr(got.read(1).camera, name) for name in ("fx", "fy", "cx", "cy")] == [300.0, 310.0, 100.0, 90.0]
+
+
+def test_a_picture_of_another_size_than_told_is_refused_as_it_is_read(tmp_path: Path) -> None:
+    got = changed(write_transforms(tmp_path / "frames", frames(1)), w=640, h=480)
+    with pytest.raises(FramesError, match="240 × 200 pixels, w × h are 640 × 480") as error:
+        got.read(0)
     assert "\n" not in str(error.value)
 
 

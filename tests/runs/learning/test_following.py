@@ -7,9 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.runs.learning.held_box import HALF, shown, turned
-from twin_diagram.runs.learning.display import NothingHeld
-from twin_diagram.runs.learning.following import Followed, apart, follow
+from tests.runs.learning.held_box import HALF, camera, shown, turned
+from twin_diagram.runs.learning.cell import Picture
+from twin_diagram.runs.learning.display import HeldPicture, NothingHeld
+from twin_diagram.runs.learning.following import Followed, apart, follow, found_again
+from twin_diagram.signals import rotations
 
 X_TB = np.eye(4)
 X_TB[:3, 3] = [0.0, 0.0, 0.05]
@@ -72,3 +74,53 @@ def test_pictures_that_all_show_too_little_are_told_and_not_taken_for_followed()
             follow(before, bad, np.eye(4))
         assert len(before.shown) == count
     assert len(follow(Followed(), [bad[0], good[0]], np.eye(4)).shown) == 1
+
+
+def test_what_crept_in_the_hand_is_found_again_along_every_axis() -> None:
+    X_TB = np.eye(4)
+    X_TB[2, 3] = 0.05
+    pictures = [shown(turned(angle, tilt), X_TB, k) for tilt in (0.9, 0.3, -0.4) for k, angle in
+                enumerate(np.linspace(-2.9, 2.9, 10))]  # fmt: skip
+    seen = follow(Followed(), pictures, np.eye(4))
+    crept = X_TB.copy()
+    crept[:3, :3] = rotations.matrix(rotations.exp(np.array([0.0, 0.03, 0.01])))
+    crept[:3, 3] += [0.005, 0.0, -0.009]
+    glances = [shown(turned(angle, 0.7), crept, 50 + k) for k, angle in enumerate(np.linspace(-2.9, 2.9, 6))]
+    X_ST = found_again(seen, glances, seen.X_ST[-1], (0.006, 0.03))
+    assert X_ST is not None
+    # The box's own frame, in S as it was and as it is found now.
+    before, after = seen.X_ST[-1] @ X_TB, X_ST @ crept
+    assert np.linalg.norm((before - after)[:3, 3]) < 0.0012
+    assert np.abs(before[:3, :3].T @ after[:3, :3] - np.eye(3)).max() < 0.006
+
+
+def can(X_WT: np.ndarray, number: int) -> HeldPicture:
+    """The picture of a can without texture that lies across the tool: its turn about its axis shows nowhere."""
+    view, radius, half = camera(), 0.033, 0.05
+    R, p = X_WT[:3, :3], X_WT[:3, :3] @ [0.0, 0.0, 0.04] + X_WT[:3, 3]
+    start, rays = R.T @ (view.p_WC - p), (view.rays() @ view.R_WC.T) @ R
+    a = rays[..., 1] ** 2 + rays[..., 2] ** 2
+    b = start[1] * rays[..., 1] + start[2] * rays[..., 2]
+    root = b**2 - a * (start[1] ** 2 + start[2] ** 2 - radius**2)
+    with np.errstate(invalid="ignore"):
+        side = (-b - np.sqrt(root)) / a
+        end = (np.copysign(half, -rays[..., 0]) - start[0]) / rays[..., 0]
+        at = start + side[..., None] * rays
+        side = np.where(np.abs(at[..., 0]) <= half, side, np.nan)
+        at = start + end[..., None] * rays
+        end = np.where(np.hypot(at[..., 1], at[..., 2]) <= radius, end, np.nan)
+    t = np.fmin(side, end)
+    mask = np.isfinite(t)
+    noise = 0.0005 * np.random.default_rng(number).standard_normal(t.shape)
+    depth = np.where(mask, np.nan_to_num(t) + noise, 2.0).astype(np.float32)
+    rgb = np.zeros((*t.shape, 3), np.uint8)
+    picture = Picture(rgb, depth, view, 0.1 * number, np.zeros(7), np.zeros(2))
+    return HeldPicture(picture, X_WT, mask, np.zeros_like(mask), 0)
+
+
+def test_new_sides_of_what_is_round_are_no_slip() -> None:
+    turns = [(angle, tilt) for tilt in (0.87, 0.2, -0.45) for angle in np.linspace(-2.9, 2.9, 9)]
+    seen = follow(Followed(), [can(turned(angle, tilt), k) for k, (angle, tilt) in enumerate(turns)], np.eye(4))
+    assert seen.slips == []
+    extent = np.ptp(seen.points, axis=0)
+    assert extent == pytest.approx([0.10, 0.066, 0.066], abs=0.005)

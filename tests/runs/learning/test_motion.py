@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from twin_diagram.runs.learning.motion import cloud_cells, pointing, timed
+from twin_diagram.runs.learning.motion import Mover, cloud_cells, columns, pointing, timed
+from twin_diagram.scenario.file import load_scenario
 
 SPEED = np.array([1.0, 0.5])
 
@@ -38,3 +39,25 @@ def test_cells_keep_the_mean_of_their_points() -> None:
     points = np.array([[0.001, 0.001, 0.001], [0.003, 0.001, 0.001], [0.021, 0.0, 0.0]])
     cells = cloud_cells(points, 0.01)
     assert cells == pytest.approx(np.array([[0.002, 0.001, 0.001], [0.021, 0.0, 0.0]]))
+
+
+def test_columns_stand_under_what_was_seen() -> None:
+    points = np.array([[0.01, 0.01, 0.10], [0.012, 0.012, 0.14], [0.06, 0.01, 0.08]])
+    boxes = columns(points, 0.02, 0.025)
+    assert len(boxes) == 2 and not columns(np.zeros((0, 3)), 0.0, 0.025)
+    first = min(boxes, key=lambda box: box.p_GB[0])
+    assert first.p_GB[2] + first.half[2] == pytest.approx(0.14) and first.p_GB[2] - first.half[2] == pytest.approx(0.02)
+
+
+def test_ways_keep_clear_of_what_stands_about_until_it_is_gone() -> None:
+    twin = load_scenario("bin_picking").twin
+    mover = Mover(twin, {}, np.full(7, 2.0))
+    home = np.array(twin.home)
+    tip = mover.tool(home)[:3, 3]
+    thing = tip + np.random.default_rng(0).uniform(-0.03, 0.03, (300, 3))
+    assert mover.free(home[None], 0.01)[0]
+    mover.stand("here", [thing], 0.0)
+    assert not mover.free(home[None], 0.01)[0] and mover.free(home[None], 0.01, standing=False)[0]
+    mover.stand("there", [thing + [0.0, 0.5, 0.0]], 0.0)
+    mover.stand("here", [], 0.0)
+    assert mover.free(home[None], 0.01)[0]

@@ -5,10 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from twin_diagram.planning.grasps import Grasps
-from twin_diagram.runs.learning.bin_view import downward, wall_points
+from twin_diagram.planning.grasps import Grasps, gripper_of
+from twin_diagram.runs.learning.bin_view import (
+    SeenThing,
+    downward,
+    grasps_of_thing,
+    guessed_sides,
+    narrowest,
+    wall_points,
+    why_not,
+)
 from twin_diagram.runs.learning.regrasping import order_of
-from twin_diagram.runs.learning.setting_down import PutDown, places_in, pose_over, turned
+from twin_diagram.runs.learning.setting_down import PutDown, outline, places_in, pose_over, resting, turned
 
 DOWN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 """A tool that points down."""
@@ -84,3 +92,74 @@ def test_walls_stand_about_the_inside() -> None:
     assert not inside.any() and points[:, 2].max() <= 0.1
     for axis in (0, 1):
         assert points[:, axis].min() < low[axis] and points[:, axis].max() > high[axis]
+
+
+def test_a_box_rests_on_its_sides_the_surest_first() -> None:
+    corners = np.array(np.meshgrid([-0.02, 0.02], [-0.03, 0.03], [0.0, 0.12])).reshape(3, -1).T
+    found = resting(corners, DOWN)
+    assert found[0] == pytest.approx(DOWN)
+    heights = []
+    for R in found:
+        assert R @ R.T == pytest.approx(np.eye(3)) and np.linalg.det(R) == pytest.approx(1.0)
+        assert R[2, 2] < 0.0, "the tool comes from above"
+        z = corners @ R[2]
+        heights.append(round(float(np.ptp(z)), 6))
+        assert (z < z.min() + 1e-9).sum() == 4, "it stands on a side, not on an edge"
+    # As it stood, and nothing else: on its other sides the tool would come from the side.
+    assert heights == [0.12, 0.12]
+
+
+def test_what_turned_in_the_hand_can_be_set_down_all_the_same() -> None:
+    corners = np.array(np.meshgrid([-0.02, 0.02], [-0.03, 0.03], [-0.06, 0.06])).reshape(3, -1).T
+    tilted = corners @ np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])  # 90° about the closing axis
+    as_it_stood = DOWN @ np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+    assert abs(as_it_stood[2, 2]) < 1e-9, "that would need a tool that lies"
+    assert any(R[2, 2] < -0.99 and np.ptp(tilted @ R[2]) == pytest.approx(0.04) for R in resting(tilted, as_it_stood))
+
+
+def test_points_on_one_plane_rest_as_they_stood() -> None:
+    flat = np.random.default_rng(0).uniform(-0.05, 0.05, (50, 3)) * [1.0, 1.0, 0.0]
+    assert len(resting(flat, DOWN)) == 1
+
+
+def test_an_outline_holds_what_was_set_down() -> None:
+    points = outline(PutDown((0.4, 0.3), 0.05, 0.11))
+    assert np.hypot(*(points[:, :2] - [0.4, 0.3]).T).max() <= 0.05 and (points[:, 2] == 0.11).all() and len(points) > 15
+
+
+def flat(width: float, length: float, top: float, angle: float = 0.4) -> SeenThing:
+    """The top of a box that lies flat under the camera: no side of it is seen."""
+    rng = np.random.default_rng(0)
+    points = np.column_stack([rng.uniform(-0.5, 0.5, (3000, 2)) * [length, width], np.full(3000, top)])
+    c, s = np.cos(angle), np.sin(angle)
+    points = points @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + [0.42, -0.36, 0.0]
+    up = np.tile([0.0, 0.0, 1.0], (3000, 1))
+    return SeenThing(points, up, np.zeros((3000, 2), dtype=np.int64), np.array([0.42, -0.36, 0.95]))
+
+
+def test_what_lies_flat_is_taken_by_sides_that_are_guessed() -> None:
+    thing, gripper = flat(0.06, 0.085, 0.04), gripper_of("wsg50")
+    found = grasps_of_thing(thing, gripper, 0.01, np.zeros((0, 3)))
+    order = downward(found)
+    assert len(order) > 3
+    best = int(order[0])
+    assert found.approach[best] == pytest.approx([0, 0, -1], abs=0.02)
+    assert found.width[best] == pytest.approx(0.06, abs=0.01)
+    assert abs(found.R[best][:, 1] @ [-np.sin(0.4), np.cos(0.4), 0.0]) > 0.97, "across its narrow side"
+    assert found.poses[best, 6] - gripper.finger_front >= 0.01, "above the floor"
+
+
+def test_guessed_sides_stand_on_the_outline_and_face_outwards() -> None:
+    points, normals = guessed_sides(flat(0.06, 0.10, 0.04, 0.0), 0.01)
+    own = points - [0.42, -0.36, 0.0]
+    assert (np.abs(normals[:, 2]) < 1e-9).all() and np.linalg.norm(normals, axis=1) == pytest.approx(1.0)
+    assert (np.einsum("ni,ni->n", own[:, :2], normals[:, :2]) > 0.0).all()
+    assert np.maximum(np.abs(own[:, 0]) - 0.05, np.abs(own[:, 1]) - 0.03) == pytest.approx(0.0, abs=0.005)
+    assert own[:, 2].min() == pytest.approx(0.01) and own[:, 2].max() < 0.04
+
+
+def test_what_is_too_wide_is_told_so() -> None:
+    thing, gripper = flat(0.15, 0.2, 0.05), gripper_of("wsg50")
+    found = grasps_of_thing(thing, gripper, 0.01, np.zeros((0, 3)))
+    assert not len(downward(found)) and narrowest(thing) == pytest.approx(0.147, abs=0.004)
+    assert why_not(thing, gripper, found) == "too wide: 15 cm at its narrowest, the fingers open to 11.5 cm"

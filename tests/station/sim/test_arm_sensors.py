@@ -27,7 +27,7 @@ def sensed(defects: ArmDefects, until: float, rate: float = 100.0, g: int = G, s
     context = simulator.get_mutable_context()
     state = STATE if g else STATE[[0, 1, 2, 5, 6, 7]]
     system.GetInputPort("motor_state").FixValue(context, state)
-    system.GetInputPort("motor_torque").FixValue(context, TORQUE)
+    system.GetInputPort("torque").FixValue(context, TORQUE)
     simulator.AdvanceTo(until)
     ports = [system.get_output_port(index) for index in range(system.num_output_ports())]
     return {port.get_name(): np.array(port.Eval(context)) for port in ports}

@@ -68,6 +68,9 @@ class Tuning:
     nothing_behind: float = 100.0
     """Depth that is taken where a mask says that the object is not and the camera sees nothing [m]."""
 
+    left_out: float = 0.25
+    """Share of the views of a held object that may be left out because they contradict the others: it slips."""
+
     denied: float = 0.2
     """Share of a view's points that the others look through from which it contradicts them: honest ones have 0.05 at
     most, two of six views that were told each other's poses 0.22 and 0.34."""
@@ -166,6 +169,12 @@ def reconstruct(
         raise FramesError(f"{where}: only {len(views)} views show the object, at least {TUNING.least_views} are needed")
     _check_sides(views, (low + high) / 2, where)
     found = align(views, low, high, plane, seed)
+    if held and len(kept := agreeing(found.views, low, high, found.noise)) < len(views):
+        # What slipped in the hand as its picture was taken was followed wrongly; the others do without it.
+        say(f"{len(views) - len(kept)} of {len(views)} views contradict the others and are left out")
+        views = [views[k] for k in kept]
+        _check_sides(views, (low + high) / 2, where)
+        found = align(views, low, high, plane, seed)
     say(f"poses refined: surfaces agree to {found.noise * 1000:.2f} mm")
     # Only now, for what surrounds the object tells where the cameras were.
     views = [_kept_to_mask(view, 0 if held else CHOICE.growth) for view in found.views]
@@ -281,10 +290,36 @@ def _check_sides(views: Sequence[DepthView], middle: Array, where: str) -> None:
         )
 
 
-def _check_agreement(views: Sequence[DepthView], low: Array, high: Array, noise: float, where: str) -> None:
+def agreeing(views: Sequence[DepthView], low: Array, high: Array, noise: float) -> list[int]:
+    """Return the numbers of views without those that contradict the others; all, where too many do to tell which.
+
+    Args:
+        views: of one thing, before they are kept to their masks.
+        low: (3,) lowest corner of the box about it [m].
+        high: (3,) its highest.
+        noise: standard deviation of depth [m].
+    """
+    masked = [_kept_to_mask(view, 0) for view in views]
+    kept = list(range(len(views)))
+    for _ in range(int(TUNING.left_out * len(views))):
+        shares = denied([masked[k] for k in kept], low, high, _through(low, high, noise))
+        worst = int(np.argmax(shares))
+        if shares[worst] <= TUNING.denied:
+            return kept
+        del kept[worst]
+    shares = denied([masked[k] for k in kept], low, high, _through(low, high, noise))
+    return kept if shares.max() <= TUNING.denied else list(range(len(views)))
+
+
+def _through(low: Array, high: Array, noise: float) -> float:
+    """Return how far behind a surface others must see for it to be denied [m]."""
     size = float((high - low).max())
     through = float(np.clip(TUNING.through * size, TUNING.least_through, TUNING.most_through))
-    shares = denied(views, low, high, max(through, TUNING.through_noise * noise))
+    return max(through, TUNING.through_noise * noise)
+
+
+def _check_agreement(views: Sequence[DepthView], low: Array, high: Array, noise: float, where: str) -> None:
+    shares = denied(views, low, high, _through(low, high, noise))
     worst = int(np.argmax(shares))
     if shares[worst] > TUNING.denied:
         raise FramesError(

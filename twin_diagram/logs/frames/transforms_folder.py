@@ -2,7 +2,9 @@
 
 (https://docs.nerf.studio/quickstart/data_conventions.html) Poses are camera to world with OpenGL's axes: x right, y up,
 z backwards; here C is x right, y down, z forwards. There a pixel's centre lies at (u + 0.5, v + 0.5), here at (u, v).
-Depth is 16 bits; its unit is `depth_unit_scale_factor` [m], a millimetre where the file does not say.
+Depth is 16 bits; its unit is `depth_unit_scale_factor` [m], a millimetre where the file does not say. What was done to
+the poses after they were measured (`applied_transform`, 3 × 4 or 4 × 4, and `applied_scale`) is undone: depth is in
+metres.
 """
 
 from __future__ import annotations
@@ -56,11 +58,13 @@ class TransformsFolder:
         for k, frame in enumerate(self._frames):
             if not isinstance(frame, dict) or "depth_file_path" not in frame:
                 raise FramesError(f"{self._file}: frame {k} has no depth_file_path: meshing needs depth")
+        self.has_masks = self._check_masks()
+        self._check_files()
         self._refuse_bent()
         self._unit = self._number({}, "depth_unit_scale_factor", 1e-3)
         if not self._unit > 0.0:
             raise FramesError(f"{self._file}: depth_unit_scale_factor is {self._unit:g} m, not positive")
-        self.has_masks = all("mask_path" in frame for frame in self._frames)
+        self._undone = self._applied()
         self._poses = [self._pose(k) for k in range(len(self._frames))]
 
     def __len__(self) -> int:
@@ -73,24 +77,70 @@ class TransformsFolder:
             FramesError: an image cannot be read or has another size.
         """
         frame = self._frames[index]
-        depth = _image(in_folder(self.folder, str(frame["depth_file_path"])), cv2.IMREAD_UNCHANGED)
+        depth = _image(self.folder / str(frame["depth_file_path"]), cv2.IMREAD_UNCHANGED)
         if depth.ndim != 2 or depth.dtype != np.uint16:
             raise FramesError(f"{self.folder / frame['depth_file_path']}: depth must be one channel of 16 bits")
         rgb = None
         if "file_path" in frame:
-            picture = _image(in_folder(self.folder, str(frame["file_path"])), cv2.IMREAD_COLOR)
+            picture = _image(self.folder / str(frame["file_path"]), cv2.IMREAD_COLOR)
             rgb = cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
             if rgb.shape[:2] != depth.shape:
                 raise FramesError(f"{self.folder}: frame {index}: depth is of another size than its picture")
-        mask = read_mask(in_folder(self.folder, str(frame["mask_path"])), depth.shape) if self.has_masks else None
+        mask = read_mask(self.folder / str(frame["mask_path"]), depth.shape) if self.has_masks else None
         height, width = depth.shape
-        fx, cx, cy = (self._number(frame, key) for key in ("fl_x", "cx", "cy"))
-        fy = self._number(frame, "fl_y", fx)
+        told = (self._number(frame, "w", width), self._number(frame, "h", height))
+        if told != (width, height):
+            size = f"{width} × {height} pixels, w × h are {told[0]:g} × {told[1]:g}"
+            raise FramesError(f"{self._file}: frame {index}: its depth has {size}")
+        fx, fy, cx, cy = self._lens(index)
         R, p = self._poses[index]
         camera = ViewCamera(width, height, fx, fy, cx - 0.5, cy - 0.5, R, p)
         metres = np.asarray(depth * np.float32(self._unit), dtype=np.float32)
         colours = None if rgb is None else np.asarray(rgb, dtype=np.uint8)
         return RgbdFrame(index, float(index), colours, metres, mask, camera, camera)
+
+    def _check_masks(self) -> bool:
+        """Return whether there are masks; raises FramesError where some frames have one, and others do not."""
+        lacking = [k for k, frame in enumerate(self._frames) if "mask_path" not in frame]
+        if 0 < len(lacking) < len(self._frames):
+            raise FramesError(f"{self._file}: frame {lacking[0]} has no mask_path, others have")
+        return not lacking
+
+    def _check_files(self) -> None:
+        """Raise FramesError where a file that is named is not there; before anything long is begun."""
+        for k, frame in enumerate(self._frames):
+            for key in ("depth_file_path", "file_path", "mask_path"):
+                if key in frame:
+                    if not isinstance(frame[key], str):
+                        raise FramesError(f"{self._file}: frame {k}: {key} is {frame[key]!r}, not a file's name")
+                    in_folder(self.folder, frame[key])
+
+    def _lens(self, number: int) -> tuple[float, float, float, float]:
+        """Return focal lengths and principal point of a frame, as they stand in the file [pixel]."""
+        frame = self._frames[number]
+        fx, cx, cy = (self._number(frame, key) for key in ("fl_x", "cx", "cy"))
+        fy = self._number(frame, "fl_y", fx)
+        if not (fx > 0.0 and fy > 0.0):
+            raise FramesError(f"{self._file}: frame {number}: fl_x and fl_y are {fx:g} and {fy:g}, not positive")
+        return fx, fy, cx, cy
+
+    def _applied(self) -> tuple[Array, float]:
+        """Return the inverse (4, 4) of what was applied to the poses, and by what they were scaled."""
+        scale = self._number({}, "applied_scale", 1.0)
+        if not scale > 0.0:
+            raise FramesError(f"{self._file}: applied_scale is {scale:g}, not positive")
+        X = np.eye(4)
+        if self._all.get("applied_transform") is not None:
+            try:
+                told = np.array(self._all["applied_transform"], dtype=float)
+            except (TypeError, ValueError):
+                told = np.zeros(0)
+            if told.shape not in ((3, 4), (4, 4)):
+                raise FramesError(f"{self._file}: applied_transform is not 3 × 4")
+            X[: len(told)] = told
+        if not _is_rigid(X):
+            raise FramesError(f"{self._file}: applied_transform holds no rotation")
+        return np.asarray(np.linalg.inv(X), dtype=float), scale
 
     def _refuse_bent(self) -> None:
         """Raise FramesError where a frame, or what holds for all, tells of a lens that bends straight lines."""
@@ -112,11 +162,22 @@ class TransformsFolder:
             X = np.array(self._frames[number]["transform_matrix"], dtype=float).reshape(4, 4)
         except (KeyError, TypeError, ValueError):
             raise FramesError(f"{self._file}: frame {number} has no transform_matrix of 4 × 4") from None
-        R = X[:3, :3] @ _FLIP
-        if not np.isfinite(X).all() or np.abs(R @ R.T - np.eye(3)).max() > 2e-3 or np.linalg.det(R) < 0:
+        if not _is_rigid(X):
             raise FramesError(f"{self._file}: frame {number}: transform_matrix holds no rotation")
-        u, _, vt = np.linalg.svd(R)
+        self._lens(number)
+        undo, scale = self._undone
+        X[:3, 3] /= scale
+        X = undo @ X
+        u, _, vt = np.linalg.svd(X[:3, :3] @ _FLIP)
         return u @ vt, X[:3, 3]
+
+
+def _is_rigid(X: Array) -> bool:
+    """Return whether a matrix (4, 4) turns and shifts, and does nothing else."""
+    if not np.isfinite(X).all() or np.abs(X[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-6:
+        return False
+    R = X[:3, :3]
+    return bool(np.abs(R @ R.T - np.eye(3)).max() <= 2e-3 and np.linalg.det(R) > 0)
 
 
 def write_transforms(

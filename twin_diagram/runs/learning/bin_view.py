@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -10,8 +11,18 @@ from scipy import ndimage
 
 from twin_diagram.assets.building.depth_view import make_view
 from twin_diagram.perception.segmentation.parting import part
-from twin_diagram.planning.grasps import Grasps, Gripper, Wanted, estimated_normals, propose
+from twin_diagram.planning.grasps import (
+    Grasps,
+    Gripper,
+    Wanted,
+    estimated_normals,
+    given_poses,
+    propose,
+    rank,
+    target_of,
+)
 from twin_diagram.runs.learning.cell import Picture
+from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
 
 
@@ -51,6 +62,24 @@ class Tuning:
 
     one_sided: float = 0.15
     """Added where the picture does not show both contacts: what is there is guessed."""
+
+    side: float = 0.003
+    """Edge of the cells in which an outline is found, and between points of guessed sides [m]."""
+
+    yaws: int = 24
+    """Angles about the vertical at which something flat is taken: every 7.5°."""
+
+    beside_middle: tuple[float, ...] = (0.0, 0.015, -0.015)
+    """Off its middle, across the closing axis [m]."""
+
+    heights: float = 0.012
+    """Between heights of the finger tips there [m]."""
+
+    smooth: float = 1.5
+    """σ with which an outline is smoothed for its normals [cells]."""
+
+    off_walls: float = 0.003
+    """By which they count as nearer than they are [m]: the arm sags by two millimetres, and calibration is off."""
 
     walls: float = 0.008
     """Distance between points that stand for the bin's walls [m]."""
@@ -131,18 +160,91 @@ def grasps_of_thing(
     """
     points, normals = thing.points[: TUNING.points], thing.normals[: TUNING.points]
     wanted = Wanted(count or TUNING.candidates, seed)
-    return propose(
-        points,
-        normals,
-        gripper,
-        wanted=wanted,
-        viewpoint=thing.viewpoint,
-        table=np.array([0.0, 0.0, 1.0, floor]),
-        # Nobody knows its weight: a usual one in the middle keeps grasps from its ends, where it would turn.
-        mass=TUNING.usual_mass,
-        centre=thing.middle,
-        surroundings=surroundings if len(surroundings) else None,
+    # Nobody knows its weight: a usual one in the middle keeps grasps from its ends, where it would turn.
+    told: dict[str, Any] = {
+        "table": np.array([0.0, 0.0, 1.0, floor]),
+        "mass": TUNING.usual_mass,
+        "centre": thing.middle,
+    }
+    others = surroundings if len(surroundings) else None
+    found = propose(points, normals, gripper, wanted=wanted, viewpoint=thing.viewpoint, surroundings=others, **told)
+    if len(downward(found)):
+        return found
+    # Of what lies flat below the camera no side is seen: they are guessed, straight down from its outline.
+    sides, outward = guessed_sides(thing, floor)
+    if not len(sides):
+        return found
+    target = target_of(
+        np.vstack([points, sides]),
+        np.vstack([normals, outward]),
+        surroundings=others,
+        **told,
     )
+    upright = rank(given_poses(upright_poses(thing, gripper, floor)), target, gripper, wanted)
+    return upright if len(upright) else found
+
+
+def upright_poses(thing: SeenThing, gripper: Gripper, floor: float) -> Array:
+    """Return tool poses (M, 7) straight from above, about a thing's middle, at every angle and some heights."""
+    middle, lowest = thing.middle, floor + gripper.finger_front + TUNING.side
+    found = []
+    for yaw in np.arange(TUNING.yaws) * (np.pi / TUNING.yaws):
+        y = np.array([np.cos(yaw), np.sin(yaw), 0.0])
+        R = np.column_stack([np.cross(y, [0.0, 0.0, -1.0]), y, [0.0, 0.0, -1.0]])
+        quaternion = rotations.from_matrix(R)
+        for off in TUNING.beside_middle:
+            for height in np.arange(lowest, max(thing.top, lowest + 1e-6), TUNING.heights):
+                found.append(np.concatenate([quaternion, middle[:2] + off * R[:2, 0], [height]]))
+    return np.array(found)
+
+
+def narrowest(thing: SeenThing) -> float:
+    """Return the least width of a thing from above, over all directions [m]."""
+    angles = np.arange(TUNING.yaws) * (np.pi / TUNING.yaws)
+    along = thing.points[:, :2] @ np.stack([np.cos(angles), np.sin(angles)])
+    return float((np.quantile(along, 0.99, axis=0) - np.quantile(along, 0.01, axis=0)).min())
+
+
+def why_not(thing: SeenThing, gripper: Gripper, grasps: Grasps) -> str:
+    """Return in words why nothing of a thing can be grasped from above."""
+    wide = narrowest(thing)
+    if wide > gripper.opening_most:
+        return (
+            f"too wide: {100 * wide:.0f} cm at its narrowest, the fingers open to {100 * gripper.opening_most:.1f} cm"
+        )
+    return f"no grasp from above: {grasps.why_empty() or 'each is too slanted'}"
+
+
+def guessed_sides(thing: SeenThing, floor: float) -> tuple[Array, Array]:
+    """Return points and outward normals (N, 3) of walls straight down from a thing's outline, as seen from above.
+
+    Args:
+        thing: that lies.
+        floor: height at which the walls end [m].
+    """
+    cells = np.floor(thing.points[:, :2] / TUNING.side).astype(np.int64)
+    corner = cells.min(axis=0) - 2
+    full = np.zeros(cells.max(axis=0) - corner + 3, dtype=bool)
+    full[tuple((cells - corner).T)] = True
+    full = ndimage.binary_fill_holes(ndimage.binary_closing(full))
+    top = np.full(full.shape, -np.inf)
+    np.maximum.at(top, tuple((cells - corner).T), thing.points[:, 2])
+    top = ndimage.maximum_filter(top, 3)
+    inward = np.stack(np.gradient(ndimage.gaussian_filter(full.astype(float), TUNING.smooth)), axis=-1)
+    rim = np.argwhere(full & ~ndimage.binary_erosion(full))
+    slope = inward[tuple(rim.T)]
+    length = np.linalg.norm(slope, axis=1)
+    kept = (length > 1e-6) & np.isfinite(top[tuple(rim.T)])
+    rim, outward = rim[kept], -slope[kept] / length[kept, None]
+    points, normals = [], []
+    for (x, y), n, high in zip(rim, outward, top[tuple(rim.T)], strict=True):
+        z = np.arange(floor, high, TUNING.side)
+        place = (np.array([x, y]) + corner + 0.5) * TUNING.side
+        points.append(np.column_stack([np.tile(place, (len(z), 1)), z]))
+        normals.append(np.tile([*n, 0.0], (len(z), 1)))
+    if not points:
+        return np.zeros((0, 3)), np.zeros((0, 3))
+    return np.vstack(points), np.vstack(normals)
 
 
 def wall_points(low: Array, high: Array, thickness: float = 0.008) -> Array:
@@ -151,7 +253,7 @@ def wall_points(low: Array, high: Array, thickness: float = 0.008) -> Array:
     found = []
     for axis in (0, 1):
         along = np.arange(low[1 - axis], high[1 - axis], TUNING.walls)
-        for at in (low[axis] - thickness / 2, high[axis] + thickness / 2):
+        for at in (low[axis] + TUNING.off_walls - thickness / 2, high[axis] - TUNING.off_walls + thickness / 2):
             a, b = np.meshgrid(along, z)
             wall = np.zeros((a.size, 3))
             wall[:, axis], wall[:, 1 - axis], wall[:, 2] = at, a.ravel(), b.ravel()

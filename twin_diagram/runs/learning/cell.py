@@ -5,13 +5,16 @@ What stages get of the simulated world is what a real cell would give them: mess
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
 from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context
 
 from twin_diagram.errors import ScenarioError
 from twin_diagram.logs.frames.view_camera import ViewCamera
@@ -34,15 +37,47 @@ class Tuning:
     tick: float = 0.01
     """Between two commands while the arm moves [s]: the driver's filter smooths over as long."""
 
-    weighed_tick: float = 0.005
-    """The same while torques are recorded [s]: a message each."""
+    weighed_tick: float = 0.0025
+    """The same while torques are recorded [s]: two a message. Each command makes the torques jump; with one a message
+    all messages show the same side of the jumps, which told 1.3 N·m·s/rad of friction that is none."""
+
+    beyond: float = 1e-7
+    """By which each tick ends later than it is due [s]: more than clocks are rounded by in an hour."""
+
+    forgetting: float = 0.997
+    """Share of what was known of the cell's pace that each tick leaves: it is that of some three seconds."""
+
+    braking: float = 0.3
+    """In which a motion that is broken off comes to rest [s]: from 1 rad/s at 3 rad/s², as motions begin."""
 
 
 TUNING = Tuning()
 
 
-Observer = Callable[[str, Array], None]
-"""Takes an object's name and the positions (nq,) of the world's plant."""
+class Observer(Protocol):
+    """Somebody who knows the true world, for scores: no stage gets anything of it back."""
+
+    def moment(self, name: str, positions: Array) -> None:
+        """Take the positions (nq,) of the world's plant as an object, by its name, is in the hand."""
+
+    def ticked(self, station: SimStation, context: Context, doing: Doing) -> None:
+        """Look at the world after a tick of the arm, which was doing something; `context` is the station's."""
+
+
+@dataclass(frozen=True)
+class Doing:
+    """What the arm is about: a phase, and where in W the tool's tip is to touch something [m]; None: nowhere."""
+
+    phase: str = "move"
+    place: tuple[float, float, float] | None = None
+
+
+GRASP: Final = "grasp"
+"""Phase in which the gripper is to touch one object, which may touch what is beside it."""
+RELEASE: Final = "release"
+"""Phase in which what is held is to touch what it is set down on, and to leave the hand."""
+FREE: Final = Doing()
+"""Going about, with or without something in the hand: nothing is to be touched."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +120,9 @@ class Cell:
     """A simulated cell, advanced by those who ask something of it.
 
     Attributes:
-        observer: is told by `moment` where everything truly is, for scorers alone; None: nobody is.
+        observer: is told by `moment` where everything truly is, and of each tick, for scorers alone; None: nobody is.
+        doing: what the arm is about, for the observer.
+        shut_at: (n,) joint angles at which the fingers were last told to shut [rad]; None: they never were.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -111,6 +148,10 @@ class Cell:
         self._recording: Recording | None = None
         self._frame = 0
         self.observer: Observer | None = None
+        self.doing = FREE
+        self._rate = np.zeros_like(self._command)
+        self._spent = np.zeros(2)
+        self.shut_at: Array | None = None
         self._send()
         self._simulator.Initialize()
 
@@ -142,6 +183,16 @@ class Cell:
         return self._fingers.opening(self._read(ports.GRIPPER_MEASURED)[: len(self._fingers.closed)])
 
     @property
+    def shut(self) -> bool:
+        """Whether the fingers were told to shut."""
+        return self._opened == 0.0
+
+    @property
+    def pace(self) -> float:
+        """Wall time that a second of the cell takes, by the last seconds [s]."""
+        return float(self._spent[0] / self._spent[1]) if self._spent[1] > 0.0 else 1.0
+
+    @property
     def force(self) -> float:
         """With which each finger presses [N]."""
         return self._force
@@ -168,12 +219,17 @@ class Cell:
 
     def _advance(self, until: float) -> None:
         self._send()
-        self._simulator.AdvanceTo(until)
+        now, begun = self.time, time.perf_counter()
+        # Just beyond: whether a message that is due then has come would be left to rounding.
+        self._simulator.AdvanceTo(until + TUNING.beyond)
+        self._spent = TUNING.forgetting * self._spent + [time.perf_counter() - begun, until - now]
         if self._recording is not None:
             self._recording.time.append(float(self._read(ports.MEASUREMENT_TIME)[0]))
             self._recording.position.append(self._read(ports.POSITION_MEASURED))
             self._recording.velocity.append(self._read(ports.VELOCITY_ESTIMATED))
             self._recording.torque.append(self._read(ports.TORQUE_MEASURED))
+        if self.observer is not None:
+            self.observer.ticked(self._station, self._context, self.doing)
         stopping.check()
 
     def follow(self, times: Array, q: Array, at: Callable[[float], None] | None = None) -> None:
@@ -187,14 +243,32 @@ class Cell:
         begin, tick = self.time, TUNING.weighed_tick if self._recording is not None else TUNING.tick
         for k in range(1, int(np.ceil(times[-1] / tick)) + 1):
             now = min(k * tick, float(times[-1]))
-            self._command = np.array([np.interp(now, times, q[:, j]) for j in range(q.shape[1])])
+            command = np.array([np.interp(now, times, q[:, j]) for j in range(q.shape[1])])
+            self._rate, self._command = (command - self._command) / tick, command
             self._advance(begin + k * tick)
             if at is not None:
                 at(now)
+        self._rate = np.zeros_like(self._command)
 
     def wait(self, seconds: float) -> None:
         """Stay where it is."""
         self.follow(np.array([0.0, seconds]), np.stack([self._command, self._command]))
+
+    def brake(self) -> None:
+        """Come to rest from a motion that was broken off: what is held stays in the hand."""
+        times = np.arange(0.0, TUNING.braking + 1e-9, TUNING.tick)
+        way = times - 0.5 * times**2 / TUNING.braking
+        self.follow(times, self._command + way[:, None] * self._rate)
+
+    @contextmanager
+    def about(self, phase: str, place: Array) -> Iterator[None]:
+        """Have the observer know what is done in the block, and where in W (3,) [m]."""
+        before, where = self.doing, np.asarray(place, dtype=float)
+        self.doing = Doing(phase, (float(where[0]), float(where[1]), float(where[2])))
+        try:
+            yield
+        finally:
+            self.doing = before
 
     def grip(self, opened: float, seconds: float = 0.7, force: float | None = None) -> float:
         """Move the fingers, 0 shut to 1 open, and return how far the pads are apart then [m].
@@ -204,6 +278,8 @@ class Cell:
             seconds: that are waited.
             force: of each finger from here on [N]; None: as before.
         """
+        if opened == 0.0:
+            self.shut_at = self._command.copy()
         self._opened = opened
         self._force = self._force if force is None else force
         self.wait(seconds)
@@ -211,7 +287,7 @@ class Cell:
 
     @contextmanager
     def recording(self) -> Iterator[Recording]:
-        """Record the arm's messages, one each tick."""
+        """Record the arm's messages, each at one tick at least."""
         self._recording = Recording()
         try:
             yield self._recording
@@ -235,7 +311,7 @@ class Cell:
     def moment(self, name: str) -> None:
         """Tell the observer, if there is one, where everything truly is now; no stage gets anything of it back."""
         if self.observer is not None:
-            self.observer(name, self.snapshot()["positions"])
+            self.observer.moment(name, self.snapshot()["positions"])
 
     def snapshot(self) -> dict[str, Array]:
         """Return where everything is, for a run that goes on later; nothing but `restore` reads it."""

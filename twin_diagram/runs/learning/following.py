@@ -47,6 +47,9 @@ class Tuning:
     far_reach: float = 0.03
     """The same at first where a slip is looked for [m]."""
 
+    crept_reach: tuple[float, ...] = (0.02, 0.012)
+    """The same where an object is found again that crept while it was swung: by a centimetre at the most."""
+
     facing: float = 0.6
     """Least cosine between a point's normal and the cloud's."""
 
@@ -63,7 +66,10 @@ class Tuning:
     """Points whose errors are one and the same."""
 
     explained: float = 0.75
-    """Share of a picture's points near the cloud below which a slip is looked for."""
+    """Share of a picture's points near the cloud in pictures that are well followed."""
+
+    new_sides: float = 0.4
+    """Share below which a slip is looked for though nothing contradicts: more than half is new in no picture."""
 
     contradicting: float = 0.08
     """Share of a picture's points beside a surface that is not theirs, from which a slip is looked for."""
@@ -161,13 +167,37 @@ def follow(
     return result
 
 
+def found_again(
+    seen: Followed, pictures: Sequence[HeldPicture], X_ST: Array, crept: tuple[float, float]
+) -> Array | None:
+    """Return the pose (4, 4) of the tool in S, of an object that crept in the hand and rests there now; None: unseen.
+
+    All pictures are registered as one: what one side leaves open, another one tells.
+
+    Args:
+        seen: what is known of it.
+        pictures: of it, in one grasp.
+        X_ST: (4, 4) before it crept.
+        crept: by how much it may have, as standard deviations [m], [rad].
+    """
+    parts = [part for part in map(_sampled, pictures) if len(part[0]) >= TUNING.least]
+    if not parts:
+        return None
+    points, normals = (np.concatenate(rows) for rows in zip(*parts, strict=True))
+    for reach in (*TUNING.crept_reach, TUNING.reach):
+        X_ST, _ = register(seen.points, seen.normals, points, normals, X_ST, crept, reach)
+    return X_ST
+
+
 def _located(
     seen: Followed, points: Array, normals: Array, X: Array, prior: tuple[float, float], number: int
 ) -> tuple[Array, float]:
     """Return the tool's pose in S and the share of points explained; a slip is noted."""
     near, share = register(seen.points, seen.normals, points, normals, X, prior, TUNING.reach)
     contradicts = contradicting(seen, points, normals, near)
-    if contradicts < TUNING.contradicting and share >= TUNING.explained:
+    # What contradicts nothing and is not explained is a side that was not seen before: turning what is round until it
+    # lies upon one that was would explain it as well.
+    if contradicts < TUNING.contradicting and share >= TUNING.new_sides:
         return near, share
     far = X
     for reach in (TUNING.far_reach, 0.5 * TUNING.far_reach, TUNING.reach):

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Final
 
 import cv2
 import numpy as np
@@ -22,19 +23,20 @@ from twin_diagram.runs.learning.bin_view import (
     grasps_of_thing,
     things_within,
     wall_points,
+    why_not,
 )
-from twin_diagram.runs.learning.cell import Cell, Picture
+from twin_diagram.runs.learning.cell import RELEASE, Cell, Picture
 from twin_diagram.runs.learning.display import TUNING as DISPLAY
 from twin_diagram.runs.learning.display import NothingHeld, display
 from twin_diagram.runs.learning.following import TUNING as FOLLOWING
-from twin_diagram.runs.learning.following import Followed, cover, follow
+from twin_diagram.runs.learning.following import Followed, cover, follow, found_again
 from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
 from twin_diagram.runs.learning.picking import TUNING as PICKING
 from twin_diagram.runs.learning.picking import Taken, go, reach_of, take
 from twin_diagram.runs.learning.record import SWUNG, LearningError
 from twin_diagram.runs.learning.regrasping import take_again
-from twin_diagram.runs.learning.setting_down import PutDown, places_in, set_down
-from twin_diagram.runs.learning.weighing import swing_empty, swing_held, write_swung
+from twin_diagram.runs.learning.setting_down import PutDown, outline, places_in, resting, set_down
+from twin_diagram.runs.learning.weighing import slipped, swing_empty, swing_held, write_swung
 from twin_diagram.scenario import Learning
 from twin_diagram.signals.arrays import Array
 
@@ -46,6 +48,15 @@ class Tuning:
     regrasped: tuple[float, float] = (0.004, 0.04)
     """How well the place of what was taken again is known [m], [rad]: what shutting fingers push it by."""
 
+    glances: int = 6
+    """Pictures of what is held after it was swung."""
+
+    glance: tuple[float, ...] = (0.7,)
+    """Tilts of the tool at which they are taken [rad]: sides and far end show alike."""
+
+    crept: tuple[float, float] = (0.006, 0.03)
+    """By how much it may have crept meanwhile, as standard deviations [m], [rad]."""
+
     same_place: float = 0.04
     """A thing within this of one that was given up is that one [m]."""
 
@@ -55,11 +66,16 @@ class Tuning:
     dropped: float = 0.22
     """Height over the bin's bottom of the finger tips from which what cannot be set down is let go [m]."""
 
+    fallen: float = 0.05
+    """Half of the size of something that was let fall [m], for who puts others beside it."""
+
     platform_spots: tuple[float, ...] = (0.0, 0.03, -0.03)
     """Off the platform's middle where things are set down [m]."""
 
 
 TUNING = Tuning()
+PLATFORM: Final = "platform"
+"""Name of what stands there, see `Mover.stand`."""
 
 
 @dataclass(frozen=True)
@@ -140,12 +156,13 @@ def pick(tools: Tools, thing: SeenThing, others: Sequence[SeenThing], attempt: i
         attempt: number of the try, from 0.
     """
     low, high = (np.array(corner) for corner in tools.learning.from_bin)
+    tools.mover.stand("bin", [thing.points, *(other.points for other in others if other is not thing)], float(low[2]))
     beside = [wall_points(low, high)] + [other.points[:800] for other in others if other is not thing]
     floor = float(low[2]) + TUNING.floor
     grasps = grasps_of_thing(thing, tools.gripper, floor, np.concatenate(beside), attempt)
     order = downward(grasps)
     if not len(order):
-        return Picked(thing, why=grasps.why_empty() or "no grasp from above", tries=attempt)
+        return Picked(thing, why=why_not(thing, tools.gripper, grasps), tries=attempt)
     order = np.roll(order, -2 * attempt)
     reach = reach_of(tools.mover, tools.cell, grasps, order.tolist())
     if reach is None:
@@ -153,6 +170,7 @@ def pick(tools: Tools, thing: SeenThing, others: Sequence[SeenThing], attempt: i
     taken = take(tools.mover, tools.cell, reach)
     if taken is None:
         return Picked(thing, why="the fingers held nothing", tries=attempt + 1)
+    tools.mover.stand("bin", [other.points for other in others if other is not thing], float(low[2]))
     tools.mover.hold((thing.points - taken.X_WT[:3, 3]) @ taken.X_WT[:3, :3])
     return Picked(thing, taken, tries=attempt + 1)
 
@@ -195,12 +213,19 @@ def show_again(tools: Tools, shown: ShownObject) -> bool:
     low, high = (np.array(corner) for corner in tools.learning.platform)
     middle = 0.5 * (low + high)[:2]
     spots = [np.array([*(middle + [dx, dy]), high[2]]) for dx in TUNING.platform_spots for dy in TUNING.platform_spots]
-    X_WT, _ = set_down(tools.mover, tools.cell, in_tool(shown), shown.R_WT, spots)
-    # As it stands it is turned about the vertical only, beside how it lay.
+    points_T = in_tool(shown)
+    for R_WT in resting(points_T, shown.R_WT):
+        with contextlib.suppress(NoWay):
+            X_WT, _ = set_down(tools.mover, tools.cell, points_T, R_WT, spots)
+            break
+    else:
+        raise NoWay("no place to set it down is reached")
     X_WS = X_WT @ np.linalg.inv(shown.X_ST[-1])
-    R_WS_lying = shown.R_WT @ np.linalg.inv(shown.X_ST[-1])[:3, :3]
+    R_WS_lying = X_WS[:3, :3]
+    tools.mover.stand(PLATFORM, [cover(shown.followed) @ X_WS[:3, :3].T + X_WS[:3, 3]], float(high[2]))
     go_home(tools)  # out of the camera's sight of the platform
     found = take_again(tools.mover, tools.cell, tools.learning, tools.gripper, shown.followed, X_WS, shown.X_ST)
+    tools.mover.stand(PLATFORM, [], 0.0)
     if found is None:
         return False
     _, X_ST = found
@@ -232,6 +257,24 @@ def weigh_held(tools: Tools, shown: ShownObject, folder: Path) -> float:
     )
     if tools.cell.opening < PICKING.empty:
         raise NothingHeld("it was lost while it was swung")
+    # Swinging makes it creep in the hand: where it is afterwards is seen.
+    try:
+        pictures = display(
+            tools.mover,
+            tools.cell,
+            replace(learning, frames=TUNING.glances),
+            tools.robot,
+            len(shown.X_ST) - 1,
+            TUNING.glance,
+        )
+        X_ST = found_again(shown.followed, pictures, shown.X_ST[-1], TUNING.crept)
+        if X_ST is not None:
+            swung = slipped(swung, np.asarray(np.linalg.inv(X_ST), dtype=float))
+            shown.R_WT = shown.R_WT @ shown.X_ST[-1][:3, :3].T @ X_ST[:3, :3]
+            shown.X_ST[-1] = X_ST
+            hold_seen(tools, shown)
+    except NoWay as why:
+        shown.notes.append(f"not looked at after it was swung: {why}")
     write_swung(folder / SWUNG, swung)
     return mass
 
@@ -253,18 +296,28 @@ def put_away(tools: Tools, shown: ShownObject, standing: Sequence[PutDown]) -> P
         NoWay: no place is reached.
     """
     low, high = (np.array(corner) for corner in tools.learning.into_bin)
-    points_T = in_tool(shown)
-    places = places_in(low, high, standing, points_T, shown.R_WT)
-    if not places:
-        raise NoWay("no room in the other bin")
-    _, place = set_down(tools.mover, tools.cell, points_T, shown.R_WT, places)
-    extent = np.ptp(points_T @ shown.R_WT.T, axis=0)
-    radius = 0.5 * float(np.hypot(extent[0], extent[1]))
-    return PutDown((float(place[0]), float(place[1])), radius, float(place[2] + extent[2]))
+    points_T, why = in_tool(shown), NoWay("no room in the other bin")
+    tools.mover.stand("other bin", [outline(one) for one in standing], float(low[2]))
+    for R_WT in resting(points_T, shown.R_WT):
+        places = places_in(low, high, standing, points_T, R_WT)
+        if not places:
+            continue
+        try:
+            _, place = set_down(tools.mover, tools.cell, points_T, R_WT, places)
+        except NoWay as error:
+            why = error
+            continue
+        extent = np.ptp(points_T @ R_WT.T, axis=0)
+        radius = 0.5 * float(np.hypot(extent[0], extent[1]))
+        return PutDown((float(place[0]), float(place[1])), radius, float(place[2] + extent[2]))
+    raise why
 
 
-def let_go(tools: Tools) -> None:
+def let_go(tools: Tools) -> PutDown | None:
     """Empty the hand over the bin that is filled, or where it is if there is no way there, and go home.
+
+    Returns:
+        About where it lies in that bin; None: nothing was let fall there.
 
     Raises:
         NoWay: there is no way home; the hand is empty.
@@ -274,13 +327,17 @@ def let_go(tools: Tools) -> None:
         pointing(np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0])),
         np.array([*(0.5 * (low + high)[:2]), low[2] + TUNING.dropped]),
     )
-    if tools.cell.opening > PICKING.empty:
+    fell = None
+    if tools.cell.shut and tools.cell.opening > PICKING.empty:
         with contextlib.suppress(NoWay):
             goals = tools.mover.goals(over, tools.cell.commanded)
             go(tools.cell, tools.mover.timed(tools.mover.path(tools.cell.commanded, goals)))
-    tools.cell.grip(1.0)
+            fell = PutDown((float(over[0, 3]), float(over[1, 3])), TUNING.fallen, float(low[2]) + 2 * TUNING.fallen)
+    with tools.cell.about(RELEASE, tools.mover.tool(tools.cell.q)[:3, 3]):
+        tools.cell.grip(1.0)
     tools.mover.hold(None)
     go_home(tools)
+    return fell
 
 
 def write_frames(folder: Path, shown: ShownObject) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -12,6 +13,8 @@ from twin_diagram.errors import TwinError
 from twin_diagram.planning.collision.ball_cover import Balls
 from twin_diagram.planning.collision.clearance import Surroundings
 from twin_diagram.planning.collision.collision_scene import Scene, load_scene
+from twin_diagram.planning.collision.convex_solids import Box
+from twin_diagram.planning.collision.solid_batch import Body
 from twin_diagram.planning.paths import inverse_kinematics, rrt_connect
 from twin_diagram.scenario import Twin
 from twin_diagram.signals.arrays import Array
@@ -52,7 +55,7 @@ class Tuning:
     """Between points of a timed path [s]."""
 
     cell: float = 0.025
-    """Edge of the cells whose balls stand for what is held [m]."""
+    """Edge of the cells whose balls stand for what is held, and whose columns for what stands about [m]."""
 
 
 TUNING = Tuning()
@@ -129,6 +132,20 @@ class Mover:
         bound = np.full(self.scene.chain.size, 3.05)
         self._lower, self._upper = np.maximum(self.scene.lower, -bound), np.minimum(self.scene.upper, bound)
         self._carrying = self.scene
+        self._standing: dict[str, Body] = {}
+
+    def stand(self, where: str, clouds: Sequence[Array], support: float) -> None:
+        """Keep ways clear of what stands somewhere, from here on; straight lines of the tool go there on purpose.
+
+        Args:
+            where: a name; what was told of it before is forgotten.
+            clouds: points (N, 3) in W of each thing [m]: what is below them counts as full.
+            support: height of what they stand on [m].
+        """
+        solids = [box for cloud in clouds for box in columns(cloud, support, TUNING.cell)]
+        self._standing.pop(where, None)
+        if solids:
+            self._standing[where] = Body.of(where, solids)
 
     def tool(self, q: Array) -> Array:
         """Return X_WT (4, 4) at joint angles (n,)."""
@@ -147,31 +164,38 @@ class Mover:
         cover = Balls(centres, radius, np.full(count, n), np.zeros(count, int), np.zeros((0, 2), int))
         self._carrying = replace(self.scene, clearance=self.scene.clearance.carrying(cover, n - 2))
 
-    def distances(self, q: Array, reach: float = 0.1) -> Array:
+    def distances(self, q: Array, reach: float = 0.1, *, standing: bool = True) -> Array:
         """Return how far the arm and what it holds are from all that stands about and from themselves.
 
         Args:
             q: (M, n).
             reach: distances beyond are not told apart [m].
+            standing: whether what was told by `stand` counts.
 
         Returns:
             (M, B + 1), the last to the arm itself [m].
         """
-        count = len(self._carrying.clearance.bodies)
+        beside = tuple(self._standing.values()) if standing else ()
+        count = len(self._carrying.clearance.bodies) + len(beside)
         poses = np.broadcast_to(np.eye(4), (count, len(q), 4, 4))
         on = np.ones(count, dtype=bool)
-        return self._carrying.clearance.distances(q, Surroundings(poses, np.zeros((count, len(q))), on, on), reach)
+        return self._carrying.clearance.distances(
+            q, Surroundings(poses, np.zeros((count, len(q))), on, on, beside), reach
+        )
 
-    def free(self, q: Array, clearance: float) -> npt.NDArray[np.bool_]:
-        """Return (M,) which joint angles (M, n) keep a distance [m]."""
-        near = self.distances(q, max(clearance, TUNING.own) + 1e-6)
-        return np.asarray((near[:, :-1] >= clearance).all(axis=1) & (near[:, -1] >= TUNING.own))
+    def free(self, q: Array, clearance: float, *, standing: bool = True) -> npt.NDArray[np.bool_]:
+        """Return (M,) which joint angles (M, n) keep a distance [m]; see `distances`."""
+        near = self.distances(q, max(clearance, TUNING.own) + 1e-6, standing=standing)
+        wanted = np.full(near.shape[1] - 1, clearance)
+        # Before a grasp open fingers are beside what they take, or just above it.
+        wanted[len(self._carrying.clearance.bodies) :] = min(clearance, TUNING.close)
+        return np.asarray((near[:, :-1] >= wanted).all(axis=1) & (near[:, -1] >= TUNING.own))
 
-    def bare_free(self, q: Array, clearance: float) -> bool:
+    def bare_free(self, q: Array, clearance: float, *, standing: bool = False) -> bool:
         """Return whether the arm alone, without what it holds, keeps a distance [m] at joint angles (M, n)."""
         kept, self._carrying = self._carrying, self.scene
         try:
-            return bool(self.free(q, clearance).all())
+            return bool(self.free(q, clearance, standing=standing).all())
         finally:
             self._carrying = kept
 
@@ -222,7 +246,7 @@ class Mover:
         line = np.array(rows)
         if np.abs(np.diff(line, axis=0)).max() > TUNING.line_jump:
             raise NoWay("no straight line of the tool: the arm would have to turn over")
-        if clearance is not None and not self.free(line[1:], clearance).all():
+        if clearance is not None and not self.free(line[1:], clearance, standing=False).all():
             raise NoWay("something is in the way of a straight line of the tool")
         return line
 
@@ -261,6 +285,20 @@ def _between(X_A: Array, X_B: Array, share: float) -> Array:
 
     turn = Slerp([0.0, 1.0], Rotation.from_matrix([X_A[:3, :3], X_B[:3, :3]]))(share).as_matrix()
     return pose(turn, (1.0 - share) * X_A[:3, 3] + share * X_B[:3, 3])
+
+
+def columns(points: Array, support: float, edge: float) -> list[Box]:
+    """Return boxes from a support [m] up to the highest of some points (N, 3), one a square of an edge [m]."""
+    if not len(points):
+        return []
+    cells, index = np.unique(np.floor(points[:, :2] / edge).astype(np.int64), axis=0, return_inverse=True)
+    top = np.full(len(cells), -np.inf)
+    np.maximum.at(top, np.asarray(index).ravel(), points[:, 2])
+    boxes = []
+    for (x, y), high in zip((cells + 0.5) * edge, top, strict=True):
+        half = np.array([0.5 * edge, 0.5 * edge, max(0.5 * (high - support), 1e-3)])
+        boxes.append(Box(half, np.eye(3), np.array([x, y, support + half[2]])))
+    return boxes
 
 
 def cloud_cells(points: Array, edge: float) -> Array:

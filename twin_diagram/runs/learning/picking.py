@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from twin_diagram.planning.grasps import Grasps
-from twin_diagram.runs.learning.cell import Cell
+from twin_diagram.runs.learning.cell import GRASP, Cell
 from twin_diagram.runs.learning.motion import Mover, NoWay, TimedPath
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.pose_vectors import as_matrix
@@ -24,8 +25,8 @@ class Tuning:
     lift: float = 0.20
     """By which what is held is lifted straight up [m]: out of a bin, over its walls."""
 
-    least_lift: float = 0.10
-    """By which at least, where the arm does not reach farther [m]."""
+    least_lift: float = 0.06
+    """By which at least, where the arm does not reach farther [m]; where it does not, it is let go again."""
 
     empty: float = 0.004
     """Fingers closer than this hold nothing [m]."""
@@ -81,7 +82,7 @@ def reach_of(mover: Mover, cell: Cell, grasps: Grasps, order: Sequence[int], mos
         order: numbers of those that may be.
         most: path searches at the most.
     """
-    q, searched = cell.commanded, 0
+    q, searched, spare = cell.commanded, 0, None
     for k in order:
         X_WT = as_matrix(grasps.poses[int(k)])
         for turn in (1.0, -1.0):
@@ -96,16 +97,25 @@ def reach_of(mover: Mover, cell: Cell, grasps: Grasps, order: Sequence[int], mos
                     way = mover.path(q, line[:1])
                 except NoWay:
                     if searched >= most:
-                        return None
+                        return spare
                     continue
-                return Reach(int(k), X, way, line)
-    return None
+                reach = Reach(int(k), X, way, line)
+                if lift_line(mover, line[-1]) is not None:
+                    return reach
+                spare = spare or reach
+    return spare
 
 
 def take(mover: Mover, cell: Cell, reach: Reach) -> Taken | None:
     """Go to a grasp, shut the fingers and lift; None where they hold nothing."""
     cell.grip(1.0, 0.0 if cell.opening > 0.10 else 0.5)
     go(cell, mover.timed(reach.way))
+    with cell.about(GRASP, reach.X_WT[:3, 3]):
+        return _taken(mover, cell, reach)
+
+
+def _taken(mover: Mover, cell: Cell, reach: Reach) -> Taken | None:
+    """Take what is before the fingers, from where the straight way to it begins."""
     go(cell, mover.timed_line(reach.line, TUNING.slow * 2.0))
     cell.wait(TUNING.settle)
     X_WT = mover.tool(cell.q)
@@ -113,7 +123,9 @@ def take(mover: Mover, cell: Cell, reach: Reach) -> Taken | None:
     if opening < TUNING.empty:
         back_out(mover, cell, reach)
         return None
-    lift(mover, cell)
+    if not lift(mover, cell):
+        back_out(mover, cell, reach)
+        return None
     opening = cell.opening
     if opening < TUNING.empty:
         cell.grip(1.0)
@@ -121,17 +133,24 @@ def take(mover: Mover, cell: Cell, reach: Reach) -> Taken | None:
     return Taken(X_WT, opening, reach.grasp)
 
 
-def lift(mover: Mover, cell: Cell) -> None:
-    """Go straight up as far as the arm reaches."""
-    start = mover.tool(cell.commanded)
+def lift(mover: Mover, cell: Cell) -> bool:
+    """Go straight up as far as the arm reaches; whether it did."""
+    line = lift_line(mover, cell.commanded)
+    if line is None:
+        return False
+    go(cell, mover.timed_line(line, TUNING.slow * 1.5))
+    return True
+
+
+def lift_line(mover: Mover, q: Array) -> Array | None:
+    """Return joint angles (W, n) straight up from some (n,), as far as the arm reaches; None: hardly at all."""
+    start = mover.tool(q)
     for height in np.arange(TUNING.lift, TUNING.least_lift - 1e-9, -0.02):
         above = start.copy()
         above[2, 3] += height
-        try:
-            go(cell, mover.timed_line(mover.line(cell.commanded, above), TUNING.slow * 1.5))
-            return
-        except NoWay:
-            continue
+        with contextlib.suppress(NoWay):
+            return mover.line(q, above)
+    return None
 
 
 def back_out(mover: Mover, cell: Cell, reach: Reach) -> None:

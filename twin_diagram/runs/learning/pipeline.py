@@ -20,16 +20,20 @@ from twin_diagram.runs.learning import handling
 from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.runs.learning.cell import Cell, Picture
 from twin_diagram.runs.learning.display import NothingHeld
+from twin_diagram.runs.learning.ending import end_early
 from twin_diagram.runs.learning.finishing import write_learned
 from twin_diagram.runs.learning.gallery import write_gallery
 from twin_diagram.runs.learning.handling import Picked, ShownObject, Tools
 from twin_diagram.runs.learning.motion import Mover, NoWay
+from twin_diagram.runs.learning.picking import TUNING as PICKING
 from twin_diagram.runs.learning.record import SWUNG, Learned, LearningRecord, RunState, plain
+from twin_diagram.runs.learning.seeking import seek
 from twin_diagram.runs.learning.setting_down import PutDown
 from twin_diagram.runs.learning.shape_jobs import Done, ShapeJobs
 from twin_diagram.runs.learning.shape_worker import FRAMES, SHAPE, read_shape
 from twin_diagram.runs.learning.weighing import inertia_of, read_swung
 from twin_diagram.runtime import stopping
+from twin_diagram.runtime.stopping import Stopped
 from twin_diagram.scenario import Learning, Scenario
 from twin_diagram.signals.arrays import Array
 
@@ -61,7 +65,7 @@ def tools_of(scenario: Scenario, learning: Learning) -> Tools:
     twin, packages = scenario.twin, dict(scenario.packages)
     gripper = gripper_of(learning.gripper)
     cell = Cell(scenario)
-    model = Model.load(twin.arm, packages)
+    model = Model.load(twin.arm, packages, torque_side=twin.driver.torque_side)
     mover = Mover(twin, packages, np.asarray(model.velocity_limit), scenario.seed)
     home = np.array(twin.home, dtype=float) if twin.home else np.zeros(len(model.joints))
     return Tools(cell, mover, RobotShape(twin.arm, packages), gripper, learning, home, model)
@@ -85,6 +89,7 @@ class Learner:
         self._left = 0
         self._taken = 0
         self._made: list[Done] = []
+        self._in_bin = True
 
     def run(self) -> None:
         """Empty the bin, wait for reconstructions under way, and write the gallery."""
@@ -93,13 +98,28 @@ class Learner:
             while (found := self._next()) is not None:
                 self._handle(*found)
                 self._save()
+                self._in_bin = True
             if not self.state.finished:
                 self.state.finished = True
                 self.record.event(stage="bin", outcome="empty" if not self.state.given_up else "nothing left to take")
             self._wait()
             self._save()
+        except Stopped:
+            self._jobs.close()
+            self._end_early()
+            raise
         finally:
             self._jobs.close()
+
+    def _end_early(self) -> None:
+        """Set down what is held, or hold it; where it lies in its bin again the run goes on from there."""
+        ending = end_early(self.tools)
+        if ending.empty and self._in_bin:
+            self.state.world = self.tools.cell.snapshot()
+            self.state.sim_time = self.tools.cell.time
+            self.record.save(self.state)
+        self.record.event(stage="stop", outcome=ending.told)
+        self._say(f"stopped: {ending.told}")
 
     def _start(self) -> None:
         if self.state.world:
@@ -161,12 +181,7 @@ class Learner:
             with self._stage(name, "display") as told:
                 shown = handling.show_first(self.tools, picked)
                 told.update(pictures=len(shown.followed.shown), slips=len(shown.followed.slips))
-            for _ in range(1, self.tools.learning.grasps):
-                with self._stage(name, "display again") as told:
-                    told["outcome"] = "shown" if handling.show_again(self.tools, shown) else "not taken again"
-                    told.update(pictures=len(shown.followed.shown), slips=len(shown.followed.slips))
-                if told["outcome"] != "shown":
-                    raise NothingHeld("it could not be taken from the platform again")
+            self._show_again(name, shown)
             handling.write_frames(folder / FRAMES, shown)
             self._jobs.add(name, folder)
             opening = self.tools.cell.opening
@@ -177,6 +192,7 @@ class Learner:
             one.figures["X_WS"] = X_WS.tolist()
             self.tools.cell.moment(name)
             with self._stage(name, "put away"):
+                self._in_bin = False
                 standing = [PutDown((s[0], s[1]), s[2], s[3]) for o in self.state.learned if (s := o.standing)]
                 put = handling.put_away(self.tools, shown, standing)
                 one.standing = [*put.place, put.radius, put.top]
@@ -187,6 +203,8 @@ class Learner:
         except (NoWay, NothingHeld) as why:
             one.why = str(why)
             self._let_go(one)
+            if not one.standing:
+                self._seek(one)
         if shown.followed.shown and not (folder / FRAMES).is_dir():
             handling.write_frames(folder / FRAMES, shown)
             self._jobs.add(name, folder)
@@ -203,6 +221,39 @@ class Learner:
         one.figures |= plain({"pictures": len(shown.followed.shown), "slips": slips, "notes": shown.notes})
         self.state.learned.append(one)
 
+    def _show_again(self, name: str, shown: ShownObject) -> None:
+        """Show an object in its further grasps; one that cannot be set down goes on with what was seen of it.
+
+        Raises:
+            NothingHeld: it is no longer in the hand.
+        """
+        for _ in range(1, self.tools.learning.grasps):
+            self._in_bin = False
+            try:
+                with self._stage(name, "display again") as told:
+                    told["outcome"] = "shown" if handling.show_again(self.tools, shown) else "not taken again"
+                    told.update(pictures=len(shown.followed.shown), slips=len(shown.followed.slips))
+            except NoWay as why:
+                if self.tools.cell.opening < PICKING.empty or not self.tools.cell.shut:
+                    raise NothingHeld(f"it was set down, and then: {why}") from why
+                shown.notes.append(f"shown in {len(shown.X_ST)} grasps only: {why}")
+                return
+            if told["outcome"] != "shown":
+                raise NothingHeld("it could not be taken from the platform again")
+
+    def _seek(self, one: Learned) -> None:
+        """Look for what was lost where the cameras see, and put it away; what cannot be had is told with a picture."""
+        with self._stage(one.name, "seek") as told:
+            standing = [PutDown((s[0], s[1]), s[2], s[3]) for o in self.state.learned if (s := o.standing)]
+            found, picture = seek(self.tools, standing)
+            told["outcome"] = found.told
+        if found.put is not None:
+            one.standing = [*found.put.place, found.put.radius, found.put.top]
+            one.why += f"; {found.told}"
+        elif found.thing is not None:
+            handling.save_picture(self.record.folder / one.picture, picture, found.thing, found.told)
+            one.why += f"; {found.told}"
+
     def _weigh(self, name: str, shown: ShownObject, folder: Path) -> None:
         """Swing what is held; where that cannot be, its inertia will be told from its shape alone."""
         try:
@@ -215,12 +266,15 @@ class Learner:
 
     def _let_go(self, one: Learned) -> None:
         """Leave the hand empty and the arm at home after something went wrong; keep a picture of it."""
-        cell = self.tools.cell
+        cell, self._in_bin = self.tools.cell, False
         picture = cell.look(self.tools.learning.scan_camera)
         one.picture = f"objects/{one.name}/failed.png"
         handling.save_picture(self.record.folder / one.picture, picture, None, one.why)
         try:
-            handling.let_go(self.tools)
+            fell = handling.let_go(self.tools)
+            if fell is not None:
+                one.standing = [*fell.place, fell.radius, fell.top]
+                one.why += "; it was let fall into the other bin"
         except NoWay as why:  # the next look into the bin tries the way home again, and ends the run if there is none
             one.why += f"; then the arm could not go home: {why}"
 
@@ -288,6 +342,9 @@ class Learner:
             yield told
         except TwinError as why:
             told["outcome"] = str(why)
+            raise
+        except Stopped:
+            told["outcome"] = "stopped"
             raise
         finally:
             took = {"sim": round(cell.time - sim, 3), "took": round(time.monotonic() - wall, 2)}

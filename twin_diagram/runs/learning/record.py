@@ -235,6 +235,12 @@ class LearningRecord:
         with (self.folder / EVENTS).open("a", encoding="utf-8") as file:
             file.write(line + "\n")
 
+    def unasked(self) -> int:
+        """Return how many contacts the events hold that no step asked for, those before a resumption among them."""
+        file = self.folder / EVENTS
+        lines = file.read_text(encoding="utf-8", errors="ignore").splitlines() if file.is_file() else []
+        return sum('"stage": "contact"' in line for line in lines)
+
     def fresh(self, name: str) -> Path:
         """Return an empty folder for an object's data."""
         folder = self.of(name)

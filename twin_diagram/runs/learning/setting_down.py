@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial.transform import Rotation
 
-from twin_diagram.runs.learning.cell import Cell
+from twin_diagram.runs.learning.cell import RELEASE, Cell
 from twin_diagram.runs.learning.motion import Mover, NoWay, cloud_cells, pose
 from twin_diagram.runs.learning.picking import go
 from twin_diagram.signals.arrays import Array
@@ -38,6 +41,18 @@ class Tuning:
     room: float = 0.01
     """Between what is set down beside one another [m]."""
 
+    one_side: float = 0.97
+    """Cosine of normals from which faces of a hull are one side: 14°."""
+
+    sides: int = 8
+    """Of a hull, on which it is tried."""
+
+    least_side: float = 2e-4
+    """Area on which something stands [m²]: 14 mm square."""
+
+    steepest: float = 0.5
+    """Least share of the tool's axis that points down while it is set down on another side."""
+
     tall: float = 0.05
     """By how much things set down may stand above where the palm comes down beside them [m]."""
 
@@ -52,6 +67,14 @@ class PutDown:
     place: tuple[float, float]
     radius: float
     top: float
+
+
+def outline(one: PutDown) -> Array:
+    """Return points (N, 3) at the top of something that was set down, all over the circle that holds it [m]."""
+    across = np.arange(-one.radius, one.radius + 1e-9, TUNING.spot)
+    x, y = (grid.ravel() for grid in np.meshgrid(across, across))
+    inside = np.hypot(x, y) <= one.radius
+    return np.column_stack([one.place[0] + x[inside], one.place[1] + y[inside], np.full(inside.sum(), one.top)])
 
 
 def turned(R_WT: Array, yaw: float) -> Array:
@@ -73,6 +96,40 @@ def pose_over(points_T: Array, R_WT: Array, place: Array, height: float) -> Arra
     low, high = rows.min(axis=0), rows.max(axis=0)
     middle = 0.5 * (low[:2] + high[:2])
     return pose(R_WT, np.array([place[0] - middle[0], place[1] - middle[1], height - low[2]]))
+
+
+def resting(points_T: Array, R_WT: Array) -> list[Array]:
+    """Return axes (3, 3) of the tool in which what it holds stands, the surest first: as it stood, then on other sides.
+
+    The sides are those of the hull of what was seen of it, by their area; its middle is over each of them.
+
+    Args:
+        points_T: (N, 3) of the object in the tool's frame [m].
+        R_WT: (3, 3) in which it stood.
+    """
+    found = [R_WT]
+    with contextlib.suppress(QhullError, ValueError):
+        hull = ConvexHull(points_T)
+        sides: list[tuple[Array, float]] = []
+        corners = points_T[hull.simplices]
+        areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+        for k in np.argsort(-areas):
+            normal = hull.equations[k, :3]
+            if all(float(normal @ other) < TUNING.one_side for other, _ in sides):
+                alike = hull.equations[:, :3] @ normal > TUNING.one_side
+                sides.append((normal, float(areas[alike].sum())))
+        for normal, area in sorted(sides, key=lambda side: -side[1])[: TUNING.sides]:
+            R = _downwards(R_WT, normal)
+            if area > TUNING.least_side and -R[2, 2] > TUNING.steepest:
+                found.append(R)
+    return found
+
+
+def _downwards(R_WT: Array, normal_T: Array) -> Array:
+    """Return the tool's axes (3, 3) nearest to some in which a direction (3,) of its frame points down."""
+    now = R_WT @ normal_T
+    turn, _ = Rotation.align_vectors([[0.0, 0.0, -1.0]], [now])
+    return np.asarray(turn.as_matrix() @ R_WT)
 
 
 def set_down(
@@ -104,34 +161,46 @@ def set_down(
             for q_above in mover.goals(above, cell.commanded)[:2]:
                 try:
                     line = mover.line(q_above, X)
-                    if not mover.bare_free(line, 0.0):
+                    if not mover.bare_free(line, 0.0, standing=True):
                         raise NoWay("something is in the way of setting it down")
+                    back = way_back(mover, line[-1])
                     way = mover.path(cell.commanded, line[:1])
                 except NoWay as why:
                     last = why
                     continue
                 go(cell, mover.timed(way))
-                go(cell, mover.timed_line(line, TUNING.speed))
-                cell.wait(0.2)
-                X_WT = mover.tool(cell.q)
-                cell.grip(1.0)
-                mover.hold(None)
-                retreat(mover, cell)
-                return X_WT, place
+                return release(mover, cell, line, back), place
     raise last
 
 
-def retreat(mover: Mover, cell: Cell) -> None:
-    """Go back along the approach, as far as the arm does, and then upwards."""
-    X = mover.tool(cell.commanded)
-    for back in (TUNING.retreat, 0.6 * TUNING.retreat):
-        away = X.copy()
-        away[:3, 3] -= back * X[:3, 2]
-        try:
-            go(cell, mover.timed_line(mover.line(cell.commanded, away), 2.0 * TUNING.speed))
-            return
-        except NoWay:
-            continue
+def release(mover: Mover, cell: Cell, line: Array, back: Array) -> Array:
+    """Go down a line (W, n), open the fingers and go back along another; return X_WT (4, 4) when they opened."""
+    with cell.about(RELEASE, mover.tool(line[-1])[:3, 3]):
+        go(cell, mover.timed_line(line, TUNING.speed))
+        cell.wait(0.2)
+        X_WT = mover.tool(cell.q)
+        cell.grip(1.0)
+        mover.hold(None)
+        go(cell, mover.timed_line(back, 2.0 * TUNING.speed))
+    return X_WT
+
+
+def way_back(mover: Mover, q: Array) -> Array:
+    """Return the line (W, n) from joint angles (n,) away from what was set down: along the approach, or upwards.
+
+    Raises:
+        NoWay: each is barred.
+    """
+    X = mover.tool(q)
+    for direction in (-X[:3, 2], np.array([0.0, 0.0, 1.0])):
+        for back in (TUNING.retreat, 0.6 * TUNING.retreat):
+            away = X.copy()
+            away[:3, 3] += back * direction
+            with contextlib.suppress(NoWay):
+                line = mover.line(q, away)
+                if mover.bare_free(line, 0.0):
+                    return line
+    raise NoWay("no way back from where it would be set down")
 
 
 def places_in(low: Array, high: Array, standing: Sequence[PutDown], points_T: Array, R_WT: Array) -> list[Array]:

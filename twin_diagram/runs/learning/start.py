@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from twin_diagram.errors import ScenarioError
 from twin_diagram.model.model import Model
 from twin_diagram.runs.learning.cell import Observer, told_camera
+from twin_diagram.runs.learning.contact_count import ContactCount, Watchers
 from twin_diagram.runs.learning.gallery import write_gallery
 from twin_diagram.runs.learning.pipeline import Learner, finish, tools_of
 from twin_diagram.runs.learning.record import LearningError, LearningRecord, RunState
@@ -84,12 +86,14 @@ def learn(
             held.enter_context(record.alone(new=False))
         state = record.resume() if resume else None
         tools = tools_of(scenario, learning)  # what cannot be built leaves no folder behind
-        tools.cell.observer = observer
         if state is None:
             held.enter_context(record.alone(new=True))
             state = record.begin()
+        contacts = ContactCount(partial(record.event, stage="contact"))
+        tools.cell.observer = Watchers(contacts, observer)
         with stopping.steps():
             Learner(tools, record, state, say).run()
+        say(f"contacts that no step asked for: {record.unasked()}")
     return state
 
 
@@ -115,7 +119,8 @@ def _learn_again(scenario: Scenario, record: LearningRecord, name: str, say: Say
     say(f"{name}: reconstruct")
     make_shape(folder)
     one.why = ""
-    finish(record, one, Model.load(scenario.twin.arm, dict(scenario.packages)))
+    side = scenario.twin.driver.torque_side
+    finish(record, one, Model.load(scenario.twin.arm, dict(scenario.packages), torque_side=side))
     record.event(object=name, stage="again", outcome=one.state, **({"why": one.why} if one.why else {}))
     record.save(state)
     write_gallery(record, state)

@@ -19,7 +19,7 @@ class ArmSensors(LeafSystem):
         name: ArmSensors
         input_ports:
         - motor_state
-        - motor_torque
+        - torque
         output_ports:
         - position_measured
         - velocity_estimated
@@ -29,8 +29,9 @@ class ArmSensors(LeafSystem):
 
     Message k is taken at k / rate, k = 1, 2, …, and stands on the ports from then on: an event at the same time still
     sees the one before. `position_measured` (n) [rad] is a whole number of encoder counts, `velocity_estimated` (n)
-    [rad/s] has white noise, `torque_measured` (n) [N·m] is what the motors gave in the plant's last step, before
-    friction and rotor inertia, with white noise and a constant error; `measurement_time` (1) [s]; `gripper_measured`
+    [rad/s] has white noise, `torque_measured` (n) [N·m] is what `torque` says, with white noise
+    and a constant error: what the motors gave in the plant's last step, before friction and rotor inertia, or what the
+    gears passed on; `measurement_time` (1) [s]; `gripper_measured`
     (2g) positions then speeds. Noise is a function of seed and message alone.
     """
 
@@ -63,7 +64,7 @@ class ArmSensors(LeafSystem):
         self._bias = np.array(defects.torque_bias, dtype=float) if defects.torque_bias else np.zeros(n)
         self._rate, self._seed = rate, seed
         self._motor = self.DeclareVectorInputPort("motor_state", 2 * self._m)
-        self._torque = self.DeclareVectorInputPort("motor_torque", n)
+        self._torque = self.DeclareVectorInputPort("torque", n)
         state = self.DeclareDiscreteState(np.concatenate([np.zeros(3 * n + 2 * g), [NEVER]]))
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._update)
         ticket = {self.discrete_state_ticket(state)}

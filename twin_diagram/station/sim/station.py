@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
-from twin_diagram.model.effects import connect
+from twin_diagram.model.effects import Motors, connect
 from twin_diagram.scenario import Scenario
 from twin_diagram.station import ports
 from twin_diagram.station.sim.arm_sensors import ArmSensors
@@ -12,6 +12,7 @@ from twin_diagram.station.sim.camera import add_camera
 from twin_diagram.station.sim.driver import ArmDriver, NominalGravity
 from twin_diagram.station.sim.lidar import add_lidar
 from twin_diagram.station.sim.link_sensors import add_link_sensors
+from twin_diagram.station.sim.link_torque import LinkTorque
 from twin_diagram.station.sim.movers import MoverDriver
 from twin_diagram.station.sim.truth import TruePoses, TrueState
 from twin_diagram.station.sim.world_plant import WorldPlant, build_world
@@ -48,7 +49,8 @@ class SimStation(Diagram):
         - truth.query_object
         - truth.contact_results
 
-    Commands may stay unconnected: the arm then holds its pose. The arm's messages come at ``twin.driver.rate``; images
+    Torques are the motors', or, where ``twin.driver.torque_side`` is `link`, what the gears pass on. Commands may stay
+    unconnected: the arm then holds its pose. The arm's messages come at ``twin.driver.rate``; images
     are captured at k / rate and delivered ``twin.camera.latency`` later. IMU and wrench are there where
     ``twin.sensors`` names them, the lidar's ranges where there is a ``twin.lidar``.
 
@@ -84,7 +86,7 @@ class SimStation(Diagram):
         defects, rate = scenario.world.arm_defects, scenario.twin.driver.rate
         sensors = builder.AddNamedSystem("arm_sensors", ArmSensors(n, g, defects, rate, scenario.seed))
         builder.Connect(state.GetOutputPort("motor_state"), sensors.GetInputPort("motor_state"))
-        builder.Connect(motors.torque_logged, sensors.GetInputPort("motor_torque"))
+        builder.Connect(_torque(builder, scenario, world, motors), sensors.GetInputPort("torque"))
         if world.carriages is not None:
             movers = builder.AddNamedSystem("movers", MoverDriver(world.paths))
             builder.Connect(movers.get_output_port(), plant.get_desired_state_input_port(world.carriages))
@@ -115,3 +117,12 @@ class SimStation(Diagram):
         builder.BuildInto(self)
         self.set_name("station")
         ports.check(self, n, g, camera.name if camera else None, further)
+
+
+def _torque(builder: DiagramBuilder, scenario: Scenario, world: WorldPlant, motors: Motors) -> OutputPort:
+    """Return the port of the torques that the arm's sensors measure, on the side of the gears that is told."""
+    if scenario.twin.driver.torque_side == "motor":
+        return motors.torque_logged
+    picked = builder.AddNamedSystem("link_torque", LinkTorque(world.plant, world.arm.joints))
+    builder.Connect(world.plant.get_reaction_forces_output_port(), picked.get_input_port())
+    return picked.get_output_port()

@@ -1,0 +1,113 @@
+"""Contacts that no step asks for are counted once each, and what a step asks for is not."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from twin_diagram.runs.learning import contact_count
+from twin_diagram.runs.learning.cell import FREE, GRASP, RELEASE, Doing
+from twin_diagram.runs.learning.contact_count import NOTHING, CellParts, ContactCount, Watchers, asked_for
+from twin_diagram.runs.learning.record import LearningRecord
+from twin_diagram.scenario import Scenario
+
+TABLE, LINK, PALM, FINGER, MUG, CAN = range(6)
+PARTS = CellParts(frozenset({LINK, PALM, FINGER}), frozenset({PALM, FINGER}), frozenset({MUG, CAN}))
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "phase", "wanted", "asked"),
+    [
+        (FINGER, MUG, GRASP, MUG, True),
+        (MUG, PALM, FREE.phase, MUG, True),
+        (FINGER, PALM, FREE.phase, NOTHING, True),
+        (FINGER, CAN, GRASP, MUG, False),
+        (FINGER, MUG, FREE.phase, NOTHING, False),
+        (FINGER, TABLE, GRASP, MUG, False),
+        (LINK, MUG, GRASP, MUG, False),
+        (LINK, PALM, FREE.phase, NOTHING, False),
+        (MUG, TABLE, GRASP, MUG, True),
+        (MUG, CAN, GRASP, MUG, True),
+        (MUG, TABLE, RELEASE, MUG, True),
+        (MUG, TABLE, FREE.phase, MUG, False),
+        (MUG, CAN, FREE.phase, MUG, False),
+        (MUG, CAN, FREE.phase, NOTHING, True),
+        (CAN, TABLE, FREE.phase, MUG, True),
+    ],
+)
+def test_what_a_step_asks_for(a: int, b: int, phase: str, wanted: int, asked: bool) -> None:
+    assert asked_for(a, b, PARTS, phase, wanted) is asked_for(b, a, PARTS, phase, wanted) is asked
+
+
+class Scene:
+    """A world in which whatever is said touches, at the time that is said."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.told: list[dict[str, Any]] = []
+        self.count = ContactCount(lambda **what: self.told.append(what))
+        self.count._parts, self.count._names = PARTS, {FINGER: "finger", MUG: "mug", CAN: "can", LINK: "link"}
+        self.now = 0.0
+        monkeypatch.setattr(self.count, "_nearest", lambda station, context, place: MUG)
+        monkeypatch.setattr(self.count, "_pairs", lambda pairs: ((a, b, np.array([0.4, 0.0, 0.1])) for a, b in pairs))
+
+    def tick(self, *pairs: tuple[int, int], doing: Doing = FREE, after: float = 0.01) -> None:
+        self.now += after
+        port = SimpleNamespace(Eval=lambda context: pairs)
+        station: Any = SimpleNamespace(GetOutputPort=lambda name: port)
+        context: Any = SimpleNamespace(get_time=lambda: self.now)
+        self.count.ticked(station, context, doing)
+
+
+def test_a_whole_pick_and_place_counts_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, grasp, release = Scene(monkeypatch), Doing(GRASP, (0.0, 0.0, 0.0)), Doing(RELEASE, (0.0, 0.0, 0.0))
+    scene.tick((MUG, TABLE))
+    scene.tick((MUG, TABLE), doing=grasp)
+    scene.tick((MUG, TABLE), (FINGER, MUG), doing=grasp)
+    scene.tick((FINGER, MUG))
+    scene.tick((MUG, TABLE), (FINGER, MUG), doing=release)
+    scene.tick((MUG, TABLE), doing=release)
+    scene.tick((MUG, TABLE), (MUG, CAN))
+    assert scene.told == [] and scene.count.count == 0
+
+
+def test_a_contact_is_told_once_until_it_has_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = Scene(monkeypatch)
+    for _ in range(4):
+        scene.tick((FINGER, CAN))
+    scene.tick()
+    scene.tick((FINGER, CAN))
+    assert len(scene.told) == 1, "it bounced"
+    scene.tick(after=2.0 * contact_count.TUNING.anew)
+    scene.tick((FINGER, CAN))
+    assert [what["between"] for what in scene.told] == [["finger", "can"]] * 2
+    assert scene.told[0]["place"] == [0.4, 0.0, 0.1] and scene.told[0]["doing"] == "move"
+
+
+def test_what_is_lost_from_the_hand_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = Scene(monkeypatch)
+    scene.tick((FINGER, MUG), doing=Doing(GRASP, (0.0, 0.0, 0.0)))
+    scene.tick((FINGER, MUG))
+    scene.tick()
+    scene.tick((MUG, TABLE))
+    assert [what["between"] for what in scene.told] == [["mug", "nothing"]]
+
+
+def test_they_stand_among_the_events_of_a_run(tmp_path: Any) -> None:
+    record = LearningRecord(tmp_path / "run", Scenario())
+    record.begin()
+    assert record.unasked() == 0
+    record.event(stage="contact", between=["finger", "can"], doing="move", at=1.0)
+    record.event(object="object_01", stage="pick", outcome="taken")
+    assert record.unasked() == 1
+
+
+def test_several_watch_as_one() -> None:
+    seen: list[str] = []
+    one: Any = SimpleNamespace(moment=lambda name, positions: seen.append(name), ticked=lambda *_: seen.append("tick"))
+    both = Watchers(one, None, one)
+    both.moment("object_01", np.zeros(3))
+    both.ticked(*[None] * 3)  # type: ignore[arg-type]
+    assert seen == ["object_01"] * 2 + ["tick"] * 2

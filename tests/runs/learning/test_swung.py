@@ -1,0 +1,44 @@
+"""What was swung is kept as it is, and where the object crept in the hand its pose is taken in the middle."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from twin_diagram.logs.measured_log import Log
+from twin_diagram.runs.learning.weighing import Swung, read_swung, slipped, write_swung
+
+
+def swung() -> Swung:
+    rng = np.random.default_rng(0)
+    q, v, tau = rng.normal(size=(3, 20, 2))
+    log = Log(0.005 * np.arange(20), ("a", "b"), q, velocity=v, torque=tau, source="loaded")
+    X_TS = np.eye(4)
+    X_TS[:3, :3], X_TS[:3, 3] = Rotation.from_rotvec([0.3, 0.0, 0.1]).as_matrix(), [0.0, 0.01, 0.05]
+    return Swung(log, {"left": -0.02, "right": 0.02}, X_TS)
+
+
+def test_what_was_swung_comes_back(tmp_path: Path) -> None:
+    sent = slipped(swung(), np.eye(4))
+    write_swung(tmp_path / "swung.npz", sent)
+    back = read_swung(tmp_path / "swung.npz")
+    assert back.fingers == sent.fingers and back.slip == sent.slip and (back.X_TS == sent.X_TS).all()
+    assert (back.log.position == sent.log.position).all() and back.log.joints == ("a", "b")
+    assert back.log.torque is not None and sent.log.torque is not None and (back.log.torque == sent.log.torque).all()
+
+
+def test_what_crept_is_in_the_middle_of_its_way() -> None:
+    before = swung()
+    after = before.X_TS.copy()
+    after[:3, :3] = after[:3, :3] @ Rotation.from_rotvec([0.0, 0.04, 0.0]).as_matrix()
+    after[:3, 3] += [0.006, 0.0, -0.008]
+    middle = slipped(before, after)
+    assert middle.slip == pytest.approx((0.010, 0.04))
+    assert middle.X_TS[:3, 3] == pytest.approx(before.X_TS[:3, 3] + [0.003, 0.0, -0.004])
+    half = Rotation.from_matrix(before.X_TS[:3, :3].T @ middle.X_TS[:3, :3]).as_rotvec()
+    assert half == pytest.approx([0.0, 0.02, 0.0], abs=1e-12)
+    still = slipped(before, before.X_TS)
+    assert still.X_TS == pytest.approx(before.X_TS) and still.slip == pytest.approx((0.0, 0.0), abs=1e-9)
