@@ -23,7 +23,7 @@ from twin_diagram.perception.registration.recognition import alike, hues, recogn
 from twin_diagram.perception.registration.registration import RegisteredPose
 from twin_diagram.perception.registration.slots import SLOT_SIZE, Slot
 from twin_diagram.perception.registration.slots import TUNING as SLOTS
-from twin_diagram.perception.registration.tracking import Known
+from twin_diagram.perception.registration.view import Known
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.perception.things.seen_through import seen_through
 from twin_diagram.signals.arrays import Array

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from twin_diagram import scenario
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import TUNING as GLOBAL_SEARCH
-from twin_diagram.perception.registration.global_search import Found, search
+from twin_diagram.perception.registration.global_search import Found, afloat, search
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.registration import claimed
 from twin_diagram.perception.segmentation.segments import Segments
@@ -61,6 +61,7 @@ def recognise(
     free: npt.NDArray[np.bool_],
     params: scenario.Registration,
     smallest: int,
+    floating: Mapping[int, Array] | None = None,
 ) -> dict[int, Found]:
     """Find wanted objects in what no tracked object explains.
 
@@ -72,6 +73,7 @@ def recognise(
         free: (N,) the segments' points that no object explains.
         params: tuning.
         smallest: points that a segment must have left.
+        floating: of objects that are looked for in the air instead, R_WO (3, 3) when they were seen last.
 
     Returns:
         What was found, by the object's number; each segment's points go to one object alone.
@@ -84,7 +86,11 @@ def recognise(
         members = {s: np.flatnonzero(free & (segments.labels == s)) for s in range(segments.count)}
         likeness = {s: alike(own, hues(segments.colours[i])) for s, i in members.items() if len(i) >= smallest}
         for s in sorted(likeness, key=lambda s: -likeness[s]):
-            result = search(model, frame, segments.points_W[members[s]], list(orientations.get(k, ())), params)
+            points = segments.points_W[members[s]]
+            if floating is not None and k in floating:
+                result = afloat(model, frame, points, floating[k], params)
+            else:
+                result = search(model, frame, points, list(orientations.get(k, ())), params)
             if result is None:
                 continue
             tried[k, s] = result

@@ -23,7 +23,8 @@ from twin_diagram.perception.registration.instances import (
 )
 from twin_diagram.perception.registration.registration import RegisteredPose
 from twin_diagram.perception.registration.slots import Slot, measurement, seen
-from twin_diagram.perception.registration.tracking import Known, step
+from twin_diagram.perception.registration.tracking import step
+from twin_diagram.perception.registration.view import Known
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.perception.things import memory as things
 from twin_diagram.perception.things.clusters import Placed, clusters, unexplained
