@@ -18,6 +18,7 @@ from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import afloat
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.point_kernels import FINE
+from twin_diagram.perception.registration.recognition import looks_like_itself
 from twin_diagram.perception.registration.registration import RegisteredPose, register
 from twin_diagram.perception.registration.rotation import exp, log
 from twin_diagram.perception.registration.slots import Slot
@@ -184,3 +185,13 @@ def test_a_box_in_the_air_is_found_turned_otherwise_than_before(box: Known) -> N
     assert np.linalg.norm(found.registration.p - held.p) < 0.003
     far = np.concatenate([view.segments.points_W, view.segments.points_W + 1.0])
     assert afloat(box.model, view.frame, far, thing.R, PARAMS) is None, "too large"
+
+
+@pytest.mark.parametrize(("likeness", "itself"), [(0.46, True), (0.44, False)])
+def test_one_more_of_a_kind_must_look_like_it_where_a_camera_shows_colours(
+    box: Known, likeness: float, itself: bool
+) -> None:
+    thing = standing(box)
+    one = replace(at(thing, seen([thing]), box), shape=1.0, likeness=likeness)
+    assert looks_like_itself(one, seen([thing]).segments) == itself
+    assert looks_like_itself(one, seen([thing], grey=True).segments), "a camera without colours tells nothing"

@@ -19,7 +19,7 @@ from twin_diagram import scenario
 from twin_diagram.perception.registration.colour_shift import ColourShift
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
-from twin_diagram.perception.registration.recognition import alike, hues, recognise
+from twin_diagram.perception.registration.recognition import alike, hues, looks_like_itself, recognise
 from twin_diagram.perception.registration.registration import RegisteredPose
 from twin_diagram.perception.registration.slots import SLOT_SIZE, Slot
 from twin_diagram.perception.registration.slots import TUNING as SLOTS
@@ -197,7 +197,11 @@ def recognised(
         frame = Frame.of(segments, shift)
         found = recognise({k: library[k].model}, {k: orientations}, segments, frame, mask, params, smallest).get(k)
         fits = 0.0 if found is None else max(found.registration.quality, found.registration.shape)
-        if found is not None and min(found.score, fits) >= TUNING.sure:
+        if (
+            found is not None
+            and min(found.score, fits) >= TUNING.sure
+            and looks_like_itself(found.registration, segments)
+        ):
             return k, found.registration, 0
         break
     return -1, None, done if done < len(ways) else -1

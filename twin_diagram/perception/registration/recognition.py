@@ -13,7 +13,7 @@ from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import TUNING as GLOBAL_SEARCH
 from twin_diagram.perception.registration.global_search import Found, afloat, search
 from twin_diagram.perception.registration.model_cloud import ModelCloud
-from twin_diagram.perception.registration.registration import claimed
+from twin_diagram.perception.registration.registration import RegisteredPose, claimed
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.signals.arrays import Array
 
@@ -27,6 +27,11 @@ class Tuning:
 
     accept: float = 0.6
     """Least score of an object that is recognised."""
+
+    coloured: float = 0.45
+    """In the air, and as one more of its kind, an object must look like itself to this share of what fits in shape:
+    what was right did to 0.45 and more, what was another thing to 0.2 to 0.41
+    (`sims/benchmarks/followed_scenes.py`, seeds 0 to 7 and 11)."""
 
     bins: int = 12
     """Cells per colour share: fine enough to tell the library apart, coarse enough for noise."""
@@ -51,6 +56,13 @@ def hues(colours: Array) -> Array:
 def alike(first: Array, second: Array) -> float:
     """Return the Bhattacharyya coefficient of two histograms, 0 to 1."""
     return float(np.sqrt(first * second).sum())
+
+
+def looks_like_itself(one: RegisteredPose, segments: Segments) -> bool:
+    """Return whether colours, where the camera shows any, speak for an object whose shape may be another thing's."""
+    return (
+        one.likeness >= TUNING.coloured * one.shape or float(np.ptp(segments.colours, axis=0).max(initial=0.0)) == 0.0
+    )
 
 
 def recognise(
@@ -89,6 +101,7 @@ def recognise(
             points = segments.points_W[members[s]]
             if floating is not None and k in floating:
                 result = afloat(model, frame, points, floating[k], params)
+                result = result if result is not None and looks_like_itself(result.registration, segments) else None
             else:
                 result = search(model, frame, points, list(orientations.get(k, ())), params)
             if result is None:

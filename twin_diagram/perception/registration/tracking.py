@@ -12,7 +12,7 @@ from twin_diagram import scenario
 from twin_diagram.perception.registration.colour_shift import ALIGNED, ColourShift, learnt
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import judged, nearby
-from twin_diagram.perception.registration.recognition import recognise
+from twin_diagram.perception.registration.recognition import looks_like_itself, recognise
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed
 from twin_diagram.perception.registration.slots import TUNING as SLOTS
 from twin_diagram.perception.registration.slots import Slot, measurement, postponed, seen
@@ -185,7 +185,14 @@ def search_for(
         view.smallest,
         {k: slots[k].R for k in wanted if carried(slots[k], time) and slots[k].attempts % 3 == 0},
     )
-    return {k: one.registration for k, one in found.items() if stands_out(library[k], view, one.registration)}
+    return {
+        k: one.registration for k, one in found.items() if _convincing(library[k], slots[k], view, one.registration)
+    }
+
+
+def _convincing(known: Known, slot: Slot, view: View, one: RegisteredPose) -> bool:
+    """Return whether a search is believed: what was seen before must look like itself, not only be of its shape."""
+    return stands_out(known, view, one) and (not slot.known or looks_like_itself(one, view.segments))
 
 
 def carried(slot: Slot, time: float) -> bool:
@@ -238,7 +245,7 @@ def challenger(known: Known, slot: Slot, one: RegisteredPose, view: View, free: 
     points = segments.points_W[segments.labels == label]
     if found is None or found.likeness < one.likeness * judged(known.model, points, one) + TUNING.better:
         return None
-    return found.registration if stands_out(known, view, found.registration) else None
+    return found.registration if _convincing(known, slot, view, found.registration) else None
 
 
 def register_around(known: Known, slot: Slot, view: View, free: Mask) -> RegisteredPose | None:
