@@ -14,7 +14,7 @@ from twin_diagram.perception.registration.global_search import TUNING as GLOBAL_
 from twin_diagram.perception.registration.global_search import Found, afloat, search
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed
-from twin_diagram.perception.segmentation.segments import Segments
+from twin_diagram.perception.segmentation.segments import Segments, coloured
 from twin_diagram.signals.arrays import Array
 
 
@@ -60,9 +60,7 @@ def alike(first: Array, second: Array) -> float:
 
 def looks_like_itself(one: RegisteredPose, segments: Segments) -> bool:
     """Return whether colours, where the camera shows any, speak for an object whose shape may be another thing's."""
-    return (
-        one.likeness >= TUNING.coloured * one.shape or float(np.ptp(segments.colours, axis=0).max(initial=0.0)) == 0.0
-    )
+    return one.likeness >= TUNING.coloured * one.shape or not coloured(segments)
 
 
 def recognise(

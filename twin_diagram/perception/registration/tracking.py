@@ -12,6 +12,7 @@ from twin_diagram import scenario
 from twin_diagram.perception.registration.colour_shift import ALIGNED, ColourShift, learnt
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import judged, nearby
+from twin_diagram.perception.registration.recognition import TUNING as RECOGNITION
 from twin_diagram.perception.registration.recognition import looks_like_itself, recognise
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed
 from twin_diagram.perception.registration.slots import TUNING as SLOTS
@@ -210,7 +211,8 @@ def orientations(known: Known, slot: Slot, time: float) -> list[tuple[Array, flo
 
 def doubtful(one: RegisteredPose) -> bool:
     """Return whether an object's shape is not all there, or its colours are not: it may be another thing."""
-    fits = one.shape >= TUNING.whole and one.quality >= TUNING.doubtful * one.shape
+    alike = one.quality >= TUNING.doubtful * one.shape and one.likeness >= RECOGNITION.coloured * one.shape
+    fits = one.shape >= TUNING.whole and alike
     return not fits and one.visible_share >= TUNING.shown
 
 

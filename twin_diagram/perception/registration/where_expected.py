@@ -19,6 +19,7 @@ from twin_diagram.perception.registration.registration import RegisteredPose, cl
 from twin_diagram.perception.registration.rotation import log
 from twin_diagram.perception.registration.slots import Slot, predict
 from twin_diagram.perception.registration.view import Known, View
+from twin_diagram.perception.segmentation.segments import coloured
 from twin_diagram.signals.arrays import Array
 
 
@@ -89,6 +90,9 @@ class Tuning:
 
     beyond: float = 0.03
     """Around an object in the air, so far from its surface [m], …"""
+
+    like: float = 0.4
+    """Nor does it look like itself to a smaller share of what fits in shape: half as much as is usual."""
 
     alone: float = 0.65
     """… at least this share of its segment's points is its own: a hand hides one of its sides."""
@@ -207,6 +211,8 @@ def stands_out(known: Known, view: View, one: RegisteredPose) -> bool:
     above = float((at[:, 2] - at[:, :2] @ table[:2]).min() - table[2])
     if above < TUNING.floats or one.visible_share < TUNING.half:
         return True
+    if one.likeness < TUNING.like * one.shape and coloured(segments):
+        return False
     near = claimed(known.model, segments, one.R, one.p, TUNING.beyond)
     own = claimed(known.model, segments, one.R, one.p, TUNING.owned)
     if not len(own):

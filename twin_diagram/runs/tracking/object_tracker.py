@@ -22,7 +22,7 @@ from twin_diagram.perception.registration.settling import SettledPose, settle
 from twin_diagram.perception.registration.slots import Slot
 from twin_diagram.perception.registration.view import Known
 from twin_diagram.perception.registration.whole_image import ImageSettings, OtherMemory, advance
-from twin_diagram.perception.segmentation.segments import Segments
+from twin_diagram.perception.segmentation.segments import Segments, coloured
 from twin_diagram.perception.things.memory import Life
 from twin_diagram.scene import object_filter, object_update
 from twin_diagram.signals import rotations
@@ -52,7 +52,10 @@ class Tuning:
     (`sims/benchmarks/followed_scenes.py`, seeds 0 to 5)."""
 
     coloured: float = 0.7
-    """Where less than this share of it has its colours, as much less counts as fitting."""
+    """Where less than this share of it has its colours, as much less counts as fitting, …"""
+
+    alike: float = 0.5
+    """… and so where it looks less like itself than this."""
 
     missed: float = 40.0
     """An object that should be seen whole and is not loses so many nats of its odds in a second: said in 0.15 s."""
@@ -254,7 +257,9 @@ class ObjectTracker:
             model = self._told.library[one.asset].model
             fit = assess(model, frame, Poses(R[None], p[None]), self._params.model_points)
             shape, whole = float(min(fit.shape[0], 1.0)), float(np.clip(fit.visible_share[0], 0.0, 1.0))
-            fits = min(shape, float(fit.quality[0]) / TUNING.coloured) if found else shape
+            fits = shape
+            if found and coloured(segments):
+                fits = min(shape, float(fit.quality[0]) / TUNING.coloured, float(fit.likeness[0]) / TUNING.alike)
             sure = one.believed(found, fits, whole, since)
             life = ObjectStatus(int(status[k])).name.lower()
             if not found and sure < 0.5:
