@@ -22,6 +22,7 @@ from twin_diagram.perception.registration.recognition import looks_like_itself
 from twin_diagram.perception.registration.registration import RegisteredPose, register
 from twin_diagram.perception.registration.rotation import exp, log
 from twin_diagram.perception.registration.slots import Slot
+from twin_diagram.perception.registration.slots import seen as after_image
 from twin_diagram.perception.registration.tracking import carried, challenger, doubted, doubtful, orientations
 from twin_diagram.perception.registration.view import Known, View
 from twin_diagram.perception.registration.where_expected import register_where_expected, stands_out, unmistaken
@@ -122,7 +123,7 @@ def test_in_the_air_an_object_must_end_where_what_is_seen_ends(box: Known) -> No
     height = np.array([0.0, 0.0, 0.15])
     lifted = replace(standing(box), p=standing(box).p + height)
     view = seen([lifted])
-    assert stands_out(box, view, at(lifted, view, box))
+    assert stands_out(box, view, at(lifted, view, box), 0.75)
     asset = box.model.asset
     size = asset.size * [1.0, 4.0, 1.6]
     corners = np.array(np.meshgrid(*([-0.5, 0.5],) * 3)).T.reshape(-1, 3) * size
@@ -130,10 +131,10 @@ def test_in_the_air_an_object_must_end_where_what_is_seen_ends(box: Known) -> No
     view = seen([beam])
     one = replace(at(lifted, view, box), R=lifted.R, p=lifted.p, visible_share=1.0)
     front = one.p + beam.R @ [0.0, 0.0, 0.0]
-    assert not stands_out(box, view, replace(one, p=front))
+    assert not stands_out(box, view, replace(one, p=front), 0.0)
     on_table = replace(one, p=standing(box).p)
-    assert stands_out(box, view, on_table), "what stands may touch its likes"
-    assert stands_out(box, view, replace(one, visible_share=0.4)), "too little is seen"
+    assert stands_out(box, view, on_table, 0.0), "what stands may touch its likes"
+    assert stands_out(box, view, replace(one, visible_share=0.4), 0.0), "too little is seen"
 
 
 @pytest.mark.parametrize(
@@ -144,7 +145,7 @@ def test_a_pose_whose_shape_or_colours_are_not_there_is_doubtful(
     shape: float, quality: float, visible: float, doubt: bool
 ) -> None:
     one = RegisteredPose(np.eye(3), np.zeros(3), np.eye(6), quality, quality, visible, 300.0, shape)
-    assert doubtful(one) == doubt
+    assert doubtful(one, 0.75) == doubt
     slots = [Slot(next_search=2.0), Slot(next_search=0.5)]
     assert doubted(slots, {0: one, 1: one}, 1.0) == ([1] if doubt else [])
     assert doubted(slots, {0: one, 1: one}, 3.0) == ([1, 0] if doubt else [])
@@ -188,10 +189,18 @@ def test_a_box_in_the_air_is_found_turned_otherwise_than_before(box: Known) -> N
 
 
 @pytest.mark.parametrize(("likeness", "itself"), [(0.46, True), (0.44, False)])
-def test_one_more_of_a_kind_must_look_like_it_where_a_camera_shows_colours(
-    box: Known, likeness: float, itself: bool
-) -> None:
-    thing = standing(box)
-    one = replace(at(thing, seen([thing]), box), shape=1.0, likeness=likeness)
-    assert looks_like_itself(one, seen([thing]).segments) == itself
-    assert looks_like_itself(one, seen([thing], grey=True).segments), "a camera without colours tells nothing"
+def test_an_object_must_look_like_itself_as_it_usually_does(likeness: float, itself: bool) -> None:
+    one = RegisteredPose(np.eye(3), np.zeros(3), np.eye(6), 0.9, likeness, 1.0, 300.0, 1.0)
+    assert looks_like_itself(one, 0.75) == itself
+    assert looks_like_itself(one, 0.3), "in this light it never looked better"
+    assert looks_like_itself(one, 0.0), "nobody knows how it looks before this camera"
+
+
+def test_how_much_an_object_looks_like_itself_is_learnt_while_it_is_seen() -> None:
+    one = RegisteredPose(np.eye(3), np.zeros(3), np.eye(6), 0.9, 0.6, 1.0, 300.0, 0.8)
+    first = after_image(Slot(), one, 1.0)
+    assert first.alike == pytest.approx(0.75)
+    later = after_image(first, replace(one, likeness=0.4), 1.1)
+    assert later.alike == pytest.approx(0.9 * 0.75 + 0.1 * 0.5)
+    assert after_image(first, replace(one, likeness=0.1, visible_share=0.3), 1.1).alike == first.alike
+    assert Slot.unpack(later.pack()).alike == later.alike

@@ -75,6 +75,7 @@ class Image:
 
 KNOWN = Known(SimpleNamespace(radius=0.04, turns=[]), ["upright"], ["fallen"])  # type: ignore[arg-type, list-item]
 BAD = {"quality": 0.1}
+FOUND = pose()
 
 
 def test_what_stands_still_is_looked_for_where_it_was_and_held_there(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -233,20 +234,20 @@ def test_every_other_search_tries_what_has_fallen(monkeypatch: pytest.MonkeyPatc
 
     def recognise(models: Any, orientations: Any, *rest: Any) -> Any:
         asked[:] = [models, orientations, *rest[2:]]
-        return {1: SimpleNamespace(registration="found")}
+        return {1: SimpleNamespace(registration=FOUND)}
 
     monkeypatch.setattr(tracking, "recognise", recognise)
     image = Image(monkeypatch)
     slots = [Slot(attempts=k) for k in range(4)]
     found = tracking.search_for([KNOWN] * 4, slots, [0, 1, 3], image.view, "free")  # type: ignore[arg-type]
-    assert found == {1: "found"} and list(asked[0]) == [0, 1, 3]
+    assert found == {1: FOUND} and list(asked[0]) == [0, 1, 3]
     assert asked[1] == {0: ["upright"], 1: ["fallen"], 3: ["fallen"]} and asked[2:] == ["free", PARAMS, 10, {}]
 
 
 def test_a_slot_comes_back_from_its_vector() -> None:
     one = Slot(True, turn(0.1, 0.2, 0.3), P, np.arange(6.0), 1.5, 2.5, 3)
     packed = one.pack()
-    assert packed.shape == (SLOT_SIZE,) == (17,)
+    assert packed.shape == (SLOT_SIZE,) == (18,)
     back = Slot.unpack(packed)
     assert (back.known, back.seen, back.next_search, back.attempts) == (True, 1.5, 2.5, 3)
     for name in ("R", "p", "velocity"):

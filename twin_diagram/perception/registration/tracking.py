@@ -12,7 +12,6 @@ from twin_diagram import scenario
 from twin_diagram.perception.registration.colour_shift import ALIGNED, ColourShift, learnt
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import judged, nearby
-from twin_diagram.perception.registration.recognition import TUNING as RECOGNITION
 from twin_diagram.perception.registration.recognition import looks_like_itself, recognise
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed
 from twin_diagram.perception.registration.slots import TUNING as SLOTS
@@ -102,10 +101,14 @@ def step(
     after = list(slots)
     for k in searched:
         # How fast it is, a search cannot say.
-        after[k] = seen(Slot(), recognised[k], time) if k in recognised else postponed(slots[k], time, params)
+        after[k] = (
+            seen(Slot(alike=slots[k].alike), recognised[k], time)
+            if k in recognised
+            else postponed(slots[k], time, params)
+        )
     for k, pose in tracked.items():
         after[k] = seen(slots[k], pose, time)
-        if doubtful(pose):
+        if doubtful(pose, slots[k].alike):
             was = postponed(slots[k], time, params) if k in challenged[:1] else slots[k]
             after[k] = replace(after[k], next_search=was.next_search, attempts=was.attempts)
     results = tracked | recognised
@@ -184,7 +187,7 @@ def search_for(
         free,
         view.params,
         view.smallest,
-        {k: slots[k].R for k in wanted if carried(slots[k], time) and slots[k].attempts % 3 == 0},
+        {k: (slots[k].R, slots[k].alike) for k in wanted if carried(slots[k], time) and slots[k].attempts % 3 == 0},
     )
     return {
         k: one.registration for k, one in found.items() if _convincing(library[k], slots[k], view, one.registration)
@@ -193,7 +196,7 @@ def search_for(
 
 def _convincing(known: Known, slot: Slot, view: View, one: RegisteredPose) -> bool:
     """Return whether a search is believed: what was seen before must look like itself, not only be of its shape."""
-    return stands_out(known, view, one) and (not slot.known or looks_like_itself(one, view.segments))
+    return stands_out(known, view, one, slot.alike) and looks_like_itself(one, slot.alike)
 
 
 def carried(slot: Slot, time: float) -> bool:
@@ -209,16 +212,16 @@ def orientations(known: Known, slot: Slot, time: float) -> list[tuple[Array, flo
     return turns[slot.attempts % len(turns)]
 
 
-def doubtful(one: RegisteredPose) -> bool:
+def doubtful(one: RegisteredPose, usual: float) -> bool:
     """Return whether an object's shape is not all there, or its colours are not: it may be another thing."""
-    alike = one.quality >= TUNING.doubtful * one.shape and one.likeness >= RECOGNITION.coloured * one.shape
+    alike = one.quality >= TUNING.doubtful * one.shape and looks_like_itself(one, usual)
     fits = one.shape >= TUNING.whole and alike
     return not fits and one.visible_share >= TUNING.shown
 
 
 def doubted(slots: Sequence[Slot], found: Mapping[int, RegisteredPose], time: float) -> list[int]:
     """Return the numbers of the objects found that should be searched anew, the longest waiting first."""
-    due = [k for k, one in found.items() if doubtful(one) and time >= slots[k].next_search]
+    due = [k for k, one in found.items() if doubtful(one, slots[k].alike) and time >= slots[k].next_search]
     return sorted(due, key=lambda k: (slots[k].next_search, k))
 
 
@@ -242,7 +245,7 @@ def challenger(known: Known, slot: Slot, one: RegisteredPose, view: View, free: 
     mask = free.copy()
     mask[own] = True
     ways = {0: (known.upright, known.fallen)[slot.attempts % 2]}
-    floating = {0: slot.R} if slot.attempts % 3 == 2 and carried(slot, time) else None
+    floating = {0: (slot.R, slot.alike)} if slot.attempts % 3 == 2 and carried(slot, time) else None
     found = recognise({0: known.model}, ways, segments, view.frame, mask, view.params, view.smallest, floating).get(0)
     points = segments.points_W[segments.labels == label]
     if found is None or found.likeness < one.likeness * judged(known.model, points, one) + TUNING.better:
@@ -262,4 +265,4 @@ def register_around(known: Known, slot: Slot, view: View, free: Mask) -> Registe
     )
     if found is None or not believable(found.registration, view.params, slot.R, slot.p):
         return None
-    return found.registration if stands_out(known, view, found.registration) else None
+    return found.registration if stands_out(known, view, found.registration, slot.alike) else None

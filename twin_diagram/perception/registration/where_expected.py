@@ -15,11 +15,11 @@ from twin_diagram.perception.registration.assessment import assess
 from twin_diagram.perception.registration.colour_votes import colour_costs
 from twin_diagram.perception.registration.data_association import Poses, look
 from twin_diagram.perception.registration.point_kernels import COARSE, FINE
+from twin_diagram.perception.registration.recognition import looks_like_itself
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed, information, register
 from twin_diagram.perception.registration.rotation import log
 from twin_diagram.perception.registration.slots import Slot, predict
 from twin_diagram.perception.registration.view import Known, View
-from twin_diagram.perception.segmentation.segments import coloured
 from twin_diagram.signals.arrays import Array
 
 
@@ -91,9 +91,6 @@ class Tuning:
     beyond: float = 0.03
     """Around an object in the air, so far from its surface [m], …"""
 
-    like: float = 0.4
-    """Nor does it look like itself to a smaller share of what fits in shape: half as much as is usual."""
-
     alone: float = 0.65
     """… at least this share of its segment's points is its own: a hand hides one of its sides."""
 
@@ -116,9 +113,10 @@ def register_where_expected(known: Known, slot: Slot, view: View) -> RegisteredP
     time = view.segments.time
     R, p = predict(slot, time)
     if not np.any(slot.velocity):
-        best = _registered(known, view, R, p, RESTING)
+        best = _registered(known, view, R, p, RESTING, slot.alike)
     elif _turns(slot, time):
-        found = [_registered(known, view, *at, MOVING) for at in ((R, p), (slot.R, slot.p), (slot.R, p))]
+        places = (R, p), (slot.R, slot.p), (slot.R, p)
+        found = [_registered(known, view, *at, MOVING, slot.alike) for at in places]
         best = likeliest(known, view, [one for one in found if one is not None])
     else:
         best = _goes_on_or_stops(known, slot, view, R, p)
@@ -135,7 +133,7 @@ def _goes_on_or_stops(known: Known, slot: Slot, view: View, R: Array, p: Array) 
     starts = Poses(np.stack([R, slot.R]), np.stack([p, slot.p]))
     fits = assess(known.model, view.frame, starts, view.params.model_points, COARSE, TUNING.rough).points
     for k in np.argsort(-fits, kind="stable"):
-        result = _registered(known, view, starts.R[k], starts.p[k], MOVING)
+        result = _registered(known, view, starts.R[k], starts.p[k], MOVING, slot.alike)
         if result is not None:
             return result
     return None
@@ -194,14 +192,16 @@ def _turns(slot: Slot, time: float) -> bool:
     return float(np.linalg.norm(slot.velocity[:3])) * (time - slot.seen) > TUNING.turned
 
 
-def _registered(known: Known, view: View, R: Array, p: Array, prior: Array) -> RegisteredPose | None:
+def _registered(
+    known: Known, view: View, R: Array, p: Array, prior: Array, usual: float = 0.0
+) -> RegisteredPose | None:
     """Register an object from a guess; None where what comes of it is not believable."""
     thin = view.segments.points_W[claimed(known.model, view.segments, R, p, view.params.reach, TUNING.thin)]
     result = register(known.model, view.frame, R, p, view.params, prior=prior, points_W=thin)
-    return result if believable(result, view.params, R, p) and stands_out(known, view, result) else None
+    return result if believable(result, view.params, R, p) and stands_out(known, view, result, usual) else None
 
 
-def stands_out(known: Known, view: View, one: RegisteredPose) -> bool:
+def stands_out(known: Known, view: View, one: RegisteredPose, usual: float) -> bool:
     """Return whether what is seen at a pose ends where the object does; what stands on the table may touch its likes.
 
     In the air, a box's side fits anywhere on a forearm.
@@ -211,7 +211,7 @@ def stands_out(known: Known, view: View, one: RegisteredPose) -> bool:
     above = float((at[:, 2] - at[:, :2] @ table[:2]).min() - table[2])
     if above < TUNING.floats or one.visible_share < TUNING.half:
         return True
-    if one.likeness < TUNING.like * one.shape and coloured(segments):
+    if not looks_like_itself(one, usual):
         return False
     near = claimed(known.model, segments, one.R, one.p, TUNING.beyond)
     own = claimed(known.model, segments, one.R, one.p, TUNING.owned)

@@ -93,8 +93,3 @@ class Segments:
             camera=camera,
             table=np.array([0.0, 0.0, table_height]),
         )
-
-
-def coloured(segments: Segments) -> bool:
-    """Return whether a camera shows colours at all: one that has none shows the same grey everywhere."""
-    return len(segments.colours) > 0 and float(np.ptp(segments.colours, axis=0).max()) > 0.0

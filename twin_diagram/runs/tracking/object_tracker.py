@@ -22,7 +22,7 @@ from twin_diagram.perception.registration.settling import SettledPose, settle
 from twin_diagram.perception.registration.slots import Slot
 from twin_diagram.perception.registration.view import Known
 from twin_diagram.perception.registration.whole_image import ImageSettings, OtherMemory, advance
-from twin_diagram.perception.segmentation.segments import Segments, coloured
+from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.perception.things.memory import Life
 from twin_diagram.scene import object_filter, object_update
 from twin_diagram.signals import rotations
@@ -51,11 +51,8 @@ class Tuning:
     """… and so much more or less of it makes it e times rarer that it is wrong, or right
     (`sims/benchmarks/followed_scenes.py`, seeds 0 to 5)."""
 
-    coloured: float = 0.7
-    """Where less than this share of it has its colours, as much less counts as fitting, …"""
-
-    alike: float = 0.5
-    """… and so where it looks less like itself than this."""
+    alike: float = 0.65
+    """Where it looks like itself to less than this share of what is usual, as much less counts as fitting."""
 
     missed: float = 40.0
     """An object that should be seen whole and is not loses so many nats of its odds in a second: said in 0.15 s."""
@@ -257,9 +254,8 @@ class ObjectTracker:
             model = self._told.library[one.asset].model
             fit = assess(model, frame, Poses(R[None], p[None]), self._params.model_points)
             shape, whole = float(min(fit.shape[0], 1.0)), float(np.clip(fit.visible_share[0], 0.0, 1.0))
-            fits = shape
-            if found and coloured(segments):
-                fits = min(shape, float(fit.quality[0]) / TUNING.coloured, float(fit.likeness[0]) / TUNING.alike)
+            usual = self._slot_of(one).alike
+            fits = min(shape, float(fit.likeness[0]) / (TUNING.alike * usual)) if found and usual > 0.0 else shape
             sure = one.believed(found, fits, whole, since)
             life = ObjectStatus(int(status[k])).name.lower()
             if not found and sure < 0.5:
@@ -300,6 +296,13 @@ class ObjectTracker:
             )
         hypotheses = after.hypotheses if new else one.with_rivals(after)
         return result.R, result.p, result.covariance + free, hypotheses
+
+    def _slot_of(self, one: _Individual) -> Slot:
+        """Return what tracking remembers of an object."""
+        if one is self._first[one.asset]:
+            return self._slots[one.asset]
+        identity = next(i for i, other in self._further.items() if other is one)
+        return next(each.slot for each in self._beside.further if each.identity == identity)
 
     def _go_on_from(self, one: _Individual, R: Array, p: Array) -> None:
         """Track an object from another pose on than the one that tracking found."""
