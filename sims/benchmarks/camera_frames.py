@@ -33,8 +33,8 @@ from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.registration import claimed, register
 from twin_diagram.perception.registration.rotation import exp, log
-from twin_diagram.perception.registration.tracking import MOVING, believable
-from twin_diagram.perception.registration.tracking import TUNING as TRACKING
+from twin_diagram.perception.registration.where_expected import MOVING, believable
+from twin_diagram.perception.registration.where_expected import TUNING as TRACKING
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
 from twin_diagram.scenario.file import load_scenario
 from twin_diagram.scenario.resources import models_dir

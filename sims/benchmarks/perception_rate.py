@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_limits
 from twin_diagram import scenario
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.slots import Slot
-from twin_diagram.perception.registration.tracking import Known
+from twin_diagram.perception.registration.view import Known
 from twin_diagram.perception.registration.whole_image import ImageSettings, OtherMemory, advance
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
 from twin_diagram.perception.things.memory import Life

@@ -28,7 +28,8 @@ from twin_diagram.perception.pinhole import Pinhole
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.rotation import from_quaternion, log
 from twin_diagram.perception.registration.slots import SLOT_SIZE, Slot
-from twin_diagram.perception.registration.tracking import Known, step
+from twin_diagram.perception.registration.tracking import step
+from twin_diagram.perception.registration.view import Known
 from twin_diagram.perception.segmentation.robot_shape import RobotShape
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
 from twin_diagram.perception.segmentation.segments import TUNING as SEGMENTS

@@ -15,7 +15,7 @@ from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import nearby
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.registration import claimed, register
-from twin_diagram.perception.registration.tracking import TUNING as TRACKING
+from twin_diagram.perception.registration.where_expected import TUNING as TRACKING
 
 o3d = import_open3d()
 Array = npt.NDArray[np.float64]

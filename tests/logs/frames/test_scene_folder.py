@@ -15,6 +15,7 @@ import pytest
 from tests.assets.building.pictured import Shots, box, cameras, shots, write
 from twin_diagram.errors import FramesError
 from twin_diagram.logs.frames import FrameFolder
+from twin_diagram.signals.calibration_error import CalibrationError
 
 
 @pytest.fixture(scope="module")
@@ -96,6 +97,20 @@ def test_distortion_is_taken_out(folder: Path, taken: Shots) -> None:
     assert abs(u - 20) > 1.5
 
 
+def test_how_well_a_camera_is_calibrated_may_be_told(folder: Path) -> None:
+    assert FrameFolder(folder).calibration is None
+    told = {"position": 4.0, "rotation": 0.01, "depth_scale": 0.02}
+    (folder / "camera_extra.json").write_text(json.dumps({"calibration_std": told}))
+    assert FrameFolder(folder).calibration == CalibrationError(0.004, 0.01, depth_scale=0.02)
+    depth = {"depth_camera": {"cam_K": [150, 0, 50, 0, 160, 40, 0, 0, 1]}, "calibration_std": {}}
+    (folder / "camera_extra.json").write_text(json.dumps(depth))
+    assert FrameFolder(folder).calibration == CalibrationError()
+
+
+def extra(folder: Path, told: str) -> None:
+    (folder / "camera_extra.json").write_text(f'{{"calibration_std": {told}}}')
+
+
 def out(path: Path, target: Path) -> None:
     path.unlink()
     path.symlink_to(target)
@@ -148,6 +163,10 @@ REFUSED: dict[str, tuple[Callable[[Path], Any], str]] = {
     "times": (lambda f: (f / "times.json").write_text("[0, 2, 1]"), "times must be finite and rise"),
     "few times": (lambda f: (f / "times.json").write_text("[0, 2]"), "a time .* for each of the 3 frames"),
     "distortion": (lambda f: (f / "camera_extra.json").write_text('{"distortion": [1, 2]}'), "0 or 4 or 5 finite"),
+    "no calibration": (lambda f: extra(f, "3"), "calibration_std must hold position, .*, not 3"),
+    "another calibration": (lambda f: extra(f, '{"shift": 1}'), "calibration_std must hold position"),
+    "negative calibration": (lambda f: extra(f, '{"focal": -0.1}'), "calibration_std: focal is negative: -0.1"),
+    "calibration in words": (lambda f: extra(f, '{"focal": "good"}'), "focal must be 1 finite numbers, not good"),
 }
 
 

@@ -24,7 +24,8 @@ from twin_diagram.perception.registration.colour_shift import (
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.residuals import ColourNormal
 from twin_diagram.perception.registration.slots import Slot
-from twin_diagram.perception.registration.tracking import Known, step
+from twin_diagram.perception.registration.tracking import step
+from twin_diagram.perception.registration.view import Known
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.scenario.resources import models_dir

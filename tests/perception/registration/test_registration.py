@@ -29,7 +29,8 @@ from twin_diagram.perception.registration.registration import RegisteredPose, re
 from twin_diagram.perception.registration.residuals import brightness
 from twin_diagram.perception.registration.rotation import cross, exp, from_quaternion, log, skew, to_quaternion
 from twin_diagram.perception.registration.slots import SLOT_SIZE, Slot
-from twin_diagram.perception.registration.tracking import Known, step
+from twin_diagram.perception.registration.tracking import step
+from twin_diagram.perception.registration.view import Known
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.scenario.resources import models_dir

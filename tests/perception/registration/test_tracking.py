@@ -21,7 +21,7 @@ from twin_diagram.perception.registration.registration import RegisteredPose
 from twin_diagram.perception.registration.residuals import tukey
 from twin_diagram.perception.registration.rotation import exp
 from twin_diagram.perception.registration.slots import Slot, measurement, postponed, predict, seen, stands_still
-from twin_diagram.perception.registration.tracking import believable
+from twin_diagram.perception.registration.where_expected import believable
 
 Array = npt.NDArray[np.float64]
 PARAMS = scenario.Registration()

@@ -12,10 +12,10 @@ import pytest
 
 from tests.registration_bench import turn
 from twin_diagram import scenario
-from twin_diagram.perception.registration import tracking
+from twin_diagram.perception.registration import tracking, where_expected
 from twin_diagram.perception.registration.registration import RegisteredPose
 from twin_diagram.perception.registration.slots import SLOT_SIZE, Slot
-from twin_diagram.perception.registration.tracking import Known, View
+from twin_diagram.perception.registration.view import Known, View
 
 Array = npt.NDArray[np.float64]
 PARAMS = scenario.Registration(reach=0.021)
@@ -43,9 +43,12 @@ class Image:
         )
         self.view = View(self.segments, "frame", PARAMS, 10)  # type: ignore[arg-type]
         monkeypatch.setattr(tracking, "claimed", self.claimed)
-        monkeypatch.setattr(tracking, "register", self.register)
+        monkeypatch.setattr(where_expected, "claimed", self.claimed)
+        monkeypatch.setattr(where_expected, "register", self.register)
         monkeypatch.setattr(tracking, "nearby", self.nearby)
-        monkeypatch.setattr(tracking, "assess", self.assess)
+        monkeypatch.setattr(where_expected, "assess", self.assess)
+        for module in (tracking, where_expected):
+            monkeypatch.setattr(module, "stands_out", lambda *one: True)
         self.ahead = 20.0
 
     def assess(self, cloud: Any, image: Any, poses: Any, count: int, level: int, slack: float) -> Any:
@@ -70,8 +73,9 @@ class Image:
         return SimpleNamespace(registration=self.answers.pop(0)) if self.answers else None
 
 
-KNOWN = Known(SimpleNamespace(radius=0.04), ["upright"], ["fallen"])  # type: ignore[arg-type, list-item]
+KNOWN = Known(SimpleNamespace(radius=0.04, turns=[]), ["upright"], ["fallen"])  # type: ignore[arg-type, list-item]
 BAD = {"quality": 0.1}
+FOUND = pose()
 
 
 def test_what_stands_still_is_looked_for_where_it_was_and_held_there(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -172,9 +176,11 @@ def test_a_step_follows_then_regains_then_searches(monkeypatch: pytest.MonkeyPat
     calls: list[Any] = []
     free = np.ones(40, dtype=bool)
     monkeypatch.setattr(tracking.Frame, "of", staticmethod(lambda segments, shift: "frame"))
-    monkeypatch.setattr(tracking, "follow_known", lambda *_: {0: pose()})
+    monkeypatch.setattr(tracking, "follow_known", lambda *_: {0: pose(shape=0.95)})
     monkeypatch.setattr(tracking, "unexplained_by", lambda library, found, segments: free)
-    monkeypatch.setattr(tracking, "regain_lost", lambda library, slots, found, view, free: {1: pose(P + 0.01)})
+    monkeypatch.setattr(
+        tracking, "regain_lost", lambda library, slots, found, view, free: {1: pose(P + 0.01, shape=0.95)}
+    )
 
     def searched(library: Any, slots: Any, wanted: Any, view: View, left: Any) -> dict[int, RegisteredPose]:
         calls.append(list(wanted))
@@ -197,25 +203,51 @@ def test_a_step_follows_then_regains_then_searches(monkeypatch: pytest.MonkeyPat
     assert calls[-1] == [] and after[3] == slots[3]
 
 
+def test_a_doubtful_pose_gives_way_to_its_challenger_one_in_an_image(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three poses lack half of their colours: one waits, the longest waiting is challenged, the other one next time."""
+    monkeypatch.setattr(tracking.Frame, "of", staticmethod(lambda segments, shift: "frame"))
+    monkeypatch.setattr(
+        tracking, "follow_known", lambda *_: {k: pose(P + k, shape=0.95, quality=0.5) for k in range(3)}
+    )
+    monkeypatch.setattr(tracking, "unexplained_by", lambda library, found, segments: np.zeros(40, dtype=bool))
+    other = [pose(P + 0.5)]
+    monkeypatch.setattr(tracking, "challenger", lambda known, own, one, view, free: other[0])
+    moving = np.full(6, 0.1)
+    slots = [
+        slot(p=P + 0, next_search=2.0, attempts=3),
+        slot(moving, p=P + 1, next_search=0.5, attempts=2),
+        slot(p=P + 2, next_search=1.0),
+    ]
+    image: Any = SimpleNamespace(time=1.1, labels=np.zeros(40))
+    after, results, _ = tracking.step([KNOWN] * 3, slots, image, PARAMS, 40)
+    np.testing.assert_allclose([one.p for one in after], [P, P + 0.5, P + 2])
+    assert after[1].attempts == 0 and not after[1].velocity.any() and results[1].quality == 0.9
+    assert [after[k].attempts for k in (0, 2)] == [3, 0] and [after[k].next_search for k in (0, 2)] == [2.0, 1.0]
+    other[0] = None  # type: ignore[assignment]
+    after, _, _ = tracking.step([KNOWN] * 3, slots, image, PARAMS, 40)
+    np.testing.assert_allclose(after[1].p, P + 1)
+    assert after[1].attempts == 3 and after[1].next_search > 1.1, "the next challenge waits"
+
+
 def test_every_other_search_tries_what_has_fallen(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[Any] = []
 
-    def recognise(models: Any, orientations: Any, segments: Any, frame: Any, free: Any, params: Any, few: int) -> Any:
-        asked[:] = [models, orientations, free, params, few]
-        return {1: SimpleNamespace(registration="found")}
+    def recognise(models: Any, orientations: Any, *rest: Any) -> Any:
+        asked[:] = [models, orientations, *rest[2:]]
+        return {1: SimpleNamespace(registration=FOUND)}
 
     monkeypatch.setattr(tracking, "recognise", recognise)
     image = Image(monkeypatch)
     slots = [Slot(attempts=k) for k in range(4)]
     found = tracking.search_for([KNOWN] * 4, slots, [0, 1, 3], image.view, "free")  # type: ignore[arg-type]
-    assert found == {1: "found"} and list(asked[0]) == [0, 1, 3]
-    assert asked[1] == {0: ["upright"], 1: ["fallen"], 3: ["fallen"]} and asked[2:] == ["free", PARAMS, 10]
+    assert found == {1: FOUND} and list(asked[0]) == [0, 1, 3]
+    assert asked[1] == {0: ["upright"], 1: ["fallen"], 3: ["fallen"]} and asked[2:] == ["free", PARAMS, 10, {}]
 
 
 def test_a_slot_comes_back_from_its_vector() -> None:
     one = Slot(True, turn(0.1, 0.2, 0.3), P, np.arange(6.0), 1.5, 2.5, 3)
     packed = one.pack()
-    assert packed.shape == (SLOT_SIZE,) == (17,)
+    assert packed.shape == (SLOT_SIZE,) == (18,)
     back = Slot.unpack(packed)
     assert (back.known, back.seen, back.next_search, back.attempts) == (True, 1.5, 2.5, 3)
     for name in ("R", "p", "velocity"):

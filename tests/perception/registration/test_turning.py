@@ -16,7 +16,8 @@ from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.registration import register
 from twin_diagram.perception.registration.rotation import log
 from twin_diagram.perception.registration.slots import Slot
-from twin_diagram.perception.registration.tracking import Known, View, likeliest, register_where_expected, turns
+from twin_diagram.perception.registration.view import Known, View
+from twin_diagram.perception.registration.where_expected import likeliest, register_where_expected, turns
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
 from twin_diagram.scenario.resources import models_dir
 

@@ -15,7 +15,7 @@ from twin_diagram.assets.asset import Asset
 from twin_diagram.assets.description import read_spec
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.slots import Slot
-from twin_diagram.perception.registration.tracking import Known
+from twin_diagram.perception.registration.view import Known
 from twin_diagram.perception.registration.whole_image import ImageSettings, OtherMemory, Outcome, advance, sizes
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
 from twin_diagram.perception.segmentation.segments import Segments

@@ -6,6 +6,7 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,10 @@ from twin_diagram.assets.building.from_mesh import build_from_mesh
 from twin_diagram.assets.mesh import write_obj
 from twin_diagram.cli import main
 from twin_diagram.logs.frames import FrameFolder, ViewCamera
+from twin_diagram.perception.depth_noise import DepthSigma
+from twin_diagram.runs.tracking import track_frames
 from twin_diagram.signals import rotations
+from twin_diagram.signals.calibration_error import CalibrationError
 
 Array = npt.NDArray[np.float64]
 SIZE = (0.11, 0.05, 0.08)
@@ -327,3 +331,31 @@ def test_alikes_that_are_told_each_begin_where_they_are(library: Path, two_alike
     poses.write_text("\n".join([head, *(f"0,0,{row}" for row in [*told, told[0]])]) + "\n")
     assert track(library, two_alike, tmp_path / "told", "--init", str(poses)) == 0
     held_to_two_alike([bricks(line) for line in lines(tmp_path / "told")], 0)
+
+
+def test_what_the_calibration_leaves_open_is_in_each_covariance(
+    library: Path, scene: Path, tracked: Path, tmp_path: Path
+) -> None:
+    """A renderer's camera is exact; one that is told to be 4 mm and 2 % off is so for all that it shows."""
+    told = tmp_path / "told"
+    shutil.copytree(scene, told)
+    (told / "camera_extra.json").write_text('{"calibration_std": {"position": 4.0, "depth_scale": 0.02}}')
+    assert track(library, told, tmp_path / "out") == 0
+    camera = FrameFolder(scene).read(5).camera
+    exact, doubted = of(lines(tracked)[5], "brick"), of(lines(tmp_path / "out")[5], "brick")
+    assert exact["p_WO"] == doubted["p_WO"]
+    more = np.array(doubted["covariance"]) - np.array(exact["covariance"])
+    sight = np.array(exact["p_WO"]) - camera.p_WC
+    np.testing.assert_allclose(more[3:, 3:], 0.004**2 / 3 * np.eye(3) + 0.02**2 * np.outer(sight, sight), atol=1e-9)
+    np.testing.assert_allclose(more[:3], 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("posed", "shift"), [(True, 0.005), (False, 0.0)])
+def test_a_real_cameras_calibration_is_doubted_where_nothing_is_told(posed: bool, shift: float) -> None:
+    folder: Any = SimpleNamespace(calibration=None, posed=posed)
+    real = DepthSigma(correlated=0.6)
+    doubt = track_frames._doubt(folder, real)
+    assert doubt.shift == shift and doubt.depth_scale == 0.01 and (doubt.turn > 0.0) == posed
+    assert not track_frames._doubt(folder, DepthSigma(correlated=0.0)).variances.any(), "white noise is a renderer's"
+    folder.calibration = CalibrationError(0.001)
+    assert track_frames._doubt(folder, real).depth_scale == 0.0

@@ -1,8 +1,9 @@
-"""What `camera_extra.json` adds to a BOP scene: distortion, and a depth camera of its own.
+"""What `camera_extra.json` adds to a BOP scene: distortion, a depth camera of its own, how well it is calibrated.
 
 `{"distortion": [k1, k2, p1, p2, k3], "depth_camera": {"cam_K": [9 numbers], "distortion": […], "R_CD": [9 numbers],
-"t_CD": [3 numbers, mm]}}`, all optional; distortion as OpenCV has it, D the depth camera's optical frame, C that "
-"of the colour camera.
+"t_CD": [3 numbers, mm]}, "calibration_std": {"position": mm, "rotation": rad, "focal": share, "centre": px,
+"depth_scale": share}}`, all optional; distortion as OpenCV has it, D the depth camera's optical frame, C that of the
+colour camera.
 """
 
 from __future__ import annotations
@@ -19,13 +20,14 @@ from twin_diagram.errors import FramesError
 from twin_diagram.logs.frames.folder_files import in_folder, read_json
 from twin_diagram.logs.frames.view_camera import ViewCamera
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.calibration_error import CalibrationError
 
 
 @dataclass(frozen=True)
 class ExtraCamera:
     """Distortion of both cameras, (5,) or empty, and the depth camera's (fx, fy, cx, cy).
 
-    R_CD and p_CD [m] where it is apart.
+    R_CD and p_CD [m] where it is apart. `calibration`: how well all that is known; None where it is not told.
     """
 
     distortion: Array
@@ -34,6 +36,7 @@ class ExtraCamera:
     depth_K: tuple[float, float, float, float] = (1.0, 1.0, 0.0, 0.0)
     R_CD: Array | None = None
     p_CD: Array | None = None
+    calibration: CalibrationError | None = None
 
     def depth_camera(self, colour: ViewCamera, size: tuple[int, ...]) -> ViewCamera:
         """Return the camera of a depth image of `size` (h, w) beside that of the colour image."""
@@ -66,15 +69,32 @@ def read_extra(folder: Path) -> ExtraCamera:
     if not isinstance(raw, dict) or not (own is None or isinstance(own, dict)):
         raise FramesError(f"{path}: must hold an object with distortion and depth_camera")
     distortion = _list(raw, "distortion", (0, 4, 5), path)
+    calibration = _calibration(raw, path)
     if own is None:
-        return ExtraCamera(distortion, distortion)
+        return ExtraCamera(distortion, distortion, calibration=calibration)
     K = _list(own, "cam_K", (9,), path).reshape(3, 3)
     R = _list(own, "R_CD", (9,), path).reshape(3, 3) if "R_CD" in own else np.eye(3)
     if np.abs(R @ R.T - np.eye(3)).max() > 2e-3 or np.linalg.det(R) < 0 or min(K[0, 0], K[1, 1]) <= 0:
         raise FramesError(f"{path}: depth_camera: R_CD must be a rotation and cam_K have positive focal lengths")
     p = _list(own, "t_CD", (3,), path) / 1000.0 if "t_CD" in own else np.zeros(3)
     intrinsics = (float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2]))
-    return ExtraCamera(distortion, _list(own, "distortion", (0, 4, 5), path), True, intrinsics, R, p)
+    return ExtraCamera(distortion, _list(own, "distortion", (0, 4, 5), path), True, intrinsics, R, p, calibration)
+
+
+_STD = ("position", "rotation", "focal", "centre", "depth_scale")
+
+
+def _calibration(raw: dict[str, Any], path: Path) -> CalibrationError | None:
+    """Return the RMS errors of a calibration, what is not named being exact."""
+    if "calibration_std" not in raw:
+        return None
+    told = raw["calibration_std"]
+    if not isinstance(told, dict) or set(told) - set(_STD):
+        raise FramesError(f"{path}: calibration_std must hold {', '.join(_STD)}, not {told}")
+    values = [float(_list(told, key, (1,), path)[0]) if key in told else 0.0 for key in _STD]
+    if min(values) < 0.0:
+        raise FramesError(f"{path}: calibration_std: {_STD[values.index(min(values))]} is negative: {min(values):g}")
+    return CalibrationError(values[0] / 1000.0, *values[1:])
 
 
 def _list(raw: dict[str, Any], key: str, counts: tuple[int, ...], path: Path) -> Array:

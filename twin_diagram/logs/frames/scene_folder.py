@@ -72,6 +72,7 @@ class FrameFolder:
         numbers: of the frames, ascending.
         posed: whether the frames say where their cameras were; else W is the first camera's frame, and the camera
             stands.
+        calibration: RMS errors of what is told of the cameras; None where that is not told.
         has_masks: whether there are masks.
 
     Raises:
@@ -102,6 +103,7 @@ class FrameFolder:
         self._scales = {number: self._scale(number) for number in self.numbers}
         self._times = self._read_times()
         self._extra = read_extra(self.folder)
+        self.calibration = self._extra.calibration
         self._sizes: dict[str, tuple[int, ...]] = {}
 
     def __len__(self) -> int:

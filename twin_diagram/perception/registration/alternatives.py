@@ -140,7 +140,7 @@ def costs(model: ModelCloud, frame: Frame, poses: Poses, points_W: Array, looked
     off = np.sqrt(np.einsum("bpi,bpi->bp", difference, difference)) / np.maximum(gain, 0.2)
     colour = np.minimum(off / TUNING.colour, TUNING.cut)
     each = np.where(placed, 0.25 * colour**2, 0.0)
-    hidden = looked.seen & ~placed & (looked.deeper < 0)
+    hidden = looked.seen & ~placed & (looked.deeper < 0) & ~looked.buried
     behind = looked.seen & ~placed & ~hidden
     each = each + 0.5 * TUNING.cut**2 * behind + TUNING.hidden * hidden
     shown = (looked.facing * looked.counted).clip(0.0)

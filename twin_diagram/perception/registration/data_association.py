@@ -37,10 +37,14 @@ class Tuning:
     least_facing: float = 0.1
     """Cosine between a normal and the line of sight from which a point counts as seen."""
 
+    buried: float = 0.015
+    """A model point so far below the table's top, where what is seen is not, is nowhere [m]: of the table's height and
+    an object's so much may be wrong."""
+
     @property
-    def limits(self) -> tuple[float, float, float]:
+    def limits(self) -> tuple[float, float, float, float]:
         """As `look_up` takes them."""
-        return self.table_thickness, self.least_cosine, self.least_facing
+        return self.table_thickness, self.least_cosine, self.least_facing, self.buried
 
 
 TUNING = Tuning()
@@ -143,6 +147,11 @@ class Looked:
     def robot(self) -> Mask:
         """(B, P) whether the pixel shows the robot."""
         return self.flags & kernels.ROBOT != 0
+
+    @cached_property
+    def buried(self) -> Mask:
+        """(B, P) seen, and the model point is inside of the table: nothing hides it, it cannot be there."""
+        return self.flags & kernels.BURIED != 0
 
     @cached_property
     def counted(self) -> Mask:

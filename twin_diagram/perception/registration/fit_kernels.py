@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.perception.registration.point_kernels import (
+    BURIED,
     COLOUR,
     COUNTED,
     DEEPER,
@@ -86,7 +87,7 @@ def counts(
                 if size < cuts[0]:
                     sums[0] += facing
                     sums[6] += 1.0
-            elif flag & SEEN and row[DEEPER] >= 0.0:
+            elif flag & BURIED or (flag & SEEN and row[DEEPER] >= 0.0):
                 sums[3] += facing
             elif facing > cuts[1] and flag & (SEEN | ROBOT):
                 sums[4] += facing

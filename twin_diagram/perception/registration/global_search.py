@@ -71,6 +71,9 @@ class Tuning:
     least_points: int = 60
     """Nor one of which fewer model points fit."""
 
+    tilt: float = 0.45
+    """In the air an object may have turned by so much, and twice as much, since it was seen last [rad]."""
+
     alignments: int = 3
     """Colours are aligned to depth in so many steps, of two pixels at most."""
 
@@ -218,6 +221,40 @@ def search(
         fit = assess(model, frame, laid, TUNING.coarse_points, COARSE, slack=0.015)
         laid = laid[np.argsort(-fit.likeness * np.minimum(fit.points, 20.0), kind="stable")[: TUNING.most_starts]]
     return best_of(model, frame, laid, thin, RESTING, params)
+
+
+def afloat(model: ModelCloud, frame: Frame, points_W: Array, R: Array, params: scenario.Registration) -> Found | None:
+    """Look for one object in one segment, in the air, turned somehow as it was when it was seen last.
+
+    Args:
+        model: the object.
+        frame: the image.
+        points_W: (N, 3) the segment's points.
+        R: (3, 3) R_WO when it was seen last.
+        params: tuning.
+
+    Returns:
+        The best pose, whatever its score; None where the segment is far too large for the object or nothing fits.
+    """
+    spread = np.linalg.norm(points_W - points_W.mean(axis=0), axis=1)
+    if np.median(spread) > 2.0 * model.radius + params.reach:
+        return None
+    turn = TUNING.tilt * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
+    R_any = exp(np.concatenate([turn, 2.0 * turn[1:]])) @ R
+    towards = frame.camera.p_WC - points_W.mean(axis=0)
+    towards /= np.linalg.norm(towards)
+    p = points_W.mean(axis=0) - _shown_centre(model, R_any, towards)
+    thin = points_W[:: max(1, len(points_W) // TUNING.thin)]
+    return best_of(model, frame, Poses(R_any, p), thin, information(0.3, 0.05), params)
+
+
+def _shown_centre(model: ModelCloud, R: Array, towards: Array) -> Array:
+    """Return (B, 3) the middle of what a camera `towards` (3,) in W sees of an object turned by R (B, 3, 3), from O."""
+    view = np.argmax((towards @ R) @ model.directions.T, axis=1)
+    index = model.views[view, : TUNING.coarse_points]
+    r = model.points[index] @ R.transpose(0, 2, 1)
+    facing = np.maximum((model.normals[index] @ R.transpose(0, 2, 1)) @ towards, 0.05)
+    return np.asarray((r * facing[..., None]).sum(axis=1) / facing.sum(axis=1)[:, None])
 
 
 def nearby(

@@ -19,11 +19,12 @@ from twin_diagram import scenario
 from twin_diagram.perception.registration.colour_shift import ColourShift
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
-from twin_diagram.perception.registration.recognition import alike, hues, recognise
+from twin_diagram.perception.registration.recognition import TUNING as RECOGNITION
+from twin_diagram.perception.registration.recognition import alike, hues, looks_like_itself, recognise
 from twin_diagram.perception.registration.registration import RegisteredPose
 from twin_diagram.perception.registration.slots import SLOT_SIZE, Slot
 from twin_diagram.perception.registration.slots import TUNING as SLOTS
-from twin_diagram.perception.registration.tracking import Known
+from twin_diagram.perception.registration.view import Known
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.perception.things.seen_through import seen_through
 from twin_diagram.signals.arrays import Array
@@ -163,7 +164,7 @@ def recognised(
     segments: Segments,
     params: scenario.Registration,
     smallest: int,
-    skip: Mapping[int, bool],
+    usual: Mapping[int, float],
     shift: ColourShift,
 ) -> tuple[int, RegisteredPose | None, int]:
     """Compare a thing with one of the library's objects, those whose colours are likest first.
@@ -177,7 +178,8 @@ def recognised(
         segments: the image taken apart.
         params: tuning.
         smallest: points that make an object.
-        skip: objects that are looked for elsewhere, by number.
+        usual: how much objects look like themselves (0: not known), by number; of what is not among them the first is
+            looked for elsewhere.
         shift: how far colours lie beside depth.
 
     Returns:
@@ -192,12 +194,16 @@ def recognised(
     for k, how in ways[searches:]:
         done += 1
         orientations = (library[k].upright, library[k].fallen)[how]
-        if skip.get(k, False) or not orientations:
+        if k not in usual or not orientations:
             continue
         frame = Frame.of(segments, shift)
         found = recognise({k: library[k].model}, {k: orientations}, segments, frame, mask, params, smallest).get(k)
         fits = 0.0 if found is None else max(found.registration.quality, found.registration.shape)
-        if found is not None and min(found.score, fits) >= TUNING.sure:
+        if (
+            found is not None
+            and min(found.score, fits) >= TUNING.sure
+            and looks_like_itself(found.registration, usual[k] or RECOGNITION.usual)
+        ):
             return k, found.registration, 0
         break
     return -1, None, done if done < len(ways) else -1

@@ -39,6 +39,9 @@ class Tuning:
     alike: float = 0.08
     """A turned shape is much the same where it lies this share of its radius off itself on average."""
 
+    steps: int = 24
+    """About the axis of a round thing so many turns are told apart: 15° from each to the next."""
+
 
 TUNING = Tuning()
 
@@ -84,6 +87,11 @@ class ModelCloud:
     def seen(self) -> tuple[object, ...]:
         """What `look_up` reads: the table, directions, what is seen from each, and how much of it."""
         return self.table, one_layout(self.directions), one_layout(self.views), one_layout(self.view_counts)
+
+    @cached_property
+    def view_area(self) -> float:
+        """Mean area of what a far camera sees of it, over all sides [m²]: a quarter of the surface (Cauchy)."""
+        return 0.25 * len(self.points) * self.spacing**2
 
     @cached_property
     def nearest(self) -> NearestPoints:
@@ -152,7 +160,9 @@ def _digest(asset: Asset, view_points: int) -> bytes:
 
 
 def alike_turns(points: Array, tree: cKDTree, most: float, symmetric_axis: str | None) -> Array:
-    """Return the quarter and half turns (T, 3, 3) about O's axes, each with the middle of the box kept in place.
+    """Return turns (T, 3, 3) about O's axes, each with the middle of the box kept in place, that leave a shape alike.
+
+    Quarter and half turns; about the axis of a round thing small ones, too, upside down or not.
 
     Args:
         points: (M, 3) of the surface.
@@ -162,16 +172,24 @@ def alike_turns(points: Array, tree: cKDTree, most: float, symmetric_axis: str |
     """
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     thin = points[:: max(1, len(points) // 400)] - middle
-    found = []
-    for axis in range(3):
-        if axis == 2 and symmetric_axis == "z":
-            continue
-        for quarters in (1, 2, 3):
-            turn = exp(0.5 * np.pi * quarters * np.eye(3)[axis])
-            distance, _ = tree.query(thin @ turn.T + middle, workers=1)
-            if distance.mean() < most:
-                found.append(turn)
+
+    def alike(turn: Array) -> bool:
+        distance, _ = tree.query(thin @ turn.T + middle, workers=1)
+        return bool(distance.mean() < most)
+
+    axes = [axis for axis in np.eye(3) if not (axis[2] and symmetric_axis == "z")]
+    found = [turn for axis in axes for turn in exp(0.5 * np.pi * np.outer([1, 2, 3], axis)) if alike(turn)]
+    for axis in axes:
+        around = exp(2.0 * np.pi * np.outer(np.arange(1, TUNING.steps) / TUNING.steps, axis))
+        if all(alike(turn) for turn in around[:2]) and alike(around[TUNING.steps // 4 - 1]):
+            over = [turn for turn in found if axis @ turn @ axis < -0.5][:1]
+            found += [turn for turn in around if not _among(turn, found)]
+            found += [turn @ one for one in over for turn in around if not _among(turn @ one, found)]
     return np.array(found).reshape(-1, 3, 3)
+
+
+def _among(turn: Array, others: list[Array]) -> bool:
+    return any(np.trace(turn.T @ one) > 2.99 for one in others)
 
 
 def fibonacci_sphere(count: int) -> Array:

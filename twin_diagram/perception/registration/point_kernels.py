@@ -20,7 +20,7 @@ R_AT, N_AT, FACING, U, V, Z, DISTANCE, DEEPER, TEXTURE, COLOUR = 0, 3, 6, 7, 8, 
 """Columns of what is looked up."""
 COLUMNS: Final = 16
 """How many there are."""
-COUNTED, SEEN, NEAR, MATCHED, ROBOT = 1, 2, 4, 8, 16
+COUNTED, SEEN, NEAR, MATCHED, ROBOT, BURIED = 1, 2, 4, 8, 16, 32
 """Bits of its flags."""
 FINE, COARSE = 0, 1
 """Scales of colour; indices of `Frame.colours` and `ModelCloud.colours`."""
@@ -52,7 +52,7 @@ def look_up(
     model: tuple[Any, ...],
     images: tuple[Any, ...],
     camera: tuple[Any, ...],
-    limits: tuple[float, float, float],
+    limits: tuple[float, float, float, float],
     count: int,
     level: int,
     told: Array,
@@ -66,7 +66,7 @@ def look_up(
         model: table (M, 13) of points, normals, texture, colours; directions; views; how many of each count.
         images: depth (H, W) [m], robot (H, W), whether any is in view, normals (h, w, 3), their stride.
         camera: fx, fy, cx, cy, R_WC, p_WC, table's (a, b, c).
-        limits: the table's thickness [m], the least cosine between normals, the least facing.
+        limits: the table's thickness [m], the least cosine between normals, the least facing, how far below it [m].
         count: points used per pose.
         level: of the colours.
         told: (B, P, COLUMNS), filled.
@@ -91,7 +91,7 @@ def _look_up_point(
     point: Array,
     images: tuple[Any, ...],
     camera: tuple[Any, ...],
-    limits: tuple[float, float, float],
+    limits: tuple[float, float, float, float],
     level: int,
     row: Array,
 ) -> None:
@@ -116,7 +116,7 @@ def _flags(
     p: Array,
     images: tuple[Any, ...],
     camera: tuple[Any, ...],
-    limits: tuple[float, float, float],
+    limits: tuple[float, float, float, float],
     counted: bool,
 ) -> int:
     """Look at what the image shows at one point's pixel; write how far off it is, return its flags."""
@@ -141,9 +141,11 @@ def _flags(
     if not (inside and z > 0.0 and counted) or shows_robot or row[FACING] <= limits[2]:
         return result
     result |= SEEN
-    on_table = abs(y[2] - table[0] * y[0] - table[1] * y[1] - table[2]) < limits[0]
-    x = row[2] + p[2] - table[0] * (row[0] + p[0]) - table[1] * (row[1] + p[1])
-    if on_table and x > 2.0 * limits[0] + table[2]:
+    above = y[2] - table[0] * y[0] - table[1] * y[1] - table[2]
+    x = row[2] + p[2] - table[0] * (row[0] + p[0]) - table[1] * (row[1] + p[1]) - table[2]
+    if x < -limits[3] and above > -limits[3]:
+        return result | BURIED
+    if abs(above) < limits[0] and x > 2.0 * limits[0]:
         return result
     result |= NEAR
     line, column = cell_at(u / stride, v / stride, normals.shape[0], normals.shape[1])

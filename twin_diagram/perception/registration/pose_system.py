@@ -15,7 +15,8 @@ from twin_diagram.assets import Asset
 from twin_diagram.perception.pinhole import Pinhole
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.slots import SLOT_SIZE, Slot, measurement
-from twin_diagram.perception.registration.tracking import Known, step
+from twin_diagram.perception.registration.tracking import step
+from twin_diagram.perception.registration.view import Known
 from twin_diagram.perception.registration.whole_image import ImageSettings, OtherMemory, advance, sizes
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.perception.things.memory import Life

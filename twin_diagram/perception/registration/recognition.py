@@ -11,9 +11,9 @@ import numpy.typing as npt
 from twin_diagram import scenario
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import TUNING as GLOBAL_SEARCH
-from twin_diagram.perception.registration.global_search import Found, search
+from twin_diagram.perception.registration.global_search import Found, afloat, search
 from twin_diagram.perception.registration.model_cloud import ModelCloud
-from twin_diagram.perception.registration.registration import claimed
+from twin_diagram.perception.registration.registration import RegisteredPose, claimed
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.signals.arrays import Array
 
@@ -27,6 +27,13 @@ class Tuning:
 
     accept: float = 0.6
     """Least score of an object that is recognised."""
+
+    coloured: float = 0.6
+    """What looks like itself to a smaller share of what is usual is another thing: where 0.7 to 0.8 of what fits in
+    shape was usual, others did to 0.2 to 0.41 (`sims/benchmarks/followed_scenes.py`, seeds 0 to 7 and 11)."""
+
+    usual: float = 0.75
+    """What is usual where nobody has seen it."""
 
     bins: int = 12
     """Cells per colour share: fine enough to tell the library apart, coarse enough for noise."""
@@ -53,6 +60,11 @@ def alike(first: Array, second: Array) -> float:
     return float(np.sqrt(first * second).sum())
 
 
+def looks_like_itself(one: RegisteredPose, usual: float) -> bool:
+    """Return whether colours speak for an object as they `usual`ly do; what that is may not be known (0)."""
+    return one.likeness >= TUNING.coloured * usual * one.shape
+
+
 def recognise(
     wanted: Mapping[int, ModelCloud],
     orientations: Mapping[int, Sequence[tuple[Array, float]]],
@@ -61,6 +73,7 @@ def recognise(
     free: npt.NDArray[np.bool_],
     params: scenario.Registration,
     smallest: int,
+    floating: Mapping[int, tuple[Array, float]] | None = None,
 ) -> dict[int, Found]:
     """Find wanted objects in what no tracked object explains.
 
@@ -72,6 +85,8 @@ def recognise(
         free: (N,) the segments' points that no object explains.
         params: tuning.
         smallest: points that a segment must have left.
+        floating: of objects that are looked for in the air instead, R_WO (3, 3) when they were seen last, and how much
+            they looked like themselves.
 
     Returns:
         What was found, by the object's number; each segment's points go to one object alone.
@@ -84,7 +99,13 @@ def recognise(
         members = {s: np.flatnonzero(free & (segments.labels == s)) for s in range(segments.count)}
         likeness = {s: alike(own, hues(segments.colours[i])) for s, i in members.items() if len(i) >= smallest}
         for s in sorted(likeness, key=lambda s: -likeness[s]):
-            result = search(model, frame, segments.points_W[members[s]], list(orientations.get(k, ())), params)
+            points = segments.points_W[members[s]]
+            if floating is not None and k in floating:
+                R, usual = floating[k]
+                result = afloat(model, frame, points, R, params)
+                result = result if result is not None and looks_like_itself(result.registration, usual) else None
+            else:
+                result = search(model, frame, points, list(orientations.get(k, ())), params)
             if result is None:
                 continue
             tried[k, s] = result

@@ -17,6 +17,7 @@ from twin_diagram.perception.registration.alternatives import (
     settled,
     widened,
 )
+from twin_diagram.perception.registration.colour_votes import colour_costs
 from twin_diagram.perception.registration.data_association import Poses, look
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
@@ -64,6 +65,7 @@ def settle(
     cost = np.zeros(1)
     if len(rivals) > 1:
         cost = compare(model, frame, _poses(rivals), points_W, FINE)
+        cost = cost + colour_costs(model, frame, _poses(rivals), params.model_points)
     chosen = int(np.argmin(cost))
     result = rivals[chosen]
     for turn in range(TUNING.rounds + 1):
@@ -99,7 +101,7 @@ def turned(
     upright = exp(np.stack([0.0 * yaw, 0.0 * yaw, yaw], axis=1))
     R = np.concatenate([one.R[None], one.R @ model.turns, upright @ one.R])
     laid = Poses(R, one.p + (one.R @ middle) - R @ middle)
-    cost = compare(model, frame, laid, points_W)
+    cost = compare(model, frame, laid, points_W) + colour_costs(model, frame, laid, TUNING.points)
     nearest = [int(k) for k in np.argsort(cost, kind="stable") if k > 0][: TUNING.rivals]
     return [register(model, frame, laid.R[k], laid.p[k], params, points_W=points_W) for k in nearest]
 

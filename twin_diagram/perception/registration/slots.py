@@ -14,8 +14,8 @@ from twin_diagram.perception.registration.rotation import exp, from_quaternion, 
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, POSE_SIZE, PoseMeasurement
 
-SLOT_SIZE: Final = 1 + POSE_SIZE + 6 + 1 + 1 + 1
-"""Numbers of a packed `Slot`: known, pose, velocity, seen, next search, attempts."""
+SLOT_SIZE: Final = 1 + POSE_SIZE + 6 + 1 + 1 + 1 + 1
+"""Numbers of a packed `Slot`: known, pose, velocity, seen, next search, attempts, alike."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,12 @@ class Tuning:
     newest: float = 0.6
     """Share of the newest speed in what is remembered."""
 
+    learns: float = 0.1
+    """Share of the newest image in how much an object looks like itself."""
+
+    open: float = 0.4
+    """Share of an object that is seen where that is learnt."""
+
     longest_wait: int = 4
     """A search that keeps failing is repeated after so many search periods."""
 
@@ -60,6 +66,7 @@ class Slot:
         seen: capture time of the last image in which it was found [s].
         next_search: when to look for it anew [s].
         attempts: searches since it was last seen.
+        alike: how much it looks like itself before this camera, in this light, of what fits in shape; 0: not known.
     """
 
     known: bool = False
@@ -69,10 +76,11 @@ class Slot:
     seen: float = NEVER
     next_search: float = NEVER
     attempts: int = 0
+    alike: float = 0.0
 
     def pack(self) -> Array:
         """Return the slot as a vector (SLOT_SIZE,)."""
-        tail = [self.seen, self.next_search, float(self.attempts)]
+        tail = [self.seen, self.next_search, float(self.attempts), self.alike]
         return np.concatenate([[float(self.known)], to_quaternion(self.R), self.p, self.velocity, tail])
 
     @staticmethod
@@ -86,6 +94,7 @@ class Slot:
             seen=float(vector[14]),
             next_search=float(vector[15]),
             attempts=int(vector[16]),
+            alike=float(vector[17]),
         )
 
 
@@ -109,7 +118,15 @@ def seen(slot: Slot, result: RegisteredPose, time: float) -> Slot:
         velocity = (1.0 - TUNING.newest) * slot.velocity + TUNING.newest * newest
         if stands_still(velocity, result.covariance, step):
             velocity = np.zeros(6)
-    return Slot(True, result.R, result.p, velocity, time, NEVER, 0)
+    return Slot(True, result.R, result.p, velocity, time, NEVER, 0, _alike(slot.alike, result))
+
+
+def _alike(before: float, result: RegisteredPose) -> float:
+    """Return how much an object looks like itself, from image to image; half hidden it says nothing of that."""
+    if result.shape <= 0.0 or result.visible_share < TUNING.open:
+        return before
+    newest = result.likeness / result.shape
+    return newest if before == 0.0 else (1.0 - TUNING.learns) * before + TUNING.learns * newest
 
 
 def stands_still(velocity: Array, covariance: Array, step: float) -> bool:

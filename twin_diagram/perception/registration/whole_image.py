@@ -23,7 +23,8 @@ from twin_diagram.perception.registration.instances import (
 )
 from twin_diagram.perception.registration.registration import RegisteredPose
 from twin_diagram.perception.registration.slots import Slot, measurement, seen
-from twin_diagram.perception.registration.tracking import Known, step
+from twin_diagram.perception.registration.tracking import step
+from twin_diagram.perception.registration.view import Known
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.perception.things import memory as things
 from twin_diagram.perception.things.clusters import Placed, clusters, unexplained
@@ -152,12 +153,12 @@ def advance(slots: Sequence[Slot], beside: OtherMemory, segments: Segments, told
     observed = things.observe(beside.things, segments, found, known, beside.identities[1], told.life)
     remembered = list(observed.slots)
     if told.further:
-        lost = {k: measured[k].quality <= 0 for k in range(first)}
+        usual = {k: after[k].alike for k in range(first) if measured[k].quality > 0}
         waiting = [k for k in observed.cluster_of if segments.time >= remembered[k].next_search]
         if waiting:
             k = min(waiting, key=lambda k: (remembered[k].searches, k))
             of = found[observed.cluster_of[k]]
-            remembered[k] = _compared(remembered[k], of, segments, told, pool, lost, shift)
+            remembered[k] = _compared(remembered[k], of, segments, told, pool, usual, shift)
     identities, turned_away = (pool.next_identity, observed.next_identity), (pool.turned_away, observed.turned_away)
     out = [one.thing.pack() for one in remembered]
     return Outcome(
@@ -208,12 +209,12 @@ def _compared(
     segments: Segments,
     told: ImageSettings,
     pool: _Pool,
-    lost: Mapping[int, bool],
+    usual: Mapping[int, float],
     shift: ColourShift,
 ) -> things.Remembered:
     """Compare a thing, which points `of` show, with the library; what is recognised gets a slot of the pool."""
     asset, pose, searches = recognised(
-        told.library, of, thing.searches, segments, told.registration, told.smallest, lost, shift
+        told.library, of, thing.searches, segments, told.registration, told.smallest, usual, shift
     )
     if pose is not None:
         pool.take_in(asset, pose, segments.time)

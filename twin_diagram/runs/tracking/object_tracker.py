@@ -20,7 +20,7 @@ from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed
 from twin_diagram.perception.registration.settling import SettledPose, settle
 from twin_diagram.perception.registration.slots import Slot
-from twin_diagram.perception.registration.tracking import Known
+from twin_diagram.perception.registration.view import Known
 from twin_diagram.perception.registration.whole_image import ImageSettings, OtherMemory, advance
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.perception.things.memory import Life
@@ -44,12 +44,18 @@ class Tuning:
     around: float = 0.025
     """Points this near to an object's surface, in the segment that is its own, should be explained by it [m]."""
 
-    doubt: float = 0.12
-    """A pose of which half of the surface seen fits is right as often as wrong; so much more of it makes it e times
-    rarer that it is wrong."""
+    even: float = 0.85
+    """A pose of which this share of the surface seen fits is right as often as wrong, …"""
 
-    missed: float = 20.0
-    """An object that should be seen whole and is not loses so many nats of its odds in a second: said in 0.3 s."""
+    doubt: float = 0.04
+    """… and so much more or less of it makes it e times rarer that it is wrong, or right
+    (`sims/benchmarks/followed_scenes.py`, seeds 0 to 5)."""
+
+    alike: float = 0.65
+    """Where it looks like itself to less than this share of what is usual, as much less counts as fitting."""
+
+    missed: float = 40.0
+    """An object that should be seen whole and is not loses so many nats of its odds in a second: said in 0.15 s."""
 
     aside: float = 2.0
     """How far off depth colours may lie, RMS, of images 640 wide [px]: as cheap cameras' do, where nothing is told."""
@@ -117,8 +123,9 @@ class _Individual:
     def believed(self, found: bool, shape: float, whole: float, since: float) -> float:
         """Return how probable it is after a frame, of which `whole` could be seen, and of that `shape` fits."""
         if found:
-            self.odds = np.log(2.0) + (shape - 0.5) / TUNING.doubt
-            return float(1.0 - 0.5 * np.exp(-max(shape - 0.5, 0.0) / TUNING.doubt))
+            rarer = (shape - TUNING.even) / TUNING.doubt
+            self.odds = np.log(2.0) + rarer
+            return float(1.0 - 0.5 * np.exp(-rarer) if rarer > 0.0 else 0.5 * np.exp(rarer))
         self.odds -= since * (TUNING.missed * whole * (1.0 - shape) + max(self.odds, 0.0) / TUNING.forgotten)
         self.odds = float(np.clip(self.odds, -20.0, 20.0))
         return float(1.0 / (1.0 + np.exp(-self.odds)))
@@ -247,7 +254,9 @@ class ObjectTracker:
             model = self._told.library[one.asset].model
             fit = assess(model, frame, Poses(R[None], p[None]), self._params.model_points)
             shape, whole = float(min(fit.shape[0], 1.0)), float(np.clip(fit.visible_share[0], 0.0, 1.0))
-            sure = one.believed(found, shape, whole, since)
+            usual = self._slot_of(one).alike
+            fits = min(shape, float(fit.likeness[0]) / (TUNING.alike * usual)) if found and usual > 0.0 else shape
+            sure = one.believed(found, fits, whole, since)
             life = ObjectStatus(int(status[k])).name.lower()
             if not found and sure < 0.5:
                 life = ObjectStatus.LOST.name.lower()
@@ -287,6 +296,13 @@ class ObjectTracker:
             )
         hypotheses = after.hypotheses if new else one.with_rivals(after)
         return result.R, result.p, result.covariance + free, hypotheses
+
+    def _slot_of(self, one: _Individual) -> Slot:
+        """Return what tracking remembers of an object."""
+        if one is self._first[one.asset]:
+            return self._slots[one.asset]
+        identity = next(i for i, other in self._further.items() if other is one)
+        return next(each.slot for each in self._beside.further if each.identity == identity)
 
     def _go_on_from(self, one: _Individual, R: Array, p: Array) -> None:
         """Track an object from another pose on than the one that tracking found."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -31,12 +32,16 @@ from twin_diagram.runs.tracking.table_frame import TableFrame, table_frame
 from twin_diagram.runtime import atomic_file
 from twin_diagram.runtime.output_place import why_not
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.calibration_error import CalibrationError, shared_covariances
 from twin_diagram.signals.lens import Lens
 
 PERCEPTION = scenario.Perception(workspace=[[-5.0, -5.0, -0.02], [5.0, 5.0, 5.0]])
 """Everything in view above the table counts: no workspace is told."""
 FARTHEST = 100.0
 """No depth camera sees farther [m]."""
+REAL = CalibrationError(shift=0.005, turn=0.0087, focal=0.003, centre=1.0, depth_scale=0.01)
+"""How well a depth camera is calibrated of which nothing is told, RMS: as good cameras on a hand-eye calibration are.
+One whose noise is white is a renderer's, and exact."""
 FOCALS = (0.1, 50.0)
 """Focal lengths over the image's size: views of 157° and of 1°."""
 
@@ -68,7 +73,7 @@ def track_frames(
     rows: list[list[str]] = []
     lines: list[str] = []
     base: TableFrame | None = None
-    noise = DepthSigma()
+    noise, doubt = DepthSigma(), CalibrationError()
     for index in range(len(folder)):
         frame = folder.read(index)
         _check(frame, frames)
@@ -76,6 +81,7 @@ def track_frames(
         camera = _pinhole(frame.colour, frame.colour.R_WC, frame.colour.p_WC, noise)
         if base is None:
             noise = measured(frame.depth)
+            doubt = _doubt(folder, noise)
             base = table_frame(depth, camera, seed)
             if not base.found:
                 say("note: no table in view; all that is seen counts as standing")
@@ -86,7 +92,7 @@ def track_frames(
         rgb = frame.rgb if frame.rgb is not None else np.full((*depth.shape, 3), 128, dtype=np.uint8)
         found = tracker.observe(segment(rgb, depth, frame.time, grid, PERCEPTION))
         rows += [_row(frame, one, numbers, camera, base) for one in found if one.asset is not None and one.found]
-        lines.append(json.dumps(_line(frame, found, assets, base)))
+        lines.append(json.dumps(_line(frame, found, assets, base, doubt)))
         if (index + 1) % 50 == 0:
             say(f"{index + 1} of {len(folder)} frames")
     table = ["scene_id,im_id,obj_id,score,R,t,time", *(",".join(row) for row in rows)]
@@ -144,6 +150,13 @@ def _first_poses(path: Path, first: int, numbers: Mapping[str, int]) -> list[tup
     return [(name, R, p) for _, name, R, p in sorted(told, key=lambda one: -one[0])]
 
 
+def _doubt(folder: FrameFolder, noise: DepthSigma) -> CalibrationError:
+    """Return how far off the camera may be: as is told, or as cameras with such noise are."""
+    error = folder.calibration or (REAL if noise.correlated > 0.0 else CalibrationError())
+    # Where no poses are told W is the camera's own frame.
+    return error if folder.posed else replace(error, shift=0.0, turn=0.0)
+
+
 def _check(frame: RgbdFrame, frames: Path) -> None:
     """Refuse cameras whose view is no camera's: their figures are of another unit or another image."""
     for which, camera in (("cam_K", frame.colour), ("the depth camera's cam_K", frame.camera)):
@@ -189,13 +202,16 @@ def _hypothesis(one: PoseHypothesis, base: TableFrame, probability: float) -> di
 
 
 def _line(
-    frame: RgbdFrame, found: list[TrackedObject], assets: Mapping[str, Asset], base: TableFrame
+    frame: RgbdFrame, found: list[TrackedObject], assets: Mapping[str, Asset], base: TableFrame, doubt: CalibrationError
 ) -> dict[str, Any]:
-    """Return a frame's line of `objects.jsonl`."""
+    """Return a frame's line of `objects.jsonl`; the camera's doubtful calibration is in all covariances."""
     turn = np.kron(np.eye(2), base.R_WT)
     objects = []
+    camera = frame.colour
     for one in found:
         R, p = base.R_WT @ one.R, base.R_WT @ one.p + base.p_WT
+        p_C = ((p - camera.p_WC) @ camera.R_WC)[None]
+        shared = shared_covariances(doubt, p_C, camera.R_WC, camera.fx, camera.fy)[0]
         pose = {"p_WO": p.tolist(), "q_WO": to_quaternion(R).tolist()}
         free = one.asset is not None and assets[one.asset].symmetric_axis == "z"
         objects.append(
@@ -206,7 +222,7 @@ def _line(
                 "probability": one.probability,
                 "visible": one.visible,
                 **pose,
-                "covariance": (turn @ one.covariance @ turn.T).tolist(),
+                "covariance": (turn @ one.covariance @ turn.T + shared).tolist(),
                 "free": [[0.0, 0.0, 1.0]] if free else [],
                 "hypotheses": [_hypothesis(other, base, one.probability) for other in one.hypotheses],
                 "pieces": [(piece @ base.R_WT.T + base.p_WT).tolist() for piece in one.pieces],

@@ -1,0 +1,206 @@
+"""Poses that shape mistakes for one another, things inside of the table or on a forearm: none of them is believed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from tests.synthetic_scene import Thing, camera, picture, yawed
+from twin_diagram import scenario
+from twin_diagram.assets import Asset
+from twin_diagram.perception.registration.assessment import assess
+from twin_diagram.perception.registration.colour_votes import TUNING, colour_costs
+from twin_diagram.perception.registration.data_association import Poses, look
+from twin_diagram.perception.registration.frame import Frame
+from twin_diagram.perception.registration.global_search import afloat
+from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.point_kernels import FINE
+from twin_diagram.perception.registration.recognition import looks_like_itself
+from twin_diagram.perception.registration.registration import RegisteredPose, register
+from twin_diagram.perception.registration.rotation import exp, log
+from twin_diagram.perception.registration.slots import Slot
+from twin_diagram.perception.registration.slots import seen as after_image
+from twin_diagram.perception.registration.tracking import carried, challenger, doubted, doubtful, orientations
+from twin_diagram.perception.registration.view import Known, View
+from twin_diagram.perception.registration.where_expected import register_where_expected, stands_out, unmistaken
+from twin_diagram.perception.segmentation.segmentation import Grid, segment
+from twin_diagram.scenario.resources import models_dir
+
+Array = npt.NDArray[np.float64]
+PARAMS = scenario.Registration()
+YAW = 0.3
+AIR = scenario.Perception(workspace=[[-1.0, -1.0, -0.02], [1.2, 1.0, 1.0]])
+
+
+def model(name: str) -> ModelCloud:
+    return ModelCloud.of(Asset.load(models_dir() / "objects" / name), 400)
+
+
+@pytest.fixture(scope="module")
+def box() -> Known:
+    return Known.of(model("sugar_box"))
+
+
+def seen(things: list[Thing], grey: bool = False) -> View:
+    view = camera()
+    rgb, depth, _ = picture(view, things)
+    segments = segment(np.full_like(rgb, 128) if grey else rgb, depth, 1.0, Grid.of(view, 2), AIR)
+    return View(segments, Frame.of(segments), PARAMS, 60)
+
+
+def standing(known: Known, x: float = 0.5, y: float = 0.0, yaw: float = YAW) -> Thing:
+    asset = known.model.asset
+    return Thing(asset, 7, yawed(yaw), np.array([x, y, asset.size[2] / 2]))
+
+
+def off(R: Array, other: Array) -> float:
+    return float(np.linalg.norm(log((R @ other.T)[None])))
+
+
+def at(thing: Thing, view: View, known: Known) -> RegisteredPose:
+    return register(known.model, view.frame, thing.R, thing.p, PARAMS, points_W=view.segments.points_W[::10])
+
+
+def test_colours_are_likelier_where_they_are_right_and_say_nothing_where_there_are_none(box: Known) -> None:
+    thing = standing(box)
+    back = yawed(YAW + np.pi)
+    poses = Poses(np.stack([thing.R, back]), np.stack([thing.p, thing.p]))
+    right, wrong = colour_costs(box.model, seen([thing]).frame, poses, 400)
+    assert wrong - right > 20.0
+    plain = replace(box.model, colours=np.full_like(box.model.colours, 0.5), texture=0.0 * box.model.texture)
+    grey = colour_costs(plain, seen([thing], grey=True).frame, poses, 400)
+    assert abs(grey[1] - grey[0]) < 0.5
+
+
+def test_a_pose_that_shows_next_to_nothing_is_no_rival(box: Known) -> None:
+    thing = standing(box)
+    poses = Poses(np.stack([thing.R, thing.R]), np.stack([thing.p, thing.p + [0.0, 0.3, 0.0]]))
+    assert colour_costs(box.model, seen([thing]).frame, poses, 200)[1] == TUNING.never
+
+
+@pytest.mark.parametrize("turn", [np.diag([-1.0, -1.0, 1.0]), np.diag([1.0, -1.0, -1.0])])
+def test_a_box_that_is_followed_the_wrong_way_round_is_put_right(box: Known, turn: Array) -> None:
+    thing = standing(box)
+    view = seen([thing])
+    found = register_where_expected(box, Slot(True, thing.R @ turn, thing.p, np.zeros(6), 0.93), view)
+    assert found is not None and off(found.R, thing.R) < 0.02
+
+
+def test_where_colours_do_not_tell_a_pose_stays(box: Known) -> None:
+    thing = standing(box)
+    view = seen([thing], grey=True)
+    one = at(thing, view, box)
+    assert unmistaken(box, view, one) is one
+
+
+def test_a_round_thing_is_mistaken_for_itself_turned_anyhow() -> None:
+    asset = Asset.load(models_dir() / "objects" / "can")
+    around = ModelCloud.of(Asset(**{**vars(asset), "symmetric_axis": None}), 60).turns
+    yaws = np.sort([np.arctan2(R[1, 0], R[0, 0]) % (2 * np.pi) for R in around if R[2, 2] > 0.5])
+    np.testing.assert_allclose(yaws, 2 * np.pi * np.arange(1, 24) / 24, atol=1e-9)
+    assert sum(R[2, 2] < -0.5 for R in around) == 24
+    assert not any(np.allclose(R, np.eye(3)) for R in around)
+
+
+def test_what_is_inside_of_the_table_is_hidden_by_nothing(box: Known) -> None:
+    flat = Asset.load(models_dir() / "objects" / "gelatin_box")
+    low = Thing(flat, 7, yawed(YAW), np.array([0.5, 0.0, flat.size[2] / 2]))
+    view = seen([low])
+    top = np.array([0.5, 0.0, flat.size[2] - box.model.asset.size[2] / 2])
+    sunk = Poses(yawed(YAW)[None], top[None])
+    looked = look(box.model, view.frame, sunk, 400, FINE)
+    assert looked.buried[looked.counted].mean() > 0.4
+    fit = assess(box.model, view.frame, sunk, 400)
+    assert fit.visible_share[0] > 0.9 and fit.shape[0] < 0.6, "it should be seen, and is not"
+    thing = standing(box)
+    assert not look(box.model, seen([thing]).frame, Poses(thing.R[None], thing.p[None]), 400, FINE).buried.any()
+
+
+def test_in_the_air_an_object_must_end_where_what_is_seen_ends(box: Known) -> None:
+    height = np.array([0.0, 0.0, 0.15])
+    lifted = replace(standing(box), p=standing(box).p + height)
+    view = seen([lifted])
+    assert stands_out(box, view, at(lifted, view, box), 0.75)
+    asset = box.model.asset
+    size = asset.size * [1.0, 4.0, 1.6]
+    corners = np.array(np.meshgrid(*([-0.5, 0.5],) * 3)).T.reshape(-1, 3) * size
+    beam = replace(lifted, asset=replace(asset, size=size, convex_pieces=(corners,)))
+    view = seen([beam])
+    one = replace(at(lifted, view, box), R=lifted.R, p=lifted.p, visible_share=1.0)
+    front = one.p + beam.R @ [0.0, 0.0, 0.0]
+    assert not stands_out(box, view, replace(one, p=front), 0.0)
+    on_table = replace(one, p=standing(box).p)
+    assert stands_out(box, view, on_table, 0.0), "what stands may touch its likes"
+    assert stands_out(box, view, replace(one, visible_share=0.4), 0.0), "too little is seen"
+
+
+@pytest.mark.parametrize(
+    ("shape", "quality", "visible", "doubt"),
+    [(0.95, 0.9, 1.0, False), (0.89, 0.89, 1.0, True), (0.95, 0.66, 1.0, True), (0.95, 0.2, 0.39, False)],
+)
+def test_a_pose_whose_shape_or_colours_are_not_there_is_doubtful(
+    shape: float, quality: float, visible: float, doubt: bool
+) -> None:
+    one = RegisteredPose(np.eye(3), np.zeros(3), np.eye(6), quality, quality, visible, 300.0, shape)
+    assert doubtful(one, 0.75) == doubt
+    slots = [Slot(next_search=2.0), Slot(next_search=0.5)]
+    assert doubted(slots, {0: one, 1: one}, 1.0) == ([1] if doubt else [])
+    assert doubted(slots, {0: one, 1: one}, 3.0) == ([1, 0] if doubt else [])
+
+
+def test_a_box_that_is_taken_for_a_lying_one_is_found_standing(box: Known) -> None:
+    thing = standing(box)
+    view = seen([thing])
+    lying = exp(np.array([[0.0, 0.5 * np.pi, 0.0]]))[0]
+    wrong = replace(at(thing, view, box), R=lying, quality=0.3, likeness=0.2, shape=0.8)
+    free = np.ones(len(view.segments.labels), dtype=bool)
+    found = challenger(box, Slot(True, lying, thing.p), wrong, view, free)
+    assert found is not None and off(found.R, thing.R) < 0.02
+    right = at(thing, view, box)
+    assert challenger(box, Slot(True, thing.R, thing.p), right, view, free) is None, "nothing is better"
+    nowhere = replace(wrong, p=thing.p + 3.0)
+    assert challenger(box, Slot(), nowhere, view, free) is None
+
+
+def test_what_was_lost_while_it_moved_is_looked_for_in_the_air_first(box: Known) -> None:
+    moving = Slot(True, np.eye(3), np.zeros(3), np.array([0.0, 0.0, 0.0, 0.1, 0.0, 0.0]), 1.0)
+    assert carried(moving, 5.9) and not carried(moving, 6.1)
+    assert not carried(replace(moving, velocity=np.zeros(6)), 2.0)
+    lying = [[], box.upright, box.fallen]
+    for attempts in range(6):
+        assert orientations(box, replace(moving, attempts=attempts), 2.0) == lying[attempts % 3]
+        resting = replace(moving, velocity=np.zeros(6), attempts=attempts)
+        assert orientations(box, resting, 2.0) == lying[1 + attempts % 2]
+
+
+def test_a_box_in_the_air_is_found_turned_otherwise_than_before(box: Known) -> None:
+    thing = standing(box)
+    R = exp(np.array([[0.35, -0.2, 0.3]]))[0] @ thing.R
+    held = replace(thing, R=R, p=thing.p + [0.05, -0.1, 0.2])
+    view = seen([held])
+    found = afloat(box.model, view.frame, view.segments.points_W, thing.R, PARAMS)
+    assert found is not None and off(found.registration.R, R) < 0.03
+    assert np.linalg.norm(found.registration.p - held.p) < 0.003
+    far = np.concatenate([view.segments.points_W, view.segments.points_W + 1.0])
+    assert afloat(box.model, view.frame, far, thing.R, PARAMS) is None, "too large"
+
+
+@pytest.mark.parametrize(("likeness", "itself"), [(0.46, True), (0.44, False)])
+def test_an_object_must_look_like_itself_as_it_usually_does(likeness: float, itself: bool) -> None:
+    one = RegisteredPose(np.eye(3), np.zeros(3), np.eye(6), 0.9, likeness, 1.0, 300.0, 1.0)
+    assert looks_like_itself(one, 0.75) == itself
+    assert looks_like_itself(one, 0.3), "in this light it never looked better"
+    assert looks_like_itself(one, 0.0), "nobody knows how it looks before this camera"
+
+
+def test_how_much_an_object_looks_like_itself_is_learnt_while_it_is_seen() -> None:
+    one = RegisteredPose(np.eye(3), np.zeros(3), np.eye(6), 0.9, 0.6, 1.0, 300.0, 0.8)
+    first = after_image(Slot(), one, 1.0)
+    assert first.alike == pytest.approx(0.75)
+    later = after_image(first, replace(one, likeness=0.4), 1.1)
+    assert later.alike == pytest.approx(0.9 * 0.75 + 0.1 * 0.5)
+    assert after_image(first, replace(one, likeness=0.1, visible_share=0.3), 1.1).alike == first.alike
+    assert Slot.unpack(later.pack()).alike == later.alike

@@ -1,0 +1,44 @@
+"""What is followed and searched for, and in what: a known object, ready to be found, and one image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from twin_diagram import scenario
+from twin_diagram.perception.registration.frame import Frame
+from twin_diagram.perception.registration.global_search import resting
+from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.segmentation.segments import Segments
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Known:
+    """An object of the library, ready to be found: its model and the orientations in which it rests."""
+
+    model: ModelCloud
+    upright: list[tuple[Array, float]]
+    fallen: list[tuple[Array, float]]
+
+    @staticmethod
+    def of(model: ModelCloud) -> Known:
+        """Return a model with the orientations in which it rests."""
+        orientations = resting(model.asset)
+        return Known(model, orientations[:1], orientations[1:])
+
+
+@dataclass(frozen=True)
+class View:
+    """One image and what it is searched with.
+
+    Attributes:
+        segments: the image taken apart.
+        frame: the same image, ready for registration.
+        params: tuning.
+        smallest: points that make an object.
+    """
+
+    segments: Segments
+    frame: Frame
+    params: scenario.Registration
+    smallest: int

@@ -1,0 +1,241 @@
+"""Registers an object near where it is expected, told apart from what its shape may be mistaken for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from twin_diagram import scenario
+from twin_diagram.perception.registration.alternatives import TUNING as ALTERNATIVES
+from twin_diagram.perception.registration.alternatives import compare, votes, weak_directions
+from twin_diagram.perception.registration.assessment import assess
+from twin_diagram.perception.registration.colour_votes import colour_costs
+from twin_diagram.perception.registration.data_association import Poses, look
+from twin_diagram.perception.registration.point_kernels import COARSE, FINE
+from twin_diagram.perception.registration.recognition import looks_like_itself
+from twin_diagram.perception.registration.registration import RegisteredPose, claimed, information, register
+from twin_diagram.perception.registration.rotation import log
+from twin_diagram.perception.registration.slots import Slot, predict
+from twin_diagram.perception.registration.view import Known, View
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of following, chosen by hand for images at 15 Hz of objects that people and arms move.
+
+    `sims/closed_loop.py --seeds 20` and `sims/benchmarks/followed_scenes.py` show what is lost, and errors.
+    """
+
+    least_visible: float = 0.12
+    """An object of which less can be seen counts as hidden."""
+
+    least_points: int = 30
+    """A registration on fewer model points is a guess."""
+
+    largest_step: tuple[float, ...] = (0.7, 0.08)
+    """From one image to the next no object turns or moves farther than this [rad], [m]."""
+
+    stays: tuple[float, ...] = (0.2, 0.02)
+    """Within this of where it is expected, an object is believed by its shape alone [rad], [m]."""
+
+    thin: int = 120
+    """Image points that pull on an object that is followed."""
+
+    owned: float = 0.012
+    """Points this near to an object's surface are its own [m]."""
+
+    rough: float = 0.01
+    """Slack of surfaces at a pose that is a guess [m]: a third of a step at half a metre a second."""
+
+    turned: float = 0.07
+    """A smaller turn from image to image is found again from either side [rad]."""
+
+    coloured: float = 0.8
+    """Where less than this share of what fits in shape fits in colour, too, it may have turned."""
+
+    turning: float = 0.8
+    """Share of a turn, in units that weigh alike, in a direction that counts as one."""
+
+    turned_by: tuple[float, ...] = (-0.4, -0.2, 0.2, 0.4)
+    """Then turns by so much are tried [rad]: registration finds back from about 0.12."""
+
+    certain: float = 0.93
+    """Where so much of what fits in shape fits in colour nothing else is tried: half of what is right."""
+
+    colour_points: int = 150
+    """Model points by whose colours a pose is compared with those that it may be mistaken for."""
+
+    rivals: int = 2
+    """So many of those are registered and compared."""
+
+    doubted: float = 1.0
+    """Where their colours are likelier by this as they are laid [nat]."""
+
+    mistaken: float = 4.0
+    """A pose was mistaken for one that is likelier by this, shape and colours [nat]: light and blur make up to three
+    where nothing tells (`sims/benchmarks/followed_scenes.py`, seeds 0 to 2)."""
+
+    around: float = 0.02
+    """Points this near to an object's surface weigh its poses against one another [m]."""
+
+    floats: float = 0.03
+    """What is this far above the table is in the air [m], carried by something."""
+
+    half: float = 0.5
+    """Of what is seen to a smaller share, too little is known of its edges."""
+
+    beyond: float = 0.03
+    """Around an object in the air, so far from its surface [m], …"""
+
+    alone: float = 0.65
+    """… at least this share of its segment's points is its own: a hand hides one of its sides."""
+
+
+TUNING = Tuning()
+
+
+MOVING: Final = information(0.2, 0.03)
+"""How well the next pose of an object that moves is known."""
+RESTING: Final = information(0.03, 0.005)
+"""And of one that stands still. Nearly hidden, it is held where it was; in the open, the image has far more to say."""
+
+
+def register_where_expected(known: Known, slot: Slot, view: View) -> RegisteredPose | None:
+    """Register an object near where it is expected; None where it is not to be seen there.
+
+    What moves goes on, stops, or stops turning. Where the shape fits and the colours do not, it may have turned about
+    an axis that the shape does not tell: then turns about it are registered, too. The image tells the likeliest.
+    """
+    time = view.segments.time
+    R, p = predict(slot, time)
+    if not np.any(slot.velocity):
+        best = _registered(known, view, R, p, RESTING, slot.alike)
+    elif _turns(slot, time):
+        places = (R, p), (slot.R, slot.p), (slot.R, p)
+        found = [_registered(known, view, *at, MOVING, slot.alike) for at in places]
+        best = likeliest(known, view, [one for one in found if one is not None])
+    else:
+        best = _goes_on_or_stops(known, slot, view, R, p)
+    if best is None:
+        return None
+    if best.quality < TUNING.coloured * best.shape:
+        turned = [_registered(known, view, *at, MOVING) for at in turns(known, view, best)]
+        best = likeliest(known, view, [best, *(one for one in turned if one is not None)])
+    return best if best is None else unmistaken(known, view, best)
+
+
+def _goes_on_or_stops(known: Known, slot: Slot, view: View, R: Array, p: Array) -> RegisteredPose | None:
+    """Register an object where it is expected (R, p), or where it was: first at that of which the image shows more."""
+    starts = Poses(np.stack([R, slot.R]), np.stack([p, slot.p]))
+    fits = assess(known.model, view.frame, starts, view.params.model_points, COARSE, TUNING.rough).points
+    for k in np.argsort(-fits, kind="stable"):
+        result = _registered(known, view, starts.R[k], starts.p[k], MOVING, slot.alike)
+        if result is not None:
+            return result
+    return None
+
+
+def turns(known: Known, view: View, one: RegisteredPose) -> list[tuple[Array, Array]]:
+    """Return poses turned to both sides about the axis, through the object's middle, that its shape tells least of."""
+    pose = Poses(one.R[None], one.p[None])
+    looked = look(known.model, view.frame, pose, view.params.model_points, FINE)
+    for way, _ in weak_directions(looked, view.frame, votes(looked, view.frame, known.model.spacing), 0.0):
+        if np.linalg.norm(way[:3]) > TUNING.turning:
+            steps = np.array(TUNING.turned_by)[:, None] * (way / np.linalg.norm(way[:3]))
+            # Units of turns and shifts differ; see `alternatives`.
+            steps[:, 3:] *= ALTERNATIVES.unit[1] / ALTERNATIVES.unit[0]
+            R, p = np.repeat(one.R[None], len(steps), axis=0), np.repeat(one.p[None], len(steps), axis=0)
+            moved = Poses(R, p).moved(steps)
+            return list(zip(moved.R, moved.p, strict=True))
+    return []
+
+
+def likeliest(known: Known, view: View, results: Sequence[RegisteredPose]) -> RegisteredPose | None:
+    """Return which of registered poses the image says is the likeliest; None of none."""
+    if len(results) < 2:
+        return results[0] if results else None
+    segments = view.segments
+    own = claimed(known.model, segments, results[0].R, results[0].p, TUNING.around)
+    poses = Poses(np.stack([one.R for one in results]), np.stack([one.p for one in results]))
+    cost = compare(known.model, view.frame, poses, segments.points_W[own], FINE)
+    return results[int(np.argmin(cost))]
+
+
+def unmistaken(known: Known, view: View, one: RegisteredPose) -> RegisteredPose:
+    """Return a pose, or the one that it was mistaken for: turned so that its shape is alike, with colours that fit."""
+    model = known.model
+    if not len(model.turns) or one.quality >= TUNING.certain * one.shape:
+        return one
+    middle = 0.5 * (model.points.min(axis=0) + model.points.max(axis=0))
+    R = np.concatenate([one.R[None], one.R @ model.turns])
+    laid = Poses(R, one.p + (one.R @ middle) - R @ middle)
+    cost = colour_costs(model, view.frame, laid, TUNING.colour_points)
+    rivals = [k for k in np.argsort(cost, kind="stable")[: TUNING.rivals] if cost[k] < cost[0] - TUNING.doubted]
+    found = [_registered(known, view, laid.R[k], laid.p[k], MOVING) for k in rivals]
+    others = [other for other in found if other is not None]
+    if not others:
+        return one
+    poses = Poses(np.stack([x.R for x in (one, *others)]), np.stack([x.p for x in (one, *others)]))
+    own = claimed(model, view.segments, one.R, one.p, TUNING.around)
+    whole = compare(model, view.frame, poses, view.segments.points_W[own], FINE)
+    whole += colour_costs(model, view.frame, poses, view.params.model_points)
+    best = int(np.argmin(whole))
+    return others[best - 1] if whole[best] < whole[0] - TUNING.mistaken else one
+
+
+def _turns(slot: Slot, time: float) -> bool:
+    """Return whether an object is expected to have turned by more than registration finds back."""
+    return float(np.linalg.norm(slot.velocity[:3])) * (time - slot.seen) > TUNING.turned
+
+
+def _registered(
+    known: Known, view: View, R: Array, p: Array, prior: Array, usual: float = 0.0
+) -> RegisteredPose | None:
+    """Register an object from a guess; None where what comes of it is not believable."""
+    thin = view.segments.points_W[claimed(known.model, view.segments, R, p, view.params.reach, TUNING.thin)]
+    result = register(known.model, view.frame, R, p, view.params, prior=prior, points_W=thin)
+    return result if believable(result, view.params, R, p) and stands_out(known, view, result, usual) else None
+
+
+def stands_out(known: Known, view: View, one: RegisteredPose, usual: float) -> bool:
+    """Return whether what is seen at a pose ends where the object does; what stands on the table may touch its likes.
+
+    In the air, a box's side fits anywhere on a forearm.
+    """
+    table, segments = view.frame.table, view.segments
+    at = known.model.points @ one.R.T + one.p
+    above = float((at[:, 2] - at[:, :2] @ table[:2]).min() - table[2])
+    if above < TUNING.floats or one.visible_share < TUNING.half:
+        return True
+    if not looks_like_itself(one, usual):
+        return False
+    near = claimed(known.model, segments, one.R, one.p, TUNING.beyond)
+    own = claimed(known.model, segments, one.R, one.p, TUNING.owned)
+    if not len(own):
+        return True
+    label = np.bincount(segments.labels[own]).argmax()
+    mine = np.count_nonzero(segments.labels[own] == label)
+    return bool(mine >= TUNING.alone * np.count_nonzero(segments.labels[near] == label))
+
+
+def believable(result: RegisteredPose, params: scenario.Registration, R: Array, p: Array) -> bool:
+    """Return whether a registration is the object, near where it must be, and not a guess from a few pixels.
+
+    Where the shape is there, as it should be, colours that are not (a dim light, a camera of colours a few pixels
+    aside) do not matter; what is elsewhere must look like the object.
+    """
+    shift = float(np.linalg.norm(result.p - p))
+    turn = float(np.linalg.norm(log((result.R @ R.T)[None])))
+    stays = shift <= TUNING.stays[1] and turn <= TUNING.stays[0]
+    fits = max(result.quality, result.shape if stays else 0.0)
+    return bool(
+        fits >= params.minimum_quality
+        and result.visible_share >= TUNING.least_visible
+        and result.points >= TUNING.least_points
+        and shift <= TUNING.largest_step[1]
+        and turn <= TUNING.largest_step[0]
+    )
