@@ -143,7 +143,7 @@ def _dead(log: Log) -> list[LogWarning]:
     for k, joint in enumerate(log.joints):
         if not np.any(log.motor_torque[:, k]):
             result.append(LogWarning("no_torque", f"{log.source}: the torque of {joint} is zero throughout", joint))
-        elif not np.ptp(log.motor_torque[:, k]):
+        elif not np.ptp(log.motor_torque[:, k]) and np.ptp(log.position[:, k]) > 1e-4:
             result.append(LogWarning("no_torque", f"{log.source}: the torque of {joint} never changes", joint))
     return result
 

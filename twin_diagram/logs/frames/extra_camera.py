@@ -82,6 +82,7 @@ def read_extra(folder: Path) -> ExtraCamera:
 
 
 _STD = ("position", "rotation", "focal", "centre", "depth_scale")
+"""Names in `calibration_std`, in the order of `CalibrationError`."""
 
 
 def _calibration(raw: dict[str, Any], path: Path) -> CalibrationError | None:
