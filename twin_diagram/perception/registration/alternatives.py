@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from twin_diagram.perception.depth_noise import TUNING as DEPTH
 from twin_diagram.perception.registration.assessment import TUNING as ASSESSMENT
@@ -118,6 +119,21 @@ def votes(looked: Looked, frame: Frame, spacing: float) -> float:
     return max(TUNING.fewest, patch * points / max(area, 1.0))
 
 
+def in_place(looked: Looked, frame: Frame) -> npt.NDArray[np.bool_]:
+    """Return (B, P) whether the image shows a model point where it is, as closely as depth can tell."""
+    sigma = np.hypot(frame.camera.depth_noise(looked.z) * looked.facing.clip(0.3), RESIDUALS.model_noise)
+    on = looked.near & (np.abs(looked.deeper) < ASSESSMENT.same_surface)
+    return np.asarray(on & (np.abs(looked.distance) < TUNING.placed * sigma))
+
+
+def colours_off(looked: Looked, frame: Frame, weight: Array, level: int) -> Array:
+    """Return (B, P) how far colours are from the model's in the light that is fitted where `weight` (B, P) is not 0."""
+    found = frame.plain_colour_at(looked.u, looked.v, level)
+    gain = brightness(found, looked.colour, looked.n, weight)
+    difference = found - np.minimum(looked.colour * gain[..., None], 1.0)
+    return np.asarray(np.sqrt(np.einsum("bpi,bpi->bp", difference, difference)) / np.maximum(gain, 0.2))
+
+
 def costs(model: ModelCloud, frame: Frame, poses: Poses, points_W: Array, looked: Looked, level: int = COARSE) -> Array:
     """Return (B,) the negative log-likelihood of an image at poses, each point a vote.
 
@@ -129,16 +145,9 @@ def costs(model: ModelCloud, frame: Frame, poses: Poses, points_W: Array, looked
         looked: up at the poses on colours of that level.
         level: of colours.
     """
-    sigma = np.hypot(frame.camera.depth_noise(looked.z) * looked.facing.clip(0.3), RESIDUALS.model_noise)
-    on = looked.near & (np.abs(looked.deeper) < ASSESSMENT.same_surface)
     # How well each fits is the image's points' to say: those are the same at all poses, the model's are not.
-    placed = on & (np.abs(looked.distance) < TUNING.placed * sigma)
-    found = frame.plain_colour_at(looked.u, looked.v, level)
-    weight = looked.facing * placed
-    gain = brightness(found, looked.colour, looked.n, weight)
-    difference = found - np.minimum(looked.colour * gain[..., None], 1.0)
-    off = np.sqrt(np.einsum("bpi,bpi->bp", difference, difference)) / np.maximum(gain, 0.2)
-    colour = np.minimum(off / TUNING.colour, TUNING.cut)
+    placed = in_place(looked, frame)
+    colour = np.minimum(colours_off(looked, frame, looked.facing * placed, level) / TUNING.colour, TUNING.cut)
     each = np.where(placed, 0.25 * colour**2, 0.0)
     hidden = looked.seen & ~placed & (looked.deeper < 0) & ~looked.buried
     behind = looked.seen & ~placed & ~hidden

@@ -10,13 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin_diagram.perception.registration.assessment import TUNING as ASSESSMENT
+from twin_diagram.perception.registration.alternatives import colours_off, in_place
 from twin_diagram.perception.registration.data_association import Poses, look
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.point_kernels import FINE
-from twin_diagram.perception.registration.residuals import TUNING as RESIDUALS
-from twin_diagram.perception.registration.residuals import brightness
 from twin_diagram.signals.arrays import Array
 
 
@@ -32,9 +30,6 @@ class Tuning:
 
     cut: float = 3.0
     """A deviation larger than this is a reflection's or another thing's: it costs no more."""
-
-    placed: float = 4.5
-    """A model point is in place within so many deviations of depth."""
 
     pixels: float = 150.0
     """So many pixels share one vote: what is blurred and shifted errs alike."""
@@ -59,13 +54,8 @@ def colour_costs(model: ModelCloud, frame: Frame, poses: Poses, points: int) -> 
         points: model points that are looked up, at most.
     """
     looked = look(model, frame, poses, points, FINE)
-    sigma = np.hypot(frame.camera.depth_noise(looked.z) * looked.facing.clip(0.3), RESIDUALS.model_noise)
-    placed = looked.near & (np.abs(looked.deeper) < ASSESSMENT.same_surface) & looked.counted
-    weight = looked.facing * (placed & (np.abs(looked.distance) < TUNING.placed * sigma))
-    found = frame.plain_colour_at(looked.u, looked.v, FINE)
-    gain = brightness(found, looked.colour, looked.n, weight)
-    difference = found - np.minimum(looked.colour * gain[..., None], 1.0)
-    squared = np.einsum("bpi,bpi->bp", difference, difference) / np.square(np.maximum(gain, 0.2))
+    weight = looked.facing * in_place(looked, frame)
+    squared = np.square(colours_off(looked, frame, weight, FINE))
     variance = 1.0 + looked.texture * (TUNING.off / TUNING.colour) ** 2
     each = 0.5 * np.minimum(squared / (TUNING.colour**2 * variance), TUNING.cut**2) + 0.5 * np.log(variance)
     shown = weight.sum(axis=1)

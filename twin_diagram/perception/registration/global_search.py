@@ -165,11 +165,7 @@ def starts(model: ModelCloud, frame: Frame, points_W: Array, orientations: list[
     turn = exp(np.stack([np.zeros(TUNING.yaws), np.zeros(TUNING.yaws), yaw], axis=1))
     R: Array = (turn[None] @ R_rest[:, None]).reshape(-1, 3, 3)
     height = np.repeat([h for _, h in orientations], TUNING.yaws)
-    view = np.argmax((towards @ R) @ model.directions.T, axis=1)
-    index = model.views[view, : TUNING.coarse_points]
-    r = model.points[index] @ R.transpose(0, 2, 1)
-    facing = np.maximum((model.normals[index] @ R.transpose(0, 2, 1)) @ towards, 0.05)
-    offset = (r * facing[..., None]).sum(axis=1) / facing.sum(axis=1)[:, None]
+    r, offset = _shown(model, R, towards)
     across = (r @ side).max(axis=1) - (r @ side).min(axis=1)
     along = (points_W - centre) @ side
     low, high = np.percentile(along, [2.0, 98.0])
@@ -243,18 +239,22 @@ def afloat(model: ModelCloud, frame: Frame, points_W: Array, R: Array, params: s
     R_any = exp(np.concatenate([turn, 2.0 * turn[1:]])) @ R
     towards = frame.camera.p_WC - points_W.mean(axis=0)
     towards /= np.linalg.norm(towards)
-    p = points_W.mean(axis=0) - _shown_centre(model, R_any, towards)
+    p = points_W.mean(axis=0) - _shown(model, R_any, towards)[1]
     thin = points_W[:: max(1, len(points_W) // TUNING.thin)]
     return best_of(model, frame, Poses(R_any, p), thin, information(0.3, 0.05), params)
 
 
-def _shown_centre(model: ModelCloud, R: Array, towards: Array) -> Array:
-    """Return (B, 3) the middle of what a camera `towards` (3,) in W sees of an object turned by R (B, 3, 3), from O."""
+def _shown(model: ModelCloud, R: Array, towards: Array) -> tuple[Array, Array]:
+    """Return what a camera `towards` (3,) in W sees of an object turned by R (B, 3, 3), from O.
+
+    Returns:
+        (B, P, 3) points, and (B, 3) their middle, each as squarely as it is seen.
+    """
     view = np.argmax((towards @ R) @ model.directions.T, axis=1)
     index = model.views[view, : TUNING.coarse_points]
     r = model.points[index] @ R.transpose(0, 2, 1)
     facing = np.maximum((model.normals[index] @ R.transpose(0, 2, 1)) @ towards, 0.05)
-    return np.asarray((r * facing[..., None]).sum(axis=1) / facing.sum(axis=1)[:, None])
+    return r, (r * facing[..., None]).sum(axis=1) / facing.sum(axis=1)[:, None]
 
 
 def nearby(

@@ -94,6 +94,21 @@ class ModelCloud:
         return 0.25 * len(self.points) * self.spacing**2
 
     @cached_property
+    def middle(self) -> Array:
+        """(3,) middle of the box that holds it, in O [m]."""
+        return np.asarray(0.5 * (self.points.min(axis=0) + self.points.max(axis=0)))
+
+    def kept_in_place(self, R: Array, p: Array, turned: Array) -> Array:
+        """Return (B, 3) places of O at which the object, turned anew, has its middle where (R, p) has it.
+
+        Args:
+            R: (3, 3).
+            p: (3,) [m].
+            turned: (B, 3, 3).
+        """
+        return np.asarray(p + R @ self.middle - turned @ self.middle)
+
+    @cached_property
     def nearest(self) -> NearestPoints:
         """Its points, to be searched for the nearest."""
         return NearestPoints.of(self.points, self.spacing)

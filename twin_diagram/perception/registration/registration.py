@@ -209,3 +209,8 @@ def claimed(
     if not near.size:
         return near
     return np.asarray(near[within(segments.points_W[near], one_layout(R), p, model.nearest.grid, reach)])
+
+
+def label_of(segments: Segments, own: npt.NDArray[np.int64]) -> int:
+    """Return the number of the segment that most of an object's points `own`, at least one, are in."""
+    return int(np.bincount(segments.labels[own]).argmax())

@@ -96,11 +96,10 @@ def turned(
     model: ModelCloud, frame: Frame, one: RegisteredPose, points_W: Array, params: scenario.Registration
 ) -> list[RegisteredPose]:
     """Register what a pose may be mistaken for: turns that leave the shape much as it was, and turns of what stands."""
-    middle = 0.5 * (model.points.min(axis=0) + model.points.max(axis=0))
     yaw = 2.0 * np.pi * np.arange(1, TUNING.yaws) / TUNING.yaws
     upright = exp(np.stack([0.0 * yaw, 0.0 * yaw, yaw], axis=1))
     R = np.concatenate([one.R[None], one.R @ model.turns, upright @ one.R])
-    laid = Poses(R, one.p + (one.R @ middle) - R @ middle)
+    laid = Poses(R, model.kept_in_place(one.R, one.p, R))
     cost = compare(model, frame, laid, points_W) + colour_costs(model, frame, laid, TUNING.points)
     nearest = [int(k) for k in np.argsort(cost, kind="stable") if k > 0][: TUNING.rivals]
     return [register(model, frame, laid.R[k], laid.p[k], params, points_W=points_W) for k in nearest]

@@ -13,7 +13,7 @@ from twin_diagram.perception.registration.colour_shift import ALIGNED, ColourShi
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import judged, nearby
 from twin_diagram.perception.registration.recognition import looks_like_itself, recognise
-from twin_diagram.perception.registration.registration import RegisteredPose, claimed
+from twin_diagram.perception.registration.registration import RegisteredPose, claimed, label_of
 from twin_diagram.perception.registration.slots import TUNING as SLOTS
 from twin_diagram.perception.registration.slots import Slot, measurement, postponed, seen
 from twin_diagram.perception.registration.view import Known, View
@@ -241,7 +241,7 @@ def challenger(known: Known, slot: Slot, one: RegisteredPose, view: View, free: 
     own = claimed(known.model, segments, one.R, one.p, EXPECTED.owned)
     if len(own) < EXPECTED.least_points:
         return None
-    label = np.bincount(segments.labels[own]).argmax()
+    label = label_of(segments, own)
     mask = free.copy()
     mask[own] = True
     ways = {0: (known.upright, known.fallen)[slot.attempts % 2]}

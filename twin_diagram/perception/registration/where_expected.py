@@ -16,7 +16,7 @@ from twin_diagram.perception.registration.colour_votes import colour_costs
 from twin_diagram.perception.registration.data_association import Poses, look
 from twin_diagram.perception.registration.point_kernels import COARSE, FINE
 from twin_diagram.perception.registration.recognition import looks_like_itself
-from twin_diagram.perception.registration.registration import RegisteredPose, claimed, information, register
+from twin_diagram.perception.registration.registration import RegisteredPose, claimed, information, label_of, register
 from twin_diagram.perception.registration.rotation import log
 from twin_diagram.perception.registration.slots import Slot, predict
 from twin_diagram.perception.registration.view import Known, View
@@ -170,9 +170,8 @@ def unmistaken(known: Known, view: View, one: RegisteredPose) -> RegisteredPose:
     model = known.model
     if not len(model.turns) or one.quality >= TUNING.certain * one.shape:
         return one
-    middle = 0.5 * (model.points.min(axis=0) + model.points.max(axis=0))
     R = np.concatenate([one.R[None], one.R @ model.turns])
-    laid = Poses(R, one.p + (one.R @ middle) - R @ middle)
+    laid = Poses(R, model.kept_in_place(one.R, one.p, R))
     cost = colour_costs(model, view.frame, laid, TUNING.colour_points)
     rivals = [k for k in np.argsort(cost, kind="stable")[: TUNING.rivals] if cost[k] < cost[0] - TUNING.doubted]
     found = [_registered(known, view, laid.R[k], laid.p[k], MOVING) for k in rivals]
@@ -217,7 +216,7 @@ def stands_out(known: Known, view: View, one: RegisteredPose, usual: float) -> b
     own = claimed(known.model, segments, one.R, one.p, TUNING.owned)
     if not len(own):
         return True
-    label = np.bincount(segments.labels[own]).argmax()
+    label = label_of(segments, own)
     mine = np.count_nonzero(segments.labels[own] == label)
     return bool(mine >= TUNING.alone * np.count_nonzero(segments.labels[near] == label))
 

@@ -17,7 +17,7 @@ from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.instances import TUNING as INSTANCES
 from twin_diagram.perception.registration.instances import Instance
 from twin_diagram.perception.registration.model_cloud import ModelCloud
-from twin_diagram.perception.registration.registration import RegisteredPose, claimed
+from twin_diagram.perception.registration.registration import RegisteredPose, claimed, label_of
 from twin_diagram.perception.registration.settling import SettledPose, settle
 from twin_diagram.perception.registration.slots import Slot
 from twin_diagram.perception.registration.view import Known
@@ -274,8 +274,7 @@ class ObjectTracker:
         own = claimed(model, segments, R, p, TUNING.owned)
         near = claimed(model, segments, R, p, TUNING.around)
         if len(own):
-            label = np.bincount(segments.labels[own]).argmax()
-            near = near[segments.labels[near] == label]
+            near = near[segments.labels[near] == label_of(segments, own)]
         points = segments.points_W[near]
         start = RegisteredPose(R, p, measured.covariance, measured.quality, measured.quality, 1.0, float(len(near)))
         axis = R @ self._axes[one.asset]

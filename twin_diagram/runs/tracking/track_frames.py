@@ -39,7 +39,7 @@ PERCEPTION = scenario.Perception(workspace=[[-5.0, -5.0, -0.02], [5.0, 5.0, 5.0]
 """Everything in view above the table counts: no workspace is told."""
 FARTHEST = 100.0
 """No depth camera sees farther [m]."""
-REAL = CalibrationError(shift=0.005, turn=0.0087, focal=0.003, centre=1.0, depth_scale=0.01)
+REAL = CalibrationError(shift=0.005, turn=np.radians(0.5), focal=0.003, centre=1.0, depth_scale=0.01)
 """How well a depth camera is calibrated of which nothing is told, RMS: as good cameras on a hand-eye calibration are.
 One whose noise is white is a renderer's, and exact."""
 FOCALS = (0.1, 50.0)
