@@ -201,7 +201,7 @@ def arm(run: Run, alarms: Sequence[tuple[float, str]], path: Path) -> Path:
 
 @_styled
 def payload(run: Run, true: float | None, path: Path) -> Path:
-    """Return the learned payload over time with two standard deviations either side, and the truth."""
+    """Return the learned payload over time with two standard deviations either side, and the tool's true one."""
     figure = _figure(10, 3.4)
     axes = figure.subplots()
     axes.fill_between(
@@ -209,7 +209,7 @@ def payload(run: Run, true: float | None, path: Path) -> Path:
     )
     axes.plot(run.time, run.mass, color=LINES[0], label="estimated")
     if true is not None:
-        axes.axhline(true, color=INK, linestyle=(0, (5, 3)), linewidth=1.3, label="true")
+        axes.axhline(true, color=INK, linestyle=(0, (5, 3)), linewidth=1.3, label="true, nothing in the hand")
     reach = [*run.mass, *([] if true is None else [true])]
     span = max(np.ptp(reach), 0.1)
     axes.set_ylim(min(reach) - 0.4 * span, max(reach) + 0.4 * span)
