@@ -11,9 +11,10 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from twin_diagram.assets.building.colouring import nearest_pixels, views_that_see
+from twin_diagram.assets.building.cube_scale import Cube
 from twin_diagram.assets.building.decimation import decimated, enclosed_volume
 from twin_diagram.assets.building.depth_view import DepthView, cropped, thinned, view_points
-from twin_diagram.assets.building.fusion import DistanceField, FusionGrid, fuse
+from twin_diagram.assets.building.fusion import DistanceField, FusionGrid, fuse, without
 from twin_diagram.assets.building.iso_surface import zero_surface
 from twin_diagram.assets.building.selection import TUNING as CHOICE
 from twin_diagram.assets.building.selection import grown, looked_at, masked_by_most, the_one_thing
@@ -140,6 +141,7 @@ def reconstruct(
     say: Callable[[str], None] = lambda text: None,
     *,
     held: bool = False,
+    beside: Cube | None = None,
 ) -> Reconstruction:
     """Return the object's mesh.
 
@@ -151,6 +153,7 @@ def reconstruct(
         seed: of all that is drawn.
         say: is told of each step.
         held: it is held in a hand, and stands on nothing; the frames have masks.
+        beside: a cube in W that is none of it, where no view can look.
 
     Raises:
         FramesError: too few views, nothing or two things there, views that contradict each other, or an impossible
@@ -181,6 +184,8 @@ def reconstruct(
     _check_agreement(views, low, high, found.noise, where)
     surest = [doubted(view, c, found.centre, found.noise) for view, c in zip(views, found.covariances, strict=True)]
     fused = fuse(surest, _grid(low, high, TUNING.grid_points, TUNING.voxel), found.noise, found.plane)
+    if beside is not None:
+        fused = without(fused, beside)
     vertices, faces = _one_surface(fused, where)
     vertices = smoothed(vertices, faces, TUNING.smoothing_rounds)
     vertices, faces = decimated(vertices, faces, TUNING.faces)

@@ -50,6 +50,7 @@ class RgbdFrame:
         mask: (h, w) where the object shows, or None.
         colour: the camera of `rgb` and `mask`.
         camera: that of `depth`; the same one where there is no `camera_extra.json`.
+        beside: (h', w') where depth is that of something known, which is not the object; or None.
     """
 
     number: int
@@ -59,6 +60,7 @@ class RgbdFrame:
     mask: Mask | None
     colour: ViewCamera
     camera: ViewCamera
+    beside: Mask | None = None
 
 
 class FrameFolder:
