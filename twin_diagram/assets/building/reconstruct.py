@@ -232,13 +232,27 @@ def object_points(views: Sequence[DepthView], where: str, seed: int) -> tuple[Ar
             raise FramesError(f"{where}: no plane on which a thing stands; give masks of the object")
         held = near
     if plane is not None:
-        held = held & (points @ plane[:3] - plane[3] > CHOICE.stands_out)
+        held = held & (points @ plane[:3] - plane[3] > stands_out(points, normals, plane))
     candidates = points[held]
     kept = candidates[the_one_thing(candidates, where)]
     if plane is not None:  # down to the plane itself
         foot = kept - np.outer(kept @ plane[:3] - plane[3], plane[:3])
         kept = np.concatenate([kept, foot])
     return kept, plane
+
+
+def stands_out(points: Array, normals: Array, plane: Array) -> float:
+    """Return the height above its support (4,) from which a point is a thing's [m]: more, where the support is bent.
+
+    Args:
+        points: (N, 3) of the scene [m].
+        normals: (N, 3) unit, or 0 where unknown.
+        plane: n·p = d, n up.
+    """
+    height = points @ plane[:3] - plane[3]
+    on = height[(np.abs(height) < CHOICE.bent) & (normals @ plane[:3] > CHOICE.flat)]
+    spread = 1.4826 * float(np.median(np.abs(on - np.median(on)))) if len(on) else 0.0
+    return max(CHOICE.stands_out, CHOICE.spreads * spread)
 
 
 def held_points(views: Sequence[DepthView], where: str) -> tuple[Array, None]:
