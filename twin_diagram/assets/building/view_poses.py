@@ -41,9 +41,12 @@ class Tuning:
     """About how many points of a view are used on the object; as many on the support."""
 
     trusted: float = 0.5
-    """Least trust of a point: it faces the camera by more than 53°. What is seen more from the side has errors along
+    """Least trust of a point of the object: it faces the camera within 53°. What is seen more from the side has errors along
     the picture in it, which on round things are inwards alone; no step of its own view takes them away, and all the
     others' steps, each towards the object, follow: walls of mugs came out 0.15 mm thinner."""
+
+    flat_trusted: float = 0.15
+    """Least trust of a point of what surrounds it, which is flat: low views see a table from the side alone."""
 
     turned: float = 0.012
     """Distance that a normal turned by 60° counts as, when the nearest cell is sought [m]."""
@@ -213,9 +216,10 @@ class _Match:
 
 
 def _sample(view: DepthView, low: Array, high: Array, rng: np.random.Generator) -> Sample:
-    points, normals, _ = view_points(view, 1, TUNING.trusted)
+    points, normals, at = view_points(view, 1, TUNING.flat_trusted)
     near = ((points > low - 0.01) & (points < high + 0.01)).all(axis=1)
-    chosen = [rng.permutation(np.flatnonzero(which))[: TUNING.points] for which in (near, ~near)]
+    surely = view.trust[at[:, 0], at[:, 1]] > TUNING.trusted
+    chosen = [rng.permutation(np.flatnonzero(which))[: TUNING.points] for which in (near & surely, ~near)]
     c = view.camera
     p_C, n_C = (points - c.p_WC) @ c.R_WC, normals @ c.R_WC
     return Sample(p_C[chosen[0]], n_C[chosen[0]], p_C[chosen[1]], n_C[chosen[1]])
