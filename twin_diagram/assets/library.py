@@ -66,7 +66,7 @@ def check(folder: Path) -> tuple[Asset, Array]:
     """
     spec = read_spec(folder)
     if spec.files is not None:
-        unlisted = [name for name in ("model.sdf", spec.visual, *spec.pieces) if name not in spec.files]
+        unlisted = [name for name in ["model.sdf", spec.visual, *(spec.pieces or [])] if name not in spec.files]
         if unlisted:
             lacks = f"its list of files lacks {unlisted[0]}: cut off, or edited; build the asset anew"
             raise AssetError(f"{folder / 'asset.yaml'}: {lacks}")

@@ -41,9 +41,9 @@ class Tuning:
     """About how many points of a view are used on the object; as many on the support."""
 
     trusted: float = 0.5
-    """Least trust of a point of the object: it faces the camera within 53°. What is seen more from the side has errors along
-    the picture in it, which on round things are inwards alone; no step of its own view takes them away, and all the
-    others' steps, each towards the object, follow: walls of mugs came out 0.15 mm thinner."""
+    """Least trust of a point of the object: it faces the camera within 53°. What is seen more from the side has errors
+    along the picture in it, which on round things are inwards alone; no step of its own view takes them away, and all
+    the others' steps, each towards the object, follow: walls of mugs came out 0.15 mm thinner."""
 
     flat_trusted: float = 0.15
     """Least trust of a point of what surrounds it, which is flat: low views see a table from the side alone."""
