@@ -90,6 +90,7 @@ def test_scale_is_found_to_a_percent(taken: Shots, tmp_path: Path, disturbed: di
     assert all(frame.beside is not None and frame.beside.any() for frame in frames.frames)
 
 
+@pytest.mark.slow
 def test_cube_of_another_colour_or_shape_is_refused(tmp_path: Path) -> None:
     plain = shots([box((0.06, 0.05, 0.05)), box((EDGE, EDGE, EDGE), AT)], cameras(6, 0.02, distance=0.42))
     with pytest.raises(FramesError, match=r"p\.npz: no green cube: 0 green points"):
@@ -99,6 +100,7 @@ def test_cube_of_another_colour_or_shape_is_refused(tmp_path: Path) -> None:
         metric(read_predictions(written(bar, tmp_path / "p.npz")), EDGE, "p.npz")
 
 
+@pytest.mark.slow
 def test_levelling_finds_each_views_scale(taken: Shots) -> None:
     told = np.array([0.03, -0.02, 0.0, 0.015, -0.03, 0.01])
     views = [

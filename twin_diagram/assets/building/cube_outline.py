@@ -34,6 +34,9 @@ class Tuning:
     unlike: float = 0.12
     """Share of the outline that may be missing or too much after its size is fitted: hidden ones lack more."""
 
+    blurred: int = 2
+    """How far inside of an outline its colour is mixed with what is beside it [pixel]; one more outside."""
+
     pixels: float = 0.35
     """Standard deviation of where an outline's opposite sides lie together [pixel]: blur, shade, grid."""
 
@@ -119,8 +122,8 @@ def _covered(shown: Array, green: Mask) -> npt.NDArray[np.float64]:
     Those are mixed of how green it is nearest inside and outside.
     """
     box = np.ones((3, 3), np.uint8)
-    core = cv2.erode(green.astype(np.uint8), box) > 0
-    beyond = cv2.dilate(green.astype(np.uint8), box, iterations=2) == 0
+    core = cv2.erode(green.astype(np.uint8), box, iterations=TUNING.blurred) > 0
+    beyond = cv2.dilate(green.astype(np.uint8), box, iterations=TUNING.blurred + 1) == 0
     if not core.any() or not beyond.any():
         return green.astype(float)
     _, own = ndimage.distance_transform_edt(~core, return_indices=True)
