@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from twin_diagram.assets.building.cube_scale import Cube
 from twin_diagram.assets.building.from_mesh import AssetPlace, BuiltAsset, build_from_triangles, check_told
 from twin_diagram.assets.building.predictions import metric, read_predictions
 from twin_diagram.assets.building.reconstruct import FrameSource, Reconstruction, reconstruct
@@ -103,20 +104,24 @@ def build_from_predictions(
         raise AssetError(f"--cube-edge {cube_edge:g}: must be positive [m]")
     place_for(name, library, replace_it)
     predicted = read_predictions(file)
-    frames, factor = metric(predicted if masks is None else predicted.masked(masks), cube_edge, str(file))
+    frames, cube, factor = metric(predicted if masks is None else predicted.masked(masks), cube_edge, str(file))
     say(f"scale: {factor:.5g} m per unit of the predictions")
-    return asset_of_frames(frames, AssetPlace(name, library, mass, density, replace_it), str(file), say)
+    return asset_of_frames(frames, AssetPlace(name, library, mass, density, replace_it), str(file), say, cube)
 
 
 def asset_of_frames(
-    frames: FrameSource, told: AssetPlace, where: str, say: Callable[[str], None] = lambda text: None
+    frames: FrameSource,
+    told: AssetPlace,
+    where: str,
+    say: Callable[[str], None] = lambda text: None,
+    beside: Cube | None = None,
 ) -> BuiltAsset:
-    """Reconstruct what frames show, colour it, and put it into a library.
+    """Reconstruct what frames show, colour it, and put it into a library; `beside` is a cube that is none of it.
 
     Raises:
         FramesError, AssetError: as of `build_from_frames`.
     """
-    found = reconstruct(frames, where, say=say)
+    found = reconstruct(frames, where, say=say, beside=beside)
     atlas = lay_out(len(found.faces))
     picture = textured(found.views, found.vertices, found.faces, atlas)
     notes = [
