@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
@@ -12,15 +12,18 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
+from twin_diagram.errors import TwinError
 from twin_diagram.perception.pinhole import Pinhole
 from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.rotation import from_quaternion
 from twin_diagram.perception.registration.slots import SLOT_SIZE, Slot, measurement
 from twin_diagram.perception.registration.tracking import step
 from twin_diagram.perception.registration.view import Known
-from twin_diagram.perception.registration.whole_image import ImageSettings, OtherMemory, advance, sizes
+from twin_diagram.perception.registration.whole_image import ImageSettings, OtherMemory, advance, introduced, sizes
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.perception.things.memory import Life
 from twin_diagram.runtime.timing import timed
+from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER
 
 
@@ -88,6 +91,7 @@ class IcpPoseEstimator(LeafSystem):
         self.names = tuple(library)
         """The objects, in the order of `object_poses`."""
         self._library = tuple(Known.of(ModelCloud.of(asset, params.model_points)) for asset in library.values())
+        self._added: list[Known] = []
         self._params = params
         self._smallest = tuning.smallest
         none = Segments.empty(Pinhole.from_scenario(camera).straight, tuning.stride, tuning.table_height)
@@ -113,6 +117,44 @@ class IcpPoseEstimator(LeafSystem):
             life = Life(lives.stale_after, lives.lost_after)
             self._told = ImageSettings(self._library, params, tuning.smallest, slots, life, camera.colour_std)
             self._declare_beside(self._told)
+
+    def check_slots(self) -> None:
+        """Refuse, with a TwinError, assets that come later where there are no slots for them at all."""
+        if self._told is None or not self._told.further:
+            raise TwinError("the twin has no slots for further objects: twin.slots.instances leaves none")
+
+    def add_asset(self, asset: Asset) -> int:
+        """Take in an asset that came later; answer its number, which follows the library's. No Context uses it yet."""
+        self._added.append(Known.of(ModelCloud.of(asset, self._params.model_points)))
+        return len(self._library) + len(self._added) - 1
+
+    def use_asset(self, context: Context, number: int, pose: Array | None = None) -> None:
+        """Look for an asset that was added from the next image on, and follow it, in this Context.
+
+        Args:
+            context: this system's own, at rest: between two steps of a simulator.
+            number: as `add_asset` gave it.
+            pose: (7) X_WO now, where that is known; None: it is searched for.
+
+        Raises:
+            IndexError: there is no such asset.
+            TwinError: no slot is free.
+        """
+        if self._told is None or not 0 <= number - len(self._library) < len(self._added):
+            raise IndexError(f"asset {number}: {len(self._added)} were added, from {len(self._library)} on")
+        slot = Slot()
+        if pose is not None:
+            slot = Slot(True, from_quaternion(pose[:4]), np.array(pose[4:]), np.zeros(6), context.get_time())
+        state = context.get_mutable_discrete_state(int(self._beside))
+        beside = OtherMemory.unpack(np.asarray(state.value()), self._told)
+        state.SetFromVector(introduced(beside, number, slot).pack())
+
+    def own_slots(self, context: Context) -> dict[int, int]:
+        """Return the numbers of the added assets that a Context uses, by the identity of the first instance of each."""
+        if self._told is None:
+            return {}
+        beside = OtherMemory.unpack(np.asarray(context.get_discrete_state(int(self._beside)).value()), self._told)
+        return {one.identity: one.asset for one in beside.further if one.identity and one.own}
 
     def _declare_beside(self, told: ImageSettings) -> None:
         """Declare memory and outputs of what there is beside the first instance of each object."""
@@ -142,7 +184,7 @@ class IcpPoseEstimator(LeafSystem):
             after, found, _ = step(self._library, slots, segments, self._params, self._smallest)
         else:
             beside = OtherMemory.unpack(context.get_discrete_state(self._beside).value(), self._told)
-            outcome = advance(slots, beside, segments, self._told)
+            outcome = advance(slots, beside, segments, replace(self._told, added=tuple(self._added)))
             after, found = outcome.slots, outcome.poses
             discrete.get_mutable_vector(self._beside).SetFromVector(outcome.beside.pack())
             told = np.concatenate([outcome.further, outcome.things, np.array(outcome.beside.turned_away, dtype=float)])

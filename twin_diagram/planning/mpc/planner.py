@@ -203,7 +203,7 @@ class MotionPlanner:
         forecast = self.scene.forecast(tracks, *beside)
         further, things = (*beside, None, None)[:2]
         seed = (self.params.seed, memory.tick, 1)
-        question = Question(seed, q0, goal, memory.goals, False, tracks, further, things)
+        question = Question(seed, q0, goal, memory.goals, False, tracks, further, things, added=tuple(self.scene.added))
         before = memory
         memory = self._aim(memory, q0, stop, goal, forecast, rng)
         memory = self._heard(memory, q0, forecast)
