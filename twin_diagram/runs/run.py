@@ -23,6 +23,7 @@ from twin_diagram.estimation.filter.parameter_status import standings
 from twin_diagram.logs import read_log
 from twin_diagram.runs.brake_watch import BrakeWatch
 from twin_diagram.runs.camera_score import camera_told
+from twin_diagram.runs.growth_watch import GrowthWatch
 from twin_diagram.runs.health_watch import HealthWatch
 from twin_diagram.runs.object_watch import ObjectWatch
 from twin_diagram.runs.outputs import Keeping, Looking, Mending, Say, check_places
@@ -74,7 +75,8 @@ def run_scenario(
     Args:
         scenario: with any station; only a simulated one can be scored.
         out: folder for ``summary.json``, ``events.jsonl`` and, with `pictures`, ``replay.html``, ``diagram.svg`` and
-            plots; with ``twin.healing`` also ``healing/``, a folder for each search.
+            plots; with ``twin.healing`` also ``healing/``, a folder for each search; with
+            ``twin.growth`` also ``grown/``, a library.
         record: folder for a recording that `replay_log` runs again.
         log: the measured log, .csv or .npz.
         show: opens meshcat and runs no faster than real time.
@@ -108,7 +110,9 @@ def run_scenario(
         leave.clear()
         _search_beside(loop, stack)
         healer = stack.enter_context(mend.healer(loop.twin))
-        stop, trial, summary = _simulate(loop, simulator, Progress(scenario.duration, quiet), healer.poll, leave, say)
+        growth = stack.enter_context(GrowthWatch(scenario, loop.twin, leave, say))
+        progress = Progress(scenario.duration, quiet)
+        stop, trial, summary = _simulate(loop, simulator, progress, healer.poll, growth, leave, say)
         if stop is not None:
             keep.cut(simulator.get_context().get_time())
     if out is not None:
@@ -166,6 +170,7 @@ def _simulate(
     simulator: Simulator,
     progress: Progress,
     between: Callable[[Context], None],
+    growth: GrowthWatch,
     leave: RunFolder,
     say: Say,
 ) -> tuple[KeyboardInterrupt | None, Trial | None, dict[str, Any]]:
@@ -181,6 +186,7 @@ def _simulate(
 
     def each(context: Context) -> None:
         between(context)
+        growth.poll(context)
         health.poll(context)
         objects.poll(context)
         brakes.poll(context)
@@ -191,7 +197,7 @@ def _simulate(
     def told() -> dict[str, Any]:
         context = simulator.get_context()
         lacks = health.told(context) + searches.told()
-        besides = {"things": objects.told(context), "health": lacks} | brakes.told(context)
+        besides = {"things": objects.told(context), "health": lacks} | brakes.told(context) | growth.told()
         task = objects.task_told(context)
         if score is not None:
             task["task"] |= score.told(context)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
+from typing import Final, cast
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -16,7 +16,8 @@ from pydrake.systems.framework import Context, Diagram
 
 from twin_diagram.assets.asset import Asset
 from twin_diagram.errors import TwinError
-from twin_diagram.perception.registration.pose_system import IcpPoseEstimator
+from twin_diagram.perception.registration.pose_system import IcpPoseEstimator, Looked
+from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.planning.braking.stop_monitor import StopMonitor
 from twin_diagram.planning.mpc_system import Mpc
 from twin_diagram.scene.object_events import Names
@@ -52,16 +53,32 @@ class AddedAssets:
         name = asset.name if name is None else name
         if name in self._scene.object_names or name in self.assets:
             raise TwinError(f"asset {name}: the twin knows an object of this name already; choose another")
-        if self._sight is None:
-            raise TwinError(f"asset {name}: the twin has no perception of its own that could find it")
-        self._sight.check_slots()
+        sight = self.check(f"asset {name}: ")
         number = self._scene.add_kind(name, asset.folder)
-        found = self._sight.add_asset(asset)
+        found = sight.add_asset(asset)
         assert found == number
         for system in self._movers:
             system.add_asset(asset)
         self.assets[name] = asset
         return number
+
+    def check(self, whose: str = "") -> IcpPoseEstimator:
+        """Return what finds objects; raise TwinError where there are no eyes, or no slots for what comes later."""
+        if self._sight is None:
+            raise TwinError(f"{whose}the twin has no perception of its own that could find it")
+        self._sight.check_slots()
+        return self._sight
+
+    def looked(self, diagram: Diagram, context: Context) -> Looked:
+        """Return what the newest image that was looked at showed of known objects, in a Context of the twin."""
+        sight = self.check()
+        return sight.looked(diagram.GetSubsystemContext(sight, context))
+
+    def segments(self, diagram: Diagram, context: Context) -> Segments:
+        """Return the newest image taken apart, in a Context of the twin."""
+        sight = self.check()
+        port = sight.GetInputPort("segments")
+        return cast(Segments, port.Eval(diagram.GetSubsystemContext(sight, context)))
 
     def use(self, diagram: Diagram, context: Context, number: int, X_WO: RigidTransform | None) -> None:
         """Look for an asset in one Context; see `TwinDiagram.use_asset`."""

@@ -14,6 +14,8 @@ from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.errors import TwinError
 from twin_diagram.perception.pinhole import Pinhole
+from twin_diagram.perception.registration.colour_shift import ColourShift
+from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.rotation import from_quaternion
 from twin_diagram.perception.registration.slots import SLOT_SIZE, Slot, measurement
@@ -21,10 +23,12 @@ from twin_diagram.perception.registration.tracking import step
 from twin_diagram.perception.registration.view import Known
 from twin_diagram.perception.registration.whole_image import ImageSettings, OtherMemory, advance, introduced, sizes
 from twin_diagram.perception.segmentation.segments import Segments
+from twin_diagram.perception.things.clusters import Placed
 from twin_diagram.perception.things.memory import Life
 from twin_diagram.runtime.timing import timed
 from twin_diagram.signals.arrays import Array
-from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER
+from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER, PoseMeasurement
+from twin_diagram.signals.things import FURTHER_MEASUREMENT_SIZE, OWNER_SIZE
 
 
 @dataclass(frozen=True)
@@ -36,6 +40,29 @@ class Tuning:
 
 
 TUNING = Tuning()
+
+
+@dataclass(frozen=True)
+class Looked:
+    """What the newest image that was looked at showed.
+
+    Attributes:
+        time: when it was taken [s]; `NEVER` before the first.
+        known: the objects that were found.
+        shift: how far colours lie beside depth.
+        params: tuning.
+        smallest: points that make an object.
+    """
+
+    time: float
+    known: list[Placed]
+    shift: ColourShift
+    params: scenario.Registration
+    smallest: int
+
+    def frame(self, segments: Segments) -> Frame:
+        """Return the image ready for registration."""
+        return Frame.of(segments, self.shift)
 
 
 class IcpPoseEstimator(LeafSystem):
@@ -155,6 +182,25 @@ class IcpPoseEstimator(LeafSystem):
             return {}
         beside = OtherMemory.unpack(np.asarray(context.get_discrete_state(int(self._beside)).value()), self._told)
         return {one.identity: one.asset for one in beside.further if one.identity and one.own}
+
+    def looked(self, context: Context) -> Looked:
+        """Return what the newest image showed; `context` is this system's."""
+        assert self._told is not None
+        beside = OtherMemory.unpack(np.asarray(context.get_discrete_state(int(self._beside)).value()), self._told)
+        last = float(context.get_discrete_state(self._last).value()[0])
+        measured = np.asarray(context.get_discrete_state(self._out).value()).reshape(-1, MEASUREMENT_SIZE)
+        rows = list(enumerate(measured))
+        size, _ = sizes(self._told)
+        further = np.asarray(context.get_discrete_state(self._beside_out).value())[:size]
+        rows += [(int(row[1]), row[OWNER_SIZE:]) for row in further.reshape(-1, FURTHER_MEASUREMENT_SIZE) if row[0] > 0]
+        found = [(k, PoseMeasurement.unpack(row)) for k, row in rows]
+        every = (*self._library, *self._added)
+        known = [
+            (every[k].model, from_quaternion(one.pose[:4]), np.array(one.pose[4:]))
+            for k, one in found
+            if one.quality > 0
+        ]
+        return Looked(last, known, beside.shift, self._params, self._smallest)
 
     def _declare_beside(self, told: ImageSettings) -> None:
         """Declare memory and outputs of what there is beside the first instance of each object."""

@@ -1,0 +1,240 @@
+"""An unknown thing followed by what was seen of it, and the pictures that may make it an asset: pure functions.
+
+The thing's own frame T is that of W, about its middle, when its first picture was taken. From image to image it is
+registered with its own partial cloud, as known objects are with theirs, so it does not matter whether it turned or the
+camera moved. A picture that shows a new side is kept in T (see `assets.building.growth`), and its surface joins the
+cloud. A thing that cannot be followed any more begins anew: pictures of two places of T would be of two things.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.assets import Asset
+from twin_diagram.assets.building.growth import Growth, Support, in_thing
+from twin_diagram.logs.frames.scene_folder import RgbdFrame
+from twin_diagram.logs.frames.view_camera import ViewCamera
+from twin_diagram.perception.registration.frame import whole_pixels
+from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.slots import Slot, predict, seen
+from twin_diagram.perception.registration.view import Known, View
+from twin_diagram.perception.registration.where_expected import register_where_expected
+from twin_diagram.perception.segmentation.planes import Plane
+from twin_diagram.perception.segmentation.segments import TUNING as SEGMENTS
+from twin_diagram.perception.segmentation.segments import Segments
+from twin_diagram.perception.things.clusters import Placed, clusters, unexplained
+from twin_diagram.perception.things.memory import Remembered, matched
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import NEVER
+from twin_diagram.signals.things import Thing
+
+Indices = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them; chosen by hand."""
+
+    fewest: int = 200
+    """Points that a thing's first picture must have: fewer make no cloud that could be followed."""
+
+    most: int = 3000
+    """Points of a partial cloud: as many as an asset's has."""
+
+    fits: float = 0.6
+    """Share of the cloud in view that must fit where a picture is kept: what is followed well has 0.8 and more."""
+
+    open: float = 0.8
+    """And share of what faces the camera that nothing hides: half behind an arm, a box was taken for tilted by 10°."""
+
+    given_up: float = 1.0
+    """A thing that could not be followed for so long begins anew [s]."""
+
+    stands: float = 0.02
+    """A thing whose lowest points are farther above all planes stands on none [m]."""
+
+    on_plane: float = 0.006
+    """What is nearer to the plane than this shows it [m], …"""
+
+    sigmas: float = 3.0
+    """… and so many standard deviations of depth."""
+
+    beside: float = 0.5
+    """About a thing so much of its extent in the image is kept with it: the plane under it is found there, …"""
+
+    least_beside: int = 24
+    """… and no fewer pixels than this."""
+
+    fastest: float = 2.0
+    """A picture is kept of what turns more slowly than this [rad/s]: a frame of 1/15 s then blurs it by 8°."""
+
+
+TUNING = Tuning()
+
+
+@dataclass(frozen=True)
+class GrowingThing:
+    """An unknown thing and what was seen of it.
+
+    Attributes:
+        slot: where it is and how it moves: X_WT.
+        growth: its pictures.
+        cloud: what they show, ready to be registered; None before there is one.
+        begun: capture time of its first picture [s].
+    """
+
+    slot: Slot = field(default_factory=Slot)
+    growth: Growth = field(default_factory=Growth)
+    cloud: Known | None = None
+    begun: float = NEVER
+
+    def placed(self, R_TO: Array, p_TO: Array, time: float) -> tuple[Array, Array]:
+        """Return R_WO (3, 3) and p_WO (3,) [m] at a time of what sits in the thing."""
+        R, p = predict(self.slot, time)
+        return R @ R_TO, R @ p_TO + p
+
+
+def shown(things: Sequence[Thing], segments: Segments, known: Sequence[Placed]) -> dict[int, Indices]:
+    """Return which of the segments' points show which unknown thing, by its identity.
+
+    Args:
+        things: as they are believed to be after this image.
+        segments: the image taken apart.
+        known: the known objects that the image shows.
+    """
+    slots = [Remembered(thing) for thing in things if thing.stands and thing.last_seen >= segments.time]
+    if not slots:
+        return {}
+    found = clusters(segments, unexplained(segments, known))
+    cluster_of, _ = matched(slots, [segments.points_W[own] for own in found], segments)
+    return {slots[k].thing.identity: found[j] for k, j in cluster_of.items()}
+
+
+def grown_on(
+    growing: Mapping[int, GrowingThing], shows: Mapping[int, Indices], view: View, most: int
+) -> dict[int, GrowingThing]:
+    """Return what is known of unknown things after an image.
+
+    Args:
+        growing: before it, by identity.
+        shows: which of the segments' points show which thing; see `shown`.
+        view: the image.
+        most: so many things are followed at a time; further ones wait.
+    """
+    after = dict(growing)
+    for identity, own in sorted(shows.items()):
+        if identity in after or len(after) < most:
+            after[identity] = _with_image(after.get(identity, GrowingThing()), view, own)
+    return {identity: one for identity, one in after.items() if one.cloud is not None}
+
+
+def _with_image(thing: GrowingThing, view: View, own: Indices) -> GrowingThing:
+    """Return what is known of a thing after an image that shows it as the segments' points `own`."""
+    time, points = view.segments.time, view.segments.points_W[own]
+    if thing.cloud is None:
+        if len(own) < TUNING.fewest:
+            return thing
+        slot = Slot(True, np.eye(3), points.mean(axis=0), np.zeros(6), time)
+        return _with_picture(GrowingThing(slot, begun=time), view.segments, own)
+    found = register_where_expected(thing.cloud, thing.slot, view)
+    if found is None:
+        lost = time - thing.slot.seen > TUNING.given_up
+        return _with_image(GrowingThing(), view, own) if lost else thing
+    after = replace(thing, slot=seen(thing.slot, found, time))
+    well = found.shape >= TUNING.fits and found.visible_share >= TUNING.open
+    well = well and bool(np.linalg.norm(after.slot.velocity[:3]) < TUNING.fastest)
+    away = (view.segments.camera.p_WC - points.mean(axis=0)) @ found.R
+    if well and thing.growth.shows_new_side(away / np.linalg.norm(away)):
+        return _with_picture(after, view.segments, own)
+    return after
+
+
+def _with_picture(thing: GrowingThing, segments: Segments, own: Indices) -> GrowingThing:
+    """Return a thing with one picture more, and what that shows in its cloud."""
+    R, p = thing.slot.R, thing.slot.p
+    frame, support = picture_of(segments, own, R, p)
+    growth = thing.growth.with_frame(in_thing(frame, R, p, turned=False), support)
+    if len(growth) == len(thing.growth):
+        return thing
+    cloud = cloud_of(growth)
+    return replace(thing, growth=growth, cloud=thing.cloud if cloud is None else cloud)
+
+
+def cloud_of(growth: Growth) -> Known | None:
+    """Return what pictures show of a thing as a cloud that can be registered; None where it is too little."""
+    part = growth.partial()
+    if len(part.points) < TUNING.fewest:
+        return None
+    chosen = np.random.default_rng(0).permutation(len(part.points))[: TUNING.most]
+    points, normals, colours = part.points[chosen], part.normals[chosen], part.colours[chosen]
+    size = 2.0 * np.abs(points).max(axis=0)
+    asset = Asset("thing", Path(), points, normals, colours, None, (), 1.0, size)
+    return Known(ModelCloud.of(asset, len(chosen)), [], [])
+
+
+def picture_of(segments: Segments, own: Indices, R_WT: Array, p_WT: Array) -> tuple[RgbdFrame, Support | None]:
+    """Return the part of an image that shows a thing, its cameras in W, and what it shows of the plane under it.
+
+    Kept are the thing's depth, that of the robot before it, and that of the plane; all else may move on its own.
+
+    Args:
+        segments: the image taken apart.
+        own: the segments' points that show the thing.
+        R_WT: (3, 3) of the thing, for the plane in T.
+        p_WT: (3,) [m].
+    """
+    standing = segments.label_image >= 0
+    cells = np.zeros(standing.shape, dtype=bool)
+    rows, columns = np.nonzero(standing)
+    cells[rows[own], columns[own]] = True
+    window = _window(cells, segments.stride, segments.depth.shape)
+    depth = segments.depth[window]
+
+    def whole(mask: Mask) -> Mask:
+        return np.asarray(whole_pixels(mask, segments.stride, segments.depth.shape)[window])
+
+    mask, before = whole(cells), whole(segments.label_image == SEGMENTS.robot)
+    camera = _camera(segments, window)
+    support = None
+    plane = _plane_under(segments, segments.points_W[own])
+    table = np.zeros(mask.shape, dtype=bool)
+    if plane is not None:
+        points = (camera.rays() * depth[..., None]) @ camera.R_WC.T + camera.p_WC
+        near = TUNING.on_plane + TUNING.sigmas * segments.camera.depth_noise(depth)
+        table = (np.abs(plane.height(points)) < near) & (depth > 0) & ~mask & ~before
+        n = R_WT.T @ plane.normal
+        support = Support(np.array([*n, plane.offset - plane.normal @ p_WT]), table)
+    kept = np.where(mask | before | table, depth, 0).astype(np.float32)
+    rgb = np.ascontiguousarray(segments.rgb[window])
+    return RgbdFrame(0, segments.time, rgb, kept, mask & (depth > 0), camera, camera), support
+
+
+def _plane_under(segments: Segments, points: Array) -> Plane | None:
+    """Return the plane that points (N, 3) stand on; None where they stand on none that is seen."""
+    feet = [(abs(float(np.percentile(plane.height(points), 2.0))), k) for k, plane in enumerate(segments.planes)]
+    low, k = min(feet, default=(np.inf, 0))
+    return segments.planes[k] if low < TUNING.stands else None
+
+
+def _window(cells: Mask, stride: int, shape: tuple[int, ...]) -> tuple[slice, slice]:
+    """Return the rows and columns of the image about cells of the working grid."""
+    spans = []
+    for axis, size in ((1, shape[0]), (0, shape[1])):
+        there = np.flatnonzero(cells.any(axis=axis)) * stride
+        more = max(TUNING.least_beside, int(TUNING.beside * (there[-1] - there[0])))
+        spans.append(slice(max(0, int(there[0]) - more), min(size, int(there[-1]) + stride + more)))
+    return spans[0], spans[1]
+
+
+def _camera(segments: Segments, window: tuple[slice, slice]) -> ViewCamera:
+    """Return the camera of a window of the image, in W."""
+    rows, columns = window
+    lens, own = segments.camera.optics, segments.camera
+    size = columns.stop - columns.start, rows.stop - rows.start
+    return ViewCamera(*size, lens.fx, lens.fy, lens.cx - columns.start, lens.cy - rows.start, own.R_WC, own.p_WC)
