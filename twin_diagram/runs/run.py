@@ -75,8 +75,7 @@ def run_scenario(
     Args:
         scenario: with any station; only a simulated one can be scored.
         out: folder for ``summary.json``, ``events.jsonl`` and, with `pictures`, ``replay.html``, ``diagram.svg`` and
-            plots; with ``twin.healing`` also ``healing/``, a folder for each search; with
-            ``twin.growth`` also ``grown/``, a library.
+            plots; with ``twin.healing`` also ``healing/``, a folder for each search; with ``twin.growth`` ``grown/``.
         record: folder for a recording that `replay_log` runs again.
         log: the measured log, .csv or .npz.
         show: opens meshcat and runs no faster than real time.
@@ -95,8 +94,7 @@ def run_scenario(
     """
     check_places(out, record, log)
     leave = RunFolder(out)
-    page = out is not None and pictures
-    look = Looking(show or page, meldis, scenario.duration if page else None) if show or page or meldis else None
+    look = _looking(scenario, out is not None and pictures, show, meldis)
     with ExitStack() as stack:
         stack.push(partial(_note_stop, leave))
         stack.enter_context(_one_image_thread())
@@ -110,9 +108,8 @@ def run_scenario(
         leave.clear()
         _search_beside(loop, stack)
         healer = stack.enter_context(mend.healer(loop.twin))
-        growth = stack.enter_context(GrowthWatch(scenario, loop.twin, leave, say))
-        progress = Progress(scenario.duration, quiet)
-        stop, trial, summary = _simulate(loop, simulator, progress, healer.poll, growth, leave, say)
+        with GrowthWatch(scenario, loop.twin, leave, say) as growth:
+            stop, trial, summary = _simulate(loop, simulator, quiet, healer.poll, growth, leave, say)
         if stop is not None:
             keep.cut(simulator.get_context().get_time())
     if out is not None:
@@ -121,6 +118,12 @@ def run_scenario(
     if stop is not None:
         raise stop
     return summary
+
+
+def _looking(scenario: Scenario, page: bool, show: bool, meldis: bool) -> Looking | None:
+    """Return what is looked through; a page keeps the frames of the run."""
+    wanted = show or page or meldis
+    return Looking(show or page, meldis, scenario.duration if page else None) if wanted else None
 
 
 def _search_beside(loop: ClosedLoop, stack: ExitStack) -> None:
@@ -168,7 +171,7 @@ def _one_image_thread() -> Iterator[None]:
 def _simulate(
     loop: ClosedLoop,
     simulator: Simulator,
-    progress: Progress,
+    quiet: bool,
     between: Callable[[Context], None],
     growth: GrowthWatch,
     leave: RunFolder,
@@ -180,6 +183,7 @@ def _simulate(
         What ended it before its time, the trial, the summary.
     """
     duration, health = loop.scenario.duration, HealthWatch(loop.twin, say)
+    progress = Progress(duration, quiet)
     objects, brakes = ObjectWatch(loop.twin, leave.event), BrakeWatch(loop.twin, leave.event)
     searches = SearchWatch(loop.twin, leave.event)
     score = TaskScore(loop) if loop.twin.runner is not None and loop.scenario.station == "sim" else None

@@ -16,7 +16,7 @@ from pydrake.systems.framework import Context, Diagram
 
 from twin_diagram.assets.asset import Asset
 from twin_diagram.errors import TwinError
-from twin_diagram.perception.registration.pose_system import IcpPoseEstimator, Looked
+from twin_diagram.perception.registration.pose_system import IcpPoseEstimator, NewestLook
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.planning.braking.stop_monitor import StopMonitor
 from twin_diagram.planning.mpc_system import Mpc
@@ -69,7 +69,7 @@ class AddedAssets:
         self._sight.check_slots()
         return self._sight
 
-    def looked(self, diagram: Diagram, context: Context) -> Looked:
+    def looked(self, diagram: Diagram, context: Context) -> NewestLook:
         """Return what the newest image that was looked at showed of known objects, in a Context of the twin."""
         sight = self.check()
         return sight.looked(diagram.GetSubsystemContext(sight, context))

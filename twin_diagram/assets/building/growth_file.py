@@ -42,8 +42,8 @@ def read_growth(path: Path) -> Growth:
         with np.load(path, allow_pickle=False) as data:
             for k in range(int(data["count"])):
                 row = data[f"camera{k}"]
-                size = int(row[0]), int(row[1])
-                camera = ViewCamera(*size, *(float(x) for x in row[2:6]), row[6:15].reshape(3, 3), row[15:18])
+                fx, fy, cx, cy = (float(x) for x in row[2:6])
+                camera = ViewCamera(int(row[0]), int(row[1]), fx, fy, cx, cy, row[6:15].reshape(3, 3), row[15:18])
                 rgb = data[f"rgb{k}"] if f"rgb{k}" in data else None
                 frame = RgbdFrame(k, float(k), rgb, data[f"depth{k}"], data[f"mask{k}"], camera, camera)
                 support = Support(data[f"plane{k}"], data[f"shown{k}"]) if f"plane{k}" in data else None

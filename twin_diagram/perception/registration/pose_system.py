@@ -43,7 +43,7 @@ TUNING = Tuning()
 
 
 @dataclass(frozen=True)
-class Looked:
+class NewestLook:
     """What the newest image that was looked at showed.
 
     Attributes:
@@ -183,7 +183,7 @@ class IcpPoseEstimator(LeafSystem):
         beside = OtherMemory.unpack(np.asarray(context.get_discrete_state(int(self._beside)).value()), self._told)
         return {one.identity: one.asset for one in beside.further if one.identity and one.own}
 
-    def looked(self, context: Context) -> Looked:
+    def looked(self, context: Context) -> NewestLook:
         """Return what the newest image showed; `context` is this system's."""
         assert self._told is not None
         beside = OtherMemory.unpack(np.asarray(context.get_discrete_state(int(self._beside)).value()), self._told)
@@ -200,7 +200,7 @@ class IcpPoseEstimator(LeafSystem):
             for k, one in found
             if one.quality > 0
         ]
-        return Looked(last, known, beside.shift, self._params, self._smallest)
+        return NewestLook(last, known, beside.shift, self._params, self._smallest)
 
     def _declare_beside(self, told: ImageSettings) -> None:
         """Declare memory and outputs of what there is beside the first instance of each object."""

@@ -71,12 +71,7 @@ def track_frames(
     Raises:
         AssetError, FramesError: names file and value; nothing is written.
     """
-    if (why := why_not(out, folder=True)) is not None:
-        raise FramesError(f"--out {out}: {why}")
-    if seed < 0:
-        raise FramesError(f"--seed {seed}: must not be negative")
-    if grow is not None and (why := why_not(grow, folder=True)) is not None:
-        raise FramesError(f"--grow {grow}: {why}")
+    _check_told(out, grow, seed)
     folder = FrameFolder(frames)
     assets, numbers = _library(library, say, may_be_empty=grow is not None)
     told = [] if init is None else _first_poses(init, folder.numbers[0], numbers)
@@ -97,9 +92,7 @@ def track_frames(
             base = table_frame(depth, camera, seed)
             if not base.found:
                 say("note: no table in view; all that is seen counts as standing")
-            for name, R_CO, p_CO in told:
-                R_TC, p_TC = base.camera(camera)
-                tracker.start(name, R_TC @ R_CO, R_TC @ p_CO + p_TC, frame.time - 1e-3)
+            _start(tracker, told, base.camera(camera), frame.time - 1e-3)
         grid = Grid.of(_pinhole(frame.colour, *base.camera(camera), noise), PERCEPTION.stride)
         rgb = frame.rgb if frame.rgb is not None else np.full((*depth.shape, 3), 128, dtype=np.uint8)
         found = tracker.observe(segment(rgb, depth, frame.time, grid, PERCEPTION))
@@ -111,10 +104,32 @@ def track_frames(
             say(f"{index + 1} of {len(folder)} frames")
     if grown is not None:
         grown.close()
+    _write(out, rows, lines)
+    say(f"{out}: {len(rows)} poses in {len(lines)} frames")
+
+
+def _check_told(out: Path, grow: Path | None, seed: int) -> None:
+    """Refuse folders that cannot be written to, and a seed that is none."""
+    for option, place in (("--out", out), ("--grow", grow)):
+        if place is not None and (why := why_not(place, folder=True)) is not None:
+            raise FramesError(f"{option} {place}: {why}")
+    if seed < 0:
+        raise FramesError(f"--seed {seed}: must not be negative")
+
+
+def _start(
+    tracker: ObjectTracker, told: list[tuple[str, Array, Array]], X_TC: tuple[Array, Array], time: float
+) -> None:
+    """Tell the tracker where objects are before the first frame."""
+    R_TC, p_TC = X_TC
+    for name, R_CO, p_CO in told:
+        tracker.start(name, R_TC @ R_CO, R_TC @ p_CO + p_TC, time)
+
+
+def _write(out: Path, rows: list[list[str]], lines: list[str]) -> None:
     table = ["scene_id,im_id,obj_id,score,R,t,time", *(",".join(row) for row in rows)]
     atomic_file.write(out / "poses.csv", "".join(line + "\n" for line in table))
     atomic_file.write(out / "objects.jsonl", "".join(line + "\n" for line in lines))
-    say(f"{out}: {len(rows)} poses in {len(lines)} frames")
 
 
 def _library(
