@@ -69,6 +69,11 @@ class AddedAssets:
         self._sight.check_slots()
         return self._sight
 
+    def looked_at(self, diagram: Diagram, context: Context) -> float:
+        """Return when the newest image that was looked at was taken [s], in a Context of the twin."""
+        sight = self.check()
+        return sight.looked_at(diagram.GetSubsystemContext(sight, context))
+
     def looked(self, diagram: Diagram, context: Context) -> NewestLook:
         """Return what the newest image that was looked at showed of known objects, in a Context of the twin."""
         sight = self.check()

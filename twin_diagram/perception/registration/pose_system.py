@@ -183,11 +183,14 @@ class IcpPoseEstimator(LeafSystem):
         beside = OtherMemory.unpack(np.asarray(context.get_discrete_state(int(self._beside)).value()), self._told)
         return {one.identity: one.asset for one in beside.further if one.identity and one.own}
 
+    def looked_at(self, context: Context) -> float:
+        """Return when the newest image that was looked at was taken [s]; `context` is this system's."""
+        return float(context.get_discrete_state(self._last).value()[0])
+
     def looked(self, context: Context) -> NewestLook:
         """Return what the newest image showed; `context` is this system's."""
         assert self._told is not None
         beside = OtherMemory.unpack(np.asarray(context.get_discrete_state(int(self._beside)).value()), self._told)
-        last = float(context.get_discrete_state(self._last).value()[0])
         measured = np.asarray(context.get_discrete_state(self._out).value()).reshape(-1, MEASUREMENT_SIZE)
         rows = list(enumerate(measured))
         size, _ = sizes(self._told)
@@ -200,7 +203,7 @@ class IcpPoseEstimator(LeafSystem):
             for k, one in found
             if one.quality > 0
         ]
-        return NewestLook(last, known, beside.shift, self._params, self._smallest)
+        return NewestLook(self.looked_at(context), known, beside.shift, self._params, self._smallest)
 
     def _declare_beside(self, told: ImageSettings) -> None:
         """Declare memory and outputs of what there is beside the first instance of each object."""

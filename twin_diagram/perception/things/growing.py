@@ -21,6 +21,8 @@ from twin_diagram.logs.frames.scene_folder import RgbdFrame
 from twin_diagram.logs.frames.view_camera import ViewCamera
 from twin_diagram.perception.registration.frame import whole_pixels
 from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.registration import RegisteredPose
+from twin_diagram.perception.registration.rotation import exp
 from twin_diagram.perception.registration.slots import Slot, predict, seen
 from twin_diagram.perception.registration.view import Known, View
 from twin_diagram.perception.registration.where_expected import register_where_expected
@@ -57,7 +59,16 @@ class Tuning:
     """A thing that could not be followed for so long begins anew [s]."""
 
     stands: float = 0.02
-    """A thing whose lowest points are farther above all planes stands on none [m]."""
+    """A thing whose lowest points are farther above all planes stands on none [m], but for noise: see `sigmas`."""
+
+    sinks: float = 0.05
+    """Nor does what is so far below one [m]: pixels at a thing's edge may lie deeper."""
+
+    snaps: float = float(np.radians(7.0))
+    """What stood on a plane and seems tilted by less than this stands on it [rad]: noise of a D435 does …"""
+
+    tipped: float = float(np.radians(15.0))
+    """… and beyond this it was tipped over [rad]; in between no picture is kept."""
 
     on_plane: float = 0.006
     """What is nearer to the plane than this shows it [m], …"""
@@ -146,13 +157,42 @@ def _with_image(thing: GrowingThing, view: View, own: Indices) -> GrowingThing:
     if found is None:
         lost = time - thing.slot.seen > TUNING.given_up
         return _with_image(GrowingThing(), view, own) if lost else thing
+    under = _plane_under(view.segments, points)
+    found, tilt = standing(found, thing.growth, under)
     after = replace(thing, slot=seen(thing.slot, found, time))
-    well = found.shape >= TUNING.fits and found.visible_share >= TUNING.open
-    well = well and bool(np.linalg.norm(after.slot.velocity[:3]) < TUNING.fastest)
     away = (view.segments.camera.p_WC - points.mean(axis=0)) @ found.R
-    if well and thing.growth.shows_new_side(away / np.linalg.norm(away)):
-        return _with_picture(after, view.segments, own)
-    return after
+    new = thing.growth.shows_new_side(away / np.linalg.norm(away))
+    slow = bool(np.linalg.norm(after.slot.velocity[:3]) < TUNING.fastest)
+    sure = tilt < TUNING.snaps or tilt > TUNING.tipped
+    # Where the table does not show for once, nobody knows whether it stands.
+    sure = sure and bool(view.segments.planes or not any(thing.growth.supports))
+    well = found.shape >= TUNING.fits and found.visible_share >= TUNING.open
+    return _with_picture(after, view.segments, own) if new and slow and sure and well else after
+
+
+def standing(found: RegisteredPose, growth: Growth, under: Plane | None) -> tuple[RegisteredPose, float]:
+    """Return the pose of what stands as it stood before, and by how much it seems tilted [rad]; 0 where nobody can say.
+
+    Noise that is correlated over a thing tilts and lifts it; a plane that is seen around it does not move.
+
+    Args:
+        found: X_WT as registered.
+        growth: its pictures.
+        under: the plane on which it stands in this image; None: none.
+    """
+    before = growth.supports[0] if growth.supports else None
+    if before is None or under is None:
+        return found, 0.0
+    n, m = found.R @ before.plane[:3], under.normal
+    axis = np.cross(n, m)
+    sine = float(np.linalg.norm(axis))
+    tilt = float(np.arctan2(sine, n @ m))
+    if tilt > TUNING.snaps:
+        return found, tilt
+    R = found.R if sine < 1e-9 else exp(axis / sine * tilt) @ found.R
+    # The plane stays where it is in T: n·(p + R x) = offset for n_T·x = d.
+    p = found.p + (under.offset - before.plane[3] - m @ found.p) * m
+    return replace(found, R=R, p=p), tilt
 
 
 def _with_picture(thing: GrowingThing, segments: Segments, own: Indices) -> GrowingThing:
@@ -217,9 +257,11 @@ def picture_of(segments: Segments, own: Indices, R_WT: Array, p_WT: Array) -> tu
 
 def _plane_under(segments: Segments, points: Array) -> Plane | None:
     """Return the plane that points (N, 3) stand on; None where they stand on none that is seen."""
-    feet = [(abs(float(np.percentile(plane.height(points), 2.0))), k) for k, plane in enumerate(segments.planes)]
-    low, k = min(feet, default=(np.inf, 0))
-    return segments.planes[k] if low < TUNING.stands else None
+    z = float((points.mean(axis=0) - segments.camera.p_WC) @ segments.camera.R_WC[:, 2])
+    above = TUNING.stands + TUNING.sigmas * float(segments.camera.depth_noise(np.array(z)))
+    feet = [float(np.percentile(plane.height(points), 5.0)) for plane in segments.planes]
+    near = [(abs(foot), k) for k, foot in enumerate(feet) if -TUNING.sinks < foot < above]
+    return segments.planes[min(near)[1]] if near else None
 
 
 def _window(cells: Mask, stride: int, shape: tuple[int, ...]) -> tuple[slice, slice]:

@@ -150,23 +150,21 @@ class Grower:
 
     def _look(self, own: Context) -> None:
         """Take in the newest image, where it shows unknown things."""
-        sight = self._twin.added.looked(self._twin.diagram, own)
-        if sight.time <= self._image:
+        time = self._twin.added.looked_at(self._twin.diagram, own)
+        if time <= self._image:
             return
-        self._image = sight.time
+        self._image = time
         things = things_of(np.asarray(self._twin.diagram.GetOutputPort("things").Eval(own)))
         present = {thing.identity for thing in things if thing.stands}
-        self.growing = {
-            k: one
-            for k, one in self.growing.items()
-            if k in present or (sight.time - one.slot.seen < TUNING.forgotten and k not in self.grown)
-        }
+        kept = (k for k, one in self.growing.items() if k in present or time - one.slot.seen < TUNING.forgotten)
+        self.growing = {k: self.growing[k] for k in kept}
         things = [thing for thing in things if self._may(thing.identity) and thing.identity not in self.grown]
-        if not any(thing.stands and thing.last_seen >= sight.time for thing in things):
+        if not any(thing.stands and thing.last_seen >= time for thing in things):
             return
         segments = self._twin.added.segments(self._twin.diagram, own)
-        if abs(segments.time - sight.time) > TUNING.tick:
+        if abs(segments.time - time) > TUNING.tick:
             return  # a newer image has just come, which the next look takes in
+        sight = self._twin.added.looked(self._twin.diagram, own)
         view = View(segments, sight.frame(segments), sight.params, sight.smallest)
         self.growing = grown_on(self.growing, shown(things, segments, sight.known), view, self._params.things)
 
