@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,7 @@ from tests.small_loop import estimates, same, small_scenario
 from twin_diagram.errors import AssetError, TwinError
 from twin_diagram.planning.collision.convex_solids import solid_of
 from twin_diagram.planning.collision.solid_batch import Body
+from twin_diagram.planning.paths.guide import Question
 from twin_diagram.runs.object_watch import ObjectWatch
 from twin_diagram.scenario.resources import models_dir
 from twin_diagram.signals.arrays import Array
@@ -52,6 +55,7 @@ class Run:
         self.events: list[Any] = []
         self.watch = ObjectWatch(loop.twin, self.events.append)
         self.looks: list[dict[str, Array]] = []
+        self.guide = b""
 
     @property
     def context(self) -> Context:
@@ -78,6 +82,8 @@ def runs(egl: None) -> Iterator[tuple[Run, Run, Run]]:
     first, other, alone = Run(loop), Run(loop), Run(loop_without_can())
     for run in (first, other, alone):
         run.go(0.3)
+    assert loop.twin.mpc is not None
+    first.guide = pickle.dumps(loop.twin.mpc.planner.guide)
     number = loop.twin.add_asset(CAN)
     loop.twin.use_asset(first.own, number)
     loop.twin.use_asset(first.own, number)  # once more changes nothing
@@ -126,8 +132,16 @@ def test_scene_planner_and_monitor_have_its_shape(runs: tuple[Run, Run, Run]) ->
     solids = [solid_of(piece) for piece in twin.added.assets["can"].convex_pieces]
     np.testing.assert_array_equal(forecast.beside[0].surface_O, Body.of("can", solids).surface_O)
 
-    monitor = twin.diagram.GetSubsystemContext(twin.monitor, first.own)
+    # What searches in another process has a copy of the scene from before: it is told with each question.
     q = np.array(twin.diagram.GetOutputPort("arm_state").Eval(first.own))
+    home, nowhere = q[: len(q) // 2], np.zeros(7)
+    question = Question((1,), home, nowhere, home[None], False, tracks, rows.ravel(), added=tuple(planned.added))
+    answers = [guide.answer(question) for guide in (twin.mpc.planner.guide, pickle.loads(first.guide))]
+    np.testing.assert_array_equal(answers[0].points, answers[1].points)
+    with pytest.raises(IndexError):
+        pickle.loads(first.guide).answer(replace(question, added=()))
+
+    monitor = twin.diagram.GetSubsystemContext(twin.monitor, first.own)
     scene = twin.monitor._scene(monitor, first.context.get_time(), q)
     assert scene.shapes.present[len(twin.library) + slot] and scene.shapes.assets[slot] == len(twin.library)
     assert scene.radii[len(twin.library) + slot] == pytest.approx(
