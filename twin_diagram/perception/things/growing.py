@@ -21,7 +21,7 @@ from twin_diagram.logs.frames.scene_folder import RgbdFrame
 from twin_diagram.logs.frames.view_camera import ViewCamera
 from twin_diagram.perception.registration.frame import whole_pixels
 from twin_diagram.perception.registration.model_cloud import ModelCloud
-from twin_diagram.perception.registration.registration import RegisteredPose
+from twin_diagram.perception.registration.registration import RegisteredPose, register
 from twin_diagram.perception.registration.rotation import exp
 from twin_diagram.perception.registration.slots import Slot, predict, seen
 from twin_diagram.perception.registration.view import Known, View
@@ -63,6 +63,24 @@ class Tuning:
 
     sinks: float = 0.05
     """Nor does what is so far below one [m]: pixels at a thing's edge may lie deeper."""
+
+    turns: float = 0.2
+    """What stands may turn on its plane by this from image to image [rad], a standard deviation, …"""
+
+    shifts: float = 0.03
+    """… slide on it by this [m], …"""
+
+    steady: tuple[float, float] = (0.01, 0.002)
+    """… and tilts and lifts by no more than a plane is known to [rad], [m]."""
+
+    sure: float = 0.85
+    """Where less than this share of what fits in shape fits in colour …"""
+
+    tried: tuple[float, ...] = (-0.12, 0.12)
+    """… turns by these are tried, too [rad]: registration finds back from about that."""
+
+    shown: float = 0.3
+    """Of what is shown to a smaller share, what stands cannot be told from what does not."""
 
     snaps: float = float(np.radians(7.0))
     """What stood on a plane and seems tilted by less than this stands on it [rad]: noise of a D435 does …"""
@@ -153,11 +171,11 @@ def _with_image(thing: GrowingThing, view: View, own: Indices) -> GrowingThing:
             return thing
         slot = Slot(True, np.eye(3), points.mean(axis=0), np.zeros(6), time)
         return _with_picture(GrowingThing(slot, begun=time), view.segments, own)
-    found = register_where_expected(thing.cloud, thing.slot, view)
+    under = _plane_under(view.segments, points)
+    found = _upright(thing, view, under) or register_where_expected(thing.cloud, thing.slot, view)
     if found is None:
         lost = time - thing.slot.seen > TUNING.given_up
         return _with_image(GrowingThing(), view, own) if lost else thing
-    under = _plane_under(view.segments, points)
     found, tilt = standing(found, thing.growth, under)
     after = replace(thing, slot=seen(thing.slot, found, time))
     away = (view.segments.camera.p_WC - points.mean(axis=0)) @ found.R
@@ -168,6 +186,31 @@ def _with_image(thing: GrowingThing, view: View, own: Indices) -> GrowingThing:
     sure = sure and bool(view.segments.planes or not any(thing.growth.supports))
     well = found.shape >= TUNING.fits and found.visible_share >= TUNING.open
     return _with_picture(after, view.segments, own) if new and slow and sure and well else after
+
+
+def _upright(thing: GrowingThing, view: View, under: Plane | None) -> RegisteredPose | None:
+    """Register a thing that stood on a plane as one that still does; None where that does not explain the image.
+
+    One noisy side of what is round is explained by tilting it nearly as well as by turning it.
+    """
+    if thing.cloud is None or under is None or not any(thing.growth.supports):
+        return None
+    slot, time = thing.slot, view.segments.time
+    n = np.abs(under.normal)
+    turn = n / TUNING.turns + (1.0 - n) / TUNING.steady[0]
+    shift = n / TUNING.steady[1] + (1.0 - n) / TUNING.shifts
+    prior = np.square(np.concatenate([turn, shift]))
+    best: RegisteredPose | None = None
+    starts = [predict(slot, time)] + ([(slot.R, slot.p)] if slot.velocity.any() else [])
+    for k, (R, p) in enumerate(starts):  # which may grow
+        found = register(thing.cloud.model, view.frame, R, p, view.params, prior=prior)
+        if best is None or found.quality > best.quality:
+            best = found
+        if k == 0 and found.quality < TUNING.sure * found.shape:
+            turns = (exp(angle * under.normal) for angle in TUNING.tried)
+            starts += [(T @ R, p) for T in turns]
+    assert best is not None
+    return best if best.shape >= TUNING.fits and best.visible_share >= TUNING.shown else None
 
 
 def standing(found: RegisteredPose, growth: Growth, under: Plane | None) -> tuple[RegisteredPose, float]:
