@@ -21,10 +21,11 @@ from twin_diagram.logs.frames.scene_folder import RgbdFrame
 from twin_diagram.logs.frames.view_camera import ViewCamera
 from twin_diagram.perception.registration.frame import whole_pixels
 from twin_diagram.perception.registration.model_cloud import ModelCloud
-from twin_diagram.perception.registration.registration import RegisteredPose, register
+from twin_diagram.perception.registration.registration import RegisteredPose, claimed, register
 from twin_diagram.perception.registration.rotation import exp
 from twin_diagram.perception.registration.slots import Slot, predict, seen
 from twin_diagram.perception.registration.view import Known, View
+from twin_diagram.perception.registration.where_expected import TUNING as EXPECTED
 from twin_diagram.perception.registration.where_expected import register_where_expected
 from twin_diagram.perception.segmentation.planes import Plane
 from twin_diagram.perception.segmentation.segments import TUNING as SEGMENTS
@@ -203,7 +204,9 @@ def _upright(thing: GrowingThing, view: View, under: Plane | None) -> Registered
     best: RegisteredPose | None = None
     starts = [predict(slot, time)] + ([(slot.R, slot.p)] if slot.velocity.any() else [])
     for k, (R, p) in enumerate(starts):  # which may grow
-        found = register(thing.cloud.model, view.frame, R, p, view.params, prior=prior)
+        model, segments = thing.cloud.model, view.segments
+        thin = segments.points_W[claimed(model, segments, R, p, view.params.reach, EXPECTED.thin)]
+        found = register(model, view.frame, R, p, view.params, prior=prior, points_W=thin)
         if best is None or found.quality > best.quality:
             best = found
         if k == 0 and found.quality < TUNING.sure * found.shape:
