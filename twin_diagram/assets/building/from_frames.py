@@ -121,7 +121,15 @@ def asset_of_frames(
     Raises:
         FramesError, AssetError: as of `build_from_frames`.
     """
-    found = reconstruct(frames, where, say=say, beside=beside)
+    return asset_of_shape(reconstruct(frames, where, say=say, beside=beside), told, where)
+
+
+def asset_of_shape(found: Reconstruction, told: AssetPlace, where: str) -> BuiltAsset:
+    """Colour what was reconstructed and put it into a library.
+
+    Raises:
+        AssetError: as of `build_from_frames`.
+    """
     atlas = lay_out(len(found.faces))
     picture = textured(found.views, found.vertices, found.faces, atlas)
     notes = [
@@ -138,8 +146,14 @@ def asset_of_frames(
 
 def upright(found: Reconstruction) -> Array:
     """Return the vertices (V, 3) turned the least way that takes the support's normal to z, its plane at z = 0."""
+    R, p = upright_pose(found)
+    return np.asarray((found.vertices - p) @ R.T)
+
+
+def upright_pose(found: Reconstruction) -> tuple[Array, Array]:
+    """Return R (3, 3) and p (3,) [m] of `upright`: what is at v comes to R (v − p)."""
     if found.plane is None:
-        return found.vertices
+        return np.eye(3), np.zeros(3)
     n, d = found.plane[:3], found.plane[3]
     z = np.array([0.0, 0.0, 1.0])
     v, c = np.cross(n, z), float(n @ z)
@@ -148,4 +162,4 @@ def upright(found: Reconstruction) -> Array:
     else:
         skew = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
         R = np.eye(3) + skew + skew @ skew / (1 + c)
-    return np.asarray((found.vertices - d * n) @ R.T)
+    return np.asarray(R), np.asarray(d * n)
