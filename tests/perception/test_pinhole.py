@@ -7,7 +7,7 @@ import numpy.typing as npt
 import pytest
 from pydrake.math import RollPitchYaw
 
-from twin_diagram.perception.pinhole import Pinhole, back_project, grid_normals
+from twin_diagram.perception.pinhole import Pinhole, back_project, surface_at
 from twin_diagram.scenario import Camera, Pose
 
 Array = npt.NDArray[np.float64]
@@ -67,15 +67,15 @@ def test_normals_are_differences_towards_the_camera() -> None:
     points = back_project(depth.astype(np.float32), VIEW.rays(), VIEW.p_WC)
     valid = depth > 0.0
     row, column = np.nonzero(valid)
-    found = grid_normals(points, valid, (row, column), VIEW.p_WC)
+    places, found = surface_at(depth.astype(np.float32), VIEW.rays(), (row, column), VIEW.p_WC)
+    np.testing.assert_allclose(places, points[row, column], atol=1e-12)
     for r, c, normal in zip(row, column, found, strict=True):
         np.testing.assert_allclose(normal, normal_of(points, valid, int(r), int(c)), atol=1e-6)
 
 
 def test_where_neighbours_tell_nothing_the_normal_is_the_line_of_sight() -> None:
-    points = back_project(np.full((24, 33), 0.5, np.float32), VIEW.rays(), VIEW.p_WC)
-    valid = np.zeros((24, 33), dtype=bool)
-    valid[10, 10] = True
-    (normal,) = grid_normals(points, valid, (np.array([10]), np.array([10])), VIEW.p_WC)
-    sight = VIEW.p_WC - points[10, 10]
+    depth = np.zeros((24, 33), dtype=np.float32)
+    depth[10, 10] = 0.5
+    (point,), (normal,) = surface_at(depth, VIEW.rays(), (np.array([10]), np.array([10])), VIEW.p_WC)
+    sight = VIEW.p_WC - point
     np.testing.assert_allclose(normal, sight / np.linalg.norm(sight), atol=1e-12)

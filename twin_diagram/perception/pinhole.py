@@ -4,20 +4,26 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 from pydrake.math import RigidTransform
 
 from twin_diagram.perception.depth_noise import DepthSigma
+from twin_diagram.perception.normal_kernels import points_with_normals
 from twin_diagram.scenario import Camera
 from twin_diagram.scenario.lenses import colour_lens, depth_lens
 from twin_diagram.scenario.poses import pose
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.compiled import one_layout
 from twin_diagram.signals.lens import Lens, unit_rays
 
 DepthImage = npt.NDArray[np.float32]
 ColourImage = npt.NDArray[np.uint8]
+
+JUMP: Final = 0.02
+"""Over a jump in depth the difference of neighbours belongs to no surface [m]."""
 
 
 @dataclass(frozen=True)
@@ -127,36 +133,24 @@ def back_project(depth: DepthImage, rays: Array, p_WC: Array) -> Array:
     return p_WC + depth[..., None].astype(float) * rays
 
 
-def grid_normals(
-    points: Array, valid: npt.NDArray[np.bool_], at: tuple[npt.NDArray[np.int64], ...], p_WC: Array
-) -> Array:
-    """Return the normals of an organised cloud, towards the camera.
+def surface_at(
+    depth: DepthImage, rays: Array, at: tuple[npt.NDArray[np.int64], ...], p_WC: Array
+) -> tuple[Array, Array]:
+    """Return the points of a depth image at some pixels, and the surface's normals there, towards the camera.
 
     Args:
-        points: (h, w, 3) in W.
-        valid: (h, w), where there is depth.
-        at: row and column indices (N,) of the points whose normals are wanted.
+        depth: (h, w) [m], 0 where there is none.
+        rays: (h, w, 3) along which pixels look, as of `Pinhole.rays`.
+        at: row and column indices (N,) of pixels with depth.
         p_WC: the camera's place.
 
     Returns:
-        (N, 3) unit vectors; the direction to the camera where neighbours lack depth or lie across an edge.
+        Points (N, 3) in W and unit normals (N, 3): of differences over two pixels to either side; the direction to the
+        camera where neighbours lack depth or lie across an edge.
     """
-    height, width = valid.shape
-    row, column = at
-    centre = points[row, column]
-    steps = []
-    for dr, dc in ((0, 2), (2, 0)):
-        r1, c1 = np.minimum(row + dr, height - 1), np.minimum(column + dc, width - 1)
-        r0, c0 = np.maximum(row - dr, 0), np.maximum(column - dc, 0)
-        high = np.where(valid[r1, c1][:, None], points[r1, c1], centre)
-        low = np.where(valid[r0, c0][:, None], points[r0, c0], centre)
-        # Over a jump in depth the difference belongs to no surface.
-        near_high = np.einsum("ni,ni->n", high - centre, high - centre) < 0.02**2
-        near_low = np.einsum("ni,ni->n", low - centre, low - centre) < 0.02**2
-        steps.append(np.where(near_high[:, None], high, centre) - np.where(near_low[:, None], low, centre))
-    view = p_WC - centre
-    view = view / np.maximum(np.linalg.norm(view, axis=1, keepdims=True), 1e-9)
-    normal = np.cross(steps[1], steps[0])
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
-    normal = np.where(length > 1e-9, normal / np.maximum(length, 1e-9), view)
-    return np.asarray(normal * np.where(np.einsum("ni,ni->n", normal, view) < 0, -1.0, 1.0)[:, None])
+    row, column = (np.ascontiguousarray(one, dtype=np.int64) for one in at)
+    points, normals = np.empty((len(row), 3)), np.empty((len(row), 3))
+    image, ways = np.asarray(depth, dtype=np.float32), np.asarray(rays, dtype=float)
+    where = one_layout(np.asarray(p_WC, dtype=float))
+    points_with_normals(one_layout(image), one_layout(ways), row, column, where, JUMP, points, normals)
+    return points, normals

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from pose_truth import raycast, spoil
 from pose_truth.things import Thing
 from twin_diagram.perception.depth_noise import DepthSigma
-from twin_diagram.perception.pinhole import Pinhole, back_project, grid_normals
+from twin_diagram.perception.pinhole import Pinhole, surface_at
 from twin_diagram.perception.registration.global_search import resting
 from twin_diagram.perception.registration.rotation import exp, log
 from twin_diagram.perception.segmentation.segments import Segments
@@ -31,6 +31,7 @@ class Trial:
         R, p: its true pose; for the score alone.
         R0, p0: the start.
         camera, depth, rgb, mask: what a method is given; the mask is the true one.
+        rays: where pixels look, which segmentation knows before the image comes.
     """
 
     thing: Thing
@@ -42,6 +43,7 @@ class Trial:
     depth: npt.NDArray[np.float32]
     rgb: npt.NDArray[np.uint8]
     mask: npt.NDArray[np.bool_]
+    rays: Array
 
 
 def _unit(rng: np.random.Generator) -> Array:
@@ -88,7 +90,7 @@ def draw(
     depth, rgb = spoil.spoiled(picture, profile, rng)
     R0 = exp((np.radians(degrees) * _unit(rng))[None])[0] @ R
     mask = (picture.label == 0) & (depth > 0)
-    return Trial(thing, R, p, R0, p + metres * _unit(rng), camera, depth, rgb, mask)
+    return Trial(thing, R, p, R0, p + metres * _unit(rng), camera, depth, rgb, mask, camera.rays(STRIDE))
 
 
 def miss(trial: Trial, R: Array, p: Array) -> tuple[float, float]:
@@ -115,16 +117,16 @@ def segments(trial: Trial) -> Segments:
     camera, depth = trial.camera, trial.depth
     coarse = depth[::STRIDE, ::STRIDE]
     valid = coarse > 0
-    points = back_project(coarse, camera.rays(STRIDE), camera.p_WC)
     mask = trial.mask[::STRIDE, ::STRIDE] & valid
     row, column = np.nonzero(mask)
+    points, normals = surface_at(coarse, trial.rays, (row, column), camera.p_WC)
     label_image = np.full(coarse.shape, -1, dtype=np.int16)
     label_image[~valid] = -3
     label_image[mask] = 0
     return Segments(
         time=0.0,
-        points_W=points[row, column],
-        normals_W=grid_normals(points, valid, (row, column), camera.p_WC),
+        points_W=points,
+        normals_W=normals,
         colours=trial.rgb[row * STRIDE, column * STRIDE] / 255.0,
         labels=np.zeros(len(row), dtype=np.int64),
         count=1,

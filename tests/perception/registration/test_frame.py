@@ -11,7 +11,7 @@ import pytest
 from tests.registration_bench import TABLE, frame, model, view
 from tests.registration_kernels import colour_at
 from twin_diagram.perception.registration.data_association import Poses, look
-from twin_diagram.perception.registration.frame import Frame, blur_within, whole_median, whole_pixels
+from twin_diagram.perception.registration.frame import Frame, blur_within, median_of, whole_pixels
 from twin_diagram.perception.segmentation.segments import Segments
 
 Array = npt.NDArray[np.float64]
@@ -149,5 +149,5 @@ def test_masks_of_cells_are_laid_on_all_their_pixels() -> None:
 @pytest.mark.parametrize("count", [1, 2, 7, 8, 301, 400])
 def test_medians_of_whole_numbers_are_counted(count: int) -> None:
     numbers = np.random.default_rng(count).integers(0, 40, count).astype(np.int16)
-    assert whole_median(numbers) == np.median(numbers)
-    assert whole_median(np.repeat(numbers, 2)[1:]) == np.median(np.repeat(numbers, 2)[1:])
+    assert median_of(np.bincount(numbers)) == np.median(numbers)
+    assert median_of(np.bincount(np.repeat(numbers, 2)[1:])) == np.median(np.repeat(numbers, 2)[1:])

@@ -34,8 +34,10 @@ FREE = np.zeros(6)
 class Course:
     """Steps (turn [rad], shift [m]) that the image asks for, one after the other; what was asked of it meanwhile."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, steps: list[tuple[float, float]]) -> None:
-        self.steps = steps
+    def __init__(
+        self, monkeypatch: pytest.MonkeyPatch, steps: list[tuple[float, float]], information: float = 1e9
+    ) -> None:
+        self.steps, self.information = steps, information
         self.asked: list[tuple[int, float]] = []
         self.explained: list[int] = []
         monkeypatch.setattr(refinement_kernels, "normal_equations", self.normal_equations)
@@ -50,7 +52,8 @@ class Course:
         turned, shifted = self.steps[min(len(self.asked), len(self.steps) - 1)]
         self.asked.append((level, round(reach, 9)))
         self.explained.append(len(points_W))
-        H[0], b[0] = np.eye(6), [0.0, 0.0, turned, shifted, 0.0, 0.0]
+        H[0], b[0] = self.information * np.eye(6), [0.0, 0.0, turned, shifted, 0.0, 0.0]
+        b *= self.information
 
     def run(self, count: int = 12, prior: Array = FREE, **more: Any) -> Poses:
         start = Poses(np.eye(3)[None], np.zeros((1, 3)))
@@ -106,6 +109,33 @@ def test_a_step_that_is_lost_in_the_noise_is_the_last(
     assert len(course.asked) == (8 if ends else 12)
 
 
+@pytest.mark.parametrize(("gain", "ends"), [(0.14, True), (0.16, False)])
+def test_a_step_that_makes_the_pose_hardly_likelier_is_the_last(
+    gain: float, ends: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    information = 2.0 * gain / 0.002**2
+    course = Course(monkeypatch, [(0.0, 0.0), (0.0, 0.002), WIDE], information)
+    course.run(3)
+    assert len(course.asked) == (2 if ends else 3)
+    # Not while the reach is wide.
+    course = Course(monkeypatch, [WIDE, WIDE, WIDE, WIDE, (0.0, 0.002)], information)
+    course.run(12)
+    assert len(course.asked) == (8 if ends else 12)
+
+
+@pytest.mark.parametrize(
+    ("step", "was"), [((0.029, 0.0039), True), ((0.031, 0.0), False), ((0.0, 0.0041), False), ((0.0, 0.0), True)]
+)
+def test_a_start_that_is_right_needs_no_wide_reach(
+    step: tuple[float, float], was: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    at = Course(monkeypatch, [step]).run(1, right=True)
+    np.testing.assert_allclose(at.p[0], [step[1] if was else 0.0, 0.0, 0.0], atol=1e-12)
+    course = Course(monkeypatch, [step, WIDE])
+    course.run(3, right=True)
+    assert course.asked == [(COARSE, 0.007), *([(FINE, 0.007)] * 2 if was else [(COARSE, 0.02)] * 2)]
+
+
 def test_steps_are_cut_at_what_the_look_ups_know(monkeypatch: pytest.MonkeyPatch) -> None:
     for step, share in (((0.6, 0.0), 0.5), ((0.29, 0.029), 1.0), ((0.1, 0.06), 0.5), ((0.6, 0.12), 0.25)):
         at = Course(monkeypatch, [step]).run(1)
@@ -121,7 +151,7 @@ def test_many_starts_stay_coarse_and_wide_where_that_is_asked_for(monkeypatch: p
 
 
 def test_a_prior_holds_and_points_are_handed_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    at = Course(monkeypatch, [(0.0, 0.02)]).run(1, np.full(6, 3.0))
+    at = Course(monkeypatch, [(0.0, 0.02)], 1.0).run(1, np.full(6, 3.0))
     np.testing.assert_allclose(at.p[0], [0.02 / 4.0, 0.0, 0.0])
     for points in (5, 0):
         course = Course(monkeypatch, [(0.0, 0.02)])

@@ -16,6 +16,7 @@ from twin_diagram.perception.registration import tracking, where_expected
 from twin_diagram.perception.registration.registration import RegisteredPose
 from twin_diagram.perception.registration.slots import SLOT_SIZE, Slot
 from twin_diagram.perception.registration.view import Known, View
+from twin_diagram.perception.registration.where_expected import RESTING
 
 Array = npt.NDArray[np.float64]
 PARAMS = scenario.Registration(reach=0.021)
@@ -62,8 +63,11 @@ class Image:
         self.asked.append(("claimed", reach, most))
         return np.flatnonzero(np.abs(segments.points_W[:, 0] - p[0]) < reach)
 
-    def register(self, cloud: Any, image: Any, R: Array, p: Array, params: Any, *, prior: Any, points_W: Any) -> Any:
+    def register(
+        self, cloud: Any, image: Any, R: Array, p: Array, params: Any, *, prior: Any, points_W: Any, rests: bool
+    ) -> Any:
         assert image == "frame" and params is PARAMS
+        assert rests == (prior is RESTING)
         self.asked.append(("register", p.copy(), prior, len(points_W)))
         return self.answers.pop(0)
 

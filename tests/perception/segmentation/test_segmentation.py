@@ -16,7 +16,7 @@ from tests.synthetic_scene import Thing, camera, picture, yawed
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.model.description.add_arm import add_arm
-from twin_diagram.perception.pinhole import Pinhole, back_project, grid_normals
+from twin_diagram.perception.pinhole import Pinhole, back_project, surface_at
 from twin_diagram.perception.segmentation.robot_shape import RobotShape
 from twin_diagram.perception.segmentation.segmentation import (
     Grid,
@@ -76,7 +76,7 @@ def test_normals_of_a_sloping_plane() -> None:
     assert np.allclose(points @ normal, 0.0, atol=1e-6)
     at = np.nonzero(depth[240:280, 300:340] > 0)
     at = (at[0] + 240, at[1] + 300)
-    assert np.allclose(grid_normals(points, depth > 0, at, view.p_WC), normal, atol=1e-3)
+    assert np.allclose(surface_at(depth, rays, at, view.p_WC)[1], normal, atol=1e-3)
 
 
 def test_things_come_apart(box: Asset, can: Asset) -> None:

@@ -86,19 +86,55 @@ def gains(found: Array, colour: Array, n: Array, weight: Array, even: Array) -> 
 def sloped_colours(image: Image, u: Array, v: Array, weight: Array, corner: tuple[float, float]) -> Array:
     """Return colours and their derivatives by u and v (B, P, 9) where `weight` (B, P) is not 0."""
     found = np.zeros((*weight.shape, 9))
+    height, width = image.shape[:2]
     more, less = np.empty(3), np.empty(3)
     for b in range(weight.shape[0]):
         for k in range(weight.shape[1]):
             if weight[b, k] == 0.0:
                 continue
-            x, y = u[b, k] - corner[0], v[b, k] - corner[1]
-            sample(image, x, y, found[b, k])
+            x, y, out = u[b, k] - corner[0], v[b, k] - corner[1], found[b, k]
+            if x >= 1.0 and y >= 1.0 and x < width - 2.0 and y < height - 2.0:
+                _sample_sloped(image, x, y, out)
+                continue
+            sample(image, x, y, out)
             sample(image, x + 1.0, y, more)
             sample(image, x - 1.0, y, less)
             for i in range(3):
-                found[b, k, 3 + i] = 0.5 * (more[i] - less[i])
+                out[3 + i] = 0.5 * (more[i] - less[i])
             sample(image, x, y + 1.0, more)
             sample(image, x, y - 1.0, less)
             for i in range(3):
-                found[b, k, 6 + i] = 0.5 * (more[i] - less[i])
+                out[6 + i] = 0.5 * (more[i] - less[i])
     return found
+
+
+@compiled
+def _sample_sloped(image: Image, x: float, y: float, out: Array) -> None:
+    """Write colours (3,) at (x, y) and their central differences by x and y, a pixel and more within an image."""
+    column, line = int(x), int(y)
+    s, t = x - column, y - line
+    for i in range(3):
+        a, b = float(image[line, column, i]), float(image[line, column + 1, i])
+        c, d = float(image[line + 1, column, i]), float(image[line + 1, column + 1, i])
+        out[i] = (a * (1.0 - s) + b * s) * (1.0 - t) + (c * (1.0 - s) + d * s) * t
+        upper = (b - image[line, column - 1, i]) * (1.0 - s) + (image[line, column + 2, i] - a) * s
+        lower = (d - image[line + 1, column - 1, i]) * (1.0 - s) + (image[line + 1, column + 2, i] - c) * s
+        out[3 + i] = 0.5 * (upper * (1.0 - t) + lower * t)
+        left = (c - image[line - 1, column, i]) * (1.0 - t) + (image[line + 2, column, i] - a) * t
+        right = (d - image[line - 1, column + 1, i]) * (1.0 - t) + (image[line + 2, column + 1, i] - b) * t
+        out[6 + i] = 0.5 * (left * (1.0 - s) + right * s)
+
+
+@compiled
+def curvature_counts(image: npt.NDArray[np.uint8], step: int) -> npt.NDArray[np.int64]:
+    """Return how often each size of a difference of Laplacians occurs (3, 2041), at every `step`-th pixel (h, w, 3)."""
+    counts = np.zeros((3, 2041), dtype=np.int64)
+    for line in range(1, image.shape[0] - 1, step):
+        for column in range(1, image.shape[1] - 1, step):
+            for i in range(3):
+                value = 4 * np.int64(image[line, column, i])
+                for near in (-1, 1):
+                    value -= 2 * (np.int64(image[line + near, column, i]) + np.int64(image[line, column + near, i]))
+                    value += np.int64(image[line + near, column - 1, i]) + np.int64(image[line + near, column + 1, i])
+                counts[i, abs(value)] += 1
+    return counts

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.perception.pinhole import DepthImage, Pinhole
-from twin_diagram.perception.registration.colour_kernels import plain_colours
+from twin_diagram.perception.registration.colour_kernels import curvature_counts, plain_colours
 from twin_diagram.perception.registration.colour_shift import ALIGNED, ColourShift
 from twin_diagram.perception.segmentation.segments import TUNING as SEGMENTS
 from twin_diagram.perception.segmentation.segments import Segments
@@ -30,6 +30,9 @@ class Tuning:
 
     blur: tuple[int, ...] = (3, 9)
     """Width of the box that blurs the colours, twice [pixel]: fine, coarse; like a Gaussian of 1.2 and 3.7 pixels."""
+
+    every: int = 3
+    """Colours' noise is told by every so many pixels both ways: a hundred of them tell it to a tenth."""
 
     margin: int = 32
     """Pixels around what stands on the table that are blurred, too: three widths of the coarse box and some."""
@@ -164,17 +167,16 @@ def noise_slopes(image: npt.NDArray[np.uint8]) -> tuple[float, ...]:
     """
     if min(image.shape[:2]) < 5:
         return 0.0, 0.0
-    kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32)
-    left = np.abs(cv2.filter2D(image, cv2.CV_16S, kernel)[1:-1:2, 1:-1:2])
-    middle = np.array([whole_median(plane) for plane in cv2.split(left)]) / 255.0
+    counts = curvature_counts(np.ascontiguousarray(image), TUNING.every)
+    middle = np.array([median_of(one) for one in counts]) / 255.0
     variance = (1.4826 * middle) ** 2 / 36.0
     return tuple(float(variance.sum()) * _slope_gain(width) for width in TUNING.blur)
 
 
-def whole_median(numbers: npt.NDArray[np.int16]) -> float:
-    """Return the median of whole numbers from 0 on, any shape, by counting them."""
-    below = np.cumsum(np.bincount(numbers.reshape(-1)))
-    low, high = np.searchsorted(below, [(numbers.size - 1) // 2, numbers.size // 2], side="right")
+def median_of(counts: npt.NDArray[np.int64]) -> float:
+    """Return the median of whole numbers from 0 on, by how often each occurs."""
+    below = np.cumsum(counts)
+    low, high = np.searchsorted(below, [(below[-1] - 1) // 2, below[-1] // 2], side="right")
     return 0.5 * float(low + high)
 
 

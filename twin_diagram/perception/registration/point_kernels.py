@@ -128,11 +128,12 @@ def _flags(
     line, column = cell_at(u, v, height, width)
     z = float(depth[line, column]) if inside else 0.0
     right, down = (column - cx) / fx * z, (line - cy) / fy * z
-    y = np.empty(3)
-    distance = 0.0
-    for i in range(3):
-        y[i] = R_WC[i, 0] * right + R_WC[i, 1] * down + R_WC[i, 2] * z + p_WC[i]
-        distance += row[N_AT + i] * (y[i] - row[R_AT + i] - p[i])
+    y0 = R_WC[0, 0] * right + R_WC[0, 1] * down + R_WC[0, 2] * z + p_WC[0]
+    y1 = R_WC[1, 0] * right + R_WC[1, 1] * down + R_WC[1, 2] * z + p_WC[1]
+    y2 = R_WC[2, 0] * right + R_WC[2, 1] * down + R_WC[2, 2] * z + p_WC[2]
+    distance = row[N_AT] * (y0 - row[R_AT] - p[0])
+    distance += row[N_AT + 1] * (y1 - row[R_AT + 1] - p[1])
+    distance += row[N_AT + 2] * (y2 - row[R_AT + 2] - p[2])
     row[DISTANCE], row[DEEPER] = distance, z - row[Z]
     result = COUNTED if counted else 0
     shows_robot = any_robot and robot[line, column]
@@ -141,7 +142,7 @@ def _flags(
     if not (inside and z > 0.0 and counted) or shows_robot or row[FACING] <= limits[2]:
         return result
     result |= SEEN
-    above = y[2] - table[0] * y[0] - table[1] * y[1] - table[2]
+    above = y2 - table[0] * y0 - table[1] * y1 - table[2]
     x = row[2] + p[2] - table[0] * (row[0] + p[0]) - table[1] * (row[1] + p[1]) - table[2]
     if x < -limits[3] and above > -limits[3]:
         return result | BURIED
@@ -289,13 +290,10 @@ def _pixel_rows(row: Array, camera: tuple[Any, ...], A_u: Array, A_v: Array) -> 
     """Write by how much a pose's steps (6,) move a point's pixel to the right and down [px]."""
     fx, fy, cx, cy, R_WC = camera[:5]
     x, y = (row[U] - cx) / fx, (row[V] - cy) / fy
-    way = np.empty(3)
-    for i in range(3):
-        way[i] = (R_WC[i, 0] - x * R_WC[i, 2]) * (fx / row[Z])
-    screw_row(row, way[0], way[1], way[2], A_u)
-    for i in range(3):
-        way[i] = (R_WC[i, 1] - y * R_WC[i, 2]) * (fy / row[Z])
-    screw_row(row, way[0], way[1], way[2], A_v)
+    s, t = fx / row[Z], fy / row[Z]
+    a, b, c = R_WC[0, 2], R_WC[1, 2], R_WC[2, 2]
+    screw_row(row, (R_WC[0, 0] - x * a) * s, (R_WC[1, 0] - x * b) * s, (R_WC[2, 0] - x * c) * s, A_u)
+    screw_row(row, (R_WC[0, 1] - y * a) * t, (R_WC[1, 1] - y * b) * t, (R_WC[2, 1] - y * c) * t, A_v)
 
 
 @compiled

@@ -54,9 +54,11 @@ def refine_poses(
         prior: (6,) information of the poses.
         rules: limits of `look_up`; noise of depth; constants of residuals (how much deeper in reaches, the model's
             noise, factor of colours, their cut, how much steeper, how far aside); cuts of `inward_normal`; of
-            `opposite` without the reach; of the steps (reach, narrow reach, then turn and shift each of a small step,
-            of one after which colours are fine, of one from a right prediction, of the largest one, in reaches);
-            counts (steps, coarse steps, whether colours stay coarse).
+            `opposite` without the reach; of the steps (reach, narrow reach, what a step must gain [nat] not to be the
+            last, then turn and shift each of a small step, of one after which colours are fine, of one from a right
+            prediction, of the largest one, in reaches);
+            counts (steps, coarse steps, whether colours stay coarse, whether the start is taken to be right: then the
+            reach is narrow, unless the first step, which is undone, is not small).
         count: points used per pose.
     """
     told, flags = np.empty((1, count, COLUMNS)), np.empty((1, count), dtype=np.uint8)
@@ -79,17 +81,31 @@ def refine_one(
 ) -> None:
     """Refine one pose R (1, 3, 3), p (1, 3) in place."""
     goal = (R[0].copy(), p[0].copy())
-    reach, narrow = rules[5][:2]
-    small_turn, small_shift, fine_turn, fine_shift, right_turn, right_shift, largest_turn, largest_shift = rules[5][2:]
-    iterations, coarse_steps, stays_coarse = rules[6]
-    level, taken = COARSE, 0
-    H, b = np.empty((1, 6, 6)), np.empty((1, 6))
+    reach, narrow, least_gain = rules[5][:3]
+    small_turn, small_shift, fine_turn, fine_shift, right_turn, right_shift, largest_turn, largest_shift = rules[5][3:]
+    iterations, coarse_steps, stays_coarse, right = rules[6]
+    level, taken, wide = COARSE, 0, reach
+    if right:
+        reach = narrow
+    H, b, slope = np.empty((1, 6, 6)), np.empty((1, 6)), np.empty(6)
     for _ in range(iterations):
         normal_equations(R, p, model, cloud, picture, points_W, rules, (level, reach), room, (H, b))
         add_prior(R[0], p[0], goal, prior, H[0], b[0])
+        slope[:] = b[0]
         solve(H[0], b[0])
+        gain = 0.0
+        for i in range(6):
+            gain += 0.5 * slope[i] * b[0, i]
         turn, shift = move(R[0], p[0], b[0], largest_turn, largest_shift * reach)
         if stays_coarse:
+            continue
+        if right:
+            right = False
+            if turn < fine_turn and shift < fine_shift:
+                level = FINE
+            else:
+                R[0], p[0] = goal
+                reach = wide
             continue
         taken += 1
         if level == COARSE:
@@ -99,7 +115,8 @@ def refine_one(
                 if turn < right_turn and shift < right_shift:
                     reach = min(reach, narrow)
         else:
-            if turn < small_turn and shift < small_shift and reach <= narrow:
+            small = turn < small_turn and shift < small_shift
+            if reach <= narrow and (small or gain < least_gain):
                 break
             reach = max(narrow, 0.6 * reach)
 

@@ -41,11 +41,21 @@ class Tuning:
     small_step: tuple[float, float] = (1e-3, 2e-4)
     """After a step smaller than this the next would be lost in the noise [rad], [m]."""
 
+    least_gain: float = 0.15
+    """After a step that makes the pose likelier by less [nat], what is left is a third of what white noise of the image
+    does, and less of any other."""
+
     fine_from: tuple[float, float] = (0.03, 0.004)
     """After a step smaller than this colours are fine [rad], [m]."""
 
     right: tuple[float, float] = (0.01, 0.002)
     """A prediction was right that is no farther off on coarse colours: it needs no wide reach [rad], [m]."""
+
+    in_place: float = 0.9
+    """What was expected to be right and of which less than this share of what is seen fits is searched wider, …"""
+
+    coloured: float = 0.8
+    """… or of which less than this share of what fits in shape fits in colour, too."""
 
     largest_step: tuple[float, float] = (0.3, 1.5)
     """A longer step is cut: look-ups cannot know [rad], [reaches]."""
@@ -102,6 +112,7 @@ def refine(
     params: scenario.Registration,
     *,
     coarse_only: bool = False,
+    right: bool = False,
     points_W: Array | None = None,
 ) -> Poses:
     """Refine starts by Gauss-Newton, each by itself.
@@ -115,6 +126,7 @@ def refine(
         prior: (6,) information of `start`: keeps weak directions where they were.
         params: tuning.
         coarse_only: leave the colours coarse and the reach wide.
+        right: expect each start to be right, which takes fewer steps where it is.
         points_W: (N, 3) image points to be explained.
     """
     R, p = np.array(start.R, dtype=float, order="C"), np.array(start.p, dtype=float, order="C")
@@ -134,13 +146,13 @@ def refine(
     )
     explain = np.empty((0, 3)) if points_W is None else one_layout(points_W)
     whole = one_layout(np.asarray(prior, dtype=float))
-    rules = _rules(model, frame, params, iterations, coarse_only)
+    rules = _rules(model, frame, params, (iterations, TUNING.coarse_steps, coarse_only, right))
     refine_poses(R, p, model.seen, model.cloud, picture, explain, whole, rules, min(count, model.views.shape[1]))
     return Poses(R, p)
 
 
 def _rules(
-    model: ModelCloud, frame: Frame, params: scenario.Registration, iterations: int, coarse_only: bool
+    model: ModelCloud, frame: Frame, params: scenario.Registration, steps: tuple[int, int, bool, bool]
 ) -> tuple[object, ...]:
     """Return the constants of all terms, as `refine_poses` takes them."""
     noise = frame.camera.depth_noise
@@ -151,8 +163,8 @@ def _rules(
         residual_constants(params.colour_weight),
         SILHOUETTE.cuts,
         (t.point_to_point, 2.0 * RESIDUALS.model_noise, model.spacing),
-        (params.reach, t.narrow, *t.small_step, *t.fine_from, *t.right, *t.largest_step),
-        (iterations, t.coarse_steps, coarse_only),
+        (params.reach, t.narrow, t.least_gain, *t.small_step, *t.fine_from, *t.right, *t.largest_step),
+        steps,
     )
 
 
@@ -165,6 +177,7 @@ def register(
     *,
     prior: Array | None = None,
     points_W: Array | None = None,
+    rests: bool = False,
 ) -> RegisteredPose:
     """Register one object from a pose near the right one.
 
@@ -176,12 +189,18 @@ def register(
         params: tuning.
         prior: (6,) information of the prediction; None: 0.3 rad, 5 cm.
         points_W: (N, 3) image points that belong to the object, if known.
+        rests: the prediction was right in the image before and is expected to be right again.
     """
     start = Poses(R[None], p[None])
     held = information(0.3, 0.05) if prior is None else prior
-    poses = refine(model, frame, start, params.model_points, params.iterations, held, params, points_W=points_W)
-    looked = look(model, frame, poses, params.model_points, FINE)
-    fit = judge(looked, frame)
+    for right in (True, False) if rests else (False,):
+        poses = refine(
+            model, frame, start, params.model_points, params.iterations, held, params, right=right, points_W=points_W
+        )
+        looked = look(model, frame, poses, params.model_points, FINE)
+        fit = judge(looked, frame)
+        if fit.shape[0] >= TUNING.in_place and fit.quality[0] >= TUNING.coloured * fit.shape[0]:
+            break
     # A data sheet that promises too much must not make claims too narrow.
     more = residual_excess(looked, frame)
     spread, evidence = claim(looked, frame, model, poses, points_W, TUNING.narrow, params.colour_weight, more)

@@ -113,7 +113,7 @@ def register_where_expected(known: Known, slot: Slot, view: View) -> RegisteredP
     time = view.segments.time
     R, p = predict(slot, time)
     if not np.any(slot.velocity):
-        best = _registered(known, view, R, p, RESTING, slot.alike)
+        best = _registered(known, view, R, p, RESTING, slot.alike, rests=True)
     elif _turns(slot, time):
         places = (R, p), (slot.R, slot.p), (slot.R, p)
         found = [_registered(known, view, *at, MOVING, slot.alike) for at in places]
@@ -192,11 +192,11 @@ def _turns(slot: Slot, time: float) -> bool:
 
 
 def _registered(
-    known: Known, view: View, R: Array, p: Array, prior: Array, usual: float = 0.0
+    known: Known, view: View, R: Array, p: Array, prior: Array, usual: float = 0.0, *, rests: bool = False
 ) -> RegisteredPose | None:
     """Register an object from a guess; None where what comes of it is not believable."""
     thin = view.segments.points_W[claimed(known.model, view.segments, R, p, view.params.reach, TUNING.thin)]
-    result = register(known.model, view.frame, R, p, view.params, prior=prior, points_W=thin)
+    result = register(known.model, view.frame, R, p, view.params, prior=prior, points_W=thin, rests=rests)
     return result if believable(result, view.params, R, p) and stands_out(known, view, result, usual) else None
 
 

@@ -14,8 +14,7 @@ from twin_diagram.perception.pinhole import (
     ColourImage,
     DepthImage,
     Pinhole,
-    back_project,
-    grid_normals,
+    surface_at,
 )
 from twin_diagram.perception.segmentation.parting import Labels, grown, part
 from twin_diagram.perception.segmentation.planes import TUNING as PLANES
@@ -344,10 +343,10 @@ def gathered(
         table_height: told, where no table is in view [m].
     """
     coarse = depth[:: grid.stride, :: grid.stride]
-    points = back_project(coarse, grid.rays, grid.camera.p_WC)
     row, column = np.nonzero(apart.label_image >= 0)
     labels = apart.label_image[row, column].astype(np.int64)
-    here, z = points[row, column], coarse[row, column]
+    here, normals = surface_at(coarse, grid.rays, (row, column), grid.camera.p_WC)
+    z = coarse[row, column]
     planes: tuple[Plane, ...] = ()
     if apart.table is not None:
         facing = np.maximum(np.abs(grid.rays[row, column] @ apart.table.normal), 0.05)
@@ -357,7 +356,7 @@ def gathered(
     return Segments(
         time=time,
         points_W=here,
-        normals_W=grid_normals(points, coarse > 0, (row, column), grid.camera.p_WC),
+        normals_W=normals,
         colours=rgb[row * grid.stride, column * grid.stride] / 255.0,
         labels=labels,
         count=apart.count,

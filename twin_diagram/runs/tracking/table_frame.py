@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin_diagram.assets.building.support_plane import find_plane
-from twin_diagram.perception.pinhole import DepthImage, Pinhole, back_project, grid_normals
+from twin_diagram.perception.pinhole import DepthImage, Pinhole, surface_at
 from twin_diagram.signals.arrays import Array
 
 
@@ -49,16 +49,14 @@ def table_frame(depth: DepthImage, camera: Pinhole, seed: int = 0) -> TableFrame
     stride = max(1, depth.shape[1] // TUNING.columns)
     coarse = np.ascontiguousarray(depth[::stride, ::stride])
     valid = coarse > 0
-    points = back_project(coarse, camera.rays(stride), camera.p_WC)
-    at = np.nonzero(valid)
-    normals = grid_normals(points, valid, at, camera.p_WC)
-    plane = find_plane(points[at], normals, camera.p_WC, seed)
+    points, normals = surface_at(coarse, camera.rays(stride), np.nonzero(valid), camera.p_WC)
+    plane = find_plane(points, normals, camera.p_WC, seed)
     if plane is None:
         up = -camera.R_WC[:, 2]
         deepest = float(coarse.max()) if valid.any() else 1.0
         return TableFrame(_upright(up), camera.p_WC - (deepest + TUNING.beyond) * up, False)
     up, offset = plane[:3], float(plane[3])
-    middle = points[at].mean(axis=0)
+    middle = points.mean(axis=0)
     return TableFrame(_upright(up), middle - (middle @ up - offset) * up, True)
 
 
