@@ -5,7 +5,8 @@
 
 SyncTwin's Figures 5, 6 and 9. Pictures are cast with a D415's noise, poses 2 mm / 0.2° off; masks are the true ones.
 Prints a table and writes `OUT/page.html`, with a picture of each result beside the truth. Seconds are of processor
-time; a row that is there already, in `OUT/rows.jsonl`, is not built again.
+time, the scale's error is that of predictions by their cube; a row that is there already, in `OUT/rows.jsonl`, is not
+built again.
 """
 
 from __future__ import annotations
@@ -89,13 +90,17 @@ def rows(groups: list[str], views: list[int]) -> Iterator[Row]:
     yield from (row for row in every if row.group in groups)
 
 
-def build(row: Row, item: TrueObject, out: Path) -> tuple[list[Picture], Path, float]:
-    """Build one row's asset; returns its pictures, its folder and the seconds that it took."""
+def build(row: Row, item: TrueObject, out: Path) -> tuple[list[Picture], Path, float, float]:
+    """Build one row's asset.
+
+    Returns its pictures, its folder, the seconds that it took, and by what share the scale found is off; NaN of frames.
+    """
     beside = [cube(EDGE, (0.11, 0.02))] if row.predicted else None
     distance = 0.6 if item.vertices[:, 2].max() < 0.3 else 0.9
     shots = pictures(item, row.views, distance=distance, others=beside)
     name = row.label.replace(", ", "-").replace(" ", "_")
-    begin = time.process_time()
+    begin, scale = time.process_time(), float("nan")
+    said: list[str] = []
     with ExitStack() as changes:
         if row.without == "expansion":
             changes.enter_context(patch.object(reconstruct, "grown", lambda mask, pixels=0: mask))
@@ -104,32 +109,31 @@ def build(row: Row, item: TrueObject, out: Path) -> tuple[list[Picture], Path, f
         if row.predicted:
             out.mkdir(parents=True, exist_ok=True)
             file = write_predictions(out / f"{name}.npz", shots, UNIT)
-            built = build_from_predictions(file, name, out / "library", EDGE, replace_it=True)
+            built = build_from_predictions(file, name, out / "library", EDGE, replace_it=True, say=said.append)
+            scale = float(said[0].removeprefix("scale: ").split()[0]) / UNIT - 1
         else:
             scene = write_scene(out / "scenes" / name, shots)
             built = build_from_frames(scene, name, out / "library", density=500.0, replace_it=True)
-    return shots, built.folder, time.process_time() - begin
+    return shots, built.folder, time.process_time() - begin, scale
 
 
 def run(row: Row, out: Path) -> dict[str, float | str]:
     """Build and score one row."""
     item = THINGS[row.thing]()
     try:
-        shots, folder, seconds = build(row, item, out)
+        shots, folder, seconds, scale = build(row, item, out)
     except TwinError as error:
         return {"label": row.label, "refused": str(error)}
     mesh, spec = read_obj(folder / "visual.obj"), read_spec(folder)
     found = score(item, shots, mesh.vertices + np.array(spec.origin), mesh.faces)
-    volume = float(np.prod(np.ptp(item.vertices, axis=0)))
-    scale = 100 * (float(np.prod(np.ptp(mesh.vertices, axis=0)) / volume) ** (1 / 3) - 1)
-    return {"label": row.label, "folder": folder.name, "s": seconds, "size %": scale, **found}
+    return {"label": row.label, "folder": folder.name, "s": seconds, "scale %": 100 * scale, **found}
 
 
 def told(result: dict[str, float | str]) -> str:
     """Return a row of the table."""
     if "refused" in result:
         return f"{result['label']:34} refused: {result['refused']}"
-    return f"{result['label']:34} {float(result['s']):6.1f} {float(result['size %']):+7.2f} " + " ".join(
+    return f"{result['label']:34} {float(result['s']):6.1f} {float(result['scale %']):+7.2f} " + " ".join(
         f"{float(result[key]):{max(7, len(key))}.2f}" for key in COLUMNS
     )
 
@@ -158,7 +162,7 @@ def main() -> None:
     args.out.mkdir(parents=True, exist_ok=True)
     file = args.out / "rows.jsonl"
     done = {r["label"]: r for r in map(json.loads, file.read_text().splitlines())} if file.is_file() else {}
-    print(f"{'':34} {'s':>6} {'size %':>7} " + " ".join(f"{key:>7}" for key in COLUMNS))
+    print(f"{'':34} {'s':>6} {'scale %':>7} " + " ".join(f"{key:>7}" for key in COLUMNS))
     parts = []
     for row in rows(args.rows, args.views):
         if row.label not in done:

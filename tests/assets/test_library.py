@@ -58,6 +58,13 @@ def truncated(file: Path) -> None:
     file.write_bytes(file.read_bytes()[:-20])
 
 
+def cut_within_its_list(file: Path) -> None:
+    text = file.read_text()
+    at = text.index("model.sdf:")
+    assert text.index("files:") < at
+    file.write_text(text[:at].rstrip() + "\n")
+
+
 def edited(old: str, new: str) -> Callable[[Path], None]:
     def edit(file: Path) -> None:
         text = file.read_text()
@@ -79,6 +86,7 @@ def edited(old: str, new: str) -> Callable[[Path], None]:
         ("asset.yaml", edited("version: 1", "version: 7"), ["version 7"]),
         ("asset.yaml", edited("name: box", "nmae: box"), ["asset.yaml", "nmae"]),
         ("asset.yaml", truncated, ["box"]),
+        ("asset.yaml", cut_within_its_list, ["asset.yaml", "lacks model.sdf", "cut off"]),
         ("asset.yaml", lambda file: file.write_bytes(b"\xff\xfe\x00"), ["asset.yaml"]),
     ],
 )

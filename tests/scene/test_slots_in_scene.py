@@ -80,7 +80,7 @@ class Made:
 
     def events(self, context: Context) -> list[tuple[str, str]]:
         ring = np.array(self.updater.GetOutputPort("object_events").Eval(self.own(context)))
-        return [(one["event"], one["object"]) for one in object_events.told(ring, ["can"])]
+        return [(one["event"], one["object"]) for one in object_events.told(ring, object_events.Names(["can"]))]
 
     def keep(self, context: Context) -> bool:
         """Bring the scene graph up to date, as `twin.kept_scene` does."""

@@ -65,6 +65,11 @@ def check(folder: Path) -> tuple[Asset, Array]:
         AssetError: what is wrong.
     """
     spec = read_spec(folder)
+    if spec.files is not None:
+        unlisted = [name for name in ["model.sdf", spec.visual, *(spec.pieces or [])] if name not in spec.files]
+        if unlisted:
+            lacks = f"its list of files lacks {unlisted[0]}: cut off, or edited; build the asset anew"
+            raise AssetError(f"{folder / 'asset.yaml'}: {lacks}")
     for name, digest in (spec.files or {}).items():
         file = folder / name
         if not (folder / name).resolve().is_relative_to(folder.resolve()) or not file.is_file():

@@ -180,6 +180,10 @@ class Mpc(ModelUser[Model]):
         pending = self.abstract_state_ticket(self._pending)
         self.DeclareVectorOutputPort("reach", 1, self._calc_reach, prerequisites_of_calc={state, pending})
 
+    def add_asset(self, asset: Asset) -> None:
+        """Take in the shape of an asset that came later; `further_tracks` tell of it by its number."""
+        self.planner.scene.added.append(tuple(np.array(piece, dtype=float).tobytes() for piece in asset.convex_pieces))
+
     def memory(self, context: Context) -> Memory:
         """Return a copy of what the planner remembers."""
         memory = Memory.unpack(self._vector(context), self._n, self._knots, self._step)

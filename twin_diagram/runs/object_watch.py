@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Context
 
-from twin_diagram.scene.object_events import name_of
 from twin_diagram.signals.layouts import ObjectStatus
 from twin_diagram.signals.things import FURTHER_TRACK_SIZE, OWNER_SIZE, things_of
 from twin_diagram.twin.twin import TwinDiagram
@@ -57,10 +56,10 @@ class ObjectWatch:
         """
         twin = self._twin.diagram
         own = twin.GetMyContextFromRoot(context)
-        names = self._twin.scene.object_names
+        names = self._twin.names(own)
         further = np.asarray(twin.GetOutputPort("further_tracks").Eval(own)).reshape(-1, FURTHER_TRACK_SIZE)
         result: dict[str, Any] = {
-            name_of(len(names), int(row[0]), int(row[1]), names): {
+            names.of(len(names.library), int(row[0]), int(row[1])): {
                 "status": ObjectStatus(int(row[OWNER_SIZE])).name.lower(),
                 "place": row[OWNER_SIZE + 6 : OWNER_SIZE + 9].round(4).tolist(),
             }
@@ -71,7 +70,7 @@ class ObjectWatch:
             return result
         for thing in things_of(np.asarray(twin.GetOutputPort("things").Eval(own))):
             if thing.stands:
-                result[name_of(len(names), thing.identity, -1, names)] = {
+                result[names.of(len(names.library), thing.identity, -1)] = {
                     "status": thing.status.name.lower(),
                     "place": thing.middle.round(4).tolist(),
                     "pieces": len(thing.pieces),

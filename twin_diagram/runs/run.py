@@ -23,6 +23,7 @@ from twin_diagram.estimation.filter.parameter_status import standings
 from twin_diagram.logs import read_log
 from twin_diagram.runs.brake_watch import BrakeWatch
 from twin_diagram.runs.camera_score import camera_told
+from twin_diagram.runs.growth_watch import GrowthWatch
 from twin_diagram.runs.health_watch import HealthWatch
 from twin_diagram.runs.object_watch import ObjectWatch
 from twin_diagram.runs.outputs import Keeping, Looking, Mending, Say, check_places
@@ -74,7 +75,7 @@ def run_scenario(
     Args:
         scenario: with any station; only a simulated one can be scored.
         out: folder for ``summary.json``, ``events.jsonl`` and, with `pictures`, ``replay.html``, ``diagram.svg`` and
-            plots; with ``twin.healing`` also ``healing/``, a folder for each search.
+            plots; with ``twin.healing`` also ``healing/``, a folder for each search; with ``twin.growth`` ``grown/``.
         record: folder for a recording that `replay_log` runs again.
         log: the measured log, .csv or .npz.
         show: opens meshcat and runs no faster than real time.
@@ -93,8 +94,7 @@ def run_scenario(
     """
     check_places(out, record, log)
     leave = RunFolder(out)
-    page = out is not None and pictures
-    look = Looking(show or page, meldis, scenario.duration if page else None) if show or page or meldis else None
+    look = _looking(scenario, out is not None and pictures, show, meldis)
     with ExitStack() as stack:
         stack.push(partial(_note_stop, leave))
         stack.enter_context(_one_image_thread())
@@ -108,7 +108,8 @@ def run_scenario(
         leave.clear()
         _search_beside(loop, stack)
         healer = stack.enter_context(mend.healer(loop.twin))
-        stop, trial, summary = _simulate(loop, simulator, Progress(scenario.duration, quiet), healer.poll, leave, say)
+        with GrowthWatch(scenario, loop.twin, leave, say) as growth:
+            stop, trial, summary = _simulate(loop, simulator, quiet, healer.poll, growth, leave, say)
         if stop is not None:
             keep.cut(simulator.get_context().get_time())
     if out is not None:
@@ -117,6 +118,12 @@ def run_scenario(
     if stop is not None:
         raise stop
     return summary
+
+
+def _looking(scenario: Scenario, page: bool, show: bool, meldis: bool) -> Looking | None:
+    """Return what is looked through; a page keeps the frames of the run."""
+    wanted = show or page or meldis
+    return Looking(show or page, meldis, scenario.duration if page else None) if wanted else None
 
 
 def _search_beside(loop: ClosedLoop, stack: ExitStack) -> None:
@@ -164,8 +171,9 @@ def _one_image_thread() -> Iterator[None]:
 def _simulate(
     loop: ClosedLoop,
     simulator: Simulator,
-    progress: Progress,
+    quiet: bool,
     between: Callable[[Context], None],
+    growth: GrowthWatch,
     leave: RunFolder,
     say: Say,
 ) -> tuple[KeyboardInterrupt | None, Trial | None, dict[str, Any]]:
@@ -175,12 +183,14 @@ def _simulate(
         What ended it before its time, the trial, the summary.
     """
     duration, health = loop.scenario.duration, HealthWatch(loop.twin, say)
+    progress = Progress(duration, quiet)
     objects, brakes = ObjectWatch(loop.twin, leave.event), BrakeWatch(loop.twin, leave.event)
     searches = SearchWatch(loop.twin, leave.event)
     score = TaskScore(loop) if loop.twin.runner is not None and loop.scenario.station == "sim" else None
 
     def each(context: Context) -> None:
         between(context)
+        growth.poll(context)
         health.poll(context)
         objects.poll(context)
         brakes.poll(context)
@@ -191,7 +201,7 @@ def _simulate(
     def told() -> dict[str, Any]:
         context = simulator.get_context()
         lacks = health.told(context) + searches.told()
-        besides = {"things": objects.told(context), "health": lacks} | brakes.told(context)
+        besides = {"things": objects.told(context), "health": lacks} | brakes.told(context) | growth.told()
         task = objects.task_told(context)
         if score is not None:
             task["task"] |= score.told(context)

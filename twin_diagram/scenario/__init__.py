@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from twin_diagram.scenario.defects import ArmDefects, CameraDefects, LidarDefects, SensorDefects
     from twin_diagram.scenario.estimation import Drift, Filter, Healing, SensorSpec
     from twin_diagram.scenario.file import load_scenario, override_scenario, save_scenario
+    from twin_diagram.scenario.growing import Growing
     from twin_diagram.scenario.learning import Learning
     from twin_diagram.scenario.models import ArmModel, EffectSpec, Fixture, Pose
     from twin_diagram.scenario.perception import Perception, Registration, SceneUpdater, Slots
@@ -40,6 +41,7 @@ __all__ = [
     "EffectSpec",
     "Filter",
     "Fixture",
+    "Growing",
     "Healing",
     "LcmStation",
     "Learning",

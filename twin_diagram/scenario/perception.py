@@ -60,7 +60,7 @@ class Slots:
 
     def further(self, objects: int) -> int:
         """Return how many slots there are for further instances, beside the first of each of so many objects."""
-        return max(self.instances - objects, 0) if objects else 0
+        return max(self.instances - objects, 0)
 
 
 @document

@@ -7,6 +7,7 @@ from twin_diagram.scenario.braking import Braking
 from twin_diagram.scenario.camera import Camera
 from twin_diagram.scenario.estimation import Drift, Filter, Healing
 from twin_diagram.scenario.field_table import document
+from twin_diagram.scenario.growing import Growing
 from twin_diagram.scenario.learning import Learning
 from twin_diagram.scenario.models import ArmModel, Fixture
 from twin_diagram.scenario.perception import Perception, Registration, SceneUpdater, Slots
@@ -51,6 +52,8 @@ class Twin:
     """Tuning of the drift monitor."""
     healing: Healing | None = None
     """None: alarms are told, and nothing more."""
+    growth: Growing | None = None
+    """Whether unknown things become assets while it runs; null: they stay unknown."""
     scene: SceneUpdater = field(default_factory=SceneUpdater)
     """How objects live and are forgotten."""
     planner: Planner = field(default_factory=Planner)

@@ -18,6 +18,7 @@ from twin_diagram.scenario import (
     Drift,
     Driver,
     Filter,
+    Growing,
     Healing,
     Learning,
     Lidar,
@@ -52,6 +53,7 @@ POSITIVE: dict[type, tuple[str, ...]] = {
         "opening",
         "parameter_rate",
     ),
+    Growing: ("things", "attempts", "patience"),
     Healing: ("seconds", "patience"),
     Learning: ("force", "tries", "grasps", "frames", "turn_speed"),
     Lidar: ("columns", "rows", "width", "height", "rate", "latency"),
@@ -69,6 +71,7 @@ NOT_NEGATIVE: dict[type, tuple[str, ...]] = {
     Camera: ("latency", "focal_std", "centre_std", "depth_scale_std", "colour_std"),
     DepthNoise: ("floor", "growth", "correlated", "lasting"),
     Filter: ("excitation", "torque_drift_std", "parameter_walk", "learning_rate", "history", "noise_time"),
+    Growing: ("answer_after", "nice"),
     Healing: ("attempts", "nice"),
     Learning: ("weigh_seconds",),
     LinkSensor: ("latency",),
@@ -112,6 +115,8 @@ def check_twin(twin: Twin) -> None:
     _corners(twin.perception.workspace, "twin.perception.workspace")
     if twin.driver.torque_side not in ("motor", "link"):
         raise ScenarioError("twin.driver.torque_side", f"{twin.driver.torque_side!r} is none of motor, link")
+    if twin.growth is not None and twin.camera is None:
+        raise ScenarioError("twin.growth", "nothing is seen grow without a camera: twin.camera is null")
     if twin.healing is not None:
         _healing(twin.healing, "twin.healing")
     if twin.camera is not None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, Final
 
@@ -84,26 +85,43 @@ def noted(ring: Array, time: float, happened: Sequence[Event]) -> Array:
     return np.concatenate([ring.reshape(-1, EVENT_FIELDS), rows])[-RING:].ravel()
 
 
-def name_of(row: int, identity: int, what: int, names: Sequence[str]) -> str:
-    """Return what to call the holder of a row: the first instance of an object by its name, others by numbers."""
-    if row < len(names):
-        return names[row]
-    return f"unknown#{identity}" if what < 0 else f"{names[what]}#{identity + 1}"
+@dataclass(frozen=True)
+class Names:
+    """What to call the holders of rows.
+
+    Attributes:
+        library: of the library's objects, a row each.
+        added: of assets that came later, whose numbers follow the library's.
+        own: identities of the first instance of each of those.
+    """
+
+    library: Sequence[str]
+    added: Sequence[str] = ()
+    own: Collection[int] = ()
+
+    def of(self, row: int, identity: int, what: int) -> str:
+        """Return the name of a row's holder: the first instance of an object by its name, others by numbers."""
+        if row < len(self.library):
+            return self.library[row]
+        if what < 0:
+            return f"unknown#{identity}"
+        name = [*self.library, *self.added][what]
+        return name if identity in self.own and what >= len(self.library) else f"{name}#{identity + 1}"
 
 
-def told(ring: Array, names: Sequence[str]) -> list[dict[str, Any]]:
+def told(ring: Array, names: Names) -> list[dict[str, Any]]:
     """Return the events, oldest first: time [s], event, object.
 
     Args:
         ring: as of the port `object_events`.
-        names: of the library's objects.
+        names: of rows' holders.
     """
     rows = ring.reshape(-1, EVENT_FIELDS)
     return [
         {
             "time": round(float(time), 4),
             "event": EventKind(int(kind)).name.lower(),
-            "object": name_of(int(row), int(who), int(what), names),
+            "object": names.of(int(row), int(who), int(what)),
         }
         for time, kind, row, who, what in rows
         if time >= 0.0

@@ -36,6 +36,29 @@ TUNING = Tuning()
 
 
 @dataclass(frozen=True)
+class Kind:
+    """What counts of an object besides where it is.
+
+    Attributes:
+        name: of the object.
+        axis: (3,) of symmetry in O, zeros where there is none.
+        radius: of a ball about O's origin that holds it [m].
+        shapes: that stand for it in the scene; None: those of the plant's body.
+    """
+
+    name: str
+    axis: Array
+    radius: float
+    shapes: Shapes | None = None
+
+    @staticmethod
+    def of(name: str, spec: AssetSpec, shapes: Shapes | None = None) -> Kind:
+        """Return it as an asset's description has it."""
+        axis = np.array([0.0, 0.0, float(spec.symmetric_axis == "z")])
+        return Kind(name, axis, 0.5 * float(np.linalg.norm(spec.size)), shapes)
+
+
+@dataclass(frozen=True)
 class TwinScene:
     """The twin's plant and where each estimate goes in its positions.
 
@@ -48,9 +71,8 @@ class TwinScene:
         arm_position_index: (n,) of the arm's joints in the plant's positions.
         gripper_position_index: (g,) of the finger joints.
         object_position_index: (K, 7) of the objects' (qw, qx, qy, qz, px, py, pz).
-        radii: (K,) of balls about the objects' origins that hold them [m].
         slots: frames for further instances and unknown things.
-        symmetry_axes_O: (K, 3) axis of symmetry in O, zeros where there is none.
+        kinds: of the library's objects, in order, then of those that were added later.
         default_positions: (nq,) fingers as described, arm at home, objects parked out of sight.
         positions_input: (nq) positions of `plant`; connect `SceneGraphUpdater`'s `positions`.
         further_input: (F · FURTHER_TRACK_SIZE) further instances; connect `SceneGraphUpdater`'s `further_tracks`, or
@@ -65,16 +87,37 @@ class TwinScene:
     arm_position_index: np.ndarray
     gripper_position_index: np.ndarray
     object_position_index: np.ndarray
-    symmetry_axes_O: Array
-    radii: Array
+    kinds: list[Kind]
     slots: SlotFrames
     default_positions: Array
     positions_input: InputPort
     further_input: InputPort
     query_output: OutputPort
 
+    @property
+    def symmetry_axes_O(self) -> Array:
+        """(K, 3) axis of symmetry in O of each of the library's objects, zeros where there is none."""
+        return np.array([kind.axis for kind in self.kinds[: len(self.object_names)]]).reshape(-1, 3)
+
+    def add_kind(self, name: str, folder: Path, packages: Mapping[str, str | Path] | None = None) -> int:
+        """Take in the shapes of an asset that came later; answer its number.
+
+        Raises:
+            AssetError: its model cannot be read.
+        """
+        scene_graph, plant = SceneGraph(), MultibodyPlant(time_step=0.0)
+        plant.RegisterAsSourceForSceneGraph(scene_graph)
+        spec = _add_object(plant, name, str(folder), packages)
+        plant.Finalize()
+        body = plant.GetBodyByName("object", plant.GetModelInstanceByName(name))
+        shapes = library_shapes(scene_graph, plant.GetBodyFrameIdOrThrow(body.index()))
+        self.kinds.append(Kind.of(name, spec, shapes))
+        return len(self.kinds) - 1
+
     def shapes_of(self, asset: int) -> Shapes:
-        """Return the shapes of one of the library's objects, by its number, for another instance of it."""
+        """Return the shapes of one of the known objects, by its number, for another instance of it."""
+        if (own := self.kinds[asset].shapes) is not None:
+            return own
         body = self.plant.GetBodyByName("object", self.plant.GetModelInstanceByName(self.object_names[asset]))
         return library_shapes(self.scene_graph, self.plant.GetBodyFrameIdOrThrow(body.index()))
 
@@ -126,8 +169,7 @@ def add_twin_scene(
         arm_position_index=arm_index,
         gripper_position_index=gripper,
         object_position_index=objects,
-        symmetry_axes_O=np.array([[0.0, 0.0, float(s.symmetric_axis == "z")] for s in specs]).reshape(-1, 3),
-        radii=np.array([0.5 * float(np.linalg.norm(s.size)) for s in specs]),
+        kinds=[Kind.of(name, spec) for name, spec in zip(names, specs, strict=True)],
         slots=slots,
         default_positions=default,
         positions_input=to_poses.get_input_port(),

@@ -166,10 +166,10 @@ class SceneGraphUpdater(LeafSystem):
             measurement, kind = PoseMeasurement.unpack(measured[k]), int(assets[k])
             if lives[k, LifeLayout.GONE_SINCE] >= 0.0 and object_update.usable(measurement, NEVER, now):
                 filters[k] = object_filter.initial_filters(1)[0]  # it is back, wherever it was
-            symmetric = bool(self._scene.symmetry_axes_O[kind, 2] != 0)
+            symmetric = bool(self._scene.kinds[kind].axis[2] != 0)
             filters[k] = object_update.update(filters[k], measurement, now, self._tuning, symmetric)
             if tool is not None and hand is None:
-                lives[k] = object_life.along_with(lives[k], filters[k], tool, float(self._scene.radii[kind]))
+                lives[k] = object_life.along_with(lives[k], filters[k], tool, self._scene.kinds[kind].radius)
         for k in np.flatnonzero(lives[:, LifeLayout.HELD]) if tool is not None else ():
             lives[k, LifeLayout.X_WO] = object_life.with_tool(lives[k, LifeLayout.X_TO], tool.pose)  # type: ignore[union-attr]
         for k in np.flatnonzero(np.isfinite(measured[:, 0]) & (measured[:, 1] <= now + 1e-9)):
@@ -297,7 +297,10 @@ class SceneGraphUpdater(LeafSystem):
         belief.poses[held] = lives[held, LifeLayout.X_WO]
         away = np.isin(tracks[:, 0], [float(ObjectStatus.UNSEEN), float(ObjectStatus.GONE)])
         tracks[:, 2:9] = np.where(away[:, None], self._parked[part], belief.poses)
-        axes = self._scene.symmetry_axes_O[self._assets_of(context)[part].astype(int)]
+        kinds = self._scene.kinds
+        axes = np.zeros((len(filters), 3))
+        if kinds:
+            axes[:] = [kinds[int(k)].axis for k in self._assets_of(context)[part]]
         covariances = object_filter.pose_covariances(belief, axes, self._tuning, self._shared(context, belief))
         tracks[:, 15:] = covariances.reshape(len(filters), 36)
         return tracks

@@ -6,22 +6,20 @@ names. It is built from the scenario's ``twin:`` alone, so it cannot know what a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
+from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import ConstantVectorSource
 
 from twin_diagram import scenario
 from twin_diagram.assets.asset import Asset
-from twin_diagram.errors import ModelError, ScenarioError, TwinError
+from twin_diagram.errors import TwinError
 from twin_diagram.estimation.drift_system import DriftMonitor
 from twin_diagram.estimation.ekf_system import AdaptiveEkf
-from twin_diagram.model.description import add_arm as description
 from twin_diagram.model.model import Model
 from twin_diagram.perception.registration.pose_system import IcpPoseEstimator
 from twin_diagram.perception.segmentation.segmentation_system import PerceptionSystem
@@ -29,9 +27,9 @@ from twin_diagram.planning.braking.stop_monitor import StopMonitor
 from twin_diagram.planning.mpc_system import Mpc
 from twin_diagram.planning.tasks.task_system import TaskRunner
 from twin_diagram.scenario.lenses import calibration_error
-from twin_diagram.scenario.resources import resolve
 from twin_diagram.scenario.validation import check_twin
 from twin_diagram.scene import object_events
+from twin_diagram.scene.object_events import Names
 from twin_diagram.scene.twin_scene import TwinScene, add_twin_scene
 from twin_diagram.scene.updater_system import SceneGraphUpdater
 from twin_diagram.signals.hand import HAND_SIZE
@@ -39,15 +37,14 @@ from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER, POSE_SIZE, TRA
 from twin_diagram.signals.things import FURTHER_TRACK_SIZE, THING_SIZE
 from twin_diagram.station import ports
 from twin_diagram.twin.acting import add_task, connect_task, export_acting
+from twin_diagram.twin.added_assets import AddedAssets
 from twin_diagram.twin.arm_sensing.camera_calibrator import add_calibrator
 from twin_diagram.twin.fused_sensors import Fused, export, fused_sensors
+from twin_diagram.twin.given_files import Packages, check_fixtures, library_of, model_of, named
 from twin_diagram.twin.health import HealthMonitor
 from twin_diagram.twin.kept_scene import keep_scene
 from twin_diagram.twin.own_systems import VALUE, check, inputs_of
 from twin_diagram.twin.stopping_in_time import add_stop_monitor, connect_commands
-
-Packages = Mapping[str, str | Path]
-Made = TypeVar("Made")
 
 MASS = "payload.mass"
 """Name of the learned mass among the filter's parameters."""
@@ -74,6 +71,7 @@ class TwinDiagram:
         health: the system that says what the twin lacks.
         runner: the system that runs the steps of its task; None where it has none.
         monitor: the system that stops the arm in time; None where it is told to have none.
+        added: assets that came later; see `add_asset`.
     """
 
     diagram: Diagram
@@ -89,6 +87,7 @@ class TwinDiagram:
     health: HealthMonitor
     runner: TaskRunner | None
     monitor: StopMonitor | None
+    added: AddedAssets
 
     @property
     def _model_users(self) -> list[AdaptiveEkf | DriftMonitor | Mpc]:
@@ -115,6 +114,38 @@ class TwinDiagram:
         for system in self._model_users:
             system.use_model(self.diagram.GetMutableSubsystemContext(system, context), number)
 
+    def add_asset(self, asset: Asset | str | Path, name: str | None = None) -> int:
+        """Take in an asset that the library does not hold; answer its number. No Context uses it yet.
+
+        Args:
+            asset: it, or its folder.
+            name: what it is called here; None: as in its `asset.yaml`.
+
+        Raises:
+            AssetError: it cannot be read.
+            TwinError: the name is taken, or the twin has no eyes or no slots for it.
+        """
+        return self.added.add(asset, name)
+
+    def use_asset(self, context: Context, number: int, X_WO: RigidTransform | None = None) -> None:
+        """Search for an added asset from the next image on, follow it and keep clear of it, under its own name.
+
+        Its first instance holds a slot from now on. Once more it changes nothing.
+
+        Args:
+            context: of `diagram`, between two steps of a simulator; other Contexts stay as they are.
+            number: as `add_asset` gave it.
+            X_WO: where it is now; None: nobody knows.
+
+        Raises:
+            TwinError: no slot is free.
+        """
+        self.added.use(self.diagram, context, number, X_WO)
+
+    def names(self, context: Context) -> Names:
+        """Return what objects and things are called."""
+        return self.added.names(self.diagram, context)
+
     def keep_scene(self, context: Context) -> bool:
         """Give the twin's SceneGraph the geometry of all that holds a slot now; see `kept_scene`.
 
@@ -126,7 +157,7 @@ class TwinDiagram:
     def events(self, context: Context) -> list[dict[str, Any]]:
         """Return what happened to objects and things, oldest first: time [s], event, object."""
         ring = np.asarray(self.diagram.GetOutputPort("object_events").Eval(context))
-        return object_events.told(ring, self.scene.object_names)
+        return object_events.told(ring, self.names(context))
 
     def step_events(self, context: Context) -> list[dict[str, Any]]:
         """Return what happened to the task's steps, oldest first: see `planning.tasks.step_state.told`."""
@@ -175,25 +206,25 @@ def make_twin(
     """
     check_twin(twin)
     builder = DiagramBuilder()
-    model = _model(twin, packages)
-    library = _library(twin, packages)
-    _check_fixtures(twin, packages)
-    scene = _named("twin.fixtures", lambda: add_twin_scene(builder, twin, packages))
+    model = model_of(twin, packages)
+    library = library_of(twin, packages)
+    check_fixtures(twin, packages)
+    scene = named("twin.fixtures", lambda: add_twin_scene(builder, twin, packages))
 
     home = np.array(twin.home) if twin.home else None
     fused = fused_sensors(twin, model.last_link)
     tuning = replace(twin.filter, sensors=[sensor.spec for sensor in fused])
-    ekf = builder.AddNamedSystem("adaptive_ekf", _named("twin.filter", lambda: AdaptiveEkf(model, tuning, home)))
+    ekf = builder.AddNamedSystem("adaptive_ekf", named("twin.filter", lambda: AdaptiveEkf(model, tuning, home)))
     parameter_names = tuple(label.split(" ")[0] for label in ekf.ekf.parameters.labels(model.joints))
     drift = builder.AddNamedSystem("drift_monitor", DriftMonitor(model, twin.drift, tuning))
     updater = _add_updater(builder, scene, twin)
-    mpc = None if controller else _named("twin", lambda: Mpc(model, twin, library, packages, parameter_names))
+    mpc = None if controller else named("twin", lambda: Mpc(model, twin, library, packages, parameter_names))
     moves: System = mpc or controller  # type: ignore[assignment]  # one of them is there
     _check_controller(moves, len(model.joints), len(library), len(parameter_names), twin.slots)
     builder.AddNamedSystem("mpc" if mpc else "controller", moves)
     goal, runner = add_task(builder, twin, model, library, scene)
     health = builder.AddNamedSystem("health_monitor", HealthMonitor(twin))
-    monitor = _named("twin", lambda: add_stop_monitor(builder, twin, model, library, packages))
+    monitor = named("twin", lambda: add_stop_monitor(builder, twin, model, library, packages))
     _take_measurements(builder, ekf, *(each for each in (drift, moves, health, runner, monitor) if each is not None))
     connect_task(builder, runner, ekf, updater, moves)
     further = ["sensor_tracks"] if fused else []
@@ -202,8 +233,8 @@ def make_twin(
     _connect(builder, ekf, updater, "arm_state")
     _connect_controller(builder, ekf, updater, goal, moves, health)
     _connect(builder, updater, health, "tracks")
-    _add_sight(builder, twin, library, packages, ekf, updater, health, moves, perception, runner, monitor)
-    _named("twin.filter.sensors", lambda: export(builder, ekf, fused, twin, model, packages))
+    sight = _add_sight(builder, twin, library, packages, ekf, updater, health, moves, perception, runner, monitor)
+    named("twin.filter.sensors", lambda: export(builder, ekf, fused, twin, model, packages))
 
     connect_commands(builder, moves, monitor, ekf, updater, runner, len(model.joints))
     export_acting(builder, goal, scene, updater, runner, monitor)
@@ -211,7 +242,8 @@ def make_twin(
     builder.ExportOutput(scene.query_output, "query_object")
     mass_index = parameter_names.index(MASS) if MASS in parameter_names else None
     learnt = parameter_names, mass_index, tuple(fused)
-    return TwinDiagram(_built(builder), model, library, scene, *learnt, ekf, drift, mpc, health, runner, monitor)
+    added = AddedAssets(scene, sight, (mpc, monitor))
+    return TwinDiagram(_built(builder), model, library, scene, *learnt, ekf, drift, mpc, health, runner, monitor, added)
 
 
 def _built(builder: DiagramBuilder) -> Diagram:
@@ -227,21 +259,6 @@ def _add_updater(builder: DiagramBuilder, scene: TwinScene, twin: scenario.Twin)
     builder.Connect(updater.GetOutputPort("positions"), scene.positions_input)
     builder.Connect(updater.GetOutputPort("further_tracks"), scene.further_input)
     return updater
-
-
-def _model(twin: scenario.Twin, packages: Packages | None) -> Model:
-    """Load the arm, with a home for each joint."""
-    # A corrected model's folder says itself on which side its torques were measured.
-    side = "link" if twin.driver.torque_side == "link" else None
-    try:
-        model = Model.load(twin.arm, packages, torque_side=side)
-    except ModelError as error:
-        raise description.scenario_error("twin.arm", error) from error
-    if twin.home and len(twin.home) != len(model.joints):
-        raise ScenarioError(
-            "twin.home", f"{len(twin.home)} angles for {len(model.joints)} joints ({', '.join(model.joints)})"
-        )
-    return model
 
 
 def _check_controller(system: System, n: int, objects: int, parameters: int, slots: scenario.Slots) -> None:
@@ -305,7 +322,7 @@ def _add_sight(
     own: System | None,
     runner: TaskRunner | None,
     monitor: StopMonitor | None,
-) -> None:
+) -> IcpPoseEstimator | None:
     """Add what leads from the camera to the scene; without a camera, what says that nothing was seen."""
     if twin.camera is None:
         if own is not None:
@@ -314,7 +331,7 @@ def _add_sight(
         nothing = builder.AddNamedSystem("no_poses", ConstantVectorSource(np.zeros(MEASUREMENT_SIZE * len(library))))
         builder.Connect(blind.get_output_port(), updater.GetInputPort("image_time"))
         builder.Connect(nothing.get_output_port(), updater.GetInputPort("object_poses"))
-        return
+        return None
     camera = twin.camera
     if own is None:
         first: System = PerceptionSystem(twin.arm, camera, twin.perception, packages)
@@ -352,6 +369,7 @@ def _add_sight(
             for system in systems:
                 _connect(builder, last, system, *inputs_of(system, (name,)))
             builder.ExportOutput(last.GetOutputPort(name), name)
+    return last if isinstance(last, IcpPoseEstimator) else None
 
 
 def _export_beliefs(
@@ -372,29 +390,3 @@ def _export_beliefs(
     ):
         for name in names:
             builder.ExportOutput(system.GetOutputPort(name), "plan" if system is controller else name)
-
-
-def _check_fixtures(twin: scenario.Twin, packages: Packages | None) -> None:
-    """Refuse a fixture whose file does not exist, by the field's name."""
-    for index, fixture in enumerate(twin.fixtures):
-        _named(f"twin.fixtures.{index}.model", partial(resolve, fixture.model, packages))
-
-
-def _library(twin: scenario.Twin, packages: Packages | None) -> dict[str, Asset]:
-    """Load the known objects' assets."""
-    named = twin.library.items()
-    return {name: _named(f"twin.library.{name}", partial(_asset, folder, packages)) for name, folder in named}
-
-
-def _asset(folder: str, packages: Packages | None) -> Asset:
-    return Asset.load(resolve(folder, packages))
-
-
-def _named(field: str, make: Callable[[], Made]) -> Made:
-    """Run `make`; what is wrong with the user's files is said with the scenario's field."""
-    try:
-        return make()
-    except ScenarioError:
-        raise
-    except TwinError as error:
-        raise ScenarioError(field, str(error)) from error

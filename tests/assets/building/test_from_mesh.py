@@ -129,6 +129,23 @@ def test_what_is_not_watertight_says_so(tmp_path: Path) -> None:
     assert read_spec(tmp_path / "lib" / "a").volume_by == "hull"
 
 
+@pytest.mark.parametrize("encoding", ["ascii", "binary"])
+def test_ply_is_read_with_its_colours(tmp_path: Path, encoding: str) -> None:
+    mesh = trimesh.creation.box([0.06, 0.05, 0.1])
+    mesh.visual.vertex_colors = np.tile([200, 30, 40, 255], (8, 1)).astype(np.uint8)
+    mesh.export(tmp_path / "a.ply", encoding=encoding)
+    built = build_from_mesh(tmp_path / "a.ply", "a", tmp_path / "lib", mass=0.3)
+    assert built.volume == pytest.approx(3e-4) and built.size == pytest.approx([0.06, 0.05, 0.1])
+    colours = Asset.load(built.folder).colours
+    assert np.abs(colours - np.array([200, 30, 40]) / 255).max() < 0.02
+    if encoding == "ascii":
+        return
+    (tmp_path / "cut.ply").write_bytes((tmp_path / "a.ply").read_bytes()[:-40])
+    with pytest.raises(AssetError, match=r"cut\.ply: "):
+        build_from_mesh(tmp_path / "cut.ply", "b", tmp_path / "lib", mass=0.3)
+    assert not (tmp_path / "lib" / "b").exists()
+
+
 def _without_lid() -> tuple[Array, Array]:
     mesh = box(0.1, 0.06, 0.04)
     lid = np.asarray(mesh.face_normals)[:, 2] > 0.5

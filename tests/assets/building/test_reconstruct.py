@@ -275,7 +275,7 @@ def prediction() -> dict[str, np.ndarray]:
 @pytest.mark.long
 def test_predictions_are_scaled_and_the_cube_is_left_out(tmp_path: Path, prediction: dict[str, np.ndarray]) -> None:
     np.savez(tmp_path / "predictions.npz", **prediction)
-    _, factor = metric(read_predictions(tmp_path / "predictions.npz"), 0.03, "predictions")
+    _, _, factor = metric(read_predictions(tmp_path / "predictions.npz"), 0.03, "predictions")
     assert factor == pytest.approx(0.37, rel=0.01)
     built = build_from_predictions(tmp_path / "predictions.npz", "block", tmp_path / "library", 0.03)
     np.testing.assert_allclose(built.size, [0.05, 0.04, 0.03], atol=0.002)

@@ -87,6 +87,24 @@ def test_gate_keeps_edges_sharp() -> None:
     assert gated[edge].mean() < 0.3 * not_gated[edge].mean()
 
 
+def test_rough_mesh_keeps_more_triangles_where_few_would_ruin_it(
+    ball: tuple[np.ndarray, np.ndarray], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import fast_simplification
+
+    vertices, faces = ball
+    honest = fast_simplification.simplify
+
+    def ruining(points: np.ndarray, triangles: np.ndarray, target_count: int, agg: float) -> tuple[np.ndarray, ...]:
+        found, kept = honest(points, triangles, target_count=target_count, agg=agg)
+        return found * (0.8 if target_count < 800 else 1.0), kept
+
+    monkeypatch.setattr(fast_simplification, "simplify", ruining)
+    fewer, kept = decimated(vertices, faces, 400)
+    assert 400 < len(kept) <= 1600 and is_closed(kept)
+    assert enclosed_volume(fewer, kept) == pytest.approx(enclosed_volume(vertices, faces), rel=0.01)
+
+
 def test_decimation_stays_closed_and_near(ball: tuple[np.ndarray, np.ndarray]) -> None:
     vertices, faces = ball
     fewer, kept = decimated(vertices, faces, 800)

@@ -66,6 +66,14 @@ def test_without_extrinsics_the_camera_stands(folder: Path) -> None:
     np.testing.assert_array_equal(frames.read(1).camera.R_WC, np.eye(3))
 
 
+def test_a_picture_that_is_cut_off_is_refused_in_one_line(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    whole = (folder / "depth" / "000001.png").read_bytes()
+    (folder / "depth" / "000001.png").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(FramesError, match=r"000001\.png: not a readable image"):
+        FrameFolder(folder).read(1)
+    assert capfd.readouterr() == ("", "")  # nothing of OpenCV's own
+
+
 def test_a_frame_is_read_when_its_turn_comes(folder: Path) -> None:
     (folder / "depth" / "000002.png").write_bytes(b"no image")
     frames = FrameFolder(folder)

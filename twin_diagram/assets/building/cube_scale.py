@@ -41,7 +41,10 @@ class Tuning:
     """Gap between two things, in distances of neighbours in one."""
 
     unequal: float = 0.08
-    """By how much its edges may differ, as a share; more is no cube."""
+    """By how much its edges may differ, as a share; more is no cube, …"""
+
+    roughly: float = 0.4
+    """… but of views that do not agree yet, whose faces are smeared."""
 
 
 TUNING = Tuning()
@@ -80,18 +83,34 @@ def measure_cube(points: Array, colours: Array, plane: Array, where: str) -> Cub
     Raises:
         FramesError: there is no green cube.
     """
+    return _cubes(points, colours, plane, where, TUNING.unequal)[0]
+
+
+def rough_cubes(points: Array, colours: Array, plane: Array, where: str) -> list[Cube]:
+    """Return what may be the green cube, as far as views tell that do not agree yet; the largest thing first.
+
+    Args and errors as of `measure_cube`.
+    """
+    return _cubes(points, colours, plane, where, TUNING.roughly)
+
+
+def _cubes(points: Array, colours: Array, plane: Array, where: str, unequal: float) -> list[Cube]:
+    """Return all green things that are cubes, their edges different by no more than a share."""
     green = points[is_green(colours)]
     if len(green) < TUNING.least_points:
         raise FramesError(
             f"{where}: no green cube: {len(green)} green points, {TUNING.least_points} are needed for --cube-edge"
         )
     wrong: FramesError | None = None
+    found = []
     for thing in _things(green):
         try:
-            return _measured(thing, plane, where)
+            found.append(_measured(thing, plane, where, unequal))
         except FramesError as error:
             wrong = wrong or error
-    raise wrong or FramesError(f"{where}: no green cube: what is green is scattered")
+    if not found:
+        raise wrong or FramesError(f"{where}: no green cube: what is green is scattered")
+    return found
 
 
 def _things(points: Array) -> list[Array]:
@@ -108,7 +127,7 @@ def _things(points: Array) -> list[Array]:
     return [points[label == k] for k in order]
 
 
-def _measured(green: Array, plane: Array, where: str) -> Cube:
+def _measured(green: Array, plane: Array, where: str, unequal: float) -> Cube:
     """Return the cube that green points (N, 3) are, or refuse them."""
     n, d = plane[:3], plane[3]
     middle = np.median(green, axis=0)
@@ -129,11 +148,11 @@ def _measured(green: Array, plane: Array, where: str) -> Cube:
         sides.append((*_sides(_turned(flat, a), upright), a))
     low, high, _, angle = min(sides, key=lambda found: found[2])
     widths = high - low
-    if not np.isfinite(widths).all() or widths.min() <= 0 or np.ptp(widths) > TUNING.unequal * widths.mean():
+    if not np.isfinite(widths).all() or widths.min() <= 0 or np.ptp(widths) > unequal * widths.mean():
         raise FramesError(
             f"{where}: what is green is no cube: {widths[0]:.3g} by {widths[1]:.3g} across, {top:.3g} high"
         )
-    if abs(top / widths.mean() - 1) > 2 * TUNING.unequal:
+    if abs(top / widths.mean() - 1) > 2 * unequal:
         raise FramesError(f"{where}: what is green is no cube: {widths.mean():.3g} across, {top:.3g} high")
     c, s = np.cos(angle), np.sin(angle)
     u, v = c * x + s * y, -s * x + c * y

@@ -18,6 +18,9 @@ class Tuning:
     """`fast_simplification`'s aggressiveness, in the order tried: with less it stops far above the target on rough
     surfaces, with more it can ruin smooth ones."""
 
+    factors: tuple[int, ...] = (1, 2, 4, 10)
+    """Times the target that are tried one after the other: what is rough all over keeps its shape with more alone."""
+
     volume_off: float = 0.01
     """How much of its volume a closed mesh may gain or lose; ruined ones change by a half."""
 
@@ -54,12 +57,21 @@ def decimated(vertices: Array, faces: Faces, target: int) -> tuple[Array, Faces]
     """Return about `target` triangles by quadric edge collapse (Garland and Heckbert, 1997), closed where it was.
 
     Collapses at thin places fold triangles onto one another and pinch edges; `unfolded` mends that. Where it does not,
-    the mesh is returned as it came.
+    or the volume would change, more triangles are left; at worst the mesh is returned as it came.
     """
+    for factor in TUNING.factors:
+        if len(faces) <= factor * target:
+            break
+        found = _decimated(vertices, faces, factor * target)
+        if found is not None:
+            return found
+    return vertices, faces
+
+
+def _decimated(vertices: Array, faces: Faces, target: int) -> tuple[Array, Faces] | None:
+    """Return about `target` triangles, or None where the shape would be ruined."""
     import fast_simplification
 
-    if len(faces) <= target:
-        return vertices, faces
     centre, size = vertices.mean(axis=0), np.ptp(vertices, axis=0).max()
     closed, volume = is_closed(faces), enclosed_volume(vertices, faces)
     for eagerness in TUNING.eagerness:
@@ -74,7 +86,7 @@ def decimated(vertices: Array, faces: Faces, target: int) -> tuple[Array, Faces]
                 continue
         used, kept = np.unique(kept, return_inverse=True)
         return found[used], kept.reshape(-1, 3)
-    return vertices, faces
+    return None
 
 
 def _welded(vertices: Array) -> Faces:

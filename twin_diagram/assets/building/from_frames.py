@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from twin_diagram.assets.building.cube_scale import Cube
 from twin_diagram.assets.building.from_mesh import AssetPlace, BuiltAsset, build_from_triangles, check_told
 from twin_diagram.assets.building.predictions import metric, read_predictions
 from twin_diagram.assets.building.reconstruct import FrameSource, Reconstruction, reconstruct
@@ -103,20 +104,32 @@ def build_from_predictions(
         raise AssetError(f"--cube-edge {cube_edge:g}: must be positive [m]")
     place_for(name, library, replace_it)
     predicted = read_predictions(file)
-    frames, factor = metric(predicted if masks is None else predicted.masked(masks), cube_edge, str(file))
+    frames, cube, factor = metric(predicted if masks is None else predicted.masked(masks), cube_edge, str(file))
     say(f"scale: {factor:.5g} m per unit of the predictions")
-    return asset_of_frames(frames, AssetPlace(name, library, mass, density, replace_it), str(file), say)
+    return asset_of_frames(frames, AssetPlace(name, library, mass, density, replace_it), str(file), say, cube)
 
 
 def asset_of_frames(
-    frames: FrameSource, told: AssetPlace, where: str, say: Callable[[str], None] = lambda text: None
+    frames: FrameSource,
+    told: AssetPlace,
+    where: str,
+    say: Callable[[str], None] = lambda text: None,
+    beside: Cube | None = None,
 ) -> BuiltAsset:
-    """Reconstruct what frames show, colour it, and put it into a library.
+    """Reconstruct what frames show, colour it, and put it into a library; `beside` is a cube that is none of it.
 
     Raises:
         FramesError, AssetError: as of `build_from_frames`.
     """
-    found = reconstruct(frames, where, say=say)
+    return asset_of_shape(reconstruct(frames, where, say=say, beside=beside), told, where)
+
+
+def asset_of_shape(found: Reconstruction, told: AssetPlace, where: str) -> BuiltAsset:
+    """Colour what was reconstructed and put it into a library.
+
+    Raises:
+        AssetError: as of `build_from_frames`.
+    """
     atlas = lay_out(len(found.faces))
     picture = textured(found.views, found.vertices, found.faces, atlas)
     notes = [
@@ -133,8 +146,14 @@ def asset_of_frames(
 
 def upright(found: Reconstruction) -> Array:
     """Return the vertices (V, 3) turned the least way that takes the support's normal to z, its plane at z = 0."""
+    R, p = upright_pose(found)
+    return np.asarray((found.vertices - p) @ R.T)
+
+
+def upright_pose(found: Reconstruction) -> tuple[Array, Array]:
+    """Return R (3, 3) and p (3,) [m] of `upright`: what is at v comes to R (v − p)."""
     if found.plane is None:
-        return found.vertices
+        return np.eye(3), np.zeros(3)
     n, d = found.plane[:3], found.plane[3]
     z = np.array([0.0, 0.0, 1.0])
     v, c = np.cross(n, z), float(n @ z)
@@ -143,4 +162,4 @@ def upright(found: Reconstruction) -> Array:
     else:
         skew = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
         R = np.eye(3) + skew + skew @ skew / (1 + c)
-    return np.asarray((found.vertices - d * n) @ R.T)
+    return np.asarray(R), np.asarray(d * n)

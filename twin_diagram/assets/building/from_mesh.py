@@ -79,7 +79,7 @@ def build_from_mesh(
     glTF, whose y axis is up, is turned; other meshes are taken to stand as they are, z upwards.
 
     Args:
-        mesh: .obj, .stl, .glb or .gltf.
+        mesh: .obj, .stl, .ply, .glb or .gltf.
         name: of the asset: letters, digits, `_`, `-`.
         library: the folder of assets; made where there is none.
         mass: [kg]

@@ -11,12 +11,13 @@ A truncated signed distance (Curless and Levoy, 1996) with three differences:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram.assets.building.cube_scale import Cube
 from twin_diagram.assets.building.depth_view import DepthView, Map
 from twin_diagram.signals.arrays import Array
 
@@ -40,7 +41,7 @@ class Tuning:
     free_votes: float = 2.0
     """How many views must look through a place for each unit of weight that says it lies just below a surface."""
 
-    foot: float = 1.0
+    foot: float = 2.0
     """Height above the support below which only that counts which carries something [voxels]; a
     cup's floor must stay."""
 
@@ -141,6 +142,14 @@ def fuse(views: Sequence[DepthView], grid: FusionGrid, noise: float, plane: Arra
     if plane is not None:
         distance = _cut_off(distance, grid, plane, front)
     return DistanceField(grid, distance.astype(np.float32), weight, near | (free > least))
+
+
+def without(field: DistanceField, cube: Cube) -> DistanceField:
+    """Return a field in which a cube is outside: where it stands nothing else is, though no view looks in there."""
+    q = np.abs((field.grid.points() - cube.centre) @ cube.axes.T) - cube.edge / 2
+    reach = float(np.abs(field.distance).max())
+    inside = np.clip(-q.max(axis=-1), -reach, reach)
+    return replace(field, distance=np.maximum(field.distance, inside).astype(np.float32))
 
 
 def _cut_off(distance: Map, grid: FusionGrid, plane: Array, front: float) -> Map:

@@ -109,10 +109,10 @@ def simplified(hull: ConvexHull) -> Array:
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     planes, inverse = np.unique(np.round(hull.equations[:, :3], 4), axis=0, return_inverse=True)
     total = np.bincount(inverse.reshape(-1), weights=areas)
-    chosen: list[Array] = []
-    for normal in planes[np.argsort(-total)]:
-        if all(normal @ other < np.cos(np.deg2rad(TUNING.turn)) for other in chosen):
-            chosen.append(normal / np.linalg.norm(normal))
+    left, chosen = planes[np.argsort(-total)], []
+    while len(left):  # each largest one takes away all that are like it, so a million faces take seconds
+        chosen.append(left[0] / np.linalg.norm(left[0]))
+        left = left[1:][left[1:] @ chosen[-1] < np.cos(np.deg2rad(TUNING.turn))]
     normals = np.array(chosen)
     reach = (own @ normals.T).max(axis=0)
     try:

@@ -13,8 +13,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from twin_diagram.assets.building.cube_scale import Cube, measure_cube
-from twin_diagram.assets.building.depth_view import make_view, view_points
+from twin_diagram.assets.building.cube_faces import fit_cube
+from twin_diagram.assets.building.cube_scale import Cube, is_green, rough_cubes
+from twin_diagram.assets.building.depth_view import DepthView, make_view, view_points
+from twin_diagram.assets.building.levelling import LevelViews, levelled, surfaces_agree
 from twin_diagram.assets.building.support_plane import find_plane
 from twin_diagram.errors import FramesError
 from twin_diagram.logs.frames.folder_files import numbered
@@ -29,6 +31,25 @@ class Tuning:
 
     doubtful: float = 0.15
     """Share of points, the least sure ones, that is left out."""
+
+    least_points: int = 100
+    """Fewer points tell nothing of a lens."""
+
+    projected: float = 1.5
+    """How far from its pixel the median point may be projected by what is told of a camera [pixel]; networks' points
+    and cameras agree to less."""
+
+    held: float = 1.06
+    """How much larger than it is the cube is taken to be: what is in there is none of the object's, …"""
+
+    held_green: float = 1.4
+    """… nor what is green in there."""
+
+    first_depth: float = 0.6
+    """What the median depth is taken for until the cube tells [m]."""
+
+    nearest: float = 0.02
+    """Depth below which there is none, as a share of the median one: what a network leaves out may lie at its lens."""
 
     rotation: float = 0.02
     """How far R Rᵀ of a predicted pose may be off the identity."""
@@ -63,20 +84,26 @@ class PredictedFrames:
             raise FramesError(f"{folder}: {len(files)} masks, there are {len(self.frames)} frames, numbered from 0")
         return PredictedFrames(tuple(replace(f, mask=read_mask(files[f.number], f.depth.shape)) for f in self.frames))
 
-    def scaled(self, factor: float, without: Cube | None = None) -> PredictedFrames:
-        """Return the same with lengths times `factor`; `without` a cube, whose depth is left out."""
+    def scaled(self, factor: float) -> PredictedFrames:
+        """Return the same with lengths times `factor`."""
         made = []
         for f in self.frames:
-            depth = f.depth if without is None else np.where(_held(f, without), 0, f.depth)
             camera = f.camera.moved(f.camera.R_WC, f.camera.p_WC * factor)
-            made.append(RgbdFrame(f.number, f.time, f.rgb, (depth * factor).astype(np.float32), f.mask, camera, camera))
+            made.append(replace(f, depth=(f.depth * factor).astype(np.float32), colour=camera, camera=camera))
         return PredictedFrames(tuple(made))
 
+    def without(self, cube: Cube) -> PredictedFrames:
+        """Return the same with it said where the cube is seen."""
+        return PredictedFrames(tuple(replace(f, beside=_shows(f, cube)) for f in self.frames))
 
-def _held(frame: RgbdFrame, cube: Cube) -> npt.NDArray[np.bool_]:
+
+def _shows(frame: RgbdFrame, cube: Cube) -> npt.NDArray[np.bool_]:
+    """Return (h, w), where a frame shows a cube: what is green near it, and all that is in it."""
     c = frame.camera
-    points = c.rays() * frame.depth[..., None] @ c.R_WC.T + c.p_WC
-    return cube.holds(points.reshape(-1, 3)).reshape(frame.depth.shape)
+    points = (c.rays() * frame.depth[..., None] @ c.R_WC.T + c.p_WC).reshape(-1, 3)
+    green = np.zeros(len(points), bool) if frame.rgb is None else is_green(frame.rgb.reshape(-1, 3) / 255.0)
+    own = cube.holds(points, TUNING.held) | (green & cube.holds(points, TUNING.held_green))
+    return own.reshape(frame.depth.shape)
 
 
 def read_predictions(path: str | Path) -> PredictedFrames:
@@ -113,56 +140,132 @@ def read_predictions(path: str | Path) -> PredictedFrames:
         if array.dtype.kind not in "fui" or not np.isfinite(array).all():
             raise FramesError(f"{path}: {name} holds values that are no finite numbers")
     rgb = images if images.dtype == np.uint8 else np.round(255 * np.clip(images, 0, 1)).astype(np.uint8)
-    floor = np.quantile(sure, TUNING.doubtful)
+    depths = _depths(points, sure, extrinsic)
     frames = []
-    for k in range(count):
-        R, t = extrinsic[k, :, :3].astype(float), extrinsic[k, :, 3].astype(float)
-        if np.abs(R @ R.T - np.eye(3)).max() > TUNING.rotation or np.linalg.det(R) < 0:
-            raise FramesError(f"{path}: extrinsic {k} is no rotation")
-        u, _, vt = np.linalg.svd(R)
-        R = u @ vt
-        K = intrinsic[k]
-        if min(K[0, 0], K[1, 1]) <= 0:
-            raise FramesError(f"{path}: intrinsic {k} has no positive focal length")
-        camera = ViewCamera(
-            width, height, float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2]), R.T, -R.T @ t
-        )
-        depth = points[k].astype(float) @ R[2] + t[2]
-        depth = np.where((sure[k] >= floor) & (depth > 0), depth, 0).astype(np.float32)
-        frames.append(RgbdFrame(k, float(k), rgb[k], depth, None, camera, camera))
+    for k, depth in enumerate(depths):
+        camera = _camera(path, k, extrinsic[k].astype(float), intrinsic[k].astype(float), (height, width))
+        lens = _lens(camera, points[k].astype(float), depth)
+        frames.append(RgbdFrame(k, float(k), rgb[k], depth, None, lens, lens))
     return PredictedFrames(tuple(frames))
 
 
-def metric(predicted: PredictedFrames, cube_edge: float, where: str) -> tuple[PredictedFrames, float]:
-    """Return frames in metres without the cube of known edge [m], and the factor that made them so.
+def _depths(points: Array, sure: Array, extrinsic: Array) -> list[npt.NDArray[np.float32]]:
+    """Return each view's depth (h, w), 0 where the network is not sure, or says that a point is at its lens."""
+    floor = np.quantile(sure, TUNING.doubtful)
+    if floor <= sure.min() < sure.max():  # more is not sure at all than is left out
+        floor = sure[sure > sure.min()].min()
+    raw = [p.astype(float) @ X[2, :3].astype(float) + float(X[2, 3]) for p, X in zip(points, extrinsic, strict=True)]
+    good = [(one > 0) & (own >= floor) for one, own in zip(raw, sure, strict=True)]
+    all_good = np.concatenate([one[own] for one, own in zip(raw, good, strict=True)])
+    least = TUNING.nearest * float(np.median(all_good)) if len(all_good) else 0.0
+    return [np.where(own & (one > least), one, 0).astype(np.float32) for one, own in zip(raw, good, strict=True)]
+
+
+def _camera(path: Path, k: int, X: Array, K: Array, size: tuple[int, int]) -> ViewCamera:
+    """Return the camera of view `k`: world-to-camera X (3, 4), K (3, 3), size (h, w)."""
+    R, t = X[:, :3], X[:, 3]
+    if np.abs(R @ R.T - np.eye(3)).max() > TUNING.rotation or np.linalg.det(R) < 0:
+        raise FramesError(f"{path}: extrinsic {k} is no rotation")
+    u, _, vt = np.linalg.svd(R)
+    R = u @ vt
+    if min(K[0, 0], K[1, 1]) <= 0:
+        raise FramesError(f"{path}: intrinsic {k} has no positive focal length")
+    return ViewCamera(size[1], size[0], float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2]), R.T, -R.T @ t)
+
+
+def _lens(camera: ViewCamera, points: Array, depth: npt.NDArray[np.float32]) -> ViewCamera:
+    """Return a camera whose focal lengths and centre are the points' own, where those told project them elsewhere.
+
+    A network predicts its points beside its cameras; a pixel u shows its point where u = fx x/z + cx.
+    """
+    rows, columns = np.nonzero(depth > 0)
+    if len(rows) < TUNING.least_points:
+        return camera
+    p = (points[rows, columns] - camera.p_WC) @ camera.R_WC
+    told = [(camera.fx, camera.cx), (camera.fy, camera.cy)]
+    found = []
+    for axis, (at, (focal, centre)) in enumerate(zip((columns, rows), told, strict=True)):
+        slope = p[:, axis] / p[:, 2]
+        off = np.abs(at - focal * slope - centre)
+        if np.median(off) > TUNING.projected and np.ptp(slope) > 0.05:
+            fitted = np.array([focal, centre])
+            for _ in range(5):  # least absolute distances, by weights
+                w = 1.0 / np.maximum(np.abs(at - fitted[0] * slope - fitted[1]), 0.1)
+                A = np.stack([slope, np.ones_like(slope)], axis=1)
+                fitted = np.linalg.solve((A.T * w) @ A, (A.T * w) @ at)
+            if fitted[0] > 0:
+                focal, centre = float(fitted[0]), float(fitted[1])
+        found.append((focal, centre))
+    (fx, cx), (fy, cy) = found
+    return replace(camera, fx=fx, fy=fy, cx=cx, cy=cy)
+
+
+def metric(predicted: PredictedFrames, cube_edge: float, where: str) -> tuple[PredictedFrames, Cube, float]:
+    """Return frames in metres, the cube of known edge [m] in them, and the factor that made them so.
+
+    Their poses and scales of depth are made to agree beforehand: see `twin_diagram.assets.building.levelling`.
 
     Raises:
         FramesError: no support or no green cube.
     """
     # Judged in units of the scene's depth, since nothing is known of its own.
-    unit = float(
-        np.median(np.concatenate([f.depth[f.depth > 0][::50] for f in predicted.frames]) if len(predicted) else [0])
-    )
+    depths = [f.depth[f.depth > 0][::50] for f in predicted.frames]
+    unit = float(np.median(np.concatenate(depths))) if any(len(one) for one in depths) else 0.0
     if not unit > 0:
         raise FramesError(f"{where}: no depth")
-    about = predicted.scaled(0.6 / unit)
-    points, normals, colours = scene_points(about)
-    above = np.mean([f.camera.p_WC for f in about.frames], axis=0)
+    factor = TUNING.first_depth / unit
+    scene = predicted.scaled(factor)
+    views = [make_view(f.camera, f.depth, None, f.rgb) for f in scene.frames]
+    level = levelled(views, _support(views, where))
+    wrong: FramesError | None = None
+    for candidate in rough_cubes(*_coloured(level.views), level.plane, where):
+        try:
+            views, cube, rough = _measured(level, candidate, cube_edge, where)
+            break
+        except FramesError as error:
+            wrong = wrong or error
+    else:
+        raise wrong or FramesError(f"{where}: no green cube")
+    last = cube_edge / cube.edge
+    frames = [
+        replace(f, depth=view.depth, camera=view.camera, colour=view.camera)
+        for f, view in zip(predicted.frames, views, strict=True)
+    ]
+    cube = replace(cube, edge=cube_edge, centre=cube.centre * last)
+    return PredictedFrames(tuple(frames)).scaled(last).without(cube), cube, factor * rough * last
+
+
+def _measured(level: LevelViews, candidate: Cube, edge: float, where: str) -> tuple[list[DepthView], Cube, float]:
+    """Return views in metres but for a few percent, that agree; the cube in them; and the factor that made them so."""
+    rough = edge / candidate.edge
+    again = levelled([_scaled(view, rough) for view in level.views], level.plane * [1, 1, 1, rough])
+    views, plane = surfaces_agree(replace(again, scale=max(again.scale, level.scale)))
+    found = rough_cubes(*_coloured(views), plane, where)
+    nearest = min(found, key=lambda one: float(np.linalg.norm(one.centre - candidate.centre * rough)))
+    return views, fit_cube(views, nearest, plane, where), rough
+
+
+def _support(views: list[DepthView], where: str) -> Array:
+    samples = [view_points(view, 2, None) for view in views]
+    points, normals = (np.concatenate([sample[k] for sample in samples]) for k in range(2))
+    above = np.mean([view.camera.p_WC for view in views], axis=0)
     rng = np.random.default_rng(0)
     some = rng.permutation(np.flatnonzero(np.linalg.norm(normals, axis=1) > 0.5))[:6000]
     plane = find_plane(points[some], normals[some], above)
     if plane is None:
         raise FramesError(f"{where}: no plane on which cube and object stand")
-    cube = measure_cube(points, colours, plane, where)
-    return about.scaled(cube_edge / cube.edge, cube), 0.6 / unit * cube_edge / cube.edge
+    return plane
 
 
-def scene_points(frames: PredictedFrames) -> tuple[Array, Array, Array]:
-    """Return points, normals and colours (N, 3) of all frames, in W."""
-    found: list[tuple[Array, Array, Array]] = []
-    for f in frames.frames:
-        assert f.rgb is not None
-        points, normals, pixels = view_points(make_view(f.camera, f.depth), 2, None)
-        found.append((points, normals, f.rgb[pixels[:, 0], pixels[:, 1]] / 255.0))
-    points, normals, colours = (np.concatenate([part[k] for part in found]) for k in range(3))
-    return points, normals, colours
+def _scaled(view: DepthView, factor: float) -> DepthView:
+    """Return a view of the same scene, `factor` times as large."""
+    camera = view.camera.moved(view.camera.R_WC, view.camera.p_WC * factor)
+    return make_view(camera, (view.depth * np.float32(factor)).astype(np.float32), view.mask, view.rgb)
+
+
+def _coloured(views: list[DepthView]) -> tuple[Array, Array]:
+    """Return points (N, 3) in W of all views and their colours in [0, 1]."""
+    found = [(view_points(view, 2, None), view.rgb) for view in views]
+    points = np.concatenate([sample[0] for sample, _ in found])
+    colours = [rgb[at[:, 0], at[:, 1]] / 255.0 for (_, _, at), rgb in found if rgb is not None]
+    return points, np.concatenate(colours)

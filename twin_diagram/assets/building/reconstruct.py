@@ -11,9 +11,10 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from twin_diagram.assets.building.colouring import nearest_pixels, views_that_see
+from twin_diagram.assets.building.cube_scale import Cube
 from twin_diagram.assets.building.decimation import decimated, enclosed_volume
 from twin_diagram.assets.building.depth_view import DepthView, cropped, thinned, view_points
-from twin_diagram.assets.building.fusion import DistanceField, FusionGrid, fuse
+from twin_diagram.assets.building.fusion import DistanceField, FusionGrid, fuse, without
 from twin_diagram.assets.building.iso_surface import zero_surface
 from twin_diagram.assets.building.selection import TUNING as CHOICE
 from twin_diagram.assets.building.selection import grown, looked_at, masked_by_most, the_one_thing
@@ -140,6 +141,7 @@ def reconstruct(
     say: Callable[[str], None] = lambda text: None,
     *,
     held: bool = False,
+    beside: Cube | None = None,
 ) -> Reconstruction:
     """Return the object's mesh.
 
@@ -151,6 +153,7 @@ def reconstruct(
         seed: of all that is drawn.
         say: is told of each step.
         held: it is held in a hand, and stands on nothing; the frames have masks.
+        beside: a cube in W that is none of it, where no view can look.
 
     Raises:
         FramesError: too few views, nothing or two things there, views that contradict each other, or an impossible
@@ -181,6 +184,8 @@ def reconstruct(
     _check_agreement(views, low, high, found.noise, where)
     surest = [doubted(view, c, found.centre, found.noise) for view, c in zip(views, found.covariances, strict=True)]
     fused = fuse(surest, _grid(low, high, TUNING.grid_points, TUNING.voxel), found.noise, found.plane)
+    if beside is not None:
+        fused = without(fused, beside)
     vertices, faces = _one_surface(fused, where)
     vertices = smoothed(vertices, faces, TUNING.smoothing_rounds)
     vertices, faces = decimated(vertices, faces, TUNING.faces)
@@ -227,13 +232,27 @@ def object_points(views: Sequence[DepthView], where: str, seed: int) -> tuple[Ar
             raise FramesError(f"{where}: no plane on which a thing stands; give masks of the object")
         held = near
     if plane is not None:
-        held = held & (points @ plane[:3] - plane[3] > CHOICE.stands_out)
+        held = held & (points @ plane[:3] - plane[3] > stands_out(points, normals, plane))
     candidates = points[held]
     kept = candidates[the_one_thing(candidates, where)]
     if plane is not None:  # down to the plane itself
         foot = kept - np.outer(kept @ plane[:3] - plane[3], plane[:3])
         kept = np.concatenate([kept, foot])
     return kept, plane
+
+
+def stands_out(points: Array, normals: Array, plane: Array) -> float:
+    """Return the height above its support (4,) from which a point is a thing's [m]: more, where the support is bent.
+
+    Args:
+        points: (N, 3) of the scene [m].
+        normals: (N, 3) unit, or 0 where unknown.
+        plane: n·p = d, n up.
+    """
+    height = points @ plane[:3] - plane[3]
+    on = height[(np.abs(height) < CHOICE.bent) & (normals @ plane[:3] > CHOICE.flat)]
+    spread = 1.4826 * float(np.median(np.abs(on - np.median(on)))) if len(on) else 0.0
+    return max(CHOICE.stands_out, CHOICE.spreads * spread)
 
 
 def held_points(views: Sequence[DepthView], where: str) -> tuple[Array, None]:

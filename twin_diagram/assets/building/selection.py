@@ -38,7 +38,16 @@ class Tuning:
     """Edge of the cells by which things are told apart [m]: a gap of one to two cells makes two things."""
 
     stands_out: float = 0.006
-    """Height above the support from which a point is the thing's [m]."""
+    """Least height above the support from which a point is the thing's [m], …"""
+
+    spreads: float = 4.0
+    """… and in standard deviations of what is flat there: a network's table is bent by millimetres."""
+
+    bent: float = 0.02
+    """Distance from the support within which what is flat is the support's [m]."""
+
+    flat: float = 0.94
+    """Least cosine between its normals and the support's."""
 
     sparse: float = 0.08
     """Points in a cell, as a share of the median cell's, below which it counts as empty."""

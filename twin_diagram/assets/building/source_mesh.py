@@ -1,4 +1,4 @@
-"""Meshes as people have them: OBJ with its materials, STL, glTF. What they name must lie in the mesh's own folder."""
+"""Meshes as people have them: OBJ with its materials, STL, PLY, glTF. What they name must lie in their own folder."""
 
 from __future__ import annotations
 
@@ -103,6 +103,7 @@ def read_source(path: Path, *, looks: bool = True) -> Source:
     readers: Final[dict[str, Callable[[Path, Beside, bool], list[Part]]]] = {
         ".obj": _read_obj,
         ".stl": _read_with_trimesh,
+        ".ply": _read_with_trimesh,
         ".glb": _read_with_trimesh,
         ".gltf": _read_with_trimesh,
     }
@@ -221,7 +222,7 @@ def decoded(data: bytes, name: str) -> Image:
 
 
 def _read_with_trimesh(path: Path, beside: Beside, looks: bool) -> list[Part]:
-    """Read STL or glTF; one part for each mesh as it is placed."""
+    """Read STL, PLY or glTF; one part for each mesh as it is placed."""
     import trimesh
 
     try:

@@ -6,6 +6,10 @@ import json
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
+import numpy.typing as npt
+
 from twin_diagram.errors import FramesError
 
 _IMAGES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff"})
@@ -74,3 +78,23 @@ def read_json(path: Path) -> Any:
         return json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:
         raise FramesError(f"{path}: not readable as JSON ({error})") from None
+
+
+def read_image(path: Path, flags: int) -> npt.NDArray[Any]:
+    """Return an image as OpenCV reads it; of one that is cut off, OpenCV's own complaints are not printed.
+
+    Raises:
+        FramesError: not a readable image.
+    """
+    data = np.frombuffer(path.read_bytes(), np.uint8)
+    level = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        image = cv2.imdecode(data, flags) if data.size else None
+    except cv2.error:  # one of 2³⁰ pixels and more
+        image = None
+    finally:
+        cv2.utils.logging.setLogLevel(level)
+    if image is None:
+        raise FramesError(f"{path}: not a readable image")
+    return np.asarray(image)

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from twin_diagram.errors import FramesError
 from twin_diagram.logs.frames.extra_camera import ExtraCamera, read_extra
-from twin_diagram.logs.frames.folder_files import below, in_folder, numbered, read_json
+from twin_diagram.logs.frames.folder_files import below, in_folder, numbered, read_image, read_json
 from twin_diagram.logs.frames.view_camera import ViewCamera
 from twin_diagram.signals.arrays import Array
 
@@ -50,6 +50,7 @@ class RgbdFrame:
         mask: (h, w) where the object shows, or None.
         colour: the camera of `rgb` and `mask`.
         camera: that of `depth`; the same one where there is no `camera_extra.json`.
+        beside: (h', w') where depth is that of something known, which is not the object; or None.
     """
 
     number: int
@@ -59,6 +60,7 @@ class RgbdFrame:
     mask: Mask | None
     colour: ViewCamera
     camera: ViewCamera
+    beside: Mask | None = None
 
 
 class FrameFolder:
@@ -217,7 +219,7 @@ class FrameFolder:
 
     def _depth_map(self, number: int) -> DepthMap:
         path = self._depth[number]
-        image = _image(path, cv2.IMREAD_UNCHANGED)
+        image = read_image(path, cv2.IMREAD_UNCHANGED)
         if image.dtype != np.uint16 or image.ndim != 2:
             raise FramesError(f"{path}: depth must be one channel of 16 bits, not {image.dtype} of shape {image.shape}")
         return np.asarray(image * np.float32(self._scales[number] / 1000.0), dtype=np.float32)
@@ -225,7 +227,9 @@ class FrameFolder:
     def _colour(self, number: int) -> Image | None:
         if number not in self._rgb:
             return None
-        return np.asarray(cv2.cvtColor(_image(self._rgb[number], cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB), dtype=np.uint8)
+        return np.asarray(
+            cv2.cvtColor(read_image(self._rgb[number], cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB), dtype=np.uint8
+        )
 
     def _mask(self, number: int) -> Mask | None:
         return read_mask(self._masks[number]) if number in self._masks else None
@@ -237,21 +241,13 @@ def read_mask(path: Path, size: tuple[int, ...] | None = None) -> Mask:
     Raises:
         FramesError: not readable, empty, or not of `size` (h, w) where one is told.
     """
-    image = _image(path, cv2.IMREAD_UNCHANGED)
+    image = read_image(path, cv2.IMREAD_UNCHANGED)
     mask = image.reshape(*image.shape[:2], -1).max(axis=-1) > 0
     if not mask.any():
         raise FramesError(f"{path}: the mask is empty")
     if size is not None and mask.shape != size:
         raise FramesError(f"{path}: {_said(mask.shape)}, the picture is {_said(size)}")
     return np.asarray(mask)
-
-
-def _image(path: Path, flags: int) -> npt.NDArray[Any]:
-    data = np.frombuffer(path.read_bytes(), np.uint8)
-    image = cv2.imdecode(data, flags) if data.size else None
-    if image is None:
-        raise FramesError(f"{path}: not a readable image")
-    return np.asarray(image)
 
 
 def _said(size: tuple[int, ...]) -> str:

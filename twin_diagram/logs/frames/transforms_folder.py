@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.errors import FramesError
-from twin_diagram.logs.frames.folder_files import in_folder, read_json
+from twin_diagram.logs.frames.folder_files import in_folder, read_image, read_json
 from twin_diagram.logs.frames.scene_folder import RgbdFrame, read_mask
 from twin_diagram.logs.frames.view_camera import ViewCamera
 from twin_diagram.runtime import atomic_file
@@ -77,12 +77,12 @@ class TransformsFolder:
             FramesError: an image cannot be read or has another size.
         """
         frame = self._frames[index]
-        depth = _image(self.folder / str(frame["depth_file_path"]), cv2.IMREAD_UNCHANGED)
+        depth = read_image(self.folder / str(frame["depth_file_path"]), cv2.IMREAD_UNCHANGED)
         if depth.ndim != 2 or depth.dtype != np.uint16:
             raise FramesError(f"{self.folder / frame['depth_file_path']}: depth must be one channel of 16 bits")
         rgb = None
         if "file_path" in frame:
-            picture = _image(self.folder / str(frame["file_path"]), cv2.IMREAD_COLOR)
+            picture = read_image(self.folder / str(frame["file_path"]), cv2.IMREAD_COLOR)
             rgb = cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
             if rgb.shape[:2] != depth.shape:
                 raise FramesError(f"{self.folder}: frame {index}: depth is of another size than its picture")
@@ -229,11 +229,3 @@ def _write(path: Path, image: npt.NDArray[Any]) -> None:
     good, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
     assert good
     path.write_bytes(data.tobytes())
-
-
-def _image(path: Path, flags: int) -> npt.NDArray[Any]:
-    data = np.frombuffer(path.read_bytes(), np.uint8)
-    image = cv2.imdecode(data, flags) if data.size else None
-    if image is None:
-        raise FramesError(f"{path}: not a readable image")
-    return np.asarray(image)

@@ -56,7 +56,7 @@ class Tuning:
 
 TUNING = Tuning()
 
-INSTANCE_SIZE: Final = 3 + SLOT_SIZE
+INSTANCE_SIZE: Final = 4 + SLOT_SIZE
 """A packed `Instance`."""
 
 
@@ -69,21 +69,26 @@ class Instance:
         asset: number in the library.
         gone_since: since when its place is seen empty [s]; `NEVER` while it is not.
         slot: what tracking remembers of it.
+        own: the first of an asset that came later: it keeps its slot, as the library's first ones do.
     """
 
     identity: int = 0
     asset: int = 0
     gone_since: float = NEVER
     slot: Slot = field(default_factory=Slot)
+    own: bool = False
 
     def pack(self) -> Array:
         """Return it as a vector of `INSTANCE_SIZE`."""
-        return np.concatenate([[float(self.identity), float(self.asset), self.gone_since], self.slot.pack()])
+        head = [float(self.identity), float(self.asset), self.gone_since, float(self.own)]
+        return np.concatenate([head, self.slot.pack()])
 
     @staticmethod
     def unpack(vector: Array) -> Instance:
         """Return the inverse of `pack`."""
-        return Instance(int(vector[0]), int(vector[1]), float(vector[2]), Slot.unpack(vector[3:]))
+        return Instance(
+            int(vector[0]), int(vector[1]), float(vector[2]), Slot.unpack(vector[4:]), bool(vector[3] > 0.5)
+        )
 
 
 def settled(
@@ -158,7 +163,7 @@ def emptiness(model: ModelCloud, slot: Slot, segments: Segments) -> float:
 
 
 def recognised(
-    library: Sequence[Known],
+    library: Mapping[int, Known],
     of: npt.NDArray[np.int64],
     searches: int,
     segments: Segments,
@@ -172,7 +177,7 @@ def recognised(
     It takes as long as tracking everything, so there is one comparison in an image.
 
     Args:
-        library: the known objects.
+        library: the known objects by number.
         of: indices of the segments' points that show the thing.
         searches: how many were compared with it before.
         segments: the image taken apart.
@@ -188,7 +193,7 @@ def recognised(
     mask = np.zeros(len(segments.labels), dtype=bool)
     mask[of] = True
     own = hues(segments.colours[of])
-    order = sorted(range(len(library)), key=lambda k: (-alike(hues(library[k].model.asset.colours), own), k))
+    order = sorted(library, key=lambda k: (-alike(hues(library[k].model.asset.colours), own), k))
     ways = [(k, how) for how in (0, 1) for k in order]
     done = searches
     for k, how in ways[searches:]:

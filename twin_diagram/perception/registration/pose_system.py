@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
@@ -12,16 +12,23 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
+from twin_diagram.errors import TwinError
 from twin_diagram.perception.pinhole import Pinhole
+from twin_diagram.perception.registration.colour_shift import ColourShift
+from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.rotation import from_quaternion
 from twin_diagram.perception.registration.slots import SLOT_SIZE, Slot, measurement
 from twin_diagram.perception.registration.tracking import step
 from twin_diagram.perception.registration.view import Known
-from twin_diagram.perception.registration.whole_image import ImageSettings, OtherMemory, advance, sizes
+from twin_diagram.perception.registration.whole_image import ImageSettings, OtherMemory, advance, introduced, sizes
 from twin_diagram.perception.segmentation.segments import Segments
+from twin_diagram.perception.things.clusters import Placed
 from twin_diagram.perception.things.memory import Life
 from twin_diagram.runtime.timing import timed
-from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER, PoseMeasurement
+from twin_diagram.signals.things import FURTHER_MEASUREMENT_SIZE, OWNER_SIZE
 
 
 @dataclass(frozen=True)
@@ -33,6 +40,29 @@ class Tuning:
 
 
 TUNING = Tuning()
+
+
+@dataclass(frozen=True)
+class NewestLook:
+    """What the newest image that was looked at showed.
+
+    Attributes:
+        time: when it was taken [s]; `NEVER` before the first.
+        known: the objects that were found.
+        shift: how far colours lie beside depth.
+        params: tuning.
+        smallest: points that make an object.
+    """
+
+    time: float
+    known: list[Placed]
+    shift: ColourShift
+    params: scenario.Registration
+    smallest: int
+
+    def frame(self, segments: Segments) -> Frame:
+        """Return the image ready for registration."""
+        return Frame.of(segments, self.shift)
 
 
 class IcpPoseEstimator(LeafSystem):
@@ -88,6 +118,7 @@ class IcpPoseEstimator(LeafSystem):
         self.names = tuple(library)
         """The objects, in the order of `object_poses`."""
         self._library = tuple(Known.of(ModelCloud.of(asset, params.model_points)) for asset in library.values())
+        self._added: list[Known] = []
         self._params = params
         self._smallest = tuning.smallest
         none = Segments.empty(Pinhole.from_scenario(camera).straight, tuning.stride, tuning.table_height)
@@ -113,6 +144,66 @@ class IcpPoseEstimator(LeafSystem):
             life = Life(lives.stale_after, lives.lost_after)
             self._told = ImageSettings(self._library, params, tuning.smallest, slots, life, camera.colour_std)
             self._declare_beside(self._told)
+
+    def check_slots(self) -> None:
+        """Refuse, with a TwinError, assets that come later where there are no slots for them at all."""
+        if self._told is None or not self._told.further:
+            raise TwinError("the twin has no slots for further objects: twin.slots.instances leaves none")
+
+    def add_asset(self, asset: Asset) -> int:
+        """Take in an asset that came later; answer its number, which follows the library's. No Context uses it yet."""
+        self._added.append(Known.of(ModelCloud.of(asset, self._params.model_points)))
+        return len(self._library) + len(self._added) - 1
+
+    def use_asset(self, context: Context, number: int, pose: Array | None = None) -> None:
+        """Look for an asset that was added from the next image on, and follow it, in this Context.
+
+        Args:
+            context: this system's own, at rest: between two steps of a simulator.
+            number: as `add_asset` gave it.
+            pose: (7) X_WO now, where that is known; None: it is searched for.
+
+        Raises:
+            IndexError: there is no such asset.
+            TwinError: no slot is free.
+        """
+        if self._told is None or not 0 <= number - len(self._library) < len(self._added):
+            raise IndexError(f"asset {number}: {len(self._added)} were added, from {len(self._library)} on")
+        slot = Slot()
+        if pose is not None:
+            slot = Slot(True, from_quaternion(pose[:4]), np.array(pose[4:]), np.zeros(6), context.get_time())
+        state = context.get_mutable_discrete_state(int(self._beside))
+        beside = OtherMemory.unpack(np.asarray(state.value()), self._told)
+        state.SetFromVector(introduced(beside, number, slot).pack())
+
+    def own_slots(self, context: Context) -> dict[int, int]:
+        """Return the numbers of the added assets that a Context uses, by the identity of the first instance of each."""
+        if self._told is None:
+            return {}
+        beside = OtherMemory.unpack(np.asarray(context.get_discrete_state(int(self._beside)).value()), self._told)
+        return {one.identity: one.asset for one in beside.further if one.identity and one.own}
+
+    def looked_at(self, context: Context) -> float:
+        """Return when the newest image that was looked at was taken [s]; `context` is this system's."""
+        return float(context.get_discrete_state(self._last).value()[0])
+
+    def looked(self, context: Context) -> NewestLook:
+        """Return what the newest image showed; `context` is this system's."""
+        assert self._told is not None
+        beside = OtherMemory.unpack(np.asarray(context.get_discrete_state(int(self._beside)).value()), self._told)
+        measured = np.asarray(context.get_discrete_state(self._out).value()).reshape(-1, MEASUREMENT_SIZE)
+        rows = list(enumerate(measured))
+        size, _ = sizes(self._told)
+        further = np.asarray(context.get_discrete_state(self._beside_out).value())[:size]
+        rows += [(int(row[1]), row[OWNER_SIZE:]) for row in further.reshape(-1, FURTHER_MEASUREMENT_SIZE) if row[0] > 0]
+        found = [(k, PoseMeasurement.unpack(row)) for k, row in rows]
+        every = (*self._library, *self._added)
+        known = [
+            (every[k].model, from_quaternion(one.pose[:4]), np.array(one.pose[4:]))
+            for k, one in found
+            if one.quality > 0
+        ]
+        return NewestLook(self.looked_at(context), known, beside.shift, self._params, self._smallest)
 
     def _declare_beside(self, told: ImageSettings) -> None:
         """Declare memory and outputs of what there is beside the first instance of each object."""
@@ -142,7 +233,7 @@ class IcpPoseEstimator(LeafSystem):
             after, found, _ = step(self._library, slots, segments, self._params, self._smallest)
         else:
             beside = OtherMemory.unpack(context.get_discrete_state(self._beside).value(), self._told)
-            outcome = advance(slots, beside, segments, self._told)
+            outcome = advance(slots, beside, segments, replace(self._told, added=tuple(self._added)))
             after, found = outcome.slots, outcome.poses
             discrete.get_mutable_vector(self._beside).SetFromVector(outcome.beside.pack())
             told = np.concatenate([outcome.further, outcome.things, np.array(outcome.beside.turned_away, dtype=float)])

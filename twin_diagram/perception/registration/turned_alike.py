@@ -84,7 +84,7 @@ def weighed(model: ModelCloud, view: View, one: RegisteredPose, before: float, a
         again: registers the object from elsewhere.
     """
     if not len(model.turns):
-        return replace(one, odds=TUNING.most)
+        return unweighed(model, one)
     if before >= TUNING.most and one.quality >= TUNING.certain * one.shape:
         return replace(one, odds=before)
     R = np.concatenate([one.R[None], one.R @ model.turns])
@@ -110,6 +110,11 @@ def weighed(model: ModelCloud, view: View, one: RegisteredPose, before: float, a
         if odds <= -TUNING.wrong and far_off[best]:
             return replace(others[best], odds=min(-odds, TUNING.most))
     return replace(one, odds=after_image(before, told))
+
+
+def unweighed(model: ModelCloud, one: RegisteredPose) -> RegisteredPose:
+    """Return a pose with its odds before any image has told: even where it may be mistaken."""
+    return replace(one, odds=0.0 if len(model.turns) else TUNING.most)
 
 
 def after_image(before: float, told: float) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram import scenario
+from twin_diagram.errors import TwinError
 from twin_diagram.perception.registration.colour_shift import ALIGNED, COLOUR_SHIFT_SIZE, ColourShift
 from twin_diagram.perception.registration.instances import (
     INSTANCE_SIZE,
@@ -24,6 +25,7 @@ from twin_diagram.perception.registration.instances import (
 from twin_diagram.perception.registration.registration import RegisteredPose
 from twin_diagram.perception.registration.slots import Slot, measurement, seen
 from twin_diagram.perception.registration.tracking import step
+from twin_diagram.perception.registration.turned_alike import unweighed
 from twin_diagram.perception.registration.view import Known
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.perception.things import memory as things
@@ -48,6 +50,8 @@ class ImageSettings:
         slots: how many there are, and how long they are kept.
         life: when things are stale and lost.
         aside: how far off depth colours may lie, RMS [px].
+        added: assets that came later; their numbers follow the library's. Which of them count, slots say: see
+            `introduced`.
     """
 
     library: tuple[Known, ...]
@@ -56,6 +60,12 @@ class ImageSettings:
     slots: scenario.Slots
     life: things.Life
     aside: float = 0.0
+    added: tuple[Known, ...] = ()
+
+    @property
+    def every(self) -> tuple[Known, ...]:
+        """All objects by their numbers."""
+        return (*self.library, *self.added)
 
     @property
     def further(self) -> int:
@@ -132,13 +142,13 @@ def advance(slots: Sequence[Slot], beside: OtherMemory, segments: Segments, told
         segments: the image taken apart.
         told: what does not change.
     """
-    first = len(slots)
+    first, every = len(slots), told.every
     held = [k for k, one in enumerate(beside.further) if one.identity]
     assets = [*range(first), *(beside.further[k].asset for k in held)]
-    library = [told.library[a] for a in assets]
+    library = [every[a] for a in assets]
     before = [*slots, *(beside.further[k].slot for k in held)]
     after, measured, shift = step(library, before, segments, told.registration, told.smallest, beside.shift)
-    after, measured = settled(assets, [one.model.radius for one in told.library], before, after, measured)
+    after, measured = settled(assets, [one.model.radius for one in every], before, after, measured)
     known: list[Placed] = []
     for k, one in enumerate(measured):
         if one.quality > 0:
@@ -153,12 +163,14 @@ def advance(slots: Sequence[Slot], beside: OtherMemory, segments: Segments, told
     observed = things.observe(beside.things, segments, found, known, beside.identities[1], told.life)
     remembered = list(observed.slots)
     if told.further:
-        usual = {k: after[k].alike for k in range(first) if measured[k].quality > 0}
+        named = [*range(first), *(first + j for j, k in enumerate(held) if beside.further[k].own)]
+        usual = {assets[k]: after[k].alike for k in named if measured[k].quality > 0}
+        among = {assets[k]: library[k] for k in named}
         waiting = [k for k in observed.cluster_of if segments.time >= remembered[k].next_search]
         if waiting:
             k = min(waiting, key=lambda k: (remembered[k].searches, k))
             of = found[observed.cluster_of[k]]
-            remembered[k] = _compared(remembered[k], of, segments, told, pool, usual, shift)
+            remembered[k] = _compared(remembered[k], of, segments, told, pool, among, usual, shift)
     identities, turned_away = (pool.next_identity, observed.next_identity), (pool.turned_away, observed.turned_away)
     out = [one.thing.pack() for one in remembered]
     return Outcome(
@@ -209,15 +221,16 @@ def _compared(
     segments: Segments,
     told: ImageSettings,
     pool: _Pool,
+    among: Mapping[int, Known],
     usual: Mapping[int, float],
     shift: ColourShift,
 ) -> things.Remembered:
-    """Compare a thing, which points `of` show, with the library; what is recognised gets a slot of the pool."""
+    """Compare a thing, which points `of` show, with known objects; what is recognised gets a slot of the pool."""
     asset, pose, searches = recognised(
-        told.library, of, thing.searches, segments, told.registration, told.smallest, usual, shift
+        among, of, thing.searches, segments, told.registration, told.smallest, usual, shift
     )
     if pose is not None:
-        pool.take_in(asset, pose, segments.time)
+        pool.take_in(asset, unweighed(among[asset].model, pose), segments.time)
     wait = segments.time + INSTANCES.again if searches < 0 else NEVER
     return replace(thing, searches=max(searches, 0), next_search=wait)
 
@@ -227,7 +240,33 @@ def _kept(instance: Instance, slot: Slot, one: PoseMeasurement, forget_after: fl
     if one.quality >= 0.0:
         return replace(instance, slot=slot, gone_since=NEVER if one.quality > 0.0 else instance.gone_since)
     since = instance.gone_since if instance.gone_since >= 0.0 else one.time
-    return Instance() if one.time - since > forget_after else replace(instance, slot=slot, gone_since=since)
+    forgotten = one.time - since > forget_after and not instance.own
+    return Instance() if forgotten else replace(instance, slot=slot, gone_since=since)
+
+
+def introduced(beside: OtherMemory, asset: int, slot: Slot) -> OtherMemory:
+    """Return a memory in which the first instance of an asset that came later has a slot; it is looked for from now on.
+
+    Args:
+        beside: what is remembered.
+        asset: its number, after the library's; one that has a slot already keeps it.
+        slot: what is known of where it is; an empty one: nothing.
+
+    Raises:
+        TwinError: no slot is free.
+    """
+    if any(one.identity and one.own and one.asset == asset for one in beside.further):
+        return beside
+    free = next((k for k, one in enumerate(beside.further) if not one.identity), None)
+    if free is None:
+        raise TwinError(
+            f"no slot is free for another asset: all {len(beside.further)} beside the library's are taken; "
+            f"give the twin more (twin.slots.instances)"
+        )
+    identity, thing = beside.identities
+    further = list(beside.further)
+    further[free] = Instance(identity, asset, NEVER, slot, own=True)
+    return replace(beside, further=tuple(further), identities=(identity + 1, thing))
 
 
 def sizes(told: ImageSettings) -> tuple[int, int]:

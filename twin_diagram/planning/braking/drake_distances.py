@@ -184,6 +184,10 @@ class DrakeDistances:
         self._scene_graph.collision_filter_manager().Apply(rules)
         self._based = based
 
+    def add_asset(self, asset: Asset) -> None:
+        """Take in the pieces of an asset that came later; its number follows those of the ones before."""
+        self._pieces.append(tuple(np.asarray(p, float) for p in asset.convex_pieces))
+
     def surround(self, around: Shapes) -> None:
         """Put everything where it is now; what a slot holds is shaped anew where it changed."""
         for k, asset in enumerate(around.assets):

@@ -88,7 +88,7 @@ def read_scene(
 
     Args:
         near: whose slots are filled.
-        radii: (K,) of balls about the library's objects [m].
+        radii: (K + A,) of balls about the library's objects, and about those that were added later [m].
         q: (n,) the arm's joints [rad].
         fingers: (2g,) their state; None where it is not told.
         age: of what was seen last [s].
@@ -121,6 +121,5 @@ def read_scene(
         held.on_support,
     )  # fmt: skip
     own = None if fingers is None or not np.isfinite(fingers).all() else fingers[: len(fingers) // 2]
-    return SceneNow(
-        shapes, forecast, np.concatenate([radii, radii[kinds] if count else []]), near.fixture_count, own, age
-    )
+    others = radii[kinds] if len(radii) else np.zeros(further)
+    return SceneNow(shapes, forecast, np.concatenate([radii[:count], others]), near.fixture_count, own, age)

@@ -121,7 +121,7 @@ class StopMonitor(LeafSystem):
         self._acceleration: Final = _acceleration(model, twin, self._speed)
         further, things = twin.slots.further(len(library)), twin.slots.unknown
         self._near: Final = DrakeDistances(twin.arm, twin.fixtures, library, further, things, packages)
-        self._radii: Final = np.array([0.5 * float(np.linalg.norm(asset.size)) for asset in library.values()])
+        self._radii = np.array([0.5 * float(np.linalg.norm(asset.size)) for asset in library.values()])
         self._patience: Final = {
             Cause.STALE_STATE: self._params.state_periods / twin.driver.rate,
             Cause.STALE_SCENE: np.inf
@@ -155,6 +155,11 @@ class StopMonitor(LeafSystem):
         self.DeclareVectorOutputPort("torque_commanded", n, self._calc_torque, prerequisites_of_calc=asked)
         stopped = {self.time_ticket(), stored}
         self.DeclareVectorOutputPort("brake", 1 + n, self._calc_brake, prerequisites_of_calc=stopped)
+
+    def add_asset(self, asset: Asset) -> None:
+        """Take in the shape of an asset that came later; `further_tracks` tell of it by its number."""
+        self._near.add_asset(asset)
+        self._radii = np.append(self._radii, 0.5 * float(np.linalg.norm(asset.size)))
 
     def remembered(self, context: Context) -> BrakeState:
         """Return a copy of what it remembers; `context` is this system's."""

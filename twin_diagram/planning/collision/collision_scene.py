@@ -63,6 +63,9 @@ class Tuning:
 TUNING = Tuning()
 
 
+Packed = tuple[bytes, ...]
+"""Corners (V, 3) of each of a body's convex pieces, as bytes: they can be compared and sent."""
+
 _ABSENT = (ObjectStatus.UNSEEN, ObjectStatus.HELD, ObjectStatus.GONE)  # nothing stands there to keep clear of
 
 
@@ -75,6 +78,7 @@ class Scene:
         clearance: bodies are the fixtures, then the objects in the library's order.
         fixture_count: F; the objects are bodies F, F + 1, …
         lower, upper: (n,) the joints' limits [rad].
+        added: of assets that came later the corners of convex pieces, packed; their numbers follow the library's.
     """
 
     chain: Chain
@@ -82,6 +86,7 @@ class Scene:
     fixture_count: int
     lower: Array
     upper: Array
+    added: list[Packed] = field(default_factory=list)
 
     @property
     def object_count(self) -> int:
@@ -102,27 +107,38 @@ class Scene:
         still[self.fixture_count :] = ~forecast.moving
         return Surroundings(X_WO, grown, present, still, forecast.beside)
 
-    def forecast(self, tracks: Array, further: Array | None = None, things: Array | None = None) -> Forecast:
+    def forecast(
+        self,
+        tracks: Array,
+        further: Array | None = None,
+        things: Array | None = None,
+        added: Sequence[Packed] | None = None,
+    ) -> Forecast:
         """Return where all that moves or may be moved is going.
 
         Args:
             tracks: (K · TRACK_SIZE) of the library's objects.
             further: (F · FURTHER_TRACK_SIZE) of further instances of them; None: there are none.
             things: (T · THING_SIZE) of unknown things; None: there are none.
+            added: in the place of the scene's own, where that is a copy from before they came.
         """
         forecast = Forecast.of_tracks(tracks, shapes=self.clearance.bodies[self.fixture_count :])
         parts: list[tuple[tuple[Body, ...], Forecast]] = []
         if further is not None and len(further):
             rows = np.asarray(further, dtype=float).reshape(-1, FURTHER_TRACK_SIZE)
             rows = rows[np.isfinite(rows[:, :OWNER_SIZE]).all(axis=1) & (rows[:, 0] > 0)]
-            kinds = self.clearance.bodies[self.fixture_count :]
-            shapes = tuple(kinds[int(k)] for k in rows[:, 1])
+            shapes = tuple(self._kind(int(k), self.added if added is None else added) for k in rows[:, 1])
             parts.append((shapes, Forecast.of_tracks(rows[:, OWNER_SIZE:], shapes=shapes)))
         if things is not None and np.isfinite(things).all():
             standing = [thing for thing in things_of(things) if thing.stands and thing.pieces]
             shapes = tuple(body_of_pieces(*(corners.tobytes() for corners in thing.pieces)) for thing in standing)
             parts.append((shapes, Forecast.standing_still(len(standing), TUNING.thing_growth)))
         return forecast.joined(parts)
+
+    def _kind(self, number: int, added: Sequence[Packed]) -> Body:
+        """Return the shape of an object by its number."""
+        kinds = self.clearance.bodies[self.fixture_count :]
+        return kinds[number] if number < len(kinds) else body_of_pieces(*added[number - len(kinds)])
 
 
 @lru_cache(maxsize=TUNING.kept)

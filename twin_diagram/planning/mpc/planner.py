@@ -200,10 +200,10 @@ class MotionPlanner:
             memory = replace(memory, braked=False, pending=None, asked=FRESH)
         memory, q0, v0, a0, reanchored = self._anchor(memory, now, arm_state)
         stop = q0 + TUNING.stopping_time / 2 * v0
-        forecast = self.scene.forecast(tracks, *beside)
         further, things = (*beside, None, None)[:2]
+        forecast = self.scene.forecast(tracks, further, things)
         seed = (self.params.seed, memory.tick, 1)
-        question = Question(seed, q0, goal, memory.goals, False, tracks, further, things)
+        question = Question(seed, q0, goal, memory.goals, False, tracks, further, things, added=tuple(self.scene.added))
         before = memory
         memory = self._aim(memory, q0, stop, goal, forecast, rng)
         memory = self._heard(memory, q0, forecast)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from twin_diagram.planning.collision.collision_scene import Forecast, Scene
+from twin_diagram.planning.collision.collision_scene import Forecast, Packed, Scene
 from twin_diagram.planning.collision.held_shape import holding
 from twin_diagram.planning.paths import inverse_kinematics, straight_line
 from twin_diagram.planning.paths.route import Router, Situation
@@ -56,6 +56,7 @@ class Question:
         more_goals: whether to look for joint goals.
         tracks, further, things: as `Scene.forecast` takes them.
         hand: what is held, a packed `Hand`; empty: nothing.
+        added: shapes of assets that came later, see `Scene`: a guide in another process does not know them.
     """
 
     seed: tuple[int, ...]
@@ -67,6 +68,7 @@ class Question:
     further: Array | None = None
     things: Array | None = None
     hand: bytes = b""
+    added: tuple[Packed, ...] = ()
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Question:
         return self
@@ -177,7 +179,7 @@ class Guide:
         """Return what a search finds."""
         guide = self.holding(question.hand)
         rng = np.random.default_rng(list(question.seed))
-        forecast = guide.scene.forecast(question.tracks, question.further, question.things)
+        forecast = guide.scene.forecast(question.tracks, question.further, question.things, question.added)
         goals = question.goals
         if question.more_goals:
             goals = together(goals, guide.joint_goals(question.q, question.goal, forecast, rng))

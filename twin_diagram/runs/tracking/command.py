@@ -17,6 +17,9 @@ def add_track_command(commands: Any) -> None:
         "--out", required=True, type=Path, metavar="DIR", help="write poses.csv (BOP results) and objects.jsonl"
     )
     track.add_argument("--init", type=Path, metavar="CSV", help="poses in the first frame, laid out as poses.csv")
+    track.add_argument(
+        "--grow", type=Path, metavar="DIR", help="put unknown things seen from enough sides into this library"
+    )
     track.add_argument("--seed", type=int, default=0, help="of what is drawn (default: %(default)s)")
     track.set_defaults(command=_track)
 
@@ -27,5 +30,7 @@ def _track(arguments: argparse.Namespace) -> int:
     def say(text: str) -> None:
         print(text, file=sys.stderr, flush=True)
 
-    track_frames(arguments.library, arguments.frames, arguments.out, arguments.init, arguments.seed, say)
+    track_frames(
+        arguments.library, arguments.frames, arguments.out, arguments.init, arguments.seed, say, arguments.grow
+    )
     return 0

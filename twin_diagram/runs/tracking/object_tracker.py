@@ -22,9 +22,11 @@ from twin_diagram.perception.registration.settling import SettledPose, settle
 from twin_diagram.perception.registration.slots import Slot
 from twin_diagram.perception.registration.turned_alike import TUNING as TURNED
 from twin_diagram.perception.registration.turned_alike import probability, turned
-from twin_diagram.perception.registration.view import Known
-from twin_diagram.perception.registration.whole_image import ImageSettings, OtherMemory, advance
+from twin_diagram.perception.registration.view import Known, View
+from twin_diagram.perception.registration.whole_image import ImageSettings, OtherMemory, advance, introduced
 from twin_diagram.perception.segmentation.segments import Segments
+from twin_diagram.perception.things.clusters import Placed
+from twin_diagram.perception.things.growing import GrowingThing, grown_on, shown
 from twin_diagram.perception.things.memory import Life
 from twin_diagram.scene import object_filter, object_update
 from twin_diagram.signals import rotations
@@ -64,6 +66,9 @@ class Tuning:
 
     longest: float = 0.1
     """Of two frames farther apart in time the second says no more [s]: a folder may not tell times."""
+
+    growing: int = 4
+    """Unknown things that are followed at a time, where they may become assets: each takes some 10 ms a frame."""
 
     forgotten: float = 60.0
     """An object that nobody sees is as likely to be there as not after so long [s]."""
@@ -150,9 +155,14 @@ class ObjectTracker:
     Args:
         library: assets by name.
         perception: tuning of segmentation; of it the smallest segment.
+        grows: unknown things are followed, so that they may become assets: see `growing` and `take_in`.
+
+    Attributes:
+        names: of the assets, those that were taken in later after the library's.
+        growing: what was seen of unknown things, by identity.
     """
 
-    def __init__(self, library: Mapping[str, Asset], perception: scenario.Perception) -> None:
+    def __init__(self, library: Mapping[str, Asset], perception: scenario.Perception, grows: bool = False) -> None:
         self.names = tuple(library)
         self._params = scenario.Registration()
         models = [ModelCloud.of(asset, self._params.model_points) for asset in library.values()]
@@ -174,6 +184,8 @@ class ObjectTracker:
         """By identity."""
         self._things: dict[int, int] = {}
         """Tracks of unknown things, by identity."""
+        self.growing: dict[int, GrowingThing] = {}
+        self._grows = grows
         self._last = NEVER
         self._seen_any = False
         self._next = len(models)
@@ -204,6 +216,34 @@ class ObjectTracker:
         self._further[identity] = self._individual(self._numbered(), asset)
         self._further[identity].followed = True
 
+    def take_in(self, identity: int, name: str, asset: Asset, R_TO: Array, p_TO: Array) -> None:
+        """Go on with an unknown thing as an asset; it keeps its track.
+
+        Args:
+            identity: of the thing, among `growing`.
+            name: of the asset.
+            asset: it.
+            R_TO: (3, 3) of it in the thing's frame.
+            p_TO: (3,) [m].
+
+        Raises:
+            TwinError: no slot is free; all stays as it was.
+        """
+        thing = self.growing[identity]
+        R, p = thing.placed(R_TO, p_TO, thing.slot.seen)
+        number = len(self._told.every)
+        slot = replace(thing.slot, R=R, p=p, velocity=np.zeros(6))
+        self._beside = introduced(self._beside, number, slot)
+        own = next(one.identity for one in self._beside.further if one.own and one.asset == number)
+        known = Known.of(ModelCloud.of(asset, self._params.model_points))
+        self._told = replace(self._told, added=(*self._told.added, known))
+        self.names = (*self.names, name)
+        self._axes = np.vstack([self._axes, [0.0, 0.0, float(asset.symmetric_axis == "z")]])
+        track = self._things.get(identity)
+        self._further[own] = self._individual(self._numbered() if track is None else track, number)
+        self._further[own].followed = True
+        del self.growing[identity]
+
     def observe(self, segments: Segments) -> list[TrackedObject]:
         """Return what is known of all objects after a frame; those never seen are left out."""
         if not self._seen_any:
@@ -222,7 +262,22 @@ class ObjectTracker:
             if measured.quality > 0:
                 symmetric = bool(self._axes[one.asset, 2])
                 one.filter = object_update.update(one.filter, measured, segments.time, self._settings, symmetric)
+        if self._grows:
+            self._grow(segments, after.things, pairs)
         return [*self._objects(segments, pairs), *self._unknown(after.things, segments)]
+
+    def _grow(self, segments: Segments, things: Array, pairs: Sequence[tuple[_Individual, PoseMeasurement]]) -> None:
+        """Follow unknown things by what was seen of them."""
+        known: list[Placed] = []
+        for one, measured in pairs:
+            if measured.quality > 0:
+                R, p = rotations.matrix(measured.pose[None, :4])[0], measured.pose[4:]
+                known.append((self._told.every[one.asset].model, R, p))
+        standing = things_of(things)
+        there = {thing.identity for thing in standing if thing.stands}
+        before = {identity: one for identity, one in self.growing.items() if identity in there}
+        view = View(segments, Frame.of(segments, self._beside.shift), self._params, self._told.smallest)
+        self.growing = grown_on(before, shown(standing, segments, known), view, TUNING.growing)
 
     def _individual(self, track: int, asset: int) -> _Individual:
         return _Individual(track, asset, object_filter.initial_filters(1)[0])
@@ -233,6 +288,8 @@ class ObjectTracker:
 
     def _objects(self, segments: Segments, pairs: Sequence[tuple[_Individual, PoseMeasurement]]) -> list[TrackedObject]:
         """Return the library's objects that were seen at some time."""
+        if not pairs:
+            return []
         now = segments.time
         filters = np.stack([one.filter for one, _ in pairs])
         axes = self._axes[[one.asset for one, _ in pairs]]
@@ -254,14 +311,13 @@ class ObjectTracker:
             if found:
                 R, p, spread, hypotheses = self._settled(one, R, p, measured, segments, frame)
             one.followed = found
-            model = self._told.library[one.asset].model
+            model = self._told.every[one.asset].model
             fit = assess(model, frame, Poses(R[None], p[None]), self._params.model_points)
             shape, whole = float(min(fit.shape[0], 1.0)), float(np.clip(fit.visible_share[0], 0.0, 1.0))
-            usual = self._slot_of(one).alike
+            slot = self._slot_of(one)
+            usual = slot.alike
             fits = min(shape, float(fit.likeness[0]) / (TUNING.alike * usual)) if found and usual > 0.0 else shape
-            sure = one.believed(found, fits, whole, since)
-            if found:
-                sure *= probability(self._slot_of(one).odds)
+            sure = one.believed(found, fits, whole, since) * (probability(slot.odds) if found else 1.0)
             life = ObjectStatus(int(status[k])).name.lower()
             if not found and sure < 0.5:
                 life = ObjectStatus.LOST.name.lower()
@@ -275,7 +331,7 @@ class ObjectTracker:
         self, one: _Individual, R: Array, p: Array, measured: PoseMeasurement, segments: Segments, frame: Frame
     ) -> tuple[Array, Array, Array, tuple[PoseHypothesis, ...]]:
         """Return pose, covariance and hypotheses of an object found; tracking goes on from the likeliest."""
-        model = self._told.library[one.asset].model
+        model = self._told.every[one.asset].model
         own = claimed(model, segments, R, p, TUNING.owned)
         near = claimed(model, segments, R, p, TUNING.around)
         if len(own):
@@ -303,7 +359,7 @@ class ObjectTracker:
 
     def _slot_of(self, one: _Individual) -> Slot:
         """Return what tracking remembers of an object."""
-        if one is self._first[one.asset]:
+        if one.asset < len(self._first) and one is self._first[one.asset]:
             return self._slots[one.asset]
         identity = next(i for i, other in self._further.items() if other is one)
         return next(each.slot for each in self._beside.further if each.identity == identity)
@@ -312,11 +368,10 @@ class ObjectTracker:
         """Track an object from another pose on than the one that tracking found."""
 
         def moved(slot: Slot) -> Slot:
-            told = turned(R, slot.R) < TURNED.other or not len(self._told.library[one.asset].model.turns)
-            odds = slot.odds if told else 0.0
-            return replace(slot, R=R, p=p, odds=odds)
+            doubted = len(self._told.every[one.asset].model.turns) and turned(R, slot.R) > TURNED.other
+            return replace(slot, R=R, p=p, odds=0.0 if doubted else slot.odds)
 
-        if one is self._first[one.asset]:
+        if one.asset < len(self._first) and one is self._first[one.asset]:
             self._slots[one.asset] = moved(self._slots[one.asset])
             return
         identity = next(i for i, other in self._further.items() if other is one)

@@ -27,6 +27,7 @@ from twin_diagram.perception.pinhole import Pinhole
 from twin_diagram.perception.registration.alternatives import PoseHypothesis
 from twin_diagram.perception.registration.rotation import to_quaternion
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
+from twin_diagram.runs.tracking.grown_assets import GrownAssets
 from twin_diagram.runs.tracking.object_tracker import ObjectTracker, TrackedObject
 from twin_diagram.runs.tracking.table_frame import TableFrame, table_frame
 from twin_diagram.runtime import atomic_file
@@ -47,7 +48,13 @@ FOCALS = (0.1, 50.0)
 
 
 def track_frames(
-    library: Path, frames: Path, out: Path, init: Path | None = None, seed: int = 0, say: Callable[[str], None] = print
+    library: Path,
+    frames: Path,
+    out: Path,
+    init: Path | None = None,
+    seed: int = 0,
+    say: Callable[[str], None] = print,
+    grow: Path | None = None,
 ) -> None:
     """Track the objects of a library through a folder of frames; no frame is read before its turn.
 
@@ -58,18 +65,18 @@ def track_frames(
         init: poses of the first frame's objects, in the layout of `poses.csv`; others are searched for.
         seed: of what is drawn (the search for the plane).
         say: told what goes on.
+        grow: folder that gets assets of unknown things which frames show from enough sides: those are followed under
+            their names from then on. `library` may be empty then.
 
     Raises:
         AssetError, FramesError: names file and value; nothing is written.
     """
-    if (why := why_not(out, folder=True)) is not None:
-        raise FramesError(f"--out {out}: {why}")
-    if seed < 0:
-        raise FramesError(f"--seed {seed}: must not be negative")
+    _check_told(out, grow, seed)
     folder = FrameFolder(frames)
-    assets, numbers = _library(library, say)
+    assets, numbers = _library(library, say, may_be_empty=grow is not None)
     told = [] if init is None else _first_poses(init, folder.numbers[0], numbers)
-    tracker = ObjectTracker(assets, PERCEPTION)
+    tracker = ObjectTracker(assets, PERCEPTION, grows=grow is not None)
+    grown = None if grow is None else GrownAssets(grow, tracker, assets, numbers, say)
     rows: list[list[str]] = []
     lines: list[str] = []
     base: TableFrame | None = None
@@ -85,23 +92,49 @@ def track_frames(
             base = table_frame(depth, camera, seed)
             if not base.found:
                 say("note: no table in view; all that is seen counts as standing")
-            for name, R_CO, p_CO in told:
-                R_TC, p_TC = base.camera(camera)
-                tracker.start(name, R_TC @ R_CO, R_TC @ p_CO + p_TC, frame.time - 1e-3)
+            _start(tracker, told, base.camera(camera), frame.time - 1e-3)
         grid = Grid.of(_pinhole(frame.colour, *base.camera(camera), noise), PERCEPTION.stride)
         rgb = frame.rgb if frame.rgb is not None else np.full((*depth.shape, 3), 128, dtype=np.uint8)
         found = tracker.observe(segment(rgb, depth, frame.time, grid, PERCEPTION))
         rows += [_row(frame, one, numbers, camera, base) for one in found if one.asset is not None and one.found]
         lines.append(json.dumps(_line(frame, found, assets, base, doubt)))
+        if grown is not None:
+            grown.poll(frame.number)
         if (index + 1) % 50 == 0:
             say(f"{index + 1} of {len(folder)} frames")
-    table = ["scene_id,im_id,obj_id,score,R,t,time", *(",".join(row) for row in rows)]
-    atomic_file.write(out / "poses.csv", "".join(line + "\n" for line in table))
-    atomic_file.write(out / "objects.jsonl", "".join(line + "\n" for line in lines))
+    if grown is not None:
+        grown.close()
+    _write(out, rows, lines)
     say(f"{out}: {len(rows)} poses in {len(lines)} frames")
 
 
-def _library(library: Path, say: Callable[[str], None]) -> tuple[dict[str, Asset], dict[str, int]]:
+def _check_told(out: Path, grow: Path | None, seed: int) -> None:
+    """Refuse folders that cannot be written to, and a seed that is none."""
+    for option, place in (("--out", out), ("--grow", grow)):
+        if place is not None and (why := why_not(place, folder=True)) is not None:
+            raise FramesError(f"{option} {place}: {why}")
+    if seed < 0:
+        raise FramesError(f"--seed {seed}: must not be negative")
+
+
+def _start(
+    tracker: ObjectTracker, told: list[tuple[str, Array, Array]], X_TC: tuple[Array, Array], time: float
+) -> None:
+    """Tell the tracker where objects are before the first frame."""
+    R_TC, p_TC = X_TC
+    for name, R_CO, p_CO in told:
+        tracker.start(name, R_TC @ R_CO, R_TC @ p_CO + p_TC, time)
+
+
+def _write(out: Path, rows: list[list[str]], lines: list[str]) -> None:
+    table = ["scene_id,im_id,obj_id,score,R,t,time", *(",".join(row) for row in rows)]
+    atomic_file.write(out / "poses.csv", "".join(line + "\n" for line in table))
+    atomic_file.write(out / "objects.jsonl", "".join(line + "\n" for line in lines))
+
+
+def _library(
+    library: Path, say: Callable[[str], None], may_be_empty: bool = False
+) -> tuple[dict[str, Asset], dict[str, int]]:
     """Return the whole assets by name, and their BOP numbers: `obj_id` in `asset.yaml`, else the place in it."""
     assets: dict[str, Asset] = {}
     numbers: dict[str, int] = {}
@@ -111,7 +144,7 @@ def _library(library: Path, say: Callable[[str], None]) -> tuple[dict[str, Asset
             continue
         assets[one.name] = one.asset
         numbers[one.name] = read_spec(one.asset.folder).obj_id or place
-    if not assets:
+    if not assets and not may_be_empty:
         raise AssetError(f"{library}: no whole asset in this library")
     if len(set(numbers.values())) < len(numbers):
         raise AssetError(f"{library}: two assets have one obj_id: {numbers}")

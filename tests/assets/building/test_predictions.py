@@ -1,0 +1,156 @@
+"""Networks' predictions: views made to agree, scale by a cube, disturbed by known amounts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.assets.building.pictured import Shots, box, cameras, shots
+from twin_diagram.assets.building.cube_outline import outlined_edges
+from twin_diagram.assets.building.cube_scale import Cube
+from twin_diagram.assets.building.depth_view import make_view, view_points
+from twin_diagram.assets.building.fusion import DistanceField, FusionGrid, without
+from twin_diagram.assets.building.levelling import levelled
+from twin_diagram.assets.building.predictions import metric, read_predictions
+from twin_diagram.errors import FramesError
+from twin_diagram.signals import rotations
+
+EDGE, AT = 0.04, (0.085, 0.015)
+
+
+def cube_at_an_angle() -> Shots:
+    """A grey-red block and a green cube, turned by 17°, before six cameras."""
+    cube = box((EDGE, EDGE, EDGE))
+    c, s = np.cos(0.3), np.sin(0.3)
+    cube.vertices = cube.vertices @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + [*AT, 0]
+    return shots([box((0.06, 0.05, 0.05)), cube], cameras(6, 0.02, distance=0.42), green=1)
+
+
+@pytest.fixture(scope="module")
+def taken() -> Shots:
+    return cube_at_an_angle()
+
+
+def written(
+    taken: Shots,
+    file: Path,
+    unit: float = 0.37,
+    scales: float = 0.0,
+    off: tuple[float, float] = (0.0, 0.0),
+    focal: tuple[float, float] = (1.0, 1.0),
+    unsure: bool = False,
+) -> Path:
+    """What a network would say of pictures: scales of depth, places and angles off by RMS amounts, K told wrongly."""
+    rng = np.random.default_rng(4)
+    points, extrinsic, intrinsic, sure = [], [], [], []
+    for frame in taken.frames:
+        c = frame.camera
+        depth = frame.depth * (1 + scales * rng.standard_normal())
+        turn = rotations.matrix(rotations.exp(rng.standard_normal(3) * off[1] / np.sqrt(3)))
+        c = c.moved(c.R_WC @ turn, c.p_WC + rng.standard_normal(3) * off[0] / np.sqrt(3))
+        points.append((c.rays() * depth[..., None] @ c.R_WC.T + c.p_WC) / unit)
+        extrinsic.append(np.hstack([c.R_WC.T, -c.R_WC.T @ c.p_WC[:, None] / unit]))
+        intrinsic.append([[c.fx * focal[0], 0, c.cx], [0, c.fy * focal[1], c.cy], [0, 0, 1]])
+        there = frame.depth > 0
+        if unsure:  # a third of the picture, beside what is looked at
+            there &= np.abs(np.arange(200) - 100) < 67
+        points[-1][~there] = c.p_WC / unit  # at the lens
+        sure.append(np.where(there, 2.0, 1.0))
+    images = np.stack([np.moveaxis(frame.rgb, -1, 0) for frame in taken.frames if frame.rgb is not None]) / 255.0
+    np.savez(
+        file,
+        world_points=np.stack(points),
+        world_points_conf=np.stack(sure),
+        extrinsic=np.array(extrinsic),
+        intrinsic=np.array(intrinsic),
+        images=images,
+    )
+    return file
+
+
+@pytest.mark.parametrize(
+    "disturbed",
+    [
+        {"scales": 0.005, "off": (0.003, np.radians(0.3)), "unit": 4.1},
+        pytest.param({}, marks=pytest.mark.slow),
+        pytest.param({"scales": 0.02}, marks=pytest.mark.slow),
+        pytest.param({"focal": (0.93, 1.05)}, marks=pytest.mark.slow),
+        pytest.param({"unsure": True}, marks=pytest.mark.slow),
+    ],
+)
+def test_scale_is_found_to_a_percent(taken: Shots, tmp_path: Path, disturbed: dict[str, float]) -> None:
+    file = written(taken, tmp_path / "p.npz", **disturbed)  # type: ignore[arg-type]
+    frames, cube, factor = metric(read_predictions(file), EDGE, "predictions")
+    assert factor == pytest.approx(disturbed.get("unit", 0.37), rel=0.01)
+    assert cube.edge == EDGE
+    np.testing.assert_allclose(cube.centre, [*AT, EDGE / 2], atol=0.004)
+    assert all(frame.beside is not None and frame.beside.any() for frame in frames.frames)
+
+
+@pytest.mark.slow
+def test_cube_of_another_colour_or_shape_is_refused(tmp_path: Path) -> None:
+    plain = shots([box((0.06, 0.05, 0.05)), box((EDGE, EDGE, EDGE), AT)], cameras(6, 0.02, distance=0.42))
+    with pytest.raises(FramesError, match=r"p\.npz: no green cube: 0 green points"):
+        metric(read_predictions(written(plain, tmp_path / "p.npz")), EDGE, "p.npz")
+    bar = shots([box((0.06, 0.05, 0.05)), box((EDGE, EDGE, 1.3 * EDGE), AT)], cameras(6, 0.02, distance=0.42), green=1)
+    with pytest.raises(FramesError, match="what is green is no cube"):
+        metric(read_predictions(written(bar, tmp_path / "p.npz")), EDGE, "p.npz")
+
+
+@pytest.mark.slow
+def test_levelling_finds_each_views_scale(taken: Shots) -> None:
+    told = np.array([0.03, -0.02, 0.0, 0.015, -0.03, 0.01])
+    views = [
+        make_view(f.camera, (f.depth * np.float32(1 + s)).astype(np.float32))
+        for f, s in zip(taken.frames, told, strict=True)
+    ]
+    level = levelled(views, np.array([0.0, 0, 1, 0.004]))
+    assert level.scale >= 0.012
+    heights = [view_points(view, 4, None)[0][:, 2] for view in level.views]
+    of_table = [float(np.median(h[np.abs(h) < 0.015])) for h in heights]
+    assert np.ptp(of_table) < 0.002  # before: 0.06 of the cameras' heights, 6 to 25 mm
+    exact = levelled([make_view(f.camera, f.depth) for f in taken.frames], np.array([0.0, 0, 1, 0.004]))
+    assert exact.scale == 0.003 and exact.plane[3] == pytest.approx(0.0, abs=2e-4)
+    for one, frame in zip(exact.views, taken.frames, strict=True):
+        np.testing.assert_allclose(one.camera.p_WC, frame.camera.p_WC, atol=2e-4)
+
+
+def test_outlines_tell_the_edge_and_hidden_ones_nothing(taken: Shots) -> None:
+    c, s = np.cos(0.3), np.sin(0.3)
+    axes = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1.0]])
+    views = [make_view(f.camera, f.depth, None, f.rgb) for f in taken.frames]
+    for share in (0.95, 1.0, 1.06):
+        edge = share * EDGE
+        found, variances = outlined_edges(views, Cube(edge, np.array([*AT, edge / 2]), axes))
+        assert len(found) >= 4 and np.median(found) == pytest.approx(EDGE, rel=0.006)
+        assert (np.abs(found - EDGE) < 4 * np.sqrt(variances)).all()
+    hidden = []
+    for view in views:
+        assert view.rgb is not None
+        u, _, _ = view.camera.project(np.array([*AT, EDGE / 2]))
+        covered = view.rgb.copy()
+        covered[:, int(u) + 4 :] = (200, 40, 40)
+        hidden.append(replace(view, rgb=covered))
+    assert len(outlined_edges(hidden, Cube(EDGE, np.array([*AT, EDGE / 2]), axes))[0]) == 0
+
+
+def test_where_the_cube_stands_nothing_else_is() -> None:
+    grid = FusionGrid(np.zeros(3), 0.01, (11, 11, 11))
+    full = np.full(grid.shape, -0.02, np.float32)
+    field = DistanceField(grid, full, full, full > 0)
+    cut = without(field, Cube(0.04, np.array([0.05, 0.05, 0.05]), np.eye(3)))
+    assert cut.distance[5, 5, 5] == pytest.approx(0.02) and cut.distance[0, 0, 0] == pytest.approx(-0.02)
+    assert cut.distance[7, 5, 5] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_what_stands_beside_is_no_surface_and_ends_rays(taken: Shots) -> None:
+    frame = taken.frames[3]
+    beside = np.zeros(frame.depth.shape, bool)
+    beside[60:80, 90:110] = True
+    view = make_view(frame.camera, frame.depth, beside=beside)
+    assert not view.trust[beside].any() and view.near_edge[beside].all()
+    np.testing.assert_array_equal(view.depth, frame.depth)
+    assert view.trust[~beside].max() > 0.9

@@ -1,0 +1,83 @@
+"""Unknown things of a folder of frames that become assets of a library, and of the tracker, as soon as they can."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from twin_diagram.assets import Asset
+from twin_diagram.assets.building.from_mesh import AssetPlace
+from twin_diagram.assets.building.growth_file import write_partial
+from twin_diagram.errors import TwinError
+from twin_diagram.runs.tracking.object_tracker import ObjectTracker
+
+
+class GrownAssets:
+    """Builds assets of what a tracker follows; frames wait for it, so that the same frames give the same assets.
+
+    The library gets them when all frames were read: where one cannot be used, nothing is written.
+    """
+
+    def __init__(
+        self,
+        library: Path,
+        tracker: ObjectTracker,
+        assets: dict[str, Asset],
+        numbers: dict[str, int],
+        say: Callable[[str], None],
+    ) -> None:
+        """Begin to watch.
+
+        Args:
+            library: gets the assets.
+            tracker: that follows unknown things.
+            assets: by name; gets what grows.
+            numbers: BOP numbers by name; a grown one gets the next.
+            say: takes what happens.
+        """
+        self._library, self._tracker, self._assets = library, tracker, assets
+        self._numbers, self._say = numbers, say
+        self._failed: set[int] = set()
+        self._built: list[str] = []
+        self._aside = TemporaryDirectory()
+
+    def poll(self, number: int) -> None:
+        """Make assets of what was seen from enough sides by the frame of a number; they count from the next one on."""
+        for identity, thing in sorted(self._tracker.growing.items()):
+            if not thing.growth.ready or identity in self._failed:
+                continue
+            name = self._free_name(identity)
+            try:
+                grown = thing.growth.grown(AssetPlace(name, self._aside.name))
+                asset = Asset.load(grown.built.folder)
+                self._tracker.take_in(identity, name, asset, grown.R_TO, grown.p_TO)
+            except TwinError as error:
+                self._failed.add(identity)
+                self._say(f"frame {number}: an unknown thing stays unknown: {' '.join(str(error).split())}")
+                continue
+            self._assets[name] = asset
+            self._built.append(name)
+            self._numbers[name] = max(self._numbers.values(), default=0) + 1
+            self._say(f"frame {number}: an unknown thing is {name} from now on, obj_id {self._numbers[name]}")
+
+    def close(self) -> None:
+        """Put what was built into the library, and of what stays partial what was seen, and nothing else."""
+        self._library.mkdir(parents=True, exist_ok=True)
+        for name in self._built:
+            hidden = self._library / f".{name}.{os.getpid()}"
+            shutil.copytree(Path(self._aside.name) / name, hidden)
+            hidden.rename(self._library / name)
+        self._aside.cleanup()
+        for identity, thing in sorted(self._tracker.growing.items()):
+            part = thing.growth.partial()
+            write_partial(self._library / f"unknown_{identity}.partial.npz", part)
+            self._say(f"an unknown thing stays partial, seen from {100 * part.seen:.0f} % of its sides")
+
+    def _free_name(self, identity: int) -> str:
+        number = identity
+        while (name := f"thing_{number}") in self._assets or (self._library / name).exists():
+            number += 1
+        return name
