@@ -63,6 +63,9 @@ class Tuning:
     most: float = 6.0
     """No odds are longer [nat], so that half a dozen images can contradict them."""
 
+    enough: float = 3.0
+    """Odds as long need no further rivals registered [nat]: 19 of 20 are right, and each costs a registration."""
+
     back: float = 0.25
     """Share of what an image says against a pose by which its odds fall."""
 
@@ -85,14 +88,14 @@ def weighed(model: ModelCloud, view: View, one: RegisteredPose, before: float, a
     """
     if not len(model.turns):
         return unweighed(model, one)
-    if before >= TUNING.most and one.quality >= TUNING.certain * one.shape:
+    if before >= TUNING.enough and one.quality >= TUNING.certain * one.shape:
         return replace(one, odds=before)
     R = np.concatenate([one.R[None], one.R @ model.turns])
     laid = Poses(R, model.kept_in_place(one.R, one.p, R))
     cost = colour_costs(model, view.frame, laid, TUNING.points)
     against = cost - cost[0]
     far = turned(R, one.R) > TUNING.other
-    worth = _worth(R, against, far, before < TUNING.most)
+    worth = _worth(R, against, far, before < TUNING.enough)
     found = [again(laid.R[k], laid.p[k]) for k in worth]
     against[worth] = np.inf
     told = float(against[far].min(initial=np.inf))
