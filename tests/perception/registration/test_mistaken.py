@@ -24,6 +24,9 @@ from twin_diagram.perception.registration.rotation import exp, log
 from twin_diagram.perception.registration.slots import Slot
 from twin_diagram.perception.registration.slots import seen as after_image
 from twin_diagram.perception.registration.tracking import carried, challenger, doubted, doubtful, orientations
+from twin_diagram.perception.registration.turned_alike import TUNING as TURNED
+from twin_diagram.perception.registration.turned_alike import after_image as odds_after
+from twin_diagram.perception.registration.turned_alike import probability, weighed
 from twin_diagram.perception.registration.view import Known, View
 from twin_diagram.perception.registration.where_expected import register_where_expected, stands_out, unmistaken
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
@@ -93,7 +96,44 @@ def test_where_colours_do_not_tell_a_pose_stays(box: Known) -> None:
     thing = standing(box)
     view = seen([thing], grey=True)
     one = at(thing, view, box)
-    assert unmistaken(box, view, one) is one
+    left = unmistaken(box, view, one)
+    assert left.R is one.R and left.p is one.p
+    assert left.odds == TURNED.unsaid
+
+
+def test_a_pose_that_colours_tell_is_sure_at_once_and_stays_so(box: Known) -> None:
+    thing = standing(box)
+    view = seen([thing])
+    one = unmistaken(box, view, at(thing, view, box))
+    assert one.odds == TURNED.most
+    assert (
+        unmistaken(box, view, replace(at(thing, view, box), quality=0.99 * one.shape), TURNED.most).odds == TURNED.most
+    )
+
+
+def test_odds_follow_the_surest_image_and_are_taken_back_bit_by_bit() -> None:
+    assert odds_after(0.0, 3.0) == 3.0 and odds_after(3.0, 2.0) == 3.0 and odds_after(3.0, 40.0) == TURNED.most
+    odds = TURNED.most
+    for _ in range(2):
+        odds = odds_after(odds, -10.0)
+    assert odds == TURNED.most - 5.0
+    assert probability(0.0) == 0.5 and probability(TURNED.most) > 0.99
+
+
+def test_what_colours_cannot_tell_is_no_mistake_and_what_they_half_tell_is_even(box: Known) -> None:
+    thing = standing(box)
+    view = seen([thing])
+    plain = Asset(**{**vars(box.model.asset), "colours": np.full_like(box.model.asset.colours, 0.5)})
+    none = ModelCloud.of(plain, 400)
+    assert len(box.model.turns) and not len(none.turns)
+    assert weighed(none, view, at(thing, view, box), 0.0, lambda R, p: None).odds == TURNED.most
+    # All that is seen is of one colour on either side: nothing tells them apart.
+    half = replace(box.model, colours=np.full_like(box.model.colours, 0.5), texture=0.0 * box.model.texture)
+    grey = Thing(plain, 7, thing.R, thing.p)
+    shown = seen([grey])
+    one = register(half, shown.frame, thing.R, thing.p, PARAMS, points_W=shown.segments.points_W[::10])
+    even = weighed(half, shown, one, 0.0, lambda R, p: replace(one, R=R, p=p))
+    assert even.odds is not None and abs(even.odds) < 0.7
 
 
 def test_a_round_thing_is_mistaken_for_itself_turned_anyhow() -> None:

@@ -15,6 +15,7 @@ from twin_diagram import scenario
 from twin_diagram.perception.registration import tracking, where_expected
 from twin_diagram.perception.registration.registration import RegisteredPose
 from twin_diagram.perception.registration.slots import SLOT_SIZE, Slot
+from twin_diagram.perception.registration.turned_alike import TUNING as TURNED
 from twin_diagram.perception.registration.view import Known, View
 from twin_diagram.perception.registration.where_expected import RESTING
 
@@ -244,16 +245,17 @@ def test_every_other_search_tries_what_has_fallen(monkeypatch: pytest.MonkeyPatc
     image = Image(monkeypatch)
     slots = [Slot(attempts=k) for k in range(4)]
     found = tracking.search_for([KNOWN] * 4, slots, [0, 1, 3], image.view, "free")  # type: ignore[arg-type]
-    assert found == {1: FOUND} and list(asked[0]) == [0, 1, 3]
+    assert found == {1: replace(FOUND, odds=TURNED.most)} and list(asked[0]) == [0, 1, 3]
     assert asked[1] == {0: ["upright"], 1: ["fallen"], 3: ["fallen"]} and asked[2:] == ["free", PARAMS, 10, {}]
 
 
 def test_a_slot_comes_back_from_its_vector() -> None:
-    one = Slot(True, turn(0.1, 0.2, 0.3), P, np.arange(6.0), 1.5, 2.5, 3)
+    one = Slot(True, turn(0.1, 0.2, 0.3), P, np.arange(6.0), 1.5, 2.5, 3, 0.8, 2.0)
     packed = one.pack()
-    assert packed.shape == (SLOT_SIZE,) == (18,)
+    assert packed.shape == (SLOT_SIZE,) == (19,)
     back = Slot.unpack(packed)
     assert (back.known, back.seen, back.next_search, back.attempts) == (True, 1.5, 2.5, 3)
+    assert (back.alike, back.odds) == (0.8, 2.0)
     for name in ("R", "p", "velocity"):
         np.testing.assert_allclose(getattr(back, name), getattr(one, name), atol=1e-12)
     assert not Slot.unpack(Slot().pack()).known

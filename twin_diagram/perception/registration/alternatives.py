@@ -126,12 +126,18 @@ def in_place(looked: Looked, frame: Frame) -> npt.NDArray[np.bool_]:
     return np.asarray(on & (np.abs(looked.distance) < TUNING.placed * sigma))
 
 
+def colours_missed(looked: Looked, frame: Frame, weight: Array, level: int) -> tuple[Array, Array]:
+    """Return (B, P, 3) by what colours miss the model's, and those (B, P, 3) in the light fitted where `weight` is."""
+    found = frame.plain_colour_at(looked.u, looked.v, level)
+    gain = brightness(found, looked.colour, looked.n, weight)[..., None]
+    lit = np.minimum(looked.colour * gain, 1.0)
+    return np.asarray((found - lit) / np.maximum(gain, 0.2)), np.asarray(lit)
+
+
 def colours_off(looked: Looked, frame: Frame, weight: Array, level: int) -> Array:
     """Return (B, P) how far colours are from the model's in the light that is fitted where `weight` (B, P) is not 0."""
-    found = frame.plain_colour_at(looked.u, looked.v, level)
-    gain = brightness(found, looked.colour, looked.n, weight)
-    difference = found - np.minimum(looked.colour * gain[..., None], 1.0)
-    return np.asarray(np.sqrt(np.einsum("bpi,bpi->bp", difference, difference)) / np.maximum(gain, 0.2))
+    missed, _ = colours_missed(looked, frame, weight, level)
+    return np.asarray(np.sqrt(np.einsum("bpi,bpi->bp", missed, missed)))
 
 
 def costs(model: ModelCloud, frame: Frame, poses: Poses, points_W: Array, looked: Looked, level: int = COARSE) -> Array:

@@ -2,6 +2,8 @@
 
 A mustard bottle's front and back, or a can's sides, look alike to depth. What tells them apart may be a strip at the
 rim of what is seen, so that all points vote; where colours change within what a pose may be off by, they count less.
+Light, and that in which its asset was seen, brightens and darkens more than it tints: what lies along a colour counts
+less than what lies across.
 """
 
 from __future__ import annotations
@@ -10,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin_diagram.perception.registration.alternatives import colours_off, in_place
-from twin_diagram.perception.registration.data_association import Poses, look
+from twin_diagram.perception.registration.alternatives import colours_missed, in_place
+from twin_diagram.perception.registration.data_association import Looked, Poses, look
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.point_kernels import FINE
@@ -20,10 +22,13 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants, set on seeds 0 to 2 of `sims/benchmarks/followed_scenes.py` before a D435."""
+    """Constants, set on seeds 0 to 12 of `sims/benchmarks/followed_scenes.py`: 901 poses and rivals."""
 
-    colour: float = 0.06
-    """Deviation of a colour where the model has no texture [of 1]: light, and what a texture's pixels leave out."""
+    bright: float = 0.15
+    """Deviation of how bright a colour is [of 1]: light and shade, in the image and in the pictures of its asset."""
+
+    colour: float = 0.04
+    """And of all else of it, where the model has no texture [of 1]: noise, and what a texture's pixels leave out."""
 
     off: float = 0.002
     """Points are off by so much across the line of sight [m]: a pixel at a metre, and colours' shift beside depth."""
@@ -31,8 +36,9 @@ class Tuning:
     cut: float = 3.0
     """A deviation larger than this is a reflection's or another thing's: it costs no more."""
 
-    pixels: float = 150.0
-    """So many pixels share one vote: what is blurred and shifted errs alike."""
+    pixels: float = 85.0
+    """So many pixels share one vote, since what is blurred and shifted errs alike: then odds are as often right as they
+    say."""
 
     least: float = 0.3
     """A pose of which less than this share of what the first one shows is in place has no colours to speak of."""
@@ -55,9 +61,7 @@ def colour_costs(model: ModelCloud, frame: Frame, poses: Poses, points: int) -> 
     """
     looked = look(model, frame, poses, points, FINE)
     weight = looked.facing * in_place(looked, frame)
-    squared = np.square(colours_off(looked, frame, weight, FINE))
-    variance = 1.0 + looked.texture * (TUNING.off / TUNING.colour) ** 2
-    each = 0.5 * np.minimum(squared / (TUNING.colour**2 * variance), TUNING.cut**2) + 0.5 * np.log(variance)
+    each = _each(looked, frame, weight)
     shown = weight.sum(axis=1)
     mean = np.einsum("bp,bp->b", each, weight) / np.maximum(shown, 1e-9)
     z = float(np.median(looked.z[0]))
@@ -65,3 +69,19 @@ def colour_costs(model: ModelCloud, frame: Frame, poses: Poses, points: int) -> 
     share = shown[0] / max(float(looked.counted[0].sum()), 1.0)
     area = share * model.view_area * (frame.camera.fx / z) ** 2
     return np.where(shown < TUNING.least * shown[0], TUNING.never, mean * area / TUNING.pixels)
+
+
+def _each(looked: Looked, frame: Frame, weight: Array) -> Array:
+    """Return (B, P) what each point's colour costs [nat]."""
+    off, lit = colours_missed(looked, frame, weight, FINE)
+    way = lit / np.maximum(np.linalg.norm(lit, axis=2, keepdims=True), 1e-6)
+    along = np.einsum("bpi,bpi->bp", off, way)
+    across = np.maximum(np.einsum("bpi,bpi->bp", off, off) - along**2, 0.0)
+    return likelihood(along, across, looked.texture)
+
+
+def likelihood(along: Array, across: Array, texture: Array) -> Array:
+    """Return what colours cost that are off by so much along them and, squared, across, on such a texture [1/m²]."""
+    variance = 1.0 + texture * (TUNING.off / TUNING.colour) ** 2
+    squared = ((along / TUNING.bright) ** 2 + across / TUNING.colour**2) / variance
+    return np.asarray(0.5 * np.minimum(squared, TUNING.cut**2) + 0.5 * np.log(variance))

@@ -39,6 +39,9 @@ class Tuning:
     alike: float = 0.08
     """A turned shape is much the same where it lies this share of its radius off itself on average."""
 
+    coloured: float = 0.02
+    """A turn after which colours differ by less on average [of 1] nobody can tell: it is no mistake."""
+
     steps: int = 24
     """About the axis of a round thing so many turns are told apart: 15° from each to the next."""
 
@@ -62,7 +65,8 @@ class ModelCloud:
         spacing: mean distance between neighbouring points [m].
         radius: of the sphere about O that holds the object [m].
         texture: (M,) squared slope of its fine colours along the surface [1/m²].
-        turns: (T, 3, 3) turns about O's axes that leave the shape much as it was: what is mistaken for one another.
+        turns: (T, 3, 3) turns about O's axes that leave the shape much as it was, but not the colours: what is mistaken
+            for one another.
     """
 
     asset: Asset
@@ -158,6 +162,7 @@ class ModelCloud:
         # A slope g makes steps of g² d² / 2 on average over all ways to go.
         texture = 2.0 * steps.sum(axis=1) / np.maximum((distance**2 * alike).sum(axis=1), 1e-12)
         turns = alike_turns(points, tree, 0.5 * spacing + TUNING.alike * radius, asset.symmetric_axis)
+        turns = turns[[recoloured(points, tree, colours[0], turn) > TUNING.coloured for turn in turns]]
         return ModelCloud(
             asset, points, normals, colours, directions, views, counts, tree, spacing, radius, texture, turns
         )
@@ -201,6 +206,21 @@ def alike_turns(points: Array, tree: cKDTree, most: float, symmetric_axis: str |
             found += [turn for turn in around if not _among(turn, found)]
             found += [turn @ one for one in over for turn in around if not _among(turn @ one, found)]
     return np.array(found).reshape(-1, 3, 3)
+
+
+def recoloured(points: Array, tree: cKDTree, colours: Array, turn: Array) -> float:
+    """Return by how much the colours (M, 3) of a surface differ on average from its own after a turn (3, 3) [of 1].
+
+    Args:
+        points: (M, 3) of the surface; the middle of the box that holds them is kept in place.
+        tree: over them.
+        colours: (M, 3).
+        turn: (3, 3).
+    """
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    every = slice(None, None, max(1, len(points) // 400))
+    _, near = tree.query((points[every] - middle) @ turn.T + middle, workers=1)
+    return float(np.linalg.norm(colours[every] - colours[near], axis=1).mean())
 
 
 def _among(turn: Array, others: list[Array]) -> bool:

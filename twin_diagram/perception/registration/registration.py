@@ -84,6 +84,7 @@ class RegisteredPose:
         points: number of model points that fit.
         shape: quality without regard to colours.
         evidence: what its colours say of their shift beside depth; None where that is certain.
+        odds: logarithm of the odds that it is not one of its turns that leave the shape alike; None: nobody looked.
     """
 
     R: Array
@@ -95,6 +96,7 @@ class RegisteredPose:
     points: float
     shape: float = 0.0
     evidence: ShiftEvidence | None = None
+    odds: float | None = None
 
 
 def information(rotation: float, translation: float) -> Array:

@@ -14,8 +14,8 @@ from twin_diagram.perception.registration.rotation import exp, from_quaternion, 
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, POSE_SIZE, PoseMeasurement
 
-SLOT_SIZE: Final = 1 + POSE_SIZE + 6 + 1 + 1 + 1 + 1
-"""Numbers of a packed `Slot`: known, pose, velocity, seen, next search, attempts, alike."""
+SLOT_SIZE: Final = 1 + POSE_SIZE + 6 + 1 + 1 + 1 + 1 + 1
+"""Numbers of a packed `Slot`: known, pose, velocity, seen, next search, attempts, alike, odds."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +67,7 @@ class Slot:
         next_search: when to look for it anew [s].
         attempts: searches since it was last seen.
         alike: how much it looks like itself before this camera, in this light, of what fits in shape; 0: not known.
+        odds: logarithm of the odds that it is not one of its turns that leave the shape alike; see `turned_alike`.
     """
 
     known: bool = False
@@ -77,10 +78,11 @@ class Slot:
     next_search: float = NEVER
     attempts: int = 0
     alike: float = 0.0
+    odds: float = 0.0
 
     def pack(self) -> Array:
         """Return the slot as a vector (SLOT_SIZE,)."""
-        tail = [self.seen, self.next_search, float(self.attempts), self.alike]
+        tail = [self.seen, self.next_search, float(self.attempts), self.alike, self.odds]
         return np.concatenate([[float(self.known)], to_quaternion(self.R), self.p, self.velocity, tail])
 
     @staticmethod
@@ -95,6 +97,7 @@ class Slot:
             next_search=float(vector[15]),
             attempts=int(vector[16]),
             alike=float(vector[17]),
+            odds=float(vector[18]),
         )
 
 
@@ -118,7 +121,8 @@ def seen(slot: Slot, result: RegisteredPose, time: float) -> Slot:
         velocity = (1.0 - TUNING.newest) * slot.velocity + TUNING.newest * newest
         if stands_still(velocity, result.covariance, step):
             velocity = np.zeros(6)
-    return Slot(True, result.R, result.p, velocity, time, NEVER, 0, _alike(slot.alike, result))
+    odds = slot.odds if result.odds is None else result.odds
+    return Slot(True, result.R, result.p, velocity, time, NEVER, 0, _alike(slot.alike, result), odds)
 
 
 def _alike(before: float, result: RegisteredPose) -> float:

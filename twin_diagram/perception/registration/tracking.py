@@ -18,7 +18,12 @@ from twin_diagram.perception.registration.slots import TUNING as SLOTS
 from twin_diagram.perception.registration.slots import Slot, measurement, postponed, seen
 from twin_diagram.perception.registration.view import Known, View
 from twin_diagram.perception.registration.where_expected import TUNING as EXPECTED
-from twin_diagram.perception.registration.where_expected import believable, register_where_expected, stands_out
+from twin_diagram.perception.registration.where_expected import (
+    believable,
+    register_where_expected,
+    stands_out,
+    unmistaken,
+)
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import PoseMeasurement
@@ -158,7 +163,7 @@ def regain_lost(
             continue
         result = register_around(known, slot, view, free)
         if result is not None:
-            regained[k] = result
+            regained[k] = unmistaken(known, view, result)
             free[claimed(known.model, segments, result.R, result.p, EXPECTED.owned)] = False
     return regained
 
@@ -190,7 +195,9 @@ def search_for(
         {k: (slots[k].R, slots[k].alike) for k in wanted if carried(slots[k], time) and slots[k].attempts % 3 == 0},
     )
     return {
-        k: one.registration for k, one in found.items() if _convincing(library[k], slots[k], view, one.registration)
+        k: unmistaken(library[k], view, one.registration)
+        for k, one in found.items()
+        if _convincing(library[k], slots[k], view, one.registration)
     }
 
 
@@ -250,7 +257,8 @@ def challenger(known: Known, slot: Slot, one: RegisteredPose, view: View, free: 
     points = segments.points_W[segments.labels == label]
     if found is None or found.likeness < one.likeness * judged(known.model, points, one) + TUNING.better:
         return None
-    return found.registration if _convincing(known, slot, view, found.registration) else None
+    convincing = _convincing(known, slot, view, found.registration)
+    return unmistaken(known, view, found.registration) if convincing else None
 
 
 def register_around(known: Known, slot: Slot, view: View, free: Mask) -> RegisteredPose | None:

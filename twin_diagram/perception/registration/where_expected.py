@@ -12,13 +12,13 @@ from twin_diagram import scenario
 from twin_diagram.perception.registration.alternatives import TUNING as ALTERNATIVES
 from twin_diagram.perception.registration.alternatives import compare, votes, weak_directions
 from twin_diagram.perception.registration.assessment import assess
-from twin_diagram.perception.registration.colour_votes import colour_costs
 from twin_diagram.perception.registration.data_association import Poses, look
 from twin_diagram.perception.registration.point_kernels import COARSE, FINE
 from twin_diagram.perception.registration.recognition import looks_like_itself
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed, information, label_of, register
 from twin_diagram.perception.registration.rotation import log
 from twin_diagram.perception.registration.slots import Slot, predict
+from twin_diagram.perception.registration.turned_alike import weighed
 from twin_diagram.perception.registration.view import Known, View
 from twin_diagram.signals.arrays import Array
 
@@ -62,22 +62,6 @@ class Tuning:
 
     turned_by: tuple[float, ...] = (-0.4, -0.2, 0.2, 0.4)
     """Then turns by so much are tried [rad]: registration finds back from about 0.12."""
-
-    certain: float = 0.93
-    """Where so much of what fits in shape fits in colour nothing else is tried: half of what is right."""
-
-    colour_points: int = 150
-    """Model points by whose colours a pose is compared with those that it may be mistaken for."""
-
-    rivals: int = 2
-    """So many of those are registered and compared."""
-
-    doubted: float = 1.0
-    """Where their colours are likelier by this as they are laid [nat]."""
-
-    mistaken: float = 4.0
-    """A pose was mistaken for one that is likelier by this, shape and colours [nat]: light and blur make up to three
-    where nothing tells (`sims/benchmarks/followed_scenes.py`, seeds 0 to 2)."""
 
     around: float = 0.02
     """Points this near to an object's surface weigh its poses against one another [m]."""
@@ -125,7 +109,7 @@ def register_where_expected(known: Known, slot: Slot, view: View) -> RegisteredP
     if best.quality < TUNING.coloured * best.shape:
         turned = [_registered(known, view, *at, MOVING) for at in turns(known, view, best)]
         best = likeliest(known, view, [best, *(one for one in turned if one is not None)])
-    return best if best is None else unmistaken(known, view, best)
+    return best if best is None else unmistaken(known, view, best, slot.odds)
 
 
 def _goes_on_or_stops(known: Known, slot: Slot, view: View, R: Array, p: Array) -> RegisteredPose | None:
@@ -165,25 +149,9 @@ def likeliest(known: Known, view: View, results: Sequence[RegisteredPose]) -> Re
     return results[int(np.argmin(cost))]
 
 
-def unmistaken(known: Known, view: View, one: RegisteredPose) -> RegisteredPose:
-    """Return a pose, or the one that it was mistaken for: turned so that its shape is alike, with colours that fit."""
-    model = known.model
-    if not len(model.turns) or one.quality >= TUNING.certain * one.shape:
-        return one
-    R = np.concatenate([one.R[None], one.R @ model.turns])
-    laid = Poses(R, model.kept_in_place(one.R, one.p, R))
-    cost = colour_costs(model, view.frame, laid, TUNING.colour_points)
-    rivals = [k for k in np.argsort(cost, kind="stable")[: TUNING.rivals] if cost[k] < cost[0] - TUNING.doubted]
-    found = [_registered(known, view, laid.R[k], laid.p[k], MOVING) for k in rivals]
-    others = [other for other in found if other is not None]
-    if not others:
-        return one
-    poses = Poses(np.stack([x.R for x in (one, *others)]), np.stack([x.p for x in (one, *others)]))
-    own = claimed(model, view.segments, one.R, one.p, TUNING.around)
-    whole = compare(model, view.frame, poses, view.segments.points_W[own], FINE)
-    whole += colour_costs(model, view.frame, poses, view.params.model_points)
-    best = int(np.argmin(whole))
-    return others[best - 1] if whole[best] < whole[0] - TUNING.mistaken else one
+def unmistaken(known: Known, view: View, one: RegisteredPose, before: float = 0.0) -> RegisteredPose:
+    """Return a pose, or the one that it was mistaken for, with its odds among its turns; see `turned_alike.weighed`."""
+    return weighed(known.model, view, one, before, lambda R, p: _registered(known, view, R, p, MOVING))
 
 
 def _turns(slot: Slot, time: float) -> bool:

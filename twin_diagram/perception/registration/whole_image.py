@@ -25,6 +25,7 @@ from twin_diagram.perception.registration.instances import (
 from twin_diagram.perception.registration.registration import RegisteredPose
 from twin_diagram.perception.registration.slots import Slot, measurement, seen
 from twin_diagram.perception.registration.tracking import step
+from twin_diagram.perception.registration.turned_alike import unweighed
 from twin_diagram.perception.registration.view import Known
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.perception.things import memory as things
@@ -229,7 +230,7 @@ def _compared(
         among, of, thing.searches, segments, told.registration, told.smallest, usual, shift
     )
     if pose is not None:
-        pool.take_in(asset, pose, segments.time)
+        pool.take_in(asset, unweighed(among[asset].model, pose), segments.time)
     wait = segments.time + INSTANCES.again if searches < 0 else NEVER
     return replace(thing, searches=max(searches, 0), next_search=wait)
 

@@ -20,6 +20,8 @@ from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed, label_of
 from twin_diagram.perception.registration.settling import SettledPose, settle
 from twin_diagram.perception.registration.slots import Slot
+from twin_diagram.perception.registration.turned_alike import TUNING as TURNED
+from twin_diagram.perception.registration.turned_alike import probability, turned
 from twin_diagram.perception.registration.view import Known, View
 from twin_diagram.perception.registration.whole_image import ImageSettings, OtherMemory, advance, introduced
 from twin_diagram.perception.segmentation.segments import Segments
@@ -83,7 +85,7 @@ class TrackedObject:
         track: number that stays with it.
         asset: name in the library; None: unknown.
         status: see `ObjectStatus`, lower case; `lost` once it is improbable.
-        probability: that it is there and the one that is named.
+        probability: that it is there, the one that is named, and not turned the other way round.
         visible: share of its camera-facing surface that this frame shows.
         R, p: pose; of an unknown thing no turn, and the middle of its points.
         covariance: (6, 6), rotation then translation.
@@ -135,13 +137,14 @@ class _Individual:
         self.odds = float(np.clip(self.odds, -20.0, 20.0))
         return float(1.0 / (1.0 + np.exp(-self.odds)))
 
-    def with_rivals(self, after: SettledPose) -> tuple[PoseHypothesis, ...]:
-        """Return what a frame allows, and what the object may have been mistaken for when it was found."""
-        one, rest = after.registration, 1.0 - sum(probability for _, _, probability in self.rivals)
-        own = [replace(h, probability=rest * h.probability) for h in after.hypotheses]
+    def with_rivals(self, after: SettledPose, right: float) -> tuple[PoseHypothesis, ...]:
+        """Return what a frame allows, and what it may have been mistaken for: `right` is how probable it is not."""
+        one, all_rivals = after.registration, sum(share for _, _, share in self.rivals)
+        doubt = 1.0 - right if self.rivals else 0.0
+        own = [replace(h, probability=(1.0 - doubt) * h.probability) for h in after.hypotheses]
         others = [
-            PoseHypothesis(one.R @ turn, one.p + one.R @ shift, one.covariance, probability)
-            for turn, shift, probability in self.rivals
+            PoseHypothesis(one.R @ turn, one.p + one.R @ shift, one.covariance, doubt * share / all_rivals)
+            for turn, shift, share in self.rivals
         ]
         return (*own, *others)
 
@@ -311,9 +314,10 @@ class ObjectTracker:
             model = self._told.every[one.asset].model
             fit = assess(model, frame, Poses(R[None], p[None]), self._params.model_points)
             shape, whole = float(min(fit.shape[0], 1.0)), float(np.clip(fit.visible_share[0], 0.0, 1.0))
-            usual = self._slot_of(one).alike
+            slot = self._slot_of(one)
+            usual = slot.alike
             fits = min(shape, float(fit.likeness[0]) / (TUNING.alike * usual)) if found and usual > 0.0 else shape
-            sure = one.believed(found, fits, whole, since)
+            sure = one.believed(found, fits, whole, since) * (probability(slot.odds) if found else 1.0)
             life = ObjectStatus(int(status[k])).name.lower()
             if not found and sure < 0.5:
                 life = ObjectStatus.LOST.name.lower()
@@ -350,7 +354,7 @@ class ObjectTracker:
                 for other in after.hypotheses[1:]
                 if np.trace(result.R.T @ other.R) < 1.0
             )
-        hypotheses = after.hypotheses if new else one.with_rivals(after)
+        hypotheses = after.hypotheses if new else one.with_rivals(after, probability(self._slot_of(one).odds))
         return result.R, result.p, result.covariance + free, hypotheses
 
     def _slot_of(self, one: _Individual) -> Slot:
@@ -362,13 +366,17 @@ class ObjectTracker:
 
     def _go_on_from(self, one: _Individual, R: Array, p: Array) -> None:
         """Track an object from another pose on than the one that tracking found."""
+
+        def moved(slot: Slot) -> Slot:
+            doubted = len(self._told.every[one.asset].model.turns) and turned(R, slot.R) > TURNED.other
+            return replace(slot, R=R, p=p, odds=0.0 if doubted else slot.odds)
+
         if one.asset < len(self._first) and one is self._first[one.asset]:
-            self._slots[one.asset] = replace(self._slots[one.asset], R=R, p=p)
+            self._slots[one.asset] = moved(self._slots[one.asset])
             return
         identity = next(i for i, other in self._further.items() if other is one)
         further = tuple(
-            replace(each, slot=replace(each.slot, R=R, p=p)) if each.identity == identity else each
-            for each in self._beside.further
+            replace(each, slot=moved(each.slot)) if each.identity == identity else each for each in self._beside.further
         )
         self._beside = replace(self._beside, further=further)
 
