@@ -7,9 +7,9 @@ from typing import Any
 
 from pydrake.systems.framework import Context
 
-from twin_diagram.errors import ScenarioError, TwinError
 from twin_diagram.runs.run_folder import RunFolder
 from twin_diagram.scenario import Scenario
+from twin_diagram.twin.given_files import named
 from twin_diagram.twin.growing import Grower
 from twin_diagram.twin.twin import TwinDiagram
 
@@ -27,7 +27,7 @@ class GrowthWatch:
             say: takes what happens.
 
         Raises:
-            ScenarioError: the twin cannot take assets in.
+            ScenarioError: the twin cannot take assets in, or their folder cannot be written to.
         """
         self._out, self._say = out, say
         self._grower: Grower | None = None
@@ -35,10 +35,8 @@ class GrowthWatch:
         if growth is None:
             return
         folder = None if out.path is None else out.path / "grown"
-        try:
-            self._grower = Grower(twin, growth, self._journal, folder, waits=scenario.station != "lcm")
-        except TwinError as error:
-            raise ScenarioError("twin.growth", str(error)) from error
+        waits = scenario.station != "lcm"
+        self._grower = named("twin.growth", lambda: Grower(twin, growth, self._journal, folder, waits=waits))
         self._below = folder is not None and not growth.library
 
     def poll(self, context: Context) -> None:

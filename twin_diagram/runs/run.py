@@ -101,6 +101,7 @@ def run_scenario(
         keep = Keeping(scenario, record, log, stack)
         mend = Mending(scenario, leave, say)
         loop = make_closed_loop(scenario, _hanging(keep, mend, look))
+        growth = GrowthWatch(scenario, loop.twin, leave, say)
         simulator = _simulator(loop)
         if look is not None:
             look.start(simulator, show or meldis, say)
@@ -108,7 +109,7 @@ def run_scenario(
         leave.clear()
         _search_beside(loop, stack)
         healer = stack.enter_context(mend.healer(loop.twin))
-        with GrowthWatch(scenario, loop.twin, leave, say) as growth:
+        with growth:
             stop, trial, summary = _simulate(loop, simulator, quiet, healer.poll, growth, leave, say)
         if stop is not None:
             keep.cut(simulator.get_context().get_time())
