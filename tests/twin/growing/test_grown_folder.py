@@ -17,6 +17,7 @@ from twin_diagram.errors import FramesError, ScenarioError
 from twin_diagram.perception.things.growing import GrowingThing
 from twin_diagram.runs.run import run_scenario
 from twin_diagram.scenario import Growing
+from twin_diagram.scenario.validation import check_twin
 from twin_diagram.twin.growing import Grower
 
 
@@ -36,6 +37,12 @@ def test_a_library_that_is_a_file_is_refused_by_the_field_s_name(tmp_path: Path)
     for place in (tmp_path / "file", tmp_path / "file" / "below"):
         with pytest.raises(ScenarioError, match=r"twin\.growth\.library: .*file"):
             grower(place, [])
+
+
+def test_what_ignores_unknown_things_grows_nothing() -> None:
+    scenario = small_scenario("twin.slots.unknown=0", "twin.growth={}")
+    with pytest.raises(ScenarioError, match=r"twin\.growth: .*twin\.slots\.unknown is 0"):
+        check_twin(scenario.twin)
 
 
 def test_a_run_into_a_folder_of_another_keeps_that_where_nothing_can_grow(tmp_path: Path) -> None:
