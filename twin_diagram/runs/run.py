@@ -101,8 +101,7 @@ def run_scenario(
         keep = Keeping(scenario, record, log, stack)
         mend = Mending(scenario, leave, say)
         loop = make_closed_loop(scenario, _hanging(keep, mend, look))
-        growth = GrowthWatch(scenario, loop.twin, leave, say)
-        simulator = _simulator(loop)
+        simulator, growth = _simulator(loop), GrowthWatch(scenario, loop.twin, leave, say)
         if look is not None:
             look.start(simulator, show or meldis, say)
         simulator.Initialize()

@@ -15,7 +15,9 @@ from twin_diagram.assets.building.growth import Growth, in_thing
 from twin_diagram.assets.building.growth_file import free_name, read_growth, write_growth
 from twin_diagram.errors import FramesError, ScenarioError
 from twin_diagram.perception.things.growing import GrowingThing
+from twin_diagram.runs.growth_watch import GrowthWatch
 from twin_diagram.runs.run import run_scenario
+from twin_diagram.runs.run_folder import RunFolder
 from twin_diagram.scenario import Growing
 from twin_diagram.scenario.validation import check_twin
 from twin_diagram.twin.growing import Grower
@@ -82,3 +84,18 @@ def test_pictures_that_were_cut_off_are_no_pictures(tmp_path: Path) -> None:
     file.write_bytes(file.read_bytes()[:-200])
     with pytest.raises(FramesError, match="no pictures of a thing"):
         read_growth(file)
+
+
+def test_what_somebody_else_put_beside_what_grows_is_not_the_run_s(tmp_path: Path) -> None:
+    (tmp_path / "grown" / "mine").mkdir(parents=True)
+    (tmp_path / "grown" / "mine" / "asset.yaml").touch()
+    scenario = small_scenario()
+    scenario.twin.growth = Growing()
+    twin: Any = SimpleNamespace(added=SimpleNamespace(check=lambda: None, assets={}), library={})
+    leave = RunFolder(tmp_path)
+    with GrowthWatch(scenario, twin, leave, lambda text: None) as watch:
+        assert watch._grower is not None
+        watch._grower.growing[1] = GrowingThing(growth=one_picture())
+    assert (tmp_path / "grown" / "unknown_1.partial.npz").is_file()
+    leave.clear()
+    assert [path.name for path in (tmp_path / "grown").rglob("*")] == ["mine", "asset.yaml"]
