@@ -10,7 +10,7 @@ import pytest
 
 from tests.assets.building.pictured import Shots, box, cameras, shots
 from twin_diagram.assets.building.cube_outline import outlined_edges
-from twin_diagram.assets.building.cube_scale import Cube
+from twin_diagram.assets.building.cube_scale import Cube, is_green
 from twin_diagram.assets.building.depth_view import make_view, view_points
 from twin_diagram.assets.building.fusion import DistanceField, FusionGrid, without
 from twin_diagram.assets.building.levelling import levelled
@@ -185,3 +185,15 @@ def test_images_in_another_unit_are_refused_and_all_whole_numbers_are_bytes(tmp_
 def test_one_view_is_one_view_and_a_batch_of_one_is_none(tmp_path: Path, views: int, batch: bool) -> None:
     read = read_predictions(few(tmp_path / "p.npz", np.zeros((3, 6, 8)), views, batch))
     assert len(read) == views and read.read(0).depth.shape == (6, 8)
+
+
+def test_a_view_of_which_the_network_is_sure_of_nothing_is_left_out(taken: Shots, tmp_path: Path) -> None:
+    with np.load(written(taken, tmp_path / "p.npz")) as data:
+        arrays = dict(data)
+    arrays["world_points_conf"][2] = 0.0
+    np.savez(tmp_path / "p.npz", **arrays)  # type: ignore[arg-type]
+    read = read_predictions(tmp_path / "p.npz")
+    assert not read.read(2).depth.any()
+    _, _, factor = metric(read, EDGE, "predictions")
+    assert factor == pytest.approx(0.37, rel=0.01)
+    assert is_green(np.zeros((0, 3))).shape == (0,)
